@@ -50,7 +50,8 @@ def test_examples_run(page, printed, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "logs").symlink_to(ROOT / "logs")
     (tmp_path / "flight.tlog").symlink_to(ROOT / "logs" / "ardupilot_wind5_steps.tlog")
-    # All methods are in tests/cli/test_compare.py.
+    # All methods, on all cores, are in tests/cli/test_compare.py.
+    monkeypatch.setattr("mavdem.dem.parallel.spare_cores", lambda: 1)
     monkeypatch.setattr(mavdem.evaluate, "METHODS", mavdem.evaluate.METHODS[-3:])
     names: dict[str, object] = {"__name__": "__main__"}
     for code in re.findall(r"```python\n(.*?)```", PAGES[page], re.DOTALL):
@@ -136,6 +137,7 @@ REPLACED = re.compile(
 )
 
 
+@pytest.mark.slow
 def test_texts_use_the_vocabulary():
     assert [
         f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
@@ -237,6 +239,7 @@ def learned():
     return mavdem.learn(simulated(wind=1.0)[:700])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_an_example_does_what_it_says(name, tmp_path, monkeypatch, request):
     """In a folder with a log, ``flight.tlog``; of a method of ``Learned``, on ``learned``, of 700 samples."""

@@ -14,6 +14,7 @@ from mavdem.fleet.row import SCHEMA_VERSION, row_schema
 from mavdem.heading import heading
 
 
+@pytest.mark.slow
 def test_pages_and_schemas_are_of_this_version(request):
     """With ``--write-golden`` they are written, unless a schema changed and its version did not."""
     if request.config.getoption("--write-golden"):
@@ -23,6 +24,7 @@ def test_pages_and_schemas_are_of_this_version(request):
     ] == []
 
 
+@pytest.mark.slow
 def test_a_schema_that_changes_needs_a_new_version(tmp_path, monkeypatch):
     monkeypatch.setattr(reference, "FOLDER", tmp_path)
     reference.write()

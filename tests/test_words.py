@@ -67,6 +67,7 @@ def prose_of(path):
             yield node.lineno, node.value
 
 
+@pytest.mark.slow
 def test_below_report_there_is_no_prose():
     left = Counter[str]()
     found = []

@@ -34,7 +34,7 @@ from mavdem.facts.forecasts import Forecasts
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("order", [1, 4])
 def test_subspace_identification_recovers_a_system_to_within_three_times_what_an_efficient_estimate_errs(
     order,
 ):
@@ -74,7 +74,7 @@ def test_segments_are_learnt_from_together_and_nothing_across_gaps():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("order", [1, 4])
 @pytest.mark.parametrize("feedback", [None, -0.3 * np.eye(2)], ids=["open", "closed"])
 def test_a_system_is_recovered_as_well_as_can_be(order, feedback):
     """Errors in units of the Cramér-Rao bound are χ², in open and in closed loop."""

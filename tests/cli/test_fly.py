@@ -69,6 +69,7 @@ def test_a_description_of_whatever_characters_reads_back_and_sends_none_to_the_t
     assert load(again) == load(mine)
 
 
+@pytest.mark.slow
 def test_files_that_fail_to_be_written_leave_those_that_were_there(tmp_path, capsys, monkeypatch):
     full = Mock(side_effect=OSError(28, "No space left on device"))
     monkeypatch.setattr("mavdem.cli.fly.write_truth", full)

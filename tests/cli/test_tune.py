@@ -50,7 +50,7 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(tmp_pat
 
 SHAKEN = """
 seed = 5
-duration = 45.0
+duration = 30.0
 height = 8.0
 vehicle = { parameters = { INS_GYRO_FILTER = 100.0 } }
 shaking = { gyro = 0.03 }

@@ -352,6 +352,7 @@ def test_enough_margin_is_left_alone_unless_more_is_asked(factor):
     assert advice.after.controller.parameters == loop.controller.parameters
 
 
+@pytest.mark.slow
 def test_a_gain_of_0_stays_0():
     loop = made_up()
     known = {**loop.record.parameters, "MC_ROLLRATE_D": 0.0}

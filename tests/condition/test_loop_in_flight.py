@@ -28,7 +28,7 @@ pytestmark = pytest.mark.slow
 SCENARIO = scenario_of(
     {
         "seed": 11,
-        "duration": 70,
+        "duration": 45,
         "vehicle": {
             "model": "iris",
             "rate_gain": 2.0,

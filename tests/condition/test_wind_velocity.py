@@ -68,6 +68,7 @@ def flight(
     return time, attitude, velocity + 0.02 * rng.standard_normal(velocity.shape), air
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_legs_show_wind_drag_and_lean(seed):
     wind = mavdem.estimate_wind(*flight(seed=seed, lean=(0.2, -0.1), seconds=240, gusts=0.3)[:3])
@@ -103,6 +104,7 @@ def test_the_share_of_the_torque_is_known_where_the_air_s_velocity_along_the_bod
     assert not chance.figures["share"]
 
 
+@pytest.mark.slow
 def test_hover_takes_the_drag_of_another_flight():
     hover = flight(legs=0.0, turning=0.0, seed=3)[:3]
     alone = mavdem.estimate_wind(*hover)

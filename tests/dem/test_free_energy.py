@@ -86,6 +86,7 @@ def test_the_samples_free_energies_sum_to_the_action(model, seed):
     )
 
 
+@pytest.mark.slow
 @of_any_model
 def test_gradients_are_those_of_the_free_energy(model, seed):
     """Of F in X, and of the action in θ and λ, at any belief, mean-field terms included."""

@@ -124,6 +124,7 @@ def test_a_vehicle_that_stood_still_is_learnt_from_soon_after_it_moves():
     assert first is not None and first * dt < 2 * LEARNING_SECONDS + 2.0
 
 
+@pytest.mark.slow
 def test_of_many_samples_it_learns_less_often(monkeypatch):
     tracker = Tracker.of(*learn_with_fit(WINDY[:300], COMPLETE), 3.0)
     learns = Mock(return_value=tracker)
@@ -304,12 +305,12 @@ def marked(marks, surprise):
 
 @pytest.mark.slow
 def test_marks_without_a_change_are_as_rare_as_stated():
-    """Quiet, with a manoeuvre every 6 s, and in gusts of 1 s, for two hours; four deviations of what is expected."""
+    """Quiet, with a manoeuvre every 6 s, and in gusts of 1 s, for an hour; four deviations of what is expected."""
     for size, alike in ((0.0, 10), (15.0, 10), (0.0, 100)):
-        surprise = surprises(default_rng(1), 7200.0, alike)
+        surprise = surprises(default_rng(1), 3600.0, alike)
         for start in range(0, len(surprise), 600):
             surprise[start : start + 30] += size
-        expected = 7200.0 / FALSE_MARK_SECONDS
+        expected = 3600.0 / FALSE_MARK_SECONDS
         assert len(marked(AnomalyMarks(DT), surprise)) <= expected + 4 * np.sqrt(expected)
 
 

@@ -64,6 +64,7 @@ def test_a_system_has_the_names_and_the_matrices_of_the_model(learned):
         assert_array_equal(own, expected)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Of this plant")
 def test_the_physical_plant_responds_as_the_vehicle_is_simulated(learned):
     plant = learned.to_control()

@@ -47,6 +47,7 @@ def any_frame(draw):
     )
 
 
+@pytest.mark.slow
 @given(st.lists(any_frame(), min_size=1, max_size=8), st.sampled_from([0, 8]), st.data())
 @settings(max_examples=60)
 def test_every_frame_is_found_and_decodes_as_pymavlink_does(frames, gap, data):

@@ -29,6 +29,7 @@ def usual_rows():
     return replay(FLIGHT.frames(0.0, 20.0)).table()
 
 
+@pytest.mark.slow
 def test_frames_of_random_content_from_the_vehicle_itself_raise_nothing():
     chance = random.Random(0)
     ids = [

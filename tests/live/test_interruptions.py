@@ -61,6 +61,7 @@ def test_a_message_that_is_lost_is_bridged():
     settled_uniform(made)
 
 
+@pytest.mark.slow
 def test_another_rate_in_flight_decides_the_step_anew():
     slow = Flight(hover=FLIGHT.hover, attitude=50.0, motors=50.0).frames(end=18.0)
     made = replay(slow + FLIGHT.frames(start=18.0, end=26.0))
@@ -71,6 +72,7 @@ def test_another_rate_in_flight_decides_the_step_anew():
     settled_uniform(made)
 
 
+@pytest.mark.slow
 def test_jitter_of_a_scheduler_changes_the_grid_neither_live_nor_offline():
     """200 Hz asked of a loop of 4 ms: steps of 4, 8 and 12 ms come, of 8.5 ms in the mean."""
     steps = default_rng(0).choice((1, 2, 3), 2500, p=(0.13, 0.62, 0.25))
@@ -84,6 +86,7 @@ def test_jitter_of_a_scheduler_changes_the_grid_neither_live_nor_offline():
     same_as_offline(made, frames)
 
 
+@pytest.mark.slow
 def test_a_stream_that_is_too_slow_is_reported_with_the_remedy_and_gives_no_rows_until_it_is_fast():
     slow = Flight(hover=FLIGHT.hover, motors=4.0).frames(end=18.0)
     made = replay(slow)
@@ -108,6 +111,7 @@ def test_copies_change_nothing():
     assert_array_equal(replay(twice).table(), replay(frames).table())
 
 
+@pytest.mark.slow
 def test_messages_out_of_order_are_put_in_order_or_counted():
     frames = FLIGHT.frames(end=18.0)
     swapped = list(frames)
@@ -156,6 +160,7 @@ def octo():
     return frames
 
 
+@pytest.mark.slow
 def test_motors_on_two_ports_are_reported_together():
     frames = octo()
     made = replay(frames)

@@ -95,6 +95,7 @@ def test_a_landing_is_dated_by_the_last_heartbeat_in_flight_and_of_two_the_earli
     )
 
 
+@pytest.mark.slow
 def test_the_mean_of_the_wind_is_of_one_flight():
     """It stays after a landing, until the next take-off."""
     hover = Hover(hovering=8.0)

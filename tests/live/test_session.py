@@ -367,6 +367,7 @@ def test_every_frame_is_recorded_whatever_happens_to_the_rest(tmp_path, monkeypa
     assert said[-2].figures["reopening"]
 
 
+@pytest.mark.slow
 def test_a_recording_that_fails_ends_alone(tmp_path, monkeypatch):
     recording = RawRecording(tmp_path / "flight.tlog")
     one, screen, said = session_of(batches(9.0), recording=recording)

@@ -74,6 +74,9 @@ def test_a_chart_says_in_words_what_it_shows():
     assert chart.said == "Motors in Motors, % over time since boot (s): motor 1 from 1.00 to 4.00."
 
 
+QUICK = ["--preset", "paper", "--train", "2s", "--test", "50"]
+
+
 def response():
     time = np.arange(1, 101) / 200
     frequency = np.linspace(0.5, 80, 200)
@@ -139,7 +142,7 @@ def test_spectra_have_their_lines_and_the_filters_over_them():
 def test_no_command_that_writes_a_page_loads_matplotlib(tmp_path):
     said = (
         "import sys, mavdem\nfrom mavdem.cli.commands import main\n"
-        f"main(['review', {str(short_flight(tmp_path))!r}, '--out', {str(tmp_path / 'out')!r}])\n"
+        f"main(['learn', {str(short_flight(tmp_path))!r}, '--out', {str(tmp_path / 'out')!r}, *{QUICK!r}])\n"
         "import mavdem.serve.app\nsys.exit('matplotlib' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", said], capture_output=True).returncode == 0

@@ -229,6 +229,7 @@ def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tin
         )
 
 
+@pytest.mark.slow
 def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
     tmp_path,
 ):
@@ -252,6 +253,7 @@ def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
     assert set(levels.values()) <= {"INFO", "ERROR"}
 
 
+@pytest.mark.slow
 def test_other_channels_continue_the_lines_under_their_own_names(tmp_path):
     path = tmp_path / "flight.rrd"
     demand = CHANNELS._replace(
@@ -273,6 +275,7 @@ def test_other_channels_continue_the_lines_under_their_own_names(tmp_path):
     assert_allclose(lines["axes/roll/2_predicted"][0][2:5], TIME[2:5] + 0.25)
 
 
+@pytest.mark.slow
 def test_a_gap_parts_every_line_and_time_goes_on_where_a_reboot_sets_the_clock_back(tmp_path):
     path = tmp_path / "flight.rrd"
     with showing(RecordingFile(path)) as view:
@@ -363,6 +366,7 @@ def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight()
     assert [fact.code for fact in WIND.facts] == [Session.WIND_SPEED, Session.WIND_FROM]
 
 
+@pytest.mark.slow
 def test_a_row_that_cannot_be_drawn_and_a_file_that_cannot_be_written_end_nothing(tmp_path):
     path = tmp_path / "flight.rrd"
     with showing(RecordingFile(tmp_path / "nowhere" / "flight.rrd"), RecordingFile(path)) as view:
