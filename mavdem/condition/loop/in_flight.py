@@ -17,6 +17,7 @@ from mavdem.condition.loop.from_flight import demand_directions, known_controlle
 from mavdem.condition.loop.margins import rate_loop, transfer
 from mavdem.dem.closed_loop.identification import Identified, identified, pooled
 from mavdem.dem.closed_loop.likelihood import (
+    ASKED,
     NAMES,
     OUTPUT,
     PLANT,
@@ -140,7 +141,11 @@ def _identified(signals: Signals, flights: Sequence[Flight]) -> _InLoop:
                 command_step=scale.step,
                 unit=scale.unit,
             )
-        axis = Axis(_used(seen, known), known, rounding, limited_share)
+        used = _used(seen, known)
+        share = _coherent_share(used)
+        if not share + limited_share >= LEAST_STEERED / 2:
+            raise NotLearnable(Loops.NOT_STEERED, share=share)
+        axis = Axis(used, known, rounding, limited_share)
         try:
             fit = identified(axis)
             steered = axis.steered_share(fit.theta)
@@ -245,6 +250,17 @@ def _used(spectra: Spectra, controller: KnownController) -> Spectra:
 
     best = min(range(2, len(spectra.late), 2), key=left)
     return spectra.of((RATE, OUTPUT, best, best + 1))
+
+
+def _coherent_share(spectra: Spectra) -> float:
+    """Of the rate's variance, what is coherent with what was asked: seldom less than half of what follows it.
+
+    Folding takes from it. Where even so much is missing, an identification would be for nothing.
+    """
+    mean = spectra.mean
+    width = np.gradient(spectra.frequency)
+    coherent = np.abs(mean[:, RATE, ASKED]) ** 2 / mean[:, ASKED, ASKED].real
+    return float(width @ coherent) / float(width @ mean[:, RATE, RATE].real)
 
 
 def _check(plant: Physical, directions: Array, controller: Controller) -> None:

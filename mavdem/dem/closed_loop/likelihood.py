@@ -199,13 +199,14 @@ class Axis:
         ]
         number, bands, _ = step.shape
         by_band = np.moveaxis(sources, (2, 1), (0, 1)).reshape(bands, number, -1)
+        parts = [np.ascontiguousarray(np.moveaxis(density, 1, 0)) for density in seen]
         whole = np.empty((number, bands, len(seen), len(seen)), complex)
-        for i, density in enumerate(seen):
-            for t, other in enumerate(seen[: i + 1]):
-                folded = np.moveaxis(density * other.conj() * self.turned[:, i, t], 1, 0)
+        for i, part in enumerate(parts):
+            for t, other in enumerate(parts[: i + 1]):
+                folded = part * (other.conj() * self.turned[:, i, t])
                 # Matrices of real numbers: of complex ones NumPy would make the sources complex.
-                parts = folded.reshape(bands, -1, 1).view(np.float64)
-                pair = (by_band @ parts).view(np.complex128)[..., 0].T
+                split = folded.reshape(bands, -1, 1).view(np.float64)
+                pair = (by_band @ split).view(np.complex128)[..., 0].T
                 whole[..., i, t] = pair + size * of_steps[i] * of_steps[t].conj()
                 whole[..., t, i] = whole[..., i, t].conj()
         diagonal = np.arange(len(seen))
