@@ -123,8 +123,8 @@ def _long_run(blocks: Array, chosen: Flags, mean: Array, prior: Array, freedom: 
 
     The ``prior``, (a,) or (w, a), has so many degrees of ``freedom``.
     """
-    from_zero = np.pad(blocks, ((1, 0), (0, 0)))
-    sums = np.cumsum(from_zero, axis=0)
+    sums = np.vstack([np.zeros_like(blocks[:1]), np.cumsum(blocks, axis=0)])
+    whole = chosen.sum(axis=1, keepdims=True)
     variance = prior
     for batch in (batch for batch in BATCHES if batch <= len(blocks)):
         means = (sums[batch:] - sums[:-batch]) / batch
@@ -136,8 +136,7 @@ def _long_run(blocks: Array, chosen: Flags, mean: Array, prior: Array, freedom: 
         crossed = 2 * mean * (inside @ means)
         squares = about_zero - crossed + count * mean**2
         # Batches overlap: as many count as follow each other.
-        batches = chosen.sum(axis=1, keepdims=True) / batch
-        several = np.where(count > batch, batches, 0.0)
+        several = np.where(count > batch, whole / batch, 0.0)
         held = 2 * freedom / batch
         seen = several * batch * squares / np.maximum(count, 1)
         pooled = (held * prior + seen) / (held + several)

@@ -67,8 +67,7 @@ def back(frequency):
 
 
 KNOWN = KnownController(
-    lambda f: np.full(np.shape(f), P, complex),
-    back,
+    lambda f: (np.full(np.shape(f), P, complex), back(f)),
     lambda f: np.ones(np.shape(f), complex),
     ANGLE,
     CYCLE,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from functools import partial
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -125,7 +126,12 @@ def _identified(signals: Signals, flights: Sequence[Flight]) -> _InLoop:
         least_duration = (FEWEST_WINDOWS + 1) * WINDOW_SECONDS / 2
         raise NotLearnable(Loops.LOOP_TOO_SHORT, least_duration=least_duration)
     limited_share = _limited_share(streams[OUTPUT], limited, starts)
-    known = _known(controller)
+    known = KnownController(
+        partial(transfer, controller),
+        partial(gyro_response, controller),
+        controller.angle,
+        controller.cycle,
+    )
     with one_thread(), np.errstate(all="ignore"):
         seen = spectra(streams, starts)
         if seen.rate < SLOW_MOTION_RATE:
@@ -142,7 +148,10 @@ def _identified(signals: Signals, flights: Sequence[Flight]) -> _InLoop:
                 unit=scale.unit,
             )
         used = _used(seen, known)
-        share = _coherent_share(used)
+        # Folding takes up to half from what is coherent with what was asked.
+        rate, asked = (used.mean[:, of, of].real for of in (RATE, ASKED))
+        coherence = np.abs(used.mean[:, RATE, ASKED]) ** 2 / (rate * asked)
+        share = float(np.average(coherence, weights=rate * np.gradient(used.frequency)))
         if not share + limited_share >= LEAST_STEERED / 2:
             raise NotLearnable(Loops.NOT_STEERED, share=share)
         axis = Axis(used, known, rounding, limited_share)
@@ -227,21 +236,11 @@ def _limited_share(output: Messages, limited: Messages, starts: Array) -> float:
     return at_limit / power if power else 0.0
 
 
-def _known(controller: Controller) -> KnownController:
-    return KnownController(
-        lambda at: transfer(controller, at)[0],
-        lambda at: transfer(controller, at)[1],
-        lambda at: gyro_response(controller, at),
-        controller.angle,
-        controller.cycle,
-    )
-
-
 def _used(spectra: Spectra, controller: KnownController) -> Spectra:
     """Of rate, output and that setpoint which explains the output better by the controller."""
     slow = spectra.frequency < SLOW
-    at = spectra.frequency[slow]
-    unlike = np.stack([controller.back(at), np.ones(len(at)), -controller.forward(at)])
+    forward, back = controller.transfer(spectra.frequency[slow])
+    unlike = np.stack([back, np.ones(len(back)), -forward])
 
     def left(setpoint: int) -> float:
         power = spectra.of((RATE, OUTPUT, setpoint)).mean[slow]
@@ -250,17 +249,6 @@ def _used(spectra: Spectra, controller: KnownController) -> Spectra:
 
     best = min(range(2, len(spectra.late), 2), key=left)
     return spectra.of((RATE, OUTPUT, best, best + 1))
-
-
-def _coherent_share(spectra: Spectra) -> float:
-    """Of the rate's variance, what is coherent with what was asked: seldom less than half of what follows it.
-
-    Folding takes from it. Where even so much is missing, an identification would be for nothing.
-    """
-    mean = spectra.mean
-    width = np.gradient(spectra.frequency)
-    coherent = np.abs(mean[:, RATE, ASKED]) ** 2 / mean[:, ASKED, ASKED].real
-    return float(width @ coherent) / float(width @ mean[:, RATE, RATE].real)
 
 
 def _check(plant: Physical, directions: Array, controller: Controller) -> None:

@@ -51,9 +51,9 @@ def identified(axis: Axis) -> Identified:
     begun = []
     for crossover, (lag, delay) in STARTS:
         theta = axis.mean.copy()
-        back = abs(axis.known.back(np.array([crossover]))[0])
+        _, back = np.abs(axis.known.transfer(np.array([crossover])))
         effect, _, *late = PLANT
-        theta[[effect, *late]] = np.log([2 * np.pi * crossover / back, lag, delay])
+        theta[[effect, *late]] = np.log([2 * np.pi * crossover / back[0], lag, delay])
         theta = objective.moved(theta)
         begun.append(objective.ascended(objective.quadratic(theta, theta), FIRST_STEPS))
     ended = []

@@ -43,8 +43,8 @@ LEAST_ASKED = 0.05  # of the density that was seen, whatever of it is folded or 
 class KnownController(NamedTuple):
     """The controller of one axis as frequency responses, each of Hz (…), and its cycle."""
 
-    forward: Callable[[Array], Complex]  # from the rate setpoint to the demand
-    back: Callable[[Array], Complex]  # from the gyro's rate, without its sign
+    # to the demand, from the rate setpoint and, without its sign, from the gyro's rate
+    transfer: Callable[[Array], tuple[Complex, Complex]]
     gyro: Callable[[Array], Complex]  # from the rate to the gyro's
     angle: float  # of the rate setpoint by the angle's error, 1/s
     cycle: float  # s
@@ -123,8 +123,7 @@ class Axis:
             READ_SHARE**2 * asked_for,
         ]
         self.read = np.array(own)
-        self.forward = controller.forward(self.frequency)
-        self.back = controller.back(self.frequency)
+        self.forward, self.back = controller.transfer(self.frequency)
         self.gyro = controller.gyro(self.frequency)
         asked = mean[:, ASKED, ASKED].real
         self.asked = _unfolded(asked, size, folds == 0, self.inside)
