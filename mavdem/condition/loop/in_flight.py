@@ -150,10 +150,11 @@ def _identified(signals: Signals, flights: Sequence[Flight]) -> _InLoop:
         used = _used(seen, known)
         # Folding takes up to half from what is coherent with what was asked.
         rate, asked = (used.mean[:, of, of].real for of in (RATE, ASKED))
-        coherence = np.abs(used.mean[:, RATE, ASKED]) ** 2 / (rate * asked)
-        share = float(np.average(coherence, weights=rate * np.gradient(used.frequency)))
+        coherent = np.abs(used.mean[:, RATE, ASKED]) ** 2 / asked
+        width = np.gradient(used.frequency)
+        share = (width @ coherent) / (width @ rate)
         if not share + limited_share >= LEAST_STEERED / 2:
-            raise NotLearnable(Loops.NOT_STEERED, share=share)
+            raise NotLearnable(Loops.NOT_STEERED, share=float(share))
         axis = Axis(used, known, rounding, limited_share)
         try:
             fit = identified(axis)

@@ -208,9 +208,8 @@ class Axis:
                 pair = (by_band @ split).view(np.complex128)[..., 0].T
                 whole[..., i, t] = pair + size * of_steps[i] * of_steps[t].conj()
                 whole[..., t, i] = whole[..., i, t].conj()
-        diagonal = np.arange(len(seen))
-        whole[..., diagonal, diagonal] += self.read.T
-        return np.asarray(whole)
+            whole[..., i, i] += self.read[i]
+        return whole
 
     def value(self, theta: Array) -> float:
         """Returns the log likelihood, up to a constant; minus infinity where there is none."""
