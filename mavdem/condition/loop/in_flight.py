@@ -232,8 +232,8 @@ def _limited_share(output: Messages, limited: Messages, starts: Array) -> float:
     for start in starts:
         rows = _inside(output, start)
         squared = np.square(output.values[rows] - output.values[rows].mean())
-        power += float(squared.sum())
-        at_limit += float(squared @ limited.values[rows])
+        power += squared.sum()
+        at_limit += squared @ limited.values[rows]
     return at_limit / power if power else 0.0
 
 

@@ -199,7 +199,7 @@ class Axis:
         number, bands, _ = step.shape
         by_band = np.moveaxis(sources, (2, 1), (0, 1)).reshape(bands, number, -1)
         parts = [np.ascontiguousarray(np.moveaxis(density, 1, 0)) for density in seen]
-        whole = np.empty((number, bands, len(seen), len(seen)), complex)
+        whole = np.empty((number, bands, ASKED, ASKED), complex)
         for i, part in enumerate(parts):
             for t, other in enumerate(parts[: i + 1]):
                 folded = part * (other.conj() * self.turned[:, i, t])
@@ -231,7 +231,7 @@ class Axis:
         there = np.concatenate([*map(self.densities, near[: CONTROLLER + 1, None]), acting[1:]])
         inverse = np.linalg.inv(here)
         slopes = inverse @ ((there - here) / steps[:, None, None, None])
-        unlike = inverse @ self.seen - np.eye(inverse.shape[-1])
+        unlike = inverse @ self.seen - np.eye(ASKED)
         score = np.einsum("j,kjab,jba->k", self.weights, slopes, unlike).real
         weighted = slopes * self.weights[:, None, None]
         flat = weighted.reshape(len(steps), -1)
