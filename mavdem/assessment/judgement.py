@@ -50,9 +50,12 @@ class Judgement(NamedTuple):
     lights: Mapping[str, Fact]
 
 
-def judge(evidence: Evidence, purposes: Sequence[Finding] = ()) -> Judgement:
-    """Returns the judgement by the ``evidence``; ``purposes`` are those of a model, graded."""
-    lights = {str(light): LIGHTS[light](evidence) for light in Light}
+def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known: Fact) -> Judgement:
+    """Returns the judgement by the ``evidence``, but for lights that are ``known`` by name.
+
+    ``purposes`` are those of a model, graded.
+    """
+    lights = {str(light): LIGHTS[light](evidence) for light in Light} | known
     if evidence.grounds:
         lights = {name: light.grounded for name, light in lights.items()}
     headline = headline_of(evidence, lights)

@@ -22,3 +22,4 @@ class Unjudged(Code):
     """That a light is not judged."""
 
     NOT_JUDGED = auto()
+    JUDGED_LATER = auto()

@@ -39,7 +39,6 @@ from mavdem.assessment.assess import loop_by
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement, judge
 from mavdem.condition.condition import Condition, hover_figures
-from mavdem.condition.loop.loop import Loop
 from mavdem.condition.oscillation import oscillation_of
 from mavdem.dem import Learned
 from mavdem.facts import Fact
@@ -323,30 +322,34 @@ def judged(
     learned: Learned, setup: Setup, alarms: Sequence[MotorAlarm]
 ) -> tuple[Findings, Judgement]:
     """Returns what a model whose inputs are those of ``setup`` is good for, and the judgement of its vehicle."""
-    inputs, outputs = max(learned.record.segments, key=lambda part: len(part[1]))
+    record = learned.record
+    inputs, outputs = max(record.segments, key=lambda part: len(part[1]))
     time: Any = learned.dt * np.arange(len(inputs))
-    names = (setup.layout.names, learned.record.output_names)
-    scale = {"scale": asdict(setup.scale)}
     flight = Flight(
-        time, inputs, outputs, input_names=names[0], output_names=names[1], provenance=scale
+        time,
+        inputs,
+        outputs,
+        input_names=setup.layout.names,
+        output_names=record.output_names,
+        provenance={"scale": asdict(setup.scale)},
     )
-    axis = names[1][0]
+    axis = record.output_names[0]
     duration = flight.duration
-    telemetry = Telemetry(1, 1, UNNAMED, "", {}, learned.record.parameters)
+    telemetry = Telemetry(1, 1, UNNAMED, "", {}, record.parameters)
     count = len(time)
-    plan = setup.layout, setup.scale
     boots = np.zeros(count, np.int64)
-    motors = Motors(setup.motors, time, boots, flight.inputs, *plan, count, 0)
+    motors = Motors(setup.motors, time, boots, flight.inputs, setup.layout, setup.scale, count, 0)
     tilt = tilt_of(setup.attitude, time, 0, *flight.outputs.T)
     signals = LiveSignals(telemetry, axis, motors=motors, tilts=(tilt,) * len(TILT_AXES))
     swing = oscillation_of(motors, {axis: tilt}, [Segment(0, 0.0, duration)])
     lean = {axis: float(np.degrees(flight.outputs[:, 0].mean()))}
     hover = hover_figures(setup.layout.names, setup.scale, duration, flight.inputs, lean)
     condition = Condition(duration=duration, settled=duration, hover=hover, oscillation=swing)
-    learned = disown_torque(learned, condition.oscillation is not None)
+    learned = disown_torque(learned, swing is not None)
     physical = AxisFigures((flight,), learned.physical, None, learned.physical_reason)
-    loops: dict[str, Loop | Fact] = dict.fromkeys(AXES, Fact(Unjudged.NOT_JUDGED, because=None))
-    loops |= {axis: loop_by(physical, learned.record)}
+    unknown = Fact(Unjudged.NOT_JUDGED, because=None)
+    loops = dict.fromkeys(AXES, unknown) | {axis: loop_by(physical, record)}
     evidence = evidence_of(signals, condition, events=tuple(losses_of(alarms)), loops=loops)
     findings = findings_of(learned, None, condition, alarms)
-    return findings, judge(evidence, findings.purposes)
+    later = Fact(Unjudged.JUDGED_LATER)  # by messages that nothing in flight looks at
+    return findings, judge(evidence, findings.purposes, tracking=later, estimator=later)
