@@ -1,6 +1,7 @@
 """What tests of the command line share."""
 
 import json
+import socket
 import sys
 
 from mavdem.cli.commands import main
@@ -32,3 +33,10 @@ def refused(capsys, code, *words):
     assert said.err.count("\n") == 1 and said.err.startswith("mavdem: ")
     assert "should not have happened" not in said.err
     return said.err
+
+
+def free_port():
+    """A port of UDP that nobody has."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

@@ -7,10 +7,10 @@ from mavdem.facts import Fact
 from mavdem.facts.forecasts import Forecasts
 
 
-def refused(call, *arguments):
+def refused(call, *arguments, **named):
     """The fact of the refusal that a call raises."""
     with pytest.raises(Refusal) as error:
-        call(*arguments)
+        call(*arguments, **named)
     return error.value.fact
 
 

@@ -5,11 +5,11 @@ import pytest
 from hover import Hover, changed, columns, with_texts
 from pytest import approx
 from recorded_flights import recorded
+from refusals import refused
 
 from mavdem.alignment.align import align, settled_segments
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.gains import autotuned, with_one_set_of_gains
-from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.loops import Loops
 
@@ -69,9 +69,7 @@ def test_autotune_has_gains_that_no_parameter_has():
     parts, caution = flown(given, [(0.0, STABILIZE), (20.0, AUTOTUNE), (30.0, STABILIZE)])
     assert [(round(one.time[0]), round(one.time[-1])) for one in parts] == [(12, 20), (30, 51)]
     assert (caution.code, caution.figures["names"]) == (Loops.GAINS_OF_PART, ())
-    with pytest.raises(NotLearnable) as refused:
-        flown(given, [(0.0, AUTOTUNE)])
-    assert refused.value.fact.code is Loops.GAINS_OF_AUTOTUNE
+    assert refused(flown, given, [(0.0, AUTOTUNE)]).code is Loops.GAINS_OF_AUTOTUNE
 
 
 def test_a_recorded_autotune_has_its_span_and_what_it_found():

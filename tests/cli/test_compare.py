@@ -11,6 +11,8 @@ from recorded_flights import FLIGHT, SLOW
 from mavdem import baselines
 from mavdem.evaluate.comparison import METHODS, Method
 
+pytestmark = pytest.mark.slow
+
 FLIGHT = str(FLIGHT)
 SLOW = str(SLOW)
 FEW = (
@@ -27,7 +29,6 @@ def quick(monkeypatch):
     monkeypatch.setattr("mavdem.dem.parallel.spare_cores", lambda: 1)
 
 
-@pytest.mark.slow
 def test_all_methods_on_all_cores_are_reported(capsys):
     assert run("compare", FLIGHT, "--train", "300", "--hop", "6000") == 0
     said = capsys.readouterr().out
@@ -36,7 +37,6 @@ def test_all_methods_on_all_cores_are_reported(capsys):
     assert not multiprocessing.active_children()
 
 
-@pytest.mark.slow
 def test_what_cannot_be_compared_is_reported_and_the_others_are_compared(quick, tmp_path, capsys):
     assert run("compare", SLOW, FLIGHT, str(tmp_path / "missing.tlog"), "--json") == 0
     said = capsys.readouterr()
@@ -54,7 +54,6 @@ def test_a_flight_too_short_says_what_fits(quick, capsys):
     assert run("compare", FLIGHT, *said.split("`")[1].split()) == 0
 
 
-@pytest.mark.slow
 def test_the_order_and_why_are_reported(capsys):
     assert run("order", FLIGHT, SLOW, "--max-order", "3", "--json") == 0
     out, err = capsys.readouterr()

@@ -11,7 +11,7 @@ from unittest.mock import Mock
 
 import psutil
 import pytest
-from command_line import MAVDEM, PATIENCE, refused, run
+from command_line import MAVDEM, PATIENCE, free_port, refused, run
 from pytest import approx
 from rerun.chunk import RrdReader
 
@@ -36,12 +36,6 @@ def ended():
         with contextlib.suppress(psutil.NoSuchProcess):
             if "mavdem.__main__" in " ".join(process.cmdline()):
                 process.kill()
-
-
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,9 @@ from rerun.chunk import RrdReader
 
 from mavdem.cli.open import INCOMPATIBLE, load
 
+pytestmark = pytest.mark.slow
 
-@pytest.mark.slow
+
 @pytest.mark.parametrize(
     ("log", "shown", "application"),
     [
@@ -43,7 +44,6 @@ def test_a_file_of_others_is_left_to_them(name, content, tmp_path, capfdbinary):
     assert load([str(tmp_path / name)]) == INCOMPATIBLE and not capfdbinary.readouterr().out
 
 
-@pytest.mark.slow
 def test_a_log_is_learned_from_and_shown(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("mavdem.view.show", lambda path: path.unlink())

@@ -9,8 +9,9 @@ from recorded_flights import FLIGHT, SLOW, shared
 from mavdem.errors import NotLearnable
 from mavdem.facts.loops import Loops
 
+pytestmark = pytest.mark.slow
 
-@pytest.mark.slow
+
 def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(tmp_path, capsys):
     log = str(tmp_path / "flight.tlog")
     out = tmp_path / "out"
@@ -60,7 +61,6 @@ stream = { autopilot = "ardupilot", rates = { HIGHRES_IMU = 400, ATTITUDE_TARGET
 """
 
 
-@pytest.mark.slow
 def test_filters_are_written_with_the_gains_when_asked_for(tmp_path, capsys):
     (tmp_path / "shaken.toml").write_text(SHAKEN)
     log = str(tmp_path / "flight.tlog")
@@ -80,7 +80,6 @@ def test_filters_are_written_with_the_gains_when_asked_for(tmp_path, capsys):
     assert rows and not without["axes"]["roll"]["filters"]["notches"]
 
 
-@pytest.mark.slow
 def test_without_a_plant_the_measured_margins_are_shown(capsys, monkeypatch):
     log = shared("sitl_raw/ap_sid.BIN.xz")
     refusal = NotLearnable(Loops.LOOP_TOO_SHORT, least_duration=20.0)

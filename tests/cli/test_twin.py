@@ -13,6 +13,8 @@ from pytest import approx
 
 from mavdem.ingest import read_log
 
+pytestmark = pytest.mark.slow
+
 WEIGHT = 1.52 * 9.81 / 4
 
 
@@ -35,7 +37,6 @@ def folder(tmp_path_factory):
     return made
 
 
-@pytest.mark.slow
 def test_every_file_hovers_and_rolls_as_the_vehicle(folder):
     body = tomllib.loads((folder / "mine.toml").read_text())["vehicle"]["body"]
     hover = body["hover"]
@@ -62,7 +63,6 @@ def test_every_file_hovers_and_rolls_as_the_vehicle(folder):
     assert effects == approx([effects[0]] * 4, rel=1e-3)
 
 
-@pytest.mark.slow
 def test_it_flies_the_setpoints_of_all_axes_again_much_as_the_vehicle_did(folder):
     alike = json.loads((folder / "said.json").read_text())["alike"]
     assert list(alike) == ["roll", "pitch", "yaw"]
@@ -73,7 +73,6 @@ def test_it_flies_the_setpoints_of_all_axes_again_much_as_the_vehicle_did(folder
             assert compared[name][1] == approx(compared[name][0], rel=0.1), (axis, name)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [

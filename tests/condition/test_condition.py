@@ -9,6 +9,7 @@ from hover import Hover, changed, columns, disarmed, only, with_pulses, with_tex
 from numpy.random import default_rng
 from pytest import approx
 from recorded_flights import recorded
+from refusals import refused
 from scipy.signal import lfilter
 
 from mavdem.alignment.learnability import learnability_of
@@ -16,7 +17,6 @@ from mavdem.alignment.signals import Signals
 from mavdem.condition.condition import LEVEL, condition_of, hover_figures, hover_of, mean_interval
 from mavdem.condition.inventory import autopilot_alarms, identity_of, inventory, tier_of
 from mavdem.documents import vehicle as documents
-from mavdem.errors import NotLearnable
 from mavdem.facts.learnability import MotorObstacle, Reason
 from mavdem.ingest import Log
 from mavdem.ingest.motors import OutputScale
@@ -200,9 +200,10 @@ def test_recorded_motors_at_their_stop(name):
 
 def test_motors_that_never_ran_have_no_figures():
     pulses = OutputScale("PWM", "µs", 1000.0, 2000.0, 1.0)
-    with pytest.raises(NotLearnable) as refusal:
-        hover_figures(("motor",), pulses, 1.0, np.full((2, 1), 1000.0), {})
-    assert refusal.value.fact.code is MotorObstacle.MOTORS_OFF
+    assert (
+        refused(hover_figures, ("motor",), pulses, 1.0, np.full((2, 1), 1000.0), {}).code
+        is MotorObstacle.MOTORS_OFF
+    )
 
 
 TEXT = "CUAVv5Nano 001A002F 30395113 33333539"

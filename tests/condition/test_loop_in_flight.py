@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from recorded_flights import shared
+from refusals import refused
 
 import mavdem
 from mavdem.alignment.read import usable_segments
@@ -15,7 +16,6 @@ from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.in_flight import plant_in_loop
 from mavdem.dem.closed_loop.identification import identified
 from mavdem.dem.record import Record
-from mavdem.errors import NotLearnable
 from mavdem.facts.learnability import Reason
 from mavdem.facts.loops import Loops
 from mavdem.ingest import read_log
@@ -96,9 +96,7 @@ def test_a_slow_log_has_the_loops_of_its_plant_in_the_loop(log):
 
 
 def refusal(signals, flights):
-    with pytest.raises(NotLearnable) as refused:
-        plant_in_loop(Signals(signals.telemetry), flights)
-    return refused.value.fact.code
+    return refused(plant_in_loop, Signals(signals.telemetry), flights).code
 
 
 def test_what_a_plant_in_its_loop_takes_is_said(log, monkeypatch):
@@ -167,9 +165,7 @@ def test_a_plant_that_cannot_be_drawn_is_not_found_and_an_unknown_margin_at_most
 
         monkeypatch.setattr(in_flight, "identified", spread)
         monkeypatch.setattr(in_flight, "pooled", lambda own, other: own)
-        with pytest.raises(NotLearnable) as refused:
-            plant_in_loop(Signals(signals.telemetry), flights)
-        return refused.value.fact
+        return refused(plant_in_loop, Signals(signals.telemetry), flights)
 
     assert refused_with(np.nan).code is Loops.LOOP_NOT_FOUND
     uncertain = refused_with(1e5)

@@ -9,8 +9,9 @@ import pytest
 
 from mavdem.dem.parallel import LOW_PRIORITY, LearningProcess, pool
 
+pytestmark = pytest.mark.slow
 
-@pytest.mark.slow
+
 def test_a_process_that_is_killed_is_replaced():
     with LearningProcess() as executor:
         first = executor.submit(os.getpid).result()
@@ -28,7 +29,6 @@ def test_a_process_that_is_killed_is_replaced():
         os.kill(second, 0)
 
 
-@pytest.mark.slow
 def test_pools_that_are_started_at_once_know_their_own_processes():
     def pids(_):
         with pool(1) as executor:

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from pytest import approx
 from recorded_flights import LOGS
+from refusals import refused
 
 import mavdem
 from mavdem.assessment.assess import assess_signals
 from mavdem.dem import Drag
-from mavdem.errors import Unreadable
 from mavdem.facts.fleet import Prior
 from mavdem.fleet import priors
 from mavdem.fleet import rows_of_log as module
@@ -103,15 +103,11 @@ def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(slow_rows, monkey
 def test_what_says_nothing_of_the_next_flight_is_refused(tmp_path, read, text, code):
     path = tmp_path / "report.json"
     path.write_text(text)
-    with pytest.raises(Unreadable) as refused:
-        read(path)
-    assert refused.value.fact.code is code
+    assert refused(read, path).code is code
 
 
 def test_a_model_of_another_axis_is_no_prior(tmp_path, monkeypatch):
     learned = SimpleNamespace(record=SimpleNamespace(output_names=("pitch", "pitch rate")))
     monkeypatch.setattr(priors.Learned, "from_json", lambda _: learned)
     (tmp_path / "model.json").write_text("")
-    with pytest.raises(Unreadable) as refused:
-        earlier_flight(tmp_path, "roll")
-    assert refused.value.fact.code is Prior.MODEL_OF_OTHER_AXIS
+    assert refused(earlier_flight, tmp_path, "roll").code is Prior.MODEL_OF_OTHER_AXIS

@@ -15,9 +15,9 @@ from unittest.mock import Mock
 import pytest
 from pyarrow import parquet
 from pytest import approx
+from refusals import refused
 from standin_logs import InThisProcess, fleet_of, make_logs, statuses, table_of, track
 
-from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Folder, Reading
 from mavdem.facts.motors import HealthUnknown, MotorsBetween
@@ -76,9 +76,7 @@ def test_the_examples_of_the_documentation_answer(tmp_path, monkeypatch, capsys)
 
 
 def refusal(use):
-    with pytest.raises(Unreadable) as refused:
-        use()
-    return refused.value.fact.code
+    return refused(use).code
 
 
 def test_what_is_no_fleet_and_what_is_damaged_is_refused(tmp_path):

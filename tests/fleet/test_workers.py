@@ -20,7 +20,7 @@ import distributed
 import pytest
 from distributed import LocalCluster
 from recorded_flights import LOGS
-from refusals import prose
+from refusals import prose, refused
 from standin_logs import LIMITS, READ, make_logs, table_of, track
 
 from mavdem.errors import Unreadable
@@ -203,9 +203,12 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
 def test_a_cluster_that_cannot_help_is_said(monkeypatch, client, code):
     if client is not None:
         stand_in(monkeypatch, client)
-    with pytest.raises(Unreadable) as refused:
-        list(Cluster("tcp://127.0.0.1:9", LIMITS, READ).outcomes(iter([Job("x.bin")])))
-    assert refused.value.fact.code is code
+    assert (
+        refused(
+            list, Cluster("tcp://127.0.0.1:9", LIMITS, READ).outcomes(iter([Job("x.bin")]))
+        ).code
+        is code
+    )
 
 
 def test_a_log_that_killed_workers_of_a_cluster_has_a_row(monkeypatch):
@@ -301,6 +304,4 @@ def test_what_a_file_system_lacks_is_said(tmp_path):
     for url in ("s3://bucket/flight.bin", "nonsense://x/flight.bin"):
         (problem,) = find_logs([url])[1]
         assert problem.code is Folder.URL_UNREADABLE and problem.figures["path"] == url
-    with pytest.raises(Unreadable) as refused:
-        fetch("http://127.0.0.1:9/x.bin", tmp_path / "x.bin")
-    assert refused.value.fact.figures["fetched"]
+    assert refused(fetch, "http://127.0.0.1:9/x.bin", tmp_path / "x.bin").figures["fetched"]

@@ -13,6 +13,8 @@ from pytest import approx
 
 from mavdem.facts.session import Rows, VehicleFact
 
+pytestmark = pytest.mark.slow
+
 FLIGHT = Flight(hover=Hover(hovering=30.0))
 
 
@@ -28,7 +30,6 @@ def same_as_offline(made, frames, tolerance=1e-9):
         assert max(differences(made, number, telemetry)) < tolerance
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("silence", [0.15, 4.0, 300.0])
 def test_a_gap_begins_a_new_segment_with_the_same_step(silence):
     frames = FLIGHT.frames(end=18.0)
@@ -48,7 +49,6 @@ def test_a_gap_begins_a_new_segment_with_the_same_step(silence):
     same_as_offline(made, frames + rest)
 
 
-@pytest.mark.slow
 def test_a_message_that_is_lost_is_bridged():
     frames = FLIGHT.frames(end=16.0)
     del frames[2 * 1200 + 7]
@@ -61,7 +61,6 @@ def test_a_message_that_is_lost_is_bridged():
     settled_uniform(made)
 
 
-@pytest.mark.slow
 def test_another_rate_in_flight_decides_the_step_anew():
     slow = Flight(hover=FLIGHT.hover, attitude=50.0, motors=50.0).frames(end=18.0)
     made = replay(slow + FLIGHT.frames(start=18.0, end=26.0))
@@ -72,7 +71,6 @@ def test_another_rate_in_flight_decides_the_step_anew():
     settled_uniform(made)
 
 
-@pytest.mark.slow
 def test_jitter_of_a_scheduler_changes_the_grid_neither_live_nor_offline():
     """200 Hz asked of a loop of 4 ms: steps of 4, 8 and 12 ms come, of 8.5 ms in the mean."""
     steps = default_rng(0).choice((1, 2, 3), 2500, p=(0.13, 0.62, 0.25))
@@ -86,7 +84,6 @@ def test_jitter_of_a_scheduler_changes_the_grid_neither_live_nor_offline():
     same_as_offline(made, frames)
 
 
-@pytest.mark.slow
 def test_a_stream_that_is_too_slow_is_reported_with_the_remedy_and_gives_no_rows_until_it_is_fast():
     slow = Flight(hover=FLIGHT.hover, motors=4.0).frames(end=18.0)
     made = replay(slow)
@@ -104,14 +101,12 @@ def test_a_stream_that_is_too_slow_is_reported_with_the_remedy_and_gives_no_rows
     assert Rows.NO_LIVE_MOTORS in replay(bare).codes
 
 
-@pytest.mark.slow
 def test_copies_change_nothing():
     frames = FLIGHT.frames(end=18.0)
     twice = [entry for entry in frames for _ in range(2)]
     assert_array_equal(replay(twice).table(), replay(frames).table())
 
 
-@pytest.mark.slow
 def test_messages_out_of_order_are_put_in_order_or_counted():
     frames = FLIGHT.frames(end=18.0)
     swapped = list(frames)
@@ -160,7 +155,6 @@ def octo():
     return frames
 
 
-@pytest.mark.slow
 def test_motors_on_two_ports_are_reported_together():
     frames = octo()
     made = replay(frames)

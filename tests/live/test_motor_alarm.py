@@ -23,6 +23,8 @@ from mavdem.report.words import section
 from sitl_scenarios.scenario import Scenario, StreamSpec, TurbulentWind, VehicleSpec
 from sitl_scenarios.simulation import fly
 
+pytestmark = pytest.mark.slow
+
 EVENTS = SHARED / "sitl_events"
 
 
@@ -55,7 +57,6 @@ def flown(request, tmp_path_factory):
     return path
 
 
-@pytest.mark.slow
 def test_a_motor_that_weakens_is_named_in_flight_and_by_its_log(flown):
     stream, said = streamed(flown)
     [alarm], logged = stream.status().alarms, of_log(flown)
@@ -92,7 +93,6 @@ def hovering(clock=0.0, rate=20.0, **trims):
     return Flight(hover, attitude=20.0, motors=rate, clock=clock).frames(end=hover.end)
 
 
-@pytest.mark.slow
 def test_a_range_of_outputs_that_becomes_known_in_flight_is_no_change_of_the_motors():
     frames = hovering(trim=200.0)
     limits = {b"MOT_PWM_MIN": 1150.0, b"MOT_PWM_MAX": 1940.0}
@@ -104,7 +104,6 @@ def test_a_range_of_outputs_that_becomes_known_in_flight_is_no_change_of_the_mot
     assert replay(frames[:place] + sent + frames[place:]).stream.status().alarms == ()
 
 
-@pytest.mark.slow
 def test_an_alarm_is_of_its_flight_and_of_its_boot():
     weak = hovering(rise=150.0)
     made = replay(weak)
@@ -121,7 +120,6 @@ def test_an_alarm_is_of_its_flight_and_of_its_boot():
     assert status.alarm[0].figures["because"].figures["boot"] == 1
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("mask", [0, 128])
 def test_a_vehicle_that_does_not_do_what_is_asked_names_no_motor(mask):
     """From 20 s on half a radian of roll is asked for, or, with the attitude masked, nothing."""
@@ -136,7 +134,6 @@ def test_a_vehicle_that_does_not_do_what_is_asked_names_no_motor(mask):
     assert len(motor_alarms(Signals(offline([frame for _, frame in frames])))) == bool(mask)
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(not EVENTS.exists(), reason="needs recorded flights: set MAVDEM_SHARED_DATA")
 def test_a_recorded_motor_is_found_and_a_jump_of_the_wind_is_no_motor():
     [alarm] = of_log(EVENTS / "ap_motor.tlog")

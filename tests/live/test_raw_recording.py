@@ -4,8 +4,8 @@ import shutil
 
 import pytest
 from mavlink_streams import flight, frame, heartbeat
+from refusals import refused
 
-from mavdem.errors import Unreadable
 from mavdem.facts.session import LinkFact
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
@@ -59,10 +59,8 @@ def test_what_was_received_is_there_before_the_end(tmp_path, form):
 
 def test_it_replaces_nothing(tmp_path):
     (tmp_path / "flight.tlog").write_bytes(b"dear")
-    with pytest.raises(Unreadable) as refusal:
-        RawRecording(tmp_path / "flight.tlog")
-    assert refusal.value.fact.code is LinkFact.STREAM_FILE_EXISTS
+    assert refused(RawRecording, tmp_path / "flight.tlog").code is LinkFact.STREAM_FILE_EXISTS
     assert (tmp_path / "flight.tlog").read_bytes() == b"dear"
-    with pytest.raises(Unreadable) as refusal:
-        RawRecording(tmp_path / "none" / "flight.tlog")
-    assert refusal.value.fact.code is LinkFact.STREAM_FILE_FAILED
+    assert (
+        refused(RawRecording, tmp_path / "none" / "flight.tlog").code is LinkFact.STREAM_FILE_FAILED
+    )

@@ -17,6 +17,8 @@ from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 from mavdem.live.stream import REVIEW_SECONDS
 
+pytestmark = pytest.mark.slow
+
 RECORDED = (
     sorted(LOGS.glob("*.tlog"))
     + sorted(SHARED.glob("sitl_*/*.tlog"))
@@ -46,7 +48,6 @@ KNOWN_LATER = AVERAGING_SECONDS / 2 + REVIEW_SECONDS + 0.25
 LOW_PASSED = 0.01 * 0.5, 0.01 * 600
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("flight", "far"),
     [
@@ -73,7 +74,6 @@ def test_rows_are_those_of_align(flight, far):
     assert times < 1e-6 and outputs < far[0] and inputs < far[1]
 
 
-@pytest.mark.slow
 def test_what_comes_of_it_does_not_depend_on_how_the_bytes_are_cut():
     frames = Flight().frames(end=18.0)
     whole = replay(frames)
@@ -85,7 +85,6 @@ def test_what_comes_of_it_does_not_depend_on_how_the_bytes_are_cut():
     assert_array_equal(at_once.table(), whole.table())
 
 
-@pytest.mark.slow
 def test_a_row_is_reported_with_the_message_that_completes_it():
     """Latency on the boot clock: none where samples are kept, a step where they are read off the line."""
     for flight, most in (
@@ -157,7 +156,6 @@ def hold_against_offline(path, vehicle=None):
     assert 1 / made.setups[0].dt >= MINIMUM_RATE
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "path",
     [
@@ -178,7 +176,6 @@ def test_a_recorded_flight_gives_what_it_gives_offline(path, tmp_path):
         hold_against_offline(path)
 
 
-@pytest.mark.slow
 def test_of_two_vehicles_the_second_gives_what_it_gives_offline(tmp_path):
     path = first_seconds(shared(f"sitl_px4/{TWO_VEHICLES}.tlog"), tmp_path, 50.0)
     hold_against_offline(path, "3:1")

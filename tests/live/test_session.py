@@ -14,6 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pymavlink.dialects.v20 import all as dialect
 from pytest import approx
 from recorded_flights import FLIGHT
+from refusals import refused
 
 import mavdem
 from mavdem.assessment.judgement import unjudged
@@ -157,13 +158,9 @@ def test_what_is_learnt_from_is_the_flight_that_offline_reads():
 def test_why_there_is_no_model_at_the_end_is_a_fact(error, code):
     one, _, _ = session_of([])
     assert one.status.obstacle == Fact(VehicleFact.NO_VEHICLE_YET)
-    with pytest.raises(NotLearnable) as refusal:
-        one.final_model()
-    assert refusal.value.fact.code is Session.NO_LIVE_FLIGHT
+    assert refused(one.final_model).code is Session.NO_LIVE_FLIGHT
     one.learner = Mock(**{"learn_now.side_effect": error})
-    with pytest.raises(NotLearnable) as refusal:
-        one.final_model()
-    assert refusal.value.fact.code is code
+    assert refused(one.final_model).code is code
 
 
 @pytest.mark.slow

@@ -9,9 +9,10 @@ from urllib.parse import urlencode
 
 import pytest
 from browser import HOSTILE
+from refusals import refused
 from serving import BOUNDARY, TOKEN, form, log, serving
 
-from mavdem.errors import Refusal, Unreadable
+from mavdem.errors import Refusal
 from mavdem.facts.serve import Request, Sharing, Stage, Start
 from mavdem.facts.sources import Source
 from mavdem.report.library_page import words
@@ -344,9 +345,7 @@ def test_only_loopback_needs_no_token():
         ("0.0.0.0", "", Start.TOKEN_NEEDED),
         ("127.0.0.1", "short", Start.TOKEN_TOO_SHORT),
     ):
-        with pytest.raises(Unreadable) as refused:
-            rights_of(host, token, False)
-        assert refused.value.fact.code is code
+        assert refused(rights_of, host, token, False).code is code
 
 
 def test_the_interface_describes_itself(served):

@@ -5,6 +5,7 @@ import socket
 import time
 
 import pytest
+from command_line import free_port
 from recorded_flights import FLIGHT
 from serving import serving
 
@@ -16,12 +17,6 @@ from mavdem.serve.attached import Attached
 from mavdem.serve.library import Library
 
 FRAMES = FLIGHT.read_bytes()[:200_000]
-
-
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 @pytest.fixture

@@ -7,6 +7,8 @@ from serving import TOKEN, log, serving
 
 from mavdem.facts.serve import Sharing
 
+pytestmark = pytest.mark.slow
+
 DROP = """(() => {
   const data = new DataTransfer();
   for (const [name, content] of %s)
@@ -25,7 +27,6 @@ def drop(page, *files):
     page.run(DROP % json.dumps([[name, base64.b64encode(data).decode()] for name, data in files]))
 
 
-@pytest.mark.slow
 def test_logs_are_dropped_followed_found_compared_and_deleted(tmp_path):
     with serving(tmp_path / "served", is_eager=False) as server, browsing(tmp_path / "a") as page:
         page.open(f"{server.address}/")
@@ -75,7 +76,6 @@ def test_logs_are_dropped_followed_found_compared_and_deleted(tmp_path):
         assert page.said == []
 
 
-@pytest.mark.slow
 def test_a_link_is_shared_and_opened_in_another_profile(tmp_path):
     with (
         serving(tmp_path / "served", TOKEN, is_eager=False) as server,
@@ -116,7 +116,6 @@ def test_a_link_is_shared_and_opened_in_another_profile(tmp_path):
         assert mine.said == []
 
 
-@pytest.mark.slow
 def test_pages_fit_a_telephone_and_are_used_by_keyboard(tmp_path):
     with serving(tmp_path / "served") as server, browsing(tmp_path / "a") as page:
         id = server.add("a_log_with_a_very_long_name_that_does_not_break_" * 3 + ".ulg", "One.")
