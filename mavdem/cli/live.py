@@ -159,8 +159,9 @@ class Dashboard:
     "--request-rate",
     type=Number(1, 1000),
     metavar="HZ",
-    help="Ask for attitude, its setpoints and motor outputs at this rate, for what shows a landing at 4 Hz, and for "
-    "the parameters of motors and gains; nothing becomes slower. Without it nothing is ever sent.",
+    help="Ask for attitude and motor outputs at this rate, for setpoints at half of it or 50 Hz, for what shows a "
+    "landing at 4 Hz, and for the parameters of motors and gains; nothing becomes slower. Without it nothing is ever "
+    "sent.",
 )
 @file_option(
     "--prior", "Earlier model of the vehicle, model.json: a calm hover then has a wind torque."

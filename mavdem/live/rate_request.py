@@ -36,7 +36,9 @@ EVERYONE = dialect.MAV_COMP_ID_ALL  # Target id of messages to all, and of those
 STOPPED = -1
 SHORTEST_INTERVAL = 1000  # µs: shorter ones, also 0, which means an unknown message, are ignored
 MOTION = dialect.MAVLINK_MSG_ID_ATTITUDE, dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW
-SETPOINTS = dialect.MAVLINK_MSG_ID_ATTITUDE_TARGET  # at less than their rate loops are known worse
+SETPOINTS = dialect.MAVLINK_MSG_ID_ATTITUDE_TARGET
+"""By which loops are identified, asked for at half the rate, and 50 Hz where that is more: with less these are known
+worse, and with all radios have no room for the others."""
 EVIDENCE = (
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
@@ -96,8 +98,8 @@ class _Interval:
 class RateRequest:
     """Makes a vehicle send attitude and motor outputs at a rate, Hz, and restores its former rates at the end.
 
-    So are ``SETPOINTS``, without a word of what becomes of that. ``evidence``, messages that distinguish flight from
-    landing, are asked for at ``EVIDENCE_RATE``. Each interval is queried, then set until the message comes as fast,
+    ``evidence``, without a word of what becomes of it: ``SETPOINTS`` at half the rate or more, and at ``EVIDENCE_RATE``
+    what distinguishes flight from landing. Each interval is queried, then set until the message comes as fast,
     ``MAX_TRIES`` times at most; what then comes is enough. What comes much slower later, after a reboot or by a ground
     station, is set again, at most every ``PAUSE_SECONDS``. Where the vehicle never reports the interval, the one
     measured before is restored. ``parameters`` are asked for by name, ``MAX_TRIES`` times at most, until they come.
@@ -108,8 +110,8 @@ class RateRequest:
         self,
         vehicle: FrameSender,
         rate: float,
-        messages: Sequence[int] = (*MOTION, SETPOINTS),
-        evidence: Sequence[int] = EVIDENCE,
+        messages: Sequence[int] = MOTION,
+        evidence: Sequence[int] = (SETPOINTS, *EVIDENCE),
         parameters: Sequence[str] = (),
     ) -> None:
         self.events: list[Fact] = []
@@ -118,11 +120,10 @@ class RateRequest:
         # s: when the next parameter, and the next setting may be asked for; a confirmation does not name the message
         self._next = self._free = -np.inf
         names = {number: definitions()[number].name for number in (*messages, *evidence)}
-        self._intervals = [_Interval(id, names[id], rate, rate, id != SETPOINTS) for id in messages]
-        least = SLOW * EVIDENCE_RATE
-        self._intervals += [
-            _Interval(id, names[id], EVIDENCE_RATE, least, False) for id in evidence
-        ]
+        self._intervals = [_Interval(id, names[id], rate, rate, True) for id in messages]
+        for id in evidence:
+            wanted = min(rate, max(50.0, rate / 2)) if id == SETPOINTS else EVIDENCE_RATE
+            self._intervals.append(_Interval(id, names[id], wanted, SLOW * wanted, False))
         self._restoring = False
         self.unconfirmed: deque[_Interval] = deque()  # whose restoring awaits a reply
 
@@ -238,16 +239,15 @@ class RateRequest:
         ]
 
     def _command(self, command: int, first: float, second: float = 0.0) -> bytes:
-        given = (first, second, *[0.0] * 5)
-        message = dialect.MAVLink_command_long_message(*self._target, command, 0, *given)
-        return _frame(message, GROUND_STATION)
+        given = *self._target, command, 0, first, second, *[0.0] * 5
+        return _frame(dialect.MAVLink_command_long_message(*given), GROUND_STATION)
 
 
 def greeting() -> bytes:
     """Returns a HEARTBEAT, for vehicles that send only after they have received one."""
-    kind, autopilot = dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID
-    message = dialect.MAVLink(None).heartbeat_encode(kind, autopilot, 0, 0, ACTIVE)
-    return _frame(message, GREETER)
+    autopilot = dialect.MAV_AUTOPILOT_INVALID
+    beat = dialect.MAVLink(None).heartbeat_encode(dialect.MAV_TYPE_GCS, autopilot, 0, 0, ACTIVE)
+    return _frame(beat, GREETER)
 
 
 _sequence = count()

@@ -548,10 +548,11 @@ class LiveSession:
         if vehicle is None or now - self._heard > SILENCE_SECONDS:
             return
         if self.request is None:
-            ids = FrameSender(vehicle.system, vehicle.component)
             kind = vehicle.autopilot
             named = (*motor_parameters(kind), *control_parameters(kind))
-            self.request = RateRequest(ids, self.rate, parameters=named)
+            self.request = RateRequest(
+                FrameSender(vehicle.system, vehicle.component), self.rate, parameters=named
+            )
         for message in self.stream.replies():
             self.request.take(message)
         rates = self._arrivals.rates(now, vehicle.arrived)

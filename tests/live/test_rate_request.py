@@ -177,7 +177,7 @@ def test_after_a_reboot_that_forgets_rates_they_are_asked_for_again(silence):
     vehicle.rates = {}
     vehicle.restarts_after(silence)
     vehicle.run(15.0)
-    assert vehicle.rates == {30: 100.0, 36: 100.0, 83: 100.0, 245: 4.0, 32: 4.0, 74: 4.0}
+    assert vehicle.rates == {30: 100.0, 36: 100.0, 83: 50.0, 245: 4.0, 32: 4.0, 74: 4.0}
     vehicle.give_back()
     assert vehicle.rates == {30: 4.0, 36: 0.0, 83: 0.0, 245: 0.0, 32: 0.0, 74: 0.0}
 
