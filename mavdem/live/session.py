@@ -58,12 +58,7 @@ FIT_SECONDS = 3.0
 # Of analysis between two looks at the link, and of arrival that is analysed at once
 STEP_SECONDS = 0.02
 # What waits, from so many s behind on: fits first, then pictures, never rows
-SHED = {
-    Task.PHYSICAL_FITS: 0.5,
-    Task.REFITS: 1.0,
-    Task.PLOTS: 2.0,
-    Task.STATUS: 3.0,
-}
+SHED = {Task.PHYSICAL_FITS: 0.5, Task.REFITS: 1.0, Task.PLOTS: 2.0, Task.STATUS: 3.0}
 
 
 @dataclass
@@ -550,9 +545,8 @@ class LiveSession:
         if self.request is None:
             kind = vehicle.autopilot
             named = (*motor_parameters(kind), *control_parameters(kind))
-            self.request = RateRequest(
-                FrameSender(vehicle.system, vehicle.component), self.rate, parameters=named
-            )
+            sender = FrameSender(vehicle.system, vehicle.component)
+            self.request = RateRequest(sender, self.rate, parameters=named)
         for message in self.stream.replies():
             self.request.take(message)
         rates = self._arrivals.rates(now, vehicle.arrived)
