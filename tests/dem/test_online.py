@@ -333,7 +333,7 @@ def test_the_change_of_a_recorded_flight_is_marked_and_nothing_else_is():
     (settled,) = (
         one for one in mavdem.read_segments(shared("sitl_events/ap_motor.tlog")) if one.time[0] < 90
     )
-    flight = settled[slice(*np.searchsorted(settled.time, [70.0, 130.0]))]
+    flight = settled[slice(*np.searchsorted(settled.time, [80.0, 130.0]))]
     time = flight.time
     estimates = flown(OnlineLearner(dt=0.01), flight)
     # The change at 115.43 s, a stronger roll moment, is a sixth of the surprise of the one before it, and not marked.
