@@ -52,9 +52,12 @@ def test_a_page_is_made_once_for_a_vehicle():
     assert {row.page for row in rows} == {"pages/0123456789abcdef-1-1.html"}
 
 
-def test_a_margin_is_in_radians():
-    known = dict.fromkeys(("phase_margin_interval", "gain_margin", "gain_margin_interval"), 0.0)
-    assert module._margins(SimpleNamespace(phase_margin=180.0, **known))["phase_margin"] == np.pi
+def test_a_margin_is_in_radians_and_its_interval_a_half_width():
+    known = {"gain_margin": 9.0, "gain_margin_interval": (8.0, 10.0)}
+    loop = SimpleNamespace(phase_margin=180.0, phase_margin_interval=(90.0, 270.0), **known)
+    found = module._margins(loop)
+    assert (found["phase_margin"], found["phase_margin_interval"]) == (np.pi, np.pi / 2)
+    assert found["gain_margin_interval"] == 1.0
 
 
 def test_a_row_has_a_wind_torque_only_where_it_is_known():
