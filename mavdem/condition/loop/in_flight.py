@@ -42,12 +42,11 @@ from mavdem.facts.loops import Loops
 from mavdem.flight import Flight
 
 FEWEST_WINDOWS = 4
-MODEL_ERRORS = {"effect": 0.02, "damping": 0.3, "lag": 0.0, "delay": 0.04}
+MODEL_ERRORS = {"effect": 0.02, "damping": 0.1, "lag": 0.0, "delay": 0.04}
 """Standard deviations of the logarithm of each parameter, beside the likelihood's: what is sampled does not change
-evenly between its stamps. Chosen on half of the flights of ``tools/validation/loops.py``, as the two below."""
-BY_WIND, BY_LIMITS = 0.4, 0.17
-"""Likewise of the effect, by the wind's share of the torque and by what limits cut off: no wind is as the model has it,
-and rotors spin up faster than they slow down."""
+evenly between its stamps. Chosen on half of the flights of ``tools/validation/loops.py``, as those below."""
+BY_LIMITS = 0.17
+"""Likewise of the effect, by what limits cut off: rotors spin up faster than they slow down."""
 SHORTER = 0.2
 """Of a lag: how much shorter a delay comes with an effect too large by one in its logarithm, and with a lag as much too
 long. What a flight shows best is the response to quick changes."""
@@ -285,6 +284,7 @@ def _physical(fit: Identified, directions: Array) -> Physical:
         wind_share=np.nan,
         components=(
             WindComponent(FIRST_ORDER, values["drift_size"], values["drift_time"]),
+            WindComponent(FIRST_ORDER, values["eddy_size"], values["eddy_time"]),
             WindComponent(GUSTS, values["gust_size"], values["gust_time"]),
         ),
         noise=float(np.hypot(values["noise"], values["unfiltered"])),
@@ -304,6 +304,6 @@ def _physical(fit: Identified, directions: Array) -> Physical:
     between = BETWEEN * (1 + 2 * fit.cut_off) * fit.axis.between
     unseen = between / np.array([np.inf, np.inf, lag, delay])
     variances = np.square(list(MODEL_ERRORS.values())) + unseen**2
-    variances[0] += (BY_WIND * wind_share) ** 2 + (BY_LIMITS * fit.cut_off) ** 2
+    variances[0] += (BY_LIMITS * fit.cut_off) ** 2
     covariance = whole + slopes * variances @ slopes.T
     return plant._replace(wind_share=wind_share, covariance=covariance)

@@ -4,7 +4,7 @@
     gyro = filters · (p + noise),    rate setpoint = angle gain · (asked − angle),
 
 The controller C runs once a cycle, and its response is known; so is that of the gyro's filters. What enters is Gaussian
-and stationary: what is asked, wind of two colours, and white noise before and behind the gyro's filters and of the
+and stationary: what is asked, wind of three colours, and white noise before and behind the gyro's filters and of the
 angle. A share of the output's own density stands for whatever else the output did, such as limits: the larger it is,
 the more the output counts as a known input. As the loop is closed in the model, noise that goes round it is not taken
 for wind. Whittle's likelihood of the spectra in bands has, at each frequency, all that folds onto it (Brillinger, Time
@@ -67,6 +67,8 @@ PRIORS = {
     "step_time": Prior(0.0, 1.5),
     "drift_size": Prior(np.log(3.0), 2.0),
     "drift_time": Prior(0.0, 1.0),
+    "eddy_size": Prior(np.log(3.0), 2.0),
+    "eddy_time": Prior(np.log(0.05), 1.0),
     "gust_size": Prior(np.log(3.0), 2.0),
     "gust_time": Prior(np.log(0.07), 1.0),
     "noise": Prior(np.log(0.005), 2.0),
@@ -77,7 +79,9 @@ PRIORS = {
 """Logarithms: effect in rad/s² per demand, damping in 1/s, sizes in rad/s², noise before and behind the gyro's filters
 and of the angle in rad/s and rad, all times in s. The controller's is its gain over the parameters'; ``steps`` is what
 of the asked are steps that keep time, over what is not; ``step_time`` the time from one to the next message, over the
-rest of that between messages; ``actuation`` a share of the output. Widths as of common multirotors and autopilots."""
+rest of that between messages; ``actuation`` a share of the output. Turbulence takes seconds to pass a hovering vehicle,
+and eddies of its own span some hundredths: of one colour for both, wind that is answered makes an effect too large by
+half, with a lag as much too long. Widths as of common multirotors and autopilots."""
 NAMES = tuple(PRIORS)
 MEAN, SD = np.array(list(PRIORS.values())).T
 PLANT = NAMES.index("effect"), NAMES.index("damping"), NAMES.index("lag"), NAMES.index("delay")
@@ -174,6 +178,7 @@ class Axis:
         seen = gyro, output, setpoint
         turn = np.abs(s)
         wind = _drift(turn, values["drift_size"], values["drift_time"])
+        wind += _drift(turn, values["eddy_size"], values["eddy_time"])
         wind += _gusts(turn, values["gust_size"], values["gust_time"])
         wind += MODEL_SHARE**2 * np.abs(effect) ** 2 * self.output
         steps, late = (values[name] / (1 + values[name]) for name in ("steps", "step_time"))
