@@ -8,6 +8,7 @@ from functools import partial
 from typing import NamedTuple, cast
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from mavdem.alignment.attitude import Attitude
 from mavdem.alignment.drive import TILT_AXES, Motors, Signal
@@ -268,9 +269,7 @@ def _physical(fit: Identified, directions: Array) -> Physical:
     effect, damping, lag, delay = (values[name] for name in MODEL_ERRORS)
     seen = fit.axis.spectra
     motors = effect * directions / (directions @ directions)
-    slopes = np.zeros((len(motors) + 3, 4))
-    slopes[:-3, 0] = motors
-    slopes[-3:, 1:] = np.diag([damping, lag, delay])
+    slopes = block_diag(motors[:, None], damping, lag, delay)
     whole = slopes @ fit.covariance[np.ix_(PLANT, PLANT)] @ slopes.T
     plant = Physical(
         effect=motors,
@@ -302,8 +301,7 @@ def _physical(fit: Identified, directions: Array) -> Physical:
     # a longer lag with a shorter delay is made up for by more effect
     slopes[:, 2] += np.concatenate([motors, [0.0, 0.0, -lag]]) / 2
     between = BETWEEN * (1 + 2 * fit.cut_off) * fit.axis.between
-    unseen = between / np.array([np.inf, np.inf, lag, delay])
-    variances = np.square(list(MODEL_ERRORS.values())) + unseen**2
-    variances[0] += (BY_LIMITS * fit.cut_off) ** 2
+    further = [BY_LIMITS * fit.cut_off, 0.0, between / lag, between / delay]
+    variances = np.square(list(MODEL_ERRORS.values())) + np.square(further)
     covariance = whole + slopes * variances @ slopes.T
     return plant._replace(wind_share=wind_share, covariance=covariance)
