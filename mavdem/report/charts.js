@@ -145,7 +145,7 @@
   const height = (figure, data) => {
     if (!data.lines.length) return 26;
     const usual = figure.dataset.flat != null ? 104 : root.classList.contains("printing") ? 125 : 190, bare = figure.dataset.bare != null;
-    return Math.round(usual * (root.classList.contains("printing") ? 0.56 : 1)) + (bare ? 0 : 34);
+    return Math.round(usual * (root.classList.contains("printing") ? 0.52 : 1)) + (bare ? 0 : 34);
   };
 
   const draw = figure => {
@@ -218,7 +218,10 @@
     if (always || chart.width !== figure.clientWidth) chart.setSize({ width: figure.clientWidth, height: height(figure, chart.data_) });
   };
   const repaint = () => {
-    for (const [figure, chart] of charts) {
+    for (const figure of figures) {
+      fit(figure); // a page that is printed at once has not been drawn yet
+      const chart = charts.get(figure);
+      if (!chart) continue; // it is folded away
       for (const axis of chart.axes) axis.font[0] = font().replace(/\d+/, size => size * devicePixelRatio);
       fit(figure, true);
       chart.redraw(false, true);

@@ -201,14 +201,18 @@ def test_a_page_with_all_chapters_is_small_fetches_nothing_and_prints_on_four_sh
 ):
     assert Balanced(flight).ids and "default-src 'none'" in flight
     assert len(flight.encode()) < 700_000
-    shown(
+    # It has its charts too where it is printed before any was on a screen.
+    _, drawn = shown(
         flight,
-        "return 0",
+        """dispatchEvent(new Event("beforeprint"));
+        const seen = [...document.querySelectorAll("figure.chart")].filter(chart => chart.clientWidth);
+        return seen.map(chart => chart.querySelector(".uplot") !== null);""",
         tmp_path,
         1600,
         f"--print-to-pdf={tmp_path / 'page.pdf'}",
         "--no-pdf-header-footer",
     )
+    assert drawn and all(drawn)
     assert len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "page.pdf").read_bytes())) <= 4
 
 
