@@ -46,11 +46,10 @@ FEWEST_WINDOWS = 4
 MODEL_ERRORS = {"effect": 0.02, "damping": 0.1, "lag": 0.0, "delay": 0.04}
 """Standard deviations of the logarithm of each parameter, beside the likelihood's: what is sampled does not change
 evenly between its stamps. Chosen on half of the flights of ``tools/validation/loops.py``, as those below."""
-BY_LIMITS = 0.17
-"""Likewise of the effect, by what limits cut off: rotors spin up faster than they slow down."""
-SHORTER = 0.2
-"""Of a lag: how much shorter a delay comes with an effect too large by one in its logarithm, and with a lag as much too
-long. What a flight shows best is the response to quick changes."""
+BY_LIMITS, SHORTER = 0.17, 0.2
+"""Likewise of the effect, by what limits cut off: rotors spin up faster than they slow down. And of a lag: how much
+shorter a delay comes with an effect too large by one in its logarithm, and with a lag as much too long. What a flight
+shows best is the response to quick changes."""
 BETWEEN = 1 / 16
 """Of the time between messages less a cycle: standard deviation of lag less delay, which the messages hardly tell apart
 there, and of the delay by itself. It triples where limits cut off all that is asked: outputs jump unseen then."""
