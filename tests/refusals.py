@@ -1,17 +1,22 @@
 """What a refusal says: its fact."""
 
-import pytest
+from functools import partial
 
-from mavdem.errors import Refusal
+from pytest import raises
+
+from mavdem.errors import NotLearnable, Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import Forecasts
 
 
-def refused(call, *arguments, **named):
-    """The fact of the refusal that a call raises."""
-    with pytest.raises(Refusal) as error:
+def refused(call, *arguments, kind=NotLearnable, **named):
+    """The fact of the refusal, of a kind, that a call raises."""
+    with raises(kind) as error:
         call(*arguments, **named)
     return error.value.fact
+
+
+unreadable = partial(refused, kind=Unreadable)
 
 
 def prose(text, remedy=""):

@@ -236,7 +236,7 @@ def _loops(evidence: Evidence, advice: Mapping[str, Advice | Fact]) -> Chapter:
             blocks.append(Sentence(gains.sentence.sentence, f"Gains of {axis}:"))
             blocks += gain_blocks(gains)
             shown[axis] = loops_of(gains)
-        elif not shown:
+        elif not loops:
             blocks.append(Sentence(gains.sentence, f"Gains of {axis}:"))
     if not loops:
         return Chapter("Control loops", blocks)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from pytest import approx
-from refusals import refused
+from refusals import unreadable
 
 from mavdem import Flight
 from mavdem.dem import physical
@@ -148,10 +148,10 @@ def test_while_a_motor_is_weak_its_weaker_effect_is_the_truth(
 def test_the_truth_of_another_flight_is_refused(learned, flight, scenario, motion, path, tmp_path):
     other = dict(np.load(path)) | {"known_rates": motion.known_rates / 2}
     np.savez(tmp_path / "other.npz", **other)
-    fact = refused(truth_of, [flight], tmp_path / "other.npz")
+    fact = unreadable(truth_of, [flight], tmp_path / "other.npz")
     assert (fact.code, fact.subject) == (Forecasts.TRUTH_OF_ANOTHER_FLIGHT, "roll rate")
     assert (fact.time, fact.until) == (flight.time[0], flight.time[-1])
-    assert refused(truth_of, [replace(flight, time=flight.time + 100.0)], path).code is fact.code
+    assert unreadable(truth_of, [replace(flight, time=flight.time + 100.0)], path).code is fact.code
 
 
 @pytest.mark.parametrize("change", ["missing", "pickle"])
@@ -162,7 +162,7 @@ def test_what_is_no_truth_file_is_refused_in_a_sentence(change, path, tmp_path):
     else:
         parts["time"] = np.array([{}], object)
     np.savez(tmp_path / "odd.npz", **parts)
-    fact = refused(read_truth, tmp_path / "odd.npz", "pitch")
+    fact = unreadable(read_truth, tmp_path / "odd.npz", "pitch")
     assert fact == Fact(Forecasts.NO_TRUTH_FILE, name="odd.npz", error="")
 
 
@@ -171,7 +171,7 @@ def test_files_of_other_kinds_and_none_are_refused(tmp_path):
     (tmp_path / "cut.npz").write_bytes(b"PK\x03\x04" + bytes(50))
     np.save(tmp_path / "array.npy", np.zeros(3))
     for name in ("text.npz", "cut.npz", "array.npy"):
-        fact = refused(read_truth, tmp_path / name, "roll")
+        fact = unreadable(read_truth, tmp_path / name, "roll")
         assert fact == Fact(Forecasts.NO_TRUTH_FILE, name=name, error="")
     for name in ("nowhere.npz", "."):
-        assert refused(read_truth, tmp_path / name, "roll").figures["error"]
+        assert unreadable(read_truth, tmp_path / name, "roll").figures["error"]

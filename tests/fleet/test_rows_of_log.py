@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pytest import approx
 from recorded_flights import LOGS
-from refusals import refused
+from refusals import unreadable
 
 import mavdem
 from mavdem.assessment.assess import assess_signals
@@ -106,11 +106,11 @@ def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(slow_rows, monkey
 def test_what_says_nothing_of_the_next_flight_is_refused(tmp_path, read, text, code):
     path = tmp_path / "report.json"
     path.write_text(text)
-    assert refused(read, path).code is code
+    assert unreadable(read, path).code is code
 
 
 def test_a_model_of_another_axis_is_no_prior(tmp_path, monkeypatch):
     learned = SimpleNamespace(record=SimpleNamespace(output_names=("pitch", "pitch rate")))
     monkeypatch.setattr(priors.Learned, "from_json", lambda _: learned)
     (tmp_path / "model.json").write_text("")
-    assert refused(earlier_flight, tmp_path, "roll").code is Prior.MODEL_OF_OTHER_AXIS
+    assert unreadable(earlier_flight, tmp_path, "roll").code is Prior.MODEL_OF_OTHER_AXIS

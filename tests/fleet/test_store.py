@@ -15,7 +15,7 @@ from unittest.mock import Mock
 import pytest
 from pyarrow import parquet
 from pytest import approx
-from refusals import refused
+from refusals import unreadable
 from standin_logs import InThisProcess, fleet_of, make_logs, statuses, table_of, track
 
 from mavdem.facts import Fact
@@ -76,7 +76,7 @@ def test_the_examples_of_the_documentation_answer(tmp_path, monkeypatch, capsys)
 
 
 def refusal(use):
-    return refused(use).code
+    return unreadable(use).code
 
 
 def test_what_is_no_fleet_and_what_is_damaged_is_refused(tmp_path):

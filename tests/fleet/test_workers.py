@@ -20,7 +20,7 @@ import distributed
 import pytest
 from distributed import LocalCluster
 from recorded_flights import LOGS
-from refusals import prose, refused
+from refusals import prose, unreadable
 from standin_logs import LIMITS, READ, make_logs, table_of, track
 
 from mavdem.errors import Unreadable
@@ -204,7 +204,7 @@ def test_a_cluster_that_cannot_help_is_said(monkeypatch, client, code):
     if client is not None:
         stand_in(monkeypatch, client)
     assert (
-        refused(
+        unreadable(
             list, Cluster("tcp://127.0.0.1:9", LIMITS, READ).outcomes(iter([Job("x.bin")]))
         ).code
         is code
@@ -304,4 +304,4 @@ def test_what_a_file_system_lacks_is_said(tmp_path):
     for url in ("s3://bucket/flight.bin", "nonsense://x/flight.bin"):
         (problem,) = find_logs([url])[1]
         assert problem.code is Folder.URL_UNREADABLE and problem.figures["path"] == url
-    assert refused(fetch, "http://127.0.0.1:9/x.bin", tmp_path / "x.bin").figures["fetched"]
+    assert unreadable(fetch, "http://127.0.0.1:9/x.bin", tmp_path / "x.bin").figures["fetched"]

@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 from mavlink_streams import flight, frame, heartbeat
-from refusals import refused
+from refusals import unreadable
 
 from mavdem.facts.session import LinkFact
 from mavdem.ingest import read_log
@@ -59,8 +59,9 @@ def test_what_was_received_is_there_before_the_end(tmp_path, form):
 
 def test_it_replaces_nothing(tmp_path):
     (tmp_path / "flight.tlog").write_bytes(b"dear")
-    assert refused(RawRecording, tmp_path / "flight.tlog").code is LinkFact.STREAM_FILE_EXISTS
+    assert unreadable(RawRecording, tmp_path / "flight.tlog").code is LinkFact.STREAM_FILE_EXISTS
     assert (tmp_path / "flight.tlog").read_bytes() == b"dear"
     assert (
-        refused(RawRecording, tmp_path / "none" / "flight.tlog").code is LinkFact.STREAM_FILE_FAILED
+        unreadable(RawRecording, tmp_path / "none" / "flight.tlog").code
+        is LinkFact.STREAM_FILE_FAILED
     )

@@ -9,7 +9,7 @@ from urllib.parse import urlencode
 
 import pytest
 from browser import HOSTILE
-from refusals import refused
+from refusals import unreadable
 from serving import BOUNDARY, TOKEN, form, log, serving
 
 from mavdem.errors import Refusal
@@ -345,7 +345,7 @@ def test_only_loopback_needs_no_token():
         ("0.0.0.0", "", Start.TOKEN_NEEDED),
         ("127.0.0.1", "short", Start.TOKEN_TOO_SHORT),
     ):
-        assert refused(rights_of, host, token, False).code is code
+        assert unreadable(rights_of, host, token, False).code is code
 
 
 def test_the_interface_describes_itself(served):

@@ -8,11 +8,11 @@ from unittest.mock import Mock
 
 import pytest
 from recorded_flights import SLOW
-from refusals import refused
+from refusals import refused, unreadable
 from serving import LIMITS, AtOnce, log, read_made_up, serving
 from standin_logs import fleet_of
 
-from mavdem.errors import Unreadable
+from mavdem.errors import Refusal, Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Reading
 from mavdem.facts.serve import Request, Stage, Start
@@ -111,7 +111,7 @@ def test_a_log_that_is_deleted_while_it_is_read_leaves_nothing(tmp_path):
     library.delete(entry.id)
     library.finish(claimed, outcome, LIMITS)
     assert not library.results_of(entry).exists() and read_rows(tmp_path) == []
-    assert refused(library.entry, entry.id).code is Request.NO_SUCH_FLIGHT
+    assert refused(library.entry, entry.id, kind=Refusal).code is Request.NO_SUCH_FLIGHT
 
 
 def test_a_log_that_comes_again_while_it_is_deleted_stays(tmp_path, monkeypatch):
@@ -207,7 +207,7 @@ def test_names_of_logs_lead_nowhere():
 
 def test_a_folder_that_cannot_be_written_to_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
-    assert refused(Library, tmp_path / "file").code is Start.FOLDER_NOT_WRITABLE
+    assert unreadable(Library, tmp_path / "file").code is Start.FOLDER_NOT_WRITABLE
 
 
 def test_an_address_that_is_taken_is_refused(tmp_path):
