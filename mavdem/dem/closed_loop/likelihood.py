@@ -85,7 +85,7 @@ half, with a lag as much too long. Widths as of common multirotors and autopilot
 NAMES = tuple(PRIORS)
 MEAN, SD = np.array(list(PRIORS.values())).T
 PLANT = NAMES.index("effect"), NAMES.index("damping"), NAMES.index("lag"), NAMES.index("delay")
-CONTROLLER = NAMES.index("controller")
+CONTROLLER, STEP_TIME = NAMES.index("controller"), NAMES.index("step_time")
 
 
 class Axis:
