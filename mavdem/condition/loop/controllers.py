@@ -46,6 +46,10 @@ OLD_SCALE = 1.27
 OLD_SCALE_X = 0.9
 """What ArduCopter 3.4 multiplied the rate gains of earlier versions by (``convert_pid_parameters`` in ArduCopter's
 ``Parameters.cpp``): they were of 0.01 °/s and of 4500 for full demand, and in an X that turned less."""
+ROTOR_LAG = 0.03  # s, of common rotors' speeds: the prior mean of the plant's lag
+SPEED_SHARE = 0.5
+"""Of what lagging speeds change: all of it made effects at limits as much too small as none of it too large, on half of
+the flights of ``tools/validation/loops.py``. Limits cut off in other ways too."""
 UNMODELLED = {
     "SMAX": Controllers.SLEW_LIMITED,
     "PDMX": Controllers.SUM_LIMITED,
@@ -131,16 +135,20 @@ class Controller:
         slopes = (end - begin) / np.maximum(steepness, 0.1)
         return tuple((slopes * self.mixer).tolist())
 
-    def demanded(self, shares: Array) -> Array:
+    def demanded(self, shares: Array, step: float = 0.0) -> Array:
         """Returns (T,) the demand, up to a constant, that brings outputs to ``shares`` (T, r) of their range.
 
         By the curve that the autopilot undoes: a straight one takes demands about other axes for some about this one.
+        With a ``step`` between them, s, it is the demand of the same torque by thrusts that lag evenly.
         """
         if shares.shape[1] == 1:
             return 2 * shares[:, 0]  # from -1 to 1
         thrust = self._thrust(shares)
+        thrust = (1 - self.expo + self.expo * thrust) * thrust
+        if 0 < step < ROTOR_LAG:
+            thrust = thrust - SPEED_SHARE * _behind(np.sqrt(thrust.clip(0.0)), step) ** 2
         mixer = np.array(self.mixer)
-        return np.asarray((1 - self.expo + self.expo * thrust) * thrust @ mixer / (mixer @ mixer))
+        return np.asarray(thrust @ mixer / (mixer @ mixer))
 
     def _thrust(self, shares: Array) -> Array:
         """As a straight curve has it."""
@@ -156,6 +164,19 @@ class Controller:
     def changed(self, parameters: Parameters) -> Controller:
         """Returns the controller with other values of some ``parameters``, by name."""
         return controller_of({**self.parameters, **parameters}, self.axis, self.weights)
+
+
+def _behind(speeds: Array, step: float) -> Array:
+    """(T, r) by how much rotors are slower than the ``speeds`` that they are to have, a ``step`` of s apart.
+
+    Speeds lag, and thrusts are their squares: a thrust of x² changes like one that lags behind y² - (y - x)², for the
+    speed y that is asked for.
+    """
+    from scipy.signal import lfilter  # it takes half a second to import
+
+    keeps = np.exp(-step / ROTOR_LAG)
+    reached, _ = lfilter([0.0, 1 - keeps], [1.0, -keeps], speeds, axis=0, zi=speeds[:1])
+    return np.asarray(speeds - reached)
 
 
 def controller_of(

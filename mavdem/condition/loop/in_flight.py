@@ -184,7 +184,8 @@ def _streams(
         return Messages(stream.time[rows], values[rows])
 
     shares = drive.scale.fraction(drive.outputs)
-    demand = here(drive, controller.demanded(shares))
+    step = float(np.median(np.diff(drive.time)))
+    demand = here(drive, controller.demanded(shares, step))
     angle = here(attitude, attitude.angle)
     asked = {given.unit: here(given.signal, given.signal.values) for given in signals.setpoints}
     asked = {unit: messages for unit, messages in asked.items() if np.diff(messages.values).any()}
