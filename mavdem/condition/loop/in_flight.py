@@ -43,10 +43,10 @@ from mavdem.facts.loops import Loops
 from mavdem.flight import Flight
 
 FEWEST_WINDOWS = 4
-MODEL_ERRORS = {"effect": 0.02, "damping": 0.1, "lag": 0.0, "delay": 0.04}
+MODEL_ERRORS = {"effect": 0.02, "damping": 0.1, "lag": 0.0, "delay": 0.02}
 """Standard deviations of the logarithm of each parameter, beside the likelihood's: what is sampled does not change
 evenly between its stamps. Chosen on half of the flights of ``tools/validation/loops.py``, as those below."""
-BY_LIMITS, SHORTER = 0.17, 0.2
+BY_LIMITS, SHORTER = 0.15, 0.2
 """Likewise of the effect, by what limits cut off: rotors spin up faster than they slow down. And of a lag: how much
 shorter a delay comes with an effect too large by one in its logarithm, and with a lag as much too long. What a flight
 shows best is the response to quick changes."""
