@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.dem.closed_loop.likelihood import PRIORS
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, Level
@@ -46,7 +47,7 @@ OLD_SCALE = 1.27
 OLD_SCALE_X = 0.9
 """What ArduCopter 3.4 multiplied the rate gains of earlier versions by (``convert_pid_parameters`` in ArduCopter's
 ``Parameters.cpp``): they were of 0.01 °/s and of 4500 for full demand, and in an X that turned less."""
-ROTOR_LAG = 0.03  # s, of common rotors' speeds: the prior mean of the plant's lag
+ROTOR_LAG = float(np.exp(PRIORS["lag"].mean))  # s, of common rotors' speeds
 SPEED_SHARE = 0.5
 """Of what lagging speeds change: all of it made effects at limits as much too small as none of it too large, on half of
 the flights of ``tools/validation/loops.py``. Limits cut off in other ways too."""

@@ -1,4 +1,4 @@
-"""Identification: the most probable plant of one axis, by Fisher's scoring from several starts."""
+"""Identification: the plant of one axis by the maxima of its likelihood, by Fisher's scoring from several starts."""
 
 from __future__ import annotations
 
@@ -25,13 +25,12 @@ FIRST_STEPS = 8  # from each start, of which the two best go on
 STEP_TIMES = (-2.0, 0.0, 2.0)
 """To go on from: in streams slower than the controller there may be a maximum near each, with other plants. On half of
 the flights of ``tools/validation/loops.py``, one ascent of 50 Hz in five ended 3 nats below the highest maximum."""
-APART = 0.5  # of ``step_time``, between two maxima
 ALIKE = 0.03  # standard deviation of the logarithm of a lag or delay over that of an axis with the same motors
 LONGEST_STEP = 1.5  # of any parameter, and a standard deviation beforehand at most
 
 
 class Identified(NamedTuple):
-    """The most probable parameters of an axis."""
+    """The parameters of an axis, as probable as its spectra and what is known beforehand make them."""
 
     axis: Axis
     theta: Array  # (k,) in the order of ``likelihood.NAMES``
@@ -51,7 +50,7 @@ class Identified(NamedTuple):
 
 
 def identified(axis: Axis) -> Identified:
-    """Returns the most probable parameters of an ``axis``; ``LinAlgError`` where there are none."""
+    """Returns the parameters of an ``axis`` by its likelihood's maxima; ``LinAlgError`` where there are none."""
     objective = _LogJoint(axis)
     begun = []
     for crossover, (lag, delay) in STARTS:
@@ -72,11 +71,9 @@ def identified(axis: Axis) -> Identified:
 
 def _averaged(axis: Axis, ended: Sequence[Quadratic]) -> Identified:
     """The mean over maxima at different times of steps, each as probable as by Laplace's approximation."""
-    maxima = list[Quadratic]()
-    for fit in sorted(ended, key=lambda fit: -fit.value):
-        apart = [abs(fit.at - other.at)[STEP_TIME] for other in maxima]
-        if np.isfinite(fit.value) and min(apart, default=np.inf) > APART:
-            maxima.append(fit)
+    finite = (fit for fit in ended if np.isfinite(fit.value))
+    ascending = sorted(finite, key=lambda fit: fit.value)
+    maxima = {round(fit.at[STEP_TIME]): fit for fit in ascending}.values()
     if not maxima:
         raise np.linalg.LinAlgError("nothing has a likelihood")
     evidence = np.array([fit.value - np.linalg.slogdet(fit.curvature)[1] / 2 for fit in maxima])
