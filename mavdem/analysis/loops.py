@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
-from mavdem.alignment.drive import AXES, TILT_AXES
+from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.analysis.analysis import flown_after
-from mavdem.analysis.figures import AxisFigures, physical_of
+from mavdem.analysis.figures import AxisFigures
 from mavdem.analysis.gains import autotuned, ratings_of, with_one_set_of_gains
 from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.in_flight import plant_in_loop
@@ -63,17 +63,11 @@ def loops_of_log(
 
 
 def _plant(signals: Signals, flights: Flights, known: Physical | None) -> Physical:
-    """The plant in its loop, else the one that inputs and outputs alone tell, which may be ``known``.
-
-    The loops of yaw are slower than what the spectra of a loop begin with: there it is the other way round.
-    """
-    if signals.axis in TILT_AXES:
-        try:
-            return plant_in_loop(signals, flights)
-        except NotLearnable as error:
-            plant = (known or physical(flights))._replace(refusal=error.fact)
-    else:
-        plant = known or physical_of(signals, flights)
+    """The plant in its loop, else the one that inputs and outputs alone tell, which may be ``known``."""
+    try:
+        return plant_in_loop(signals, flights)
+    except NotLearnable as error:
+        plant = (known or physical(flights))._replace(refusal=error.fact)
     if isinstance(plant, Physical) and plant.identifiable:
         return plant
     assert plant.refusal is not None
