@@ -164,7 +164,6 @@ def test_a_plant_that_cannot_be_drawn_is_not_found_and_an_unknown_margin_at_most
             return found._replace(covariance=found.covariance * share)
 
         monkeypatch.setattr(in_flight, "identified", spread)
-        monkeypatch.setattr(in_flight, "pooled", lambda own, other: own)
         return refused(plant_in_loop, Signals(signals.telemetry), flights)
 
     assert refused_with(np.nan).code is Loops.LOOP_NOT_FOUND

@@ -10,14 +10,22 @@ from pytest import approx
 from scipy.signal import cont2discrete, lfilter
 
 from mavdem.dem.closed_loop.identification import (
-    ALIKE,
     Identified,
+    _averaged,
     identified,
     lag_first,
-    pooled,
 )
-from mavdem.dem.closed_loop.likelihood import MEAN, NAMES, PLANT, SD, Axis, KnownController
+from mavdem.dem.closed_loop.likelihood import (
+    MEAN,
+    NAMES,
+    PLANT,
+    SD,
+    STEP_TIME,
+    Axis,
+    KnownController,
+)
 from mavdem.dem.closed_loop.spectra import WINDOW_SECONDS, Messages, spectra
+from mavdem.dem.engine.gauss_newton import Quadratic
 
 CYCLE = 0.0025
 SECONDS = 90.0
@@ -152,27 +160,18 @@ def test_messages_of_several_rates_count_at_the_slowest():
     assert np.log(lossy.mean[:few] / whole.mean[:few]).real == approx(0.0, abs=0.3)
 
 
-def test_pooling_adds_what_the_other_axis_saw_of_lag_and_delay_and_no_prior_twice():
-    """One lag and delay seen twice, from one prior: precisions add, less that of the prior, for what is alike."""
-    late = list(PLANT[2:])
-    own, other = np.diag(SD**2), np.diag(SD**2)
-    own[np.ix_(late, late)] = np.diag([0.1, 0.2]) ** 2
-    other[np.ix_(late, late)] = np.diag([0.2, 0.1]) ** 2
-    lag, delay = MEAN[late]
-    here, there = MEAN.copy(), MEAN.copy()
-    here[late], there[late] = [lag + 0.1, delay], [lag - 0.1, delay + 0.3]
-    both = pooled(Identified(None, here, own), Identified(None, there, other))
-    before = SD[late] ** -2.0
-    seen = 1 / (1 / (np.array([0.2, 0.1]) ** -2.0 - before) + ALIKE**2)
-    precision = np.array([0.1, 0.2]) ** -2.0 + seen
-    assert 1 / both.covariance.diagonal()[late] == approx(precision)
-    means = there[late] + before / (np.array([0.2, 0.1]) ** -2.0 - before) * (there - MEAN)[late]
-    assert both.theta[late] == approx(here[late] + seen / precision * (means - here[late]))
-    rest = np.delete(np.arange(len(MEAN)), late)
-    assert both.theta[rest] == approx(here[rest])
-    there[late] += 1.0
-    unlike = Identified(None, here, own)
-    assert pooled(unlike, Identified(None, there, other)) is unlike
+def test_maxima_at_several_times_of_steps_count_as_their_evidence_and_each_once():
+    """Two of one curvature, the other three times as probable, and one of them found again."""
+    size = len(MEAN)
+    one, other = (MEAN + far * (np.arange(size) == STEP_TIME) for far in (-2.0, 2.0))
+    other[0] += 1.0
+    values = (one, 5.0), (other, 5.0 + np.log(3)), (other + 1e-3, 4.9 + np.log(3))
+    ended = [Quadratic(at, value, 0 * at, 4 * np.eye(size)) for at, value in values]
+    found = _averaged(None, ended)
+    assert found.theta[[0, STEP_TIME]] == approx([MEAN[0] + 0.75, 1.0])
+    assert found.covariance[0, [0, STEP_TIME]] == approx([0.25 + 3 / 16, 4 * 3 / 16])
+    with pytest.raises(np.linalg.LinAlgError):
+        _averaged(None, [Quadratic(MEAN, -np.inf, MEAN, np.eye(size))])
 
 
 def test_the_quicker_pole_is_the_lags():

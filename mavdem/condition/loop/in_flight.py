@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from functools import partial
 from typing import NamedTuple, cast
 
@@ -11,13 +10,13 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from mavdem.alignment.attitude import Attitude
-from mavdem.alignment.drive import TILT_AXES, Motors, Signal
+from mavdem.alignment.drive import Motors, Signal
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_delay, gyro_response
 from mavdem.condition.loop.from_flight import demand_directions, known_controller
 from mavdem.condition.loop.margins import rate_loop, transfer
-from mavdem.dem.closed_loop.identification import Identified, identified, pooled
+from mavdem.dem.closed_loop.identification import Identified, identified
 from mavdem.dem.closed_loop.likelihood import (
     ASKED,
     NAMES,
@@ -65,25 +64,18 @@ SLOW = 4.0  # Hz, up to which a setpoint must explain the output
 def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
     """Returns the plant of the axis of ``signals`` in ``flights``, identified with the controller that flew it.
 
-    Its delay has that of the gyro's filters. Of several boots, that of the longest flight counts. Roll and pitch have
-    the same motors: either's lag and delay count for the other. Raises ``NotLearnable``: no controller, no setpoints
-    that change several times a second, too few seconds, too little was asked of it, or the phase margin stays unknown.
+    Its delay has that of the gyro's filters. Of several boots, that of the longest flight counts. Raises
+    ``NotLearnable``: no controller, no setpoints that change several times a second, too few seconds, too little was
+    asked of it, or the phase margin stays unknown.
     """
     boot = max(flights, key=len).provenance["segment"]["boot"]
     flights = [flight for flight in flights if flight.provenance["segment"]["boot"] == boot]
     found = _in_loop(signals, flights)
-    fit = found.fit
-    with one_thread(), np.errstate(all="ignore"):
-        try:
-            if signals.axis in TILT_AXES:
-                (other,) = {*TILT_AXES} - {signals.axis}
-                with suppress(NotLearnable):
-                    about = signals.about(other, signals.inputs)
-                    fit = pooled(fit, _in_loop(about, flights).fit)
-            plant = _physical(fit, found.directions)
-            _check(plant, found.directions, found.controller)
-        except np.linalg.LinAlgError:
-            raise NotLearnable(Loops.LOOP_NOT_FOUND) from None
+    plant = _physical(found.fit, found.directions)
+    try:
+        _check(plant, found.directions, found.controller)
+    except np.linalg.LinAlgError:
+        raise NotLearnable(Loops.LOOP_NOT_FOUND) from None
     return plant._replace(delay=plant.delay + gyro_delay(found.controller))
 
 

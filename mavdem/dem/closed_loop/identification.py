@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.confidence import SURE_DEVIATIONS
-from mavdem.dem.closed_loop.likelihood import CONTROLLER, MEAN, PLANT, SD, STEP_TIME, Axis
+from mavdem.dem.closed_loop.likelihood import CONTROLLER, PLANT, SD, STEP_TIME, Axis
 from mavdem.dem.engine.gauss_newton import (
     MAX_STEPS,
     RELATIVE_STEP,
@@ -25,7 +25,6 @@ FIRST_STEPS = 8  # from each start, of which the two best go on
 STEP_TIMES = (-2.0, 0.0, 2.0)
 """To go on from: in streams slower than the controller there may be a maximum near each, with other plants. On half of
 the flights of ``tools/validation/loops.py``, one ascent of 50 Hz in five ended 3 nats below the highest maximum."""
-ALIKE = 0.03  # standard deviation of the logarithm of a lag or delay over that of an axis with the same motors
 LONGEST_STEP = 1.5  # of any parameter, and a standard deviation beforehand at most
 
 
@@ -94,27 +93,6 @@ def lag_first(theta: Array) -> Array:
     swapped[[damping, lag]] -= excess
     swapped[effect] -= excess
     return swapped
-
-
-def pooled(own: Identified, other: Identified) -> Identified:
-    """Returns ``own`` with what an axis with the same motors says of lag and delay, to first order, if it agrees."""
-    late = list(PLANT[2:])
-    unlike = (other.theta - own.theta)[late]
-    covariance = (own.covariance + other.covariance)[np.ix_(late, late)]
-    if not unlike @ np.linalg.solve(covariance, unlike) <= SURE_DEVIATIONS**2:
-        return own
-    before = np.diag(SD[late] ** -2.0)
-    precision = inverse(other.covariance[np.ix_(late, late)])
-    weighted = precision @ other.theta[late] - before @ MEAN[late]
-    # What is known beforehand counts once, and what the other axis says as far as they are alike.
-    share = inverse(np.eye(len(late)) + (precision - before) * ALIKE**2)
-    added = np.zeros_like(own.covariance)
-    added[np.ix_(late, late)] = share @ (precision - before)
-    slope = np.zeros_like(own.theta)
-    slope[late] = share @ weighted
-    covariance = inverse(inverse(own.covariance) + added)
-    theta = own.theta + covariance @ (slope - added @ own.theta)
-    return Identified(own.axis, theta, covariance)
 
 
 class _LogJoint(NamedTuple):
