@@ -147,7 +147,7 @@ class Controller:
         thrust = self._thrust(shares)
         thrust = (1 - self.expo + self.expo * thrust) * thrust
         if 0 < step < ROTOR_LAG:
-            thrust = thrust - SPEED_SHARE * _behind(np.sqrt(thrust.clip(0.0)), step) ** 2
+            thrust = thrust - SPEED_SHARE * _behind(np.sqrt(thrust), step) ** 2
         mixer = np.array(self.mixer)
         return np.asarray(thrust @ mixer / (mixer @ mixer))
 
