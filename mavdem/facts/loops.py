@@ -11,6 +11,7 @@ class Loops(Code):
     MARGIN_RATING = auto()
     NO_LOOP = auto()
     NO_MARGINS = auto()
+    CROSSOVER_UNSEEN = auto()
     CONTROLLER_UNKNOWN = auto()
     NO_PROPORTIONAL_GAIN = auto()
     MIXER_REVERSED = auto()
