@@ -17,6 +17,7 @@ from mavdem.facts import Fact
 
 ROOT = Path(__file__).parents[1]
 LOG = ROOT / "logs" / "ardupilot_wind5_steps.tlog"
+QUICK = ["--preset", "paper", "--train", "200", "--test", "20"]
 INSTALL = "pip install 'mavdem[view]'."
 
 
@@ -50,19 +51,7 @@ def test_without_rerun_learning_writes_all_but_its_recording(
     without_rerun, tmp_path, monkeypatch, capsys
 ):
     (tmp_path / "flight.rrd").write_text("of a run before")
-    words = [
-        "learn",
-        str(LOG),
-        "--out",
-        str(tmp_path),
-        "--preset",
-        "paper",
-        "--train",
-        "200",
-        "--test",
-        "20",
-        "--json",
-    ]
+    words = ["learn", str(LOG), "--out", str(tmp_path), *QUICK, "--json"]
     assert main(words) == 0
     out, said = capsys.readouterr()
     assert INSTALL in said and "flight.rrd" in said
@@ -108,8 +97,12 @@ def test_what_is_missing_is_a_fact_with_the_modules(monkeypatch):
 
 
 @pytest.mark.slow
-def test_no_module_but_its_own_needs_an_extra():
-    """What any command or ``import mavdem`` imports first is there in a core installation, which runs as a module."""
+def test_no_module_but_its_own_needs_an_extra(tmp_path):
+    """What any command or ``import mavdem`` imports first is there in a core installation, which runs as a module.
+
+    It writes pages, and the server begins, without Matplotlib.
+    """
+    words = ["learn", str(LOG), "--out", str(tmp_path), *QUICK]
     libraries = sorted({library for modules in EXTRAS.values() for library in modules})
     program = (
         "import runpy, sys\n"
@@ -117,9 +110,13 @@ def test_no_module_but_its_own_needs_an_extra():
         "import mavdem\n"
         "for name in mavdem.__all__: getattr(mavdem, name)\n"
         "from mavdem.cli import compare, convert, fly, info, learn, live, order, reproduce\n"
+        f"from mavdem.cli.commands import main\nassert main({words}) == 0\n"
+        f"for name in {libraries}: name == 'matplotlib' or sys.modules.pop(name)\n"
+        "import mavdem.serve.app\n"
         "sys.argv[1:] = ['--version']; runpy.run_module('mavdem', run_name='__main__')\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, timeout=60
     )
     assert done.returncode == 0 and "version" in done.stdout, done.stderr
+    assert (tmp_path / "report.html").exists()

@@ -150,8 +150,10 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path):
             assert live.poll() is None and flying.poll() is None, said
             time.sleep(0.05)
 
-    wait_for(re.compile(r"Watched: .*\bmotors\b.*\(since \d+ s\)").search)
-    assert "The model is being learned" in error.read_text()
+    wait_for(re.compile(r"learning; [\d,]{5,} samples").search)
+    begun = error.read_text()
+    assert re.search(r"Watched: .*\boscillation\b.*\(since \d+ s\)", begun)
+    assert "The model is being learned" in begun
     live.send_signal(signal.SIGINT)
     wait_for(lambda said: "Ending takes some seconds" in said)
     for number in (signal.SIGINT, signal.SIGHUP):  # which change nothing, whenever they come

@@ -218,8 +218,8 @@ def test_the_size_is_known_as_well_as_the_interval_says():
     """Simulated flights by their own parameters: the truth is in nine of ten intervals, by what so few can tell."""
     inside = []
     for name in ("hover_blower", "iris_dryden", "crazyflie_gusts", "iris_doublets"):
-        plan = load(name).model_copy(update={"duration": 35.0, "seed": 11})
-        flight, known = settled(plan, 2200)
+        plan = load(name).model_copy(update={"duration": 28.0, "seed": 11})
+        flight, known = settled(plan, 1600)
         found = wind(physical(flight), Record.of(flight))
         sd = known["roll_disturbance"].std()
         mean = known["roll_disturbance"].mean()

@@ -47,7 +47,8 @@ def of_log(path):
 def flown(request, tmp_path_factory):
     """At 12 Hz: enough for the motors, and too slow for a model."""
     wind = (TurbulentWind(kind="dryden", speed=4.0, direction=60.0),)
-    vehicle = VehicleSpec(weak_motor=3, weak_from=25.0, weak_thrust=0.8)
+    slower = {"SCHED_LOOP_RATE": 200.0} if request.param == "ardupilot" else {}
+    vehicle = VehicleSpec(weak_motor=3, weak_from=25.0, weak_thrust=0.8, parameters=slower)
     stream = StreamSpec(autopilot=request.param, rate=12.0)
     scenario = Scenario(
         duration=45.0, height=2.0, seed=3, vehicle=vehicle, wind=wind, stream=stream

@@ -37,7 +37,7 @@ AS_ANOTHER = (
 """Flown as another of the recorded flights is, in other wind, or the whole of a sample flight."""
 TWO_VEHICLES = "px4_two_vehicles_gcslink"
 TO_THE_GROUND = "ap_short_with_climb", "ap_reboot_rates_never_asked_again"
-"""Simulated flights whose landing is replayed; of the others the first 65 s."""
+"""Simulated flights whose landing is replayed; of the others the first 45 s."""
 NO_CLIMB = "ap_motor"
 """Without a vertical speed: offline, a descent is settled but for its end; live, not in a mode that lands."""
 KNOWN_LATER = AVERAGING_SECONDS / 2 + REVIEW_SECONDS + 0.25
@@ -168,7 +168,7 @@ def hold_against_offline(path, vehicle=None):
 def test_a_recorded_flight_gives_what_it_gives_offline(path, tmp_path):
     if path.stem not in TO_THE_GROUND:
         path = first_seconds(
-            path, tmp_path, 65.0 if path.parent.name.startswith("sitl_") else 250.0
+            path, tmp_path, 45.0 if path.parent.name.startswith("sitl_") else 160.0
         )
     if "SUBMARINE" in {vehicle.vehicle for vehicle in vehicles_of(path)}:
         assert not replay(recorded(path)).rows
@@ -177,5 +177,5 @@ def test_a_recorded_flight_gives_what_it_gives_offline(path, tmp_path):
 
 
 def test_of_two_vehicles_the_second_gives_what_it_gives_offline(tmp_path):
-    path = first_seconds(shared(f"sitl_px4/{TWO_VEHICLES}.tlog"), tmp_path, 50.0)
+    path = first_seconds(shared(f"sitl_px4/{TWO_VEHICLES}.tlog"), tmp_path, 40.0)
     hold_against_offline(path, "3:1")

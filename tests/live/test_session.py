@@ -390,7 +390,8 @@ def test_a_session_with_all_faults_ends_with_a_good_model_and_every_second_is_ac
 ):
     monkeypatch.setattr("live_faults.RATE", 50.0)
     long = load("ardupilot_faults").model_dump(mode="json")
-    weak = {**long["vehicle"], "weak_from": 43.0}  # all of the second flight
+    slower = {"SCHED_LOOP_RATE": 200.0}
+    weak = {**long["vehicle"], "weak_from": 43.0, "parameters": slower}  # all of the second flight
     scenario = scenario_of({**long, **SHORT, "faults": FAULTS, "vehicle": weak})
     session, account = run_session(scenario)
     said = {event.fact.code for event in session.history.events}

@@ -239,7 +239,9 @@ def test_a_bad_link_hides_no_weak_motor():
     kept = [
         frame
         for stamp, frame in stamped
-        if (stamp - first) / 1e6 % 27.5 < 25.0 and draw.random() > 0.2
+        if (seconds := (stamp - first) / 1e6) < 225.0
+        and seconds % 27.5 < 25.0
+        and draw.random() > 0.2
         for _ in range(1 + (draw.random() < 0.05))
     ]
     for row in np.flatnonzero(draw.random(len(kept) - 1) < 0.05):
@@ -247,7 +249,7 @@ def test_a_bad_link_hides_no_weak_motor():
     stream = LiveStream()
     stream.feed(1.7e9, b"".join(kept))
     found = [(one.motor, one.weak) for one in stream.status().alarms if one.motor]
-    assert found[:6] == [(1, True), (1, False), (3, True), (3, False), (2, True), (2, False)]
+    assert found == [(1, True), (1, False), (3, True), (3, False), (2, True), (2, False)]
     assert InFlight.MOTOR_LOST_THRUST in {one.fact.code for one in stream.status().alarms}
 
 

@@ -116,7 +116,7 @@ def undisturbed(scenario: Scenario, seed: int, weak: bool) -> Flight:
     )
     vehicle = scenario.vehicle.model_copy(update={"weak_from": 0.0} if weak else {"weak_motor": 0})
     changes = {
-        "duration": 40.0,
+        "duration": 28.0,
         "flights": 1,
         "seed": seed,
         "faults": Faults(),

@@ -1,7 +1,5 @@
 """Charts: what they show, that they are small, and that matplotlib draws the same for Python users."""
 
-import subprocess
-import sys
 from base64 import b64decode
 from dataclasses import replace
 from types import SimpleNamespace
@@ -12,7 +10,7 @@ import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx
-from recorded_flights import FLIGHT, short_flight
+from recorded_flights import FLIGHT
 
 import mavdem
 from mavdem.analysis.residuals import correlation
@@ -74,9 +72,6 @@ def test_a_chart_says_in_words_what_it_shows():
     assert chart.said == "Motors in Motors, % over time since boot (s): motor 1 from 1.00 to 4.00."
 
 
-QUICK = ["--preset", "paper", "--train", "2s", "--test", "50"]
-
-
 def response():
     time = np.arange(1, 101) / 200
     frequency = np.linspace(0.5, 80, 200)
@@ -136,17 +131,6 @@ def test_spectra_have_their_lines_and_the_filters_over_them():
     assert over_time.heat.values.shape == (40, 171) and over_throttle.heat is not None
     (pixels,) = over_time.as_json(100)["lines"]
     assert pixels["rows"] == 40 and len(b64decode(pixels["heat"])) == 40 * 171
-
-
-@pytest.mark.slow
-def test_no_command_that_writes_a_page_loads_matplotlib(tmp_path):
-    said = (
-        "import sys, mavdem\nfrom mavdem.cli.commands import main\n"
-        f"main(['learn', {str(short_flight(tmp_path))!r}, '--out', {str(tmp_path / 'out')!r}, *{QUICK!r}])\n"
-        "import mavdem.serve.app\nsys.exit('matplotlib' in sys.modules)"
-    )
-    assert subprocess.run([sys.executable, "-c", said], capture_output=True).returncode == 0
-    assert (tmp_path / "out" / "report.html").exists()
 
 
 @pytest.fixture(scope="module")

@@ -28,7 +28,6 @@ from mavdem.facts.session import Session
 from mavdem.health.in_flight import MotorAlarm
 from mavdem.live import Event as Occurrence
 from mavdem.live import SessionStatus
-from mavdem.live.rows import MAX_SAMPLES
 from mavdem.live.shown import ShownRow
 from mavdem.live.stream import Pose
 from mavdem.live.wind import WindRow
@@ -317,17 +316,18 @@ class Held(RecordingFile):
 
 
 @pytest.mark.slow
-def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path):
+def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path, monkeypatch):
+    monkeypatch.setattr("mavdem.view.live_view.MAX_SAMPLES", 2000)
     stalled = Held(tmp_path / "stalled.rrd")
     other = RecordingFile(tmp_path / "other.rrd")
     known = estimate(20, 50.0)
-    rows = MAX_SAMPLES + 1000
+    rows = 3000
     with showing(stalled, other) as view:
         waiting = view._threads[1]._rows
         # Comes to its end, although the first sink takes nothing.
         for i in range(rows):
             view.put(ROW._replace(time=50.0 + DT * i, estimate=known))
-            if i % 4000 == 3999:
+            if i % 1000 == 999:
                 until(lambda: not waiting)
         assert [thread.dropped for thread in view._threads] == [1000, 0]
         stalled.go.set()
@@ -387,10 +387,12 @@ def test_a_row_that_cannot_be_drawn_and_a_file_that_cannot_be_written_end_nothin
 FULL_DISK = """
 import resource, shutil, signal, sys
 from contextlib import closing
+import mavdem.view.live_view
 from test_live_view import CHANNELS, DT, ROW, Held, LiveView, until
 
 sink = Held(sys.argv[1])
 sink.period = 0.01
+mavdem.view.live_view.CLOSING_SECONDS = 1.0
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 with closing(LiveView([sink])) as view:
     view.change(CHANNELS)
