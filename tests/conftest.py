@@ -4,6 +4,7 @@ import faulthandler
 import os
 import pickle
 from hashlib import sha256
+from pkgutil import resolve_name
 
 import pytest
 from hypothesis import settings
@@ -48,20 +49,29 @@ def without_wind_fits():
         yield
 
 
-@pytest.fixture(scope="session", autouse=True)
-def fits_once():
-    """Fits physical parameters to the same windows once in a process: many tests ask for those of the sample flight."""
-    from mavdem.dem.graybox import estimation
+FITS = (
+    "mavdem.dem.graybox.estimation._estimated",
+    "mavdem.condition.loop.in_flight.identified",
+    "mavdem.assessment.tuning.advise",
+)
 
-    fit = estimation._estimated
+
+def remembering(fit):
     known = {}
 
-    def once(*given):
-        key = sha256(pickle.dumps(given)).digest()
+    def once(*given, **options):
+        key = sha256(pickle.dumps((given, options))).digest()
         if key not in known:
-            known[key] = fit(*given)
+            known[key] = fit(*given, **options)
         return known[key]
 
+    return once
+
+
+@pytest.fixture(scope="session", autouse=True)
+def fits_once():
+    """What is fitted to the same data is fitted once in a process: many tests ask for that of the sample flight."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(estimation, "_estimated", once)
+        for name in FITS:
+            patch.setattr(name, remembering(resolve_name(name)))
         yield

@@ -47,9 +47,7 @@ def test_every_file_that_is_no_python_is_installed():
 
 
 @pytest.mark.slow
-def test_without_rerun_learning_writes_all_but_its_recording(
-    without_rerun, tmp_path, monkeypatch, capsys
-):
+def test_without_rerun_learning_writes_all_but_its_recording(without_rerun, tmp_path, capsys):
     (tmp_path / "flight.rrd").write_text("of a run before")
     words = ["learn", str(LOG), "--out", str(tmp_path), *QUICK, "--json"]
     assert main(words) == 0

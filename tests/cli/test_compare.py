@@ -30,7 +30,7 @@ def quick(monkeypatch):
 
 
 def test_all_methods_on_all_cores_are_reported(capsys):
-    assert run("compare", FLIGHT, "--train", "300", "--hop", "6000") == 0
+    assert run("compare", FLIGHT, "--train", "120", "--test", "50", "--hop", "6000") == 0
     said = capsys.readouterr().out
     assert said.startswith("DEM joint's error is not distinguishable from another method's: only ")
     assert all(f"\n{method.name} " in said for method in METHODS) and "made no forecast" not in said

@@ -137,7 +137,7 @@ def assert_fields_equal(data, frames, messages):
 @pytest.mark.slow
 @pytest.mark.parametrize("log", real_logs(), ids=lambda log: log.name)
 def test_real_logs(log, tmp_path):
-    data, _ = _without_carriage_returns(beginning(log, tmp_path).read_bytes())
+    data, _ = _without_carriage_returns(beginning(log, tmp_path, 300_000).read_bytes())
     found = frames_in(data.tobytes(), STAMP_BYTES)
     path = tmp_path / "ours.tlog"
     path.write_bytes(data.tobytes())

@@ -25,14 +25,16 @@ RECORDED = (
     + sorted(SHARED.glob("logs/*.tlog"))
 )
 AS_ANOTHER = (
-    *(
-        "ardupilot_calm",
-        "ardupilot_wind6_gusts",
-        "ardupilot_wind5_gustmoment_strong",
-        "ardupilot_inertia_wind5_steps",
-    ),
-    *("ardupilot_wind5_turb", "px4_calm", "px4_wind5_steps", "px4_windjump"),
-    *("ardupilot_wind4_doublets", "px4_wind5_gust"),
+    "ardupilot_calm",
+    "ardupilot_wind6_gusts",
+    "ardupilot_wind5_gustmoment_strong",
+    "ardupilot_inertia_wind5_steps",
+    "ardupilot_wind5_turb",
+    "px4_calm",
+    "px4_wind5_steps",
+    "px4_windjump",
+    "ardupilot_wind4_doublets",
+    "px4_wind5_gust",
 )
 """Flown as another of the recorded flights is, in other wind, or the whole of a sample flight."""
 TWO_VEHICLES = "px4_two_vehicles_gcslink"
@@ -46,19 +48,17 @@ KNOWN_LATER = AVERAGING_SECONDS / 2 + REVIEW_SECONDS + 0.25
 
 # A response is cut off where a hundredth of it is left: so much of what it passes over, take-off included.
 LOW_PASSED = 0.01 * 0.5, 0.01 * 600
+EXACT = 1e-12, 1e-9
 
 
 @pytest.mark.parametrize(
     ("flight", "far"),
     [
-        (Flight(), (1e-12, 1e-9)),
-        (Flight(version=1), (1e-12, 1e-9)),
-        (Flight(quaternion=True), (1e-12, 1e-9)),
-        (Flight(attitude=50.0, motors=50.0), (1e-12, 1e-9)),
-        (Flight(attitude=400.0, motors=400.0), (1e-12, 1e-9)),
-        (Flight(attitude=120.0, motors=110.0), (1e-12, 1e-9)),
-        (Flight(clock=2**32 / 1e6 - 25), (1e-12, 1e-9)),
-        (Flight(system=7), (1e-12, 1e-9)),
+        (Flight(), EXACT),
+        (Flight(version=1, quaternion=True, system=7), EXACT),
+        (Flight(attitude=50.0, motors=50.0), EXACT),
+        (Flight(attitude=400.0, motors=400.0), EXACT),
+        (Flight(attitude=120.0, motors=110.0, clock=2**32 / 1e6 - 25), EXACT),
         (Flight(attitude=400.0), LOW_PASSED),
         (Flight(motors=400.0), LOW_PASSED),
         (Flight(motors=50.0), LOW_PASSED),
@@ -142,9 +142,7 @@ def hold_against_offline(path, vehicle=None):
             settling = any(one.start - 1e-3 <= row.time <= one.start + KNOWN_LATER for one in fast)
             # Before the landing, offline, TRANSIENT_SECONDS and the sinking are cut off, which live are known later.
             landing = any(one.end <= row.time <= one.end + KNOWN_LATER for one in fast)
-            landing |= any(
-                row.time >= rows[-1].time - TRANSIENT_SECONDS - KNOWN_LATER for _ in fast
-            )
+            landing |= row.time >= rows[-1].time - TRANSIENT_SECONDS - KNOWN_LATER
             landing |= any(
                 segment == number and row.time >= since for segment, since in made.taken_back
             )

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -88,7 +87,7 @@ class VehicleEnd(Ground):
         yield from answers
 
 
-def run_session(scenario: Scenario, **options: Any) -> tuple[LiveSession, dict[str, float]]:
+def run_session(scenario: Scenario) -> tuple[LiveSession, dict[str, float]]:
     """Flies a scenario and learns from it live; returns the session, which has not been ended, and its account."""
     wire = Wire()
     with ExitStack() as clocks:
@@ -102,19 +101,18 @@ def run_session(scenario: Scenario, **options: Any) -> tuple[LiveSession, dict[s
             show=lambda _: NullView(),
             report=lambda _: None,
             say=lambda _: None,
-            **options,
         )
         ground = VehicleEnd(wire, session)
         fly_live(scenario, Simulation(scenario), ground, ground.speed, lambda _: None)
         return session, session.account()
 
 
-def undisturbed(scenario: Scenario, seed: int, weak: bool) -> Flight:
-    """Another flight of the same vehicle in such wind, sent at 100 Hz without faults; its weak motor weak or not."""
+def undisturbed(scenario: Scenario, seed: int) -> Flight:
+    """Another flight of the same vehicle in such wind, sent at 100 Hz without faults, its weak motor weak."""
     stream = scenario.stream.model_copy(
         update={"only_when_asked": False, "rates": {}, "rate": RATE}
     )
-    vehicle = scenario.vehicle.model_copy(update={"weak_from": 0.0} if weak else {"weak_motor": 0})
+    vehicle = scenario.vehicle.model_copy(update={"weak_from": 0.0})
     changes = {
         "duration": 28.0,
         "flights": 1,

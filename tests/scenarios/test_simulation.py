@@ -15,8 +15,8 @@ from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation, fly
 
 FAULTY = {"oscillating_frame", "oscillating_gains"}
-ALIKE = {"paper_2", "paper_3", "paper_4", "system_2", "system_3"}
-"""Between paper_1 and paper_5 in wind, or of system_1's vehicle, wind and excitation."""
+ALIKE = {"paper_2", "paper_3", "paper_4", "system_2", "system_3", "iris_identification"}
+"""Between paper_1 and paper_5 in wind, of system_1's vehicle, wind and excitation, or without wind what flies in it."""
 WINDY = (
     sections.SteadyWind(kind="steady", speed=4.0),
     sections.GaussianWind(kind="gaussian", sd=0.7, s=0.2),

@@ -392,7 +392,7 @@ from test_live_view import CHANNELS, DT, ROW, Held, LiveView, until
 
 sink = Held(sys.argv[1])
 sink.period = 0.01
-mavdem.view.live_view.CLOSING_SECONDS = 1.0
+mavdem.view.live_view.CLOSING_SECONDS = mavdem.view.live_view.FLUSH_SECONDS = 0.5
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 with closing(LiveView([sink])) as view:
     view.change(CHANNELS)
