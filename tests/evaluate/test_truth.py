@@ -132,7 +132,7 @@ def test_a_demand_has_no_effect_of_motors(learned, flight, path):
 
 
 def test_while_a_motor_is_weak_its_weaker_effect_is_the_truth(
-    learned, flight, motion, scenario, path, tmp_path
+    learned, flight, motion, path, tmp_path
 ):
     weak = dict(np.load(path)) | {
         "weak": motion.time > 20.0,
@@ -145,7 +145,7 @@ def test_while_a_motor_is_weak_its_weaker_effect_is_the_truth(
     assert effects == [1.0, 2.0, 3.0, 4.0]
 
 
-def test_the_truth_of_another_flight_is_refused(learned, flight, scenario, motion, path, tmp_path):
+def test_the_truth_of_another_flight_is_refused(flight, motion, path, tmp_path):
     other = dict(np.load(path)) | {"known_rates": motion.known_rates / 2}
     np.savez(tmp_path / "other.npz", **other)
     fact = unreadable(truth_of, [flight], tmp_path / "other.npz")

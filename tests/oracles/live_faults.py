@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from unittest.mock import patch
+from unittest.mock import Mock, patch
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,16 +22,6 @@ RATE = 100.0  # Hz that are asked for
 TICK = 0.06  # s from one look at the link to the next
 AHEAD_SECONDS = 0.25  # From the last known sample to the one that is forecast
 SETTLING_SECONDS = 2.0  # For which the filter of a forecast has run before errors count
-
-
-class NullView:
-    """A view that shows nothing."""
-
-    def put(self, *_: object) -> None: ...
-
-    def log(self, *_: object) -> None: ...
-
-    def hold(self, *_: object) -> None: ...
 
 
 @dataclass
@@ -98,7 +88,7 @@ def run_session(scenario: Scenario) -> tuple[LiveSession, dict[str, float]]:
             LiveStream(asked=True),
             Settings(),
             rate=RATE,
-            show=lambda _: NullView(),
+            show=Mock(),
             report=lambda _: None,
             say=lambda _: None,
         )

@@ -321,6 +321,7 @@ def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path,
     stalled = Held(tmp_path / "stalled.rrd")
     other = RecordingFile(tmp_path / "other.rrd")
     known = estimate(20, 50.0)
+    other.period = 0.01
     rows = 3000
     with showing(stalled, other) as view:
         waiting = view._threads[1]._rows
