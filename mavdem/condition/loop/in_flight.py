@@ -71,11 +71,12 @@ def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
     boot = max(flights, key=len).provenance["segment"]["boot"]
     flights = [flight for flight in flights if flight.provenance["segment"]["boot"] == boot]
     found = _in_loop(signals, flights)
-    plant = _physical(found.fit, found.directions)
-    try:
-        _check(plant, found.directions, found.controller)
-    except np.linalg.LinAlgError:
-        raise NotLearnable(Loops.LOOP_NOT_FOUND) from None
+    with one_thread(), np.errstate(all="ignore"):
+        plant = _physical(found.fit, found.directions)
+        try:
+            _check(plant, found.directions, found.controller)
+        except np.linalg.LinAlgError:
+            raise NotLearnable(Loops.LOOP_NOT_FOUND) from None
     return plant._replace(delay=plant.delay + gyro_delay(found.controller))
 
 
