@@ -50,7 +50,7 @@ OLD_SCALE_X = 0.9
 ROTOR_LAG = float(np.exp(PRIORS["lag"].mean))  # s, of common rotors' speeds
 SPEED_SHARE = 0.5
 """Of what lagging speeds change: all of it made effects at limits as much too small as none of it too large, on half of
-the flights of ``tools/validation/loops.py``. Limits cut off in other ways too."""
+the flights of ``tools/validation/loops.py``. Why it is half is not known."""
 UNMODELLED = {
     "SMAX": Controllers.SLEW_LIMITED,
     "PDMX": Controllers.SUM_LIMITED,

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from mavdem.alignment.attitude import Attitude
-from mavdem.alignment.drive import Motors, Signal
+from mavdem.alignment.drive import Signal
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_delay, gyro_response
@@ -81,7 +81,7 @@ def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
 
 
 class _InLoop(NamedTuple):
-    """The most probable parameters of one axis with its controller, and the inputs of a demand of 1."""
+    """The identified parameters of one axis with its controller, and the inputs of a demand of 1."""
 
     fit: Identified
     controller: Controller
@@ -172,13 +172,13 @@ def _streams(
     attitude, drive = signals.attitude, signals.drive
     assert attitude is not None and drive is not None
 
-    def here(stream: Attitude | Motors | Signal, values: Array) -> Messages:
+    def here(stream: Attitude | Signal, values: Array) -> Messages:
         rows = stream.boot == boot
         return Messages(stream.time[rows], values[rows])
 
-    shares = drive.scale.fraction(drive.outputs)
-    step = float(np.median(np.diff(drive.time)))
-    demand = here(drive, controller.demanded(shares, step))
+    outputs = drive.shares(boot)
+    step = float(np.median(np.diff(outputs.time)))
+    demand = Messages(outputs.time, controller.demanded(outputs.values, step))
     angle = here(attitude, attitude.angle)
     asked = {given.unit: here(given.signal, given.signal.values) for given in signals.setpoints}
     asked = {unit: messages for unit, messages in asked.items() if np.diff(messages.values).any()}
@@ -194,9 +194,9 @@ def _streams(
     streams = [here(attitude, attitude.rate), demand]
     for values in candidates:
         streams += [Messages(setpoint.time, wanted) for wanted in (values, values + turned)]
-    limited = controller.limited(shares, drive.scale.stop)
+    limited = controller.limited(outputs.values, drive.scale.stop).astype(np.float64)
     rounding = drive.scale.step / float(np.linalg.norm(directions))
-    return streams, here(drive, limited.astype(np.float64)), rounding
+    return streams, Messages(outputs.time, limited), rounding
 
 
 def _windows(flights: Sequence[Flight], streams: Sequence[Messages]) -> Iterator[float]:

@@ -7,6 +7,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import softmax
 
 from mavdem.confidence import SURE_DEVIATIONS
 from mavdem.dem.closed_loop.likelihood import CONTROLLER, PLANT, SD, STEP_TIME, Axis
@@ -72,12 +73,11 @@ def _averaged(axis: Axis, ended: Sequence[Quadratic]) -> Identified:
     """The mean over maxima at different times of steps, each as probable as by Laplace's approximation."""
     finite = (fit for fit in ended if np.isfinite(fit.value))
     ascending = sorted(finite, key=lambda fit: fit.value)
+    # Ascents that end at the same time of steps have found the same maximum: the highest stays.
     maxima = {round(fit.at[STEP_TIME]): fit for fit in ascending}.values()
     if not maxima:
         raise np.linalg.LinAlgError("nothing has a likelihood")
-    evidence = np.array([fit.value - np.linalg.slogdet(fit.curvature)[1] / 2 for fit in maxima])
-    shares = np.exp(evidence - evidence.max())
-    shares /= shares.sum()
+    shares = softmax([fit.value - np.linalg.slogdet(fit.curvature)[1] / 2 for fit in maxima])
     thetas = np.array([fit.at for fit in maxima])
     theta = shares @ thetas
     within = sum(share * inverse(fit.curvature) for share, fit in zip(shares, maxima, strict=True))
