@@ -4,7 +4,6 @@ import faulthandler
 import os
 import pickle
 from hashlib import sha256
-from pkgutil import resolve_name
 
 import pytest
 from hypothesis import settings
@@ -49,29 +48,20 @@ def without_wind_fits():
         yield
 
 
-FITS = (
-    "mavdem.dem.graybox.estimation._estimated",
-    "mavdem.condition.loop.in_flight.identified",
-    "mavdem.assessment.tuning.advise",
-)
-
-
-def remembering(fit):
-    known = {}
-
-    def once(*given, **options):
-        key = sha256(pickle.dumps((given, options))).digest()
-        if key not in known:
-            known[key] = fit(*given, **options)
-        return known[key]
-
-    return once
-
-
 @pytest.fixture(scope="session", autouse=True)
 def fits_once():
-    """What is fitted to the same data is fitted once in a process: many tests ask for that of the sample flight."""
+    """Fits physical parameters to the same windows once in a process: many tests ask for those of the sample flight."""
+    from mavdem.dem.graybox import estimation
+
+    fit = estimation._estimated
+    known = {}
+
+    def once(*given):
+        key = sha256(pickle.dumps(given)).digest()
+        if key not in known:
+            known[key] = fit(*given)
+        return known[key]
+
     with pytest.MonkeyPatch.context() as patch:
-        for name in FITS:
-            patch.setattr(name, remembering(resolve_name(name)))
+        patch.setattr(estimation, "_estimated", once)
         yield

@@ -53,8 +53,6 @@ def test_examples_run(page, printed, tmp_path, monkeypatch, capsys):
     # All methods, on all cores, are in tests/cli/test_compare.py.
     monkeypatch.setattr("mavdem.dem.parallel.spare_cores", lambda: 1)
     monkeypatch.setattr(mavdem.evaluate, "METHODS", mavdem.evaluate.METHODS[-3:])
-    pem = mavdem.baselines.pem
-    monkeypatch.setattr(mavdem.baselines, "pem", lambda train, order: pem(train, order - 3))
     names: dict[str, object] = {"__name__": "__main__"}
     for code in re.findall(r"```python\n(.*?)```", PAGES[page], re.DOTALL):
         exec(code, names)

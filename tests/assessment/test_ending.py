@@ -317,7 +317,7 @@ def test_what_falls_on_its_back_is_lost_whatever_is_asked(at_end):
     assert not at_end or (ending.code is Ending.CONTROL_LOST and abs(ending.time - FAILS) < 0.5)
 
 
-def test_no_speed_is_believed_of_an_estimate_that_runs_away():
+def test_an_estimate_that_runs_away_gives_no_speed():
     made = lost(1)
     usual = judged(made)[0]
     columns = made.messages["LOCAL_POSITION_NED"]

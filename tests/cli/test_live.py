@@ -44,12 +44,14 @@ def ended():
         (["nonsense:1:2:3"], "is not a link"),
         (["udpin:127.0.0.1:0", "--prior", "/dev/null"], "not the document of a learned model"),
         (["udpin:127.0.0.1:0", "--record", "x.bin"], "--record"),
-        (["udpin:127.0.0.1:0", "--rrd", "x.tlog"], "must end in .rrd"),
+        (["udpin:127.0.0.1:0", "--rrd", "x.tlog"], "--rrd"),
         (["udpin:127.0.0.1:0", "--rrd", "none/x.rrd"], "there is no folder none"),
         (["udpin:127.0.0.1:0", "--model", "x.txt"], "--model"),
         (["udpin:127.0.0.1:0", "--connect", "nowhere"], "--connect"),
         (["udpin:127.0.0.1:0", "--request-rate", "nan"], "--request-rate"),
         (["udpout:127.0.0.1:14550"], "nothing is sent without --request-rate"),
+        (["udpin:127.0.0.1:0", "--axis", "yaw"], "--axis"),
+        (["udpin:127.0.0.1:0", "--rrd", ""], "must end in .rrd"),
     ],
 )
 def test_what_cannot_be_is_refused_in_a_sentence(words, said, capsys, tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""Comparison: what goes wrong stays in its row, errors are those of the windows, and where the first loses is told."""
+"""Comparison: what goes wrong stays in its row, errors are those of the windows, the table names where DEM loses."""
 
 from dataclasses import replace
 

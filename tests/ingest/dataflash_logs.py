@@ -129,5 +129,5 @@ def told() -> bytes:
 
 
 def log(*pieces: bytes) -> bytes:
-    """A file of all formats, of what is told at its beginning, and then the pieces."""
+    """A file of all formats, of the messages at its beginning, and of the pieces."""
     return b"".join([formats(), told(), *pieces])

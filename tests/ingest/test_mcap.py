@@ -333,7 +333,7 @@ def test_a_damaged_stretch_costs_its_own_messages(compression, tmp_path):
     assert repairs[Repair.BYTES_SKIPPED].figures["part"] == "recording"
 
 
-def test_what_a_damaged_chunk_says_in_json_is_not_believed(tmp_path):
+def test_json_of_a_damaged_chunk_is_not_used(tmp_path):
     content = small(tmp_path, CompressionType.NONE, frames=False)
     wrong = content.replace(b'"roll": 0.1, "yaw": 3}', b'"roll": 0.9, "yaw": 3}')
     assert wrong != content

@@ -46,7 +46,7 @@ FIRST = next(stamp for stamp, frame in FRAMES if frame[7:10] == bytes([30, 0, 0]
 
 
 class ScriptedLink:
-    """Gives out what it is told, in place of a socket; an exception in the script is raised."""
+    """Gives out the script's datagrams, in place of a socket; an exception in the script is raised."""
 
     datagrams = True
     dropped = 0
