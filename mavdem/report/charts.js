@@ -119,7 +119,7 @@
   };
 
   const series = (line, lines) => {
-    // Lines over each other are told apart by what shines through.
+    // Where lines lie over each other, each shines through.
     const many = lines > 3 && line.kind === "line";
     const drawn = { label: line.name, stroke: line.colour + (many ? "c0" : ""), width: many ? 1 : 1.3, scale: line.right ? "beside" : "y", points: { show: false },
       value: (_, value) => digits(value) };
