@@ -27,6 +27,7 @@ from mavdem.cli.output import (
     say_aside,
     write_text,
 )
+from mavdem.cli.twin import foretold
 from mavdem.dem import Settings
 from mavdem.dem.parallel import LearningProcess
 from mavdem.errors import Unreadable
@@ -234,7 +235,9 @@ def live_command(
             opened, stream, settings, *shown, executor, recording, request_rate, earlier
         )
         if request_rate is not None and record is not None:
-            session.adviser = ends.enter_context(closing(Adviser(record, LearningProcess)))
+            session.adviser = ends.enter_context(
+                closing(Adviser(record, LearningProcess, foretold))
+            )
         elif request_rate is not None:
             say_aside("No gains will be advised: record the stream with --record FILE.tlog.")
         restored = ends.enter_context(ExitStack())

@@ -2,6 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.random import default_rng
 
 from mavdem.alignment.drive import AXES
+from mavdem.assessment import Assessment
 from mavdem.cli.options import (
     Number,
     assessed,
@@ -20,16 +22,28 @@ from mavdem.cli.options import (
 from mavdem.cli.output import check_file, print_result, printable, say_aside, write_text
 from mavdem.condition.condition import hover_of
 from mavdem.condition.loop.loop import Loop
-from mavdem.condition.loop.twin import BANDS, Twin, again_of, alike, torque, twin_of
+from mavdem.condition.loop.twin import (
+    BANDS,
+    SETTLES,
+    Again,
+    Twin,
+    again_of,
+    alike,
+    torque,
+    twin_of,
+)
+from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact
-from mavdem.facts.loops import Twins
+from mavdem.facts import Fact, Facts
+from mavdem.facts.loops import Gains, Twins
+from mavdem.ingest.telemetry import Parameters
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.vehicle_files import LEFT_OUT, vehicle_text
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.simulation import replayed
 
 FLIGHTS = 3  # of the twin, each in other wind of the same spectrum
+FORETOLD_SECONDS = 40.0  # of a flight, by gains to set: who has just landed waits for it
 SHOWN = {
     "mass": "mass (kg)",
     "inertia": "inertia (kg m²)",
@@ -81,7 +95,6 @@ def twin_command(
     for path in out:
         check_file(path, "--out", (".toml", *LEFT_OUT))
     assessment, evidence = assessed(source, vehicle, params)
-    signals = evidence.signals
     found = {
         axis: loop.grounded if isinstance(loop, Fact) and evidence.grounds else loop
         for axis, loop in evidence.loops.items()
@@ -94,9 +107,7 @@ def twin_command(
         for axis, loop in found.items()
         if isinstance(loop, Fact)
     ]
-    hover = hover_of(signals.about("roll", "motors"), assessment.log.components)
-    px4 = signals.telemetry.autopilot == "PX4"
-    twin = twin_of(loops, px4, float(np.mean(hover.trim_of_range)), evidence.air[0], mass)
+    twin = _twin(assessment, loops, mass)
     for path in out:
         write_text(path, vehicle_text(twin, path.suffix.lower(), Path(source).name))
         if left := LEFT_OUT.get(path.suffix.lower()):
@@ -138,11 +149,62 @@ def twin_command(
         )
 
 
+def foretold(assessment: Assessment, gains: Parameters) -> Facts:
+    """Returns by axis how far from its setpoints the twin of an assessed log flies, now and with the ``gains`` to set.
+
+    Why not, where the twin cannot fly; nothing where the log has no setpoints of roll.
+    """
+    assert assessment.evidence is not None
+    known = assessment.evidence.loops.items()
+    loops = {axis: loop for axis, loop in known if isinstance(loop, Loop)}
+    again = again_of(loops) if "roll" in loops else {}
+    if not again:
+        return ()
+    dt = loops["roll"].record.dt
+    shown = slice(round(FORETOLD_SECONDS / dt))
+    short = {axis: Again(*(part[shown] for part in whole)) for axis, whole in again.items()}
+    settled = slice(round(SETTLES / dt), None)
+    try:
+        twin = _twin(assessment, loops, None)
+        changed = replace(twin, parameters={**twin.parameters, **gains})
+        flights = [_flown(each, loops, short, 1)[0] for each in (twin, changed)]
+    except NotLearnable as error:
+        return (error.fact,)
+    facts = []
+    for axis in short.keys() - {"yaw"}:
+        asked = short[axis].setpoints[settled, 0]
+        missed = [motion[settled, AXES.index(axis), 0] - asked for motion in flights]
+        before, after = np.degrees(np.std(missed, axis=1)).tolist()
+        facts.append(
+            Fact(Gains.TWIN_FLIES, subject=axis, present_error=before, expected_error=after)
+        )
+    return tuple(facts)
+
+
+def _twin(assessment: Assessment, loops: Mapping[str, Loop], mass: float | None) -> Twin:
+    evidence = assessment.evidence
+    assert evidence is not None
+    hover = hover_of(evidence.signals.about("roll", "motors"), assessment.log.components)
+    px4 = evidence.signals.telemetry.autopilot == "PX4"
+    return twin_of(loops, px4, float(np.mean(hover.trim_of_range)), evidence.air[0], mass)
+
+
 def _flown_again(twin: Twin, loops: Mapping[str, Loop]) -> dict[str, dict[str, list[float]]]:
     """By axis, figures of the recorded flight and of the twin's; none without setpoints of roll."""
     again = again_of(loops)
     if not again:
         return {}
+    flown = _flown(twin, loops, again, FLIGHTS)
+    return {
+        axis: alike(loops[axis], loop.outputs, [motion[:, AXES.index(axis)] for motion in flown])
+        for axis, loop in again.items()
+    }
+
+
+def _flown(
+    twin: Twin, loops: Mapping[str, Loop], again: Mapping[str, Again], flights: int
+) -> list[Array]:
+    """Motions (T, 3, 2) of the twin, as the simulator's ``replayed`` has them, on the setpoints of a flight."""
     samples = len(again["roll"].outputs)
     setpoints = np.zeros((samples, len(AXES), 2))
     for axis, loop in again.items():
@@ -150,7 +212,7 @@ def _flown_again(twin: Twin, loops: Mapping[str, Loop]) -> dict[str, dict[str, l
     flown = []
     try:
         scenario = scenario_of(tomllib.loads(vehicle_text(twin, ".toml", "")))
-        for seed in range(FLIGHTS):
+        for seed in range(flights):
             noise = default_rng(seed)
             blown = np.zeros((samples, len(AXES)))
             for axis in again:
@@ -159,7 +221,4 @@ def _flown_again(twin: Twin, loops: Mapping[str, Loop]) -> dict[str, dict[str, l
             flown.append(replayed(seeded, loops["roll"].record.dt, setpoints, blown))
     except ValueError as error:
         raise NotLearnable(Twins.CANNOT_FLY, because=str(error)) from None
-    return {
-        axis: alike(loops[axis], loop.outputs, [motion[:, AXES.index(axis)] for motion in flown])
-        for axis, loop in again.items()
-    }
+    return flown

@@ -65,6 +65,7 @@ class Gains(Code):
     LOWER_GAINS = auto()
     GAINS_ADVISED = auto()
     GAINS_LEFT = auto()
+    TWIN_FLIES = auto()
     GAINS_WRITTEN = auto()
     ADVICE_WAITS = auto()
     ADVICE_FAILED = auto()

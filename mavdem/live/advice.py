@@ -13,6 +13,7 @@ from pathlib import Path
 
 from mavdem.alignment.drive import AXES
 from mavdem.analysis import Options
+from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess
 from mavdem.assessment.tuning import tuned
 from mavdem.errors import Refusal
@@ -20,20 +21,25 @@ from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.loops import Gains
 from mavdem.ingest import read_log
 from mavdem.ingest.parameter_file import parameter_files
+from mavdem.ingest.telemetry import Parameters
+
+Foretell = Callable[[Assessment, Parameters], Facts]
+"""What a vehicle will do with gains to set, a function of a module: it is called in another process."""
 
 
 class Adviser:
     """Has advice made on a growing ``recording`` by executors that ``start`` starts.
 
     ``facts`` are the latest: which gains, what to expect of them, and the files, or why there are none. ``is_due`` is
-    set where the vehicle has landed.
+    set where the vehicle has landed, ``foretell`` what adds to the advice.
     """
 
-    def __init__(self, recording: Path, start: Callable[[], Executor]) -> None:
+    def __init__(self, recording: Path, start: Callable[[], Executor], foretell: Foretell) -> None:
         self.facts: Facts = ()
         self.is_due = False
         self._recording = recording
         self._start = start
+        self._foretell = foretell
         self._process = ExitStack()
         self._making: Future[Facts] | None = None
 
@@ -48,7 +54,7 @@ class Adviser:
             self.is_due = False
             self.close()
             executor = self._process.enter_context(self._start())
-            self._making = executor.submit(advised, self._recording, vehicle)
+            self._making = executor.submit(advised, self._recording, vehicle, self._foretell)
         if self._making is None or not (at_end or self._making.done()):
             return ()
         try:
@@ -65,8 +71,8 @@ class Adviser:
         self._process.close()
 
 
-def advised(recording: Path, vehicle: str) -> Facts:
-    """Returns the advice on all axes of a ``vehicle`` in a recording, as ``mavdem tune`` makes it.
+def advised(recording: Path, vehicle: str, foretell: Foretell) -> Facts:
+    """Returns the advice on all axes of a ``vehicle`` in a recording, as ``mavdem tune`` makes it, and what it does.
 
     Writes the gains into new files beside the recording, for the ground stations that ``mavdem tune`` writes for.
     Raises OSError: they cannot be written.
@@ -100,4 +106,5 @@ def advised(recording: Path, vehicle: str) -> Facts:
         Path(name + end).write_text(text)
     path = name + " and ".join(files)
     because = tuning.judgement.next_step
+    facts += foretell(assessment, tuning.parameters)
     return (*facts, Fact(Gains.GAINS_WRITTEN, Level.GOOD, path=path, because=because))

@@ -6,6 +6,7 @@ import pytest
 from command_line import run, strict_json
 from recorded_flights import SLOW
 
+from mavdem.cli.twin import foretold
 from mavdem.facts.loops import Gains
 from mavdem.live.advice import Adviser, advised
 
@@ -15,7 +16,7 @@ duration = 30.0
 height = 5.0
 vehicle = { parameters = { ATC_ANG_RLL_P = 16.0 } }
 excitation = { kind = "doublets", amplitude = 6.0 }
-stream = { autopilot = "ardupilot" }
+stream = { autopilot = "ardupilot", rates = { ATTITUDE_TARGET = 100.0 } }
 """
 
 
@@ -28,7 +29,7 @@ def at_once():
 
 
 def adviser_of(tmp_path):
-    return Adviser(tmp_path / "flight.tlog", Mock(side_effect=at_once))
+    return Adviser(tmp_path / "flight.tlog", Mock(side_effect=at_once), foretold)
 
 
 @pytest.mark.slow
@@ -40,9 +41,11 @@ def test_the_files_beside_a_recording_are_new_and_those_that_tune_writes(tmp_pat
     before = tmp_path / "flight.gains.param"
     before.write_text("# of an earlier flight\n")
     capsys.readouterr()
-    roll, *_, written = advised(recording, "1:1")
+    roll, *_, twin, written = advised(recording, "1:1", foretold)
     assert roll.code is Gains.GAINS_ADVISED and roll.figures["expected_error"] > 0
     assert "ATC_ANG_RLL_P 16 → " in roll.sentence
+    assert (twin.code, twin.subject) == (Gains.TWIN_FLIES, "roll")
+    assert 0 < twin.figures["expected_error"] < 6 and 0 < twin.figures["present_error"] < 6
     assert run("tune", recording, "--axis", "all", "--json", "--out", tmp_path) == 0
     told = strict_json(capsys.readouterr().out)
     assert told["axes"]["roll"]["sentence"] in roll.sentence
@@ -57,7 +60,7 @@ def test_the_files_beside_a_recording_are_new_and_those_that_tune_writes(tmp_pat
 def test_a_flight_without_a_loop_is_left_alone_in_one_sentence(tmp_path):
     recording = tmp_path / SLOW.name
     recording.write_bytes(SLOW.read_bytes())
-    (left,) = advised(recording, "1:1")
+    (left,) = advised(recording, "1:1", foretold)
     assert left.code is Gains.GAINS_LEFT and "need 40 Hz" in left.sentence
     assert [*tmp_path.iterdir()] == [recording], "nothing is written"
 
