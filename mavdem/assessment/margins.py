@@ -3,7 +3,6 @@
 from math import inf, radians
 
 from mavdem.alignment.drive import TILT_AXES
-from mavdem.alignment.signals import MINIMUM_RATE, usual_rate
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst
 from mavdem.facts import Fact, Level
@@ -31,10 +30,4 @@ def margins_light(evidence: Evidence) -> Fact:
         return enough[0].but(names=tuple(names))
     refusals = [fact for fact in evidence.loops.values() if isinstance(fact, Fact)]
     because = refusals[0] if refusals else evidence.verdict.reason
-    streams = evidence.signals.attitude, evidence.signals.drive
-    return Fact(
-        MarginsLight.MARGINS_UNKNOWN,
-        because=because,
-        rate=min((usual_rate(stream) for stream in streams if stream is not None), default=None),
-        least_rate=MINIMUM_RATE,
-    )
+    return Fact(MarginsLight.MARGINS_UNKNOWN, because=because)

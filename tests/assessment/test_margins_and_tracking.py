@@ -21,7 +21,8 @@ from mavdem.condition.resonance import response_of
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Override
 from mavdem.facts.ending import Ending, MotionEvent
-from mavdem.facts.learnability import Reason, Remedy
+from mavdem.facts.learnability import Reason
+from mavdem.facts.loops import Loops
 from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.facts.wind import NoWind
 from mavdem.ingest import read_log
@@ -136,12 +137,12 @@ def test_a_limit_cycle_goes_before_all():
     assert (light.code, light.level) == (MarginsLight.OSCILLATES, Level.BAD)
 
 
-def test_slow_messages_show_no_margins():
+def test_what_hides_the_margins_is_said_at_any_rate():
     telemetry = HOVER.telemetry(10.0, 10.0)
-    refusal = Fact(Reason.STREAMS_TOO_SLOW, remedy=Fact(Remedy.RECORD_A_FLIGHT))
+    refusal = Fact(Loops.NOT_STEERED, share=0.3)
     light = margins_light(evidence(telemetry, loops={"roll": refusal}))
     assert (light.code, light.level) == (MarginsLight.MARGINS_UNKNOWN, Level.UNKNOWN)
-    assert light.figures["rate"] == approx(10.0) and light.figures["because"] is refusal
+    assert light.sentence.endswith(" known: only 30 % of the rate's motion was asked for.")
 
 
 @pytest.mark.slow
