@@ -213,8 +213,9 @@ def _loss(
         code = MotionEvent.HIT
     asked = bool(error.asked[here].all())
     most = 2 * LOST_ANGLE if asked else np.pi / 4  # on its side, by half of the lean
-    harmless = speed < FALL_SPEED and angle < most
-    if harmless or _is_caught(signals, boot, flight, end):
+    lasts = min(end, time[-1]) - start
+    harm = max(speed / FALL_SPEED, angle / most, lasts / CAUGHT_SECONDS)
+    if harm < 1 or _is_caught(signals, boot, flight, end):
         code = MotionEvent.ATTITUDE_CAUGHT
         level = Level.WATCH if asked else Level.UNKNOWN
     trusted = _trusted(signals, boot, flight)

@@ -145,9 +145,14 @@ def test_all_motors_together_name_none(output, since, code):
 
 def test_an_attitude_is_lost_beyond_30_degrees_for_three_tenths_of_a_second():
     towards = np.array([0.0, 1.0])
-    for angle, seconds, there in ((29.0, 2.0, False), (31.0, 2.0, True), (40.0, 0.1, False)):
+    for angle, seconds, there in (
+        (29.0, 2.0, False),
+        (31.0, 2.0, True),
+        (40.0, 0.1, False),
+        (40.0, 99.0, False),
+    ):
         events, ending = judged(leaning(flight(), towards, angle, seconds))
-        assert ending is None
+        assert (ending is None) is (seconds < 9.0)
         assert (MotionEvent.ATTITUDE_CAUGHT in events) is there
 
 
