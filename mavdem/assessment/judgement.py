@@ -15,6 +15,7 @@ from mavdem.assessment.vibration import vibration_light
 from mavdem.assessment.wind import wind_light
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
+from mavdem.facts.events import Reported
 from mavdem.facts.lights import Light, Unjudged
 
 LIGHTS: Mapping[Light, Callable[[Evidence], Fact]] = {
@@ -74,8 +75,8 @@ def headline_of(evidence: Evidence, lights: Mapping[str, Fact]) -> Fact:
     """Returns the worst of what was found.
 
     How a flight that was lost ended outranks all else; then the worst event or light. A limit cycle goes before motors
-    at their limits, which it explains. Without a flight it is why there is none. "Nothing wrong" is said of what was
-    checked only.
+    at their limits, which it explains. Without a flight it is why there is none. What the autopilot warned of in flight
+    comes after the lights. "Nothing wrong" is said of what was checked only.
     """
     oscillates = evidence.condition.oscillation is not None
     judged = [lights[light] for light in [*[Light.MARGINS] * oscillates, *OF_VEHICLE]]
@@ -85,17 +86,15 @@ def headline_of(evidence: Evidence, lights: Mapping[str, Fact]) -> Fact:
             return fact
     if not evidence.verdict.figures.airborne:
         return evidence.verdict.reason
-    for fact in judged:
+    for fact in [*judged, *evidence.reported(tuple(Reported))]:
         if fact.level is Level.WATCH:
             return fact
     checked = [light for light in OF_VEHICLE if lights[light].level is Level.GOOD]
     unknown = [light for light in OF_VEHICLE if light not in checked]
     if not checked:
         # A log that has all that is needed is no reason.
-        reasons = [
-            light for light in (Light.LOG, *unknown) if lights[light].level is not Level.GOOD
-        ]
-        return Fact(Headline.NOTHING_CHECKED, because=lights[reasons[0]])
+        reason = unknown[0] if lights[Light.LOG].level is Level.GOOD else Light.LOG
+        return Fact(Headline.NOTHING_CHECKED, because=lights[reason])
     # Battery and estimator alone say nothing of how it flies.
     level = Level.GOOD if OF_MOTION.intersection(checked) else Level.UNKNOWN
     return Fact(Headline.NOTHING_WRONG, level, names=checked, missing=unknown)
