@@ -5,6 +5,7 @@ from math import inf
 from mavdem.analysis.overrides import limited_motor
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst
+from mavdem.condition.condition import HoverFigures
 from mavdem.facts import Code, Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.motors import InFlight, MotorsLight, Trim
@@ -36,15 +37,21 @@ def motors_light(evidence: Evidence) -> Fact:
         limited = limited_motor(hover)
         if limited is not None and hover.seconds >= LEAST_SECONDS:
             weak.append(Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, **limited))
-        weak.append(_trim(evidence, min(hover.headroom)))
+        weak.append(_trim(evidence, hover))
     return worst(weak)
 
 
-def _trim(evidence: Evidence, headroom: float) -> Fact:
+def _trim(evidence: Evidence, hover: HoverFigures) -> Fact:
     """The pattern of the trim with what is left, or that little is."""
     trim = trim_of_signals(evidence.signals) or Fact(Trim.TRIM_UNKNOWN)
+    headroom = min(hover.headroom)
     if headroom < LITTLE_HEADROOM and trim.level is not Level.WATCH:
-        return Fact(MotorsLight.HEADROOM_LITTLE, Level.WATCH, share=headroom)
+        return Fact(
+            MotorsLight.HEADROOM_LITTLE,
+            Level.WATCH,
+            share=headroom,
+            trim=max(hover.trim_of_range),
+        )
     if trim.level is Level.GOOD:
         return Fact(MotorsLight.MOTORS_EVEN, Level.GOOD, headroom=headroom, **trim.figures)
     return trim
