@@ -68,28 +68,27 @@ def margins_of(
 
 def _of_loop(loop: Loop) -> Fact:
     """Good with the margins of the default, and surely the least; bad surely without these."""
-    sure = loop.sure_of(LEAST)
     rating = margin_rating(loop)
-    level = Level.WATCH
+    sure = loop.sure_of(LEAST)
+    level = Level.BAD if sure <= 1 - LEVEL else Level.WATCH
     if sure >= LEVEL and rating.level is not Level.BAD:
         level = Level.GOOD
-    elif sure <= 1 - LEVEL:
-        level = Level.BAD
     return Fact(
-        MarginsLight.LOOP_MARGINS, level, subject=rating.subject, axis=loop.axis, **rating.figures
+        MarginsLight.LOOP_MARGINS,
+        level,
+        subject=rating.subject,
+        axis=loop.axis,
+        is_biased=loop.plant.bias < 0,
+        **rating.figures,
     )
 
 
 def _of_injected(axis: str, loop: OpenLoop) -> Fact:
     """Good with the usual margins, bad without the least."""
-    level = Level.WATCH
-    if _has(loop, USUAL):
-        level = Level.GOOD
-    elif not _has(loop, LEAST):
-        level = Level.BAD
+    enough = Level.GOOD if _has(loop, USUAL) else Level.WATCH
     return Fact(
         MarginsLight.LOOP_MEASURED,
-        level,
+        enough if _has(loop, LEAST) else Level.BAD,
         axis=axis,
         frequency=loop.crossover,
         phase_margin=loop.phase_margin,

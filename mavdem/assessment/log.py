@@ -54,14 +54,16 @@ def simulated_of(evidence: Evidence) -> Fact | None:
     """Returns that the flight was simulated; None where nothing in the log shows it."""
     telemetry = evidence.signals.telemetry
     parameters = telemetry.parameters
+    kind = None
     if parameters.get("SYS_HITL", 0) > 0:
-        return Fact(LogLight.SIMULATED, Level.GOOD, kind=Simulation.HARDWARE)
-    by_software = (
+        kind = Simulation.HARDWARE
+    elif (
         any(name.startswith("SIM_") for name in parameters)
         or parameters.get("SYS_AUTOSTART") in SIH_AIRFRAMES
         or _is_still(evidence.signals)
-    )
-    return Fact(LogLight.SIMULATED, Level.GOOD, kind=Simulation.SOFTWARE) if by_software else None
+    ):
+        kind = Simulation.SOFTWARE
+    return Fact(LogLight.SIMULATED, Level.GOOD, kind=kind) if kind else None
 
 
 def _is_still(signals: Signals) -> bool:

@@ -11,7 +11,7 @@ from mavdem.assessment.judgement import Judgement
 from mavdem.condition.loop.advice import Advice, advise, lowered
 from mavdem.condition.loop.loop import Loop
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import Loops
 from mavdem.ingest.telemetry import Parameters
@@ -73,9 +73,7 @@ def tuned(
     gains = {name: value for each in advised for name, value in each.parameters.items()} | settings
     judgement = assessment.judgement
     if gains:
-        level = judgement.headline.level
-        doubted = {caution.code for each in advised for caution in each.before.cautions}
-        is_biased = Loops.EFFECT_BIASED in doubted and level is not Level.BAD
-        step = Fact(NextStep.LOAD_GAINS, level, is_written=is_written, is_biased=is_biased)
-        judgement = judgement._replace(next_step=step)
+        judgement = judgement._replace(
+            next_step=Fact(NextStep.LOAD_GAINS, judgement.headline.level, is_written=is_written)
+        )
     return Tuning(found, advised, gains, notch, judgement)

@@ -16,10 +16,9 @@ MUCH_LEAN = 0.5  # of it: as much again is left for gusts and for moving against
 def wind_light(evidence: Evidence) -> Fact:
     """Returns the mean wind with its interval; unknown where the flight does not identify its speed."""
     wind, _, refusal = evidence.air
-    if wind is None:
-        return Fact(WindLight.WIND_NOT_KNOWN, because=refusal)
-    if not wind.sized:
-        return Fact(WindLight.WIND_NOT_KNOWN, because=wind.reasons["speed"])
+    if wind is None or not wind.sized:
+        because = refusal if wind is None else wind.reasons["speed"]
+        return Fact(WindLight.WIND_NOT_KNOWN, because=because)
     low, high = wind.speed_interval
     share = _share_of_lean(evidence.condition, evidence.signals.telemetry)
     return Fact(

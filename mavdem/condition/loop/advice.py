@@ -27,12 +27,11 @@ from mavdem.condition.loop.loop import (
 )
 from mavdem.condition.loop.margins import transfer
 from mavdem.condition.oscillation import LIMITED_SHARE, Oscillation
-from mavdem.confidence import ENDS
+from mavdem.confidence import ENDS, LEVEL
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, Level
-from mavdem.facts.loops import Gains
+from mavdem.facts.loops import Gains, Loops
 from mavdem.ingest.telemetry import Parameters
 
 GAINS = "p", "i", "d", "angle"
@@ -127,16 +126,17 @@ def advise(
 
     A loop that has these margins, surely or perhaps, keeps its gains unless ``more`` is asked: so do gains that were
     advised and then flown. None where gains must not follow from this flight: for the ``doubts`` about it, gains that
-    change, motors at their limits, a loop that the flight contradicts, or that is unstable.
+    change, motors at their limits, a loop that the flight contradicts, or that is unstable; nor where wind makes
+    the effectiveness seem low, by more than ``EFFECTS`` allow, unless the loop surely lacks the least margins: it must
+    not fly the movements that show more.
     """
     target = TARGETS[tune]
     rating = margin_rating(loop, target)
-    refusals = tuple(doubts) or _refusals(loop)
-    chosen = {}
-    if not refusals:
-        chosen = dict(_gains_of(loop))
-        if more or rating.level is Level.BAD:
-            chosen |= _best(loop, target)
+    changes = more or rating.level is Level.BAD
+    refusals = tuple(doubts) or _refusals(loop, changes)
+    chosen = {} if refusals else dict(_gains_of(loop))
+    if chosen and changes:
+        chosen |= _best(loop, target)
     after = loop.drawn(slice(len(loop.gains) // 2, None)).changed(chosen)
     return Advice(
         target=target,
@@ -233,28 +233,25 @@ def lowered(oscillation: Oscillation, parameters: Parameters) -> Fact:
     )
 
 
-def _refusals(loop: Loop) -> Facts:
-    """Why the loop itself gives no gains; the first reason."""
-    limited = _limited_share(loop.controller, loop.record)
-    changed = changed_in(loop.record, loop.controller)
-    if changed:
+def _refusals(loop: Loop, changes: bool) -> Facts:
+    """Why the loop itself gives no gains, or none that are ``changes``; the first reason."""
+    record = loop.record
+    if changed := changed_in(record, loop.controller):
         return (Fact(Gains.GAINS_CHANGED, names=sorted(changed)),)
+    limited = 0.0
+    if len(record.input_range) == 2:
+        low, high = record.input_range
+        # within 0.5 % of a limit
+        limited = float(loop.controller.limited((record.inputs - low) / (high - low)).mean())
     if limited > LIMITED_SHARE:
         return (Fact(Gains.MOTOR_AT_LIMIT, share=limited),)
     if not (loop.rate.stable[0] and loop.attitude.stable[0]):
         return (Fact(Gains.LOOP_UNSTABLE),)
-    if loop.measured is not None and loop.measured.reason is not None and loop.agrees is False:
+    if loop.measured and loop.measured.reason and loop.agrees is False:
         return (loop.measured.reason,)
-    return ()
-
-
-def _limited_share(controller: Controller, record: Record) -> float:
-    """Of the samples with an input within 0.5 % of a limit, where the range of the inputs is known."""
-    if len(record.input_range) != 2:
-        return 0.0
-    low, high = record.input_range
-    shares = (record.inputs - low) / (high - low)
-    return float(controller.limited(shares).mean())
+    if not changes or loop.plant.bias >= 0 or loop.sure_of(TARGETS["sharp"]) <= 1 - LEVEL:
+        return ()
+    return tuple(doubt for doubt in loop.cautions if doubt.code is Loops.EFFECT_BIASED)
 
 
 def _noise(loop: Loop, after: Controller) -> Noise | None:

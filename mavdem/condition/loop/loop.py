@@ -107,14 +107,10 @@ class Loop(Margins, LoopDownstream):
     @property
     def agrees(self) -> bool | None:
         """Whether the flight's response is the predicted one; None where too little of it was measured."""
-        if self.measured is None:
+        reason = None if self.measured is None else self.measured.reason
+        if self.measured is None or (reason and reason.code is Responses.RESPONSE_UNEXPLAINED):
             return None
-        reason = self.measured.reason
-        if reason is None:
-            return True
-        if reason.code is Responses.RESPONSE_UNEXPLAINED:
-            return None
-        return False
+        return reason is None
 
     def sure_of(self, target: Target) -> float:
         """Returns the share of the draws in which both loops have the margins of ``target``."""
