@@ -226,31 +226,31 @@ class MotorAlarm(NamedTuple):
 
 
 def losses_of(changes: Sequence[MotorAlarm]) -> list[Fact]:
-    """Returns the thrust that each motor lost, the worst first: BAD while it lasts, WATCH with its end where it ended.
+    """Returns the thrust that motors lost, the worst first: BAD while it lasts, WATCH with its end where it ended.
 
-    Of several losses of a motor the largest that lasts, or else the largest.
+    Of what a motor lost until it recovered, the largest.
     """
     found = []
-    for motor in dict.fromkeys((change.boot, change.name) for change in changes if change.weak):
-        own = [change for change in changes if (change.boot, change.name) == motor]
-        losses = [change for change in own if change.weak]
-        ends = [change for change in own if not change.weak]
-        lasts = own[-1].weak
-        if lasts and ends:
-            last_end = ends[-1].time
-            losses = [loss for loss in losses if loss.time > last_end]
-        worst = max(losses, key=lambda loss: loss.size)
-        found.append(
-            Fact(
-                InFlight.MOTOR_LOST_THRUST,
-                Level.BAD if lasts else Level.WATCH,
-                time=worst.since,
-                until=None if lasts else next(end.since for end in ends if end.time > worst.time),
-                subject=worst.name,
-                **worst.fact.figures,
-            )
-        )
-    return sorted(found, key=_worst_first)
+    lasting = dict[tuple[int, str], MotorAlarm]()
+    for change in changes:
+        motor = change.boot, change.name
+        if change.weak:
+            known = lasting.get(motor, change)
+            lasting[motor] = max(known, change, key=lambda loss: loss.size)
+        elif motor in lasting:
+            found.append(_lost(lasting.pop(motor), change.since))
+    return sorted([*found, *map(_lost, lasting.values())], key=_worst_first)
+
+
+def _lost(worst: MotorAlarm, until: float | None = None) -> Fact:
+    return Fact(
+        InFlight.MOTOR_LOST_THRUST,
+        Level.BAD if until is None else Level.WATCH,
+        time=worst.since,
+        until=until,
+        subject=worst.name,
+        **worst.fact.figures,
+    )
 
 
 def _worst_first(loss: Fact) -> tuple[bool, float]:

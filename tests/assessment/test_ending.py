@@ -21,6 +21,8 @@ from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND, attitude_target, quatern
 FAILS = 30.0
 NAMES = geometry().names
 OPPOSITE = (1, 0, 3, 2)
+RIGHT = np.array([0.0, 1.0])
+ASIDE = np.array([0.3, 1.0])
 
 
 def flight(rate=10.0):
@@ -88,8 +90,7 @@ def test_names_the_motor_to_whose_side_it_fell_though_it_was_driven_hardest(moto
     assert events[MotionEvent.ATTITUDE_LOST].figures["angle"] > np.radians(80)
     assert events[MotionEvent.FELL].figures["speed"] == approx(9.0, abs=0.5)
     assert events[MotionEvent.MOTOR_AT_ITS_STOP].subject == NAMES[motor]
-    assert ending.code is Ending.CONTROL_LOST
-    assert ending.level is Level.BAD
+    assert (ending.code, ending.level) == (Ending.CONTROL_LOST, Level.BAD)
     assert ending.time == approx(FAILS, abs=0.15)
     assert ending.figures["height"] == approx(10.0, abs=0.5)
     assert ending.figures["cause"].code is FailedFirst.LIMIT_FIRST
@@ -135,7 +136,7 @@ def test_names_a_motor_whose_output_stands_still():
     ],
 )
 def test_all_motors_together_name_none(output, since, code):
-    made = falling(leaning(flight(), np.array([0.3, 1.0]), 120.0, 100.0))
+    made = falling(leaning(flight(), ASIDE, 120.0, 100.0))
     for motor in range(4):
         made = driven(made, motor, output, since)
     _, ending = judged(made)
@@ -144,14 +145,13 @@ def test_all_motors_together_name_none(output, since, code):
 
 
 def test_an_attitude_is_lost_beyond_30_degrees_for_three_tenths_of_a_second():
-    towards = np.array([0.0, 1.0])
     for angle, seconds, there in (
         (29.0, 2.0, False),
         (31.0, 2.0, True),
         (40.0, 0.1, False),
         (40.0, 99.0, False),
     ):
-        events, ending = judged(leaning(flight(), towards, angle, seconds))
+        events, ending = judged(leaning(flight(), RIGHT, angle, seconds))
         assert (ending is None) is (seconds < 9.0)
         assert (MotionEvent.ATTITUDE_CAUGHT in events) is there
 
@@ -167,7 +167,7 @@ def test_a_setpoint_that_is_followed_is_no_loss():
 
 
 def test_where_only_rates_are_asked_for_no_attitude_is_lost():
-    made = leaning(flight(), np.array([0.0, 1.0]), 120.0, 100.0)
+    made = leaning(flight(), RIGHT, 120.0, 100.0)
     time = made.messages["ATTITUDE"]["time"]
     rates = attitude_target(rates=np.zeros((len(time), 3)))
     assert not judged(changed(made, "ATTITUDE_TARGET", **rates))[0]
@@ -176,7 +176,7 @@ def test_where_only_rates_are_asked_for_no_attitude_is_lost():
 def test_without_setpoints_only_a_flight_that_ends_so_is_lost():
     made = only(lost(1), lambda time: time < 0.0, "ATTITUDE_TARGET")
     assert judged(made)[1].code is Ending.CONTROL_LOST
-    caught = leaning(made, np.array([0.0, 1.0]), 70.0, 1.0)
+    caught = leaning(made, RIGHT, 70.0, 1.0)
     caught = changed(caught, "LOCAL_POSITION_NED", **flight().messages["LOCAL_POSITION_NED"])
     events, ending = judged(with_pulses(caught, pulses(flight())))
     assert events[MotionEvent.ATTITUDE_CAUGHT].level is Level.UNKNOWN
@@ -189,16 +189,14 @@ def test_what_never_rose_tipped_over_at_take_off_and_names_none(highest, code):
     at = made.messages["LOCAL_POSITION_NED"]["time"]
     z = -highest * ((at > 20.0) & (at < 25.0))
     events, ending = judged(changed(made, "LOCAL_POSITION_NED", z=z))
-    assert ending.code is code
-    assert ending.level is Level.BAD
-    assert ending.subject == ""
+    assert (ending.code, ending.subject) == (code, "")
     assert (MotionEvent.TIPPED in events) is (code is Ending.TIPPED_OVER)
 
 
 def turned(direction, angle):
     """The direction, forward and right, turned clockwise by so many degrees."""
-    cosine, sine = np.cos(np.radians(angle)), np.sin(np.radians(angle))
-    return np.array([[cosine, -sine], [sine, cosine]]) @ direction
+    there = complex(*direction) * np.exp(1j * np.radians(angle))
+    return there.real, there.imag
 
 
 @pytest.mark.parametrize(("angle", "name"), [(27.0, NAMES[1]), (33.0, "")])
@@ -216,7 +214,7 @@ def test_three_times_the_weight_is_felt_where_something_is_hit(force, hit):
 
 @pytest.mark.parametrize(("seconds", "caught"), [(4.0, False), (6.0, True)])
 def test_an_attitude_is_caught_by_five_seconds_of_flight(seconds, caught):
-    made = leaning(flight(50.0), np.array([0.0, 1.0]), 70.0, 1.0)
+    made = leaning(flight(50.0), RIGHT, 70.0, 1.0)
     _, ending = judged(only(made, lambda time: time < FAILS + 1.3 + seconds))
     assert (ending is None) is caught
 
@@ -230,7 +228,7 @@ def test_a_fall_that_stops_at_once_is_a_crash_also_with_the_attitude_held():
 
 
 def test_a_landing_that_was_only_assumed_is_what_came_first():
-    made = falling(leaning(flight(), np.array([0.3, 1.0]), 120.0, 100.0))
+    made = falling(leaning(flight(), ASIDE, 120.0, 100.0))
     for motor in range(4):
         made = driven(made, motor, 1100.0)
     time = np.arange(0.0, 40.0, 0.2)
@@ -309,7 +307,7 @@ def test_recorded_crashes_name_their_motor(name, motor):
 
 def flipped(at_end=True):
     """It falls on its back; its setpoint follows it, as in rate modes."""
-    made = falling(leaning(flight(), np.array([0.0, 1.0]), 120.0, 100.0 if at_end else 1.0))
+    made = falling(leaning(flight(), RIGHT, 120.0, 100.0 if at_end else 1.0))
     attitude = made.messages["ATTITUDE"]
     asked = quaternion(attitude["roll"], attitude["pitch"], 0 * attitude["roll"])
     return changed(made, "ATTITUDE_TARGET", **attitude_target(q=asked))

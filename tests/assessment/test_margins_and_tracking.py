@@ -138,10 +138,8 @@ def test_a_limit_cycle_goes_before_all():
 
 
 def test_what_hides_the_margins_is_said_at_any_rate():
-    telemetry = HOVER.telemetry(10.0, 10.0)
     refusal = Fact(Loops.NOT_STEERED, share=0.3)
-    light = margins_light(evidence(telemetry, loops={"roll": refusal}))
-    assert (light.code, light.level) == (MarginsLight.MARGINS_UNKNOWN, Level.UNKNOWN)
+    light = margins_light(evidence(HOVER.telemetry(10.0, 10.0), loops={"roll": refusal}))
     assert light.sentence.endswith(" known: only 30 % of the rate's motion was asked for.")
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hover import X_QUAD_PARAMETERS, Hover, evidence_of, with_pulses
 from numpy.random import default_rng
+from pytest import approx
 
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.analysis import motor_alarms
@@ -15,7 +16,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.motors import InFlight, MotorsLight, Trim
 from mavdem.facts.session import Session
-from mavdem.health.in_flight import losses_of
+from mavdem.health.in_flight import MotorAlarm, losses_of
 
 HOVER = Hover(hovering=60.0)
 
@@ -53,11 +54,9 @@ def test_the_worst_is_said(pulses, code, level):
     found = motors_light(evidence(pulses))
     assert (found.code, found.level) == (code, level)
     if code is InFlight.MOTOR_LOST_THRUST:
+        assert (found.until is None) is (level is Level.BAD)
         assert found.subject == "motor 2 (rear left)"
-        ends = (found.time, found.until)
-        assert ends == ((40, None) if level is Level.BAD else (30, 50)) or np.allclose(
-            [end for end in ends if end], [40] if level is Level.BAD else [30, 50], atol=1.5
-        )
+        assert [found.time, found.until or 50] == approx([30 if found.until else 40, 50], abs=1.5)
 
 
 def test_what_names_a_motor_before_its_balance_goes_first():
@@ -83,3 +82,9 @@ def test_without_settled_flight_or_outputs_it_is_not_known():
     stop = Fact(MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH, subject="motor 3 (front left)")
     assert motors_light(replace(bare, events=(stop,))) == stop
     assert motors_light(replace(flight, events=(stop,))).level is Level.GOOD
+
+
+def test_each_loss_is_one_until_the_motor_recovers():
+    sizes = enumerate((0.1, 0.2, 0, 0.1, 0))
+    changes = [MotorAlarm(time, time, 1, "motor 1", size, 1.0) for time, size in sizes]
+    assert [(loss.time, loss.until) for loss in losses_of(changes)] == [(1, 2), (3, 4)]
