@@ -196,10 +196,10 @@ def test_what_a_motor_lost_is_said_with_its_own_time_and_its_end_and_what_lasts_
     assert (second.subject, second.level) == (WEAK.name, Level.WATCH)
     assert (second.time, second.until, second.figures["loss"]) == (80.0, 94.0, (0.3, 0.5))
     assert second.figures["because"].code is InFlight.MOTOR_LOST_THRUST
-    # Weak again, by less: that is what lasts.
+    # Weak again, by less: that is what lasts, and both are told.
     again = WEAK._replace(time=120.0, since=119.0)
-    [last] = findings_of(alarms=(worse, sound, again)).overrides
-    assert (last.level, last.time) == (Level.BAD, 119.0)
+    last, ended = findings_of(alarms=(worse, sound, again)).overrides
+    assert (last.level, last.time, ended.until) == (Level.BAD, 119.0, 94.0)
 
 
 @pytest.mark.parametrize(

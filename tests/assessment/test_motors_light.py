@@ -16,7 +16,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.motors import InFlight, MotorsLight, Trim
 from mavdem.facts.session import Session
-from mavdem.health.in_flight import MotorAlarm, losses_of
+from mavdem.health.in_flight import losses_of
 
 HOVER = Hover(hovering=60.0)
 
@@ -82,9 +82,3 @@ def test_without_settled_flight_or_outputs_it_is_not_known():
     stop = Fact(MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH, subject="motor 3 (front left)")
     assert motors_light(replace(bare, events=(stop,))) == stop
     assert motors_light(replace(flight, events=(stop,))).level is Level.GOOD
-
-
-def test_each_loss_is_one_until_the_motor_recovers():
-    sizes = enumerate((0.1, 0.2, 0, 0.1, 0))
-    changes = [MotorAlarm(time, time, 1, "motor 1", size, 1.0) for time, size in sizes]
-    assert [(loss.time, loss.until) for loss in losses_of(changes)] == [(1, 2), (3, 4)]
