@@ -197,14 +197,14 @@ def estimate_wind(
         height: (T,) m, where the wind is wanted by height.
 
     Raises:
-        ValueError: arrays of other shapes, or a time that does not ascend.
+        ValueError: arrays of other shapes, a time that does not ascend, or a drag that is no ``Drag``.
         NotLearnable: too short, or no free flight: held, carried, or a velocity that is not the vehicle's.
     """
     stamps, angles, speeds, usable = checked(time, attitude, velocity)
     high_up = np.zeros(len(time)) if height is None else np.asarray(height, np.float64)
     if high_up.shape != (len(time),):
         raise ValueError(f"height must have shape ({len(time)},), not {high_up.shape}")
-    prior = Drag.of_parameters() if drag is None else drag.required()
+    prior = Drag.given(drag)
     with one_thread():
         coarse, fine = (gridded(stamps, angles, speeds, most=most) for most in (STEPS // 2, STEPS))
         mean, covariance, steered = identified(coarse, prior)

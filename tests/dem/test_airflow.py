@@ -1,9 +1,11 @@
 """The motion that drag and wind are identified from."""
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 from refusals import refused
 from scipy.constants import g as GRAVITY  # noqa: N812
+from scipy.spatial.transform import Rotation
 
 import mavdem
 from mavdem.dem.airflow.model import motion
@@ -13,20 +15,11 @@ from mavdem.facts.online import Airflow
 def test_thrust_that_climbs_and_sinks_makes_no_force_across_itself():
     """Specific force along body x and y is what thrust and weight do not explain, however much the thrust varies."""
     time = np.arange(0.0, 20.0, 0.01)
-    roll = 0.2
-    pitch = -0.1
-    yaw = 0.7
-    thrust_axis = np.array(
-        [
-            np.cos(roll) * np.sin(pitch) * np.cos(yaw) + np.sin(roll) * np.sin(yaw),
-            np.cos(roll) * np.sin(pitch) * np.sin(yaw) - np.sin(roll) * np.cos(yaw),
-            np.cos(roll) * np.cos(pitch),
-        ]
-    )
+    attitude = np.tile([0.2, -0.1, 0.7], (len(time), 1))
+    thrust_axis = Rotation.from_euler("ZYX", [0.7, -0.1, 0.2]).as_matrix()[:, 2]
     # Of a thrust of (1.2 + 0.3 cos t) of the weight; the vehicle climbs or sinks at up to 5 m/s² all the time.
     impulse = GRAVITY * (1.2 * time + 0.3 * np.sin(time))
     velocity = np.outer(GRAVITY * time, [0, 0, 1]) - np.outer(impulse, thrust_axis)
-    attitude = np.tile([roll, pitch, yaw], (len(time), 1))
     moved = motion(time, attitude, velocity, 0.2)
     assert moved.known.sum() > 90 and abs(np.diff(moved.velocity[:, 2])).max() > 0.5
     assert_allclose(moved.force[moved.known], 0.0, atol=1e-9)
@@ -44,3 +37,19 @@ def test_what_gives_no_wind_is_refused_with_its_reason():
     few = slice(40)
     fact = refused(mavdem.estimate_wind, time[few], still[few], still[few])
     assert fact.code is Airflow.MOTION_TOO_SHORT
+
+
+def test_circles_in_calm_air_show_the_drag_and_no_wind():
+    """Gusts far smaller than the population's: scoring overshoots."""
+    time = np.arange(0.0, 240.0, 0.2)
+    north = 4 * np.sin(time / 6)
+    east = 4 * np.cos(time / 6)
+    still = 0 * time
+    tilts = np.array([0.3 * east - north / 6, -0.3 * north - east / 6, still]) / GRAVITY
+    velocity = np.array([north, east, still]).T
+    velocity += np.random.default_rng(0).normal(0, 0.08, velocity.shape)
+    wind = mavdem.estimate_wind(time, tilts.T, velocity)
+    assert_allclose(wind.drag.linear, 0.3, atol=0.2)
+    assert wind.speed_interval[0] == 0
+    with pytest.raises(ValueError, match="drag must be a Drag"):
+        mavdem.estimate_wind(time, tilts.T, velocity, 0.3)

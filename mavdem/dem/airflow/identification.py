@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.constants import g as GRAVITY  # noqa: N812
+from scipy.linalg import block_diag
 
 from mavdem.dem.airflow.model import (
     FREEDOM,
@@ -121,33 +122,35 @@ def identified(moved: Motion, drag: Drag) -> tuple[Array, Array, float]:
 
     Sizes of the wind are times the drag, m/s². By a prior ``drag``, and Fisher scoring of the filter's likelihood. What
     it says of the drag counts for as much as is steered, and what it says of the lean for as much as the yaw turns: the
-    rest would be of the model's form.
+    rest would be of the model's form. Steps may overshoot, and then lead ever farther away: the best place counts.
     """
     prior = np.append(drag.mean, GUSTS)
-    precision = np.zeros((10, 10))
-    precision[:6, :6], precision[6:, 6:] = np.linalg.inv(drag.covariance), np.diag(GUSTS_SD**-2)
+    precision = block_diag(np.linalg.inv(drag.covariance), np.diag(GUSTS_SD**-2))
     steered = opposing(moved)
     ahead = moved.axes[moved.known, 0, :2]
     turned = max(1 - float(np.hypot(*(ahead / np.hypot(*ahead.T)[:, None]).mean(axis=0))) ** 2, 0.0)
-    counted = np.array([*[steered**2] * 4, *[turned] * 2, *[1.0] * 4])
+    counted = np.repeat([steered**2, turned, 1.0], [4, 2, 4])
     mean = prior
+    best = np.nan
     farthest = 4 / np.sqrt(np.diag(precision))
     apart = DIFFERENCE * np.vstack([np.zeros(10), np.eye(10), -np.eye(10)])
+
+    def rise(values: Array) -> Array:
+        return (values[1:11] - values[11:]) / (2 * DIFFERENCE)
+
     for _ in range(ITERATIONS):
         tracked = filtered(in_air(mean + apart, moved), moved)
-        errors = tracked.errors[moved.known]
-        spread = tracked.spread[moved.known]
-        inverse = np.linalg.inv(spread[:, 0])
-        slope = (tracked.log_likelihood[1:11] - tracked.log_likelihood[11:]) / (2 * DIFFERENCE)
-        slopes = (errors[:, 1:11] - errors[:, 11:]) / (2 * DIFFERENCE)
-        pulled = np.einsum("tij,tj->ti", inverse, errors[:, 0])
-        pulled *= ((FREEDOM + 2) / (FREEDOM + (pulled * errors[:, 0]).sum(axis=1)))[:, None]
-        slope[:6] = -np.einsum("tki,ti->k", slopes[:, :6], pulled)
-        changes = np.einsum(
-            "tij,tkjl->tkil", inverse, (spread[:, 1:11] - spread[:, 11:]) / (2 * DIFFERENCE)
-        )
-        information = np.einsum("tki,tij,tlj->kl", slopes, inverse, slopes)
-        information[6:, 6:] += np.einsum("tkij,tlji->kl", changes[:, 6:], changes[:, 6:]) / 2
+        errors = tracked.errors[moved.known].swapaxes(0, 1)
+        spread = tracked.spread[moved.known].swapaxes(0, 1)
+        inverse = np.linalg.inv(spread[0])
+        slope = rise(tracked.log_likelihood)
+        slopes = rise(errors)
+        pulled = np.einsum("tij,tj->ti", inverse, errors[0])
+        pulled *= ((FREEDOM + 2) / (FREEDOM + (pulled * errors[0]).sum(axis=1)))[:, None]
+        slope[:6] = -np.einsum("kti,ti->k", slopes[:6], pulled)
+        changes = np.einsum("tij,ktjl->ktil", inverse, rise(spread))[6:]
+        information = np.einsum("kti,tij,ltj->kl", slopes, inverse, slopes)
+        information[6:, 6:] += np.einsum("ktij,ltji->kl", changes, changes) / 2
         information *= np.sqrt(np.outer(counted, counted))
         # What the model's own error changes, no flight says.
         kept = np.eye(10) - information @ UNSAID @ np.linalg.solve(
@@ -155,14 +158,19 @@ def identified(moved: Motion, drag: Drag) -> tuple[Array, Array, float]:
         )
         # The drag that makes a strong wind of the mean force is less likely, however little is steered.
         speed = mean_speed(mean + apart, moved) / WIND_SD
-        faster = (speed[1:11] - speed[11:]) / (2 * DIFFERENCE) * (1 - steered)
+        faster = rise(speed) * (1 - steered)
         expected = -speed[0] * faster
         covariance = np.linalg.inv(precision + kept @ information + np.outer(faster, faster))
-        step = covariance @ (kept @ (counted * slope) + expected - precision @ (mean - prior))
+        away = mean - prior
+        value = tracked.log_likelihood[0] - away @ precision @ away / 2
+        if not value <= best:
+            best = value
+            found = mean, (covariance + covariance.T) / 2, steered
+        step = covariance @ (kept @ (counted * slope) + expected - precision @ away)
         mean = np.clip(mean + np.clip(step, -LARGEST, LARGEST), prior - farthest, prior + farthest)
         if np.all(abs(step) < CONVERGED * np.sqrt(np.diag(covariance))):
             break
-    return mean, (covariance + covariance.T) / 2, steered
+    return found
 
 
 def opposing(moved: Motion) -> float:

@@ -100,6 +100,15 @@ class Drag:
             np.append(logs, [0.0, 0.0]), np.diag(np.append(sd, [LEAN_SD, LEAN_SD]) ** 2), source
         )
 
+    @classmethod
+    def given(cls, drag: Drag | None) -> Drag:
+        """Returns a ``drag`` that a vehicle can have, the population's for None; ``ValueError`` for anything else."""
+        if drag is None:
+            return cls.of_parameters()
+        if not isinstance(drag, cls):
+            raise ValueError(f"drag must be a Drag, not {drag!r}")
+        return drag.required()
+
     @property
     def linear(self) -> Array:
         """Linear drag (2,) along body x and y, 1/s: medians."""
