@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from mavdem.alignment.drive import AXES
 from mavdem.assessment import Assessment
-from mavdem.assessment.assess import NoLoop
 from mavdem.assessment.responses import LoopResponse
 from mavdem.assessment.tracking import tracking_of
 from mavdem.condition import spectra as measured
@@ -230,7 +229,7 @@ def axes_of(assessment: Assessment) -> Values:
     axes = {}
     nothing = LoopResponse(assessment.headline)
     for axis, loop in assessment.loops.items():
-        refusal = loop.refusal if isinstance(loop, NoLoop) else None
+        refusal = loop.refusal
         responses = assessment.responses.get(axis, {"rate": nothing, "attitude": nothing})
         drawn = {name: _response(response) for name, response in responses.items()}
         axes[axis] = {

@@ -152,6 +152,7 @@ def test_the_worst_loop_of_a_flight_is_rated():
     assert (light.code, light.level) == (MarginsLight.LOOP_MARGINS, Level.WATCH)
     assert light.figures["axis"] == "roll"
     roll = loops["roll"]
+    assert roll.refusal is None
     tighter = roll.changed({"ATC_RAT_RLL_P": 1.03 * roll.controller.p})
     loops["pitch"] = replace(tighter, axis="pitch")
     light = margins_light(evidence(log.vehicles[0], loops=loops))

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isfinite
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -68,6 +68,8 @@ class Loop(Margins, LoopDownstream):
     """The response of the rate in flight, where the log has setpoints."""
     grid: tuple[float, float, int] = GRID
     """Of the frequencies, as ``GRID``."""
+    refusal: ClassVar[None] = None
+    """Why the loops are not known: they are."""
 
     @cached_property
     def rate(self) -> OpenLoop:
