@@ -161,17 +161,18 @@ def test_messages_of_several_rates_count_at_the_slowest():
 
 
 def test_maxima_at_several_times_of_steps_count_as_their_evidence_and_each_once():
-    """Two of one curvature, the other three times as probable, and one of them found again."""
+    """Two of one curvature, the other three times as probable, and one of them found again; a prior of variance 1."""
     size = len(MEAN)
+    axis = SimpleNamespace(sd=np.ones(size))
     one, other = (MEAN + far * (np.arange(size) == STEP_TIME) for far in (-2.0, 2.0))
     other[0] += 1.0
     values = (one, 5.0), (other, 5.0 + np.log(3)), (other + 1e-3, 4.9 + np.log(3))
     ended = [Quadratic(at, value, 0 * at, 4 * np.eye(size)) for at, value in values]
-    found = _averaged(None, ended)
+    found = _averaged(axis, ended)
     assert found.theta[[0, STEP_TIME]] == approx([MEAN[0] + 0.75, 1.0])
-    assert found.covariance[0, [0, STEP_TIME]] == approx([0.25 + 3 / 16, 4 * 3 / 16])
+    assert found.covariance[0, [0, STEP_TIME]] == approx([0.6 / 4 + 0.4 / 16 + 3 / 16, 4 * 3 / 16])
     with pytest.raises(np.linalg.LinAlgError):
-        _averaged(None, [Quadratic(MEAN, -np.inf, MEAN, np.eye(size))])
+        _averaged(axis, [Quadratic(MEAN, -np.inf, MEAN, np.eye(size))])
 
 
 def test_the_quicker_pole_is_the_lags():

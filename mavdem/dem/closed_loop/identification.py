@@ -26,6 +26,9 @@ FIRST_STEPS = 8  # from each start, of which the two best go on
 STEP_TIMES = (-2.0, 0.0, 2.0)
 """To go on from: in streams slower than the controller there may be a maximum near each, with other plants. On half of
 the flights of ``tools/validation/loops.py``, one ascent of 50 Hz in five ended 3 nats below the highest maximum."""
+SCATTER = 0.6
+"""Of the variance by ``DEPENDENT`` values that count as one, which keeps slow logs to their priors: that of estimates
+from flight to flight. Chosen on half of the flights of ``tools/validation/loops.py``."""
 LONGEST_STEP = 1.5  # of any parameter, and a standard deviation beforehand at most
 
 
@@ -80,9 +83,17 @@ def _averaged(axis: Axis, ended: Sequence[Quadratic]) -> Identified:
     shares = softmax([fit.value - np.linalg.slogdet(fit.curvature)[1] / 2 for fit in maxima])
     thetas = np.array([fit.at for fit in maxima])
     theta = shares @ thetas
-    within = sum(share * inverse(fit.curvature) for share, fit in zip(shares, maxima, strict=True))
+    within = sum(
+        share * _covariance(axis, fit.curvature) for share, fit in zip(shares, maxima, strict=True)
+    )
     between = (thetas - theta).T * shares @ (thetas - theta)
     return Identified(axis, theta, within + between)
+
+
+def _covariance(axis: Axis, curvature: Array) -> Array:
+    """At a maximum of this ``curvature``: the sandwich of the prior and ``SCATTER`` of what the spectra say."""
+    whole = inverse(curvature)
+    return SCATTER * whole + (1 - SCATTER) * whole * axis.sd**-2.0 @ whole
 
 
 def lag_first(theta: Array) -> Array:
