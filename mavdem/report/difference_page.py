@@ -81,13 +81,18 @@ def _headline(
         for parameter in parameters
         if CONTROL_PARAMETERS.match(parameter.name) and parameter.before
     ]
-    pairs = ((axis, _loops(both, axis)) for axis in AXES)
-    margins = [(axis, rates["A"], rates["B"]) for axis, rates in pairs if all(rates.values())]
+    margins = [
+        (axis, rates["A"], rates["B"])
+        for axis in AXES
+        for rates in [_loops(both, axis)]
+        if all(rates.values())
+    ]
+    ends = "phase_margin_interval"
     apart = [
         (axis, before["phase_margin"], after["phase_margin"])
         for axis, before, after in margins
-        if before["phase_margin_interval"][0] > after["phase_margin_interval"][1]
-        or after["phase_margin_interval"][0] > before["phase_margin_interval"][1]
+        for lows, highs in [np.array([before[ends], after[ends]], np.float64).T]
+        if lows.max() > highs.min()  # not where an end is infinite: None in the document, NaN here
     ]
     said = section(
         "difference_first",

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from command_line import run
@@ -74,3 +75,20 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
     assert "Nothing changed beyond chance." in capsys.readouterr().out
     assert run("diff", "a.bin", "b.bin") == 1
     assert "B has no flight with figures. It is empty." in capsys.readouterr().err
+
+
+def test_a_margin_without_an_upper_end_is_not_called_apart(monkeypatch):
+    def read(path, _, keep):
+        ends = {"roll": (70, 80), "yaw": (80, None)}
+        if path.name == "b.bin":
+            ends = {"roll": (40, 60), "yaw": (30, 50)}
+        axes = {
+            axis: {"loop": {"rate": {"phase_margin": low, "phase_margin_interval": [low, high]}}}
+            for axis, (low, high) in ends.items()
+        }
+        keep("", SimpleNamespace(as_dict=lambda: {"axes": axes}))
+        return flown("alpha", [0]), {}
+
+    monkeypatch.setattr("mavdem.cli.diff.rows_of_log", read)
+    assert run("diff", "a.bin", "b.bin") == 0
+    assert "The phase margin of roll fell from 70 to 40°." in Path("a_and_b/diff.html").read_text()
