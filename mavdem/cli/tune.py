@@ -75,13 +75,12 @@ def tune_command(
       mavdem tune flight.tlog --axis all --margins soft
       mavdem tune flight.bin --params vehicle.param --filters
     """
-    if out is not None:
+    if out:
         check_folder(out)
     assessment, evidence = assessed(source, vehicle, params, inputs=inputs, start=start)
     axes = AXES if axis == ALL else (axis,)
-    is_written = out is not None
     tuning = tuned(
-        assessment, evidence, axes, margins, more=more, filters=filters, is_written=is_written
+        assessment, evidence, axes, margins, more=more, filters=filters, is_written=bool(out)
     )
     gains = tuning.parameters
     refusal = tuning.refusal
@@ -91,17 +90,21 @@ def tune_command(
         "axes": {name: axis_document(advised) for name, advised in tuning.axes.items()},
         "parameters": gains,
         "notch": tuning.notch,
+        **tuning.judgement._asdict(),
+        **({"error": {"reason": str(refusal), "remedy": ""}} if refusal else {}),
     }
-    document |= tuning.judgement._asdict()
-    document |= {"error": {"reason": str(refusal), "remedy": ""}} if refusal else {}
-    if out is not None:
+    if out:
         texts = {"tune.html": tune_page(Path(source).name, tuning.axes)}
         if gains:
-            files = parameter_files(gains, evidence.signals.telemetry)
-            texts |= {f"gains{ending}": text for ending, text in files.items()}
+            texts |= {
+                f"gains{ending}": text
+                for ending, text in parameter_files(gains, evidence.signals.telemetry).items()
+            }
         with files_in(out, [*texts]) as paths:
             for path, text in zip(paths, texts.values(), strict=True):
                 path.write_text(text, "utf-8", "replace")
+        for stale in {"gains.params", "gains.param"} - texts.keys():
+            (out / stale).unlink(missing_ok=True)
         say_aside(f"Written: {', '.join(texts)}. Nothing was sent to the vehicle.")
     if as_json:
         print_json(document)
@@ -109,7 +112,7 @@ def tune_command(
         above, *lights, following = conclusion(tuning.judgement)
         blocks = tune_blocks(tuning.axes, verbose)
         blocks += [Sentence(tuning.notch.advised, "Notch filter:")] if tuning.notch else []
-        page = [] if out is None else [Sentence(str(out / "tune.html"), "Page:")]
+        page = [Sentence(f"{out}/tune.html", "Page:")] if out else []
         print_screen(None, [], lights, [*blocks, above, following, *page], verbose)
     if refusal:
         raise click.exceptions.Exit(1)

@@ -47,6 +47,8 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(tmp_pat
         and all(name in page for name in gains)
         and "Nothing was sent" in page
     )
+    assert run("tune", log, "--margins", "soft", "--start", "5", "--out", out) == 0
+    assert [file.name for file in out.iterdir()] == ["tune.html"]  # no gains of the run before
 
 
 SHAKEN = """
