@@ -20,6 +20,13 @@
       return (decades > 6 ? digit === 1 && power % 2 === 0 : kept.includes(digit)) ? value : null;
     });
   };
+  // Those of uPlot begin at the least value, and above 1 none of them need be round.
+  const multiples = (_, axis, min, max) => {
+    const splits = [];
+    for (let power = Math.floor(Math.log10(min)); 10 ** power <= max; power++)
+      for (let digit = 1; digit < 10; digit++) splits.push(digit * 10 ** power);
+    return splits.filter(value => value >= min && value <= max);
+  };
   const font = () => `${root.classList.contains("printing") ? 9 : 11}px system-ui, sans-serif`, root = document.documentElement;
 
   const unpack = (packed, log) => {
@@ -170,7 +177,7 @@
     const base = { stroke: () => colour("--ink"), font: font(), grid, ticks: grid, labelFont: font(), labelSize: 16, labelGap: 0 };
     const shown = axis => axis.names.length
       ? { splits: () => axis.names.map((_, i) => i), values: (_, splits) => splits.map(i => axis.names[i]) }
-      : axis.log ? { filter: plain, grid: { ...grid, filter: plain }, ticks: { ...grid, filter: plain }, values: (_, splits) => splits.map(value => value == null ? null : digits(value)) } : { values: (_, splits) => splits.map(digits) };
+      : axis.log ? { splits: multiples, filter: plain, grid: { ...grid, filter: plain }, ticks: { ...grid, filter: plain }, values: (_, splits) => splits.map(value => value == null ? null : digits(value)) } : { values: (_, splits) => splits.map(digits) };
     const options = {
       width: figure.clientWidth, height: height(figure, data), series: drawn, bands,
       padding: [strip ? 2 : 6, data.beside ? 0 : edge, bare ? (strip ? 0 : 6) : 0, 0],
