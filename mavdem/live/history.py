@@ -97,7 +97,8 @@ class SessionStatus:
     def judged(self) -> Judgement:
         """What is judged of the flight, by its model and without."""
         weak = [alarm.fact for alarm in self.alarms if alarm.weak]
-        refusal, *_ = [*weak, *filter(None, [self.obstacle]), Fact(Session.NOT_FLYING)]
+        waiting = Session.BEING_LEARNED if self.flying else Session.NOT_FLYING
+        refusal = [*weak, self.obstacle or Fact(waiting)][0]
         judgement = self.judgement or unjudged(refusal)
         seen = dict(self.lights)
         if weak:

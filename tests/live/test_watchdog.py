@@ -166,6 +166,11 @@ def test_the_status_stands_in_its_place_on_a_terminal():
     assert "\x1b[1;31m" in last
 
 
+def test_a_vehicle_in_flight_is_not_said_to_be_on_the_ground_before_it_is_judged():
+    assert SessionStatus().judged.headline.code is Session.NOT_FLYING
+    assert SessionStatus(flying=True).judged.headline.code is Session.BEING_LEARNED
+
+
 def test_a_line_of_a_log_says_what_is_new(capsys):
     waiting = Fact(Session.NOT_FLYING)
     ground = Fact(Watch.NOT_WATCHED, time=3.0, subject=Watched.MOTORS, because=waiting)
