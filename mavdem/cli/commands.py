@@ -34,20 +34,20 @@ PIPE_CLOSED = OF_SIGNAL + signal.SIGPIPE
 shell reports SIGPIPE."""
 LOGS = (".tlog", ".mcap", ".bin", ".log", ".ulg")
 HELP = {
-    "review": "Reports everything that a log says: what happened, eight lights, what to do next.",
+    "review": "Reports all that a log says: what happened, lights, next step.",
     "info": "Reports what a log holds and if a model can be learned.",
-    "learn": "Learns a linear model, and reports what the vehicle does in wind.",
+    "learn": "Learns a linear model, and reports what it is good for.",
     "open": "Learns from a log, and shows the dashboard at once.",
-    "wind": "Reports the wind in m/s, where it comes from, and the vehicle's drag, with intervals of 90 %.",
-    "tune": "Reports the margins of the rate and attitude loops, and gains to set.",
+    "wind": "Reports wind speed and direction, and the vehicle's drag.",
+    "tune": "Reports margins of the rate and attitude loops, and gains.",
     "compare": "Compares DEM with other methods, window by window.",
     "order": "Finds the model order (number of states) by the free energy.",
-    "diff": "Reports what changed of a vehicle between A and B, and what stayed the same.",
-    "track": "Keeps a table of many flights: tiers, figures and health of each vehicle.",
-    "serve": "Shows logs that are dropped in a browser, and the library of all flights.",
+    "diff": "Reports what changed between A and B, and what did not.",
+    "track": "Keeps a table of many flights, with the health of each vehicle.",
+    "serve": "Shows dropped logs in a browser, and the library of flights.",
     "live": "Attaches to a link and learns while the vehicle flies.",
     "convert": "Converts a log to another file format.",
-    "twin": "Makes a vehicle for simulators of a log, and flies the log again with it.",
+    "twin": "Makes a simulated vehicle of a log, and flies the log again.",
     "fly": "Simulates the flight of a quadrotor in wind.",
     "reproduce": "Runs the paper's experiments again and checks its claims.",
 }

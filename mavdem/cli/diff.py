@@ -43,7 +43,7 @@ def diff_command(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Reports what changed of a vehicle between A and B, and what stayed the same.
+    """Reports what changed between A and B, and what did not.
 
     A and B are each a log, or a FLEET of `mavdem track`.
     Of a FLEET all flights of the vehicle count, and show how much one flight differs from the next; of

@@ -79,7 +79,7 @@ def learn_command(
     no_files: bool,
     verbose: bool,
 ) -> None:
-    """Learns a linear model, and reports what the vehicle does in wind.
+    """Learns a linear model, and reports what it is good for.
 
     SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. The model is trained on its whole
     settled flight. It is judged by windows of --test: five further models, each trained on four fifths of the flight,

@@ -30,7 +30,7 @@ def review_command(
     as_json: bool,
     verbose: bool,
 ) -> None:
-    """Reports everything that a log says: what happened, eight lights, what to do next.
+    """Reports all that a log says: what happened, lights, next step.
 
     SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz, at any rate. `mavdem LOG` is the
     same. The first sentence is how a flight was lost, or else the worst that was found. Each light is good, watch, BAD

@@ -64,7 +64,7 @@ def serve_command(
     link: str | None,
     no_browser: bool,
 ) -> None:
-    """Shows logs that are dropped in a browser, and the library of all flights.
+    """Shows dropped logs in a browser, and the library of flights.
 
     FOLDER has logs, pages and the index; it may be that of `mavdem track`. Without --token or --behind-proxy the server
     listens on this machine only. Each flight has a link that cannot be guessed; its owner shares it, or not.

@@ -89,7 +89,7 @@ def track_command(
     memory_limit: int,
     as_json: bool,
 ) -> None:
-    """Keeps a table of many flights: tiers, figures and health of each vehicle.
+    """Keeps a table of many flights, with the health of each vehicle.
 
     LOGS are logs, folders, patterns in quotes, and URLs: s3://, gs://, https://. Each flight gets a row for each
     vehicle and axis (roll, pitch). A log that says nothing has a row with the reason in its column `status`. Known logs

@@ -60,7 +60,7 @@ def tune_command(
     out: Path | None,
     verbose: bool,
 ) -> None:
-    """Reports the margins of the rate and attitude loops, and gains to set.
+    """Reports margins of the rate and attitude loops, and gains.
 
     SOURCE is a log with the autopilot's parameters. Advised gains have the --margins in 95 % of the plants that fit the
     flight, at 0.8 to 1.2 times the control effectiveness; of such gains, wind moves the vehicle least with these. Loops

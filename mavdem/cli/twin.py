@@ -82,7 +82,7 @@ def twin_command(
     params: Path | None,
     as_json: bool,
 ) -> None:
-    """Makes a vehicle for simulators of a log, and flies the log again with it.
+    """Makes a simulated vehicle of a log, and flies the log again.
 
     SOURCE is a log of a quadrotor with its autopilot's parameters, and motor outputs and attitude as `mavdem learn`
     needs them. Beside the vehicle's figures it prints how alike the log and the twin fly.

@@ -40,7 +40,7 @@ SOURCES = {
 def wind_command(
     source: str, vehicle: str | None, prior: Path | None, as_json: bool, verbose: bool
 ) -> None:
-    """Reports the wind in m/s, where it comes from, and the vehicle's drag, with intervals of 90 %.
+    """Reports wind speed and direction, and the vehicle's drag.
 
     SOURCE is a log with attitude and velocity over ground. Legs in several directions show the drag; a hover needs
     --prior, or the autopilot's drag parameters. Exit code: 1 if the log cannot have a wind.

@@ -60,7 +60,7 @@ def _panels(flights: Sequence[Flight]) -> Iterator[tuple[str, Lines]]:
     """Yields the title, with the unit, and the lines of each quantity."""
     motors = next((row.motors for flight in reversed(flights) for row in flight if row.motors), ())
     shares = _estimates(flights, "trim_share", len(motors))
-    yield ("Motor shares (1: all alike)", dict(zip(map(short, motors), shares, strict=True)))
+    yield ("Motor shares (mean 1)", dict(zip(map(short, motors), shares, strict=True)))
     yield ("Vibration (m/s²)", dict(zip("xyz", _estimates(flights, "vibration", 3), strict=True)))
     yield ("Vibration level (m/s²)", {"level": _estimates(flights, "vibration", 1)[0]})
     inputs = sorted({row.per_input for flight in flights for row in flight if row.damping})
