@@ -1,7 +1,5 @@
 """Downstream: what flights, models and assessments become in rooms above, by functions that ``mavdem`` installs."""
 
-from __future__ import annotations
-
 from os import PathLike
 from pathlib import Path
 from types import ModuleType

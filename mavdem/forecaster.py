@@ -1,7 +1,5 @@
 """Forecaster: the interface that the models of all methods have."""
 
-from __future__ import annotations
-
 from typing import Protocol, runtime_checkable
 
 import numpy as np

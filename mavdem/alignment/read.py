@@ -1,7 +1,5 @@
 """From a log to the Flight a model can be learned from, or the reason why not."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Subspace identification: states are projections of the past onto the future, the model their regression."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 
 import numpy as np

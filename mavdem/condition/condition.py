@@ -12,8 +12,6 @@ References:
 Trim: how hard each motor works in settled flight, how much it has left, and how the vehicle leans.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple

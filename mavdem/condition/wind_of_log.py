@@ -1,7 +1,5 @@
 """The wind in metres a second in a recorded flight: which messages say it, and which parts of it count."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

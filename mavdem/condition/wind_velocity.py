@@ -1,7 +1,5 @@
 """The wind in metres a second: mean, course and gusts, and what of it a flight identifies."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple

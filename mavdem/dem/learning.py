@@ -1,7 +1,5 @@
 """Learning a flight: what the settings leave open, the fits, the cautions about them, and the result."""
 
-from __future__ import annotations
-
 from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import Executor
 from dataclasses import replace

@@ -10,8 +10,6 @@ References:
     Sciences 191, 2012: blocks keep neighbouring samples, which are correlated, on the same side.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil

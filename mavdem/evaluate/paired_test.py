@@ -9,8 +9,6 @@ References:
     F. Wilcoxon, "Individual comparisons by ranking methods", Biometrics Bulletin 1 (1945) 80-83.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import ceil, log2, nan
 from typing import NamedTuple

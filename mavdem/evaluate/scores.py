@@ -6,8 +6,6 @@ and the constant mean's error is the same at all horizons. k = H is the MSPE of 
 training.
 """
 
-from __future__ import annotations
-
 from enum import StrEnum, auto
 from typing import NamedTuple
 

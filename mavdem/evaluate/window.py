@@ -1,7 +1,5 @@
 """Windows: parts of a flight that a model is trained on, each with the part after it that is forecast."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

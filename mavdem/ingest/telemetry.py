@@ -1,7 +1,5 @@
 """Telemetry and Log: what one vehicle sent, as columns on its boot clock, and all contents of a recording."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import nan

@@ -3,8 +3,6 @@
 That process has low priority, begins when the vehicle has landed and ends with its advice. Nothing is sent.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from contextlib import ExitStack

@@ -8,8 +8,6 @@ not report whether it is in the air, a vehicle that descends may be landing: not
 descended for ``TRANSIENT_SECONDS``. Without a vertical speed only the motors show a landing, once it is over.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace

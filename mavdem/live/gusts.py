@@ -1,7 +1,5 @@
 """LiveGusts: gusts of the wind torque of a live flight, once each, soon after they have ended."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator
 

@@ -4,8 +4,6 @@ A frame counts as in files: with a correct checksum; frames of another dialect, 
 bytes between two good ones exactly.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from functools import cache

@@ -1,7 +1,5 @@
 """MotorAlarms: the motor watch of the vehicle that is followed, over all of its flights."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator
 from math import nan

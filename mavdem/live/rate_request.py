@@ -5,8 +5,6 @@ MAV_CMD_GET_MESSAGE_INTERVAL, MAV_CMD_SET_MESSAGE_INTERVAL and MESSAGE_INTERVAL 
 https://mavlink.io/en/messages/common.html.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """RawRecording: what a link receives, frame by frame in a file that grows."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Recent: the latest messages of one boot of a vehicle, as the columns that a log has them in."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from math import inf
 

@@ -9,8 +9,6 @@ Latency on the boot clock, beside that of the link: none where samples are kept,
 stream where they are interpolated, ``FILTER_EDGE_STEPS`` grid steps (50 ms at 100 Hz) where one is low-passed.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from math import inf, isfinite, isnan, nan, nextafter

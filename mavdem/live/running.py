@@ -1,7 +1,5 @@
 """The loop that a live session runs in."""
 
-from __future__ import annotations
-
 import gc
 import sys
 from collections.abc import Callable

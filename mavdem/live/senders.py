@@ -3,8 +3,6 @@
 What a sender is, its latest HEARTBEAT decides. What is kept of each is bounded.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from math import inf
 

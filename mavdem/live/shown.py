@@ -1,7 +1,5 @@
 """ShownRow: a sample of a live flight with all that is known of it, as a display is given it."""
 
-from __future__ import annotations
-
 from typing import NamedTuple, Protocol
 
 from mavdem.dem import Estimate, Learned

@@ -5,8 +5,6 @@ It is the filter that is smoothed offline, on a grid of the same step, 0.5 s. A 
 weighed by how well they predicted so far.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 from itertools import product

@@ -5,8 +5,6 @@ Second-order filters by the bilinear transform are analog ones on a warped axis 
 https://github.com/PX4/PX4-Autopilot.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import NamedTuple
 

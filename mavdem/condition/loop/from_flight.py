@@ -1,7 +1,5 @@
 """From a flight: the loops of the identified plant, with its posterior, and of the controller of the parameters."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The measured response of the rate to its setpoint, beside the predicted one: spectra and fit."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Twin: the vehicle that a log shows, as simulators fly it: an X of four motors, in SI units."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple

@@ -4,8 +4,6 @@ The velocity that gusts cause is correlated with the wind, and says next to noth
 it counts for as much as the manoeuvres are larger.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.constants import g as GRAVITY  # noqa: N812
 from scipy.linalg import block_diag

@@ -1,7 +1,5 @@
 """Dynamic Expectation Maximization: D, E and M steps in turn until F̄ converges."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property

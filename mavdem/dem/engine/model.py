@@ -1,7 +1,5 @@
 """The linear model, the parameter vector it is packed into, and its motion from sample to sample."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import accumulate
 from typing import NamedTuple, TypeVar

@@ -3,8 +3,6 @@
 Effect, damping and lag are the same in all windows; trim and the level of the wind are each window's own.
 """
 
-from __future__ import annotations
-
 from contextlib import suppress
 
 import numpy as np

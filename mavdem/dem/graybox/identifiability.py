@@ -5,8 +5,6 @@ winds, steered in four ways and not at all, and tried on as many others (``tools
 docs/physical.md).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 

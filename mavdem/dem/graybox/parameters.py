@@ -1,7 +1,5 @@
 """Physical parameters (gray-box model) of a flight, and the windows of the flight that they are estimated from."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

@@ -10,8 +10,6 @@ a load to one side adds to it what it takes to balance it.
 Where the vehicle changed, as by a motor's loss of thrust, the series is cut.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

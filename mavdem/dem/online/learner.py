@@ -4,8 +4,6 @@
 many samples. In between every sample is filtered and predicted by the newest model.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future
 from typing import Any
