@@ -5,7 +5,7 @@ from math import pi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.facts.sources import Arrays, Slip
 
 # s, one period of 5 Hz, over which an angle and its rate are compared: sensor noise averages out, roll dynamics do not
@@ -55,4 +55,4 @@ def unit_slip(outputs: NDArray[np.float64], dt: float) -> Fact | None:
     slip = next((slip for factor, slip in SLIPS.items() if 0.8 < ratio / factor < 1.25), None)
     if slip is None or (slip is Slip.BOTH_IN_DEGREES and largest <= pi):
         return None
-    return Fact(Arrays.UNIT_SLIP, Level.WATCH, slip=slip, ratio=ratio, largest=largest)
+    return Fact(Arrays.UNIT_SLIP, slip=slip, ratio=ratio, largest=largest)

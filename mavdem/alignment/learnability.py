@@ -201,7 +201,6 @@ class _Evidence:
         if reason is None:
             reason = Fact(
                 Reason.LEARNABLE,
-                Level.GOOD,
                 axis=signals.axis,
                 duration=segment.duration,
                 attitude_rate=figures.attitude_rate,
@@ -358,7 +357,6 @@ def cautions_of(signals: Signals, figures: QualityFigures) -> Iterator[Fact]:
         if stream.left_out > DOUBTFUL_LOSS * stream.sent:
             yield Fact(
                 Caution.MESSAGES_LEFT_OUT,
-                Level.WATCH,
                 count=stream.left_out,
                 sent=stream.sent,
                 name=called(stream.message),
@@ -366,23 +364,21 @@ def cautions_of(signals: Signals, figures: QualityFigures) -> Iterator[Fact]:
     if drive.message == DEMAND_MESSAGE:
         yield Fact(
             Caution.DEMAND_IS_INPUT,
-            Level.WATCH,
             axis=axis,
             motor_rate=0.0 if signals.motors is None else usual_rate(signals.motors),
             least_rate=MINIMUM_RATE,
         )
     if signals.telemetry.vehicle == "UNKNOWN":
-        yield Fact(Caution.VEHICLE_ASSUMED, Level.WATCH)
+        yield Fact(Caution.VEHICLE_ASSUMED)
     if drive.layout.channels_assumed or drive.layout.positions_assumed:
-        yield Fact(Caution.MIXER_ASSUMED, Level.WATCH, basis=drive.layout.basis)
+        yield Fact(Caution.MIXER_ASSUMED, basis=drive.layout.basis)
     if figures.output_snr is not None and figures.output_snr < DOUBTFUL_SNR:
         yield Fact(
             Caution.NEAR_RESOLUTION,
-            Level.WATCH,
             axis=axis,
             angle_step=figures.angle_step,
             rate_step=figures.rate_step,
             share=min(1.0, 1 / (1 + figures.output_snr)),
         )
     if figures.consistency is not None and figures.consistency < DOUBTFUL_CONSISTENCY:
-        yield Fact(Caution.RATE_EXPLAINS_LITTLE, Level.WATCH, consistency=figures.consistency)
+        yield Fact(Caution.RATE_EXPLAINS_LITTLE, consistency=figures.consistency)

@@ -13,7 +13,7 @@ from mavdem.alignment.learnability import (
 )
 from mavdem.alignment.signals import MINIMUM_RATE, Signals
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.facts.learnability import Caution, Reason
 from mavdem.files import AnyPath
 from mavdem.flight import Flight, Flights
@@ -113,7 +113,6 @@ def usable_segments(
             left_out = [
                 Fact(
                     Caution.SEGMENTS_LEFT_OUT,
-                    Level.WATCH,
                     count=len(lost),
                     segments=len(first.segments),
                     duration=sum(lost),

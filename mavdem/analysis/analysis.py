@@ -28,7 +28,7 @@ from mavdem.evaluate.held_out import BASELINES, FOLDS, HeldOut, held_out_test, h
 from mavdem.evaluate.paired_test import SIGNIFICANCE, paired
 from mavdem.evaluate.truth import compare_with_truth, truth_of
 from mavdem.evaluate.window import Length, TooFewSamples, no_test_window, part_samples, too_short
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.facts.assessment import Caveat, NoModel
 from mavdem.facts.forecasts import Forecasts, TestResult
 from mavdem.files import PathName
@@ -117,7 +117,7 @@ def analyse(
         if isinstance(error, TooFewSamples) and (options.start or options.train or options.test):
             raise
         return _refused(analysis, error.fact) if slow else replace(analysis, reason=error.fact)
-    caution = [Fact(Caveat.SLOW_MOTION_ONLY, Level.WATCH)] if slow else []
+    caution = [Fact(Caveat.SLOW_MOTION_ONLY)] if slow else []
     cautions = *caution, *flights[0].cautions, *learned.cautions
     learned = replace(learned, cautions=cautions)  # before anything is fitted that it keeps
     figures = None if other_axis is None else other_axis.axes.get(axis)

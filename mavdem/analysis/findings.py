@@ -16,7 +16,7 @@ from mavdem.condition.condition import Condition
 from mavdem.confidence import LEVEL, quantile
 from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.evaluate.held_out import BASELINES, HeldOut
-from mavdem.facts import Fact, Facts, Level
+from mavdem.facts import Fact, Facts
 from mavdem.facts.assessment import (
     Because,
     BoundTest,
@@ -138,7 +138,6 @@ def _doubted(finding: Finding, override: Fact) -> Finding:
     oscillates = override.code is Override.OSCILLATION
     reason = Fact(
         Because.FLIGHT_DOUBTED,
-        Level.WATCH,
         because=None if oscillates else finding.reason,
         override=override if oscillates or is_good else None,
     )
@@ -280,16 +279,16 @@ def warnings_of(learned: Learned, held_out: HeldOut | None) -> Iterator[Fact]:
     limits = PREDICTION_LIMITS
     if held_out is not None:
         for failure in held_out.failures:
-            yield Fact(Forecasts.PART_NOT_LEARNED, Level.WATCH, because=failure)
+            yield Fact(Forecasts.PART_NOT_LEARNED, because=failure)
         if held_out.coverage < limits.coverage:
             few = len(held_out) < limits.windows
             share = held_out.coverage
-            yield Fact(Caveat.BAND_TOO_NARROW, Level.WATCH, share=share, windows_are_few=few)
+            yield Fact(Caveat.BAND_TOO_NARROW, share=share, windows_are_few=few)
         if held_out.over_expected > limits.over_expected:
             ratio = held_out.over_expected
-            yield Fact(Caveat.ERRORS_LARGER_THAN_EXPECTED, Level.WATCH, ratio=ratio)
+            yield Fact(Caveat.ERRORS_LARGER_THAN_EXPECTED, ratio=ratio)
     if not learned.stable:
-        yield Fact(Caveat.UNSTABLE_MODEL, Level.WATCH)
+        yield Fact(Caveat.UNSTABLE_MODEL)
 
 
 def next_step(purposes: Sequence[Finding]) -> Fact:

@@ -62,7 +62,6 @@ def with_one_set_of_gains(flights: Flights, signals: Signals) -> tuple[Flights, 
     ]
     caution = Fact(
         Loops.GAINS_OF_PART,
-        Level.WATCH,
         names=sorted({name for _, values in others for name, _ in values}),
         parts=sorted(others, reverse=True),
         ratings=(),
@@ -147,7 +146,6 @@ def autotuned(signals: Signals, loop: Loop | Fact) -> Fact | None:
     ]
     tuned = Fact(
         Loops.AUTOTUNED,
-        Level.GOOD,
         time=begin,
         until=max(time for of_boot, time in stamps if of_boot == boot),
         subject=signals.axis,

@@ -40,18 +40,17 @@ def overrides_of(
     elif condition is not None and condition.hover is not None and not overrides:
         limited = limited_motor(condition.hover)
         if limited is not None:
-            overrides = [Fact(Override.SATURATION, Level.BAD, **limited)]
+            overrides = [Fact(Override.SATURATION, **limited)]
         elif trim is not None and trim.level is Level.WATCH:
-            overrides = [Fact(Override.TRIM, Level.WATCH, subject=trim.subject, because=trim)]
+            overrides = [Fact(Override.TRIM, subject=trim.subject, because=trim)]
     if consistency is not None and consistency < DOUBTFUL_CONSISTENCY:
-        overrides.append(Fact(Override.DATA, Level.WATCH, consistency=consistency))
+        overrides.append(Fact(Override.DATA, consistency=consistency))
     return tuple(overrides)
 
 
 def _oscillation(oscillation: Oscillation) -> Fact:
     return Fact(
         Override.OSCILLATION,
-        Level.BAD,
         subject=oscillation.axis,
         frequency=oscillation.frequency,
         turn_rate=radians(oscillation.rate),

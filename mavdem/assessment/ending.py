@@ -141,9 +141,7 @@ def _first(signals: Signals, events: Sequence[Fact], lost: Fact) -> Fact | None:
     own = signals.telemetry.parameters
     if _seemed_landed(signals, boot, onset):
         settings = [(name, own[name]) for name in LANDING_THRUSTS if name in own]
-        return Fact(
-            FailedFirst.LANDING_ASSUMED_FIRST, Level.BAD, time=cause.time, settings=settings
-        )
+        return Fact(FailedFirst.LANDING_ASSUMED_FIRST, time=cause.time, settings=settings)
     return cause
 
 
@@ -191,9 +189,9 @@ def _by_commands(
     now = commands.values[here]
     change = now.mean(axis=0) - usual.mean(axis=0)
     if (change < -usual.mean(axis=0) / 2).all():
-        return Fact(FailedFirst.ALL_OFF_FIRST, Level.BAD, time=time[0])
+        return Fact(FailedFirst.ALL_OFF_FIRST, time=time[0])
     if (now if fell is None else before).mean() > SPENT_SHARE * motors.scale.stop:
-        return Fact(FailedFirst.THRUST_SPENT_FIRST, Level.BAD, time=time[0])
+        return Fact(FailedFirst.THRUST_SPENT_FIRST, time=time[0])
     idle = airborne_collective(signals.telemetry.parameters)
     weak = _weak_motor(motors, change, fell)
     if weak is None:
@@ -205,7 +203,7 @@ def _by_commands(
     is_alone = fell is not None or at_stop == [name]
     if swung.any() or not len(stopped) or not is_alone:
         return None
-    return Fact(FailedFirst.LIMIT_FIRST, Level.BAD, time=time[stopped[0]], subject=name)
+    return Fact(FailedFirst.LIMIT_FIRST, time=time[stopped[0]], subject=name)
 
 
 def _frozen(motors: Motors, now: Array, idle: float) -> Fact | None:
@@ -216,7 +214,7 @@ def _frozen(motors: Motors, now: Array, idle: float) -> Fact | None:
     if len(now) < FROZEN_ROWS or len(frozen) != 1 or moved.mean() < MOVED_SHARE:
         return None
     name = motors.layout.names[frozen[0]]
-    return Fact(FailedFirst.OUTPUT_FROZE_FIRST, Level.BAD, subject=name)
+    return Fact(FailedFirst.OUTPUT_FROZE_FIRST, subject=name)
 
 
 def _weak_motor(motors: Motors, change: Array, fell: complex | None) -> tuple[int, int] | None:

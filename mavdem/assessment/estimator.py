@@ -92,7 +92,6 @@ def _filter(evidence: Evidence) -> Iterator[Fact]:
         if np.any(glitches := part.values[:, -1]):
             yield Fact(
                 EstimatorLight.GPS_GLITCHED,
-                Level.WATCH,
                 time=part.time[glitches.argmax()],
                 duration=longest(part.time, glitches > 0),
             )
@@ -123,7 +122,6 @@ def _fixes(evidence: Evidence) -> Iterator[Fact]:
         if satellites < FEW_SATELLITES or dilution > 100 * POOR_DILUTION:
             yield Fact(
                 EstimatorLight.FIX_POOR,
-                Level.WATCH,
                 satellites=int(satellites),
                 dilution=dilution / 100,
             )
@@ -141,7 +139,7 @@ def _compass(evidence: Evidence) -> Iterator[Fact]:
                 return
             change = float(np.median(_size(flight.values)) / np.median(usual)) - 1
             if abs(change) > FIELD_CHANGE:
-                yield Fact(EstimatorLight.COMPASS_DISTURBED, Level.WATCH, change=change)
+                yield Fact(EstimatorLight.COMPASS_DISTURBED, change=change)
             return
 
 

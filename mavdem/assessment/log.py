@@ -63,7 +63,7 @@ def simulated_of(evidence: Evidence) -> Fact | None:
         or _is_still(evidence.signals)
     ):
         kind = Simulation.SOFTWARE
-    return Fact(LogLight.SIMULATED, Level.GOOD, kind=kind) if kind else None
+    return Fact(LogLight.SIMULATED, kind=kind) if kind else None
 
 
 def _is_still(signals: Signals) -> bool:

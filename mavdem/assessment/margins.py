@@ -15,7 +15,6 @@ def margins_light(evidence: Evidence) -> Fact:
     if oscillation is not None:
         return Fact(
             MarginsLight.OSCILLATES,
-            Level.BAD,
             subject=oscillation.axis,
             frequency=oscillation.frequency,
             turn_rate=radians(oscillation.rate),

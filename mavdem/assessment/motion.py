@@ -300,7 +300,7 @@ def _fall(signals: Signals, boot: int, flight: Interval, lost: Fact | None) -> I
     if len(falling):
         begun, ended = falling[[0, -1]].tolist()
         speed = _fastest(trusted, *span)
-        yield Fact(MotionEvent.FELL, Level.WATCH, time=begun, until=ended, speed=speed, boot=boot)
+        yield Fact(MotionEvent.FELL, time=begun, until=ended, speed=speed, boot=boot)
     if lost is not None:
         hit = _hit(signals, boot, since, end + CAUGHT_SECONDS)
         if hit is not None and lost.code is not MotionEvent.HIT:
@@ -361,4 +361,4 @@ def _clipped(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
     time = counted.time[(counted.values > 0) & during(counted.time, flights)]
     for start, end in merged([(at, at) for at in time.tolist()], CAUGHT_SECONDS):
         count = int(counted.values[during(counted.time, [(start, end)])].sum())
-        yield Fact(MotionEvent.CLIPPED, Level.WATCH, time=start, until=end, count=count, boot=boot)
+        yield Fact(MotionEvent.CLIPPED, time=start, until=end, count=count, boot=boot)

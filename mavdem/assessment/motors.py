@@ -36,7 +36,7 @@ def motors_light(evidence: Evidence) -> Fact:
     else:
         limited = limited_motor(hover)
         if limited is not None and hover.seconds >= LEAST_SECONDS:
-            weak.append(Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, **limited))
+            weak.append(Fact(MotorsLight.MOTOR_LIMITED, **limited))
         weak.append(_trim(evidence, hover))
     return worst(weak)
 
@@ -48,10 +48,9 @@ def _trim(evidence: Evidence, hover: HoverFigures) -> Fact:
     if headroom < LITTLE_HEADROOM and trim.level is not Level.WATCH:
         return Fact(
             MotorsLight.HEADROOM_LITTLE,
-            Level.WATCH,
             share=headroom,
             trim=max(hover.trim_of_range),
         )
     if trim.level is Level.GOOD:
-        return Fact(MotorsLight.MOTORS_EVEN, Level.GOOD, headroom=headroom, **trim.figures)
+        return Fact(MotorsLight.MOTORS_EVEN, headroom=headroom, **trim.figures)
     return trim

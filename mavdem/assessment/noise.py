@@ -16,7 +16,7 @@ from mavdem.condition.peaks import Peak, PeakKind, peaks_of
 from mavdem.condition.resonance import known_controller_of
 from mavdem.condition.spectra import Spectrum, spectra_of_flight
 from mavdem.condition.step_response import StepResponse
-from mavdem.facts import Fact, Facts, Level
+from mavdem.facts import Fact, Facts
 from mavdem.facts.noise import Noise as Codes
 
 KINDS = {
@@ -113,4 +113,4 @@ def _left(peak: Peak, before: Spectrum, behind: Spectrum) -> Fact:
     """What the filters leave of a line."""
     sides = peak.frequency * 0.75, peak.frequency * 1.35
     share = behind.power(*sides) / before.power(*sides)
-    return Fact(Codes.FILTERS_REMOVE, Level.GOOD, frequency=peak.frequency, share=1 - share)
+    return Fact(Codes.FILTERS_REMOVE, frequency=peak.frequency, share=1 - share)

@@ -84,7 +84,7 @@ def _battery(evidence: Evidence) -> Iterator[Fact]:
     remaining = evidence.averaged(recorded(signals.telemetry, "SYS_STATUS", "battery_remaining"))
     least = parameters.get("BAT_LOW_THR", 0.0)
     if np.any(left := remaining[remaining > 0] / 100) and left.min() < least:
-        yield Fact(PowerLight.CHARGE_LOW, Level.WATCH, share=left.min(), share_limit=least)
+        yield Fact(PowerLight.CHARGE_LOW, share=left.min(), share_limit=least)
 
 
 def _supply(evidence: Evidence) -> Iterator[Fact]:

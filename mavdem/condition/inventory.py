@@ -180,9 +180,9 @@ def _utc(seconds: float) -> datetime | None:
 # Hz, of attitude and motor outputs, down to which their means, spreads and limits are known
 SLOWEST_RATE = 1.0
 TIERS = {
-    "a": Fact(Allowed.TIER_A, Level.GOOD, rate=MINIMUM_RATE),
-    "b": Fact(Allowed.TIER_B, Level.WATCH, rate=SLOW_MOTION_RATE),
-    "c": Fact(Allowed.TIER_C, Level.WATCH),
+    "a": Fact(Allowed.TIER_A, rate=MINIMUM_RATE),
+    "b": Fact(Allowed.TIER_B, rate=SLOW_MOTION_RATE),
+    "c": Fact(Allowed.TIER_C),
 }
 
 

@@ -15,7 +15,7 @@ from mavdem.condition.loop.filters import gyro_filters, gyro_response
 from mavdem.condition.peaks import Peak, PeakKind
 from mavdem.condition.resonance import FASTEST_LOOP
 from mavdem.condition.spectra import Spectrum
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.facts.noise import NotchAdvice
 from mavdem.ingest.telemetry import Parameters
 
@@ -47,11 +47,11 @@ def notch_advice(
     shown = before or behind
     named = [line for line in lines if line.kind in (PeakKind.MOTOR, PeakKind.FRAME)]
     if shown is None or not named:
-        return Fact(NotchAdvice.NO_LINE_TO_REMOVE, Level.GOOD)
+        return Fact(NotchAdvice.NO_LINE_TO_REMOVE)
     line = max(named, key=lambda peak: peak.density)
     frequency = line.frequency
     if any(abs(notch.frequency - frequency) < notch.bandwidth / 2 for notch in controller.notches):
-        return Fact(NotchAdvice.NOTCH_IN_PLACE, Level.GOOD, frequency=frequency)
+        return Fact(NotchAdvice.NOTCH_IN_PLACE, frequency=frequency)
     left = shown.whole.mean(axis=0)
     if before is not None:
         left = left * abs(gyro_response(controller, shown.frequency)) ** 2
@@ -59,7 +59,7 @@ def notch_advice(
     of_line = (shown.frequency > low * frequency) & (shown.frequency < high * frequency)
     share = float(left[of_line].sum() / left[shown.frequency > FASTEST_LOOP].sum())
     if share < NEEDED:
-        return Fact(NotchAdvice.NOTCH_NOT_NEEDED, Level.GOOD, frequency=frequency, share=share)
+        return Fact(NotchAdvice.NOTCH_NOT_NEEDED, frequency=frequency, share=share)
     # the notch moves as it would have in each window
     drive = np.ones(len(shown.time))
     if line.kind is PeakKind.MOTOR and line.order is not None:
@@ -84,7 +84,6 @@ def notch_advice(
         cost = lags[0] - lags[1]
     return Fact(
         NotchAdvice.SET_NOTCH,
-        Level.WATCH,
         frequency=frequency,
         share=removed,
         phase_cost=cost,

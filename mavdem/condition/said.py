@@ -97,7 +97,7 @@ def _meant(message: Text, warns: bool) -> Fact | None:
             return Fact(
                 Reported(code), Level(level), time=message.time, subject=subject.lower(), text=text
             )
-    said = Fact(Reported.AUTOPILOT_SAID, Level.WATCH, time=message.time, text=message.text)
+    said = Fact(Reported.AUTOPILOT_SAID, time=message.time, text=message.text)
     return said if warns else None
 
 

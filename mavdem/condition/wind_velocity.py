@@ -291,7 +291,7 @@ def torque_explained(wind: WindVelocity, time: Array, torque: Array) -> Fact:
         left[tried] -= table[tried] @ fitted
     unexplained = float(left.var() / slow.var())
     share = max(1 - unexplained, 0.0)
-    return Fact(WindShare.SHARE_KNOWN, Level.GOOD, share=share, span=GUST_SECONDS)
+    return Fact(WindShare.SHARE_KNOWN, share=share, span=GUST_SECONDS)
 
 
 class _Mean(NamedTuple):
@@ -332,7 +332,6 @@ def _doubts(
         status = Status.NOT_IDENTIFIABLE if relative_sd > DRAG_LEFT else Status.BIASED
         doubt = Fact(
             WindDoubt.DRAG_UNSURE,
-            Level.WATCH,
             status=status,
             relative_sd=sd,
             source=source,
@@ -354,5 +353,5 @@ def _doubts(
     if mean.turned > DIRECTION_ERROR:
         roughly = mean.turned <= DIRECTION_LIMIT
         half = float(np.radians(mean.turned))
-        doubt = Fact(WindDoubt.DIRECTION_UNSURE, Level.WATCH, direction_interval=half)
+        doubt = Fact(WindDoubt.DIRECTION_UNSURE, direction_interval=half)
         yield "direction", Status.BIASED if roughly else Status.NOT_IDENTIFIABLE, doubt

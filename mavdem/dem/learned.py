@@ -31,14 +31,14 @@ from mavdem.dem.record import Record
 from mavdem.dem.settings import CompleteSettings
 from mavdem.downstream import LearnedDownstream
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.facts.model import ModelCaution, NoPhysical
 
 
 def _recorded(text: object) -> Fact:
     if not isinstance(text, str):
         raise ValueError("must be a sentence")
-    return Fact(ModelCaution.RECORDED, Level.WATCH, text=text)
+    return Fact(ModelCaution.RECORDED, text=text)
 
 
 WRITTEN = PlainSerializer(lambda fact: fact.advised)

@@ -26,7 +26,7 @@ from mavdem.dem.priors import KINEMATIC
 from mavdem.dem.record import Record, Records
 from mavdem.dem.settings import CompleteSettings, Settings
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.facts.model import ModelCaution, ModelRefusal
 from mavdem.unit_slips import unit_slip
 
@@ -211,13 +211,12 @@ def _cautions(fit: Fit, record: Record) -> Iterator[Fact]:
         yield slip
     abscissa = fit.scaling.physical_model(fit.ascent.belief.theta, fit.model.n).spectral_abscissa
     if abscissa > 0:
-        yield Fact(ModelCaution.MODEL_GROWS, Level.WATCH, growth_time=1 / abscissa)
+        yield Fact(ModelCaution.MODEL_GROWS, growth_time=1 / abscissa)
     if fit.simulation_fit is None:
         horizon = horizon_of(fit.model, fit.settings, fit.scaling, record)
         if horizon is not None:
             yield Fact(
                 ModelCaution.NO_SIMULATION_FIT,
-                Level.WATCH,
                 duration=len(record) * record.dt,
                 least_horizon=None if horizon else SHORTEST_HORIZON,
             )

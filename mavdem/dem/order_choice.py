@@ -10,7 +10,7 @@ from mavdem.dem.engine.linalg import Array, Indices, one_thread
 from mavdem.dem.order_search import BlackBox, fits_by_order
 from mavdem.dem.record import Record, Records, is_whole
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Facts, Level
+from mavdem.facts import Fact, Facts
 from mavdem.facts.model import ModelRefusal, OrderFact
 from mavdem.heading import Values
 
@@ -104,7 +104,6 @@ class OrderChoice:
         most = max((gain for gain, _ in higher if np.isfinite(gain)), default=None)
         return Fact(
             OrderFact.ORDER_CHOSEN,
-            Level.GOOD,
             order=chosen,
             free_energy_gain=most,
             least_gain=STRONG_EVIDENCE_NATS,
@@ -166,10 +165,10 @@ def orders_of(
     if not np.isfinite(values).any():
         raise NotLearnable(ModelRefusal.NO_ORDER_FITTED)
     remarks = [
-        Fact(OrderFact.ORDER_BROKE_DOWN, Level.WATCH, order=order)
+        Fact(OrderFact.ORDER_BROKE_DOWN, order=order)
         for order, fit in enumerate(fits, 1)
         if fit is None
     ]
     if allowed < max_order:
-        remarks.append(Fact(OrderFact.ORDERS_NOT_FITTED, Level.WATCH, order=allowed + 1))
+        remarks.append(Fact(OrderFact.ORDERS_NOT_FITTED, order=allowed + 1))
     return FlightOrders(values, box.width, box.counted.number, tuple(remarks))

@@ -14,10 +14,16 @@ from importlib.resources import files
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-UNITS: Mapping[str, str] = MappingProxyType(
-    tomllib.loads((files("mavdem.facts") / "units.toml").read_text("utf-8"))
-)
+
+def _table(name: str) -> Mapping[str, str]:
+    return MappingProxyType(tomllib.loads((files("mavdem.facts") / name).read_text("utf-8")))
+
+
+UNITS = _table("units.toml")
 """The unit of each figure by its name, the same in all facts: "Hz", "m/s", "1" of a share or a count, "" of words."""
+
+LEVELS = _table("levels.toml")
+"""The level of each code that matters as much wherever it is found."""
 
 
 class Level(StrEnum):
@@ -73,20 +79,24 @@ class Fact:
     def __init__(
         self,
         code: Code,
-        level: Level = Level.UNKNOWN,
+        level: Level | None = None,
         *,
         time: float | None = None,
         until: float | None = None,
         subject: str = "",
         **figures: Figure,
     ) -> None:
-        """Takes figures by name; ``ValueError`` for a name without a unit in ``units.toml``."""
+        """Takes figures by name; the level is that of the code in ``levels.toml`` unless another is given, or unknown.
+
+        Raises:
+            ValueError: a figure has no unit in ``units.toml``.
+        """
         if unknown := figures.keys() - UNITS.keys():
             raise ValueError(f"figures without a unit in facts/units.toml: {sorted(unknown)}")
         own = tuple((name, _plain(value)) for name, value in figures.items())
         for name, value in {
             "code": code,
-            "level": level,
+            "level": level or Level(LEVELS.get(code, Level.UNKNOWN)),
             "time": _plain(time),
             "until": _plain(until),
             "subject": subject,

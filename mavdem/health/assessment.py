@@ -15,7 +15,7 @@ import numpy as np
 
 from mavdem.confidence import ENDS
 from mavdem.dem.engine.linalg import Array, Pair
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.facts.motors import Explanation, HealthUnknown, MotorHealth, MotorsBetween
 from mavdem.heading import Values
 from mavdem.health.balance import (
@@ -123,7 +123,6 @@ def _assessment(
         rise = weighed.harder[:, suspect]
         weak = Fact(
             MotorsBetween.MOTOR_WEAK,
-            Level.BAD,
             subject=flight.motors[suspect] if is_named else "",
             probability=weighed.fault,
             motor_probability=likely,
@@ -135,14 +134,13 @@ def _assessment(
         return HealthAssessment(MotorHealth.FAULT, weak, *known, motor)
     # Whatever the weights of the explanations are, what healthy flights do not show is a change.
     if change < PROBABLE and not away.beyond:
-        same = Fact(MotorsBetween.MOTORS_UNCHANGED, Level.GOOD, probability=change, **reference)
+        same = Fact(MotorsBetween.MOTORS_UNCHANGED, probability=change, **reference)
         return HealthAssessment(MotorHealth.OK, same, *known)
     differs = {"shift": away.change, "usual": away.usual, **reference}
-    drift = Fact(MotorsBetween.BALANCE_OUTSIDE, Level.WATCH, **differs)
+    drift = Fact(MotorsBetween.BALANCE_OUTSIDE, **differs)
     if change >= PROBABLE and effort is not None and effort.probability > balance:
         drift = Fact(
             MotorsBetween.EFFORT_CHANGED,
-            Level.WATCH,
             probability=change,
             balance_probability=balance,
             effort=effort.more,
@@ -154,7 +152,6 @@ def _assessment(
         likeliest = max(Explanation, key=lambda cause: causes[cause])
         drift = Fact(
             MotorsBetween.BALANCE_CHANGED,
-            Level.WATCH,
             subject=flight.motors[motor] if weighed.motors[motor] >= NAMED else "",
             probability=change,
             explanation=likeliest,

@@ -158,7 +158,7 @@ def _log_t(changes: _Changes, shift: Array | float, more: Array | float = 0.0) -
     )
 
 
-FALSE_ALARMS = Fact(InFlight.FALSE_ALARMS, Level.WATCH, duration=5.55 * 3600, alarms_per_hour=0.54)
+FALSE_ALARMS = Fact(InFlight.FALSE_ALARMS, duration=5.55 * 3600, alarms_per_hour=0.54)
 """Of 5.55 h of flights without a fault: so many at most, with 95 % confidence (``tools/validation/alarms.py``)."""
 TOO_SLOW = Fact(InFlight.MOTOR_OUTPUTS_TOO_SLOW, needed_rate=MIN_RATE)
 
@@ -222,7 +222,7 @@ class MotorAlarm(NamedTuple):
         fact = self.fact
         if not self.weak:
             return fact
-        return Fact(Session.ALARM, Level.BAD, time=fact.time, subject=fact.subject, because=fact)
+        return Fact(Session.ALARM, time=fact.time, subject=fact.subject, because=fact)
 
 
 def losses_of(changes: Sequence[MotorAlarm]) -> list[Fact]:

@@ -11,7 +11,7 @@ import numpy as np
 from mavdem.alignment.drive import MotorGeometry, place_name
 from mavdem.alignment.signals import Signals
 from mavdem.confidence import quantile
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.facts.motors import Trim
 from mavdem.health.assessment import FAULT_RISE, NAMED, PROBABLE, Candidates, lost_thrust
 from mavdem.health.balance import (
@@ -59,7 +59,7 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
     if half.max() > FAULT_RISE >= sure[most]:
         return Fact(Trim.TRIM_UNSURE, **known)
     if sure[most] <= FAULT_RISE:
-        return Fact(Trim.TRIM_EVEN, Level.GOOD, **known)
+        return Fact(Trim.TRIM_EVEN, **known)
     scale = np.sqrt(SCATTER**2 + variance)
     lean = float(np.linalg.norm(balance.lean))
     away = Deviation(level, scale, SCATTER_FREEDOM, lean)
@@ -69,7 +69,6 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
         rise = weighed.harder[:, motor]
         return Fact(
             Trim.TRIM_OF_ONE_MOTOR,
-            Level.WATCH,
             subject=layout.names[motor],
             probability=weighed.motors[motor],
             rise=rise,
@@ -80,14 +79,13 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
     by_yaw = weighed.shares["yaw"]
     by_load = weighed.shares["load"]
     if by_yaw >= PROBABLE:
-        return Fact(Trim.TRIM_OF_YAW, Level.WATCH, share=yaw, probability=by_yaw, **known)
+        return Fact(Trim.TRIM_OF_YAW, share=yaw, probability=by_yaw, **known)
     if by_load >= PROBABLE:
         return Fact(
             Trim.TRIM_OF_CENTRE,
-            Level.WATCH,
             place=place_name((pitch, -roll)),
             share=np.hypot(roll, pitch),
             probability=by_load,
             **known,
         )
-    return Fact(Trim.TRIM_OF_SEVERAL, Level.WATCH, **known)
+    return Fact(Trim.TRIM_OF_SEVERAL, **known)

@@ -15,7 +15,7 @@ from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess
 from mavdem.assessment.tuning import tuned
 from mavdem.errors import Refusal
-from mavdem.facts import Fact, Facts, Level
+from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import Gains
 from mavdem.ingest import read_log
 from mavdem.ingest.parameter_file import parameter_files
@@ -47,7 +47,7 @@ class Adviser:
         ``at_end`` it waits for that, half a minute at most.
         """
         if self.is_due and is_busy and not at_end:
-            return (Fact(Gains.ADVICE_WAITS, Level.WATCH),)
+            return (Fact(Gains.ADVICE_WAITS),)
         if self.is_due:
             self.is_due = False
             self.close()
@@ -84,7 +84,6 @@ def advised(recording: Path, vehicle: str, foretell: Foretell) -> Facts:
     facts = [
         Fact(
             Gains.GAINS_ADVISED,
-            Level.WATCH,
             subject=advice.before.axis,
             changes=[(name, *gain) for name, gain in advice.gains.items()],
             because=advice.sentence,
@@ -105,4 +104,4 @@ def advised(recording: Path, vehicle: str, foretell: Foretell) -> Facts:
     path = name + " and ".join(files)
     because = tuning.judgement.next_step
     facts += foretell(assessment, tuning.parameters)
-    return (*facts, Fact(Gains.GAINS_WRITTEN, Level.GOOD, path=path, because=because))
+    return (*facts, Fact(Gains.GAINS_WRITTEN, path=path, because=because))

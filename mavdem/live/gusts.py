@@ -9,7 +9,7 @@ from mavdem.dem import Estimate
 from mavdem.dem.graybox.gusts import LEVEL_SECONDS, gusts, shortest_gust
 from mavdem.dem.online.wind import MEMORY_SECONDS
 from mavdem.dem.record import Record
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.facts.session import Session
 
 
@@ -43,7 +43,6 @@ class LiveGusts:
             if before < start + gust.length < time[-1]:
                 yield Fact(
                     Session.GUST_FELT,
-                    Level.GOOD,
                     clock=start,
                     torque=gust.size,
                     duration=gust.length,

@@ -114,13 +114,13 @@ class SessionStatus:
             headline = bad[0]
             following = next_step_of(headline, lights, None)
         if self.flying and headline.level is Level.BAD:
-            following = Fact(NextStep.LAND_NOW, Level.BAD, because=headline)
+            following = Fact(NextStep.LAND_NOW, because=headline)
         return Judgement(headline, following, lights)
 
     @property
     def slow(self) -> Fact | None:
         """By how much estimates come late; None while this computer keeps up."""
-        return Fact(Session.ESTIMATES_LATE, Level.WATCH, delay=self.behind) if self.behind else None
+        return Fact(Session.ESTIMATES_LATE, delay=self.behind) if self.behind else None
 
     def predicting(self, estimate: Estimate) -> SessionStatus:
         """Returns the same with ``ahead`` and ``useful`` of an estimate."""

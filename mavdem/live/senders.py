@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from math import inf
 
 from mavdem.alignment.attitude import ATTITUDE_MESSAGES
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.facts.session import VehicleFact
 from mavdem.ingest.mavlink.definitions import definitions, enum_name
 from mavdem.ingest.mavlink.framing import GOOD
@@ -168,7 +168,7 @@ class Senders:
     def _follow(self, sender: Sender) -> None:
         self.followed = sender
         self.obstacle = None
-        self._report(Fact(VehicleFact.FOLLOWING_VEHICLE, Level.GOOD, subject=sender.identity))
+        self._report(Fact(VehicleFact.FOLLOWING_VEHICLE, subject=sender.identity))
 
     def _notice(self, sender: Sender) -> None:
         """Reports another vehicle, once."""

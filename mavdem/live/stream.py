@@ -345,11 +345,9 @@ class LiveStream:
             plan,
         ):
             return
-        self._report(
-            Fact(Rows.ROWS_BEGIN, Level.GOOD, names=names, step=now.dt, inputs=len(plan.names))
-        )
+        self._report(Fact(Rows.ROWS_BEGIN, names=names, step=now.dt, inputs=len(plan.names)))
         if plan.channels_assumed or plan.positions_assumed:
-            self._report(Fact(Rows.MOTOR_ORDER_ASSUMED, Level.WATCH, basis=plan.basis))
+            self._report(Fact(Rows.MOTOR_ORDER_ASSUMED, basis=plan.basis))
 
     def _review(self, sender: Sender, now: float) -> Iterator[None]:
         """Decides again what rows are made of, whether the vehicle flies, and what alarms there are, part by part."""
@@ -410,7 +408,7 @@ class LiveStream:
             self._grid.end(forget_step=True)
         elif running and self.setup is not None and layout != self.setup.layout:
             self.setup = replace(self.setup, layout=layout)
-            self._report(Fact(Rows.MOTOR_ORDER_KNOWN, Level.GOOD, basis=layout.basis))
+            self._report(Fact(Rows.MOTOR_ORDER_KNOWN, basis=layout.basis))
 
     def _telemetry(self, sender: Sender) -> Telemetry:
         """What is known of the vehicle beside its messages."""
@@ -468,7 +466,7 @@ class LiveStream:
         if obstacle is not None and self._enough:
             self._report(obstacle)
         elif obstacle is None and not self._enough:
-            self._report(Fact(Rows.LIVE_RATES_ENOUGH, Level.GOOD))
+            self._report(Fact(Rows.LIVE_RATES_ENOUGH))
         self._enough = obstacle is None
         self._obstacle = obstacle or self._phase.obstacle
 

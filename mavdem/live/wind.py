@@ -71,7 +71,6 @@ class WindRow(NamedTuple):
         low = least_speed(low, high)
         strength = Fact(
             Session.WIND_SPEED,
-            Level.GOOD,
             speed=speed if low else None,
             speed_interval=(low, high),
             status=status,
@@ -80,7 +79,6 @@ class WindRow(NamedTuple):
             return (strength,)
         course = Fact(
             Session.WIND_FROM,
-            Level.GOOD,
             direction=origin,
             point=from_point(origin),
             half_width=turned,
@@ -171,7 +169,7 @@ class LiveWind:
         self._said = self._said or self.row is not None
         if not news or self.row is None:
             return None
-        return Fact(Session.WIND_KNOWN, Level.GOOD, because=self.row.facts)
+        return Fact(Session.WIND_KNOWN, because=self.row.facts)
 
     def _table(self, since: float, until: float) -> tuple[Array, Array, Array]:
         """Times (T,), attitudes (T, 3) and velocities (T, 3) between two times, as offline."""

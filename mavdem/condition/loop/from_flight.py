@@ -15,7 +15,7 @@ from mavdem.dem.graybox.likelihood import DELAY
 from mavdem.dem.graybox.parameters import LEAST
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.facts.loops import Controllers, Loops
 from mavdem.ingest.telemetry import Parameters
 
@@ -60,18 +60,18 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
     cautions = list[Fact]()
     if plant.bias:
         because = plant.reasons["effect"]
-        cautions.append(Fact(Loops.EFFECT_BIASED, Level.WATCH, because=because))
+        cautions.append(Fact(Loops.EFFECT_BIASED, because=because))
     nearest = np.argmin(np.abs(rate.response[0] + 10 ** (-rate.gain_margin / 20)))
     seen = 0.5 / record.dt
     # ArduCopter's simulator, with 19° at 20 Hz, had 44° by 50 Hz
     if plant.filtered and rate.crossover > seen / 2:
         raise NotLearnable(Loops.CROSSOVER_UNSEEN, crossover=rate.crossover, rate=1 / record.dt)
     if not plant.filtered and np.isfinite(rate.gain_margin) and rate.frequency[nearest] >= seen:
-        cautions.append(Fact(Loops.GAIN_MARGIN_EXTRAPOLATED, Level.WATCH, rate=seen))
+        cautions.append(Fact(Loops.GAIN_MARGIN_EXTRAPOLATED, rate=seen))
     measured = None
     if earlier := changed_in(record, controller):
         changes = [(name, old, record.parameters[name]) for name, old in earlier.items()]
-        cautions.append(Fact(Loops.PARAMETERS_CHANGED, Level.WATCH, changes=changes))
+        cautions.append(Fact(Loops.PARAMETERS_CHANGED, changes=changes))
     else:
         measured = measured_response(record, controller, per_demand, rate.frequency, rate.closed[0])
     return replace(loop, cautions=(*cautions, *controller.cautions), measured=measured)

@@ -12,7 +12,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.identifiability import SLOWEST_RATE
 from mavdem.dem.graybox.parameters import rate_column
 from mavdem.dem.record import Record
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.facts.loops import Responses
 
 # Hz, Hz and share: of the band that is compared
@@ -117,13 +117,13 @@ def _compared(
         gain = float(np.median(ratios))
     reason = None
     if abs(np.log(gain)) > GAIN_ERROR:
-        reason = Fact(Responses.CONTROLLER_GAIN_DIFFERS, Level.WATCH, ratio=gain)
+        reason = Fact(Responses.CONTROLLER_GAIN_DIFFERS, ratio=gain)
     elif highest < LEAST_BAND:
         reason = Fact(Responses.RESPONSE_UNEXPLAINED, rate=highest)
     elif agreement < LEAST_FIT:
         share = agreement / 100
         needed = LEAST_FIT / 100
-        reason = Fact(Responses.RESPONSE_DISAGREES, Level.WATCH, share=share, needed=needed)
+        reason = Fact(Responses.RESPONSE_DISAGREES, share=share, needed=needed)
     return MeasuredResponse((LOWEST, highest), fit, agreement, gain, reason)
 
 
