@@ -51,15 +51,10 @@ def reproduce_command(names: Names, out: Path, as_json: bool, as_list: bool) -> 
       mavdem reproduce noise prediction --out build/paper
     """
     if as_list:
-        listed = [
-            {"name": claim.name, "title": claim.title, "section": claim.section} for claim in CLAIMS
-        ]
         if as_json:
-            return print_json({"claims": listed})
+            return print_json({"claims": CLAIMS})
         return say(
-            "\n".join(
-                f"{claim['name']:14}  {claim['title']} ({claim['section']})" for claim in listed
-            )
+            "\n".join(f"{claim.name:14}  {claim.title} ({claim.section})" for claim in CLAIMS)
         )
     require("plot", "`mavdem reproduce`")
     from mavdem.paper.report import ITEMS, NUMBERS, PAGE, ItemReport, document, write

@@ -19,6 +19,7 @@ from mavdem.cli.output import check_folder, files_in, print_json, print_screen, 
 from mavdem.condition.loop.advice import Advice
 from mavdem.condition.loop.filters import gyro_filters
 from mavdem.condition.loop.loop import TARGETS
+from mavdem.documents.loops import AxisAdvice
 from mavdem.facts import Fact
 from mavdem.heading import Values
 from mavdem.ingest.parameter_file import parameter_files
@@ -118,18 +119,15 @@ def tune_command(
         raise click.exceptions.Exit(1)
 
 
-def axis_document(advice: Advice | Fact) -> Values:
+def axis_document(advice: Advice | Fact) -> AxisAdvice:
     """Returns what the document holds of an axis: its loops and gains, or why there are none."""
     if isinstance(advice, Fact):
-        return {"refusal": advice}
-    return {
-        "loop": advice.before,
-        "filters": gyro_filters(advice.before.controller, advice.before.crossover),
-        "target": advice.target,
-        "verdict": advice.rating,
-        "sentence": advice.sentence,
-        "sure": advice.sure,
-        "gains": advice.gains,
-        "expected": None if advice.refusals else advice.after,
-        "noise": advice.noise,
-    }
+        return AxisAdvice.gather(refusal=advice)
+    before = advice.before
+    return AxisAdvice.gather(
+        advice,
+        loop=before,
+        filters=gyro_filters(before.controller, before.crossover),
+        verdict=advice.rating,
+        expected=None if advice.refusals else advice.after,
+    )

@@ -481,15 +481,7 @@ class Server:
     def _progress_of(self, entry: Entry) -> Progress:
         if not entry.is_done:
             entry = replace(entry, **self.library.told(entry))
-        return Progress(
-            id=entry.id,
-            stage=entry.stage,
-            words=words()["stages"][entry.stage],
-            headline=entry.headline,
-            level=entry.level,
-            lights=entry.lights,
-            problem=entry.problem,
-        )
+        return Progress.gather(entry, words=words()["stages"][entry.stage])
 
 
 @cache
