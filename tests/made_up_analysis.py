@@ -25,10 +25,10 @@ NAN = float("nan")
 class Parameters(SimpleNamespace):
     """Physical parameters as they are read by reports."""
 
-    def interval(self, level):
+    def interval(self, level=None):
         return self.half
 
-    def mean_effect(self, level):
+    def mean_effect(self, level=None):
         return self.mean
 
     @property

@@ -20,7 +20,6 @@ from mavdem.analysis.gains import with_one_set_of_gains
 from mavdem.condition.condition import Condition, or_none
 from mavdem.condition.inventory import Identity, Tier
 from mavdem.condition.loop.in_flight import plant_in_loop
-from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, NotIdentifiable, Physical, WindTorque, physical
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.wind import wind
@@ -195,7 +194,7 @@ def model_figures(flights: Flights, learned: Learned, held_out: HeldOut) -> Valu
         "order": learned.settings.order,
         "converged": learned.converged,
         "model": model,
-        "model_interval_90_percent": learned.model_interval(LEVEL),
+        "model_interval_90_percent": learned.model_interval(),
         "spectral_abscissa": model.spectral_abscissa,
         "free_energy": {
             "start": float(energy[0]),
@@ -251,7 +250,7 @@ def physical_values(physical: Physical | None) -> Values | None:
     """Returns ``physical`` parameters with status and reason; no interval of what is not identifiable."""
     if physical is None:
         return None
-    half = physical.interval(LEVEL)
+    half = physical.interval()
     return {
         "effect": physical.effect.tolist(),
         **{name: getattr(physical, name) for name in PHYSICAL},

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from mavdem.analysis.overrides import overrides_of
 from mavdem.analysis.residuals import residuals
 from mavdem.condition.condition import Condition
-from mavdem.confidence import LEVEL, quantile
+from mavdem.confidence import quantile
 from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.evaluate.held_out import BASELINES, HeldOut
 from mavdem.facts import Fact, Facts
@@ -189,7 +189,7 @@ def _because(reason: Fact | None) -> Fact:
 
 
 def _effect(physical: Physical) -> Finding:
-    mean, half = physical.mean_effect(LEVEL)
+    mean, half = physical.mean_effect()
     status = physical.status["effect"]
     reason = Fact(Because.EFFECT_KNOWN, share=half / mean)
     if status != Status.REPORTED:
@@ -198,7 +198,7 @@ def _effect(physical: Physical) -> Finding:
 
 
 def _motion(physical: Physical) -> Finding:
-    half = physical.interval(LEVEL)
+    half = physical.interval()
     values = {"damping": physical.damping, "lag": physical.lag}
     shares = {name: getattr(half, name) / value if value else nan for name, value in values.items()}
     grades = {_grade(name, share, physical.status[name]) for name, share in shares.items()}

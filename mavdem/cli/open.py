@@ -85,7 +85,7 @@ def load(arguments: list[str]) -> int:
         try:
             if isinstance(read, Unreadable):
                 raise read
-            signals = Signals(choose_vehicle(read.vehicles, None))
+            signals = Signals(choose_vehicle(read.vehicles))
             assessment = assess_signals(read, signals, "roll")
         except (NotLearnable, Unreadable) as error:
             write_words(recording, path.name, [Sentence(f"{error.reason} {error.remedy}")])

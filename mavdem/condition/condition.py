@@ -29,7 +29,7 @@ from mavdem.alignment.quality import at_limits
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.condition.oscillation import Oscillation, oscillation_of
-from mavdem.confidence import LEVEL, half_width
+from mavdem.confidence import half_width
 from mavdem.errors import NotLearnable
 from mavdem.facts.learnability import MotorObstacle
 from mavdem.files import AnyPath
@@ -284,7 +284,7 @@ def mean_interval(values: Array, seconds: float) -> Array:
     projections = dct(values - values.mean(axis=0), axis=0)[1 : cosines + 1] / (
         np.sqrt(2.0) * length
     )
-    return half_width(np.square(projections).mean(axis=0), LEVEL, cosines)
+    return half_width(np.square(projections).mean(axis=0), freedom=cosines)
 
 
 def _seconds(parts: Segments) -> float:

@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.alignment.drive import AXES
-from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import Unreadable, cause_of
@@ -157,7 +156,7 @@ def compare_with_truth(
 def _parameters(
     physical: Physical, flight: Flight, truth: Truth, time: Array
 ) -> tuple[ComparedParameter, ...]:
-    effect, *halves = physical.interval(LEVEL)
+    effect, *halves = physical.interval()
     status = physical.status
     parameters = []
     if flight.input_units == ("µs",) * truth.effect.size:
@@ -165,7 +164,7 @@ def _parameters(
         true = truth.weak_effect if weak.mean() >= 0.5 else truth.effect
         names = [f"{Compared.EFFECT_OF} {name.split(' (')[0]}" for name in flight.input_names]
         rows = [*zip(names, physical.effect.tolist(), effect.tolist(), true.tolist(), strict=True)]
-        rows.append((Compared.MEAN_EFFECT, *physical.mean_effect(LEVEL), float(abs(true).mean())))
+        rows.append((Compared.MEAN_EFFECT, *physical.mean_effect(), float(abs(true).mean())))
         for name, estimate, half, known in rows:
             parameters.append(
                 ComparedParameter(name, "rad/s² per µs", estimate, half, known, status["effect"])

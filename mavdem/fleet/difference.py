@@ -286,7 +286,7 @@ def _compared(
         of_flights**2 / (PRIOR_FLIGHTS + observed) + (variance - of_flights) ** 2 / WITHIN_FREEDOM
     )
     sd = hypot(sqrt(variance), allowance)
-    half = quantile(LEVEL, freedom) * sd
+    half = quantile(freedom=freedom) * sd
     p = float(2 * stdtr(freedom, -abs(after - before) / sd))
     if quantity.kind in (DAMPING, LAG):
         return QuantityChange(quantity, before, after, after - before, half, p, allowance)

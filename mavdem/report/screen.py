@@ -15,7 +15,6 @@ from mavdem.analysis.findings import HALF_WIDTH, Findings, findings_of, known_wi
 from mavdem.assessment import Assessment
 from mavdem.assessment.judgement import Judgement
 from mavdem.condition.condition import HoverFigures
-from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
@@ -150,7 +149,7 @@ def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
     half = None
     if learned is not None and physical is not None:
         labels = Labels.of(learned)
-        half = physical.interval(LEVEL)
+        half = physical.interval()
         effect = zip(TORQUE.scale * physical.effect, TORQUE.scale * half.effect, strict=True)
         cells = [plus_minus(*pair) for pair in effect]
         effects = {f"effectiveness ({per(TORQUE, labels.input_units[0])})": cells}
@@ -252,8 +251,8 @@ def _axis_row(axis: AxisFigures) -> list[str]:
     wind = known_wind(axis.wind, axis.physical)
     if physical is None:
         return ["-"] * 4
-    _, damping, lag, _ = physical.interval(LEVEL)
-    mean, half = (TORQUE.scale * value for value in physical.mean_effect(LEVEL))
+    _, damping, lag, _ = physical.interval()
+    mean, half = (TORQUE.scale * value for value in physical.mean_effect())
     estimates = {
         "effect": (mean, half),
         "damping": (physical.damping, damping),

@@ -23,7 +23,7 @@ from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
 from mavdem import Flight
-from mavdem.confidence import LEVEL, quantile
+from mavdem.confidence import quantile
 from mavdem.dem import NotIdentifiable, Physical, WindTorque, physical
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.record import Record
@@ -119,8 +119,8 @@ def truth_of(motion: Motion, of: Scenario, part: Flight) -> Values:
 def estimate_of(plant: Physical, name: str) -> tuple[float, float]:
     """Of the mean effect, damping or lag, and the half width of its interval, NaN where it is not identifiable."""
     if name == "effect":
-        return plant.mean_effect(LEVEL)
-    half_width = float(getattr(plant.interval(LEVEL), name))
+        return plant.mean_effect()
+    half_width = float(getattr(plant.interval(), name))
     return float(getattr(plant, name)), half_width
 
 
@@ -167,7 +167,7 @@ def wind_of(torque: WindTorque, true: Array) -> Values:
     """Of the wind torque, where it is resolved: how much of it intervals and band hold."""
     if not torque.resolved:
         return {}
-    half = quantile(LEVEL) * torque.scale_error * torque.sd
+    half = quantile() * torque.scale_error * torque.sd
     in_band = abs(torque.torque - true) <= torque.band
     return {
         "standard deviation inside": abs(torque.sd - true.std()) <= half,

@@ -90,7 +90,7 @@ def simulated(scenario: Scenario) -> tuple[float, float]:
 
 def recorded(path: str) -> tuple[float, float]:
     """Returns the oscillation in a log."""
-    flown = choose_vehicle(read_log(path).vehicles, None)
+    flown = choose_vehicle(read_log(path).vehicles)
     attitude = flown.messages["ATTITUDE"]
     time, first = np.unique(attitude["time"], return_index=True)
     step = np.median(np.diff(time))
