@@ -25,6 +25,7 @@ from math import asin, atan2, ceil, exp, hypot, sqrt
 from operator import mul, sub
 from typing import Literal, NamedTuple
 
+from sitl_scenarios.motion import Pair
 from sitl_scenarios.scenario import Scenario, VehicleSpec
 from sitl_scenarios.vehicles import AIR_DENSITY, GRAVITY, airframe
 
@@ -45,7 +46,7 @@ class RotorFrame(NamedTuple):
     yaw: Four
 
 
-def frame(kind: Literal["x", "plus"], arm: tuple[float, float]) -> RotorFrame:
+def frame(kind: Literal["x", "plus"], arm: Pair) -> RotorFrame:
     """The frame of a vehicle; ``arm``: how far forward and right the rotors of the X are, m; of the + as far out."""
     forward = (1.0, -1.0, 1.0, -1.0)
     right = (1.0, -1.0, -1.0, 1.0)
@@ -128,7 +129,7 @@ class Damage(NamedTuple):
     thrust: Four = (1.0,) * 4  # with torque: of each rotor, at the same speed
     torque: Four = (1.0,) * 4
     # of mass: how far forward and right of the published one, m
-    centre: tuple[float, float] = (0.0, 0.0)
+    centre: Pair = (0.0, 0.0)
 
 
 UNDAMAGED = Damage()

@@ -22,6 +22,7 @@ from sitl_scenarios import mixers
 from sitl_scenarios.controller import LEAD, Controller, Gains
 from sitl_scenarios.dynamics import IDLE_COMMAND, SPINS, Four, frame, steps_of
 from sitl_scenarios.gyro import Gyro
+from sitl_scenarios.motion import Pair
 from sitl_scenarios.scenario import AXES, Scenario, VehicleSpec
 from sitl_scenarios.vehicles import airframe
 
@@ -170,7 +171,7 @@ class _RateLoop:
         return self._output
 
 
-def _slope_in_hover(vehicle: VehicleSpec, low: float) -> tuple[float, float]:
+def _slope_in_hover(vehicle: VehicleSpec, low: float) -> Pair:
     """The thrust's quadratic share, and output per thrust where a range from ``low`` to 1 undoes it."""
     share = vehicle.quadratic_thrust or 0.0
     body = airframe(vehicle)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Pair = tuple[float, float]
 Arrays = dict[str, NDArray[Any]]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.fft import ifft
 
 from sitl_scenarios.dynamics import Three
-from sitl_scenarios.motion import Array
+from sitl_scenarios.motion import Array, Pair
 from sitl_scenarios.scenario import (
     AXES,
     STICKS,
@@ -45,7 +45,7 @@ class Reference(NamedTuple):
     demand: Three = (0.0, 0.0, 0.0)
     by_stick: bool = False  # whether a pilot's sticks ask for it
     north: float = 0.0  # of the place to hover at, m
-    velocity: tuple[float, float] = (0.0, 0.0)  # of that place, north and east, m/s
+    velocity: Pair = (0.0, 0.0)  # of that place, north and east, m/s
 
 
 class Times(NamedTuple):
@@ -242,7 +242,7 @@ def _multisine(multisine: Multisine, cycle: float) -> Array:
     return demands
 
 
-def _smooth(share: float) -> tuple[float, float]:
+def _smooth(share: float) -> Pair:
     """How far a motion of least jerk is after a share of its time, and its rate (T. Flash and N. Hogan, 1985)."""
     way = share**3 * (10 - 15 * share + 6 * share**2)
     slope = 30 * share**2 * (1 - share) ** 2

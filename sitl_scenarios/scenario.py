@@ -23,7 +23,7 @@ from pydantic import (
     model_validator,
 )
 
-from sitl_scenarios.motion import Array
+from sitl_scenarios.motion import Array, Pair
 
 
 def shortened(text: str, longest: int = 60) -> str:
@@ -256,7 +256,7 @@ class Profile(Section):
     turn: Degrees = 0.0
     """Clockwise turn in time, from arming, degrees/s"""
 
-    def at(self, height: float, time: float) -> tuple[float, float]:
+    def at(self, height: float, time: float) -> Pair:
         """Returns cosine and sine of the clockwise turn, times the share of the reference's speed, at m and s."""
         z = max(height, 0.0)
         share = 1.0

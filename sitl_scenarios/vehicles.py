@@ -6,6 +6,7 @@ from math import sqrt
 from pydantic import TypeAdapter
 
 from mavdem.files import table_beside
+from sitl_scenarios.motion import Pair
 from sitl_scenarios.scenario import BodySpec, VehicleSpec
 
 GRAVITY = 9.81  # m/s², as in the paper's table of systems
@@ -21,22 +22,22 @@ class Airframe:
     # about forward, right and down, kg m²; the products are taken to be zero
     inertia: tuple[float, float, float]
     # how far forward and right of the centre of mass the rotors of the X frame are, m
-    arm: tuple[float, float]
+    arm: Pair
     # of the rotors above the centre of mass, m; the drag of the hull acts there too
     hub_height: float
     drag_area: float  # of the hull, C_d A, m²
-    thrust: tuple[float, float]  # (a, b) of a rotor, N: aω² + bω at ω rad/s
-    torque: tuple[float, float]  # (a, b) of a rotor, N m, likewise
-    speed: tuple[float, float]  # (slope, offset) of a rotor's speed, rad/s, in the command
+    thrust: Pair  # (a, b) of a rotor, N: aω² + bω at ω rad/s
+    torque: Pair  # (a, b) of a rotor, N m, likewise
+    speed: Pair  # (slope, offset) of a rotor's speed, rad/s, in the command
     full: float  # the command that is 2000 µs; 0 is 1000 µs
-    lag: tuple[float, float]  # time constants of the rotor speed when it rises and when it falls, s
+    lag: Pair  # time constants of the rotor speed when it rises and when it falls, s
     rotor_drag: float  # N per (rad/s · m/s) of one rotor, against the air that moves along its disc
     # N per (rad/s · m/s) of one rotor: thrust lost to air that moves down through its disc
     inflow: float
     # f: thrust by the share s of the full command is (1 − f) s + f s² of the full thrust; None: ``speed`` as published
     quadratic: float | None = None
     # shares of the full command at which the thrust of ``quadratic`` begins and ends
-    spin: tuple[float, float] = (0.0, 1.0)
+    spin: Pair = (0.0, 1.0)
     # of the body's rates, besides that of ``inflow``, 1/s
     damping: tuple[float, float, float] = (0.0, 0.0, 0.0)
 

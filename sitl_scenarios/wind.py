@@ -24,7 +24,7 @@ from scipy.signal import fftconvolve, lfilter
 from scipy.special import gamma, gammainc, kv
 
 from sitl_scenarios.dynamics import AirState, Three, frame
-from sitl_scenarios.motion import Array
+from sitl_scenarios.motion import Array, Pair
 from sitl_scenarios.scenario import (
     MOMENT,
     WIND,
@@ -66,10 +66,10 @@ class Turbulence(NamedTuple):
     """At one height in one wind."""
 
     # (L/V in s, σ in m/s) of the components along the mean wind and across it, and down
-    level: tuple[float, float]
-    down: tuple[float, float]
+    level: Pair
+    down: Pair
     # (time constant in s, standard deviation in rad/s) of the air's rotation about a horizontal axis
-    rotation: tuple[float, float]
+    rotation: Pair
 
 
 def turbulence(wind: TurbulentWind, height: float, span: float) -> Turbulence:

@@ -38,7 +38,7 @@ from mavdem.dem import Learned
 from mavdem.dem.record import Record
 from mavdem.downstream import AssessmentDownstream
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Facts
+from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.assessment import NoModel
 from mavdem.files import AnyPath
 from mavdem.heading import Values
@@ -91,7 +91,7 @@ class Assessment(AssessmentDownstream):
         return self.judgement.next_step
 
     @property
-    def lights(self) -> Mapping[str, Fact]:
+    def lights(self) -> NamedFacts:
         """The judgement of motors, vibration, tracking, margins, power, estimator, wind and log, by name."""
         return self.judgement.lights
 

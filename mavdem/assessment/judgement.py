@@ -13,7 +13,7 @@ from mavdem.assessment.power import power_light
 from mavdem.assessment.tracking import tracking_light
 from mavdem.assessment.vibration import vibration_light
 from mavdem.assessment.wind import wind_light
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.events import Reported
 from mavdem.facts.lights import Light, Unjudged
@@ -48,7 +48,7 @@ class Judgement(NamedTuple):
 
     headline: Fact
     next_step: Fact
-    lights: Mapping[str, Fact]
+    lights: NamedFacts
 
 
 def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known: Fact) -> Judgement:
@@ -71,7 +71,7 @@ def unjudged(refusal: Fact) -> Judgement:
     return Judgement(refusal, following, dict.fromkeys(map(str, Light), unknown))
 
 
-def headline_of(evidence: Evidence, lights: Mapping[str, Fact]) -> Fact:
+def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     """Returns the worst of what was found.
 
     How a flight that was lost ended outranks all else; then the worst event or light. A limit cycle goes before motors
@@ -100,7 +100,7 @@ def headline_of(evidence: Evidence, lights: Mapping[str, Fact]) -> Fact:
     return Fact(Headline.NOTHING_WRONG, level, names=checked, missing=unknown)
 
 
-def next_step_of(headline: Fact, lights: Mapping[str, Fact], of_model: Fact | None) -> Fact:
+def next_step_of(headline: Fact, lights: NamedFacts, of_model: Fact | None) -> Fact:
     """Returns what to do next: what the headline asks for or, where nothing is wrong, what would show more.
 
     Of a vehicle that is sound and fully judged it is what its model is worth (``of_model``).

@@ -1,7 +1,5 @@
 """Tracking: how the axes follow what was asked of them, at any rate, and the light on roll and pitch."""
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from mavdem.alignment.align import Segments, within
@@ -12,7 +10,7 @@ from mavdem.assessment.limits import Limits, worst
 from mavdem.condition.loop.response import LEAST_COHERENCE
 from mavdem.condition.resonance import WINDOW_SECONDS, spectra
 from mavdem.confidence import ENOUGH_SAMPLES
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.margins import TrackingLight
 from mavdem.ingest.telemetry import Array
 
@@ -37,7 +35,7 @@ def tracking_light(evidence: Evidence) -> Fact:
     return worst(sorted(rated or tilts[:1], key=lambda fact: -fact.figures.get("angle_error", 0.0)))
 
 
-def tracking_of(evidence: Evidence) -> Mapping[str, Fact]:
+def tracking_of(evidence: Evidence) -> NamedFacts:
     """Returns how roll, pitch and yaw follow their setpoints in settled flight, by axis."""
     parts = evidence.settled(INJECTED | FREE_MODES)
     return {axis: _tracking(evidence.signals.about(axis), parts) for axis in AXES}
@@ -78,8 +76,8 @@ def _tracking(signals: Signals, parts: Segments) -> Fact:
         level,
         axis=signals.axis,
         angle_error=error,
-        offset_angle=float(np.mean(errors[best])),
-        delay=float(DELAYS[best]),
+        offset_angle=np.mean(errors[best]),
+        delay=DELAYS[best],
         overshoot=overshoot,
         rate_error=rate_error,
     )

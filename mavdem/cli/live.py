@@ -33,7 +33,7 @@ from mavdem.dem.parallel import LearningProcess
 from mavdem.errors import Unreadable
 from mavdem.export.conversion import STREAMS
 from mavdem.extras import lacking, require
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.session import Session, Spent
 from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.heading import Values
@@ -378,7 +378,7 @@ class StatusLines:
     def __init__(self, place: Place | None) -> None:
         self._place = place
         self._said: list[str] = []
-        self._watched: Mapping[str, Fact] = {}
+        self._watched: NamedFacts = {}
 
     def show(self, session: LiveSession) -> None:
         """Shows the status of a ``session``."""

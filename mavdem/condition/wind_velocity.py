@@ -18,7 +18,7 @@ from mavdem.dem.airflow.identification import (
 )
 from mavdem.dem.airflow.model import TOTAL, Drag
 from mavdem.dem.engine.linalg import one_thread
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.identifiability import Status
 from mavdem.facts.online import DragSource
 from mavdem.facts.wind import WindDoubt, WindShare
@@ -101,7 +101,7 @@ class WindVelocity:
     profile: tuple[dict[str, float], ...]
     drag: Drag
     status: Mapping[str, Status]
-    reasons: Mapping[str, Fact]
+    reasons: NamedFacts
     boot: int = 0
 
     @property

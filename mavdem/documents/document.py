@@ -13,6 +13,7 @@ from typing import Annotated, Any, Self
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator
 
 from mavdem.facts import Fact
+from mavdem.heading import Values
 
 
 def _said(value: Any) -> Any:
@@ -86,7 +87,7 @@ class Document(BaseModel):
                 values[name] = getattr(holder, name)
         return cls.model_validate(values)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> Values:
         """Returns plain JSON values, without keys that were not given; NaN and infinity become null."""
         return {
             name: _finite(value)
@@ -107,7 +108,7 @@ class Sentence(Document):
     """until when, s on the boot clock; null where it is of no time, or still so"""
     subject: str
     """what it is about; empty where that is the flight as a whole"""
-    figures: dict[str, Any]
+    figures: Values
     """its figures by name"""
     units: dict[str, str]
     """their units by name"""

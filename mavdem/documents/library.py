@@ -9,6 +9,7 @@ from pydantic import BeforeValidator, Field
 from mavdem.documents.document import Document, Error
 from mavdem.documents.review import Review
 from mavdem.facts.serve import Sharing
+from mavdem.heading import Values
 from mavdem.units import Seconds, Speed, UnixSeconds, unit
 
 
@@ -85,7 +86,7 @@ class FlightReview(Document):
 
     flight: Flight
     """what is listed of it"""
-    review: dict[str, Any] | None
+    review: Values | None
     """the document of `mavdem review --json`; null before it is done"""
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from mavdem.documents.document import Document, Said
+from mavdem.heading import Values
 from mavdem.units import Seconds
 
 
@@ -66,7 +67,7 @@ class Fly(Document, is_partial=True):
     """all scenarios; with --list only"""
     scenario: str
     """name or file of the scenario"""
-    values: dict[str, Any]
+    values: Values
     """all keys of the scenario's file; with --describe only"""
     seed: int
     """seed of the wind"""

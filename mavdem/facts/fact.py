@@ -164,6 +164,7 @@ def _grounded(figure: Figure) -> Figure:
 
 
 Facts = tuple[Fact, ...]
+NamedFacts = Mapping[str, Fact]
 _words: Callable[[Fact], Words]
 
 

@@ -18,7 +18,7 @@ from mavdem.assessment.limits import worst
 from mavdem.confidence import Interval
 from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
-from mavdem.facts import Fact, Facts, Level
+from mavdem.facts import Fact, Facts, Level, NamedFacts
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.event import Event
 from mavdem.facts.lights import Light
@@ -91,7 +91,7 @@ class SessionStatus:
     no_wind: Fact | None = None
     mean_wind: WindRow | None = None
     watched: Facts = ()
-    lights: Mapping[str, Fact] = field(default_factory=dict)
+    lights: NamedFacts = field(default_factory=dict)
 
     @property
     def judged(self) -> Judgement:

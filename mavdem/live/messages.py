@@ -15,6 +15,7 @@ import numpy as np
 
 from mavdem.alignment.drive import MAX_ANGLE, MAX_BODY_RATE, UINT16_UNKNOWN
 from mavdem.alignment.signals import IGNORED
+from mavdem.heading import Names
 from mavdem.ingest.mavlink import framing
 from mavdem.ingest.mavlink.definitions import definitions, parameter_values
 from mavdem.ingest.mavlink.vehicles import CLOCK_UNITS
@@ -26,7 +27,7 @@ Values = tuple[float, ...]
 
 MAX_UNDECIDED = 32 * framing.LONGEST_FRAME  # Bytes without a good frame that wait for one
 
-FIELDS: dict[str, tuple[str, ...]] = {
+FIELDS: dict[str, Names] = {
     name: tuple(fields)
     for name, fields in json.loads((files("mavdem.live") / "fields.json").read_text()).items()
 } | {name: form.fields for name, form in MOTOR_MESSAGES.items()}

@@ -30,7 +30,7 @@ from mavdem.evaluate.window import Window, part_samples, windows
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
 from mavdem.files import PathName
 from mavdem.flight import Flight
-from mavdem.heading import Values
+from mavdem.heading import Names, Values
 from mavdem.ingest import read_log
 from mavdem.ingest.tlog import write_tlog
 from mavdem.ingest.vocabulary import IN_AIR
@@ -179,7 +179,7 @@ class Result:
     numbers: Values = field(default_factory=dict)  # plain JSON values by name
     tables: tuple[Block, ...] = ()  # with the sentences above them
     pictures: tuple[Picture, ...] = ()
-    remarks: tuple[str, ...] = ()  # sentences
+    remarks: Names = ()  # sentences
 
 
 PAPER = Settings.paper()

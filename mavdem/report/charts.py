@@ -16,7 +16,7 @@ import numpy as np
 from markupsafe import Markup
 
 from mavdem.dem.engine.linalg import Array
-from mavdem.heading import Names, Values
+from mavdem.heading import Names, Numbers, Values
 from mavdem.report.numbers import named, rounded
 from mavdem.report.palette import MEASURED
 
@@ -138,7 +138,7 @@ class Chart(NamedTuple):
     x: Axis
     y: Axis
     lines: tuple[Line, ...] = ()
-    levels: tuple[float, ...] = ()
+    levels: Numbers = ()
     marks: tuple[Mark, ...] = ()
     spans: tuple[tuple[float, float, str], ...] = ()
     heat: Heat | None = None

@@ -25,7 +25,7 @@ from mavdem.condition.loop.loop import Loop
 from mavdem.condition.step_response import Estimate, StepResponse
 from mavdem.dem import Learned
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.assessment import Grade, Purpose
 from mavdem.facts.event import Event
 from mavdem.facts.loops import Gains
@@ -161,7 +161,7 @@ def _measured(assessment: Assessment, timeline: Timeline | None, whole: bool) ->
     yield _parameters(evidence.signals.telemetry)
 
 
-def _tracking(light: Fact, axes: Mapping[str, Fact]) -> Iterator[Block]:
+def _tracking(light: Fact, axes: NamedFacts) -> Iterator[Block]:
     """What is said of the worst axis, and the errors of all of which there are any."""
     yield Sentence(str(light), "Tracking:")
     rows = []

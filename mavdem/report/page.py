@@ -16,7 +16,7 @@ from markupsafe import Markup, escape
 from mavdem.analysis import LogAnalysis
 from mavdem.condition.loop.advice import Advice
 from mavdem.dem import Learned
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.event import Event
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table
@@ -44,7 +44,7 @@ class Head(NamedTuple):
     """The top of a flight's page: how bad it is, the lights, what happened, and of which vehicle."""
 
     level: Level
-    lights: Mapping[str, Fact]
+    lights: NamedFacts
     events: Sequence[Event] = ()
     timeline: Timeline | None = None
     analysis: LogAnalysis | None = None

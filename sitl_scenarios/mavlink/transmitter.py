@@ -15,7 +15,7 @@ from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS
 from sitl_scenarios.mavlink.messages import Payloads, named, parameters, payload, written
-from sitl_scenarios.motion import Array, Flags, Motion
+from sitl_scenarios.motion import Array, Flags, Motion, Pair
 from sitl_scenarios.plan import BOOT_SECONDS, seconds
 from sitl_scenarios.scenario import Faults, Scenario
 
@@ -69,7 +69,7 @@ class Schedule:
         self._step = step
         self._cycle = cycle
         # By message: those due at a first time, s, and every so many s from then on, and how many have been sent.
-        self._courses: dict[str, tuple[float, float]] = {}
+        self._courses: dict[str, Pair] = {}
         self._sent: dict[str, int] = {}
         for number, (name, rate) in enumerate(usual.items()):
             interval = 1 / rate if rate else np.inf

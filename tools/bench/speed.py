@@ -17,7 +17,6 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from timeit import repeat
-from typing import Any
 
 import click
 import pandas as pd
@@ -28,6 +27,7 @@ from mavdem.dem.parallel import stay_in_this_process
 from mavdem.errors import Unreadable
 from mavdem.fleet.row import best_tier
 from mavdem.fleet.rows_of_log import rows_of_log
+from mavdem.heading import Values
 from mavdem.ingest import read_log
 from mavdem.report.flight_page import flight_page
 
@@ -126,7 +126,7 @@ rates = {{ ATTITUDE = {rate}, SERVO_OUTPUT_RAW = {rate} }}
 """
 
 
-def over_udp(rate: float, folder: Path) -> dict[str, Any]:
+def over_udp(rate: float, folder: Path) -> Values:
     """A row of half a minute at a rate, Hz."""
     scenario = folder / "hover.toml"
     scenario.write_text(HOVER.format(rate=rate))

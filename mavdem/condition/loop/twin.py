@@ -16,8 +16,10 @@ from mavdem.dem.airflow.model import Drag
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.parameters import wind_density
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact
+from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.loops import Twins
+from mavdem.heading import Numbers
+from mavdem.ingest.telemetry import Parameters
 
 COLUMNS = {
     "roll": (-1.0, 1.0, 1.0, -1.0),
@@ -37,21 +39,21 @@ class Twin:
 
     autopilot: str  # "px4" or "ardupilot"
     mass: float  # kg
-    inertia: tuple[float, ...]  # (3,) about forward, right and down, kg m²
+    inertia: Numbers  # (3,) about forward, right and down, kg m²
     arm: tuple[float, float]  # how far forward, and right, of the centre of mass its motors are, m
     hover: float  # share of the motors' range in hover
     spin: tuple[float, float]  # shares of that range at which thrust begins and ends
     expo: float  # share of a motor's thrust that is quadratic in that of the range, the rest linear
     moment: float  # torque of a propeller by its thrust, m
-    damping: tuple[float, ...]  # (3,) of the rates, 1/s
+    damping: Numbers  # (3,) of the rates, 1/s
     lag: float  # time constant of the motors, s
     delay: float  # from the motion to the motors' command, without the hold over a control cycle, s
     noise: float  # standard deviation of a measured rate, rad/s
     drag: Drag | None  # None where there is no wind
     wind_speed: float | None  # mean of the flight, m/s; None where it is not known
     wind_direction: float | None  # degrees that it comes from
-    parameters: Mapping[str, float]  # of the autopilot's rate and attitude control, by name
-    notes: Mapping[str, Fact]
+    parameters: Parameters  # of the autopilot's rate and attitude control, by name
+    notes: NamedFacts
 
     @property
     def command(self) -> float:
@@ -117,7 +119,7 @@ def twin_of(
     return replace(body, inertia=(*sizes, sum(sizes)), moment=moment)
 
 
-def _arm(parameters: Mapping[str, float], mass: float) -> tuple[tuple[float, float], bool]:
+def _arm(parameters: Parameters, mass: float) -> tuple[tuple[float, float], bool]:
     """How far forward and right the motors are, m, and whether the parameters have it."""
     places = np.array(
         [
@@ -132,7 +134,7 @@ def _arm(parameters: Mapping[str, float], mass: float) -> tuple[tuple[float, flo
     return (assumed, assumed), False
 
 
-def _parameters(logged: Mapping[str, float], autopilot: str) -> tuple[dict[str, float], float]:
+def _parameters(logged: Parameters, autopilot: str) -> tuple[dict[str, float], float]:
     """The parameters that the simulation flies, and the control cycle, s."""
     name = LOOP_RATES[autopilot]
     rate = min(logged.get(name, 0.0) or USUAL_RATES[autopilot], FASTEST)
