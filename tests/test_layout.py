@@ -212,7 +212,7 @@ NODES = {
     "documents": 10250,
     "evaluate": 8150,
     "export": 2550,
-    "facts": 5450,
+    "facts": 5500,
     "fleet": 15100,
     "health": 10610,
     "ingest": 40600,

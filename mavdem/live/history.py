@@ -205,7 +205,7 @@ class LiveHistory:
             self._rows.append(array("d", row))
             if len(self._rows) > MAX_ROWS:
                 self._rows = self._rows[::2]
-                self._stride = 2 * self._stride
+                self._stride *= 2
         if estimate is None:
             return
         joins = self.learned and not new and time - self.learned[-1][1] < GAP_SECONDS

@@ -94,7 +94,7 @@ class Sender:
             self.missing_seconds += gap
         elif self.frames > 1:
             self._missing += missing
-        self._interval = self._interval + (min(gap, 1.0) - self._interval) / 64
+        self._interval += (min(gap, 1.0) - self._interval) / 64
 
     def _count_arrived(self, message_id: int) -> None:
         """Counts an undamaged message."""

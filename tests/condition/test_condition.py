@@ -14,8 +14,9 @@ from scipy.signal import lfilter
 
 from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.signals import Signals
-from mavdem.condition.condition import LEVEL, condition_of, hover_figures, hover_of, mean_interval
+from mavdem.condition.condition import condition_of, hover_figures, hover_of, mean_interval
 from mavdem.condition.inventory import autopilot_alarms, identity_of, inventory, tier_of
+from mavdem.confidence import LEVEL
 from mavdem.documents import vehicle as documents
 from mavdem.facts.learnability import MotorObstacle, Reason
 from mavdem.ingest import Log
