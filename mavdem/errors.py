@@ -44,7 +44,7 @@ def fact_of(error: BaseException) -> Fact:
     if isinstance(error, Refusal):
         return error.fact
     kind = "" if isinstance(error, ValueError) else type(error).__name__
-    return Fact(Forecasts.FAILED, error=kind, text=str(error))
+    return Fact(Forecasts.FAILED, error=kind, text=error)
 
 
 def failure(code: Code, error: Exception, finishing: bool = False) -> Fact:

@@ -87,7 +87,7 @@ class Dashboard:
         except ValueError as error:
             raise click.BadParameter(f"{error}.", param_hint="--connect") from error
         except OSError as error:
-            raise Unreadable(Session.DASHBOARD_NOT_OPENED, because=str(error)) from None
+            raise Unreadable(Session.DASHBOARD_NOT_OPENED, because=error) from None
         if not sinks:
             self.advice = "There is no screen here: use --rrd FILE to record, or --serve for browsers of this machine."
             return

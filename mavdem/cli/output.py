@@ -187,9 +187,9 @@ def check_folder(folder: Path) -> None:
     """Raises ``Unreadable``, before the work, for a folder that cannot be written to; it makes nothing."""
     existing = next(filter(os.path.lexists, (folder, *folder.absolute().parents)))
     if not existing.is_dir():
-        raise Unreadable(Place.OUT_IS_A_FILE, path=str(folder), existing=str(existing))
+        raise Unreadable(Place.OUT_IS_A_FILE, path=folder, existing=existing)
     if not is_writable(existing):
-        raise Unreadable(Place.OUT_NOT_WRITABLE, path=str(folder), existing=str(existing))
+        raise Unreadable(Place.OUT_NOT_WRITABLE, path=folder, existing=existing)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -206,7 +206,7 @@ def files_in(folder: Path, names: Sequence[str]) -> Iterator[tuple[Path, ...]]:
         with atomic_writes(*(folder / name for name in names)) as files:
             yield files
     except OSError as error:
-        raise Unreadable(Place.OUT_FAILED, path=str(folder), because=cause_of(error)) from None
+        raise Unreadable(Place.OUT_FAILED, path=folder, because=cause_of(error)) from None
 
 
 def check_file(path: Path | None, option: str, endings: Names) -> None:

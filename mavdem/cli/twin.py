@@ -220,5 +220,5 @@ def _flown(
             seeded = scenario.model_copy(update={"seed": seed})
             flown.append(replayed(seeded, loops["roll"].record.dt, setpoints, blown))
     except ValueError as error:
-        raise NotLearnable(Twins.CANNOT_FLY, because=str(error)) from None
+        raise NotLearnable(Twins.CANNOT_FLY, because=error) from None
     return flown

@@ -268,7 +268,7 @@ def convert(
         else:
             written = _convert_stream(source, out)
     except OSError as error:
-        raise Unreadable(Place.FILE_FAILED, path=str(out), because=cause_of(error)) from None
+        raise Unreadable(Place.FILE_FAILED, path=out, because=cause_of(error)) from None
     return {"source": str(source), "out": str(out), **written}
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib.resources import files
+from pathlib import PurePath
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -151,7 +152,9 @@ class Fact:
 
 
 def _plain(value: Any) -> Figure:
-    """Numbers of NumPy as Python's, lists and arrays as tuples."""
+    """Numbers of NumPy as Python's, lists and arrays as tuples, paths and errors as text."""
+    if isinstance(value, PurePath | BaseException):
+        return str(value)
     if hasattr(value, "tolist"):
         value = value.tolist()
     return tuple(map(_plain, value)) if isinstance(value, list | tuple) else value

@@ -18,12 +18,12 @@ def earlier_flight(path: Path, axis: str) -> Learned:
     try:
         learned = Learned.from_json(text_of(path / MODEL if path.is_dir() else path))
     except (OSError, ValueError) as error:
-        wrong = Fact(Prior.MODEL_UNREADABLE, path=str(path), because=str(error))
+        wrong = Fact(Prior.MODEL_UNREADABLE, path=path, because=error)
         raise Unreadable(wrong) from None
     if learned.record.output_names[:1] != (axis,):
-        raise Unreadable(Prior.MODEL_OF_OTHER_AXIS, path=str(path), name=axis)
+        raise Unreadable(Prior.MODEL_OF_OTHER_AXIS, path=path, name=axis)
     if learned.physical is None or not learned.physical.identifiable:
-        raise Unreadable(Prior.MODEL_WITHOUT_EFFECT, path=str(path), name=axis)
+        raise Unreadable(Prior.MODEL_WITHOUT_EFFECT, path=path, name=axis)
     return learned
 
 
@@ -45,8 +45,8 @@ def earlier_drag(path: Path, speed: float | None = None) -> Drag:
         drag = Drag.from_dict(wind["drag"]).of_next_flight()
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         because = error.strerror if isinstance(error, OSError) else None
-        wrong = Fact(Prior.DRAG_UNREADABLE, path=str(file), because=because)
+        wrong = Fact(Prior.DRAG_UNREADABLE, path=file, because=because)
         raise Unreadable(wrong) from error
     if wind.get("speed") == speed is not None:
-        raise Unreadable(Prior.DRAG_OF_THIS_FLIGHT, path=str(file))
+        raise Unreadable(Prior.DRAG_OF_THIS_FLIGHT, path=file)
     return drag

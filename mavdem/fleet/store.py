@@ -60,7 +60,7 @@ def read_rows(folder: Path) -> FlightRows:
     """Returns a fleet's rows by vehicle, file and axis; raises ``Unreadable``."""
     path = folder / STORE
     if not is_fleet(folder):
-        raise Unreadable(Folder.NO_FLEET, path=str(folder))
+        raise Unreadable(Folder.NO_FLEET, path=folder)
     # SQLite's lock is a file beside it
     access = "mode=rw" if os.access(folder, os.W_OK) else "immutable=1"
     uri = f"{path.absolute().as_uri()}?{access}"
@@ -74,7 +74,7 @@ def read_rows(folder: Path) -> FlightRows:
 
 
 def _damaged(path: Path, error: Exception) -> Fact:
-    return Fact(Folder.FLEET_DAMAGED, path=str(path), because=str(error))
+    return Fact(Folder.FLEET_DAMAGED, path=path, because=error)
 
 
 def write_rows(folder: Path, rows: Iterable[FlightRow]) -> None:
@@ -105,7 +105,7 @@ def opened(folder: Path) -> Iterator[Store]:
         with closing(store.db):
             yield store
     except (OSError, sqlite3.OperationalError) as error:
-        full = Fact(Folder.FLEET_NOT_WRITTEN, path=str(folder), because=cause_of(error))
+        full = Fact(Folder.FLEET_NOT_WRITTEN, path=folder, because=cause_of(error))
         raise Unreadable(full) from None
     except sqlite3.DatabaseError as error:
         raise Unreadable(_damaged(folder / STORE, error)) from None

@@ -155,7 +155,7 @@ class LogReader:
             self._executor.submit(os.getpid).result()
         except (OSError, BrokenExecutor) as error:
             self._exits.close()
-            raise Unreadable(Reading.READERS_NOT_STARTED, because=str(error)) from None
+            raise Unreadable(Reading.READERS_NOT_STARTED, because=error) from None
         self._process = process
         return process
 

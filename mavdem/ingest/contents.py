@@ -46,7 +46,7 @@ def _content(path: PathName, limit: int | None = None) -> bytes:
         if stat.S_ISDIR(status.st_mode):
             raise Unreadable(_folder(path))
         if not stat.S_ISREG(status.st_mode):
-            raise Unreadable(Source.SPECIAL_FILE, path=str(path))
+            raise Unreadable(Source.SPECIAL_FILE, path=path)
         with path.open("rb") as file:
             # Not to the end: a file of size 0 may never end (/proc), and one that is being recorded grows.
             size = status.st_size if limit is None else min(status.st_size, limit)
@@ -56,20 +56,20 @@ def _content(path: PathName, limit: int | None = None) -> bytes:
         if content[:6] == b"\xfd7zXZ\x00":
             content = _unpacked(content, path, limit)
     except FileNotFoundError:
-        raise Unreadable(Source.FILE_MISSING, path=str(path)) from None
+        raise Unreadable(Source.FILE_MISSING, path=path) from None
     except MemoryError:
         raise Unreadable(_too_large(path, None)) from None
     except Unreadable:
         raise
     except (OSError, ValueError) as error:
-        raise Unreadable(Source.FILE_NOT_OPENED, path=str(path), because=cause_of(error)) from None
+        raise Unreadable(Source.FILE_NOT_OPENED, path=path, because=cause_of(error)) from None
     if not content.rstrip(b"\0"):
-        raise Unreadable(Source.FILE_EMPTY, path=str(path), zeros=bool(status.st_size))
+        raise Unreadable(Source.FILE_EMPTY, path=path, zeros=bool(status.st_size))
     return content
 
 
 def _too_large(path: Path, limit: int | None, archive: bool = False) -> Fact:
-    return Fact(Source.FILE_TOO_LARGE, path=str(path), size_limit=limit, archive=archive)
+    return Fact(Source.FILE_TOO_LARGE, path=path, size_limit=limit, archive=archive)
 
 
 def _folder(path: Path) -> Fact:
@@ -81,7 +81,7 @@ def _folder(path: Path) -> Fact:
     )
     example = str(logs[0]) if logs else None
     return Fact(
-        Source.FOLDER_GIVEN, path=str(path), count=len(logs), example=example, endings=LOG_ENDINGS
+        Source.FOLDER_GIVEN, path=path, count=len(logs), example=example, endings=LOG_ENDINGS
     )
 
 
@@ -93,9 +93,9 @@ def _unpacked(content: bytes, path: Path, limit: int | None) -> bytes:
     try:
         unpacked = decompressor.decompress(content, most)
     except lzma.LZMAError as error:
-        raise Unreadable(Source.ARCHIVE_DAMAGED, path=str(path), because=str(error)) from None
+        raise Unreadable(Source.ARCHIVE_DAMAGED, path=path, because=error) from None
     if limit is None and not decompressor.eof:
         if len(unpacked) < most:
-            raise Unreadable(Source.ARCHIVE_DAMAGED, path=str(path), because=None)
+            raise Unreadable(Source.ARCHIVE_DAMAGED, path=path, because=None)
         raise Unreadable(_too_large(path, most, archive=True))
     return unpacked

@@ -59,7 +59,7 @@ class Adviser:
             self.facts = self._making.result(30.0)  # s: a vehicle's user waits for no more
         except Exception as error:
             path = str(self._recording)
-            self.facts = (Fact(Gains.ADVICE_FAILED, error=str(error), path=path),)
+            self.facts = (Fact(Gains.ADVICE_FAILED, error=error, path=path),)
         self.close()
         return self.facts
 

@@ -23,10 +23,10 @@ class RawRecording:
         try:
             self._file = open(path, "xb")  # noqa: SIM115 - open until close()
         except FileExistsError:
-            raise Unreadable(LinkFact.STREAM_FILE_EXISTS, path=str(path)) from None
+            raise Unreadable(LinkFact.STREAM_FILE_EXISTS, path=path) from None
         except OSError as error:
             why = cause_of(error)
-            raise Unreadable(LinkFact.STREAM_FILE_FAILED, path=str(path), error=why) from None
+            raise Unreadable(LinkFact.STREAM_FILE_FAILED, path=path, error=why) from None
         self.frames = 0  # in it; bytes that belong to no frame are not
         self._mcap = started(self._file, 1 << 15) if Path(path).suffix.lower() == ".mcap" else None
         self._channel = 0 if self._mcap is None else raw_channel(self._mcap)

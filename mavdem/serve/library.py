@@ -130,7 +130,7 @@ class Library:
             os.rename(self._lock.name, self.folder / SERVERS / self.name)
             self._migrate()
         except (OSError, sqlite3.Error) as error:
-            wrong = Fact(Start.FOLDER_NOT_WRITABLE, path=str(folder), because=cause_of(error))
+            wrong = Fact(Start.FOLDER_NOT_WRITABLE, path=folder, because=cause_of(error))
             raise Unreadable(wrong) from None
         self.recover()
 

@@ -97,7 +97,7 @@ class SinkThread(threading.Thread):
         except (
             Exception
         ) as error:  # a row that cannot be drawn ends neither the view nor the flight
-            fact = Fact(Session.ROW_NOT_DRAWN, because=str(error))
+            fact = Fact(Session.ROW_NOT_DRAWN, because=error)
             self.log(Event(self._last.clock if self._last else 0.0, fact))
 
     def _open(self) -> None:
