@@ -203,30 +203,30 @@ def test_a_file_is_not_long():
 
 NODES = {
     "alignment": 19250,
-    "analysis": 8700,
-    "assessment": 18400,
+    "analysis": 8650,
+    "assessment": 18250,
     "baselines": 5250,
-    "cli": 16550,
-    "condition": 40250,
-    "dem": 67150,
+    "cli": 16500,
+    "condition": 40150,
+    "dem": 67100,
     "documents": 10250,
-    "evaluate": 8150,
+    "evaluate": 8100,
     "export": 2550,
     "facts": 5500,
     "fleet": 15100,
     "health": 10610,
     "ingest": 40600,
-    "live": 31750,
+    "live": 31650,
     "mavdem": 5450,
     "paper": 11400,
-    "report": 32300,
+    "report": 32250,
     "serve": 12700,
-    "sitl_scenarios": 31550,
+    "sitl_scenarios": 31450,
     "tools": 15950,
     "view": 10900,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 419_560
+ALL_NODES = 418_700
 TEST_NODES = 249_950
 NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""
