@@ -209,17 +209,18 @@ def compare(
     if not windows:
         raise ValueError("windows must be one at least")
     made = []
-    total = len(windows) * len(methods)
-    with closing(parallel_map(_evaluate, product(windows, methods))) as coming:
+    trials = [(method, window) for window in windows for method in methods]
+    with closing(parallel_map(run_trial, trials)) as coming:
         for outcome in coming:
             made.append(outcome)
-            progress(len(made) / total)
-    rows = (tuple(made[at : at + len(methods)]) for at in range(0, total, len(methods)))
+            progress(len(made) / len(trials))
+    rows = (tuple(made[at : at + len(methods)]) for at in range(0, len(trials), len(methods)))
     return Comparison(tuple(windows), tuple(method.name for method in methods), tuple(rows))
 
 
-def _evaluate(job: tuple[Window, Method]) -> Outcome:
-    return evaluate_window(job[1], job[0])
+def run_trial(trial: tuple[Method, Window]) -> Outcome:
+    """Trains a method on a window and forecasts its test part; a method that fails has infinite errors."""
+    return evaluate_window(*trial)
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ from mavdem.dem import Settings, learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.parallel import parallel_map
 from mavdem.errors import NotLearnable
-from mavdem.evaluate.comparison import Method, Outcome, evaluate_window
+from mavdem.evaluate.comparison import Method, Outcome, run_trial
 from mavdem.evaluate.scores import FROM_ZERO, KNOWN, USUAL_RATE
 from mavdem.evaluate.window import Window, part_samples, windows
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
@@ -197,11 +197,6 @@ DATA = "the data"
 ZERO = "state 0"
 STARTS = {DATA: KNOWN, ZERO: FROM_ZERO}
 """The question of a forecast from the end of training, and from state 0 as in the authors' code."""
-
-
-def run_trial(job: tuple[Method, Window]) -> Outcome:
-    """Trains a method on a window and forecasts its test part; a method that fails has infinite errors."""
-    return evaluate_window(*job)
 
 
 def errors_of(trials: Iterable[Outcome], start: str) -> Array:
