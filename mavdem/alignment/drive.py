@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from math import tau
 from typing import NamedTuple
@@ -153,7 +153,7 @@ def motors_or_obstacle(telemetry: Telemetry) -> Motors | Fact:
 
 def _motors_in(telemetry: Telemetry, message: str) -> Motors | Fact:
     name = telemetry.called(message)
-    banks = _banks(message, telemetry.messages[message])
+    banks = tuple(_banks(message, telemetry.messages[message]))
     width = banks[0].signal.values.shape[1]
     bank_of = {bank.first + i: bank for bank in banks for i in range(width)}
     moving = [channel for channel, bank in bank_of.items() if _moves(bank.sent(channel))]
@@ -260,16 +260,14 @@ def outputs_by_port(message: str, columns: Columns) -> tuple[Array, int]:
     return values, len(channels) if wide else PORT_CHANNELS
 
 
-def _banks(message: str, columns: Columns) -> list[_Bank]:
+def _banks(message: str, columns: Columns) -> Iterator[_Bank]:
     """A bank of outputs a port; a channel that never has a number has none."""
     values, width = outputs_by_port(message, columns)
     port = floats(columns, "port") if "port" in columns else np.zeros(len(values))
-    banks = []
     for number in np.unique(port):
         sent = values[port == number, :width]
         table = np.where(np.isfinite(sent).any(axis=0), values[:, :width], 0.0)
-        banks.append(_Bank(1 + width * int(number), series(columns, table, port == number)))
-    return banks
+        yield _Bank(1 + width * int(number), series(columns, table, port == number))
 
 
 def _moves(values: Array) -> bool:

@@ -10,7 +10,7 @@ References:
     Sciences 191, 2012: blocks keep neighbouring samples, which are correlated, on the same side.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil
 
@@ -158,7 +158,7 @@ def held_out_windows(
     steps = usual if steps is None else steps
     parts = []
     for number, fold in enumerate(folds([len(flight) for flight in flights], FOLDS), start=1):
-        training = _others(flights, fold)
+        training = [*_others(flights, fold)]
         model = None
         failures = Facts()
         try:
@@ -193,15 +193,15 @@ def held_out_test(train: Flight, test: Flight, learned: Learned) -> HeldOut:
     return _forecast(learned, [train], test, len(test), 0, train.outputs[-1:])
 
 
-def _others(flights: Sequence[Flight], fold: Sequence[tuple[int, int, int]]) -> list[Flight]:
+def _others(flights: Sequence[Flight], fold: Sequence[tuple[int, int, int]]) -> Iterator[Flight]:
     """The pieces of the flights outside a fold that are long enough to learn from."""
     inside = {i: (first, stop) for i, first, stop in fold}
     least = max(MIN_PIECE_SECONDS / flights[0].dt, 1)
-    pieces = []
     for i, flight in enumerate(flights):
         first, stop = inside.get(i, (len(flight), len(flight)))
-        pieces += [flight[a:b] for a, b in ((0, first), (stop, len(flight))) if b - a >= least]
-    return pieces
+        for begin, end in ((0, first), (stop, len(flight))):
+            if end - begin >= least:
+                yield flight[begin:end]
 
 
 def _forecast(

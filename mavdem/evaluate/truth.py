@@ -2,7 +2,7 @@
 
 import zipfile
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import isnan, nan
 from pathlib import Path
 from typing import NamedTuple
@@ -147,7 +147,9 @@ def compare_with_truth(
         raise ValueError("flights must be what the model was trained on")
     time = np.concatenate([segment.time for segment in flights])
     parameters = (
-        () if learned.physical is None else _parameters(learned.physical, flights[0], truth, time)
+        ()
+        if learned.physical is None
+        else tuple(_parameters(learned.physical, flights[0], truth, time))
     )
     wind = None if learned.wind_torque is None else _wind(learned.wind_torque, truth, time)
     return TruthComparison(truth.source, parameters, wind)
@@ -155,10 +157,9 @@ def compare_with_truth(
 
 def _parameters(
     physical: Physical, flight: Flight, truth: Truth, time: Array
-) -> tuple[ComparedParameter, ...]:
+) -> Iterator[ComparedParameter]:
     effect, *halves = physical.interval()
     status = physical.status
-    parameters = []
     if flight.input_units == ("µs",) * truth.effect.size:
         weak = np.interp(time, truth.time, truth.weak) >= 0.5
         true = truth.weak_effect if weak.mean() >= 0.5 else truth.effect
@@ -166,15 +167,12 @@ def _parameters(
         rows = [*zip(names, physical.effect.tolist(), effect.tolist(), true.tolist(), strict=True)]
         rows.append((Compared.MEAN_EFFECT, *physical.mean_effect(), float(abs(true).mean())))
         for name, estimate, half, known in rows:
-            parameters.append(
-                ComparedParameter(name, "rad/s² per µs", estimate, half, known, status["effect"])
-            )
+            yield ComparedParameter(name, "rad/s² per µs", estimate, half, known, status["effect"])
     for (name, unit, key), half in zip(PLANT, halves, strict=True):
         state = status.get(key, status["lag"])
-        parameters.append(
-            ComparedParameter(name, unit, getattr(physical, key), half, getattr(truth, key), state)
+        yield ComparedParameter(
+            name, unit, getattr(physical, key), half, getattr(truth, key), state
         )
-    return tuple(parameters)
 
 
 PLANT = (

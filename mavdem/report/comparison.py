@@ -3,7 +3,7 @@
 Of methods first what the paired test says of DEM and each other one; of orders the free energy of each.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import isfinite
 
 from mavdem.analysis.findings import PREDICTION_LIMITS
@@ -12,31 +12,29 @@ from mavdem.evaluate.comparison import Comparison
 from mavdem.evaluate.paired_test import FEWEST_PAIRS, SIGNIFICANCE
 from mavdem.evaluate.scores import HORIZONS, KNOWN, UNKNOWN, Question
 from mavdem.facts.forecasts import TestResult
-from mavdem.report.blocks import Blocks, Sentence, Table, caution
+from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution
 from mavdem.report.words import section
 
 WORDS = {KNOWN: "What happened, given the inputs:", UNKNOWN: "What comes next, inputs unknown:"}
 
 
-def comparison_report(comparison: Comparison) -> Blocks:
-    """Returns the verdict on the first method of a ``comparison``, then errors, and what the columns mean."""
+def comparison_report(comparison: Comparison) -> Iterator[Block]:
+    """Yields the verdict on the first method of a ``comparison``, then errors, and what the columns mean."""
     questions = [KNOWN, *([UNKNOWN] if comparison.methods_of(UNKNOWN) else [])]
-    blocks: Blocks = [Sentence("", lead=_verdict(comparison, KNOWN))]
-    blocks += [
-        Sentence(_verdict(comparison, question), WORDS[question]) for question in questions[1:]
-    ]
+    yield Sentence("", lead=_verdict(comparison, KNOWN))
+    for question in questions[1:]:
+        yield Sentence(_verdict(comparison, question), WORDS[question])
     for question in questions:
-        blocks += _errors(comparison, question)
+        yield from _errors(comparison, question)
     for flight in comparison.flights:
-        blocks += _flight(comparison, flight)
-    legend = section(
+        yield from _flight(comparison, flight)
+    yield from section(
         "comparison_legend",
         reference=comparison.methods[0],
         several=len(comparison.flights) > 1,
         predicted=UNKNOWN in questions,
         significance=SIGNIFICANCE,
     )
-    return [*blocks, *legend]
 
 
 def _verdict(comparison: Comparison, question: Question) -> str:
@@ -96,21 +94,18 @@ def _shared_horizons(comparison: Comparison) -> list[str]:
     return [*map(str, HORIZONS[: min(counts) - 1]), "all"]
 
 
-def _flight(comparison: Comparison, flight: str) -> Blocks:
+def _flight(comparison: Comparison, flight: str) -> Iterator[Block]:
     """How much was compared of a flight, and what failed."""
     windows = [window for window in comparison.windows if window.flight == flight]
     summaries = comparison.summaries(flight)
-    blocks: Blocks = [
-        *section(
-            "comparison_flight",
-            windows[0],
-            windows=len(windows),
-            tested=summaries[0]["horizons"][-1]["reference"].tested,
-        )
-    ]
+    yield from section(
+        "comparison_flight",
+        windows[0],
+        windows=len(windows),
+        tested=summaries[0]["horizons"][-1]["reference"].tested,
+    )
     for row in summaries:
-        blocks += section("comparison_failures", **row)
-    return blocks
+        yield from section("comparison_failures", **row)
 
 
 STANDARD_ORDER = 3  # of `mavdem learn`: angle, rate, and the motors' lag

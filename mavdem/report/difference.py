@@ -1,6 +1,6 @@
 """What changed between two states of a vehicle, what is the same, and what cannot be said."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import degrees, hypot
 from pathlib import PurePath
 
@@ -75,7 +75,7 @@ def _changes(difference: VehicleDifference) -> Blocks:
         [_change(change, difference) for change in difference.of(kind)]
         for kind in (Outcome.CHANGED, Outcome.UNCERTAIN)
     )
-    same = _grouped(difference.of(Outcome.SAME))
+    same = [*_grouped(difference.of(Outcome.SAME))]
     return [*section("difference_changes", changed=changed, same=same, unknown=unknown)]
 
 
@@ -102,12 +102,11 @@ def _change(change: QuantityChange, difference: VehicleDifference) -> str:
     return f"{name} {values} ({_signed(plus_minus(more, half))})"
 
 
-def _grouped(changes: Sequence[QuantityChange]) -> list[str]:
+def _grouped(changes: Sequence[QuantityChange]) -> Iterator[str]:
     """Names with the widest half width, as in "share of motor 1 and motor 2 (± 2 %)"."""
     by_kind = dict[str, list[QuantityChange]]()
     for change in changes:
         by_kind.setdefault(change.quantity.kind, []).append(change)
-    words = []
     for kind, ours in by_kind.items():
         noun, scale, unit = QUANTITIES[kind]
         names = (
@@ -115,8 +114,7 @@ def _grouped(changes: Sequence[QuantityChange]) -> list[str]:
             for _, motor, axis in (change.quantity for change in ours)
         )
         widest = scale * max(change.half_width for change in ours)
-        words.append(f"{noun} of {listed(names)} (± {rounded(widest)} {unit})")
-    return words
+        yield f"{noun} of {listed(names)} (± {rounded(widest)} {unit})"
 
 
 def _signed(number: str) -> str:

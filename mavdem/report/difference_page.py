@@ -1,6 +1,6 @@
 """The page of two flights over each other: what differs first, then responses, spectra, margins, motors and wind."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from mavdem.fleet.difference import ParameterChange, VehicleDifference
 from mavdem.fleet.row import NOT_IDENTIFIABLE, UNKNOWN
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.blocks import Blocks, Sentence, Table
-from mavdem.report.charts import AFTER, Axis, Chart, Charts, Group, Kind, Line
+from mavdem.report.charts import AFTER, Axis, Chart, Group, Kind, Line
 from mavdem.report.difference import difference_blocks, surest_change
 from mavdem.report.flight_charts import SHARE
 from mavdem.report.loops import FIGURES
@@ -38,7 +38,7 @@ def comparison_page(
     leads here.
     """
     both = dict(zip(COLOURS, reviews, strict=True))
-    steps = tuple(filter(None, (_steps(both, axis) for axis in AXES)))
+    steps = tuple(filter(None, (tuple(_steps(both, axis)) for axis in AXES)))
     changed = [
         [parameter.name, f"{parameter.before:.4g}", f"{parameter.after:.4g}"]
         for parameter in parameters
@@ -115,9 +115,8 @@ def _loops(both: Reviews, axis: str) -> dict[str, Review]:
     }
 
 
-def _steps(both: Reviews, axis: str) -> Charts:
+def _steps(both: Reviews, axis: str) -> Iterator[Chart]:
     """Steps of rate and angle, with their bands."""
-    charts = []
     for loop in ("rate", "attitude"):
         lines = []
         for name, review in both.items():
@@ -126,9 +125,8 @@ def _steps(both: Reviews, axis: str) -> Charts:
                     np.array(response[key]) for key in ("time", "step", "step_half")
                 )
                 lines.append(Line.around(name, COLOURS[name], time, step, half))
-        title = f"{axis.capitalize()} {loop}: step"
-        charts += [Chart(title, AFTER, SHARE, tuple(lines), (1.0,))] if lines else []
-    return tuple(charts)
+        if lines:
+            yield Chart(f"{axis.capitalize()} {loop}: step", AFTER, SHARE, tuple(lines), (1.0,))
 
 
 def _margins(both: Reviews) -> list[list[str]]:

@@ -129,19 +129,18 @@ def spectrum_chart(noise: Noise, loop: Loop | None = None, name: str = GYRO) -> 
     )
 
 
-def spectrogram(spectrum: Spectrum) -> Charts:
-    """Returns the power of a sensor by frequency over time and, where the motors' output is known, over throttle."""
+def spectrogram(spectrum: Spectrum) -> Iterator[Chart]:
+    """Yields the power of a sensor by frequency over time and, where the motors' output is known, over throttle."""
     order = np.argsort(spectrum.time)
     levels, over_levels = spectrum.by_throttle
     over_time = _heat(spectrum.time[order], spectrum.frequency, spectrum.whole[order])
     hertz = Axis("frequency (Hz)")
     name = spectrum.name.removesuffix("_before").replace("_", " ").capitalize()
-    charts = [Chart(f"{name} over time (Hz)", TIME, hertz, heat=over_time, group="flight")]
+    yield Chart(f"{name} over time (Hz)", TIME, hertz, heat=over_time, group="flight")
     if len(levels) > 1:
         over_throttle = _heat(100 * levels, spectrum.frequency, over_levels)
         throttle = Axis("throttle (%)")
-        charts.append(Chart(f"{name} over throttle (Hz)", throttle, hertz, heat=over_throttle))
-    return tuple(charts)
+        yield Chart(f"{name} over throttle (Hz)", throttle, hertz, heat=over_throttle)
 
 
 def _heat(x: Array, frequency: Array, density: Array) -> Heat:

@@ -267,10 +267,10 @@ def _spectra(
         return
     yield Group.of([spectrum_chart(noise, loop, name)])
     if whole:
-        charts = spectrogram(shown)
+        over_time, *over_throttle = spectrogram(shown)
         if timeline is not None:
-            charts = (timeline.marked(charts[0])._replace(spans=()), *charts[1:])
-        yield Group.of(charts, "More blue: more power.")
+            over_time = timeline.marked(over_time)._replace(spans=())
+        yield Group.of([over_time, *over_throttle], "More blue: more power.")
 
 
 def _motors(assessment: Assessment, evidence: Evidence) -> Chapter:

@@ -1,6 +1,6 @@
 """Loops in words: the verdict, the margins with their intervals, and the gains to set."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from mavdem.condition.loop.advice import Advice
 from mavdem.condition.loop.filters import gyro_filters
@@ -53,7 +53,7 @@ def loops_of(advice: Advice) -> dict[str, Loop]:
 def _loop_blocks(advice: Advice) -> Blocks:
     """The margins, now and as advised, and what they rest on."""
     loop = advice.before
-    blocks = margin_tables(loops_of(advice))
+    blocks: Blocks = [*margin_tables(loops_of(advice))]
     if loop.crossover * loop.record.dt > FASTEST:
         (slow,) = section("loop_too_fast", crossover=loop.crossover, rate=1 / loop.record.dt)
         blocks.append(caution(slow.text))
@@ -62,17 +62,15 @@ def _loop_blocks(advice: Advice) -> Blocks:
     return [*blocks, *section("loop_measured", loop=loop), *map(caution, loop.cautions)]
 
 
-def margin_tables(loops: Mapping[str, Loop]) -> Blocks:
-    """Returns a table of the rate loop and one of the attitude loop, a column for each of ``loops``."""
-    tables = Blocks()
+def margin_tables(loops: Mapping[str, Loop]) -> Iterator[Table]:
+    """Yields a table of the rate loop and one of the attitude loop, a column for each of ``loops``."""
     for which in ("rate", "attitude"):
         values = [getattr(loop, which) for loop in loops.values()]
         rows = [
             [name, *(_interval(value, key, unit) for value in values)]
             for key, (name, unit) in FIGURES.items()
         ]
-        tables.append(Table([f"{which} loop (90 % interval)", *loops], rows))
-    return tables
+        yield Table([f"{which} loop (90 % interval)", *loops], rows)
 
 
 def _interval(loop: OpenLoop, name: str, scale: float) -> str:

@@ -1,6 +1,6 @@
 """Recording: one learned flight as a Rerun file, with the blueprint that shows it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -208,7 +208,7 @@ class _Page:
 
 
 def _text(
-    recording: rr.RecordingStream, origin: str, name: str, words: str | Sequence[Block]
+    recording: rr.RecordingStream, origin: str, name: str, words: str | Iterable[Block]
 ) -> rrb.View:
     """A view of Markdown, without a title bar if it has no name."""
     text = as_text(words if isinstance(words, str) else markdown(words))

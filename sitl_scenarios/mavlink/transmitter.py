@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
+from operator import itemgetter
 
 import numpy as np
 from numpy.random import default_rng
@@ -128,7 +129,7 @@ class Transmitter:
         self._scenario = scenario
         self._cycle = cycle
         self._asked: list[tuple[str, Payloads]] = []
-        self._events = self._planned()
+        self._events = sorted(self._planned(), key=itemgetter(0))
         self._armed_at = np.inf
         # At zero, messages would seem to have no stamp.
         self._begin(0.0, 0.01)
@@ -172,20 +173,17 @@ class Transmitter:
                 param_index=index,
             )
 
-    def _planned(self) -> list[tuple[float, Callable[[float], None]]]:
+    def _planned(self) -> Iterator[tuple[float, Callable[[float], None]]]:
         """Seconds after arming, and what happens then: it is called with that time of the motion."""
         faults = self._scenario.faults
         often = seconds(self._scenario) if faults.mavproxy_rate else 0.0
-        requests = np.arange(0.0, often, MAVPROXY_SECONDS).tolist()
-        events: list[tuple[float, Callable[[float], None]]] = [
-            (time, self._set_streams) for time in requests
-        ]
+        for time in np.arange(0.0, often, MAVPROXY_SECONDS).tolist():
+            yield time, self._set_streams
         if faults.reboot is not None:
             # a second without messages
-            events.append((faults.reboot, lambda now: self._begin(now, now + 1.0)))
+            yield faults.reboot, lambda now: self._begin(now, now + 1.0)
         if faults.clock_jump is not None:
-            events.append((faults.clock_jump, self._jump))
-        return sorted(events, key=lambda event: event[0])
+            yield faults.clock_jump, self._jump
 
     def _set_streams(self, _: float) -> None:
         """What REQUEST_DATA_STREAM for all groups does; messages of no group stay as they are."""
@@ -236,16 +234,14 @@ class Transmitter:
             return self._framed(placed, motion.time)
         return _nothing()
 
-    def _streams(self, motion: Motion, clock: Array) -> list[Placed]:
-        placed = []
+    def _streams(self, motion: Motion, clock: Array) -> Iterator[Placed]:
         for name in self._rates:
             rows = self.schedule.due(name, clock)
             if len(rows):
                 boot = np.round(clock[rows] * 1e6).astype(np.int64)
                 sampled = rows_of_motion(motion, rows)
                 payloads = written(name, sampled, boot, self.autopilot)
-                placed.append((name, rows, payloads))
-        return placed
+                yield name, rows, payloads
 
     def _framed(self, placed: list[Placed], time: Array) -> Batch:
         rows = np.concatenate([rows for _, rows, _ in placed])

@@ -10,6 +10,7 @@ Usage: tools/validation/physical.py simulated|crazyflie [--seed N] [--every K] [
 """
 
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import cycle, product
 from pathlib import Path
@@ -58,7 +59,7 @@ class Case(NamedTuple):
     seed: int
 
 
-def cases(seed: int, every: int = 1) -> list[Case]:
+def cases(seed: int, every: int = 1) -> Iterator[Case]:
     """Every vehicle in every wind with every steering, or one of ``every`` so many drawn by seed."""
     rng = default_rng(seed)
     places = list(product(TABLES["scales"]["wind"], FLOWN["winds"]))
@@ -69,13 +70,11 @@ def cases(seed: int, every: int = 1) -> list[Case]:
     turns = [case for some in zip(*drawn, strict=True) for case in some]
     combinations = product(RATES, ("px4", "ardupilot"))
     streams = cycle(combinations)
-    bank = []
     for (vehicle, air, steering), (rate, autopilot) in zip(turns, streams, strict=False):
         other = varied(rng)
         other = other if rng.random() < 0.3 else {}
         seed = int(rng.integers(1_000_000))
-        bank.append(Case(vehicle, air, steering, rate, autopilot, other, seed))
-    return bank
+        yield Case(vehicle, air, steering, rate, autopilot, other, seed)
 
 
 def varied(rng: Generator) -> dict[str, float]:

@@ -82,7 +82,7 @@ def assemble(stream: FrameStream) -> Log:
         for ids, rows in rows_by(ids_of).items()
         for sequence in (frames.sequence[rows].astype(np.int16),)
     }
-    unread = _unread(frames, ids_of, sent)
+    unread = tuple(_unread(frames, ids_of, sent))
     repairs = stream.repairs
     for cause in (Flaw.DAMAGE, Flaw.ANOTHER_DIALECT):
         count = sum(kind.frames for kind in unread if kind.cause is cause)
@@ -147,11 +147,10 @@ def _starts(frames: Frames, ids_of: Places) -> dict[int, dict[int, Starts]]:
 
 def _unread(
     frames: Frames, ids_of: Places, sent: Mapping[int, Mapping[int, Starts]]
-) -> tuple[Unread, ...]:
+) -> Iterator[Unread]:
     """The frames that could not be read, of a stream in which the good ones are ``sent``."""
     bad = frames.verdict != GOOD
     verdicts = frames.verdict[bad]
-    found = []
     for key, rows in rows_by((frames.message_id << 16 | ids_of)[bad]).items():
         message_id = key >> 16
         ids = key & 0xFFFF
@@ -159,8 +158,7 @@ def _unread(
         # Of another dialect all frames of a message fail, and more than two, which may be damage.
         strange = ids in sent if verdicts[rows[0]] == UNKNOWN else len(rows) == total >= 3
         cause = Flaw.ANOTHER_DIALECT if strange else Flaw.DAMAGE
-        found.append(Unread(message_id, ids >> 8, ids & 0xFF, len(rows), total, cause))
-    return tuple(found)
+        yield Unread(message_id, ids >> 8, ids & 0xFF, len(rows), total, cause)
 
 
 def identity(heartbeats: Columns) -> tuple[str, str]:
