@@ -18,6 +18,7 @@ from mavdem.alignment.drive import AXES, INPUTS
 from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
 from mavdem.facts.motors import MotorHealth
+from mavdem.grouping import grouped
 from mavdem.heading import Names, Numbers, Values, heading
 from mavdem.units import (
     AngularAcceleration,
@@ -409,9 +410,7 @@ Flight = Sequence[FlightRow]
 
 def flights_of(rows: Iterable[FlightRow]) -> list[FlightRows]:
     """Returns the rows of each flight, its axes in order; flights by date, those without one last, then by vehicle."""
-    together: dict[tuple[object, ...], FlightRows] = {}
-    for row in rows:
-        together.setdefault(row.order[:-1], []).append(row)
+    together = grouped(rows, lambda row: row.order[:-1])
 
     def when(flight: Flight) -> tuple[object, ...]:
         row = flight[0]
@@ -424,10 +423,8 @@ def flights_of(rows: Iterable[FlightRow]) -> list[FlightRows]:
 
 def vehicles_of(rows: Iterable[FlightRow]) -> dict[str, list[FlightRows]]:
     """Returns the flights with figures of each vehicle, by its name in order, as :func:`flights_of` has them."""
-    vehicles: dict[str, list[FlightRows]] = {}
-    for flight in flights_of(row for row in rows if row.status == OK):
-        vehicles.setdefault(flight[0].vehicle, []).append(flight)
-    return dict(sorted(vehicles.items()))
+    flights = flights_of(row for row in rows if row.status == OK)
+    return dict(sorted(grouped(flights, lambda flight: flight[0].vehicle).items()))
 
 
 def is_shared(flights: Iterable[Flight]) -> bool:

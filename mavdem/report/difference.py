@@ -5,7 +5,6 @@ from math import degrees, hypot
 from pathlib import PurePath
 
 from mavdem.evaluate.paired_test import SIGNIFICANCE
-from mavdem.facts import Fact
 from mavdem.facts.fleet import Outcome
 from mavdem.fleet import difference
 from mavdem.fleet.difference import (
@@ -16,6 +15,7 @@ from mavdem.fleet.difference import (
     VehicleDifference,
 )
 from mavdem.fleet.row import UNKNOWN, FlightRow
+from mavdem.grouping import grouped
 from mavdem.report.blocks import Blocks, Sentence, caution
 from mavdem.report.numbers import counted, listed, plus_minus, rounded, short
 from mavdem.report.words import section
@@ -37,11 +37,9 @@ def difference_blocks(
     Which vehicles come first, then ``parameters`` that were set anew, what changed, is the same, uncertain or not
     comparable, and the conditions.
     """
-    reasons: dict[Fact, list[Fact]] = {}
-    for name, reason in found.incomparable:
-        reasons.setdefault(reason, []).append(name)
     missing = [
-        Sentence(f"{listed(names)}: {reason}", "Not compared:") for reason, names in reasons.items()
+        Sentence(f"{listed(missing.quantity for missing in lacking)}: {reason}", "Not compared:")
+        for reason, lacking in grouped(found.incomparable, lambda missing: missing.reason).items()
     ]
     conditions, *sure = section(
         "difference",
@@ -104,10 +102,7 @@ def _change(change: QuantityChange, difference: VehicleDifference) -> str:
 
 def _grouped(changes: Sequence[QuantityChange]) -> Iterator[str]:
     """Names with the widest half width, as in "share of motor 1 and motor 2 (± 2 %)"."""
-    by_kind = dict[str, list[QuantityChange]]()
-    for change in changes:
-        by_kind.setdefault(change.quantity.kind, []).append(change)
-    for kind, ours in by_kind.items():
+    for kind, ours in grouped(changes, lambda change: change.quantity.kind).items():
         noun, scale, unit = QUANTITIES[kind]
         names = (
             f"motor {motor}" if motor else axis

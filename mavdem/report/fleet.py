@@ -9,6 +9,7 @@ from mavdem.facts.motors import MotorHealth
 from mavdem.fleet import row as fleet_row
 from mavdem.fleet.difference import Flights
 from mavdem.fleet.row import HEALTHS, OK, UNKNOWN, FlightRows, is_shared, worst_health
+from mavdem.grouping import grouped
 from mavdem.report.blocks import Blocks, Table
 from mavdem.report.condition import TIER_WORDS
 from mavdem.report.numbers import few, listed
@@ -136,9 +137,7 @@ def _flown(flown: Flights) -> dict[str, object] | None:
 
 def _unused(refused: FlightRows) -> Blocks:
     """Why logs could not be used, the most frequent reason first."""
-    by_reason = dict[str, FlightRows]()
-    for row in refused:
-        by_reason.setdefault(row.status_code or row.status, []).append(row)
+    by_reason = grouped(refused, lambda row: row.status_code or row.status)
     ranked = sorted(by_reason.values(), key=lambda rows: (-len(rows), rows[0].status))
     cells = [
         [cut(rows[0].status, 70), str(len(rows)), cut(PurePath(rows[0].file).name, 40)]

@@ -19,6 +19,7 @@ from jinja2 import Environment, StrictUndefined, Template
 from mavdem.condition.wind_velocity import from_point
 from mavdem.facts import Code, Fact, Words
 from mavdem.files import table_beside
+from mavdem.grouping import grouped
 from mavdem.report.blocks import Sentence
 from mavdem.report.numbers import (
     counted,
@@ -152,10 +153,8 @@ def comma(loop: Any, more: bool = False) -> str:
 
 def together(said: Iterable[tuple[str, Fact]], told: Callable[[Fact], str] = str) -> list[Sentence]:
     """Returns what is ``said`` of axes, in one sentence of all of which the same is said."""
-    axes = dict[Fact, list[str]]()
-    for axis, fact in said:
-        axes.setdefault(fact.but(axis=""), []).append(axis)
-    named = [(listed(names), fact) for fact, names in axes.items()]
+    alike = grouped(said, lambda named: named[1].but(axis="")).items()
+    named = [(listed(axis for axis, _ in axes), fact) for fact, axes in alike]
     return [Sentence(told(fact.but(axis=names)), f"{names.capitalize()}:") for names, fact in named]
 
 

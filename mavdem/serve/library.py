@@ -31,6 +31,7 @@ from mavdem.fleet.row import OK, FlightRows
 from mavdem.fleet.sources import Source, source_of
 from mavdem.fleet.store import Store
 from mavdem.fleet.workers import Limits, Outcome
+from mavdem.grouping import grouped
 from mavdem.heading import Values
 from mavdem.results import PAGE
 
@@ -408,10 +409,8 @@ class Library:
         entered = "select logs.log from entries join logs on logs.path in (entries.path, ? || entries.path)"
         query = f"select row, file from flights where file is not null and log not in ({entered}) order by rowid"
         with self._transaction() as db:
-            logs = dict[str, FlightRows]()
-            for row in self.store.rows(query, [f"{self.folder}/"]):
-                logs.setdefault(row.file, []).append(row)
-            for file, rows in logs.items():
+            found = self.store.rows(query, [f"{self.folder}/"])
+            for file, rows in grouped(found, lambda row: row.file).items():
                 insert(db, _of_rows(file, rows))
 
 
