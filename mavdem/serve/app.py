@@ -182,8 +182,7 @@ class Server:
         if path.startswith("/api/") or path.endswith("/upload"):
             return JSONResponse(whole("error", {"error": _error(fact)}), status, headers)
         asks = fact.code is Request.NO_RIGHT
-        page = refusal_page(fact, asks, **self._known(request))
-        return HTMLResponse(page, status, headers)
+        return HTMLResponse(refusal_page(fact, asks, **self._known(request)), status, headers)
 
     def _seen(self, request: HttpRequest) -> Entry:
         """The flight of a link, for one who may see it."""
@@ -223,20 +222,21 @@ class Server:
     def _list_page(self, request: HttpRequest) -> Response:
         entries, total, query, offset = self._found(request, PAGE_LENGTH, PAGE_LENGTH)
         known = self._known(request)
-        page = served(
-            "library",
-            entries=entries,
-            total=total,
-            query=query,
-            offset=offset,
-            page=PAGE_LENGTH,
-            is_empty=not entries and not query and not offset,
-            sample=self._sample,
-            is_live=self._live is not None,
-            vehicles=self.library.vehicles()[:20] if known["may_read"] else [],
-            **known,
+        return HTMLResponse(
+            served(
+                "library",
+                entries=entries,
+                total=total,
+                query=query,
+                offset=offset,
+                page=PAGE_LENGTH,
+                is_empty=not entries and not query and not offset,
+                sample=self._sample,
+                is_live=self._live is not None,
+                vehicles=self.library.vehicles()[:20] if known["may_read"] else [],
+                **known,
+            )
         )
-        return HTMLResponse(page)
 
     def _flight_page(self, request: HttpRequest) -> Response:
         entry = self._seen(request)
@@ -246,13 +246,14 @@ class Server:
         if entry.stage != Stage.DONE or not path.is_file():
             return HTMLResponse(served("flight", **known))
         can_open = self._show is not None and RECORDING in entry.file_names
-        page = with_bar(
-            path.read_text("utf-8"),
-            files=entry.file_names if entry.digest else [],
-            can_open=can_open and known["may_read"],
-            **known,
+        return HTMLResponse(
+            with_bar(
+                path.read_text("utf-8"),
+                files=entry.file_names if entry.digest else [],
+                can_open=can_open and known["may_read"],
+                **known,
+            )
         )
-        return HTMLResponse(page)
 
     def _file(self, request: HttpRequest) -> Response:
         entry = self._seen(request)
@@ -286,15 +287,16 @@ class Server:
         flights = vehicles_of(rows).get(name, [])
         healthy = [row for row in self.library.store.healthy if row.vehicle == name]
         change = since_baseline(rows, healthy).get(name) if healthy else None
-        page = vehicle_page(
-            flights,
-            baseline_blocks(*change) if change else (),
-            name=name,
-            entries=entries,
-            baseline=len({row.key for row in healthy}),
-            **self._known(request),
+        return HTMLResponse(
+            vehicle_page(
+                flights,
+                baseline_blocks(*change) if change else (),
+                name=name,
+                entries=entries,
+                baseline=len({row.key for row in healthy}),
+                **self._known(request),
+            )
         )
-        return HTMLResponse(page)
 
     def _compare_page(self, request: HttpRequest) -> Response:
         self.rights.need(request, Use.READ)
@@ -305,9 +307,13 @@ class Server:
             for entry in (a, b)
         )
         difference = vehicle_difference(before, after)
-        reviews = self._review(a) or {}, self._review(b) or {}
-        names = a.name, b.name
-        page = comparison_page(names, reviews, difference, parameters, ("Flights", "/"))
+        page = comparison_page(
+            (a.name, b.name),
+            (self._review(a) or {}, self._review(b) or {}),
+            difference,
+            parameters,
+            ("Flights", "/"),
+        )
         return HTMLResponse(without_policy(page, **self._known(request)))
 
     def _enter_page(self, request: HttpRequest) -> Response:
@@ -319,9 +325,13 @@ class Server:
             await asyncio.sleep(1.0)  # guessing takes longer
             raise Refusal(Request.NO_RIGHT, name=Use.READ)
         answer = RedirectResponse("/", 303)
-        is_secure = request.url.scheme == "https"
-        key = self.rights.key(Use.READ)
-        answer.set_cookie(COOKIE, key, httponly=True, samesite="lax", secure=is_secure)
+        answer.set_cookie(
+            COOKIE,
+            self.rights.key(Use.READ),
+            httponly=True,
+            samesite="lax",
+            secure=request.url.scheme == "https",
+        )
         return answer
 
     def _leave(self, request: HttpRequest) -> Response:
@@ -402,8 +412,9 @@ class Server:
 
     def _flight(self, request: HttpRequest) -> Response:
         entry = self._seen(request)
-        listed = Flight.model_validate(entry).as_dict()
-        return JSONResponse({"flight": listed, "review": self._review(entry)})
+        return JSONResponse(
+            {"flight": Flight.model_validate(entry).as_dict(), "review": self._review(entry)}
+        )
 
     def _review(self, entry: Entry) -> Values | None:
         """The document of a flight's review; None before it is done, and of a flight of `mavdem track`."""
@@ -429,8 +440,7 @@ class Server:
         entry = self._seen(request)
         if self._show is None or RECORDING not in entry.file_names:
             raise Refusal(Request.NO_SUCH_FLIGHT)
-        address = self._show(self.library.results_of(entry) / RECORDING)
-        return _answer(Viewer(address=address))
+        return _answer(Viewer(address=self._show(self.library.results_of(entry) / RECORDING)))
 
     async def _baseline(self, request: HttpRequest) -> Response:
         self.rights.need(request, Use.WRITE)

@@ -282,33 +282,43 @@ class Library:
     ) -> tuple[list[Entry], int]:
         """Returns the entries ``where`` a condition with ``values`` holds, the newest first, and their number."""
         values = [*values]
-        listed = f"select * from entries where {where} order by sorted_by desc limit ? offset ?"
-        rows = self._db.execute(listed, [*values, limit, offset]).fetchall()
-        counted = f"select count(*) from entries where {where}"
-        (total,) = self._db.execute(counted, values).fetchone()
+        rows = self._db.execute(
+            f"select * from entries where {where} order by sorted_by desc limit ? offset ?",
+            [*values, limit, offset],
+        ).fetchall()
+        (total,) = self._db.execute(
+            f"select count(*) from entries where {where}", values
+        ).fetchone()
         return [_entry(row) for row in rows], total
 
     def vehicles(self) -> list[str]:
         """Names of all vehicles."""
-        query = "select distinct vehicle from entries where vehicle <> '' order by vehicle"
-        return [name for (name,) in self._db.execute(query)]
+        return [
+            name
+            for (name,) in self._db.execute(
+                "select distinct vehicle from entries where vehicle <> '' order by vehicle"
+            )
+        ]
 
     def change(self, id: str, **columns: Any) -> Entry:
         """Sets columns of an entry."""
         with self._transaction() as db:
             changed = ", ".join(f"{name} = :{name}" for name in ("id", *columns))
-            query = f"update entries set {changed} where id = :id returning *"
-            row = db.execute(query, {**columns, "id": id}).fetchone()
+            row = db.execute(
+                f"update entries set {changed} where id = :id returning *", {**columns, "id": id}
+            ).fetchone()
         if row is None:
             raise Refusal(Request.NO_SUCH_FLIGHT)
         return _entry(row)
 
     def claim(self) -> Entry | None:
         """Returns a log to read, the one that waits longest; None if there is none."""
-        query = """update entries set stage = ?, claimed = ? where id =
-            (select id from entries where stage = ? order by received limit 1) returning *"""
         with self._transaction() as db:
-            row = db.execute(query, [Stage.READING, self.name, Stage.WAITING]).fetchone()
+            row = db.execute(
+                """update entries set stage = ?, claimed = ? where id =
+                (select id from entries where stage = ? order by received limit 1) returning *""",
+                [Stage.READING, self.name, Stage.WAITING],
+            ).fetchone()
         return row and _entry(row)
 
     def finish(self, entry: Entry, outcome: Outcome, limits: Limits) -> None:
@@ -371,11 +381,14 @@ class Library:
 
     def dead_servers(self) -> list[str]:
         """Names of servers of this folder that have ended without saying so."""
-        places = (self.folder / SERVERS).iterdir()
+        places = (self.folder / SERVERS).glob("[0-9a-f]" * 16)
         return [path.name for path in places if path.name != self.name and not _is_held(path)]
 
     def recover(self) -> None:
-        """Gives what dead servers were doing to others, and removes what they left half done, but no recording."""
+        """Gives what dead servers were doing to others, and removes what they left half done, but no recording.
+
+        Logs that the index lacks are entered again: their upload was not acknowledged yet, or the index is lost.
+        """
         # Once: of one that dies meanwhile the recording would be swept and not entered.
         dead = self.dead_servers()
         for server in dead:
@@ -391,14 +404,21 @@ class Library:
                 (self.folder / SERVERS / server).unlink(missing_ok=True)
             query = "select digest from entries union select '.' || digest from entries where claimed <> ''"
             used = {name for (name,) in db.execute(query)}
-            for folder in (LOGS, RESULTS):
-                for path in (self.folder / folder).iterdir():
-                    if path.name not in used:  # it was never acknowledged, or is deleted
-                        shutil.rmtree(path, ignore_errors=True)
+            # What others have put into the folder stays.
+            digests = "[0-9a-f]" * 64
+            for path in (self.folder / RESULTS).glob(f"*{digests}"):
+                if path.name not in used:  # of a log that is deleted
+                    shutil.rmtree(path, ignore_errors=True)
+            for path in (self.folder / LOGS).glob(f"{digests}/*"):
+                digest = path.parent.name
+                if digest not in used:
+                    place = f"{LOGS}/{digest}/{path.name}"
+                    insert(db, Entry(new_id(), path.name, digest, place, path.stat().st_size))
 
     def _release(self, db: sqlite3.Connection, server: str) -> None:
-        query = "update entries set stage = ?, claimed = '' where claimed = ?"
-        db.execute(query, [Stage.WAITING, server])
+        db.execute(
+            "update entries set stage = ?, claimed = '' where claimed = ?", [Stage.WAITING, server]
+        )
 
     def adopt(self) -> None:
         """Enters the flights that `mavdem track` has put into the fleet, if others have written since the last call."""

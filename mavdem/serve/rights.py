@@ -65,8 +65,7 @@ class Rights:
     def _holds(self, secret: str, use: Use) -> bool:
         if not self.token:
             return True
-        is_key = hmac.compare_digest(secret.encode(), self.key(use).encode())
-        return self.is_token(secret) or is_key
+        return self.is_token(secret) or hmac.compare_digest(secret.encode(), self.key(use).encode())
 
     def check_site(self, request: HTTPConnection) -> None:
         """Raises ``Refusal`` for what another site's page asks for, or under a name that is not this machine's."""

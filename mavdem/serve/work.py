@@ -81,8 +81,7 @@ class Work:
 
     def _read_log(self, reader: LogReader | Cluster, entry: Entry) -> None:
         try:
-            job = Job(str(self._library.path_of(entry)))
-            outcome = reader.read(job, self._limits, self._read)
+            outcome = reader.read(Job(str(self._library.path_of(entry))), self._limits, self._read)
         except Unreadable:  # nothing can read it now
             self._library.change(entry.id, stage=Stage.WAITING, claimed="")
             raise

@@ -32,7 +32,7 @@ ALL = condition_of("")
 def received(library, said="One.", name="a.ulg", **columns):
     part = library.new_part()
     part.write_bytes(log(said))
-    return library.receive(part, said.encode().hex(), name, **columns)
+    return library.receive(part, said.encode().hex().zfill(64), name, **columns)
 
 
 def killed(library):
@@ -47,10 +47,14 @@ def test_what_was_acknowledged_outlives_a_killed_server_and_half_uploads_do_not(
     library.new_part().write_bytes(b"half of a log")
     library.new_part("session.tlog").write_bytes(log("Three."))
     library.new_part("empty.tlog").touch()
-    (tmp_path / "logs" / "unacknowledged").mkdir()
-    (tmp_path / "logs" / "unacknowledged" / "a.ulg").write_bytes(log())
-    (tmp_path / "results" / f".{working.digest}").mkdir()
-    (tmp_path / "results" / "deleted").mkdir()
+    for folder in (
+        "logs/mine",
+        "results/mine",
+        f"results/.{working.digest}",
+        "results/" + 64 * "d",
+    ):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "servers" / "mine").touch()
     killed(library)
 
     again = Library(tmp_path)
@@ -62,7 +66,7 @@ def test_what_was_acknowledged_outlives_a_killed_server_and_half_uploads_do_not(
         part: len(list((tmp_path / part).iterdir()))
         for part in ("incoming", "logs", "results", "servers")
     }
-    assert left == {"incoming": 0, "logs": 3, "results": 0, "servers": 1}
+    assert left == {"incoming": 0, "logs": 4, "results": 1, "servers": 2}
     AtOnce(again).run()
     assert {entry.stage for entry in again.find(*ALL, 10)[0]} == {Stage.DONE}
 
@@ -81,18 +85,28 @@ def test_an_upload_that_breaks_off_at_any_moment_is_whole_or_not_there(
     with monkeypatch.context() as patch:
         patch.setattr(f"mavdem.serve.library.{moment}", end)
         with pytest.raises(KeyboardInterrupt):
-            library.receive(part, "digest", "a.ulg")
+            library.receive(part, 64 * "d", "a.ulg")
     killed(library)
     again = Library(tmp_path)
-    assert again.find(*ALL, 1) == ([], 0) and again.used == 0
-    assert not any((tmp_path / "logs").iterdir())
+    there = [*(tmp_path / "logs").rglob("*.ulg")]
+    assert [again.path_of(entry) for entry in again.find(*ALL, 1)[0]] == there
+    assert len(there) == (moment == "_sync")
+
+
+def test_logs_outlive_a_lost_index(tmp_path):
+    received(Library(tmp_path))
+    for path in tmp_path.glob("fleet.sqlite*"):
+        path.unlink()
+    (entry,), _ = Library(tmp_path).find(*ALL, 2)
+    assert (entry.name, entry.stage) == ("a.ulg", Stage.WAITING)
 
 
 def test_servers_that_share_a_folder_leave_each_other_alone(tmp_path):
     one, other = Library(tmp_path), Library(tmp_path)
     entries = [received(one, f"{number}.") for number in range(4)]
-    claims = [library.claim() for library in (one, other, one, other, one)]
-    assert [claim and claim.id for claim in claims] == [*(entry.id for entry in entries), None]
+    for library, entry in zip((one, other, one, other), entries, strict=True):
+        assert library.claim().id == entry.id
+    assert one.claim() is None
     part = one.new_part()
     part.write_bytes(b"half of a log")
     other.recover()
@@ -160,10 +174,12 @@ def test_ten_thousand_flights_are_searched_by_their_index(tmp_path):
     """In time, tools/bench/serve.py has it; here is what takes it: no row is read that is not shown."""
     library = Library(tmp_path)
     received(library)
-    plan = library._db.execute(
-        "explain query plan select * from entries order by sorted_by desc limit 100"
+    assert (
+        "by_order"
+        in library._db.execute(
+            "explain query plan select * from entries order by sorted_by desc limit 100"
+        ).fetchone()["detail"]
     )
-    assert "by_order" in plan.fetchone()["detail"]
 
 
 def test_a_library_of_an_earlier_version_opens_and_what_is_new_stands_first(tmp_path):
@@ -224,8 +240,7 @@ def test_a_log_is_read_with_its_page_rows_and_index(tmp_path, monkeypatch):
     """A real one, in this process."""
     monkeypatch.setattr("os.setpriority", lambda *_: None)
     library = Library(tmp_path)
-    part = Path(shutil.copy(SLOW, library.new_part()))
-    entry = library.entered(part, SLOW.name)
+    entry = library.entered(Path(shutil.copy(SLOW, library.new_part())), SLOW.name)
     outcome = outcome_of(Job(str(library.path_of(entry))), read_for_library)
     library.finish(library.claim(), outcome, LIMITS)
     entry = library.entry(entry.id)
@@ -234,10 +249,10 @@ def test_a_log_is_read_with_its_page_rows_and_index(tmp_path, monkeypatch):
     rows = library.rows_of([entry])
     assert [row.axis for row in rows] == ["roll", "pitch"]
     assert rows[0].headline == entry.headline and rows[0].page.endswith(f"{entry.digest}/{PAGE}")
-    written = [path.read_bytes() for path in library.results_of(entry).iterdir()]
-    assert not any(str(tmp_path).encode() in text for text in written)
-    page = (library.results_of(entry) / PAGE).read_text()
-    assert f"<h1>{SLOW.name}</h1>" in page and library.told(entry) == {}
+    for path in library.results_of(entry).iterdir():
+        assert str(tmp_path).encode() not in path.read_bytes()
+    assert f"<h1>{SLOW.name}</h1>" in (library.results_of(entry) / PAGE).read_text()
+    assert library.told(entry) == {}
 
 
 def test_a_log_waits_for_a_cluster_that_has_gone(tmp_path, monkeypatch):
