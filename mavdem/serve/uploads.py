@@ -89,8 +89,8 @@ async def received(request: HttpRequest, library: Library) -> Form:
             raise Refusal(Request.UPLOAD_WITHOUT_LOG)
     except BaseException as error:
         form.drop()
-        if isinstance(error, MultiPartException):
-            raise Refusal(Request.BAD_REQUEST, because=error.message) from None
+        if isinstance(error, MultiPartException | UnicodeError):
+            raise Refusal(Request.BAD_REQUEST, because=str(error)) from None
         raise
     return form
 
