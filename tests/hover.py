@@ -122,6 +122,24 @@ def changed(telemetry, message, **fields):
     return replace(telemetry, messages={**telemetry.messages, message: table})
 
 
+def asking(telemetry, time, ignored, rate, angle=None):
+    """The telemetry with setpoints of roll, (N,) rad/s and rad; the bits ``ignored`` say which of them do not count."""
+    none = 0 * time
+    half = none if angle is None else angle / 2
+    return changed(
+        telemetry,
+        "ATTITUDE_TARGET",
+        **columns(
+            time,
+            type_mask=np.full(len(time), ignored),
+            q=np.column_stack([np.cos(half), np.sin(half), none, none]),
+            body_roll_rate=none if rate is None else rate,
+            body_pitch_rate=none,
+            body_yaw_rate=none,
+        ),
+    )
+
+
 def only(telemetry, wanted, *messages):
     """The telemetry with those messages, of the kinds that are named or of all, whose time is ``wanted``."""
     for message in messages or telemetry.messages:

@@ -316,7 +316,7 @@ def _fall(signals: Signals, boot: int, flight: Interval, lost: Fact | None) -> I
 def _of_motors(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
     """Motors that were lastingly at their upper stop, or off while the others flew the vehicle."""
     motors = signals.motors
-    if motors is None:
+    if motors is None or boot not in motors.boot:
         return
     commands = motors.shares(boot)
     time = commands.time
@@ -337,14 +337,13 @@ def _of_motors(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact
             for start, end in _lasting(time, true & flown, CAUGHT_SECONDS):
                 if min(end, time[-1]) - start <= shortest:
                     continue
-                share = float(true[during(time, [(start, end)])].mean())
                 yield Fact(
                     code,
                     level,
                     time=start,
                     until=_seen(end),
                     subject=name,
-                    share=share,
+                    share=float(true[during(time, [(start, end)])].mean()),
                     boot=boot,
                 )
 
@@ -358,7 +357,7 @@ def _clipped(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
     counted = of_boot(clips, boot)
     if counted is None:
         return
-    time = counted.time[(counted.values > 0) & during(counted.time, flights)]
-    for start, end in merged([(at, at) for at in time.tolist()], CAUGHT_SECONDS):
+    clipped = (counted.values > 0) & during(counted.time, flights)
+    for start, end in merged([(at, at) for at in counted.time[clipped].tolist()], CAUGHT_SECONDS):
         count = int(counted.values[during(counted.time, [(start, end)])].sum())
         yield Fact(MotionEvent.CLIPPED, time=start, until=end, count=count, boot=boot)

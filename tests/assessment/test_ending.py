@@ -109,6 +109,11 @@ def test_names_none_where_places_are_unknown():
     assert judged(replace(lost(1), vehicle="HEXAROTOR", parameters={}))[1].subject == ""
 
 
+def test_a_boot_without_motor_outputs_has_no_events_of_motors():
+    time = flight().messages["SERVO_OUTPUT_RAW"]["time"]
+    assert not judged(changed(flight(), "SERVO_OUTPUT_RAW", boot=np.ones(len(time))))[0]
+
+
 def test_names_motors_without_output():
     made = falling(leaning(flight(), QUAD[2], 120.0, 100.0))
     events, ending = judged(driven(made, 2, 1000.0))

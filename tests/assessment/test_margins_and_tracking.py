@@ -4,7 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hover import X_QUAD, X_QUAD_PARAMETERS, Hover, changed, columns, evidence_of, with_pulses
+from hover import (
+    X_QUAD,
+    X_QUAD_PARAMETERS,
+    Hover,
+    asking,
+    changed,
+    columns,
+    evidence_of,
+    with_pulses,
+)
 from numpy.random import default_rng
 from pytest import approx
 from recorded_flights import LOGS, recorded
@@ -29,7 +38,7 @@ from mavdem.ingest import read_log
 
 HOVER = Hover(hovering=40.0)
 TIME = HOVER.stamps(100.0)
-IGNORED = {"rates": 7, "attitude": 128}  # bits of ATTITUDE_TARGET
+RATES, ATTITUDE = 7, 128  # bits of ATTITUDE_TARGET of what does not count
 
 
 def evidence(telemetry, **known):
@@ -58,21 +67,7 @@ def closed_loop(margin):
 
 def asked(telemetry, rate=None, angle=None):
     """With setpoints of roll at 100 Hz, (N,) rad/s or rad."""
-    none = 0 * TIME
-    half = none if angle is None else angle / 2
-    ignored = IGNORED["rates"] if rate is None else IGNORED["attitude"]
-    return changed(
-        telemetry,
-        "ATTITUDE_TARGET",
-        **columns(
-            TIME,
-            type_mask=np.full(len(TIME), ignored),
-            q=np.column_stack([np.cos(half), np.sin(half), none, none]),
-            body_roll_rate=none if rate is None else rate,
-            body_pitch_rate=none,
-            body_yaw_rate=none,
-        ),
-    )
+    return asking(telemetry, TIME, RATES if rate is None else ATTITUDE, rate, angle)
 
 
 def flight(rate, setpoint):

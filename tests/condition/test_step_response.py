@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hover import Hover, changed, columns, only
+from hover import Hover, asking, changed, only
 from numpy.random import default_rng
 from pytest import approx
 from recorded_flights import recorded
@@ -41,24 +41,9 @@ def steered(seed=1, slow=0.9):
 
 def flight(rate, setpoint, angle=None, wanted=None):
     """A hover at 200 Hz with a roll rate and its setpoint, (N,) rad/s, and an angle and its setpoint, rad."""
-    none = 0 * TIME
-    half = none if wanted is None else wanted / 2
-    telemetry = HOVER.telemetry(200.0, 200.0)
-    telemetry = changed(
-        telemetry, "ATTITUDE", rollspeed=rate, roll=none if angle is None else angle
-    )
-    return changed(
-        telemetry,
-        "ATTITUDE_TARGET",
-        **columns(
-            TIME,
-            type_mask=np.full(len(TIME), 128 if wanted is None else 0),
-            q=np.column_stack([np.cos(half), np.sin(half), none, none]),
-            body_roll_rate=setpoint,
-            body_pitch_rate=none,
-            body_yaw_rate=none,
-        ),
-    )
+    roll = 0 * TIME if angle is None else angle
+    telemetry = changed(HOVER.telemetry(200.0, 200.0), "ATTITUDE", rollspeed=rate, roll=roll)
+    return asking(telemetry, TIME, 128 if wanted is None else 0, setpoint, wanted)
 
 
 def measured(telemetry, response=rate_response):
