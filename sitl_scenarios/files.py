@@ -76,6 +76,8 @@ def load(name_or_path: str | Path) -> Scenario:
 
 def _content(path: Path) -> bytes:
     try:
+        if path.is_char_device():  # it may never end
+            raise OSError("it is a device")
         return path.read_bytes()
     except OSError as error:
         raise ValueError(f"{path} cannot be read: {error.strerror or error}") from None
@@ -88,8 +90,7 @@ def scenario_of(table: dict[str, Any]) -> Scenario:
         scenario = Scenario.model_validate_json(json.dumps(table, default=str))
     except ValidationError as error:
         sentences = (shortened(_sentence(detail), 300) for detail in error.errors())
-        wrong = list(dict.fromkeys(sentences))
-        raise ValueError(shortened("; ".join(wrong), 1000)) from None
+        raise ValueError(shortened("; ".join(dict.fromkeys(sentences)), 1000)) from None
     times(scenario)
     check_parameters(scenario)
     return scenario

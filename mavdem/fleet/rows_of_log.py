@@ -144,7 +144,7 @@ def _means(analysis: LogAnalysis) -> Values:
 
 
 def text_of(path: Path) -> str:
-    """Returns what a file holds; raises ``OSError``, also of a pipe, whose writer may never come."""
-    if path.is_fifo():
+    """Returns what a file holds; raises ``OSError``, also of a pipe or a device, which may never end."""
+    if path.is_fifo() or path.is_char_device():
         raise OSError(errno.ESPIPE, os.strerror(errno.ESPIPE))
     return path.read_text()

@@ -44,6 +44,11 @@ def in_air(time):
     return (time > LIFTED) & (time < LANDED)
 
 
+def reported():
+    """A hover whose landed state is right, twice a second."""
+    return reporting(HOVER.stamps(2.0), np.where(in_air(HOVER.stamps(2.0)), 2, 1))
+
+
 def test_reports_that_come_late_leave_the_flight_before_them_to_the_motors():
     """The first report is of the landing, as of a stream that was asked for just then."""
     time = np.arange(HOVER.sinking, HOVER.end, 0.1)
@@ -180,7 +185,7 @@ def test_a_climb_in_the_midst_of_a_flight_is_not_settled():
 
 
 def test_what_never_rose_was_never_in_the_air_whatever_is_reported():
-    telemetry = reporting(HOVER.stamps(2.0), np.where(in_air(HOVER.stamps(2.0)), 2, 1))
+    telemetry = reported()
     still = 0.01 * np.sin(telemetry.messages["LOCAL_POSITION_NED"]["time"])
     assert phases.settled(Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=still)), 0) == []
     # What is always 0 is no measurement.
@@ -188,7 +193,7 @@ def test_what_never_rose_was_never_in_the_air_whatever_is_reported():
 
 
 def test_a_vehicle_that_hovers_below_any_threshold_flies_as_its_land_detector_reports():
-    telemetry = reporting(HOVER.stamps(2.0), np.where(in_air(HOVER.stamps(2.0)), 2, 1))
+    telemetry = reported()
     time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
     pulses = np.where(in_air(time), 1120, 1050) + np.zeros((4, 1))
     ((start, end),) = phases.off_ground(

@@ -42,7 +42,7 @@ def ended():
     ("words", "said"),
     [
         (["nonsense:1:2:3"], "is not a link"),
-        (["udpin:127.0.0.1:0", "--prior", "/dev/null"], "not the document of a learned model"),
+        (["udpin:127.0.0.1:0", "--prior", "/dev/zero"], "is no learned model"),
         (["udpin:127.0.0.1:0", "--record", "x.bin"], "--record"),
         (["udpin:127.0.0.1:0", "--rrd", "x.tlog"], "--rrd"),
         (["udpin:127.0.0.1:0", "--rrd", "none/x.rrd"], "there is no folder none"),

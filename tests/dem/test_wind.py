@@ -256,14 +256,19 @@ def followed(online, memory, flight, weak=None):
     return found
 
 
+def identified(of):
+    """The same filter, whose parameters count as identified."""
+    status = dict.fromkeys(of.physical.status, Status.REPORTED)
+    return of._replace(physical=of.physical._replace(status=status))
+
+
 @pytest.mark.slow
 def test_it_is_nearly_the_smoother_s_of_the_whole_flight():
     online, memory = online_wind()
     online.filter = of = wind_filter(Record.of(WINDY))
     online._next = len(WINDY) + 1
     assert of.physical.status["effect"] == Status.NOT_IDENTIFIABLE
-    known = of.physical._replace(status=dict.fromkeys(of.physical.status, Status.REPORTED))
-    online.filter = of._replace(physical=known)
+    online.filter = identified(of)
     live = followed(online, memory, WINDY)[:, 0]
     whole = of.torques(WINDY.inputs, WINDY.outputs)[:, 0]
     assert np.std(live[500:] - whole[500 - LAG : -LAG]) < 0.1 * whole.std()
@@ -327,8 +332,7 @@ def test_what_was_identified_stays_where_later_samples_identify_nothing():
     of = wind_filter(Record.of(part))
     assert np.isnan(followed(*online_wind(), part)).all()
     online, memory = online_wind()
-    known = of.physical._replace(status=dict.fromkeys(of.physical.status, Status.REPORTED))
-    online.filter = kept = of._replace(physical=known)
+    online.filter = kept = identified(of)
     assert np.isfinite(followed(online, memory, part)[BEGINS + 1 :]).all()
     assert online.filter is kept
 

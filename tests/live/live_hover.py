@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 from hover import ARMED, MAV_AUTOPILOTS, MAV_TYPES, Hover
 from mavlink_streams import message, tlog
+from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from whole_logs import read
 
@@ -209,3 +210,9 @@ def differences(
         ),
         float(np.abs(np.array([row.inputs for row in rows])[:count] - flight.inputs[:count]).max()),
     )
+
+
+def settled_uniform(made):
+    """Within a segment rows are one step apart, whatever happened."""
+    for number, rows in made.segments().items():
+        assert_allclose(np.diff([row.time for row in rows]), made.setups[number].dt, atol=1e-9)

@@ -5,7 +5,7 @@ import random
 import numpy as np
 import pytest
 from hover import Hover
-from live_hover import Flight, differences, offline, replay
+from live_hover import Flight, differences, offline, replay, settled_uniform
 from mavlink_streams import message
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
@@ -16,12 +16,6 @@ from mavdem.facts.session import Rows, VehicleFact
 pytestmark = pytest.mark.slow
 
 FLIGHT = Flight(hover=Hover(hovering=30.0))
-
-
-def settled_uniform(made):
-    """Within a segment rows are one step apart, whatever happened."""
-    for number, rows in made.segments().items():
-        assert_allclose(np.diff([row.time for row in rows]), made.setups[number].dt, atol=1e-9)
 
 
 def same_as_offline(made, frames, tolerance=1e-9):

@@ -71,6 +71,7 @@ def test_what_is_no_text_or_no_file_is_said_too(tmp_path):
         load(tmp_path / "own.toml")
     with pytest.raises(ValueError, match="other.toml cannot be read: No such file"):
         load(str(tmp_path / "other.toml"))
-    guess = "there is no scenario 'hover_blowr': `mavdem fly --list`"
-    with pytest.raises(ValueError, match=guess):
+    with pytest.raises(ValueError, match="/dev/zero cannot be read: it is a device"):
+        load("/dev/zero")
+    with pytest.raises(ValueError, match="there is no scenario 'hover_blowr': `mavdem fly --list`"):
         load("hover_blowr")
