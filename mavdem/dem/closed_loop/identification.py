@@ -93,7 +93,8 @@ def _averaged(axis: Axis, ended: Sequence[Quadratic]) -> Identified:
 def _covariance(axis: Axis, curvature: Array) -> Array:
     """At a maximum of this ``curvature``: the sandwich of the prior and ``SCATTER`` of what the spectra say."""
     whole = inverse(curvature)
-    return SCATTER * whole + (1 - SCATTER) * whole * axis.sd**-2.0 @ whole
+    prior = np.diag(axis.sd**-2.0)
+    return whole @ (SCATTER * curvature + (1 - SCATTER) * prior) @ whole
 
 
 def lag_first(theta: Array) -> Array:
