@@ -1,6 +1,7 @@
 """What holds for every test."""
 
 import faulthandler
+import gc
 import os
 import pickle
 from hashlib import sha256
@@ -8,6 +9,8 @@ from hashlib import sha256
 import pytest
 from hypothesis import settings
 
+# What is imported and collected stays, and the collector would walk over it again and again: a quarter of the start.
+gc.disable()
 # Read when NumPy and SciPy are imported, here and in every process that a test starts: for small matrices more threads
 # only wait for each other.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
@@ -20,6 +23,11 @@ def pytest_addoption(parser):
     parser.addoption(
         "--write-golden", action="store_true", help="write the golden files of tests/report anew"
     )
+
+
+def pytest_collection_finish():
+    gc.freeze()
+    gc.enable()
 
 
 # A busy machine may take long over an example, and every run tries the same ones; the rest is as hypothesis has it.
