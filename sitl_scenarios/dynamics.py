@@ -193,8 +193,8 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
     thrust2, thrust1 = body.thrust
     torque2, torque1 = body.torque
     half_rho_area = AIR_DENSITY * body.drag_area / 2
-    (along_x, along_y) = (body.rotor_drag * vehicle.rotor_drag,) * 2
-    (hull_x, hull_y) = (half_rho_area,) * 2
+    along_x = along_y = body.rotor_drag * vehicle.rotor_drag
+    hull_x = hull_y = half_rho_area
     if vehicle.drag_linear is not None:
         full_speed = 4 * body.hover_speed
         along_x, along_y = (drag * mass / full_speed for drag in vehicle.drag_linear)

@@ -41,18 +41,21 @@ def ardupilot(columns: Array, demands: Four) -> Array:
 def px4(columns: Array, demands: Four) -> Array:
     """Thrusts likewise, by ``ControlAllocationSequentialDesaturation`` with MC_AIRMODE 0: roll, pitch, then yaw."""
     *tilt, yaw, thrust = demands
-    less = np.full(4, -1.0)
-    thrusts = _within(thrust + tilt @ columns[:2], less, is_thrust=True)
+    thrusts = _within(thrust + tilt @ columns[:2], -1.0, is_thrust=True)
     for column in columns[:2]:
         thrusts = _within(thrusts, column)
     yawing = thrusts + yaw * columns[2]
     thrusts = _within(yawing, columns[2], 1 + YAW_MARGIN)
-    lowered = _within(thrusts, less, is_thrust=True)
-    return lowered.clip(0.0, 1.0)
+    return _within(thrusts, -1.0, is_thrust=True).clip(0.0, 1.0)
 
 
-def _within(thrusts: Array, column: Array, highest: float = 1.0, is_thrust: bool = False) -> Array:
+def _within(
+    thrusts: Array, column: Array | float, highest: float = 1.0, is_thrust: bool = False
+) -> Array:
     """Thrusts moved along a ``column`` to leave the limits (``desaturateActuators``); of thrust not upwards."""
+    # Most are within them: of floats, as numpy's calls on arrays of four take ten times as long.
+    if all(0.0 <= thrust <= highest for thrust in thrusts.tolist()):
+        return thrusts
     for share in (1.0, 0.5):
         excess = thrusts.clip(0.0, highest) - thrusts
         needed = excess / np.where(column, column, np.inf)
