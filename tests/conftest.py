@@ -56,20 +56,26 @@ def without_wind_fits():
         yield
 
 
-@pytest.fixture(scope="session", autouse=True)
-def fits_once():
-    """Fits physical parameters to the same windows once in a process: many tests ask for those of the sample flight."""
-    from mavdem.dem.graybox import estimation
-
-    fit = estimation._estimated
+def once(fit):
+    """The same fit, done once in a process for the same arguments."""
     known = {}
 
-    def once(*given):
+    def fitted(*given):
         key = sha256(pickle.dumps(given)).digest()
         if key not in known:
             known[key] = fit(*given)
         return known[key]
 
+    return fitted
+
+
+@pytest.fixture(scope="session", autouse=True)
+def fits_once():
+    """Many tests, and many commands of a test, ask for the parameters and loops of the same flight."""
+    from mavdem.condition.loop import in_flight
+    from mavdem.dem.graybox import estimation
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(estimation, "_estimated", once)
+        for module, name in ((estimation, "_estimated"), (in_flight, "identified")):
+            patch.setattr(module, name, once(getattr(module, name)))
         yield

@@ -8,6 +8,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from recorded_flights import short_flight
 
 from mavdem.cli.commands import main
 from mavdem.cli.live import Dashboard
@@ -49,11 +50,12 @@ def test_every_file_that_is_no_python_is_installed():
 @pytest.mark.slow
 def test_without_rerun_learning_writes_all_but_its_recording(without_rerun, tmp_path, capsys):
     (tmp_path / "flight.rrd").write_text("of a run before")
-    words = ["learn", str(LOG), "--out", str(tmp_path), *QUICK, "--json"]
+    log = short_flight(tmp_path)
+    words = ["learn", str(log), "--out", str(tmp_path), *QUICK, "--json"]
     assert main(words) == 0
     out, said = capsys.readouterr()
     assert INSTALL in said and "flight.rrd" in said
-    written = {path.name for path in tmp_path.iterdir()}
+    written = {path.name for path in tmp_path.iterdir()} - {log.name}
     assert written == set(json.loads(out)["files"]) >= {"model.json", "report.json", "flight.mcap"}
     assert "flight.rrd" not in written
 
@@ -100,7 +102,7 @@ def test_no_module_but_its_own_needs_an_extra(tmp_path):
 
     It writes pages, and the server begins, without Matplotlib.
     """
-    words = ["learn", str(LOG), "--out", str(tmp_path), *QUICK]
+    words = ["learn", str(short_flight(tmp_path)), "--out", str(tmp_path), *QUICK]
     libraries = sorted({library for modules in EXTRAS.values() for library in modules})
     program = (
         "import runpy, sys\n"
