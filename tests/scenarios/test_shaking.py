@@ -27,8 +27,8 @@ def flight(shaking, **parameters):
     return scenario_of(
         {
             "seed": 3,
-            "duration": 30.0,
-            "height": 8.0,
+            "duration": 25.5,
+            "height": 4.0,
             "vehicle": {
                 "parameters": {"SCHED_LOOP_RATE": 1000.0, "INS_GYRO_FILTER": 80.0, **parameters}
             },
@@ -62,9 +62,9 @@ def test_the_notch_that_is_advised_takes_the_motors_line_when_flown_again(tmp_pa
     motion = fly(scenario)
     write_log(tmp_path / "flight.tlog", scenario, motion)
     signals = Signals(read_log(tmp_path / "flight.tlog").vehicles[0])
-    spectra = spectra_of_flight(signals, (Segment(0, 8.0, 26.0),))
+    spectra = spectra_of_flight(signals, (Segment(0, 8.0, 22.0),))
     lines = peaks_of(spectra["gyro_before"])
-    flown = (motion.time > 8) & (motion.time < 26)
+    flown = (motion.time > 8) & (motion.time < 22)
     turns = float(np.median(motion.rotor_speeds[flown].mean(axis=1))) / (2 * np.pi)
     by_kind = {line.kind: line for line in lines}
     assert by_kind[PeakKind.MOTOR].frequency == approx(turns, rel=0.02)
