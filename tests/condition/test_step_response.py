@@ -117,6 +117,7 @@ def test_why_there_is_no_step_response():
     assert measured(HOVER.telemetry(), attitude_response).code is StepResponses.NO_SETPOINT
 
 
+@pytest.mark.slow
 def test_the_ringing_of_arducopters_default_gains_is_seen():
     """Its true closed loop, by a chirp at the mixer, peaks by 2.70 at 22 Hz."""
     signals = Signals(recorded("sitl_raw/ap_raw_off.BIN.xz"))

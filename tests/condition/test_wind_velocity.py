@@ -170,6 +170,7 @@ def test_parameters_are_read_and_written_in_the_autopilots_units():
     )
 
 
+@pytest.mark.slow
 def test_solo_beside_an_anemometer():
     path = shared("real/wind/solo_sonic_1hz.csv")
     table = np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding=None)

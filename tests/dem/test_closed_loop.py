@@ -111,6 +111,7 @@ def test_a_plant_is_given_back(every):
     assert found.axis.steered_share(found.theta) > 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("flown", "every"), [(FLOWN, 16), (IN_TIME, 4)])
 def test_lag_and_delay_together_are_known_at_25_hz_and_where_steps_keep_time(flown, every):
     """Of neither of which alone much is known there: whether a step comes sooner or the motors later looks alike."""

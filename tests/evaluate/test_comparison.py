@@ -227,6 +227,7 @@ def test_predictions_are_compared_of_the_methods_that_make_them(predicted):
     ]
 
 
+@pytest.mark.slow
 def test_the_share_in_the_band_is_a_mean_over_windows_and_flights(predicted):
     shares = [
         row_of(predicted.summaries(flight, UNKNOWN), "DEM joint")["horizons"][2]["inside"]

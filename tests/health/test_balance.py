@@ -205,6 +205,7 @@ def test_each_flight_by_itself_is_judged_as_the_documentation_says(verdicts):
         )
 
 
+@pytest.mark.slow
 def test_10_mm_flown_one_after_the_other_are_a_drift(flights):
     good = [flight for flight in flights if "good" in flight.name]
     first = datetime(2022, 3, 14, tzinfo=UTC)

@@ -82,6 +82,7 @@ def test_a_limit_cycle_is_said_within_two_seconds_of_take_off_and_when_it_is_ove
     assert shown.seconds - 1.7e9 == approx(over.time + CALM_SECONDS, abs=0.6)
 
 
+@pytest.mark.slow
 def test_what_was_wrong_is_the_headline_of_the_session(hot):
     judged = replace(hot.stream.status(), alarms=()).judged
     assert judged.headline.code is MotorsLight.MOTOR_LIMITED
@@ -92,6 +93,7 @@ def test_what_was_wrong_is_the_headline_of_the_session(hot):
     assert landed.next_step.code is NextStep.DO_AS_ADVISED
 
 
+@pytest.mark.slow
 def test_a_motor_at_its_limit_is_named(hot):
     [alarm, _] = said(hot, MotorsLight.MOTOR_LIMITED)
     assert alarm.subject == "motor 1 (front right)" and alarm.code is Session.ALARM

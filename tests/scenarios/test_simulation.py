@@ -49,6 +49,7 @@ def test_the_same_seed_gives_the_same_bits_in_pieces_too(flight):
         assert_array_equal(together, getattr(flight, field.name))
 
 
+@pytest.mark.slow
 def test_it_arms_climbs_hovers_lands_and_disarms(flight):
     assert list(dict.fromkeys(flight.landed_state.tolist())) == [1, 3, 2, 4]
     assert flight.landed_state[-1] == 1

@@ -35,6 +35,7 @@ def accelerations(scenario, motion, axis="roll"):
     return (np.diff(rates) / dt)[hover], ((predicted[1:] + predicted[:-1]) / 2)[hover]
 
 
+@pytest.mark.slow
 def test_the_linear_system_with_lag_and_disturbance_moves_as_the_vehicle_did(flown):
     true, predicted = accelerations(*flown)
     assert (true - predicted).std() < 0.01 * true.std()
@@ -121,6 +122,7 @@ def effect(vehicle):
     return truth(scenario, fly(scenario))["roll_effect"]
 
 
+@pytest.mark.slow
 def test_the_file_is_the_same_for_the_same_flight(tmp_path, flown):
     scenario, motion = flown
     for name in ("a.npz", "b.npz"):

@@ -86,6 +86,7 @@ def test_all_axes_rates_and_motors_are_drawn_over_the_whole_flight(recording, as
         assert_allclose(times, 2 * [flight.time[100]], atol=1e-8)
 
 
+@pytest.mark.slow
 def test_forecasts_are_those_of_held_out_windows_in_degrees(recording, assessed):
     drawn = lines(recording)
     held_out = assessed.analysis.held_out
@@ -101,6 +102,7 @@ def test_forecasts_are_those_of_held_out_windows_in_degrees(recording, assessed)
     assert np.nanmax(line.high) <= 5 * np.ptp(np.degrees(held_out.measured[0, :, 0]))
 
 
+@pytest.mark.slow
 def test_the_one_blueprint_in_the_file_shows_what_is_there_in_the_screen_s_words(
     recording, assessed
 ):
