@@ -96,6 +96,7 @@ def advised(recording: Path, vehicle: str, foretell: Foretell) -> Facts:
     if not facts:
         least = min(tuning.advice, key=lambda advice: advice.sure)
         return (Fact(Gains.GAINS_LEFT, subject=least.before.axis, because=least.sentence),)
+    facts += foretell(assessment, tuning.parameters)
     files = parameter_files(tuning.parameters, assessment.evidence.signals.telemetry)
     names = (f"{recording.with_suffix('.gains')}{-number or ''}" for number in count())
     name = next(name for name in names if not any(Path(name + end).exists() for end in files))
@@ -103,5 +104,4 @@ def advised(recording: Path, vehicle: str, foretell: Foretell) -> Facts:
         Path(name + end).write_text(text)
     path = name + " and ".join(files)
     because = tuning.judgement.next_step
-    facts += foretell(assessment, tuning.parameters)
     return (*facts, Fact(Gains.GAINS_WRITTEN, path=path, because=because))
