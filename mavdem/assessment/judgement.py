@@ -97,7 +97,8 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
         return Fact(Headline.NOTHING_CHECKED, because=lights[reason])
     # Battery and estimator alone say nothing of how it flies.
     level = Level.GOOD if OF_MOTION.intersection(checked) else Level.UNKNOWN
-    return Fact(Headline.NOTHING_WRONG, level, names=checked, missing=unknown)
+    loss = lights[Light.MOTORS].figures.get("most_loss")
+    return Fact(Headline.NOTHING_WRONG, level, names=checked, missing=unknown, most_loss=loss)
 
 
 def next_step_of(headline: Fact, lights: NamedFacts, of_model: Fact | None) -> Fact:

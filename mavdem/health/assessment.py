@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -127,7 +127,7 @@ def _assessment(
             probability=weighed.fault,
             motor_probability=likely,
             rise=rise,
-            loss=[lost_thrust(float(end)) for end in rise],
+            loss=lost_thrust(rise),
             **reference,
         )
         motor = suspect + 1 if is_named else None
@@ -181,9 +181,9 @@ RISES = np.linspace(0.0, 1.0, 401)[1:]
 MAX_MISFIT = 4.0  # Scales on any axis from which a deviation is no motor's
 
 
-def lost_thrust(rise: float, exponent: float = 2.0) -> float:
+def lost_thrust(rise: Any, exponent: float = 2.0) -> Any:
     """Returns which share of its thrust a motor lost whose command rose so much, to whose ``exponent`` thrust goes."""
-    return float(1 - (1 + rise) ** -exponent)
+    return 1 - (1 + rise) ** -exponent
 
 
 def shift_sizes(scale: float) -> Pair:

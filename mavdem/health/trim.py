@@ -56,10 +56,12 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
     most = int(np.argmax(sure))
     known = {"shift": level, "deviation": apart[most], "half": half[most]}
     known["assumed"] = layout.positions_assumed
-    if half.max() > FAULT_RISE >= sure[most]:
-        return Fact(Trim.TRIM_UNSURE, **known)
     if sure[most] <= FAULT_RISE:
-        return Fact(Trim.TRIM_EVEN, **known)
+        if half.max() > FAULT_RISE:
+            return Fact(Trim.TRIM_UNSURE, **known)
+        # the vehicle's own trim may have hidden as much as is even
+        hidden = (FAULT_RISE + apart + half) / np.diag(mixer @ signatures.weights[1:])
+        return Fact(Trim.TRIM_EVEN, most_loss=lost_thrust(hidden.max()), **known)
     scale = np.sqrt(SCATTER**2 + variance)
     lean = float(np.linalg.norm(balance.lean))
     away = Deviation(level, scale, SCATTER_FREEDOM, lean)
@@ -72,7 +74,7 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
             subject=layout.names[motor],
             probability=weighed.motors[motor],
             rise=rise,
-            loss=[lost_thrust(float(end)) for end in rise],
+            loss=lost_thrust(rise),
             **known,
         )
     roll, pitch, yaw = level.tolist()

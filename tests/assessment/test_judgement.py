@@ -68,7 +68,9 @@ def test_without_a_flight_it_says_why():
 
 def test_nothing_wrong_is_said_of_what_was_checked_only():
     known = lights(margins=Level.UNKNOWN, log=Level.WATCH, wind=Level.WATCH)
+    known["motors"] = known["motors"].but(most_loss=0.36)
     sound = headline(known)
+    assert "found: motors (losses over 36 %), tracking" in sound.sentence
     assert (sound.code, sound.level) == (Headline.NOTHING_WRONG, Level.GOOD)
     assert Light.MARGINS not in sound.figures["names"]
     assert sound.figures["missing"] == (Light.MARGINS,)

@@ -37,7 +37,7 @@ def flown(mean, lean=(0.0, 0.0), error=0.003):
         ((-0.1, 0.1, 0.01), Trim.TRIM_OF_CENTRE, {"share": 0.141, "place": "front right"}),
         ((0.15, 0.01, 0.0), Trim.TRIM_OF_CENTRE, {"share": 0.15, "place": "left"}),
         ((0.01, -0.06, 0.06), Trim.TRIM_OF_SEVERAL, {}),
-        ((0.01, -0.02, 0.03), Trim.TRIM_EVEN, {"deviation": 0.06}),
+        ((0.01, -0.02, 0.03), Trim.TRIM_EVEN, {"deviation": 0.06, "most_loss": 0.303}),
     ],
 )
 def test_the_pattern_is_named(mean, code, figures):
