@@ -78,6 +78,7 @@ def _of_loop(loop: Loop) -> Fact:
         level,
         subject=rating.subject,
         axis=loop.axis,
+        rating=rating.level,
         is_biased=loop.plant.bias < 0,
         **rating.figures,
     )

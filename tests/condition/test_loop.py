@@ -19,6 +19,7 @@ import mavdem
 from mavdem.alignment.align import align, settled_segments
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.gains import autotuned
+from mavdem.assessment.axis_margins import AxisMargins
 from mavdem.condition.loop.advice import (
     EFFECTS,
     LARGEST_ANGLE,
@@ -368,6 +369,8 @@ def test_enough_margin_is_left_alone_unless_more_is_asked(factor):
     assert advice.gains and not advice.parameters
     assert (advice.sentence.code, advice.sentence.level) == (Gains.KEEP_GAINS, Level.GOOD)
     assert advice.after.controller.parameters == loop.controller.parameters
+    (light,) = AxisMargins(loop.axis, loop, None, None).facts
+    assert light.sentence.split(":")[0] == advice.rating.sentence.split(":")[0]
 
 
 def test_an_effectiveness_that_seems_low_changes_no_gains_unless_margins_surely_lack():
