@@ -9,7 +9,15 @@ from numpy.typing import NDArray
 
 from mavdem.alignment.align import Segment, recorded_parts
 from mavdem.alignment.drive import DEMAND_MESSAGE
-from mavdem.alignment.phases import AVERAGING_SECONDS, armed, both, during, of_boot, where
+from mavdem.alignment.phases import (
+    AVERAGING_SECONDS,
+    armed,
+    both,
+    during,
+    of_boot,
+    off_ground,
+    where,
+)
 from mavdem.alignment.signals import BATTERY_MESSAGES, Signals
 from mavdem.assessment.motion import flights_of, height_above
 from mavdem.assessment.power import SUPPLY
@@ -125,7 +133,7 @@ def _in_the_air(signals: Signals, part: Segment) -> Iterator[Fact]:
             near = changes[abs(changes - end) <= AVERAGING_SECONDS]
             source = "EXTENDED_SYS_STATE" if len(near) else by_motors
             at = float(near[np.argmin(abs(near - end))]) if len(near) else end
-            if isfinite(end):
+            if isfinite(end) and off_ground([flight], signals, part.boot):
                 yield _event(signals, part, source, code, at)
 
 

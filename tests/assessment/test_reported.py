@@ -150,6 +150,9 @@ def test_arming_take_off_and_landing_have_time_and_height():
     assert (up.time, up.figures["basis"]) == (6.2, ("EXTENDED_SYS_STATE",))
     armed, disarmed = events(telemetry, Reported.MOTORS_ARMED, Reported.MOTORS_DISARMED)
     assert not armed.figures["is_begun"] and disarmed.figures["height"] > 50
+    # It never climbed.
+    held = changed(FLOWN, "LOCAL_POSITION_NED", vz=-0.01 * CLIMB)
+    assert not events(held, Reported.OFF_GROUND)
 
 
 def test_a_mode_has_its_cause():
