@@ -11,7 +11,7 @@ from mavdem.alignment.signals import Signals
 from mavdem.condition.injected import injected_loop
 from mavdem.condition.loop.loop import TARGETS, Loop, Target, margin_rating
 from mavdem.condition.loop.margins import OpenLoop
-from mavdem.condition.resonance import Resonance, peak_of, response_of
+from mavdem.condition.resonance import FASTEST_LOOP, Resonance, peak_of, response_of
 from mavdem.confidence import LEVEL
 from mavdem.facts import Fact, Level
 from mavdem.facts.margins import MarginsLight
@@ -46,7 +46,7 @@ class AxisMargins:
         elif self.peak is not None:
             found.append(_of_resonance(MarginsLight.RATE_STANDS_OUT, Level.WATCH, self.peak))
         if self.response is not None:
-            found.append(_of_response(self.response))
+            found.append(of_response(self.response))
         return [fact for fact in found if fact.level is not Level.UNKNOWN]
 
 
@@ -107,17 +107,19 @@ def _has(loop: OpenLoop, target: Target) -> bool:
     )
 
 
-def _of_response(resonance: Resonance) -> Fact:
-    """Unknown where the response was not seen far enough, or not surely enough."""
+def of_response(resonance: Resonance) -> Fact:
+    """Returns whether it resonates; unknown where it was not seen far enough, or not surely enough."""
     assert resonance.ms_interval is not None
     low, high = resonance.ms_interval
     code = MarginsLight.RESONATES
     level = Level.UNKNOWN
     if low > USUAL.ms:
         level = Level.BAD if low > LEAST.ms else Level.WATCH
-    elif high < USUAL.ms and resonance.whole:
+    elif high < USUAL.ms:
         code = MarginsLight.NO_RESONANCE
-        level = Level.GOOD
+        # a response that falls may rise again where the loop of the rate crosses over
+        if resonance.whole and resonance.highest >= FASTEST_LOOP / 2:
+            level = Level.GOOD
     return _of_resonance(code, level, resonance)
 
 

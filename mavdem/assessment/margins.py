@@ -3,6 +3,7 @@
 from math import inf, radians
 
 from mavdem.alignment.drive import TILT_AXES
+from mavdem.assessment.axis_margins import of_response
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst
 from mavdem.facts import Fact, Level
@@ -29,4 +30,6 @@ def margins_light(evidence: Evidence) -> Fact:
         return enough[0].but(names=tuple(names))
     refusals = [fact for fact in evidence.loops.values() if isinstance(fact, Fact)]
     because = refusals[0] if refusals else evidence.verdict.reason
-    return Fact(MarginsLight.MARGINS_UNKNOWN, because=because)
+    seen = [of_response(axis.response) for axis in evidence.margins if axis.response]
+    quiet = [fact.figures["rate"] for fact in seen if fact.code is MarginsLight.NO_RESONANCE]
+    return Fact(MarginsLight.MARGINS_UNKNOWN, because=because, rate=max(quiet, default=None))

@@ -36,7 +36,7 @@ PROMINENT = 3.0
 SIDES = 1.5
 """Times the straight line between the frequencies so many times lower and higher: a maximum sensitivity of up to 2.3
 makes at most 2.5 of it, one of 4.9 makes 5 and more."""
-# Hz: rate loops of multirotors cross over below, motors and propellers turn above
+# Hz: rate loops of multirotors cross over below, most at several Hz to half of it; motors and propellers turn above
 FASTEST_LOOP = 40.0
 USUAL_ANGLE_GAIN = 4.5
 """1/s, ArduCopter's default, where the log has none; PX4's is 6.5."""
@@ -63,7 +63,7 @@ class Resonance:
     ms_interval: Interval | None = None
     """The 90 % interval of the maximum sensitivity; None without setpoint."""
     whole: bool = False
-    """Whether the response was seen to fall below −3 dB, so that no peak comes after it."""
+    """Whether the response was seen to fall below −3 dB."""
 
 
 class Spectra(NamedTuple):
