@@ -28,11 +28,16 @@ WATCHED_OVERSHOOT = 0.3
 
 
 def tracking_light(evidence: Evidence) -> Fact:
-    """Returns the light on tracking: the worse of roll and pitch, or what to log."""
+    """Returns the light on tracking: the worse of roll and pitch, or what to log; never good of what oscillates."""
     axes = tracking_of(evidence)
     tilts = [axes[axis] for axis in TILT_AXES]
     rated = [fact for fact in tilts if fact.code is not TrackingLight.TRACKING_UNKNOWN]
-    return worst(sorted(rated or tilts[:1], key=lambda fact: -fact.figures.get("angle_error", 0.0)))
+    light = worst(
+        sorted(rated or tilts[:1], key=lambda fact: -fact.figures.get("angle_error", 0.0))
+    )
+    if evidence.condition.oscillation is not None and light.level is Level.GOOD:
+        return light.but(Level.WATCH)
+    return light
 
 
 def tracking_of(evidence: Evidence) -> NamedFacts:

@@ -134,6 +134,10 @@ def test_a_limit_cycle_goes_before_all():
     swinging = Oscillation("pitch", 5.0, 40.0, 0.0, False, 20.0)
     light = margins_light(replace(found, condition=replace(found.condition, oscillation=swinging)))
     assert (light.code, light.level) == (MarginsLight.OSCILLATES, Level.BAD)
+    steered = following(0.1)
+    about = replace(steered.condition, oscillation=swinging)
+    light = tracking_light(replace(steered, condition=about))
+    assert (light.code, light.level) == (TrackingLight.FOLLOWS_SETPOINT, Level.WATCH)
 
 
 def test_what_hides_the_margins_is_said_at_any_rate():
