@@ -22,7 +22,6 @@ from mavdem.condition.condition import Condition, settled_parts
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.wind_of_log import Air
 from mavdem.facts import Code, Fact, Facts, Level
-from mavdem.facts.assessment import Override
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.lights import Unjudged
 from mavdem.ingest import Log
@@ -30,7 +29,6 @@ from mavdem.ingest.telemetry import Array
 
 INJECTED = frozenset({"Autotune", "Systemid"})
 """ArduPilot's modes that move the vehicle themselves, to and over what its gains allow."""
-GROUNDING = (Override.OSCILLATION, Override.SATURATION, MotionEvent.MOTOR_AT_ITS_STOP)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,13 +61,15 @@ class Evidence:
 
     @cached_property
     def grounds(self) -> Facts:
-        """Why the vehicle must not fly again as it is: it was lost, it oscillates, or a motor was at its stop.
+        """Why the vehicle must not fly again as it is: it was lost, it oscillates, or a motor is at its limit.
 
+        A moment at the limit counts only where there was no hover, which shows for what share of the time.
         Facts about such a vehicle are shown :attr:`~mavdem.facts.Fact.grounded`.
         """
-        found = [*overrides_of(self.condition, ()), *self.events]
-        grounding = (fact for fact in found if fact.code in GROUNDING)
-        return tuple(filter(None, (self.ending, *grounding)))
+        found = [self.ending, *overrides_of(self.condition, ())]
+        if self.condition.hover is None:
+            found += [fact for fact in self.events if fact.code is MotionEvent.MOTOR_AT_ITS_STOP]
+        return tuple(filter(None, found))
 
     def flights(self, boot: int) -> phases.Intervals:
         """Returns where the vehicle flew in a ``boot``."""

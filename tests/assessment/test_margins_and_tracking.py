@@ -260,14 +260,15 @@ def test_nothing_after_the_vehicle_was_lost_counts():
     assert tracking_light(lost).level is Level.UNKNOWN
 
 
-def test_a_vehicle_that_oscillates_was_lost_or_had_a_motor_at_its_stop_is_grounded():
+def test_a_vehicle_that_oscillates_was_lost_or_had_a_motor_at_its_stop_without_a_hover_is_grounded():
     lost = Fact(Ending.CRASHED, time=20.0)
     stop = Fact(MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH)
     caught = Fact(MotionEvent.ATTITUDE_CAUGHT, Level.WATCH)
     swinging = Oscillation("pitch", 5.0, 40.0, 0.0, False, 20.0)
     sound = evidence(HOVER.telemetry(), events=(caught,))
-    assert not sound.grounds
-    assert replace(sound, events=(caught, stop), ending=lost).grounds == (lost, stop)
+    touched = replace(sound, events=(caught, stop), ending=lost)
+    assert not sound.grounds and touched.grounds == (lost,)
+    assert replace(touched, condition=replace(sound.condition, hover=None)).grounds == (lost, stop)
     (found,) = replace(sound, condition=replace(sound.condition, oscillation=swinging)).grounds
     assert found.code is Override.OSCILLATION and found.figures["turn_rate"] < 1
     doubt = Fact(NoWind.STUCK, lean=0.5, duration=9.0)
