@@ -171,11 +171,11 @@ def bare(fact: Fact | str) -> str:
 
 
 def below(value: float, limit: float) -> str:
-    """Returns the value with as many decimals, at least one, as show that it is below the limit."""
+    """Returns the value with as many decimals as show that it is below the limit, one unless that is 0."""
     return next(
         (text for digits in range(1, 6) if float(text := f"{value:z.{digits}f}") < limit),
         f"{value:.6g}",
-    )
+    ).removesuffix(".0")
 
 
 def begin(text: object) -> str:
