@@ -9,7 +9,7 @@ from mavdem.alignment.align import Segments, recorded_parts
 from mavdem.alignment.drive import AXES
 from mavdem.alignment.signals import Signals
 from mavdem.condition.injected import injected_loop
-from mavdem.condition.loop.loop import TARGETS, Loop, Target, margin_rating
+from mavdem.condition.loop.loop import TARGETS, Loop, margin_rating, shares_of
 from mavdem.condition.loop.margins import OpenLoop
 from mavdem.condition.resonance import FASTEST_LOOP, Resonance, peak_of, response_of
 from mavdem.confidence import LEVEL
@@ -86,24 +86,15 @@ def _of_loop(loop: Loop) -> Fact:
 
 def _of_injected(axis: str, loop: OpenLoop) -> Fact:
     """Good with the usual margins, bad without the least."""
-    enough = Level.GOOD if _has(loop, USUAL) else Level.WATCH
+    lacking, little = (min(shares_of(target, loop).values()) < 1 for target in (LEAST, USUAL))
     return Fact(
         MarginsLight.LOOP_MEASURED,
-        enough if _has(loop, LEAST) else Level.BAD,
+        Level.BAD if lacking else Level.WATCH if little else Level.GOOD,
         axis=axis,
         frequency=loop.crossover,
         phase_margin=loop.phase_margin,
         gain_margin=loop.gain_margin if isfinite(loop.gain_margin) else None,
         ms=loop.ms,
-    )
-
-
-def _has(loop: OpenLoop, target: Target) -> bool:
-    """Whether the loop has the margins, as far as it was seen."""
-    return (
-        loop.phase_margin >= target.phase_margin
-        and loop.gain_margin >= target.gain_margin
-        and loop.ms <= target.ms
     )
 
 

@@ -129,14 +129,16 @@ def test_what_the_autopilot_injects_shows_no_margin():
     assert margins_light(evidence(telemetry)).level is Level.UNKNOWN
 
 
-def test_a_limit_cycle_goes_before_all():
-    found = evidence(flight(*closed_loop(60.0)))
+def oscillating(found):
+    """The same of a vehicle that oscillates."""
     swinging = Oscillation("pitch", 5.0, 40.0, 0.0, False, 20.0)
-    light = margins_light(replace(found, condition=replace(found.condition, oscillation=swinging)))
+    return replace(found, condition=replace(found.condition, oscillation=swinging))
+
+
+def test_a_limit_cycle_goes_before_all():
+    light = margins_light(oscillating(evidence(flight(*closed_loop(60.0)))))
     assert (light.code, light.level) == (MarginsLight.OSCILLATES, Level.BAD)
-    steered = following(0.1)
-    about = replace(steered.condition, oscillation=swinging)
-    light = tracking_light(replace(steered, condition=about))
+    light = tracking_light(oscillating(following(0.1)))
     assert (light.code, light.level) == (TrackingLight.FOLLOWS_SETPOINT, Level.WATCH)
 
 
@@ -264,12 +266,11 @@ def test_a_vehicle_that_oscillates_was_lost_or_had_a_motor_at_its_stop_without_a
     lost = Fact(Ending.CRASHED, time=20.0)
     stop = Fact(MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH)
     caught = Fact(MotionEvent.ATTITUDE_CAUGHT, Level.WATCH)
-    swinging = Oscillation("pitch", 5.0, 40.0, 0.0, False, 20.0)
     sound = evidence(HOVER.telemetry(), events=(caught,))
     touched = replace(sound, events=(caught, stop), ending=lost)
     assert not sound.grounds and touched.grounds == (lost,)
     assert replace(touched, condition=replace(sound.condition, hover=None)).grounds == (lost, stop)
-    (found,) = replace(sound, condition=replace(sound.condition, oscillation=swinging)).grounds
+    (found,) = oscillating(sound).grounds
     assert found.code is Override.OSCILLATION and found.figures["turn_rate"] < 1
     doubt = Fact(NoWind.STUCK, lean=0.5, duration=9.0)
     assert grounded_air((None, None, doubt)) == (None, None, doubt.grounded)

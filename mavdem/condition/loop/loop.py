@@ -147,7 +147,7 @@ def margin_rating(loop: Loop, target: Target = TARGETS["default"]) -> Fact:
         level = Level.GOOD
     elif scores[0] >= 1:
         level = Level.WATCH
-    shares = _shares(target, weak)
+    shares = shares_of(target, weak)
     return Fact(
         Loops.MARGIN_RATING,
         level,
@@ -166,14 +166,14 @@ def margin_rating(loop: Loop, target: Target = TARGETS["default"]) -> Fact:
 def scores_of(target: Target, *loops: OpenLoop) -> Array:
     """Returns (N,) the least of the margins over that of the target: 1 and more has them all, unstable is below 0."""
     least = [
-        np.where(loop.stable, np.min([*_shares(target, loop).values()], axis=0), -np.inf)
+        np.where(loop.stable, np.min([*shares_of(target, loop).values()], axis=0), -np.inf)
         for loop in loops
     ]
     return np.asarray(np.min(least, axis=0))
 
 
-def _shares(target: Target, loop: OpenLoop) -> dict[str, Array]:
-    """(N,) of the margins by name, each over that of the target."""
+def shares_of(target: Target, loop: OpenLoop) -> dict[str, Array]:
+    """Returns (N,) of the margins by name, each over that of the target."""
     return {
         "phase_margin": loop.figures["phase_margin"] / target.phase_margin,
         "gain_margin": loop.figures["gain_margin"] / target.gain_margin,
