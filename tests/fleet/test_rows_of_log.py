@@ -37,7 +37,7 @@ def test_a_slow_log_gives_what_it_holds_and_says_why_no_more(slow_rows):
             "c",
             "ok",
             None,
-        ) and "4.0 Hz" in row.tier_reason
+        ) and "4 Hz" in row.tier_reason
         assert row.trim == approx(hover.trim) and row.headroom == approx(hover.headroom)
         assert row.duration == approx(hover.seconds) and row.attitude_rate == approx(4, abs=0.2)
         assert row.lean_roll == approx(np.radians(hover.roll))
