@@ -350,7 +350,7 @@ def _unlike(sides: Sequence[Flights]) -> Fact | None:
         ),
         Incomparable.OTHER_UNITS: lambda row: row.trim_unit,
         Incomparable.OTHER_INPUTS: lambda row: (
-            f"{row.inputs} {row.input_unit}" if row.effect else None
+            f"{row.inputs} {row.input_unit}" if row.effect_status else None
         ),
     }
     for code, column in columns.items():

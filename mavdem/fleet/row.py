@@ -258,9 +258,14 @@ class FlightRow:
     """version of the program that read the log"""
 
     def __post_init__(self) -> None:
-        """Brings every value to its column's type, which makes rows equal that say the same."""
+        """Brings every value to its column's type, which makes rows equal that say the same.
+
+        What is not identifiable has no value, in rows of earlier versions either.
+        """
         for name, kind in _kinds().items():
-            object.__setattr__(self, name, _value(getattr(self, name), kind))
+            status = getattr(self, f"{name}_status", None)
+            value = None if status == NOT_IDENTIFIABLE else _value(getattr(self, name), kind)
+            object.__setattr__(self, name, value)
 
     @property
     def order(self) -> tuple[str, str, str, int, int, str]:

@@ -17,7 +17,6 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Facts
 from mavdem.facts.fleet import Folder, Reading
-from mavdem.facts.identifiability import Status
 from mavdem.facts.motors import HealthUnknown
 from mavdem.fleet.row import OK, SHARED, UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.sources import Source, find_logs
@@ -139,8 +138,7 @@ def residual_mean(row: FlightRow, healthy: Iterable[FlightRow]) -> float | None:
 
 
 def _is_model(row: FlightRow) -> bool:
-    is_known = row.effect is not None and row.mean_inputs is not None
-    return is_known and row.effect_status != Status.NOT_IDENTIFIABLE
+    return row.effect is not None and row.mean_inputs is not None
 
 
 def track(

@@ -7,7 +7,7 @@ import numpy as np
 
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.dem.engine.linalg import Array
-from mavdem.fleet.row import NOT_IDENTIFIABLE, Flight, worst_health
+from mavdem.fleet.row import Flight, worst_health
 from mavdem.report.charts import Axis, Chart, Group, Kind, Line, Mark
 from mavdem.report.numbers import TORQUE, short
 from mavdem.report.palette import BAD, LIMITED, distinct
@@ -82,9 +82,8 @@ def _estimates(
     for number, flight in enumerate(flights):
         for row in flight:
             value = getattr(row, name)
-            refused = getattr(row, f"{name}_status", None) == NOT_IDENTIFIABLE
             wanted = axis in ("", row.axis) and unit in ("", row.per_input)
-            if value is not None and np.size(value) == count and wanted and not refused:
+            if value is not None and np.size(value) == count and wanted:
                 estimates[number, :, 0] = value
                 half = getattr(row, f"{name}_interval", None)
                 estimates[number, :, 1] = np.nan if half is None else half

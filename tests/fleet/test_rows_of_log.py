@@ -76,6 +76,13 @@ def test_a_row_has_a_wind_torque_only_where_it_is_known():
         )
 
 
+def test_what_is_not_identifiable_is_null_beside_its_status():
+    status = {"effect": "not identifiable", "damping": "biased"}
+    physical = {"effect": (0.3, -0.3), "damping": 0.8, "status": status}
+    row = FlightRow.of({"physical": physical}, axis="pitch", file="f")
+    assert (row.effect, row.effect_status, row.damping) == (None, "not identifiable", 0.8)
+
+
 def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(slow_rows, monkeypatch):
     log = mavdem.ingest.read_log(SLOW)
     (sound,) = log.vehicles
