@@ -26,11 +26,13 @@ class Operation(NamedTuple):
 LOGS = "logs"
 OPERATIONS = (
     Operation("post", "/upload", "upload", "302", body=LOGS),
+    Operation("post", "/{key}/upload", "upload_by_key", "302", body=LOGS),
     Operation("post", "/api/logs", "add", "201", "Added", LOGS),
     Operation("get", "/api/flights", "list", "200", "Flights"),
     Operation("get", "/api/flights/{id}", "get", "200", "FlightReview"),
-    Operation("patch", "/api/flights/{id}", "change", "200", "Flights", "Change"),
+    Operation("patch", "/api/flights/{id}", "change", "200", "Flight", "Change"),
     Operation("delete", "/api/flights/{id}", "delete", "204"),
+    Operation("post", "/api/flights/{id}/viewer", "viewer", "200", "Viewer"),
     Operation("put", "/api/baseline", "baseline", "200", "Baseline", "Baseline"),
     Operation("get", "/api/progress", "progress", "200", "Progress"),
     Operation("get", "/f/{id}", "page", "200"),
