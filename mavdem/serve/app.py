@@ -370,16 +370,18 @@ class Server:
             form = await received(request, self.library)
         finally:
             self._uploads -= 1
-        is_flight_review = request.url.path.endswith("/upload")
-        added: Added = await run_in_threadpool(self._enter_logs, form, is_flight_review)
+        added: Added = await run_in_threadpool(self._enter_logs, form, request)
         return added
 
-    def _enter_logs(self, form: Form, is_flight_review: bool) -> Added:
-        """Enters the logs of a form, which are then in the library; raises ``Refusal`` if there is none."""
+    def _enter_logs(self, form: Form, request: HttpRequest) -> Added:
+        """Enters the logs of a form, which are then in the library; raises ``Refusal`` if there is none.
+
+        Of a log that was there already, who may write widens the sharing, and adds the description that is missing.
+        """
         fields = form.fields
         columns: Values = {"note": _unicode(fields.get("description", ""))[:4000]}
         columns["keep"] = int(fields.get("keep", "true").lower() != "false")
-        if is_flight_review:
+        if request.url.path.endswith("/upload"):  # as Flight Review has it
             is_public = fields.get("public", "").lower() in ("true", "1", "on")
             columns["sharing"] = Sharing.PUBLIC if is_public else Sharing.LINK
         flights = []
@@ -392,7 +394,10 @@ class Server:
                 name = PureWindowsPath(_unicode(file.filename or "")).name[:200] or "log"
                 try:
                     format_of(path)
-                    flights.append(self.library.entered(path, name, **columns))
+                    entry = self.library.entered(path, name, **columns)
+                    if self.rights.may(request, Use.WRITE):
+                        entry = self.library.widened(entry, columns)
+                    flights.append(entry)
                 except Refusal as error:
                     if isinstance(error.fact.code, Request):
                         raise

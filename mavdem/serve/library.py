@@ -311,6 +311,11 @@ class Library:
             raise Refusal(Request.NO_SUCH_FLIGHT)
         return _entry(row)
 
+    def widened(self, entry: Entry, columns: Values) -> Entry:
+        """Gives an entry the sharing of these ``columns`` where that is wider, and their note if it has none."""
+        widest = max(entry.sharing, columns.get("sharing", Sharing.PRIVATE), key=[*Sharing].index)
+        return self.change(entry.id, sharing=widest, note=entry.note or columns["note"])
+
     def claim(self) -> Entry | None:
         """Returns a log to read, the one that waits longest; None if there is none."""
         with self._transaction() as db:

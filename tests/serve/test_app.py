@@ -76,8 +76,17 @@ def test_an_uploaded_log_is_listed_with_its_review(served):
     assert {"model.json", "../fleet.sqlite"}.isdisjoint(one["files"])
 
 
-def test_the_same_log_again_has_the_same_link(served):
-    assert served.add("a.ulg", "Same.") == served.add("b.ulg", "Same.")
+def test_the_same_log_again_has_the_same_link_which_only_who_may_write_opens(guarded):
+    id = guarded.add("a.ulg", "Same.", token=TOKEN)
+    key = rights_of("", TOKEN, False).key("upload")
+    for path, token, known in (
+        (f"/{key}/upload", "", ("private", "")),
+        ("/upload", TOKEN, ("link", "A walk")),
+    ):
+        sent = {"path": path, "token": token, "fields": [("description", "A walk")]}
+        place = guarded.upload(("b.ulg", log("Same.")), **sent).headers["Location"]
+        entry = guarded.library.entry(place.removeprefix("/f/"))
+        assert (entry.id, entry.sharing, entry.note) == (id, *known)
 
 
 def test_a_log_that_cannot_be_read_says_why_and_is_kept_as_asked(served):
