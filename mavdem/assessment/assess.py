@@ -93,7 +93,7 @@ class Assessment(AssessmentDownstream):
     @property
     def lights(self) -> NamedFacts:
         """The judgement of motors, vibration, tracking, margins, power, estimator, wind and log, by name."""
-        return self.judgement.lights
+        return MappingProxyType(self.judgement.lights)
 
     @property
     def simulated(self) -> Fact | None:
@@ -106,12 +106,13 @@ class Assessment(AssessmentDownstream):
         return () if self.evidence is None else self.evidence.events
 
     @property
-    def loops(self) -> dict[str, Loop | NoLoop]:
+    def loops(self) -> Mapping[str, Loop | NoLoop]:
         """The control loops of "roll", "pitch" and "yaw", or their ``refusal``."""
         loops = dict.fromkeys(AXES, self.headline) if self.evidence is None else self.evidence.loops
-        return {
+        judged = {
             axis: NoLoop(loop) if isinstance(loop, Fact) else loop for axis, loop in loops.items()
         }
+        return MappingProxyType(judged)
 
     @cached_property
     def responses(self) -> Responses:
@@ -126,7 +127,7 @@ class Assessment(AssessmentDownstream):
     @property
     def spectra(self) -> Mapping[str, Spectrum]:
         """The spectra of gyro, accelerometer and demand, by name."""
-        return self.noise.spectra
+        return MappingProxyType(self.noise.spectra)
 
     @property
     def model(self) -> Learned | None:

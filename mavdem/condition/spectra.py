@@ -14,7 +14,7 @@ import numpy as np
 from mavdem.alignment.align import Segments, within
 from mavdem.alignment.drive import AXES, Signal, recorded, series
 from mavdem.alignment.signals import Signals
-from mavdem.dem.engine.linalg import Pair
+from mavdem.dem.engine.linalg import Pair, Result
 from mavdem.ingest.telemetry import Array
 
 SECONDS = 1.0  # of a window
@@ -35,7 +35,7 @@ DEMAND_MESSAGE = "ACTUATOR_CONTROL_TARGET"
 
 
 @dataclass(frozen=True, eq=False)
-class Spectrum:
+class Spectrum(Result):
     """Of one sensor, of the rate controllers' D term, or of what was asked of the motors.
 
     Attributes:

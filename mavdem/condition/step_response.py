@@ -41,7 +41,7 @@ from mavdem.condition.resonance import (
     spectra_of_pieces,
 )
 from mavdem.confidence import quantile
-from mavdem.dem.engine.linalg import Array, one_thread
+from mavdem.dem.engine.linalg import Array, Result, one_thread
 from mavdem.facts import Fact, Level
 from mavdem.facts.loops import StepResponses
 from mavdem.heading import Numbers
@@ -83,7 +83,7 @@ class Estimate(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class StepResponse:
+class StepResponse(Result):
     """The closed loop of one axis as measured: after a step of 1 of its setpoint, and by frequency.
 
     Attributes:

@@ -17,7 +17,7 @@ from mavdem.dem.airflow.identification import (
     identified,
 )
 from mavdem.dem.airflow.model import TOTAL, Drag
-from mavdem.dem.engine.linalg import one_thread
+from mavdem.dem.engine.linalg import Result, one_thread
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.identifiability import Status
 from mavdem.facts.online import DragSource
@@ -65,7 +65,7 @@ POINTS = [
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class WindVelocity:
+class WindVelocity(Result):
     """The horizontal wind of one flight.
 
     Attributes:

@@ -15,7 +15,15 @@ from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
 from mavdem.confidence import LEVEL, half_width
 from mavdem.dem.document import from_text, to_text
 from mavdem.dem.engine.ascent import FreeEnergy, Learning
-from mavdem.dem.engine.linalg import ROUNDING, Array, Flags, Indices, may_overflow
+from mavdem.dem.engine.linalg import (
+    ROUNDING,
+    Array,
+    Flags,
+    Indices,
+    Result,
+    may_overflow,
+    read_only,
+)
 from mavdem.dem.engine.model import LinearModel, unpack
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.fitting import generalized
@@ -47,7 +55,7 @@ TEXT = WithJsonSchema({"type": "string"})
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Learned(Forecasting, LearnedDownstream):
+class Learned(Result, Forecasting, LearnedDownstream):
     """A learned model with its posterior, its iterations and its forecasts, in physical units.
 
     Attributes:
@@ -128,7 +136,7 @@ class Learned(Forecasting, LearnedDownstream):
 
     @cached_property
     def _gray_box(self) -> Physical | NotIdentifiable:
-        return physical(self.record)
+        return read_only(physical(self.record))
 
     @property
     def wind(self) -> WindTorque | None:
@@ -146,7 +154,7 @@ class Learned(Forecasting, LearnedDownstream):
     def with_physical(self, physical: Physical | NotIdentifiable) -> Learned:
         """Returns the same with other ``physical`` parameters, by which its wind torque will be estimated."""
         changed = copy(self)
-        object.__setattr__(changed, "_gray_box", physical)
+        object.__setattr__(changed, "_gray_box", read_only(physical))
         vars(changed).pop("wind_torque", None)
         return changed
 

@@ -44,6 +44,7 @@ def test_the_library_returns_what_is_printed(tmp_path):
     assert other.model is other.wind is None and other.events == ()
     assert other.loops["roll"].refusal == other.headline and not other.spectra
     assert str(other).count("\n") < 15 and other.lights["log"].level is Level.UNKNOWN
+    assert not hasattr(other.lights, "__setitem__")
     other.page(tmp_path / "page.html")
     assert other.sentence(other.headline) in (tmp_path / "page.html").read_text()
 

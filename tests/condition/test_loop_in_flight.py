@@ -1,5 +1,6 @@
 """The plant in its loop: from the messages of simulated flights at any rate, and why there is none."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -201,5 +202,10 @@ def test_with_motors_at_their_limits_the_margins_are_true(tmp_path):
 
 def test_a_setpoint_with_the_correction_of_the_angle_in_it_is_taken_as_it_is():
     flight = mavdem.read_flight(shared("sitl_events/ap_quiet10.BIN"))
-    measured = mavdem.learn(flight).loop().measured
-    assert measured is not None and measured.agreement > 90
+    learned = mavdem.learn(flight)
+    loop = learned.loop()
+    assert loop.measured is not None and loop.measured.agreement > 90
+    # results cannot be written, in another process either
+    for one in (learned, pickle.loads(pickle.dumps(learned))):
+        for array in (one.model.A, one.physical.effect, one.wind_torque.band, loop.gains):
+            assert not array.flags.writeable

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_response, notched
 from mavdem.confidence import ENDS, Interval
-from mavdem.dem.engine.linalg import Array, Indices
+from mavdem.dem.engine.linalg import Array, Indices, Result
 from mavdem.ingest.telemetry import Flags
 from mavdem.ingest.vocabulary import wrapped
 
@@ -49,7 +49,7 @@ class FigureInterval:
         return low, high
 
 
-class Margins:
+class Margins(Result):
     """Figures of a loop with their 90 % intervals; the margins are the smallest."""
 
     crossover = Figure("crossover")

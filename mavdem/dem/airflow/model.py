@@ -22,7 +22,7 @@ from scipy.constants import g as GRAVITY  # noqa: N812
 from scipy.spatial.transform import Rotation
 
 from mavdem.confidence import quantile
-from mavdem.dem.engine.linalg import Array, Flags, Pair, require_positive_definite
+from mavdem.dem.engine.linalg import Array, Flags, Pair, Result, require_positive_definite
 from mavdem.facts.online import DragSource
 from mavdem.heading import Values
 
@@ -59,7 +59,7 @@ FARTHEST = np.array([4.0, 6.0, 3.0, 3.0, 5.0, 5.0])
 
 
 @dataclass(frozen=True, eq=False)
-class Drag:
+class Drag(Result):
     """Drag of one vehicle, per mass, with its uncertainty.
 
     Attributes:

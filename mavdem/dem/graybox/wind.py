@@ -18,7 +18,7 @@ import numpy as np
 
 from mavdem.confidence import half_width
 from mavdem.dem.closed_loop.spectra import WINDOW_SECONDS
-from mavdem.dem.engine.linalg import Array, one_thread
+from mavdem.dem.engine.linalg import Array, Result, one_thread
 from mavdem.dem.graybox.gusts import (
     LEVEL_SECONDS,
     MAX_ERROR_SHARE,
@@ -48,7 +48,7 @@ class WindSpectrum(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class WindTorque:
+class WindTorque(Result):
     """The wind's torque on one axis per moment of inertia, rad/s²; T samples.
 
     Attributes:
