@@ -21,8 +21,9 @@ def convert_command(
     The ending of OUT says the format. .tlog and .mcap receive every frame of the recorded stream with its receive time;
     an .mcap also every message as JSON. .csv and .parquet receive the longest settled flight of one vehicle as a table
     (--axis, --vehicle, --inputs), with the wind in m/s where it is known (north and east that the air moves to, and
-    half widths of 90 %). If no model can be learned from the log, the table has what there is of attitude and inputs,
-    with a caution. Times in .csv are rounded to microseconds, other numbers to float32; .parquet keeps float64.
+    half widths of 90 %); tables are not read again. If no model can be learned from the log, the table has what there
+    is of attitude and inputs, with a caution. Times in .csv are rounded to microseconds, other numbers to float32;
+    .parquet keeps float64.
 
     \b
     Examples:

@@ -31,8 +31,8 @@ BEGINNINGS = {
 """First bytes of each format that has fixed ones."""
 EXTENSIONS = {".ulg": Format.ULOG, ".bin": Format.DATAFLASH, ".mcap": Format.MCAP}
 """Format by file name, for a file whose beginning is damaged."""
-ARCHIVES = {b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip"}
-"""First bytes of files that often contain a log but are not read."""
+ARCHIVES = {b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"PAR1": "parquet", b"time_s,": "csv"}
+"""First bytes of files that often contain a log, or a table of its flight, but are not read."""
 
 # µs since 1970, of the years 2000 to 2099
 STAMPS = range(946_684_800_000_000, 4_102_444_800_000_000)

@@ -227,6 +227,7 @@ BEGUN = dataflash_logs.formats() + dataflash_logs.told()
         ),
         ("a.tlog", bytes(range(256)) * 40, Source.FORMAT_UNKNOWN, {"name": "mavlink"}),
         ("a.tlog.gz", b"\x1f\x8b\x08" + bytes(100), Source.FORMAT_UNKNOWN, {"name": "gzip"}),
+        ("roll.csv", b"time_s,motor_1_us\n", Source.FORMAT_UNKNOWN, {"name": "csv"}),
         ("a.tlog", b"\x89MCAP0\r\n" + bytes(100), Source.MCAP_WITHOUT_FLIGHT, {"names": ()}),
         (
             "a.tlog",
