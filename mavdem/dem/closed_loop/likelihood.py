@@ -106,7 +106,7 @@ class Axis:
         less = -np.log1p(-self.limited) / 2
         of_controller = np.arange(len(NAMES)) == CONTROLLER
         self.mean = MEAN - less * of_controller
-        self.sd = SD + less * of_controller
+        self.sd: Array = SD + less * of_controller
         # beyond 1 kHz gyro filters leave nothing, and folds cost time
         highest = min(0.5 / controller.cycle, 1000.0)
         folds = np.arange(-np.ceil(highest / spectra.rate), np.ceil(highest / spectra.rate) + 1)
