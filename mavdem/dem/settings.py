@@ -14,6 +14,7 @@ from pydantic import Field
 
 from mavdem.dem.engine.linalg import Pair, require_positive_definite
 from mavdem.dem.record import LARGEST, checked_values
+from mavdem.facts.fact import plain
 from mavdem.heading import Numbers, Values
 from mavdem.unit_slips import real_numbers
 
@@ -154,7 +155,7 @@ class Settings:
     forecasts: Literal["joint", "plant"] = "joint"
 
     def __post_init__(self) -> None:
-        values = {name: _plain(value) for name, value in vars(self).items()}
+        values = {name: plain(value) for name, value in vars(self).items()}
         for name, value in checked_values(type(self), values).items():
             object.__setattr__(self, name, value)
         self._require_consistent()
@@ -261,10 +262,3 @@ class CompleteSettings(Settings):
     d: Whole
     window: Natural
     parameter_precision: Positive
-
-
-def _plain(value: Any) -> Any:
-    """Lists and arrays as tuples of plain numbers, which cannot be changed and compare by value."""
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    return tuple(map(_plain, value)) if isinstance(value, list | tuple) else value

@@ -262,6 +262,10 @@ class Comparison:
         return self._summaries[flight, question]
 
     @cached_property
+    def _columns(self) -> dict[str, tuple[Outcome, ...]]:
+        return dict(zip(self.methods, zip(*self.outcomes, strict=True), strict=True))
+
+    @cached_property
     def _summaries(self) -> dict[tuple[str, Question], tuple[Values, ...]]:
         return {
             (flight, question): self.of_flight(flight)._standings(question)
@@ -275,13 +279,11 @@ class Comparison:
         return tuple(sorted(rows, key=itemgetter("relative")))
 
     def _summary(self, method: str, question: Question, reference: str) -> Values:
-        columns = dict(zip(self.methods, zip(*self.outcomes, strict=True), strict=True))
-        mine = columns[method]
+        mine = self._columns[method]
         scores = [outcome.scores[question] for outcome in mine]
         ratios = np.array([each.ratio for each in scores])
-        reference_ratios = np.array(
-            [outcome.scores[question].ratio for outcome in columns[reference]]
-        )
+        others = self._columns[reference]
+        reference_ratios = np.array([outcome.scores[question].ratio for outcome in others])
         squares = np.array([each.squared_error for each in scores])
         inside = np.array([each.inside for each in scores])
         errors = squares[:, -1].mean(axis=0)
@@ -321,9 +323,8 @@ class Comparison:
         if len(self.flights) >= FEWEST_PAIRS:
             tests = {row["method"]: row["reference"] for row in self.over_flights(question)}
             return {name: tests[name] for name in tests if name != first}
-        columns = dict(zip(self.methods, zip(*self.outcomes, strict=True), strict=True))
         whole = {
-            name: [outcome.scores[question].ratio[-1] for outcome in columns[name]]
+            name: [outcome.scores[question].ratio[-1] for outcome in self._columns[name]]
             for name in (first, *others)
         }
         return {name: paired(whole[first], whole[name], self.windows) for name in others}

@@ -94,12 +94,12 @@ class Fact:
         """
         if unknown := figures.keys() - UNITS.keys():
             raise ValueError(f"figures without a unit in facts/units.toml: {sorted(unknown)}")
-        own = tuple((name, _plain(value)) for name, value in figures.items())
+        own = tuple((name, plain(value)) for name, value in figures.items())
         for name, value in {
             "code": code,
             "level": level or Level(LEVELS.get(code, Level.UNKNOWN)),
-            "time": _plain(time),
-            "until": _plain(until),
+            "time": plain(time),
+            "until": plain(until),
             "subject": subject,
             "_figures": own,
         }.items():
@@ -151,13 +151,13 @@ class Fact:
         return " ".join(filter(None, _words(self)))
 
 
-def _plain(value: Any) -> Figure:
-    """Numbers of NumPy as Python's, lists and arrays as tuples, paths and errors as text."""
+def plain(value: Any) -> Figure:
+    """Returns numbers of NumPy as Python's, lists and arrays as tuples, which compare by value; paths and errors as text."""
     if isinstance(value, PurePath | BaseException):
         return str(value)
     if hasattr(value, "tolist"):
         value = value.tolist()
-    return tuple(map(_plain, value)) if isinstance(value, list | tuple) else value
+    return tuple(map(plain, value)) if isinstance(value, list | tuple) else value
 
 
 def _grounded(figure: Figure) -> Figure:
