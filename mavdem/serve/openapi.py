@@ -1,6 +1,7 @@
 """The description of the interface for programs (OpenAPI 3.1), made of the models of the documents."""
 
 import re
+from collections.abc import Sequence
 from functools import cache
 from importlib.metadata import version
 from typing import NamedTuple
@@ -8,6 +9,7 @@ from typing import NamedTuple
 from pydantic.json_schema import models_json_schema
 
 from mavdem.documents.library import ANSWERS
+from mavdem.files import table_beside
 from mavdem.heading import Values
 from mavdem.report.library_page import words
 
@@ -15,44 +17,18 @@ from mavdem.report.library_page import words
 class Operation(NamedTuple):
     """A method of a path: its name, the status of a success, and models of what it takes and returns."""
 
+    name: str
     method: str
     path: str
-    name: str
     status: str
     answer: str = ""
     body: str = ""
+    query: Sequence[str] = ()
 
 
 LOGS = "logs"
-OPERATIONS = (
-    Operation("post", "/upload", "upload", "302", body=LOGS),
-    Operation("post", "/{key}/upload", "upload_by_key", "302", body=LOGS),
-    Operation("post", "/api/logs", "add", "201", "Added", LOGS),
-    Operation("get", "/api/flights", "list", "200", "Flights"),
-    Operation("get", "/api/flights/{id}", "get", "200", "FlightReview"),
-    Operation("patch", "/api/flights/{id}", "change", "200", "Flight", "Change"),
-    Operation("delete", "/api/flights/{id}", "delete", "204"),
-    Operation("post", "/api/flights/{id}/viewer", "viewer", "200", "Viewer"),
-    Operation("put", "/api/baseline", "baseline", "200", "Baseline", "Baseline"),
-    Operation("get", "/api/progress", "progress", "200", "Progress"),
-    Operation("get", "/f/{id}", "page", "200"),
-    Operation("get", "/f/{id}/{file}", "file", "200"),
-)
-QUERIES = {"list": ("q", "limit", "offset"), "progress": ("id",)}
-UPLOAD = {
-    "multipart/form-data": {
-        "schema": {
-            "type": "object",
-            "properties": {
-                "filearg": {"type": "string", "format": "binary"},
-                "keep": {"type": "boolean"},
-                "public": {"type": "boolean"},
-                "description": {"type": "string"},
-            },
-            "required": ["filearg"],
-        }
-    }
-}
+TABLE = table_beside(__file__, "operations.toml")
+OPERATIONS = [Operation(name, **row) for name, row in TABLE["operations"].items()]
 
 
 @cache
@@ -84,7 +60,7 @@ def _described(operation: Operation) -> Values:
     kind = "text/event-stream" if operation.name == "progress" else "application/json"
     answer = {kind: _schema(operation.answer)} if operation.answer else {}
     places = dict.fromkeys(re.findall(r"{(\w+)}", operation.path), "path")
-    places |= dict.fromkeys(QUERIES.get(operation.name, ()), "query")
+    places |= dict.fromkeys(operation.query, "query")
     summary = words()["interface"][operation.name]
     described = {
         "operationId": operation.name,
@@ -100,7 +76,7 @@ def _described(operation: Operation) -> Values:
     }
     if operation.body:
         json = {"application/json": _schema(operation.body)}
-        described["requestBody"] = {"content": UPLOAD if operation.body == LOGS else json}
+        described["requestBody"] = {"content": TABLE["form"] if operation.body == LOGS else json}
     return described
 
 

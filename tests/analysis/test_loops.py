@@ -47,9 +47,13 @@ def test_the_longest_part_with_one_set_of_gains_has_these():
     assert part.provenance["parameters"][P] == 0.5
 
 
+def spans(parts):
+    return [(round(one.time[0]), round(one.time[-1])) for one in parts]
+
+
 def test_parts_with_the_same_gains_count_together():
     parts, _ = flown([(P, 1.0, 0.5), (P, 24.0, 0.25), (P, 39.0, 0.5)])
-    assert [(round(one.time[0]), round(one.time[-1])) for one in parts] == [(12, 24), (39, 51)]
+    assert spans(parts) == [(12, 24), (39, 51)]
 
 
 @pytest.mark.parametrize("name", ["ATC_RAT_PIT_P", "MOT_THST_HOVER", "RTL_ALT"])
@@ -67,7 +71,7 @@ def test_a_change_after_the_flight_leaves_the_gains_that_were_flown():
 def test_autotune_has_gains_that_no_parameter_has():
     given = [(P, 1.0, 0.5)]
     parts, caution = flown(given, [(0.0, STABILIZE), (20.0, AUTOTUNE), (30.0, STABILIZE)])
-    assert [(round(one.time[0]), round(one.time[-1])) for one in parts] == [(12, 20), (30, 51)]
+    assert spans(parts) == [(12, 20), (30, 51)]
     assert (caution.code, caution.figures["names"]) == (Loops.GAINS_OF_PART, ())
     assert refused(flown, given, [(0.0, AUTOTUNE)]).code is Loops.GAINS_OF_AUTOTUNE
 

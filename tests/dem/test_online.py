@@ -45,18 +45,21 @@ def flown(online, flight):
     return [online.update(time, outputs, inputs) for time, outputs, inputs in rows]
 
 
+def filled(memory, samples):
+    for sample in samples:
+        memory.add(np.array([sample]), np.array([-sample]), 0.01 * sample)
+
+
 def test_a_memory_has_its_latest_samples():
     memory = Memory(0.01, block=4, most=3)
-    for sample in range(100):
-        memory.add(np.array([sample]), np.array([-sample]), 0.01 * sample)
+    filled(memory, range(100))
     inputs, outputs = memory.latest(7)
     assert inputs.ravel().tolist() == list(range(93, 100))
     assert (outputs == -inputs).all()
     assert memory.blocks[-1].until == approx(0.99)
     memory.end_segment()
     assert len(memory.latest(7)[0]) == 0
-    for sample in range(100, 140):
-        memory.add(np.array([sample]), np.array([-sample]), 0.01 * sample)
+    filled(memory, range(100, 140))
     assert memory.record().lengths == (12,)
     assert memory.record().inputs.ravel().tolist() == list(range(128, 140))
 

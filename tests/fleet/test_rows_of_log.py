@@ -60,27 +60,22 @@ def test_a_margin_is_in_radians_and_its_interval_a_half_width():
     assert found["gain_margin_interval"] == 1.0
 
 
-def test_a_row_has_a_wind_torque_only_where_it_is_known():
+def test_a_row_has_an_effect_and_a_wind_torque_only_where_they_are_known():
     report = {
-        "physical": {"status": {"effect": "biased"}},
+        "physical": {"effect": (0.3,), "status": {"effect": "biased"}},
         "wind": {"sd": 0.8, "mean": 0.1, "mean_band": 0.2},
     }
     assert FlightRow.of(report, axis="roll", file="f").wind_torque_sd == 0.8
     unresolved = report | {"wind": report["wind"] | {"reason": "It is not resolved."}}
-    for unknown in (unresolved, report | {"physical": {"status": {"effect": "not identifiable"}}}):
+    physical = {"effect": (0.3,), "status": {"effect": "not identifiable"}}
+    for unknown, effect in ((unresolved, (0.3,)), (report | {"physical": physical}, None)):
         row = FlightRow.of(unknown, axis="roll", file="f")
+        assert row.effect == effect
         assert (row.wind_torque_sd, row.wind_torque_mean, row.wind_torque_interval) == (
             None,
             None,
             None,
         )
-
-
-def test_what_is_not_identifiable_is_null_beside_its_status():
-    status = {"effect": "not identifiable", "damping": "biased"}
-    physical = {"effect": (0.3, -0.3), "damping": 0.8, "status": status}
-    row = FlightRow.of({"physical": physical}, axis="pitch", file="f")
-    assert (row.effect, row.effect_status, row.damping) == (None, "not identifiable", 0.8)
 
 
 def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(slow_rows, monkeypatch):

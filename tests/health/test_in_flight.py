@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from frames import FRAMES, geometry
+from hover import overtake
 from numpy.random import default_rng
 from pytest import approx
 from scipy.signal import lfilter
@@ -224,8 +225,7 @@ def test_a_bad_link_hides_no_fault_and_no_recovery():
     commands[(time >= 120.0) & (time < 145.0)] *= [1.2, 1.0, 1.0, 1.0]
     kept = np.flatnonzero((draw.random(len(time)) > 0.2) & ((time - 100.0) % 27.5 < 25.0))
     kept = np.repeat(kept, 1 + (draw.random(len(kept)) < 0.05))
-    for row in np.flatnonzero(draw.random(len(kept) - 1) < 0.05):
-        kept[row : row + 2] = kept[row : row + 2][::-1]
+    overtake(draw, kept)
     weak, sound = changes(time[kept], commands[kept])
     assert (weak.motor, sound.motor) == (1, 1) and weak.weak and not sound.weak
     assert 120.0 < weak.time < 125.0 and 145.0 < sound.time < 150.0

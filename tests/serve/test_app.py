@@ -83,10 +83,10 @@ def test_the_same_log_again_has_the_same_link_which_only_who_may_write_opens(gua
         (f"/{key}/upload", "", ("private", "")),
         ("/upload", TOKEN, ("link", "A walk")),
     ):
-        sent = {"path": path, "token": token, "fields": [("description", "A walk")]}
-        place = guarded.upload(("b.ulg", log("Same.")), **sent).headers["Location"]
-        entry = guarded.library.entry(place.removeprefix("/f/"))
-        assert (entry.id, entry.sharing, entry.note) == (id, *known)
+        fields = [("description", "A walk")]
+        answer = guarded.upload(("b.ulg", log("Same.")), path=path, token=token, fields=fields)
+        entry = guarded.library.entry(id)
+        assert answer.headers["Location"] == f"/f/{id}" and (entry.sharing, entry.note) == known
 
 
 def test_a_log_that_cannot_be_read_says_why_and_is_kept_as_asked(served):
