@@ -109,10 +109,9 @@ class Assessment(AssessmentDownstream):
     def loops(self) -> Mapping[str, Loop | NoLoop]:
         """The control loops of "roll", "pitch" and "yaw", or their ``refusal``."""
         loops = dict.fromkeys(AXES, self.headline) if self.evidence is None else self.evidence.loops
-        judged = {
-            axis: NoLoop(loop) if isinstance(loop, Fact) else loop for axis, loop in loops.items()
-        }
-        return MappingProxyType(judged)
+        return MappingProxyType(
+            {axis: NoLoop(loop) if isinstance(loop, Fact) else loop for axis, loop in loops.items()}
+        )
 
     @cached_property
     def responses(self) -> Responses:

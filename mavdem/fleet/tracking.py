@@ -129,16 +129,17 @@ def residual_mean(row: FlightRow, healthy: Iterable[FlightRow]) -> float | None:
         return None
     residuals = []
     for model in healthy:
-        if _is_model(model) and model.key != row.key and _kind(model) == _kind(row):
+        if (
+            model.effect
+            and model.mean_inputs
+            and model.key != row.key
+            and _kind(model) == _kind(row)
+        ):
             more = np.subtract(row.mean_inputs, _array(model.mean_inputs, len(row.mean_inputs)))
             faster = row.mean_outputs[-1] - (model.mean_outputs or (0.0,))[-1]
             effect = _array(model.effect, len(more))
             residuals.append(float((model.damping or 0.0) * faster - effect @ more))
     return float(np.mean(residuals)) if residuals else None
-
-
-def _is_model(row: FlightRow) -> bool:
-    return row.effect is not None and row.mean_inputs is not None
 
 
 def track(
