@@ -152,7 +152,7 @@ class Fact:
 
 
 def plain(value: Any) -> Figure:
-    """Returns numbers of NumPy as Python's, lists and arrays as tuples, which compare by value; paths and errors as text."""
+    """Returns numbers of NumPy as Python's, lists and arrays as tuples, and paths and errors as text."""
     if isinstance(value, PurePath | BaseException):
         return str(value)
     if hasattr(value, "tolist"):
