@@ -4,6 +4,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
+from operator import attrgetter
 from pathlib import Path
 
 import click
@@ -32,6 +33,7 @@ from mavdem.condition.loop.twin import (
     torque,
     twin_of,
 )
+from mavdem.dem.airflow.model import Drag
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
@@ -51,6 +53,8 @@ SHOWN = {
     "damping": "rate damping (1/s)",
     "delay": "delay (s)",
     "hover": "hover (share of range)",
+    "drag.linear": "drag along body x and y (1/s)",
+    "drag.quadratic": "quadratic drag along body x and y (1/m)",
     "wind_speed": "wind (m/s)",
     "wind_direction": "wind comes from (°)",
 }
@@ -112,12 +116,12 @@ def twin_command(
         write_text(path, vehicle_text(twin, path.suffix.lower(), Path(source).name))
         if left := LEFT_OUT.get(path.suffix.lower()):
             say_aside(f"{path.name} has no place for {left}.")
-    known = {name: getattr(twin, name) for name in SHOWN}
+    known = {name: attrgetter(name)(twin) for name in SHOWN}
     rows = [
         [
             SHOWN[name],
             ", ".join(f"{each:.3g}" for each in np.ravel(value)),
-            str(twin.notes.get(name, "")),
+            str(twin.notes.get(name.replace(".", "_"), "")),
         ]
         for name, value in known.items()
         if value is not None
@@ -125,8 +129,11 @@ def twin_command(
     blocks: list[Sentence | Table] = [Sentence(sentence) for sentence in missing]
     blocks.append(Table(["Vehicle", "value", "how sure (90 %)"], rows, words=True))
     compared = _flown_again(twin, loops)
-    drag = twin.drag and twin.drag.as_dict()
-    document = {"vehicle": vars(twin) | {"drag": drag}, "missing": missing, "alike": compared}
+    document = {
+        "vehicle": vars(twin) | {"drag": twin.drag.as_dict()},
+        "missing": missing,
+        "alike": compared,
+    }
     for axis, figures in compared.items():
         cells = [
             [f"{axis} rate, {low:g} to {high:g} Hz (dB)", "0", f"{level:+.1f}"]
@@ -185,8 +192,13 @@ def _twin(assessment: Assessment, loops: Mapping[str, Loop], mass: float | None)
     evidence = assessment.evidence
     assert evidence is not None
     hover = hover_of(evidence.signals.about("roll", "motors"), assessment.log.components)
-    px4 = evidence.signals.telemetry.autopilot == "PX4"
-    return twin_of(loops, px4, float(np.mean(hover.trim_of_range)), evidence.air[0], mass)
+    telemetry = evidence.signals.telemetry
+    air, *_ = evidence.air
+    drag = (
+        Drag.of_parameters(telemetry.autopilot, telemetry.parameters) if air is None else air.drag
+    )
+    share = float(np.mean(hover.trim_of_range))
+    return twin_of(loops, telemetry.autopilot == "PX4", share, air, drag, mass)
 
 
 def _flown_again(twin: Twin, loops: Mapping[str, Loop]) -> dict[str, dict[str, list[float]]]:

@@ -38,7 +38,7 @@ DOCUMENTS = {
     "track": Published(Track, 2, "`--json` of track"),
     "live": Published(Live, 5, "`--json` of live"),
     "convert": Published(Convert, 2, "`--json` of convert"),
-    "twin": Published(Twin, 4, "`--json` of twin"),
+    "twin": Published(Twin, 5, "`--json` of twin"),
     "fly": Published(Fly, 3, "`--json` of fly"),
     "reproduce": Published(Reproduce, 3, "numbers.json, and `--json` of reproduce"),
     "error": Published(

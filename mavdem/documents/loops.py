@@ -226,8 +226,8 @@ class TwinVehicle(Document):
     """delay from the motion to the motors' command"""
     noise: AngularRate
     """standard deviation of a measured rate"""
-    drag: Drag | None
-    """drag; null where no wind is known"""
+    drag: Drag
+    """drag, by its source that of typical vehicles where the flight does not show it"""
     wind_speed: Speed
     """mean wind of the flight; null where it is not known"""
     wind_direction: Degrees | None

@@ -26,17 +26,14 @@ def vehicle_text(twin: Twin, ending: str, source: str) -> str:
     made.filters["g"] = lambda given: (
         str([float(f"{x:.5g}") for x in given]) if np.ndim(given) else f"{given:.5g}"
     )
-    linear, quadratic = (
-        (0.0, 0.0) if twin.drag is None else (twin.drag.linear.mean(), twin.drag.quadratic.mean())
-    )
     return (
         made.get_template(f"vehicle{ending}").render(
             twin=twin,
             source=source,
             gravity=GRAVITY,
             weight=twin.mass * GRAVITY / 4,
-            linear=linear,
-            quadratic=quadratic,
+            linear=twin.drag.linear.mean(),
+            quadratic=twin.drag.quadratic.mean(),
             math=math,
         )
         + "\n"

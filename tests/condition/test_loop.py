@@ -37,6 +37,7 @@ from mavdem.condition.loop.response import measured_response
 from mavdem.condition.loop.twin import again_of, twin_of
 from mavdem.condition.oscillation import Oscillation
 from mavdem.dem import physical
+from mavdem.dem.airflow.model import Drag
 from mavdem.dem.graybox import Physical
 from mavdem.dem.graybox.likelihood import smooth
 from mavdem.dem.graybox.parameters import WindComponent
@@ -476,7 +477,8 @@ def test_a_flight_without_loops_says_why(plant, record, code):
 
 def test_a_twin_says_of_each_figure_how_sure_it_is():
     loop = made_up()
-    twin = twin_of({"roll": loop}, px4=True, hover=0.5, air=None, mass=None)
+    of_all = Drag.of_parameters()
+    twin = twin_of({"roll": loop}, px4=True, hover=0.5, air=None, drag=of_all, mass=None)
     assert twin.notes["mass"] == Fact(Twins.MASS_NOTE, is_given=False)
     assert twin.notes["arm"] == Fact(Twins.ARM_NOTE, is_given=True) and twin.arm == (0.1, 0.2)
     inertia = twin.notes["inertia"].figures
@@ -486,12 +488,12 @@ def test_a_twin_says_of_each_figure_how_sure_it_is():
     assert twin.notes["damping"] == Fact(Twins.DAMPING_NOTE, damping=loop.plant.interval().damping)
     status = {**loop.plant.status, "lag": "not identifiable"}
     unsure = replace(loop, plant=loop.plant._replace(status=status))
-    twin = twin_of({"roll": unsure}, px4=True, hover=0.5, air=None, mass=2.0)
+    twin = twin_of({"roll": unsure}, px4=True, hover=0.5, air=None, drag=of_all, mass=2.0)
     assert twin.notes["lag"] == Fact(Twins.LAG_NOTE, lag=None)
     assert twin.notes["mass"].figures["is_given"]
-    assert refused(twin_of, {"roll": loop}, px4=True, hover=0.05, air=None, mass=None) == Fact(
-        Twins.NO_HOVER, share=0.05
-    )
+    assert refused(
+        twin_of, {"roll": loop}, px4=True, hover=0.05, air=None, drag=of_all, mass=None
+    ) == Fact(Twins.NO_HOVER, share=0.05)
 
 
 @pytest.mark.slow
@@ -501,7 +503,9 @@ def test_a_twin_has_the_margins_of_its_loop_and_its_cycle_in_the_delay(delay):
     loop = replace(loop, draws=loop.draws * [1, 0, 0] + [0, 0.02, delay])
     filters = {"IMU_GYRO_CUTOFF": 40.0, "IMU_GYRO_NF0_FRQ": 50.0, "IMU_GYRO_NF0_BW": 20.0}
     loop = loop.changed(filters)
-    twin = twin_of({"roll": loop}, px4=True, hover=0.5, air=None, mass=None)
+    twin = twin_of(
+        {"roll": loop}, px4=True, hover=0.5, air=None, drag=Drag.of_parameters(), mass=None
+    )
     assert twin.lag + twin.delay == approx(0.02 + delay - 0.5 / 250)
     if delay:
         scenario = scenario_of(tomllib.loads(vehicle_text(twin, ".toml", "")) | {"duration": 15.0})
@@ -531,10 +535,13 @@ def test_setpoints_of_rates_are_flown_beside_what_the_angles_error_asks_for(
 
 @pytest.mark.parametrize("known", [True, False])
 def test_a_twin_has_the_mean_wind_of_the_flight_where_it_is_known(known):
-    air = SimpleNamespace(drag=None, speed=3.0, direction=80.0, sized=known, directed=True)
-    twin = twin_of({"roll": made_up()}, px4=True, hover=0.5, air=air, mass=None)
+    air = SimpleNamespace(speed=3.0, direction=80.0, sized=known, directed=True)
+    of_all = Drag.of_parameters()
+    twin = twin_of({"roll": made_up()}, px4=True, hover=0.5, air=air, drag=of_all, mass=None)
     scenario = scenario_of(tomllib.loads(vehicle_text(twin, ".toml", "a.tlog")))
     assert scenario.wind == (SteadyWind(kind="steady", speed=3.0, direction=80.0),) * known
+    assert str(twin.notes["drag_linear"]).endswith(", typical: not identified from this flight")
+    assert scenario.vehicle.drag_linear == approx(of_all.linear, rel=1e-4), "the wind pushes it"
 
 
 @pytest.mark.parametrize(

@@ -49,7 +49,7 @@ class Twin:
     lag: float  # time constant of the motors, s
     delay: float  # from the motion to the motors' command, without the hold over a control cycle, s
     noise: float  # standard deviation of a measured rate, rad/s
-    drag: Drag | None  # None where there is no wind
+    drag: Drag  # by its source that of typical vehicles, where the flight does not show it
     wind_speed: float | None  # mean of the flight, m/s; None where it is not known
     wind_direction: float | None  # degrees that it comes from
     parameters: Parameters  # of the autopilot's rate and attitude control, by name
@@ -70,13 +70,19 @@ class Twin:
 
 
 def twin_of(
-    loops: Mapping[str, Loop], px4: bool, hover: float, air: WindVelocity | None, mass: float | None
+    loops: Mapping[str, Loop],
+    px4: bool,
+    hover: float,
+    air: WindVelocity | None,
+    drag: Drag,
+    mass: float | None,
 ) -> Twin:
     """Returns the twin of a vehicle from its ``loops`` by axis.
 
     Pitch is taken to be like roll, and yaw like that of common propellers, where they are not there. ``hover`` is the
-    share of the motors' range, ``air`` what the flight says of wind and drag. The motion has the product of mass, arm
-    and 1/inertia only: the ``mass``, kg, is assumed unless given, and the arm by it, unless PX4's parameters have it.
+    share of the motors' range, ``air`` what the flight says of the wind; ``drag`` is its own, or what is known without.
+    The motion has the product of mass, arm and 1/inertia only: the ``mass``, kg, is assumed unless given, and the arm
+    by it, unless PX4's parameters have it.
     Raises ``NotLearnable``: no hover.
     """
     roll = loops["roll"]
@@ -84,7 +90,6 @@ def twin_of(
     begin, end = controller.spin
     if not max(0.1, begin) < hover < end:
         raise NotLearnable(Twins.NO_HOVER, share=hover)
-    drag = None if air is None else air.drag
     wind = air if air is not None and air.sized and air.directed else None
     autopilot = "px4" if px4 else "ardupilot"
     weight = mass or MASS
@@ -156,7 +161,7 @@ def _inertia(body: Twin, axis: str, loop: Loop) -> float:
 
 
 def _notes(
-    loops: Mapping[str, Loop], is_given: bool, is_measured: bool, drag: Drag | None
+    loops: Mapping[str, Loop], is_given: bool, is_measured: bool, drag: Drag
 ) -> dict[str, Fact]:
     """How sure the attributes are, by name; of mass and arm whether they are given, or measured."""
     effects = {
@@ -180,13 +185,12 @@ def _notes(
         "damping": Fact(Twins.DAMPING_NOTE, damping=known["damping"]),
         "lag": Fact(Twins.LAG_NOTE, lag=known["lag"]),
     }
-    if drag is not None:
-        names = "linear", "quadratic"
-        ends = {
-            f"drag_{name}_interval": drag.interval(name).mean(axis=1).tolist() for name in names
-        }
-        notes |= {f"drag_{name}": Fact(Twins.DRAG_NOTE, subject=name, **ends) for name in names}
-    return notes
+    names = "linear", "quadratic"
+    ends = {f"drag_{name}_interval": drag.interval(name).mean(axis=1).tolist() for name in names}
+    figures = {**ends, "source": drag.source}
+    return notes | {
+        f"drag_{name}": Fact(Twins.DRAG_NOTE, subject=name, **figures) for name in names
+    }
 
 
 BANDS = (0.3, 0.6, 1.2, 2.4, 4.8, 8.0)  # Hz: octaves, and what is left of the last
