@@ -87,7 +87,7 @@ class Task(StrEnum):
     PHYSICAL_FITS = auto()
     PLOTS = auto()
     REFITS = auto()
-    STATUS = auto()
+    ESTIMATES = auto()
 
 
 class Missing(StrEnum):

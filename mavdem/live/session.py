@@ -57,8 +57,9 @@ MAX_MODELS = 16
 FIT_SECONDS = 3.0
 # Of analysis between two looks at the link, and of arrival that is analysed at once
 STEP_SECONDS = 0.02
-# What waits, from so many s behind on: fits first, then pictures, never rows
-SHED = {Task.PHYSICAL_FITS: 0.5, Task.REFITS: 1.0, Task.PLOTS: 2.0, Task.STATUS: 3.0}
+# What waits, from so many s behind on until half of that: fits first, then pictures, then estimates, so that motors
+# and messages are judged in time
+SHED = {Task.PHYSICAL_FITS: 0.5, Task.REFITS: 1.0, Task.PLOTS: 2.0, Task.ESTIMATES: 3.0}
 
 
 @dataclass
@@ -137,7 +138,7 @@ class LiveSession:
             self.advise()
             self._reported = now
             status = self.status
-            if Task.STATUS not in self._shed:
+            if Task.ESTIMATES not in self._shed:
                 self.report(status)
             self._settled &= status.flying
             if status.flying:
@@ -180,7 +181,9 @@ class LiveSession:
         """Does less, the farther the analysis is behind the link; says so when that begins and when it is over."""
         now = time.monotonic()
         behind = now - self.now
-        self._shed = {what for what, limit in SHED.items() if behind >= limit}
+        self._shed = {
+            what for what, limit in SHED.items() if behind >= limit / (1 + (what in self._shed))
+        }
         if self._display is not None:
             self._display.hold(Task.PLOTS in self._shed)
         self.most_behind = max(self.most_behind, behind)
@@ -200,6 +203,7 @@ class LiveSession:
             self._late = now
         elif self._late is not None and now - self._late >= AGAIN_SECONDS:
             self._late = None
+            self._latencies.clear()
             self._log(
                 Fact(
                     Session.COMPUTER_KEEPS_UP,
@@ -384,7 +388,7 @@ class LiveSession:
         estimate = None
         assert learner is not None
         self._settled = row.free
-        if row.free:
+        if row.free and Task.ESTIMATES not in self._shed:
             learner.follows_torque = row.settled
             weak = self.stream.alarms.weak_motors(row.inputs, setup.scale.low)
             try:

@@ -309,7 +309,12 @@ def test_a_computer_that_is_too_slow_says_so_sheds_fits_and_then_plots_but_no_ro
     one, screen, said = session_of([], rate=100.0)
     held = Mock()
     screen.hold = held
-    made = lambda _, t, y, u, *_weak: Estimate(t, y, y, np.array([t + 0.25]), ahead, ahead, ahead)  # noqa: E731
+    delays = []
+
+    def made(_, t, y, u, *_weak):
+        delays.append(now[0] - one.now)
+        return Estimate(t, y, y, np.array([t + 0.25]), ahead, ahead, ahead)
+
     monkeypatch.setattr(mavdem.OnlineLearner, "update", made)
     take = one._take
     shed = []
@@ -330,6 +335,7 @@ def test_a_computer_that_is_too_slow_says_so_sheds_fits_and_then_plots_but_no_ro
         now[0] += 0.01
     assert shed.index((True, False)) < shed.index((True, True)), "fits wait first, then pictures"
     assert (False, True) not in shed
+    assert one.most_behind - 1 > max(delays) > 3, "estimates wait after pictures, and rows do not"
     begin, end = (fact for fact in said if "delay" in fact.figures)
     assert (begin.code, end.code) == (Session.COMPUTER_BEHIND, Session.COMPUTER_KEEPS_UP)
     assert begin.figures["delay"] == approx(1.0, abs=0.05)
