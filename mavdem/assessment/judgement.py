@@ -74,16 +74,18 @@ def unjudged(refusal: Fact) -> Judgement:
 def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     """Returns the worst of what was found.
 
-    How a flight that was lost ended outranks all else; then the worst event or light. A limit cycle goes before motors
-    at their limits, which it explains. Without a flight it is why there is none. What the autopilot warned of in flight
-    comes after the lights. "Nothing wrong" is said of what was checked only.
+    How a flight that was lost ended outranks all else; then the first bad event or light, of motors' losses the largest.
+    A limit cycle goes before motors at their limits, which it explains. Without a flight it is why there is none. What
+    the autopilot warned of in flight comes after the lights. "Nothing wrong" is said of what was checked only.
     """
     oscillates = evidence.condition.oscillation is not None
     judged = [lights[light] for light in [*[Light.MARGINS] * oscillates, *OF_VEHICLE]]
     of_log = [lights[light] for light in OF_LOG]
-    for fact in filter(None, [evidence.ending, *evidence.events, *judged, *of_log]):
-        if fact.level is Level.BAD:
-            return fact
+    found = filter(None, [evidence.ending, *evidence.events, *judged, *of_log])
+    bad = [fact for fact in found if fact.level is Level.BAD]
+    if bad:
+        alike = [fact for fact in bad if fact.code is bad[0].code]
+        return max(alike, key=lambda fact: fact.figures.get("rise", 0.0))
     if not evidence.verdict.figures.airborne:
         return evidence.verdict.reason
     for fact in [*judged, *evidence.reported(tuple(Reported))]:

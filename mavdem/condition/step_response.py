@@ -416,7 +416,8 @@ def _described(
     is_coherent = coherence >= LEAST_COHERENCE
     asked = spectra.frequency[is_coherent].max(initial=0.0)
     unknown = min(unknown, np.searchsorted(hertz, asked))
-    if unknown < 2:
+    half = quantile() * steps[1:].std(axis=0)
+    if unknown < 2 or half.max() >= 1.0:  # such a band holds no response, and twice as much
         return nothing
     hertz = hertz[:unknown]
     pairs = zip(steps, gains[:, :unknown], strict=True)
@@ -432,7 +433,7 @@ def _described(
         loop=loop,
         time=time,
         step=steps[0],
-        step_half=quantile() * steps[1:].std(axis=0),
+        step_half=half,
         frequency=hertz,
         response=responses[0, :unknown],
         gain_half=quantile() * gains[1:, :unknown].std(axis=0),

@@ -228,9 +228,9 @@ class MotorAlarm(NamedTuple):
 def losses_of(changes: Sequence[MotorAlarm]) -> list[Fact]:
     """Returns the thrust that motors lost, the worst first: BAD while it lasts, WATCH with its end where it ended.
 
-    Of what a motor lost until it recovered, the largest.
+    Of what a motor lost until it recovered, the largest; it is BAD, too, where another still lacks less.
     """
-    found = []
+    ended = []
     lasting = dict[tuple[int, str], MotorAlarm]()
     for change in changes:
         motor = change.boot, change.name
@@ -238,24 +238,23 @@ def losses_of(changes: Sequence[MotorAlarm]) -> list[Fact]:
             known = lasting.get(motor, change)
             lasting[motor] = max(known, change, key=lambda loss: loss.size)
         elif motor in lasting:
-            found.append(_lost(lasting.pop(motor), change.since))
-    return sorted([*found, *map(_lost, lasting.values())], key=_worst_first)
+            ended.append((lasting.pop(motor), change.since))
+    least = min((loss.size for loss in lasting.values()), default=inf)
+    found = [_lost(loss, None, Level.BAD) for loss in lasting.values()]
+    for loss, until in ended:
+        found.append(_lost(loss, until, Level.BAD if loss.size > least else Level.WATCH))
+    return sorted(found, key=lambda loss: (loss.level is Level.WATCH, -loss.figures["rise"]))
 
 
-def _lost(worst: MotorAlarm, until: float | None = None) -> Fact:
+def _lost(worst: MotorAlarm, until: float | None, level: Level) -> Fact:
     return Fact(
         InFlight.MOTOR_LOST_THRUST,
-        Level.BAD if until is None else Level.WATCH,
+        level,
         time=worst.since,
         until=until,
         subject=worst.name,
         **worst.fact.figures,
     )
-
-
-def _worst_first(loss: Fact) -> tuple[bool, float]:
-    has_ended = loss.level is Level.WATCH
-    return has_ended, -loss.figures["rise"]
 
 
 def alarm_figures(changes: Sequence[MotorAlarm]) -> Values:

@@ -10,6 +10,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.learnability import Reason
 from mavdem.facts.lights import Light
+from mavdem.health.in_flight import MotorAlarm, losses_of
 
 GROUNDED = Fact(Reason.NEVER_ARMED)
 CRASH = prose("Lost control.").but(Level.BAD)
@@ -31,6 +32,22 @@ def headline(known, **more):
         condition=SimpleNamespace(oscillation=found["oscillation"]),
     )
     return headline_of(evidence, known)
+
+
+def test_a_larger_loss_that_recovered_is_not_hidden_by_a_smaller_that_lasts():
+    small, large = (
+        MotorAlarm(40, 40, 4, "motor 4", 0.1, 1, loss=(0.04, 0.1)),
+        MotorAlarm(10, 10, 2, "motor 2", 0.5, 1, loss=(0.3, 0.5)),
+    )
+    sound = large._replace(since=30.0, size=0.0)
+    found = losses_of([large, sound, small])
+    assert [(loss.subject, loss.level) for loss in found] == [
+        ("motor 2", Level.BAD),
+        ("motor 4", Level.BAD),
+    ]
+    assert headline(lights(), events=found).subject == "motor 2"
+    assert headline(lights(), events=found).remedy.startswith("Do not fly before motor 2 and the")
+    assert losses_of([large, sound])[0].level is Level.WATCH
 
 
 ALARM = prose("An alarm.").but(Level.BAD)

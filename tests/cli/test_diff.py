@@ -72,7 +72,7 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
     rows = {"a.bin": flown("alpha", [0]), "b.bin": [FlightRow(file="b.bin", status="It is empty.")]}
     monkeypatch.setattr("mavdem.cli.diff.rows_of_log", lambda path, *_: (rows[path.name], {}))
     assert run("diff", "a.bin", "a.bin") == 0
-    assert "Nothing changed beyond chance." in capsys.readouterr().out
+    assert "Motors and dynamics: nothing changed beyond chance." in capsys.readouterr().out
     assert run("diff", "a.bin", "b.bin") == 1
     assert "B has no flight with figures. It is empty." in capsys.readouterr().err
 
