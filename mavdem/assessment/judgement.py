@@ -74,8 +74,8 @@ def unjudged(refusal: Fact) -> Judgement:
 def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     """Returns the worst of what was found.
 
-    How a flight that was lost ended outranks all else; then the first bad event or light, of motors' losses the largest.
-    A limit cycle goes before motors at their limits, which it explains. Without a flight it is why there is none. What
+    How a flight that was lost ended outranks all else; then the first bad event or light, of losses the largest. A
+    limit cycle goes before motors at their limits, which it explains. Without a flight it is why there is none. What
     the autopilot warned of in flight comes after the lights. "Nothing wrong" is said of what was checked only.
     """
     oscillates = evidence.condition.oscillation is not None

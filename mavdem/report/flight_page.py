@@ -296,7 +296,7 @@ def _wind(assessment: Assessment, timeline: Timeline | None) -> Chapter:
         flown_path(timeline),
     ]
     if learned is not None:
-        blocks += torque_blocks(learned.wind_torque, learned.physical)
+        blocks += torque_blocks(learned)
     truth = None if analysis is None else analysis.truth
     blocks += truth_blocks(truth) if truth else []
     return Chapter("Wind and path", blocks, [Group.of(panels)] if any(panels) else [], beside=True)
@@ -370,10 +370,11 @@ def live_page(
     status: SessionStatus,
     account: Mapping[Spent, float],
     learned: Learned | None,
+    back: tuple[str, str] | None = None,
 ) -> str:
     """Returns the HTML of a live flight: ``history`` was collected in flight, the others are those at its end.
 
-    ``account`` has seconds by what they were.
+    ``account`` has seconds by what they were; ``back`` is name and address of the page that leads here.
     """
     findings = status.findings or findings_of(learned, alarms=status.alarms)
     judgement = status.judged
@@ -392,8 +393,8 @@ def live_page(
     if advice:
         chapters.insert(0, Chapter("Gains", advice))
     if learned is not None:
-        blocks = [*graded(findings), *torque_blocks(learned.wind_torque, learned.physical)]
+        blocks = [*graded(findings), *torque_blocks(learned)]
         chapters.insert(0, Chapter("Motors", motor_blocks(learned, None)))
         chapters.append(Chapter(f"Model of {axis}", blocks))
     what = f"What {axis} did, learned and predicted while it flew."
-    return document(f"Flight over {link}", what, [above, following], chapters, head=head)
+    return document(f"Flight over {link}", what, [above, following], chapters, back, head)

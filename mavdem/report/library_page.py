@@ -55,6 +55,7 @@ def script_hashes() -> Names:
 def _environment() -> Environment:
     """Jinja's environment, with all templates compiled: whoever asks first should not wait for that."""
     made = environment().overlay()
+    made.filters["brief"] = lambda name: name if len(name) < 20 else f"{name[:4]}…{name[-4:]}"
     made.globals = {**made.globals, **words(), "lights": [str(light) for light in Light]}
     for name in made.list_templates(["html"]):
         made.get_template(name)

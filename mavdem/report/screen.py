@@ -15,6 +15,7 @@ from mavdem.analysis.findings import HALF_WIDTH, Findings, findings_of, known_wi
 from mavdem.assessment import Assessment
 from mavdem.assessment.judgement import Judgement
 from mavdem.condition.condition import HoverFigures
+from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
@@ -31,6 +32,7 @@ from mavdem.report.blocks import (
 )
 from mavdem.report.condition import air_blocks
 from mavdem.report.labels import Labels
+from mavdem.report.model_charts import sample_times
 from mavdem.report.numbers import (
     TORQUE,
     listed,
@@ -67,7 +69,7 @@ def _model_blocks(
     return [
         *graded(findings),
         *motor_blocks(learned, hover),
-        *torque_blocks(learned.wind_torque, learned.physical),
+        *torque_blocks(learned),
         *prediction_blocks(Labels.of(learned), held_out),
         *map(warning, findings.warnings),
     ]
@@ -181,9 +183,11 @@ def _hover_columns(hover: HoverFigures) -> dict[str, list[str]]:
     }
 
 
-def torque_blocks(wind: WindTorque | None, physical: Physical | None) -> Blocks:
+def torque_blocks(learned: Learned) -> Blocks:
     """Returns the wind torque: its level, share and gusts; nothing where it is not known."""
-    if physical is None or (wind := known_wind(wind, physical)) is None:
+    physical = learned.physical
+    wind = known_wind(learned.wind_torque, physical)
+    if physical is None or wind is None:
         return []
     largest = max(wind.gusts, key=lambda gust: abs(gust.size), default=None)
     is_uncertain = wind.scale_error > HALF_WIDTH["wind"]
@@ -192,6 +196,7 @@ def torque_blocks(wind: WindTorque | None, physical: Physical | None) -> Blocks:
             "torque",
             wind=wind,
             largest=largest,
+            began=largest and sample_times(learned.record)[largest.sample],
             is_uncertain=is_uncertain,
             share=physical.wind_share,
         )

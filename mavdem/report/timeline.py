@@ -226,6 +226,7 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
     rows = np.insert(rows, starts, np.nan, axis=0)
     time = np.insert(time, starts, time[starts])
     _, _, measured, predicted, band, torque, torque_band, wind, wind_band, *outputs = rows.T
+    least = np.maximum(wind - wind_band, 0.0)
     angles = (
         Line("measured", MEASURED, time, ANGLE.scale * measured),
         Line.around(
@@ -252,7 +253,9 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
                 )
             ],
         ),
-        over_time("Wind now", "m/s", [Line.around("wind", DISTURBANCE, time, wind, wind_band)]),
+        over_time(
+            "Wind now", "m/s", [Line("wind", DISTURBANCE, time, wind, least, wind + wind_band)]
+        ),
     )
     charts_drawn = tuple(
         chart for chart in charts if any(np.isfinite(line.y).any() for line in chart.lines)

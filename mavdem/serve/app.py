@@ -233,7 +233,7 @@ class Server:
                 is_empty=not entries and not query and not offset,
                 sample=self._sample,
                 is_live=self._live is not None,
-                vehicles=self.library.vehicles()[:20] if known["may_read"] else [],
+                vehicles=self.library.vehicles() if known["may_read"] else [],
                 **known,
             )
         )

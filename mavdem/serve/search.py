@@ -42,6 +42,10 @@ def _term(name: str, sign: str, value: str) -> Condition | None:
         return _contains(f"',' || {LISTS[column]} || ','", f",{value},")
     with suppress(ValueError):
         number = float(value)
+        if (column, sign) == ("motor", "="):
+            # the one that is suspect, and those that the headline names
+            named = f"*motor {number:g}[^0-9]*"
+            return Condition("(motor = ? or lower(headline) glob ?)", (number, named))
         if column in NUMBERS:
             return Condition(f"{NUMBERS[column]} {sign} ?", (number,))
         if name.isupper():

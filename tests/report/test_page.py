@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ from mavdem.report.charts import TIME, Axis, Chart, Group, Line, Mark
 from mavdem.report.flight_page import flight_page, live_page, log_page
 from mavdem.report.page import Chapter, document
 from mavdem.report.palette import PREDICTED
-from mavdem.report.screen import analysis_blocks
+from mavdem.report.screen import analysis_blocks, torque_blocks
 from mavdem.report.timeline import live_timeline
 
 NAME = f"{HOSTILE}.tlog"
@@ -216,6 +217,19 @@ def test_a_page_with_all_chapters_is_small_fetches_nothing_and_prints_on_four_sh
     assert len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "page.pdf").read_bytes())) <= 4
 
 
+def test_the_largest_gust_is_at_its_time_of_the_flight():
+    gust = SimpleNamespace(sample=5, size=1.0, length=0.2)
+    wind = dict.fromkeys(("sd", "mean", "mean_band", "scale_error", "gust_threshold"), 0.1)
+    wind |= {"reason": None, "gusts": [gust], "false_gusts_per_minute": 0.1}
+    learned = SimpleNamespace(
+        wind_torque=SimpleNamespace(**wind),
+        physical=SimpleNamespace(identifiable=True, wind_share=0.5),
+        record=SimpleNamespace(begins=(76.0,), starts=np.zeros(1), lengths=(10,), dt=0.1),
+    )
+    (said,) = torque_blocks(learned)
+    assert "0.2 s long, at 76.5 s" in said.text
+
+
 def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_events():
     history = LiveHistory()
     flown(history, 2.0)
@@ -234,6 +248,10 @@ def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_
     )
     assert str(history.events[1].fact) in text and "udpin:&lt;b&gt;" in text and "uPlot" in text
     assert "NaN" not in "".join(re.findall(r'application/json">(.*?)</script>', text))
+    for time in (120.0, 121.0):
+        history.take(2, time, np.zeros(2), None, (0.5, 2.0))
+    wind = live_timeline(history, "roll").rows[-1].lines[0]
+    assert (np.nanmin(wind.low), np.nanmax(wind.high)) == (0.0, 2.5), "no speed is below 0"
     # A link without a vehicle has a page too.
     text = live_page(
         "udpin:0",

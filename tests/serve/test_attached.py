@@ -49,6 +49,7 @@ def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
     while not come:  # it is silent
         time.sleep(0.05)
     assert "udpin:127.0.0.1:" in live.page and "1:1" in live.page and not warned
+    assert '<a href="/">← Flights</a>' in live.page and "the last 0 s" not in live.page
     (entry,), _ = library.find("1", [], 10)
     (telemetry,) = read_log(library.path_of(entry)).vehicles
     assert entry.name.endswith(".tlog") and (telemetry.system, telemetry.component) == (1, 1)
