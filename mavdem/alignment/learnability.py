@@ -370,7 +370,7 @@ def cautions_of(signals: Signals, figures: QualityFigures) -> Iterator[Fact]:
         )
     if signals.telemetry.vehicle == "UNKNOWN":
         yield Fact(Caution.VEHICLE_ASSUMED)
-    if drive.layout.channels_assumed or drive.layout.positions_assumed:
+    if drive.layout.assumed:
         yield Fact(Caution.MIXER_ASSUMED, basis=drive.layout.basis)
     if figures.output_snr is not None and figures.output_snr < DOUBTFUL_SNR:
         yield Fact(

@@ -118,6 +118,11 @@ class MotorGeometry:
         return self.places_by is not PlaceBasis.PARAMETERS
 
     @property
+    def assumed(self) -> bool:
+        """Whether any of that is assumed."""
+        return self.channels_assumed or self.positions_assumed
+
+    @property
     def basis(self) -> Fact:
         """The source of channels and positions, or what was assumed."""
         return Fact(

@@ -346,7 +346,7 @@ class LiveStream:
         ):
             return
         self._report(Fact(Rows.ROWS_BEGIN, names=names, step=now.dt, inputs=len(plan.names)))
-        if plan.channels_assumed or plan.positions_assumed:
+        if plan.assumed:
             self._report(Fact(Rows.MOTOR_ORDER_ASSUMED, basis=plan.basis))
 
     def _review(self, sender: Sender, now: float) -> Iterator[None]:
@@ -408,7 +408,8 @@ class LiveStream:
             self._grid.end(forget_step=True)
         elif running and self.setup is not None and layout != self.setup.layout:
             self.setup = replace(self.setup, layout=layout)
-            self._report(Fact(Rows.MOTOR_ORDER_KNOWN, basis=layout.basis))
+            if not layout.assumed:
+                self._report(Fact(Rows.MOTOR_ORDER_KNOWN, basis=layout.basis))
 
     def _telemetry(self, sender: Sender) -> Telemetry:
         """What is known of the vehicle beside its messages."""

@@ -89,6 +89,7 @@ def brief(text: str, columns: int) -> str:
     if len(text) <= columns:
         return text
     ends = (match.start() for match in re.finditer(r"[;:]? \(|[;:.] ", text))
-    clauses = (text[:end] for end in ends if columns / 2 <= end <= columns)
+    clauses = (text[:end] for end in ends if columns / 2 <= end < columns)
     whole = [clause for clause in clauses if clause.count("(") == clause.count(")")]
-    return whole[-1] if whole else shorten(text, columns, placeholder=" …")
+    stop = "." * text.endswith(".")
+    return whole[-1] + stop if whole else shorten(text, columns, placeholder=" …")

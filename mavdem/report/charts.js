@@ -85,16 +85,15 @@
       const y = chart.valToPos(level, "y", true);
       ctx.beginPath(); ctx.moveTo(bbox.left, y); ctx.lineTo(bbox.left + bbox.width, y); ctx.stroke();
     }
-    ctx.setLineDash([4 * ratio, 3 * ratio]); ctx.font = `${10 * ratio}px system-ui, sans-serif`; ctx.textBaseline = "top";
-    for (const [x, name, stroke] of data.marks) {
-      ctx.strokeStyle = ctx.fillStyle = stroke;
+    ctx.setLineDash([4 * ratio, 3 * ratio]);
+    for (const [x, , stroke] of data.marks) {
+      ctx.strokeStyle = stroke;
       ctx.beginPath(); ctx.moveTo(at(x), bbox.top); ctx.lineTo(at(x), bbox.top + bbox.height); ctx.stroke();
-      ctx.fillText(name, at(x) + 3 * ratio, bbox.top + 2 * ratio);
     }
     ctx.restore();
   };
 
-  // Whiskers of dots, and stems.
+  // Whiskers of dots, stems, and names of marks, which no grid crosses.
   const over = (data, chart) => {
     const { ctx, bbox } = chart, ratio = devicePixelRatio;
     ctx.save();
@@ -121,6 +120,12 @@
         ctx.lineTo(left, chart.valToPos(stems ? line.y[i] : line.high[i], "y", true));
         ctx.stroke();
       });
+    }
+    ctx.font = `${10 * ratio}px system-ui, sans-serif`; ctx.textAlign = "left"; ctx.textBaseline = "top";
+    ctx.strokeStyle = colour("--card"); ctx.lineWidth = 3 * ratio;
+    for (const [x, name, fill] of data.marks) {
+      const place = [name, chart.valToPos(x, "x", true) + 3 * ratio, bbox.top + 3 * ratio];
+      ctx.strokeText(...place); ctx.fillStyle = fill; ctx.fillText(...place);
     }
     ctx.restore();
   };
@@ -174,6 +179,7 @@
       drawn.push(series(line, data.lines.length));
     }
     const grid = { stroke: () => colour("--line"), width: 1 }, none = (_, splits) => splits.map(() => "");
+    const space = () => root.classList.contains("printing") ? 10 : figure.dataset.flat != null ? 20 : 30;
     const base = { stroke: () => colour("--ink"), font: font(), grid, ticks: grid, labelFont: font(), labelSize: 16, labelGap: 0 };
     const shown = axis => axis.names.length
       ? { splits: () => axis.names.map((_, i) => i), values: (_, splits) => splits.map(i => axis.names[i]) }
@@ -184,8 +190,8 @@
       scales: { x: scale(data.x, false), y: scale(data.y, true), ...(data.beside ? { beside: scale(data.beside, true) } : {}) },
       axes: [
         { ...base, ...shown(data.x), size: bare ? 0 : 40, show: !strip, label: bare ? undefined : data.x.label, ...(bare ? { values: none } : {}) },
-        { ...base, ...(strip ? { values: none, grid: { show: false }, ticks: { show: false } } : shown(data.y)), size: 50, space: figure.dataset.flat != null ? 20 : 30 },
-        ...(data.beside ? [{ ...base, ...shown(data.beside), scale: "beside", side: 1, size: 52, grid: { show: false }, label: data.beside.label }] : []),
+        { ...base, ...(strip ? { values: none, grid: { show: false }, ticks: { show: false } } : shown(data.y)), size: 50, space },
+        ...(data.beside ? [{ ...base, ...shown(data.beside), scale: "beside", side: 1, size: 52, space, grid: { show: false }, label: data.beside.label }] : []),
       ],
       legend: { show: !strip && !data.picture && data.lines.filter(line => line.name).length > 1, markers: { width: 2 } },
       cursor: { y: false, ...(data.group ? { sync: { key: data.group } } : {}), drag: { x: !!data.group, y: false } },

@@ -62,7 +62,7 @@ MOST_SENSITIVE = 1.0, TARGETS["default"].ms
 def loop_charts(loops: Mapping[str, Loop], which: str = "rate") -> Charts:
     """Returns gain and phase of named open loops of one axis, and their sensitivity, with 90 % bands.
 
-    ``which`` is "rate" or "attitude". Marked is where the gain is 1; the level is the largest sensitivity to have.
+    ``which`` is "rate" or "attitude". Marked is where the gain is 1, at the phase with its margin; the level is the largest sensitivity to have.
     """
     charts = (
         Chart("gain (dB)", FREQUENCY, Axis("gain (dB)", ends=(-40.0, 30.0)), levels=(0.0,)),
@@ -82,9 +82,10 @@ def loop_charts(loops: Mapping[str, Loop], which: str = "rate") -> Charts:
         for values, those in zip(drawn, lines, strict=True):
             those.append(banded(name, colour, opened.frequency[shown], values))
         marks.append(Mark(opened.crossover, f"{opened.phase_margin:.0f}°", colour))
+    bare = [mark._replace(name="") for mark in marks]
     return tuple(
-        chart._replace(title=f"{title}: {chart.title}", lines=tuple(those), marks=tuple(marks))
-        for chart, those in zip(charts, lines, strict=True)
+        chart._replace(title=f"{title}: {chart.title}", lines=tuple(those), marks=tuple(here))
+        for chart, those, here in zip(charts, lines, (bare, marks, bare), strict=True)
     )
 
 
@@ -117,7 +118,7 @@ def spectrum_chart(noise: Noise, loop: Loop | None = None, name: str = GYRO) -> 
         decibels = 20 * np.log10(passed)
         filters = Line("filters", COMMAND, frequency, decibels, kind=Kind.DASHES, right=True)
         lines.append(filters)
-        beside = Axis("filters (dB)", ends=(-80.0, 3.0))
+        beside = Axis("(dB)", ends=(-80.0, 3.0))
         marks.append(Mark(loop.crossover, "crossover", BAD))
     return Chart(
         f"{name.replace('_', ' ').capitalize()}, power ({unit})",

@@ -15,8 +15,7 @@ from mavdem.analysis.findings import HALF_WIDTH, Findings, findings_of, known_wi
 from mavdem.assessment import Assessment
 from mavdem.assessment.judgement import Judgement
 from mavdem.condition.condition import HoverFigures
-from mavdem.confidence import LEVEL
-from mavdem.dem import Learned, Physical, WindTorque
+from mavdem.dem import Learned, Physical
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
 from mavdem.facts import Level

@@ -104,6 +104,13 @@ def test_motors_are_placed_by_parameters_when_these_come_in_flight():
     assert made.stream.setup.layout.names[0] == "motor 1 (right)"
 
 
+def test_motors_placed_by_half_of_the_parameters_are_not_said_to_be_known():
+    values = {b"SERVO%d_FUNCTION" % n: 32 + n for n in range(1, 5)}
+    made = replay(with_parameters(Flight().frames(end=14.0), values))
+    assert Rows.MOTOR_ORDER_ASSUMED in made.codes
+    assert Rows.MOTOR_ORDER_KNOWN not in made.codes
+
+
 def test_parameters_that_name_other_channels_begin_a_new_segment():
     values = {b"SERVO%d_FUNCTION" % n: 37 - n for n in range(1, 5)}
     made = replay(with_parameters(Flight().frames(end=16.0), values))
