@@ -75,7 +75,7 @@ def model(parameters, **wind):
         inputs=rng.normal(size=(900, 4)),
         outputs=rng.normal(size=(900, 2)),
         starts=np.zeros(1, dtype=int),
-        begins=(),
+        begins=(76.0,),
         lengths=(900,),
         dt=0.01,
         effect_directions=np.array([-1.0, 1.0, 1.0, -1.0]),

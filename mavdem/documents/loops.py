@@ -37,31 +37,31 @@ class Margins(Document):
     crossover: Hertz
     """highest frequency at which the gain is 1"""
     crossover_interval: list[Hertz]
-    """ends of the 90 % interval"""
+    """ends of the 90 % interval; null where there is none"""
     phase_margin: Degrees
     """phase margin; negative where the loop is unstable"""
     phase_margin_interval: list[Degrees]
-    """ends of the 90 % interval"""
+    """ends of the 90 % interval; null where there is none"""
     gain_margin: Decibels
     """gain margin; null where no frequency has it"""
     gain_margin_interval: list[Decibels]
-    """ends of the 90 % interval"""
+    """ends of the 90 % interval; null where there is none"""
     delay_margin: Seconds
     """delay margin"""
     delay_margin_interval: list[Seconds]
-    """ends of the 90 % interval"""
+    """ends of the 90 % interval; null where there is none"""
     ms: Number
     """largest sensitivity (Ms)"""
     ms_interval: list[Number]
-    """ends of the 90 % interval"""
+    """ends of the 90 % interval; null where there is none"""
     bandwidth: Hertz
     """frequency up to which the closed loop is at least −3 dB"""
     bandwidth_interval: list[Hertz]
-    """ends of the 90 % interval"""
+    """ends of the 90 % interval; null where there is none"""
     rejection: Rejection
     """largest response of the rate, or the angle, to a torque"""
     rejection_interval: list[Rejection]
-    """ends of the 90 % interval"""
+    """ends of the 90 % interval; null where there is none"""
 
 
 class Measured(Document):

@@ -192,14 +192,7 @@ class LiveSession:
             self.learner.refits = Task.REFITS not in self._shed or self.learner.learned is None
         if behind >= SHED[Task.REFITS]:
             if self._late is None:
-                self._log(
-                    Fact(
-                        Session.COMPUTER_BEHIND,
-                        Level.WATCH,
-                        delay=behind,
-                        names=[what for what in SHED if what in self._shed],
-                    )
-                )
+                self._log(Fact(Session.COMPUTER_BEHIND, Level.WATCH, delay=behind))
             self._late = now
         elif self._late is not None and now - self._late >= AGAIN_SECONDS:
             self._late = None

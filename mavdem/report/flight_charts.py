@@ -62,7 +62,8 @@ MOST_SENSITIVE = 1.0, TARGETS["default"].ms
 def loop_charts(loops: Mapping[str, Loop], which: str = "rate") -> Charts:
     """Returns gain and phase of named open loops of one axis, and their sensitivity, with 90 % bands.
 
-    ``which`` is "rate" or "attitude". Marked is where the gain is 1, at the phase with its margin; the level is the largest sensitivity to have.
+    ``which`` is "rate" or "attitude". Marked is where the gain is 1, at the phase with its margin; the level is the
+    largest sensitivity to have.
     """
     charts = (
         Chart("gain (dB)", FREQUENCY, Axis("gain (dB)", ends=(-40.0, 30.0)), levels=(0.0,)),

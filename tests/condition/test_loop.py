@@ -46,6 +46,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.loops import Controllers, Gains, Loops, Responses, Twins
 from mavdem.ingest.vocabulary import Injection
 from mavdem.paper.runner import write_log
+from mavdem.report.flight_charts import loop_charts
 from mavdem.report.vehicle_files import vehicle_text
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.scenario import SteadyWind
@@ -477,6 +478,8 @@ def test_a_flight_without_loops_says_why(plant, record, code):
 
 def test_a_twin_says_of_each_figure_how_sure_it_is():
     loop = made_up()
+    _, phase, sensitivity = loop_charts({"now": loop})
+    assert phase.marks[0].name.endswith("°") and not sensitivity.marks[0].name
     of_all = Drag.of_parameters()
     twin = twin_of({"roll": loop}, px4=True, hover=0.5, air=None, drag=of_all, mass=None)
     assert twin.notes["mass"] == Fact(Twins.MASS_NOTE, is_given=False)

@@ -93,22 +93,16 @@ def test_a_plane_that_is_named_is_reported_to_be_none():
 
 
 def test_motors_are_placed_by_parameters_when_these_come_in_flight():
-    values = {b"FRAME_CLASS": 1, b"FRAME_TYPE": 0} | {
-        b"SERVO%d_FUNCTION" % n: 32 + n for n in range(1, 5)
-    }
+    values = {b"SERVO%d_FUNCTION" % n: 32 + n for n in range(1, 5)}
+    made = replay(with_parameters(Flight().frames(end=14.0), values))
+    assert Rows.MOTOR_ORDER_KNOWN not in made.codes, "their places are assumed"
+    values |= {b"FRAME_CLASS": 1, b"FRAME_TYPE": 0}
     made = replay(with_parameters(Flight().frames(end=14.0), values))
     assert made.segments().keys() == {0}
     assert Rows.MOTOR_ORDER_ASSUMED in made.codes
     assert made.facts[-1].code is Rows.MOTOR_ORDER_KNOWN
     assert made.facts[-1].figures["basis"].figures["places_by"] is PlaceBasis.PARAMETERS
     assert made.stream.setup.layout.names[0] == "motor 1 (right)"
-
-
-def test_motors_placed_by_half_of_the_parameters_are_not_said_to_be_known():
-    values = {b"SERVO%d_FUNCTION" % n: 32 + n for n in range(1, 5)}
-    made = replay(with_parameters(Flight().frames(end=14.0), values))
-    assert Rows.MOTOR_ORDER_ASSUMED in made.codes
-    assert Rows.MOTOR_ORDER_KNOWN not in made.codes
 
 
 def test_parameters_that_name_other_channels_begin_a_new_segment():

@@ -26,7 +26,7 @@ from mavdem.facts.loops import StepResponses
 from mavdem.report import model_charts
 from mavdem.report.charts import TIME, Axis, Chart, Kind, Line
 from mavdem.report.figures import Plots
-from mavdem.report.flight_charts import loop_charts, spectrogram, spectrum_chart, step_charts
+from mavdem.report.flight_charts import spectrogram, spectrum_chart, step_charts
 from mavdem.report.flight_page import responses_chapter
 from mavdem.report.labels import AxisCommand, Labels
 from mavdem.report.systems import model_response, plant_response
@@ -131,15 +131,6 @@ def test_spectra_have_their_lines_and_the_filters_over_them():
     assert over_time.heat.values.shape == (40, 171) and over_throttle.heat is not None
     (pixels,) = over_time.as_json(100)["lines"]
     assert pixels["rows"] == 40 and len(b64decode(pixels["heat"])) == 40 * 171
-
-
-def test_only_the_phase_of_a_loop_names_its_margin():
-    seen = np.ones((1, 2))
-    opened = SimpleNamespace(
-        frequency=np.array([1.0, 9.0]), response=seen - 2j, crossover=4.0, phase_margin=81.0
-    )
-    charts = loop_charts({"now": SimpleNamespace(axis="roll", rate=opened)})  # type: ignore[dict-item]
-    assert [[mark.name for mark in chart.marks] for chart in charts] == [[""], ["81°"], [""]]
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -29,7 +28,7 @@ from mavdem.report.charts import TIME, Axis, Chart, Group, Line, Mark
 from mavdem.report.flight_page import flight_page, live_page, log_page
 from mavdem.report.page import Chapter, document
 from mavdem.report.palette import PREDICTED
-from mavdem.report.screen import analysis_blocks, torque_blocks
+from mavdem.report.screen import analysis_blocks
 from mavdem.report.timeline import live_timeline
 
 NAME = f"{HOSTILE}.tlog"
@@ -121,6 +120,7 @@ def test_every_column_of_the_motors_is_shown_and_no_line_ends_before_a_percent_s
     )
     assert [shown(text, widths, tmp_path, width)[1] for width in (500, 1200)] == 2 * [[0, 0, 0]]
     assert not re.search(r"\d ?%", text.split("<section")[1])
+    assert "0.4 s long, at 77.2 s" in text
 
 
 @pytest.fixture(scope="module")
@@ -215,19 +215,6 @@ def test_a_page_with_all_chapters_is_small_fetches_nothing_and_prints_on_four_sh
     )
     assert drawn and all(drawn)
     assert len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "page.pdf").read_bytes())) <= 4
-
-
-def test_the_largest_gust_is_at_its_time_of_the_flight():
-    gust = SimpleNamespace(sample=5, size=1.0, length=0.2)
-    wind = dict.fromkeys(("sd", "mean", "mean_band", "scale_error", "gust_threshold"), 0.1)
-    wind |= {"reason": None, "gusts": [gust], "false_gusts_per_minute": 0.1}
-    learned = SimpleNamespace(
-        wind_torque=SimpleNamespace(**wind),
-        physical=SimpleNamespace(identifiable=True, wind_share=0.5),
-        record=SimpleNamespace(begins=(76.0,), starts=np.zeros(1), lengths=(10,), dt=0.1),
-    )
-    (said,) = torque_blocks(learned)
-    assert "0.2 s long, at 76.5 s" in said.text
 
 
 def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_events():
