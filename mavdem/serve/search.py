@@ -45,7 +45,7 @@ def _term(name: str, sign: str, value: str) -> Condition | None:
         if (column, sign) == ("motor", "="):
             # the one that is suspect, and those that the headline names
             named = f"*motor {number:g}[^0-9]*"
-            return Condition("(motor = ? or lower(headline) glob ?)", (number, named))
+            return Condition("((motor=?)or(lower(headline)glob(?)))", (number, named))
         if column in NUMBERS:
             return Condition(f"{NUMBERS[column]} {sign} ?", (number,))
         if name.isupper():
