@@ -6,8 +6,8 @@ import os
 import pickle
 from hashlib import sha256
 
-import pytest
 from hypothesis import settings
+from pytest import MonkeyPatch, fixture, hookimpl
 
 # What is imported and collected stays, and the collector would walk over it again and again: a quarter of the start.
 gc.disable()
@@ -38,7 +38,7 @@ settings.load_profile("without deadline")
 HANGING_SECONDS = 400.0  # of one test, however busy the machine is
 
 
-@pytest.hookimpl(wrapper=True)
+@hookimpl(wrapper=True)
 def pytest_runtest_protocol():
     """Ends the process of a test that hangs, as where Rerun never answers: no exception reaches it there."""
     faulthandler.dump_traceback_later(HANGING_SECONDS, exit=True)
@@ -48,10 +48,10 @@ def pytest_runtest_protocol():
         faulthandler.cancel_dump_traceback_later()
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def without_wind_fits():
     """For tests of other things: a learner that follows the wind spends half its time on physical parameters."""
-    with pytest.MonkeyPatch.context() as patch:
+    with MonkeyPatch.context() as patch:
         patch.setattr("mavdem.dem.online.wind.FIRST_FIT_SECONDS", 1e9)
         yield
 
@@ -69,13 +69,13 @@ def once(fit):
     return fitted
 
 
-@pytest.fixture(scope="session", autouse=True)
+@fixture(scope="session", autouse=True)
 def fits_once():
     """Many tests, and many commands of a test, ask for the parameters and loops of the same flight."""
     from mavdem.condition.loop import in_flight
     from mavdem.dem.graybox import estimation
 
-    with pytest.MonkeyPatch.context() as patch:
+    with MonkeyPatch.context() as patch:
         for module, name in ((estimation, "_estimated"), (in_flight, "identified")):
             patch.setattr(module, name, once(getattr(module, name)))
         yield

@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-import pytest
+from pytest import skip
 
 from mavdem.ingest import read_log
 
@@ -24,7 +24,7 @@ def shared(name):
     """A recorded log, by its path within the shared data."""
     path = SHARED / name
     if not path.exists():
-        pytest.skip(f"{name} is not here; MAVDEM_SHARED_DATA says where the recorded flights are")
+        skip(f"{name} is not here; MAVDEM_SHARED_DATA says where the recorded flights are")
     return path
 
 

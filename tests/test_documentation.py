@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
+from pytest import fixture, mark
 from recorded_flights import FLIGHT
 from simulated import simulated
 
@@ -36,9 +36,9 @@ PAGES |= {
 }
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("page", "printed"),
+@mark.slow
+@mark.parametrize(
+    "page, printed",
     [
         ("docs/engine.md", "True "),
         ("docs/comparison.md", "\nconstant mean 1.0\n"),
@@ -137,7 +137,7 @@ REPLACED = re.compile(
 )
 
 
-@pytest.mark.slow
+@mark.slow
 def test_texts_use_the_vocabulary():
     assert [
         f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
@@ -234,13 +234,13 @@ def examples():
 EXAMPLES = {one.name: one for one in examples()}
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def learned():
     return mavdem.learn(simulated(wind=1.0)[:700])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", EXAMPLES)
+@mark.slow
+@mark.parametrize("name", EXAMPLES)
 def test_an_example_does_what_it_says(name, tmp_path, monkeypatch, request):
     """In a folder with a log, ``flight.tlog``; of a method of ``Learned``, on ``learned``, of 700 samples."""
     monkeypatch.chdir(tmp_path)
@@ -278,8 +278,8 @@ def outputs(source, names):
     return ({"stream"} if printed.getvalue() else set()) | (kind if shown is not None else set())
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@mark.slow
+@mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs_and_shows_what_is_stored_in_it(path, monkeypatch):
     monkeypatch.chdir(path.parent)
     names: dict[str, Any] = {"__name__": "__main__"}

@@ -7,7 +7,7 @@ import sys
 import tomllib
 from pathlib import Path
 
-import pytest
+from pytest import fixture, mark, raises
 from recorded_flights import short_flight
 
 from mavdem.cli.commands import main
@@ -22,7 +22,7 @@ QUICK = ["--preset", "paper", "--train", "200", "--test", "20"]
 INSTALL = "pip install 'mavdem[view]'."
 
 
-@pytest.fixture
+@fixture
 def without_rerun(monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
 
@@ -47,7 +47,7 @@ def test_every_file_that_is_no_python_is_installed():
         assert there == {path for pattern in patterns for path in (ROOT / package).glob(pattern)}
 
 
-@pytest.mark.slow
+@mark.slow
 def test_without_rerun_learning_writes_all_but_its_recording(without_rerun, tmp_path, capsys):
     (tmp_path / "flight.rrd").write_text("of a run before")
     log = short_flight(tmp_path)
@@ -60,7 +60,7 @@ def test_without_rerun_learning_writes_all_but_its_recording(without_rerun, tmp_
     assert "flight.rrd" not in written
 
 
-@pytest.mark.parametrize(
+@mark.parametrize(
     "words",
     [
         ("fly", "hover_blower", "--rrd", "flight.rrd"),
@@ -90,13 +90,13 @@ def test_without_rerun_a_dashboard_that_is_asked_for_is_refused(
 def test_what_is_missing_is_a_fact_with_the_modules(monkeypatch):
     monkeypatch.setattr("mavdem.extras.find_spec", lambda name: None)
     for extra, modules in EXTRAS.items():
-        with pytest.raises(MissingExtra) as refused:
+        with raises(MissingExtra) as refused:
             require(extra, "flight.mcap")
         expected = Fact(Package.EXTRA_MISSING, subject="flight.mcap", extra=extra, names=modules)
         assert refused.value.fact == expected
 
 
-@pytest.mark.slow
+@mark.slow
 def test_no_module_but_its_own_needs_an_extra(tmp_path):
     """What any command or ``import mavdem`` imports first is there in a core installation, which runs as a module.
 

@@ -4,7 +4,7 @@ import pickle
 from dataclasses import FrozenInstanceError
 
 import numpy as np
-import pytest
+from pytest import raises
 
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
@@ -38,14 +38,14 @@ def test_a_fact_has_a_code_a_level_a_time_and_figures_with_units():
 
 def test_a_fact_does_not_change_and_can_be_compared_hashed_and_sent():
     fact = Fact(Forecasts.FAILED, error="", text="It rings.", names=["a", "b"])
-    with pytest.raises(FrozenInstanceError):
+    with raises(FrozenInstanceError):
         fact.level = Level.BAD
-    with pytest.raises(TypeError):
+    with raises(TypeError):
         fact.figures["text"] = "another"
     assert pickle.loads(pickle.dumps(fact)) == fact
     assert hash(fact.but(Level.BAD)) != hash(fact)
     assert fact.but(text="It hums.").figures["text"] == "It hums."
-    with pytest.raises(ValueError, match="colour"):
+    with raises(ValueError, match="colour"):
         Fact(Forecasts.FAILED, colour=3)
 
 

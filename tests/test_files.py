@@ -3,7 +3,7 @@
 import os
 import stat
 
-import pytest
+from pytest import mark, raises
 
 from mavdem.files import atomic_write, atomic_writes
 
@@ -34,7 +34,7 @@ def test_several_files_change_together_or_not_at_all(tmp_path):
     one = tmp_path / "one"
     two = tmp_path / "two"
     one.write_bytes(b"old")
-    with pytest.raises(RuntimeError), atomic_writes(one, two) as (first, second):
+    with raises(RuntimeError), atomic_writes(one, two) as (first, second):
         first.write_bytes(b"new")
         second.write_bytes(b"new")
         raise RuntimeError
@@ -56,11 +56,11 @@ OBSTACLES = {
 }
 
 
-@pytest.mark.parametrize("obstacle", OBSTACLES)
+@mark.parametrize("obstacle", OBSTACLES)
 def test_what_cannot_be_replaced_is_said_before_anything_is_made(obstacle, tmp_path):
     path = tmp_path / {"too long": "f" * 300, "no folder": "none/f"}.get(obstacle, "f")
     OBSTACLES[obstacle](path)
     before = list(tmp_path.iterdir())
-    with pytest.raises(OSError, match=obstacle), atomic_writes(tmp_path / "other", path):
+    with raises(OSError, match=obstacle), atomic_writes(tmp_path / "other", path):
         pass
     assert list(tmp_path.iterdir()) == before

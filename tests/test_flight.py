@@ -1,10 +1,9 @@
 import pickle
 
 import numpy as np
-import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_array_equal
-from pytest import approx
+from pytest import approx, mark, raises, warns
 
 from mavdem import Flight
 from mavdem.dem import physical
@@ -42,8 +41,8 @@ def test_arrays_make_a_flight_and_slicing_gives_one():
     assert flight.effect_directions is None
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
+@mark.parametrize(
+    "arguments, message",
     [
         ({"time": []}, "time must be a non-empty"),
         ({"time": TIME[::-1]}, "time must increase"),
@@ -68,15 +67,15 @@ def test_arrays_make_a_flight_and_slicing_gives_one():
     ],
 )
 def test_what_is_wrong_is_named(arguments, message):
-    with pytest.raises(ValueError, match=message):
+    with raises(ValueError, match=message):
         Flight(**{"time": TIME, "inputs": INPUTS, "outputs": OUTPUTS, **arguments})
 
 
-@pytest.mark.parametrize(
-    ("part", "error"), [(slice(0, 6, 2), ValueError), (slice(4, 2), ValueError), (3, TypeError)]
+@mark.parametrize(
+    "part, error", [(slice(0, 6, 2), ValueError), (slice(4, 2), ValueError), (3, TypeError)]
 )
 def test_only_stretches_can_be_cut_out(part, error):
-    with pytest.raises(error):
+    with raises(error):
         Flight(TIME, INPUTS, OUTPUTS)[part]
 
 
@@ -96,19 +95,19 @@ def test_a_flight_its_slices_and_its_copies_cannot_be_changed():
         pickle.loads(pickle.dumps(flight, protocol)) for protocol in (2, pickle.HIGHEST_PROTOCOL)
     ]
     for one in (flight, part):
-        with pytest.raises(ValueError, match="read-only"):
+        with raises(ValueError, match="read-only"):
             one.inputs[0, 0] = 1
     assert_array_equal(again[0].outputs, flight.outputs)
     part.provenance["source"] = "elsewhere"
     assert flight.provenance["source"] == "here"
-    with pytest.raises(AttributeError):
+    with raises(AttributeError):
         flight.dt = 1.0
     INPUTS[0, 0] += 1
     assert flight.inputs[0, 0] == INPUTS[0, 0] - 1
 
 
-@pytest.mark.parametrize(
-    ("time", "outputs", "slip"),
+@mark.parametrize(
+    "time, outputs, slip",
     [
         (1, np.degrees([1, 1]), Slip.BOTH_IN_DEGREES),
         (1, [57.3, 1], Slip.ANGLE_IN_DEGREES),
@@ -126,7 +125,7 @@ def test_a_slip_of_units_is_said_with_its_likely_cause(time, outputs, slip, recw
     )
     Flight(t, np.zeros((800, 4)), turning)
     assert not recwarn.list
-    with pytest.warns(UserWarning) as warnings:
+    with warns(UserWarning) as warnings:
         flight = Flight(time * t, np.zeros((800, 4)), np.array(outputs) * turning)
     fact = unit_slip(flight.outputs, flight.dt)
     assert (fact.code, fact.figures["slip"]) == (Arrays.UNIT_SLIP, slip)

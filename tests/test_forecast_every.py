@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
+from pytest import fixture, mark, raises
 from simulated import simulated
 
 from mavdem import Settings, baselines, learn
@@ -21,7 +21,7 @@ METHODS = {
 }
 
 
-@pytest.fixture(params=METHODS, scope="module")
+@fixture(params=METHODS, scope="module")
 def model(request):
     return METHODS[request.param]()
 
@@ -40,7 +40,7 @@ def assert_same(actual, expected):
     assert_allclose(actual, expected, rtol=0, atol=1e-6 * TEST.outputs.std())
 
 
-@pytest.mark.parametrize("steps", [1, 7, 50])
+@mark.parametrize("steps", [1, 7, 50])
 def test_each_piece_is_the_forecast_of_a_model_that_has_seen_all_before_it(model, steps):
     pieces = model.forecast_every(steps, TEST.inputs, TEST.outputs)
     assert pieces.shape == TEST.outputs.shape
@@ -49,15 +49,15 @@ def test_each_piece_is_the_forecast_of_a_model_that_has_seen_all_before_it(model
         assert_same(pieces[piece], having_seen(model, 700 + begin).forecast(TEST.inputs[piece]))
 
 
-@pytest.mark.parametrize("steps", [120, 10**9])
+@mark.parametrize("steps", [120, 10**9])
 def test_one_piece_is_the_forecast(model, steps):
     whole = model.forecast_every(steps, TEST.inputs, TEST.outputs)
     assert_same(whole, model.forecast(TEST.inputs))
     assert model.forecast_every(5, TEST.inputs[:0], TEST.outputs[:0]).shape == (0, 2)
 
 
-@pytest.mark.parametrize(
-    ("steps", "spoil", "named"),
+@mark.parametrize(
+    "steps, spoil, named",
     [
         (0, lambda u, y: (u, y), "^steps"),
         (10**30, lambda u, y: (u, y), "^steps"),
@@ -69,5 +69,5 @@ def test_one_piece_is_the_forecast(model, steps):
     ],
 )
 def test_what_does_not_follow_is_refused(model, steps, spoil, named):
-    with pytest.raises(ValueError, match=named):
+    with raises(ValueError, match=named):
         model.forecast_every(steps, *spoil(TEST.inputs, TEST.outputs))

@@ -205,11 +205,11 @@ def test_a_file_is_not_long():
 NODES = {
     "alignment": 19250,
     "analysis": 8650,
-    "assessment": 18250,
+    "assessment": 18350,
     "baselines": 5250,
-    "cli": 16900,
+    "cli": 16950,
     "condition": 40200,
-    "dem": 67150,
+    "dem": 67250,
     "documents": 10250,
     "evaluate": 8100,
     "export": 2550,
@@ -217,7 +217,7 @@ NODES = {
     "fleet": 15050,
     "health": 10650,
     "ingest": 40600,
-    "live": 31650,
+    "live": 31700,
     "mavdem": 5550,
     "paper": 11400,
     "report": 32150,
@@ -228,7 +228,7 @@ NODES = {
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
 ALL_NODES = 419_500
-TEST_NODES = 249_990
+TEST_NODES = 249_500
 NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""
 ALL_CONSTANTS = 695

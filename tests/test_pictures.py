@@ -11,8 +11,8 @@ from itertools import pairwise
 from math import isclose
 from pathlib import Path
 
-import pytest
 import rerun as rr
+from pytest import MonkeyPatch, fixture, mark
 from rerun.chunk import RrdReader
 
 from mavdem.cli.commands import main
@@ -78,18 +78,18 @@ def alike(now, before):
     ) and all(near)
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def folder(tmp_path_factory):
     """A simulated flight, and what was learned from it."""
     path = tmp_path_factory.mktemp("pictures")
-    with pytest.MonkeyPatch.context() as patch:
+    with MonkeyPatch.context() as patch:
         patch.chdir(path)
         assert main(["fly", "iris_identification_wind", "--out", "flight.tlog"]) == 0
         assert main(["learn", "flight.tlog"]) == 0
     return path
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_picture_is_as_new_as_what_it_shows(folder, request):
     """Words with their figures; of pictures that take minutes or need a screen, the code that draws them."""
     assert (
@@ -125,8 +125,8 @@ class Terminal(io.StringIO):
         return True
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("page", ["README.md", "docs/tutorial.md"])
+@mark.slow
+@mark.parametrize("page", ["README.md", "docs/tutorial.md"])
 def test_a_page_shows_what_its_commands_print(page, tmp_path, monkeypatch, request):
     """On a terminal of 80 columns: what the commands of the block before print."""
     monkeypatch.chdir(tmp_path)

@@ -2,9 +2,9 @@
 
 import json
 
-import pytest
 import reference
 from pydantic import ValidationError
+from pytest import mark, raises
 from simulated import simulated
 
 import mavdem
@@ -14,7 +14,7 @@ from mavdem.fleet.row import SCHEMA_VERSION, row_schema
 from mavdem.heading import heading
 
 
-@pytest.mark.slow
+@mark.slow
 def test_pages_and_schemas_are_of_this_version(request):
     """With ``--write-golden`` they are written, unless a schema changed and its version did not."""
     if request.config.getoption("--write-golden"):
@@ -24,7 +24,7 @@ def test_pages_and_schemas_are_of_this_version(request):
     ] == []
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_schema_that_changes_needs_a_new_version(tmp_path, monkeypatch):
     monkeypatch.setattr(reference, "FOLDER", tmp_path)
     reference.write()
@@ -32,14 +32,14 @@ def test_a_schema_that_changes_needs_a_new_version(tmp_path, monkeypatch):
     path.write_text(path.read_text().replace("F̄ by flight and order", "in other words"))
     reference.write()
     path.write_text(path.read_text().replace('"unit": "nats"', '"unit": "bits"'))
-    with pytest.raises(ValueError, match="order-4.json changed: raise its version"):
+    with raises(ValueError, match="order-4.json changed: raise its version"):
         reference.write()
 
 
 def test_a_key_that_is_not_published_is_refused():
     model = DOCUMENTS["error"].model
     model.model_validate({"error": {"reason": "", "remedy": ""}})
-    with pytest.raises(ValidationError):
+    with raises(ValidationError):
         model.model_validate({"error": {"reason": "", "remedy": ""}, "more": 1})
 
 
@@ -59,14 +59,14 @@ def test_the_columns_of_a_fleet_are_as_published():
     assert schema.metadata[b"mavdem_schema"].decode() == str(SCHEMA_VERSION)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_model_begins_with_its_versions_and_is_read_without_them():
     text = mavdem.learn(simulated(wind=0.5)[:200]).to_json()
     document = json.loads(text)
     expected = heading("model", VERSION, UNITS)
     assert {name: document.pop(name) for name in expected} == expected
     assert mavdem.Learned.from_json(json.dumps(document)).to_json() == text
-    with pytest.raises(ValueError, match="of a later version of mavdem"):
+    with raises(ValueError, match="of a later version of mavdem"):
         mavdem.Learned.from_json(text.replace('"schema_version": 1', '"schema_version": 2'))
-    with pytest.raises(ValueError, match="of an earlier version of mavdem, learn anew"):
+    with raises(ValueError, match="of an earlier version of mavdem, learn anew"):
         mavdem.Learned.from_json('{"settings": {"noise_groups": null}}')

@@ -5,7 +5,7 @@ import re
 from collections import Counter
 from pathlib import Path
 
-import pytest
+from pytest import mark
 
 import mavdem.facts
 import mavdem.facts.sources
@@ -67,7 +67,7 @@ def prose_of(path):
             yield node.lineno, node.value
 
 
-@pytest.mark.slow
+@mark.slow
 def test_below_report_there_is_no_prose():
     left = Counter[str]()
     found = []
@@ -101,8 +101,8 @@ def test_each_code_has_its_sentence_and_each_sentence_its_code():
     assert set(values) == set(table())
 
 
-@pytest.mark.parametrize(
-    ("columns", "shown"),
+@mark.parametrize(
+    "columns, shown",
     [
         (80, "Deviation small (largest: 0 ± 8 %); headroom 12 %."),
         (40, "Deviation small (largest: 0 ± 8 %)."),

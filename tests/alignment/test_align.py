@@ -3,7 +3,6 @@
 from math import inf
 
 import numpy as np
-import pytest
 from hover import (
     X_QUAD,
     X_QUAD_PARAMETERS,
@@ -17,7 +16,7 @@ from hover import (
 )
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx
+from pytest import approx, mark, raises
 from recorded_flights import recorded
 
 from mavdem.alignment import phases
@@ -60,7 +59,7 @@ def test_reports_that_come_late_leave_the_flight_before_them_to_the_motors():
     assert verdict.segment.end == approx(HOVER.sinking - TRANSIENT_SECONDS, abs=1.1)
 
 
-@pytest.mark.parametrize("state", [3, 4])
+@mark.parametrize("state", [3, 4])
 def test_taking_off_and_landing_are_airborne_and_not_settled(state):
     time = HOVER.stamps(2.0)
     signals = Signals(reporting(time, np.where(in_air(time), state, 1)))
@@ -168,7 +167,7 @@ FLIGHTS = {
 """Telemetry, and the seconds of take-off and landing; inf: the flight goes on until the log ends."""
 
 
-@pytest.mark.parametrize("name", FLIGHTS)
+@mark.parametrize("name", FLIGHTS)
 def test_the_ground_shows_without_any_report_and_nothing_else_is_ground(name):
     telemetry, lifted, down = FLIGHTS[name]
     ((start, end),) = phases.settled(Signals(telemetry), 0)
@@ -202,8 +201,8 @@ def test_a_vehicle_that_hovers_below_any_threshold_flies_as_its_land_detector_re
     assert (start, end) == approx((LIFTED, LANDED), abs=1.0)
 
 
-@pytest.mark.parametrize(
-    ("name", "settled", "airborne"),
+@mark.parametrize(
+    "name, settled, airborne",
     [
         # tipped over at take-off, and lies at 56° with its motors on
         ("ardupilot_motor3_at_its_limit.BIN", (), 8.9),
@@ -266,8 +265,8 @@ def test_a_uniform_source_keeps_its_samples():
     assert_allclose(flight.inputs @ X_QUAD / 4, HOVER.roll_command(flight.time + 0.0004), atol=1e-9)
 
 
-@pytest.mark.parametrize("offset", [0.002, 0.005, 0.008])
-@pytest.mark.parametrize(
+@mark.parametrize("offset", [0.002, 0.005, 0.008])
+@mark.parametrize(
     "stamps", [HOVER.stamps(100.0), eight_and_twelve(0)], ids=["uniform", "alternating"]
 )
 def test_neither_motors_nor_attitude_get_a_lag(stamps, offset):
@@ -316,8 +315,8 @@ def with_roll_demand(motor_rate, demand_rate):
     return with_demand(Hover().telemetry(motor_time=motor_rate), demand_rate, pace=3.0)
 
 
-@pytest.mark.parametrize(
-    ("motor_rate", "demand_rate", "taken"), [(100.0, 100.0, "motors"), (10.0, 100.0, "demand")]
+@mark.parametrize(
+    "motor_rate, demand_rate, taken", [(100.0, 100.0, "motors"), (10.0, 100.0, "demand")]
 )
 def test_the_demand_is_taken_only_where_motors_come_too_slowly(motor_rate, demand_rate, taken):
     demanded = with_roll_demand(motor_rate, demand_rate)
@@ -346,7 +345,7 @@ def test_the_inputs_that_are_asked_for_are_taken():
     assert neither.reason.figures["remedy"].code is Remedy.ARDUPILOT_STREAMS
     without = learnability_of(Signals(Hover().telemetry(), inputs="demand"))
     assert without.reason.code is Reason.NO_DEMAND and without.remedy
-    with pytest.raises(ValueError, match="'torque'"):
+    with raises(ValueError, match="'torque'"):
         learnability_of(Signals(both, inputs="torque"))
 
 
@@ -378,7 +377,7 @@ def test_a_flight_of_yaw_has_the_rate_only():
     assert_array_equal(flight.inputs, roll.inputs)
 
 
-@pytest.mark.parametrize("name", ["ardupilot_wind5_steps", "px4_wind5_steps"])
+@mark.parametrize("name", ["ardupilot_wind5_steps", "px4_wind5_steps"])
 def test_the_motors_that_should_turn_the_nose_do(name):
     """By the sign of the correlation of their yaw combination with the angular acceleration."""
     telemetry = recorded(f"samples/{name}.tlog")
@@ -387,8 +386,8 @@ def test_the_motors_that_should_turn_the_nose_do(name):
     assert np.corrcoef(flight.inputs @ flight.effect_directions, acceleration)[0, 1] > 0.2
 
 
-@pytest.mark.parametrize(
-    ("height", "asked", "leaned", "stands"),
+@mark.parametrize(
+    "height, asked, leaned, stands",
     [
         (0.9, 1.05, 0.95, True),
         (1.1, 1.05, 0.95, False),  # it rose

@@ -4,10 +4,9 @@ import dataclasses
 import json
 
 import numpy as np
-import pytest
 from hover import X_QUAD, Hover, changed, columns, disarmed, only, pulses, with_demand, with_pulses
 from numpy.random import default_rng
-from pytest import approx
+from pytest import approx, mark
 
 from mavdem.alignment.align import align, settled_segments
 from mavdem.alignment.drive import DEMAND_MESSAGE
@@ -75,7 +74,7 @@ def slow_then_fast(change, fast_from):
     return LONG.telemetry(stamps, stamps)
 
 
-@pytest.mark.parametrize("fast_from", [100.0, 100.5], ids=["at once", "after a gap"])
+@mark.parametrize("fast_from", [100.0, 100.5], ids=["at once", "after a gap"])
 def test_the_fast_part_of_a_flight_is_learned_from_and_the_slow_part_is_not(fast_from):
     learnability = judged(slow_then_fast(100.0, fast_from))
     assert learnability.learnable
@@ -177,8 +176,8 @@ def test_a_hover_on_little_of_the_motors_range_is_a_flight_where_the_autopilot_i
     assert judged(strong).learnable
 
 
-@pytest.mark.parametrize(
-    ("figure", "limit", "caution"),
+@mark.parametrize(
+    "figure, limit, caution",
     [
         ("output_snr", DOUBTFUL_SNR, Caution.NEAR_RESOLUTION),
         ("consistency", DOUBTFUL_CONSISTENCY, Caution.RATE_EXPLAINS_LITTLE),
@@ -302,7 +301,7 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("name", REFUSED)
+@mark.parametrize("name", REFUSED)
 def test_what_cannot_be_learned_from_is_refused_with_the_figures_that_decided_and_a_remedy(name):
     telemetry, code, remedy, figures = REFUSED[name]
     reason = refused_for(telemetry)
@@ -346,7 +345,7 @@ def random_stamps(random, end):
     return stamps[stamps < end]
 
 
-@pytest.mark.parametrize("seed", range(40))
+@mark.parametrize("seed", range(40))
 def test_mutilated_telemetry_is_judged_and_its_segments_align(seed):
     """Whatever is missing, shuffled, repeated or not a number, it is judged, and every segment makes a Flight."""
     random = default_rng(seed)
@@ -389,9 +388,9 @@ def held(telemetry, message, rows, only=("",)):
     )
 
 
-@pytest.mark.parametrize(("rows", "told"), [(10, 10.0), (5, 20.0), (25, 4.0)])
-@pytest.mark.parametrize(
-    ("message", "only"), [("ATTITUDE", ""), ("ATTITUDE", "roll"), ("SERVO_OUTPUT_RAW", "servo")]
+@mark.parametrize("rows, told", [(10, 10.0), (5, 20.0), (25, 4.0)])
+@mark.parametrize(
+    "message, only", [("ATTITUDE", ""), ("ATTITUDE", "roll"), ("SERVO_OUTPUT_RAW", "servo")]
 )
 def test_values_sent_again_and_again_are_refused_for_the_rate_of_new_ones(
     message, only, rows, told
@@ -445,8 +444,8 @@ def test_an_attitude_near_its_resolution_is_doubted_and_at_it_refused():
     assert refused.figures["angle_step"] == approx(0.05)
 
 
-@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize(
+@mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
+@mark.parametrize(
     "fields", [("yawspeed",), ("roll", "pitch", "rollspeed", "pitchspeed", "yawspeed")]
 )
 def test_an_attitude_that_is_no_number_is_refused_as_that(wrong, fields):
@@ -456,9 +455,7 @@ def test_an_attitude_that_is_no_number_is_refused_as_that(wrong, fields):
     assert reason.code is Reason.ATTITUDE_NOT_FINITE
 
 
-@pytest.mark.parametrize(
-    ("field", "wrong"), [("rollspeed", 100.0), ("roll", 1e30), ("pitch", -50.0)]
-)
+@mark.parametrize("field, wrong", [("rollspeed", 100.0), ("roll", 1e30), ("pitch", -50.0)])
 def test_a_message_that_cannot_be_is_left_out_and_reported(field, wrong):
     telemetry = HOVER.telemetry()
     values = telemetry.messages["ATTITUDE"][field].copy()
@@ -502,8 +499,8 @@ SERIAL_1 = {"SR1_EXTRA1": 100.0, "SR1_RC_CHAN": 50.0, "SR2_EXTRA1": 100.0}
 SERIAL_0 = {"SR0_EXTRA1": 4.0, "SR0_RC_CHAN": 4.0}
 
 
-@pytest.mark.parametrize(
-    ("recorder", "code", "parameters", "figures"),
+@mark.parametrize(
+    "recorder, code, parameters, figures",
     [
         ("DataFlash", Remedy.LOG_FAST_ATTITUDE, {}, {"bitmask": None, "names": ()}),
         ("DataFlash", Remedy.LOG_FAST_ATTITUDE, {"LOG_BITMASK": 176126.0}, {"bitmask": 176126}),
@@ -540,7 +537,7 @@ SERIAL_0 = {"SR0_EXTRA1": 4.0, "SR0_RC_CHAN": 4.0}
         ("MAVROS", Remedy.MAVROS_INTERVALS, {}, {}),
     ],
 )
-@pytest.mark.parametrize("dropouts", [0, 12])
+@mark.parametrize("dropouts", [0, 12])
 def test_rates_are_set_by_what_recorded_the_log_and_its_parameters(
     recorder, code, parameters, figures, dropouts
 ):
@@ -550,8 +547,8 @@ def test_rates_are_set_by_what_recorded_the_log_and_its_parameters(
     assert remedy.figures.get("dropouts", dropouts) == dropouts
 
 
-@pytest.mark.parametrize(
-    ("firmware", "bitmask", "can_log", "is_fast"),
+@mark.parametrize(
+    "firmware, bitmask, can_log, is_fast",
     [
         ("ArduCopter V3.3-dev (a5a72a84)", 32767.0, False, True),
         ("", 32767.0, False, True),

@@ -4,10 +4,9 @@ import dataclasses
 import json
 
 import numpy as np
-import pytest
 from hover import Hover, changed, columns, log_of, only
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx
+from pytest import approx, mark, raises
 from recorded_flights import shared
 
 from mavdem.alignment import read
@@ -99,7 +98,7 @@ def test_segments_that_are_too_slow_or_too_short_are_left_out_and_counted():
 
 
 def refused(vehicles, wanted=None):
-    with pytest.raises(NotLearnable) as refusal:
+    with raises(NotLearnable) as refusal:
         choose_vehicle(vehicles, wanted)
     return refusal.value.fact.code, refusal.value.fact.figures.get("names")
 
@@ -125,7 +124,7 @@ def test_a_log_of_several_vehicles_needs_a_choice(monkeypatch):
     log = dataclasses.replace(log_of(first), vehicles=both)
     monkeypatch.setattr(read, "read_log", lambda path: log)
     for reading in (read_flight, read_segments):
-        with pytest.raises(NotLearnable) as refusal:
+        with raises(NotLearnable) as refusal:
             reading("two.tlog")
         assert refusal.value.fact.code is Reason.SEVERAL_VEHICLES
         assert reading("two.tlog", vehicle="7")
@@ -168,8 +167,8 @@ def test_a_flight_has_the_last_setpoint_until_its_sample_and_none_of_the_future(
     assert flight.provenance["setpoints"]["roll setpoint"] == "ATTITUDE_TARGET"
 
 
-@pytest.mark.parametrize(
-    ("mask", "units"),
+@mark.parametrize(
+    "mask, units",
     [(1, ["rad"]), (2, ["rad/s", "rad"]), (64, ["rad/s", "rad"]), (128, ["rad/s"]), (129, [])],
 )
 def test_masked_fields_are_no_setpoints(mask, units):
@@ -184,7 +183,7 @@ def test_before_the_first_and_long_after_the_last_nothing_is_known():
     )
 
 
-@pytest.mark.parametrize(
+@mark.parametrize(
     "name", ["sitl_ardupilot/ardupilot_wind4_doublets.tlog", "sitl_px4/px4_wind5_gust.tlog"]
 )
 def test_a_recorded_vehicle_does_what_it_is_asked(name):

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from hover import (
     ARMED,
     MAV_AUTOPILOTS,
@@ -18,7 +17,7 @@ from hover import (
 )
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx
+from pytest import approx, mark
 from scipy.spatial.transform import Rotation
 
 from mavdem.alignment import attitude, drive
@@ -53,7 +52,7 @@ def test_a_faster_quaternion_gives_the_euler_angles_it_was_made_of():
     assert_allclose(pitch.angle, 0.2 * np.sin(pitch.time), atol=1e-12)
 
 
-@pytest.mark.parametrize("per_rad", [1.0, np.degrees(1.0)])
+@mark.parametrize("per_rad", [1.0, np.degrees(1.0)])
 def test_faster_rates_of_the_controller_give_the_angle_between_two_attitudes(per_rad):
     time = HOVER.stamps(100.0)
     achieved = per_rad * HOVER.roll_rate(time)
@@ -196,8 +195,8 @@ def test_the_tilt_servo_of_a_tricopter_is_no_motor_and_an_unknown_frame_has_no_p
     assert motors.names[0] == "motor 1" and motors.effect("roll") is None
 
 
-@pytest.mark.parametrize(
-    ("frame_class", "frame_type", "count"),
+@mark.parametrize(
+    "frame_class, frame_type, count",
     [(1, t, 4) for t in (0, 1, 2, 3, 6, 12, 13, 14, 16, 17, 18)]
     + [(2, t, 6) for t in (0, 1, 13, 14)]
     + [(3, t, 8) for t in (0, 1, 13, 14)]
@@ -264,8 +263,8 @@ def test_a_message_without_motors_that_move_leaves_the_next():
     assert_array_equal(motors.outputs, HOVER.motors(time))
 
 
-@pytest.mark.parametrize(
-    ("values", "name", "unit", "step"),
+@mark.parametrize(
+    "values, name, unit, step",
     [
         (1000 + np.arange(900.0), "PWM", "µs", 1.0),
         (np.concatenate([[0.0, 900.0], 1400 + np.arange(50.0)]), "PWM", "µs", 1.0),
@@ -358,8 +357,8 @@ def test_without_a_battery_monitor_there_is_none():
     assert Signals(HOVER.telemetry()).voltage is None
 
 
-@pytest.mark.parametrize(
-    ("message", "field", "value"),
+@mark.parametrize(
+    "message, field, value",
     [("LOCAL_POSITION_NED", "z", -12.0), ("GLOBAL_POSITION_INT", "relative_alt", 12000.0)],
 )
 def test_the_height_is_in_metres_above_the_start(message, field, value):

@@ -3,11 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from made_up_analysis import held_out
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from pytest import approx
+from pytest import approx, fixture, mark, raises
 from recorded_flights import FLIGHT, LOGS, shared
 from simulated import simulated
 
@@ -28,7 +27,7 @@ from mavdem.report.blocks import text_of
 from mavdem.report.screen import analysis_blocks
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def slow():
     """A flight at 100 Hz as a link of 10 Hz would send it."""
     whole = read_log(FLIGHT)
@@ -41,7 +40,7 @@ def slow():
     return assess(replace(whole, vehicles=(replace(vehicle, messages=messages),)), axis="roll")
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_is_told(slow):
     told = text_of(analysis_blocks(slow))
     slow = slow.analysis
@@ -52,12 +51,12 @@ def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_i
     assert slow.learned.cautions[0].code is Caveat.SLOW_MOTION_ONLY
     assert slow.alarms == () and "Hz" in str(slow.reason) and slow.reason.remedy
     assert "Lean:" in told and "Mean lean" not in told and told.count("± is") == 1
-    with pytest.raises(ValueError, match="40 Hz"):
+    with raises(ValueError, match="40 Hz"):
         slow.learned.simulate(slow.flights[0].inputs)
 
 
-@pytest.mark.parametrize(
-    ("ratio", "windows", "spread", "kept"),
+@mark.parametrize(
+    "ratio, windows, spread, kept",
     [
         (0.5, 20, 0.1, True),
         (0.95, 40, 0.01, False),
@@ -77,9 +76,9 @@ def test_a_model_must_beat_the_baselines_by_a_margin_that_is_not_luck(ratio, win
         assert (refusal.figures["p_value"] is None) == (ratio != 0.8)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "tier"),
+@mark.slow
+@mark.parametrize(
+    "name, tier",
     [
         ("real/propeller/hover_good_1.BIN", "b"),
         ("logs/wlichon_baseline.BIN", "b"),  # an alias, however well it is predicted
@@ -106,7 +105,7 @@ def test_every_log_says_something_or_why_not(name, tier):
 PX4 = LOGS / "px4_wind5_steps.tlog"
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_figures_of_a_model_put_the_best_first():
     flight = simulated(samples=600, wind=1.0)
     train = flight[:500]
@@ -127,7 +126,7 @@ def test_the_figures_of_a_model_put_the_best_first():
     assert report["prediction"]["error_ratio"] == approx(ahead)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_each_axis_is_as_by_itself_and_that_of_a_model_of_it():
     log = read_log(PX4)
     found = assess(log)

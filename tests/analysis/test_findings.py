@@ -4,9 +4,8 @@ from dataclasses import make_dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 from made_up_analysis import HOVER, held_out, model, physical
-from pytest import approx
+from pytest import approx, mark
 from refusals import prose
 
 from mavdem.analysis.findings import Finding, disown_torque, findings_of, next_step, warnings_of
@@ -43,8 +42,8 @@ def of_vehicle(oscillation=None, **hover):
     return SimpleNamespace(hover=replace(HOVER, **hover), oscillation=oscillation)
 
 
-@pytest.mark.parametrize(
-    ("figures", "grade", "ratio"),
+@mark.parametrize(
+    "figures, grade, ratio",
     [
         ({}, GOOD, 0.04),
         ({"forecast": 0.353}, GOOD, 0.498),
@@ -65,8 +64,8 @@ def test_prediction_is_good_only_beside_the_better_baseline_and_with_a_band_that
     assert finding.reason.figures["name"] == "hold last" or ratio is None
 
 
-@pytest.mark.parametrize(
-    ("share", "covered", "grade"),
+@mark.parametrize(
+    "share, covered, grade",
     [(0.1, 1.0, GOOD), (0.125, 1.0, LIMITED), (0.0, 0.75, GOOD), (0.0, 0.74, LIMITED)],
 )
 def test_a_few_worse_windows_and_a_band_that_holds_most_are_still_good(share, covered, grade):
@@ -77,8 +76,8 @@ def test_a_few_worse_windows_and_a_band_that_holds_most_are_still_good(share, co
     assert found(PREDICTION, model(physical()), windows).grade is grade
 
 
-@pytest.mark.parametrize(
-    ("share", "status", "expected"),
+@mark.parametrize(
+    "share, status, expected",
     [
         (0.149, {}, (GOOD, GOOD)),
         (0.151, {}, (LIMITED, GOOD)),
@@ -111,8 +110,8 @@ def test_parameters_doubted_for_one_reason_are_named_together_and_a_reason_is_gi
     assert found(MOTION, model(known)).reason.code is Because.SAME_AS_EFFECT
 
 
-@pytest.mark.parametrize(
-    ("changes", "grade", "code"),
+@mark.parametrize(
+    "changes, grade, code",
     [
         ({"scale_error": 0.151}, GOOD, Because.WIND_SIZE_KNOWN),
         ({"scale_error": 0.153}, LIMITED, Because.WIND_SIZE_KNOWN),  # 1.645 times: above 0.25
@@ -134,8 +133,8 @@ def test_the_wind_is_good_only_where_it_is_resolved_and_its_size_known(changes, 
     assert found(WIND, learned).reason.code is Because.WIND_NOT_ESTIMATED
 
 
-@pytest.mark.parametrize(
-    ("grades", "code"),
+@mark.parametrize(
+    "grades, code",
     [
         ((LIMITED, GOOD, GOOD, NONE), NextStep.FLY_MOVEMENTS),
         ((GOOD, NONE, GOOD, NONE), NextStep.FLY_MOVEMENTS),
@@ -157,8 +156,8 @@ SATURATED = {"at_upper_limit": (0.0, 0.0, 0.86, 0.0)}
 TWISTED = Fact(Trim.TRIM_OF_YAW, Level.WATCH, share=0.16, probability=0.97, assumed=False)
 
 
-@pytest.mark.parametrize(
-    ("known", "code", "subject"),
+@mark.parametrize(
+    "known, code, subject",
     [
         ({"alarms": (WEAK,)}, Override.MOTORS, "motor 1 (front right)"),
         ({"condition": of_vehicle(**SATURATED)}, Override.SATURATION, "motor 3 (front left)"),
@@ -202,8 +201,8 @@ def test_what_a_motor_lost_is_said_with_its_own_time_and_its_end_and_what_lasts_
     assert (last.level, last.time, ended.until) == (Level.BAD, 119.0, 94.0)
 
 
-@pytest.mark.parametrize(
-    ("hover", "overridden"),
+@mark.parametrize(
+    "hover, overridden",
     [
         ({"at_upper_limit": (0.0, 0.0, 0.05, 0.0)}, False),
         ({"at_upper_limit": (0.0, 0.0, 0.051, 0.0)}, True),
@@ -226,8 +225,8 @@ def test_residuals_that_are_far_from_white_are_said():
     assert next_step(findings.purposes).code is NextStep.KEEP_MODEL
 
 
-@pytest.mark.parametrize(
-    ("size", "outcome"),
+@mark.parametrize(
+    "size, outcome",
     [(0.03, BoundTest.PASSED), (0.087, BoundTest.NEARLY), (0.093, BoundTest.FAILED)],
 )
 def test_residuals_are_not_white_beyond_three_times_the_bound(size, outcome):

@@ -1,9 +1,8 @@
 """Loops of a log whose gains change: the part with one set of gains, the longest, with these."""
 
 import numpy as np
-import pytest
 from hover import Hover, changed, columns, with_texts
-from pytest import approx
+from pytest import approx, mark
 from recorded_flights import recorded
 from refusals import refused
 
@@ -56,7 +55,7 @@ def test_parts_with_the_same_gains_count_together():
     assert spans(parts) == [(12, 24), (39, 51)]
 
 
-@pytest.mark.parametrize("name", ["ATC_RAT_PIT_P", "MOT_THST_HOVER", "RTL_ALT"])
+@mark.parametrize("name", ["ATC_RAT_PIT_P", "MOT_THST_HOVER", "RTL_ALT"])
 def test_what_is_not_of_this_axis_cuts_nothing(name):
     (part,), caution = flown([(P, 1.0, 0.5), (name, 2.0, 0.5), (name, 30.0, 0.25)])
     assert caution is None and round(part.duration) == 39

@@ -3,10 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from frames import QUAD, geometry
 from hover import X_QUAD_PARAMETERS, Hover, changed, columns, only, pulses, with_pulses
-from pytest import approx
+from pytest import approx, mark
 from recorded_flights import recorded
 
 from mavdem.alignment.signals import Signals
@@ -83,8 +82,8 @@ def test_a_sound_flight_has_no_ending():
     assert ending is None
 
 
-@pytest.mark.parametrize("rate", [10.0, 50.0])
-@pytest.mark.parametrize("motor", range(4))
+@mark.parametrize("rate", [10.0, 50.0])
+@mark.parametrize("motor", range(4))
 def test_names_the_motor_to_whose_side_it_fell_though_it_was_driven_hardest(motor, rate):
     events, ending = judged(lost(motor, rate))
     assert events[MotionEvent.ATTITUDE_LOST].figures["angle"] > np.radians(80)
@@ -133,8 +132,8 @@ def test_names_a_motor_whose_output_stands_still():
     assert ending.subject == NAMES[0]
 
 
-@pytest.mark.parametrize(
-    ("output", "since", "code"),
+@mark.parametrize(
+    "output, since, code",
     [
         (1100.0, FAILS, FailedFirst.ALL_OFF_FIRST),
         (1910.0, FAILS - 3.0, FailedFirst.THRUST_SPENT_FIRST),
@@ -188,7 +187,7 @@ def test_without_setpoints_only_a_flight_that_ends_so_is_lost():
     assert ending is None
 
 
-@pytest.mark.parametrize(("highest", "code"), [(0.9, Ending.TIPPED_OVER), (1.1, Ending.CRASHED)])
+@mark.parametrize("highest, code", [(0.9, Ending.TIPPED_OVER), (1.1, Ending.CRASHED)])
 def test_what_never_rose_tipped_over_at_take_off_and_names_none(highest, code):
     made = lost(1)
     at = made.messages["LOCAL_POSITION_NED"]["time"]
@@ -204,12 +203,12 @@ def turned(direction, angle):
     return there.real, there.imag
 
 
-@pytest.mark.parametrize(("angle", "name"), [(27.0, NAMES[1]), (33.0, "")])
+@mark.parametrize("angle, name", [(27.0, NAMES[1]), (33.0, "")])
 def test_a_motor_is_named_within_two_thirds_of_half_the_way_to_the_next(angle, name):
     assert judged(leaning(lost(1), turned(QUAD[1], angle), 60.0, 100.0))[1].subject == name
 
 
-@pytest.mark.parametrize(("force", "hit"), [(29.0, False), (31.0, True)])
+@mark.parametrize("force, hit", [(29.0, False), (31.0, True)])
 def test_three_times_the_weight_is_felt_where_something_is_hit(force, hit):
     events, ending = judged(felt(lost(1), FAILS + 2.0, force))
     assert (MotionEvent.HIT in events) is hit
@@ -217,7 +216,7 @@ def test_three_times_the_weight_is_felt_where_something_is_hit(force, hit):
     assert (ending.code, ending.subject) == (Ending.CONTROL_LOST, NAMES[1])
 
 
-@pytest.mark.parametrize(("seconds", "caught"), [(4.0, False), (6.0, True)])
+@mark.parametrize("seconds, caught", [(4.0, False), (6.0, True)])
 def test_an_attitude_is_caught_by_five_seconds_of_flight(seconds, caught):
     made = leaning(flight(50.0), RIGHT, 70.0, 1.0)
     _, ending = judged(only(made, lambda time: time < FAILS + 1.3 + seconds))
@@ -294,8 +293,8 @@ def test_a_log_that_ends_in_the_air_and_clips_are_events_and_no_ending():
     assert events[MotionEvent.CLIPPED].figures["count"] == 3 * 7
 
 
-@pytest.mark.parametrize(
-    ("name", "motor"),
+@mark.parametrize(
+    "name, motor",
     [
         ("crash_motor2_mechanical.bin", "motor 2 (rear left)"),
         ("crash_motor4_at_its_limit.BIN", "motor 4 (rear right)"),
@@ -318,7 +317,7 @@ def flipped(at_end=True):
     return changed(made, "ATTITUDE_TARGET", **attitude_target(q=asked))
 
 
-@pytest.mark.parametrize("at_end", [True, False])
+@mark.parametrize("at_end", [True, False])
 def test_what_falls_on_its_back_is_lost_whatever_is_asked(at_end):
     events, ending = judged(flipped(at_end))
     assert (MotionEvent.ATTITUDE_LOST in events) == at_end

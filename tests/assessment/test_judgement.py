@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-import pytest
+from pytest import mark
 from refusals import prose
 
 from mavdem.assessment.judgement import headline_of, next_step_of
@@ -45,8 +45,8 @@ ALARM = prose("An alarm.").but(Level.BAD)
 WARNING = prose("A warning.").but(Level.WATCH)
 
 
-@pytest.mark.parametrize(
-    ("levels", "more", "said"),
+@mark.parametrize(
+    "levels, more, said",
     [
         ({"motors": Level.BAD}, {"ending": CRASH, "events": (ALARM,)}, "Lost control."),
         ({"motors": Level.BAD}, {"events": (WARNING, ALARM)}, "An alarm."),

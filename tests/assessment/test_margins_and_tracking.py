@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from hover import (
     X_QUAD,
     X_QUAD_PARAMETERS,
@@ -15,7 +14,7 @@ from hover import (
     with_pulses,
 )
 from numpy.random import default_rng
-from pytest import approx
+from pytest import approx, mark
 from recorded_flights import LOGS, recorded
 from scipy.signal import lfilter
 
@@ -75,8 +74,8 @@ def flight(rate, setpoint):
     return asked(changed(HOVER.telemetry(), "ATTITUDE", rollspeed=rate), rate=setpoint)
 
 
-@pytest.mark.parametrize(
-    ("margin", "code", "level"),
+@mark.parametrize(
+    "margin, code, level",
     [
         (12.0, MarginsLight.RESONATES, Level.BAD),
         (60.0, MarginsLight.NO_RESONANCE, Level.GOOD),
@@ -108,7 +107,7 @@ def test_a_setpoint_that_only_answers_the_rate_shows_no_response():
     assert light.code is MarginsLight.MARGINS_UNKNOWN and light.level is Level.UNKNOWN
 
 
-@pytest.mark.parametrize(("damping", "stands_out"), [(0.1, True), (0.19, False)])
+@mark.parametrize("damping, stands_out", [(0.1, True), (0.19, False)])
 def test_a_peak_that_the_motors_share_stands_out_without_a_setpoint(damping, stands_out):
     """Over the line between 2/3 and 3/2 of its frequency it is 1 / (2.4 damping): 4.2 and 2.2, where 3 is much."""
     rate = closed_loop(np.degrees(np.arctan(2 * damping)))[0]
@@ -148,7 +147,7 @@ def test_what_hides_the_margins_is_said_at_any_rate():
     assert light.sentence.endswith(" known: only 30 % of the rate's motion was asked for.")
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_worst_loop_of_a_flight_is_rated():
     log = read_log(LOGS / "ardupilot_wind5_steps.tlog")
     loops = loops_of_axes(log, Signals(log.vehicles[0]))
@@ -164,8 +163,8 @@ def test_the_worst_loop_of_a_flight_is_rated():
     assert (light.level, light.figures["axis"]) == (Level.WATCH, "pitch")
 
 
-@pytest.mark.parametrize(
-    ("name", "peak", "ms"),
+@mark.parametrize(
+    "name, peak, ms",
     [("ap_raw_off", 2.5, 4.88), ("ap_autotune", 0.93, 1.95)],
 )
 def test_the_response_of_ardupilots_rate_loop_is_measured_at_its_own_rate(name, peak, ms):
@@ -206,8 +205,8 @@ def test_tracking_has_the_error_of_the_rate():
     assert tracking_light(evidence(made)).figures["rate_error"] == approx(0.03, rel=0.01)
 
 
-@pytest.mark.parametrize(
-    ("size", "error", "level"),
+@mark.parametrize(
+    "size, error, level",
     [
         (0.02, 0.9 * ERROR.watch, Level.GOOD),
         (0.02, 1.1 * ERROR.watch, Level.WATCH),
@@ -221,7 +220,7 @@ def test_an_error_counts_beside_what_was_asked(size, error, level):
     assert tracking_light(following(size, late=0.0, error=error)).level is level
 
 
-@pytest.mark.parametrize(("damping", "level"), [(0.3, Level.WATCH), (0.45, Level.GOOD)])
+@mark.parametrize("damping, level", [(0.3, Level.WATCH), (0.45, Level.GOOD)])
 def test_overshoot_is_that_of_a_step(damping, level):
     steps = 0.1 * np.sign(np.sin(0.7 * TIME) + np.sin(1.9 * TIME))
     answer = changed(HOVER.telemetry(), "ATTITUDE", roll=followed(steps, damping, 9.0))

@@ -3,9 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from hover import Hover, changed, columns, evidence_of
-from pytest import approx
+from pytest import approx, mark
 from recorded_flights import recorded
 
 from mavdem.alignment.signals import Signals
@@ -72,8 +71,8 @@ def test_a_battery_is_judged_by_its_cells_and_its_load():
     assert fact.figures["voltage"] == approx(15.8, abs=0.1)
 
 
-@pytest.mark.parametrize(
-    ("volts", "parameters", "level"),
+@mark.parametrize(
+    "volts, parameters, level",
     [
         (held(CELL.watch + 0.05), {}, Level.GOOD),
         (held(CELL.watch - 0.05), {}, Level.WATCH),
@@ -94,8 +93,8 @@ def test_levels_of_the_battery(volts, parameters, level):
     assert (fact.code is PowerLight.CELLS_UNKNOWN) == (level is Level.UNKNOWN)
 
 
-@pytest.mark.parametrize(
-    ("volts", "parameters"),
+@mark.parametrize(
+    "volts, parameters",
     [(6.0 + SAG, {"FS_BATT_VOLTAGE": 10.5}), (12.6 + 0 * SAG, {}), (12.6 + SAG, {})],
 )
 def test_what_is_no_battery_is_not_judged(volts, parameters):
@@ -118,8 +117,8 @@ def test_charge_that_the_autopilot_estimates():
     assert (fact.code, fact.level) == (PowerLight.CHARGE_LOW, Level.WATCH)
 
 
-@pytest.mark.parametrize(
-    ("usual", "least", "code", "level"),
+@mark.parametrize(
+    "usual, least, code, level",
     [
         (5.0, SUPPLY.watch + 0.1, PowerLight.SUPPLY_HELD, Level.UNKNOWN),
         (5.3, 5.25 - SUPPLY_FALL, PowerLight.SUPPLY_FELL, Level.WATCH),
@@ -154,8 +153,8 @@ def idle_filter():
 BEYOND = EKF_THRESHOLD + 0.05
 
 
-@pytest.mark.parametrize(
-    ("telemetry", "code", "level"),
+@mark.parametrize(
+    "telemetry, code, level",
     [
         (filtered(), EstimatorLight.FILTER_AGREED, Level.GOOD),
         (
@@ -186,8 +185,8 @@ def test_levels_of_the_filter(telemetry, code, level):
         assert fact.figures["name"] == "velocity" and fact.time == approx(30.2)
 
 
-@pytest.mark.parametrize(
-    ("satellites", "dilution", "code"),
+@mark.parametrize(
+    "satellites, dilution, code",
     [
         (12, 0.8, EstimatorLight.FILTER_AGREED),
         (5, 0.8, EstimatorLight.FIX_POOR),
@@ -204,8 +203,8 @@ def test_gps(satellites, dilution, code):
     assert estimator_light(evidence(changed(filtered(), "GPS_RAW_INT", **report))).code is code
 
 
-@pytest.mark.parametrize(
-    ("change", "code"),
+@mark.parametrize(
+    "change, code",
     [
         (FIELD_CHANGE + 0.05, EstimatorLight.COMPASS_DISTURBED),
         (FIELD_CHANGE - 0.05, EstimatorLight.FILTER_AGREED),
@@ -219,7 +218,7 @@ def test_a_compass_whose_field_is_another_in_flight(change, code):
     assert fact.code is code and fact.figures.get("change", change) == approx(change)
 
 
-@pytest.mark.parametrize(("time", "level"), [(30.0, Level.WATCH), (2.0, Level.GOOD)])
+@mark.parametrize("time, level", [(30.0, Level.WATCH), (2.0, Level.GOOD)])
 def test_what_the_autopilot_warns_of_in_flight(time, level):
     warned = Fact(Reported.ESTIMATOR_SWITCHED, Level.WATCH, time=time, boot=0)
     flagged = Fact(Reported.BATTERY_WARNED, Level.WATCH, time=time, boot=0)

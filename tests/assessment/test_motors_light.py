@@ -3,10 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from hover import X_QUAD_PARAMETERS, Hover, evidence_of, with_pulses
 from numpy.random import default_rng
-from pytest import approx
+from pytest import approx, mark
 
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.analysis import motor_alarms
@@ -38,8 +37,8 @@ def weak(begin, end=np.inf):
     return lambda time: np.outer([0, 1, 0, 0], 125.0 * ((time > begin) & (time < end)))
 
 
-@pytest.mark.parametrize(
-    ("pulses", "code", "level"),
+@mark.parametrize(
+    "pulses, code, level",
     [
         (lambda time: 0.0, MotorsLight.MOTORS_EVEN, Level.GOOD),
         (lambda time: np.array([[80], [80], [-80], [-80]]), Trim.TRIM_OF_YAW, Level.WATCH),

@@ -1,9 +1,8 @@
 """What the autopilot reports, as facts: by made-up streams, and by recorded flights as pymavlink reads them."""
 
 import numpy as np
-import pytest
 from hover import Hover, changed, columns, with_texts
-from pytest import approx
+from pytest import approx, mark
 from recorded_flights import recorded
 
 from mavdem.alignment.signals import Signals
@@ -58,7 +57,7 @@ TEXTS = {
 }
 
 
-@pytest.mark.parametrize("text", TEXTS)
+@mark.parametrize("text", TEXTS)
 def test_a_text_says_what_happened(text):
     (fact,) = said(with_texts(FLOWN, text.encode(), severity=(NO_SEVERITY,)))
     assert (fact.code, fact.level, fact.subject) == TEXTS[text]
@@ -188,7 +187,7 @@ DETECTED = {
 }
 
 
-@pytest.mark.parametrize("message", STATES)
+@mark.parametrize("message", STATES)
 def test_what_is_lost_or_low_while_armed_has_its_span(message):
     field, sound, bad, code = STATES[message]
     telemetry = changed(FLOWN, message, **columns(TIMES, **{field: np.where(LOST, bad, sound)}))
@@ -198,7 +197,7 @@ def test_what_is_lost_or_low_while_armed_has_its_span(message):
     assert not events(changed(FLOWN, message, **on_ground), code)
 
 
-@pytest.mark.parametrize("field", DETECTED)
+@mark.parametrize("field", DETECTED)
 def test_what_the_failure_detector_found(field):
     code, level, subject = DETECTED[field]
     detected = columns(TIMES, **{field: np.where(LOST, 4, 0)})
@@ -264,7 +263,7 @@ RECORDED = {
 }
 
 
-@pytest.mark.parametrize("name", RECORDED)
+@mark.parametrize("name", RECORDED)
 def test_recorded_flights_say_what_went_wrong(name):
     found = reported_events(Signals(recorded(f"real/logs/{name}")))
     bad = [fact for fact in found if fact.level is Level.BAD]

@@ -3,9 +3,8 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 from hover import Hover, changed, columns
-from pytest import approx
+from pytest import approx, mark
 
 from mavdem.alignment.signals import Signals
 from mavdem.assessment.vibration import ARDUPILOT, CLIPS, PX4, vibration_light
@@ -30,7 +29,7 @@ def light(levels, clips=0, autopilot="ARDUPILOTMEGA", **more):
     return vibration_light(SimpleNamespace(signals=signals))
 
 
-@pytest.mark.parametrize(("autopilot", "limits"), [("ARDUPILOTMEGA", ARDUPILOT), ("PX4", PX4)])
+@mark.parametrize("autopilot, limits", [("ARDUPILOTMEGA", ARDUPILOT), ("PX4", PX4)])
 def test_the_limits_are_the_autopilot_s(autopilot, limits):
     for share, level in ((0.99, Level.GOOD), (1.01, Level.WATCH)):
         assert light([0.1, 0.1, limits.watch * share][::-1], autopilot=autopilot).level is level

@@ -1,9 +1,9 @@
 """Trivial forecasts and the joint VAR, whose model and paths are tested in tests/dem/test_var.py."""
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from peculiar_flights import TEST, TRAIN, back_from_other_units, in_other_units
+from pytest import fixture, mark, raises
 from simulated import simulated
 
 from mavdem import Forecaster, baselines
@@ -11,7 +11,7 @@ from mavdem import Forecaster, baselines
 APART = [TRAIN[:300], TRAIN[400:]]
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def model():
     return baselines.var(TRAIN)
 
@@ -44,8 +44,8 @@ def test_units_do_not_matter_to_it(model):
     assert_allclose(back_from_other_units(other.predict(50)), model.predict(50), atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("ask", "said"),
+@mark.parametrize(
+    "ask, said",
     [
         (lambda model: baselines.var(TRAIN, 0), "order must"),
         (lambda model: baselines.var(TRAIN[:10]), "more than 10 samples"),
@@ -54,7 +54,7 @@ def test_units_do_not_matter_to_it(model):
     ],
 )
 def test_what_cannot_be_is_named(model, ask, said):
-    with pytest.raises(ValueError, match=said):
+    with raises(ValueError, match=said):
         ask(model)
 
 
@@ -62,8 +62,8 @@ FLIGHT = simulated(wind=2.0)
 SEGMENTS = [FLIGHT[:300], FLIGHT[400:650]]
 
 
-@pytest.mark.parametrize(
-    ("method", "expected"),
+@mark.parametrize(
+    "method, expected",
     [
         (baselines.hold, FLIGHT.outputs[699]),
         (baselines.constant_mean, FLIGHT.outputs[:700].mean(axis=0)),
@@ -95,7 +95,7 @@ def test_models_that_need_the_inputs_say_so_and_what_to_use():
         lambda: found.predict(3),
         lambda: found.predict_every(3, FLIGHT.inputs[700:], FLIGHT.outputs[700:]),
     ):
-        with pytest.raises(
+        with raises(
             ValueError,
             match=r"^subspace\(2\) needs the inputs of the time it forecasts: use forecast",
         ):

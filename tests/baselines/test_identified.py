@@ -3,7 +3,6 @@
 from functools import partial
 
 import numpy as np
-import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from peculiar_flights import (
@@ -17,6 +16,7 @@ from peculiar_flights import (
     in_other_units,
     with_inputs,
 )
+from pytest import mark, param, raises
 from refusals import refused
 from scipy.stats import chi2
 
@@ -33,8 +33,8 @@ from mavdem.dem.record import Record
 from mavdem.facts.forecasts import Forecasts
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("order", [1, 4])
+@mark.slow
+@mark.parametrize("order", [1, 4])
 def test_subspace_identification_recovers_a_system_to_within_three_times_what_an_efficient_estimate_errs(
     order,
 ):
@@ -73,9 +73,9 @@ def test_segments_are_learnt_from_together_and_nothing_across_gaps():
     assert errors_of(subspace.forecast(flight.inputs[800:]), flight[800:]) < 1e-5
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("order", [1, 4])
-@pytest.mark.parametrize("feedback", [None, -0.3 * np.eye(2)], ids=["open", "closed"])
+@mark.slow
+@mark.parametrize("order", [1, 4])
+@mark.parametrize("feedback", [None, -0.3 * np.eye(2)], ids=["open", "closed"])
 def test_a_system_is_recovered_as_well_as_can_be(order, feedback):
     """Errors in units of the Cramér-Rao bound are χ², in open and in closed loop."""
     system = random_system(order, order)
@@ -121,9 +121,9 @@ def flown_with_noise(model, seed, samples, feedback=None):
     return inputs, outputs
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("order", [1, 4])
-@pytest.mark.parametrize("feedback", [None, 0.5 * np.eye(2)], ids=["open", "closed"])
+@mark.slow
+@mark.parametrize("order", [1, 4])
+@mark.parametrize("feedback", [None, 0.5 * np.eye(2)], ids=["open", "closed"])
 def test_em_recovers_a_system_as_well_as_can_be(order, feedback):
     """Twice what the likelihood gains over the truth is χ² in as many parameters as data can tell (Wilks)."""
     truth = noisy_system(order)
@@ -140,8 +140,8 @@ def test_em_recovers_a_system_as_well_as_can_be(order, feedback):
     assert 0 < 2 * (found - of_truth) < chi2.ppf(1 - 1e-5, freedom)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("train", [growing(), [TRAIN[:300], TRAIN[310:]]], ids=["growing", "cut"])
+@mark.slow
+@mark.parametrize("train", [growing(), [TRAIN[:300], TRAIN[310:]]], ids=["growing", "cut"])
 def test_the_likelihood_rises_and_covariances_stay_positive(train):
     record = Record.of(train)
     segments = Units.of(record).segments(record)
@@ -207,11 +207,11 @@ METHODS = {
     "subspace": baselines.subspace,
     "pem": partial(baselines.pem, order=2),
 }
-SLOW = [pytest.param(partial(baselines.em, order=2), id="em", marks=pytest.mark.slow)]
-ALL = [*(pytest.param(method, id=name) for name, method in METHODS.items()), *SLOW]
+SLOW = [param(partial(baselines.em, order=2), id="em", marks=mark.slow)]
+ALL = [*(param(method, id=name) for name, method in METHODS.items()), *SLOW]
 
 
-@pytest.mark.parametrize("method", ALL)
+@mark.parametrize("method", ALL)
 def test_units_do_not_matter(method):
     model = method(TRAIN)
     other = method(in_other_units(TRAIN))
@@ -223,8 +223,8 @@ def test_units_do_not_matter(method):
     assert_allclose(forecast, model.forecast(TEST.inputs), atol=2e-3)
 
 
-@pytest.mark.parametrize("method", [baselines.subspace])
-@pytest.mark.parametrize("more", NOTHING_NEW)
+@mark.parametrize("method", [baselines.subspace])
+@mark.parametrize("more", NOTHING_NEW)
 def test_inputs_that_tell_nothing_new_change_nothing(method, more):
     wider = with_inputs(FLIGHT, NOTHING_NEW[more](FLIGHT.inputs))
     plain, found = (
@@ -233,14 +233,14 @@ def test_inputs_that_tell_nothing_new_change_nothing(method, more):
     assert_allclose(found, plain, rtol=1e-4, atol=1e-6)
 
 
-@pytest.mark.parametrize("method", ALL)
+@mark.parametrize("method", ALL)
 def test_inputs_that_stand_still_leave_what_the_outputs_do_by_themselves(method):
     still = with_inputs(FLIGHT, np.full_like(FLIGHT.inputs, 1500.0))
     model = method(still[:700])
     assert not model.model.B.any() and np.isfinite(model.forecast(still.inputs[700:])).all()
 
 
-@pytest.mark.parametrize("method", ALL)
+@mark.parametrize("method", ALL)
 def test_an_unstable_model_is_said_to_be(method):
     as_found = method(growing(), order=1)
     assert not as_found.stable and as_found.cautions[0].code is Forecasts.MODEL_UNSTABLE
@@ -249,8 +249,8 @@ def test_an_unstable_model_is_said_to_be(method):
 STILL = Flight(TRAIN.time, TRAIN.inputs, np.zeros((700, 2)))
 
 
-@pytest.mark.parametrize(
-    ("make", "said"),
+@mark.parametrize(
+    "make, said",
     [
         (lambda: baselines.subspace(None), "^train must be a Flight"),
         (
@@ -261,12 +261,12 @@ STILL = Flight(TRAIN.time, TRAIN.inputs, np.zeros((700, 2)))
     ],
 )
 def test_what_cannot_be_learned_from_is_named(make, said):
-    with pytest.raises(ValueError, match=said):
+    with raises(ValueError, match=said):
         make()
 
 
-@pytest.mark.parametrize(
-    ("method", "train", "order", "samples"),
+@mark.parametrize(
+    "method, train, order, samples",
     [
         (baselines.subspace, [TRAIN[i : i + 5] for i in range(0, 600, 5)], 4, 600),
         (baselines.em, TRAIN, 10**9, 700),

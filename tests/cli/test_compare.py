@@ -4,14 +4,14 @@ import json
 import multiprocessing
 
 import numpy as np
-import pytest
 from command_line import run, strict_json
+from pytest import fixture, mark
 from recorded_flights import FLIGHT, SLOW
 
 from mavdem import baselines
 from mavdem.evaluate.comparison import METHODS, Method
 
-pytestmark = pytest.mark.slow
+pytestmark = mark.slow
 
 FLIGHT = str(FLIGHT)
 SLOW = str(SLOW)
@@ -22,7 +22,7 @@ FEW = (
 )
 
 
-@pytest.fixture
+@fixture
 def quick(monkeypatch):
     """Methods that take no time, in this process."""
     monkeypatch.setattr("mavdem.cli.compare.METHODS", FEW)

@@ -4,9 +4,8 @@ import csv
 import json
 
 import numpy as np
-import pytest
 from command_line import refused, run
-from pytest import approx
+from pytest import approx, mark
 from recorded_flights import FLIGHT, LOGS
 
 from mavdem import read_flight
@@ -19,8 +18,8 @@ def convert(capsys, *words):
     return json.loads(said.out)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("log", sorted(LOGS.glob("*.tlog")), ids=lambda log: log.stem)
+@mark.slow
+@mark.parametrize("log", sorted(LOGS.glob("*.tlog")), ids=lambda log: log.stem)
 def test_through_mcap_a_telemetry_log_comes_back_byte_by_byte(log, tmp_path, capsys):
     mcap = tmp_path / "flight.mcap"
     back = tmp_path / "back.tlog"
@@ -37,7 +36,7 @@ def test_through_mcap_a_telemetry_log_comes_back_byte_by_byte(log, tmp_path, cap
     assert {path.name for path in tmp_path.iterdir()} == {"flight.mcap", "back.tlog"}
 
 
-@pytest.mark.parametrize("axis", ["roll", "yaw"])
+@mark.parametrize("axis", ["roll", "yaw"])
 def test_a_table_is_the_flight(axis, tmp_path, capsys):
     out = tmp_path / "flight.csv"
     told = convert(capsys, FLIGHT, out, "--axis", axis, "--vehicle", "1")
@@ -57,7 +56,7 @@ def test_a_table_is_the_flight(axis, tmp_path, capsys):
         assert abs(column - exact).max() <= 0.5 * step * (1 + 1e-6)
 
 
-@pytest.mark.parametrize("how", ["itself", "by a link", "by a hard link"])
+@mark.parametrize("how", ["itself", "by a link", "by a hard link"])
 def test_the_input_is_never_overwritten(how, tmp_path, capsys):
     source = tmp_path / "flight.tlog"
     out = tmp_path / "other.csv"

@@ -4,9 +4,9 @@ import json
 from pathlib import Path
 from types import SimpleNamespace
 
-import pytest
 from command_line import run
 from fleet_rows import flight_row
+from pytest import fixture, mark
 from standin_logs import fleet_of
 
 from mavdem.fleet.row import FlightRow
@@ -23,13 +23,13 @@ def flown(vehicle, numbers, **changed):
 WEAK = {"effect": (-40.0, 40.0, 0.7 * 41.0, -39.0), "trim_share": (0.97, 0.95, 1.12, 0.96)}
 
 
-@pytest.fixture(autouse=True)
+@fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
     """Where pages are written."""
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.fixture
+@fixture
 def fleets(tmp_path):
     fleet_of(tmp_path / "old", [*flown("alpha", range(4)), *flown("beta", range(2))])
     fleet_of(tmp_path / "new", [*flown("alpha", range(4, 8), **WEAK), *flown("gamma", range(2))])
@@ -47,8 +47,8 @@ def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
     assert {(one["kind"], one["motor"]) for one in changed} == {("share", 3), ("effect", 3)}
 
 
-@pytest.mark.parametrize(
-    ("words", "reason"),
+@mark.parametrize(
+    "words, reason",
     [
         (
             ["old", "new", "--vehicle", "delta"],

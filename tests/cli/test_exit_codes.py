@@ -8,8 +8,8 @@ from pathlib import Path
 from unittest.mock import Mock
 
 import click
-import pytest
 from command_line import MAVDEM, PATIENCE, refused, run
+from pytest import mark
 from recorded_flights import FLIGHT, LOGS, SLOW
 
 from mavdem import read_flight
@@ -27,8 +27,8 @@ BROKEN = {
 }
 
 
-@pytest.mark.parametrize("name", BROKEN)
-@pytest.mark.parametrize("command", ["info", "learn", "compare", "wind", "tune", "convert"])
+@mark.parametrize("name", BROKEN)
+@mark.parametrize("command", ["info", "learn", "compare", "wind", "tune", "convert"])
 def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp_path, capsys):
     source = tmp_path / name
     out = tmp_path / "out"
@@ -45,8 +45,8 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
     assert not list(tmp_path.glob("out*"))
 
 
-@pytest.mark.parametrize(
-    ("words", "named"),
+@mark.parametrize(
+    "words, named",
     [
         (["learn", FLIGHT, "--out", "x", "--order", "10"], "--order: 10 is not in 2 to 4"),
         (["learn", FLIGHT, "--out", "x", "--axis", "yaw"], "'yaw' is not one of 'roll', 'pitch'"),
@@ -104,9 +104,9 @@ def test_a_result_is_distinguished_from_a_log(tmp_path, capsys):
 FULL = Path("/dev/full")
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(not FULL.exists(), reason="there is no /dev/full")
-@pytest.mark.parametrize("words", [["info", "none", "--json"], ["--help"]])
+@mark.slow
+@mark.skipif(not FULL.exists(), reason="there is no /dev/full")
+@mark.parametrize("words", [["info", "none", "--json"], ["--help"]])
 def test_a_standard_output_that_fails_is_reported(words):
     with FULL.open("w") as full:
         done = subprocess.run(
@@ -118,7 +118,7 @@ def test_a_standard_output_that_fails_is_reported(words):
     assert "Traceback" not in done.stderr and "should not have happened" not in done.stderr
 
 
-@pytest.mark.slow
+@mark.slow
 def test_an_interrupt_while_starting_ends_the_process(tmp_path):
     """Ctrl-C comes as numpy begins to be imported."""
     (tmp_path / "numpy.py").write_text("import signal; signal.raise_signal(signal.SIGINT)\n")
@@ -141,7 +141,7 @@ def test_the_help_says_of_each_command_what_it_says_itself():
         assert command.get_short_help_str(limit=200) == told.get_short_help_str(limit=200)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_file_named_like_a_link_is_a_file(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("COM3").write_bytes(SLOW.read_bytes())
@@ -150,8 +150,8 @@ def test_a_file_named_like_a_link_is_a_file(tmp_path, monkeypatch, capsys):
     assert "link" in capsys.readouterr().err
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("closed", [1, 2])
+@mark.slow
+@mark.parametrize("closed", [1, 2])
 def test_a_closed_stream_or_pipe_is_as_one_that_nobody_reads(closed):
     timed = {"stderr": subprocess.PIPE, "timeout": PATIENCE}
     without = ["sh", "-c", f'exec "$@" {closed}>&-', "sh"]
@@ -188,8 +188,8 @@ def test_commands_options_and_values_are_offered(monkeypatch, capsys):
     assert offered(monkeypatch, capsys, "info", "fli") == ["file,fli"]
 
 
-@pytest.mark.parametrize(
-    ("fault", "code", "told"),
+@mark.parametrize(
+    "fault, code, told",
     [
         (MemoryError(), 2, "There is not enough memory."),
         (KeyboardInterrupt(), 130, "Interrupted"),

@@ -5,8 +5,8 @@ import tomllib
 from unittest.mock import Mock
 
 import numpy as np
-import pytest
 from command_line import refused, run
+from pytest import fail, mark
 
 from mavdem.cli.commands import main
 from mavdem.ingest import read_log
@@ -20,8 +20,8 @@ def fly(capsys, *words):
     return json.loads(capsys.readouterr().out)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", [".tlog", ".mcap"])
+@mark.slow
+@mark.parametrize("kind", [".tlog", ".mcap"])
 def test_a_flight_with_its_truth(kind, tmp_path, capsys):
     out = tmp_path / f"flight{kind}"
     told = fly(capsys, "hover_blower", "--out", out, *SHORT)
@@ -44,14 +44,14 @@ def test_the_list_is_one_a_line_name_first(capsys):
     assert {"hover_blower", "paper_1"} < {one["name"] for one in fly(capsys, "--list")["scenarios"]}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", names())
+@mark.slow
+@mark.parametrize("name", names())
 def test_a_description_is_a_file_that_is_the_same_scenario(name, tmp_path):
     scenario = load(name)
     assert scenario_of(tomllib.loads(in_toml(scenario))) == scenario
 
 
-@pytest.mark.parametrize(
+@mark.parametrize(
     "text", ["two\nlines", "\x1b[31mred\x07", "\x7f\x80\x9b\u2028\u202e\U000e0001", '"\\', "\t\r"]
 )
 def test_a_description_of_whatever_characters_reads_back_and_sends_none_to_the_terminal(
@@ -69,7 +69,7 @@ def test_a_description_of_whatever_characters_reads_back_and_sends_none_to_the_t
     assert load(again) == load(mine)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_files_that_fail_to_be_written_leave_those_that_were_there(tmp_path, capsys, monkeypatch):
     full = Mock(side_effect=OSError(28, "No space left on device"))
     monkeypatch.setattr("mavdem.cli.fly.write_truth", full)
@@ -79,15 +79,13 @@ def test_files_that_fail_to_be_written_leave_those_that_were_there(tmp_path, cap
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"old"]
 
 
-@pytest.mark.parametrize(
-    "words", ["fly hover_blower --out none.tlog", "reproduce noise --out none"]
-)
+@mark.parametrize("words", ["fly hover_blower --out none.tlog", "reproduce noise --out none"])
 def test_a_place_that_takes_no_file_is_refused_before_the_work(
     words, tmp_path, capsys, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)  # it takes none, as /proc does, though its mode says that it would
     monkeypatch.setattr("mavdem.files.TemporaryDirectory", Mock(side_effect=FileNotFoundError))
     for work in ("fly.progress", "reproduce.pool"):
-        monkeypatch.setattr(f"mavdem.cli.{work}", lambda *_: pytest.fail("it works"))
+        monkeypatch.setattr(f"mavdem.cli.{work}", lambda *_: fail("it works"))
     assert main(words.split()) == 2
     assert "not writable" in capsys.readouterr().err

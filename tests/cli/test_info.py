@@ -2,13 +2,12 @@
 
 import json
 
-import pytest
 from command_line import run
-from pytest import approx
+from pytest import approx, mark
 from recorded_flights import LOGS
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_sample_flight_can_be_learnt_from(capsys):
     assert run("info", LOGS / "px4_wind5_steps.tlog", "--json") == 0
     said = capsys.readouterr()

@@ -5,10 +5,9 @@ import shlex
 from unittest.mock import Mock
 
 import numpy as np
-import pytest
 from command_line import run, strict_json
 from numpy.testing import assert_allclose
-from pytest import approx
+from pytest import approx, mark
 from recorded_flights import FLIGHT, SLOW, short_flight
 
 from mavdem import Learned, Settings, evaluate
@@ -38,7 +37,7 @@ def names(folder):
     return {path.name for path in folder.iterdir()}
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_document_is_the_report_of_the_library(tmp_path, capsys):
     out = tmp_path / "new" / "folder"
     words = f"learn {FLIGHT} --out {out} --preset paper --start 2s --train 2s --test 50".split()
@@ -61,7 +60,7 @@ def test_the_document_is_the_report_of_the_library(tmp_path, capsys):
     assert_allclose(kept.forecast(test.inputs), learned.forecast(test.inputs))
 
 
-@pytest.mark.slow
+@mark.slow
 def test_people_see_one_screen_and_with_verbose_the_model(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     log = short_flight(tmp_path)
@@ -79,8 +78,8 @@ def test_people_see_one_screen_and_with_verbose_the_model(tmp_path, monkeypatch,
     assert above in said and "Poles of A" in said and "nats" in said
 
 
-@pytest.mark.parametrize(
-    ("source", "folder"),
+@mark.parametrize(
+    "source, folder",
     [("a/flight.tlog", "flight"), ("f.ulg.xz", "f"), ("...tlog", "...tlog-learned")],
 )
 def test_the_folder_is_named_after_the_log(source, folder):
@@ -96,7 +95,7 @@ def test_names_do_not_reach_the_terminal_as_what_it_obeys(capsys):
     assert said.replace("\n", "").isprintable()
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_flight_too_short_names_the_options_that_fit(tmp_path, capsys):
     words = ["learn", FLIGHT, "--out", tmp_path / "out", "--start", "57", "--preset", "paper"]
     assert run(*words) == 1
@@ -106,7 +105,7 @@ def test_a_flight_too_short_names_the_options_that_fit(tmp_path, capsys):
     assert run(*words, *shlex.split(said.err.split("`")[1])) == 0
 
 
-@pytest.mark.parametrize("start", ["59", "86400"])
+@mark.parametrize("start", ["59", "86400"])
 def test_a_start_too_late_is_refused(start, tmp_path, capsys):
     assert run("learn", FLIGHT, "--out", tmp_path / "out", "--start", start, "--json") == 1
     assert "--start" in json.loads(capsys.readouterr().out)["error"]["remedy"]
@@ -131,7 +130,7 @@ def test_a_flight_too_slow_for_a_model_gives_its_condition_the_reason_and_the_re
     assert report["error"]["reason"] in said.out and report["error"]["reason"] not in said.err
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_model_that_breaks_down_is_the_data_s_doing(tmp_path, monkeypatch, capsys):
     breaks_down = Mock(side_effect=np.linalg.LinAlgError("Singular matrix"))
     monkeypatch.setattr("mavdem.analysis.analysis.learn", breaks_down)
@@ -140,7 +139,7 @@ def test_a_model_that_breaks_down_is_the_data_s_doing(tmp_path, monkeypatch, cap
     assert names(tmp_path / "out") == {"report.json", "report.html"}
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_truth_of_a_simulated_flight_stands_beside_the_estimates(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert run("fly", "iris_multisine", "--duration", "30", "--out", "f.tlog") == 0
@@ -159,7 +158,7 @@ def test_the_truth_of_a_simulated_flight_stands_beside_the_estimates(tmp_path, m
     assert "f.truth.npz" in (tmp_path / "f" / "report.html").read_text()
 
 
-@pytest.mark.slow
+@mark.slow
 def test_an_out_that_cannot_be_made_or_a_truth_file_that_is_none_is_refused_before_the_work(
     tmp_path, capsys
 ):
@@ -176,7 +175,7 @@ def test_an_out_that_cannot_be_made_or_a_truth_file_that_is_none_is_refused_befo
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-@pytest.mark.slow
+@mark.slow
 def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
     alarm = MotorAlarm(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99, loss=(0.17, 0.39))
     monkeypatch.setattr("mavdem.analysis.analysis.motor_alarms", lambda signals: (alarm,))

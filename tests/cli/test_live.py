@@ -10,9 +10,8 @@ import time
 from unittest.mock import Mock
 
 import psutil
-import pytest
 from command_line import MAVDEM, PATIENCE, free_port, refused, run
-from pytest import approx
+from pytest import approx, fixture, mark, raises
 from rerun.chunk import RrdReader
 
 import mavdem
@@ -28,7 +27,7 @@ PATIENTLY = (
 )
 
 
-@pytest.fixture(autouse=True)
+@fixture(autouse=True)
 def ended():
     """Ends what a failed test has left running."""
     yield
@@ -38,8 +37,8 @@ def ended():
                 process.kill()
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
+@mark.parametrize(
+    "words, said",
     [
         (["nonsense:1:2:3"], "is not a link"),
         (["udpin:127.0.0.1:0", "--prior", "/dev/zero"], "is no learned model"),
@@ -70,7 +69,7 @@ def test_a_view_that_is_served_already_is_said_in_a_sentence(capsys):
     assert "port 9876 of 127.0.0.1 is taken" in said and said.endswith("view.\n")
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, monkeypatch):
     folder = tmp_path / "gone"
     folder.mkdir()
@@ -99,7 +98,7 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
     assert "there is no folder" in said.err
 
 
-@pytest.mark.slow
+@mark.slow
 def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     port = free_port()
@@ -115,7 +114,7 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path, capsys, monkeypat
         words = f"live udpin:127.0.0.1:{port} --rrd f.rrd --record f.tlog --duration 0.3 --json"
         assert main(words.split()) == 1
         stranger.settimeout(0.1)
-        with pytest.raises(TimeoutError):
+        with raises(TimeoutError):
             stranger.recv(100)  # not one byte is sent
     said = capsys.readouterr()
     told = json.loads(said.out)
@@ -130,7 +129,7 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path, capsys, monkeypat
     )
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path):
     port = free_port()
     error = tmp_path / "error"

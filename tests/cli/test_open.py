@@ -3,18 +3,18 @@
 import subprocess
 import sys
 
-import pytest
 from command_line import PATIENCE, run
+from pytest import mark
 from recorded_flights import SLOW, short_flight
 from rerun.chunk import RrdReader
 
 from mavdem.cli.open import INCOMPATIBLE, load
 
-pytestmark = pytest.mark.slow
+pytestmark = mark.slow
 
 
-@pytest.mark.parametrize(
-    ("log", "shown", "application"),
+@mark.parametrize(
+    "log, shown, application",
     [
         (short_flight, "/flight/0/", "dropped"),
         (lambda _: SLOW, "/report", "mavdem"),
@@ -36,9 +36,7 @@ def test_a_log_is_written_as_a_dashboard_or_as_the_reason_why_there_is_no_model(
     assert any(str(chunk.entity_path).startswith(shown) for chunk in read.stream())
 
 
-@pytest.mark.parametrize(
-    ("name", "content"), [("a.png", b"\x89PNG\r\n"), ("a.mcap", b"\x89MCAP0\r\n")]
-)
+@mark.parametrize("name, content", [("a.png", b"\x89PNG\r\n"), ("a.mcap", b"\x89MCAP0\r\n")])
 def test_a_file_of_others_is_left_to_them(name, content, tmp_path, capfdbinary):
     (tmp_path / name).write_bytes(content)
     assert load([str(tmp_path / name)]) == INCOMPATIBLE and not capfdbinary.readouterr().out

@@ -5,12 +5,12 @@ import shutil
 from pathlib import Path
 
 import polars
-import pytest
 from command_line import run
+from pytest import mark
 from recorded_flights import LOGS
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_fleet_in_one_command(tmp_path, capsys):
     flights = tmp_path / "flights"
     flights.mkdir()
@@ -33,8 +33,8 @@ def test_a_fleet_in_one_command(tmp_path, capsys):
     assert "without the topics of a flight" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("words", "sentence"),
+@mark.parametrize(
+    "words, sentence",
     [
         (["none.bin", "--out", "fleet"], "none.bin names no log. Check the name."),
         (

@@ -2,14 +2,14 @@
 
 from unittest.mock import Mock
 
-import pytest
 from command_line import refused, run, strict_json
+from pytest import mark
 from recorded_flights import FLIGHT, SLOW, shared
 
 from mavdem.errors import NotLearnable
 from mavdem.facts.loops import Loops
 
-pytestmark = pytest.mark.slow
+pytestmark = mark.slow
 
 
 def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(tmp_path, capsys):

@@ -7,18 +7,17 @@ from contextlib import redirect_stdout
 from io import StringIO
 
 import numpy as np
-import pytest
 from command_line import run
-from pytest import approx
+from pytest import approx, fixture, mark
 
 from mavdem.ingest import read_log
 
-pytestmark = pytest.mark.slow
+pytestmark = mark.slow
 
 WEIGHT = 1.52 * 9.81 / 4
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("twin")
     log = made / "flight.tlog"
@@ -73,8 +72,8 @@ def test_it_flies_the_setpoints_of_all_axes_again_much_as_the_vehicle_did(folder
             assert compared[name][1] == approx(compared[name][0], rel=0.1), (axis, name)
 
 
-@pytest.mark.parametrize(
-    ("change", "sentence"),
+@mark.parametrize(
+    "change, sentence",
     [
         ("MC_ROLLRATE_P=0.1", ""),
         ("MC_ROLRATE_P=0.1", "the autopilot has no 'MC_ROLRATE_P' here: similar: MC_ROLLRATE_P"),

@@ -4,9 +4,8 @@ import json
 from math import degrees
 
 import numpy as np
-import pytest
 from command_line import run
-from pytest import approx
+from pytest import approx, mark
 
 from mavdem import wind
 from mavdem.condition.wind_velocity import from_point
@@ -16,7 +15,7 @@ from mavdem.report.fleet_page import fleet_page
 from sitl_scenarios.files import in_toml, load
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     log = tmp_path / "legs.tlog"
     legs = load("wind_legs")

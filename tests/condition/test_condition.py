@@ -4,10 +4,9 @@ from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
-import pytest
 from hover import Hover, changed, columns, disarmed, only, with_pulses, with_texts
 from numpy.random import default_rng
-from pytest import approx
+from pytest import approx, mark
 from recorded_flights import recorded
 from refusals import refused
 from scipy.signal import lfilter
@@ -68,7 +67,7 @@ def uneven(rate):
     )
 
 
-@pytest.mark.parametrize("rate", [1.0, 4.0, 10.0, 100.0])
+@mark.parametrize("rate", [1.0, 4.0, 10.0, 100.0])
 def test_the_figures_are_those_of_the_flight_at_any_rate(rate):
     found = condition_of(Signals(uneven(rate)))
     assert found.settled == approx(HOVER.hovering, abs=3)
@@ -142,7 +141,7 @@ def test_a_current_sensor_that_reads_nothing_in_flight_has_no_figures():
     assert found.current_mean is None
 
 
-@pytest.mark.parametrize("correlation_seconds", [0.0, 1.0])
+@mark.parametrize("correlation_seconds", [0.0, 1.0])
 def test_the_interval_contains_the_mean_as_often_as_it_claims(correlation_seconds):
     pole = np.exp(-1 / (RATE * correlation_seconds)) if correlation_seconds else 0.0
     noise = default_rng(3).standard_normal((int(1.5 * SECONDS * RATE), SERIES))
@@ -152,8 +151,8 @@ def test_the_interval_contains_the_mean_as_often_as_it_claims(correlation_second
     assert LEVEL - 0.04 - 4 * np.sqrt(0.09 / SERIES) <= inside <= LEVEL + 4 * np.sqrt(0.09 / SERIES)
 
 
-@pytest.mark.parametrize(
-    ("stop", "parameters", "low"),
+@mark.parametrize(
+    "stop, parameters, low",
     [
         (1950.0, {"MOT_SPIN_MAX": 0.95, "MOT_PWM_MIN": 1000.0, "MOT_PWM_MAX": 2000.0}, 1000.0),
         (1880.0, {}, 1000.0),
@@ -192,7 +191,7 @@ RECORDED = {
 }
 
 
-@pytest.mark.parametrize("name", RECORDED)
+@mark.parametrize("name", RECORDED)
 def test_recorded_motors_at_their_stop(name):
     found = hover_of(Signals(recorded(f"real/logs/{name}"), inputs="motors"))
     assert found.at_upper_limit == approx(RECORDED[name], abs=0.005)
@@ -247,7 +246,7 @@ def test_without_a_number_the_calibration_names_the_vehicle_and_defaults_do_not(
     assert name_of(flown()) == ("ardupilotmega-1", "system id")
 
 
-@pytest.mark.parametrize("uid2", [bytes(18), bytes([4, *bytes(17)])])
+@mark.parametrize("uid2", [bytes(18), bytes([4, *bytes(17)])])
 def test_a_simulators_small_number_is_none(uid2):
     rows = np.frombuffer(uid2, dtype=np.uint8)[None]
     assert name_of(with_version(flown(autopilot="PX4"), uid2=rows)) == ("px4-1", "system id")
@@ -297,8 +296,8 @@ def tier(telemetry):
     return tier_of(learnability_of(signals), condition_of(signals))
 
 
-@pytest.mark.parametrize(
-    ("attitude", "motors", "name", "following"),
+@mark.parametrize(
+    "attitude, motors, name, following",
     [
         (100.0, 100.0, "a", None),
         (50.0, 10.0, "b", "a"),
@@ -339,7 +338,7 @@ def stamps_of_8_and_12():
     return np.cumsum(np.resize([0.008, 0.012], round(LONG.end * 100)))
 
 
-@pytest.mark.parametrize("stamps", [(), (stamps_of_8_and_12(), stamps_of_8_and_12())])
+@mark.parametrize("stamps", [(), (stamps_of_8_and_12(), stamps_of_8_and_12())])
 def test_a_link_that_loses_messages_loses_them_of_every_kind(stamps):
     random = default_rng(3)
     telemetry = LONG.telemetry(*stamps)

@@ -3,10 +3,9 @@
 from math import inf, sqrt
 
 import numpy as np
-import pytest
 from known_gains import ARDUPILOT, PX4, X_ROLL
 from numpy.testing import assert_allclose
-from pytest import approx
+from pytest import approx, mark
 from recorded_flights import recorded
 
 from mavdem.alignment.align import settled_segments
@@ -75,8 +74,8 @@ def test_px4s_notches_lose_half_of_the_power_at_the_ends_of_their_bandwidth():
     assert controller_of(PX4 | old).notches == controller.notches
 
 
-@pytest.mark.parametrize(
-    ("given", "expected"),
+@mark.parametrize(
+    "given, expected",
     [
         ({}, [80]),
         ({"HMNCS": 5.0}, [80, 240]),
@@ -93,7 +92,7 @@ def test_px4s_notches_lose_half_of_the_power_at_the_ends_of_their_bandwidth():
         ({"ATT": -1e38}, []),
     ],
 )
-@pytest.mark.parametrize("prefix", ["INS_HNTCH_", "INS_HNTC2_"])
+@mark.parametrize("prefix", ["INS_HNTCH_", "INS_HNTC2_"])
 def test_harmonic_notches_are_where_the_parameters_have_them(given, expected, prefix):
     controller = ardupilot(NOTCH | given, prefix, MOT_THST_HOVER=0.4, INS_GYRO_RATE=1e38)
     assert controller.gyro_rate == 8000

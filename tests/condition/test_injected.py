@@ -1,11 +1,10 @@
 """The rate loop by system identification: of a known plant in wind, and of a recorded flight with a chirped truth."""
 
 import numpy as np
-import pytest
 from hover import columns
 from known_gains import ARDUPILOT
 from numpy.random import default_rng
-from pytest import approx
+from pytest import approx, mark
 from recorded_flights import recorded
 
 from mavdem.alignment.align import recorded_parts
@@ -62,7 +61,7 @@ def responses(frequency):
     return plant, transfer(controller_of(GAINS, "roll", (1.0,)), frequency)[1]
 
 
-@pytest.mark.parametrize("where", [Injection.DEMAND, Injection.RATE_SETPOINT])
+@mark.parametrize("where", [Injection.DEMAND, Injection.RATE_SETPOINT])
 def test_the_loop_is_the_known_one_whatever_the_wind(where):
     signals = flown(where)
     found = injected_loop(signals, recorded_parts(signals))
@@ -85,9 +84,7 @@ def test_the_recorded_flight_has_its_chirped_margins():
     assert injected_loop(signals.about("roll"), recorded_parts(signals)) is None
 
 
-@pytest.mark.parametrize(
-    ("gain", "level"), [(12.0, Level.GOOD), (20.0, Level.WATCH), (24.0, Level.BAD)]
-)
+@mark.parametrize("gain, level", [(12.0, Level.GOOD), (20.0, Level.WATCH), (24.0, Level.BAD)])
 def test_its_light_is_by_the_usual_and_the_least_margins(gain, level):
     frequency = np.geomspace(1, 40, 500)
     s = 2j * np.pi * frequency

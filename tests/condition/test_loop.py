@@ -6,12 +6,11 @@ from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 from hover import Hover, changed, columns
 from known_gains import ARDUPILOT, PX4, X_ROLL
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx
+from pytest import approx, mark, raises
 from refusals import refused
 from scipy.signal import lfilter
 
@@ -114,8 +113,8 @@ def test_a_slam_turns_by_rotors_whose_speeds_lag():
     assert_array_equal(ours.demanded(shares, 2 * ROTOR_LAG), linear)
 
 
-@pytest.mark.parametrize(
-    ("parameters", "weights", "code", "figures"),
+@mark.parametrize(
+    "parameters, weights, code, figures",
     [
         ({}, X_ROLL, Controllers.NO_GAINS, {}),
         (
@@ -212,7 +211,7 @@ def test_the_controllers_response_is_that_of_its_program():
     }
     notch = {"TYPE": 1.0, "NOTCH_FREQ": 60.0, "NOTCH_Q": 2.0, "NOTCH_ATT": 40.0}
     known = ARDUPILOT | {f"ATC_RAT_RLL_{end}": value for end, value in filters.items()}
-    with pytest.raises(mavdem.NotLearnable):
+    with raises(mavdem.NotLearnable):
         controller_of(known, "roll", X_ROLL)
     known |= {f"FILT2_{end}": value for end, value in notch.items()}
     controller = controller_of(known, "roll", X_ROLL)
@@ -230,7 +229,7 @@ def test_the_controllers_response_is_that_of_its_program():
     assert_allclose(forward, notched * (back + ahead), rtol=1e-12)
 
 
-@pytest.mark.parametrize(("gain", "delay"), [(12.0, 0.03), (40.0, 0.03), (60.0, 0.03)])
+@mark.parametrize("gain, delay", [(12.0, 0.03), (40.0, 0.03), (60.0, 0.03)])
 def test_an_integrator_with_dead_time_has_its_margins(gain, delay):
     frequency = np.geomspace(0.02, 100.0, 500)
     s = 2j * np.pi * frequency
@@ -243,8 +242,8 @@ def test_an_integrator_with_dead_time_has_its_margins(gain, delay):
     assert bool(found.stable[0]) == (gain * delay < np.pi / 2)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+@mark.slow
+@mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(autopilot, tmp_path):
     steered = {"kind": "multisine", "sd": 3.0, "lowest": 0.2, "highest": 4.0, "period": 10.0}
     vehicle = {"model": "iris", "rate_gain": 1.4}
@@ -327,9 +326,9 @@ def made_up(factor=1.0):
     )
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("factor", "tune"), [(0.5, "soft"), (1.0, "sharp"), (2.5, "default"), (4.5, "default")]
+@mark.slow
+@mark.parametrize(
+    "factor, tune", [(0.5, "soft"), (1.0, "sharp"), (2.5, "default"), (4.5, "default")]
 )
 def test_advised_gains_have_the_margins_in_95_of_100_plants_and_let_wind_move_it_least(
     factor, tune
@@ -365,7 +364,7 @@ def test_advised_gains_have_the_margins_in_95_of_100_plants_and_let_wind_move_it
         assert found.after.bandwidth > 0.98 * SLOWER * before.bandwidth
 
 
-@pytest.mark.parametrize("factor", [1.0, 1.7])  # surely, and perhaps
+@mark.parametrize("factor", [1.0, 1.7])  # surely, and perhaps
 def test_enough_margin_is_left_alone_unless_more_is_asked(factor):
     advice = advise(loop := made_up(factor))
     assert advice.gains and not advice.parameters
@@ -383,7 +382,7 @@ def test_an_effectiveness_that_seems_low_changes_no_gains_unless_margins_surely_
         assert advise(replace(loop, plant=plant, cautions=doubts)).refusals == refusals
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_gain_of_0_stays_0():
     loop = made_up()
     known = {**loop.record.parameters, "MC_ROLLRATE_D": 0.0}
@@ -391,8 +390,8 @@ def test_a_gain_of_0_stays_0():
     assert "MC_ROLLRATE_D" not in advice.gains and len(advice.parameters) == 3
 
 
-@pytest.mark.parametrize(
-    ("factor", "level", "lacking"),
+@mark.parametrize(
+    "factor, level, lacking",
     [
         (1.0, "good", "phase_margin"),
         (1.7, "watch", "phase_margin"),
@@ -421,8 +420,8 @@ def test_gains_after_px4s_autotune_are_rated_like_those_before():
     assert [one.level for one in tuned.figures["ratings"]] == [Level.GOOD, Level.BAD]
 
 
-@pytest.mark.parametrize(
-    ("frequency", "names"),
+@mark.parametrize(
+    "frequency, names",
     [
         (23.0, ["MC_ROLLRATE_P", "MC_ROLLRATE_D"]),
         (None, ["MC_ROLLRATE_P", "MC_ROLLRATE_D"]),
@@ -458,8 +457,8 @@ def test_refusals_say_why():
         assert found.sentence == Fact(Gains.NO_GAINS_ADVISED, reasons=[refusal])
 
 
-@pytest.mark.parametrize(
-    ("plant", "record", "code"),
+@mark.parametrize(
+    "plant, record, code",
     [
         ({}, {"parameters": {}}, Loops.CONTROLLER_UNKNOWN),
         ({}, {"parameters": PX4 | {"MC_ROLLRATE_P": 0.0}}, Loops.NO_PROPORTIONAL_GAIN),
@@ -499,8 +498,8 @@ def test_a_twin_says_of_each_figure_how_sure_it_is():
     ) == Fact(Twins.NO_HOVER, share=0.05)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("delay", [0.004, 0.0])
+@mark.slow
+@mark.parametrize("delay", [0.004, 0.0])
 def test_a_twin_has_the_margins_of_its_loop_and_its_cycle_in_the_delay(delay):
     loop = made_up()
     loop = replace(loop, draws=loop.draws * [1, 0, 0] + [0, 0.02, delay])
@@ -517,7 +516,7 @@ def test_a_twin_has_the_margins_of_its_loop_and_its_cycle_in_the_delay(delay):
         assert found == approx(known, rel=0.02)
 
 
-@pytest.mark.parametrize(("with_correction", "with_ahead"), [(0, 1), (1, 1), (1, 0)])
+@mark.parametrize("with_correction, with_ahead", [(0, 1), (1, 1), (1, 0)])
 def test_setpoints_of_rates_are_flown_beside_what_the_angles_error_asks_for(
     with_correction, with_ahead
 ):
@@ -536,7 +535,7 @@ def test_setpoints_of_rates_are_flown_beside_what_the_angles_error_asks_for(
     assert again_of({"roll": loop}) == {}
 
 
-@pytest.mark.parametrize("known", [True, False])
+@mark.parametrize("known", [True, False])
 def test_a_twin_has_the_mean_wind_of_the_flight_where_it_is_known(known):
     air = SimpleNamespace(speed=3.0, direction=80.0, sized=known, directed=True)
     of_all = Drag.of_parameters()
@@ -547,8 +546,8 @@ def test_a_twin_has_the_mean_wind_of_the_flight_where_it_is_known(known):
     assert scenario.vehicle.drag_linear == approx(of_all.linear, rel=1e-4), "the wind pushes it"
 
 
-@pytest.mark.parametrize(
-    ("by_wind", "factor", "code", "agrees"),
+@mark.parametrize(
+    "by_wind, factor, code, agrees",
     [
         (0.0, 1.0, None, True),
         (0.0, 3.0, Responses.RESPONSE_DISAGREES, False),

@@ -4,7 +4,7 @@ import pickle
 from dataclasses import replace
 
 import numpy as np
-import pytest
+from pytest import fixture, mark
 from recorded_flights import shared
 from refusals import refused
 
@@ -25,7 +25,7 @@ from sitl_scenarios.files import scenario_of
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 
-pytestmark = pytest.mark.slow
+pytestmark = mark.slow
 SCENARIO = scenario_of(
     {
         "seed": 11,
@@ -44,12 +44,12 @@ SCENARIO = scenario_of(
 )
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def flight():
     return fly(SCENARIO)
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def log(flight, tmp_path_factory):
     path = tmp_path_factory.mktemp("flown") / "flight.tlog"
     write_log(path, SCENARIO, flight)
@@ -75,7 +75,7 @@ def flown(log):
     return signals, segments
 
 
-@pytest.mark.parametrize(("every", "within"), [(1, (5.0, 1.5)), (16, (12.0, np.inf))])
+@mark.parametrize("every, within", [(1, (5.0, 1.5)), (16, (12.0, np.inf))])
 def test_a_loop_has_its_true_margins_at_400_and_at_25_hz(flight, log, every, within):
     """The intervals hold them; beyond half of the log's rate the gain margin is said to be extrapolated."""
     known = truth(SCENARIO, flight)
@@ -130,8 +130,8 @@ def rows_of(columns, rows):
     return {name: values[rows] for name, values in columns.items()}
 
 
-@pytest.mark.parametrize(
-    ("change", "code"),
+@mark.parametrize(
+    "change, code",
     [
         (lambda c: c | {"body_roll_rate": 0 * c["body_roll_rate"] + 0.3}, Loops.NO_RATE_SETPOINT),
         (lambda c: c | {"boot": c["boot"] + 7}, Loops.NO_RATE_SETPOINT),
@@ -173,7 +173,7 @@ def test_a_plant_that_cannot_be_drawn_is_not_found_and_an_unknown_margin_at_most
     assert uncertain.figures["phase_margin_interval"][1] == 180.0
 
 
-@pytest.mark.parametrize("gain", [0.0, 0.5])
+@mark.parametrize("gain", [0.0, 0.5])
 def test_a_controller_of_other_gains_than_flew_finds_no_plant(log, gain):
     signals, (flight,) = flown(thinned(log, 16))
     parameters = {**flight.provenance["parameters"], "MC_ROLLRATE_K": gain}

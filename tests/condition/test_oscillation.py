@@ -1,10 +1,9 @@
 """Limit cycles are found by their line, at the frequency they have; gusts, steps and a motor at its limit are none."""
 
 import numpy as np
-import pytest
 from hover import X_QUAD, Hover, changed, with_pulses
 from numpy.random import default_rng
-from pytest import approx
+from pytest import approx, mark
 from scipy.signal import lfilter
 
 from mavdem.alignment.signals import Signals
@@ -42,7 +41,7 @@ def gusts(size, hertz=1.5, damping=0.4):
     return series
 
 
-@pytest.mark.parametrize("hertz", [1.5, 7.0, 12.0])
+@mark.parametrize("hertz", [1.5, 7.0, 12.0])
 def test_a_limit_cycle_has_its_frequency_rate_and_time_at_a_limit(hertz):
     one = found(
         lambda time: swinging(hertz, 85.0)(time) + gusts(10.0)(time),
@@ -68,7 +67,7 @@ def test_one_that_lasts_is_found_though_it_neither_grows_nor_reaches_a_limit():
     assert one is not None and not one.growing and one.at_limit == 0
 
 
-@pytest.mark.parametrize(
+@mark.parametrize(
     "phase", [lambda t: 0.5 * t + 0.06 * t**2, lambda t: 3.0 * t], ids=["sweep", "sine"]
 )
 def test_what_is_steered_to_identify_is_none(phase):
@@ -84,8 +83,8 @@ def test_where_messages_come_too_slowly_the_frequency_is_not_told():
     assert one is not None and one.frequency is None
 
 
-@pytest.mark.parametrize(
-    ("rate", "command", "offset"), [(40.0, 300.0, 0.0), (10.0, 40.0, 600.0), (3.0, 20.0, 0.0)]
+@mark.parametrize(
+    "rate, command, offset", [(40.0, 300.0, 0.0), (10.0, 40.0, 600.0), (3.0, 20.0, 0.0)]
 )
 def test_wind_is_none_though_motors_reach_their_limits(rate, command, offset):
     assert found(gusts(rate), gusts(command), offset=offset) is None

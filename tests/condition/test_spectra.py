@@ -3,10 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from hover import X_QUAD_PARAMETERS, Hover, changed, columns, with_pulses
 from numpy.random import default_rng
-from pytest import approx
+from pytest import approx, mark
 from recorded_flights import recorded
 
 from mavdem.alignment.align import Segment
@@ -170,7 +169,7 @@ def test_a_notch_is_not_advised_where_there_is_nothing_to_take():
     assert slow.code is NotchAdvice.NOTCH_NOT_NEEDED
 
 
-@pytest.mark.parametrize("name", ["off", "on"])
+@mark.parametrize("name", ["off", "on"])
 def test_the_motors_of_a_flight_with_batches_are_found_before_and_behind_the_notch(name):
     telemetry = recorded(f"sitl_raw/ap_raw_{name}.BIN.xz")
     found = spectra_of_flight(Signals(telemetry), (Segment(0, 58.0, 165.0),))

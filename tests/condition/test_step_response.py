@@ -1,10 +1,9 @@
 """Step responses: of loops that are known, and why there are none."""
 
 import numpy as np
-import pytest
 from hover import Hover, asking, changed, only
 from numpy.random import default_rng
-from pytest import approx
+from pytest import approx, mark
 from recorded_flights import recorded
 from scipy.signal import lfilter
 
@@ -51,7 +50,7 @@ def measured(telemetry, response=rate_response):
     return response(signals, settled_parts(signals))
 
 
-@pytest.mark.parametrize("repeated", [slice(0), slice(3000, 5000)])
+@mark.parametrize("repeated", [slice(0), slice(3000, 5000)])
 def test_a_resonance_is_measured_with_a_band_that_holds_it(repeated):
     numerator, denominator, closed = loop()
     asked = steered()
@@ -75,7 +74,7 @@ def test_a_resonance_is_measured_with_a_band_that_holds_it(repeated):
     assert faster.code is StepResponses.MEASUREMENT_DOUBTED
 
 
-@pytest.mark.parametrize("is_corrected", [True, False])
+@mark.parametrize("is_corrected", [True, False])
 def test_wind_that_the_attitude_controller_answers_does_not_bias_it(is_corrected):
     """The setpoint of the rate answers the wind, whether the log has that correction in it or not."""
     numerator, denominator, closed = loop()
@@ -117,7 +116,7 @@ def test_why_there_is_no_step_response():
     assert measured(HOVER.telemetry(), attitude_response).code is StepResponses.NO_SETPOINT
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_ringing_of_arducopters_default_gains_is_seen():
     """Its true closed loop, by a chirp at the mixer, peaks by 2.70 at 22 Hz."""
     signals = Signals(recorded("sitl_raw/ap_raw_off.BIN.xz"))

@@ -3,10 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from hover import changed
 from numpy.random import default_rng
-from pytest import approx
+from pytest import approx, mark, raises
 from recorded_flights import LOGS, recorded, shared
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
@@ -67,8 +66,8 @@ def flight(
     return time, attitude, velocity + 0.02 * rng.standard_normal(velocity.shape), air
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3))
+@mark.slow
+@mark.parametrize("seed", range(3))
 def test_legs_show_wind_drag_and_lean(seed):
     wind = mavdem.estimate_wind(*flight(seed=seed, lean=(0.2, -0.1), seconds=240, gusts=0.3)[:3])
     assert set(wind.status.values()) == {Status.REPORTED} and not wind.reasons
@@ -88,7 +87,7 @@ def test_band_holds_and_a_jump_is_followed():
     assert wind.gust > 9 and [round(one["speed"] / 5) for one in wind.minutes] == [1, 2]
 
 
-@pytest.mark.parametrize("legs", [5.0, 0.0])
+@mark.parametrize("legs", [5.0, 0.0])
 def test_the_share_of_the_torque_is_known_where_the_air_s_velocity_along_the_body_changes(legs):
     time, attitude, velocity, _ = flight(legs=legs, turning=0.0, seed=5)
     wind = mavdem.estimate_wind(time, attitude, velocity)
@@ -103,7 +102,7 @@ def test_the_share_of_the_torque_is_known_where_the_air_s_velocity_along_the_bod
     assert not chance.figures["share"]
 
 
-@pytest.mark.slow
+@mark.slow
 def test_hover_takes_the_drag_of_another_flight():
     hover = flight(legs=0.0, turning=0.0, seed=3)[:3]
     alone = mavdem.estimate_wind(*hover)
@@ -132,7 +131,7 @@ def test_calm_air_is_below_a_speed():
 
 
 def refused(estimate, *given):
-    with pytest.raises(NotLearnable) as refusal:
+    with raises(NotLearnable) as refusal:
         estimate(*given)
     assert str(refusal.value)
     return refusal.value.fact.code
@@ -148,7 +147,7 @@ def test_what_is_no_free_flight_is_refused():
         assert refused(wind, *short) is Airflow.MOTION_TOO_SHORT
     short = (time[:140], attitude[:140], velocity[:140], air[:140])
     assert refused(mavdem.estimate_drag, *short) is Airflow.MOTION_TOO_SHORT
-    with pytest.raises(ValueError, match="degrees"):
+    with raises(ValueError, match="degrees"):
         mavdem.estimate_wind(time, np.degrees(attitude), velocity)
 
 
@@ -170,7 +169,7 @@ def test_parameters_are_read_and_written_in_the_autopilots_units():
     )
 
 
-@pytest.mark.slow
+@mark.slow
 def test_solo_beside_an_anemometer():
     path = shared("real/wind/solo_sonic_1hz.csv")
     table = np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding=None)
@@ -190,7 +189,7 @@ def test_solo_beside_an_anemometer():
     assert np.degrees(np.sqrt(np.mean(np.angle(means[0] / means[1]) ** 2))) < 10
 
 
-@pytest.mark.slow
+@mark.slow
 def test_live_rows_are_the_filter_of_the_same_bytes(monkeypatch, tmp_path):
     log = tmp_path / "climb_and_hover.tlog"
     prior = Drag.of_parameters()
@@ -212,9 +211,9 @@ def test_live_rows_are_the_filter_of_the_same_bytes(monkeypatch, tmp_path):
     assert np.sqrt(np.mean((filtered - [row.velocity for row in rows.values()]) ** 2)) < 0.15
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("scale", "why"), [(1.0, ""), (0.01, "does not follow the tilt"), (0.0, "never changes")]
+@mark.slow
+@mark.parametrize(
+    "scale, why", [(1.0, ""), (0.01, "does not follow the tilt"), (0.0, "never changes")]
 )
 def test_live_rows_are_of_free_flight_only(scale, why):
     time, attitude, velocity, air = flight(seed=7, jump=1.0)
@@ -237,8 +236,8 @@ def test_live_rows_are_of_free_flight_only(scale, why):
 
 
 # Of the last, 5 m/s are those at 60 m: SIM_WIND_T is its default.
-@pytest.mark.parametrize(
-    ("log", "speed"),
+@mark.parametrize(
+    "log, speed",
     [
         ("ardupilot/ardupilot_inertia_wind5_steps", 5.0),
         ("px4/px4_wind5_steps", 5.0),
@@ -252,9 +251,7 @@ def test_recorded_simulators(log, speed):
     assert abs(wind.direction - 87) < max(10, 1.3 * wind.direction_interval)
 
 
-@pytest.mark.parametrize(
-    ("lean", "seconds", "refused"), [(27, 8, True), (27, 4, False), (23, 8, False)]
-)
+@mark.parametrize("lean, seconds, refused", [(27, 8, True), (27, 4, False), (23, 8, False)])
 def test_a_vehicle_that_something_holds_shows_no_wind(lean, seconds, refused):
     telemetry = recorded("sitl_events/ap_short_with_climb.tlog")
     attitude = telemetry.messages["ATTITUDE"]

@@ -1,8 +1,8 @@
 """The results of the paper's authors' own code, and their simulated case a as this engine's model and data."""
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
+from pytest import mark
 from recorded_flights import SHARED
 
 from mavdem.dem.engine.generative import GenerativeModel, Prior, embed, temporal_precision
@@ -12,9 +12,7 @@ Array = NDArray[np.float64]
 
 ORACLE = SHARED / "oracle"
 
-needs_oracle = pytest.mark.skipif(
-    not ORACLE.is_dir(), reason=f"the authors' results are not in {ORACLE}"
-)
+needs_oracle = mark.skipif(not ORACLE.is_dir(), reason=f"the authors' results are not in {ORACLE}")
 
 EDGE = 7
 """Samples at either end of case a, p + 1 of them, whose derivatives the authors set to zero."""

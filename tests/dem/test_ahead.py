@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from numpy.random import default_rng
+from pytest import mark
 from simulated import SIGNS, in_closed_loop
 
 from mavdem import Flight
@@ -14,7 +14,7 @@ from mavdem.dem.online.learner import BLOCK_SECONDS, HORIZONS
 from mavdem.dem.online.memory import Memory
 from mavdem.dem.online.tracker import ErrorBands
 
-pytestmark = pytest.mark.usefixtures("without_wind_fits")
+pytestmark = mark.usefixtures("without_wind_fits")
 SETTLED = 1200  # samples, from which predictions are judged
 
 
@@ -66,9 +66,9 @@ def aimless(walking):
     return Flight(time, values[:, 2:], values[:, :2], effect_directions=[1, 1, -1, -1])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("make", "horizons"),
+@mark.slow
+@mark.parametrize(
+    "make, horizons",
     [
         (lambda: controlled(1, windy=1.0), HORIZONS),
         (lambda: aimless(walking=False), HORIZONS),
@@ -82,7 +82,7 @@ def test_no_horizon_is_worse_than_the_last_sample_and_the_mean(make, horizons):
     assert ratios(flight, predicted(flight, horizons)[0], horizons).max() < 1.05
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_bands_hold_nine_of_ten():
     flight = controlled(3)
     found, half = predicted(flight)

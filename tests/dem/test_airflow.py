@@ -1,8 +1,8 @@
 """The motion that drag and wind are identified from."""
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
+from pytest import raises
 from refusals import refused
 from scipy.constants import g as GRAVITY  # noqa: N812
 from scipy.spatial.transform import Rotation
@@ -51,5 +51,5 @@ def test_circles_in_calm_air_show_the_drag_and_no_wind():
     wind = mavdem.estimate_wind(time, tilts.T, velocity)
     assert_allclose(wind.drag.linear, 0.3, atol=0.2)
     assert wind.speed_interval[0] == 0
-    with pytest.raises(ValueError, match="drag must be a Drag"):
+    with raises(ValueError, match="drag must be a Drag"):
         mavdem.estimate_wind(time, tilts.T, velocity, 0.3)

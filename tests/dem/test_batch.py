@@ -11,8 +11,8 @@ from itertools import repeat
 from pathlib import Path
 
 import numpy as np
-import pytest
 from numpy.random import default_rng
+from pytest import fixture, mark, raises
 
 from mavdem import Flight, Learned, Settings, learn, learn_many
 from mavdem.dem.parallel import AHEAD, FEW
@@ -52,17 +52,17 @@ def answer(train, settings):
         return error
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def expected():
     return as_texts(answer(*job) for job in JOBS)
 
 
-@pytest.fixture
+@fixture
 def two_workers(monkeypatch):
     monkeypatch.setattr("mavdem.dem.parallel.spare_cores", lambda: 2)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_machines_cores_answer_as_learn_does_and_in_order(two_workers, expected):
     answers = learn_many(JOBS)
     first = next(answers)
@@ -80,7 +80,7 @@ def test_a_job_without_an_answer_is_answered_by_its_error():
     assert [str(each).startswith("settings must be") for each in wrong] == [True, True, False]
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_given_executor_does_the_work_and_is_left_open(expected):
     with ThreadPoolExecutor(3) as executor:
         assert list(learn_many([], executor)) == list(learn_many([])) == []
@@ -88,12 +88,12 @@ def test_a_given_executor_does_the_work_and_is_left_open(expected):
         assert executor.submit(int, "3").result() == 3
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_killed_worker_is_reported(two_workers):
     answers = learn_many(repeat(JOBS[0]))
     next(answers)
     os.kill(multiprocessing.active_children()[0].pid, signal.SIGKILL)
-    with pytest.raises(BrokenProcessPool, match="a worker died"):
+    with raises(BrokenProcessPool, match="a worker died"):
         for _ in answers:
             pass
     assert not multiprocessing.active_children()
@@ -133,7 +133,7 @@ def run_script(folder, text):
     )
 
 
-@pytest.mark.slow
+@mark.slow
 def test_workers_start_no_workers_of_their_own_and_end_with_a_killed_parent(tmp_path):
     ended = run_script(
         tmp_path,

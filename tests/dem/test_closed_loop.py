@@ -4,9 +4,8 @@ from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
-import pytest
 from numpy.random import default_rng
-from pytest import approx
+from pytest import approx, mark, raises
 from scipy.signal import cont2discrete, lfilter
 
 from mavdem.dem.closed_loop.identification import (
@@ -102,7 +101,7 @@ TRUE = {
 KNOWN_PLANT = np.append(list(TRUE.values()), MEAN[len(TRUE) :])
 
 
-@pytest.mark.parametrize("every", [1, 4])
+@mark.parametrize("every", [1, 4])
 def test_a_plant_is_given_back(every):
     """With its delay, which has half a cycle of hold, within three standard deviations and a share of the truth."""
     found = identified(axis(FLOWN, every))
@@ -111,8 +110,8 @@ def test_a_plant_is_given_back(every):
     assert found.axis.steered_share(found.theta) > 0.5
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("flown", "every"), [(FLOWN, 16), (IN_TIME, 4)])
+@mark.slow
+@mark.parametrize("flown, every", [(FLOWN, 16), (IN_TIME, 4)])
 def test_lag_and_delay_together_are_known_at_25_hz_and_where_steps_keep_time(flown, every):
     """Of neither of which alone much is known there: whether a step comes sooner or the motors later looks alike."""
     found = np.exp(identified(axis(flown, every)).theta)
@@ -172,7 +171,7 @@ def test_maxima_at_several_times_of_steps_count_as_their_evidence_and_each_once(
     found = _averaged(axis, ended)
     assert found.theta[[0, STEP_TIME]] == approx([MEAN[0] + 0.75, 1.0])
     assert found.covariance[0, [0, STEP_TIME]] == approx([0.6 / 4 + 0.4 / 16 + 3 / 16, 4 * 3 / 16])
-    with pytest.raises(np.linalg.LinAlgError):
+    with raises(np.linalg.LinAlgError):
         _averaged(axis, [Quadratic(MEAN, -np.inf, MEAN, np.eye(size))])
 
 

@@ -6,9 +6,8 @@ from dataclasses import replace
 from math import e
 
 import numpy as np
-import pytest
 from numpy.testing import assert_array_equal
-from pytest import approx
+from pytest import approx, fail, fixture, mark, raises
 from simulated import simulated
 
 from mavdem import Flight, Learned, Settings, learn
@@ -20,17 +19,17 @@ from mavdem.heading import heading
 FLIGHT = simulated(wind=0.5)
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def document():
     return learn(FLIGHT[:200], Settings(order=2, window=3, parameter_precision=1.0)).to_json()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("settings", [Settings(), Settings.paper(), Settings(order=4)])
+@mark.slow
+@mark.parametrize("settings", [Settings(), Settings.paper(), Settings(order=4)])
 def test_json_both_ways_keeps_every_forecast(settings):
     learned = learn(FLIGHT[:700], settings)
     text = learned.to_json()
-    json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+    json.loads(text, parse_constant=lambda name: fail(f"{name} is not JSON"))
     again = Learned.from_json(text)
     assert again.to_json() == text
     for answer in (
@@ -43,9 +42,9 @@ def test_json_both_ways_keeps_every_forecast(settings):
         assert_array_equal(answer(again), answer(learned))
 
 
-@pytest.mark.parametrize("text", ["5", "null", "{}", '{"settings": {}}', "not JSON"])
+@mark.parametrize("text", ["5", "null", "{}", '{"settings": {}}', "not JSON"])
 def test_something_else_is_no_learned_model(text):
-    with pytest.raises(ValueError, match="^not the document of a learned model: "):
+    with raises(ValueError, match="^not the document of a learned model: "):
         Learned.from_json(text)
 
 
@@ -53,9 +52,7 @@ def test_every_field_of_a_document_is_needed_and_checked(document):
     values = json.loads(document)
     for name in values.keys() - heading("model", 1, {}).keys():
         missing = {key: value for key, value in values.items() if key != name}
-        with pytest.raises(
-            ValueError, match=f"^not the document of a learned model: {name} is missing"
-        ):
+        with raises(ValueError, match=f"^not the document of a learned model: {name} is missing"):
             Learned.from_json(json.dumps(missing))
     former = {
         key: value
@@ -67,7 +64,7 @@ def test_every_field_of_a_document_is_needed_and_checked(document):
     )
     for name in ("theta_covariance", "known", "state_map", "theta", "free_energy_of_samples"):
         for junk in (None, "junk", {"a": 1}):
-            with pytest.raises(ValueError, match="must"):
+            with raises(ValueError, match="must"):
                 Learned.from_json(json.dumps({**values, name: junk}))
     kept = values["record"]
     for name, other in (
@@ -76,7 +73,7 @@ def test_every_field_of_a_document_is_needed_and_checked(document):
         ("lengths", []),
         ("effect_directions", [1.0]),
     ):
-        with pytest.raises(ValueError, match="must"):
+        with raises(ValueError, match="must"):
             Learned.from_json(json.dumps({**values, "record": {**kept, name: other}}))
 
 
@@ -93,7 +90,7 @@ def test_what_a_flight_says_of_its_vehicle_is_kept():
     }
 
 
-@pytest.mark.parametrize(
+@mark.parametrize(
     "settings",
     [
         Settings(),
@@ -118,8 +115,8 @@ def test_paper_settings_are_those_of_section_v_d():
     assert (paper.lambda_z, paper.lambda_w, paper.lambda_log_precision) == (20, 3, (25, 20))
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
+@mark.parametrize(
+    "name, value",
     [
         ("order", True),
         ("known_inputs", ("yes",)),
@@ -131,15 +128,15 @@ def test_paper_settings_are_those_of_section_v_d():
     ],
 )
 def test_a_wrong_value_is_named(name, value):
-    with pytest.raises(ValueError, match=f"^{name} must "):
+    with raises(ValueError, match=f"^{name} must "):
         Settings(**{name: value})
 
 
-@pytest.mark.parametrize(
-    ("text", "said"), [("null", "^settings must be an object"), ('{"colour": 1}', "colour")]
+@mark.parametrize(
+    "text, said", [("null", "^settings must be an object"), ('{"colour": 1}', "colour")]
 )
 def test_a_document_of_something_else_is_refused(text, said):
-    with pytest.raises(ValueError, match=said):
+    with raises(ValueError, match=said):
         Settings.from_json(text)
 
 
@@ -154,5 +151,5 @@ def test_complete_settings_keep_what_was_fixed_and_leave_nothing_open():
     )
     assert CompleteSettings.paper() == Settings.paper()
     for name in ("order", "d", "window", "parameter_precision"):
-        with pytest.raises(ValueError, match=f"^{name} must "):
+        with raises(ValueError, match=f"^{name} must "):
             replace(CompleteSettings.paper(), **{name: None})

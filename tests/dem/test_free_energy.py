@@ -3,12 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from pytest import approx
+from pytest import approx, mark
 from random_models import models, random_belief, random_model, random_samples
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
@@ -86,7 +85,7 @@ def test_the_samples_free_energies_sum_to_the_action(model, seed):
     )
 
 
-@pytest.mark.slow
+@mark.slow
 @of_any_model
 def test_gradients_are_those_of_the_free_energy(model, seed):
     """Of F in X, and of the action in θ and λ, at any belief, mean-field terms included."""
@@ -191,7 +190,7 @@ def test_optimal_precisions_cannot_be_improved(model, seed):
         assert free_energy_action(model, samples, other) < height
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 5])
+@mark.parametrize("n", [1, 2, 3, 5])
 def test_with_all_parameters_known_the_free_energy_is_the_evidence_whatever_the_order(n):
     """F̄ᵒ is ln p(ỹ | ṽ) with the same constant for every n, where something is known of x before it is seen."""
     model = random_model(n, n, 1, 2, 3, 2, drop=True, groups=True, bounded=True)
@@ -271,7 +270,7 @@ def test_the_energy_is_that_of_the_generative_model_written_out(model, seed):
     assert actual == approx(energy, rel=1e-9)
 
 
-@pytest.mark.slow
+@mark.slow
 @given(model=models, seed=seeds)
 @settings(max_examples=30)
 def test_a_climb_never_falls(model, seed):
@@ -291,7 +290,7 @@ def problem(**settings):
     return model, SufficientStatistics.of(*generalized(complete, scaling, record))
 
 
-@pytest.mark.parametrize("settings", [{}, {"order": 2, "window": 3}])
+@mark.parametrize("settings", [{}, {"order": 2, "window": 3}])
 def test_a_climb_that_says_it_has_settled_has_nothing_left(settings):
     model, samples = problem(**settings)
     finished = ascend(model, samples, 300)

@@ -3,10 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx
+from pytest import approx, fixture, mark
 from simulated import in_closed_loop
 
 from mavdem.dem.engine.linalg import ROUNDING
@@ -28,7 +27,7 @@ AHEAD = (FLIGHT.inputs[700:], FLIGHT.outputs[700:])
 WALK = default_rng(0).standard_normal((40, K)).cumsum(axis=0) / 5 + [1.0, -2.0]
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def model():
     return JointModel.learn(TRAIN)
 
@@ -46,7 +45,7 @@ def regressed(choice):
     return design, WALK[most:] - design[:, :K], precision, spread, found
 
 
-@pytest.mark.parametrize("choice", [LONGER, SHORTER])
+@mark.parametrize("choice", [LONGER, SHORTER])
 def test_the_terms_of_the_free_energy_are_what_they_are_named_and_sum_to_the_log_evidence(choice):
     """Given Σ, the samples are Gaussian about the random walk, of covariance Σ ⊗ (1 + X P⁻¹ Xᵀ)."""
     design, error, precision, spread, found = regressed(choice)
@@ -130,7 +129,7 @@ def turned_by(direction, samples=6000):
     )
 
 
-@pytest.mark.parametrize(
+@mark.parametrize(
     "direction", [[1, -1, 1, -1], [0, 1, 0, -1], [1, -0.3, -1, 0.3], [2, 1, -1, -2, -1, 1]], ids=str
 )
 def test_the_motors_that_turn_the_axis_are_found(direction):
@@ -147,7 +146,7 @@ def test_known_directions_are_taken_and_inputs_that_are_no_rotors_as_they_are():
     assert_allclose(joint.turning_combinations(given)[:, 0], [0.5, 0.5, -0.5, -0.5])
 
 
-@pytest.mark.slow
+@mark.slow
 def test_bands_hold_nine_of_ten_at_every_horizon():
     inside = []
     for seed in range(8):

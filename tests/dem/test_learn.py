@@ -4,10 +4,9 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx
+from pytest import approx, mark, raises
 from scipy.ndimage import gaussian_filter1d
 from simulated import DT, GAIN, RATE, simulated
 
@@ -53,7 +52,7 @@ def test_units_of_the_stream_do_not_matter():
     )
 
 
-@pytest.mark.parametrize(("rate", "window"), [(50, 5), (120, 11), (400, 37)])
+@mark.parametrize("rate, window", [(50, 5), (120, 11), (400, 37)])
 def test_the_window_that_is_left_open_lasts_as_long_at_every_rate(rate, window):
     record = Record(np.zeros((700, 4)), np.zeros((700, 2)), 1 / rate, (700,))
     settings = complete(Settings(), record)
@@ -74,9 +73,9 @@ def test_the_window_that_is_left_open_is_the_shortest_in_short_segments():
         3,
         3,
     ]
-    with pytest.raises(ValueError, match="longer for windows of 3 samples"):
+    with raises(ValueError, match="longer for windows of 3 samples"):
         complete(Settings(), record(3))
-    with pytest.raises(ValueError, match="longer for windows of 9 samples"):
+    with raises(ValueError, match="longer for windows of 9 samples"):
         complete(Settings(window=9), record(12))
 
 
@@ -94,7 +93,7 @@ def test_process_noise_is_the_moment_of_the_wind():
     assert likeness[1] > 0.9
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_band_holds_nine_samples_in_ten():
     flights = 20
     inside = []
@@ -124,8 +123,8 @@ def test_unstable_models_are_said_to_be():
     )
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("m", [1, 3])
+@mark.slow
+@mark.parametrize("m", [1, 3])
 def test_other_numbers_of_outputs(m):
     flight = simulated(wind=0.5)
     outputs = np.hstack([flight.outputs, flight.outputs[:, :1] ** 2])[:, :m]
@@ -133,8 +132,8 @@ def test_other_numbers_of_outputs(m):
     assert learned.forecast(flight.inputs[700:]).shape == (150, m)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
+@mark.parametrize(
+    "change, message",
     [
         (lambda f: f[:30], "at least 50 samples"),
         (
@@ -148,7 +147,7 @@ def test_other_numbers_of_outputs(m):
     ],
 )
 def test_data_that_determine_nothing_are_refused(change, message):
-    with pytest.raises(ValueError, match=message):
+    with raises(ValueError, match=message):
         learn(change(simulated()))
 
 
@@ -156,7 +155,7 @@ def test_more_hidden_states_than_derivatives_are_refused_and_one_fewer_learnt():
     flight = simulated(wind=0.5)[:700]
     settings = {"p": 1, "window": 9, "parameter_precision": 1.0}
     for wrong in (1, 4):
-        with pytest.raises(ValueError, match="^order must be between 2 and 3"):
+        with raises(ValueError, match="^order must be between 2 and 3"):
             learn(flight, Settings(order=wrong, **settings))
     assert learn(flight, Settings(order=3, **settings)).model.A.shape == (3, 3)
 
@@ -179,17 +178,15 @@ def test_an_ascent_that_ran_out_of_iterations_has_not_converged():
 
 def test_wrong_forecast_inputs_are_named():
     learned = learn(simulated()[:200], QUICK)
-    with pytest.raises(ValueError, match=r"inputs must have shape \(H, 4\)"):
+    with raises(ValueError, match=r"inputs must have shape \(H, 4\)"):
         learned.forecast(np.zeros((10, 3)))
-    with pytest.raises(ValueError, match="inputs must be finite"):
+    with raises(ValueError, match="inputs must be finite"):
         learned.forecast(np.full((10, 4), np.nan))
-    with pytest.raises(ValueError, match="level must be a probability"):
+    with raises(ValueError, match="level must be a probability"):
         learned.forecast_band(np.zeros((10, 4)), level=2)
 
 
-@pytest.mark.parametrize(
-    "settings", [PLANT, Settings.paper(), replace(PLANT, order=3, forecasts="joint")]
-)
+@mark.parametrize("settings", [PLANT, Settings.paper(), replace(PLANT, order=3, forecasts="joint")])
 def test_from_zero_row_0_is_the_trim_and_the_inputs_move_the_rest_by_the_physical_model(settings):
     flight = simulated(wind=0.5)
     learned = learn(flight[:700], settings)
@@ -247,8 +244,8 @@ def test_a_flight_is_cut_at_its_gaps():
     assert segments[1].time[0] == approx(4.0) and segments[1].output_names == ("a", "b")
 
 
-@pytest.mark.parametrize(
-    ("segments", "named"),
+@mark.parametrize(
+    "segments, named",
     [
         (lambda flight: [], "^train must hold"),
         (
@@ -277,5 +274,5 @@ def test_a_flight_is_cut_at_its_gaps():
     ],
 )
 def test_segments_that_do_not_belong_together_are_named(segments, named):
-    with pytest.raises(ValueError, match=named):
+    with raises(ValueError, match=named):
         learn(segments(simulated()), CLEAN)

@@ -3,13 +3,12 @@
 from math import factorial
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import hermite
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx
+from pytest import MonkeyPatch, approx, mark, raises
 from random_models import positive_definite
 from scipy.linalg import expm, solve_discrete_are
 from scipy.signal import cont2discrete
@@ -67,12 +66,12 @@ def test_agrees_with_numpy_whatever_the_units(seed, size):
     )
 
 
-@pytest.mark.parametrize(
+@mark.parametrize(
     "matrix", [np.diag([1.0, -1.0]), np.ones((2, 2)) - np.eye(2), np.array([[1.0, 2], [2, 1]])]
 )
-@pytest.mark.parametrize("function", [inverse, logdet, lambda matrix: solve(matrix, np.ones(2))])
+@mark.parametrize("function", [inverse, logdet, lambda matrix: solve(matrix, np.ones(2))])
 def test_a_matrix_that_is_not_positive_definite_is_refused(matrix, function):
-    with pytest.raises(np.linalg.LinAlgError):
+    with raises(np.linalg.LinAlgError):
         function(matrix)
 
 
@@ -81,8 +80,8 @@ FORGETTING = np.array([[0.9, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
 GROWING = np.array([[1.01, 1.0, 0.0], [0.0, 1.01, 1.0], [0.0, 0.0, 0.9]])
 
 
-@pytest.mark.parametrize("samples", [1, 2, 26, 400])
-@pytest.mark.parametrize("F", [DEFECTIVE, FORGETTING, GROWING])
+@mark.parametrize("samples", [1, 2, 26, 400])
+@mark.parametrize("F", [DEFECTIVE, FORGETTING, GROWING])
 def test_defective_dynamics_run_as_sample_by_sample(F, samples):
     assert np.linalg.cond(np.linalg.eig(F)[1]) > WORST_MODES
     pushes = default_rng(0).standard_normal((samples, 3))
@@ -104,7 +103,7 @@ def random_filter(seed, n=3, r=2, m=2, dt=0.02):
     return TextbookFilter.of(A, B, C, dt, gain)
 
 
-@pytest.mark.slow
+@mark.slow
 @given(seed=st.integers(0, 10**6))
 def test_the_innovation_form_is_the_filter_of_textbooks(seed):
     textbook = random_filter(seed)
@@ -136,7 +135,7 @@ def test_the_innovation_form_is_the_filter_of_textbooks(seed):
     assert predictor.simulated(np.ones(3), np.ones((0, 2))).shape == (0, 2)
 
 
-@pytest.mark.parametrize("smoothness", [0.002, 0.5])
+@mark.parametrize("smoothness", [0.002, 0.5])
 def test_coloured_noises_count_with_their_power_at_low_frequency(smoothness):
     """Of w 2s√π in continuous time; of samples of z the same over the step, but not less than their variance."""
     dt = 0.02
@@ -180,8 +179,8 @@ def test_entries_are_derivatives_of_the_autocorrelation_at_zero():
             assert covariance[i, j] == approx(expected, abs=1e-12 * factorial(i + j))
 
 
-@pytest.mark.parametrize("s", [1e-3, 0.5, 100.0])
-@pytest.mark.parametrize("order", [0, 1, 2, 6])
+@mark.parametrize("s", [1e-3, 0.5, 100.0])
+@mark.parametrize("order", [0, 1, 2, 6])
 def test_precision_is_the_inverse_in_any_unit_of_time(order, s):
     # Relative to the size of each row and column, which runs over s^-2p.
     units = s ** np.arange(order + 1)
@@ -246,7 +245,7 @@ def joint(model, start, inputs, outputs, spread=None):
     stands_still=st.sampled_from([1e-11, 0.0]),
 )
 def test_it_is_the_joint_gaussian_given_the_outputs(seed, n, k, m, samples, radius, stands_still):
-    with pytest.MonkeyPatch.context() as patched:
+    with MonkeyPatch.context() as patched:
         patched.setattr(kalman, "STEADY", stands_still)
         rng = default_rng(seed)
         model = random_gaussian_model(seed, n, k, m, radius)
@@ -264,8 +263,8 @@ def test_it_is_the_joint_gaussian_given_the_outputs(seed, n, k, m, samples, radi
     assert states.log_likelihood == approx(log_likelihood, rel=1e-7, abs=1e-6)
 
 
-@pytest.mark.parametrize("noise", [1.0, 1e-4, 1e-8])
-@pytest.mark.parametrize("radius", [0.5, 0.999, 1.2])
+@mark.parametrize("noise", [1.0, 1e-4, 1e-8])
+@mark.parametrize("radius", [0.5, 0.999, 1.2])
 def test_the_steady_gain_is_that_of_riccati_s_equation(noise, radius):
     """Of stable and unstable systems, with correlated noises and nearly exact measurements."""
     rng = default_rng(0)
@@ -290,5 +289,5 @@ def test_the_steady_gain_is_that_of_riccati_s_equation(noise, radius):
         atol=1e-8 * abs(gain).max(),
     )
     # A state that grows unseen has none.
-    with pytest.raises(np.linalg.LinAlgError, match="no steady filter"):
+    with raises(np.linalg.LinAlgError, match="no steady filter"):
         steady_gain(np.diag([1.1, 0.5]), np.array([[0.0, 1.0]]), np.eye(2), np.eye(1))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx
+from pytest import approx, raises
 from recorded_flights import shared
 from scipy.stats import norm
 from simulated import simulated
@@ -194,7 +194,7 @@ def test_a_dt_that_is_not_that_of_the_samples_is_an_obstacle(step):
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    "given, said",
     [
         ({"dt": 0.0}, "dt must"),
         ({"n_inputs": 0}, "n_inputs"),
@@ -203,12 +203,12 @@ def test_a_dt_that_is_not_that_of_the_samples_is_an_obstacle(step):
     ],
 )
 def test_arguments_that_cannot_be_are_named(given, said):
-    with pytest.raises(ValueError, match=said):
+    with raises(ValueError, match=said):
         OnlineLearner(**given)
 
 
 @pytest.mark.parametrize(
-    ("time", "outputs", "inputs", "said"),
+    "time, outputs, inputs, said",
     [
         (np.nan, [0, 0], [0] * 4, "time"),
         (0.0, [0, np.inf], [0] * 4, "outputs"),
@@ -218,7 +218,7 @@ def test_arguments_that_cannot_be_are_named(given, said):
 )
 def test_samples_that_cannot_be_are_refused_and_cost_nothing(time, outputs, inputs, said):
     online = OnlineLearner()
-    with pytest.raises(ValueError, match=said):
+    with raises(ValueError, match=said):
         online.update(time, outputs, inputs)
     assert online._memory.latest(5)[0].size == 0
 

@@ -5,10 +5,9 @@ from functools import cache, cached_property
 
 import as_published
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
 from oracle import case_a_generalized, case_a_model, case_a_truth, load, needs_oracle
-from pytest import approx
+from pytest import approx, mark
 
 import mavdem
 from mavdem.dem.engine.ascent import plain_rounds
@@ -28,7 +27,7 @@ from mavdem.dem.engine.linalg import inverse
 pytestmark = needs_oracle
 
 
-@pytest.mark.slow
+@mark.slow
 def test_case_a_taken_as_published_ends_where_theirs_does():
     """The engine's parts, put together with every departure of the published code, go its way for 150 iterations.
 
@@ -86,9 +85,9 @@ PRIORS = 40
 """Draws of the random prior: its climbs end in different places, so one alone says little."""
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("p", "settings", "share"),
+@mark.slow
+@mark.parametrize(
+    "p, settings, share",
     [(2, {}, 0.9), (1, {"p": 1, "d": 1, "window": 2}, 0.25)],
     ids=["with generalized coordinates", "without"],
 )
@@ -122,8 +121,8 @@ AB = slice(0, 6)
 C = slice(6, 14)
 """Parameters of A and B, and of C, which a prior of precision e³² holds: next to that all else is rounded."""
 
-logged = pytest.mark.parametrize("number", [1, 2, 3])
-every = pytest.mark.parametrize("number", range(1, 21))
+logged = mark.parametrize("number", [1, 2, 3])
+every = mark.parametrize("number", range(1, 21))
 
 
 @cache

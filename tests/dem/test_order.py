@@ -3,10 +3,9 @@
 import json
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
 from order_systems import random_flight
-from pytest import approx
+from pytest import approx, mark, raises
 from scipy.stats import binom
 from simulated import simulated
 
@@ -22,8 +21,8 @@ def choice(*flights):
     )
 
 
-@pytest.mark.parametrize(
-    ("flights", "chosen"),
+@mark.parametrize(
+    "flights, chosen",
     [
         ([[0.0, 100.0, 95.0, 90.0]], 2),  # the highest
         # which a further state does not raise by as much as is strong evidence
@@ -55,7 +54,7 @@ def test_a_choice_says_why():
     assert (values["mean"], values["chosen"]) == ([0.0, 105.0], 2)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_neither_units_nor_inputs_of_nobody_change_the_free_energy():
     flight = random_flight(2, 2, 201)[:300]
     other = Flight(
@@ -66,23 +65,23 @@ def test_neither_units_nor_inputs_of_nobody_change_the_free_energy():
     assert_allclose(found, told, rtol=1e-5)
 
 
-@pytest.mark.parametrize("arguments", [{"max_order": 0}, {"max_order": 99}])
+@mark.parametrize("arguments", [{"max_order": 0}, {"max_order": 99}])
 def test_what_is_no_argument_is_named(arguments):
-    with pytest.raises(ValueError, match=next(iter(arguments))):
+    with raises(ValueError, match=next(iter(arguments))):
         orders_of(simulated(samples=200), **arguments)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_orders_that_the_data_do_not_allow_are_not_tried_and_said():
     found = orders_of(simulated(samples=100, wind=1.0), max_order=6)
     told_orders = np.isfinite(found.free_energy)
     assert told_orders[0] and not told_orders[-1]
     assert OrderFact.ORDERS_NOT_FITTED in {remark.code for remark in found.remarks}
-    with pytest.raises(ValueError, match="^40 samples are too few"):
+    with raises(ValueError, match="^40 samples are too few"):
         orders_of(simulated(samples=40, wind=1.0))
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_order_is_found():
     """Of random systems and of the paper's, whose states are all measured, in nine of ten runs at least.
 

@@ -5,11 +5,11 @@ import signal
 import time
 from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 
-import pytest
+from pytest import mark, raises
 
 from mavdem.dem.parallel import LOW_PRIORITY, LearningProcess, pool
 
-pytestmark = pytest.mark.slow
+pytestmark = mark.slow
 
 
 def test_a_process_that_is_killed_is_replaced():
@@ -17,7 +17,7 @@ def test_a_process_that_is_killed_is_replaced():
         first = executor.submit(os.getpid).result()
         lost = executor.submit(time.sleep, 3600)
         os.kill(first, signal.SIGKILL)
-        with pytest.raises(BrokenExecutor):
+        with raises(BrokenExecutor):
             lost.result(timeout=300)
         second = executor.submit(os.getpid).result()
         assert second not in (first, os.getpid())
@@ -25,7 +25,7 @@ def test_a_process_that_is_killed_is_replaced():
             LOW_PRIORITY, 19 - os.nice(0)
         )
         executor.submit(time.sleep, 3600)  # which is not waited for
-    with pytest.raises(ProcessLookupError):
+    with raises(ProcessLookupError):
         os.kill(second, 0)
 
 

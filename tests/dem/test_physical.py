@@ -6,10 +6,9 @@ And what commanded motors would do: the plant alone, beside a plant that is comm
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from pytest import approx
+from pytest import approx, mark, raises, warns
 from scipy.fft import rfft
 from scipy.linalg import expm, solve_continuous_lyapunov
 
@@ -99,8 +98,8 @@ def settled(plan, samples):
     return Flight(flight.time, flight.inputs, flight.outputs[:, 2:]), known
 
 
-@pytest.mark.parametrize(
-    ("noise", "autocorrelation", "error"),
+@mark.parametrize(
+    "noise, autocorrelation, error",
     [
         (FIRST_ORDER, lambda tau: np.exp(-tau), 1e-6),
         (smooth(8), lambda tau: np.exp(-(tau**2) / 4), 2e-3),
@@ -116,7 +115,7 @@ def test_noise_has_the_autocorrelation_it_is_named_for(noise, autocorrelation, e
         )
 
 
-@pytest.mark.parametrize("wind", WINDS, ids=["turbulence", "turbulence and gusts", "gusts"])
+@mark.parametrize("wind", WINDS, ids=["turbulence", "turbulence and gusts", "gusts"])
 def test_innovations_of_its_own_model_are_white_and_of_the_variance_it_says(wind):
     model = Parameters(np.ones(1), 0.1, wind, least_noise=0.0)
     rng = default_rng(3)
@@ -163,7 +162,7 @@ def test_convolution_with_responses_is_the_recursion_step_by_step():
     assert_allclose(np.array(found)[..., :30], np.stack(expected, axis=2), rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("steps", [-0.4, 0.0, 0.3, 1.0, 1.7, 3.2])
+@mark.parametrize("steps", [-0.4, 0.0, 0.3, 1.0, 1.7, 3.2])
 def test_commands_act_as_late_as_they_are(steps):
     before, after = delayed(np.arange(20.0)[:, None], steps)
     now = np.arange(5, 19)
@@ -171,7 +170,7 @@ def test_commands_act_as_late_as_they_are(steps):
     assert_allclose(after[5:, 0], now + 1 - max(0.0, steps))
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.003, 0.014])
+@mark.parametrize("delay", [0.0, 0.003, 0.014])
 def test_no_command_helps_to_predict_the_sample_that_it_answers(delay):
     """White noise in the commands, of which all or nothing answers the rate at the same sample."""
     rng = default_rng(4)
@@ -193,7 +192,7 @@ def test_no_command_helps_to_predict_the_sample_that_it_answers(delay):
     assert change[: first + 1].max() < 0.02 * change[first + 1 :].max()
 
 
-@pytest.mark.parametrize("gain", [0.0, 3.0])
+@mark.parametrize("gain", [0.0, 3.0])
 def test_what_answers_a_sample_is_found(gain):
     rng = default_rng(6)
     rate = np.cumsum(rng.standard_normal((3, 600)), axis=1)
@@ -218,8 +217,8 @@ def test_the_slope_of_the_log_joint_is_that_of_its_value():
         assert slope == approx(np.diff(ends)[0] / 2e-5, abs=1e-2 * abs(about.slope).max())
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
+@mark.slow
+@mark.parametrize(
     "directions",
     [np.sign(MOTORS), -np.sign(MOTORS), None],
     ids=["known geometry", "turns counted the other way round", "inferred geometry"],
@@ -287,7 +286,7 @@ def edges():
     yield "lag", "effect", SOUND.dt, "biased", "reported"
 
 
-@pytest.mark.parametrize(("figure", "name", "limit", "below", "above"), list(edges()))
+@mark.parametrize("figure, name, limit, below, above", list(edges()))
 def test_a_status_changes_at_its_limit_and_says_why(figure, name, limit, below, above):
     for value, expected in ((limit * (1 - 1e-9), below), (limit * (1 + 1e-9), above)):
         changed = (
@@ -322,7 +321,7 @@ def test_gaps_are_not_filtered_across():
     assert apart.windows == 2
 
 
-@pytest.mark.slow
+@mark.slow
 def test_inputs_that_curve_are_seen_on_unseen_windows_and_straight_ones_are_not():
     flight = flown(5, steering=2.0, samples=2800)
     off = flight.inputs - 1500
@@ -335,8 +334,8 @@ def test_inputs_that_curve_are_seen_on_unseen_windows_and_straight_ones_are_not(
     assert physical(flight).refinements.get(Refinement.THRUST_CURVE, 0.0) == approx(0.0, abs=0.05)
 
 
-@pytest.mark.parametrize(
-    ("change", "reason"),
+@mark.parametrize(
+    "change, reason",
     [
         (lambda f: Flight(f.time, f.inputs, f.outputs[:, [1, 1]]), NoPhysical.NO_RATE),
         (lambda f: Flight(f.time, 0 * f.inputs, f.outputs), NoPhysical.MOTORS_STILL),
@@ -406,7 +405,7 @@ def test_outputs_may_come_in_any_order_and_must_be_an_angle_and_its_rate():
     one, other = (simulated(TRUE, Record.of(each), 1500 + DOUBLET) for each in (flight, turned))
     assert_allclose(one.mean, other.mean[:, ::-1])
     assert_allclose(one.variance, other.variance[:, ::-1])
-    with pytest.raises(ValueError, match="an angle and its rate"):
+    with raises(ValueError, match="an angle and its rate"):
         simulated(
             TRUE,
             Record.of(Flight(flight.time, flight.inputs, flight.outputs[:, 1:])),
@@ -417,7 +416,7 @@ def test_outputs_may_come_in_any_order_and_must_be_an_angle_and_its_rate():
 SETTINGS = Settings(order=3, window=9, parameter_precision=10.0)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_bands_hold_commanded_flights():
     inside = []
     errors = []
@@ -437,7 +436,7 @@ def test_bands_hold_commanded_flights():
     assert np.median(errors) < 0.1
 
 
-@pytest.mark.slow
+@mark.slow
 def test_nothing_is_identifiable_where_motors_only_react_to_the_wind_and_there_is_no_band():
     flight = flown(0, steering=0.0, wind=3.0)
     learned = mavdem.learn(flight, SETTINGS)
@@ -446,7 +445,7 @@ def test_nothing_is_identifiable_where_motors_only_react_to_the_wind_and_there_i
     assert np.isnan(found.interval().effect).all()
     assert found.caution.code is NoPhysical.EFFECT_NOT_IDENTIFIABLE
     assert found.caution.figures["because"] == found.reasons["effect"]
-    with pytest.warns(UserWarning, match="may be far off.*not identifiable"):
+    with warns(UserWarning, match="may be far off.*not identifiable"):
         assert learned.simulate(flight.inputs[:20]).shape == (20, 2)
-    with pytest.raises(ValueError, match="no band.*not identifiable"):
+    with raises(ValueError, match="no band.*not identifiable"):
         learned.simulate_band(flight.inputs[:20])

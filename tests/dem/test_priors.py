@@ -3,9 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx
+from pytest import approx, mark, raises
 from scipy.linalg import expm
 from simulated import DT, GAIN, RATE, simulated
 
@@ -100,8 +99,8 @@ def test_unknown_inputs_are_process_noise_of_the_filter():
     assert_array_equal(learned.forecast(np.ones((20, 1))), learned.forecast(np.zeros((20, 1))))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("p", "d"), [(0, 6), (6, 0)])
+@mark.slow
+@mark.parametrize("p, d", [(0, 6), (6, 0)])
 def test_every_order_from_zero_to_six_can_be_learnt(p, d):
     window = max(p, d) + 1
     settings = Settings(
@@ -114,8 +113,8 @@ def test_every_order_from_zero_to_six_can_be_learnt(p, d):
     assert len(learned.process_noise()[0]) == len(learned.free_energy_of_samples)
 
 
-@pytest.mark.parametrize(
-    ("mean", "precision", "named"),
+@mark.parametrize(
+    "mean, precision, named",
     [
         ([np.nan], 1.0, "^mean"),
         ([1.0, 2.0], [[1.0]], "^precision must have shape"),
@@ -124,12 +123,12 @@ def test_every_order_from_zero_to_six_can_be_learnt(p, d):
     ],
 )
 def test_what_is_no_gaussian_is_named(mean, precision, named):
-    with pytest.raises(ValueError, match=named):
+    with raises(ValueError, match=named):
         Gaussian(mean, precision)
 
 
-@pytest.mark.parametrize(
-    ("settings", "named"),
+@mark.parametrize(
+    "settings, named",
     [
         ({"prior": Gaussian([0.0] * 3, 1.0)}, "^prior must be of the 16 parameters"),
         (
@@ -139,5 +138,5 @@ def test_what_is_no_gaussian_is_named(mean, precision, named):
     ],
 )
 def test_settings_that_do_not_fit_the_flight_are_named(settings, named):
-    with pytest.raises(ValueError, match=named):
+    with raises(ValueError, match=named):
         learn(simulated()[:200], Settings(order=2, window=3, parameter_precision=1.0, **settings))

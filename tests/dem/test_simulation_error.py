@@ -4,9 +4,8 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx
+from pytest import approx, fixture, mark, raises
 from scipy.ndimage import zoom
 from simulated import GAIN, simulated
 from textbook_filter import TextbookFilter
@@ -76,8 +75,8 @@ def test_slopes_and_curvature_are_those_of_the_height():
     assert np.linalg.eigvalsh(here.curvature).min() > 0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("wind", [0.3, 2.0])
+@mark.slow
+@mark.parametrize("wind", [0.3, 2.0])
 def test_the_climb_never_falls_and_settles(wind):
     learned = learn(simulated(wind=wind, lag=0.05)[:700], COMPLETE)
     trajectory = learned.simulation_fit
@@ -87,7 +86,7 @@ def test_the_climb_never_falls_and_settles(wind):
     assert set(trajectory.terms) <= set(learned.free_energy.terms)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_posterior_holds_the_truth_as_often_as_it_says():
     """Of a simulated axis in wind that forgets within the horizon, by the binomial spread of what is counted."""
     inside = []
@@ -101,15 +100,15 @@ def test_the_posterior_holds_the_truth_as_often_as_it_says():
     assert share > 0.9 - 3 * np.sqrt(0.9 * 0.1 / len(inside))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("samples", "seconds"), [(420, 0.3), (175, 0.12)])
+@mark.slow
+@mark.parametrize("samples, seconds", [(420, 0.3), (175, 0.12)])
 def test_the_horizon_is_as_long_as_the_samples_suffice_for(samples, seconds):
     found = learn(FLIGHT[:samples], COMPLETE).simulation_fit
     assert found.horizon == round(seconds / FLIGHT.dt)
     assert found.effective_samples >= simulation_error.SAMPLES_PER_PARAMETER * len(found.free)
 
 
-@pytest.mark.parametrize("rate", [50, 400])
+@mark.parametrize("rate", [50, 400])
 def test_the_horizon_lasts_as_long_at_every_rate(rate):
     resampled = (
         zoom(table[:700], (rate / 100, 1), order=1) for table in (FLIGHT.inputs, FLIGHT.outputs)
@@ -120,7 +119,7 @@ def test_the_horizon_lasts_as_long_at_every_rate(rate):
     assert simulation_error.horizon_of(fitted.model, settings, fitted.scaling, record) == 0.3 * rate
 
 
-@pytest.mark.slow
+@mark.slow
 def test_too_little_leaves_theta_where_generalized_coordinates_led_it_and_says_so():
     learned = learn(FLIGHT[:60], COMPLETE)
     assert learned.simulation_fit is None
@@ -148,13 +147,13 @@ def test_nothing_runs_across_a_gap_and_long_flights_are_thinned():
     assert many.number == approx(simulation_error.MAX_SEGMENTS * 20 / 30)
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def learned():
     return learn(FLIGHT[:300], COMPLETE)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("size", [1e150, 1e300])
+@mark.slow
+@mark.parametrize("size", [1e150, 1e300])
 def test_inputs_without_measure_are_forecast_without_a_word(learned, size):
     ahead = np.full((150, ROTORS), size)
     with np.errstate(all="raise", under="ignore"):
@@ -176,7 +175,7 @@ def test_an_x_is_found_where_nothing_but_roll_is_flown():
     assert abs(way @ learn(only, COMPLETE).joint.combinations[:, 0]) == approx(1)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_known_geometry_takes_the_place_of_the_one_that_is_inferred():
     flight = simulated(wind=1.0, lag=0.05)[:700]
     inferred, known, other = (
@@ -192,9 +191,9 @@ def test_a_known_geometry_takes_the_place_of_the_one_that_is_inferred():
     assert abs(other.theta - inferred.theta).max() > 1e-2
 
 
-@pytest.mark.parametrize("wrong", [np.ones(3), np.full(4, np.nan)])
+@mark.parametrize("wrong", [np.ones(3), np.full(4, np.nan)])
 def test_directions_that_are_none_are_refused(wrong):
-    with pytest.raises(ValueError, match="effect_directions must be"):
+    with raises(ValueError, match="effect_directions must be"):
         Record.of(_with_directions(simulated()[:100], wrong))
 
 

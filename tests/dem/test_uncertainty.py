@@ -2,16 +2,15 @@
 
 import calibration
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
-from pytest import approx
+from pytest import approx, mark, raises
 from simulated import simulated
 
 from mavdem import Settings, learn
 from mavdem.confidence import half_width, quantile, require_probability
 
 
-@pytest.mark.slow
+@mark.slow
 def test_intervals_hold_parameters_where_the_assumptions_hold():
     assert 0.85 <= calibration.coverage() <= 0.95
 
@@ -20,9 +19,9 @@ def test_without_a_simulation_error_fit_no_interval_is_reported():
     assert np.isnan(learn(simulated(wind=0.5)[:700], Settings.paper()).model_interval().A).all()
 
 
-@pytest.mark.parametrize("level", [0, 1, np.nan, "x", True])
+@mark.parametrize("level", [0, 1, np.nan, "x", True])
 def test_a_level_that_is_no_probability_is_named(level):
-    with pytest.raises(ValueError, match="^level must"):
+    with raises(ValueError, match="^level must"):
         require_probability(level)
 
 

@@ -4,10 +4,9 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
-import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from pytest import approx
+from pytest import approx, mark
 from scipy.stats import binom
 from simulated import simulated
 from test_model import joint
@@ -78,9 +77,9 @@ def flown(seed, samples, known, steady=0.0):
     return Flight(DT * np.arange(samples), inputs, outputs), torque
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("damping", [-0.5, 2.0])
-@pytest.mark.parametrize(
+@mark.slow
+@mark.parametrize("damping", [-0.5, 2.0])
+@mark.parametrize(
     "components", [TURBULENCE[:1], TURBULENCE, (TURBULENCE[1], TURBULENCE[1])], ids="123"
 )
 def test_the_smoother_is_the_posterior_of_the_joint_gaussian(components, damping):
@@ -109,7 +108,7 @@ def test_the_smoother_is_the_posterior_of_the_joint_gaussian(components, damping
     assert_allclose(found.variance, variance, atol=1e-8 * variance.max())
 
 
-@pytest.mark.slow
+@mark.slow
 def test_its_band_and_its_size_are_those_of_the_truth_where_the_model_is_true():
     known = Parameters()
     flight, torque = flown(1, 12000, known, steady=-2.5)
@@ -195,7 +194,7 @@ def test_a_gust_lasts_as_long_as_the_estimate_resolves_and_returns_to_the_level_
     assert gusts(torque, np.zeros(6000), record_of(6000), shortest=0.05).found == ()
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_motors_step_is_no_wind():
     """From 30 s on the motors hold against what a weak one lacks: neither a gust nor the size is by that."""
     known = Parameters(components=((FIRST_ORDER, 1.0, 0.3),))
@@ -213,7 +212,7 @@ def test_a_motors_step_is_no_wind():
     assert wind(known, record, [37.0]).step is None and wind(known, Record.of(flight)).step is None
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_size_is_known_as_well_as_the_interval_says():
     """Simulated flights by their own parameters: the truth is in nine of ten intervals, by what so few can tell."""
     inside = []
@@ -262,7 +261,7 @@ def identified(of):
     return of._replace(physical=of.physical._replace(status=status))
 
 
-@pytest.mark.slow
+@mark.slow
 def test_it_is_nearly_the_smoother_s_of_the_whole_flight():
     online, memory = online_wind()
     online.filter = of = wind_filter(Record.of(WINDY))
@@ -274,7 +273,7 @@ def test_it_is_nearly_the_smoother_s_of_the_whole_flight():
     assert np.std(live[500:] - whole[500 - LAG : -LAG]) < 0.1 * whole.std()
 
 
-@pytest.mark.slow
+@mark.slow
 def test_its_band_has_the_slopes_by_each_motor_s_effect():
     """Against finite differences, also where the motors lift or turn the vehicle."""
     of = wind_filter(Record.of(CALM))
@@ -296,7 +295,7 @@ def test_its_band_has_the_slopes_by_each_motor_s_effect():
         assert_allclose(by_slope / quantile(), abs(exact), atol=close)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steering_makes_it():
     """Without wind: what is drawn is error. A motor that is known to be weak adds what its loss is unsure by."""
     calm = steered(1, steering=0.0, samples=900, wind=0.0)
@@ -326,7 +325,7 @@ def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steerin
     assert online.filter is of, "nothing is fitted to weak motors"
 
 
-@pytest.mark.slow
+@mark.slow
 def test_what_was_identified_stays_where_later_samples_identify_nothing():
     part = WINDY[:1000]
     of = wind_filter(Record.of(part))
@@ -347,7 +346,7 @@ def test_a_fit_that_fails_leaves_the_last_one():
     assert np.isnan(followed(*gone, WINDY[:900])).all()
 
 
-@pytest.mark.slow
+@mark.slow
 def test_an_estimate_has_it_and_says_of_when():
     settings = Settings(order=3, d=2, window=9, parameter_precision=1.0)
     for flight, known in ((CALM, True), (WINDY, False)):

@@ -3,9 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from numpy.testing import assert_array_equal
-from pytest import approx
+from pytest import MonkeyPatch, approx, fixture, mark, raises
 from simulated import simulated
 
 from mavdem import Flight, baselines, learn
@@ -53,14 +52,14 @@ REFUSES, BREAKS, EXPLODES, IS_OFF = (
 )
 
 
-@pytest.fixture(scope="module", autouse=True)
+@fixture(scope="module", autouse=True)
 def in_this_process():
-    with pytest.MonkeyPatch.context() as patch:
+    with MonkeyPatch.context() as patch:
         patch.setattr("mavdem.dem.parallel.spare_cores", lambda: 1)
         yield
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def compared():
     return compare(WINDOWS, [HOLD, MEAN, SUBSPACE, REFUSES, EXPLODES])
 
@@ -90,8 +89,8 @@ def test_an_outcome_is_what_the_model_says_of_the_window():
     assert found.scores[KNOWN].steps == HORIZONS and UNKNOWN not in found.scores
 
 
-@pytest.mark.parametrize(
-    ("method", "error", "text"),
+@mark.parametrize(
+    "method, error, text",
     [
         (REFUSES, "", "train is not to my liking"),
         (BREAKS, "ZeroDivisionError", "division by zero"),
@@ -112,7 +111,7 @@ def test_a_method_without_an_answer_says_why_and_errs_infinitely(method, error, 
 
 
 def test_a_window_without_a_unit_of_error_fails_for_every_method_and_a_fault_of_our_own_is_raised():
-    with pytest.raises(TypeError):
+    with raises(TypeError):
         evaluate_window(Method("hold", lambda: None), WINDOWS[0])
     flight = FLIGHTS["a"]
     still = Flight(flight.time, flight.inputs, flight.outputs * [1, 0])
@@ -157,7 +156,7 @@ def test_over_flights_each_counts_once(compared):
     assert refused["relative"] == np.inf and refused["failed"] == 6
 
 
-@pytest.mark.slow
+@mark.slow
 def test_of_six_flights_each_is_a_pair():
     parts = [
         window
@@ -169,7 +168,7 @@ def test_of_six_flights_each_is_a_pair():
     assert found.verdicts()["is_off"].tested == 6
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_band_that_failed_is_cautioned_against(predicted):
     def cautions(comparison):
         return [
@@ -198,12 +197,12 @@ def test_a_band_that_failed_is_cautioned_against(predicted):
 JOINT = Method("DEM joint", learn, predicts=True)
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def predicted():
     return compare(WINDOWS, [JOINT, HOLD, MEAN, SUBSPACE])
 
 
-@pytest.mark.slow
+@mark.slow
 def test_predictions_are_compared_of_the_methods_that_make_them(predicted):
     assert predicted.methods_of(UNKNOWN) == ("DEM joint", "hold", "constant mean")
     window = WINDOWS[1]
@@ -227,7 +226,7 @@ def test_predictions_are_compared_of_the_methods_that_make_them(predicted):
     ]
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_share_in_the_band_is_a_mean_over_windows_and_flights(predicted):
     shares = [
         row_of(predicted.summaries(flight, UNKNOWN), "DEM joint")["horizons"][2]["inside"]

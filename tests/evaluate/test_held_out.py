@@ -3,9 +3,8 @@ from math import ceil
 from unittest.mock import DEFAULT, Mock
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx
+from pytest import approx, fixture, mark, raises
 from simulated import SIGNS, simulated
 
 import mavdem
@@ -19,13 +18,13 @@ from mavdem.evaluate.held_out import (
     held_out_windows,
 )
 
-pytestmark = pytest.mark.slow
+pytestmark = mark.slow
 FLIGHT = simulated(samples=1500, wind=0.5)
 QUICK = mavdem.Settings(order=2, window=5, parameter_precision=1.0, horizon=None, iterations=4)
 STEPS = 60
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def held_out():
     return held_out_windows([FLIGHT], QUICK, STEPS)
 
@@ -134,5 +133,5 @@ def test_a_model_that_cannot_be_learnt_errs_infinitely_and_says_why(held_out, mo
 
 
 def test_a_flight_without_room_for_a_window_is_refused():
-    with pytest.raises(ValueError, match="no held-out window of 60 samples fits"):
+    with raises(ValueError, match="no held-out window of 60 samples fits"):
         held_out_windows([FLIGHT[:150]], QUICK, STEPS)

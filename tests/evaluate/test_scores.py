@@ -3,10 +3,9 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx
+from pytest import approx, mark, raises
 from scipy.stats import wilcoxon
 
 from mavdem import Flight, baselines, evaluate
@@ -35,15 +34,15 @@ def test_mspe_is_per_output_and_summed():
     assert error.total == 2.5
 
 
-@pytest.mark.parametrize("shape", [(2,), (3, 2), (2, 1), (0, 2)])
+@mark.parametrize("shape", [(2,), (3, 2), (2, 1), (0, 2)])
 def test_shapes_that_disagree_are_refused(shape):
-    with pytest.raises(ValueError, match=r"must be \(H, m\) alike"):
+    with raises(ValueError, match=r"must be \(H, m\) alike"):
         evaluate.mspe(np.zeros((2, 2)) if shape != (0, 2) else np.zeros(shape), np.zeros(shape))
-    with pytest.raises(ValueError, match="predicted must be real numbers"):
+    with raises(ValueError, match="predicted must be real numbers"):
         evaluate.mspe([[0.0]], [[1j]])
 
 
-@pytest.mark.parametrize("wild", [np.nan, np.inf, -np.inf, 1e200])
+@mark.parametrize("wild", [np.nan, np.inf, -np.inf, 1e200])
 def test_a_prediction_beyond_all_numbers_errs_infinitely(wild):
     error = evaluate.mspe(np.zeros((3, 2)), [[0.0, 1.0], [wild, 1.0], [0.0, 1.0]])
     assert error.per_output.tolist() == [np.inf, 1.0] and error.total == np.inf
@@ -61,7 +60,7 @@ def test_the_constant_mean_has_one_at_every_horizon_and_the_truth_none():
     assert_allclose(scores_of(baselines.hold).ratio, scores_of(baselines.hold, scaled).ratio)
     # One that is constant in training has none.
     train = Flight(TRAIN.time, TRAIN.inputs, TRAIN.outputs * [1, 0] + [0, 0.1])
-    with pytest.raises(ValueError, match="^train must vary"):
+    with raises(ValueError, match="^train must vary"):
         evaluate.relative_mspe(train, TEST, TEST.outputs)
 
 
@@ -119,11 +118,9 @@ def test_a_method_that_diverged_lost_that_window():
     assert np.isnan(none.ratio) and (none.windows, none.tested, none.p_value) == (0, 0, 1.0)
 
 
-@pytest.mark.parametrize(
-    ("ours", "theirs"), [([1, 2], [1]), ([1, np.nan], [1, 1]), ([1, -1], [1, 1]), (1, 1)]
-)
+@mark.parametrize("ours, theirs", [([1, 2], [1]), ([1, np.nan], [1, 1]), ([1, -1], [1, 1]), (1, 1)])
 def test_what_are_no_errors_of_the_same_windows_is_refused(ours, theirs):
-    with pytest.raises(ValueError, match="^ours"):
+    with raises(ValueError, match="^ours"):
         paired(ours, theirs)
 
 
@@ -154,13 +151,11 @@ def test_every_window_that_fits_is_cut():
     assert stops == [15, 20, 25, 30]
     assert windows("a", uniform(849)) == () and len(windows("a", uniform(850))) == 1
     for samples in ({"train": 0}, {"test": 0}, {"hop": 0}):
-        with pytest.raises(ValueError, match="at least 1"):
+        with raises(ValueError, match="at least 1"):
             windows("a", uniform(900), **samples)
 
 
-@pytest.mark.parametrize(
-    ("rate", "train", "test"), [(20, 140, 30), (120, 840, 180), (400, 2800, 600)]
-)
+@mark.parametrize("rate, train, test", [(20, 140, 30), (120, 840, 180), (400, 2800, 600)])
 def test_windows_last_as_long_at_every_rate(rate, train, test):
     (one, *_) = windows("a", uniform(6000, rate=rate))
     assert (len(one.train), len(one.test)) == (train, test)

@@ -4,8 +4,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
-from pytest import approx
+from pytest import approx, fixture, mark, raises
 from refusals import unreadable
 
 from mavdem import Flight
@@ -22,7 +21,7 @@ from sitl_scenarios.files import load
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth, write_truth
 
-pytestmark = pytest.mark.slow
+pytestmark = mark.slow
 MOTORS = (
     "motor 1 (front right)",
     "motor 2 (rear left)",
@@ -31,17 +30,17 @@ MOTORS = (
 )
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def scenario():
     return load("iris_multisine").model_copy(update={"duration": 30.0})
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def motion(scenario):
     return fly(scenario)
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def flight(scenario, motion):
     flown = hover(scenario, motion)
     return Flight(
@@ -55,14 +54,14 @@ def flight(scenario, motion):
     )
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def learned(flight):
     record = Record.of(flight)
     found = physical(record)
     return SimpleNamespace(record=record, physical=found, wind_torque=wind(found, record))
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def path(scenario, motion, tmp_path_factory):
     written = tmp_path_factory.mktemp("truth") / "flight.truth.npz"
     write_truth(written, scenario, motion)
@@ -103,7 +102,7 @@ def test_in_segments_it_is_the_same(learned, flight, path):
     assert (
         halved.parameters == whole.parameters and halved.wind.correlation == whole.wind.correlation
     )
-    with pytest.raises(ValueError, match="what the model was trained on"):
+    with raises(ValueError, match="what the model was trained on"):
         compared(learned, path, flight[:700])
 
 
@@ -154,7 +153,7 @@ def test_the_truth_of_another_flight_is_refused(flight, motion, path, tmp_path):
     assert unreadable(truth_of, [replace(flight, time=flight.time + 100.0)], path).code is fact.code
 
 
-@pytest.mark.parametrize("change", ["missing", "pickle"])
+@mark.parametrize("change", ["missing", "pickle"])
 def test_what_is_no_truth_file_is_refused_in_a_sentence(change, path, tmp_path):
     parts = dict(np.load(path))
     if change == "missing":

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-import pytest
+from pytest import mark
 from refusals import refused
 from simulated import simulated
 
@@ -13,8 +13,8 @@ from mavdem.facts.forecasts import Forecasts
 FLIGHT = replace(simulated(samples=600), provenance={"segment": {"boot": 0}})
 
 
-@pytest.mark.parametrize(
-    ("start", "train", "options"),
+@mark.parametrize(
+    "start, train, options",
     [
         (0.0, 700, ("--train", "500", "--test", "100")),
         (3.0, 700, ("--train", "250", "--test", "50")),

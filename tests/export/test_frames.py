@@ -6,9 +6,9 @@ from xml.etree import ElementTree
 
 import control
 import numpy as np
-import pytest
 from mcap.reader import make_reader
 from numpy.testing import assert_allclose, assert_array_equal
+from pytest import fixture, mark, raises
 from recorded_flights import FLIGHT
 from simulated import simulated
 
@@ -19,12 +19,12 @@ from mavdem.flight import Flight
 from mavdem.report.series import series_of
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def flight():
     return mavdem.read_flight(FLIGHT)
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def learned(flight):
     return mavdem.learn(
         flight[:250], mavdem.Settings(order=2, d=2, window=9, parameter_precision=1.0)
@@ -40,7 +40,7 @@ def test_a_frame_has_the_columns_of_the_csv_file(flight):
     assert frame.attrs["provenance"] == flight.provenance
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_dataset_has_what_else_a_flight_has():
     time = np.arange(4) * 0.1
     asked = np.array([np.nan, 1, 1, 2])
@@ -64,8 +64,8 @@ def test_a_system_has_the_names_and_the_matrices_of_the_model(learned):
         assert_array_equal(own, expected)
 
 
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:Of this plant")
+@mark.slow
+@mark.filterwarnings("ignore:Of this plant")
 def test_the_physical_plant_responds_as_the_vehicle_is_simulated(learned):
     plant = learned.to_control()
     trim = learned.record.inputs.mean(axis=0)
@@ -112,7 +112,7 @@ def read(path):
     }
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def result(flight):
     """Training data, test data, model and forecasts."""
     train = flight[:300]
@@ -121,7 +121,7 @@ def result(flight):
     return train, test, learned, held_out_test(train, test, learned)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_what_was_learned_stands_beside_it(tmp_path, result):
     train, test, learned, held_out = result
     write_channels(tmp_path / "flight.mcap", [train], learned, held_out)
@@ -132,7 +132,7 @@ def test_what_was_learned_stands_beside_it(tmp_path, result):
         assert np.allclose(series[topic][0], time, atol=1e-9), topic
         assert np.array_equal(np.column_stack(list(series[topic][1].values())), values), topic
     assert_array_equal(series["held_out/measured"][0], test.time)
-    with pytest.raises(ValueError, match="300 samples"):
+    with raises(ValueError, match="300 samples"):
         write_channels(tmp_path / "other.mcap", [train[:299]], learned)
     assert [path.name for path in tmp_path.iterdir()] == ["flight.mcap"]
 
@@ -143,11 +143,11 @@ def test_names_are_kept_apart_and_no_time_is_before_0(tmp_path):
     flight = Flight(time, values, values, input_names=("u (left)", "u (right)"))
     write_channels(tmp_path / "named.mcap", [flight])
     assert list(read(tmp_path / "named.mcap")["flight/inputs"][1]) == ["u_1", "u_2"]
-    with pytest.raises(ValueError, match="negative"):
+    with raises(ValueError, match="negative"):
         write_channels(tmp_path / "early.mcap", [Flight(time - 1, values, values)])
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_layouts_plot_what_there_is(result, tmp_path):
     train, _, learned, held_out = result
     write_channels(tmp_path / "flight.mcap", [train], learned, held_out)

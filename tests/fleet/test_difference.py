@@ -4,10 +4,9 @@ import json
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from fleet_rows import flight_row
 from numpy.random import default_rng
-from pytest import approx
+from pytest import approx, mark
 
 from mavdem.documents import whole
 from mavdem.evaluate.paired_test import SIGNIFICANCE
@@ -72,7 +71,7 @@ def state(numbers, seed=0, **changed):
     return [row for number in numbers for row in flight(number, rng, **changed)]
 
 
-@pytest.mark.slow
+@mark.slow
 def test_of_many_pairs_of_flights_of_the_same_vehicle_few_have_any_change():
     rng = default_rng(4)
     pairs = 150
@@ -113,8 +112,8 @@ def test_several_flights_narrow_the_interval():
     assert width(state(range(8)), state(range(8, 16), 1)) < one / 1.5
 
 
-@pytest.mark.parametrize(
-    ("changed", "kind"),
+@mark.parametrize(
+    "changed, kind",
     [
         ({"lean_roll": 0.2, "lean_pitch": 0.0}, SHARE),
         ({"lean_roll": None, "lean_pitch": None}, SHARE),  # no lean of nothing
@@ -138,8 +137,8 @@ NO_MODEL = dict.fromkeys(
 BY_DEMAND = {"inputs": "demand", "input_unit": "", "effect": (20.0,), "effect_interval": (1.0,)}
 
 
-@pytest.mark.parametrize(
-    ("changed", "kinds", "quantity", "reason"),
+@mark.parametrize(
+    "changed, kinds, quantity, reason",
     [
         ({"effect_status": "biased"}, {SHARE, DAMPING, LAG}, EFFECT, Incomparable.NOT_REPORTED),
         ({"tier": "c", **NO_MODEL}, {SHARE}, EFFECT, Incomparable.NOT_ESTIMATED),
@@ -171,9 +170,7 @@ def test_what_is_not_known_in_both_is_not_compared_and_the_reason_is_said(
     assert json.loads(json.dumps(document, allow_nan=False)) == document
 
 
-@pytest.mark.parametrize(
-    ("harder", "outcome"), [(0.0, "same"), (0.05, "uncertain"), (0.3, "changed")]
-)
+@mark.parametrize("harder, outcome", [(0.0, "same"), (0.05, "uncertain"), (0.3, "changed")])
 def test_the_same_is_said_only_where_the_whole_interval_is_small(harder, outcome):
     before = flight(0)
     after = [

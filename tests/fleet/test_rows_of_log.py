@@ -5,8 +5,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
-from pytest import approx
+from pytest import approx, fixture, mark
 from recorded_flights import LOGS
 from refusals import unreadable
 
@@ -24,7 +23,7 @@ DRAG = json.dumps({"speed": 4.0, "drag": Drag(np.zeros(6), np.eye(6)).as_dict()}
 SLOW = LOGS / "ardupilot_default_rates.tlog"
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def slow_rows():
     return rows_of_log(SLOW)[0]
 
@@ -97,8 +96,8 @@ def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(slow_rows, monkey
     }
 
 
-@pytest.mark.parametrize(
-    ("read", "text", "code"),
+@mark.parametrize(
+    "read, text, code",
     [
         (earlier_drag, "{}", Prior.DRAG_UNREADABLE),
         (lambda path: earlier_drag(path, 4.0), DRAG, Prior.DRAG_OF_THIS_FLIGHT),

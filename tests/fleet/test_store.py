@@ -12,9 +12,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from unittest.mock import Mock
 
-import pytest
 from pyarrow import parquet
-from pytest import approx
+from pytest import approx, fixture, mark
 from refusals import unreadable
 from standin_logs import InThisProcess, fleet_of, make_logs, statuses, table_of, track
 
@@ -86,8 +85,8 @@ def test_what_is_no_fleet_and_what_is_damaged_is_refused(tmp_path):
     assert refusal(opened(tmp_path).__enter__) is Folder.FLEET_DAMAGED
 
 
-@pytest.mark.parametrize(
-    ("version", "change"),
+@mark.parametrize(
+    "version, change",
     [
         (1, "json_remove(row, '$.tier', '$.status_code')"),
         (99, "json_set(row, '$.charge', 0.7)"),
@@ -132,7 +131,7 @@ def test_a_second_run_waits_until_the_first_has_written(fleet, tmp_path, monkeyp
     assert track(out, tmp_path / "more").read == 1 and len(read_rows(out)) == 6
 
 
-@pytest.fixture
+@fixture
 def fleet(tmp_path):
     """A fleet, the folder of its two logs, these, and its table."""
     logs = make_logs(tmp_path / "logs", 2)
@@ -210,9 +209,7 @@ def test_what_failed_is_tried_again_where_that_may_help(tmp_path, monkeypatch):
     assert track(out, tmp_path / "logs").read == 1
 
 
-@pytest.mark.parametrize(
-    ("limits", "read"), [(Limits(2, 600), 0), (Limits(3, 600), 1), (Limits(2, 700), 1)]
-)
+@mark.parametrize("limits, read", [(Limits(2, 600), 0), (Limits(3, 600), 1), (Limits(2, 700), 1)])
 def test_more_time_or_memory_is_another_try(tmp_path, monkeypatch, limits, read):
     class TooSlow(InThisProcess):
         def outcomes(self, jobs):

@@ -17,8 +17,8 @@ from pathlib import Path
 from unittest.mock import MagicMock, Mock
 
 import distributed
-import pytest
 from distributed import LocalCluster
+from pytest import fixture, mark, raises
 from recorded_flights import LOGS
 from refusals import prose, unreadable
 from standin_logs import LIMITS, READ, make_logs, table_of, track
@@ -52,7 +52,7 @@ def test_an_outcome_has_the_log_s_name_and_key_and_why_it_has_no_rows(tmp_path):
     assert damaged.ended == "read" and damaged.rows[0].status_code == Source.FORMAT_UNKNOWN
     assert str(path) not in damaged.rows[0].status
     assert (damaged.rows[0].file, damaged.rows[0].key) == (str(path), found.key)
-    with pytest.raises(MemoryError):  # with a higher limit it may be read
+    with raises(MemoryError):  # with a higher limit it may be read
         outcome_of(Job(str(path)), Mock(side_effect=memory))
 
 
@@ -66,7 +66,7 @@ def test_what_is_no_plain_file_is_not_opened(tmp_path):
     assert codes == [Reading.NO_PLAIN_FILE, Reading.LOG_UNREACHABLE, Reading.LOG_UNREACHABLE]
 
 
-@pytest.mark.slow
+@mark.slow
 def test_no_log_stops_a_run(tmp_path):
     logs = tmp_path / "logs"
     make_logs(logs, 3)
@@ -105,7 +105,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.fixture
+@fixture
 def hanging(tmp_path):
     """A run whose two processes read logs that never end, and what waits until both have ended."""
     make_logs(tmp_path / "logs", 2, "hang")
@@ -137,8 +137,8 @@ def hanging(tmp_path):
     run.kill()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+@mark.slow
+@mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_an_ended_run_leaves_nothing_and_is_resumed_to_the_same_table(tmp_path, hanging, number):
     run, names = hanging
     for _ in range(2):  # impatience changes nothing
@@ -160,7 +160,7 @@ def test_an_ended_run_leaves_nothing_and_is_resumed_to_the_same_table(tmp_path, 
     assert table_of(out) == table_of(tmp_path / "whole")
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def two_workers():
     with LocalCluster(
         n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
@@ -168,7 +168,7 @@ def two_workers():
         yield found
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
     make_logs(tmp_path / "logs", 6)
     track(tmp_path / "here", tmp_path / "logs")
@@ -190,8 +190,8 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
         assert not any(client.run(lambda: len(cluster._idle)).values())
 
 
-@pytest.mark.parametrize(
-    ("client", "code"),
+@mark.parametrize(
+    "client, code",
     [
         ({"run.side_effect": [{}]}, Reading.NO_CLUSTER_WORKERS),
         ({"run.side_effect": ImportError("mavdem")}, Reading.CLUSTER_CANNOT_READ),
@@ -233,7 +233,7 @@ def names(*given, apart_from=None):
     return [Path(log.path).name for log in find_logs([*map(str, given)], apart_from)[0]]
 
 
-@pytest.fixture
+@fixture
 def folder(tmp_path):
     for name in ("a.bin", "below/b.ULG", "below/c.mcap", "below/d.ulg.xz", "results/e.bin"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
@@ -266,7 +266,7 @@ def test_a_file_is_taken_whatever_it_holds_and_each_log_once(folder):
     assert names(folder / "log[1].bin") == ["log[1].bin"]
 
 
-@pytest.fixture
+@fixture
 def served(tmp_path):
     """A folder, and the URL of a server of it."""
     (tmp_path / "served").mkdir()
@@ -285,7 +285,7 @@ def served(tmp_path):
     thread.join()
 
 
-@pytest.mark.slow
+@mark.slow
 def test_logs_behind_urls_are_read_and_known(served, tmp_path):
     folder, url = served
     make_logs(folder, 3)
@@ -299,7 +299,7 @@ def test_logs_behind_urls_are_read_and_known(served, tmp_path):
     assert track(out, folder / "log_0.bin").read == 1 and len(read_rows(out)) == 2
 
 
-@pytest.mark.slow
+@mark.slow
 def test_what_a_file_system_lacks_is_said(tmp_path):
     for url in ("s3://bucket/flight.bin", "nonsense://x/flight.bin"):
         (problem,) = find_logs([url])[1]

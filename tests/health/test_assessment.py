@@ -4,10 +4,9 @@ from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
-import pytest
 from frames import geometry
 from numpy.random import default_rng
-from pytest import approx
+from pytest import approx, mark
 
 from mavdem.facts.motors import Explanation, HealthUnknown, MotorsBetween
 from mavdem.health.assessment import (
@@ -84,7 +83,7 @@ def judged(seed, change, healthy=3):
     return found
 
 
-@pytest.mark.parametrize("motor", [1, 2, 3, 4])
+@mark.parametrize("motor", [1, 2, 3, 4])
 def test_a_weak_motor_is_found_and_named(motor):
     found = [judged(seed, weak(motor, 0.2)) for seed in range(VEHICLES)]
     assert np.mean([one.health == "fault" for one in found]) > 0.8
@@ -114,15 +113,15 @@ def test_a_flight_that_could_not_show_a_weak_motor_is_not_ok():
     assert found.fact.code is HealthUnknown.HEALTH_UNSURE
 
 
-@pytest.mark.slow
+@mark.slow
 def test_healthy_flights_in_other_winds_are_ok():
     found = [judged(seed, None) for seed in range(100)]
     assert sum(one.health == "fault" for one in found) <= 1
     assert sum(one.health != "ok" for one in found) <= 8
 
 
-@pytest.mark.parametrize(
-    ("change", "explanation"),
+@mark.parametrize(
+    "change, explanation",
     [((0.08, -0.06, 0.0), Explanation.LOAD), ((0.0, 0.0, -0.07), Explanation.YAW)],
 )
 def test_what_no_motor_does_is_a_drift_and_names_none(change, explanation):
@@ -216,8 +215,8 @@ def test_it_takes_two_healthy_flights_of_the_same_motors_that_are_not_one():
     assert assess([flight], [once, other])[0].health != "unknown"
 
 
-@pytest.mark.parametrize(
-    ("missing", "code"),
+@mark.parametrize(
+    "missing, code",
     [
         ({"balance": None}, HealthUnknown.BALANCE_UNKNOWN),
         ({"signatures": None}, HealthUnknown.BALANCE_UNKNOWN),

@@ -4,11 +4,10 @@ from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
-import pytest
 from frames import geometry
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from pytest import approx
+from pytest import approx, fixture, mark
 from recorded_flights import shared
 
 from mavdem.alignment.read import choose_vehicle
@@ -103,7 +102,7 @@ LAYOUTS = {
 }
 
 
-@pytest.fixture(params=LAYOUTS)
+@fixture(params=LAYOUTS)
 def layout(request):
     return LAYOUTS[request.param]
 
@@ -152,7 +151,7 @@ def test_axes_and_names_are_those_of_the_layout(layout):
         assert not motor_signatures(replace(layout, **other)).names_a_motor
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def flights():
     return [health_figures(path) for path in sorted(shared("real/propeller").glob("*.BIN"))]
 
@@ -173,7 +172,7 @@ def health_figures(path):
     )
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def verdicts(flights):
     good = [flight for flight in flights if "good" in flight.name]
     return {
@@ -181,7 +180,7 @@ def verdicts(flights):
     }
 
 
-@pytest.mark.slow
+@mark.slow
 def test_each_flight_by_itself_is_judged_as_the_documentation_says(verdicts):
     # docs/evidence/motors.md: the probabilities of a fault and of any change.
     shown = {
@@ -205,7 +204,7 @@ def test_each_flight_by_itself_is_judged_as_the_documentation_says(verdicts):
         )
 
 
-@pytest.mark.slow
+@mark.slow
 def test_10_mm_flown_one_after_the_other_are_a_drift(flights):
     good = [flight for flight in flights if "good" in flight.name]
     first = datetime(2022, 3, 14, tzinfo=UTC)

@@ -1,11 +1,10 @@
 """Motors in flight: one that works harder is found, named and measured, and so is its recovery; nothing else is."""
 
 import numpy as np
-import pytest
 from frames import FRAMES, geometry
 from hover import overtake
 from numpy.random import default_rng
-from pytest import approx
+from pytest import approx, mark
 from scipy.signal import lfilter
 
 from mavdem.facts import Level
@@ -55,9 +54,9 @@ def after(time, rise):
     return np.outer(time >= 100.0 + BREAKS, rise)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("motor", range(4))
+@mark.slow
+@mark.parametrize("seed", range(3))
+@mark.parametrize("motor", range(4))
 def test_a_motor_that_works_an_eighth_harder_is_named_within_five_seconds(motor, seed):
     time, commands = flight(seed)
     rise = 0.125 * 0.6 * np.eye(4)[motor]
@@ -71,7 +70,7 @@ def test_a_motor_that_works_an_eighth_harder_is_named_within_five_seconds(motor,
     assert abs(share - 1 / 1.125) < 2 * band < 0.1
 
 
-@pytest.mark.parametrize("motors", [6, 8])
+@mark.parametrize("motors", [6, 8])
 def test_the_size_is_that_of_the_motor_s_own_command_also_where_its_neighbours_help(motors):
     time, commands = flight(5, sd=0.003, motors=motors)
     pattern = SIGNATURES[motors].weak_motor_commands[0]
@@ -100,7 +99,7 @@ LATER = {  # s, what the motors then have to give in place of 1
 }
 
 
-@pytest.mark.parametrize("faults", LATER.values(), ids=LATER)
+@mark.parametrize("faults", LATER.values(), ids=LATER)
 def test_every_fault_is_found_and_its_end(faults):
     time, commands = flight(6, 110.0, 0.005)
     rises = np.ones_like(commands)
@@ -119,7 +118,7 @@ def test_every_fault_is_found_and_its_end(faults):
     assert not found
 
 
-@pytest.mark.parametrize("shift", [(0.05, 0.0), (0.0, -0.06), (-0.05, 0.05), (0.03, 0.06)])
+@mark.parametrize("shift", [(0.05, 0.0), (0.0, -0.06), (-0.05, 0.05), (0.03, 0.06)])
 def test_a_shifted_load_is_called_that_once_it_has_lasted(shift):
     time, commands = flight(7)
     rise = 0.6 * quad(0.0, *shift, 0.0)
@@ -164,7 +163,7 @@ def test_no_motor_is_named_before_ten_seconds_were_steady():
         assert alarm.time == approx(max(until + 10.0, 122.0), abs=0.6)
 
 
-@pytest.mark.parametrize("change", [(0.0, 0.0, 0.0, 0.05), (0.15, 0.0, 0.0, 0.0)])
+@mark.parametrize("change", [(0.0, 0.0, 0.0, 0.05), (0.15, 0.0, 0.0, 0.0)])
 def test_yaw_alone_and_thrust_alone_are_no_motor(change):
     time, commands = flight(8)
     assert not changes(time, commands + after(time, 0.6 * quad(*change)))
@@ -177,8 +176,8 @@ def test_what_no_cause_explains_and_lasts_does_not_hide_the_next_fault():
     assert alarm.motor == 2 and 160.0 < alarm.time < 163.0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("sd", "seconds"), [(0.01, 0.1), (0.02, 3.0)])
+@mark.slow
+@mark.parametrize("sd, seconds", [(0.01, 0.1), (0.02, 3.0)])
 def test_coloured_noise_gives_no_alarm(sd, seconds):
     """Over five minutes each; what is slow is more than the test was told of at first, and it must learn that."""
     time, commands = flight(3, 300.0, sd, seconds)
@@ -231,7 +230,7 @@ def test_a_bad_link_hides_no_fault_and_no_recovery():
     assert 120.0 < weak.time < 125.0 and 145.0 < sound.time < 150.0
 
 
-@pytest.mark.parametrize("silent", [LONGEST_GAP - 0.2, LONGEST_GAP + 0.2])
+@mark.parametrize("silent", [LONGEST_GAP - 0.2, LONGEST_GAP + 0.2])
 def test_after_a_long_silence_what_was_before_is_no_reference(silent):
     time, commands = flight(6, 40.0, 0.005)
     commands[time > 120.0] *= [1.2, 1.0, 1.0, 1.0]

@@ -1,9 +1,8 @@
 """The trim of one flight is named by its pattern, or not at all."""
 
 import numpy as np
-import pytest
 from frames import FRAMES, geometry
-from pytest import approx
+from pytest import approx, mark
 from recorded_flights import recorded
 
 from mavdem.alignment.signals import Signals
@@ -28,8 +27,8 @@ def flown(mean, lean=(0.0, 0.0), error=0.003):
     )
 
 
-@pytest.mark.parametrize(
-    ("mean", "code", "figures"),
+@mark.parametrize(
+    "mean, code, figures",
     [
         ((0.01, 0.0, 0.16), Trim.TRIM_OF_YAW, {"share": 0.16}),
         ((0.0, -0.01, -0.1), Trim.TRIM_OF_YAW, {"share": -0.1}),
@@ -51,7 +50,7 @@ def test_the_pattern_is_named(mean, code, figures):
     }
 
 
-@pytest.mark.parametrize("motors", FRAMES)
+@mark.parametrize("motors", FRAMES)
 def test_one_motor_is_named_where_all_axes_have_the_ratio_of_its_place(motors):
     """Of more than four motors neighbours help the weak one, and other causes are as likely."""
     plan = geometry(motors)
@@ -67,8 +66,8 @@ def test_one_motor_is_named_where_all_axes_have_the_ratio_of_its_place(motors):
         assert not trim_of(flown(signature * [1, 1, -0.3]), plan).subject
 
 
-@pytest.mark.parametrize(
-    ("name", "code"),
+@mark.parametrize(
+    "name, code",
     [
         ("yaw_twist_16_percent.BIN", Trim.TRIM_OF_YAW),
         ("px4_pwm_main_1100_1900.ulg", Trim.TRIM_OF_YAW),

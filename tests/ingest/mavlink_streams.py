@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from pymavlink.dialects.v20 import all as dialect
 from pymavlink.generator.mavcrc import x25crc
+from pytest import raises
 from recorded_flights import LOGS, SHARED
 
 from mavdem.errors import Unreadable
@@ -40,7 +40,7 @@ def real_logs() -> list[Path]:
 @contextmanager
 def refused(code: Code) -> Iterator[None]:
     """Holds that what is done within raises ``Unreadable`` with a fact of this ``code``."""
-    with pytest.raises(Unreadable) as failure:
+    with raises(Unreadable) as failure:
         yield
     assert failure.value.fact.code is code
 

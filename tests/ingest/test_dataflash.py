@@ -5,10 +5,9 @@ from collections import defaultdict
 
 import dataflash_logs as made
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
 from pymavlink import DFReader
-from pytest import approx
+from pytest import approx, fixture, mark
 from recorded_flights import shared
 
 from mavdem.alignment.signals import Signals, setpoints
@@ -35,7 +34,7 @@ def vehicle_of(content, folder, name="flight.bin"):
     return vehicle
 
 
-@pytest.fixture
+@fixture
 def steps(tmp_path):
     """The beginning of a flight, which DFReader reads for long."""
     path = tmp_path / "steps.BIN"
@@ -53,8 +52,8 @@ def by_dfreader(path, names=None):
     return read
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("log", LOGS)
+@mark.slow
+@mark.parametrize("log", LOGS)
 def test_every_value_of_every_message_is_dfreaders(log, steps):
     path = steps if log == STEPS else shared(log)
     recording = read_binary(path.read_bytes())
@@ -119,8 +118,8 @@ TRANSLATED = {
 }
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("log", TRANSLATED)
+@mark.slow
+@mark.parametrize("log", TRANSLATED)
 def test_the_translation_holds_dfreaders_values_in_mavlinks_units(log, steps):
     path = steps if log == STEPS else shared(log)
     read = by_dfreader(path, [*{own for _, _, own, _, _ in TRANSLATED[log]}, "PARM"])
@@ -268,8 +267,8 @@ def spoiled(case):
     }[kind]
 
 
-@pytest.mark.parametrize(
-    ("case", "repairs"),
+@mark.parametrize(
+    "case, repairs",
     [(f"garbage {garbage.hex()}", {Repair.BYTES_SKIPPED: len(garbage)}) for garbage in GARBAGES]
     + [
         (f"length {length}", {Repair.DEFINITION_CONTRADICTED: None})
@@ -298,8 +297,8 @@ def test_what_is_wrong_costs_itself_only(tmp_path, case, repairs):
     assert lost or found == repairs
 
 
-@pytest.mark.parametrize(
-    ("said", "parameters", "expected"),
+@mark.parametrize(
+    "said, parameters, expected",
     [
         ("ArduCopter V4.5.7 (2a3dc4b7)", {"FRAME_CLASS": 2.0}, "HEXAROTOR"),
         ("APM:Copter V3.4.6 (e707341b)", {}, "GENERIC_MULTIROTOR"),
@@ -379,7 +378,7 @@ def test_what_system_identification_injects_is_known_by_its_axis(tmp_path):
     assert Signals(vehicle, axis="yaw").injected == ()
 
 
-@pytest.mark.parametrize("names", ["RPY", "RP"])
+@mark.parametrize("names", ["RPY", "RP"])
 def test_d_terms_are_those_of_all_axes_or_not_known(names, tmp_path):
     pieces = made.flight(TIMES)
     for row, name in enumerate(names * 2):

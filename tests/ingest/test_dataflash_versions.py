@@ -4,9 +4,9 @@ from datetime import UTC, datetime
 
 import dataflash_logs as dataflash
 import numpy as np
-import pytest
 from mavlink_streams import refused
 from numpy.testing import assert_allclose, assert_array_equal
+from pytest import mark
 from pyulog import ULog
 from recorded_flights import shared
 
@@ -69,7 +69,7 @@ def log(
     return vehicle
 
 
-@pytest.mark.parametrize(("rate", "gyro"), [(100, True), (1, True), (1, False)])
+@mark.parametrize("rate, gyro", [(100, True), (1, True), (1, False)])
 def test_the_unit_of_rate_is_told_by_the_gyro(tmp_path, rate, gyro):
     vehicle = log(tmp_path, rate, gyro=gyro)
     assert_allclose(vehicle.messages["ATTITUDE"]["rollspeed"], ROLL_RATE, rtol=1e-4, atol=1e-6)
@@ -114,8 +114,8 @@ def test_a_log_without_a_clock_has_no_flight(tmp_path):
         read_dataflash(tmp_path / "flight.log")
 
 
-@pytest.mark.parametrize(
-    ("name", "notes"),
+@mark.parametrize(
+    "name, notes",
     [
         ("ardupilot33_rate_in_centidegrees.bin", 2),
         ("ardupilot34dev_rate_in_centidegrees.BIN", 2),
@@ -136,7 +136,7 @@ def test_recorded_logs_of_old_versions(name, notes):
     assert 0.7 < np.polyfit((attitude.slope[1:] * steps)[usual], change, 1)[0] < 1.3
 
 
-@pytest.mark.parametrize("battery", ["BAT", "CURR"])
+@mark.parametrize("battery", ["BAT", "CURR"])
 def test_the_battery_in_volts_and_in_the_hundredths_of_old_logs(tmp_path, battery):
     vehicle = log(tmp_path, battery=battery)
     signal = Signals(vehicle).voltage

@@ -5,13 +5,12 @@ from collections import defaultdict
 from typing import Any
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mavlink_streams import NOW, beginning, flight, frame, frames_in, heartbeat, real_logs, tlog
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as dialect
-from pytest import approx
+from pytest import approx, mark
 from whole_logs import read
 
 from mavdem.ingest.mavlink.definitions import columns, definitions
@@ -47,7 +46,7 @@ def any_frame(draw):
     )
 
 
-@pytest.mark.slow
+@mark.slow
 @given(st.lists(any_frame(), min_size=1, max_size=8), st.sampled_from([0, 8]), st.data())
 @settings(max_examples=60)
 def test_every_frame_is_found_and_decodes_as_pymavlink_does(frames, gap, data):
@@ -74,9 +73,7 @@ def test_a_frame_carried_inside_a_damaged_one_is_not_taken():
     assert table.sequence.tolist() == [1, 2, 3]
 
 
-@pytest.mark.parametrize(
-    "flood", [b"\xfe", b"\xfd\xfd\x00", b"\xfe\x00", b"\xfe\xff\xfe\x01\xfe\xfe\x1e"]
-)
+@mark.parametrize("flood", [b"\xfe", b"\xfd\xfd\x00", b"\xfe\x00", b"\xfe\xff\xfe\x01\xfe\xfe\x1e"])
 def test_a_flood_of_markers_hides_no_frame_and_makes_none(flood):
     frames = [frame(30, bytes(range(1, 29)), sequence=row) for row in range(3)]
     content = flood * (100_000 // len(flood))
@@ -134,8 +131,8 @@ def assert_fields_equal(data, frames, messages):
                 assert np.array_equal(ours[name], values, equal_nan=True), (definition.name, name)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("log", real_logs(), ids=lambda log: log.name)
+@mark.slow
+@mark.parametrize("log", real_logs(), ids=lambda log: log.name)
 def test_real_logs(log, tmp_path):
     data, _ = _without_carriage_returns(beginning(log, tmp_path, 300_000).read_bytes())
     found = frames_in(data.tobytes(), STAMP_BYTES)
@@ -199,7 +196,7 @@ def test_a_damaged_stamp_misleads_nobody(row, wrong):
     assert np.allclose(log.vehicles[0].messages["ATTITUDE"]["time"], TIMES)
 
 
-@pytest.mark.parametrize("left", range(12))
+@mark.parametrize("left", range(12))
 def test_a_cut_tail_costs_no_whole_message(left):
     """Nor where the cut lies in the stamp of the next, or behind it."""
     content = tlog([heartbeat(), *flight(TIMES)])

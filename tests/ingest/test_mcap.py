@@ -5,7 +5,6 @@ import random
 import struct
 
 import numpy as np
-import pytest
 import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -13,7 +12,7 @@ from mavlink_streams import NOW, beginning, flight, heartbeat, refused, tlog
 from mcap.reader import NonSeekingReader
 from mcap.writer import CompressionType
 from mcap_files import Recorder, converted, json_only, spoil
-from pytest import approx
+from pytest import approx, fixture, mark, raises
 from recorded_flights import LOGS
 from ros2_files import TIMES as SHORT
 from ros2_files import UNIX, Ros2Recorder, mavros_flight, px4_flight
@@ -54,7 +53,7 @@ def assert_same(one, other, unknown):
                 )
 
 
-@pytest.fixture
+@fixture
 def recorder(tmp_path):
     return Recorder(tmp_path / "flight.mcap")
 
@@ -66,8 +65,8 @@ def back_to_tlog(mcap):
     return path.read_bytes()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("log", SAMPLE_LOGS, ids=lambda log: log.stem)
+@mark.slow
+@mark.parametrize("log", SAMPLE_LOGS, ids=lambda log: log.stem)
 def test_json_alone_tells_the_same(log, tmp_path):
     log = beginning(log, tmp_path, 200_000)
     path = json_only(converted(log, tmp_path), tmp_path)
@@ -185,7 +184,7 @@ def test_two_bridges_in_one_recording_count_once(recorder):
     assert recorder.log().components[0].messages == {"ATTITUDE": 20, "VFR_HUD": 1}
 
 
-@pytest.mark.parametrize("encoding", ["mavlink", ""])
+@mark.parametrize("encoding", ["mavlink", ""])
 def test_frames_may_come_in_pieces(encoding, recorder):
     frames = [heartbeat(), *flight(TIMES)]
     content = b"".join(frames)
@@ -214,8 +213,8 @@ def test_who_is_heard_in_frames_is_not_read_again_from_json(recorder):
     assert (log.vehicles[0].messages["ATTITUDE"]["roll"] == np.float32(0.1)).all()
 
 
-@pytest.mark.parametrize("chunked", [True, False])
-@pytest.mark.parametrize("compression", COMPRESSIONS)
+@mark.parametrize("chunked", [True, False])
+@mark.parametrize("compression", COMPRESSIONS)
 def test_the_library_reads_the_same_messages(compression, chunked, tmp_path):
     path = tmp_path / "compared.mcap"
     with Recorder(path, compression=compression, use_chunking=chunked, chunk_size=3000) as recorder:
@@ -228,12 +227,10 @@ def test_the_library_reads_the_same_messages(compression, chunked, tmp_path):
     assert recording.repairs() == ()
 
 
-@pytest.mark.parametrize(
-    "topic", ["two\nlines", "\x1b[2Jcleared", "\u202etnorf ot kcab", "long" * 10_000]
-)
+@mark.parametrize("topic", ["two\nlines", "\x1b[2Jcleared", "\u202etnorf ot kcab", "long" * 10_000])
 def test_a_topic_may_be_called_anything(topic, recorder):
     recorder.write(topic, b"{}")
-    with pytest.raises(Unreadable) as failure:
+    with raises(Unreadable) as failure:
         recorder.log()
     assert str(failure.value).isprintable() and len(str(failure.value)) < 300 + len(
         str(recorder.path)
@@ -274,7 +271,7 @@ def small(folder, compression, frames):
     return path.read_bytes()
 
 
-@pytest.mark.parametrize("frames", [True, False])
+@mark.parametrize("frames", [True, False])
 def test_a_cut_recording_is_read_up_to_the_cut(frames, tmp_path):
     content = small(tmp_path, CompressionType.ZSTD if frames else CompressionType.LZ4, frames)
     path = tmp_path / "cut.mcap"
@@ -291,7 +288,7 @@ def test_a_cut_recording_is_read_up_to_the_cut(frames, tmp_path):
     assert Repair.RECORDING_CUT in [fact.code for fact in read_mcap(path).vehicles[0].repairs]
 
 
-@pytest.mark.slow
+@mark.slow
 @given(
     st.integers(0, 2**32),
     st.sampled_from(COMPRESSIONS),
@@ -317,7 +314,7 @@ def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, 
     )
 
 
-@pytest.mark.parametrize("compression", COMPRESSIONS)
+@mark.parametrize("compression", COMPRESSIONS)
 def test_a_damaged_stretch_costs_its_own_messages(compression, tmp_path):
     content = bytearray(small(tmp_path, compression, frames=True))
     place = len(MAGIC)
@@ -371,7 +368,7 @@ BODIES = [
 ]
 
 
-@pytest.mark.parametrize("body", BODIES, ids=range(len(BODIES)))
+@mark.parametrize("body", BODIES, ids=range(len(BODIES)))
 def test_a_hostile_body_costs_itself_only(body, recorder):
     recorder.flight(TIMES[:20])
     for topic in (
@@ -390,9 +387,7 @@ def test_a_hostile_body_costs_itself_only(body, recorder):
     assert "STATUSTEXT" not in vehicle.messages
 
 
-@pytest.mark.parametrize(
-    "header", ["5", "{}", '{"sequence":-1,"system_id":1e9}', '{"sequence":1e400}']
-)
+@mark.parametrize("header", ["5", "{}", '{"sequence":-1,"system_id":1e9}', '{"sequence":1e400}'])
 def test_without_a_header_the_topic_tells_who_sent_it(header, recorder):
     for row in range(20):
         body = f'{{"header":{header},"message":{{"type":"ATTITUDE","time_boot_ms":{row + 1},"roll":1}}}}'

@@ -1,9 +1,8 @@
 """Which channels drive motors, and what their outputs mean, by the parameters of real vehicles."""
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
-from pytest import approx
+from pytest import approx, mark
 
 from mavdem.ingest.motors import motor_geometry, output_scale
 
@@ -18,8 +17,8 @@ def scale_of(
     return output_scale(np.array([outputs]), parameters, drivers)
 
 
-@pytest.mark.parametrize(
-    ("outputs", "drivers", "parameters", "expected"),
+@mark.parametrize(
+    "outputs, drivers, parameters, expected",
     [
         # PX4 1.16: each channel has its range; actuator_motors of the same log has 0.736 and 0.562 for these outputs.
         (
@@ -86,8 +85,8 @@ def test_the_range_of_px4s_outputs_is_that_of_their_driver(outputs, drivers, par
     assert (scale.name, scale.low, scale.high, scale.stop) == (*expected, 1.0)
 
 
-@pytest.mark.parametrize(
-    ("parameters", "highest"),
+@mark.parametrize(
+    "parameters, highest",
     [
         ({"MOT_PWM_MIN": 1000.0, "MOT_PWM_MAX": 2000.0, "MOT_SPIN_MAX": 0.95}, 1950.0),
         ({"RCMAP_THROTTLE": 3.0, "RC3_MIN": 1073.0, "RC3_MAX": 1920.0, "THR_MIN": 130.0, "MOT_THST_MAX": 0.95}, 1883.0),

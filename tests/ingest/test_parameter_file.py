@@ -1,7 +1,7 @@
 """Parameter files of QGroundControl and Mission Planner, and what a log takes of them."""
 
-import pytest
 from command_line import refused
+from pytest import mark, raises
 from recorded_flights import FLIGHT
 
 from mavdem.errors import Unreadable
@@ -16,7 +16,7 @@ FILES = {
 }
 
 
-@pytest.mark.parametrize("station", FILES)
+@mark.parametrize("station", FILES)
 def test_each_ground_stations_file_is_read(station, tmp_path):
     path = tmp_path / "file"
     path.write_text(FILES[station], newline="")
@@ -37,7 +37,7 @@ def test_the_logs_own_parameters_stay(tmp_path):
 def test_a_file_without_parameters_is_refused(tmp_path, capsys):
     path = tmp_path / "file.param"
     path.write_text("no parameters here\n")
-    with pytest.raises(Unreadable) as error:
+    with raises(Unreadable) as error:
         read_parameters(path)
     assert error.value.fact.code is Source.NO_PARAMETERS_IN_FILE
     assert str(path) in refused(capsys, 2, "tune", FLIGHT, "--params", path)

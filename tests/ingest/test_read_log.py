@@ -6,11 +6,11 @@ import struct
 
 import dataflash_logs
 import numpy as np
-import pytest
 import ulog_files
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mavlink_streams import flight, frame, heartbeat, message, refused, tlog
+from pytest import mark, raises
 
 from mavdem.alignment.attitude import attitude
 from mavdem.errors import Unreadable
@@ -56,8 +56,8 @@ def vehicle_of(frames, folder):
     return vehicle
 
 
-@pytest.mark.parametrize(
-    ("beats", "who"),
+@mark.parametrize(
+    "beats, who",
     [
         ([], ("UNKNOWN", "UNKNOWN")),
         ([heartbeat()] * 3 + [heartbeat(kind=0, autopilot=8)] * 2, ("QUADROTOR", "ARDUPILOTMEGA")),
@@ -89,8 +89,8 @@ NOTED = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("autopilot", "sent", "expected"),
+@mark.parametrize(
+    "autopilot, sent, expected",
     [
         (12, SENT, {"COUNT": -7.0, "GAIN_OF_16_CHARS": 0.5}),
         (3, SENT, {"COUNT": 99.0, "GAIN_OF_16_CHARS": 0.5}),
@@ -162,7 +162,7 @@ def test_a_file_transferred_as_text_is_restored(tmp_path):
     assert restored.repairs[0].code is Repair.CARRIAGE_RETURNS_UNDONE
 
 
-@pytest.mark.slow
+@mark.slow
 @given(st.integers(0, 2**32), st.floats(0.0, 0.02), st.sampled_from(["tlog", "ulg", "bin"]))
 @settings(max_examples=140)
 def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, rate, kind):
@@ -198,7 +198,7 @@ def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, 
 
 
 def unreadable(path):
-    with pytest.raises(Unreadable) as failure:
+    with raises(Unreadable) as failure:
         read_log(path)
     assert failure.value.fact.figures["path"] == str(path)
     assert "\n" not in str(failure.value)
@@ -214,8 +214,8 @@ LATER = (
 BEGUN = dataflash_logs.formats() + dataflash_logs.told()
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "code", "figures"),
+@mark.parametrize(
+    "name, content, code, figures",
     [
         ("a.tlog", b"", Source.FILE_EMPTY, {"zeros": False}),
         ("a.tlog", bytes(99), Source.FILE_EMPTY, {"zeros": True}),
@@ -276,7 +276,7 @@ def test_what_cannot_be_read_is_said(tmp_path, name, content, code, figures):
     assert fact.code is code and figures.items() <= fact.figures.items()
 
 
-@pytest.mark.parametrize("name", ["a.tlog", "a.mcap", "a.BIN", "a.ulg", "a"])
+@mark.parametrize("name", ["a.tlog", "a.mcap", "a.BIN", "a.ulg", "a"])
 def test_a_pointer_of_git_lfs_says_how_to_fetch_the_log(tmp_path, name):
     pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:f878642b\nsize 61497068\n"
     for read in (read_log, read_stream):
@@ -304,13 +304,13 @@ def test_what_is_no_file_is_said(tmp_path):
     assert unreadable(tmp_path / f"{'n' * 300}.tlog").code is Source.FILE_NOT_OPENED
 
 
-@pytest.mark.parametrize("path", [None, 5, [], 1.5])
+@mark.parametrize("path", [None, 5, [], 1.5])
 def test_what_is_no_path_is_named(path):
-    with pytest.raises(ValueError, match="path must"):
+    with raises(ValueError, match="path must"):
         read_log(path)  # type: ignore[arg-type]
 
 
-@pytest.mark.filterwarnings("error")
+@mark.filterwarnings("error")
 def test_a_signalling_nan_is_no_number_and_no_warning(tmp_path):
     """Which a conversion to another width of number complains of."""
     signalling = bytes.fromhex("010080 7f")

@@ -4,10 +4,9 @@ import sys
 import time
 
 import numpy as np
-import pytest
 from mavlink_streams import flight, heartbeat, refused
 from mcap_files import Recorder
-from pytest import approx
+from pytest import approx, fail, fixture, mark, raises
 from ros2_files import (
     DEFINITIONS,
     TIMES,
@@ -39,7 +38,7 @@ def written(folder, write, **options):
     return path
 
 
-@pytest.fixture
+@fixture
 def recorder(tmp_path):
     return Ros2Recorder(tmp_path / "flight.mcap")
 
@@ -50,7 +49,7 @@ def message(vehicle, name, *fields):
     )
 
 
-@pytest.mark.parametrize(
+@mark.parametrize(
     "rpy",
     [
         (10, 0, 0),
@@ -98,8 +97,8 @@ def test_what_else_mavros_tells(recorder):
     assert controls.shape == (300, 8) and np.allclose(controls[:, :3], [0.1, 0.2, 0.3])
 
 
-@pytest.mark.parametrize(
-    ("mode", "autopilot"),
+@mark.parametrize(
+    "mode, autopilot",
     [
         ("OFFBOARD", "PX4"),
         ("AUTO.LOITER", "PX4"),
@@ -118,9 +117,7 @@ def test_modes_tell_the_autopilot(mode, autopilot, recorder):
     )
 
 
-@pytest.mark.parametrize(
-    "prefix", ["/fmu/out/", "fmu/out/", "/a/b/fmu/out/", "/uav/", "/", "/fmu/in/"]
-)
+@mark.parametrize("prefix", ["/fmu/out/", "fmu/out/", "/a/b/fmu/out/", "/uav/", "/", "/fmu/in/"])
 def test_wherever_px4s_topics_lie(prefix, recorder):
     px4_flight(recorder, prefix=prefix, system_id=7)
     vehicle = recorder.vehicle()
@@ -160,7 +157,7 @@ def test_versions_and_directions_of_topics(recorder):
     assert np.allclose(controls[:, 0], TIMES % 1, atol=1e-6) and (controls[:, 3] == 0.25).all()
 
 
-@pytest.mark.slow
+@mark.slow
 def test_several_vehicles_are_listed_and_chosen(tmp_path):
     times = 20 + 0.01 * np.arange(1500)
 
@@ -184,7 +181,7 @@ def test_several_vehicles_are_listed_and_chosen(tmp_path):
         {"name": "/px4_3", "given": 3, "system": 3},
         {"name": "/uav4", "given": 0, "system": 4},
     ]
-    with pytest.raises(NotLearnable, match="several vehicles"):
+    with raises(NotLearnable, match="several vehicles"):
         mavdem.read_flight(path)
     assert mavdem.read_flight(path, vehicle="2").time[0] == approx(120)
 
@@ -216,7 +213,7 @@ def test_the_wrap_of_servo_output_raw_that_mavros_hands_on_is_undone(recorder):
 
 def test_without_the_library_the_command_that_installs_it_is_reported(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rosbags", None)
-    with pytest.raises(MissingExtra, match=r"pip install 'mavdem\[ros2\]'"):
+    with raises(MissingExtra, match=r"pip install 'mavdem\[ros2\]'"):
         read_log(written(tmp_path, px4_flight))
 
 
@@ -251,10 +248,10 @@ ODD = {
 """Definitions that are whole, of something else."""
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [*HOSTILE, *ODD])
+@mark.slow
+@mark.parametrize("name", [*HOSTILE, *ODD])
 def test_hostile_definitions_are_harmless(name, tmp_path, capfd, monkeypatch):
-    monkeypatch.setattr("os.system", lambda _: pytest.fail("the file was executed"))
+    monkeypatch.setattr("os.system", lambda _: fail("the file was executed"))
     kind = "px4_msgs/msg/VehicleAttitude"
     path = tmp_path / "hostile.mcap"
     write_raw(
@@ -306,8 +303,8 @@ def test_messages_of_a_wrong_length_cost_themselves_only(tmp_path):
     assert (repair.figures["count"], repair.figures["flaw"]) == (4, Flaw.UNDECODABLE)
 
 
-@pytest.mark.parametrize(
-    ("beginning", "language"),
+@mark.parametrize(
+    "beginning, language",
     [(begun, "ros2msg") for begun in (b"\0\2\0\0", b"\xff\xff\xff\xff", b"", b"\0")]
     + [(b"\0\1\0\0", "ros2idl")],
 )
@@ -387,8 +384,8 @@ def test_what_holds_no_flight_of_a_vehicle_is_refused(tmp_path):
         mcap_stream(written(tmp_path, px4_flight))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("write", "begin"), [(px4_flight, 0), (mavros_flight, UNIX + 19)])
+@mark.slow
+@mark.parametrize("write, begin", [(px4_flight, 0), (mavros_flight, UNIX + 19)])
 def test_the_flight_is_the_motion_that_it_was_made_of(write, begin, tmp_path):
     """On UNIX time the recording's first second counts as 1."""
     sent = (UNIX if begin else 0) + 20 + 0.01 * np.arange(1500)
@@ -404,7 +401,7 @@ def test_the_flight_is_the_motion_that_it_was_made_of(write, begin, tmp_path):
     assert any("assumed" in caution for caution in found.provenance["cautions"])
 
 
-@pytest.mark.parametrize("other", ["MAVLink", "MAVROS"])
+@mark.parametrize("other", ["MAVLink", "MAVROS"])
 def test_mavlink_is_read_before_ros_2_and_px4s_own_topics_before_mavros(other, tmp_path):
     path = tmp_path / "both.mcap"
     if other == "MAVLink":

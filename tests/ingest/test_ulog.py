@@ -6,10 +6,9 @@ import struct
 from unittest.mock import Mock
 
 import numpy as np
-import pytest
 from mavlink_streams import refused
 from numpy.testing import assert_allclose
-from pytest import approx
+from pytest import approx, mark
 from pyulog import ULog
 from recorded_flights import shared
 from ulog_files import (
@@ -45,7 +44,7 @@ def same(ours, theirs):
     )
 
 
-@pytest.mark.parametrize("name", REAL)
+@mark.parametrize("name", REAL)
 def test_values_are_those_pyulog_reads(name):
     path = shared(name)
     (vehicle,) = read_log(path).vehicles
@@ -242,8 +241,8 @@ def test_landed_states(tmp_path):
     assert climb is not None and climb.values.tolist() == [0, -2, -4]
 
 
-@pytest.mark.parametrize(
-    ("status", "parameters", "expected"),
+@mark.parametrize(
+    "status, parameters, expected",
     [
         ((2, 13, 1), b"", "HEXAROTOR"),
         ((2, 0, 1), parameter("MAV_TYPE", 14), "OCTOROTOR"),
@@ -301,7 +300,7 @@ def stamps_of(vehicle):
 INTACT = [round(time * 1e6) for time in TIMES.tolist()]
 
 
-@pytest.mark.parametrize("damage", [random.Random(1).randbytes(5000), bytes(999), b"\x42\xffD"])
+@mark.parametrize("damage", [random.Random(1).randbytes(5000), bytes(999), b"\x42\xffD"])
 def test_damage_costs_no_more_than_one_message_can_hold(tmp_path, damage, capfd):
     times = 20 + 0.01 * np.arange(1200)
     pieces = flight(times)
@@ -314,7 +313,7 @@ def test_damage_costs_no_more_than_one_message_can_hold(tmp_path, damage, capfd)
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize(
+@mark.parametrize(
     "definition",
     [
         message("F", b"vehicle_attitude:vehicle_attitude[9] x;"),
@@ -333,7 +332,7 @@ def test_a_length_beyond_the_end_is_no_reason_to_go_back_for_ever(tmp_path):
         vehicle_of(HEADER + definitions() + struct.pack("<HB", 20_000, 1) + bytes(99), tmp_path)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_log_cut_off_anywhere_gives_what_came_before(tmp_path):
     content = log(*flight(TIMES[:30]))
     begin = len(log())
@@ -380,8 +379,8 @@ def test_a_dropout_is_reported(tmp_path):
     assert dict(vehicle.repairs[0].figures) == {"count": 1, "duration": 1.5, "longest_gap": 1.5}
 
 
-@pytest.mark.parametrize(
-    ("spoil", "code"),
+@mark.parametrize(
+    "spoil, code",
     [
         (lambda packed: packed[:-300], Source.ARCHIVE_DAMAGED),
         (

@@ -2,8 +2,8 @@
 
 from unittest.mock import MagicMock, Mock
 
-import pytest
 from command_line import run, strict_json
+from pytest import mark
 from recorded_flights import SLOW
 
 from mavdem.cli.twin import foretold
@@ -32,7 +32,7 @@ def adviser_of(tmp_path):
     return Adviser(tmp_path / "flight.tlog", Mock(side_effect=at_once), foretold)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_files_beside_a_recording_are_new_and_those_that_tune_writes(tmp_path, capsys):
     scenario = tmp_path / "tuned_badly.toml"
     scenario.write_text(TUNED_BADLY)
@@ -76,7 +76,7 @@ def test_a_busy_computer_advises_later_and_says_so(tmp_path, monkeypatch):
     assert adviser.go_on("1:1", False, True) == ()
 
 
-@pytest.mark.parametrize("error", [TimeoutError(), OSError(28, "No space left on device")])
+@mark.parametrize("error", [TimeoutError(), OSError(28, "No space left on device")])
 def test_advice_that_fails_costs_nothing_else(tmp_path, monkeypatch, error):
     monkeypatch.setattr("mavdem.live.advice.advised", Mock(side_effect=error))
     adviser = adviser_of(tmp_path)

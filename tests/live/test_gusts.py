@@ -3,9 +3,8 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 from numpy.random import default_rng
-from pytest import approx
+from pytest import approx, mark
 
 from mavdem.facts.session import Session
 from mavdem.live.gusts import LiveGusts
@@ -13,7 +12,7 @@ from mavdem.live.gusts import LiveGusts
 DT = 0.02
 
 
-@pytest.mark.parametrize("changed", [False, True])
+@mark.parametrize("changed", [False, True])
 def test_a_gust_is_said_once_and_a_motor_s_step_is_none(changed):
     torque = default_rng(1).uniform(-1.0, 1.0, size=2500)
     torque[1600:1625] = 20.0

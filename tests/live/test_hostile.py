@@ -4,11 +4,11 @@ import random
 from functools import cache
 
 import numpy as np
-import pytest
 from hover import Hover
 from live_hover import Flight, replay, settled_uniform
 from mavlink_streams import frame, message
 from numpy.testing import assert_array_equal
+from pytest import mark, raises
 
 from mavdem.facts.session import VehicleFact
 from mavdem.ingest.mavlink.definitions import definitions
@@ -29,7 +29,7 @@ def usual_rows():
     return replay(FLIGHT.frames(0.0, 20.0)).table()
 
 
-@pytest.mark.slow
+@mark.slow
 def test_frames_of_random_content_from_the_vehicle_itself_raise_nothing():
     chance = random.Random(0)
     ids = [
@@ -53,7 +53,7 @@ def test_frames_of_random_content_from_the_vehicle_itself_raise_nothing():
     settled_uniform(made)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_impossible_values_stray_stamps_and_too_many_ports_change_nothing():
     odd = []
     values = [float("nan"), 1e38, float("inf"), -700.0] * 5
@@ -78,7 +78,7 @@ def test_impossible_values_stray_stamps_and_too_many_ports_change_nothing():
     assert VehicleFact.VEHICLE_REBOOTED not in made.codes
 
 
-@pytest.mark.slow
+@mark.slow
 def test_parameters_and_events_are_bounded():
     stream = LiveStream(vehicle="1:1")
     for number in range(2500):
@@ -104,5 +104,5 @@ def test_stamps_however_close_together_take_no_more_memory_than_so_many_samples(
 
 
 def test_another_axis_is_refused():
-    with pytest.raises(ValueError, match="must be one of"):
+    with raises(ValueError, match="must be one of"):
         LiveStream(axis="yaw")

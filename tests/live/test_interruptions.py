@@ -3,17 +3,16 @@
 import random
 
 import numpy as np
-import pytest
 from hover import Hover
 from live_hover import Flight, differences, offline, replay, settled_uniform
 from mavlink_streams import message
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx
+from pytest import approx, mark
 
 from mavdem.facts.session import Rows, VehicleFact
 
-pytestmark = pytest.mark.slow
+pytestmark = mark.slow
 
 FLIGHT = Flight(hover=Hover(hovering=30.0))
 
@@ -24,7 +23,7 @@ def same_as_offline(made, frames, tolerance=1e-9):
         assert max(differences(made, number, telemetry)) < tolerance
 
 
-@pytest.mark.parametrize("silence", [0.15, 4.0, 300.0])
+@mark.parametrize("silence", [0.15, 4.0, 300.0])
 def test_a_gap_begins_a_new_segment_with_the_same_step(silence):
     frames = FLIGHT.frames(end=18.0)
     # The vehicle flew on meanwhile.

@@ -6,8 +6,8 @@ import socket
 import time
 from contextlib import closing, contextmanager
 
-import pytest
 from mavlink_streams import message
+from pytest import fixture, mark, raises
 
 from mavdem.errors import Unreadable
 from mavdem.facts.session import LinkError, LinkFact
@@ -56,12 +56,12 @@ def everything(link, pieces=1, patience=60.0):
 
 def assert_silent(one):
     one.setblocking(False)
-    with pytest.raises(BlockingIOError):
+    with raises(BlockingIOError):
         one.recv(100)
     one.settimeout(0.2)
 
 
-@pytest.fixture
+@fixture
 def clock(monkeypatch):
     """The clock that pauses and silences are measured with: it stands still until it is moved."""
     now = [100.0]
@@ -120,7 +120,7 @@ def test_of_two_autopilots_with_the_same_ids_the_first_is_received_and_that_is_s
         assert received(second) == 1 and link.events() == []
 
 
-@pytest.mark.parametrize("form", ["udpin:{}", "udpin::{}", "udp:{}", "127.0.0.1:{}"])
+@mark.parametrize("form", ["udpin:{}", "udpin::{}", "udp:{}", "127.0.0.1:{}"])
 def test_without_a_host_only_this_machine_is_listened_to(form):
     # All of 127.0.0.0/8 is this machine: what is bound to 127.0.0.1 alone does not hear the rest of it.
     with listening(form) as (link, (host, port)), udp() as vehicle:
@@ -158,7 +158,7 @@ def test_a_server_that_goes_away_is_reported_and_comes_back(clock):
         peer.close()
         assert everything(link) == b"last words"
         for cause in (LinkError.CLOSED, LinkError.NOT_OPEN):
-            with pytest.raises(LinkLost) as lost:
+            with raises(LinkLost) as lost:
                 link.receive(1.0)
             assert lost.value.fact.figures["cause"] is cause
         assert not link.reopen(), "a pause comes first"
@@ -176,7 +176,7 @@ def test_a_client_gives_way_to_another_when_it_closes():
             assert everything(link) == b"one"
         with socket.create_connection(address) as second:
             second.sendall(b"two")
-            with pytest.raises(LinkLost) as lost:
+            with raises(LinkLost) as lost:
                 link.receive(60.0)
             assert lost.value.fact.figures["cause"] is LinkError.CLOSED
             assert link.reopen()
@@ -192,14 +192,14 @@ def test_a_serial_port_is_read_raw_silent_and_its_loss_is_reported():
         received += everything(link)
     assert received == bytes(range(256))
     os.set_blocking(controller, False)
-    with pytest.raises(BlockingIOError):
+    with raises(BlockingIOError):
         os.read(controller, 100)
     link.send(b"\n\x03\x11")
     os.set_blocking(controller, True)
     assert os.read(controller, 100) == b"\n\x03\x11"
     os.close(port)
     os.close(controller)
-    with pytest.raises(LinkLost) as lost:
+    with raises(LinkLost) as lost:
         link.receive(1.0)
     assert (
         lost.value.fact.figures["cause"] in (LinkError.FAILED, LinkError.CLOSED)
@@ -207,8 +207,8 @@ def test_a_serial_port_is_read_raw_silent_and_its_loss_is_reported():
     )
 
 
-@pytest.mark.parametrize(
-    ("name", "code"),
+@mark.parametrize(
+    "name, code",
     [
         *(
             (name, LinkFact.NOT_A_LINK)
@@ -226,7 +226,7 @@ def test_a_serial_port_is_read_raw_silent_and_its_loss_is_reported():
     ],
 )
 def test_why_a_link_cannot_be_opened_is_said(name, code):
-    with udp() as one, pytest.raises(Unreadable) as refusal:
+    with udp() as one, raises(Unreadable) as refusal:
         Link(name.format(port_of(one)))
     fact = refusal.value.fact
     assert code in (fact.code, fact.figures.get("cause"))

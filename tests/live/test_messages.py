@@ -3,9 +3,9 @@
 import random
 
 import numpy as np
-import pytest
 from mavlink_streams import flight, frame, frames_in, heartbeat, message
 from numpy.testing import assert_equal
+from pytest import mark, skip
 
 from mavdem.ingest.mavlink.definitions import columns, definitions
 from mavdem.ingest.mavlink.framing import FAILED, GOOD, HEADER, HEADER_1, MARKER_2, UNKNOWN
@@ -59,7 +59,7 @@ def mixed(seed, count=300):
     return [chance.choice(kinds)(number % 256) for number in range(count)] + [heartbeat()]
 
 
-@pytest.mark.parametrize("seed", range(2))
+@mark.parametrize("seed", range(2))
 def test_whole_frames_of_every_kind_are_those_of_the_file_reader(seed):
     content = b"".join(mixed(seed))
     frames, finder = found(content, random.Random(seed))
@@ -68,7 +68,7 @@ def test_whole_frames_of_every_kind_are_those_of_the_file_reader(seed):
     assert finder.unread == sum(one.verdict != GOOD for one in frames)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@mark.parametrize("seed", range(2))
 def test_damaged_streams_hold_what_the_file_reader_finds(seed):
     chance = random.Random(seed)
     content = bytearray(b"".join(flight(np.arange(1.0, 3.0, 0.01).tolist())))
@@ -85,8 +85,8 @@ def test_damaged_streams_hold_what_the_file_reader_finds(seed):
     assert good == [one for one in by_the_file_reader(bytes(content)) if one.verdict == GOOD]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["random", "FE", "FD", "long chain", "cut frame"])
+@mark.slow
+@mark.parametrize("kind", ["random", "FE", "FD", "long chain", "cut frame"])
 def test_hostile_bytes_are_bounded_in_memory_and_time(kind):
     chance = random.Random(0)
     content = {
@@ -110,13 +110,13 @@ def test_hostile_bytes_are_bounded_in_memory_and_time(kind):
 DEFINITIONS = {definition.name: definition for definition in definitions().values()}
 
 
-@pytest.mark.parametrize("version", [1, 2])
-@pytest.mark.parametrize("name", FIELDS)
+@mark.parametrize("version", [1, 2])
+@mark.parametrize("name", FIELDS)
 def test_fields_and_stamps_are_those_of_columns(name, version):
     chance = random.Random(name)
     definition = DEFINITIONS[name]
     if definition.message_id > 255 and version == 1:
-        pytest.skip("MAVLink 1 has no such ids")
+        skip("MAVLink 1 has no such ids")
     size = definition.wire.itemsize
     sent = [
         frame(

@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-import pytest
 from hover import Hover
 from live_hover import Flight, offline, replay
 from mavlink_streams import SHARED, message
 from numpy.testing import assert_allclose
-from pytest import approx
+from pytest import approx, fixture, mark
 
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.analysis import motor_alarms
@@ -23,7 +22,7 @@ from mavdem.report.words import section
 from sitl_scenarios.scenario import Scenario, StreamSpec, TurbulentWind, VehicleSpec
 from sitl_scenarios.simulation import fly
 
-pytestmark = pytest.mark.slow
+pytestmark = mark.slow
 
 EVENTS = SHARED / "sitl_events"
 
@@ -43,7 +42,7 @@ def of_log(path):
     return motor_alarms(Signals(read_log(path).vehicles[0], "roll"))
 
 
-@pytest.fixture(scope="module", params=["px4", "ardupilot"])
+@fixture(scope="module", params=["px4", "ardupilot"])
 def flown(request, tmp_path_factory):
     """At 12 Hz: enough for the motors, and too slow for a model."""
     wind = (TurbulentWind(kind="dryden", speed=4.0, direction=60.0),)
@@ -121,7 +120,7 @@ def test_an_alarm_is_of_its_flight_and_of_its_boot():
     assert status.alarm[0].figures["because"].figures["boot"] == 1
 
 
-@pytest.mark.parametrize("mask", [0, 128])
+@mark.parametrize("mask", [0, 128])
 def test_a_vehicle_that_does_not_do_what_is_asked_names_no_motor(mask):
     """From 20 s on half a radian of roll is asked for, or, with the attitude masked, nothing."""
     asked = {"type_mask": mask, "q": [np.cos(0.25), np.sin(0.25), 0.0, 0.0]}
@@ -135,7 +134,7 @@ def test_a_vehicle_that_does_not_do_what_is_asked_names_no_motor(mask):
     assert len(motor_alarms(Signals(offline([frame for _, frame in frames])))) == bool(mask)
 
 
-@pytest.mark.skipif(not EVENTS.exists(), reason="needs recorded flights: set MAVDEM_SHARED_DATA")
+@mark.skipif(not EVENTS.exists(), reason="needs recorded flights: set MAVDEM_SHARED_DATA")
 def test_a_recorded_motor_is_found_and_a_jump_of_the_wind_is_no_motor():
     [alarm] = of_log(EVENTS / "ap_motor.tlog")
     # SIM_ENGINE_MUL = 0.65 from 117.33 s on.

@@ -1,10 +1,9 @@
 """What counts as settled flight while it is flown, and what is taken back when it turns out to have been a landing."""
 
 import numpy as np
-import pytest
 from hover import Hover
 from live_hover import Flight, replay
-from pytest import approx
+from pytest import approx, mark
 
 from mavdem.alignment.drive import Signal
 from mavdem.alignment.phases import TRANSIENT_SECONDS
@@ -15,7 +14,7 @@ from mavdem.live.decisions import Phase
 from mavdem.live.recent import Recent
 from mavdem.live.wind import WindRow
 
-pytestmark = pytest.mark.usefixtures("without_wind_fits")
+pytestmark = mark.usefixtures("without_wind_fits")
 
 VEHICLE = Telemetry(1, 1, "QUADROTOR", "ARDUPILOTMEGA", {}, {})
 IN_FLIGHT = 0.58
@@ -95,7 +94,7 @@ def test_a_landing_is_dated_by_the_last_heartbeat_in_flight_and_of_two_the_earli
     )
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_mean_of_the_wind_is_of_one_flight():
     """It stays after a landing, until the next take-off."""
     hover = Hover(hovering=8.0)

@@ -3,9 +3,9 @@
 from collections import Counter
 
 import numpy as np
-import pytest
 from known_gains import ARDUPILOT, PX4
 from pymavlink.dialects.v20 import all as dialect
+from pytest import mark
 
 from mavdem.facts import Fact
 from mavdem.facts.session import RateFact
@@ -89,7 +89,7 @@ def test_a_refusal_and_what_is_never_reached_are_reported_and_not_asked_for_agai
     assert [slow.due(float(second), {30: 36.0}) for second in range(60, 90)] == [[]] * 30
 
 
-@pytest.mark.parametrize("interval", [0, 5, -5, -(2**31)])
+@mark.parametrize("interval", [0, 5, -5, -(2**31)])
 def test_an_interval_that_cannot_be_is_never_restored(interval):
     request = request_of(50.0)
     for second in range(8):
@@ -169,7 +169,7 @@ class Vehicle:
             self.answer(command, kind, interval)
 
 
-@pytest.mark.parametrize("silence", [0.0, 6.0])
+@mark.parametrize("silence", [0.0, 6.0])
 def test_after_a_reboot_that_forgets_rates_they_are_asked_for_again(silence):
     vehicle = Vehicle(RateRequest(VEHICLE, 100.0), _30=4.0)
     vehicle.run(20.0)
@@ -212,7 +212,7 @@ def test_another_ground_station_that_sets_rates_back_is_asked_against_each_time_
     assert vehicle.rates[30] == vehicle.rates[36] == 100.0, "a reboot needs no pause"
 
 
-@pytest.mark.parametrize(("autopilot", "gains"), [("ARDUPILOTMEGA", ARDUPILOT), ("PX4", PX4)])
+@mark.parametrize("autopilot, gains", [("ARDUPILOTMEGA", ARDUPILOT), ("PX4", PX4)])
 def test_a_recording_has_the_parameters_that_the_loops_need(autopilot, gains):
     asked = {*motor_parameters(autopilot), *control_parameters(autopilot)}
     assert gains.keys() - {"CA_AIRFRAME"} <= asked

@@ -2,8 +2,8 @@
 
 import shutil
 
-import pytest
 from mavlink_streams import flight, frame, heartbeat
+from pytest import mark
 from refusals import unreadable
 
 from mavdem.facts.session import LinkFact
@@ -29,7 +29,7 @@ def recorded(path):
     return list(read_stream(path).stamped_frames())
 
 
-@pytest.mark.parametrize("form", [".tlog", ".mcap"])
+@mark.parametrize("form", [".tlog", ".mcap"])
 def test_datagrams_are_kept_with_their_stamps(tmp_path, form):
     frames = [*FRAMES[:200], *OTHERS, *FRAMES[200:]]
     recording = RawRecording(tmp_path / f"flight{form}")
@@ -44,7 +44,7 @@ def test_datagrams_are_kept_with_their_stamps(tmp_path, form):
     assert recorded(tmp_path / f"flight{form}") == expected
 
 
-@pytest.mark.parametrize("form", [".tlog", ".mcap"])
+@mark.parametrize("form", [".tlog", ".mcap"])
 def test_what_was_received_is_there_before_the_end(tmp_path, form):
     path = tmp_path / f"flight{form}"
     recording = RawRecording(path)

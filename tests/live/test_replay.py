@@ -3,9 +3,9 @@
 import struct
 from functools import lru_cache
 
-import pytest
 from live_hover import Flight, cut, differences, offline, replay
 from numpy.testing import assert_array_equal
+from pytest import mark
 from recorded_flights import LOGS, SHARED, shared
 
 from mavdem.alignment.align import settled_segments
@@ -17,7 +17,7 @@ from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 from mavdem.live.stream import REVIEW_SECONDS
 
-pytestmark = pytest.mark.slow
+pytestmark = mark.slow
 
 RECORDED = (
     sorted(LOGS.glob("*.tlog"))
@@ -51,8 +51,8 @@ LOW_PASSED = 0.01 * 0.5, 0.01 * 600
 EXACT = 1e-12, 1e-9
 
 
-@pytest.mark.parametrize(
-    ("flight", "far"),
+@mark.parametrize(
+    "flight, far",
     [
         (Flight(), EXACT),
         (Flight(version=1, quaternion=True, system=7), EXACT),
@@ -154,7 +154,7 @@ def hold_against_offline(path, vehicle=None):
     assert 1 / made.setups[0].dt >= MINIMUM_RATE
 
 
-@pytest.mark.parametrize(
+@mark.parametrize(
     "path",
     [
         path

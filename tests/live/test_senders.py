@@ -1,8 +1,8 @@
 """Which vehicle is followed."""
 
-import pytest
 from live_hover import Flight, replay
 from mavlink_streams import heartbeat, message
+from pytest import mark
 
 from mavdem.facts import Fact
 from mavdem.facts.session import Rows, VehicleFact
@@ -46,7 +46,7 @@ def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
     assert flying == [(1, 1)]
 
 
-@pytest.mark.slow
+@mark.slow
 def test_of_several_none_is_guessed_and_all_are_listed():
     mute = sorted(only_heartbeats() + only_heartbeats(system=4), key=lambda entry: entry[0])
     assert replay(mute).stream.status().obstacle == replay(TWO).stream.status().obstacle
@@ -61,7 +61,7 @@ def test_of_several_none_is_guessed_and_all_are_listed():
     assert made.stream.status().obstacle.code is VehicleFact.CHOOSE_VEHICLE
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_one_that_is_named_is_followed():
     for name in ("4", "4:1"):
         made = replay(TWO, vehicle=name)

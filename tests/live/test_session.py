@@ -7,12 +7,11 @@ from itertools import groupby
 from unittest.mock import Mock
 
 import numpy as np
-import pytest
 from live_faults import error_ratios, run_session, undisturbed
 from mavlink_streams import message
 from numpy.testing import assert_allclose, assert_array_equal
 from pymavlink.dialects.v20 import all as dialect
-from pytest import approx
+from pytest import approx, fixture, mark
 from recorded_flights import FLIGHT
 from refusals import refused
 
@@ -38,7 +37,7 @@ from mavdem.report.flight_page import live_page
 from mavdem.report.numbers import plus_minus
 from sitl_scenarios.files import load, scenario_of
 
-pytestmark = pytest.mark.usefixtures("without_wind_fits")
+pytestmark = mark.usefixtures("without_wind_fits")
 COMPLETE = Settings(order=3, d=2, window=9, parameter_precision=10.0)
 FRAMES = [(stamp / 1e6, frame) for stamp, frame in read_stream(FLIGHT).stamped_frames()]
 FIRST = next(stamp for stamp, frame in FRAMES if frame[7:10] == bytes([30, 0, 0]))
@@ -112,7 +111,7 @@ def session_of(script, **options):
     return made, screen, said
 
 
-@pytest.fixture(autouse=True)
+@fixture(autouse=True)
 def now(monkeypatch):
     """The session's clock, s: it stands still unless a test moves it, however busy the machine is."""
     clock = [100.0]
@@ -126,7 +125,7 @@ def run(one):
     one.end()
 
 
-@pytest.mark.slow
+@mark.slow
 def test_what_is_learnt_from_is_the_flight_that_offline_reads():
     one, screen, _ = session_of(batches(12.0))
     run(one)
@@ -147,8 +146,8 @@ def test_what_is_learnt_from_is_the_flight_that_offline_reads():
     assert one.link.sent == b"", "nothing is sent unless asked for"
 
 
-@pytest.mark.parametrize(
-    ("error", "code"),
+@mark.parametrize(
+    "error, code",
     [
         (TimeoutError(), Session.NOT_LEARNED_IN_TIME),
         (RuntimeError("the process ended"), Forecasts.FAILED),
@@ -163,7 +162,7 @@ def test_why_there_is_no_model_at_the_end_is_a_fact(error, code):
     assert refused(one.final_model).code is code
 
 
-@pytest.mark.slow
+@mark.slow
 def test_rates_are_asked_for_and_given_back(now):
     script = batches(8.0)
     one, _, _ = session_of(script, rate=200.0)
@@ -186,7 +185,7 @@ def test_rates_are_asked_for_and_given_back(now):
     assert one.history.events[-1].fact.code is RateFact.RATES_NOT_RESTORED
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_landing_never_replaces_the_last_model_before_it():
     written = Fact(Gains.GAINS_WRITTEN, because=TOO_FEW)
     adviser = Mock(is_due=False, facts=(written,), **{"go_on.return_value": ()})
@@ -241,7 +240,7 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     assert said[-4:] == alarms and len(said) == len(one.history.events)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     one, *_ = session_of(batches(8.0))
     run(one)
@@ -267,7 +266,7 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     assert "Not judged in flight." in page and "not logged" not in page
 
 
-@pytest.mark.slow
+@mark.slow
 def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
     one, screen, said = session_of([*batches(9.0)])
     run(one)
@@ -298,7 +297,7 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
     assert one.status.rates["ATTITUDE"] > 50 and not one.status.obstacle
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_computer_that_is_too_slow_says_so_sheds_fits_and_then_plots_but_no_row(now, monkeypatch):
     monkeypatch.setattr("time.time", lambda: now[0])
     monkeypatch.setattr("mavdem.live.session.AGAIN_SECONDS", 5.0)
@@ -368,7 +367,7 @@ def test_every_frame_is_recorded_whatever_happens_to_the_rest(tmp_path, monkeypa
     assert said[-2].figures["reopening"]
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_recording_that_fails_ends_alone(tmp_path, monkeypatch):
     recording = RawRecording(tmp_path / "flight.tlog")
     one, screen, said = session_of(batches(9.0), recording=recording)
@@ -389,7 +388,7 @@ FAULTS = {
 }
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_session_with_all_faults_ends_with_a_good_model_and_every_second_is_accounted_for(
     monkeypatch,
 ):
@@ -440,7 +439,7 @@ def test_what_is_wrong_in_a_climb_is_shown_before_there_are_rows(now):
     one.end()
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_gains_that_the_stream_has_are_those_of_the_model():
     one, *_ = session_of(batches(9.0))
     run(one)
@@ -459,7 +458,7 @@ def test_a_silent_link_watches_nothing(now):
     assert {fact.figures["because"].code for fact in watched} == {Rows.NOTHING_RECEIVED}
 
 
-@pytest.mark.slow
+@mark.slow
 def test_unexpected_motion_is_one_event_while_it_lasts(monkeypatch):
     real = mavdem.dem.OnlineLearner.update
 

@@ -6,12 +6,11 @@ from pkgutil import resolve_name
 from unittest.mock import Mock
 
 import numpy as np
-import pytest
 from hover import Hover, overtake
 from live_hover import Flight, replay
 from mavlink_streams import message
 from numpy.random import default_rng
-from pytest import approx
+from pytest import approx, fixture, mark
 from recorded_flights import shared
 from rich.console import Console
 
@@ -64,12 +63,12 @@ def said(made, code):
     ]
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def hot():
     return replay(Flight(Hot(hovering=30.0)).frames(end=38.0))
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_limit_cycle_is_said_within_two_seconds_of_take_off_and_when_it_is_over(hot):
     off = next(fact.time for fact in hot.facts if fact.code is Reported.OFF_GROUND)
     alarm, over, *_ = said(hot, MarginsLight.OSCILLATES)
@@ -82,7 +81,7 @@ def test_a_limit_cycle_is_said_within_two_seconds_of_take_off_and_when_it_is_ove
     assert shown.seconds - 1.7e9 == approx(over.time + CALM_SECONDS, abs=0.6)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_what_was_wrong_is_the_headline_of_the_session(hot):
     judged = replace(hot.stream.status(), alarms=()).judged
     assert judged.headline.code is MotorsLight.MOTOR_LIMITED
@@ -93,7 +92,7 @@ def test_what_was_wrong_is_the_headline_of_the_session(hot):
     assert landed.next_step.code is NextStep.DO_AS_ADVISED
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_motor_at_its_limit_is_named(hot):
     [alarm, _] = said(hot, MotorsLight.MOTOR_LIMITED)
     assert alarm.subject == "motor 1 (front right)" and alarm.code is Session.ALARM
@@ -101,7 +100,7 @@ def test_a_motor_at_its_limit_is_named(hot):
     assert begun <= alarm.time <= begun + 0.6
 
 
-@pytest.mark.parametrize("sound", [{"size": 0.0}, {"frequency": 1.0, "size": 450.0}])
+@mark.parametrize("sound", [{"size": 0.0}, {"frequency": 1.0, "size": 450.0}])
 def test_what_is_sound_or_steered_is_no_limit_cycle(sound):
     made = replay(Flight(Hot(hovering=10.0, **sound)).frames(end=16.0))
     assert not said(made, MarginsLight.OSCILLATES)
@@ -133,7 +132,7 @@ def test_a_low_battery_vibration_and_warnings_are_said_as_they_come():
     assert {fact.subject for fact in made.stream.status().watched} == {*Watched}
 
 
-@pytest.mark.slow
+@mark.slow
 def test_what_is_watched_is_always_shown():
     frames = Flight(Hover(hovering=20.0)).frames(0.0, 25.0)
     ground, *_ = replay([each for each in frames if each[0] < 5.0]).stream.status().watched
@@ -190,7 +189,7 @@ def test_slow_messages_show_no_limit_cycle_and_that_is_said():
     assert because.code is Watch.MESSAGE_MISSING and because.figures["rate"] < 20
 
 
-@pytest.mark.slow
+@mark.slow
 def test_every_vehicle_on_a_link_is_watched():
     frames = [
         each
@@ -215,8 +214,8 @@ def test_what_is_kept_is_bounded():
     assert len(recent.rows["SYS_STATUS"]) <= MAX_ROWS
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("damaged", [False, True])
+@mark.slow
+@mark.parametrize("damaged", [False, True])
 def test_a_recorded_limit_cycle_is_said_at_once(damaged):
     """A fifth of the messages lost, a twentieth overtaken."""
     path = shared("sitl_loops/ap_t_hot.tlog.xz")
@@ -237,7 +236,7 @@ def test_a_recorded_limit_cycle_is_said_at_once(damaged):
     assert stream.now < (51.0 if damaged else 47.9)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_bad_link_hides_no_weak_motor():
     """A fifth lost, a twentieth doubled, one overtaken, and 2.5 s of silence every 25 s."""
     draw = default_rng(2)
@@ -271,7 +270,7 @@ class Topped(Hover):
         return outputs
 
 
-@pytest.mark.parametrize("top", [1800.0, 2000.0])
+@mark.parametrize("top", [1800.0, 2000.0])
 def test_a_climb_at_one_throttle_is_no_stop_of_the_motors(top):
     made = replay(Flight(Topped(hovering=12.0, top=top)).frames(end=16.0))
     assert {setup.scale.stop for setup in made.setups.values()} == {1.0}

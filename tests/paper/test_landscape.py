@@ -1,8 +1,8 @@
 """What the page on section IV shows of the algorithm is so."""
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
+from pytest import mark
 
 from mavdem.dem.engine.ascent import plain_rounds
 from mavdem.paper import landscape
@@ -18,10 +18,8 @@ from mavdem.paper.landscape import (
 )
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("settings", "world"), [(ScalarSettings(), ScalarWorld()), (PAPER, PAPER_WORLD)]
-)
+@mark.slow
+@mark.parametrize("settings, world", [(ScalarSettings(), ScalarWorld()), (PAPER, PAPER_WORLD)])
 def test_fifty_priors_end_at_one_point_but_not_under_the_papers_settings(settings, world):
     paths = landscape.ascents(settings, settings.samples(world, seed=0))
     ends, deviation = landscape.ends(paths)

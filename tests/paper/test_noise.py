@@ -1,8 +1,8 @@
 """Noise analysis: tests that reject as often as they say where the hypothesis holds, and nearly always where not."""
 
 import numpy as np
-import pytest
 from numpy.random import default_rng
+from pytest import mark
 from scipy.stats import binom
 
 from mavdem.paper import noise
@@ -24,13 +24,13 @@ def rejections(test, make, series=SERIES):
     return sum(test(make(rng)).p_value < 0.05 for _ in range(series))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("steps", [0, 1, 3, 10])
+@mark.slow
+@mark.parametrize("steps", [0, 1, 3, 10])
 def test_gaussian_noise_of_any_colour_is_called_another_as_often_as_said(steps):
     assert FEWEST <= rejections(noise.normality, lambda rng: gaussian(rng, steps)) <= MOST
 
 
-@pytest.mark.parametrize(
+@mark.parametrize(
     "make",
     [
         lambda rng: rng.exponential(size=VALUES),
@@ -42,13 +42,13 @@ def test_what_is_not_gaussian_is_called_so(make):
     assert rejections(noise.normality, make, 100) >= 95
 
 
-@pytest.mark.parametrize("shape", ["standard_normal", "standard_exponential"])
+@mark.parametrize("shape", ["standard_normal", "standard_exponential"])
 def test_white_noise_is_called_coloured_as_often_as_said(shape):
     assert FEWEST <= rejections(noise.whiteness, lambda rng: getattr(rng, shape)(VALUES)) <= MOST
     assert rejections(noise.whiteness, lambda rng: gaussian(rng, 0.6), 100) >= 95
 
 
-@pytest.mark.slow
+@mark.slow
 def test_whiteness_is_of_values_that_share_no_samples():
     """A running mean of five agrees with itself four steps on, and no further."""
 

@@ -5,9 +5,9 @@ import re
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 from click import Command, Context
 from numpy.random import default_rng
+from pytest import fail, mark
 from scipy.ndimage import gaussian_filter1d
 
 import mavdem
@@ -91,8 +91,8 @@ def test_the_authors_result_must_lie_among_ours():
         assert not oracle.check(name, "the data", ours, np.array(far)).holds
 
 
-@pytest.mark.parametrize(
-    ("free_energy", "expected"),
+@mark.parametrize(
+    "free_energy, expected",
     [([-1e9, -5e8, -1e6, -2e6], 3), ([-1.0, np.nan, -2.0], 1), ([-9, -6, -3, 0], 4)],
 )
 def test_free_energy_saturates_where_higher_orders_gain_nothing(free_energy, expected):
@@ -122,7 +122,7 @@ def test_a_prediction_is_judged_by_what_it_shows():
     assert not any(holds(forecasts.prediction_checks(window, still, [1.0, 9.0])[1:]))
 
 
-@pytest.mark.slow
+@mark.slow
 def test_all_items_make_one_report(tmp_path, monkeypatch):
     monkeypatch.setattr(order, "ORDERS", (1, 2, 3))
     monkeypatch.setattr(order, "SYSTEMS", {1: ("φ̇",), 2: ("φ", "φ̇")})
@@ -138,7 +138,7 @@ def test_all_items_make_one_report(tmp_path, monkeypatch):
         numbers = json_text(document(reports, 1.0))
     # It shows what is there and asks for nothing else.
     assert "<svg" in page and not re.findall(r'(?:src|srcset)="', page)
-    told = {one["name"]: one for one in json.loads(numbers, parse_constant=pytest.fail)["items"]}
+    told = {one["name"]: one for one in json.loads(numbers, parse_constant=fail)["items"]}
     assert list(told) == [claim.name for claim in chosen]
     for one in told.values():
         assert one["verdict"] in set(ClaimStatus) and (one["checks"] or one["remarks"])

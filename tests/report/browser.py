@@ -6,7 +6,7 @@ import re
 import shutil
 import subprocess
 
-import pytest
+from pytest import skip
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 FITS = "return document.documentElement.scrollWidth <= innerWidth"
@@ -16,7 +16,7 @@ HOSTILE = "<script>document.title='owned'</script>\"'&--><b>"
 def shown(page, script, folder, width=1600, *more):
     """The title of a page and what a script in it returns; the browser may not complain of anything."""
     if CHROMIUM is None:
-        pytest.skip("there is no Chromium")
+        skip("there is no Chromium")
     path = folder / "page.html"
     said = (
         "<script>(async () => { const title = document.title, found = await (async () => { %s })();"

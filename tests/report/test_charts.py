@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from pytest import approx
+from pytest import approx, fixture, raises
 from recorded_flights import FLIGHT
 
 import mavdem
@@ -133,12 +133,12 @@ def test_spectra_have_their_lines_and_the_filters_over_them():
     assert pixels["rows"] == 40 and len(b64decode(pixels["heat"])) == 40 * 171
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def flight():
     return mavdem.read_flight(FLIGHT)[:1200]
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def learned(flight):
     return mavdem.learn(flight, SETTINGS)
 
@@ -174,7 +174,7 @@ def test_a_forecast_is_drawn_in_degrees(flight, learned):
     (chart,) = model_charts.forecast(held_out_test(flight, after, learned), Labels.of(learned), 1)
     assert chart.y.label == "roll rate, °/s"
     assert_allclose(chart.lines[0].y, np.degrees(after.outputs[:, 1]))
-    with pytest.raises(ValueError, match="no held-out window"):
+    with raises(ValueError, match="no held-out window"):
         model_charts.forecast(replace(held, time=held.time[:0]), Labels.of(learned))
 
 
@@ -222,5 +222,5 @@ def test_without_physical_parameters_only_what_needs_them_is_refused(learned, mo
     )
     monkeypatch.setattr(mavdem.Learned, "physical", unknown)
     assert model_charts.bode(learned)[0].title.endswith("by DEM's model")
-    with pytest.raises(ValueError, match="not identifiable"):
+    with raises(ValueError, match="not identifiable"):
         learned.plot.disturbance()

@@ -3,14 +3,14 @@
 from xml.etree import ElementTree
 
 import numpy as np
-import pytest
 from numpy.random import default_rng
+from pytest import fixture, mark
 from scipy.ndimage import gaussian_filter1d
 
 import mavdem
 from mavdem.report.screen import detail_blocks, poles_of
 
-pytestmark = pytest.mark.slow
+pytestmark = mark.slow
 DT = 0.01
 MOTORS = 1500 + 50 * gaussian_filter1d(default_rng(0).standard_normal((500, 2)), 6, axis=0)
 RATE = np.cumsum((MOTORS - 1500) @ [0.02, -0.02]) * DT
@@ -25,7 +25,7 @@ FLIGHT = mavdem.Flight(
 TRAIN = FLIGHT[:400]
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def learned():
     return mavdem.learn(TRAIN, mavdem.Settings(window=9, parameter_precision=1.0))
 

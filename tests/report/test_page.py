@@ -11,7 +11,7 @@ from live_rows import flown
 from made_up_analysis import assessment, physical
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from pytest import approx
+from pytest import approx, fixture
 from recorded_flights import FLIGHT
 
 from mavdem.assessment.assess import assess
@@ -83,7 +83,7 @@ def page(name="flight.tlog"):
     return document(name, name, blocks, chapters)
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def pages():
     return page(), page(NAME + "x" * 200)
 
@@ -104,7 +104,7 @@ def test_tags_close_in_order_ids_are_unique_and_nothing_is_fetched_or_owned(page
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("which", "width"), [(0, 1600), (1, 500)])
+@pytest.mark.parametrize("which, width", [(0, 1600), (1, 500)])
 def test_a_browser_shows_it_without_a_complaint_and_without_scrolling_sideways(
     which, width, pages, tmp_path
 ):
@@ -123,7 +123,7 @@ def test_every_column_of_the_motors_is_shown_and_no_line_ends_before_a_percent_s
     assert "0.4 s long, at 77.2 s" in text
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def analysed():
     """The assessment of a log."""
     log = read_log(FLIGHT)
@@ -139,7 +139,7 @@ def test_two_axes_of_a_flight_of_a_fleet_fit_into_a_small_page_that_leads_back(a
     assert Balanced(text).ids
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def flight(analysed):
     """The page of a log with all chapters."""
     return log_page(HOSTILE, analysed, inventory(analysed.log))
@@ -176,7 +176,7 @@ return [zoomed, wider, await spans(), figure.ariaLabel ?? figure.getAttribute("a
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("width", "scheme"), [(500, "1"), (1600, "0")])
+@pytest.mark.parametrize("width, scheme", [(500, "1"), (1600, "0")])
 def test_dragging_over_one_plot_zooms_all_and_a_button_shows_the_whole_flight(
     width, scheme, flight, tmp_path
 ):

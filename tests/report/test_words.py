@@ -5,9 +5,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-import pytest
 from made_up_analysis import assessment, physical
-from pytest import approx
+from pytest import MonkeyPatch, approx, fixture, mark
 from recorded_flights import LOGS
 
 import mavdem
@@ -51,7 +50,7 @@ SCREENS = {
 }
 
 
-@pytest.mark.parametrize("name", SCREENS)
+@mark.parametrize("name", SCREENS)
 def test_a_screen_reads_as_its_golden_file(name, request):
     is_golden(request, name, SCREENS[name]())
 
@@ -64,7 +63,7 @@ def test_a_comparison_of_methods(request):
         Method("subspace(2)", baselines.subspace),
         Method("subspace(400)", partial(baselines.subspace, order=400)),
     ]
-    with pytest.MonkeyPatch.context() as patch:
+    with MonkeyPatch.context() as patch:
         patch.setattr("mavdem.dem.parallel.spare_cores", lambda: 1)
         compared = compare(windows("px4", flight, hop=850), methods)
     is_golden(request, "comparison", comparison_report(compared))
@@ -81,7 +80,7 @@ def test_estimates_beside_the_truth(request):
     is_golden(request, "truth", truth_blocks(TruthComparison("flight.truth.npz", parameters, wind)))
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def flight():
     return mavdem.read_flight(LOGS / "ardupilot_wind5_steps.tlog")[:800]
 
@@ -125,8 +124,8 @@ def test_markdown_aligns_numbers_to_the_right():
     )
 
 
-@pytest.mark.parametrize(
-    ("value", "half", "shown"),
+@mark.parametrize(
+    "value, half, shown",
     [
         (-5.0, 0.07, "-5.00 ± 0.07"),
         (0.00155, 0.009, "0.002 ± 0.009"),
@@ -143,8 +142,8 @@ def test_an_estimate_has_the_digits_of_its_interval(value, half, shown):
     assert plus_minus(value, half) == shown
 
 
-@pytest.mark.parametrize(
-    ("value", "shown"),
+@mark.parametrize(
+    "value, shown",
     [
         (0.0, "0"),
         (1234.5, "1234"),

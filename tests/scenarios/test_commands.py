@@ -1,9 +1,8 @@
 """What a ground station asks is done and answered, and what is no question changes nothing."""
 
-import pytest
 from made_up_motion import made_up_motion
 from pymavlink.dialects.v20 import all as dialect
-from pytest import approx
+from pytest import approx, mark
 
 from sitl_scenarios.mavlink.commands import CommandHandler, addressed_messages
 from sitl_scenarios.mavlink.transmitter import Transmitter, rows_of_motion
@@ -56,7 +55,7 @@ class Vehicle:
         return ack.result, said
 
 
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+@mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_intervals_are_set_at_once_reported_and_restored(autopilot):
     vehicle = Vehicle(autopilot)
     result, said = vehicle.command(511, 30, 20_000)
@@ -80,7 +79,7 @@ def test_intervals_are_set_at_once_reported_and_restored(autopilot):
     assert vehicle.command(510, 77)[1]["MESSAGE_INTERVAL"][0].interval_us == 0
 
 
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+@mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_arming_is_passed_on_and_refused_in_the_air(autopilot):
     vehicle = Vehicle(autopilot)
     assert vehicle.command(400, 1)[0] == 0
@@ -92,7 +91,7 @@ def test_arming_is_passed_on_and_refused_in_the_air(autopilot):
         assert vehicle.command(400, *given)[0] == result
 
 
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+@mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_parameters_are_listed_and_read(autopilot):
     vehicle = Vehicle(autopilot)
     vehicle.hears(dialect.MAVLink_param_request_list_message(1, 1))

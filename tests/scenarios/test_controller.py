@@ -3,10 +3,9 @@
 from math import radians
 
 import numpy as np
-import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx
+from pytest import approx, mark
 
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from sitl_scenarios.dynamics import IDLE_COMMAND, State, frame, mix
@@ -50,7 +49,7 @@ def test_what_is_known_is_late_by_the_delay():
     assert [each.velocity[0] for each in at_once] == list(range(10))
 
 
-@pytest.mark.slow
+@mark.slow
 def test_what_is_known_is_as_noisy_as_asked():
     sds = {"rates": 0.1, "attitude": 0.02, "position": 0.5, "velocity": 0.3}
     sensors = Sensors(**{f"{name.removesuffix('s')}_sd": sd for name, sd in sds.items()})
@@ -71,9 +70,9 @@ def excited(excitation, duration=60.0):
     return [plan.at(k * CYCLE) for k in range(round(duration / CYCLE))]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("axis", ["roll", "pitch", "yaw"])
-@pytest.mark.parametrize("kind", [Doublets, Chirp, Multisine, Sticks])
+@mark.slow
+@mark.parametrize("axis", ["roll", "pitch", "yaw"])
+@mark.parametrize("kind", [Doublets, Chirp, Multisine, Sticks])
 def test_an_excitation_is_about_its_axis(kind, axis):
     (name,) = kind.model_fields["kind"].annotation.__args__
     demands = np.array([at.demand for at in excited(kind(kind=name, axis=axis), duration=30.0)])
@@ -103,7 +102,7 @@ def test_multisines_of_all_axes_share_no_frequency_and_are_orthogonal():
     assert power.sum(1).max() == 1
 
 
-@pytest.mark.slow
+@mark.slow
 def test_sticks_move_as_slowly_as_asked_and_each_for_itself():
     demands = np.degrees(
         [at.demand for at in excited(Sticks(kind="sticks", axis="all"), 600.0) if at.by_stick]
@@ -131,8 +130,8 @@ def test_sticks_follow_from_the_seed_and_stop_at_their_ends():
     assert abs(first[:, 0]).max() == FULL_STICK[0]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+@mark.slow
+@mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_the_parameters_that_are_sent_fly_as_the_own_controller_does(autopilot):
     vehicle = {"quadratic_thrust": 0.4, "frame": "plus"}
     table = {

@@ -1,9 +1,8 @@
 """What breaks in flight does what theory says; and flights to learn no model from: limit cycles."""
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
-from pytest import approx
+from pytest import approx, fixture, mark
 
 from mavdem.alignment.signals import Signals
 from mavdem.condition.condition import condition_of
@@ -16,7 +15,7 @@ from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
 
-pytestmark = pytest.mark.slow
+pytestmark = mark.slow
 IRIS = AIRFRAMES["iris"]
 QUIET = Sensors(rate_sd=0.0, attitude_sd=0.0, position_sd=0.0, velocity_sd=0.0)
 BREAKS = {
@@ -42,7 +41,7 @@ def balanced(condition):
     return 1000 + 1000 * (speeds / condition.speed - offset) / slope
 
 
-@pytest.fixture(scope="module", params=["weak", "chipped", "shifted"])
+@fixture(scope="module", params=["weak", "chipped", "shifted"])
 def broken(request):
     scenario = Scenario(duration=40.0, sensors=QUIET, **BREAKS[request.param])
     return request.param, scenario, fly(scenario)
@@ -85,8 +84,8 @@ def logged(scenario, folder):
     return motion, read_log(folder / "flight.tlog").vehicles[0]
 
 
-@pytest.mark.parametrize(
-    ("name", "hertz", "sound"),
+@mark.parametrize(
+    "name, hertz, sound",
     [("oscillating_frame", 6.6, {"mixer": "x"}), ("oscillating_gains", 17.1, {"rate_gain": 1.0})],
 )
 def test_a_wrong_frame_and_high_gains_make_a_limit_cycle_that_is_found(

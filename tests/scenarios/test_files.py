@@ -1,6 +1,6 @@
 """Scenario files: those that come with the package load; what is wrong in another is said in one sentence."""
 
-import pytest
+from pytest import mark, raises
 
 from sitl_scenarios.files import load
 from sitl_scenarios.scenario import Scenario
@@ -13,7 +13,7 @@ def test_an_empty_file_is_the_default_scenario(tmp_path):
     assert load(tmp_path / "own.toml") == load(str(tmp_path / "own.toml")) == Scenario()
 
 
-@pytest.mark.parametrize(
+@mark.parametrize(
     "text, sentence",
     [
         (
@@ -57,7 +57,7 @@ def test_an_empty_file_is_the_default_scenario(tmp_path):
 def test_what_is_wrong_is_said_in_a_sentence_that_names_file_and_key(tmp_path, text, sentence):
     file = tmp_path / "own.toml"
     file.write_text(text)
-    with pytest.raises(ValueError) as caught:
+    with raises(ValueError) as caught:
         load(file)
     message = str(caught.value)
     assert message.startswith(("own.toml", f"{file} cannot be read"))
@@ -67,11 +67,11 @@ def test_what_is_wrong_is_said_in_a_sentence_that_names_file_and_key(tmp_path, t
 
 def test_what_is_no_text_or_no_file_is_said_too(tmp_path):
     (tmp_path / "own.toml").write_bytes(b"\xff\xfe")
-    with pytest.raises(ValueError, match="own.toml: "):
+    with raises(ValueError, match="own.toml: "):
         load(tmp_path / "own.toml")
-    with pytest.raises(ValueError, match="other.toml cannot be read: No such file"):
+    with raises(ValueError, match="other.toml cannot be read: No such file"):
         load(str(tmp_path / "other.toml"))
-    with pytest.raises(ValueError, match="/dev/zero cannot be read: it is a device"):
+    with raises(ValueError, match="/dev/zero cannot be read: it is a device"):
         load("/dev/zero")
-    with pytest.raises(ValueError, match="there is no scenario 'hover_blowr': `mavdem fly --list`"):
+    with raises(ValueError, match="there is no scenario 'hover_blowr': `mavdem fly --list`"):
         load("hover_blowr")

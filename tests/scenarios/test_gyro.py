@@ -3,9 +3,8 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 from numpy.random import default_rng
-from pytest import approx
+from pytest import approx, mark
 
 from mavdem.condition.loop.filters import gyro_response
 from sitl_scenarios import mixers
@@ -43,7 +42,7 @@ def of(autopilot, **parameters):
     return scenario_of(table)
 
 
-@pytest.mark.parametrize("autopilot", GYROS)
+@mark.parametrize("autopilot", GYROS)
 def test_the_gyro_passes_what_its_filters_do(autopilot):
     scenario = of(autopilot, **GYROS[autopilot])
     controller = SetController(scenario, cycle_of(scenario)).axes[0]
@@ -64,7 +63,7 @@ def test_a_filter_above_what_the_physics_show_is_off():
     assert sensed(gyro, 1.0, 2.0, 3.0) == (1.0, 2.0, 3.0)
 
 
-@pytest.mark.parametrize("mix", [mixers.ardupilot, mixers.px4])
+@mark.parametrize("mix", [mixers.ardupilot, mixers.px4])
 def test_the_mixers_leave_demands_alone_that_fit(mix):
     demands = 0.2, -0.1, 0.1, 0.4
     thrusts = np.array(mix(HALVES, demands))
@@ -72,7 +71,7 @@ def test_the_mixers_leave_demands_alone_that_fit(mix):
     assert thrusts.mean() == approx(0.4)
 
 
-@pytest.mark.parametrize("mix", [mixers.ardupilot, mixers.px4])
+@mark.parametrize("mix", [mixers.ardupilot, mixers.px4])
 def test_the_mixers_do_not_climb_to_turn(mix):
     rng = default_rng(0)
     for demands in rng.uniform((-1, -1, -1, 0.1), 1, (200, 4)).tolist():

@@ -4,10 +4,9 @@ import io
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from made_up_motion import ROLL, made_up_motion
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx
+from pytest import approx, mark
 from scipy.spatial.transform import Rotation
 
 from mavdem.alignment import drive
@@ -40,7 +39,7 @@ def read(tmp_path, flown, motion):
     return read_log(tmp_path / "flight.tlog")
 
 
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+@mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_what_is_read_back_is_what_was_true(autopilot, tmp_path):
     motion = made_up_motion(autopilot=autopilot)
     log = read(tmp_path, scenario(autopilot, system=7), motion)
@@ -89,7 +88,7 @@ def test_what_is_read_back_is_what_was_true(autopilot, tmp_path):
         assert set(actuator[0, 4:16]) == {900} and set(actuator[0, 16:]) == {0}
 
 
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+@mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_setpoints_and_sticks_come_when_they_are_asked_for(autopilot, tmp_path):
     motion = made_up_motion(autopilot=autopilot)
     rates = {"ATTITUDE_TARGET": 50.0, "RC_CHANNELS": 20.0}
@@ -129,8 +128,8 @@ def test_every_message_has_the_same_velocity(tmp_path):
     assert_allclose(sent, motion.known_velocity[rows], atol=0.0051)
 
 
-@pytest.mark.parametrize("frame", ["x", "plus"])
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+@mark.parametrize("frame", ["x", "plus"])
+@mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_the_parameters_say_where_the_motors_are(autopilot, frame, tmp_path):
     motion = made_up_motion(autopilot=autopilot)
     vehicle = read(tmp_path, scenario(autopilot, frame=frame), motion).vehicles[0]
@@ -173,7 +172,7 @@ def test_the_clock_of_32_bit_microseconds_wraps(tmp_path):
     assert (np.diff(servos["time"]) > 0).all()
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_same_seed_is_the_same_file_however_it_is_cut(monkeypatch):
     faults = Faults(
         loss=0.1,

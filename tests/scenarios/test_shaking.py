@@ -1,8 +1,7 @@
 """Rotor noise and a frame's resonance: at known frequencies, found in the log, and taken by the notch advised."""
 
 import numpy as np
-import pytest
-from pytest import approx
+from pytest import approx, mark
 
 from mavdem.alignment.align import Segment
 from mavdem.alignment.signals import Signals
@@ -56,7 +55,7 @@ def test_rotors_shake_once_a_turn_and_once_a_blade_and_the_frame_at_its_own_freq
     assert RotorNoise(flight({}), 1e-3).at((speed,) * 4) == (0.0, 0.0, 0.0)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_notch_that_is_advised_takes_the_motors_line_when_flown_again(tmp_path):
     scenario = flight(SHAKING)
     motion = fly(scenario)

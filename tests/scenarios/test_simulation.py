@@ -3,9 +3,8 @@
 from dataclasses import fields
 
 import numpy as np
-import pytest
 from numpy.testing import assert_array_equal
-from pytest import approx
+from pytest import approx, fixture, mark, raises
 
 from sitl_scenarios import scenario as sections
 from sitl_scenarios.dynamics import euler
@@ -32,12 +31,12 @@ def roll(motion):
     return np.degrees(np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)))
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def flight():
     return fly(brief())
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_same_seed_gives_the_same_bits_in_pieces_too(flight):
     simulation = Simulation(brief())
     rows = []
@@ -49,7 +48,7 @@ def test_the_same_seed_gives_the_same_bits_in_pieces_too(flight):
         assert_array_equal(together, getattr(flight, field.name))
 
 
-@pytest.mark.slow
+@mark.slow
 def test_it_arms_climbs_hovers_lands_and_disarms(flight):
     assert list(dict.fromkeys(flight.landed_state.tolist())) == [1, 3, 2, 4]
     assert flight.landed_state[-1] == 1
@@ -65,7 +64,7 @@ def test_it_arms_climbs_hovers_lands_and_disarms(flight):
     )
 
 
-@pytest.mark.slow
+@mark.slow
 def test_disarming_is_refused_in_the_air_unless_forced():
     simulation = Simulation(brief())
     simulation.advance(250 * 10)
@@ -76,8 +75,8 @@ def test_disarming_is_refused_in_the_air_unless_forced():
     assert falling.position[-1, 2] == 0 and falling.landed_state[-1] == 1 and simulation.finished
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
+@mark.slow
+@mark.parametrize(
     "name", sorted(name for name in {*names()} - FAULTY - ALIKE if name[:5] != "wind_")
 )
 def test_every_scenario_is_flown_to_its_end(name):
@@ -99,7 +98,7 @@ def test_every_scenario_is_flown_to_its_end(name):
         assert 2.5 < np.degrees(motion.rates[hovering, 0].std()) < 30
 
 
-@pytest.mark.slow
+@mark.slow
 def test_legs_climbs_and_turns_are_flown_and_end_where_they_began():
     out = sections.Move(north=24.0, east=-18.0, up=6.0, speed=6.0, turn=270.0, rate=60.0)
     moves = (
@@ -124,11 +123,11 @@ def test_a_vehicle_that_tumbles_is_no_flight():
     scenario = brief(
         vehicle=sections.VehicleSpec(model="crazyflie"), moments=(sections.Moment(sd=1.0, s=0.5),)
     )
-    with pytest.raises(ValueError, match="the vehicle is out of control .* s after boot"):
+    with raises(ValueError, match="the vehicle is out of control .* s after boot"):
         fly(scenario)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_heading_that_goes_round_is_followed_the_short_way():
     sticks = sections.Sticks(kind="sticks", axis="yaw", sd=30.0, s=10.0)
     # With noise on the heading, it and its setpoint are on two sides of south for a while.

@@ -1,9 +1,8 @@
 """The truth of a flight is what moved it, and its file is the same for the same flight."""
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
-from pytest import approx
+from pytest import approx, fixture, mark
 
 from sitl_scenarios.files import load
 from sitl_scenarios.scenario import Moment, Multisine, Scenario, Sensors, SteadyWind, VehicleSpec
@@ -13,7 +12,7 @@ from sitl_scenarios.truth import truth, write_truth
 FITTED = ("rotor_speeds", "rates")
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def flown():
     scenario = load("system_2").model_copy(update={"duration": 25.0})
     return scenario, fly(scenario)
@@ -35,16 +34,14 @@ def accelerations(scenario, motion, axis="roll"):
     return (np.diff(rates) / dt)[hover], ((predicted[1:] + predicted[:-1]) / 2)[hover]
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_linear_system_with_lag_and_disturbance_moves_as_the_vehicle_did(flown):
     true, predicted = accelerations(*flown)
     assert (true - predicted).std() < 0.01 * true.std()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("axis", "inertia"), [("roll", 3.4e-3), ("pitch", 4.0e-3), ("yaw", 6.9e-3)]
-)
+@mark.slow
+@mark.parametrize("axis, inertia", [("roll", 3.4e-3), ("pitch", 4.0e-3), ("yaw", 6.9e-3)])
 def test_it_does_about_every_axis_while_all_are_excited(axis, inertia):
     excitation = Multisine(
         kind="multisine", axis="all", sd=2.0, lowest=0.3, highest=4.0, period=10.0
@@ -63,7 +60,7 @@ def test_it_does_about_every_axis_while_all_are_excited(axis, inertia):
     assert known[f"{axis}_disturbance"][motion.landed_state == 2].std() == approx(1, rel=0.4)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_rate_loop_oscillates_above_its_gain_margin_and_not_below():
     def swing(gain):
         scenario = Scenario(
@@ -76,7 +73,7 @@ def test_the_rate_loop_oscillates_above_its_gain_margin_and_not_below():
     assert swing(0.93 * limit)[1] < 0.03 < 0.08 < swing(1.07 * limit)[1]
 
 
-@pytest.mark.slow
+@mark.slow
 def test_effects_of_motors_are_those_of_the_trim_that_is_flown():
     """In 8 m/s the rotors differ in speed and the vehicle is tilted; a regression on the rotors' speeds sees it."""
     wind = (SteadyWind(kind="steady", speed=8.0, direction=60.0),)
@@ -107,7 +104,7 @@ def test_effects_of_motors_are_those_of_the_trim_that_is_flown():
     assert pairs[0] != approx(abs(known["roll_B"][1]).sum(), rel=0.015)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_effects_follow_from_voltage_inertia_and_thrust_curve():
     plain = VehicleSpec()
     base = abs(effect(plain))
@@ -122,7 +119,7 @@ def effect(vehicle):
     return truth(scenario, fly(scenario))["roll_effect"]
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_file_is_the_same_for_the_same_flight(tmp_path, flown):
     scenario, motion = flown
     for name in ("a.npz", "b.npz"):

@@ -3,8 +3,7 @@
 from math import hypot
 
 import numpy as np
-import pytest
-from pytest import approx
+from pytest import approx, mark
 
 from sitl_scenarios.dynamics import AirState, dynamics
 from sitl_scenarios.mavlink.autopilots import PX4
@@ -25,7 +24,7 @@ PUBLISHED = [
 N, and torque, N m, worked out by hand from the sources' figures."""
 
 
-@pytest.mark.parametrize("name, mass, inertia, arm, speed, thrust, torque", PUBLISHED)
+@mark.parametrize("name, mass, inertia, arm, speed, thrust, torque", PUBLISHED)
 def test_a_vehicle_has_the_published_figures(name, mass, inertia, arm, speed, thrust, torque):
     body = AIRFRAMES[name]
     assert (body.mass, body.inertia) == (mass, inertia)
@@ -35,7 +34,7 @@ def test_a_vehicle_has_the_published_figures(name, mass, inertia, arm, speed, th
     assert a * speed**2 + b * speed == approx(torque, rel=1e-5)
 
 
-@pytest.mark.parametrize("kind", ["x", "plus"])
+@mark.parametrize("kind", ["x", "plus"])
 def test_px4_is_told_the_turning_of_each_rotor_as_it_turns(kind):
     """PX4's CA_ROTORn_KM: "Use a positive value for a rotor with CCW rotation"; in both frames 1 and 2 do.
 
@@ -56,8 +55,8 @@ def test_drag_is_linear_and_quadratic_along_each_axis():
     assert acceleration[:2] == approx(((0.3 + 0.02 * 5) * 4, (0.2 + 0.04 * 5) * -3))
 
 
-@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
-@pytest.mark.parametrize("name", AIRFRAMES)
+@mark.parametrize("share", [0.0, 0.3, 1.0])
+@mark.parametrize("name", AIRFRAMES)
 def test_a_thrust_curve_is_as_quadratic_as_asked_and_undone_exactly(name, share):
     body = airframe(VehicleSpec(model=name, quadratic_thrust=share))
     thrust = [body.thrust_at(body.rotor_speed(command * body.full)) for command in (0.25, 0.5, 1.0)]
@@ -85,7 +84,7 @@ B = [[0] * 4] * 3 + [ROW]
 """The system of order 4; those of lower order are its last states."""
 
 
-@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@mark.parametrize("order", [1, 2, 3, 4])
 def test_the_papers_table_of_systems(order):
     """AR.Drone 2.0, without rotor drag and lag, PWM of 0 to 255; its y points to the left."""
     east = ("east", "east speed", "roll", "roll rate")[4 - order :]
@@ -97,8 +96,8 @@ def test_the_papers_table_of_systems(order):
     assert np.allclose(mirror @ found.B[:, PAPER_ORDER], B[at], atol=1e-4)
 
 
-@pytest.mark.parametrize("model", AIRFRAMES)
-@pytest.mark.parametrize("kind", ["x", "plus"])
+@mark.parametrize("model", AIRFRAMES)
+@mark.parametrize("kind", ["x", "plus"])
 def test_closed_forms(model, kind):
     vehicle = VehicleSpec(model=model, frame=kind)
     body = AIRFRAMES[model]

@@ -4,10 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import pytest
 from numpy.random import default_rng
 from numpy.typing import NDArray
-from pytest import approx
+from pytest import approx, mark
 from scipy.integrate import quad
 from scipy.stats import chi2, norm
 
@@ -71,7 +70,7 @@ def test_a_jet_is_turbulent_by_its_share_of_the_local_mean():
     assert air.mean(axis=0) == approx([-2.0, 0.0, 0.0], abs=0.03)
 
 
-@pytest.mark.parametrize(
+@mark.parametrize(
     "wind",
     [
         SteadyWind(kind="steady", speed=3.0),
@@ -125,8 +124,8 @@ def test_the_airs_rotation_has_the_standards_variance_and_corner_frequency():
     assert spectrum(1 / constant / 10.0) == approx(spectrum(0) / 2)
 
 
-@pytest.mark.parametrize(
-    ("profile", "height", "speed"),
+@mark.parametrize(
+    "profile, height, speed",
     [
         ({"law": "log", "roughness": 0.1}, 100.0, 6.0),
         ({}, 40.0, 4.0),
@@ -194,9 +193,9 @@ def drawn(draw, dt):
     return np.array([draw(dt, SAMPLES, default_rng([0, i])) for i in range(SERIES)])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("dt", STEPS)
-@pytest.mark.parametrize("model", MODELS)
+@mark.slow
+@mark.parametrize("dt", STEPS)
+@mark.parametrize("model", MODELS)
 def test_a_random_model_is_the_process_it_says(model, dt):
     draw, autocorrelation = MODELS[model]
     found = Stationary(autocorrelation, drawn(draw, dt), dt)
@@ -205,7 +204,7 @@ def test_a_random_model_is_the_process_it_says(model, dt):
         assert holds(found.autocovariance(lag)), lag
 
 
-@pytest.mark.parametrize("tau", [0.01, 0.1, 0.7, 2.0])
+@mark.parametrize("tau", [0.01, 0.1, 0.7, 2.0])
 def test_autocorrelations_are_those_of_the_standards_spectra(tau):
     """R(τ) = ∫₀^∞ Φ(Ω) cos(Ωτ) dΩ, with L = V = 1 and σ = 1; MIL-F-8785C, 3.7.1.1 and 3.7.1.2."""
 
@@ -226,8 +225,8 @@ def test_autocorrelations_are_those_of_the_standards_spectra(tau):
     assert transverse == approx(across(lags)[0], abs=5e-4)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("kind", "autopilot"), [("dryden", "px4"), ("von_karman", "ardupilot")])
+@mark.slow
+@mark.parametrize("kind, autopilot", [("dryden", "px4"), ("von_karman", "ardupilot")])
 def test_the_weather_is_as_strong_as_the_standard_says(kind, autopilot):
     wind = TurbulentWind(kind=kind, speed=8.0, direction=0.0, wind_at_20_feet=15.4)
     dt = 1 / USUAL_RATES[autopilot]

@@ -8,8 +8,8 @@ import time
 from contextlib import contextmanager
 
 import aiohttp
-import pytest
 from browser import CHROMIUM
+from pytest import skip
 
 PATIENCE_SECONDS = 60.0  # however busy the machine is
 
@@ -98,7 +98,7 @@ class Page:
 def browsing(folder):
     """A tab of a new profile in a ``folder``."""
     if CHROMIUM is None:
-        pytest.skip("there is no Chromium")
+        skip("there is no Chromium")
     options = ("--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0")
     words = [CHROMIUM, *options, f"--user-data-dir={folder}", "about:blank"]
     process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

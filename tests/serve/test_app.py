@@ -7,8 +7,8 @@ import socket
 from types import SimpleNamespace
 from urllib.parse import urlencode
 
-import pytest
 from browser import HOSTILE
+from pytest import fixture, mark, raises
 from refusals import unreadable
 from serving import BOUNDARY, TOKEN, form, log, serving
 
@@ -22,13 +22,13 @@ from mavdem.serve.rights import rights_of
 from mavdem.serve.viewers import Viewers
 
 
-@pytest.fixture
+@fixture
 def served(tmp_path):
     with serving(tmp_path) as server:
         yield server
 
 
-@pytest.fixture
+@fixture
 def guarded(tmp_path):
     """A server with a token."""
     with serving(tmp_path, TOKEN) as server:
@@ -45,7 +45,7 @@ FLIGHT_REVIEW = {
 }
 
 
-@pytest.mark.parametrize("client", FLIGHT_REVIEW)
+@mark.parametrize("client", FLIGHT_REVIEW)
 def test_an_upload_as_flight_review_has_it_is_answered_by_the_page(served, client):
     fields = FLIGHT_REVIEW[client]
     answer = served.upload(("a.ulg", log("Sound.")), path="/upload", fields=fields)
@@ -284,7 +284,7 @@ def test_names_and_texts_of_logs_are_only_text(served):
     assert "unsafe" not in scripts and "default-src 'none'" in policy
 
 
-@pytest.mark.parametrize(
+@mark.parametrize(
     "path",
     ["/f/../../etc/passwd", "/f/%2e%2e%2f/log", "/f/x/..%2ffleet.sqlite", "/static/../app.py"],
 )
@@ -351,7 +351,7 @@ def test_a_full_disk_and_a_full_quota_are_507_and_break_nothing(tmp_path, monkey
             refused = server.upload(("b.ulg", log("Two.")))
             left = SimpleNamespace(free=RESERVED_BYTES)
             patch.setattr("mavdem.serve.library.shutil.disk_usage", lambda folder: left)
-            with pytest.raises(Refusal):
+            with raises(Refusal):
                 server.library.room_for(1)
         assert (refused.status, refused.code) == (507, Request.DISK_FULL)
         assert server.ask("GET", "/api/flights").json["total"] == 1

@@ -4,8 +4,8 @@ import errno
 import socket
 import time
 
-import pytest
 from command_line import free_port
+from pytest import fixture, mark
 from recorded_flights import FLIGHT
 from serving import serving
 
@@ -19,7 +19,7 @@ from mavdem.serve.library import Library
 FRAMES = FLIGHT.read_bytes()[:200_000]
 
 
-@pytest.fixture
+@fixture
 def heard(tmp_path, monkeypatch):
     """What begins a session that hears a vehicle; and its library, what it warns of, and the logs that came."""
     monkeypatch.setattr(attached, "PAGE_SECONDS", 0.1)
@@ -42,7 +42,7 @@ def heard(tmp_path, monkeypatch):
     live.stop()
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
     begin, library, warned, come = heard
     live = begin()
@@ -59,8 +59,8 @@ def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
         )
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("fails", ["take", "close"])
+@mark.slow
+@mark.parametrize("fails", ["take", "close"])
 def test_a_full_disk_ends_the_session_and_says_so(tmp_path, monkeypatch, heard, fails):
     """In the terminal and on the page; what was recorded before is kept."""
     begin, library, warned, come = heard

@@ -1,13 +1,13 @@
 """The server's pages in Chromium: drop, progress, search, compare, share, delete, by keyboard, on a telephone, dark."""
 
-import pytest
 from browser import FITS, HOSTILE
 from browsing import browsing
+from pytest import mark
 from serving import TOKEN, log, serving
 
 from mavdem.facts.serve import Sharing
 
-pytestmark = pytest.mark.slow
+pytestmark = mark.slow
 
 DROP = """(() => {
   const data = new DataTransfer();

@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 from unittest.mock import Mock
 
-import pytest
+from pytest import mark, raises
 from recorded_flights import SLOW
 from refusals import refused, unreadable
 from serving import LIMITS, AtOnce, log, read_made_up, serving
@@ -71,7 +71,7 @@ def test_what_was_acknowledged_outlives_a_killed_server_and_half_uploads_do_not(
     assert {entry.stage for entry in again.find(*ALL, 10)[0]} == {Stage.DONE}
 
 
-@pytest.mark.parametrize("moment", ["os.replace", "_sync", "insert"])
+@mark.parametrize("moment", ["os.replace", "_sync", "insert"])
 def test_an_upload_that_breaks_off_at_any_moment_is_whole_or_not_there(
     tmp_path, monkeypatch, moment
 ):
@@ -84,7 +84,7 @@ def test_an_upload_that_breaks_off_at_any_moment_is_whole_or_not_there(
 
     with monkeypatch.context() as patch:
         patch.setattr(f"mavdem.serve.library.{moment}", end)
-        with pytest.raises(KeyboardInterrupt):
+        with raises(KeyboardInterrupt):
             library.receive(part, 64 * "d", "a.ulg")
     killed(library)
     again = Library(tmp_path)
@@ -227,7 +227,7 @@ def test_a_folder_that_cannot_be_written_to_is_refused(tmp_path):
 
 
 def test_an_address_that_is_taken_is_refused(tmp_path):
-    with serving(tmp_path / "one") as server, pytest.raises(Unreadable) as refused:
+    with serving(tmp_path / "one") as server, raises(Unreadable) as refused:
         given = Options(
             tmp_path / "two", "127.0.0.1", server.port, "", False, None, 1, LIMITS, None, None
         )
@@ -275,7 +275,7 @@ def test_a_log_waits_for_a_cluster_that_has_gone(tmp_path, monkeypatch):
     assert {*tries} == {READ}
 
 
-@pytest.mark.slow
+@mark.slow
 def test_processes_read_logs_within_limits_and_go_on_after_a_hostile_one(tmp_path):
     library = Library(tmp_path)
     names = ("crash.ulg", "sound.ulg")

@@ -14,11 +14,10 @@ from uuid import uuid4
 
 import numpy as np
 import psutil
-import pytest
 import rerun as rr
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from pytest import approx
+from pytest import MonkeyPatch, approx, fail, fixture, mark, raises
 from refusals import prose
 from rerun_file import chunks, views
 
@@ -125,16 +124,16 @@ def showing(*sinks, channels=CHANNELS):
         yield view
 
 
-@pytest.fixture(scope="module", autouse=True)
+@fixture(scope="module", autouse=True)
 def patience():
     """A file is waited for as long as a busy machine takes."""
-    with pytest.MonkeyPatch.context() as patch:
+    with MonkeyPatch.context() as patch:
         for name in ("CLOSING_SECONDS", "FLUSH_SECONDS"):
             patch.setattr(f"mavdem.view.live_view.{name}", PATIENCE)
         yield
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def recording(tmp_path_factory):
     path = tmp_path_factory.mktemp("live") / "flight.rrd"
     rates = {"ATTITUDE": 99.4}
@@ -228,7 +227,7 @@ def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tin
         )
 
 
-@pytest.mark.slow
+@mark.slow
 def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
     tmp_path,
 ):
@@ -252,7 +251,7 @@ def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
     assert set(levels.values()) <= {"INFO", "ERROR"}
 
 
-@pytest.mark.slow
+@mark.slow
 def test_other_channels_continue_the_lines_under_their_own_names(tmp_path):
     path = tmp_path / "flight.rrd"
     demand = CHANNELS._replace(
@@ -274,7 +273,7 @@ def test_other_channels_continue_the_lines_under_their_own_names(tmp_path):
     assert_allclose(lines["axes/roll/2_predicted"][0][2:5], TIME[2:5] + 0.25)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_gap_parts_every_line_and_time_goes_on_where_a_reboot_sets_the_clock_back(tmp_path):
     path = tmp_path / "flight.rrd"
     with showing(RecordingFile(path)) as view:
@@ -315,7 +314,7 @@ class Held(RecordingFile):
         return super().open(recording)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path, monkeypatch):
     monkeypatch.setattr("mavdem.view.live_view.MAX_SAMPLES", 2000)
     stalled = Held(tmp_path / "stalled.rrd")
@@ -367,7 +366,7 @@ def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight()
     assert [fact.code for fact in WIND.facts] == [Session.WIND_SPEED, Session.WIND_FROM]
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_row_that_cannot_be_drawn_and_a_file_that_cannot_be_written_end_nothing(tmp_path):
     path = tmp_path / "flight.rrd"
     with showing(RecordingFile(tmp_path / "nowhere" / "flight.rrd"), RecordingFile(path)) as view:
@@ -408,7 +407,7 @@ with closing(LiveView([sink])) as view:
 """
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(tmp_path):
     path, killed = tmp_path / "flight.rrd", tmp_path / "killed.rrd"
     command = [sys.executable, "-c", FULL_DISK, str(path), str(killed)]
@@ -440,7 +439,7 @@ def test_what_was_asked_for_is_shown_or_refused(monkeypatch, tmp_path):
     assert [type(sink) for sink in sinks_for(rrd=tmp_path / "flight.rrd")] == [RecordingFile]
     assert [type(sink) for sink in sinks_for(connect="rerun+http://127.0.0.1:1/proxy")] == [Viewer]
     for url in ("http://127.0.0.1:9876/proxy", "rerun+http://:1/proxy", "rerun://x:99999/proxy"):
-        with pytest.raises(ValueError, match="looks like rerun\\+http://127.0.0.1:9876/proxy"):
+        with raises(ValueError, match="looks like rerun\\+http://127.0.0.1:9876/proxy"):
             Viewer(url)
 
 
@@ -451,7 +450,7 @@ def free_port():
 
 def test_a_viewer_that_is_not_there_is_not_connected_to(monkeypatch):
     # Rerun's own client would keep all rows, and wait for ten seconds at the end.
-    monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda *_: pytest.fail("connected"))
+    monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda *_: fail("connected"))
     with showing(Viewer(f"rerun+http://127.0.0.1:{free_port()}/proxy")) as view:
         view.put(ROW)
         until(lambda: view.troubles)
@@ -467,7 +466,7 @@ time.sleep(3600)
 """
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_server_is_reached_from_this_machine_only_reports_to_nobody_and_ends_with_who_started_it(
     tmp_path,
 ):
@@ -496,7 +495,7 @@ def test_the_server_is_reached_from_this_machine_only_reports_to_nobody_and_ends
         # In a notebook, Rerun's page reports nothing to Rerun; what reports begins with a file that says who it is.
         assert parse_qs(urlsplit(page).query)["notebook"] == ["1"]
         assert not [path for path in tmp_path.rglob("*") if path.is_file()]
-        with pytest.raises(OSError, match=f"port {ports[0]} of 127.0.0.1 is taken"):
+        with raises(OSError, match=f"port {ports[0]} of 127.0.0.1 is taken"):
             WebServer(*ports)
         owner.kill()
     until(lambda: all(socket.socket().connect_ex(("127.0.0.1", port)) for port in ports))

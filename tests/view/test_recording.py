@@ -4,10 +4,9 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
-import pytest
 from made_up_motion import made_up_motion
 from numpy.testing import assert_allclose
-from pytest import approx
+from pytest import approx, fixture, mark
 from recorded_flights import FLIGHT
 from rerun.chunk import RrdReader
 from rerun_file import chunks, views
@@ -28,7 +27,7 @@ from mavdem.view.recording import _forecast
 SETTINGS = mavdem.Settings(order=2, window=9, parameter_precision=0.1, iterations=5)
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def assessed():
     """An assessment with alarms, the first before the flight."""
     log = read_log(FLIGHT)
@@ -40,7 +39,7 @@ def assessed():
     return replace(known, evidence=replace(known.evidence, events=events))
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def recording(assessed, tmp_path_factory):
     path = tmp_path_factory.mktemp("view") / "flight.rrd"
     write_recording(path, assessed)
@@ -70,7 +69,7 @@ def documents(path):
     return found
 
 
-@pytest.mark.slow
+@mark.slow
 def test_all_axes_rates_and_motors_are_drawn_over_the_whole_flight(recording, assessed):
     drawn = lines(recording)
     flight = assessed.analysis.flights[0]
@@ -86,7 +85,7 @@ def test_all_axes_rates_and_motors_are_drawn_over_the_whole_flight(recording, as
         assert_allclose(times, 2 * [flight.time[100]], atol=1e-8)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_forecasts_are_those_of_held_out_windows_in_degrees(recording, assessed):
     drawn = lines(recording)
     held_out = assessed.analysis.held_out
@@ -102,7 +101,7 @@ def test_forecasts_are_those_of_held_out_windows_in_degrees(recording, assessed)
     assert np.nanmax(line.high) <= 5 * np.ptp(np.degrees(held_out.measured[0, :, 0]))
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_one_blueprint_in_the_file_shows_what_is_there_in_the_screen_s_words(
     recording, assessed
 ):
@@ -132,7 +131,7 @@ def pose(**instead):
     return Pose(**(columns | instead), rotors=ROTORS)
 
 
-@pytest.fixture(scope="module")
+@fixture(scope="module")
 def columns(tmp_path_factory):
     """By entity path, what was sent over time by component, and the time, s."""
     path: Path = tmp_path_factory.mktemp("flown") / "flight.rrd"
@@ -152,7 +151,7 @@ def columns(tmp_path_factory):
     return found
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_vehicle_is_where_it_was_and_turned_as_it_was(columns):
     here = columns["/world/here"]
     vehicle = columns["/world/here/vehicle"]
