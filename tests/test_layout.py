@@ -220,7 +220,7 @@ NODES = {
     "live": 31700,
     "mavdem": 5550,
     "paper": 11400,
-    "report": 32150,
+    "report": 32200,
     "serve": 12700,
     "sitl_scenarios": 31450,
     "tools": 15950,

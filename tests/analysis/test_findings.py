@@ -186,18 +186,18 @@ def test_what_overrides_leaves_nothing_good_and_decides_what_to_do(known, code, 
         assert dict(after.reason.figures) == {"because": because, "override": override}
 
 
-def test_what_a_motor_lost_is_said_with_its_own_time_and_its_end_and_what_lasts_first():
+def test_what_a_motor_lost_is_said_with_its_own_time_and_its_end_and_the_largest_first():
     worse = WEAK._replace(time=90.0, since=80.0, size=0.4, loss=(0.3, 0.5))
     sound = WEAK._replace(time=95.0, since=94.0, size=0.0)
     other = WEAK._replace(motor=2, name="motor 2 (rear left)", size=0.3)
     first, second = findings_of(alarms=(WEAK, worse, other, sound)).overrides
-    assert (first.subject, first.level, first.until) == (other.name, Level.BAD, None)
-    assert (second.subject, second.level) == (WEAK.name, Level.WATCH)
-    assert (second.time, second.until, second.figures["loss"]) == (80.0, 94.0, (0.3, 0.5))
-    assert second.figures["because"].code is InFlight.MOTOR_LOST_THRUST
-    # Weak again, by less: that is what lasts, and both are told.
+    assert (first.subject, first.level) == (WEAK.name, Level.BAD)
+    assert (first.time, first.until, first.figures["loss"]) == (80.0, 94.0, (0.3, 0.5))
+    assert first.figures["because"].code is InFlight.MOTOR_LOST_THRUST
+    assert (second.subject, second.level, second.until) == (other.name, Level.BAD, None)
+    # Weak again, by less: that lasts, and both are told.
     again = WEAK._replace(time=120.0, since=119.0)
-    last, ended = findings_of(alarms=(worse, sound, again)).overrides
+    ended, last = findings_of(alarms=(worse, sound, again)).overrides
     assert (last.level, last.time, ended.until) == (Level.BAD, 119.0, 94.0)
 
 

@@ -61,7 +61,7 @@ def test_a_flight_without_a_loop_is_left_alone_in_one_sentence(tmp_path):
     recording = tmp_path / SLOW.name
     recording.write_bytes(SLOW.read_bytes())
     (left,) = advised(recording, "1:1", foretold)
-    assert left.code is Gains.GAINS_LEFT and "need 40 Hz" in left.sentence
+    assert left.code is Gains.GAINS_LEFT and "needs 40 Hz" in left.sentence
     assert [*tmp_path.iterdir()] == [recording], "nothing is written"
 
 
