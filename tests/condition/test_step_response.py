@@ -97,7 +97,7 @@ def test_wind_that_the_attitude_controller_answers_does_not_bias_it(is_corrected
     assert outer.loop == "attitude" and outer.step[-1] == approx(1.0, abs=0.1)
 
 
-def test_why_there_is_no_step_response():
+def test_why_there_is_no_step_response(monkeypatch):
     rate = steered()
     without = measured(HOVER.telemetry(200.0, 200.0))
     still = measured(flight(rate, 0 * rate))
@@ -106,12 +106,14 @@ def test_why_there_is_no_step_response():
     stamps = TIME[every_tenth]
     slow = measured(only(telemetry, lambda time: np.isin(time, stamps), "ATTITUDE_TARGET"))
     unflown = rate_response(Signals(telemetry), ())
-    codes = [one.code for one in (without, slow, unflown, still)]
+    monkeypatch.setattr("mavdem.condition.step_response.quantile", lambda: 1e6)
+    unsure = measured(telemetry)
+    codes = [one.code for one in (without, slow, unflown, still, unsure)]
     assert codes == [
         StepResponses.NO_SETPOINT,
         StepResponses.TOO_SLOW,
         StepResponses.TOO_LITTLE_FLIGHT,
-        StepResponses.TOO_LITTLE_ASKED,
+        *2 * (StepResponses.TOO_LITTLE_ASKED,),
     ]
     assert measured(HOVER.telemetry(), attitude_response).code is StepResponses.NO_SETPOINT
 
