@@ -123,8 +123,9 @@
     }
     ctx.font = `${10 * ratio}px system-ui, sans-serif`; ctx.textAlign = "left"; ctx.textBaseline = "top";
     ctx.strokeStyle = colour("--card"); ctx.lineWidth = 3 * ratio;
-    for (const [x, name, fill] of data.marks) {
-      const place = [name, chart.valToPos(x, "x", true) + 3 * ratio, bbox.top + 3 * ratio];
+    for (const [i, [x, name, fill]] of data.marks.entries()) {
+      // one below the other, as they may stand close
+      const place = [name, chart.valToPos(x, "x", true) + 3 * ratio, bbox.top + (3 + 12 * i) * ratio];
       ctx.strokeText(...place); ctx.fillStyle = fill; ctx.fillText(...place);
     }
     ctx.restore();
