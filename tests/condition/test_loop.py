@@ -374,6 +374,7 @@ def test_enough_margin_is_left_alone_unless_more_is_asked(factor):
     assert light.sentence.split(":")[0] == advice.rating.sentence.split(":")[0]
 
 
+@mark.slow
 def test_an_effectiveness_that_seems_low_changes_no_gains_unless_margins_surely_lack():
     doubts = (Fact(Loops.EFFECT_BIASED),)
     for factor, bias, refusals in ((2.5, -0.15, doubts), (2.5, 0.1, ()), (4.0, -0.15, ())):

@@ -69,6 +69,7 @@ def clock(monkeypatch):
     return now
 
 
+@mark.slow
 def test_datagrams_come_whole_and_in_order_with_their_stamps_in_a_bounded_number():
     sent = [bytes([number % 256]) * 10 for number in range(MAX_PIECES + 5)]
     with listening() as (link, address), udp() as vehicle:

@@ -214,6 +214,7 @@ def test_who_has_no_right_sees_what_is_shared_and_no_more(guarded):
     ] * 2
 
 
+@mark.slow
 def test_a_cookie_reads_and_only_the_key_of_a_page_writes(guarded):
     id = guarded.add("a.ulg", "One.", token=TOKEN)
     wrong = guarded.ask("POST", "/enter", "token=guess")

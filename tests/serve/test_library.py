@@ -128,6 +128,7 @@ def test_a_log_that_is_deleted_while_it_is_read_leaves_nothing(tmp_path):
     assert refused(library.entry, entry.id, kind=Refusal).code is Request.NO_SUCH_FLIGHT
 
 
+@mark.slow
 def test_a_log_that_comes_again_while_it_is_deleted_stays(tmp_path, monkeypatch):
     library = Library(tmp_path)
     first = received(library)

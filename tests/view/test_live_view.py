@@ -159,6 +159,7 @@ def recording(tmp_path_factory):
     return path
 
 
+@mark.slow
 def test_angles_and_predictions_a_quarter_of_a_second_ahead_are_in_degrees_at_their_times(
     recording,
 ):
