@@ -49,10 +49,10 @@ BY_LIMITS, SHORTER = 0.1, 0.2
 """Likewise of the effect, by what limits cut off: rotors spin up faster than they slow down. And of a lag: how much
 shorter a delay comes with an effect too large by one in its logarithm, and with a lag as much too long. What a flight
 shows best is the response to quick changes."""
-BETWEEN, BY_LAG = 1 / 24, 0.06
+BETWEEN, UNSEEN = 1 / 24, 1.5
 """Of the time between messages less a cycle: standard deviation of lag less delay, which the messages hardly tell apart
 there, and of the delay by itself. It triples where limits cut off all that is asked: outputs jump unseen then. And of
-the effect's logarithm, by that time in lags: what turns the vehicle between messages is not seen."""
+the effect's logarithm, 1/s: what turns the vehicle between messages is not seen."""
 WIDEST = 15.0  # degrees, of the phase margin's 90 % interval to each side
 MOST_ROUNDED = 0.2
 """Of the outputs' power, by resolution: ArduCopter's simulator, hardly moving at 20 Hz, had 66° for 19° beyond."""
@@ -295,7 +295,7 @@ def _physical(fit: Identified, directions: Array) -> Physical:
     # a longer lag with a shorter delay is made up for by more effect
     slopes[:, 2] += np.concatenate([motors, [0.0, 0.0, -lag]]) / 2
     between = BETWEEN * (1 + 2 * fit.cut_off) * fit.axis.between
-    unseen = np.hypot(BY_LIMITS * fit.cut_off, BY_LAG * fit.axis.between / lag)
+    unseen = np.hypot(BY_LIMITS * fit.cut_off, UNSEEN * fit.axis.between)
     further = [unseen, 0.0, between / lag, between / delay]
     variances = np.square(list(MODEL_ERRORS.values())) + np.square(further)
     covariance = whole + slopes * variances @ slopes.T
