@@ -209,3 +209,10 @@ def test_a_setpoint_with_the_correction_of_the_angle_in_it_is_taken_as_it_is():
     again = pickle.loads(pickle.dumps(learned))
     for array in (again.model.A, learned.physical.effect, learned.wind_torque.band, loop.gains):
         assert not array.flags.writeable
+
+
+def test_motors_that_hardly_lag_are_known_in_their_loop():
+    log = read_log(shared("sitl_raw/ap_raw_on.BIN.xz"))
+    loop = loops_of_log(Signals(log.vehicles[0], "roll"), log)
+    low, high = loop.phase_margin_interval
+    assert loop.plant.refusal is None and low < 12.8 < high < low + 20, "true by a chirp"
