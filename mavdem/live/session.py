@@ -192,7 +192,7 @@ class LiveSession:
             self.learner.refits = Task.REFITS not in self._shed or self.learner.learned is None
         if behind >= SHED[Task.REFITS]:
             if self._late is None:
-                self._log(Fact(Session.COMPUTER_BEHIND, Level.WATCH, delay=behind))
+                self._log(Fact(Session.COMPUTER_BEHIND, delay=behind))
             self._late = now
         elif self._late is not None and now - self._late >= AGAIN_SECONDS:
             self._late = None
@@ -200,7 +200,6 @@ class LiveSession:
             self._log(
                 Fact(
                     Session.COMPUTER_KEEPS_UP,
-                    Level.GOOD,
                     delay=self.most_behind,
                     datagrams=self.link.dropped,
                 )
@@ -233,7 +232,7 @@ class LiveSession:
             self._sampled = self._heard
         for what, after in resumed.items():
             if SILENCE_SECONDS < after < np.inf:
-                self._log(Fact(Rows.MESSAGES_RESUMED, Level.GOOD, subject=what, duration=after))
+                self._log(Fact(Rows.MESSAGES_RESUMED, subject=what, duration=after))
         is_new = self.stream.boot != boot or resumed[Missing.MESSAGES] > SILENCE_SECONDS
         if is_new and self.request is not None:
             self._arrivals = Arrivals()
@@ -349,7 +348,7 @@ class LiveSession:
                     time.sleep(min(timeout, 0.1))
                     return []
                 self._lost = False
-                self._log(Fact(LinkFact.LINK_OPEN_AGAIN, Level.GOOD))
+                self._log(Fact(LinkFact.LINK_OPEN_AGAIN))
             received = self.link.receive(timeout)
         except LinkLost as error:
             self._lost = True
@@ -402,7 +401,7 @@ class LiveSession:
         self._learned += estimate is not None
         if estimate is not None:
             if estimate.unusual and not (self._estimate and self._estimate.unusual):
-                self._log(Fact(Session.MOTION_UNEXPECTED, Level.WATCH, clock=estimate.seen))
+                self._log(Fact(Session.MOTION_UNEXPECTED, clock=estimate.seen))
             self._estimate = estimate
             for gust in self._gusts.take(estimate):
                 self._log(gust)
@@ -434,7 +433,7 @@ class LiveSession:
             prior = self.prior
             if prior is not None and prior.record.input_units != units:
                 prior = None
-                self._log(Fact(Session.PRIOR_NOT_USED, Level.WATCH))
+                self._log(Fact(Session.PRIOR_NOT_USED))
             self.learner = OnlineLearner(
                 self.settings,
                 setup.dt,
@@ -565,7 +564,7 @@ class LiveSession:
                 for message in self.stream.replies():
                     request.take(message)
         if request.restore():
-            self._log(Fact(RateFact.RATES_NOT_RESTORED, Level.WATCH))
+            self._log(Fact(RateFact.RATES_NOT_RESTORED))
 
     def _send(self, frames: list[bytes]) -> None:
         try:

@@ -141,7 +141,6 @@ class Watchdog:
                 Watched.OSCILLATION,
                 Fact(
                     MarginsLight.OSCILLATES,
-                    Level.BAD,
                     subject=cycle.axis,
                     frequency=cycle.frequency,
                     turn_rate=radians(cycle.rate),
@@ -158,7 +157,7 @@ class Watchdog:
             share = limited[motor]
             yield (
                 Watched.MOTOR_LIMITS,
-                Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject=name, share=share),
+                Fact(MotorsLight.MOTOR_LIMITED, subject=name, share=share),
             )
 
     def _changes(self, watched: Mapping[Watched, Fact], now: float) -> Iterator[Fact]:
@@ -177,7 +176,7 @@ class Watchdog:
             has_landed = self._phases[-1][1] == ON_GROUND
             if has_landed or now - self._seen[what] >= CALM_SECONDS:
                 over = self.standing.pop(what)
-                yield Fact(Watch.ALARM_OVER, Level.GOOD, time=self._seen[what], because=over)
+                yield Fact(Watch.ALARM_OVER, time=self._seen[what], because=over)
 
     def _note(
         self, watched: Mapping[Watched, Fact], motion: Motion | None, is_flying: bool, now: float
@@ -216,7 +215,7 @@ class Watchdog:
 def alarm_of(fact: Fact, time: float) -> Fact:
     """Returns a ``fact`` that was found at ``time``, s, as an event: an alarm where it is bad."""
     if fact.level is Level.BAD:
-        return Fact(Session.ALARM, Level.BAD, time=time, subject=fact.subject, because=fact)
+        return Fact(Session.ALARM, time=time, subject=fact.subject, because=fact)
     return Fact(fact.code, fact.level, time=time, subject=fact.subject, **fact.figures)
 
 

@@ -411,14 +411,27 @@ class Library:
             used = {name for (name,) in db.execute(query)}
             # What others have put into the folder stays.
             digests = "[0-9a-f]" * 64
-            for path in (self.folder / RESULTS).glob(f"*{digests}"):
-                if path.name not in used:  # of a log that is deleted
-                    shutil.rmtree(path, ignore_errors=True)
+            for name in (digests, f".{digests}"):
+                for path in (self.folder / RESULTS).glob(name):
+                    if path.name not in used:  # of a log that is deleted
+                        shutil.rmtree(path, ignore_errors=True)
             for path in (self.folder / LOGS).glob(f"{digests}/*"):
                 digest = path.parent.name
-                if digest not in used:
+                if digest not in used and path.is_file():
                     place = f"{LOGS}/{digest}/{path.name}"
-                    insert(db, Entry(new_id(), path.name, digest, place, path.stat().st_size))
+                    there = path.stat()
+                    insert(
+                        db,
+                        Entry(
+                            new_id(),
+                            path.name,
+                            digest,
+                            place,
+                            there.st_size,
+                            received=there.st_mtime,
+                            sorted_by=datetime.fromtimestamp(there.st_mtime, UTC).isoformat(),
+                        ),
+                    )
 
     def _release(self, db: sqlite3.Connection, server: str) -> None:
         db.execute(

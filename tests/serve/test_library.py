@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 from unittest.mock import Mock
 
-from pytest import mark, raises
+from pytest import approx, mark, raises
 from recorded_flights import SLOW
 from refusals import refused, unreadable
 from serving import LIMITS, AtOnce, log, read_made_up, serving
@@ -52,6 +52,7 @@ def test_what_was_acknowledged_outlives_a_killed_server_and_half_uploads_do_not(
         "results/mine",
         f"results/.{working.digest}",
         "results/" + 64 * "d",
+        "results/copy_of_" + 64 * "d",
     ):
         (tmp_path / folder).mkdir()
     (tmp_path / "servers" / "mine").touch()
@@ -66,7 +67,7 @@ def test_what_was_acknowledged_outlives_a_killed_server_and_half_uploads_do_not(
         part: len(list((tmp_path / part).iterdir()))
         for part in ("incoming", "logs", "results", "servers")
     }
-    assert left == {"incoming": 0, "logs": 4, "results": 1, "servers": 2}
+    assert left == {"incoming": 0, "logs": 4, "results": 2, "servers": 2}
     AtOnce(again).run()
     assert {entry.stage for entry in again.find(*ALL, 10)[0]} == {Stage.DONE}
 
@@ -94,11 +95,12 @@ def test_an_upload_that_breaks_off_at_any_moment_is_whole_or_not_there(
 
 
 def test_logs_outlive_a_lost_index(tmp_path):
-    received(Library(tmp_path))
+    before = received(Library(tmp_path))
     for path in tmp_path.glob("fleet.sqlite*"):
         path.unlink()
     (entry,), _ = Library(tmp_path).find(*ALL, 2)
     assert (entry.name, entry.stage) == ("a.ulg", Stage.WAITING)
+    assert entry.received == approx(before.received, abs=60) and entry.sorted_by
 
 
 def test_servers_that_share_a_folder_leave_each_other_alone(tmp_path):
