@@ -11,7 +11,7 @@ import click
 import numpy as np
 from numpy.random import default_rng
 
-from mavdem.alignment.drive import AXES
+from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.assessment import Assessment
 from mavdem.cli.options import (
     Number,
@@ -178,7 +178,7 @@ def foretold(assessment: Assessment, gains: Parameters) -> Facts:
     except NotLearnable as error:
         return (error.fact,)
     facts = []
-    for axis in short.keys() - {"yaw"}:
+    for axis in filter(short.get, TILT_AXES):
         asked = short[axis].setpoints[settled, 0]
         missed = [motion[settled, AXES.index(axis), 0] - asked for motion in flights]
         before, after = np.degrees(np.std(missed, axis=1)).tolist()
