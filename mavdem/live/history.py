@@ -119,7 +119,7 @@ class SessionStatus:
 
     @property
     def slow(self) -> Fact | None:
-        """By how much estimates come late; None while this computer keeps up."""
+        """By how much rows and alarms come late; None while this computer keeps up."""
         return Fact(Session.ESTIMATES_LATE, delay=self.behind) if self.behind else None
 
     def predicting(self, estimate: Estimate) -> SessionStatus:

@@ -18,6 +18,7 @@ from pytest import approx, mark
 from recorded_flights import LOGS, recorded
 from scipy.signal import lfilter
 
+from mavdem.alignment.learnability import too_slow
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.loops import loops_of_axes
 from mavdem.assessment.assess import grounded_air
@@ -142,9 +143,20 @@ def test_a_limit_cycle_goes_before_all():
 
 
 def test_what_hides_the_margins_is_said_at_any_rate():
-    refusal = Fact(Loops.NOT_STEERED, share=0.3)
-    light = margins_light(evidence(HOVER.telemetry(10.0, 10.0), loops={"roll": refusal}))
-    assert light.sentence.endswith(" known: only 30 % of the rate's motion was asked for.")
+    for refusal, said in (
+        (
+            Fact(Loops.NOT_STEERED, share=0.3),
+            " known: only 30 % of the rate's motion was asked for.",
+        ),
+        (Fact(Loops.CROSSOVER_UNSEEN, crossover=9.0, rate=30.0), " a quarter of their rate."),
+        (
+            too_slow({"ATTITUDE": 10.0}, "roll"),
+            "Margins do not show at 10 Hz: attitude and motors need 40 Hz.",
+        ),
+    ):
+        light = margins_light(evidence(HOVER.telemetry(10.0, 10.0), loops={"roll": refusal}))
+        assert light.level is Level.UNKNOWN and light.figures["because"] is refusal
+        assert light.sentence.endswith(said) and "there are the" not in light.sentence
 
 
 @mark.slow
