@@ -70,7 +70,12 @@ def tuned(
     advised = [each for each in found.values() if isinstance(each, Advice)]
     if not advised:
         raise NotLearnable(Loops.NO_LOOP, reasons=list(dict.fromkeys(found.values())))
-    gains = {name: value for each in advised for name, value in each.parameters.items()} | settings
+    gains = {
+        name: value
+        for each in advised
+        if each.gains  # a notch costs phase, which is not known to be there otherwise
+        for name, value in {**each.parameters, **settings}.items()
+    }
     judgement = assessment.judgement
     if gains:
         judgement = judgement._replace(

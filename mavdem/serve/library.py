@@ -417,7 +417,7 @@ class Library:
                         shutil.rmtree(path, ignore_errors=True)
             for path in (self.folder / LOGS).glob(f"{digests}/*"):
                 digest = path.parent.name
-                if digest not in used and path.is_file():
+                if digest not in used:
                     place = f"{LOGS}/{digest}/{path.name}"
                     there = path.stat()
                     insert(

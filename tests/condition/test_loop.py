@@ -19,6 +19,7 @@ from mavdem.alignment.align import align, settled_segments
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.gains import autotuned
 from mavdem.assessment.axis_margins import AxisMargins
+from mavdem.assessment.tuning import tuned
 from mavdem.condition.loop.advice import (
     EFFECTS,
     LARGEST_ANGLE,
@@ -43,6 +44,7 @@ from mavdem.dem.graybox.parameters import WindComponent
 from mavdem.dem.record import Record
 from mavdem.facts import Fact, Level
 from mavdem.facts.loops import Controllers, Gains, Loops, Responses, Twins
+from mavdem.facts.noise import NotchAdvice
 from mavdem.ingest.vocabulary import Injection
 from mavdem.paper.runner import write_log
 from mavdem.report.flight_charts import loop_charts
@@ -381,6 +383,21 @@ def test_an_effectiveness_that_seems_low_changes_no_gains_unless_margins_surely_
         loop = made_up(factor)
         plant = loop.plant._replace(bias=bias)
         assert advise(replace(loop, plant=plant, cautions=doubts)).refusals == refusals
+
+
+def test_no_notch_is_set_where_gains_are_refused():
+    loop = made_up(2.5)
+    plant = loop.plant._replace(bias=-0.15)
+    evidence = SimpleNamespace(
+        loops={"roll": replace(loop, plant=plant, cautions=(Fact(Loops.EFFECT_BIASED),))},
+        condition=SimpleNamespace(oscillation=None),
+        margins=(),
+        grounds=(),
+    )
+    notch = Fact(NotchAdvice.SET_NOTCH, settings=(("INS_HNTCH_FREQ", 80.0),))
+    known = SimpleNamespace(noise=SimpleNamespace(notch=notch), judgement=None)
+    tuning = tuned(known, evidence, ["roll"], filters=True, is_written=False)
+    assert tuning.refusal and not tuning.parameters
 
 
 @mark.slow
