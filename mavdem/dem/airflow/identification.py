@@ -161,7 +161,7 @@ def identified(moved: Motion, drag: Drag) -> tuple[Array, Array, float]:
         covariance = np.linalg.inv(precision + kept @ information + np.outer(faster, faster))
         away = mean - prior
         value = tracked.log_likelihood[0] - away @ precision @ away / 2
-        if not value <= best:
+        if value > best or np.isnan(best):
             best = value
             found = mean, (covariance + covariance.T) / 2, steered
         step = covariance @ (kept @ (counted * slope) + expected - precision @ away)
