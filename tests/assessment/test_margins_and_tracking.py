@@ -146,7 +146,7 @@ def test_what_hides_the_margins_is_said_at_any_rate():
     for refusal, said in (
         (
             Fact(Loops.NOT_STEERED, share=0.3),
-            " known: only 30 % of the rate's motion was asked for.",
+            "No margins: only 30 % of the rate's motion was asked for.",
         ),
         (Fact(Loops.CROSSOVER_UNSEEN, crossover=9.0, rate=30.0), " a quarter of their rate."),
         (
