@@ -149,7 +149,7 @@ class Flight(FlightDownstream):
             time: (T,) seconds, increasing; a step longer than one and a half usual ones is a gap.
             inputs, outputs: (T, r), (T, m).
             dt: sampling step, s; the mean step without the gaps unless given.
-            labels: names, units and provenance, as for a ``Flight``.
+            labels: names, units, setpoints and all else of a ``Flight``.
 
         Raises:
             ValueError: as for a ``Flight``; segments of a single sample are left out.
@@ -166,13 +166,18 @@ class Flight(FlightDownstream):
         gaps = steps > 1.5 * np.median(steps)
         dt = float(steps[~gaps].mean()) if dt is None else dt
         cuts = np.flatnonzero(gaps) + 1
-        parts = zip(
-            np.split(stamps, cuts),
-            np.split(_table(inputs, "inputs", len(stamps)), cuts),
-            np.split(_table(outputs, "outputs", len(stamps)), cuts),
-            strict=True,
+        tables = {"inputs": inputs, "outputs": outputs}
+        if labels.get("setpoints") is not None:
+            tables["setpoints"] = labels.pop("setpoints")
+        cut = {
+            name: np.split(_table(values, name, len(stamps), name == "setpoints"), cuts)
+            for name, values in tables.items()
+        }
+        return tuple(
+            cls(part, **{name: parts[at] for name, parts in cut.items()}, dt=dt, **labels)
+            for at, part in enumerate(np.split(stamps, cuts))
+            if len(part) > 1
         )
-        return tuple(cls(t, u, y, dt, **labels) for t, u, y in parts if len(t) > 1)
 
     def __len__(self) -> int:
         return len(self.time)

@@ -70,6 +70,10 @@ def load(name_or_path: str | Path) -> Scenario:
     try:
         # TOML is UTF-8 by its specification; some editors put a byte order mark before it.
         return scenario_of(tomllib.loads(source.decode("utf-8-sig")))
+    except UnicodeError:
+        raise ValueError(
+            f"{label} is no scenario or vehicle file: these are text, in TOML"
+        ) from None
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{label}: {error}") from None
 

@@ -86,6 +86,8 @@ def test_setpoints_may_be_missing_at_some_samples_and_are_cut_with_the_flight():
     )
     assert flight.setpoint_units == ("", "") and Flight(TIME, INPUTS, OUTPUTS).setpoint_names == ()
     assert_array_equal(flight[2:4].setpoints, asked[2:4])
+    _, after = Flight.segments(TIME + (TIME > 10.025), INPUTS, OUTPUTS, setpoints=asked)
+    assert_array_equal(after.setpoints, asked[3:])
 
 
 def test_a_flight_its_slices_and_its_copies_cannot_be_changed():

@@ -5,6 +5,7 @@ from time import perf_counter
 
 import click
 
+from mavdem.cli.options import Place
 from mavdem.cli.output import (
     check_folder,
     json_text,
@@ -27,7 +28,7 @@ from mavdem.report.blocks import Table
 )
 @click.option(
     "--out",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=Place(file_okay=False),
     default=Path("build/paper"),
     show_default=True,
     help="Folder for the report.",

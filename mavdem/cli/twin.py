@@ -15,6 +15,7 @@ from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.assessment import Assessment
 from mavdem.cli.options import (
     Number,
+    Place,
     assessed,
     json_option,
     params_option,
@@ -66,7 +67,7 @@ FIGURES = {"lean": ", mean (°)", "sway": ", sd (°)", "rate": " rate, sd (°/s)
 @click.option(
     "--out",
     multiple=True,
-    type=click.Path(path_type=Path),
+    type=Place(),
     help="File to write, one or more, by its ending: .toml for `mavdem fly --vehicle`, .json a frame of ArduPilot's "
     "SITL, .params of PX4's SIH, .sdf motors of Gazebo.",
 )

@@ -74,6 +74,7 @@ def is_whole(value: object) -> TypeGuard[int]:
     )
 
 
+MOST_STEPS = 100_000  # ahead: of as many predictions take a fraction of a gigabyte, and seconds
 SHORTEST_STEP = 1e-9
 LARGEST = 1e50
 """Seconds between samples, and size of one: beyond, squares and derivatives overflow; of its inverse they underflow."""
@@ -278,10 +279,11 @@ def required_directions(values: ArrayLike, motors: int) -> Array:
     return directions
 
 
-def required_number(number: int, name: str = "steps") -> int:
-    """``number`` as an ``int``; ``ValueError``, which names it, for what is no positive whole number."""
-    if not (is_whole(number) and number >= 1):
-        raise ValueError(f"{name} must be a whole number of at least 1, not {number!r}")
+def required_number(number: int, name: str = "steps", most: float = np.inf) -> int:
+    """``number`` as an ``int``; ``ValueError``, which names it, for what is no whole number from 1 to ``most``."""
+    if not (is_whole(number) and 1 <= number <= most):
+        limit = f" and at most {most:,}" * (most < np.inf)
+        raise ValueError(f"{name} must be a whole number of at least 1{limit}, not {number!r}")
     return int(number)
 
 

@@ -55,6 +55,15 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
             "'many' is no length: give seconds, as in 7s",
         ),
         (["learn", FLIGHT, "--out", "x", "--vehicle", "--verbose"], "--verbose is an option"),
+        (["learn", FLIGHT, "--out", ""], "'--out': it is empty: name a"),
+        (
+            ["fly", "hover_blower", "--params", "/dev/null"],
+            "/dev/null is not a plain file. Name another",
+        ),
+        (
+            ["fly", FLIGHT, "--out", "f.tlog"],
+            "ardupilot_wind5_steps.tlog is no scenario or vehicle file",
+        ),
         (["learn", "/dev/ttyACM0,115200", "--out", "x"], "`mavdem live /dev/ttyACM0,115200`"),
         (
             ["info", "udpin:127.0.0.1:14550"],

@@ -10,7 +10,7 @@ from mavdem.dem.graybox.likelihood import Plant, plant
 from mavdem.dem.graybox.parameters import Physical, slopes_of
 from mavdem.dem.graybox.wind import steady
 from mavdem.dem.priors import derivative_pairs
-from mavdem.dem.record import Record
+from mavdem.dem.record import Record, require_usable
 
 
 def simulated(physical: Physical, record: Record, inputs: Array) -> Forecast:
@@ -20,8 +20,9 @@ def simulated(physical: Physical, record: Record, inputs: Array) -> Forecast:
     disturbance of the training data stays: it balances the mean inputs. The variance is that of the wind, of which
     nothing else is known, and of motors' effect, damping and lag, to first order.
 
-    ``ValueError`` for outputs that are not an angle and its rate.
+    ``ValueError`` for outputs that are not an angle and its rate, and for inputs larger than may be learned from.
     """
+    require_usable(inputs, "inputs")
     pairs = derivative_pairs(record)
     if record.outputs.shape[1] != 2 or not pairs:
         raise ValueError(

@@ -27,6 +27,7 @@ from mavdem.dem.online.tracker import (
 )
 from mavdem.dem.online.wind import NOTHING, OnlineWind, WeakMotors
 from mavdem.dem.record import (
+    MOST_STEPS,
     Record,
     is_number,
     require_usable,
@@ -98,7 +99,8 @@ class OnlineLearner:
         """
         self._dt = required_step(dt)
         self._sizes = required_number(n_inputs, "n_inputs"), required_number(n_outputs, "n_outputs")
-        self.horizons = tuple(required_number(steps, "horizons") for steps in horizons)
+        given = horizons if np.ndim(horizons) else ()
+        self.horizons = tuple(required_number(steps, "horizons", MOST_STEPS) for steps in given)
         if not self.horizons or list(self.horizons) != sorted(set(self.horizons)):
             raise ValueError(f"horizons must be steps, increasing, not {horizons!r}")
         block = max(1, round(BLOCK_SECONDS / dt))
