@@ -171,10 +171,15 @@ class VehicleSignals:
         return {}
 
     @cached_property
+    def attitudes(self) -> tuple[Attitude, ...]:
+        """Roll, pitch and yaw; empty where they were not recorded."""
+        found = (attitude(self.telemetry, axis) for axis in AXES)
+        return tuple(each for each in found if each is not None)
+
+    @property
     def tilts(self) -> tuple[Attitude, ...]:
         """Roll and pitch, by which a vehicle is upright or not; empty where they were not recorded."""
-        tilts = (attitude(self.telemetry, axis) for axis in TILT_AXES)
-        return tuple(tilt for tilt in tilts if tilt is not None)
+        return self.attitudes[: len(TILT_AXES)]
 
     @cached_property
     def motors(self) -> Motors | None:
@@ -350,9 +355,7 @@ class Signals(VehicleSignals):
     @cached_property
     def attitude(self) -> Attitude | None:
         """Angle and rate of the axis."""
-        if self.axis in TILT_AXES and self.tilts:
-            return self.tilts[TILT_AXES.index(self.axis)]
-        return attitude(self.telemetry, self.axis)
+        return self.attitudes[AXES.index(self.axis)] if self.attitudes else None
 
     @cached_property
     def demand(self) -> Motors | None:

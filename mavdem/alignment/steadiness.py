@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.attitude import attitude
-from mavdem.alignment.drive import AXES, TILT_AXES, Signal
+from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.alignment.phases import Intervals, both, of_boot, settled, where
 from mavdem.alignment.signals import Signals, held, setpoints
 from mavdem.ingest.telemetry import Array, Flags
@@ -57,9 +56,9 @@ def strays(angles: Array, asked: Array) -> Flags:
 
 def followed(signals: Signals, boot: int) -> Followed | None:
     """Returns the attitude of ``boot`` beside its setpoint; None where it was not recorded."""
-    attitudes = [attitude(signals.telemetry, axis) for axis in AXES]
-    followed_angles = [attitude and of_boot(attitude.angles, boot) for attitude in attitudes]
-    angles = [angle for angle in followed_angles if isinstance(angle, Signal)]
+    angles = [
+        angle for each in signals.attitudes if (angle := of_boot(each.angles, boot)) is not None
+    ]
     if len(angles) < len(AXES):
         return None
     time = angles[-1].time
