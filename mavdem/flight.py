@@ -164,14 +164,14 @@ class Flight(FlightDownstream):
                 "time must increase from sample to sample, and there must be two at least"
             )
         gaps = steps > 1.5 * np.median(steps)
-        dt = float(steps[~gaps].mean()) if dt is None else dt
+        if dt is None:
+            dt = float(steps[~gaps].mean())
         cuts = np.flatnonzero(gaps) + 1
-        tables = {"inputs": inputs, "outputs": outputs}
-        if labels.get("setpoints") is not None:
-            tables["setpoints"] = labels.pop("setpoints")
-        cut = {
-            name: np.split(_table(values, name, len(stamps), name == "setpoints"), cuts)
+        tables = {"inputs": inputs, "outputs": outputs, "setpoints": labels.pop("setpoints", None)}
+        cut: dict[str, Any] = {
+            name: np.split(_table(values, name, len(stamps), True), cuts)
             for name, values in tables.items()
+            if values is not None
         }
         return tuple(
             cls(part, **{name: parts[at] for name, parts in cut.items()}, dt=dt, **labels)

@@ -159,6 +159,9 @@ def main(arguments: Sequence[str] | None = None, command: click.Command = mavdem
 
 def _run(command: click.Command, words: list[str], as_json: bool) -> int:
     try:
+        # a folder without a name would be the current one, whose results are replaced
+        if {"", "--out="}.intersection(words):
+            raise click.UsageError("An argument is empty: name a file or folder, or leave it out.")
         with command.make_context(command.name, list(words)) as context:
             command.invoke(context)
     except click.exceptions.Exit as end:

@@ -33,18 +33,9 @@ ORDERS = {"real": range(2, 2 + Settings().p + 1), "paper": range(1, 11)}
 SPOKEN = {preset: f"{orders[0]} to {orders[-1]}" for preset, orders in ORDERS.items()}
 
 
-class Place(click.Path):
-    """The name of a file or a folder, never empty: "" would be the current one."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Returns the name as a ``Path``, or refuses it as click does."""
-        value or self.fail("it is empty: name a file or a folder.", param, ctx)
-        return Path(super().convert(value, param, ctx))
-
-
 def file_option(name: str, text: str) -> Callable[[Command], Command]:
     """Returns an option that names a file, or a folder."""
-    return click.option(name, type=Place(), help=text)
+    return click.option(name, type=click.Path(path_type=Path), help=text)
 
 
 class Number(click.FloatRange):

@@ -5,7 +5,6 @@ from time import perf_counter
 
 import click
 
-from mavdem.cli.options import Place
 from mavdem.cli.output import (
     check_folder,
     json_text,
@@ -28,7 +27,7 @@ from mavdem.report.blocks import Table
 )
 @click.option(
     "--out",
-    type=Place(file_okay=False),
+    type=click.Path(file_okay=False, path_type=Path),
     default=Path("build/paper"),
     show_default=True,
     help="Folder for the report.",

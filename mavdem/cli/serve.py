@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from mavdem.cli.options import Number, Place, jobs_option
+from mavdem.cli.options import Number, jobs_option
 from mavdem.cli.output import printable, say_aside
 from mavdem.cli.track import MOST
 from mavdem.dem.parallel import spare_cores
@@ -21,7 +21,7 @@ SAMPLE = Path(__file__).parents[1] / "serve" / "sample_flight.tlog"
 @click.argument(
     "folder",
     default="mavdem-data",
-    type=Place(file_okay=False),
+    type=click.Path(file_okay=False, path_type=Path),
 )
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
 @click.option("--port", default=8600, show_default=True, type=click.IntRange(0, 65535))

@@ -7,7 +7,6 @@ import click
 from mavdem.cli.commands import UNSUPPORTED, UNUSABLE
 from mavdem.cli.options import (
     Number,
-    Place,
     jobs_option,
     json_option,
     refuse_link,
@@ -47,7 +46,7 @@ PAGE = "mavdem.report.flight_page:flight_page"
     "out",
     required=True,
     metavar="FLEET",
-    type=Place(file_okay=False),
+    type=click.Path(file_okay=False, path_type=Path),
     help="Folder of the fleet; further logs are added to it.",
 )
 @click.option(

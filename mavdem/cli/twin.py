@@ -15,7 +15,6 @@ from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.assessment import Assessment
 from mavdem.cli.options import (
     Number,
-    Place,
     assessed,
     json_option,
     params_option,
@@ -67,7 +66,7 @@ FIGURES = {"lean": ", mean (°)", "sway": ", sd (°)", "rate": " rate, sd (°/s)
 @click.option(
     "--out",
     multiple=True,
-    type=Place(),
+    type=click.Path(path_type=Path),
     help="File to write, one or more, by its ending: .toml for `mavdem fly --vehicle`, .json a frame of ArduPilot's "
     "SITL, .params of PX4's SIH, .sdf motors of Gazebo.",
 )

@@ -264,7 +264,7 @@ class Learned(Result, Forecasting, LearnedDownstream):
         if physical.caution is not None:
             far_off = Fact(NoPhysical.SIMULATION_FAR_OFF, because=physical.caution)
             warn(far_off.advised, stacklevel=2)
-        return simulated(physical, self.record, self.record.following_inputs(inputs)).mean
+        return simulated(physical, self.record, inputs).mean
 
     def simulate_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
         """Returns the half width (H, m), about :meth:`simulate` with ``inputs``, of the band of probability ``level``.
@@ -275,9 +275,7 @@ class Learned(Result, Forecasting, LearnedDownstream):
         physical = self.require_physical()
         if physical.caution is not None:
             raise NotLearnable(NoPhysical.NO_SIMULATION_BAND, because=physical.caution)
-        return half_width(
-            simulated(physical, self.record, self.record.following_inputs(inputs)).variance, level
-        )
+        return half_width(simulated(physical, self.record, inputs).variance, level)
 
     def require_physical(self) -> Physical:
         """Returns :attr:`physical`; ``NotLearnable`` says why there are no physical parameters."""

@@ -279,11 +279,10 @@ def required_directions(values: ArrayLike, motors: int) -> Array:
     return directions
 
 
-def required_number(number: int, name: str = "steps", most: float = np.inf) -> int:
+def required_number(number: int, name: str = "steps", most: int = 1_000_000_000) -> int:
     """``number`` as an ``int``; ``ValueError``, which names it, for what is no whole number from 1 to ``most``."""
     if not (is_whole(number) and 1 <= number <= most):
-        limit = f" and at most {most:,}" * (most < np.inf)
-        raise ValueError(f"{name} must be a whole number of at least 1{limit}, not {number!r}")
+        raise ValueError(f"{name} must be a whole number from 1 to {most:,}, not {number!r}")
     return int(number)
 
 

@@ -21,6 +21,7 @@ class Request(Code):
     BAD_REQUEST = auto()
     NOT_STARTED = auto()
     SESSION_FAILED = auto()
+    ANSWER_FAILED = auto()
 
 
 class Start(Code):

@@ -7,7 +7,6 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from functools import cache, cached_property
-from http import HTTPStatus
 from pathlib import Path, PureWindowsPath
 from typing import Any, TypeVar
 from urllib.parse import parse_qs
@@ -53,7 +52,7 @@ from mavdem.report.library_page import (
 from mavdem.results import PAGE, RECORDING, REPORT
 from mavdem.serve.attached import PAGE_SECONDS, Attached
 from mavdem.serve.library import Entry, Library
-from mavdem.serve.openapi import openapi
+from mavdem.serve.openapi import TABLE, openapi
 from mavdem.serve.rights import COOKIE, Rights
 from mavdem.serve.search import WORKING, Condition, condition_of
 from mavdem.serve.uploads import MOST_FILES, MOST_TEXT, Form, received
@@ -68,18 +67,7 @@ POLICY = (
     "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
 )
 """No script but the server's own and those of a flight's page, no frame, nothing from elsewhere."""
-STATUS = {
-    Request.NO_RIGHT: HTTPStatus.UNAUTHORIZED,
-    Request.OTHER_SITE: HTTPStatus.FORBIDDEN,
-    Request.NO_SUCH_FLIGHT: HTTPStatus.NOT_FOUND,
-    Request.UPLOAD_TOO_SLOW: HTTPStatus.REQUEST_TIMEOUT,
-    Request.UPLOAD_TOO_LARGE: HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
-    Request.UPLOADS_TOO_MANY: HTTPStatus.SERVICE_UNAVAILABLE,
-    Request.DISK_FULL: HTTPStatus.INSUFFICIENT_STORAGE,
-    Request.QUOTA_REACHED: HTTPStatus.INSUFFICIENT_STORAGE,
-    Request.NOT_STARTED: HTTPStatus.SERVICE_UNAVAILABLE,
-    Request.SESSION_FAILED: HTTPStatus.SERVICE_UNAVAILABLE,
-}
+STATUS = TABLE["status"]
 """Of what is refused; 400 of other requests, and 415 of what is no log."""
 
 Model = TypeVar("Model", bound=Document)
@@ -142,7 +130,9 @@ class Server:
             Route(path, self._guarded(endpoint), methods=[method])
             for (method, path), endpoint in ((key.split(), value) for key, value in routes.items())
         ]
-        return Starlette(routes=made, lifespan=self._lifespan)
+        return Starlette(
+            routes=made, lifespan=self._lifespan, exception_handlers={Exception: self._failed}
+        )
 
     @asynccontextmanager
     async def _lifespan(self, app: Starlette) -> AsyncIterator[None]:
@@ -175,8 +165,14 @@ class Server:
 
         return answer
 
+    def _failed(self, request: HttpRequest, error: Exception) -> Response:
+        """The answer where a defect, or a damaged folder, left none: the error is raised again, and printed."""
+        response = self._refused(request, Fact(Request.ANSWER_FAILED, because=type(error).__name__))
+        response.headers.update(_headers())
+        return response
+
     def _refused(self, request: HttpRequest, fact: Fact) -> Response:
-        status = STATUS.get(fact.code, 400 if isinstance(fact.code, Request) else 415)  # type: ignore[call-overload]
+        status = STATUS.get(fact.code, 400 if isinstance(fact.code, Request) else 415)
         headers = {"Retry-After": "10"} if status == 503 else {}
         path = request.scope["path"]  # of its url, a Host that is no address makes an error
         if path.startswith("/api/") or path.endswith("/upload"):
@@ -243,14 +239,13 @@ class Server:
         known = self._known(request) | {"one": entry}
         own = self.library.results_of(entry) / PAGE
         path = own if entry.digest else self.library.folder / (entry.files or PAGE)
-        if entry.stage != Stage.DONE or not path.is_file():
+        if entry.stage != Stage.DONE or not (entry.digest or path.is_file()):
             return HTMLResponse(served("flight", **known))
-        can_open = self._show is not None and RECORDING in entry.file_names
         return HTMLResponse(
             with_bar(
                 path.read_text("utf-8"),
                 files=entry.file_names if entry.digest else [],
-                can_open=can_open and known["may_read"],
+                can_open=self._show and RECORDING in entry.file_names and known["may_read"],
                 **known,
             )
         )
@@ -379,8 +374,10 @@ class Server:
         Of a log that was there already, who may write widens the sharing, and adds the description that is missing.
         """
         fields = form.fields
-        columns: Values = {"note": _unicode(fields.get("description", ""))[:4000]}
-        columns["keep"] = int(fields.get("keep", "true").lower() != "false")
+        columns: Values = {
+            "note": _unicode(fields.get("description", ""))[:4000],
+            "keep": int(fields.get("keep", "true").lower() != "false"),
+        }
         if request.url.path.endswith("/upload"):  # as Flight Review has it
             is_public = fields.get("public", "").lower() in ("true", "1", "on")
             columns["sharing"] = Sharing.PUBLIC if is_public else Sharing.LINK
@@ -424,8 +421,7 @@ class Server:
     def _review(self, entry: Entry) -> Values | None:
         """The document of a flight's review; None before it is done, and of a flight of `mavdem track`."""
         path = self.library.results_of(entry) / REPORT
-        review: Values | None = json.loads(path.read_bytes()) if path.is_file() else None
-        return review
+        return dict(json.loads(path.read_bytes())) if path.is_file() else None
 
     async def _change(self, request: HttpRequest) -> Response:
         self.rights.need(request, Use.WRITE)
@@ -466,8 +462,7 @@ class Server:
             await run_in_threadpool(self._seen, request)
             condition = Condition("id = ?", (id,))
         if self._watchers >= MOST_WATCHERS:
-            fact = Fact(Request.UPLOADS_TOO_MANY, count=self._watchers, name=Crowd.WATCHERS)
-            raise Refusal(fact)
+            raise Refusal(Request.UPLOADS_TOO_MANY, count=self._watchers, name=Crowd.WATCHERS)
         return StreamingResponse(self._told(request, condition), media_type="text/event-stream")
 
     async def _told(self, request: HttpRequest, condition: Condition) -> AsyncIterator[str]:
@@ -545,5 +540,4 @@ def _checked(model: type[Model], body: bytes) -> Model:
     try:
         return model.model_validate_json(body)
     except ValidationError as error:
-        because = error.errors()[0]["msg"]
-        raise Refusal(Request.BAD_REQUEST, because=because) from None
+        raise Refusal(Request.BAD_REQUEST, because=error.errors()[0]["msg"]) from None

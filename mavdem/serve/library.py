@@ -123,8 +123,7 @@ class Library:
         self._local = threading.local()
         self.is_unpublished = threading.Event()
         try:
-            for part in (LOGS, RESULTS, INCOMING, SERVERS):
-                (self.folder / part).mkdir(parents=True, exist_ok=True)
+            self._make_folders()
             # locked before others see it
             self._lock = (self.folder / INCOMING / self.name).open("w")
             fcntl.flock(self._lock, fcntl.LOCK_EX)
@@ -134,6 +133,10 @@ class Library:
             wrong = Fact(Start.FOLDER_NOT_WRITABLE, path=folder, because=cause_of(error))
             raise Unreadable(wrong) from None
         self.recover()
+
+    def _make_folders(self) -> None:
+        for part in (LOGS, RESULTS, INCOMING, SERVERS):
+            (self.folder / part).mkdir(parents=True, exist_ok=True)
 
     def _migrate(self) -> None:
         """Makes the table, or adds the columns that an earlier version had not, and takes over an earlier index."""
@@ -208,6 +211,7 @@ class Library:
 
     def room_for(self, size: int) -> None:
         """Raises ``Refusal`` where a log of this ``size`` has no room."""
+        self._make_folders()  # somebody may have removed them meanwhile
         used = self.used
         for path in (self.folder / INCOMING).iterdir():
             with suppress(FileNotFoundError):
@@ -466,16 +470,16 @@ def file_name(name: str) -> str:
 def _of_rows(file: str, rows: FlightRows) -> Entry:
     """The entry of a log of a fleet."""
     first = rows[0]
+    is_sound = first.status == OK
     columns = columns_of(rows)
-    size = first.key.rpartition("-")[2]
     return Entry(
         new_id(),
         Path(file).name,
         path=file,
-        size=int(size or 0),
+        size=int(first.key.rpartition("-")[2] or 0),
         received=0.0 if first.date is None else first.date.timestamp(),
-        stage=Stage.DONE if first.status == OK else Stage.FAILED,
-        problem="" if first.status == OK else first.status,
+        stage=Stage.DONE if is_sound else Stage.FAILED,
+        problem="" if is_sound else first.status,
         sorted_by=columns["date"],
         files=first.page or "",
         **columns,
@@ -518,7 +522,8 @@ def _known(db: sqlite3.Connection, digest: str) -> Any:
 
 
 def _entry(row: sqlite3.Row) -> Entry:
-    return Entry(**{name: row[name] for name in COLUMNS})
+    """An entry; what somebody else has left empty is as it is at first."""
+    return Entry(**{name: row[name] for name in COLUMNS if row[name] not in (None, "")})
 
 
 def insert(db: sqlite3.Connection, entry: Entry) -> None:

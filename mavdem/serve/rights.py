@@ -56,7 +56,7 @@ class Rights:
 
     def may_see(self, request: HTTPConnection, entry: Entry) -> bool:
         """Returns whether the one who asks, and has its link, may see a flight."""
-        return entry.sharing != Sharing.PRIVATE or self.may(request, Use.READ)
+        return entry.sharing in (Sharing.LINK, Sharing.PUBLIC) or self.may(request, Use.READ)
 
     def is_token(self, token: str) -> bool:
         """Returns whether this is the token."""

@@ -255,7 +255,7 @@ STILL = Flight(TRAIN.time, TRAIN.inputs, np.zeros((700, 2)))
         (lambda: baselines.subspace(None), "^train must be a Flight"),
         (
             lambda: baselines.subspace(TRAIN, 2.5),
-            "^order must be a whole number of at least 1, not 2.5",
+            "^order must be a whole number from 1 to",
         ),
         *((partial(method, STILL), "^outputs column 0 must vary") for method in METHODS.values()),
     ],

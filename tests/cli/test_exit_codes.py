@@ -55,7 +55,7 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
             "'many' is no length: give seconds, as in 7s",
         ),
         (["learn", FLIGHT, "--out", "x", "--vehicle", "--verbose"], "--verbose is an option"),
-        (["learn", FLIGHT, "--out", ""], "'--out': it is empty: name a"),
+        (["learn", FLIGHT, "--out", ""], "An argument is empty"),
         (
             ["fly", "hover_blower", "--params", "/dev/null"],
             "/dev/null is not a plain file. Name another",

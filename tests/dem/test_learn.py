@@ -184,7 +184,7 @@ def test_wrong_forecast_inputs_are_named():
         learned.forecast(np.full((10, 4), np.nan))
     with raises(ValueError, match="level must be a probability"):
         learned.forecast_band(np.zeros((10, 4)), level=2)
-    with raises(ValueError, match="at most 100,000, not 1000000000"):
+    with raises(ValueError, match="from 1 to 100,000, not 1000000000"):
         learned.predict(10**9)
 
 

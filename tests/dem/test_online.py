@@ -201,7 +201,7 @@ def test_a_dt_that_is_not_that_of_the_samples_is_an_obstacle(step):
         ({"memory": 0.5}, "memory must"),
         ({"horizons": (5, 1)}, "horizons must"),
         ({"horizons": 5}, "horizons must be steps, increasing, not 5"),
-        ({"horizons": (1, 10**7)}, "at most 100,000"),
+        ({"horizons": (1, 10**7)}, "from 1 to 100,000"),
     ],
 )
 def test_arguments_that_cannot_be_are_named(given, said):

@@ -447,7 +447,7 @@ def test_nothing_is_identifiable_where_motors_only_react_to_the_wind_and_there_i
     assert found.caution.figures["because"] == found.reasons["effect"]
     with warns(UserWarning, match="may be far off.*not identifiable"):
         assert learned.simulate(flight.inputs[:20]).shape == (20, 2)
-    with raises(ValueError, match="inputs must not be larger"), warns(UserWarning):
-        learned.simulate(flight.inputs[:20] * 1e200)
+    with raises(ValueError, match="not be larger"), warns(UserWarning):
+        learned.simulate(flight.inputs * 1e200)
     with raises(ValueError, match="no band.*not identifiable"):
         learned.simulate_band(flight.inputs[:20])

@@ -4,6 +4,7 @@ import errno
 import json
 import re
 import socket
+from shutil import rmtree
 from types import SimpleNamespace
 from urllib.parse import urlencode
 
@@ -178,6 +179,25 @@ def test_two_flights_are_compared_and_a_vehicle_has_its_page_and_baseline(served
     page = served.ask("GET", "/vehicle?name=quad%207").text
     assert "One." in page and "Two." in page
     assert served.ask("GET", f"/compare?a={a}&b={served.add('c.ulg', 'damaged')}").status == 200
+
+
+def test_damaged_results_are_said_to_be_and_odd_values_are_as_if_not_there(served):
+    a, b = served.add("a.ulg"), served.add("b.ulg")
+    results = served.library.results_of(served.library.entry(a))
+    for place, name, content in (
+        (f"/api/flights/{a}", "report.json", b"[1]"),
+        (f"/compare?a={a}&b={b}", "report.json", b"[" * 100_000),
+        (f"/f/{a}", "report.html", b"\xff"),
+    ):
+        (results / name).write_bytes(content)
+        answer = served.ask("GET", place)
+        assert answer.status == 500 and "may be damaged" in answer.text
+    for folder in ("logs", "incoming", "results"):
+        rmtree(served.library.folder / folder)
+    served.library.change(a, sharing=None, tags=None, gains="no", motor="")
+    assert total(served, "MC_ROLL_P>1") == 1
+    served.add("c.ulg")
+    assert len(served.ask("GET", "/api/flights").json["flights"]) == 3
 
 
 def test_who_has_no_right_sees_what_is_shared_and_no_more(guarded):

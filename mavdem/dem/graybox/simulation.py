@@ -1,6 +1,9 @@
 """Simulation: what commanded motors would do, by the physical parameters: the plant alone, no autopilot answers."""
 
+from functools import partial
+
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.linalg import solve_discrete_lyapunov
 
 from mavdem.dem.engine.linalg import Array, Pair
@@ -13,7 +16,7 @@ from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record, require_usable
 
 
-def simulated(physical: Physical, record: Record, inputs: Array) -> Forecast:
+def simulated(physical: Physical, record: Record, inputs: ArrayLike) -> Forecast:
     """Mean and variance (H, m) of an angle and its rate under commanded ``inputs`` (H, r), after the training data.
 
     It begins with the last measured sample, and with the torque that the last commands left in the motors. The steady
@@ -22,7 +25,8 @@ def simulated(physical: Physical, record: Record, inputs: Array) -> Forecast:
 
     ``ValueError`` for outputs that are not an angle and its rate, and for inputs larger than may be learned from.
     """
-    require_usable(inputs, "inputs")
+    commanded = record.following_inputs(inputs)
+    require_usable(commanded, "inputs")
     pairs = derivative_pairs(record)
     if record.outputs.shape[1] != 2 or not pairs:
         raise ValueError(
@@ -30,12 +34,11 @@ def simulated(physical: Physical, record: Record, inputs: Array) -> Forecast:
         )
     columns = list(pairs[0])
     theta = np.array([*physical.effect, physical.damping, physical.lag])
-    mean = _mean(theta, physical.delay, record, columns, inputs)
-    slopes = slopes_of(
-        lambda theta: _mean(theta, physical.delay, record, columns, inputs), theta, mean
-    )
+    mean_of = partial(_mean, delay=physical.delay, record=record, columns=columns, inputs=commanded)
+    mean = mean_of(theta)
+    slopes = slopes_of(mean_of, theta, mean)
     variance = np.einsum("iht,ij,jht->ht", slopes, physical.covariance[:-1, :-1], slopes)
-    variance += _of_wind(physical, record.dt, len(inputs))
+    variance += _of_wind(physical, record.dt, len(commanded))
     back = np.argsort(columns)
     return Forecast(mean[:, back], variance[:, back])
 
@@ -76,9 +79,9 @@ def _of_wind(physical: Physical, dt: float, steps: int) -> Array:
     P = np.zeros_like(process)
     P[3:, 3:] = solve_discrete_lyapunov(step[3:, 3:], process[3:, 3:])
     variance = np.empty((steps, 2))
-    for at in range(steps):
+    for row in variance:
         P = step @ P @ step.T + process
-        variance[at] = P.diagonal()[:2]
+        row[:] = P.diagonal()[:2]
     return variance
 
 

@@ -224,9 +224,10 @@ class OnlineLearner:
         self, time: float, inputs: ArrayLike, outputs: ArrayLike
     ) -> tuple[float, Array, Array]:
         r, m = self._sizes
-        given: list[tuple[str, Any, int]] = [("time", time, 1), ("inputs", inputs, r)]
+        given: list[tuple[str, Any, int]]
+        given = [("time", time, 1), ("inputs", inputs, r), ("outputs", outputs, m)]
         rows = []
-        for name, values, size in [*given, ("outputs", outputs, m)]:
+        for name, values, size in given:
             rows.append(table([values], name, size)[0])
             require_usable(rows[-1], name)
         now, u, y = rows
@@ -259,9 +260,8 @@ class OnlineLearner:
         surprise = self._surprise.add(energy) if np.isfinite(energy) else np.nan
         learned = tracker.learned
         window = learned.settings.window
-        delay = (window - 1 - window // 2) * self._dt
         return estimate._replace(
-            seen=time - delay,
+            seen=time - (window - 1 - window // 2) * self._dt,
             free_energy=energy,
             surprise=surprise,
             model=learned.model,
@@ -284,9 +284,8 @@ class OnlineLearner:
     def _relearn(self) -> None:
         """Adopts what was learned meanwhile; calls ``learn`` again where that is due."""
         if self._pending is not None and self._pending.done():
-            pending = self._pending
+            self._adopt(self._pending.result)
             self._pending = None
-            self._adopt(pending.result)
         if (
             not self.refits
             or self._samples < self._next
