@@ -179,7 +179,7 @@ class VehicleSignals:
     @property
     def tilts(self) -> tuple[Attitude, ...]:
         """Roll and pitch, by which a vehicle is upright or not; empty where they were not recorded."""
-        return self.attitudes[: len(TILT_AXES)]
+        return self.attitudes[:2]
 
     @cached_property
     def motors(self) -> Motors | None:

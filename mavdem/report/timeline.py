@@ -12,7 +12,6 @@ import numpy as np
 
 from mavdem.alignment import phases
 from mavdem.alignment.align import Segment, within
-from mavdem.alignment.attitude import attitude
 from mavdem.alignment.drive import AXES, Signal
 from mavdem.alignment.signals import Setpoint, Signals, held
 from mavdem.assessment import Assessment
@@ -89,8 +88,9 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
     if analysis is None or evidence is None:
         return None
     signals = evidence.signals
-    if (tilt := attitude(signals.telemetry, AXES[0])) is None:
+    if not signals.tilts:
         return None
+    tilt = signals.tilts[0]
     segments = analysis.verdict.segments
     boot = int(segments[0].boot if segments else np.bincount(tilt.boot, minlength=1).argmax())
     time = tilt.time[tilt.boot == boot]

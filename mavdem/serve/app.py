@@ -126,12 +126,14 @@ class Server:
             "GET /api/progress": self._progress,
             "GET /api/openapi.json": self._openapi,
         }
-        made = [
-            Route(path, self._guarded(endpoint), methods=[method])
-            for (method, path), endpoint in ((key.split(), value) for key, value in routes.items())
-        ]
         return Starlette(
-            routes=made, lifespan=self._lifespan, exception_handlers={Exception: self._failed}
+            routes=[
+                Route(path, self._guarded(endpoint), methods=[method])
+                for key, endpoint in routes.items()
+                for method, path in [key.split()]
+            ],
+            lifespan=self._lifespan,
+            exception_handlers={Exception: self._failed},
         )
 
     @asynccontextmanager
@@ -167,13 +169,11 @@ class Server:
 
     def _failed(self, request: HttpRequest, error: Exception) -> Response:
         """The answer where a defect, or a damaged folder, left none: the error is raised again, and printed."""
-        response = self._refused(request, Fact(Request.ANSWER_FAILED, because=type(error).__name__))
-        response.headers.update(_headers())
-        return response
+        return self._refused(request, Fact(Request.ANSWER_FAILED, because=type(error).__name__))
 
     def _refused(self, request: HttpRequest, fact: Fact) -> Response:
         status = STATUS.get(fact.code, 400 if isinstance(fact.code, Request) else 415)
-        headers = {"Retry-After": "10"} if status == 503 else {}
+        headers = _headers() | ({"Retry-After": "10"} if status == 503 else {})
         path = request.scope["path"]  # of its url, a Host that is no address makes an error
         if path.startswith("/api/") or path.endswith("/upload"):
             return JSONResponse(whole("error", {"error": _error(fact)}), status, headers)
@@ -296,7 +296,6 @@ class Server:
     def _compare_page(self, request: HttpRequest) -> Response:
         self.rights.need(request, Use.READ)
         a, b = (self.library.entry(request.query_params.get(name, "")) for name in "ab")
-        parameters = changed_parameters(json.loads(a.gains), json.loads(b.gains))
         before, after = (
             [row for row in self.library.rows_of([entry]) if row.vehicle == entry.vehicle]
             for entry in (a, b)
@@ -306,7 +305,7 @@ class Server:
             (a.name, b.name),
             (self._review(a) or {}, self._review(b) or {}),
             difference,
-            parameters,
+            changed_parameters(json.loads(a.gains), json.loads(b.gains)),
             ("Flights", "/"),
         )
         return HTMLResponse(without_policy(page, **self._known(request)))
@@ -404,8 +403,12 @@ class Server:
         if not flights:
             raise Refusal(refused[0][1])
         self.work.notify()
-        errors = [{"name": name, "error": _error(fact)} for name, fact in refused]
-        return Added.model_validate({"flights": flights, "refused": errors})
+        return Added.model_validate(
+            {
+                "flights": flights,
+                "refused": [{"name": name, "error": _error(fact)} for name, fact in refused],
+            }
+        )
 
     def _flights(self, request: HttpRequest) -> Response:
         limit = _whole_number(request, "limit", PAGE_LENGTH)

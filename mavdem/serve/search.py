@@ -15,7 +15,6 @@ SAID = " || ' ' || ".join(
     ("name", "vehicle", "date", "headline", "problem", "note", "tags", "modes")
 )
 """Columns that a word is looked for in."""
-GAINS = "iif(json_valid(gains), gains, '{}')"
 WORKING = f"stage not in ('{Stage.DONE}', '{Stage.FAILED}')"
 
 
@@ -51,7 +50,10 @@ def _term(name: str, sign: str, value: str) -> Condition | None:
             return Condition(f"{NUMBERS[column]} {sign} ?", (number,))
         if name.isupper():
             # an autopilot's parameter; \w has no quote in it
-            return Condition(f"json_extract({GAINS}, ?) {sign} ?", (f'$."{name}"', number))
+            return Condition(
+                f"json_extract(iif(json_valid(gains),gains,'{{}}'), ?) {sign} ?",
+                (f'$."{name}"', number),
+            )
     if column in TEXTS:
         return Condition(f"{column} {sign} ? collate nocase", (value,))
     return None
