@@ -382,7 +382,9 @@ class Library:
         if _known(db, entry.digest) is None:
             shutil.rmtree(self.results_of(entry), ignore_errors=True)
             if entry.digest:
-                shutil.rmtree(self.path_of(entry).parent, ignore_errors=True)
+                # What cannot be removed keeps its row: the next start would enter it again.
+                with suppress(FileNotFoundError):
+                    shutil.rmtree(self.path_of(entry).parent)
 
     def rows_of(self, entries: Iterable[Entry]) -> FlightRows:
         """Returns the fleet's rows of these logs."""
