@@ -355,7 +355,8 @@ class Signals(VehicleSignals):
     @cached_property
     def attitude(self) -> Attitude | None:
         """Angle and rate of the axis."""
-        return self.attitudes[AXES.index(self.axis)] if self.attitudes else None
+        known = self.tilts if self.axis in TILT_AXES else self.attitudes
+        return known[AXES.index(self.axis)] if known else None
 
     @cached_property
     def demand(self) -> Motors | None:

@@ -48,7 +48,7 @@ def test_a_fleet_in_one_command(tmp_path, capsys):
         (["x.bin", "--out", "fleet", "--memory-limit", "3"], "--memory-limit"),
         (["x.bin", "--out", "fleet", "--memory-limit", "9" * 20], "--memory-limit"),
         (["x.bin", "--out", "fleet", "--time-limit", "nan"], "--time-limit"),
-        (["x.bin", "--out", "fleet", "--scheduler", ""], "no address"),
+        (["x.bin", "--out", "fleet", "--scheduler", ""], "argument is empty"),
         (["x.bin", "--out", "fleet", "--scheduler", "tcp://foo:port"], "no address"),
     ],
 )

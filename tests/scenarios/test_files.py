@@ -67,7 +67,7 @@ def test_what_is_wrong_is_said_in_a_sentence_that_names_file_and_key(tmp_path, t
 
 def test_what_is_no_text_or_no_file_is_said_too(tmp_path):
     (tmp_path / "own.toml").write_bytes(b"\xff\xfe")
-    with raises(ValueError, match="own.toml: "):
+    with raises(ValueError, match="own.toml is no scenario or vehicle file"):
         load(tmp_path / "own.toml")
     with raises(ValueError, match="other.toml cannot be read: No such file"):
         load(str(tmp_path / "other.toml"))
