@@ -27,7 +27,6 @@ from mavdem.cli.output import (
     say_aside,
     write_text,
 )
-from mavdem.cli.twin import foretold
 from mavdem.dem import Settings
 from mavdem.dem.parallel import LearningProcess
 from mavdem.errors import Unreadable
@@ -235,6 +234,8 @@ def live_command(
             opened, stream, settings, *shown, executor, recording, request_rate, earlier
         )
         if request_rate is not None and record is not None:
+            from mavdem.cli.twin import foretold  # the simulator takes a while to import
+
             session.adviser = ends.enter_context(
                 closing(Adviser(record, LearningProcess, foretold))
             )
