@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -181,9 +181,13 @@ RISES = np.linspace(0.0, 1.0, 401)[1:]
 MAX_MISFIT = 4.0  # Scales on any axis from which a deviation is no motor's
 
 
-def lost_thrust(rise: Any, exponent: float = 2.0) -> Any:
+Rise = TypeVar("Rise", float, Array)
+
+
+def lost_thrust(rise: Rise, exponent: float = 2.0) -> Rise:
     """Returns which share of its thrust a motor lost whose command rose so much, to whose ``exponent`` thrust goes."""
-    return 1 - (1 + rise) ** -exponent
+    lost: Rise = 1 - (1 + rise) ** -exponent
+    return lost
 
 
 def shift_sizes(scale: float) -> Pair:

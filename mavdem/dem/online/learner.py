@@ -284,8 +284,9 @@ class OnlineLearner:
     def _relearn(self) -> None:
         """Adopts what was learned meanwhile; calls ``learn`` again where that is due."""
         if self._pending is not None and self._pending.done():
-            self._adopt(self._pending.result)
-            self._pending = None
+            pending = self._pending
+            self._pending = None  # also where what was learned cannot be adopted
+            self._adopt(pending.result)
         if (
             not self.refits
             or self._samples < self._next
