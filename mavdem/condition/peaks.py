@@ -7,7 +7,7 @@ is not surely higher than along another, the line has no name.
 """
 
 from collections.abc import Sequence
-from enum import auto
+from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +16,6 @@ from mavdem.condition.resonance import FASTEST_LOOP
 from mavdem.condition.spectra import Spectrum
 from mavdem.confidence import SURE_DEVIATIONS
 from mavdem.dem.engine.linalg import Array
-from mavdem.facts.fact import InWords
 
 LOWEST = 15.0  # Hz: below, vehicles are steered
 OVER = 6.0  # times what is around it, in power: a line elsewhere, smeared, makes at most 5
@@ -41,13 +40,13 @@ MOST = 8  # peaks that are kept, the strongest
 MOST_HARMONICS = 6
 
 
-class PeakKind(InWords):
+class PeakKind(StrEnum):
     """What makes a line."""
 
-    MOTOR = auto()
-    FRAME = auto()
-    ALIAS = auto()
-    UNNAMED = auto()
+    MOTOR = "motor"
+    FRAME = "frame"
+    ALIAS = "alias"
+    UNNAMED = "unnamed"
 
 
 class Peak(NamedTuple):
@@ -105,7 +104,7 @@ def _along(logarithms: Array, frequency: Array, places: Array) -> Array:
     windows = np.arange(len(logarithms))
     below = logarithms[windows, low]
     above = logarithms[windows, low + 1]
-    return np.asarray(np.maximum(below, above))
+    return np.maximum(below, above)
 
 
 def _tracked(logarithms: Array, frequency: Array, drive: Array, exponent: float) -> Array:
@@ -114,7 +113,7 @@ def _tracked(logarithms: Array, frequency: Array, drive: Array, exponent: float)
         np.interp(frequency * speed**exponent, frequency, logarithm)
         for speed, logarithm in zip(drive, logarithms, strict=True)
     ]
-    return np.asarray(np.mean(moved, axis=0))
+    return np.mean(moved, axis=0)
 
 
 def _peak(spectrum: Spectrum, logarithms: Array, drive: Array, row: int) -> Peak:

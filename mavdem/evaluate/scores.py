@@ -6,7 +6,7 @@ and the constant mean's error is the same at all horizons. k = H is the MSPE of 
 training.
 """
 
-from enum import StrEnum, auto
+from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -26,9 +26,9 @@ HORIZONS = (*learner.HORIZONS, round(TEST_SECONDS * USUAL_RATE))
 class Question(StrEnum):
     """What is forecast: the outputs, given the inputs; likewise from state 0; what comes next, without the inputs."""
 
-    KNOWN = auto()
-    ZERO = auto()
-    UNKNOWN = auto()
+    KNOWN = "known"
+    ZERO = "zero"
+    UNKNOWN = "unknown"
 
 
 KNOWN, FROM_ZERO, UNKNOWN = Question

@@ -1,18 +1,18 @@
 """The assessment of a flight: what it says of its vehicle, what overrides that, and what its model is good for."""
 
-from enum import StrEnum, auto
+from enum import StrEnum
 
-from mavdem.facts.fact import Code, InWords, Level
+from mavdem.facts.fact import Code, Level
 
 
-class Purpose(InWords):
+class Purpose(StrEnum):
     """What a model may be used for; the names are those of screens, documents and pages."""
 
-    CONTROL_EFFECTIVENESS = auto()
-    DAMPING_AND_TIME_CONSTANT = auto()
-    WIND_TORQUE = auto()
-    PREDICTION = auto()
-    RESIDUALS = auto()
+    CONTROL_EFFECTIVENESS = "control effectiveness"
+    DAMPING_AND_TIME_CONSTANT = "damping and time constant"
+    WIND_TORQUE = "wind torque"
+    PREDICTION = "prediction"
+    RESIDUALS = "residuals"
 
 
 class Grade(StrEnum):
@@ -31,77 +31,77 @@ class Grade(StrEnum):
 class BoundTest(StrEnum):
     """Whether correlations of residuals keep to the bounds of chance, or nearly."""
 
-    PASSED = auto()
-    NEARLY = auto()
-    FAILED = auto()
+    PASSED = "passed"
+    NEARLY = "nearly"
+    FAILED = "failed"
 
 
 class Override(Code):
     """What makes the flight itself doubtful, and overrides all grades; the values are those of documents."""
 
-    OSCILLATION = auto()
-    MOTORS = auto()
-    SATURATION = auto()
-    TRIM = auto()
-    DATA = auto()
+    OSCILLATION = "oscillation"
+    MOTORS = "motors"
+    SATURATION = "saturation"
+    TRIM = "trim"
+    DATA = "data"
 
 
 class Headline(Code):
     """The first sentence of an assessment where nothing is wrong."""
 
-    NOTHING_WRONG = auto()
-    NOTHING_CHECKED = auto()
+    NOTHING_WRONG = "nothing_wrong"
+    NOTHING_CHECKED = "nothing_checked"
 
 
 class InShort(Code):
     """What is so of a flight, in few words."""
 
-    OVERRIDDEN = auto()
+    OVERRIDDEN = "overridden"
 
 
 class Because(Code):
     """Why a purpose has its grade."""
 
-    EFFECT_KNOWN = auto()
-    MOTION_KNOWN = auto()
-    PARAMETERS_DOUBTED = auto()
-    SAME_AS_EFFECT = auto()
-    WIND_SIZE_KNOWN = auto()
-    EFFECT_UNKNOWN = auto()
-    WIND_NOT_ESTIMATED = auto()
-    FOLLOWS_FROM_DOUBTED = auto()
-    OWN_TORQUE = auto()
-    FORECASTS_COMPARED = auto()
-    RESIDUALS_TESTED = auto()
-    FLIGHT_DOUBTED = auto()
+    EFFECT_KNOWN = "effect_known"
+    MOTION_KNOWN = "motion_known"
+    PARAMETERS_DOUBTED = "parameters_doubted"
+    SAME_AS_EFFECT = "same_as_effect"
+    WIND_SIZE_KNOWN = "wind_size_known"
+    EFFECT_UNKNOWN = "effect_unknown"
+    WIND_NOT_ESTIMATED = "wind_not_estimated"
+    FOLLOWS_FROM_DOUBTED = "follows_from_doubted"
+    OWN_TORQUE = "own_torque"
+    FORECASTS_COMPARED = "forecasts_compared"
+    RESIDUALS_TESTED = "residuals_tested"
+    FLIGHT_DOUBTED = "flight_doubted"
 
 
 class Caveat(Code):
     """What must be known before a model is used."""
 
-    BAND_TOO_NARROW = auto()
-    ERRORS_LARGER_THAN_EXPECTED = auto()
-    UNSTABLE_MODEL = auto()
-    SLOW_MOTION_ONLY = auto()
+    BAND_TOO_NARROW = "band_too_narrow"
+    ERRORS_LARGER_THAN_EXPECTED = "errors_larger_than_expected"
+    UNSTABLE_MODEL = "unstable_model"
+    SLOW_MOTION_ONLY = "slow_motion_only"
 
 
 class NextStep(Code):
     """What to do next."""
 
-    DO_AS_ADVISED = auto()
-    FLY_MOVEMENTS = auto()
-    FLY_LONGER = auto()
-    KEEP_PARAMETERS = auto()
-    KEEP_MODEL = auto()
-    LOAD_GAINS = auto()
-    LAND_NOW = auto()
+    DO_AS_ADVISED = "do_as_advised"
+    FLY_MOVEMENTS = "fly_movements"
+    FLY_LONGER = "fly_longer"
+    KEEP_PARAMETERS = "keep_parameters"
+    KEEP_MODEL = "keep_model"
+    LOAD_GAINS = "load_gains"
+    LAND_NOW = "land_now"
 
 
 class NoModel(Code):
     """Why there is no full model."""
 
-    NO_SETTLED_FLIGHT = auto()
-    NOT_LEARNED = auto()
-    SLOW_MODEL_TOO_WEAK = auto()
-    SLOW_MODEL_REFUSED = auto()
-    REFUSED = auto()
+    NO_SETTLED_FLIGHT = "no_settled_flight"
+    NOT_LEARNED = "not_learned"
+    SLOW_MODEL_TOO_WEAK = "slow_model_too_weak"
+    SLOW_MODEL_REFUSED = "slow_model_refused"
+    REFUSED = "refused"

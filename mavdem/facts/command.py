@@ -1,33 +1,31 @@
 """Codes of the command line: what it cannot read or write, and how a run ended."""
 
-from enum import auto
-
 from mavdem.facts.fact import Code
 
 
 class Place(Code):
     """Why a file or folder cannot be written."""
 
-    OUT_IS_A_FILE = auto()
-    OUT_NOT_WRITABLE = auto()
-    OUT_FAILED = auto()
-    FILE_FAILED = auto()
+    OUT_IS_A_FILE = "out_is_a_file"
+    OUT_NOT_WRITABLE = "out_not_writable"
+    OUT_FAILED = "out_failed"
+    FILE_FAILED = "file_failed"
 
 
 class Source(Code):
     """Why what was named cannot be used."""
 
-    STANDARD_INPUT_IS_NO_LOG = auto()
-    LINK_IS_NO_LOG = auto()
-    AS_MANY_INPUTS_NEEDED = auto()
-    NO_ORDER_OF_FLIGHT = auto()
+    STANDARD_INPUT_IS_NO_LOG = "standard_input_is_no_log"
+    LINK_IS_NO_LOG = "link_is_no_log"
+    AS_MANY_INPUTS_NEEDED = "as_many_inputs_needed"
+    NO_ORDER_OF_FLIGHT = "no_order_of_flight"
 
 
 class End(Code):
     """Why a run ended early."""
 
-    BAD_USAGE = auto()
-    STANDARD_OUTPUT_FAILED = auto()
-    INTERRUPTED = auto()
-    OUT_OF_MEMORY = auto()
-    DEFECT = auto()
+    BAD_USAGE = "bad_usage"
+    STANDARD_OUTPUT_FAILED = "standard_output_failed"
+    INTERRUPTED = "interrupted"
+    OUT_OF_MEMORY = "out_of_memory"
+    DEFECT = "defect"

@@ -1,39 +1,37 @@
 """What the motion of a flight shows, how a flight was lost, and what failed first."""
 
-from enum import auto
-
 from mavdem.facts.fact import Code
 
 
 class MotionEvent(Code):
     """What attitude, height and motors show, whatever the autopilot reports."""
 
-    MOTOR_AT_ITS_STOP = auto()
-    MOTOR_OFF = auto()
-    ATTITUDE_LOST = auto()
-    ATTITUDE_CAUGHT = auto()
-    TIPPED = auto()
-    FELL = auto()
-    HIT = auto()
-    CLIPPED = auto()
-    LOG_ENDED_IN_AIR = auto()
+    MOTOR_AT_ITS_STOP = "motor_at_its_stop"
+    MOTOR_OFF = "motor_off"
+    ATTITUDE_LOST = "attitude_lost"
+    ATTITUDE_CAUGHT = "attitude_caught"
+    TIPPED = "tipped"
+    FELL = "fell"
+    HIT = "hit"
+    CLIPPED = "clipped"
+    LOG_ENDED_IN_AIR = "log_ended_in_air"
 
 
 class Ending(Code):
     """How a flight was lost."""
 
-    CONTROL_LOST = auto()
-    TIPPED_OVER = auto()
-    CRASHED = auto()
-    LOSS_REPORTED = auto()
+    CONTROL_LOST = "control_lost"
+    TIPPED_OVER = "tipped_over"
+    CRASHED = "crashed"
+    LOSS_REPORTED = "loss_reported"
 
 
 class FailedFirst(Code):
     """What failed before control was lost."""
 
-    LIMIT_FIRST = auto()
-    OUTPUT_FROZE_FIRST = auto()
-    MOTOR_OFF_FIRST = auto()
-    ALL_OFF_FIRST = auto()
-    LANDING_ASSUMED_FIRST = auto()
-    THRUST_SPENT_FIRST = auto()
+    LIMIT_FIRST = "limit_first"
+    OUTPUT_FROZE_FIRST = "output_froze_first"
+    MOTOR_OFF_FIRST = "motor_off_first"
+    ALL_OFF_FIRST = "all_off_first"
+    LANDING_ASSUMED_FIRST = "landing_assumed_first"
+    THRUST_SPENT_FIRST = "thrust_spent_first"

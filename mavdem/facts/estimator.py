@@ -1,16 +1,14 @@
 """What the light of the estimator says of the filter, of GPS and of the compass."""
 
-from enum import auto
-
 from mavdem.facts.fact import Code
 
 
 class EstimatorLight(Code):
     """How well the filter's estimate and its measurements agreed in flight, and how good GPS was."""
 
-    FILTER_AGREED = auto()
-    FILTER_DOUBTED = auto()
-    FIX_POOR = auto()
-    GPS_GLITCHED = auto()
-    COMPASS_DISTURBED = auto()
-    ESTIMATOR_UNMEASURED = auto()
+    FILTER_AGREED = "filter_agreed"
+    FILTER_DOUBTED = "filter_doubted"
+    FIX_POOR = "fix_poor"
+    GPS_GLITCHED = "gps_glitched"
+    COMPASS_DISTURBED = "compass_disturbed"
+    ESTIMATOR_UNMEASURED = "estimator_unmeasured"

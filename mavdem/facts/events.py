@@ -1,7 +1,5 @@
 """What the autopilot reports of a flight, in words, errors, events and states."""
 
-from enum import auto
-
 from mavdem.facts.fact import Code
 
 
@@ -9,39 +7,39 @@ class Reported(Code):
     """What the autopilot reports."""
 
     # what is ordinary
-    MOTORS_ARMED = auto()
-    MOTORS_DISARMED = auto()
-    OFF_GROUND = auto()
-    ON_GROUND = auto()
-    MODE_CHANGED = auto()
-    ARMING_REFUSED = auto()
+    MOTORS_ARMED = "motors_armed"
+    MOTORS_DISARMED = "motors_disarmed"
+    OFF_GROUND = "off_ground"
+    ON_GROUND = "on_ground"
+    MODE_CHANGED = "mode_changed"
+    ARMING_REFUSED = "arming_refused"
     # motors and attitude
-    THRUST_LOST = auto()
-    MOTOR_FAILED = auto()
-    YAW_IMBALANCED = auto()
-    PROPELLER_IMBALANCED = auto()
-    VIBRATION_COMPENSATED = auto()
-    ATTITUDE_FAILED = auto()
-    ALTITUDE_FAILED = auto()
-    CRASH_DETECTED = auto()
-    MOTORS_STOPPED = auto()
-    FLIGHT_TERMINATED = auto()
-    PARACHUTE_RELEASED = auto()
+    THRUST_LOST = "thrust_lost"
+    MOTOR_FAILED = "motor_failed"
+    YAW_IMBALANCED = "yaw_imbalanced"
+    PROPELLER_IMBALANCED = "propeller_imbalanced"
+    VIBRATION_COMPENSATED = "vibration_compensated"
+    ATTITUDE_FAILED = "attitude_failed"
+    ALTITUDE_FAILED = "altitude_failed"
+    CRASH_DETECTED = "crash_detected"
+    MOTORS_STOPPED = "motors_stopped"
+    FLIGHT_TERMINATED = "flight_terminated"
+    PARACHUTE_RELEASED = "parachute_released"
     # estimator and sensors
-    ESTIMATOR_DIVERGED = auto()
-    ESTIMATOR_SWITCHED = auto()
-    ESTIMATOR_RESET = auto()
-    GPS_JUMPED = auto()
-    GPS_LOST = auto()
-    SENSOR_FAILED = auto()
+    ESTIMATOR_DIVERGED = "estimator_diverged"
+    ESTIMATOR_SWITCHED = "estimator_switched"
+    ESTIMATOR_RESET = "estimator_reset"
+    GPS_JUMPED = "gps_jumped"
+    GPS_LOST = "gps_lost"
+    SENSOR_FAILED = "sensor_failed"
     # links, battery and others
-    RADIO_LOST = auto()
-    GROUND_STATION_LOST = auto()
-    BATTERY_WARNED = auto()
-    BATTERY_ALARMED = auto()
-    BOARD_VOLTAGE_LOW = auto()
-    RESTARTED = auto()
-    FENCE_BREACHED = auto()
-    FAILSAFE = auto()
-    AUTOPILOT_ERROR = auto()
-    AUTOPILOT_SAID = auto()
+    RADIO_LOST = "radio_lost"
+    GROUND_STATION_LOST = "ground_station_lost"
+    BATTERY_WARNED = "battery_warned"
+    BATTERY_ALARMED = "battery_alarmed"
+    BOARD_VOLTAGE_LOW = "board_voltage_low"
+    RESTARTED = "restarted"
+    FENCE_BREACHED = "fence_breached"
+    FAILSAFE = "failsafe"
+    AUTOPILOT_ERROR = "autopilot_error"
+    AUTOPILOT_SAID = "autopilot_said"

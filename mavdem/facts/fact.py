@@ -36,14 +36,6 @@ class Level(StrEnum):
     UNKNOWN = "unknown"
 
 
-class InWords(StrEnum):
-    """An enumeration whose values are its names in words, as documents have them."""
-
-    @staticmethod
-    def _generate_next_value_(name: str, start: int, count: int, last_values: list[str]) -> str:
-        return name.lower().replace("_", " ")
-
-
 class Code(StrEnum):
     """What a fact says, by a name that no other code has; each subclass lists the codes of one subject."""
 

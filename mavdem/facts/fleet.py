@@ -1,6 +1,6 @@
 """What is found of many logs: why one has no flight, what keeps a fleet from being made, what cannot be compared."""
 
-from enum import StrEnum, auto
+from enum import StrEnum
 
 from mavdem.facts.fact import Code
 
@@ -8,43 +8,43 @@ from mavdem.facts.fact import Code
 class Reading(Code):
     """Why a log was not read, or none could be."""
 
-    READING_TOO_LONG = auto()
-    READING_TOO_LARGE = auto()
-    READER_DIED = auto()
-    READING_FAILED = auto()
-    LOG_UNREACHABLE = auto()
-    LOG_KEPT = auto()
-    NO_PLAIN_FILE = auto()
-    NO_VEHICLE = auto()
-    READERS_NOT_STARTED = auto()
-    NO_ADDRESS = auto()
-    NO_SCHEDULER = auto()
-    NO_CLUSTER_WORKERS = auto()
-    CLUSTER_WORKERS_DIED = auto()
-    CLUSTER_CANNOT_READ = auto()
-    CLUSTER_OF_OTHER_VERSION = auto()
+    READING_TOO_LONG = "reading_too_long"
+    READING_TOO_LARGE = "reading_too_large"
+    READER_DIED = "reader_died"
+    READING_FAILED = "reading_failed"
+    LOG_UNREACHABLE = "log_unreachable"
+    LOG_KEPT = "log_kept"
+    NO_PLAIN_FILE = "no_plain_file"
+    NO_VEHICLE = "no_vehicle"
+    READERS_NOT_STARTED = "readers_not_started"
+    NO_ADDRESS = "no_address"
+    NO_SCHEDULER = "no_scheduler"
+    NO_CLUSTER_WORKERS = "no_cluster_workers"
+    CLUSTER_WORKERS_DIED = "cluster_workers_died"
+    CLUSTER_CANNOT_READ = "cluster_cannot_read"
+    CLUSTER_OF_OTHER_VERSION = "cluster_of_other_version"
 
 
 class Folder(Code):
     """What is wrong with the names of logs, or with a fleet's folder."""
 
-    NO_LOG_NAMED = auto()
-    URL_UNREADABLE = auto()
-    NO_FLEET = auto()
-    FLEET_DAMAGED = auto()
-    FLEET_NOT_WRITTEN = auto()
-    BASELINE_UNKNOWN = auto()
-    BASELINE_WITHOUT_FLIGHT = auto()
+    NO_LOG_NAMED = "no_log_named"
+    URL_UNREADABLE = "url_unreadable"
+    NO_FLEET = "no_fleet"
+    FLEET_DAMAGED = "fleet_damaged"
+    FLEET_NOT_WRITTEN = "fleet_not_written"
+    BASELINE_UNKNOWN = "baseline_unknown"
+    BASELINE_WITHOUT_FLIGHT = "baseline_without_flight"
 
 
 class Prior(Code):
     """Why an earlier flight says nothing of the next."""
 
-    MODEL_UNREADABLE = auto()
-    MODEL_OF_OTHER_AXIS = auto()
-    MODEL_WITHOUT_EFFECT = auto()
-    DRAG_UNREADABLE = auto()
-    DRAG_OF_THIS_FLIGHT = auto()
+    MODEL_UNREADABLE = "model_unreadable"
+    MODEL_OF_OTHER_AXIS = "model_of_other_axis"
+    MODEL_WITHOUT_EFFECT = "model_without_effect"
+    DRAG_UNREADABLE = "drag_unreadable"
+    DRAG_OF_THIS_FLIGHT = "drag_of_this_flight"
 
 
 class Outcome(StrEnum):
@@ -58,21 +58,21 @@ class Outcome(StrEnum):
 class Compared(Code):
     """What would be compared between two states of a vehicle."""
 
-    EVERYTHING = auto()
-    OF_MODELS = auto()
-    QUANTITY = auto()
+    EVERYTHING = "everything"
+    OF_MODELS = "of_models"
+    QUANTITY = "quantity"
 
 
 class Incomparable(Code):
     """Why something cannot be compared; the subject is A or B."""
 
-    NO_FLIGHT = auto()
-    OTHER_VEHICLES = auto()
-    OTHER_UNITS = auto()
-    OTHER_INPUTS = auto()
-    NOT_IN_BOTH = auto()
-    NOT_REPORTED = auto()
-    NOT_ESTIMATED = auto()
-    NO_COMMON_VEHICLE = auto()
-    VEHICLES_UNKNOWN = auto()
-    VEHICLE_MISSING = auto()
+    NO_FLIGHT = "no_flight"
+    OTHER_VEHICLES = "other_vehicles"
+    OTHER_UNITS = "other_units"
+    OTHER_INPUTS = "other_inputs"
+    NOT_IN_BOTH = "not_in_both"
+    NOT_REPORTED = "not_reported"
+    NOT_ESTIMATED = "not_estimated"
+    NO_COMMON_VEHICLE = "no_common_vehicle"
+    VEHICLES_UNKNOWN = "vehicles_unknown"
+    VEHICLE_MISSING = "vehicle_missing"

@@ -1,36 +1,36 @@
 """Forecasts: held-out windows, methods that are compared, and the truth of simulated flights."""
 
-from enum import StrEnum, auto
+from enum import StrEnum
 
-from mavdem.facts.fact import Code, InWords
+from mavdem.facts.fact import Code
 
 
 class Forecasts(Code):
     """What is said of windows, of models that are trained on them, and of truth files."""
 
-    FLIGHT_TOO_SHORT = auto()
-    NOTHING_LEFT = auto()
-    NO_TEST_WINDOW = auto()
-    PART_NOT_LEARNED = auto()
-    FAILED = auto()
-    TOO_FEW_FOR_ORDER = auto()
-    TOO_FEW_STATES = auto()
-    NOT_OBSERVABLE = auto()
-    EM_BROKE_DOWN = auto()
-    MODEL_UNSTABLE = auto()
-    STILL_IMPROVING = auto()
-    NO_TRUTH_FILE = auto()
-    TRUTH_OF_ANOTHER_FLIGHT = auto()
+    FLIGHT_TOO_SHORT = "flight_too_short"
+    NOTHING_LEFT = "nothing_left"
+    NO_TEST_WINDOW = "no_test_window"
+    PART_NOT_LEARNED = "part_not_learned"
+    FAILED = "failed"
+    TOO_FEW_FOR_ORDER = "too_few_for_order"
+    TOO_FEW_STATES = "too_few_states"
+    NOT_OBSERVABLE = "not_observable"
+    EM_BROKE_DOWN = "em_broke_down"
+    MODEL_UNSTABLE = "model_unstable"
+    STILL_IMPROVING = "still_improving"
+    NO_TRUTH_FILE = "no_truth_file"
+    TRUTH_OF_ANOTHER_FLIGHT = "truth_of_another_flight"
 
 
-class TestResult(InWords):
+class TestResult(StrEnum):
     """Whether one method's error is lower or higher than another's, beyond chance."""
 
     __test__ = False  # no test of pytest's
 
-    LOWER = auto()
-    HIGHER = auto()
-    NOT_DISTINGUISHABLE = auto()
+    LOWER = "lower"
+    HIGHER = "higher"
+    NOT_DISTINGUISHABLE = "not distinguishable"
 
 
 class MethodName(StrEnum):
@@ -44,21 +44,21 @@ class MethodName(StrEnum):
     JOINT_VAR = "joint VAR"
 
 
-class Compared(InWords):
+class Compared(StrEnum):
     """What is compared with the truth, by the names that documents have."""
 
-    EFFECT_OF = auto()
-    MEAN_EFFECT = auto()
-    DAMPING = auto()
-    LAG_OF_THE_MOTORS = auto()
-    DELAY = auto()
-    STEADY_PART = auto()
+    EFFECT_OF = "effect of"
+    MEAN_EFFECT = "mean effect"
+    DAMPING = "damping"
+    LAG_OF_THE_MOTORS = "lag of the motors"
+    DELAY = "delay"
+    STEADY_PART = "steady part"
 
 
-class HeldOutForecast(InWords):
+class HeldOutForecast(StrEnum):
     """The forecasts of held-out windows, by the names that documents have."""
 
-    FORECAST = auto()
-    PREDICTION = auto()
-    CONSTANT_MEAN = auto()
-    HOLD_LAST = auto()
+    FORECAST = "forecast"
+    PREDICTION = "prediction"
+    CONSTANT_MEAN = "constant mean"
+    HOLD_LAST = "hold last"

@@ -1,80 +1,78 @@
 """Why a model of an axis can or cannot be learned from a log, what makes it less reliable, and what to change."""
 
-from enum import auto
-
 from mavdem.facts.fact import Code
 
 
 class Reason(Code):
     """Why a log can be learned from, or cannot."""
 
-    LEARNABLE = auto()
-    LOG_WITHOUT_VEHICLE = auto()
-    NO_SUCH_VEHICLE = auto()
-    SEVERAL_VEHICLES = auto()
-    NO_MULTIROTOR = auto()
-    NO_ATTITUDE = auto()
-    ATTITUDE_NOT_FINITE = auto()
-    ATTITUDE_UNIT = auto()
-    NO_DEMAND = auto()
-    DEMAND_CONSTANT = auto()
-    NEVER_ARMED = auto()
-    NO_EVIDENCE_OF_FLIGHT = auto()
-    NEVER_AIRBORNE = auto()
-    TOO_SHORT = auto()
-    STREAMS_TOO_SLOW = auto()
-    SLOWER_THAN_LONGEST = auto()
-    VALUES_REPEATED = auto()
-    OUTPUT_CONSTANT = auto()
-    OUTPUT_ROUNDED = auto()
-    COMMAND_ROUNDED = auto()
-    RATE_CONTRADICTS_ANGLE = auto()
-    LOG_NOT_LEARNABLE = auto()
+    LEARNABLE = "learnable"
+    LOG_WITHOUT_VEHICLE = "log_without_vehicle"
+    NO_SUCH_VEHICLE = "no_such_vehicle"
+    SEVERAL_VEHICLES = "several_vehicles"
+    NO_MULTIROTOR = "no_multirotor"
+    NO_ATTITUDE = "no_attitude"
+    ATTITUDE_NOT_FINITE = "attitude_not_finite"
+    ATTITUDE_UNIT = "attitude_unit"
+    NO_DEMAND = "no_demand"
+    DEMAND_CONSTANT = "demand_constant"
+    NEVER_ARMED = "never_armed"
+    NO_EVIDENCE_OF_FLIGHT = "no_evidence_of_flight"
+    NEVER_AIRBORNE = "never_airborne"
+    TOO_SHORT = "too_short"
+    STREAMS_TOO_SLOW = "streams_too_slow"
+    SLOWER_THAN_LONGEST = "slower_than_longest"
+    VALUES_REPEATED = "values_repeated"
+    OUTPUT_CONSTANT = "output_constant"
+    OUTPUT_ROUNDED = "output_rounded"
+    COMMAND_ROUNDED = "command_rounded"
+    RATE_CONTRADICTS_ANGLE = "rate_contradicts_angle"
+    LOG_NOT_LEARNABLE = "log_not_learnable"
 
 
 class MotorObstacle(Code):
     """Why a log has no motor outputs that can be inputs of a model."""
 
-    NO_MOTOR_MESSAGE = auto()
-    MOTORS_CONSTANT = auto()
-    CHANNELS_MISSING = auto()
-    CHANNELS_CONSTANT = auto()
-    OUTPUTS_NOT_FINITE = auto()
-    MOTORS_OFF = auto()
+    NO_MOTOR_MESSAGE = "no_motor_message"
+    MOTORS_CONSTANT = "motors_constant"
+    CHANNELS_MISSING = "channels_missing"
+    CHANNELS_CONSTANT = "channels_constant"
+    OUTPUTS_NOT_FINITE = "outputs_not_finite"
+    MOTORS_OFF = "motors_off"
 
 
 class Caution(Code):
     """What makes a model of a log less reliable."""
 
-    IMPOSSIBLE_ATTITUDE = auto()
-    MESSAGES_LEFT_OUT = auto()
-    DEMAND_IS_INPUT = auto()
-    VEHICLE_ASSUMED = auto()
-    MIXER_ASSUMED = auto()
-    NEAR_RESOLUTION = auto()
-    RATE_EXPLAINS_LITTLE = auto()
-    SEGMENTS_LEFT_OUT = auto()
+    IMPOSSIBLE_ATTITUDE = "impossible_attitude"
+    MESSAGES_LEFT_OUT = "messages_left_out"
+    DEMAND_IS_INPUT = "demand_is_input"
+    VEHICLE_ASSUMED = "vehicle_assumed"
+    MIXER_ASSUMED = "mixer_assumed"
+    NEAR_RESOLUTION = "near_resolution"
+    RATE_EXPLAINS_LITTLE = "rate_explains_little"
+    SEGMENTS_LEFT_OUT = "segments_left_out"
 
 
 class Resampling(Code):
     """How a stream came onto the clock of a flight."""
 
-    SAMPLES_KEPT = auto()
-    INTERPOLATED = auto()
-    LOW_PASSED = auto()
+    SAMPLES_KEPT = "samples_kept"
+    INTERPOLATED = "interpolated"
+    LOW_PASSED = "low_passed"
 
 
 class Remedy(Code):
     """What to change so that a log can be learned from: a flight, or the rates of attitude and motors."""
 
-    RECORD_A_FLIGHT = auto()
-    LEAVE_OUT_MOTORS = auto()
-    STOP_ASKING_FOR_RATES = auto()
-    DEMAND_NOT_LOGGED = auto()
-    LOG_FAST_ATTITUDE = auto()
-    LOG_HIGH_RATE = auto()
-    DDS_TOPICS = auto()
-    MAVROS_INTERVALS = auto()
-    PX4_STREAMS = auto()
-    ARDUPILOT_STREAMS = auto()
-    MESSAGE_INTERVALS = auto()
+    RECORD_A_FLIGHT = "record_a_flight"
+    LEAVE_OUT_MOTORS = "leave_out_motors"
+    STOP_ASKING_FOR_RATES = "stop_asking_for_rates"
+    DEMAND_NOT_LOGGED = "demand_not_logged"
+    LOG_FAST_ATTITUDE = "log_fast_attitude"
+    LOG_HIGH_RATE = "log_high_rate"
+    DDS_TOPICS = "dds_topics"
+    MAVROS_INTERVALS = "mavros_intervals"
+    PX4_STREAMS = "px4_streams"
+    ARDUPILOT_STREAMS = "ardupilot_streams"
+    MESSAGE_INTERVALS = "message_intervals"

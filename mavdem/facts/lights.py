@@ -1,11 +1,11 @@
 """Lights: what every log is judged by, each a fact with a level."""
 
-from enum import auto
+from enum import StrEnum
 
-from mavdem.facts.fact import Code, InWords
+from mavdem.facts.fact import Code
 
 
-class Light(InWords):
+class Light(StrEnum):
     """What is judged of a vehicle and its log."""
 
     MOTORS = "motors"
@@ -21,5 +21,5 @@ class Light(InWords):
 class Unjudged(Code):
     """That a light is not judged."""
 
-    NOT_JUDGED = auto()
-    JUDGED_LATER = auto()
+    NOT_JUDGED = "not_judged"
+    JUDGED_LATER = "judged_later"

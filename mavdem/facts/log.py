@@ -1,22 +1,22 @@
 """What the light of the log says of its rates, and whether its flight was simulated."""
 
-from enum import auto
+from enum import StrEnum
 
-from mavdem.facts.fact import Code, InWords
+from mavdem.facts.fact import Code
 
 
 class LogLight(Code):
     """How well a log shows the flight."""
 
-    RECORDED_FAST = auto()
-    RECORDED_SLOWLY = auto()
-    RECORDED_WITH_GAPS = auto()
-    MOTION_NOT_RECORDED = auto()
-    SIMULATED = auto()
+    RECORDED_FAST = "recorded_fast"
+    RECORDED_SLOWLY = "recorded_slowly"
+    RECORDED_WITH_GAPS = "recorded_with_gaps"
+    MOTION_NOT_RECORDED = "motion_not_recorded"
+    SIMULATED = "simulated"
 
 
-class Simulation(InWords):
+class Simulation(StrEnum):
     """What flew instead of a vehicle."""
 
-    SOFTWARE = auto()
-    HARDWARE = auto()
+    SOFTWARE = "software"
+    HARDWARE = "hardware"

@@ -1,99 +1,97 @@
 """What is said of control loops: their margins, the controller behind them, the measured response, gains, the twin."""
 
-from enum import auto
-
 from mavdem.facts.fact import Code
 
 
 class Loops(Code):
     """Of the rate and the attitude loop of one axis."""
 
-    MARGIN_RATING = auto()
-    NO_LOOP = auto()
-    NO_MARGINS = auto()
-    CROSSOVER_UNSEEN = auto()
-    CONTROLLER_UNKNOWN = auto()
-    NO_PROPORTIONAL_GAIN = auto()
-    MIXER_REVERSED = auto()
-    EFFECT_BIASED = auto()
-    PARAMETERS_CHANGED = auto()
-    GAINS_OF_PART = auto()
-    GAINS_OF_AUTOTUNE = auto()
-    AUTOTUNED = auto()
-    NO_RATE_SETPOINT = auto()
-    LOOP_TOO_SHORT = auto()
-    LOOP_NOT_FOUND = auto()
-    NOT_STEERED = auto()
-    MARGIN_UNCERTAIN = auto()
-    GAIN_MARGIN_EXTRAPOLATED = auto()
+    MARGIN_RATING = "margin_rating"
+    NO_LOOP = "no_loop"
+    NO_MARGINS = "no_margins"
+    CROSSOVER_UNSEEN = "crossover_unseen"
+    CONTROLLER_UNKNOWN = "controller_unknown"
+    NO_PROPORTIONAL_GAIN = "no_proportional_gain"
+    MIXER_REVERSED = "mixer_reversed"
+    EFFECT_BIASED = "effect_biased"
+    PARAMETERS_CHANGED = "parameters_changed"
+    GAINS_OF_PART = "gains_of_part"
+    GAINS_OF_AUTOTUNE = "gains_of_autotune"
+    AUTOTUNED = "autotuned"
+    NO_RATE_SETPOINT = "no_rate_setpoint"
+    LOOP_TOO_SHORT = "loop_too_short"
+    LOOP_NOT_FOUND = "loop_not_found"
+    NOT_STEERED = "not_steered"
+    MARGIN_UNCERTAIN = "margin_uncertain"
+    GAIN_MARGIN_EXTRAPOLATED = "gain_margin_extrapolated"
 
 
 class Controllers(Code):
     """Why the parameters give no controller; and, from SLEW_LIMITED on, what of it is not modelled."""
 
-    NO_GAINS = auto()
-    PARAMETERS_MISSING = auto()
-    PARAMETER_IMPOSSIBLE = auto()
-    MIXER_UNKNOWN = auto()
-    SLEW_LIMITED = auto()
-    SUM_LIMITED = auto()
-    RATE_LOOP_FASTER = auto()
-    MIXER_BY_VOLTAGE = auto()
-    DEMAND_BY_VOLTAGE = auto()
-    NOTCHES_MOVING = auto()
-    NOTCHES_UNMODELLED = auto()
+    NO_GAINS = "no_gains"
+    PARAMETERS_MISSING = "parameters_missing"
+    PARAMETER_IMPOSSIBLE = "parameter_impossible"
+    MIXER_UNKNOWN = "mixer_unknown"
+    SLEW_LIMITED = "slew_limited"
+    SUM_LIMITED = "sum_limited"
+    RATE_LOOP_FASTER = "rate_loop_faster"
+    MIXER_BY_VOLTAGE = "mixer_by_voltage"
+    DEMAND_BY_VOLTAGE = "demand_by_voltage"
+    NOTCHES_MOVING = "notches_moving"
+    NOTCHES_UNMODELLED = "notches_unmodelled"
 
 
 class Responses(Code):
     """Of the rate's response in flight beside the predicted one."""
 
-    RESPONSE_UNEXPLAINED = auto()
-    RESPONSE_DISAGREES = auto()
-    CONTROLLER_GAIN_DIFFERS = auto()
+    RESPONSE_UNEXPLAINED = "response_unexplained"
+    RESPONSE_DISAGREES = "response_disagrees"
+    CONTROLLER_GAIN_DIFFERS = "controller_gain_differs"
 
 
 class Gains(Code):
     """Of gains to set, and why there are none."""
 
-    KEEP_GAINS = auto()
-    SET_GAINS = auto()
-    STEP_TOWARDS_MARGINS = auto()
-    NO_GAINS_ADVISED = auto()
-    GAINS_CHANGED = auto()
-    MOTOR_AT_LIMIT = auto()
-    LOOP_UNSTABLE = auto()
-    LOWER_GAINS = auto()
-    GAINS_ADVISED = auto()
-    GAINS_LEFT = auto()
-    TWIN_FLIES = auto()
-    GAINS_WRITTEN = auto()
-    ADVICE_WAITS = auto()
-    ADVICE_FAILED = auto()
+    KEEP_GAINS = "keep_gains"
+    SET_GAINS = "set_gains"
+    STEP_TOWARDS_MARGINS = "step_towards_margins"
+    NO_GAINS_ADVISED = "no_gains_advised"
+    GAINS_CHANGED = "gains_changed"
+    MOTOR_AT_LIMIT = "motor_at_limit"
+    LOOP_UNSTABLE = "loop_unstable"
+    LOWER_GAINS = "lower_gains"
+    GAINS_ADVISED = "gains_advised"
+    GAINS_LEFT = "gains_left"
+    TWIN_FLIES = "twin_flies"
+    GAINS_WRITTEN = "gains_written"
+    ADVICE_WAITS = "advice_waits"
+    ADVICE_FAILED = "advice_failed"
 
 
 class Twins(Code):
     """Of a vehicle for simulators; each note says how sure a figure of it is."""
 
-    NO_HOVER = auto()
-    CANNOT_FLY = auto()
-    MASS_NOTE = auto()
-    ARM_NOTE = auto()
-    INERTIA_NOTE = auto()
-    MOMENT_NOTE = auto()
-    DAMPING_NOTE = auto()
-    LAG_NOTE = auto()
-    DRAG_NOTE = auto()
-    EFFECT_NOTE = auto()
+    NO_HOVER = "no_hover"
+    CANNOT_FLY = "cannot_fly"
+    MASS_NOTE = "mass_note"
+    ARM_NOTE = "arm_note"
+    INERTIA_NOTE = "inertia_note"
+    MOMENT_NOTE = "moment_note"
+    DAMPING_NOTE = "damping_note"
+    LAG_NOTE = "lag_note"
+    DRAG_NOTE = "drag_note"
+    EFFECT_NOTE = "effect_note"
 
 
 class StepResponses(Code):
     """Of the closed loops as measured, and beside the predicted ones."""
 
-    STEP_MEASURED = auto()
-    PREDICTION_AGREES = auto()
-    PREDICTION_DOUBTED = auto()
-    MEASUREMENT_DOUBTED = auto()
-    NO_SETPOINT = auto()
-    TOO_SLOW = auto()
-    TOO_LITTLE_FLIGHT = auto()
-    TOO_LITTLE_ASKED = auto()
+    STEP_MEASURED = "step_measured"
+    PREDICTION_AGREES = "prediction_agrees"
+    PREDICTION_DOUBTED = "prediction_doubted"
+    MEASUREMENT_DOUBTED = "measurement_doubted"
+    NO_SETPOINT = "no_setpoint"
+    TOO_SLOW = "too_slow"
+    TOO_LITTLE_FLIGHT = "too_little_flight"
+    TOO_LITTLE_ASKED = "too_little_asked"

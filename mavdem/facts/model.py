@@ -1,89 +1,89 @@
 """What is said of a model: why its physical parameters are doubted or missing, its limits, and the order of states."""
 
-from enum import auto
+from enum import StrEnum
 
-from mavdem.facts.fact import Code, InWords
+from mavdem.facts.fact import Code
 
 
-class Refinement(InWords):
+class Refinement(StrEnum):
     """A parameter of the gray-box model that some flights have, where it predicts unseen windows better."""
 
-    JUMPS = auto()
-    THRUST_CURVE = auto()
+    JUMPS = "jumps"
+    THRUST_CURVE = "thrust curve"
 
 
 class ParameterDoubt(Code):
     """Why a physical parameter is biased or not identifiable, or where it is known from otherwise."""
 
-    WIND_SHARE_HIGH = auto()
-    COMMANDS_TOO_FAST = auto()
-    ESTIMATE_UNCERTAIN = auto()
-    DEPENDS_ON_WIND_SPECTRUM = auto()
-    FILTER_TAKEN_FOR_LAG = auto()
-    LAG_TOO_SHORT = auto()
-    FOLLOWS_FROM_EFFECT = auto()
-    KNOWN_FROM_EARLIER_FLIGHT = auto()
-    SEVERAL_DOUBTS = auto()
+    WIND_SHARE_HIGH = "wind_share_high"
+    COMMANDS_TOO_FAST = "commands_too_fast"
+    ESTIMATE_UNCERTAIN = "estimate_uncertain"
+    DEPENDS_ON_WIND_SPECTRUM = "depends_on_wind_spectrum"
+    FILTER_TAKEN_FOR_LAG = "filter_taken_for_lag"
+    LAG_TOO_SHORT = "lag_too_short"
+    FOLLOWS_FROM_EFFECT = "follows_from_effect"
+    KNOWN_FROM_EARLIER_FLIGHT = "known_from_earlier_flight"
+    SEVERAL_DOUBTS = "several_doubts"
 
 
 class NoPhysical(Code):
     """Why there are no physical parameters, no simulation by them, or no wind torque."""
 
-    SAMPLED_TOO_SLOWLY = auto()
-    MOTORS_STILL = auto()
-    NO_RATE = auto()
-    TOO_FEW_SAMPLES_WITHOUT_GAPS = auto()
-    NO_STEADY_FILTER = auto()
-    EFFECT_NOT_IDENTIFIABLE = auto()
-    SIMULATION_FAR_OFF = auto()
-    NO_SIMULATION_BAND = auto()
-    WIND_TORQUE_NOT_RESOLVED = auto()
+    SAMPLED_TOO_SLOWLY = "sampled_too_slowly"
+    MOTORS_STILL = "motors_still"
+    NO_RATE = "no_rate"
+    TOO_FEW_SAMPLES_WITHOUT_GAPS = "too_few_samples_without_gaps"
+    NO_STEADY_FILTER = "no_steady_filter"
+    EFFECT_NOT_IDENTIFIABLE = "effect_not_identifiable"
+    SIMULATION_FAR_OFF = "simulation_far_off"
+    NO_SIMULATION_BAND = "no_simulation_band"
+    WIND_TORQUE_NOT_RESOLVED = "wind_torque_not_resolved"
 
 
 class ModelCaution(Code):
     """Limits of a learned model, and of the inputs that it was learned from."""
 
-    MODEL_GROWS = auto()
-    NO_SIMULATION_FIT = auto()
-    RECORDED = auto()
+    MODEL_GROWS = "model_grows"
+    NO_SIMULATION_FIT = "no_simulation_fit"
+    RECORDED = "recorded"
 
 
 class ModelRefusal(Code):
     """Why a flight can be fitted by no model."""
 
-    TOO_FEW_TO_LEARN = auto()
-    CHANNEL_CONSTANT = auto()
-    TOO_SHORT_FOR_WINDOW = auto()
-    FIT_BREAKS_DOWN = auto()
-    SEGMENTS_TOO_SHORT_FOR_LAGS = auto()
-    TOO_FEW_TO_CHOOSE_ORDER = auto()
-    NO_ORDER_FITTED = auto()
+    TOO_FEW_TO_LEARN = "too_few_to_learn"
+    CHANNEL_CONSTANT = "channel_constant"
+    TOO_SHORT_FOR_WINDOW = "too_short_for_window"
+    FIT_BREAKS_DOWN = "fit_breaks_down"
+    SEGMENTS_TOO_SHORT_FOR_LAGS = "segments_too_short_for_lags"
+    TOO_FEW_TO_CHOOSE_ORDER = "too_few_to_choose_order"
+    NO_ORDER_FITTED = "no_order_fitted"
 
 
 class OrderFact(Code):
     """Why the free energy chooses an order, and why orders are missing."""
 
-    ORDER_CHOSEN = auto()
-    ORDER_BROKE_DOWN = auto()
-    ORDERS_NOT_FITTED = auto()
+    ORDER_CHOSEN = "order_chosen"
+    ORDER_BROKE_DOWN = "order_broke_down"
+    ORDERS_NOT_FITTED = "orders_not_fitted"
 
 
 class ModelFile(Code):
     """Why the document of a model cannot be opened."""
 
-    OF_LATER_VERSION = auto()
-    NO_MODEL_DOCUMENT = auto()
+    OF_LATER_VERSION = "of_later_version"
+    NO_MODEL_DOCUMENT = "no_model_document"
 
 
 class Workers(Code):
     """Why processes that share the work of many fits ended, or cannot begin."""
 
-    WORKER_DIED = auto()
-    SCRIPT_IMPORTED_BY_WORKER = auto()
+    WORKER_DIED = "worker_died"
+    SCRIPT_IMPORTED_BY_WORKER = "script_imported_by_worker"
 
 
 class Plant(Code):
     """Why a model has no plant for other programs."""
 
-    NO_PLANT = auto()
-    TOO_MANY_OUTPUTS = auto()
+    NO_PLANT = "no_plant"
+    TOO_MANY_OUTPUTS = "too_many_outputs"

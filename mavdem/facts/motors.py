@@ -1,6 +1,6 @@
 """What is found of motors and propellers: between flights, by their balance, and in flight."""
 
-from enum import StrEnum, auto
+from enum import StrEnum
 
 from mavdem.facts.fact import Code
 
@@ -17,31 +17,31 @@ class MotorHealth(StrEnum):
 class InFlight(Code):
     """What the watch of the motors says in flight, and why it may not."""
 
-    MOTOR_LOST_THRUST = auto()
-    MOTOR_RECOVERED = auto()
-    STEADY_TORQUE_CHANGED = auto()
-    MOTOR_PLACES_UNKNOWN = auto()
-    MOTOR_OUTPUTS_TOO_SLOW = auto()
-    FALSE_ALARMS = auto()
+    MOTOR_LOST_THRUST = "motor_lost_thrust"
+    MOTOR_RECOVERED = "motor_recovered"
+    STEADY_TORQUE_CHANGED = "steady_torque_changed"
+    MOTOR_PLACES_UNKNOWN = "motor_places_unknown"
+    MOTOR_OUTPUTS_TOO_SLOW = "motor_outputs_too_slow"
+    FALSE_ALARMS = "false_alarms"
 
 
 class MotorsLight(Code):
     """What the light of the motors says beside their trim and what they lost."""
 
-    MOTORS_EVEN = auto()
-    MOTOR_LIMITED = auto()
-    HEADROOM_LITTLE = auto()
-    MOTORS_NOT_SEEN = auto()
+    MOTORS_EVEN = "motors_even"
+    MOTOR_LIMITED = "motor_limited"
+    HEADROOM_LITTLE = "headroom_little"
+    MOTORS_NOT_SEEN = "motors_not_seen"
 
 
 class MotorsBetween(Code):
     """How the motors of a flight compare with those of healthy flights."""
 
-    MOTORS_UNCHANGED = auto()
-    MOTOR_WEAK = auto()
-    BALANCE_CHANGED = auto()
-    BALANCE_OUTSIDE = auto()
-    EFFORT_CHANGED = auto()
+    MOTORS_UNCHANGED = "motors_unchanged"
+    MOTOR_WEAK = "motor_weak"
+    BALANCE_CHANGED = "balance_changed"
+    BALANCE_OUTSIDE = "balance_outside"
+    EFFORT_CHANGED = "effort_changed"
 
 
 class Explanation(StrEnum):
@@ -56,23 +56,23 @@ class Explanation(StrEnum):
 class HealthUnknown(Code):
     """Why the health of a flight's motors is not known."""
 
-    BALANCE_UNKNOWN = auto()
-    GEOMETRY_UNKNOWN = auto()
-    LEAN_UNKNOWN = auto()
-    HEALTHY_FLIGHTS_FEW = auto()
-    HEALTH_UNSURE = auto()
-    VEHICLE_UNNAMED = auto()
-    HEALTH_FAILED = auto()
+    BALANCE_UNKNOWN = "balance_unknown"
+    GEOMETRY_UNKNOWN = "geometry_unknown"
+    LEAN_UNKNOWN = "lean_unknown"
+    HEALTHY_FLIGHTS_FEW = "healthy_flights_few"
+    HEALTH_UNSURE = "health_unsure"
+    VEHICLE_UNNAMED = "vehicle_unnamed"
+    HEALTH_FAILED = "health_failed"
 
 
 class Trim(Code):
     """By which pattern the motors of one flight work unevenly."""
 
-    TRIM_EVEN = auto()
-    TRIM_OF_YAW = auto()
-    TRIM_OF_CENTRE = auto()
-    TRIM_OF_ONE_MOTOR = auto()
-    TRIM_OF_SEVERAL = auto()
-    TRIM_UNSURE = auto()
-    TRIM_UNKNOWN = auto()
-    TRIM_OF_UNKNOWN_PLACES = auto()
+    TRIM_EVEN = "trim_even"
+    TRIM_OF_YAW = "trim_of_yaw"
+    TRIM_OF_CENTRE = "trim_of_centre"
+    TRIM_OF_ONE_MOTOR = "trim_of_one_motor"
+    TRIM_OF_SEVERAL = "trim_of_several"
+    TRIM_UNSURE = "trim_unsure"
+    TRIM_UNKNOWN = "trim_unknown"
+    TRIM_OF_UNKNOWN_PLACES = "trim_of_unknown_places"

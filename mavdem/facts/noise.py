@@ -1,26 +1,24 @@
 """What is said of the noise of gyro and accelerometer: their spectra, lines in them, and notch filters."""
 
-from enum import auto
-
 from mavdem.facts.fact import Code
 
 
 class Noise(Code):
     """Of spectra, and the lines in them."""
 
-    SPECTRUM_SEEN = auto()
-    NO_SPECTRUM = auto()
-    MOTOR_LINE = auto()
-    FRAME_LINE = auto()
-    ALIASED_LINE = auto()
-    UNNAMED_LINE = auto()
-    FILTERS_REMOVE = auto()
+    SPECTRUM_SEEN = "spectrum_seen"
+    NO_SPECTRUM = "no_spectrum"
+    MOTOR_LINE = "motor_line"
+    FRAME_LINE = "frame_line"
+    ALIASED_LINE = "aliased_line"
+    UNNAMED_LINE = "unnamed_line"
+    FILTERS_REMOVE = "filters_remove"
 
 
 class NotchAdvice(Code):
     """Of notch filters to set, and why there are none."""
 
-    SET_NOTCH = auto()
-    NOTCH_NOT_NEEDED = auto()
-    NOTCH_IN_PLACE = auto()
-    NO_LINE_TO_REMOVE = auto()
+    SET_NOTCH = "set_notch"
+    NOTCH_NOT_NEEDED = "notch_not_needed"
+    NOTCH_IN_PLACE = "notch_in_place"
+    NO_LINE_TO_REMOVE = "no_line_to_remove"

@@ -1,6 +1,6 @@
 """Online: why the model of a stream is not learned yet, or not again; and what keeps a flight's wind unknown."""
 
-from enum import StrEnum, auto
+from enum import StrEnum
 
 from mavdem.facts.fact import Code
 
@@ -8,24 +8,24 @@ from mavdem.facts.fact import Code
 class Online(Code):
     """What is said of the online learner."""
 
-    TOO_FEW_SAMPLES_YET = auto()
-    FIRST_LEARNING = auto()
-    SAMPLES_MISPLACED = auto()
-    LEARNING_FAILED = auto()
+    TOO_FEW_SAMPLES_YET = "too_few_samples_yet"
+    FIRST_LEARNING = "first_learning"
+    SAMPLES_MISPLACED = "samples_misplaced"
+    LEARNING_FAILED = "learning_failed"
 
 
 class DragSource(StrEnum):
     """What a vehicle's drag is known from, by the names that documents have."""
 
-    POPULATION = auto()
-    PARAMETERS = auto()
-    FLIGHT = auto()
-    CALIBRATION = auto()
+    POPULATION = "population"
+    PARAMETERS = "parameters"
+    FLIGHT = "flight"
+    CALIBRATION = "calibration"
 
 
 class Airflow(Code):
     """Why attitude and velocity give no wind."""
 
-    MOTION_UNKNOWN = auto()
-    MOTION_TOO_SHORT = auto()
-    VELOCITY_INCONSISTENT = auto()
+    MOTION_UNKNOWN = "motion_unknown"
+    MOTION_TOO_SHORT = "motion_too_short"
+    VELOCITY_INCONSISTENT = "velocity_inconsistent"

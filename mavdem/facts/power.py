@@ -1,18 +1,16 @@
 """What the light of power says of the battery and of the board's supply."""
 
-from enum import auto
-
 from mavdem.facts.fact import Code
 
 
 class PowerLight(Code):
     """How battery and supply held in flight."""
 
-    BATTERY_HELD = auto()
-    BATTERY_LOW = auto()
-    CHARGE_LOW = auto()
-    SUPPLY_HELD = auto()
-    SUPPLY_LOW = auto()
-    SUPPLY_FELL = auto()
-    CELLS_UNKNOWN = auto()
-    POWER_UNMEASURED = auto()
+    BATTERY_HELD = "battery_held"
+    BATTERY_LOW = "battery_low"
+    CHARGE_LOW = "charge_low"
+    SUPPLY_HELD = "supply_held"
+    SUPPLY_LOW = "supply_low"
+    SUPPLY_FELL = "supply_fell"
+    CELLS_UNKNOWN = "cells_unknown"
+    POWER_UNMEASURED = "power_unmeasured"

@@ -1,6 +1,6 @@
 """Codes of the server: why a request is refused, and how far a log is."""
 
-from enum import StrEnum, auto
+from enum import StrEnum
 
 from mavdem.facts.fact import Code
 
@@ -8,63 +8,63 @@ from mavdem.facts.fact import Code
 class Request(Code):
     """Why a request to the server is refused."""
 
-    NO_RIGHT = auto()
-    OTHER_SITE = auto()
-    NO_SUCH_FLIGHT = auto()
-    UPLOAD_WITHOUT_LOG = auto()
-    UPLOAD_TOO_LARGE = auto()
-    UPLOAD_TOO_SLOW = auto()
-    UPLOAD_BROKEN = auto()
-    UPLOADS_TOO_MANY = auto()
-    DISK_FULL = auto()
-    QUOTA_REACHED = auto()
-    BAD_REQUEST = auto()
-    NOT_STARTED = auto()
-    SESSION_FAILED = auto()
-    ANSWER_FAILED = auto()
+    NO_RIGHT = "no_right"
+    OTHER_SITE = "other_site"
+    NO_SUCH_FLIGHT = "no_such_flight"
+    UPLOAD_WITHOUT_LOG = "upload_without_log"
+    UPLOAD_TOO_LARGE = "upload_too_large"
+    UPLOAD_TOO_SLOW = "upload_too_slow"
+    UPLOAD_BROKEN = "upload_broken"
+    UPLOADS_TOO_MANY = "uploads_too_many"
+    DISK_FULL = "disk_full"
+    QUOTA_REACHED = "quota_reached"
+    BAD_REQUEST = "bad_request"
+    NOT_STARTED = "not_started"
+    SESSION_FAILED = "session_failed"
+    ANSWER_FAILED = "answer_failed"
 
 
 class Start(Code):
     """Why the server does not start."""
 
-    TOKEN_NEEDED = auto()
-    TOKEN_TOO_SHORT = auto()
-    ADDRESS_NOT_FREE = auto()
-    FOLDER_NOT_WRITABLE = auto()
+    TOKEN_NEEDED = "token_needed"
+    TOKEN_TOO_SHORT = "token_too_short"
+    ADDRESS_NOT_FREE = "address_not_free"
+    FOLDER_NOT_WRITABLE = "folder_not_writable"
 
 
 class Stage(StrEnum):
     """How far a log is."""
 
-    WAITING = auto()
-    READING = auto()
-    JUDGING = auto()
-    LEARNING = auto()
-    DRAWING = auto()
-    DONE = auto()
-    FAILED = auto()
+    WAITING = "waiting"
+    READING = "reading"
+    JUDGING = "judging"
+    LEARNING = "learning"
+    DRAWING = "drawing"
+    DONE = "done"
+    FAILED = "failed"
 
 
 class Sharing(StrEnum):
     """Who sees a flight: its owner; whoever has its link; or everybody, and it is listed."""
 
-    PRIVATE = auto()
-    LINK = auto()
-    PUBLIC = auto()
+    PRIVATE = "private"
+    LINK = "link"
+    PUBLIC = "public"
 
 
 class Use(StrEnum):
     """What one needs a right for."""
 
-    READ = auto()
-    UPLOAD = auto()
-    WRITE = auto()
-    DOWNLOAD = auto()
+    READ = "read"
+    UPLOAD = "upload"
+    WRITE = "write"
+    DOWNLOAD = "download"
 
 
 class Crowd(StrEnum):
     """Of what there are too many."""
 
-    UPLOADS = auto()
-    LOGS = auto()
-    WATCHERS = auto()
+    UPLOADS = "uploads"
+    LOGS = "logs"
+    WATCHERS = "watchers"

@@ -1,6 +1,6 @@
 """What is found of a live session: its link, the vehicles on it, their messages and rates, and what waits."""
 
-from enum import StrEnum, auto
+from enum import StrEnum
 
 from mavdem.facts.fact import Code
 
@@ -8,130 +8,130 @@ from mavdem.facts.fact import Code
 class LinkError(StrEnum):
     """Why a link cannot be opened, or is lost."""
 
-    CLOSED = auto()  # by the other side
-    FAILED = auto()  # as the system says
-    NOT_OPEN = auto()
-    IN_USE = auto()  # the port, by another program
-    NOT_LOCAL = auto()  # the address is of another machine
-    NO_HOST = auto()
-    NO_PORT = auto()  # of a serial line
-    NO_REPLY = auto()  # in time
-    NOT_LISTENING = auto()
-    NOT_PERMITTED = auto()
-    NOT_SERIAL = auto()
-    NO_POSIX = auto()
-    NO_SPEED = auto()  # of a serial line
+    CLOSED = "closed"  # by the other side
+    FAILED = "failed"  # as the system says
+    NOT_OPEN = "not_open"
+    IN_USE = "in_use"  # the port, by another program
+    NOT_LOCAL = "not_local"  # the address is of another machine
+    NO_HOST = "no_host"
+    NO_PORT = "no_port"  # of a serial line
+    NO_REPLY = "no_reply"  # in time
+    NOT_LISTENING = "not_listening"
+    NOT_PERMITTED = "not_permitted"
+    NOT_SERIAL = "not_serial"
+    NO_POSIX = "no_posix"
+    NO_SPEED = "no_speed"  # of a serial line
 
 
 class LinkFact(Code):
     """What happens to a link, and to the recording of what it receives."""
 
-    CANNOT_OPEN_LINK = auto()
-    NOT_A_LINK = auto()
-    LINK_PORT_TOO_HIGH = auto()
-    FILE_IS_NO_LINK = auto()
-    CONNECTION_LOST = auto()
-    LINK_OPEN_AGAIN = auto()
-    TWO_ADDRESSES = auto()
-    STREAM_FILE_EXISTS = auto()
-    STREAM_FILE_FAILED = auto()
-    STREAM_RECORDING_ENDED = auto()
+    CANNOT_OPEN_LINK = "cannot_open_link"
+    NOT_A_LINK = "not_a_link"
+    LINK_PORT_TOO_HIGH = "link_port_too_high"
+    FILE_IS_NO_LINK = "file_is_no_link"
+    CONNECTION_LOST = "connection_lost"
+    LINK_OPEN_AGAIN = "link_open_again"
+    TWO_ADDRESSES = "two_addresses"
+    STREAM_FILE_EXISTS = "stream_file_exists"
+    STREAM_FILE_FAILED = "stream_file_failed"
+    STREAM_RECORDING_ENDED = "stream_recording_ended"
 
 
 class VehicleFact(Code):
     """Which vehicles are on a link, and which of them is followed."""
 
-    NO_VEHICLE_YET = auto()
-    CHOOSE_VEHICLE = auto()
-    VEHICLES_FOUND = auto()
-    FOLLOWING_VEHICLE = auto()
-    OTHER_VEHICLE = auto()
-    NOT_A_MULTIROTOR = auto()
-    VEHICLE_REBOOTED = auto()
-    CLOCK_JUMPED = auto()
+    NO_VEHICLE_YET = "no_vehicle_yet"
+    CHOOSE_VEHICLE = "choose_vehicle"
+    VEHICLES_FOUND = "vehicles_found"
+    FOLLOWING_VEHICLE = "following_vehicle"
+    OTHER_VEHICLE = "other_vehicle"
+    NOT_A_MULTIROTOR = "not_a_multirotor"
+    VEHICLE_REBOOTED = "vehicle_rebooted"
+    CLOCK_JUMPED = "clock_jumped"
 
 
 class Rows(Code):
     """What the rows of a live flight are made of, and why there are none."""
 
-    RATES_BEING_MEASURED = auto()
-    NO_LIVE_ATTITUDE = auto()
-    ATTITUDE_ASKED = auto()
-    NO_LIVE_MOTORS = auto()
-    LIVE_RATES_TOO_LOW = auto()
-    LIVE_RATES_ENOUGH = auto()
-    MESSAGE_GAP = auto()
-    RATE_CHANGED = auto()
-    ROWS_BEGIN = auto()
-    MOTOR_ORDER_ASSUMED = auto()
-    MOTOR_ORDER_KNOWN = auto()
-    INPUTS_CHANGED = auto()
-    MESSAGES_RESUMED = auto()
-    NOTHING_RECEIVED = auto()
+    RATES_BEING_MEASURED = "rates_being_measured"
+    NO_LIVE_ATTITUDE = "no_live_attitude"
+    ATTITUDE_ASKED = "attitude_asked"
+    NO_LIVE_MOTORS = "no_live_motors"
+    LIVE_RATES_TOO_LOW = "live_rates_too_low"
+    LIVE_RATES_ENOUGH = "live_rates_enough"
+    MESSAGE_GAP = "message_gap"
+    RATE_CHANGED = "rate_changed"
+    ROWS_BEGIN = "rows_begin"
+    MOTOR_ORDER_ASSUMED = "motor_order_assumed"
+    MOTOR_ORDER_KNOWN = "motor_order_known"
+    INPUTS_CHANGED = "inputs_changed"
+    MESSAGES_RESUMED = "messages_resumed"
+    NOTHING_RECEIVED = "nothing_received"
 
 
 class RateFact(Code):
     """What becomes of the message rates that a vehicle is asked for."""
 
-    RATE_REFUSED = auto()
-    RATES_ASKED_AGAIN = auto()
-    RATE_BELOW_ASKED = auto()
-    RATE_FELL = auto()
-    RATES_CONTESTED = auto()
-    RATES_NOT_RESTORED = auto()
+    RATE_REFUSED = "rate_refused"
+    RATES_ASKED_AGAIN = "rates_asked_again"
+    RATE_BELOW_ASKED = "rate_below_asked"
+    RATE_FELL = "rate_fell"
+    RATES_CONTESTED = "rates_contested"
+    RATES_NOT_RESTORED = "rates_not_restored"
 
 
 class Task(StrEnum):
     """What waits where the computer is too slow."""
 
-    PHYSICAL_FITS = auto()
-    PLOTS = auto()
-    REFITS = auto()
-    ESTIMATES = auto()
+    PHYSICAL_FITS = "physical_fits"
+    PLOTS = "plots"
+    REFITS = "refits"
+    ESTIMATES = "estimates"
 
 
 class Missing(StrEnum):
     """What does not come over a link: anything, or attitude and motor outputs."""
 
-    MESSAGES = auto()
-    MOTION = auto()
+    MESSAGES = "messages"
+    MOTION = "motion"
 
 
 class Session(Code):
     """What a live session learns, and what keeps it from learning."""
 
-    ALARM = auto()
-    NOT_FLYING = auto()
-    FLIGHT_UNKNOWN = auto()
-    NOT_SETTLED = auto()
-    BEING_LEARNED = auto()
-    SAMPLE_SKIPPED = auto()
-    MOTION_UNEXPECTED = auto()
-    GUST_FELT = auto()
-    PRIOR_NOT_USED = auto()
-    FORMER_MODEL_KEPT = auto()
-    NO_LIVE_FLIGHT = auto()
-    NOT_LEARNED_IN_TIME = auto()
-    DISPLAY_FAILED = auto()
-    ROW_NOT_DRAWN = auto()
-    DASHBOARD_NOT_OPENED = auto()
-    COMPUTER_BEHIND = auto()
-    COMPUTER_KEEPS_UP = auto()
-    ESTIMATES_LATE = auto()
-    SECONDS_SPENT = auto()
-    WIND_KNOWN = auto()
-    WIND_SPEED = auto()
-    WIND_FROM = auto()
+    ALARM = "alarm"
+    NOT_FLYING = "not_flying"
+    FLIGHT_UNKNOWN = "flight_unknown"
+    NOT_SETTLED = "not_settled"
+    BEING_LEARNED = "being_learned"
+    SAMPLE_SKIPPED = "sample_skipped"
+    MOTION_UNEXPECTED = "motion_unexpected"
+    GUST_FELT = "gust_felt"
+    PRIOR_NOT_USED = "prior_not_used"
+    FORMER_MODEL_KEPT = "former_model_kept"
+    NO_LIVE_FLIGHT = "no_live_flight"
+    NOT_LEARNED_IN_TIME = "not_learned_in_time"
+    DISPLAY_FAILED = "display_failed"
+    ROW_NOT_DRAWN = "row_not_drawn"
+    DASHBOARD_NOT_OPENED = "dashboard_not_opened"
+    COMPUTER_BEHIND = "computer_behind"
+    COMPUTER_KEEPS_UP = "computer_keeps_up"
+    ESTIMATES_LATE = "estimates_late"
+    SECONDS_SPENT = "seconds_spent"
+    WIND_KNOWN = "wind_known"
+    WIND_SPEED = "wind_speed"
+    WIND_FROM = "wind_from"
 
 
 class Spent(StrEnum):
     """What the seconds of a session were, the first that holds but for those learned from."""
 
-    LEARNED = auto()
-    UNSETTLED = auto()
-    ON_GROUND = auto()
-    WAITING = auto()
-    SILENT = auto()
-    LINK_LOST = auto()
-    LEFT_OUT = auto()
-    NO_VEHICLE = auto()
+    LEARNED = "learned"
+    UNSETTLED = "unsettled"
+    ON_GROUND = "on_ground"
+    WAITING = "waiting"
+    SILENT = "silent"
+    LINK_LOST = "link_lost"
+    LEFT_OUT = "left_out"
+    NO_VEHICLE = "no_vehicle"

@@ -1,6 +1,6 @@
 """Codes of what is read: why a source is refused, and what was odd or damaged in it and what was done about it."""
 
-from enum import StrEnum, auto
+from enum import StrEnum
 
 from mavdem.facts.fact import Code
 
@@ -8,86 +8,86 @@ from mavdem.facts.fact import Code
 class Source(Code):
     """Why a file cannot be read or has nothing that can be used; how motors are known."""
 
-    FOLDER_GIVEN = auto()
-    SPECIAL_FILE = auto()
-    FILE_MISSING = auto()
-    FILE_NOT_OPENED = auto()
-    FILE_TOO_LARGE = auto()
-    FILE_EMPTY = auto()
-    ARCHIVE_DAMAGED = auto()
-    FORMAT_UNKNOWN = auto()
-    NO_PARAMETERS_IN_FILE = auto()
-    FORMAT_WITHOUT_FRAMES = auto()
-    GIT_LFS_POINTER = auto()
-    DIALECT_UNKNOWN = auto()
-    DATAFLASH_WITHOUT_MESSAGES = auto()
-    DATAFLASH_WITHOUT_FLIGHT = auto()
-    ULOG_OF_LATER_FORMAT = auto()
-    ULOG_WITHOUT_FLIGHT = auto()
-    MCAP_OF_ROS2 = auto()
-    MCAP_OF_MAVDEM = auto()
-    MCAP_DAMAGED = auto()
-    MCAP_WITHOUT_FLIGHT = auto()
-    ROS2_DAMAGED = auto()
-    MOTOR_BASIS = auto()
+    FOLDER_GIVEN = "folder_given"
+    SPECIAL_FILE = "special_file"
+    FILE_MISSING = "file_missing"
+    FILE_NOT_OPENED = "file_not_opened"
+    FILE_TOO_LARGE = "file_too_large"
+    FILE_EMPTY = "file_empty"
+    ARCHIVE_DAMAGED = "archive_damaged"
+    FORMAT_UNKNOWN = "format_unknown"
+    NO_PARAMETERS_IN_FILE = "no_parameters_in_file"
+    FORMAT_WITHOUT_FRAMES = "format_without_frames"
+    GIT_LFS_POINTER = "git_lfs_pointer"
+    DIALECT_UNKNOWN = "dialect_unknown"
+    DATAFLASH_WITHOUT_MESSAGES = "dataflash_without_messages"
+    DATAFLASH_WITHOUT_FLIGHT = "dataflash_without_flight"
+    ULOG_OF_LATER_FORMAT = "ulog_of_later_format"
+    ULOG_WITHOUT_FLIGHT = "ulog_without_flight"
+    MCAP_OF_ROS2 = "mcap_of_ros2"
+    MCAP_OF_MAVDEM = "mcap_of_mavdem"
+    MCAP_DAMAGED = "mcap_damaged"
+    MCAP_WITHOUT_FLIGHT = "mcap_without_flight"
+    ROS2_DAMAGED = "ros2_damaged"
+    MOTOR_BASIS = "motor_basis"
 
 
 class Repair(Code):
     """What was odd or damaged in a source, and what was done about it."""
 
-    FRAMES_LEFT_OUT = auto()
-    PARAMETERS_ADDED = auto()
-    BYTES_SKIPPED = auto()
-    CARRIAGE_RETURNS_UNDONE = auto()
-    STAMPS_IGNORED = auto()
-    CLOCK_WRAPPED = auto()
-    LOG_OF_SEVERAL_BOOTS = auto()
-    CLOCK_MOVED = auto()
-    UNIX_TIME_MOVED = auto()
-    SYSTEM_NUMBERED = auto()
-    DEFINITION_CONTRADICTED = auto()
-    LOGGED_MESSAGES_LEFT_OUT = auto()
-    LINES_LEFT_OUT = auto()
-    LOGGER_WITHOUT_ROOM = auto()
-    LOGGER_DROPPED_OUT = auto()
-    CENTIDEGREES_CONVERTED = auto()
-    DEMANDS_SCALED = auto()
-    ATTITUDE_INTERPOLATED = auto()
-    ULOG_DAMAGED = auto()
-    CHUNKS_DAMAGED = auto()
-    RECORDING_CUT = auto()
-    JSON_OF_NO_DIALECT = auto()
-    TOPICS_NOT_READ = auto()
+    FRAMES_LEFT_OUT = "frames_left_out"
+    PARAMETERS_ADDED = "parameters_added"
+    BYTES_SKIPPED = "bytes_skipped"
+    CARRIAGE_RETURNS_UNDONE = "carriage_returns_undone"
+    STAMPS_IGNORED = "stamps_ignored"
+    CLOCK_WRAPPED = "clock_wrapped"
+    LOG_OF_SEVERAL_BOOTS = "log_of_several_boots"
+    CLOCK_MOVED = "clock_moved"
+    UNIX_TIME_MOVED = "unix_time_moved"
+    SYSTEM_NUMBERED = "system_numbered"
+    DEFINITION_CONTRADICTED = "definition_contradicted"
+    LOGGED_MESSAGES_LEFT_OUT = "logged_messages_left_out"
+    LINES_LEFT_OUT = "lines_left_out"
+    LOGGER_WITHOUT_ROOM = "logger_without_room"
+    LOGGER_DROPPED_OUT = "logger_dropped_out"
+    CENTIDEGREES_CONVERTED = "centidegrees_converted"
+    DEMANDS_SCALED = "demands_scaled"
+    ATTITUDE_INTERPOLATED = "attitude_interpolated"
+    ULOG_DAMAGED = "ulog_damaged"
+    CHUNKS_DAMAGED = "chunks_damaged"
+    RECORDING_CUT = "recording_cut"
+    JSON_OF_NO_DIALECT = "json_of_no_dialect"
+    TOPICS_NOT_READ = "topics_not_read"
 
 
 class Flaw(StrEnum):
     """Why frames or messages were left out."""
 
-    DAMAGE = auto()
-    ANOTHER_DIALECT = auto()
-    UNDECODABLE = auto()
-    FAR_STAMP = auto()
-    IMPOSSIBLE_STAMP = auto()
-    NO_STAMP = auto()
+    DAMAGE = "damage"
+    ANOTHER_DIALECT = "another_dialect"
+    UNDECODABLE = "undecodable"
+    FAR_STAMP = "far_stamp"
+    IMPOSSIBLE_STAMP = "impossible_stamp"
+    NO_STAMP = "no_stamp"
 
 
 class Package(Code):
     """What the installation lacks."""
 
-    EXTRA_MISSING = auto()
+    EXTRA_MISSING = "extra_missing"
 
 
 class Arrays(Code):
     """What is wrong with arrays that a flight is made of."""
 
-    UNIT_SLIP = auto()
+    UNIT_SLIP = "unit_slip"
 
 
 class Slip(StrEnum):
     """What seems to be in another unit than rad, rad/s and s."""
 
-    ANGLE_IN_DEGREES = auto()
-    RATE_IN_DEGREES = auto()
-    BOTH_IN_DEGREES = auto()
-    TIME_IN_MILLISECONDS = auto()
-    TIME_IN_MICROSECONDS = auto()
+    ANGLE_IN_DEGREES = "angle_in_degrees"
+    RATE_IN_DEGREES = "rate_in_degrees"
+    BOTH_IN_DEGREES = "both_in_degrees"
+    TIME_IN_MILLISECONDS = "time_in_milliseconds"
+    TIME_IN_MICROSECONDS = "time_in_microseconds"

@@ -1,22 +1,22 @@
 """What a log says of its vehicle: the tier that it allows, and what the vehicle's name is made of."""
 
-from enum import auto
+from enum import StrEnum
 
-from mavdem.facts.fact import Code, InWords
+from mavdem.facts.fact import Code
 
 
-class Basis(InWords):
+class Basis(StrEnum):
     """What a vehicle's name is made of; the last is shared by many."""
 
-    BOARD = auto()
-    ACCELEROMETER = auto()
-    COMPASS = auto()
-    SYSTEM_ID = auto()
+    BOARD = "board"
+    ACCELEROMETER = "accelerometer"
+    COMPASS = "compass"
+    SYSTEM_ID = "system id"
 
 
 class Allowed(Code):
     """What a tier allows; its remedy is what a log needs for it."""
 
-    TIER_A = auto()
-    TIER_B = auto()
-    TIER_C = auto()
+    TIER_A = "tier_a"
+    TIER_B = "tier_b"
+    TIER_C = "tier_c"

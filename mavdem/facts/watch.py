@@ -1,28 +1,28 @@
 """What is watched of a vehicle in flight without a model of it."""
 
-from enum import auto
+from enum import StrEnum
 
-from mavdem.facts.fact import Code, InWords
+from mavdem.facts.fact import Code
 
 
-class Watched(InWords):
+class Watched(StrEnum):
     """What is watched."""
 
-    MOTORS = auto()
-    OSCILLATION = auto()
-    MOTOR_LIMITS = auto()
-    VIBRATION = auto()
-    BATTERY = auto()
-    WARNINGS = auto()  # of the autopilot
+    MOTORS = "motors"
+    OSCILLATION = "oscillation"
+    MOTOR_LIMITS = "motor limits"
+    VIBRATION = "vibration"
+    BATTERY = "battery"
+    WARNINGS = "warnings"  # of the autopilot
 
 
 class Watch(Code):
     """Since when it is watched, or why it is not, and what it says."""
 
-    WATCHED = auto()
-    NOT_WATCHED = auto()
-    MESSAGE_MISSING = auto()
-    REFERENCE_SHORT = auto()
-    ON_GROUND_NOW = auto()
-    ALARM_OVER = auto()
-    OTHER_VEHICLE_ALARM = auto()
+    WATCHED = "watched"
+    NOT_WATCHED = "not_watched"
+    MESSAGE_MISSING = "message_missing"
+    REFERENCE_SHORT = "reference_short"
+    ON_GROUND_NOW = "on_ground_now"
+    ALARM_OVER = "alarm_over"
+    OTHER_VEHICLE_ALARM = "other_vehicle_alarm"

@@ -1,37 +1,35 @@
 """The wind in metres a second: why there is none, and what of it a flight does not identify."""
 
-from enum import auto
-
 from mavdem.facts.fact import Code
 
 
 class NoWind(Code):
     """Why a log has no wind."""
 
-    NO_VELOCITY = auto()
-    NO_FLIGHT_WITH_VELOCITY = auto()
-    CLOCK_JUMPS = auto()
-    NOT_MEASURED = auto()
-    STUCK = auto()
+    NO_VELOCITY = "no_velocity"
+    NO_FLIGHT_WITH_VELOCITY = "no_flight_with_velocity"
+    CLOCK_JUMPS = "clock_jumps"
+    NOT_MEASURED = "not_measured"
+    STUCK = "stuck"
 
 
 class WindDoubt(Code):
     """What of drag, speed or direction is known too roughly."""
 
-    DRAG_UNSURE = auto()
-    SPEED_UNSURE = auto()
-    DIRECTION_UNSURE = auto()
+    DRAG_UNSURE = "drag_unsure"
+    SPEED_UNSURE = "speed_unsure"
+    DIRECTION_UNSURE = "direction_unsure"
 
 
 class WindShare(Code):
     """How much of a torque the mean wind explains."""
 
-    SHARE_KNOWN = auto()
-    SHARE_UNKNOWN = auto()
+    SHARE_KNOWN = "share_known"
+    SHARE_UNKNOWN = "share_unknown"
 
 
 class WindLight(Code):
     """What the light of the wind says."""
 
-    WIND_BLEW = auto()
-    WIND_NOT_KNOWN = auto()
+    WIND_BLEW = "wind_blew"
+    WIND_NOT_KNOWN = "wind_not_known"

@@ -1,7 +1,7 @@
 """Which format a log file has, by its first bytes and then by its name, and which reader it takes."""
 
 import os
-from enum import StrEnum, auto
+from enum import StrEnum
 from pathlib import Path
 
 from mavdem.errors import Unreadable
@@ -17,10 +17,10 @@ from mavdem.ingest.tlog import STAMP_BYTES, tlog_stream
 class Format(StrEnum):
     """What logs are written in."""
 
-    ULOG = auto()
-    DATAFLASH = auto()
-    MCAP = auto()
-    TLOG = auto()
+    ULOG = "ulog"
+    DATAFLASH = "dataflash"
+    MCAP = "mcap"
+    TLOG = "tlog"
 
 
 BEGINNINGS = {

@@ -6,7 +6,7 @@ Channels and positions come from the autopilot's parameters, or are assumed, whi
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum, auto
+from enum import StrEnum
 from importlib.resources import files
 from math import atan2, cos, degrees, radians, sin
 from typing import NamedTuple
@@ -24,19 +24,19 @@ from mavdem.ingest.vocabulary import NAMES
 class ChannelBasis(StrEnum):
     """What says which output channel drives which motor."""
 
-    DEMAND = auto()
-    PX4_FUNCTIONS = auto()
-    SERVO_FUNCTIONS = auto()
-    MOVING_CHANNELS = auto()
-    FIRST_CHANNELS = auto()
+    DEMAND = "demand"
+    PX4_FUNCTIONS = "px4_functions"
+    SERVO_FUNCTIONS = "servo_functions"
+    MOVING_CHANNELS = "moving_channels"
+    FIRST_CHANNELS = "first_channels"
 
 
 class PlaceBasis(StrEnum):
     """What says where motors are."""
 
-    PARAMETERS = auto()
-    X_QUAD = auto()
-    UNKNOWN = auto()
+    PARAMETERS = "parameters"
+    X_QUAD = "x_quad"
+    UNKNOWN = "unknown"
 
 
 Driver = tuple[str, int]  # PX4's, and the channel there, from 1: ("PWM_MAIN", 1)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from enum import auto
+from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics
 from mavdem.dem.engine.linalg import Array, logdet
-from mavdem.facts.fact import InWords
 
 
 class Belief(NamedTuple):
@@ -102,7 +101,7 @@ class SampleEnergy(NamedTuple):
         squares = np.sum(errors @ self.precision * errors, axis=1) + np.sum(
             states @ self.uncertainty * states, axis=1
         )
-        return np.asarray(self.constant - 0.5 * squares)
+        return self.constant - 0.5 * squares
 
 
 def expected_weights(lambda_: Array, lambda_covariance: Array) -> Array:
@@ -151,18 +150,18 @@ def lambda_curvature(
     )
 
 
-class Term(InWords):
+class Term(StrEnum):
     """The named terms of F̄ᵒ, Eq. ``F_action_opt``."""
 
-    NOISE_ENTROPY = auto()
-    STATE_AND_INPUT_ENTROPY = auto()
-    PARAMETER_ENTROPY = auto()
-    HYPERPARAMETER_ENTROPY = auto()
-    PREDICTION_ERROR_OF_OUTPUTS = auto()
-    PREDICTION_ERROR_OF_INPUTS = auto()
-    PREDICTION_ERROR_OF_STATES = auto()
-    PREDICTION_ERROR_OF_PARAMETERS = auto()
-    PREDICTION_ERROR_OF_HYPERPARAMETERS = auto()
+    NOISE_ENTROPY = "noise entropy"
+    STATE_AND_INPUT_ENTROPY = "state and input entropy"
+    PARAMETER_ENTROPY = "parameter entropy"
+    HYPERPARAMETER_ENTROPY = "hyperparameter entropy"
+    PREDICTION_ERROR_OF_OUTPUTS = "prediction error of outputs"
+    PREDICTION_ERROR_OF_INPUTS = "prediction error of inputs"
+    PREDICTION_ERROR_OF_STATES = "prediction error of states"
+    PREDICTION_ERROR_OF_PARAMETERS = "prediction error of parameters"
+    PREDICTION_ERROR_OF_HYPERPARAMETERS = "prediction error of hyperparameters"
 
 
 def optimal_terms(
