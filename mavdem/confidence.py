@@ -53,4 +53,4 @@ def half_width(
         level: as for :func:`quantile`.
         freedom: as for :func:`quantile`; it broadcasts against ``variance``.
     """
-    return np.asarray(quantile(level, freedom) * np.sqrt(variance))
+    return quantile(level, freedom) * np.sqrt(variance)

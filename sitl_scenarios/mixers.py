@@ -35,7 +35,7 @@ def ardupilot(columns: Array, demands: Four) -> Array:
     turning *= scale
     highest = 1 - turning.max()
     lifted = min(max(thrust, below * scale), highest)
-    return np.asarray(lifted + turning)
+    return lifted + turning
 
 
 def px4(columns: Array, demands: Four) -> Array:

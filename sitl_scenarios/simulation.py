@@ -251,4 +251,4 @@ def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> 
             raise ValueError("the vehicle is out of control: it needs other gains")
     last = len(known) - 1
     rows = np.searchsorted(grid, samples - 1e-6).clip(max=last)
-    return np.asarray(np.array(known)[rows].mT)
+    return np.array(known)[rows].mT

@@ -216,7 +216,7 @@ def _response(
     delays = np.exp(-turns)
     coefficients = steps[: kept[-1] + 1]
     response = np.polynomial.polynomial.polyval(delays, coefficients)
-    return np.asarray(response / (1 - delays))
+    return response / (1 - delays)
 
 
 def margins(frequency: Array, loop: Complex) -> Array:

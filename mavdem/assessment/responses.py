@@ -66,7 +66,7 @@ def responses_of(evidence: Evidence) -> Responses:
 def _followed(loop: Loop, ahead: bool) -> Complex:
     """(F,) the attitude's response, ``ahead`` with the rate of its setpoint asked for too."""
     turns = 2j * np.pi * loop.attitude.frequency / loop.controller.angle
-    return np.asarray(loop.attitude.closed[0] * (1 + ahead * turns))
+    return loop.attitude.closed[0] * (1 + ahead * turns)
 
 
 def _beside(measured: StepResponse | Fact, loop: OpenLoop, closed: Complex) -> LoopResponse:

@@ -126,7 +126,7 @@ def _likelihood(errors: Array) -> float:
 
 def _covariance(errors: Array) -> Array:
     floor = RANK_TOLERANCE**2 * np.eye(errors.shape[1])
-    return np.asarray(errors.T @ errors / len(errors) + floor)
+    return errors.T @ errors / len(errors) + floor
 
 
 def _minimised(segments: Segments, order: int) -> Fitted:

@@ -132,7 +132,7 @@ def _state_map(windows: Array, order: int, k: int) -> Array:
     if directions.shape[1] < order:
         states = directions.shape[1]
         raise NotLearnable(Forecasts.TOO_FEW_STATES, order=order, states=states)
-    return np.asarray(to_basis @ directions[:, :order] * np.sqrt(number))
+    return to_basis @ directions[:, :order] * np.sqrt(number)
 
 
 def _orthonormal(table: Array) -> Pair:

@@ -80,18 +80,18 @@ class Spectra(NamedTuple):
     @property
     def driver(self) -> Array:
         """(F,) |r|²."""
-        return np.asarray(np.maximum(self.power[0, 0].real, TINY))
+        return np.maximum(self.power[0, 0].real, TINY)
 
     @property
     def response(self) -> Complex:
         """(F,) of p to r."""
-        return np.asarray(self.power[0, 1] / self.driver)
+        return self.power[0, 1] / self.driver
 
     @property
     def coherence(self) -> Array:
         """(F,) of r and p."""
         powers = self.driver * self.power[1, 1].real
-        return np.asarray(abs(self.power[0, 1]) ** 2 / np.maximum(powers, TINY))
+        return abs(self.power[0, 1]) ** 2 / np.maximum(powers, TINY)
 
 
 def known_controller_of(signals: Signals) -> Controller | None:

@@ -66,12 +66,12 @@ class Spectrum(Result):
     @property
     def mean(self) -> Array:
         """(k, F) mean density of each axis."""
-        return np.asarray(self.density.mean(axis=0))
+        return self.density.mean(axis=0)
 
     @cached_property
     def whole(self) -> Array:
         """(W, F) density of all axes together."""
-        return np.asarray(self.density.sum(axis=1))
+        return self.density.sum(axis=1)
 
     @cached_property
     def by_throttle(self) -> Pair:

@@ -237,7 +237,7 @@ class Learned(Result, Forecasting, LearnedDownstream):
         """(m,) the longest horizon, up to 1.5 s, at which predictions err by less than half of the variance."""
         predicted = self.predicted(max(1, round(TEST_SECONDS / self.dt)))
         errors = np.maximum.accumulate(predicted.variance)
-        return np.asarray((errors < 0.5 * self.record.outputs.var(axis=0)).sum(axis=0))
+        return (errors < 0.5 * self.record.outputs.var(axis=0)).sum(axis=0)
 
     def forecast_variance(self, inputs: ArrayLike) -> Array:
         """Returns the expected squared error (H, m), rad² and (rad/s)², of :meth:`forecast` with ``inputs`` (H, r)."""

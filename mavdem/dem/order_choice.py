@@ -48,7 +48,7 @@ class OrderChoice:
     @property
     def mean(self) -> Array:
         """(N,) over the flights; NaN where a flight has none."""
-        return np.asarray(self.free_energy.mean(axis=0))
+        return self.free_energy.mean(axis=0)
 
     @property
     def spread(self) -> Array:

@@ -279,7 +279,7 @@ def _directions(symmetric: Array) -> Array:
 def _whitening(covariance: Array) -> Array:
     """W with W covariance Wᵀ = 1."""
     values, modes = np.linalg.eigh(covariance)
-    return np.asarray((modes / np.sqrt(np.maximum(values, ROUNDING * values.max()))).T)
+    return (modes / np.sqrt(np.maximum(values, ROUNDING * values.max()))).T
 
 
 def _theta(box: BlackBox, states: Array, rates: Array) -> Array:

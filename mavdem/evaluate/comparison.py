@@ -111,7 +111,7 @@ class Outcome:
 
     def mspe(self, question: Question = KNOWN) -> Array:
         """Returns the MSPE (m,) over the whole test part, in the squares of the outputs' units, of a ``question``."""
-        return np.asarray(self.scores[question].squared_error[-1])
+        return self.scores[question].squared_error[-1]
 
     def to_dict(self, question: Question = KNOWN) -> Values:
         """Returns values of a ``question`` for its document, without the forecasts themselves."""

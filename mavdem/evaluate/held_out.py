@@ -77,7 +77,7 @@ class HeldOut:
 
     def rmse(self, name: HeldOutForecast = FORECAST) -> Array:
         """Returns the root mean squared error (m,) of the forecast ``name`` over all windows, in the outputs' units."""
-        return np.asarray(np.sqrt(self.squared_errors(name).mean(axis=0)))
+        return np.sqrt(self.squared_errors(name).mean(axis=0))
 
     def error_ratio(self, name: HeldOutForecast = FORECAST) -> float:
         """Returns the mean squared error of the forecast ``name`` over that of the constant mean, of all windows."""
@@ -89,7 +89,7 @@ class HeldOut:
 
     def _sizes(self, name: HeldOutForecast) -> Array:
         """(W,) squared errors summed over outputs, each in units of its training variance."""
-        return np.asarray((self.squared_errors(name) / self.variance).sum(axis=1))
+        return (self.squared_errors(name) / self.variance).sum(axis=1)
 
     @property
     def best_baseline(self) -> HeldOutForecast:

@@ -153,9 +153,7 @@ def _log_t(changes: _Changes, shift: Array | float, more: Array | float = 0.0) -
     errors = changes.moved - shift
     squares = (errors**2 / variance).sum(axis=-1)
     power = (changes.freedom + variance.shape[-1]) / 2
-    return np.asarray(
-        -np.log(variance).sum(axis=-1) / 2 - power * np.log1p(squares / changes.freedom)
-    )
+    return -np.log(variance).sum(axis=-1) / 2 - power * np.log1p(squares / changes.freedom)
 
 
 FALSE_ALARMS = Fact(InFlight.FALSE_ALARMS, duration=5.55 * 3600, alarms_per_hour=0.54)

@@ -76,7 +76,7 @@ def _harmonics(rng: Generator, omega: Array, smoothness: float, deviation: float
     power = np.exp(-((omega * smoothness) ** 2))
     power[0] = 0.0
     phases = rng.standard_normal((2, len(omega))) / 2
-    return np.asarray(deviation * np.sqrt(power / power.sum()) * (phases[0] + 1j * phases[1]))
+    return deviation * np.sqrt(power / power.sum()) * (phases[0] + 1j * phases[1])
 
 
 @dataclass(frozen=True)

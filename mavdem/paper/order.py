@@ -110,7 +110,7 @@ def run(runner: Runner) -> Result:
 def _below_maximum(flights: Array) -> Array:
     """How far the mean over flights is below its maximum, by order, nats; 1000 at least, for a logarithmic axis."""
     mean = flights.mean(axis=0)
-    return np.asarray(np.maximum(np.nanmax(mean) - mean, 1e3))
+    return np.maximum(np.nanmax(mean) - mean, 1e3)
 
 
 def checks(saturation: dict[str, list[int]]) -> tuple[Check, ...]:

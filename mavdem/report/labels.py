@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
-
 from mavdem.analysis.residuals import directions, weights
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
@@ -77,4 +75,4 @@ class AxisCommand(NamedTuple):
     def series(self, inputs: Array) -> Array:
         """Returns the command (T,) over ``inputs`` (T, r), about its mean."""
         command = inputs @ self.weights
-        return np.asarray(command - command.mean())
+        return command - command.mean()

@@ -23,7 +23,7 @@ def plant_response(physical: Physical, motors: Array, frequency: Array, is_angle
     damping, lag, delay = theta[:, -3:].T[..., None]
     s = 2j * np.pi * frequency
     rate = effect[:, None] * np.exp(-delay * s) / ((s + damping) * (lag * s + 1))
-    return np.asarray(rate / s if is_angle else rate)
+    return rate / s if is_angle else rate
 
 
 def plant_of(learned: Learned) -> Physical | None:

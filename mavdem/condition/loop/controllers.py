@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.dem.closed_loop.likelihood import PRIORS
+from mavdem.dem.closed_loop.parameters import USUAL
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, Level
@@ -47,7 +47,7 @@ OLD_SCALE = 1.27
 OLD_SCALE_X = 0.9
 """What ArduCopter 3.4 multiplied the rate gains of earlier versions by (``convert_pid_parameters`` in ArduCopter's
 ``Parameters.cpp``): they were of 0.01 °/s and of 4500 for full demand, and in an X that turned less."""
-ROTOR_LAG = float(np.exp(PRIORS["lag"].mean))  # s, of common rotors' speeds
+ROTOR_LAG = USUAL["lag"]  # s, of common rotors' speeds
 SPEED_SHARE = 0.5
 """Of what lagging speeds change: all of it made effects at limits as much too small as none of it too large, on half of
 the flights of ``tools/validation/loops.py``. Why it is half is not known."""
@@ -149,7 +149,7 @@ class Controller:
         if 0 < step < ROTOR_LAG:
             thrust = thrust - SPEED_SHARE * _behind(np.sqrt(thrust), step) ** 2
         mixer = np.array(self.mixer)
-        return np.asarray(thrust @ mixer / (mixer @ mixer))
+        return thrust @ mixer / (mixer @ mixer)
 
     def _thrust(self, shares: Array) -> Array:
         """As a straight curve has it."""
@@ -177,7 +177,7 @@ def _behind(speeds: Array, step: float) -> Array:
 
     keeps = np.exp(-step / ROTOR_LAG)
     reached, _ = lfilter([0.0, 1 - keeps], [1.0, -keeps], speeds, axis=0, zi=speeds[:1])
-    return np.asarray(speeds - reached)
+    return speeds - reached
 
 
 def controller_of(

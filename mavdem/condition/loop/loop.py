@@ -169,7 +169,7 @@ def scores_of(target: Target, *loops: OpenLoop) -> Array:
         np.where(loop.stable, np.min([*shares_of(target, loop).values()], axis=0), -np.inf)
         for loop in loops
     ]
-    return np.asarray(np.min(least, axis=0))
+    return np.min(least, axis=0)
 
 
 def shares_of(target: Target, loop: OpenLoop) -> dict[str, Array]:

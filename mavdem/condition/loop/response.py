@@ -134,4 +134,4 @@ def evenly(asked: Array) -> Array:
     # a plateau ends one step before the next
     ends = np.maximum(new[1:] - usual, 0)
     kept = np.union1d(new, ends)
-    return np.asarray(np.interp(np.arange(len(asked)), kept, asked[kept]))
+    return np.interp(np.arange(len(asked)), kept, asked[kept])

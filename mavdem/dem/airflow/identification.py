@@ -249,7 +249,7 @@ def estimate_drag(
 
     def errors(logs: Array) -> Array:
         linear, quadratic = coefficients(logs)
-        return np.asarray(moved.force + (linear + quadratic * size) * relative - logs[4:])
+        return moved.force + (linear + quadratic * size) * relative - logs[4:]
 
     def residuals(logs: Array, weight: float) -> Array:
         return np.append(weight**0.5 * errors(logs), whitening @ (logs - prior.mean))

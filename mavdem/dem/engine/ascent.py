@@ -30,7 +30,7 @@ class FreeEnergy:
     @cached_property
     def total(self) -> Array:
         """F̄ᵒ by iteration, (I + 1,)."""
-        return np.asarray(np.sum(list(self.terms.values()), axis=0))
+        return np.sum(list(self.terms.values()), axis=0)
 
     @property
     def gained(self) -> float:

@@ -239,7 +239,7 @@ class GenerativeModel:
         each = unit * theta_covariance[np.ix_(parameters, parameters)]
         size = self.n * (self.p + 1) + self.r * (self.d + 1)
         of_states = np.eye(size)[columns - self.hidden.start]
-        return np.asarray(of_states.T @ each @ of_states)
+        return of_states.T @ each @ of_states
 
     def parameter_spread(self, joint: Array, theta_covariance: Array) -> Array:
         """Σ ε̃ᵀ (S⊗Ω_g) ε̃ that the uncertainty of θ adds for each λ, (g,), for second moments of [ỹ; η̃; X]."""
@@ -252,7 +252,7 @@ class GenerativeModel:
         """Π̃ = blockdiag(S⊗Πᶻ, P̃ᵛ, S⊗Πʷ) for noise precisions ``weights`` (g,), which are e^λ."""
         unit, groups = self._precision_parts
         # Ω is diagonal, so each error's column is scaled by its own noise precision; those of inputs by 1.
-        return np.asarray(unit * np.append(weights, 1.0)[groups])
+        return unit * np.append(weights, 1.0)[groups]
 
     @cached_property
     def _precision_parts(self) -> tuple[Array, Indices]:

@@ -81,7 +81,7 @@ def solve(matrix: Array, right: Array) -> Array:
     unit, scaled = _scaled(matrix)
     _, solution, failed = dposv(scaled, (right.T * unit).T)
     _check(failed)
-    return np.asarray((solution.T * unit).T)
+    return (solution.T * unit).T
 
 
 def inverse(matrix: Array) -> Array:
@@ -92,7 +92,7 @@ def inverse(matrix: Array) -> Array:
     # Both keep to the upper triangle and leave zeros below it.
     upper = dpotri(factor)[0] * unit * unit[:, None]
     upper.flat[:: len(upper) + 1] *= 0.5
-    return np.asarray(upper + upper.T)
+    return upper + upper.T
 
 
 def logdet(matrix: Array) -> float:

@@ -98,4 +98,4 @@ def recursion(F: Array, pushes: Array, first: Array) -> Array:
         lfilter([1.0], [1.0, -value], row, zi=[value * start])[0]
         for value, start, row in zip(eigenvalues[kept], starts, driven, strict=True)
     ]
-    return np.asarray((np.array(states).T @ (shares * modes[:, kept]).T).real)
+    return (np.array(states).T @ (shares * modes[:, kept]).T).real

@@ -84,9 +84,7 @@ class StateSpace:
 
     def at_end(self, inputs: Array, outputs: Array) -> Array:
         """(n,) the state of the sample after a segment of ``inputs`` (T, r) and ``outputs`` (T, m)."""
-        return np.asarray(
-            self.filtered(self.second(inputs[0], outputs[0]), inputs[1:], outputs[1:])[-1]
-        )
+        return self.filtered(self.second(inputs[0], outputs[0]), inputs[1:], outputs[1:])[-1]
 
     def simulated(self, start: Array, inputs: Array) -> Array:
         """(H, m): outputs without noise, the first of state ``start`` (n,), of inputs (H, r).
@@ -94,7 +92,7 @@ class StateSpace:
         Outputs of an unstable model may overflow to infinity or NaN.
         """
         first = np.zeros(1, np.intp)
-        return np.asarray(self.simulated_from(first, len(inputs), start[None], inputs)[0])
+        return self.simulated_from(first, len(inputs), start[None], inputs)[0]
 
     @may_overflow
     def simulated_from(

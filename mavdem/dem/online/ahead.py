@@ -40,7 +40,7 @@ class Prediction(NamedTuple):
         channels = self.units.scaled(np.hstack([outputs, inputs @ self.combinations]))
         past = initial_lags(channels, LAGS[-1] + 1)[::-1].ravel()
         center, scale = (values[: outputs.shape[1]] for values in self.units)
-        return np.asarray(center + scale * (self.weights.dot(past) + self.constants))
+        return center + scale * (self.weights.dot(past) + self.constants)
 
 
 class OnlineJoint:
@@ -179,4 +179,4 @@ class OnlineJoint:
         """(H, m): recent squared error over that of the better of the last sample held and the mean; NaN at first."""
         ours, held, mean = np.moveaxis(self._sizes, 1, 0)
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(ours / np.minimum(held, mean))
+            return ours / np.minimum(held, mean)

@@ -167,7 +167,7 @@ def _quaternion(fields: Fields) -> Array:
     w, x, y, z = (fields[f"orientation.{n}"] for n in "wxyz")
     # infinities of a broken estimator: their readers leave them out
     with np.errstate(invalid="ignore"):
-        return np.asarray(np.sqrt(0.5) * np.array([w + z, x + y, x - y, w - z]))
+        return np.sqrt(0.5) * np.array([w + z, x + y, x - y, w - z])
 
 
 PX4_STAMP = "timestamp"  # µs: when a message was published
