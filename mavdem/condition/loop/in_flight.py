@@ -16,16 +16,10 @@ from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_delay, gyro_response
 from mavdem.condition.loop.from_flight import demand_directions, known_controller
 from mavdem.condition.loop.margins import rate_loop, transfer
+from mavdem.dem.closed_loop.densities import ASKED, OUTPUT, RATE, KnownController
 from mavdem.dem.closed_loop.identification import Identified, identified
-from mavdem.dem.closed_loop.likelihood import (
-    ASKED,
-    NAMES,
-    OUTPUT,
-    PLANT,
-    RATE,
-    Axis,
-    KnownController,
-)
+from mavdem.dem.closed_loop.likelihood import Axis
+from mavdem.dem.closed_loop.parameters import NAMES, PLANT
 from mavdem.dem.closed_loop.spectra import WINDOW_SECONDS, Messages, Spectra, spectra
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.graybox import Physical
@@ -294,8 +288,8 @@ def _physical(fit: Identified, directions: Array) -> Physical:
     slopes[-2:, 0] = lag, -SHORTER * lag
     # a longer lag with a shorter delay is made up for by more effect
     slopes[:, 2] += np.concatenate([motors, [0.0, 0.0, -lag]]) / 2
-    between = BETWEEN * (1 + 2 * fit.cut_off) * fit.axis.between
-    unseen = np.hypot(BY_LIMITS * fit.cut_off, UNSEEN * fit.axis.between)
+    between = BETWEEN * (1 + 2 * fit.cut_off) * fit.axis.densities.between
+    unseen = np.hypot(BY_LIMITS * fit.cut_off, UNSEEN * fit.axis.densities.between)
     further = [unseen, 0.0, between / lag, between / delay]
     variances = np.square(list(MODEL_ERRORS.values())) + np.square(further)
     covariance = whole + slopes * variances @ slopes.T

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import softmax
 
 from mavdem.confidence import SURE_DEVIATIONS
-from mavdem.dem.closed_loop.likelihood import CONTROLLER, PLANT, SD, STEP_TIME, Axis
+from mavdem.dem.closed_loop.likelihood import Axis
+from mavdem.dem.closed_loop.parameters import CONTROLLER, PLANT, SD, STEP_TIME
 from mavdem.dem.engine.gauss_newton import (
     MAX_STEPS,
-    RELATIVE_STEP,
     Damping,
     Quadratic,
     gauss_newton,
 )
 from mavdem.dem.engine.linalg import Array, inverse
 
-STARTS = tuple(product((3.0, 10.0), ((0.05, 0.009), (0.02, 0.005))))
-"""Crossover, Hz, with lag and delay, s, to begin with: of large and of small vehicles."""
+STARTS = (1.0, 0.05, 0.009), (3.0, 0.05, 0.009), (10.0, 0.02, 0.005)
+"""Crossover, Hz, lag and delay, s, to begin with: of slow yaw, and of large and of small vehicles."""
 FIRST_STEPS = 8  # from each start, of which the two best go on
 STEP_TIMES = (-2.0, 0.0, 2.0)
 """To go on from: in streams slower than the controller there may be a maximum near each, with other plants. On half of
@@ -29,6 +28,7 @@ the flights of ``tools/validation/loops.py``, one ascent of 50 Hz in five ended 
 SCATTER = 0.6
 """Of the variance by ``DEPENDENT`` values that count as one, which keeps slow logs to their priors: that of estimates
 from flight to flight. Chosen on half of the flights of ``tools/validation/loops.py``."""
+SAME_NATS = 4.0  # below a maximum, an ascent ends there
 LONGEST_STEP = 1.5  # of any parameter, and a standard deviation beforehand at most
 
 
@@ -56,19 +56,19 @@ def identified(axis: Axis) -> Identified:
     """Returns the parameters of an ``axis`` by its likelihood's maxima; ``LinAlgError`` where there are none."""
     objective = _LogJoint(axis)
     begun = []
-    for crossover, (lag, delay) in STARTS:
+    for crossover, lag, delay in STARTS:
         theta = axis.mean.copy()
         _, back = np.abs(axis.known.transfer(np.array([crossover])))
         effect, _, *late = PLANT
         theta[[effect, *late]] = np.log([2 * np.pi * crossover / back[0], lag, delay])
         begun.append(objective.ascended(theta, FIRST_STEPS))
-    times = STEP_TIMES if axis.between else STEP_TIMES[1:2]
-    ended = []
+    times = STEP_TIMES if axis.densities.between else STEP_TIMES[1:2]
+    ended: list[Quadratic] = []
     for fit in sorted(begun, key=lambda fit: fit.value)[-2:]:
         for time in times:
             theta = lag_first(fit.at)
             theta[STEP_TIME] = time
-            ended.append(objective.ascended(theta, MAX_STEPS))
+            ended.append(objective.ascended(theta, MAX_STEPS, ended))
     return _averaged(axis, ended)
 
 
@@ -107,6 +107,12 @@ def lag_first(theta: Array) -> Array:
     return swapped
 
 
+def _apart(now: Quadratic, maximum: Quadratic) -> float:
+    """By how much the function is lower here, about a ``maximum``."""
+    step = now.at - maximum.at
+    return float(step @ maximum.curvature @ step) / 2
+
+
 class _LogJoint(NamedTuple):
     """The log joint of an axis's spectra and parameters, an ``Objective`` of Fisher's scoring."""
 
@@ -119,15 +125,22 @@ class _LogJoint(NamedTuple):
     def quadratic(self, at: Array, residuals: Array) -> Quadratic:
         """To second order, the information for the curvature."""
         del residuals
-        value, slope, information = self.axis.scores(at, RELATIVE_STEP * SD)
+        value, slope, information = self.axis.scores(at)
         precision = self.axis.sd**-2.0
         slope -= precision * (at - self.axis.mean)
         return Quadratic(at, value + self._log_prior(at), slope, information + np.diag(precision))
 
-    def ascended(self, theta: Array, steps: int) -> Quadratic:
-        """From parameters ``theta`` after so many damped steps, or where there is nothing to gain."""
+    def ascended(self, theta: Array, steps: int, maxima: Sequence[Quadratic] = ()) -> Quadratic:
+        """From parameters ``theta`` after so many damped steps, or where there is nothing to gain.
+
+        An ascent that comes to one of the ``maxima`` has no more to find.
+        """
+
+        def enough(now: Quadratic) -> bool:
+            return any(_apart(now, maximum) < SAME_NATS for maximum in maxima)
+
         damping = Damping(first=1e-2, factor=5.0, attempts=16, limited=self._limited)
-        trace, _ = gauss_newton(self, self.quadratic(theta, theta), damping, steps)
+        trace, _ = gauss_newton(self, self.quadratic(theta, theta), damping, steps, enough)
         return trace[-1]
 
     def _log_prior(self, at: Array) -> float:

@@ -46,7 +46,7 @@ class Spectra(NamedTuple):
     @property
     def mean(self) -> Complex:
         """(J, C, C) of all windows."""
-        return np.asarray(self.densities.mean(axis=0))
+        return self.densities.mean(axis=0)
 
     def of(self, some: Sequence[int]) -> Spectra:
         """Returns the spectra of some of the quantities."""

@@ -57,11 +57,13 @@ def gauss_newton(
     start: Quadratic,
     damping: Damping,
     iterations: int = MAX_STEPS,
+    enough: Callable[[Quadratic], bool] = lambda now: False,
 ) -> tuple[list[Quadratic], float]:
-    """Maximises from ``start`` until a step gains no more than ``CONVERGED_NATS``, by at most so many steps.
+    """Maximises from ``start`` until a step gains no more than ``CONVERGED_NATS``, or what it came to is ``enough``.
 
-    Levenberg and Marquardt's method (Nocedal and Wright, Numerical Optimization, 2nd ed., 10.3): a step that does not
-    increase the function is damped more; after one that does, the next is damped less.
+    By Levenberg and Marquardt's method (Nocedal and Wright, Numerical Optimization, 2nd ed., 10.3), in at most so many
+    ``iterations``: a step that does not increase the function is damped more; after one that does, the next is damped
+    less.
 
     Returns the function about each iterate, the start's first; and what the last step gained or, where no attempt at a
     step increased the function, what the last quadratic still predicts.
@@ -69,7 +71,7 @@ def gauss_newton(
     trace = [start]
     damped = damping.first
     gained = np.inf
-    while gained > CONVERGED_NATS and len(trace) <= iterations:
+    while gained > CONVERGED_NATS and len(trace) <= iterations and not enough(trace[-1]):
         now = trace[-1]
         for _ in range(damping.attempts):
             curvature = now.curvature + damped * np.diag(now.curvature.diagonal())
