@@ -36,7 +36,7 @@ class Flown(NamedTuple):
     asked: np.ndarray
 
 
-def fly(seed, steered=1.0, in_time=1, turbulence=((0.5, 2.0),)):
+def fly(seed, steered=1.0, in_time=1, turbulence=((0.5, 2.0),), noise=NOISE):
     """Rate, output, setpoint and what was asked of a plant in turbulence (s, rad/s²) that steps are asked of."""
     rng = default_rng(seed)
     count = round(SECONDS / CYCLE)
@@ -49,11 +49,11 @@ def fly(seed, steered=1.0, in_time=1, turbulence=((0.5, 2.0),)):
         lfilter([(2 * CYCLE / time) ** 0.5], [1, CYCLE / time - 1], rng.normal(0, size, count))
         for time, size in turbulence
     )
-    noise, shaken = rng.normal(0, [[NOISE], [ANGLE_NOISE]], (2, count))
+    heard, shaken = rng.normal(0, [[noise], [ANGLE_NOISE]], (2, count))
     state, held, before = np.zeros(3), [0.0] * LATE, 0.0
     rows = np.empty((count, 3))
     for k in range(count):
-        rate = state[1] + noise[k]
+        rate = state[1] + heard[k]
         setpoint = asked[k] - ANGLE * (state[0] + shaken[k])
         output = P * (setpoint - rate) - D * (rate - before) / CYCLE
         before = rate
@@ -119,9 +119,10 @@ def test_eddies_in_turbulence_are_not_taken_for_a_lag():
     assert identified(axis(eddies)).theta[2] == approx(TRUE["lag"], abs=0.1)
 
 
-def test_the_densities_are_those_of_the_flight():
-    """Whitened by the model, the spectra of rate and output are one."""
-    found = identified(axis(FLOWN, 4))
+@mark.parametrize("noise, every", [(NOISE, 4), (NOISE / 10, 1)])
+def test_the_densities_are_those_of_the_flight(noise, every):
+    """Whitened by the model, the spectra of rate and output are one, also of a quiet gyro."""
+    found = identified(axis(fly(3, noise=noise), every))
     model = found.axis.densities.at(found.theta)
     for quantity in (0, 1):
         ratio = found.axis.spectra.mean[:, quantity, quantity] / model[:, quantity, quantity]
