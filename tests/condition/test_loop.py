@@ -39,8 +39,8 @@ from mavdem.condition.oscillation import Oscillation
 from mavdem.dem import physical
 from mavdem.dem.airflow.model import Drag
 from mavdem.dem.graybox import Physical
-from mavdem.dem.graybox.likelihood import smooth
 from mavdem.dem.graybox.parameters import WindComponent
+from mavdem.dem.graybox.plant import smooth
 from mavdem.dem.record import Record
 from mavdem.facts import Fact, Level
 from mavdem.facts.loops import Controllers, Gains, Loops, Responses, Twins

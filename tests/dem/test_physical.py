@@ -9,7 +9,6 @@ import numpy as np
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx, mark, raises, warns
-from scipy.fft import rfft
 from scipy.linalg import expm, solve_continuous_lyapunov
 
 import mavdem
@@ -18,18 +17,9 @@ from mavdem.dem import physical
 from mavdem.dem.graybox import identifiability as limits
 from mavdem.dem.graybox.fitting import WINDS, LogJoint, directed
 from mavdem.dem.graybox.identifiability import PARAMETERS, NotIdentifiable, identifiability
-from mavdem.dem.graybox.likelihood import (
-    FIRST_ORDER,
-    GUSTS,
-    FlightWindows,
-    Parameters,
-    convolved,
-    delayed,
-    plant,
-    responses,
-    smooth,
-)
+from mavdem.dem.graybox.likelihood import FlightWindows, Parameters, minimum_phase
 from mavdem.dem.graybox.parameters import Physical, WindComponent, answers
+from mavdem.dem.graybox.plant import FIRST_ORDER, GUSTS, delayed, plant, smooth
 from mavdem.dem.graybox.simulation import simulated
 from mavdem.dem.record import Record
 from mavdem.facts import Level
@@ -109,10 +99,14 @@ def settled(plan, samples):
 )
 def test_noise_has_the_autocorrelation_it_is_named_for(noise, autocorrelation, error):
     P = solve_continuous_lyapunov(noise.A, -noise.drive)
+    turn = np.linspace(0.0, 400.0, 200_001)
+    density = noise.density(turn, 1.0, 1.0)
     for tau in (0.0, 0.5, 1.0, 2.0, 4.0):
         assert noise.C @ expm(noise.A * tau) @ P @ noise.C == approx(
             autocorrelation(tau), abs=error
         )
+        of_density = np.trapezoid(density * np.cos(turn * tau), turn) / np.pi
+        assert of_density == approx(autocorrelation(tau), abs=error + 2e-3)
 
 
 @mark.parametrize("wind", WINDS, ids=["turbulence", "turbulence and gusts", "gusts"])
@@ -134,10 +128,8 @@ def test_innovations_of_its_own_model_are_white_and_of_the_variance_it_says(wind
         state = true.step.state @ state + push + root @ rng.standard_normal(len(state))
         rates[k + 1] = state[0]
     measured = rates + np.exp(theta[model.noise_index]) * rng.standard_normal(samples)
-    errors, variance = model.innovations(
-        theta[None],
-        FlightWindows(inputs[None], measured[None], DT, 1.0, np.zeros((1, samples, 1))),
-    )
+    windows = FlightWindows.of(inputs[None], measured[None], 0.0 * inputs[None], DT)
+    errors, variance = model.innovations(theta[None], windows)
     number = errors.shape[2]
     assert errors[0].var() / variance[0] == approx(1.0, abs=4 * np.sqrt(2 / number))
     assert abs(errors[0].mean()) < 4 * np.sqrt(variance[0] / number)
@@ -147,19 +139,13 @@ def test_innovations_of_its_own_model_are_white_and_of_the_variance_it_says(wind
         )
 
 
-def test_convolution_with_responses_is_the_recursion_step_by_step():
-    rng = default_rng(1)
-    step = 0.4 * rng.standard_normal((2, 3, 3))
-    gains = rng.standard_normal((2, 3, 2))
-    inputs = rng.standard_normal((2, 2, 4, 30))
-    x = np.zeros((2, 4, 3))
-    expected = []
-    for k in range(30):
-        x = x @ np.swapaxes(step, 1, 2) + np.einsum("bnc,bcw->bwn", gains, inputs[..., k])
-        expected.append(x[:, :, 0])
-    effects = np.swapaxes(responses(step, 30) @ gains, 1, 2)
-    found = [*map(convolved, rfft(inputs, 60), rfft(effects, 60), (60, 60))]
-    assert_allclose(np.array(found)[..., :30], np.stack(expected, axis=2), rtol=1e-9, atol=1e-12)
+@mark.parametrize("samples", [200, 201])
+def test_a_density_has_a_factor_that_is_causal_as_its_inverse_is(samples):
+    late = np.exp(-2j * np.pi * np.arange(samples // 2 + 1) / samples)
+    expected = (1 - 0.3 * late) / (1 - 0.8 * late)
+    factor, variance = minimum_phase(np.array([2.5 * abs(expected) ** 2]), samples)
+    assert_allclose(factor[0], expected, rtol=1e-9)
+    assert variance == approx(2.5)
 
 
 @mark.parametrize("steps", [-0.4, 0.0, 0.3, 1.0, 1.7, 3.2])
@@ -180,10 +166,10 @@ def test_no_command_helps_to_predict_the_sample_that_it_answers(delay):
     theta[model.motors + 3] = delay
     inputs = rng.standard_normal((1, 300, 1))
     rate = rng.standard_normal((1, 300))
-    windows = FlightWindows(inputs, rate, DT, 1.0, np.zeros_like(inputs))
     more = np.zeros_like(inputs)
     more[0, at] = 1.0
-    changed = windows._replace(inputs=inputs + more, answers=more)
+    windows = FlightWindows.of(inputs, rate, 0.0 * more, DT)
+    changed = FlightWindows.of(inputs + more, rate, more, DT)
 
     # A constant acceleration is solved for with all samples, so that all of them change a little.
     before, after = (model.innovations(theta[None], of)[0][0, 0] for of in (windows, changed))
@@ -207,7 +193,7 @@ def test_the_slope_of_the_log_joint_is_that_of_its_value():
     flight = flown(2, steering=1.0, samples=900)
     inputs = (flight.inputs - flight.inputs.mean(axis=0)).reshape(3, 300, -1)
     rate = flight.outputs[:, 1].reshape(3, -1)
-    windows = FlightWindows(inputs, rate, DT, 1.0, answers(inputs, rate))
+    windows = FlightWindows.of(inputs, rate, answers(inputs, rate), DT)
     plain, start = directed(windows, np.sign(MOTORS))
     objective = LogJoint(plain, windows)
     about = objective.quadratic(start, np.empty(0))

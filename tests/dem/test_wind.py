@@ -18,8 +18,8 @@ from mavdem.confidence import quantile
 from mavdem.dem import physical
 from mavdem.dem.engine.kalman import GaussianModel
 from mavdem.dem.graybox.gusts import gusts
-from mavdem.dem.graybox.likelihood import FIRST_ORDER, Coloured, delayed, plant, smooth
 from mavdem.dem.graybox.parameters import updated
+from mavdem.dem.graybox.plant import FIRST_ORDER, Coloured, delayed, plant, smooth
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.online.memory import Memory
 from mavdem.dem.online.wind import (

@@ -25,8 +25,8 @@ from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.graybox import Physical
 from mavdem.dem.graybox.estimation import BAND_HZ
 from mavdem.dem.graybox.identifiability import PARAMETERS
-from mavdem.dem.graybox.likelihood import FIRST_ORDER, GUSTS
 from mavdem.dem.graybox.parameters import LEAST, WindComponent, wind_density
+from mavdem.dem.graybox.plant import FIRST_ORDER, GUSTS
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact

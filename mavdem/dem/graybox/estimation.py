@@ -9,6 +9,7 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from mavdem.confidence import STRONG_EVIDENCE_NATS
+from mavdem.dem.closed_loop.spectra import Complex
 from mavdem.dem.engine.linalg import ROUNDING, Array, inverse, one_thread
 from mavdem.dem.forecast.joint import turning_combinations
 from mavdem.dem.graybox.fitting import WINDS, GrayBoxFit, directed, fitted
@@ -43,7 +44,7 @@ def physical(train: Records, prior: Physical | None = None) -> Physical | NotIde
     the only one. A ``prior`` is of an earlier flight of the vehicle: what this one does not identify stays, but for
     what changes between flights; one of other inputs, or that the flight contradicts, counts for nothing. Returns the
     parameters, each with its status; or the reason why there are none: units, no output is the rate of another, too few
-    samples, no motor moves, or no steady filter.
+    samples, no motor moves, or no likelihood.
     """
     record = Record.of(train)
     if slip := unit_slip(record.outputs, record.dt):
@@ -86,7 +87,7 @@ def _chosen(
 ) -> tuple[list[GrayBoxFit], GrayBoxFit]:
     """A fit for each wind that has one, and the most probable one with the refinements that it bears out."""
     count = len(windows.rate)
-    some = windows.of(
+    some = windows.some(
         np.linspace(0, count - 1, min(count, CHOOSING_WINDOWS)).round().astype(np.intp)
     )
     plain, start = directed(some, directions)
@@ -183,7 +184,6 @@ def _physical(whole: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) 
     scale = np.append(np.full(r, 1 / windows.unit), np.ones(3))
     level = float(np.sqrt(np.mean(whole.levels**2)))
     sizes = level * parameters.sizes(theta)
-    white = np.hypot(np.exp(theta[parameters.noise_index]), parameters.least_noise)
     refined = zip(parameters.refinements, theta[parameters.noise_index + 1 :].tolist(), strict=True)
     return Physical(
         effect=effect / windows.unit,
@@ -198,7 +198,7 @@ def _physical(whole: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) 
         components=tuple(
             map(WindComponent, parameters.wind, sizes.tolist(), parameters.times(theta).tolist())
         ),
-        noise=level * float(white),
+        noise=level * float(parameters.noise(theta)),
         refinements=dict(refined),
         windows=len(windows.rate),
     )
@@ -211,25 +211,24 @@ def _wind_share(
     levels: Array,
 ) -> float:
     """Of the variance of wind and motors together, in the band of the motion; windows count as they do in the fit."""
-    from scipy.signal import butter, lfilter, sosfiltfilt  # it takes half a second to import
-
-    commanded = parameters.commanded(theta, windows)
-    keeps = float(np.exp(-windows.dt / parameters.lag(theta, windows.dt)))
-    torque, _ = lfilter([1 - keeps], [1, -keeps], commanded, axis=1, zi=keeps * commanded[:, :1])
-    turning = (
-        np.gradient(windows.rate, windows.dt, axis=1) + parameters.damping(theta) * windows.rate
-    )
-    band = butter(2, BAND_HZ, "bandpass", fs=1 / windows.dt, output="sos")
-    motors, both = (sosfiltfilt(band, signal, axis=1) for signal in (torque, turning))
+    turn = windows.turn[1:-1]
+    band = (2 * np.pi * BAND_HZ[0] <= turn) & (turn <= 2 * np.pi * BAND_HZ[1])
+    motors = parameters.driven(theta[None], windows)[0]
+    turning = np.hypot(turn, parameters.damping(theta)) * band
     wind_power, motor_power = (
-        float(np.mean(part.var(axis=1) / levels**2)) for part in (both - motors, motors)
+        float(np.mean(np.sum(abs(turning * _tapered(part)) ** 2, axis=1) / levels**2))
+        for part in (windows.rate - motors, motors)
     )
     return wind_power / (wind_power + motor_power)
 
 
 def _alias_share(parameters: Parameters, theta: Array, windows: FlightWindows) -> float:
     """The share of the commands' variance above half of the Nyquist frequency, each window without its mean."""
-    commands = windows.inputs @ parameters.effect(theta)
-    commands = commands - commands.mean(axis=1, keepdims=True)
-    power = abs(np.fft.rfft(commands * np.hanning(commands.shape[1]), axis=1)) ** 2
+    commands = np.einsum("crwf,r->wf", windows.inputs[:2], parameters.effect(theta))
+    power = abs(_tapered(commands)) ** 2
     return float(power[:, power.shape[1] // 2 :].sum() / power.sum())
+
+
+def _tapered(transform: Complex) -> Complex:
+    """Twice a transform (W, F) under Hann's window, but for its ends."""
+    return np.asarray(transform[:, 1:-1] - (transform[:, :-2] + transform[:, 2:]) / 2)

@@ -14,7 +14,8 @@ from mavdem.dem.engine.gauss_newton import (
     gauss_newton,
 )
 from mavdem.dem.engine.linalg import Array, Pair
-from mavdem.dem.graybox.likelihood import FIRST_ORDER, GUSTS, FlightWindows, Parameters
+from mavdem.dem.graybox.likelihood import FlightWindows, Parameters
+from mavdem.dem.graybox.plant import FIRST_ORDER, GUSTS
 
 WINDS = ((FIRST_ORDER,), (FIRST_ORDER, GUSTS), (GUSTS, GUSTS))
 """Winds to choose from: turbulence, turbulence with smooth gusts, two kinds of smooth gusts, the slow ones first."""
@@ -58,17 +59,14 @@ class LogJoint(NamedTuple):
     windows: FlightWindows
 
     def value(self, at: Array) -> tuple[float, Array]:
-        """The value, NaN if no filter is steady; of residuals there is no use."""
+        """The value, NaN where there is none; of residuals there is no use."""
         value = self._log_prior(at)
-        try:
-            for errors, _ in self.innovations(at[None]):
-                value += _log_likelihood(errors[0])
-        except LinAlgError:
-            value = np.nan
+        for errors, _ in self.innovations(at[None]):
+            value += _log_likelihood(errors[0])
         return value, np.empty(0)
 
     def quadratic(self, at: Array, residuals: Array) -> Quadratic:
-        """To second order, by differences, all at once; ``LinAlgError`` if no filter is steady."""
+        """To second order, by differences, all at once; ``LinAlgError`` where there is no value."""
         del residuals
         mean, sd = self.parameters.prior
         steps = RELATIVE_STEP * np.maximum(0.01, abs(at))
@@ -84,7 +82,7 @@ class LogJoint(NamedTuple):
             slope -= slopes @ errors[0].ravel()
             curvature += slopes @ slopes.T
         if not (np.isfinite(value) and np.isfinite(curvature).all()):
-            raise LinAlgError("there is no steady filter")
+            raise LinAlgError("nothing has a likelihood")
         return Quadratic(at, value, slope, curvature)
 
     def limited(self, step: Array) -> Array:
@@ -97,7 +95,7 @@ class LogJoint(NamedTuple):
         """Those of some windows at a time, as of ``Parameters``."""
         for start in range(0, len(self.windows.rate), MAX_CHUNK):
             with np.errstate(all="ignore"):
-                part = self.windows.of(slice(start, start + MAX_CHUNK))
+                part = self.windows.some(slice(start, start + MAX_CHUNK))
                 yield self.parameters.innovations(points, part)
 
     def _log_prior(self, at: Array) -> float:
@@ -113,7 +111,7 @@ def _log_likelihood(errors: Array) -> float:
 def fitted(
     parameters: Parameters, windows: FlightWindows, start: Array, promised: float = 0.0
 ) -> GrayBoxFit:
-    """The most probable parameters, from ``start`` (k,) on; ``LinAlgError`` where there is no steady filter there.
+    """The most probable parameters, from ``start`` (k,) on; ``LinAlgError`` where there is no likelihood there.
 
     It stays at ``start`` where less than the ``promised`` gain, in nats, is expected of the first step.
     """
@@ -135,9 +133,10 @@ def directed(windows: FlightWindows, effect_directions: Array | None) -> tuple[P
 
     By linear regression on the innovations at the prior's mean, where there are no ``effect_directions`` (r,).
     """
-    r = windows.inputs.shape[2]
+    r = windows.inputs.shape[1]
+    power = 2 * np.sum(abs(windows.rate) ** 2, axis=1).mean()
     plain = Parameters(
-        np.ones(r), UNLIKE, WINDS[0], FLOOR * float(np.sqrt(windows.rate.var(axis=1).mean()))
+        np.ones(r), UNLIKE, WINDS[0], FLOOR * float(np.sqrt(power)) / windows.samples
     )
     mean, _ = plain.prior
     # Effects 0 and, one after the other, 1: log effect 0 and deviations −1, but for the motor's own.

@@ -30,7 +30,7 @@ class Limit(NamedTuple):
         return Status.BIASED if figure <= self.biased else Status.NOT_IDENTIFIABLE
 
 
-WIND_SHARE = Limit(0.25, 0.33)  # of the wind, in the torque's variance
+WIND_SHARE = Limit(0.20, 0.29)  # of the wind, in the torque's variance
 RELATIVE_SD = {"effect": Limit(0.08, 0.20), "damping": Limit(0.75, 0.75), "lag": Limit(0.25, 0.35)}
 SPECTRUM_RANGE = {
     "effect": Limit(0.06, 0.30),

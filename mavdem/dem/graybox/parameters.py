@@ -10,7 +10,8 @@ from mavdem.confidence import LEVEL, SURE_DEVIATIONS, Interval, half_width
 from mavdem.dem.engine.gauss_newton import RELATIVE_STEP
 from mavdem.dem.engine.linalg import Array, Indices
 from mavdem.dem.graybox.identifiability import MODEL_ERRORS, PARAMETERS
-from mavdem.dem.graybox.likelihood import Coloured, FlightWindows
+from mavdem.dem.graybox.likelihood import FlightWindows
+from mavdem.dem.graybox.plant import Coloured
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
@@ -130,15 +131,9 @@ class Physical(NamedTuple):
 
 def wind_density(physical: Physical, frequency: Array) -> Array:
     """Returns (F,) the spectral density of the wind's components at Hz (F,), one-sided, (rad/s²)²/Hz."""
-    density = np.zeros(len(frequency))
-    for colour, size, time in physical.components:
-        resolvent = 2j * np.pi * frequency[:, None, None] * np.eye(len(colour.A)) - colour.A / time
-        seen = np.tile(colour.C[:, None], (len(frequency), 1, 1))
-        across = np.linalg.solve(resolvent.mT, seen)[..., 0]
-        density += (
-            2 * size**2 * np.einsum("fi,ij,fj->f", across, colour.drive / time, across.conj()).real
-        )
-    return density
+    turn = 2 * np.pi * frequency
+    densities = [colour.density(turn, size, time) for colour, size, time in physical.components]
+    return np.asarray(2 * np.sum(densities, axis=0))
 
 
 def slopes_of(function: Callable[[Array], Array], theta: Array, value: Array) -> Array:
@@ -212,7 +207,7 @@ def windows_of(record: Record) -> FlightWindows:
     dt = float(samples[0, 1] - samples[0, 0]) * record.dt
     inputs = inputs / unit
     turning = record.outputs[samples, rate]
-    return FlightWindows(inputs, turning, dt, unit, answers(inputs, turning))
+    return FlightWindows.of(inputs, turning, answers(inputs, turning), dt, unit)
 
 
 def answers(inputs: Array, rate: Array) -> Array:

@@ -9,8 +9,8 @@ from scipy.linalg import solve_discrete_lyapunov
 from mavdem.dem.engine.linalg import Array, Pair
 from mavdem.dem.engine.model import recursion
 from mavdem.dem.forecast.var import Forecast
-from mavdem.dem.graybox.likelihood import Plant, plant
 from mavdem.dem.graybox.parameters import Physical, slopes_of
+from mavdem.dem.graybox.plant import Plant, plant
 from mavdem.dem.graybox.wind import steady
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record, require_usable

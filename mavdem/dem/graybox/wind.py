@@ -27,8 +27,8 @@ from mavdem.dem.graybox.gusts import (
     shortest_gust,
 )
 from mavdem.dem.graybox.identifiability import MODEL_ERRORS
-from mavdem.dem.graybox.likelihood import plant
 from mavdem.dem.graybox.parameters import Physical, rate_column, slopes_of, wind_density
+from mavdem.dem.graybox.plant import plant
 from mavdem.dem.record import Record
 from mavdem.facts import Fact
 from mavdem.facts.model import NoPhysical, Refinement

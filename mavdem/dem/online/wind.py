@@ -19,8 +19,8 @@ from mavdem.dem.engine.kalman import SteadyFilter
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.estimation import physical
 from mavdem.dem.graybox.identifiability import MODEL_ERRORS, NotIdentifiable
-from mavdem.dem.graybox.likelihood import Plant, plant
 from mavdem.dem.graybox.parameters import Physical, rate_column
+from mavdem.dem.graybox.plant import Plant, plant
 from mavdem.dem.graybox.wind import balanced, steady
 from mavdem.dem.online.memory import Memory, MemoryBlock, drop_since, record_of
 from mavdem.dem.record import Record
