@@ -17,16 +17,18 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import hadamard
 
 from mavdem.confidence import half_width
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.forecast import var
-from mavdem.dem.forecast.var import turning_patterns
 from mavdem.dem.record import FEWEST_MOTORS, Record
 
 LAGS = (6, 8, 10, 14, 20)  # that F̄ chooses from, samples
 # likewise, precisions of the prior at lag 1, of channels of deviation 1
 RIDGES = (1e-4, 1e-3, 1e-2)
+# of the rotors of an X, however they are numbered: each turns one axis
+X_PATTERNS = hadamard(4)[1:] / 2
 # added to their innovations: how well an angle follows from its rate tells nothing of the motors
 MIXER_NOISE = 1e-5
 LEAST_FREEDOM = 3.0  # of Student's t, for which a variance is finite
@@ -59,40 +61,41 @@ def known_combinations(inputs: int, effect_directions: Array | None) -> Array | 
 def turning_combinations(record: Record) -> Array:
     """Returns (r, c) the combinations of the inputs that turn the axis, of unit length.
 
-    One where the mixer is known; of other rotors the one of an X, or as the motors' effects come out, whose model
-    explains the outputs best; inputs that are no rotors as they are.
+    One where the mixer is known; of other rotors the one of an X, or as the motors' effects come out, that shares most
+    with the outputs; inputs that are no rotors as they are.
     """
     r = record.inputs.shape[1]
     m = record.outputs.shape[1]
     combinations = known_combinations(r, record.effect_directions)
     if combinations is not None:
         return combinations
-    lags = min(int(np.median(LAGS)), max(1, record.longest // 4))
-    prior = var.lag_prior(lags, float(np.median(RIDGES)))
-
-    def of_outputs(statistics: var.LagStatistics) -> var.Regression:
-        return var.regress(statistics.gram, statistics.rows, prior, m, MIXER_NOISE)
-
-    patterns = turning_patterns(r)
+    lags = min(LAGS[2], max(1, record.longest // 4))
+    prior = var.lag_prior(lags, RIDGES[1])
     units, statistics = var.LagStatistics.of_record(record, lags)
-    effects = (
-        of_outputs(statistics).mean[:-1, m - 1].reshape(lags, m + r)[:, m:].sum(axis=0)
-        / units.scale[m:]
+    ahead = var.regress(statistics.gram, statistics.rows, prior).mean[:-1, m - 1]
+    effects: Array = ahead.reshape(lags, m + r)[:, m:].sum(axis=0) / units.scale[m:]
+    # What the flight tells of the motors' effects costs as many nats as its numbers (Schwarz, 1978).
+    cost = 0.5 * (r - 1) * np.log(statistics.rows)
+    tried = [(effects / (np.linalg.norm(effects) or 1.0), cost)]
+    tried += [(pattern, 0.0) for pattern in X_PATTERNS if r == len(pattern)]
+    return max(tried, key=lambda each: _shared(record, each[0], prior) - each[1])[0][:, None]
+
+
+def _shared(record: Record, combination: Array, prior: Array) -> float:
+    """Shared information of outputs and a ``combination`` of the inputs, nats: F̄ of both together, less its own.
+
+    F̄ of the outputs alone is no criterion: in closed loop what turns the axis follows from the axis, and adds little to
+    its past; any slow combination, whose lags are alike and so cost fewer nats, may do as well.
+    """
+    _, statistics = var.LagStatistics.of_record(_combined(record, combination[:, None]), len(prior))
+    k = record.outputs.shape[1] + 1
+    offset = len(prior) * k
+    own = np.r_[k - 1 : offset : k, offset, offset + k]
+    both, alone = (
+        var.regress(gram, statistics.rows, prior, MIXER_NOISE).free_energy
+        for gram in (statistics.gram, statistics.gram[np.ix_(own, own)])
     )
-    size = float(np.linalg.norm(effects))
-    costs = [0.0 for _ in patterns]
-    if size > 0:
-        # What the flight tells of the motors' effects costs as many nats as its numbers (Schwarz, 1978).
-        patterns.append(effects / size)
-        costs.append(0.5 * (r - 1) * np.log(statistics.rows))
-    energies = [
-        of_outputs(
-            var.LagStatistics.of_record(_combined(record, choice[:, None]), lags)[1]
-        ).free_energy
-        - cost
-        for choice, cost in zip(patterns, costs, strict=True)
-    ]
-    return patterns[int(np.argmax(energies))][:, None]
+    return both - alone
 
 
 def _combined(record: Record, combinations: Array) -> Record:

@@ -130,11 +130,11 @@ class LagStatistics(NamedTuple):
 
 
 class Regression(NamedTuple):
-    """The posterior of the coefficients (q, t) of t channels on [lag 1 … lag p, 1]: matrix normal, exact given Σ."""
+    """The posterior of the coefficients (q, k) of k channels on [lag 1 … lag p, 1]: matrix normal, exact given Σ."""
 
-    mean: Array  # (q, t)
+    mean: Array  # (q, k)
     root: Array  # (q, q) Rᵀ R is the inverse of the posterior precision
-    covariance: Array  # (t, t) Σ of the innovations, over the rows that the coefficients leave
+    covariance: Array  # (k, k) Σ of the innovations, over the rows that the coefficients leave
     terms: dict[str, float]  # of F̄, nats
 
     @property
@@ -152,10 +152,9 @@ def regress(
     gram: Array,
     rows: float,
     prior: Array,
-    targets: int | None = None,
     least: float = ROUNDING,
 ) -> Regression:
-    """Regresses samples of k channels on their lags, the first ``targets`` of them or all.
+    """Regresses samples of k channels on their lags.
 
     The prior is a random walk, A₁ = 1 and nothing else, with covariance Σ ⊗ ``prior``⁻¹ of the deviations from it, the
     same for every channel: for a diagonal precision (lags, lags) that grows with the lag the "Minnesota prior" (R.
@@ -166,23 +165,21 @@ def regress(
         gram: Σ row rowᵀ over ``rows`` rows [lag 1 … lag p, 1, sample], of (p + 1) k + 1 numbers.
         rows: how many there were, more than 0.
         prior: (lags, lags) precision of a channel's coefficients by lag.
-        targets: how many channels to regress.
         least: variance of the innovations that F̄ adds to those found.
     """
     lags = len(prior)
     width = len(gram)
     k = (width - 1) // (lags + 1)
-    t = k if targets is None else targets
     q = lags * k + 1
     precision = np.zeros((q, q))
     precision[:-1, :-1] = np.kron(prior, np.eye(k))
     precision[-1, -1] = CONSTANT_RIDGE
-    before = np.eye(q, t)
+    before = np.eye(q, k)
     factor = np.linalg.cholesky(gram[:q, :q] + precision)
     root = solve_triangular(factor, np.eye(q), lower=True)
     # Moments of the error of a random walk: small numbers, where the samples themselves are large ones.
-    walk = np.vstack([np.eye(q, q + t), np.hstack([-before.T, np.eye(t)])])
-    errors = walk @ gram[: q + t, : q + t] @ walk.T
+    walk = np.vstack([np.eye(q, width), np.hstack([-before.T, np.eye(k)])])
+    errors = walk @ gram @ walk.T
     explained = root @ errors[:q, q:]
     change = root.T @ explained
     left = errors[q:, q:] - explained.T @ explained
@@ -190,7 +187,7 @@ def regress(
     sizes, directions = np.linalg.eigh((left + left.T) / 2)
     left = (directions * np.maximum(sizes, 0.0)) @ directions.T
     used = q - float(np.sum(precision * (root.T @ root)))
-    noise = left / rows + least * np.eye(t)
+    noise = left / rows + least * np.eye(k)
     weight = np.linalg.inv(noise)
     of_prior = float(np.sum(weight * (change.T @ precision @ change)))
     determined = (
@@ -202,7 +199,7 @@ def regress(
         "prediction errors": -0.5 * (float(np.sum(weight * left)) - of_prior),
         "noise entropy": -0.5 * rows * float(np.linalg.slogdet(2 * np.pi * noise)[1]),
         "parameter errors": -0.5 * of_prior,
-        "parameter entropy": -0.5 * t * float(determined),
+        "parameter entropy": -0.5 * k * float(determined),
     }
     return Regression(before + change, root, left / max(rows - used, LEAST_FREEDOM), terms)
 
@@ -419,10 +416,3 @@ def pieces(number: int, steps: int, length: int) -> Indices:
 def latest_first(past: Array) -> Array:
     """Returns (…, lags · k) of a ``past`` (…, lags, k)."""
     return past[..., ::-1, :].reshape(*past.shape[:-2], past.shape[-2] * past.shape[-1])
-
-
-def turning_patterns(rotors: int) -> list[Array]:
-    """Returns (rotors,) combinations of unit length: of four rotors those of an X; else none."""
-    if rotors != 4:
-        return []
-    return [*np.array([[1, 1, -1, -1], [1, -1, 1, -1], [1, -1, -1, 1]]) / 2]
