@@ -44,7 +44,6 @@ from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import Array, Result, one_thread
 from mavdem.facts import Fact, Level
 from mavdem.facts.loops import StepResponses
-from mavdem.heading import Numbers
 
 SECONDS = {"rate": 0.5, "attitude": 2.0}
 """Of a step's response, until it has settled; a window is two of them, and the one before."""
@@ -420,13 +419,11 @@ def _described(
     if unknown < 2 or half.max() >= 1.0:  # such a band holds no response, and twice as much
         return nothing
     hertz = hertz[:unknown]
-    pairs = zip(steps, gains[:, :unknown], strict=True)
-    table = np.array([_figures(time, step, hertz, gain) for step, gain in pairs])
+    overshoot, *others = _figures(time, steps, hertz, gains[:, :unknown])
     # Noise adds to the highest value of a step: as much as each draw adds to it again.
-    added = table[:, 0] - table[0, 0]
+    added = overshoot - overshoot[0]
     added[0] = added[1:].mean()
-    table[:, 0] = np.maximum(table[0, 0] - added, 0.0)
-    estimates = map(_estimate, table.T)
+    estimates = map(_estimate, [np.maximum(overshoot[0] - added, 0.0), *others])
     figures = dict(zip(FIGURES, estimates, strict=True))
     return StepResponse(
         axis=axis,
@@ -444,23 +441,24 @@ def _described(
     )
 
 
-def _figures(time: Array, step: Array, hertz: Array, gain: Array) -> Numbers:
-    """Those of ``FIGURES`` of one step (K,) and |T| (F,)."""
-    tenth, half, most = (_reached(time, step, level) for level in (0.1, 0.5, 0.9))
-    rise = most - tenth if most < time[-1] else most
-    is_off = abs(step - 1) > SETTLED
-    off = np.flatnonzero(is_off)
-    settled = time[off.max(initial=0)]
-    top = np.argmax(gain)
-    overshoot = max(step.max() - 1, 0.0)
-    return overshoot, rise, settled, half, gain[top], hertz[top]
+def _figures(time: Array, steps: Array, hertz: Array, gains: Array) -> tuple[Array, ...]:
+    """Those of ``FIGURES``, each (N,), of steps (N, K) and |T| (N, F)."""
+    tenth, half, most = (_reached(time, steps, level) for level in (0.1, 0.5, 0.9))
+    rise = np.where(most < time[-1], most - tenth, most)
+    is_off = abs(steps - 1) > SETTLED
+    settled = (is_off * time).max(axis=1, initial=time[0])
+    overshoot = np.maximum(steps.max(axis=1) - 1, 0.0)
+    return overshoot, rise, settled, half, gains.max(axis=1), hertz[gains.argmax(axis=1)]
 
 
-def _reached(time: Array, step: Array, level: float) -> float:
-    """When a step (K,) first has a ``level``, between its values; the last time where it never has."""
-    from_zero = np.append(0.0, step)
-    highest = np.maximum.accumulate(from_zero)
-    return float(np.interp(level, highest, np.append(0.0, time)))
+def _reached(time: Array, steps: Array, level: float) -> Array:
+    """(N,) when steps (N, K) first have a ``level``, between their values; the last time where one never has."""
+    highest = np.maximum.accumulate(steps, axis=1)
+    is_below = highest <= level
+    low = highest.max(axis=1, where=is_below, initial=0.0)
+    high = highest.min(axis=1, where=~is_below, initial=np.inf)
+    values = is_below.sum(axis=1) + (level - low) / (high - low)
+    return np.asarray(np.interp(values, np.arange(len(time) + 1), [0.0, *time]))
 
 
 def step_of(frequency: Array, closed: Complex, time: Array) -> Array:
