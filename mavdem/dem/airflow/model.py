@@ -198,12 +198,9 @@ FREEDOM = 8.0
 # m/s² across the thrust axis, beyond which the velocity jumped; s to the next data
 MAX_FORCE = 25.0
 BRIDGED = 10.0
-# of the four states
-WIND = slice(0, 2)
-MEAN = slice(2, 4)
-# TOTAL (2, 4): w + m of the states
+# TOTAL (2, 4): w + m of the four states
 PLANE = np.eye(2)
-TOTAL = np.kron([[1.0, 1.0]], np.eye(2))
+TOTAL = np.kron([[1.0, 1.0]], PLANE)
 
 
 class Motion(NamedTuple):
@@ -329,23 +326,24 @@ class Filter:
         """Takes what a step of ``Motion`` measured; returns errors (G, 2) and covariances of the predictions."""
         x = self.states
         P = self.spreads
-        u = axes @ velocity - (x[:, WIND] + x[:, MEAN]) @ axes[:, :2].T
+        u = axes @ velocity - x @ (axes[:, :2] @ TOTAL).T
         speed = np.sqrt((u * u).sum(axis=1) + 1e-4)[:, None]
         drag = self._linear + self._quadratic * speed
         slope = drag[:, :, None] * PLANE + (self._quadratic / speed * u)[:, :, None] * u[:, None, :]
         A = slope @ axes[:, :2]  # the errors' slope by the wind, gusts and mean alike
         error = force + drag * u - self._lean
-        PH = (P[:, :, WIND] + P[:, :, MEAN]) @ A.mT
-        S = A @ (PH[:, WIND] + PH[:, MEAN]) + self._noise + doubt**2 * PLANE
+        HP = A @ TOTAL @ P
+        S = HP @ TOTAL.T @ A.mT + self._noise + doubt**2 * PLANE
         S = (S + S.mT) / 2  # else rounding grows
-        inverse = np.linalg.inv(S)
-        squares = (error[:, None] @ inverse @ error[:, :, None])[:, 0, 0]
-        self.total -= np.log(np.linalg.det(S)) / 2 + (FREEDOM + 2) / 2 * np.log1p(squares / FREEDOM)
-        K = PH @ inverse * np.minimum((FREEDOM + 2) / (FREEDOM + squares), 1.0)[:, None, None]
-        self.states, self.spreads = (
-            x + (K @ error[:, :, None])[:, :, 0],
-            P - K @ PH.mT,
-        )
+        determinant = (S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] ** 2)[:, None, None]
+        inverse = (S.trace(axis1=1, axis2=2)[:, None, None] * PLANE - S) / determinant
+        row = error[:, None]
+        squares = row @ inverse @ error[:, :, None]
+        surprise = np.log(determinant) / 2 + (FREEDOM + 2) / 2 * np.log1p(squares / FREEDOM)
+        self.total -= surprise[:, 0, 0]
+        K = inverse * np.minimum((FREEDOM + 2) / (FREEDOM + squares), 1.0) @ HP
+        self.states = x + (row @ K)[:, 0]
+        self.spreads = P - K.mT @ HP
         return error, S
 
 

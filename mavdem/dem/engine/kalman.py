@@ -39,6 +39,7 @@ def steady_gain(
     discrete-time algebraic Riccati equations", International Journal of Control 77 (2004).
     """
     n = A.shape[-1]
+    identity = np.eye(n)
     crossed = np.zeros((n, C.shape[-2])) if S is None else S
     heard = np.linalg.solve(R, C)
     step = (A - crossed @ heard).mT
@@ -46,7 +47,7 @@ def steady_gain(
     P = (Q + Q.mT) / 2 - crossed @ np.linalg.solve(R, crossed.mT)
     with np.errstate(all="ignore"):  # what has no bound overflows
         for _ in range(MOST_DOUBLINGS):
-            solved = np.linalg.solve(np.eye(n) + seen @ P, np.concatenate([step, seen], axis=-1))
+            solved = np.linalg.solve(identity + seen @ P, np.concatenate([step, seen], axis=-1))
             more = step.mT @ P @ solved[..., :n]
             seen = seen + step @ solved[..., n:] @ step.mT
             step = step @ solved[..., :n]

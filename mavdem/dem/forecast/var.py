@@ -15,7 +15,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtrtri
 
 from mavdem.dem.engine.kalman import KalmanFilter
 from mavdem.dem.engine.linalg import ROUNDING, Array, Indices, Pair, may_overflow
@@ -168,18 +168,18 @@ def regress(
         least: variance of the innovations that F̄ adds to those found.
     """
     lags = len(prior)
-    width = len(gram)
-    k = (width - 1) // (lags + 1)
+    k = (len(gram) - 1) // (lags + 1)
     q = lags * k + 1
     precision = np.zeros((q, q))
     precision[:-1, :-1] = np.kron(prior, np.eye(k))
     precision[-1, -1] = CONSTANT_RIDGE
     before = np.eye(q, k)
     factor = np.linalg.cholesky(gram[:q, :q] + precision)
-    root = solve_triangular(factor, np.eye(q), lower=True)
+    root, _ = dtrtri(factor, lower=True)
     # Moments of the error of a random walk: small numbers, where the samples themselves are large ones.
-    walk = np.vstack([np.eye(q, width), np.hstack([-before.T, np.eye(k)])])
-    errors = walk @ gram @ walk.T
+    errors = gram.copy()
+    errors[q:] -= errors[:k]
+    errors[:, q:] -= errors[:, :k]
     explained = root @ errors[:q, q:]
     change = root.T @ explained
     left = errors[q:, q:] - explained.T @ explained
