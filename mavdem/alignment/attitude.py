@@ -81,14 +81,14 @@ def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
     The angle is then the integral of the rate, held to the angles sent. Only a log's PID_TUNING is taken: in
     a stream it has no stamp of its own.
     """
-    from scipy.integrate import cumulative_trapezoid  # it takes half a second to import
-
     sent = sent_attitude(telemetry, axis)
     if sent is None or telemetry.called(TUNING_MESSAGE) == TUNING_MESSAGE:
         return sent
     tuning = tuning_rates(telemetry, axis, sent)
     if tuning is None:
         return sent
+    from scipy.integrate import cumulative_trapezoid  # it takes half a second to import
+
     lengths = {sent.message: len(sent.time), TUNING_MESSAGE: len(tuning.time)}
     if preferred_message(lengths) == sent.message:
         return sent
