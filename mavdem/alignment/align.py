@@ -11,7 +11,7 @@ from mavdem.alignment import phases
 from mavdem.alignment.attitude import Attitude
 from mavdem.alignment.drive import Motors, Signal
 from mavdem.alignment.phases import Intervals, both, unbroken
-from mavdem.alignment.signals import MINIMUM_RATE, Signals, axis_outputs, held
+from mavdem.alignment.signals import MINIMUM_RATE, Signals, axis_outputs, held, once
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Resampling
 from mavdem.flight import Flight
@@ -50,6 +50,7 @@ Segments = Sequence[Segment]
 """Of one flight, or of a log."""
 
 
+@once()
 def recorded_parts(signals: Signals) -> Segments:
     """Returns each boot from its first message to its last, but for texts: a log may begin with older ones."""
     messages = [
@@ -67,6 +68,7 @@ def recorded_parts(signals: Signals) -> Segments:
     return tuple(parts)
 
 
+@once("axis", "inputs")
 def settled_segments(signals: Signals) -> Segments:
     """Segments of one boot each: armed, airborne, settled, upright, fast and without gaps; the longest first.
 
@@ -154,6 +156,7 @@ FILTER_EDGE_STEPS = 5
 ``CUTOFF_RATIO`` sin(22.5°), decays by a factor e a step."""
 
 
+@once("axis", "inputs")
 def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight:
     """Returns the flight of a sampled ``segment``, uniform on the boot clock, in steps of ``dt``, s.
 

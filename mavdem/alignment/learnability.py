@@ -329,8 +329,8 @@ def too_slow(rates: Parameters, axis: str, least: float = MINIMUM_RATE) -> Fact 
 def _grounded(signals: Signals, figures: QualityFigures) -> Fact:
     """On a vehicle that was armed and did not fly: what shows that, if anything does."""
     name = signals.telemetry.called("EXTENDED_SYS_STATE")
-    boots = () if signals.attitude is None else np.unique(signals.attitude.boot)
-    held = any(phases.flying(signals, int(boot)) for boot in boots)
+    attitude, _ = signals.streams
+    held = any(phases.flying(signals, int(boot)) for boot in np.unique(attitude.boot))
     by_collective = not held and signals.landed_state is None
     if by_collective and signals.collective is None:
         return Fact(Reason.NO_EVIDENCE_OF_FLIGHT, name=name, remedy=ask_for_rate(signals.telemetry))

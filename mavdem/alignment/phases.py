@@ -10,7 +10,7 @@ from math import inf, isinf
 import numpy as np
 
 from mavdem.alignment.drive import TILT_AXES, Signal
-from mavdem.alignment.signals import Signals, held, setpoints
+from mavdem.alignment.signals import Signals, held, once
 from mavdem.confidence import Interval
 from mavdem.ingest.telemetry import Array, Flags, Parameters
 from mavdem.ingest.vocabulary import IN_AIR, OFF_GROUND
@@ -76,13 +76,14 @@ def longest(time: Array, true: Flags) -> float:
 
 
 def unbroken(time: Array, broken: Flags) -> Intervals:
-    """Returns the runs of ``time`` (N,) between the steps (N - 1,) that are ``broken``."""
+    """Returns the runs of ``time`` (N,) between the steps (N - 1,) that are ``broken``; none of a single stamp."""
     if not len(time):
         return []
     breaks = np.flatnonzero(broken)
-    starts = np.concatenate([[0], breaks + 1])
-    ends = np.concatenate([breaks, [len(time) - 1]])
-    return [(float(time[a]), float(time[b])) for a, b in zip(starts, ends, strict=True)]
+    starts = time[np.append(0, breaks + 1)]
+    ends = time[np.append(breaks, -1)]
+    last = starts < ends
+    return [*zip(starts[last].tolist(), ends[last].tolist(), strict=True)]
 
 
 def both(a: Intervals, b: Intervals) -> Intervals:
@@ -130,18 +131,12 @@ def airborne_collective(parameters: Parameters) -> float:
     return parameters.get("MOT_SPIN_MIN", IDLE_COLLECTIVE) + ABOVE_IDLE
 
 
+@once()
 def settled(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals of ``boot`` in settled flight, as the autopilot reports it or else as the motors show it.
 
     Neither take-off nor landing, where it reports them, nor what the ground holds; both axes must stay upright.
     """
-    if boot not in signals.known:
-        signals.known[boot] = _settled(signals, boot)
-    intervals: Intervals = signals.known[boot]
-    return intervals
-
-
-def _settled(signals: Signals, boot: int) -> Intervals:
     climb = of_boot(signals.climb_rate, boot)
     landing = of_boot(signals.landing, boot)
     flights = both(armed(signals, boot), in_states(signals, boot, (IN_AIR,)))
@@ -209,7 +204,7 @@ def _stood(signals: Signals, boot: int, flight: Interval) -> bool:
         return False
     for axis, tilt in zip(TILT_AXES, signals.tilts, strict=False):
         here = (tilt.boot == boot) & during(tilt.time, [flight])
-        for setpoint in setpoints(signals.telemetry, axis):
+        for setpoint in signals.about(axis).setpoints:
             squares = held(setpoint, boot, tilt.time[here]) ** 2
             finite = np.isfinite(squares)
             if setpoint.unit != "rad" or not finite.any():
@@ -221,6 +216,7 @@ def _stood(signals: Signals, boot: int, flight: Interval) -> bool:
     return False
 
 
+@once()
 def grounded(signals: Signals, boot: int) -> Intervals:
     """Returns where the ground holds the vehicle, whatever is reported: its motors do much less than in hover.
 
@@ -245,7 +241,7 @@ def grounded(signals: Signals, boot: int) -> Intervals:
     moving = running & (squares >= STILL_SHARE * lively)
     fighting = np.zeros(len(mean), dtype=np.bool_)
     if motors is not None:
-        for share in motors.scale.fraction(motors.outputs[motors.boot == boot]).T:
+        for share in motors.shares(boot).values.T:
             apart = average(Signal(collective.time, collective.boot, share)) - mean
             fighting |= abs(apart - np.median(apart[moving])) > FIGHTING_SHARE * hover
     still = squares < STILL_SHARE**2 * lively
@@ -255,6 +251,12 @@ def grounded(signals: Signals, boot: int) -> Intervals:
 def flying(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals of ``boot`` when armed and off the ground."""
     return both(armed(signals, boot), in_states(signals, boot, OFF_GROUND))
+
+
+@once()
+def flown(signals: Signals, boot: int) -> Intervals:
+    """Returns the intervals of ``boot`` when flying and not held by the ground."""
+    return off_ground(flying(signals, boot), signals, boot)
 
 
 def armed(signals: Signals, boot: int) -> Intervals:

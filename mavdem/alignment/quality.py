@@ -69,9 +69,8 @@ def of_log(signals: Signals, segments: int) -> QualityFigures:
     )
     airborne = 0.0
     for boot in np.intersect1d(attitude.boot, drive.boot):
-        flown = phases.off_ground(phases.flying(signals, boot), signals, boot)
         driven = drive.time[drive.boot == boot]
-        airborne += total(both([(driven[0], driven[-1])], flown))
+        airborne += total(both([(driven[0], driven[-1])], phases.flown(signals, int(boot))))
     figures = QualityFigures(armed, airborne, segments)
     return replace(
         figures, attitude_rate=usual_rate(attitude) or None, motor_rate=usual_rate(drive) or None

@@ -11,7 +11,7 @@ from mavdem.alignment.learnability import (
     learnabilities,
     learnability_of,
 )
-from mavdem.alignment.signals import MINIMUM_RATE, Signals
+from mavdem.alignment.signals import MINIMUM_RATE, Signals, once
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Caution, Reason
@@ -97,37 +97,34 @@ def learnable_flight(
     return _with_cautions(learnability), learnability
 
 
+@once("axis", "inputs")
 def usable_segments(
     signals: Signals, components: Sequence[Component] = (), least_rate: float = MINIMUM_RATE
 ) -> tuple[Flights, Learnability]:
     """Returns all usable segments, none if the longest is not learnable; both streams need ``least_rate``, Hz."""
-    key = signals.axis, signals.inputs, least_rate
-    if key not in signals.known:
-        judged = list(learnabilities(signals, components, least_rate))
-        first = judged[0]
-        usable = [part for part in judged if part.learnable]
-        taken = [part.segment for part in usable]
-        lost = [segment.duration for segment in first.segments if segment not in taken]
-        left_out = []
-        if 0 < len(lost) < len(first.segments):
-            left_out = [
-                Fact(
-                    Caution.SEGMENTS_LEFT_OUT,
-                    count=len(lost),
-                    segments=len(first.segments),
-                    duration=sum(lost),
-                    settled=sum(segment.duration for segment in first.segments),
-                    least_duration=MINIMUM_DURATION,
-                )
-            ]
-        flights = [_with_cautions(part, *left_out) for part in usable]
-        in_time = sorted(
-            flights,
-            key=lambda flight: (flight.provenance["segment"]["boot"], float(flight.time[0])),
-        )
-        signals.known[key] = tuple(in_time), first
-    segments: tuple[Flights, Learnability] = signals.known[key]
-    return segments
+    judged = list(learnabilities(signals, components, least_rate))
+    first = judged[0]
+    usable = [part for part in judged if part.learnable]
+    taken = [part.segment for part in usable]
+    lost = [segment.duration for segment in first.segments if segment not in taken]
+    left_out = []
+    if 0 < len(lost) < len(first.segments):
+        left_out = [
+            Fact(
+                Caution.SEGMENTS_LEFT_OUT,
+                count=len(lost),
+                segments=len(first.segments),
+                duration=sum(lost),
+                settled=sum(segment.duration for segment in first.segments),
+                least_duration=MINIMUM_DURATION,
+            )
+        ]
+    flights = [_with_cautions(part, *left_out) for part in usable]
+    in_time = sorted(
+        flights,
+        key=lambda flight: (flight.provenance["segment"]["boot"], float(flight.time[0])),
+    )
+    return tuple(in_time), first
 
 
 def _with_cautions(learnability: Learnability, *further: Fact) -> Flight:

@@ -16,10 +16,10 @@ DataFlash's RATE and from PX4 it corrects the error of the attitude as well.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, NamedTuple
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, wraps
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -102,6 +102,28 @@ HOLD_SECONDS = 2.0
 """Age beyond which a setpoint is unknown: in flight modes that have no such setpoint its messages end."""
 
 
+Find = TypeVar("Find", bound=Callable[..., Any])
+
+
+def once(*of: str) -> Callable[[Find], Find]:
+    """Decorates functions of signals and more that find the same by the same arguments and attributes ``of`` signals.
+
+    What they have found is ``known`` to the signals of all axes of the vehicle.
+    """
+
+    def decorated(find: Any) -> Any:
+        @wraps(find)
+        def found(signals: VehicleSignals, *arguments: Hashable) -> Any:
+            key = find.__name__, *(getattr(signals, name) for name in of), *arguments
+            if key not in signals.known:
+                signals.known[key] = find(signals, *arguments)
+            return signals.known[key]
+
+        return found
+
+    return decorated
+
+
 @dataclass(frozen=True, eq=False)
 class Setpoint:
     """One setpoint of one axis: ``signal`` from ``message``, called ``name``, in ``unit``."""
@@ -165,10 +187,8 @@ class VehicleSignals:
 
     telemetry: Telemetry
 
-    @cached_property
-    def known(self) -> dict[Hashable, Any]:
-        """Settled flight by boot, usable segments and loops by what they are of, where they were looked for."""
-        return {}
+    known: dict[Hashable, Any] = field(default_factory=dict, repr=False, kw_only=True)
+    """What was found, by what it is of; see :func:`once`."""
 
     @cached_property
     def attitudes(self) -> tuple[Attitude, ...]:
@@ -296,10 +316,10 @@ class VehicleSignals:
 
     def _first_of(self, fields: Mapping[str, tuple[str, float]]) -> Signal | None:
         """The first message with one of these fields that is not always 0, which measures nothing, times its factor."""
-        for message, (field, factor) in fields.items():
+        for message, (name, factor) in fields.items():
             columns = self.telemetry.messages.get(message, {})
-            if field in columns and len(columns["time"]) > 1 and columns[field].any():
-                return series(columns, factor * floats(columns, field))
+            if name in columns and len(columns["time"]) > 1 and columns[name].any():
+                return series(columns, factor * floats(columns, name))
         return None
 
     @cached_property
@@ -348,8 +368,8 @@ class Signals(VehicleSignals):
     def about(self, axis: str, inputs: str | None = None) -> Signals:
         """Returns the signals for another ``axis`` or other ``inputs``; those of the vehicle are not read again."""
         other = replace(self, axis=axis, inputs=inputs)
-        known = {"known": self.known, **vars(self)}
-        vars(other).update({name: known[name] for name in known if name in vars(VehicleSignals)})
+        found = vars(self)
+        vars(other).update({name: found[name] for name in found if name in vars(VehicleSignals)})
         return other
 
     @cached_property
@@ -380,7 +400,8 @@ class Signals(VehicleSignals):
         assert self.attitude is not None and self.drive is not None
         return self.attitude, self.drive
 
-    @cached_property
+    @property
+    @once("axis")
     def setpoints(self) -> tuple[Setpoint, ...]:
         """What was asked of the axis; empty where that was not recorded."""
         return setpoints(self.telemetry, self.axis)

@@ -11,7 +11,7 @@ import numpy as np
 
 from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.alignment.phases import Intervals, both, of_boot, settled, where
-from mavdem.alignment.signals import Signals, held, setpoints
+from mavdem.alignment.signals import Signals, held, once
 from mavdem.ingest.telemetry import Array, Flags
 
 TURN_SECONDS = 1.0
@@ -54,6 +54,7 @@ def strays(angles: Array, asked: Array) -> Flags:
     return np.asarray((abs(angles - asked) > MAX_STRAY).any(axis=-1))
 
 
+@once()
 def followed(signals: Signals, boot: int) -> Followed | None:
     """Returns the attitude of ``boot`` beside its setpoint; None where it was not recorded."""
     angles = [
@@ -64,12 +65,13 @@ def followed(signals: Signals, boot: int) -> Followed | None:
     time = angles[-1].time
     asked = {unit: np.full((len(time), len(TILT_AXES)), nan) for unit in ("rad", "rad/s")}
     for column, axis in enumerate(TILT_AXES):
-        for setpoint in setpoints(signals.telemetry, axis):
+        for setpoint in signals.about(axis).setpoints:
             asked[setpoint.unit][:, column] = held(setpoint, boot, time)
     columns = [np.interp(time, angle.time, angle.values) for angle in angles]
     return Followed(time, np.column_stack(columns), asked["rad"], ~np.isnan(asked["rad/s"]))
 
 
+@once()
 def steady(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals of settled flight of ``boot`` in which its motors may be compared."""
     flight = followed(signals, boot)

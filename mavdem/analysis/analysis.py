@@ -167,7 +167,6 @@ def _without_model(
             watched=other_axis.watched,
         )
     motors = signals.motors
-    placed = motors is not None and bool(motors.layout.positions)
     return LogAnalysis(
         verdict,
         tier,
@@ -176,7 +175,9 @@ def _without_model(
         reason,
         alarms=motor_alarms(signals),
         trim=trim_of_signals(signals),
-        watched=placed and motors is not None and usual_rate(motors) >= MIN_RATE,
+        watched=motors is not None
+        and bool(motors.layout.positions)
+        and usual_rate(motors) >= MIN_RATE,
     )
 
 
@@ -197,16 +198,15 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
     motors = signals.motors
     if motors is None:
         return ()
-    layout = motors.layout
     alarms = []
-    for boot in np.unique(motors.boot):
-        watch = MotorWatch(layout, int(boot))
-        rows = motors.boot == boot
-        time = motors.time[rows]
-        commands = motors.scale.fraction(motors.outputs[rows])
-        heading = headings(signals, int(boot), time)
-        for row in np.flatnonzero(during(time, settled(signals, int(boot)))):
-            watch.take(float(time[row]), commands[row], float(heading[row]))
+    for boot in np.unique(motors.boot).tolist():
+        watch = MotorWatch(motors.layout, boot)
+        shares = motors.shares(boot)
+        heading = headings(signals, boot, shares.time)
+        flown = during(shares.time, settled(signals, boot))
+        columns = shares.time[flown].tolist(), shares.values[flown], heading[flown].tolist()
+        for sample in zip(*columns, strict=True):
+            watch.take(*sample)
         alarms += watch.alarms
     return tuple(alarms)
 

@@ -73,8 +73,7 @@ class Evidence:
 
     def flights(self, boot: int) -> phases.Intervals:
         """Returns where the vehicle flew in a ``boot``."""
-        flown = phases.off_ground(phases.flying(self.signals, boot), self.signals, boot)
-        return phases.both(flown, self._before_loss(boot))
+        return phases.both(phases.flown(self.signals, boot), self._before_loss(boot))
 
     def flown(self, signal: Signal | None) -> Iterator[Signal]:
         """Yields what of a ``signal`` was measured in each flight."""

@@ -163,10 +163,9 @@ def _losses(error: AttitudeError, flight: Interval, climb: Signal | None) -> Int
     What falls, and ends the flight on its side, has lost it, whatever was asked.
     """
     lost = _lasting(error.time, error.size > LOST_ANGLE, ASKED_SECONDS)
-    fallen = _lasting(error.time, error.lies, ASKED_SECONDS)
     fallen = [
         event
-        for event in fallen
+        for event in _lasting(error.time, error.lies, ASKED_SECONDS)
         if event[1] >= flight[1]
         and (_fastest(climb, event[0], event[0] + CAUGHT_SECONDS) or 0.0) > FALL_SPEED
     ]

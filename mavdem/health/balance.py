@@ -20,7 +20,7 @@ import numpy as np
 from mavdem.alignment.align import Segment, settled_segments, within
 from mavdem.alignment.drive import AXES, MotorGeometry
 from mavdem.alignment.phases import both, total
-from mavdem.alignment.signals import Signals
+from mavdem.alignment.signals import Signals, once
 from mavdem.alignment.steadiness import steady
 from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import Array, Pair
@@ -95,6 +95,7 @@ class BalanceFigures(NamedTuple):
     seconds: float  # of settled flight
 
 
+@once("axis", "inputs")
 def balance_of_signals(signals: Signals) -> BalanceFigures | None:
     """The figures of a vehicle's steady flight; None without motor outputs, or where it is too short."""
     motors = signals.motors
@@ -103,11 +104,8 @@ def balance_of_signals(signals: Signals) -> BalanceFigures | None:
     signatures = motor_signatures(motors.layout)
     runs = []
     seconds = 0.0
-    segments = sorted(settled_segments(signals))
-    boots = {segment.boot for segment in segments}
-    steady_of = {boot: steady(signals, boot) for boot in boots}
-    for segment in segments:
-        spans = both([(segment.start, segment.end)], steady_of[segment.boot])
+    for segment in sorted(settled_segments(signals)):
+        spans = both([(segment.start, segment.end)], steady(signals, segment.boot))
         seconds += total(spans)
         parts = (Segment(segment.boot, *span) for span in spans)
         here = within(motors, *parts)

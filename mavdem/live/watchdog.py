@@ -97,7 +97,7 @@ class Watchdog:
             condition = Condition(duration=now - since)
             watched[Watched.BATTERY] = power_light(evidence_of(whole, condition))
             if settled_since is not None:
-                recent.known[self._recent.boot] = [(settled_since, now)]
+                recent.known["settled", self._recent.boot] = [(settled_since, now)]
                 watched[Watched.VIBRATION] = vibration_light(evidence_of(recent, condition))
             yield None
             watched |= dict(self._of_motion(motion, since, now))
