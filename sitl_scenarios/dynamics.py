@@ -22,7 +22,7 @@ turn counter-clockwise seen from above
 
 from collections.abc import Callable
 from math import asin, atan2, ceil, exp, hypot, sqrt
-from operator import mul, sub
+from operator import mul
 from typing import Literal, NamedTuple
 
 from sitl_scenarios.motion import Pair
@@ -207,10 +207,11 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
     ) -> Change:
         # Of floats: numpy's calls on arrays of three would take ten times as long.
         p, q, r = rates
-        *moving, air_p, air_q, roll, pitch, yaw = air
+        north, east, down, air_p, air_q, roll, pitch, yaw = air
         rows = rotation(attitude)
-        past = tuple(map(sub, moving, velocity))
-        ax, ay, az = (dot(column, past) for column in zip(*rows, strict=True))
+        vn, ve, vd = velocity
+        past = north - vn, east - ve, down - vd
+        ax, ay, az = [dot(column, past) for column in zip(*rows, strict=True)]
         speed = sqrt(dot(past, past))
         speeds = sum(rotors)
         drag_x = hull_x * speed + along_x * speeds
@@ -244,14 +245,14 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
             rolling -= right * thrust
             pitching += forward * thrust
 
-        force = tuple(dot(row, (fx, fy, fz)) for row in rows)
-        lifted = (part - row[2] * lift for part, row in zip(force, rows, strict=True))
-        north, east, down = (part / mass for part in lifted)
-        fallen = north, east, down + GRAVITY
+        force = [dot(row, (fx, fy, fz)) for row in rows]
+        north, east, down = [
+            (part - row[2] * lift) / mass for part, row in zip(force, rows, strict=True)
+        ]
         about_x = (rolling + (iy - iz) * q * r) / ix
         about_y = (pitching + (iz - ix) * r * p) / iy
         about_z = (mz + turn + (ix - iy) * p * q) / iz
-        return *fallen, about_x, about_y, about_z, *force, mx, my, mz
+        return north, east, down + GRAVITY, about_x, about_y, about_z, *force, mx, my, mz
 
     return change
 

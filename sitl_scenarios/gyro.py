@@ -62,8 +62,9 @@ class Gyro:
         for _ in range(steps):
             state = body.moved(state, targets, air)
             shaken = noise.at(state.rotors) if noise else STILL
-            self.felt = tuple(map(add, state.rates, shaken))
-            self.rates = tuple(map(self._filtered, self._pasts, self.felt))
+            self.felt = self.rates = tuple(map(add, state.rates, shaken))
+            if self._filters:
+                self.rates = tuple(map(self._filtered, self._pasts, self.felt))
         return state
 
     def _filtered(self, pasts: list[list[float]], rate: float) -> float:

@@ -15,13 +15,13 @@ from sitl_scenarios.dynamics import (
     Change,
     Four,
     State,
-    Three,
     damages,
     euler,
     pulse,
     steps_of,
 )
 from sitl_scenarios.gains import controller_for, cycle_of, gyro_for
+from sitl_scenarios.gyro import STILL
 from sitl_scenarios.motion import Array, Motion, joined
 from sitl_scenarios.plan import AFTER_SECONDS, BOOT_SECONDS, Plan, seconds
 from sitl_scenarios.scenario import SENSORS, Scenario
@@ -128,7 +128,7 @@ class Simulation:
             control = ControlOutput((still,) * 4, (0.0,) * 4)
         elif reference.landed_state == 1 or self._down:
             idle = pulse(IDLE_COMMAND)
-            control = ControlOutput((idle,) * 4, (0.0, 0.0, 0.0, IDLE_COMMAND))
+            control = ControlOutput((idle,) * 4, (*STILL, IDLE_COMMAND))
         else:
             control = self._controller.control(estimate, reference, not self._grounded)
         acting: Change = (0.0,) * 12
@@ -136,9 +136,7 @@ class Simulation:
             acting = self._body.dynamics(
                 state.attitude, state.velocity, state.rates, state.rotors, air
             )
-        sticks: Three = (0.0,) * 3
-        if reference.by_stick and self.armed:
-            sticks = reference.demand
+        sticks = reference.demand if reference.by_stick and self.armed else STILL
         row = (
             self._now * self.cycle,
             *state[:4],
