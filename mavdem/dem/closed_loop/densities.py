@@ -118,10 +118,9 @@ class Densities:
         self.asked = np.where(self.inside, unfolded, 1.0)
         late = np.array(spectra.late[:ASKED])
         self.turns = 2j * np.pi * spectra.rate * folds
-        turns = self.turns[:, None]
-        apart = late[:, None] - late
-        self.turned = np.exp(turns * apart[:, :, None]).mean(axis=-1)[:, :, None]  # (C, C, 1, F)
-        self.stamps = np.exp(turns * (late - late[SETPOINT])[:, None]).mean(axis=-1)[:, None]
+        turns = np.exp(self.turns[:, None, None] * late)
+        by_fold = turns @ turns.mT.conj() / late.shape[1]
+        self.turned = by_fold.transpose(1, 2, 0)[:, :, None]  # (C, C, 1, F)
         # the angle that is taken off is of another cycle than the controller's, with noise of its own
         other = np.abs(late[SETPOINT] - late[RATE]) > controller.cycle / 2
         self.angle_noise = 2 * float(other.mean()) * controller.angle**2
@@ -133,7 +132,10 @@ class Densities:
         values = _values(theta)
         loop = self._loop(values)
         sources = _by_source(self._parts(values, loop, is_asked))
-        return self._whole(loop, sources, self._steps(values, loop, is_asked))
+        whole = self.read + _of_steps(self._steps(values, loop, is_asked))
+        for density, seen in zip(sources, loop.seen, strict=True):
+            whole += self._folded(density[None], seen, seen.conj())[:, 0]
+        return whole
 
     def with_slopes(self, theta: Array) -> tuple[Complex, Complex]:
         """Returns what ``at`` does, and (J, k, C, C) how it changes with each parameter."""
@@ -142,11 +144,11 @@ class Densities:
         parts = self._parts(values, loop)
         sources = _by_source(parts)
         steps = self._steps(values, loop)
-        whole = self._whole(loop, sources, steps)
+        of_steps = _of_steps(steps)
+        whole = self.read + of_steps
         slopes = np.zeros((len(whole), len(NAMES), ASKED, ASKED), complex)
         slopes[:, : CONTROLLER + 1] = self._by_loop(values, loop, sources, steps)
         slopes[:, STEP_TIME] = self._by_step_time(values, loop, steps)
-        of_steps = steps.density * _outer(steps.seen, steps.seen)
         for name, slope in steps.slopes.items():
             slopes[:, NAMES.index(name)] += slope * of_steps
         for source, seen in enumerate(loop.seen):
@@ -157,7 +159,9 @@ class Densities:
                 for name, slope in part.slopes.items()
             ]
             rows, changes = zip(*of_source, strict=True)
-            slopes[:, rows] += self._folded(np.array(changes), seen, seen.conj())
+            folded = self._folded(np.array([sources[source], *changes]), seen, seen.conj())
+            whole += folded[:, 0]
+            slopes[:, rows] += folded[:, 1:]
         return whole, slopes
 
     def _loop(self, values: Values) -> _Loop:
@@ -232,13 +236,7 @@ class Densities:
 
     def _in_steps(self, shapes: Complex, seen: Complex) -> Complex:
         """(J, n, C) what steps of n ``shapes`` (n, J, F) make of what is ``seen`` (C, J, F) of all that is asked."""
-        return shapes.swapaxes(0, 1) @ (seen * self.stamps).transpose(1, 2, 0)
-
-    def _whole(self, loop: _Loop, sources: Array, steps: _Steps) -> Complex:
-        whole: Complex = self.read + steps.density * _outer(steps.seen, steps.seen)
-        for density, seen in zip(sources, loop.seen, strict=True):
-            whole += self._folded(density[None], seen, seen.conj())[:, 0]
-        return whole
+        return shapes.swapaxes(0, 1) @ (seen * self.turned[:, SETPOINT]).transpose(1, 2, 0)
 
     def _folded(self, weights: NDArray[Any], left: Complex, right: Complex) -> Complex:
         """(J, n, C, C) products of ``left`` and ``right`` (C, J, F), with n weights (n, J, F), and all that folds."""
@@ -297,6 +295,10 @@ def _by_source(parts: Sequence[_Part]) -> Array:
     for part in parts:
         sources[part.source] += part.density
     return sources
+
+
+def _of_steps(steps: _Steps) -> Complex:
+    return steps.density * _outer(steps.seen, steps.seen)
 
 
 def _outer(left: Complex, right: Complex) -> Complex:
