@@ -231,7 +231,7 @@ ALL_NODES = 419_560
 TEST_NODES = 249_950
 NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""
-ALL_CONSTANTS = 697
+ALL_CONSTANTS = 698
 """Named numbers, and tables with numbers: each has a unit, a source and a test at its edge."""
 
 

@@ -119,7 +119,7 @@ def test_eddies_in_turbulence_are_not_taken_for_a_lag():
     assert identified(axis(eddies)).theta[2] == approx(TRUE["lag"], abs=0.1)
 
 
-@mark.parametrize("noise, every", [(NOISE, 4), (NOISE / 10, 1)])
+@mark.parametrize("noise, every", [(NOISE, 4), (NOISE / 5, 1)])
 def test_the_densities_are_those_of_the_flight(noise, every):
     """Whitened by the model, the spectra of rate and output are one, also of a quiet gyro."""
     found = identified(axis(fly(3, noise=noise), every))

@@ -45,7 +45,9 @@ ASKING, NOISE, ACTUATION, WIND = range(4)
 ACTS = (np.arange(WIND + 1) == ACTUATION)[:, None, None]
 MODEL_SHARE = 0.02
 """Of the motors' torque, that a linear plant leaves out: a floor under the wind."""
-READ_SHARE = 0.01  # of a quantity, by which it is another than the controller's
+READ_SHARE = 0.01  # of an output or a setpoint, by which it is another than the controller's
+GYRO_NOISE = 1e-9
+"""(rad/s)²/Hz, two-sided, of the best. Simulators' gyros have less, of which a model would be too sure."""
 LEAST_ASKED = 0.05  # of the density that was seen, whatever of it is folded or noise
 
 
@@ -105,6 +107,7 @@ class Densities:
         seen = np.einsum("jaa->ja", mean).real
         self.output = np.interp(size, spectra.frequency, seen[:, OUTPUT]) * self.inside
         own = READ_SHARE**2 * seen[:, :ASKED]
+        own[:, RATE] = GYRO_NOISE
         own[:, OUTPUT] /= 4
         own[:, OUTPUT] += rounding**2 / 12 / spectra.rate
         self.read = own[..., None] * np.eye(ASKED)
