@@ -129,8 +129,12 @@ def test_the_densities_are_those_of_the_flight(noise, every):
         assert np.mean(ratio.real) == approx(1.0, abs=0.1)
 
 
-def test_the_slopes_are_those_of_the_value():
-    one = axis(FLOWN, 4)
+@mark.parametrize("late", [0, 2])
+def test_the_slopes_are_those_of_the_value(late):
+    """Also of setpoints of another cycle, in which the angle has noise of its own."""
+    begins = 0, 0, late, late
+    streams = [Messages(STAMPS[a::4], one[a::4]) for a, one in zip(begins, FLOWN, strict=True)]
+    one = Axis(spectra(streams, STARTS), KNOWN, 0.0)
     _, score, information = one.scores(KNOWN_PLANT)
     for k, name in enumerate(NAMES):
         step = np.eye(len(NAMES))[k] * 1e-4 * SD[k]

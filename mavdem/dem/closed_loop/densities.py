@@ -164,7 +164,7 @@ class Densities:
             rows, changes = zip(*of_source, strict=True)
             folded = self._folded(np.array([sources[source], *changes]), seen, seen.conj())
             whole += folded[:, 0]
-            slopes[:, rows] += folded[:, 1:]
+            np.add.at(slopes, (slice(None), rows), folded[:, 1:])
         return whole, slopes
 
     def _loop(self, values: Values) -> _Loop:
