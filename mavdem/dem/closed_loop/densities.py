@@ -164,7 +164,8 @@ class Densities:
             rows, changes = zip(*of_source, strict=True)
             folded = self._folded(np.array([sources[source], *changes]), seen, seen.conj())
             whole += folded[:, 0]
-            np.add.at(slopes, (slice(None), rows), folded[:, 1:])
+            for row, slope in zip(rows, folded.swapaxes(0, 1)[1:], strict=True):
+                slopes[:, row] += slope
         return whole, slopes
 
     def _loop(self, values: Values) -> _Loop:
