@@ -35,10 +35,9 @@ def with_quaternion(rate):
     pitch = 0.2 * np.sin(time)
     yaw = 0.3 * time
     q = Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll])).as_quat(scalar_first=True)
-    body = {
-        name: np.full(len(time), value) for name, value in (("pitchspeed", 0.2), ("yawspeed", 0.3))
-    }
-    fields = {f"q{i + 1}": q[:, i] for i in range(4)} | body | {"rollspeed": HOVER.roll_rate(time)}
+    fields = {f"q{n}": column for n, column in enumerate(q.T, 1)}
+    fields |= {"pitchspeed": 0 * time + 0.2, "yawspeed": 0 * time + 0.3}
+    fields["rollspeed"] = HOVER.roll_rate(time)
     return changed(HOVER.telemetry(10.0), "ATTITUDE_QUATERNION", **columns(time, **fields))
 
 
@@ -365,3 +364,9 @@ def test_the_height_is_in_metres_above_the_start(message, field, value):
     flown = HOVER.telemetry(10.0, without=("LOCAL_POSITION_NED",))
     telemetry = changed(flown, message, **columns(np.arange(5.0), **{field: np.full(5, value)}))
     assert Signals(telemetry).height.values == approx(12.0)
+
+
+def test_the_wind_is_where_the_air_moves_to():
+    blown = columns(np.zeros(1), direction=np.full(1, 90.0), speed=np.ones(1))
+    wind = Signals(changed(HOVER.telemetry(), "WIND", **blown)).autopilot_wind
+    assert wind.values[0, 1] == -1.0

@@ -13,11 +13,11 @@ HOVER = Hover(hovering=40.0)
 
 
 def steady_seconds(turn=0.0, stray=0.0):
-    """Of 40 s, for 5 s of which the nose turns by so many °/s, and for another 5 s roll strays so far, °."""
+    """Of 40 s, for 5 s of which the nose turns by so many °/s, and for the next 5 s roll strays so far, °."""
     telemetry = HOVER.telemetry(attitude_time=20.0, motor_time=20.0)
-    time = telemetry.messages["ATTITUDE"]["time"]
+    time = HOVER.stamps(20.0)
     yaw = (np.radians(turn) * np.clip(time - 20.0, 0.0, 5.0) + np.pi) % (2 * np.pi) - np.pi
-    roll = telemetry.messages["ATTITUDE"]["roll"] + np.radians(stray) * ((time >= 35) & (time < 40))
+    roll = HOVER.roll(time) + np.radians(stray) * ((time >= 25) & (time < 30))
     asked = quaternion(HOVER.roll(time), 0 * time, 0 * time)
     telemetry = changed(telemetry, "ATTITUDE", yaw=yaw, roll=roll)
     telemetry = changed(telemetry, "ATTITUDE_TARGET", **columns(time, **attitude_target(q=asked)))
@@ -32,4 +32,4 @@ def test_a_turn_and_what_strays_are_not_steady():
     assert whole - steady_seconds(turn=40.0) == approx(5.5, abs=0.5)
     assert steady_seconds(stray=14.0) == whole
     assert whole - steady_seconds(stray=16.0) == approx(5.0, abs=0.2)
-    assert steady_seconds(turn=180.0) == approx(whole - 6.0, abs=0.2)
+    assert steady_seconds(turn=180.0, stray=16.0) == approx(whole - 10.0, abs=0.2)

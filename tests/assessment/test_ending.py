@@ -24,16 +24,20 @@ RIGHT = np.array([0.0, 1.0])
 ASIDE = np.array([0.3, 1.0])
 
 
+def stamps(made, message):
+    return made.messages[message]["time"]
+
+
 def flight(rate=10.0):
     """A hover at 10 m whose setpoints, heights and clips are recorded."""
     made = Hover(sway=0.0).telemetry(rate, rate, parameters=X_QUAD_PARAMETERS)
-    time = made.messages["ATTITUDE"]["time"]
-    level = quaternion(0 * time, 0 * time, 0 * time)
+    time = stamps(made, "ATTITUDE")
+    level = quaternion(*3 * [0 * time])
     made = changed(made, "ATTITUDE_TARGET", **columns(time, **attitude_target(q=level)))
-    at = made.messages["LOCAL_POSITION_NED"]["time"]
-    z = -np.cumsum(-made.messages["LOCAL_POSITION_NED"]["vz"]) * 0.1
-    none = np.zeros(len(at))
-    counts = dict.fromkeys(("clipping_0", "clipping_1", "clipping_2"), none)
+    at = stamps(made, "LOCAL_POSITION_NED")
+    z = np.cumsum(made.messages["LOCAL_POSITION_NED"]["vz"]) * 0.1
+    none = 0 * at
+    counts = dict.fromkeys(CLIPS, none)
     made = changed(made, "LOCAL_POSITION_NED", x=none, y=none, vx=none, vy=none, z=z)
     return changed(made, "VIBRATION", **columns(at, **counts))
 
@@ -57,7 +61,7 @@ def falling(made, seconds=2.0):
 def driven(made, motor, output, since=FAILS):
     """The outputs of a motor, from 0, are this from ``since`` on."""
     outputs = pulses(made)
-    time = made.messages["SERVO_OUTPUT_RAW"]["time"]
+    time = stamps(made, "SERVO_OUTPUT_RAW")
     outputs[motor, (time >= since) & (outputs[motor] > 1000)] = output
     return with_pulses(made, outputs)
 
@@ -99,7 +103,7 @@ def test_names_the_motor_to_whose_side_it_fell_though_it_was_driven_hardest(moto
 def test_names_none_where_the_controller_threw_it_over_or_swung_it():
     assert judged(leaning(lost(1), QUAD[0], 120.0, 100.0))[1].subject == ""
     swung = driven(lost(1), 0, 2000.0, FAILS - 1.0)
-    time = swung.messages["SERVO_OUTPUT_RAW"]["time"]
+    time = stamps(swung, "SERVO_OUTPUT_RAW")
     outputs = np.where(time >= FAILS, pulses(lost(1)), pulses(swung))
     assert judged(with_pulses(swung, outputs))[1].subject == ""
 
@@ -109,7 +113,7 @@ def test_names_none_where_places_are_unknown():
 
 
 def test_a_boot_without_motor_outputs_has_no_events_of_motors():
-    time = flight().messages["SERVO_OUTPUT_RAW"]["time"]
+    time = stamps(flight(), "SERVO_OUTPUT_RAW")
     assert not judged(changed(flight(), "SERVO_OUTPUT_RAW", boot=np.ones(len(time))))[0]
 
 
@@ -125,7 +129,7 @@ def test_names_motors_without_output():
 
 def test_names_a_motor_whose_output_stands_still():
     made = falling(leaning(flight(50.0), QUAD[0], 120.0, 100.0))
-    time = made.messages["SERVO_OUTPUT_RAW"]["time"]
+    time = stamps(made, "SERVO_OUTPUT_RAW")
     made = with_pulses(made, pulses(made) + 100.0 * np.sin(40.0 * time))
     _, ending = judged(driven(made, 0, 1500.0))
     assert ending.figures["cause"].code is FailedFirst.OUTPUT_FROZE_FIRST
@@ -162,7 +166,7 @@ def test_an_attitude_is_lost_beyond_30_degrees_for_three_tenths_of_a_second():
 
 def test_a_setpoint_that_is_followed_is_no_loss():
     made = flight()
-    time = made.messages["ATTITUDE"]["time"]
+    time = stamps(made, "ATTITUDE")
     turn = np.clip((time - FAILS) / 2.0, 0, 1) * 2 * np.pi
     roll = np.remainder(turn + np.pi, 2 * np.pi) - np.pi
     asked = quaternion(roll, 0 * time, 0 * time)
@@ -172,7 +176,7 @@ def test_a_setpoint_that_is_followed_is_no_loss():
 
 def test_where_only_rates_are_asked_for_no_attitude_is_lost():
     made = leaning(flight(), RIGHT, 120.0, 100.0)
-    time = made.messages["ATTITUDE"]["time"]
+    time = stamps(made, "ATTITUDE")
     rates = attitude_target(rates=np.zeros((len(time), 3)))
     assert not judged(changed(made, "ATTITUDE_TARGET", **rates))[0]
 
@@ -190,11 +194,12 @@ def test_without_setpoints_only_a_flight_that_ends_so_is_lost():
 @mark.parametrize("highest, code", [(0.9, Ending.TIPPED_OVER), (1.1, Ending.CRASHED)])
 def test_what_never_rose_tipped_over_at_take_off_and_names_none(highest, code):
     made = lost(1)
-    at = made.messages["LOCAL_POSITION_NED"]["time"]
+    at = stamps(made, "LOCAL_POSITION_NED")
     z = -highest * ((at > 20.0) & (at < 25.0))
     events, ending = judged(changed(made, "LOCAL_POSITION_NED", z=z))
     assert (ending.code, ending.subject) == (code, "")
     assert (MotionEvent.TIPPED in events) is (code is Ending.TIPPED_OVER)
+    assert ending.figures["speed"] is not None
 
 
 def turned(direction, angle):
@@ -243,7 +248,7 @@ def test_a_landing_that_was_only_assumed_is_what_came_first():
 
 def felt(made, time, most=100.0):
     """Its accelerometers feel so much, m/s², at that time, and the weight at others."""
-    at = np.arange(0.0, made.messages["ATTITUDE"]["time"][-1], 0.04)
+    at = np.arange(0.0, stamps(made, "ATTITUDE")[-1], 0.04)
     force = np.where(abs(at - time) < 0.03, most, 9.8)
     return changed(made, "HIGHRES_IMU", **columns(at, xacc=0 * at, yacc=0 * at, zacc=-force))
 

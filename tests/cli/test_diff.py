@@ -5,7 +5,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from command_line import run
-from fleet_rows import flight_row
+from fleet_rows import WEAK, flight_row
 from pytest import fixture, mark
 from standin_logs import fleet_of
 
@@ -18,9 +18,6 @@ def flown(vehicle, numbers, **changed):
         for number in numbers
         for axis in ("roll", "pitch")
     ]
-
-
-WEAK = {"effect": (-40.0, 40.0, 0.7 * 41.0, -39.0), "trim_share": (0.97, 0.95, 1.12, 0.96)}
 
 
 @fixture(autouse=True)
@@ -69,9 +66,12 @@ def test_a_vehicle_that_cannot_be_chosen_is_refused_with_those_that_can(
 
 
 def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path, capsys):
-    rows = {"a.bin": flown("alpha", [0]), "b.bin": [FlightRow(file="b.bin", status="It is empty.")]}
+    rows = {
+        "a.bin": flown("alpha", [0], system=4),
+        "b.bin": [FlightRow(file="b.bin", status="It is empty.")],
+    }
     monkeypatch.setattr("mavdem.cli.diff.rows_of_log", lambda path, *_: (rows[path.name], {}))
-    assert run("diff", "a.bin", "a.bin") == 0
+    assert run("diff", "a.bin", "a.bin", "--vehicle", "4:1") == 0
     assert "Motors and dynamics: nothing changed beyond chance." in capsys.readouterr().out
     assert run("diff", "a.bin", "b.bin") == 1
     assert "B has no flight with figures. It is empty." in capsys.readouterr().err

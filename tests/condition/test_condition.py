@@ -51,8 +51,8 @@ def uneven(rate):
     )
     clips = {
         "clipping_0": np.where(beat > 30, 4, 1) + np.where(beat.round() == 20, 1e9, 0),  # damaged
-        "clipping_1": np.zeros_like(beat),
-        "clipping_2": np.zeros_like(beat),
+        "clipping_1": 0 * beat,
+        "clipping_2": 0 * beat,
     }
     return changed(
         telemetry,

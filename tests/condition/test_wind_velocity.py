@@ -15,7 +15,7 @@ from mavdem.alignment.drive import Signal
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.condition.wind_of_log import VELOCITIES, YAW_JUMP, _jumps, air_of, wind_of
-from mavdem.condition.wind_velocity import coming_from, torque_explained
+from mavdem.condition.wind_velocity import coming_from, least_speed, torque_explained
 from mavdem.dem.airflow.model import Drag, Filtered
 from mavdem.errors import NotLearnable
 from mavdem.facts.identifiability import Status
@@ -125,6 +125,7 @@ def test_hover_takes_the_drag_of_another_flight():
 def test_calm_air_is_below_a_speed():
     wind = mavdem.estimate_wind(*flight(wind=(0, 0), gusts=0.05)[:3])
     assert wind.calm and wind.speed < 0.7 and wind.speed_interval[0] == 0
+    assert least_speed(0.6, 6.0)
     own = Signal(wind.time, np.zeros(len(wind.time), int), np.ones((len(wind.time), 2)))
     assert "own estimate is 1.4 m/s from SW" in wind_blocks((wind, own, None))[0].text
     assert "own" not in wind_blocks((wind, replace(own, boot=own.boot + 1), ""))[0].text

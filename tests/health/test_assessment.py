@@ -23,6 +23,7 @@ from mavdem.health.balance import (
     BalanceFigures,
     Deviation,
     HealthFigures,
+    distinct_flights,
     healthy_flights,
     motor_signatures,
 )
@@ -213,6 +214,8 @@ def test_it_takes_two_healthy_flights_of_the_same_motors_that_are_not_one():
         assert found.fact.code is HealthUnknown.HEALTHY_FLIGHTS_FEW
     assert (found.fact.figures["total"], found.fact.figures["flights"]) == (2, 1)
     assert assess([flight], [once, other])[0].health != "unknown"
+    unsure = replace(again, balance=again.balance._replace(error=np.ones(3)))
+    assert distinct_flights([unsure, once]) == [once]
 
 
 @mark.parametrize(

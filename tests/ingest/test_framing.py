@@ -198,8 +198,8 @@ def test_a_damaged_stamp_misleads_nobody(row, wrong):
 
 @mark.parametrize("left", range(12))
 def test_a_cut_tail_costs_no_whole_message(left):
-    """Nor where the cut lies in the stamp of the next, or behind it."""
+    """Nor where the cut lies in the stamp of the next, or behind it; nor what comes before all."""
     content = tlog([heartbeat(), *flight(TIMES)])
-    log = read(content + tlog([heartbeat()])[:left])
+    log = read(bytes(left) + content + tlog([heartbeat()])[:left])
     assert sum(log.components[0].messages.values()) == log.frames == 1 + 2 * len(TIMES)
-    assert (log.unread, log.bytes_skipped) == ((), left)
+    assert (log.unread, log.bytes_skipped) == ((), 2 * left)

@@ -72,10 +72,11 @@ def test_what_has_risen_for_a_while_flies_freely_before_it_is_settled_unless_it_
     assert not lands.phase.free(lands.time) and not lands.phase.carries
 
 
-def test_a_descent_is_no_settled_flight_until_it_is_over():
-    one = Vehicle()
-    assert one.fly(25.0, climb=0.0)
-    assert not one.fly(5.0, climb=-0.6)
+def test_a_descent_that_is_not_reported_as_flight_is_no_settled_flight_until_it_is_over():
+    for landed in (None, IN_AIR):
+        one = Vehicle()
+        assert one.fly(25.0, climb=0.0, landed=landed)
+        assert one.fly(5.0, climb=-0.6, landed=landed) is bool(landed)
 
 
 def test_a_landing_is_dated_by_the_last_heartbeat_in_flight_and_of_two_the_earlier_counts():

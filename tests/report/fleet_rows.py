@@ -14,6 +14,7 @@ MOTORS = (
     "motor 4 (rear right)",
 )
 START = datetime(2026, 1, 5, 9, tzinfo=UTC)
+WEAK = {"effect": (-40.0, 40.0, 0.7 * 41.0, -39.0), "trim_share": (0.97, 0.95, 1.12, 0.96)}
 
 
 def flight_row(vehicle, number, axis="roll", **changed):

@@ -3,10 +3,10 @@
 from dataclasses import replace
 from datetime import timedelta
 
-from fleet_rows import flight_row
+from fleet_rows import WEAK, flight_row
 
 from mavdem.fleet.difference import since_baseline, vehicle_difference
-from mavdem.fleet.row import summary
+from mavdem.fleet.row import flights_of, summary
 from mavdem.report.blocks import text_of
 from mavdem.report.difference import baseline_blocks, difference_blocks
 from mavdem.report.fleet import fleet_blocks, vehicle_health, vehicle_words
@@ -78,11 +78,8 @@ def test_flights_by_a_system_id_are_no_vehicle_until_they_are_judged_as_one():
 
 
 def flown(number, vehicle="quad", **changed):
-    known = {"voltage_mean": 16.0, "collective": 0.4, "lean_roll": 0.0, "lean_pitch": 0.0}
+    known = {"voltage_mean": 16.0, "collective": 0.4}
     return [flight_row(vehicle, number, axis, **(known | changed)) for axis in ("roll", "pitch")]
-
-
-WEAK = {"effect": (-40.0, 40.0, 0.7 * 41.0, -39.0), "trim_share": (0.97, 0.95, 1.12, 0.96)}
 
 
 def test_wind_battery_and_lean_are_conditions():
@@ -106,3 +103,8 @@ def test_the_latest_flight_of_each_vehicle_is_compared_with_the_baseline():
     assert "motor 3's share +12" in text_of(found["quad"])
     assert "the latest flight, 0007.ulg (2026-01-12), beside 4 flights." in text_of(found["quad"])
     assert "no flight of this vehicle" in text_of(found["new"])
+
+
+def test_a_flight_without_a_date_comes_last():
+    rows = [flight_row("quad", 0, date=None), flight_row("quad", 1)]
+    assert sum(flights_of(rows), []) == rows[::-1]

@@ -7,6 +7,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 from browser import FITS, HOSTILE, shown
+from hover import Hover
 from live_rows import flown
 from made_up_analysis import assessment, physical
 from numpy.random import default_rng
@@ -14,6 +15,7 @@ from numpy.testing import assert_allclose
 from pytest import approx, fixture
 from recorded_flights import FLIGHT
 
+from mavdem.alignment.signals import Signals
 from mavdem.assessment.assess import assess
 from mavdem.condition.inventory import inventory
 from mavdem.condition.oscillation import Oscillation
@@ -29,7 +31,7 @@ from mavdem.report.flight_page import flight_page, live_page, log_page
 from mavdem.report.page import Chapter, document
 from mavdem.report.palette import PREDICTED
 from mavdem.report.screen import analysis_blocks
-from mavdem.report.timeline import live_timeline
+from mavdem.report.timeline import live_timeline, timeline_of
 
 NAME = f"{HOSTILE}.tlog"
 VOID = {"meta", "path", "line", "circle", "rect", "br"}
@@ -126,8 +128,7 @@ def test_every_column_of_the_motors_is_shown_and_no_line_ends_before_a_percent_s
 @fixture(scope="module")
 def analysed():
     """The assessment of a log."""
-    log = read_log(FLIGHT)
-    return assess(log, axis="roll")
+    return assess(read_log(FLIGHT), axis="roll")
 
 
 @pytest.mark.slow
@@ -137,6 +138,12 @@ def test_two_axes_of_a_flight_of_a_fleet_fit_into_a_small_page_that_leads_back(a
     assert len(text.encode()) < 500_000
     assert '<a href="../index.html">' in text and "Model of pitch" in text
     assert Balanced(text).ids
+
+
+@pytest.mark.slow
+def test_a_timeline_goes_on_for_seconds_after_the_vehicle_was_disarmed(analysed):
+    evidence = replace(analysed.evidence, signals=Signals(Hover().telemetry()))
+    assert timeline_of(replace(analysed, evidence=evidence)).span[1] > 75.0
 
 
 @fixture(scope="module")

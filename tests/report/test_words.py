@@ -26,7 +26,7 @@ from mavdem.report.numbers import plus_minus, rounded
 from mavdem.report.page import notebook_html
 from mavdem.report.screen import analysis_blocks
 from mavdem.report.truth import truth_blocks
-from mavdem.report.words import together
+from mavdem.report.words import below, together
 
 NAN = float("nan")
 
@@ -155,6 +155,7 @@ def test_an_estimate_has_the_digits_of_its_interval(value, half, shown):
 )
 def test_numbers_without_an_interval_have_two_digits(value, shown):
     assert rounded(value) == shown
+    assert below(3.4, 5.0) == "3.4"
 
 
 def luminance(colour):

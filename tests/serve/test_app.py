@@ -339,6 +339,8 @@ def test_what_is_no_upload_is_refused(served):
 def test_size_number_queue_and_patience_have_limits(tmp_path, monkeypatch):
     monkeypatch.setattr(uploads, "MAX_BYTES", 1000)
     monkeypatch.setattr(uploads, "MOST_FILES", 2)
+    monkeypatch.setattr(uploads, "CHECKED_BYTES", 200)
+    looked = []
     monkeypatch.setattr(uploads, "PATIENCE_SECONDS", 0.2)
     monkeypatch.setattr(app, "MOST_WAITING", 1)
     with serving(tmp_path, is_eager=False) as server:
@@ -351,7 +353,9 @@ def test_size_number_queue_and_patience_have_limits(tmp_path, monkeypatch):
             head += f"Content-Type: multipart/form-data; boundary={BOUNDARY}\r\n\r\n"
             line.sendall(head.encode() + form([("a.ulg", log())])[:100])
             assert b" 408 " in line.recv(100)
+        monkeypatch.setattr(server.library, "room_for", looked.append)
         server.add(size=1000)
+        assert looked[-1] == 0
         full = server.upload(("b.ulg", log("b")))
         assert full.code == Request.UPLOADS_TOO_MANY and full.headers["Retry-After"]
         assert list((tmp_path / "incoming").iterdir()) == []
