@@ -187,7 +187,7 @@ class VehicleSignals:
 
     telemetry: Telemetry
 
-    known: dict[Hashable, Any] = field(default_factory=dict, repr=False, kw_only=True)
+    known: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
     """What was found, by what it is of; see :func:`once`."""
 
     @cached_property
@@ -369,7 +369,8 @@ class Signals(VehicleSignals):
         """Returns the signals for another ``axis`` or other ``inputs``; those of the vehicle are not read again."""
         other = replace(self, axis=axis, inputs=inputs)
         found = vars(self)
-        vars(other).update({name: found[name] for name in found if name in vars(VehicleSignals)})
+        shared = {name: found[name] for name in found if name in vars(VehicleSignals)}
+        vars(other).update(shared, known=self.known)
         return other
 
     @cached_property

@@ -33,7 +33,7 @@ class NoPhysical(Code):
     MOTORS_STILL = "motors_still"
     NO_RATE = "no_rate"
     TOO_FEW_SAMPLES_WITHOUT_GAPS = "too_few_samples_without_gaps"
-    NO_STEADY_FILTER = "no_steady_filter"
+    NO_LIKELIHOOD = "no_likelihood"
     EFFECT_NOT_IDENTIFIABLE = "effect_not_identifiable"
     SIMULATION_FAR_OFF = "simulation_far_off"
     NO_SIMULATION_BAND = "no_simulation_band"

@@ -1,5 +1,6 @@
 """Airborne and settled: a report of EXTENDED_SYS_STATE counts for the time it covers, elsewhere the motors' thrust."""
 
+from dataclasses import replace
 from math import inf
 
 import numpy as np
@@ -90,6 +91,13 @@ def eight_and_twelve(phase):
     """Stamps of a 100 Hz stream out of a loop of 4 ms."""
     steps = np.resize([0.008, 0.012], round(HOVER.end * 100))
     return np.round(phase * 0.004 + np.cumsum(steps), 3)
+
+
+def test_signals_of_another_axis_know_what_was_found_and_those_of_another_flight_do_not():
+    signals = Signals(HOVER.telemetry())
+    found = settled_segments(signals)
+    assert settled_segments(signals.about("roll")) is found
+    assert settled_segments(replace(signals, telemetry=HOVER.telemetry(without=("ATTITUDE",)))) != found
 
 
 def test_the_longest_segment_is_the_hover_and_without_climb_rate_its_ends_are_cut_by_the_clock():

@@ -36,7 +36,7 @@ class Identified(NamedTuple):
     """The parameters of an axis, as probable as its spectra and what is known beforehand make them."""
 
     axis: Axis
-    theta: Array  # (k,) in the order of ``likelihood.NAMES``
+    theta: Array  # (k,) in the order of ``parameters.NAMES``
     covariance: Array  # (k, k)
 
     @property

@@ -56,7 +56,7 @@ def physical(train: Records, prior: Physical | None = None) -> Physical | NotIde
     except NotLearnable as error:
         return NotIdentifiable(error.fact)
     except ValueError:  # LinAlgError is one
-        return NotIdentifiable(Fact(NoPhysical.NO_STEADY_FILTER))
+        return NotIdentifiable(Fact(NoPhysical.NO_LIKELIHOOD))
 
 
 def _mixer(record: Record) -> Array | None:
