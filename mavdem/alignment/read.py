@@ -99,7 +99,7 @@ def learnable_flight(
 
 @once("axis", "inputs")
 def usable_segments(
-    signals: Signals, components: Sequence[Component] = (), least_rate: float = MINIMUM_RATE
+    signals: Signals, components: tuple[Component, ...] = (), least_rate: float = MINIMUM_RATE
 ) -> tuple[Flights, Learnability]:
     """Returns all usable segments, none if the longest is not learnable; both streams need ``least_rate``, Hz."""
     judged = list(learnabilities(signals, components, least_rate))

@@ -113,10 +113,11 @@ def once(*of: str) -> Callable[[Find], Find]:
 
     def decorated(find: Any) -> Any:
         @wraps(find)
-        def found(signals: VehicleSignals, *arguments: Hashable) -> Any:
-            key = find.__name__, *(getattr(signals, name) for name in of), *arguments
+        def found(signals: VehicleSignals, *arguments: Hashable, **named: Hashable) -> Any:
+            own = (getattr(signals, name) for name in of)
+            key = find.__name__, *own, *arguments, *named.items()
             if key not in signals.known:
-                signals.known[key] = find(signals, *arguments)
+                signals.known[key] = find(signals, *arguments, **named)
             return signals.known[key]
 
         return found

@@ -277,7 +277,7 @@ def physical_of(signals: Signals, flights: Flights) -> Physical | NotIdentifiabl
 
 
 def axis_figures(
-    signals: Signals, components: Sequence[Component], changes: Sequence[float]
+    signals: Signals, components: tuple[Component, ...], changes: Sequence[float]
 ) -> AxisFigures:
     """Returns the physical parameters of the axis of ``signals``; the torque is cut at ``changes``, s, of a motor."""
     flights, verdict = usable_segments(signals, components)

@@ -164,8 +164,9 @@ class Densities:
             rows, changes = zip(*of_source, strict=True)
             folded = self._folded(np.array([sources[source], *changes]), seen, seen.conj())
             whole += folded[:, 0]
-            for row, slope in zip(rows, folded.swapaxes(0, 1)[1:], strict=True):
-                slopes[:, row] += slope
+            # one by one: a parameter of two parts has two rows
+            for row, change in zip(rows, folded[:, 1:].swapaxes(0, 1), strict=True):
+                slopes[:, row] += change
         return whole, slopes
 
     def _loop(self, values: Values) -> _Loop:
