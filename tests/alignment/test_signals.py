@@ -258,7 +258,7 @@ def test_a_message_without_motors_that_move_leaves_the_next():
     motors = drive.motors_or_obstacle(
         with_pulses(telemetry, np.full((8, len(HOVER.stamps(100.0))), 1000.0))
     )
-    assert motors is not None and motors.message == "ACTUATOR_OUTPUT_STATUS"
+    assert motors.message == "ACTUATOR_OUTPUT_STATUS"
     assert_array_equal(motors.outputs, HOVER.motors(time))
 
 

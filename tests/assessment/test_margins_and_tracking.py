@@ -183,7 +183,7 @@ def test_the_response_of_ardupilots_rate_loop_is_measured_at_its_own_rate(name, 
     """RATE comes at 200 Hz, ATT at 5; the sensitivity by its plant is 4.88."""
     signals = Signals(recorded(f"sitl_raw/{name}.BIN.xz"))
     seen = response_of(signals, settled_parts(signals))
-    assert seen is not None and seen.ms_interval is not None
+    assert seen.ms_interval is not None
     assert seen.peak == approx(peak, rel=0.05)
     assert np.mean(seen.ms_interval) == approx(ms, rel=0.05)
 

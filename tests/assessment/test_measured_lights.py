@@ -279,4 +279,4 @@ def test_what_shows_that_a_flight_was_simulated():
         (standing(STILL_CHANGE / 2), Simulation.SOFTWARE),
     ):
         fact = simulated_of(evidence(simulated))
-        assert fact is not None and (fact.code, fact.figures["kind"]) == (LogLight.SIMULATED, kind)
+        assert (fact.code, fact.figures["kind"]) == (LogLight.SIMULATED, kind)

@@ -137,7 +137,7 @@ def test_a_current_sensor_that_reads_nothing_in_flight_has_no_figures():
             )
         )
     ).battery
-    assert found is not None and found.voltage_mean == 16.0
+    assert found.voltage_mean == 16.0
     assert found.current_mean is None
 
 
@@ -259,7 +259,7 @@ def test_the_date_is_when_the_settled_flight_began():
     found = identity_of(
         Signals(changed(flown(), "SYSTEM_TIME", **columns(beat, time_unix_usec=clock)))
     ).date
-    assert found is not None and 11 <= (found - unix).total_seconds() <= 13  # level from 11 s on
+    assert 11 <= (found - unix).total_seconds() <= 13  # level from 11 s on
     assert identity_of(Signals(flown())).date is None
     assert identity_of(Signals(flown()), unix.timestamp()).date == unix
 

@@ -47,7 +47,7 @@ def test_a_limit_cycle_has_its_frequency_rate_and_time_at_a_limit(hertz):
         lambda time: swinging(hertz, 85.0)(time) + gusts(10.0)(time),
         lambda time: 3 * swinging(hertz, 300.0)(time) + gusts(40.0)(time),
     )
-    assert one is not None and one.axis == "roll" and not one.growing
+    assert one.axis == "roll" and not one.growing
     assert one.frequency == approx(hertz, abs=0.25)
     assert one.rate == approx(np.hypot(85.0 / np.sqrt(2), 10.0), rel=0.05)
     assert one.at_limit > 0.5 and one.seconds > 30
@@ -58,13 +58,13 @@ def test_one_that_grows_is_found_before_motors_reach_their_limits():
         return lambda time: np.exp((time - 50.0) / 12.0) * swinging(5.0, size)(time)
 
     one = found(grows(60.0), grows(120.0))
-    assert one is not None and one.growing and one.at_limit == 0
+    assert one.growing and one.at_limit == 0
     assert one.frequency == approx(5.0, abs=0.25)
 
 
 def test_one_that_lasts_is_found_though_it_neither_grows_nor_reaches_a_limit():
     one = found(swinging(4.0, 30.0), swinging(4.0, 60.0))
-    assert one is not None and not one.growing and one.at_limit == 0
+    assert not one.growing and one.at_limit == 0
 
 
 @mark.parametrize(
@@ -80,7 +80,7 @@ def test_what_is_steered_to_identify_is_none(phase):
 
 def test_where_messages_come_too_slowly_the_frequency_is_not_told():
     one = found(swinging(12.0, 85.0), swinging(12.0, 900.0), 10.0)
-    assert one is not None and one.frequency is None
+    assert one.frequency is None
 
 
 @mark.parametrize(

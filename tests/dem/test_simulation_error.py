@@ -80,7 +80,7 @@ def test_slopes_and_curvature_are_those_of_the_height():
 def test_the_climb_never_falls_and_settles(wind):
     learned = learn(simulated(wind=wind, lag=0.05)[:700], COMPLETE)
     trajectory = learned.simulation_fit
-    assert trajectory is not None and trajectory.converged
+    assert trajectory.converged
     log_joint = sum(term for name, term in trajectory.terms.items() if name != "parameter entropy")
     assert (np.diff(log_joint) > 0).all()
     assert set(trajectory.terms) <= set(learned.free_energy.terms)
@@ -143,7 +143,7 @@ def test_nothing_runs_across_a_gap_and_long_flights_are_thinned():
     assert both.number == approx((150 + 200) / 30)
     nothing = np.zeros((simulation_error.MAX_SEGMENTS * 20, 1))
     many = simulation_error.SimulationSegments.of([(nothing, nothing)], 30)
-    assert many is not None and many.outputs.shape[2] == simulation_error.MAX_SEGMENTS
+    assert many.outputs.shape[2] == simulation_error.MAX_SEGMENTS
     assert many.number == approx(simulation_error.MAX_SEGMENTS * 20 / 30)
 
 

@@ -90,7 +90,7 @@ def frame(vehicle, frame_class, frame_type, motors):
     functions = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, motors + 1)}
     parameters = {"FRAME_CLASS": float(frame_class), "FRAME_TYPE": float(frame_type)} | functions
     layout = motor_geometry(vehicle, "ARDUPILOTMEGA", parameters, range(1, motors + 1), 8)
-    assert layout is not None and not layout.positions_assumed
+    assert not layout.positions_assumed
     return layout
 
 

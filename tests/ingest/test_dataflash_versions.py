@@ -126,7 +126,7 @@ def test_a_log_without_a_clock_has_no_flight(tmp_path):
 def test_recorded_logs_of_old_versions(name, notes):
     (vehicle,) = read_dataflash(shared(f"real/logs/{name}")).vehicles
     attitude = Signals(vehicle).attitude
-    assert attitude is not None and attitude.impossible == 0
+    assert attitude.impossible == 0
     noted = {fact.code for fact in vehicle.repairs} & {CENTIDEGREES, Repair.DEMANDS_SCALED}
     assert len(noted) == notes
     # Integrated, the rates are the angles: they have the right unit.
@@ -140,7 +140,7 @@ def test_recorded_logs_of_old_versions(name, notes):
 def test_the_battery_in_volts_and_in_the_hundredths_of_old_logs(tmp_path, battery):
     vehicle = log(tmp_path, battery=battery)
     signal = Signals(vehicle).voltage
-    assert signal is not None and len(signal.time) == len(TIMES)
+    assert len(signal.time) == len(TIMES)
     assert_allclose(signal.values, 15.25)
     assert vehicle.called("SYS_STATUS") == battery
     assert Signals(log(tmp_path)).voltage is None

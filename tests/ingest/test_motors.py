@@ -107,11 +107,11 @@ def test_a_gimbals_channels_are_no_motors():
     found = motor_geometry(
         "GENERIC_MULTIROTOR", "ARDUPILOTMEGA", parameters, moving=range(1, 7), bank=8
     )
-    assert found is not None and found.channels == (1, 2, 3, 4)
+    assert found.channels == (1, 2, 3, 4)
     on_servos = motor_geometry(
         "GENERIC_MULTIROTOR", "ARDUPILOTMEGA", {"SERVO2_FUNCTION": 7.0}, range(1, 6), 8
     )
-    assert on_servos is not None and on_servos.channels == (1, 3, 4, 5)
+    assert on_servos.channels == (1, 3, 4, 5)
 
 
 def test_a_motor_whose_output_never_changes_is_a_motor():
@@ -123,7 +123,7 @@ def test_a_motor_whose_output_never_changes_is_a_motor():
     }
     for moving, channels in quad.items():
         found = motor_geometry("QUADROTOR", "ARDUPILOTMEGA", {}, moving, bank=8)
-        assert found is not None and found.channels == channels and found.channels_assumed
+        assert found.channels == channels and found.channels_assumed
     assert motor_geometry("HEXAROTOR", "ARDUPILOTMEGA", {}, (1, 2, 3, 5, 6), bank=8).channels == (
         1,
         2,
@@ -135,6 +135,6 @@ def test_a_motor_whose_output_never_changes_is_a_motor():
     assert motor_geometry("TRICOPTER", "ARDUPILOTMEGA", {}, (1, 2), bank=8).channels == (1, 2)
     on_aux = {f"PWM_AUX_FUNC{n}": 100.0 + n for n in range(1, 5)}
     found = motor_geometry("QUADROTOR", "PX4", on_aux, moving=[18, 19, 20], bank=16)
-    assert found is not None and found.channels == (17, 18, 19, 20) and not found.channels_assumed
+    assert found.channels == (17, 18, 19, 20) and not found.channels_assumed
     scale = scale_of((0.0, 1000.0, 2000.0), {})  # without pulses it is off
     assert_allclose(scale.fraction(np.array([0.0, 900.0, 1500.0])), [0.0, -0.1, 0.5])

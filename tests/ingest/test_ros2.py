@@ -91,8 +91,8 @@ def test_what_else_mavros_tells(recorder):
     climb = Signals(vehicle).climb_rate
     armed = Signals(vehicle).armed
     flying = Signals(vehicle).landed_state
-    assert climb is not None and (climb.values == 3.0).all()
-    assert armed is not None and armed.values.all() and flying is not None and flying.values.all()
+    assert (climb.values == 3.0).all()
+    assert armed.values.all() and flying.values.all()
     controls = vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"]
     assert controls.shape == (300, 8) and np.allclose(controls[:, :3], [0.1, 0.2, 0.3])
 
@@ -129,7 +129,7 @@ def test_wherever_px4s_topics_lie(prefix, recorder):
     assert vehicle.repairs == ()
     assert len(vehicle.messages["ATTITUDE_QUATERNION"]["time"]) == len(TIMES)
     seen = signals.attitude(vehicle, "roll")
-    assert seen is not None and np.allclose(seen.angle, roll(TIMES)[0], atol=1e-6)
+    assert np.allclose(seen.angle, roll(TIMES)[0], atol=1e-6)
 
 
 def test_versions_and_directions_of_topics(recorder):
@@ -337,7 +337,7 @@ def test_the_battery_of_either_bridge(tmp_path):
 
     for vehicle in read_log(written(tmp_path, write)).vehicles:
         signal = Signals(vehicle).voltage
-        assert signal is not None and signal.values.tolist() == approx([16, 15, 14, 13, 12])
+        assert signal.values.tolist() == approx([16, 15, 14, 13, 12])
         assert np.diff(signal.time) == approx([1, 1, 1, 1], abs=1e-6)
 
 

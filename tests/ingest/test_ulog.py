@@ -238,7 +238,7 @@ def test_landed_states(tmp_path):
         for row in range(6)
     ]
     climb = Signals(vehicle_of(log(*pieces), tmp_path)).climb_rate
-    assert climb is not None and climb.values.tolist() == [0, -2, -4]
+    assert climb.values.tolist() == [0, -2, -4]
 
 
 @mark.parametrize(
@@ -257,7 +257,7 @@ def test_what_the_vehicle_is(tmp_path, status, parameters, expected):
     assert vehicle.vehicle == expected
     if expected != "UNKNOWN":
         armed = Signals(vehicle).armed
-        assert armed is not None and armed.values.all()
+        assert armed.values.all()
 
 
 def test_parameters_are_the_last_that_were_set(tmp_path):

@@ -71,7 +71,7 @@ def test_a_thrust_curve_is_as_quadratic_as_asked_and_undone_exactly(name, share)
         rise = body.rotor_speed(command * body.full + step) - body.rotor_speed(
             command * body.full - step
         )
-        assert body.speed_slope(command * body.full) == approx(rise / (2 * step), rel=1e-6)
+        assert body.speed_slope(command * body.full) == approx(rise / (2 * step))
 
 
 PAPER_ORDER = (2, 0, 3, 1)
@@ -108,14 +108,12 @@ def test_closed_forms(model, kind):
     at = found.states.index
     damping = pair * body.inflow * omega * aside**2 / body.inertia[0]
     drag = 4 * body.rotor_drag * omega
-    assert found.A[at("roll rate"), at("roll rate")] == approx(-damping, rel=1e-6)
+    assert found.A[at("roll rate"), at("roll rate")] == approx(-damping)
     assert found.A[at("east speed"), at("east speed")] == approx(-drag / body.mass, rel=1e-3)
-    assert found.A[at("east speed"), at("roll")] == approx(GRAVITY, rel=1e-6)
-    assert found.A[at("north speed"), at("pitch")] == approx(-GRAVITY, rel=1e-6)
+    assert found.A[at("east speed"), at("roll")] == approx(GRAVITY)
+    assert found.A[at("north speed"), at("pitch")] == approx(-GRAVITY)
     slope = (2 * body.thrust[0] * omega + body.thrust[1]) * body.speed[0]
-    assert found.B[at("roll rate"), 1] == approx(slope * aside / body.inertia[0], rel=1e-6)
-    assert found.B[at("down speed")] == approx(np.full(4, -slope / body.mass), rel=1e-6)
+    assert found.B[at("roll rate"), 1] == approx(slope * aside / body.inertia[0])
+    assert found.B[at("down speed")] == approx(np.full(4, -slope / body.mass))
     turn = (2 * body.torque[0] * omega + body.torque[1]) * body.speed[0]
-    assert found.B[at("yaw rate")] == approx(
-        turn / body.inertia[2] * np.array([1, 1, -1, -1]), rel=1e-6
-    )
+    assert found.B[at("yaw rate")] == approx(turn / body.inertia[2] * np.array([1, 1, -1, -1]))
