@@ -73,7 +73,7 @@ def identified(axis: Axis) -> Identified:
 
 
 def _averaged(axis: Axis, ended: Sequence[Quadratic]) -> Identified:
-    """The mean over maxima at different times of steps, each as probable as by Laplace's approximation."""
+    """The mean over ends at different times of steps, each as probable as by Laplace's approximation."""
     finite = (fit for fit in ended if np.isfinite(fit.value))
     ascending = sorted(finite, key=lambda fit: fit.value)
     # Ascents that end at the same time of steps have found the same maximum: the highest stays.
