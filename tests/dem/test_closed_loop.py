@@ -189,13 +189,14 @@ def test_the_quicker_pole_is_the_lags():
 
 
 def test_limits_explain_a_controller_of_less_gain_and_none_of_more():
-    theta = MEAN.copy()
+    row = np.eye(len(NAMES))[NAMES.index("controller")]
 
-    def of(gain, limited):
-        theta[NAMES.index("controller")] = np.log(gain)
-        return Identified(SimpleNamespace(limited=limited), theta, np.eye(len(theta)))
+    def of(gain, limited, likeliest=1.0):
+        theta, best = (MEAN + np.log(each) * row for each in (gain, gain * likeliest))
+        return Identified(SimpleNamespace(limited=limited), theta, np.eye(len(theta)), best)
 
     assert of(0.5, 0.6).explains and of(0.5, 0.6).cut_off == approx(0.5)
     assert of(0.5, 0.3).cut_off == 0.3
     assert not of(0.5, 0.0).explains and of(0.9, 0.0).explains and of(0.9, 0.0).cut_off == 0.0
     assert not of(2.0, 0.9).explains and of(2.0, 0.9).cut_off == 0.0
+    assert not of(0.9, 0.0, likeliest=0.6).explains  # of several maxima the highest must, too

@@ -145,7 +145,7 @@ def _identified(signals: Signals, flights: Sequence[Flight]) -> _InLoop:
         axis = Axis(used, known, rounding, limited_share)
         try:
             fit = identified(axis)
-            steered = axis.steered_share(fit.theta)
+            steered = fit.steered
         except np.linalg.LinAlgError:
             raise NotLearnable(Loops.LOOP_NOT_FOUND) from None
     # An output at a limit answers no wind.

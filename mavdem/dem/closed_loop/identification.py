@@ -38,6 +38,7 @@ class Identified(NamedTuple):
     axis: Axis
     theta: Array  # (k,) in the order of ``parameters.NAMES``
     covariance: Array  # (k, k)
+    likeliest: Array  # (k,) of the ascent's end that has the largest share in them
 
     @property
     def cut_off(self) -> float:
@@ -47,9 +48,15 @@ class Identified(NamedTuple):
     @property
     def explains(self) -> bool:
         """Whether the controller has the gain of its parameters, or as much less as limits may make of it."""
-        gain = self.theta[CONTROLLER]
+        gains = np.array([self.theta, self.likeliest])[:, CONTROLLER]
         unsure = SURE_DEVIATIONS * SD[CONTROLLER]
-        return bool(np.log1p(-self.axis.limited) - unsure <= gain <= unsure)
+        least = np.log1p(-self.axis.limited) - unsure
+        return bool(((least <= gains) & (gains <= unsure)).all())
+
+    @property
+    def steered(self) -> float:
+        """The share of the rate's variance that follows what was asked, by the parameters and by the likeliest."""
+        return min(map(self.axis.steered_share, (self.theta, self.likeliest)))
 
 
 def identified(axis: Axis) -> Identified:
@@ -87,7 +94,7 @@ def _averaged(axis: Axis, ended: Sequence[Quadratic]) -> Identified:
         share * _covariance(axis, fit.curvature) for share, fit in zip(shares, maxima, strict=True)
     )
     between = (thetas - theta).T * shares @ (thetas - theta)
-    return Identified(axis, theta, within + between)
+    return Identified(axis, theta, within + between, thetas[int(np.argmax(shares))])
 
 
 def _covariance(axis: Axis, curvature: Array) -> Array:
