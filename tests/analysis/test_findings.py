@@ -195,7 +195,7 @@ def test_what_a_motor_lost_is_said_with_its_own_time_and_its_end_and_the_largest
     assert (first.time, first.until, first.figures["loss"]) == (80.0, 94.0, (0.3, 0.5))
     assert first.figures["because"].code is InFlight.MOTOR_LOST_THRUST
     assert (second.subject, second.level, second.until) == (other.name, Level.BAD, None)
-    # Weak again, by less: that lasts, and both are told.
+    # Weak again, by less: that lasts, and both are reported.
     again = WEAK._replace(time=120.0, since=119.0)
     ended, last = findings_of(alarms=(worse, sound, again)).overrides
     assert (last.level, last.time, ended.until) == (Level.BAD, 119.0, 94.0)

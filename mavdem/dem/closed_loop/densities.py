@@ -33,6 +33,7 @@ from mavdem.dem.closed_loop.parameters import (
 )
 from mavdem.dem.closed_loop.spectra import Complex, Spectra
 from mavdem.dem.engine.linalg import Array, Pair
+from mavdem.dem.graybox.plant import FIRST_ORDER
 
 Flags = NDArray[np.bool_]
 Values = SimpleNamespace
@@ -213,7 +214,7 @@ class Densities:
     def _drift(self, name: str, size: float, time: float) -> _Part:
         """Wind of first order."""
         square = (self.turn * time) ** 2
-        density = 2 * size**2 * time * self.inside / (1 + square)
+        density = FIRST_ORDER.density(self.turn, size, time) * self.inside
         by_time = (1 - square) / (1 + square)
         return _Part(WIND, density, {f"{name}_size": 2.0, f"{name}_time": by_time})
 
@@ -265,11 +266,11 @@ class Densities:
         half[:, [EFFECT, LAG, DELAY]] = self._folded(motors, loop.by_rate, but_wind)
         half[:, [DAMPING]] = self._folded(of_damping[None], loop.by_rate, every)
         # the controller makes more of all but of what the output does besides
-        told = but_wind - by_source[ACTUATION] * seen[ACTUATION]
-        half[:, [CONTROLLER]] = self._folded(whole[None], loop.by_rate, told)
-        outputs = sources * (loop.seen[:, OUTPUT] - ACTS)
-        told = np.einsum("sjf,scjf->cjf", outputs, seen)
-        half[:, CONTROLLER, OUTPUT] += (told * self.turned[OUTPUT]).sum(axis=-1).T
+        asked = but_wind - by_source[ACTUATION] * seen[ACTUATION]
+        half[:, [CONTROLLER]] = self._folded(whole[None], loop.by_rate, asked)
+        demands = sources * (loop.seen[:, OUTPUT] - ACTS)
+        demanded = np.einsum("sjf,scjf->cjf", demands, seen)
+        half[:, CONTROLLER, OUTPUT] += (demanded * self.turned[OUTPUT]).sum(axis=-1).T
         relative = np.array([whole, of_damping, of_lag, of_delay, whole])
         asking = relative * (loop.left * loop.rates[ASKING] * steps.shape)
         in_steps = self._in_steps(asking, loop.by_rate)
