@@ -137,6 +137,8 @@ def settled(signals: Signals, boot: int) -> Intervals:
 
     Neither take-off nor landing, where it reports them, nor what the ground holds; both axes must stay upright.
     """
+    if signals.settled is not None:
+        return signals.settled
     climb = of_boot(signals.climb_rate, boot)
     landing = of_boot(signals.landing, boot)
     flights = both(armed(signals, boot), in_states(signals, boot, (IN_AIR,)))

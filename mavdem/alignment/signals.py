@@ -42,6 +42,7 @@ from mavdem.alignment.drive import (
     recorded,
     series,
 )
+from mavdem.errors import NotLearnable
 from mavdem.ingest.flight_modes import mode_name
 from mavdem.ingest.mavlink.clocks import far_off
 from mavdem.ingest.mavlink.definitions import enum_name
@@ -108,17 +109,23 @@ Find = TypeVar("Find", bound=Callable[..., Any])
 def once(*of: str) -> Callable[[Find], Find]:
     """Decorates functions of signals and more that find the same by the same arguments and attributes ``of`` signals.
 
-    What they have found is ``known`` to the signals of all axes of the vehicle.
+    What they have found, or why they found nothing, is ``known`` to the signals of all axes of the vehicle.
     """
 
     def decorated(find: Any) -> Any:
         @wraps(find)
         def found(signals: VehicleSignals, *arguments: Hashable, **named: Hashable) -> Any:
             own = (getattr(signals, name) for name in of)
-            key = find.__name__, *own, *arguments, *named.items()
+            key = find, *own, *arguments, *named.items()
             if key not in signals.known:
-                signals.known[key] = find(signals, *arguments, **named)
-            return signals.known[key]
+                try:
+                    signals.known[key] = find(signals, *arguments, **named), None
+                except NotLearnable as error:
+                    signals.known[key] = None, error.fact
+            known, refusal = signals.known[key]
+            if refusal is not None:
+                raise NotLearnable(refusal)
+            return known
 
         return found
 
@@ -188,8 +195,11 @@ class VehicleSignals:
 
     telemetry: Telemetry
 
+    settled: list[tuple[float, float]] | None = field(default=None, kw_only=True)
+    """Settled flight of its one boot, where that is known already; see ``phases.settled``."""
+
     known: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
-    """What was found, by what it is of; see :func:`once`."""
+    """What was found and why nothing was, by what it is of; see :func:`once`."""
 
     @cached_property
     def attitudes(self) -> tuple[Attitude, ...]:

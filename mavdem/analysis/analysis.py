@@ -279,7 +279,11 @@ def flown_after(segments: Flights, start: float) -> Flights:
     skips = [
         (flight, int(np.searchsorted(flight.time, begin - flight.dt / 2))) for flight in flights
     ]
-    left = tuple(flight[skip:] for flight, skip in skips if len(flight) - skip >= FEWEST_SAMPLES)
+    left = tuple(
+        flight[skip:] if skip else flight
+        for flight, skip in skips
+        if len(flight) - skip >= FEWEST_SAMPLES
+    )
     if not left:
         raise TooFewSamples(Forecasts.NOTHING_LEFT, samples=FEWEST_SAMPLES, start=start)
     return left

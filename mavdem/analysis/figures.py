@@ -271,7 +271,7 @@ def physical_of(signals: Signals, flights: Flights) -> Physical | NotIdentifiabl
     if isinstance(alone, Physical) and alone.identifiable and not alone.bias:
         return alone
     try:
-        return plant_in_loop(signals, with_one_set_of_gains(flights, signals)[0])
+        return plant_in_loop(signals, with_one_set_of_gains(signals, flights)[0])
     except NotLearnable as error:
         return alone._replace(refusal=error.fact)
 

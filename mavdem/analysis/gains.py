@@ -10,7 +10,7 @@ from math import inf, isfinite
 import numpy as np
 
 from mavdem.alignment.phases import in_modes
-from mavdem.alignment.signals import Signals
+from mavdem.alignment.signals import Signals, once
 from mavdem.condition.loop.loop import Loop, margin_rating
 from mavdem.condition.said import texts
 from mavdem.dem.learning import FEWEST_SAMPLES
@@ -30,7 +30,8 @@ FOUND = re.compile(r"\b([PID]):(\d+\.?\d*)")
 """A gain that ArduPilot's AutoTune ended with, in "Roll Rate: P:0.116, I:0.116, D:0.0006" and "Roll Angle P:36.000"."""
 
 
-def with_one_set_of_gains(flights: Flights, signals: Signals) -> tuple[Flights, Fact | None]:
+@once("axis", "inputs")
+def with_one_set_of_gains(signals: Signals, flights: Flights) -> tuple[Flights, Fact | None]:
     """Returns the parts of ``flights`` with the set of gains that was flown longest, with these; a fact if not all.
 
     The fact has the durations of the other sets, the longest first, and which gains were others in each.

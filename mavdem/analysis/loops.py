@@ -50,7 +50,7 @@ def loops_of_log(
         segments, _ = usable_segments(signals, log.components, SLOW_MOTION_RATE)
     if not segments:
         raise NotLearnable(verdict.reason)
-    flights, caution = with_one_set_of_gains(flown_after(segments, start), signals)
+    flights, caution = with_one_set_of_gains(signals, flown_after(segments, start))
     # With parts of other gains among them all flights may refuse what these allow.
     known = figures.physical if figures is not None and caution is None else None
     plant = _plant(signals, flights, known)

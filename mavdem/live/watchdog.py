@@ -13,6 +13,7 @@ from math import inf, radians
 import numpy as np
 
 from mavdem.alignment.drive import Signal
+from mavdem.alignment.phases import Intervals
 from mavdem.alignment.quality import at_limits
 from mavdem.alignment.signals import BATTERY_MESSAGES, MINIMUM_RATE, Signals
 from mavdem.assessment.limits import worst
@@ -87,7 +88,8 @@ class Watchdog:
         before = self._phases[-1][1] if self._phases else state
         if not self._phases or before != state:
             self._phases += [(self._reviewed, before), (now, state)]
-        recent = self._signals(vehicle, now, now - MEMORY_SECONDS)
+        settled = None if settled_since is None else [(settled_since, now)]
+        recent = self._signals(vehicle, now, now - MEMORY_SECONDS, settled)
         yield from self._reported(recent, now)
         yield None
         since = self._phases[-1][0]
@@ -96,8 +98,7 @@ class Watchdog:
             whole = self._signals(vehicle, now, -inf)
             condition = Condition(duration=now - since)
             watched[Watched.BATTERY] = power_light(evidence_of(whole, condition))
-            if settled_since is not None:
-                recent.known["settled", self._recent.boot] = [(settled_since, now)]
+            if settled is not None:
                 watched[Watched.VIBRATION] = vibration_light(evidence_of(recent, condition))
             yield None
             watched |= dict(self._of_motion(motion, since, now))
@@ -105,12 +106,14 @@ class Watchdog:
         yield from self._changes(watched, now)
         self._reviewed = now
 
-    def _signals(self, vehicle: Telemetry, now: float, since: float) -> Signals:
+    def _signals(
+        self, vehicle: Telemetry, now: float, since: float, settled: Intervals | None = None
+    ) -> Signals:
         columns = self._recent.columns(OF_ITSELF, since)
         time, states = zip(*self._phases, (now, self._phases[-1][1]), strict=True)
         boots = np.full(len(time), self._recent.boot)
         landed = Signal(np.array(time), boots, np.array(states))
-        return LiveSignals(replace(vehicle, messages=columns), landed_state=landed)
+        return LiveSignals(replace(vehicle, messages=columns), landed_state=landed, settled=settled)
 
     def _reported(self, signals: Signals, now: float) -> Iterator[Fact]:
         """What the autopilot has reported since the last review."""

@@ -18,12 +18,14 @@ from hover import (
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx, mark
+from refusals import refused
 from scipy.spatial.transform import Rotation
 
 from mavdem.alignment import attitude, drive
 from mavdem.alignment.phases import airborne_collective
-from mavdem.alignment.signals import Signals
-from mavdem.facts.learnability import MotorObstacle
+from mavdem.alignment.signals import Signals, once
+from mavdem.errors import NotLearnable
+from mavdem.facts.learnability import MotorObstacle, Reason
 from mavdem.ingest.motors import ChannelBasis, PlaceBasis, motor_geometry, output_scale
 
 HOVER = Hover()
@@ -370,3 +372,20 @@ def test_the_wind_is_where_the_air_moves_to():
     blown = columns(np.zeros(1), direction=np.full(1, 90.0), speed=np.ones(1))
     wind = Signals(changed(HOVER.telemetry(), "WIND", **blown)).autopilot_wind
     assert wind.values[0, 1] == -1.0
+
+
+def test_what_is_sought_once_is_known_of_its_axis_and_so_is_why_nothing_was_found():
+    sought = []
+
+    @once("axis")
+    def find(signals, boot):
+        sought.append((signals.axis, boot))
+        if boot:
+            raise NotLearnable(Reason.NO_ATTITUDE)
+        return signals.axis
+
+    roll = Signals(HOVER.telemetry())
+    yaw = roll.about("yaw")
+    assert [find(each, 0) for each in (roll, yaw, roll)] == ["roll", "yaw", "roll"]
+    assert {refused(find, yaw, 1).code for _ in range(2)} == {Reason.NO_ATTITUDE}
+    assert sought == [("roll", 0), ("yaw", 0), ("yaw", 1)]

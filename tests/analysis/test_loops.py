@@ -28,9 +28,9 @@ def flown(values, modes=()):
         began, numbers = np.transpose(modes)
         telemetry = changed(telemetry, "CURRENT_MODE", **columns(began, custom_mode=numbers))
     signals = Signals(telemetry)
-    flights = [align(signals, segment) for segment in settled_segments(signals)]
+    flights = tuple(align(signals, segment) for segment in settled_segments(signals))
     assert (round(flights[0].time[0]), round(flights[0].time[-1])) == (12, 51)
-    return with_one_set_of_gains(flights, signals)
+    return with_one_set_of_gains(signals, flights)
 
 
 def test_the_longest_part_with_one_set_of_gains_has_these():

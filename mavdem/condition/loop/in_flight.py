@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from mavdem.alignment.attitude import Attitude
 from mavdem.alignment.drive import Signal
-from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
+from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals, once
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_delay, gyro_response
 from mavdem.condition.loop.from_flight import demand_directions, known_controller
@@ -29,7 +29,6 @@ from mavdem.dem.graybox.parameters import LEAST, WindComponent, wind_density
 from mavdem.dem.graybox.plant import FIRST_ORDER, GUSTS
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
 from mavdem.facts.learnability import Reason
 from mavdem.facts.loops import Loops
@@ -64,8 +63,8 @@ def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
     asked of it, or the phase margin stays unknown.
     """
     boot = max(flights, key=len).provenance["segment"]["boot"]
-    flights = [flight for flight in flights if flight.provenance["segment"]["boot"] == boot]
-    found = _in_loop(signals, flights)
+    flown = tuple(flight for flight in flights if flight.provenance["segment"]["boot"] == boot)
+    found = _in_loop(signals, flown)
     with one_thread(), np.errstate(all="ignore"):
         plant = _physical(found.fit, found.directions)
         try:
@@ -83,23 +82,9 @@ class _InLoop(NamedTuple):
     directions: Array
 
 
-def _in_loop(signals: Signals, flights: Sequence[Flight]) -> _InLoop:
-    """Of the axis of ``signals``, once for the same flights; what it takes is that of :func:`plant_in_loop`."""
-    segments = [(flight.provenance["segment"]["boot"], *flight.time[[0, -1]]) for flight in flights]
-    parameters = flights[0].provenance["parameters"]
-    key = signals.axis, signals.inputs, *segments, frozenset(parameters.items())
-    found = signals.known
-    if key not in found:
-        try:
-            found[key] = _identified(signals, flights)
-        except NotLearnable as error:
-            found[key] = error.fact
-    if isinstance(found[key], Fact):
-        raise NotLearnable(found[key])
-    return cast(_InLoop, found[key])
-
-
-def _identified(signals: Signals, flights: Sequence[Flight]) -> _InLoop:
+@once("axis", "inputs")
+def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
+    """Of the axis of ``signals``; what it takes is that of :func:`plant_in_loop`."""
     boot = flights[0].provenance["segment"]["boot"]
     record = Record.of(flights)
     assert signals.drive is not None
