@@ -203,12 +203,12 @@ def test_a_file_is_not_long():
 
 
 NODES = {
-    "alignment": 19250,
+    "alignment": 19_310,
     "analysis": 8650,
     "assessment": 18400,
     "baselines": 5250,
     "cli": 16950,
-    "condition": 40200,
+    "condition": 40_150,
     "dem": 68_770,
     "documents": 10250,
     "evaluate": 8100,
@@ -227,8 +227,8 @@ NODES = {
     "view": 10900,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 419_560
-TEST_NODES = 249_990
+ALL_NODES = 419_420
+TEST_NODES = 250_110
 NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""
 ALL_CONSTANTS = 698

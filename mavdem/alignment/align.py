@@ -331,9 +331,7 @@ def is_low_passed(time: Array, dt: float) -> bool:
 def _sure(grid: Array, dt: float, time: Array) -> Flags:
     """Which grid points (T,) are free of edge effects of the stream's low-pass filter, if there is one."""
     margin = FILTER_EDGE_STEPS * dt if is_low_passed(time, dt) else 0.0
-    return np.asarray(
-        (grid >= time[0] + margin - STAMP_SECONDS) & (grid <= time[-1] - margin + STAMP_SECONDS)
-    )
+    return (grid >= time[0] + margin - STAMP_SECONDS) & (grid <= time[-1] - margin + STAMP_SECONDS)
 
 
 def _low_passed(time: Array, values: Array, cutoff: float) -> tuple[Array, Array]:
@@ -359,7 +357,7 @@ def impulse_response(rate: float, dt: float) -> Array:
     sample = np.zeros(8 * reach + 1)
     sample[4 * reach] = 1.0
     response = _filtered(sample, rate, CUTOFF_RATIO / dt, 0)[3 * reach : 5 * reach + 1]
-    return np.asarray(response / response.sum())
+    return response / response.sum()
 
 
 def _filtered(values: Array, rate: float, cutoff: float, padding: int) -> Array:

@@ -121,8 +121,8 @@ def total(intervals: Intervals) -> float:
 
 def during(time: Array, intervals: Intervals) -> Flags:
     """Returns which stamps (N,) are in the intervals."""
-    return np.asarray(
-        np.any([(time >= start) & (time <= end) for start, end in [(inf, inf), *intervals]], axis=0)
+    return np.any(
+        [(time >= start) & (time <= end) for start, end in [(inf, inf), *intervals]], axis=0
     )
 
 

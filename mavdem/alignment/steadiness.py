@@ -46,12 +46,12 @@ class Followed(NamedTuple):
         """(N,) where it does not stray, and the nose keeps its heading."""
         heading = self.angles[:, 2]
         turned = abs(heading - np.interp(self.time - TURN_SECONDS, self.time, heading))
-        return np.asarray(~self.strays & ~(turned > MAX_TURN))
+        return ~self.strays & ~(turned > MAX_TURN)
 
 
 def strays(angles: Array, asked: Array) -> Flags:
     """Returns where angles (..., 2) of roll and pitch, rad, are known to be far from what is ``asked`` (..., 2)."""
-    return np.asarray((abs(angles - asked) > MAX_STRAY).any(axis=-1))
+    return (abs(angles - asked) > MAX_STRAY).any(axis=-1)
 
 
 @once()

@@ -112,7 +112,7 @@ class Identified(Baseline):
     @cached_property
     def _last_state(self) -> Array:
         """(n,) of the sample after the training data."""
-        return np.asarray(self.model.filtered(self.starts[-1], *self.record.segments[-1])[-1])
+        return self.model.filtered(self.starts[-1], *self.record.segments[-1])[-1]
 
 
 class Fitted(NamedTuple):

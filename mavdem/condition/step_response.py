@@ -458,7 +458,7 @@ def _reached(time: Array, steps: Array, level: float) -> Array:
     low = highest.max(axis=1, where=is_below, initial=0.0)
     high = highest.min(axis=1, where=~is_below, initial=np.inf)
     values = is_below.sum(axis=1) + (level - low) / (high - low)
-    return np.asarray(np.interp(values, np.arange(len(time) + 1), [0.0, *time]))
+    return np.interp(values, np.arange(len(time) + 1), [0.0, *time])
 
 
 def step_of(frequency: Array, closed: Complex, time: Array) -> Array:

@@ -263,7 +263,7 @@ class Deviation(NamedTuple):
     @property
     def usual(self) -> Array:
         """(3,) half widths of the interval of 90 % of healthy flights' deviations."""
-        return np.asarray(quantile() * self.scale)
+        return quantile() * self.scale
 
     @property
     def beyond(self) -> bool:

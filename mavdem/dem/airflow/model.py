@@ -129,7 +129,7 @@ class Drag(Result):
         read = np.zeros((2, 6))
         read[:, [0, 2] if name == "linear" else [1, 3]] = np.column_stack([np.ones(2), AXES])
         half = quantile() * np.sqrt(np.diag(read @ self.covariance @ read.T))
-        return np.asarray(getattr(self, name) * np.exp(np.outer([-1, 1], half)))
+        return getattr(self, name) * np.exp(np.outer([-1, 1], half))
 
     def relative_sd(self, speed: float) -> float:
         """Returns the relative standard deviation of the drag at an air ``speed``, m/s."""
@@ -408,4 +408,4 @@ def drawn(mean: Array, covariance: Array, number: int) -> Array:
     half = np.linalg.qr(default_rng(1).standard_normal((number // 2, len(mean))))[0] * np.sqrt(
         number / 2
     )
-    return np.asarray(mean + np.vstack([half, -half]) @ np.linalg.cholesky(covariance).T)
+    return mean + np.vstack([half, -half]) @ np.linalg.cholesky(covariance).T

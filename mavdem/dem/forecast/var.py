@@ -126,7 +126,7 @@ class LagStatistics(NamedTuple):
         width = len(self.gram) * lags // (lags + 1)
         k = len(self.gram) - width - 1
         places = np.r_[: fewer * k, width : len(self.gram)]
-        return np.asarray(self.gram[np.ix_(places, places)])
+        return self.gram[np.ix_(places, places)]
 
 
 class Regression(NamedTuple):
@@ -264,9 +264,7 @@ class Var(NamedTuple):
     ) -> Array:
         """Returns (S, lags, k), the samples before every ``steps``-th of those that follow a ``past``."""
         channels = np.concatenate([past[len(past) - self.lags :], np.hstack([outputs, inputs])])
-        return np.asarray(
-            channels[np.arange(0, len(inputs), steps)[:, None] + np.arange(self.lags)]
-        )
+        return channels[np.arange(0, len(inputs), steps)[:, None] + np.arange(self.lags)]
 
     @may_overflow
     def predict(self, past: Array, steps: int) -> Forecast:

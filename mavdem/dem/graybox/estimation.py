@@ -231,4 +231,4 @@ def _alias_share(parameters: Parameters, theta: Array, windows: FlightWindows) -
 
 def _tapered(transform: Complex) -> Complex:
     """Twice a transform (W, F) under Hann's window, but for its ends."""
-    return np.asarray(transform[:, 1:-1] - (transform[:, :-2] + transform[:, 2:]) / 2)
+    return transform[:, 1:-1] - (transform[:, :-2] + transform[:, 2:]) / 2

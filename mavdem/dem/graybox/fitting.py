@@ -87,9 +87,7 @@ class LogJoint(NamedTuple):
 
     def limited(self, step: Array) -> Array:
         """A step that changes no logarithm by more than ``LONGEST_STEP``."""
-        return np.asarray(
-            step * min(1.0, LONGEST_STEP / abs(step[self.parameters.logarithms]).max())
-        )
+        return step * min(1.0, LONGEST_STEP / abs(step[self.parameters.logarithms]).max())
 
     def innovations(self, points: Array) -> Iterator[Pair]:
         """Those of some windows at a time, as of ``Parameters``."""

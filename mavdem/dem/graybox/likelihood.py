@@ -173,7 +173,7 @@ class Parameters(NamedTuple):
         torques = self.effect(thetas).astype(np.complex128) @ inputs.reshape(*inputs.shape[:2], -1)
         torques = torques.reshape(len(inputs), len(thetas), *windows.rate.shape)
         responses = [interpolated, held, *refined]
-        return np.asarray(np.einsum("cbwf,cbf->bwf", torques, responses))
+        return np.einsum("cbwf,cbf->bwf", torques, responses)
 
     def density(self, thetas: Array, windows: FlightWindows) -> Array:
         """(b, F) of the rate that wind and noise make, a sample's variance where it is white."""
@@ -184,7 +184,7 @@ class Parameters(NamedTuple):
             for colour, size, time in components
         ]
         folded = np.sum(wind, axis=0) / (turn**2 + self.damping(thetas)[:, None, None] ** 2)
-        return np.asarray(folded.sum(axis=1) / windows.dt + self.noise(thetas)[:, None] ** 2)
+        return folded.sum(axis=1) / windows.dt + self.noise(thetas)[:, None] ** 2
 
     def innovations(self, thetas: Array, windows: FlightWindows) -> Pair:
         """(b, W, N′) of all windows but for their beginnings, for parameters (b, k); and their variance (b,).

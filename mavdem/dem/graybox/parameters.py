@@ -133,7 +133,7 @@ def wind_density(physical: Physical, frequency: Array) -> Array:
     """Returns (F,) the spectral density of the wind's components at Hz (F,), one-sided, (rad/s²)²/Hz."""
     turn = 2 * np.pi * frequency
     densities = [colour.density(turn, size, time) for colour, size, time in physical.components]
-    return np.asarray(2 * np.sum(densities, axis=0))
+    return 2 * np.sum(densities, axis=0)
 
 
 def slopes_of(function: Callable[[Array], Array], theta: Array, value: Array) -> Array:

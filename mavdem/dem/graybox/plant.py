@@ -84,9 +84,8 @@ def jumping(inputs: Array, sooner: float) -> Array:
     """
     changes = np.diff(inputs, axis=1, prepend=inputs[:, :1])
     before = np.concatenate([np.zeros_like(changes[:, :1]), changes[:, :-1]], axis=1)
-    return np.asarray(
-        inputs
-        + sooner * (changes - np.clip(before, np.minimum(changes, 0.0), np.maximum(changes, 0.0)))
+    return inputs + sooner * (
+        changes - np.clip(before, np.minimum(changes, 0.0), np.maximum(changes, 0.0))
     )
 
 

@@ -116,7 +116,7 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
     smoother = torques.variance + MODEL_ERRORS.wind**2 * size
 
     def with_parameters(slopes: Array) -> Array:
-        return np.asarray(smoother + np.einsum("it,ij,jt->t", slopes, covariance, slopes))
+        return smoother + np.einsum("it,ij,jt->t", slopes, covariance, slopes)
 
     variance = with_parameters(slopes)
     # Motors that do more, and balance more: an error of the size alone leaves the course as it is. Where the motors do
