@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.random import default_rng
 from scipy.linalg import solve_toeplitz
 from scipy.special import softmax
 
@@ -41,7 +40,7 @@ from mavdem.condition.resonance import (
     spectra_of_pieces,
 )
 from mavdem.confidence import quantile
-from mavdem.dem.engine.linalg import Array, Result, one_thread
+from mavdem.dem.engine.linalg import Array, Result, normal_draws, one_thread
 from mavdem.facts import Fact, Level
 from mavdem.facts.loops import StepResponses
 
@@ -398,7 +397,7 @@ def _described(
     # Setpoints of the angle may come without stamps of their own.
     highest = HIGHEST * sampled / (2 if loop == "rate" else 4)
     hertz = np.linspace(0.5, highest, 2 * taps)
-    drawn = default_rng(31).multivariate_normal(fit.weights, fit.covariance, DRAWS, method="eigh")
+    drawn = normal_draws(fit.weights, fit.covariance, DRAWS, seed=31)
     every = np.vstack([fit.weights, drawn])
     # By Euler and Maclaurin: between two values the response is not straight.
     slopes = np.eye(taps, k=-1) - np.eye(taps, k=1)

@@ -29,8 +29,8 @@ from mavdem.condition.wind_velocity import (
 )
 from mavdem.confidence import quantile
 from mavdem.dem.airflow.identification import GUSTS, GUSTS_SD, STEP, checked, in_air
-from mavdem.dem.airflow.model import TOTAL, Drag, Filter, drawn, motion
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.airflow.model import TOTAL, Drag, Filter, motion
+from mavdem.dem.engine.linalg import Array, normal_draws
 from mavdem.dem.online.wind import FIRST_FIT_SECONDS
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, Level
@@ -208,7 +208,7 @@ class LiveWind:
         if self._filter is None and start.known.any():
             self._step = start.step
             drag = self.drag or self.set_drag
-            places = drawn(drag.mean, drag.covariance, DRAWS)
+            places = normal_draws(drag.mean, drag.covariance, DRAWS, seed=1)
             places = np.hstack([np.tile(places, (len(SIZES), 1)), np.repeat(SIZES, DRAWS, axis=0)])
             self._filter = Filter(in_air(places, start), start)
             self._end = time

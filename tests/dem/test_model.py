@@ -22,7 +22,7 @@ from mavdem.dem.engine.generative import (
     temporal_precision,
 )
 from mavdem.dem.engine.kalman import GaussianModel, smoothed, steady_gain
-from mavdem.dem.engine.linalg import inverse, logdet, solve
+from mavdem.dem.engine.linalg import inverse, logdet, normal_draws, solve
 from mavdem.dem.engine.model import WORST_MODES, discretize, pack, recursion, unpack
 from mavdem.dem.engine.state_space import filter_gain
 
@@ -291,3 +291,11 @@ def test_the_steady_gain_is_that_of_riccati_s_equation(noise, radius):
     # A state that grows unseen has none.
     with raises(np.linalg.LinAlgError, match="no steady filter"):
         steady_gain(np.diag([1.1, 0.5]), np.array([[0.0, 1.0]]), np.eye(2), np.eye(1))
+
+
+def test_draws_have_the_mean_and_the_covariance_that_are_asked_for():
+    mean, root = np.arange(3.0), default_rng(0).standard_normal((3, 2))  # singular
+    drawn = normal_draws(mean, root @ root.T, 40, seed=1)
+    assert_allclose(drawn.mean(axis=0), mean, atol=1e-12)
+    assert_allclose(np.cov(drawn, rowvar=False, ddof=0), root @ root.T, atol=1e-12)
+    assert len(normal_draws(mean, root @ root.T, 41, seed=1)) == 41

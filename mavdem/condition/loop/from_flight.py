@@ -3,13 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.random import default_rng
 
 from mavdem.condition.loop.controllers import MOTORS, Controller, controller_of
 from mavdem.condition.loop.filters import gyro_delay
 from mavdem.condition.loop.loop import Loop, changed_in
 from mavdem.condition.loop.response import measured_response
 from mavdem.dem import Learned
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, normal_draws
 from mavdem.dem.graybox import Physical
 from mavdem.dem.graybox.likelihood import DELAY
 from mavdem.dem.graybox.parameters import LEAST
@@ -101,14 +102,13 @@ def _drawn(plant: Physical, filters: float, dt: float) -> Array:
     it open, and the lag is what is left.
     """
     theta = np.array([*plant.effect, plant.damping, plant.lag, plant.delay])
-    rng = np.random.default_rng(31)
     covariance = plant.covariance.copy()
     usual, sd = DELAY
     variance = covariance[-1, -1] + (SPLIT * dt) ** 2
     if covariance[-1, -1] > sd**2:
         covariance[-1] = 0.0
         covariance[:, -1] = 0.0
-    drawn = np.vstack([theta, rng.multivariate_normal(theta, covariance, DRAWS, method="svd")])
+    drawn = np.vstack([theta, normal_draws(theta, covariance, DRAWS, seed=31)])
     late = drawn[:, -2:].sum(axis=1)
     whole = np.maximum(late - filters, 0.0)
     if filters > late[0] / 2:
@@ -117,7 +117,7 @@ def _drawn(plant: Physical, filters: float, dt: float) -> Array:
         whole = np.maximum(lags / half + drawn[:, -1], 0.0)
         drawn[:, :-3] *= abs(AT_HALF) / np.hypot(1.0, half * drawn[:, -2])[:, None]
     unknown = variance / (variance + sd**2)
-    errors = sd * np.sqrt(unknown) * np.append(0.0, rng.standard_normal(DRAWS))
+    errors = sd * np.sqrt(unknown) * np.append(0.0, default_rng(32).standard_normal(DRAWS))
     delay = (1 - unknown) * max(plant.delay - filters, 0.0) + unknown * usual + errors
     delay = np.clip(delay, 0.0, whole / 2)
     drawn[:, -2:] = np.column_stack([whole - delay, delay])

@@ -15,11 +15,10 @@ from mavdem.dem.airflow.model import (
     Motion,
     air_speed,
     coefficients,
-    drawn,
     filtered,
     motion,
 )
-from mavdem.dem.engine.linalg import Array, Flags, Pair
+from mavdem.dem.engine.linalg import Array, Flags, Pair, normal_draws
 from mavdem.errors import NotLearnable
 from mavdem.facts.online import Airflow, DragSource
 from mavdem.unit_slips import real_numbers
@@ -211,7 +210,7 @@ def independent_share(errors: Array) -> float:
 
 def courses(moved: Motion, mean: Array, covariance: Array) -> Pair:
     """Returns states (T, N, 4) of the airflow and their covariances, by draws of what is :func:`identified`."""
-    places = in_air(drawn(mean, covariance, COURSES), moved)
+    places = in_air(normal_draws(mean, covariance, COURSES, seed=1), moved)
     return filtered(places, moved).smoothed()
 
 

@@ -17,7 +17,6 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.random import default_rng
 from scipy.constants import g as GRAVITY  # noqa: N812
 from scipy.spatial.transform import Rotation
 
@@ -401,11 +400,3 @@ def filtered(parameters: Array, motion: Motion) -> Filtered:
 def air_speed(linear: Array, quadratic: Array, force: float) -> Array:
     """Returns the air speed, m/s, at which ``linear`` and ``quadratic`` drag makes a ``force``, m/s²."""
     return 2 * force / (linear + np.sqrt(linear**2 + 4 * quadratic * force))
-
-
-def drawn(mean: Array, covariance: Array, number: int) -> Array:
-    """Returns a ``number`` of Gaussian draws whose own ``mean`` and ``covariance`` are these; the same every time."""
-    half = np.linalg.qr(default_rng(1).standard_normal((number // 2, len(mean))))[0] * np.sqrt(
-        number / 2
-    )
-    return mean + np.vstack([half, -half]) @ np.linalg.cholesky(covariance).T

@@ -14,6 +14,7 @@ from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from numpy.linalg import LinAlgError
+from numpy.random import default_rng
 from numpy.typing import NDArray
 from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
 from scipy.linalg.lapack import dposv, dpotrf, dpotri
@@ -112,6 +113,21 @@ def _scaled(matrix: Array) -> Pair:
 def _check(failed: int) -> None:
     if failed:
         raise LinAlgError("the matrix is not positive definite")
+
+
+def normal_draws(mean: Array, covariance: Array, number: int, seed: int) -> Array:
+    """Returns a ``number`` of Gaussian draws (number, k) by ``seed``, the same on every processor.
+
+    An even number has this ``mean`` and, of no more than half as many parameters, this ``covariance`` exactly, which
+    may be singular.
+    """
+    half = default_rng(seed).standard_normal(((number + 1) // 2, len(mean)))
+    if len(mean) <= len(half):
+        half = np.linalg.qr(half)[0] * np.sqrt(len(half))
+    # By the symmetric root: in others the signs of eigenvectors are any.
+    values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
+    root = vectors * np.sqrt(values.clip(0)) @ vectors.T
+    return mean + np.vstack([half, -half])[:number] @ root
 
 
 def require_positive_definite(matrix: Array, name: str, size: int) -> None:

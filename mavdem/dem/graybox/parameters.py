@@ -4,11 +4,10 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.random import default_rng
 
 from mavdem.confidence import LEVEL, SURE_DEVIATIONS, Interval, half_width
 from mavdem.dem.engine.gauss_newton import RELATIVE_STEP
-from mavdem.dem.engine.linalg import Array, Indices
+from mavdem.dem.engine.linalg import Array, Indices, normal_draws
 from mavdem.dem.graybox.identifiability import MODEL_ERRORS, PARAMETERS
 from mavdem.dem.graybox.likelihood import FlightWindows
 from mavdem.dem.graybox.plant import Coloured
@@ -110,11 +109,7 @@ class Physical(NamedTuple):
     def draws(self, number: int, seed: int = 0) -> Array:
         """Returns (number + 1, r + 3) effect, damping, lag and delay: the estimate, then draws by ``seed``."""
         theta = np.array([*self.effect, self.damping, self.lag, self.delay])
-        # it may be singular
-        values, vectors = np.linalg.eigh((self.covariance + self.covariance.T) / 2)
-        rng = default_rng(seed)
-        spread = vectors * np.sqrt(values.clip(0))
-        drawn = theta + rng.standard_normal((number, len(theta))) @ spread.T
+        drawn = normal_draws(theta, self.covariance, number, seed)
         drawn[:, -2:] = drawn[:, -2:].clip(0.05 * theta[-2:])  # a lag and a delay are positive
         return np.vstack([theta, drawn])
 
