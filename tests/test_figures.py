@@ -4,35 +4,43 @@
 """
 
 import json
+import re
 from collections import defaultdict
+from math import isfinite
 from pathlib import Path
-from statistics import fmean, pstdev
 
+import numpy as np
 from command_line import run, strict_json
+from pyarrow.types import is_fixed_size_list, is_floating, is_list
 from pytest import approx, mark
 from recorded_flights import shared
+from rerun_file import chunks
 
 GOLDEN = Path(__file__).parent / "golden"
 MANY = 6  # of more numbers, their count, mean, deviation and ends stand for all
 DIGITS = 5
 PRECISION = 0.01
-REVIEW = ("review",)
+NUMBER = re.compile(r"(?:base64,|#)[\w+/=]*|(-?\d+(?:\.\d+)?)")  # not of pictures and colours
 FLIGHTS = {
-    "real/logs/sitl_hexa_plus_motor6_lost.bin": REVIEW,
-    "real/logs/yaw_twist_16_percent.BIN": REVIEW,
-    "real/logs/px4_motor_failure.ulg": REVIEW,
-    "real/propeller/hover_cut20mm_1.BIN": REVIEW,
-    "real/logs/ardupilot_range_1075_1920_slow.tlog": REVIEW,
-    "real/logs/crash_motor2_mechanical.bin": REVIEW,
-    "real/logs/crash_motor4_at_its_limit.BIN": REVIEW,
-    "real/logs/crash_errors_without_time.BIN": REVIEW,
-    "real/logs/ardupilot_motor2_at_its_limit.BIN": REVIEW,
-    "samples/ardupilot_wind5_steps.tlog": ("review", "tune"),
-    "real/logs/px4_default_rates_learnable.ulg": ("review", "tune"),
-    "real/logs/gains_named_before_34.BIN": ("review", "tune", "twin"),
-    "sitl_raw/ap_sid.BIN.xz": ("review", "tune"),
+    "real/logs/sitl_hexa_plus_motor6_lost.bin": ["review"],
+    "real/logs/yaw_twist_16_percent.BIN": ["review"],
+    "real/logs/px4_motor_failure.ulg": ["review"],
+    "real/propeller/hover_cut20mm_1.BIN": ["review"],
+    "real/logs/ardupilot_range_1075_1920_slow.tlog": ["review"],
+    "real/logs/crash_motor2_mechanical.bin": ["review"],
+    "real/logs/crash_motor4_at_its_limit.BIN": ["review"],
+    "real/logs/crash_errors_without_time.BIN": ["review"],
+    "real/logs/ardupilot_motor2_at_its_limit.BIN": ["review"],
+    "samples/ardupilot_wind5_steps.tlog": ["review", "tune"],
+    "real/logs/px4_default_rates_learnable.ulg": ["review", "tune"],
+    "real/logs/gains_named_before_34.BIN": ["review", "tune", "twin"],
+    "sitl_raw/ap_sid.BIN.xz": ["review", "tune"],
 }
-OPTIONS = {"review": ["--out", "out"], "tune": ["--axis", "all"], "twin": []}
+OPTIONS = {
+    "review": ["--out", "out"],
+    "tune": ["--axis", "all", "--out", "tuned"],
+    "twin": [f"--out=twin.{ending}" for ending in ("toml", "json", "params", "sdf")],
+}
 
 
 def figures(document):
@@ -50,7 +58,23 @@ def figures(document):
             found[key].append(value)
 
     collect(document, "")
-    return {key: summary(found[key]) for key in sorted(found)}
+    return found
+
+
+def written(path):
+    """All numbers of a page by their section, of a parameter file, or of what is drawn by entities."""
+    found = defaultdict(list)
+    if path.suffix == ".rrd":
+        for name, _, batch in chunks(path, static=True):
+            for column, values in zip(batch.schema.names, batch.columns, strict=True):
+                while is_list(values.type) or is_fixed_size_list(values.type):
+                    values = values.flatten()
+                if is_floating(values.type):
+                    found[f"{name} {column}"] += filter(isfinite, values.to_pylist())
+    elif path.suffix != ".mcap":
+        for number, part in enumerate(path.read_text().split("<section")):
+            found[f"{path.name} {number}"] += map(float, filter(None, NUMBER.findall(part)))
+    return found
 
 
 def summary(values):
@@ -59,22 +83,24 @@ def summary(values):
         return [
             float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value for value in values
         ]
-    return summary([len(values), fmean(values), pstdev(values), values[0], values[-1]])
+    return summary([len(values), np.mean(values), np.std(values), values[0], values[-1]])
 
 
 @mark.slow
-@mark.parametrize("log, commands", FLIGHTS.items())
-def test_the_figures_of_a_flight_are_those_of_before(
-    log, commands, tmp_path, monkeypatch, capsys, request
-):
+@mark.parametrize("log", FLIGHTS)
+def test_the_figures_of_a_flight_are_those_of_before(log, tmp_path, monkeypatch, capsys, request):
     path = GOLDEN / f"{Path(log).stem}.json"
     flight = shared(log)
     monkeypatch.chdir(tmp_path)
-    now = {}
-    for command in commands:
+    found = {}
+    for command in FLIGHTS[log]:
         assert run(command, flight, *OPTIONS[command], "--json") == 0
         document = strict_json(capsys.readouterr().out)
-        now |= {command + key: values for key, values in figures(document).items()}
+        found |= {command + key: values for key, values in figures(document).items()}
+    for file in tmp_path.rglob("*.*"):
+        if file.name not in ("report.json", "model.json"):
+            found |= written(file)
+    now = {key: summary(found[key]) for key in sorted(found) if found[key]}
     if request.config.getoption("--write-golden"):
         path.parent.mkdir(exist_ok=True)
         path.write_text(json.dumps(now, indent=0))

@@ -6,10 +6,10 @@ import warnings
 from rerun.chunk import RrdReader
 
 
-def chunks(path):
-    """Everything over time: the entity's path, without the slash before it, the chunk and its rows."""
+def chunks(path, static=False):
+    """All over time, or ``static`` too: the entity's path, without the slash before it, the chunk and its rows."""
     for chunk in _reader(path).stream():
-        if not (chunk.is_static or str(chunk.entity_path).startswith("/__")):
+        if not ((chunk.is_static and not static) or str(chunk.entity_path).startswith("/__")):
             yield _plain(chunk.entity_path), chunk, chunk.to_record_batch()
 
 
