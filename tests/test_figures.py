@@ -35,9 +35,12 @@ FLIGHTS = {
     "real/logs/px4_default_rates_learnable.ulg": ["review", "tune"],
     "real/logs/gains_named_before_34.BIN": ["review", "tune", "twin"],
     "sitl_raw/ap_sid.BIN.xz": ["review", "tune"],
+    "real/propeller/hover_good_1.BIN real/propeller/hover_cut25mm_1.BIN": ["track", "diff"],
 }
 OPTIONS = {
     "review": ["--out", "out"],
+    "track": ["--out", "fleet", "--jobs", "1"],
+    "diff": ["--out", "diff"],
     "tune": ["--axis", "all", "--out", "tuned"],
     "twin": [f"--out=twin.{ending}" for ending in ("toml", "json", "params", "sdf")],
 }
@@ -71,7 +74,7 @@ def written(path):
                     values = values.flatten()
                 if is_floating(values.type):
                     found[f"{name} {column}"] += filter(isfinite, values.to_pylist())
-    elif path.suffix != ".mcap":
+    else:
         for number, part in enumerate(path.read_text().split("<section")):
             found[f"{path.name} {number}"] += map(float, filter(None, NUMBER.findall(part)))
     return found
@@ -90,15 +93,15 @@ def summary(values):
 @mark.parametrize("log", FLIGHTS)
 def test_the_figures_of_a_flight_are_those_of_before(log, tmp_path, monkeypatch, capsys, request):
     path = GOLDEN / f"{Path(log).stem}.json"
-    flight = shared(log)
+    flights = [shared(name) for name in log.split()]
     monkeypatch.chdir(tmp_path)
     found = {}
     for command in FLIGHTS[log]:
-        assert run(command, flight, *OPTIONS[command], "--json") == 0
+        assert run(command, *flights, *OPTIONS[command], "--json") == 0
         document = strict_json(capsys.readouterr().out)
         found |= {command + key: values for key, values in figures(document).items()}
     for file in tmp_path.rglob("*.*"):
-        if file.name not in ("report.json", "model.json"):
+        if file.suffix in (".html", ".rrd") or "twin" in file.name:
             found |= written(file)
     now = {key: summary(found[key]) for key in sorted(found) if found[key]}
     if request.config.getoption("--write-golden"):

@@ -69,6 +69,8 @@ def test_a_battery_is_judged_by_its_cells_and_its_load():
     assert (fact.code, fact.level) == (PowerLight.BATTERY_HELD, Level.GOOD)
     assert fact.figures["cells"] == 4 and fact.figures["resistance"] == approx(0.04)
     assert fact.figures["voltage"] == approx(15.8, abs=0.1)
+    other = changed(telemetry, "SYS_STATUS", voltage_battery=1000 * (16.0 - 0.04 * amperes[::-1]))
+    assert power_light(evidence(other)).figures["resistance"] is None
 
 
 @mark.parametrize(
