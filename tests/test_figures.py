@@ -20,6 +20,7 @@ GOLDEN = Path(__file__).parent / "golden"
 MANY = 6  # of more numbers, their count, mean, deviation and ends stand for all
 DIGITS = 5
 PRECISION = 0.01
+FILES = {".html", ".rrd", ".param", ".params", ".toml", ".sdf"}
 NUMBER = re.compile(r"(?:base64,|#)[\w+/=]*|(-?\d+(?:\.\d+)?)")  # not of pictures and colours
 FLIGHTS = {
     "real/logs/sitl_hexa_plus_motor6_lost.bin": ["review"],
@@ -101,7 +102,7 @@ def test_the_figures_of_a_flight_are_those_of_before(log, tmp_path, monkeypatch,
         document = strict_json(capsys.readouterr().out)
         found |= {command + key: values for key, values in figures(document).items()}
     for file in tmp_path.rglob("*.*"):
-        if file.suffix in (".html", ".rrd") or "twin" in file.name:
+        if file.suffix in FILES or file.name == "twin.json":
             found |= written(file)
     now = {key: summary(found[key]) for key in sorted(found) if found[key]}
     if request.config.getoption("--write-golden"):
