@@ -3,14 +3,11 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.alignment.learnability import learnability_of
 from mavdem.assessment.evidence import Evidence
 from mavdem.condition.condition import condition_of
 from mavdem.ingest.telemetry import Log, Telemetry, selected
-
-Array = NDArray[np.float64]
 
 MAV_TYPES = {
     "FIXED_WING": 1,

@@ -3,7 +3,6 @@
 import numpy as np
 from hypothesis import strategies as st
 from numpy.random import default_rng
-from numpy.typing import NDArray
 
 from mavdem.dem.engine.free_energy import Belief
 from mavdem.dem.engine.generative import (
@@ -13,8 +12,6 @@ from mavdem.dem.engine.generative import (
     SufficientStatistics,
     temporal_precision,
 )
-
-Array = NDArray[np.float64]
 
 
 def positive_definite(rng, size):

@@ -63,7 +63,7 @@ class InThisProcess:
 
     def __init__(self, read=rows_of_log):
         self.read = read
-        self.seen: list[str] = []
+        self.seen = []
 
     def outcomes(self, jobs):
         for job in jobs:

@@ -15,7 +15,6 @@ import shlex
 import tomllib
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pytest import fixture, mark
@@ -53,7 +52,7 @@ def test_examples_run(page, printed, tmp_path, monkeypatch, capsys):
     # All methods, on all cores, are in tests/cli/test_compare.py.
     monkeypatch.setattr("mavdem.dem.parallel.spare_cores", lambda: 1)
     monkeypatch.setattr(mavdem.evaluate, "METHODS", mavdem.evaluate.METHODS[-3:])
-    names: dict[str, object] = {"__name__": "__main__"}
+    names = {"__name__": "__main__"}
     for code in re.findall(r"```python\n(.*?)```", PAGES[page], re.DOTALL):
         exec(code, names)
         if page == "docs/python.md":
@@ -218,7 +217,7 @@ ROOMS = ("", "baselines", "dem", "evaluate", "ingest")
 
 
 def examples():
-    seen: set[int] = set()
+    seen = set()
     for room in ROOMS:
         module = importlib.import_module(f"mavdem.{room}".rstrip("."))
         for name in module.__all__:
@@ -282,7 +281,7 @@ def outputs(source, names):
 @mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs_and_shows_what_is_stored_in_it(path, monkeypatch):
     monkeypatch.chdir(path.parent)
-    names: dict[str, Any] = {"__name__": "__main__"}
+    names = {"__name__": "__main__"}
     pictures = 0
     for cell in json.loads(path.read_text())["cells"]:
         if cell["cell_type"] == "code":

@@ -7,7 +7,7 @@ from simulated import simulated
 from mavdem import Flight
 
 
-def measured(flight: Flight) -> Flight:
+def measured(flight):
     """As sensors and autopilots have it: outputs with noise of a thousandth of their size, motors in whole numbers."""
     noise = 1e-3 * flight.outputs.std(axis=0) * default_rng(0).standard_normal(flight.outputs.shape)
     return Flight(flight.time, np.round(flight.inputs), flight.outputs + noise)
@@ -18,16 +18,16 @@ TRAIN = FLIGHT[:700]
 TEST = FLIGHT[700:]
 
 
-def with_inputs(flight: Flight, inputs: np.ndarray) -> Flight:
+def with_inputs(flight, inputs):
     return Flight(flight.time, inputs, flight.outputs)
 
 
-def in_other_units(flight: Flight) -> Flight:
+def in_other_units(flight):
     """Motors in units and from zeros of their own; outputs in degrees from another zero."""
     return Flight(flight.time, flight.inputs * [1, 10, 0.1, 3] - 7, np.degrees(flight.outputs) + 4)
 
 
-def back_from_other_units(outputs: np.ndarray) -> np.ndarray:
+def back_from_other_units(outputs):
     return np.radians(outputs - 4)
 
 
@@ -39,7 +39,7 @@ NOTHING_NEW = {
 """Inputs that tell nothing more than those there are."""
 
 
-def growing() -> Flight:
+def growing():
     """Motion that doubles in a second, under noise."""
     rng = default_rng(0)
     y = np.zeros((700, 1))
@@ -48,6 +48,6 @@ def growing() -> Flight:
     return Flight(0.01 * np.arange(700), rng.standard_normal((700, 1)), y)
 
 
-def errors_of(forecast: np.ndarray, flight: Flight) -> float:
+def errors_of(forecast, flight):
     """Largest error in units of each output's standard deviation."""
     return float((abs(forecast - flight.outputs) / flight.outputs.std(axis=0)).max())

@@ -5,15 +5,12 @@ where it is made. They serve to compare the engine's parts with the authors' res
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag, expm
 
 from mavdem.dem.engine.free_energy import state_curvature, theta_curvature
-from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, derivative_operator
+from mavdem.dem.engine.generative import GeneralizedMoments, derivative_operator
 from mavdem.dem.engine.linalg import solve
 from mavdem.dem.engine.model import unpack
-
-Array = NDArray[np.float64]
 
 LEAST_RIDGE = np.exp(-32.0)
 SHORTEST_STEP = 0.02
@@ -22,7 +19,7 @@ SUBSTEPS = 8
 """The M step ends after a step of λ whose lengths sum to less than the first, or after so many."""
 
 
-def ridged(matrix: Array) -> Array:
+def ridged(matrix):
     """A precision (…, k, k) as they invert it: k units in the last place of its norm are added to its diagonal."""
     size = matrix.shape[-1]
     ridge = np.maximum(
@@ -31,25 +28,25 @@ def ridged(matrix: Array) -> Array:
     return matrix + ridge[..., None, None] * np.eye(size)
 
 
-def truncated_inverse(matrix: Array) -> Array:
+def truncated_inverse(matrix):
     """Their other inverse, without directions that are within k units in the last place of the norm of a (k, k)."""
     norm = np.linalg.norm(matrix, 2)
     return np.linalg.pinv(matrix, rcond=len(matrix) * np.spacing(norm) / norm)
 
 
-def moments(model: GenerativeModel, data: Array, X: Array) -> GeneralizedMoments:
+def moments(model, data, X):
     """Those of [ỹ; η̃] (T, ·) and X (T, ·) sample by sample, so that errors are taken before their moments."""
     return GeneralizedMoments(model, np.eye(len(X)), np.hstack([data, X]).T)
 
 
 def d_step(
-    model: GenerativeModel,
-    data: Array,
-    theta: Array,
-    theta_covariance: Array,
-    weights: Array,
-    dt: float,
-) -> Array:
+    model,
+    data,
+    theta,
+    theta_covariance,
+    weights,
+    dt,
+):
     """X of every sample, (T, dim X): a flow at k = 1 that each sample has ``dt`` seconds to pull, from rest.
 
     D is in the flow but not in its linearization; the mean field of θ has half its gradient; the last row is lost, and
@@ -78,17 +75,13 @@ def d_step(
     return X
 
 
-def internal_slope(
-    model: GenerativeModel, at: GeneralizedMoments, theta: Array, weights: Array
-) -> Array:
+def internal_slope(model, at, theta, weights):
     """Ū_θ (k,)."""
     pull = model.prior.theta_precision @ (theta - model.prior.theta_mean)
     return model.parameter_slope(weights, at.products(theta)) - pull
 
 
-def mean_field(
-    model: GenerativeModel, state_precision: Array, theta: Array, weights: Array
-) -> tuple[Array, Array]:
+def mean_field(model, state_precision, theta, weights):
     """Their gradient (k,) and curvature (k, k) in θ of one sample's W of the states: half of what they are."""
     spread = np.zeros((model.hidden.start + len(state_precision),) * 2)
     spread[model.hidden, model.hidden] = truncated_inverse(state_precision)
@@ -96,7 +89,7 @@ def mean_field(
     return 0.5 * slope, -0.5 * model.parameter_precision(weights, spread)
 
 
-def e_step(model: GenerativeModel, at: GeneralizedMoments, theta: Array, weights: Array) -> Array:
+def e_step(model, at, theta, weights):
     """θ after a full Newton step on Ū and their mean field."""
     number = at.stack.shape[1]
     slope, curvature = mean_field(model, -state_curvature(model, theta, weights), theta, weights)
@@ -105,9 +98,7 @@ def e_step(model: GenerativeModel, at: GeneralizedMoments, theta: Array, weights
     return theta - np.linalg.solve(curvature, slope)
 
 
-def expected_errors(
-    model: GenerativeModel, at: GeneralizedMoments, theta: Array, weights: Array
-) -> Array:
+def expected_errors(model, at, theta, weights):
     """Σ_t ⟨ε̃ε̃ᵀ⟩ for the M step, (dim ε̃, dim ε̃).
 
     The precision of θ at a sample is that which the samples up to it give, without the prior.
@@ -135,7 +126,7 @@ def expected_errors(
             precision[:, row[:, None], row] = weight * information
     covariance = np.linalg.inv(ridged(precision))
 
-    def spread(rows: NDArray[np.intp], regressors: Array) -> Array:
+    def spread(rows, regressors):
         by_component = np.zeros((p + 1, len(rows), p + 1, len(rows)))
         for component, row in enumerate(rows):
             weighted = regressors @ covariance[:, row[:, None], row]
@@ -148,7 +139,7 @@ def expected_errors(
     return at.errors(theta) + states + block_diag(spread(*of_z), inputs, spread(*of_w))
 
 
-def m_step(model: GenerativeModel, number: int, squares: Array, lambda_: Array) -> list[Array]:
+def m_step(model, number, squares, lambda_):
     """λ after each of its substeps, the start first; the last but one is what the next D and E steps use."""
     path = [lambda_]
     while len(path) <= SUBSTEPS:
@@ -161,12 +152,12 @@ def m_step(model: GenerativeModel, number: int, squares: Array, lambda_: Array) 
     return path
 
 
-def lambda_slope(model: GenerativeModel, number: int, squares: Array, lambda_: Array) -> Array:
+def lambda_slope(model, number, squares, lambda_):
     """∂F̄/∂λ (g,) for expected squared errors ``squares`` (g,)."""
     pull = model.prior.lambda_precision @ (lambda_ - model.prior.lambda_mean)
     return 0.5 * (number * model.log_precision_slope - np.exp(lambda_) * squares) - pull
 
 
-def fisher_information(model: GenerativeModel, number: int) -> Array:
+def fisher_information(model, number):
     """−F̄_λλ where λ fits the errors, which they take everywhere, (g, g)."""
     return np.diag(0.5 * number * model.log_precision_slope) + model.prior.lambda_precision

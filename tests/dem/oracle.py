@@ -1,14 +1,11 @@
 """The results of the paper's authors' own code, and their simulated case a as this engine's model and data."""
 
 import numpy as np
-from numpy.typing import NDArray
 from pytest import mark
 from recorded_flights import SHARED
 
 from mavdem.dem.engine.generative import GenerativeModel, Prior, embed, temporal_precision
 from mavdem.dem.engine.model import pack
-
-Array = NDArray[np.float64]
 
 ORACLE = SHARED / "oracle"
 
@@ -21,13 +18,13 @@ WITHOUT_EDGES = slice(EDGE, -EDGE - 1)
 """The rows they did not: their last window ends one sample early."""
 
 
-def load(name: str) -> dict[str, Array]:
+def load(name):
     """The arrays of one file; matrices of one row or column stay as they were saved."""
     with np.load(ORACLE / f"{name}.npz") as saved:
         return dict(saved)
 
 
-def case_a_model(data: dict[str, Array]) -> GenerativeModel:
+def case_a_model(data):
     """What the authors assume of case a, whose ``data`` are those of ``case_a_data``."""
     correlation = temporal_precision(6, data["s"].item())
     return GenerativeModel(
@@ -52,7 +49,7 @@ def case_a_model(data: dict[str, Array]) -> GenerativeModel:
     )
 
 
-def case_a_generalized(data: dict[str, Array]) -> Array:
+def case_a_generalized(data):
     """[ỹ; η̃] of case a, (320, 31): with p = 6 and d = 2, and the derivatives at the edges set to zero."""
     dt = data["dt"].item()
     outputs = np.zeros((320, 28))
@@ -64,6 +61,6 @@ def case_a_generalized(data: dict[str, Array]) -> Array:
     return np.hstack([outputs, inputs])
 
 
-def case_a_truth(data: dict[str, Array]) -> Array:
+def case_a_truth(data):
     """θ that case a was simulated with."""
     return pack(data["A"], data["B"], data["C"])

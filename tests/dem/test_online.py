@@ -151,7 +151,7 @@ def test_an_executor_that_is_gone_is_an_obstacle_and_no_error():
         online = OnlineLearner(dt=0.01, executor=executor)
     flown(online, WINDY[:450])
     assert online.obstacle.figures["because"].figures["error"] == "RuntimeError"
-    dead: Future = Future()
+    dead = Future()
     dead.set_exception(BrokenExecutor("a process was killed"))
     online._pending = dead
     online.update(4.5, WINDY.outputs[450], WINDY.inputs[450])

@@ -56,13 +56,11 @@ MESSAGES = {
 }
 
 
-def packed(characters: str) -> str:
+def packed(characters):
     return "<" + "".join(STRUCTS[character] for character in characters)
 
 
-def fmt(
-    name: str, length: int | None = None, kind: int | None = None, characters: str | None = None
-) -> bytes:
+def fmt(name, length=None, kind=None, characters=None):
     """FMT of one of ``MESSAGES``, true or with something else in it."""
     own, usual, fields = MESSAGES[name]
     length = 3 + struct.calcsize(packed(usual)) if length is None else length
@@ -77,12 +75,12 @@ def fmt(
     return HEADER + b"\x80" + body
 
 
-def formats() -> bytes:
+def formats():
     own = struct.pack("<BB4s16s64s", 0x80, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns")
     return HEADER + b"\x80" + own + b"".join(fmt(name) for name in MESSAGES)
 
 
-def message(name: str, *values: object, kind: int | None = None) -> bytes:
+def message(name, *values, kind=None):
     """Raw values in the order of the fields; what is not given is zero."""
     own, characters, _ = MESSAGES[name]
     empty = [b"" if character in "nNZa" else 0 for character in characters]
@@ -91,23 +89,23 @@ def message(name: str, *values: object, kind: int | None = None) -> bytes:
     return HEADER + bytes([own if kind is None else kind]) + body
 
 
-def att(time: float, roll: float, pitch: float = 0.0, yaw: float = 0.0) -> bytes:
+def att(time, roll, pitch=0.0, yaw=0.0):
     """Angles in degrees; the last field, the estimator, is 3."""
     centi = [round(100 * angle) for angle in (roll, pitch, yaw)]
     return message("ATT", round(1e6 * time), 0, centi[0], 0, centi[1], 0, centi[2], 0, 0, 3)
 
 
-def rate(time: float, roll: float) -> bytes:
+def rate(time, roll):
     """Roll rate in °/s; the last field is 1."""
     return message("RATE", round(1e6 * time), 0, roll, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0.5, 1.0)
 
 
-def rcou(time: float, *pulses: int) -> bytes:
+def rcou(time, *pulses):
     """Pulses in µs; the last channel is 1500."""
     return message("RCOU", round(1e6 * time), *pulses, *[0] * (13 - len(pulses)), 1500)
 
 
-def flight(times: list[float]) -> list[bytes]:
+def flight(times):
     """Attitude, rate and motors at each time: roll 2°, 4°, …, roll rate a tenth of that, motor 1 at 1500, 1501, …."""
     rows = enumerate(times)
     return [
@@ -116,7 +114,7 @@ def flight(times: list[float]) -> list[bytes]:
     ]
 
 
-def told() -> bytes:
+def told():
     """What a log says at its beginning: firmware, frame, parameters."""
     return b"".join(
         [
@@ -128,6 +126,6 @@ def told() -> bytes:
     )
 
 
-def log(*pieces: bytes) -> bytes:
+def log(*pieces):
     """A file of all formats, of the messages at its beginning, and of the pieces."""
     return b"".join([formats(), told(), *pieces])

@@ -1,10 +1,7 @@
 """Streams to read, built byte by byte; checksums come from pymavlink, not from the code under test."""
 
 import struct
-from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
@@ -13,9 +10,8 @@ from pytest import raises
 from recorded_flights import LOGS, SHARED
 
 from mavdem.errors import Unreadable
-from mavdem.facts import Code
 from mavdem.ingest.mavlink.definitions import seeds
-from mavdem.ingest.mavlink.framing import Frames, concatenated, find_frames
+from mavdem.ingest.mavlink.framing import concatenated, find_frames
 
 NOW = 1_700_000_000_000_000
 ANOTHER_FLIGHT_OF_THE_SAME = {
@@ -28,7 +24,7 @@ ANOTHER_FLIGHT_OF_THE_SAME = {
 """By folder, what is in the names of logs whose autopilot, link and recorder are those of another log."""
 
 
-def real_logs() -> list[Path]:
+def real_logs():
     """A telemetry log of every autopilot, link and recorder, as far as this machine has them."""
     logs = [*LOGS.glob("*.tlog"), *SHARED.rglob("*.tlog")]
     alike = ANOTHER_FLIGHT_OF_THE_SAME
@@ -38,14 +34,14 @@ def real_logs() -> list[Path]:
 
 
 @contextmanager
-def refused(code: Code) -> Iterator[None]:
+def refused(code):
     """Holds that what is done within raises ``Unreadable`` with a fact of this ``code``."""
     with raises(Unreadable) as failure:
         yield
     assert failure.value.fact.code is code
 
 
-def beginning(log: Path, folder: Path, most: int = 700_000) -> Path:
+def beginning(log, folder, most=700_000):
     """The first 700 kB, or ``most`` bytes; of a simulator, whose messages repeat themselves, 300 kB."""
     path = folder / log.name
     path.write_bytes(log.read_bytes()[: 300_000 if log.parent.name.startswith("sitl_") else most])
@@ -53,15 +49,15 @@ def beginning(log: Path, folder: Path, most: int = 700_000) -> Path:
 
 
 def frame(
-    message_id: int,
-    payload: bytes,
-    system: int = 1,
-    component: int = 1,
-    sequence: int = 0,
-    version: int = 2,
-    signed: bool = False,
-    seed: int | None = None,
-) -> bytes:
+    message_id,
+    payload,
+    system=1,
+    component=1,
+    sequence=0,
+    version=2,
+    signed=False,
+    seed=None,
+):
     """One frame; ``seed`` stands in for the dialect's CRC_EXTRA."""
     if version == 2:
         payload = payload.rstrip(b"\0") or b"\0"
@@ -90,13 +86,13 @@ def frame(
 
 
 def message(
-    name: str,
-    system: int = 1,
-    component: int = 1,
-    sequence: int = 0,
-    version: int = 2,
-    **values: Any,
-) -> bytes:
+    name,
+    system=1,
+    component=1,
+    sequence=0,
+    version=2,
+    **values,
+):
     """One frame of a named message; fields that are not given are zero."""
     kind = next(kind for kind in dialect.mavlink_map.values() if kind.msgname == name)
     sizes = dict(zip(kind.ordered_fieldnames, kind.array_lengths, strict=True))
@@ -109,14 +105,14 @@ def message(
     return bytes(kind(**zeros | values).pack(sender, version == 1))
 
 
-def tlog(frames: list[bytes]) -> bytes:
+def tlog(frames):
     """Frames behind their receive stamps, 10 ms apart."""
     return b"".join(
         struct.pack(">Q", NOW + 10_000 * row) + content for row, content in enumerate(frames)
     )
 
 
-def flight(times: list[float], system: int = 1, sequence: int = 0) -> list[bytes]:
+def flight(times, system=1, sequence=0):
     """ATTITUDE and SERVO_OUTPUT_RAW at boot clock times, s; the latter's clock wraps as it does on board."""
     frames = []
     for time in times:
@@ -138,10 +134,10 @@ def flight(times: list[float], system: int = 1, sequence: int = 0) -> list[bytes
     return frames
 
 
-def heartbeat(system: int = 1, component: int = 1, kind: int = 2, autopilot: int = 3) -> bytes:
+def heartbeat(system=1, component=1, kind=2, autopilot=3):
     return message("HEARTBEAT", system, component, type=kind, autopilot=autopilot)
 
 
-def frames_in(content: bytes, gap: int = 0) -> Frames:
+def frames_in(content, gap=0):
     """What the reader finds, as one table."""
     return concatenated(list(find_frames(np.frombuffer(content, dtype=np.uint8), seeds(), gap)))

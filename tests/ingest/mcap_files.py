@@ -1,16 +1,12 @@
 """MCAP files to read, written with the mcap library."""
 
 import json
-import random
-from collections.abc import Iterable
-from pathlib import Path
-from typing import Any, Self
 
 from mavlink_streams import NOW
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from mavdem.ingest import Log, read_log
+from mavdem.ingest import read_log
 from mavdem.ingest.mcap.records import write_mcap
 from mavdem.ingest.tlog import tlog_stream
 
@@ -18,34 +14,34 @@ from mavdem.ingest.tlog import tlog_stream
 class Recorder:
     """Writes messages by topic; every channel is registered when first used."""
 
-    def __init__(self, path: Path, **options: Any) -> None:
+    def __init__(self, path, **options):
         self.path = path
         self._file = path.open("wb")
         self._writer = Writer(self._file, **options)
         self._writer.start()
-        self._channels: dict[str, int] = {}
+        self._channels = {}
         self._time = NOW * 1000
 
-    def __enter__(self) -> Self:
+    def __enter__(self):
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *_):
         self._writer.finish()
         self._file.close()
 
-    def log(self) -> Log:
+    def log(self):
         """What is read of the file, which is finished by that."""
         self.__exit__()
         return read_log(self.path)
 
     def write(
         self,
-        topic: str,
-        data: bytes,
-        encoding: str = "json",
-        schema: bool = True,
-        time: int | None = None,
-    ) -> None:
+        topic,
+        data,
+        encoding="json",
+        schema=True,
+        time=None,
+    ):
         if topic not in self._channels:
             number = (
                 self._writer.register_schema(topic.replace("/", "."), "jsonschema", b"{}")
@@ -59,11 +55,11 @@ class Recorder:
 
     def blueos(
         self,
-        name: str,
-        fields: str | dict[str, Any],
-        sequence: int = 0,
-        system: int = 1,
-    ) -> None:
+        name,
+        fields,
+        sequence=0,
+        system=1,
+    ):
         """A message as BlueOS records it; ``fields`` as JSON text where they are to be written just so."""
         inner = fields if isinstance(fields, str) else json.dumps(fields)[1:-1]
         header = (
@@ -73,7 +69,7 @@ class Recorder:
         self.write(f"mavlink/{system}/1/{name}", body)
         self.write("mavlink/out", body)
 
-    def flight(self, times: Iterable[float], **how: Any) -> None:
+    def flight(self, times, **how):
         """A heartbeat, and ATTITUDE and SERVO_OUTPUT_RAW at boot clock times, s."""
         self.blueos("HEARTBEAT", HEARTBEAT, 0, **how)
         for row, time in enumerate(times):
@@ -95,7 +91,7 @@ HEARTBEAT = (
 )
 
 
-def spoil(path: Path, chance: random.Random) -> None:
+def spoil(path, chance):
     """In one place or many of a file, bytes are lost, changed or added."""
     content = bytearray(path.read_bytes())
     for _ in range(chance.choice([1, 1, 3, 30])):
@@ -104,7 +100,7 @@ def spoil(path: Path, chance: random.Random) -> None:
     path.write_bytes(content)
 
 
-def converted(log: Path, folder: Path) -> Path:
+def converted(log, folder):
     """The recorded stream of a telemetry log as this project writes it."""
     path = folder / f"{log.stem}.mcap"
     with path.open("wb") as file:
@@ -112,7 +108,7 @@ def converted(log: Path, folder: Path) -> Path:
     return path
 
 
-def json_only(mcap: Path, folder: Path) -> Path:
+def json_only(mcap, folder):
     """The same file without the frames, everything repeated on ``mavlink/out`` as BlueOS does."""
     path = folder / f"{mcap.stem}_json.mcap"
     with mcap.open("rb") as file, Recorder(path) as recorder:

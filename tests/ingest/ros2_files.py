@@ -1,19 +1,14 @@
 """ROS 2 recordings to read, as rosbag2 writes them: MCAP, with messages in CDR and their definitions beside them."""
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from mavlink_streams import NOW
 from mcap.writer import CompressionType
 from mcap_files import Recorder
 from mcap_ros2.writer import Writer
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from ulog_files import roll
-
-from mavdem.ingest.telemetry import Telemetry
 
 TIMES = 20 + 0.01 * np.arange(300)
 """A short flight."""
@@ -22,12 +17,12 @@ UNIX = NOW // 1_000_000
 QUADROTOR = 2
 
 
-def definitions() -> dict[str, str]:
+def definitions():
     """Of messages by name, from lines ``name = field; field``, where ``@name`` is what stands on another line."""
     lines = (Path(__file__).parent / "ros2_messages.txt").read_text().splitlines()
     rows = dict(line.split(" = ", 1) for line in lines)
 
-    def written(row: str) -> str:
+    def written(row):
         return "".join(
             written(rows[part]) if part[:1] == "@" else f"{part}\n" for part in row.split("; ")
         )
@@ -43,47 +38,45 @@ class Ros2Recorder(Recorder):
 
     def __init__(
         self,
-        path: Path,
-        compression: CompressionType = CompressionType.ZSTD,
-        chunk_size: int = 1 << 20,
-    ) -> None:
+        path,
+        compression=CompressionType.ZSTD,
+        chunk_size=1 << 20,
+    ):
         self.path, self._file = path, path.open("wb")
         self._writer = Writer(self._file, chunk_size=chunk_size, compression=compression)
-        self._schemas: dict[str, Any] = {}
+        self._schemas = {}
         self._time = NOW * 1000
 
-    def vehicle(self) -> Telemetry:
+    def vehicle(self):
         """The only one of the file, which is finished by that."""
         (vehicle,) = self.log().vehicles
         return vehicle
 
-    def write(self, topic: str, kind: str, fields: Mapping[str, Any]) -> None:
+    def write(self, topic, kind, fields):
         """A message of type ``kind``; fields that are not given are 0."""
         if kind not in self._schemas:
             self._schemas[kind] = self._writer.register_msgdef(kind, DEFINITIONS[kind])
         self._time += 10_000_000
         self._writer.write_message(topic, self._schemas[kind], fields, self._time)
 
-    def px4(self, name: str, seconds: float, prefix: str = "/fmu/out/", **fields: Any) -> None:
+    def px4(self, name, seconds, prefix="/fmu/out/", **fields):
         """One of PX4's topics, stamped with ``seconds``; with a ``timestamp_sample`` 1 ms before."""
         stamp = round(seconds * 1e6)
         own = {"timestamp": stamp, "timestamp_sample": max(stamp - 1000, 0), **fields}
         kind = "SensorGps" if name == "vehicle_gps_position" else name.title().replace("_", "")
         self.write(prefix + name, f"px4_msgs/msg/{kind}", own)
 
-    def mavros(
-        self, name: str, kind: str, seconds: float, node: str = "/mavros", **fields: Any
-    ) -> None:
+    def mavros(self, name, kind, seconds, node="/mavros", **fields):
         """One of MAVROS's topics, stamped with ``seconds`` since 1970."""
         self.write(f"{node}/{name}", kind, {"header": header(seconds), **fields})
 
     def imu(
         self,
-        seconds: float,
-        rpy: tuple[float, float, float],
-        pqr: tuple[float, float, float],
-        **how: Any,
-    ) -> None:
+        seconds,
+        rpy,
+        pqr,
+        **how,
+    ):
         """``imu/data`` of an attitude and body rates as MAVLink has them, rad and rad/s, turned by matrices."""
         orientation = xyzw(to_ros(rpy))
         self.mavros(
@@ -102,32 +95,32 @@ BODY = np.diag([1, -1, -1])
 """Forward, left and up of what is given as forward, right and down; and back."""
 
 
-def to_ros(rpy: tuple[float, float, float]) -> Rotation:
+def to_ros(rpy):
     """The turn from the body, forward-left-up, to east-north-up, of MAVLink's roll, pitch and yaw."""
     yaw_pitch_roll = Rotation.from_euler("ZYX", rpy[::-1])
     return Rotation.from_matrix(WORLD @ yaw_pitch_roll.as_matrix() @ BODY)
 
 
-def xyzw(turn: Rotation) -> dict[str, float]:
+def xyzw(turn):
     return dict(zip("xyzw", turn.as_quat().tolist(), strict=True))
 
 
-def vector(values: NDArray[np.float64]) -> dict[str, float]:
+def vector(values):
     return dict(zip("xyz", values.tolist(), strict=True))
 
 
-def header(seconds: float) -> dict[str, Any]:
+def header(seconds):
     nanoseconds = round(seconds * 1e6) * 1000
     stamp = {"sec": nanoseconds // 10**9, "nanosec": nanoseconds % 10**9}
     return {"stamp": stamp, "frame_id": "base_link"}
 
 
 def px4_flight(
-    recorder: Ros2Recorder,
-    times: NDArray[np.float64] = TIMES,
-    prefix: str = "/fmu/out/",
-    **ids: int,
-) -> None:
+    recorder,
+    times=TIMES,
+    prefix="/fmu/out/",
+    **ids,
+):
     """A quadrotor's hover: attitude, rates and motors at each of the times, s, and its status."""
     for row, (time, angle, rate) in enumerate(np.column_stack([times, *roll(times)]).tolist()):
         if row % 50 == 0:
@@ -149,11 +142,11 @@ def px4_flight(
 
 
 def mavros_flight(
-    recorder: Ros2Recorder,
-    times: NDArray[np.float64] = UNIX + TIMES,
-    node: str = "/mavros",
-    mode: str = "OFFBOARD",
-) -> None:
+    recorder,
+    times=UNIX + TIMES,
+    node="/mavros",
+    mode="OFFBOARD",
+):
     """The same as MAVROS tells it, on the companion's clock."""
     for row, (time, angle, rate) in enumerate(np.column_stack([times, *roll(times)]).tolist()):
         if row % 50 == 0:

@@ -2,7 +2,6 @@
 
 import struct
 from collections import defaultdict
-from typing import Any
 
 import numpy as np
 from hypothesis import given, settings
@@ -114,7 +113,7 @@ def keys(frames):
 
 def assert_fields_equal(data, frames, messages):
     """Our columns against their messages, which are the same frames in the same order."""
-    by_id: dict[int, list[Any]] = defaultdict(list)
+    by_id = defaultdict(list)
     for message in messages:
         by_id[message.get_msgId()].append(message)
     for message_id, same_kind in by_id.items():

@@ -307,7 +307,7 @@ def test_what_is_no_file_is_said(tmp_path):
 @mark.parametrize("path", [None, 5, [], 1.5])
 def test_what_is_no_path_is_named(path):
     with raises(ValueError, match="path must"):
-        read_log(path)  # type: ignore[arg-type]
+        read_log(path)
 
 
 @mark.filterwarnings("error")

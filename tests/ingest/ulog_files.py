@@ -1,13 +1,10 @@
 """ULog files to read, built byte by byte as https://docs.px4.io/main/en/dev_log/ulog_file_format.html lays them out."""
 
 import struct
-from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.ingest import read_log
-from mavdem.ingest.telemetry import Telemetry
 
 REAL = ["logs/pyulog_sample.ulg", "logs/pyulog_appended_multiple.ulg"]
 TIMES = 20 + 0.01 * np.arange(300)
@@ -38,7 +35,7 @@ FORMATS = {
 CODES = {"uint64_t": "Q", "uint32_t": "I", "uint8_t": "B", "float": "f", "double": "d", "bool": "?"}
 
 
-def layout(name: str) -> str:
+def layout(name):
     """What the logger writes of a topic: no padding at the end."""
     codes = ""
     for kind, field in (field.split(" ") for field in FORMATS[name].split(";")[:-1]):
@@ -53,18 +50,18 @@ OFF = [float("nan")] * 8
 """Controls of the motors that a quadrotor does not have."""
 
 
-def message(kind: str, content: bytes) -> bytes:
+def message(kind, content):
     """Any message."""
     return struct.pack("<HB", len(content), ord(kind)) + content
 
 
-def definitions(*more: str) -> bytes:
+def definitions(*more):
     """The formats of ``FORMATS``, and more of them."""
     texts = [f"{name}:{fields}" for name, fields in FORMATS.items()]
     return b"".join(message("F", text.encode()) for text in [*texts, *more])
 
 
-def parameter(name: str, value: float, kind: str = "int32_t") -> bytes:
+def parameter(name, value, kind="int32_t"):
     """A parameter, initial or changed by where it stands."""
     key = f"{kind} {name}".encode()
     return message(
@@ -72,15 +69,13 @@ def parameter(name: str, value: float, kind: str = "int32_t") -> bytes:
     )
 
 
-def subscription(name: str, instance: int = 0, number: int | None = None) -> bytes:
+def subscription(name, instance=0, number=None):
     """The subscription to one instance of a topic; its number is that of ``NUMBERS`` and its instance times 100."""
     number = NUMBERS[name] + 100 * instance if number is None else number
     return message("A", struct.pack("<BH", instance, number) + name.encode())
 
 
-def data(
-    name: str, seconds: float, *values: float, instance: int = 0, number: int | None = None
-) -> bytes:
+def data(name, seconds, *values, instance=0, number=None):
     """One data message; topics with a ``timestamp_sample`` have it 1 ms before their time stamp."""
     number = NUMBERS[name] + 100 * instance if number is None else number
     stamp = round(seconds * 1e6)
@@ -90,17 +85,17 @@ def data(
     )
 
 
-def subscriptions(*names: str) -> bytes:
+def subscriptions(*names):
     """Of the topics named, or of all."""
     return b"".join(subscription(name) for name in names or NUMBERS)
 
 
-def log(*pieces: bytes, first: bytes = b"", parameters: bytes = b"") -> bytes:
+def log(*pieces, first=b"", parameters=b""):
     """A file of all formats and subscriptions, and then the pieces; ``first`` before all, ``parameters`` between."""
     return b"".join([HEADER, first, definitions(), parameters, subscriptions(), *pieces])
 
 
-def roll(time: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def roll(time):
     """A motion: angle, rad, and its derivative, rad/s."""
     waves = [(0.1, 0.7), (0.05, 1.9), (0.01, 4.3)]
     angle = sum(size * np.sin(2 * np.pi * hz * time + hz) for size, hz in waves)
@@ -108,7 +103,7 @@ def roll(time: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.flo
     return np.asarray(angle), np.asarray(rate)
 
 
-def flight(times: NDArray[np.float64]) -> list[bytes]:
+def flight(times):
     """A quadrotor's hover: attitude, rates, motors and the torque behind them at each of the times, s, and a status."""
     pieces = []
     for row, (time, angle, rate) in enumerate(
@@ -128,7 +123,7 @@ def flight(times: NDArray[np.float64]) -> list[bytes]:
     return pieces
 
 
-def vehicle_of(content: bytes, folder: Path) -> Telemetry:
+def vehicle_of(content, folder):
     """The vehicle that is read of a file of that content."""
     path = folder / "flight.ulg"
     path.write_bytes(content)

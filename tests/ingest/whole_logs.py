@@ -3,10 +3,10 @@
 import tempfile
 
 from mavdem.errors import Unreadable
-from mavdem.ingest import Log, read_log
+from mavdem.ingest import read_log
 
 
-def read(content: bytes) -> Log | None:
+def read(content):
     """The log; None where it is refused as it should be."""
     with tempfile.NamedTemporaryFile(suffix=".tlog") as file:
         file.write(content)

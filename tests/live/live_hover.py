@@ -1,7 +1,6 @@
 """The made-up hover as frames of a link, and what is made of them: live, piece by piece, and offline."""
 
 import random
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 
@@ -9,18 +8,13 @@ import numpy as np
 from hover import ARMED, MAV_AUTOPILOTS, MAV_TYPES, Hover
 from mavlink_streams import message, tlog
 from numpy.testing import assert_allclose
-from numpy.typing import NDArray
 from whole_logs import read
 
 from mavdem.alignment import signals
 from mavdem.alignment.align import FILTER_EDGE_STEPS, LOW_PASS_RATIO, STAMP_SECONDS, Segment, align
 from mavdem.alignment.signals import Signals
-from mavdem.facts import Code, Fact
-from mavdem.ingest.telemetry import Telemetry
 from mavdem.live import AlignedRow, Event, LiveStream, Setup
 
-Timed = list[tuple[float, bytes]]
-"""Frames with the time, s of the vehicle's clock, at which each is sent."""
 NOW = 1_700_000_000.0
 
 
@@ -38,7 +32,7 @@ class Flight:
     quaternion: bool = False
     number: int = 0  # of its first message
 
-    def frames(self, start: float = 3.0, end: float = 39.0) -> Timed:
+    def frames(self, start=3.0, end=39.0):
         """What is sent from ``start`` to ``end`` of the hover's time, in its order."""
         return list(_sent(self, start, end))
 
@@ -84,7 +78,7 @@ class Flight:
 
 
 @cache
-def _sent(flight: Flight, start: float, end: float) -> Timed:
+def _sent(flight, start, end):
     streams = (flight._attitude, flight._motors, flight._heartbeats, flight._climb)
     timed = sorted(
         (entry for stream in streams for entry in stream(start, end)), key=lambda entry: entry[0]
@@ -104,7 +98,7 @@ def _sent(flight: Flight, start: float, end: float) -> Timed:
     ]
 
 
-def ticks(start: float, end: float, rate: float) -> list[float]:
+def ticks(start, end, rate):
     return (np.arange(round(start * rate), round(end * rate)) / rate).tolist()
 
 
@@ -122,29 +116,27 @@ class Replay:
     """Segment, and the time since which its settled rows were of a landing."""
 
     @property
-    def facts(self) -> list[Fact]:
+    def facts(self):
         return [event.fact for event in self.events]
 
     @property
-    def codes(self) -> list[Code]:
+    def codes(self):
         return [fact.code for fact in self.facts]
 
-    def segments(self) -> dict[int, list[AlignedRow]]:
+    def segments(self):
         found = {}
         for row in self.rows:
             found.setdefault(row.segment, []).append(row)
         return found
 
-    def table(self) -> NDArray[np.float64]:
+    def table(self):
         """Everything about the rows but when they were received, (T, 9)."""
         return np.array(
             [[row.time, *row.inputs, *row.outputs, row.segment, row.settled] for row in self.rows]
         )
 
 
-def replay(
-    pieces: Iterable[tuple[float, bytes]], stream: LiveStream | None = None, **options
-) -> Replay:
+def replay(pieces, stream=None, **options):
     """Feeds pieces, each at its time."""
     made = Replay(stream or LiveStream(**options))
     for time, piece in pieces:
@@ -161,7 +153,7 @@ def replay(
     return made
 
 
-def cut(timed: Timed, seed: int, longest: int = 700) -> Timed:
+def cut(timed, seed, longest=700):
     """The same bytes in random pieces."""
     chance = random.Random(seed)
     content = b"".join(data for _, data in timed)
@@ -174,16 +166,14 @@ def cut(timed: Timed, seed: int, longest: int = 700) -> Timed:
     return pieces
 
 
-def offline(frames: Sequence[bytes], system: int = 1) -> Telemetry:
+def offline(frames, system=1):
     """What the same frames are when they are read from a log."""
     log = read(tlog(list(frames)))
     assert log is not None
     return next(vehicle for vehicle in log.vehicles if vehicle.system == system)
 
 
-def differences(
-    made: Replay, segment: int, telemetry: Telemetry, axis: str = "roll"
-) -> tuple[float, float, float]:
+def differences(made, segment, telemetry, axis="roll"):
     """How far times, outputs and inputs of a live segment are from those of ``align``, at most.
 
     The offline segment is the one whose grid begins with the live one's; at its end one may know a message more.

@@ -28,7 +28,7 @@ class Vehicle:
         self.recent = Recent()
         self.phase = Phase(self.recent)
         self.time = -3.0
-        self.collective: list[tuple[float, float]] = []
+        self.collective = []
         self.fly(3.0, collective=0.0)
 
     def fly(self, seconds, collective=IN_FLIGHT, climb=None, landed=None, armed=True):

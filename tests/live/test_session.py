@@ -28,7 +28,7 @@ from mavdem.facts.motors import InFlight
 from mavdem.facts.session import LinkError, LinkFact, Missing, RateFact, Rows, Session, VehicleFact
 from mavdem.facts.watch import Watch
 from mavdem.ingest.formats import read_stream
-from mavdem.live import AlignedRow, LiveStream, SessionStatus, Setup
+from mavdem.live import AlignedRow, LiveStream
 from mavdem.live.link import LinkLost
 from mavdem.live.messages import Piece
 from mavdem.live.raw_recording import RawRecording
@@ -77,9 +77,9 @@ class Screen:
     log = hold = staticmethod(lambda event: None)
 
     def __init__(self):
-        self.rows: list[tuple[float, int, Estimate | None]] = []
-        self.statuses: list[SessionStatus] = []
-        self.setups: list[Setup] = []
+        self.rows = []
+        self.statuses = []
+        self.setups = []
 
     def open(self, setup):
         self.setups.append(setup)
@@ -107,7 +107,7 @@ def session_of(script, **options):
     said = []
     link = ScriptedLink(script)
     shown = screen.open, screen.statuses.append
-    made = LiveSession(link, LiveStream(), COMPLETE, *shown, said.append, **options)  # type: ignore[arg-type]
+    made = LiveSession(link, LiveStream(), COMPLETE, *shown, said.append, **options)
     return made, screen, said
 
 
@@ -120,7 +120,7 @@ def now(monkeypatch):
 
 
 def run(one):
-    while one.link.script:  # type: ignore[attr-defined]
+    while one.link.script:
         one.step(0.0)
     one.end()
 
@@ -322,7 +322,7 @@ def test_a_computer_that_is_too_slow_says_so_sheds_fits_and_then_plots_but_no_ro
         now[0] += 0.03 * (107.0 < now[0] < 122.0)  # three times what it spans
         take(row)
 
-    one._take = slow  # type: ignore[method-assign]
+    one._take = slow
     while arriving or one._waiting:
         here = [piece for piece in arriving[:4000] if piece[0] <= now[0]]
         one.link.script, sent, behind = [here], len(one.link.sent), one.now < now[0] - 0.6

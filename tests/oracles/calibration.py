@@ -10,14 +10,11 @@ import numpy as np
 from dem_posterior import Embedding, generative_model, roll
 from joint_gaussian import ParameterPrior
 from numpy.random import default_rng
-from numpy.typing import NDArray
 
 from mavdem.confidence import LEVEL, half_width
 from mavdem.dem.engine.ascent import ascend
 from mavdem.dem.engine.generative import SufficientStatistics, temporal_covariance
 from mavdem.dem.priors import KNOWN
-
-Array = NDArray[np.float64]
 
 SYSTEMS = 60
 SAMPLES = 150

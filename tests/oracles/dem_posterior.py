@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 from joint_gaussian import System
-from numpy.typing import NDArray
 
 from mavdem.dem.engine.generative import (
     GenerativeModel,
@@ -12,8 +11,6 @@ from mavdem.dem.engine.generative import (
     temporal_precision,
 )
 from mavdem.dem.priors import KNOWN
-
-Array = NDArray[np.float64]
 
 DT = 0.1  # seconds; it responds within about one second
 # of the relation that makes the rate the derivative of the roll angle, rad/s

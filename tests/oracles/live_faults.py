@@ -1,21 +1,18 @@
 """A live session with a simulated ArduPilot that every fault befalls, on a clock of its own: as fast as possible."""
 
-from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from unittest.mock import Mock, patch
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mavdem.dem import Learned, Settings
-from mavdem.flight import Flight
+from mavdem.dem import Settings
 from mavdem.live import LiveStream
 from mavdem.live.link import Link
 from mavdem.live.session import LiveSession
 from mavdem.paper.runner import logged
 from sitl_scenarios.mavlink.live import Ground, fly_live
-from sitl_scenarios.scenario import Faults, Scenario
+from sitl_scenarios.scenario import Faults
 from sitl_scenarios.simulation import Simulation
 
 RATE = 100.0  # Hz that are asked for
@@ -36,22 +33,22 @@ class Wire:
 class SessionEnd(Link):
     """The end of a wire that the session listens to."""
 
-    def __init__(self, wire: Wire) -> None:
+    def __init__(self, wire):
         self._wire = wire
         self.name = "simulation"
         self.speaks_first = False
         self.dropped = 0
 
-    def receive(self, timeout: float) -> list[tuple[float, bytes]]:
+    def receive(self, timeout):
         self._wire.now += timeout
         came = self._wire.towards
         self._wire.towards = []
         return came
 
-    def send(self, frame: bytes) -> None:
+    def send(self, frame):
         self._wire.back.append(frame)
 
-    def events(self) -> list[str]:
+    def events(self):
         return []
 
 
@@ -60,15 +57,15 @@ class VehicleEnd(Ground):
 
     speed = TICK / 0.004  # of the vehicle, so that a tick of its flight is TICK
 
-    def __init__(self, wire: Wire, session: LiveSession) -> None:
+    def __init__(self, wire, session):
         self._wire = wire
         self._session = session
 
-    def send(self, frame: bytes) -> bool:
+    def send(self, frame):
         self._wire.towards.append((self._wire.now, frame))
         return True
 
-    def received(self, until: float) -> Iterator[bytes]:
+    def received(self, until):
         """Runs the session up to a time, which is divided by the speed; what it has sent."""
         self._wire.now = until * self.speed
         self._session.step(0.0)
@@ -77,7 +74,7 @@ class VehicleEnd(Ground):
         yield from answers
 
 
-def run_session(scenario: Scenario) -> tuple[LiveSession, dict[str, float]]:
+def run_session(scenario):
     """Flies a scenario and learns from it live; returns the session, which has not been ended, and its account."""
     wire = Wire()
     with ExitStack() as clocks:
@@ -97,7 +94,7 @@ def run_session(scenario: Scenario) -> tuple[LiveSession, dict[str, float]]:
         return session, session.account()
 
 
-def undisturbed(scenario: Scenario, seed: int) -> Flight:
+def undisturbed(scenario, seed):
     """Another flight of the same vehicle in such wind, sent at 100 Hz without faults, its weak motor weak."""
     stream = scenario.stream.model_copy(
         update={"only_when_asked": False, "rates": {}, "rate": RATE}
@@ -114,7 +111,7 @@ def undisturbed(scenario: Scenario, seed: int) -> Flight:
     return logged(scenario.model_copy(update=changes))
 
 
-def error_ratios(learned: Learned, flight: Flight) -> NDArray[np.float64]:
+def error_ratios(learned, flight):
     """(m,): squared errors ``AHEAD_SECONDS`` ahead on a flight, each over the variance of that output."""
     steps = round(AHEAD_SECONDS / flight.dt)
     errors = learned.forecast_every(steps, flight.inputs, flight.outputs) - flight.outputs

@@ -2,14 +2,11 @@
 
 import numpy as np
 from numpy.random import default_rng
-from numpy.typing import NDArray
 from scipy.linalg import block_diag, solve_continuous_lyapunov
 from scipy.signal import lsim
 
 from mavdem import Flight
 from sitl_scenarios.wind import gaussian_noise
-
-Array = NDArray[np.float64]
 
 # simulated before the first sample, so that the initial state does not matter
 WARM_UP_SAMPLES = 300

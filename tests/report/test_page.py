@@ -43,9 +43,9 @@ class Balanced(HTMLParser):
 
     def __init__(self, text):
         super().__init__()
-        self.open: list[str] = []
-        self.seen: list[str] = []
-        self.ids: list[str] = []
+        self.open = []
+        self.seen = []
+        self.ids = []
         self.feed(text)
         assert not self.open and len(self.ids) == len(set(self.ids))
 

@@ -19,7 +19,7 @@ class Vehicle:
         cycle = CYCLES[autopilot]
         self.transmitter = Transmitter(Scenario(stream=StreamSpec(autopilot=autopilot)), cycle)
         self.commands = CommandHandler(self.transmitter, self)
-        self.asked: list[tuple[bool, bool]] = []
+        self.asked = []
         self._armable = armable
         self._motion = made_up_motion(autopilot=autopilot)
         self._row = 1

@@ -20,7 +20,7 @@ class Played:
         self.cycle = 0.004
         self._motion = made_up_motion(seconds, begin=1.0)
         self._row = 0
-        self.asked: list[bool] = []
+        self.asked = []
 
     @property
     def finished(self):

@@ -1,7 +1,6 @@
 """Recordings of learned and of simulated flights: what is drawn is what was flown, learned and forecast."""
 
 from dataclasses import fields, replace
-from pathlib import Path
 
 import numpy as np
 from made_up_motion import made_up_motion
@@ -134,7 +133,7 @@ def pose(**instead):
 @fixture(scope="module")
 def columns(tmp_path_factory):
     """By entity path, what was sent over time by component, and the time, s."""
-    path: Path = tmp_path_factory.mktemp("flown") / "flight.rrd"
+    path = tmp_path_factory.mktemp("flown") / "flight.rrd"
     write_pose(path, "made up", pose())
     assert len(RrdReader(path).blueprints()) == 1
     found = {}
