@@ -1,16 +1,13 @@
 """Every step, rate and precision is checked against the one function that says what F̄ is."""
 
-from dataclasses import replace
-
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx, mark
-from random_models import models, random_belief, random_model, random_samples
+from random_models import models, random_belief, random_samples
 from scipy.linalg import block_diag
-from scipy.stats import multivariate_normal
 from simulated import simulated
 
 from mavdem import Settings
@@ -188,45 +185,6 @@ def test_optimal_precisions_cannot_be_improved(model, seed):
         stretch = np.eye(len(covariance)) + bend
         other = best._replace(**{name: stretch @ covariance @ stretch.T})
         assert free_energy_action(model, samples, other) < height
-
-
-@mark.parametrize("n", [1, 2, 3, 5])
-def test_with_all_parameters_known_the_free_energy_is_the_evidence_whatever_the_order(n):
-    """F̄ᵒ is ln p(ỹ | ṽ) with the same constant for every n, where something is known of x before it is seen."""
-    model = random_model(n, n, 1, 2, 3, 2, drop=True, groups=True, bounded=True)
-    assert model.q == model.p - 1
-    rng = default_rng(n)
-    certain = 1e12
-    prior = model.prior._replace(
-        theta_precision=certain * np.eye(len(model.prior.theta_mean)),
-        lambda_precision=certain * np.eye(len(model.prior.lambda_mean)),
-    )
-    model = replace(model, prior=prior, input_precision=certain * np.eye(model.r * (model.d + 1)))
-    data = rng.standard_normal((7, model.hidden.start))
-    climb = ascend(model, SufficientStatistics.of(data), 5)
-    # Written out: x at random, its derivatives by the model with w̃, and z̃ on what is seen of them.
-    p = model.p
-    m = model.m
-    A, B, C = unpack(prior.theta_mean, n, model.r, m)
-    noise = np.exp(-prior.lambda_mean)
-    rows = [np.hstack([np.eye(n), np.zeros((n, n * p + model.r * (model.d + 1)))])]
-    for order in range(p):
-        driven = A @ rows[-1]
-        driven[:, n + n * order : 2 * n + n * order] += np.eye(n)
-        at = n + n * p + model.r * order
-        driven[:, at : at + model.r] += B
-        rows.append(driven)
-    seen = np.kron(np.eye(p + 1), C) @ np.vstack(rows)
-    of_x = block_diag(
-        np.linalg.inv(model.state_precision),
-        np.kron(np.linalg.inv(model.state_correlation), np.diag(noise[model.state_groups])),
-    )
-    of_z = np.kron(np.linalg.inv(model.output_correlation), np.diag(noise[model.output_groups]))
-    covariance = seen[:, : len(of_x)] @ of_x @ seen[:, : len(of_x)].T + of_z
-    errors = data[:, : m * (p + 1)] - data[:, m * (p + 1) :] @ seen[:, len(of_x) :].T
-    evidence = multivariate_normal(cov=covariance).logpdf(errors).sum()
-    constant = 0.5 * len(data) * m * (p + 1) * np.log(2 * np.pi)
-    assert climb.free_energy[-1] - constant == approx(evidence)
 
 
 @of_any_model
