@@ -84,13 +84,8 @@ def logged(scenario, folder):
     return motion, read_log(folder / "flight.tlog").vehicles[0]
 
 
-@mark.parametrize(
-    "name, hertz, sound",
-    [("oscillating_frame", 6.6, {"mixer": "x"}), ("oscillating_gains", 17.1, {"rate_gain": 1.0})],
-)
-def test_a_wrong_frame_and_high_gains_make_a_limit_cycle_that_is_found(
-    name, hertz, sound, tmp_path
-):
+@mark.parametrize("name, hertz", [("oscillating_frame", 6.6), ("oscillating_gains", 17.1)])
+def test_a_wrong_frame_and_high_gains_make_a_limit_cycle_that_is_found(name, hertz, tmp_path):
     scenario = brief(name, 30.0)
     motion, vehicle = logged(scenario, tmp_path)
     found = condition_of(Signals(vehicle)).oscillation
@@ -99,6 +94,9 @@ def test_a_wrong_frame_and_high_gains_make_a_limit_cycle_that_is_found(
     assert name == "oscillating_gains" or vehicle.parameters["FRAME_TYPE"] == 0
     hover = (motion.landed_state == 2) & (motion.time > 12)
     assert abs(motion.position[hover, 2] + scenario.height).max() < 3
-    flown_well, vehicle = logged(brief(name, 30.0, **sound), tmp_path)
+
+
+def test_with_the_right_frame_there_is_none(tmp_path):
+    motion, vehicle = logged(brief("oscillating_frame", 30.0, mixer="x"), tmp_path)
     assert condition_of(Signals(vehicle)).oscillation is None
-    assert not np.any((flown_well.outputs >= 2000) & (flown_well.landed_state == 2)[:, None])
+    assert not np.any((motion.outputs >= 2000) & (motion.landed_state == 2)[:, None])
