@@ -49,7 +49,6 @@ def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
 @mark.slow
 def test_of_several_none_is_guessed_and_all_are_listed():
     mute = sorted(only_heartbeats() + only_heartbeats(system=4), key=lambda entry: entry[0])
-    assert replay(mute).stream.status().obstacle == replay(TWO).stream.status().obstacle
     missing = replay(only_heartbeats(), vehicle="7").stream.status().obstacle
     assert missing == Fact(VehicleFact.NO_VEHICLE_YET, subject="7")
     made = replay(TWO)
@@ -58,15 +57,16 @@ def test_of_several_none_is_guessed_and_all_are_listed():
     assert fact.code is VehicleFact.VEHICLES_FOUND and fact.figures["name"] == "1:1"
     both = "1:1 (QUADROTOR, ARDUPILOTMEGA)", "4:1 (QUADROTOR, ARDUPILOTMEGA)"
     assert fact.figures["names"] == both and not fact.figures["others"]
-    assert made.stream.status().obstacle.code is VehicleFact.CHOOSE_VEHICLE
+    obstacle = made.stream.status().obstacle
+    assert obstacle.code is VehicleFact.CHOOSE_VEHICLE
+    assert replay(mute).stream.status().obstacle == obstacle
 
 
 @mark.slow
 def test_the_one_that_is_named_is_followed():
-    for name in ("4", "4:1"):
-        made = replay(TWO, vehicle=name)
-        assert made.stream.status().vehicle == "4:1"
-        assert made.rows and {VehicleFact.OTHER_VEHICLE, Rows.ROWS_BEGIN} <= {*made.codes}
+    made = replay(TWO, vehicle="4")
+    assert made.stream.status().vehicle == "4:1"
+    assert made.rows and {VehicleFact.OTHER_VEHICLE, Rows.ROWS_BEGIN} <= {*made.codes}
 
 
 def test_one_that_sends_nothing_but_heartbeats_is_followed_so_that_it_can_be_asked_for_more():

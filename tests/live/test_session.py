@@ -144,6 +144,8 @@ def test_what_is_learnt_from_is_the_flight_that_offline_reads():
         screen.setups[0].layout.names == flight.input_names and screen.rows[-1][2].model is not None
     )
     assert one.link.sent == b"", "nothing is sent unless asked for"
+    known = one._named(live).record.parameters
+    assert known["ATC_RAT_RLL_P"] == approx(0.2) and "SIM_WIND_SPD" not in known
 
 
 @mark.parametrize(
@@ -437,15 +439,6 @@ def test_what_is_wrong_in_a_climb_is_shown_before_there_are_rows(now):
         one.step(0.0)
     assert one._setup is None and screen.setups and len(screen.rows) >= 2
     one.end()
-
-
-@mark.slow
-def test_the_gains_that_the_stream_has_are_those_of_the_model():
-    one, *_ = session_of(batches(9.0))
-    run(one)
-    learned = mavdem.learn(one.learner._memory.record(), COMPLETE)
-    known = one._named(learned).record.parameters
-    assert known["ATC_RAT_RLL_P"] == approx(0.2) and "SIM_WIND_SPD" not in known
 
 
 def test_a_silent_link_watches_nothing(now):

@@ -19,7 +19,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.events import Reported
 from mavdem.facts.margins import MarginsLight
-from mavdem.facts.motors import InFlight, MotorsLight
+from mavdem.facts.motors import MotorsLight
 from mavdem.facts.power import PowerLight
 from mavdem.facts.session import Session
 from mavdem.facts.vibration import VibrationLight
@@ -215,16 +215,13 @@ def test_what_is_kept_is_bounded():
 
 
 @mark.slow
-@mark.parametrize("damaged", [False, True])
-def test_a_recorded_limit_cycle_is_said_at_once(damaged):
+def test_a_recorded_limit_cycle_is_said_at_once_over_a_bad_link():
     """A fifth of the messages lost, a twentieth overtaken."""
     path = shared("sitl_loops/ap_t_hot.tlog.xz")
     draw = default_rng(3)
     frames = [frame for _, frame in read_stream(path).stamped_frames()][:12000]
-    if damaged:
-        frames = [frame for frame in frames if draw.random() > 0.2]
-        for row in np.flatnonzero(draw.random(len(frames) - 1) < 0.05):
-            frames[row : row + 2] = frames[row : row + 2][::-1]
+    frames = [frame for frame in frames if draw.random() > 0.2]
+    overtake(draw, frames)
     stream = LiveStream()
     found = []
     for frame in frames:
@@ -233,29 +230,7 @@ def test_a_recorded_limit_cycle_is_said_at_once(damaged):
         if any(fact.code is Session.ALARM for fact in found):
             break
     # Off the ground at 45.9 s.
-    assert stream.now < (51.0 if damaged else 47.9)
-
-
-@mark.slow
-def test_a_bad_link_hides_no_weak_motor():
-    """A fifth lost, a twentieth doubled, one overtaken, and 2.5 s of silence every 25 s."""
-    draw = default_rng(2)
-    stamped = list(read_stream(shared("sitl_loops/ap_motor.tlog.xz")).stamped_frames())
-    first = stamped[0][0]
-    kept = [
-        frame
-        for stamp, frame in stamped
-        if (seconds := (stamp - first) / 1e6) < 225.0
-        and seconds % 27.5 < 25.0
-        and draw.random() > 0.2
-        for _ in range(1 + (draw.random() < 0.05))
-    ]
-    overtake(draw, kept)
-    stream = LiveStream()
-    stream.feed(1.7e9, b"".join(kept))
-    found = [(one.motor, one.weak) for one in stream.status().alarms if one.motor]
-    assert found == [(1, True), (1, False), (3, True), (3, False), (2, True), (2, False)]
-    assert InFlight.MOTOR_LOST_THRUST in {one.fact.code for one in stream.status().alarms}
+    assert stream.now < 51.0
 
 
 @dataclass(frozen=True)
