@@ -9,13 +9,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx, mark, raises
 from recorded_flights import shared
 
-from mavdem.alignment import read
 from mavdem.alignment.align import Segment, align, settled_segments
 from mavdem.alignment.learnability import learnabilities
 from mavdem.alignment.read import (
     choose_vehicle,
     learnable_flight,
-    read_flight,
     read_segments,
     usable_segments,
 )
@@ -116,18 +114,6 @@ def test_one_vehicle_is_chosen_and_several_are_listed():
     assert choose_vehicle(joined, "7f") is joined[1]
     assert refused(joined) == (Reason.SEVERAL_VEHICLES, ("2a", "7f"))
     assert refused(()) == (Reason.LOG_WITHOUT_VEHICLE, None)
-
-
-def test_a_log_of_several_vehicles_needs_a_choice(monkeypatch):
-    first = HOVER.telemetry()
-    both = (first, dataclasses.replace(first, system=7))
-    log = dataclasses.replace(log_of(first), vehicles=both)
-    monkeypatch.setattr(read, "read_log", lambda path: log)
-    for reading in (read_flight, read_segments):
-        with raises(NotLearnable) as refusal:
-            reading("two.tlog")
-        assert refusal.value.fact.code is Reason.SEVERAL_VEHICLES
-        assert reading("two.tlog", vehicle="7")
 
 
 def with_targets(rate=10.0, type_mask=0, start=0.0, end=np.inf):

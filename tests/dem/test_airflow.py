@@ -3,13 +3,11 @@
 import numpy as np
 from numpy.testing import assert_allclose
 from pytest import raises
-from refusals import refused
 from scipy.constants import g as GRAVITY  # noqa: N812
 from scipy.spatial.transform import Rotation
 
 import mavdem
 from mavdem.dem.airflow.model import motion
-from mavdem.facts.online import Airflow
 
 
 def test_thrust_that_climbs_and_sinks_makes_no_force_across_itself():
@@ -23,20 +21,6 @@ def test_thrust_that_climbs_and_sinks_makes_no_force_across_itself():
     moved = motion(time, attitude, velocity, 0.2)
     assert moved.known.sum() > 90 and abs(np.diff(moved.velocity[:, 2])).max() > 0.5
     assert_allclose(moved.force[moved.known], 0.0, atol=1e-9)
-
-
-def test_what_gives_no_wind_is_refused_with_its_reason():
-    time = np.arange(0.0, 60.0, 0.1)
-    attitude = np.column_stack([0.3 * np.sin(time), 0.2 * np.cos(time), 0.0 * time])
-    still = np.zeros_like(attitude)
-    unknown = attitude + [0.0, 0.0, np.nan]
-    fact = refused(mavdem.estimate_wind, time, unknown, still)
-    assert (fact.code, fact.figures["missing"]) == (Airflow.MOTION_UNKNOWN, "yaw")
-    fact = refused(mavdem.estimate_wind, time, attitude, still)
-    assert fact.code is Airflow.VELOCITY_INCONSISTENT
-    few = slice(40)
-    fact = refused(mavdem.estimate_wind, time[few], still[few], still[few])
-    assert fact.code is Airflow.MOTION_TOO_SHORT
 
 
 def test_circles_in_calm_air_show_the_drag_and_no_wind():

@@ -2,6 +2,7 @@
 
 import struct
 from contextlib import contextmanager
+from functools import cache
 
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
@@ -85,21 +86,20 @@ def frame(
     )
 
 
-def message(
-    name,
-    system=1,
-    component=1,
-    sequence=0,
-    version=2,
-    **values,
-):
-    """One frame of a named message; fields that are not given are zero."""
+@cache
+def kind_of(name):
+    """The class of a named message, and its fields, which are zero."""
     kind = next(kind for kind in dialect.mavlink_map.values() if kind.msgname == name)
     sizes = dict(zip(kind.ordered_fieldnames, kind.array_lengths, strict=True))
-    zeros = {
+    return kind, {
         field: b"" if of == "char" else [0] * sizes[field] or 0
         for field, of in zip(kind.fieldnames, kind.fieldtypes, strict=True)
     }
+
+
+def message(name, system=1, component=1, sequence=0, version=2, **values):
+    """One frame of a named message; fields that are not given are zero."""
+    kind, zeros = kind_of(name)
     sender = dialect.MAVLink(None, system, component)
     sender.seq = sequence
     return bytes(kind(**zeros | values).pack(sender, version == 1))

@@ -134,13 +134,6 @@ def test_blueos(recorder):
     assert vehicle.messages["SYS_STATUS"]["onboard_control_sensors_enabled"].tolist() == [0]
 
 
-def test_what_blueos_repeats_counts_once(recorder):
-    recorder.flight(TIMES)
-    (speaker,) = recorder.log().components
-    assert speaker.messages == {"HEARTBEAT": 1, "ATTITUDE": 300, "SERVO_OUTPUT_RAW": 300}
-    assert speaker.lost == 0
-
-
 def test_gaps_in_the_headers_sequence_are_losses(recorder):
     for row in range(300):
         if not 100 <= row < 107:
