@@ -25,6 +25,12 @@ def run(*words):
     return main([*map(str, words)])
 
 
+def document_of(capsys, *words, code=0):
+    """What a command prints as JSON that ends with this code."""
+    assert run(*words, "--json") == code
+    return strict_json(capsys.readouterr().out)
+
+
 def refused(capsys, code, *words):
     """The one sentence with which a command ends with this code."""
     assert run(*words) == code

@@ -90,7 +90,7 @@ class Hover:
                 at, roll=self.roll(at), rollspeed=self.roll_rate(at), **dict.fromkeys(LEVEL, 0 * at)
             ),
             "SERVO_OUTPUT_RAW": columns(
-                mt, port=0 * mt, **{f"servo{n + 1}_raw": motors[:, n] for n in range(8)}
+                mt, port=0.0, **{f"servo{n + 1}_raw": motors[:, n] for n in range(8)}
             ),
             "HEARTBEAT": columns(
                 beat,
@@ -110,13 +110,22 @@ class Hover:
 
 
 def columns(time, boot=0, **fields):
-    return {"time": time, "boot": np.full(len(time), boot), **fields}
+    """A message of these times, each field a column, or one value that every row has."""
+    time = np.asarray(time)
+    return {
+        name: _column(values, len(time)) for name, values in {"boot": boot, **fields}.items()
+    } | {"time": time}
+
+
+def _column(values, rows):
+    return np.asarray(values) if np.ndim(values) else np.full(rows, values)
 
 
 def changed(telemetry, message, **fields):
-    """The telemetry with other columns in one message, or with another message."""
+    """The telemetry with other columns in one message, or with another message; a value alone is of every row."""
     table = {**telemetry.messages.get(message, {}), **fields}
-    return replace(telemetry, messages={**telemetry.messages, message: table})
+    known = {name: _column(values, len(table["time"])) for name, values in table.items()}
+    return replace(telemetry, messages={**telemetry.messages, message: known})
 
 
 def asking(telemetry, time, ignored, rate, angle=None):

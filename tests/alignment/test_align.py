@@ -79,10 +79,7 @@ def test_taking_off_and_landing_are_airborne_and_not_settled(state):
 
 def test_a_vertical_speed_that_only_sinks_has_run_away():
     telemetry = HOVER.telemetry()
-    position = telemetry.messages["LOCAL_POSITION_NED"]
-    signals = Signals(
-        changed(telemetry, "LOCAL_POSITION_NED", vz=np.full(len(position["time"]), 5.0))
-    )
+    signals = Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=5.0))
     ((start, end),) = phases.settled(signals, 0)
     assert (start, end) == approx((LIFTED + TRANSIENT_SECONDS, LANDED - TRANSIENT_SECONDS), abs=1.5)
 
@@ -198,7 +195,7 @@ def test_what_never_rose_was_never_in_the_air_whatever_is_reported():
     still = 0.01 * np.sin(telemetry.messages["LOCAL_POSITION_NED"]["time"])
     assert phases.settled(Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=still)), 0) == []
     # What is always 0 is no measurement.
-    assert phases.settled(Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=0 * still)), 0)
+    assert phases.settled(Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=0.0)), 0)
 
 
 def test_a_vehicle_that_hovers_below_any_threshold_flies_as_its_land_detector_reports():
@@ -414,7 +411,7 @@ def test_what_neither_rises_nor_leans_as_it_is_asked_is_held(height, asked, lean
     asks = attitude_target(q=quaternion(wave, 0 * time, 0 * time))
     made = changed(made, "ATTITUDE_TARGET", **columns(time, **asks))
     leans = wave / asked * leaned * phases.FOLLOWED_SHARE
-    made = changed(made, "ATTITUDE", roll=leans, pitch=0 * time)
+    made = changed(made, "ATTITUDE", roll=leans, pitch=0.0)
     at = made.messages["LOCAL_POSITION_NED"]["time"]
     up = np.where((at > 20.0) & (at < 40.0), -height * phases.GROUND_HEIGHT, 0.0)
     signals = Signals(changed(made, "LOCAL_POSITION_NED", z=up))

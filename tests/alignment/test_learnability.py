@@ -123,9 +123,7 @@ def test_who_asks_for_rates_is_named_only_where_somebody_does():
     telemetry = LONG.telemetry()
     own = Component(1, 1, "QUADROTOR", "ARDUPILOTMEGA", {"REQUEST_DATA_STREAM": 1}, 0)
     assert ask_for_rate(telemetry, components=(own,)).code is Remedy.ARDUPILOT_STREAMS
-    answered = changed(
-        telemetry, "COMMAND_ACK", **columns(np.array([14.0]), command=np.array([511]))
-    )
+    answered = changed(telemetry, "COMMAND_ACK", **columns([14.0], command=[511]))
     asked = ask_for_rate(answered)
     assert asked.code is Remedy.STOP_ASKING_FOR_RATES and not asked.figures["names"]
 

@@ -58,7 +58,7 @@ def test_faster_rates_of_the_controller_give_the_angle_between_two_attitudes(per
     time = HOVER.stamps(100.0)
     achieved = per_rad * HOVER.roll_rate(time)
     axis = np.ones(len(time))
-    tuning = columns(time, axis=axis, achieved=achieved, desired=0 * time)
+    tuning = columns(time, axis=axis, achieved=achieved, desired=0.0)
     stream = changed(HOVER.telemetry(2.5), "PID_TUNING", **tuning)
     assert attitude.attitude(stream, "roll").message == "ATTITUDE", "it has no stamps of its own"
     telemetry = replace(stream, names={"PID_TUNING": "RATE"})

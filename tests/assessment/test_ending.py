@@ -113,8 +113,7 @@ def test_names_none_where_places_are_unknown():
 
 
 def test_a_boot_without_motor_outputs_has_no_events_of_motors():
-    time = stamps(flight(), "SERVO_OUTPUT_RAW")
-    assert not judged(changed(flight(), "SERVO_OUTPUT_RAW", boot=np.ones(len(time))))[0]
+    assert not judged(changed(flight(), "SERVO_OUTPUT_RAW", boot=1))[0]
 
 
 def test_names_motors_without_output():
@@ -250,7 +249,7 @@ def felt(made, time, most=100.0):
     """Its accelerometers feel so much, m/s², at that time, and the weight at others."""
     at = np.arange(0.0, stamps(made, "ATTITUDE")[-1], 0.04)
     force = np.where(abs(at - time) < 0.03, most, 9.8)
-    return changed(made, "HIGHRES_IMU", **columns(at, xacc=0 * at, yacc=0 * at, zacc=-force))
+    return changed(made, "HIGHRES_IMU", **columns(at, xacc=0.0, yacc=0.0, zacc=-force))
 
 
 def test_what_hits_something_first_is_not_said_to_have_lost_a_motor():

@@ -124,7 +124,7 @@ def test_a_peak_that_the_motors_share_stands_out_without_a_setpoint(damping, sta
 
 
 def test_what_the_autopilot_injects_shows_no_margin():
-    autotune = columns(np.array([8.0]), custom_mode=np.array([15]))
+    autotune = columns([8.0], custom_mode=[15])
     telemetry = changed(flight(*closed_loop(12.0)), "CURRENT_MODE", **autotune)
     assert margins_light(evidence(telemetry)).level is Level.UNKNOWN
 
@@ -211,7 +211,7 @@ def test_tracking_has_the_error_without_the_delay():
 
 
 def test_tracking_has_the_error_of_the_rate():
-    telemetry = changed(HOVER.telemetry(), "ATTITUDE", rollspeed=np.full(len(TIME), 0.03))
+    telemetry = changed(HOVER.telemetry(), "ATTITUDE", rollspeed=0.03)
     targets = asked(telemetry, rate=0 * TIME).messages["ATTITUDE_TARGET"]
     made = changed(telemetry, "ATTITUDE_TARGET", **(targets | {"type_mask": np.zeros(len(TIME))}))
     assert tracking_light(evidence(made)).figures["rate_error"] == approx(0.03, rel=0.01)
@@ -255,16 +255,16 @@ def test_ardupilots_navigation_has_the_angle_that_was_asked():
     time = HOVER.stamps(2.0)
     asked = np.degrees(HOVER.roll(time))
     telemetry = changed(
-        telemetry, "NAV_CONTROLLER_OUTPUT", **columns(time, nav_roll=asked, nav_pitch=0 * time)
+        telemetry, "NAV_CONTROLLER_OUTPUT", **columns(time, nav_roll=asked, nav_pitch=0.0)
     )
     assert tracking_light(evidence(telemetry)).level is Level.GOOD
 
 
 def test_rates_that_are_flown_by_hand_have_no_angle_to_follow():
     steered = following(0.02, late=0.0, error=0.3).signals.telemetry
-    acro = columns(np.array([8.0, 30.0]), custom_mode=np.array([1, 2]))
+    acro = columns([8.0, 30.0], custom_mode=[1, 2])
     assert tracking_light(evidence(changed(steered, "CURRENT_MODE", **acro))).level is Level.BAD
-    acro = columns(np.array([8.0]), custom_mode=np.array([1]))
+    acro = columns([8.0], custom_mode=[1])
     assert tracking_light(evidence(changed(steered, "CURRENT_MODE", **acro))).level is Level.UNKNOWN
 
 

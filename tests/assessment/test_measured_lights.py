@@ -198,9 +198,9 @@ def test_levels_of_the_filter(telemetry, code, level):
 def test_gps(satellites, dilution, code):
     report = columns(
         TIME,
-        fix_type=3 + 0 * TIME,
-        satellites_visible=satellites + 0 * TIME,
-        eph=100 * dilution + 0 * TIME,
+        fix_type=3,
+        satellites_visible=satellites,
+        eph=100 * dilution,
     )
     assert estimator_light(evidence(changed(filtered(), "GPS_RAW_INT", **report))).code is code
 
@@ -215,7 +215,7 @@ def test_gps(satellites, dilution, code):
 )
 def test_a_compass_whose_field_is_another_in_flight(change, code):
     field = 400.0 * np.where(TIME > 6.0, 1 + change, 1.0)
-    report = columns(TIME, xmag=0.6 * field, ymag=0 * field, zmag=0.8 * field)
+    report = columns(TIME, xmag=0.6 * field, ymag=0.0, zmag=0.8 * field)
     fact = estimator_light(evidence(changed(filtered(), "RAW_IMU", **report)))
     assert fact.code is code and fact.figures.get("change", change) == approx(change)
 

@@ -77,9 +77,7 @@ def test_a_warning_that_nobody_knows_is_quoted_and_what_is_no_warning_is_not():
 
 def test_a_text_in_chunks_is_one():
     telemetry = with_texts(FLOWN, b"Potential Thr", b"other", b"ust Loss (2)", severity=(2, 6, 2))
-    telemetry = changed(
-        telemetry, "STATUSTEXT", id=np.array([7, 0, 7]), chunk_seq=np.array([0, 0, 1])
-    )
+    telemetry = changed(telemetry, "STATUSTEXT", id=[7, 0, 7], chunk_seq=[0, 0, 1])
     (fact,) = said(telemetry)
     assert (fact.code, fact.subject, fact.time) == (Reported.THRUST_LOST, "motor 2", 1.0)
 
@@ -100,7 +98,7 @@ def test_what_is_said_again_soon_is_once_with_its_count_and_span():
 
 
 def test_of_two_that_say_the_same_the_worse_level_holds():
-    told = columns(np.array([0.5]), Id=np.array([62]))
+    told = columns([0.5], Id=[62])
     telemetry = with_texts(changed(FLOWN, "EV", **told), b"EKF3 IMU0 emergency yaw reset")
     (fact,) = once(said(telemetry))
     assert (fact.time, fact.level, fact.subject) == (0.5, Level.WATCH, "yaw")
@@ -109,11 +107,11 @@ def test_of_two_that_say_the_same_the_worse_level_holds():
 
 def test_errors_of_dataflash_have_their_name_and_last_until_they_are_over():
     rows = columns(
-        np.array([30.0, 31.0, 34.0, 40.0, 50.0]),
-        Subsys=np.array([16, 5, 5, 13, 24]),
-        ECode=np.array([2, 1, 0, 2, 0]),
+        [30.0, 31.0, 34.0, 40.0, 50.0],
+        Subsys=[16, 5, 5, 13, 24],
+        ECode=[2, 1, 0, 2, 0],
     )
-    told = columns(np.array([45.0]), Id=np.array([51]))
+    told = columns([45.0], Id=[51])
     telemetry = changed(changed(FLOWN, "ERR", **rows), "EV", **told)
     found = once(said(telemetry))
     assert [(fact.code, fact.time, fact.until) for fact in found] == [
@@ -139,7 +137,7 @@ def test_arming_take_off_and_landing_have_time_and_height():
     times = [5.0, 6.0, HOVER.landed, HOVER.landed + 1.0]
     assert [fact.time for fact in found] == approx(times, abs=1.1)
     assert found[1].figures["basis"] == ("SERVO_OUTPUT_RAW",)
-    landed = columns(np.array([0.0, 5.0, 6.2, 70.0, 75.0]), landed_state=np.array([1, 1, 2, 2, 1]))
+    landed = columns([0.0, 5.0, 6.2, 70.0, 75.0], landed_state=[1, 1, 2, 2, 1])
     time = np.arange(0.0, 70.0, 0.5)
     position = columns(time, z=-time, vz=-np.ones(len(time)))
     telemetry = changed(
@@ -155,9 +153,7 @@ def test_arming_take_off_and_landing_have_time_and_height():
 
 
 def test_a_mode_has_its_cause():
-    modes = columns(
-        np.array([5.0, 20.0, 30.0]), custom_mode=np.array([5.0, 6.0, 9.0]), Rsn=np.array([1, 3, 17])
-    )
+    modes = columns([5.0, 20.0, 30.0], custom_mode=[5.0, 6.0, 9.0], Rsn=[1, 3, 17])
     found = events(changed(FLOWN, "CURRENT_MODE", **modes), Reported.MODE_CHANGED)
     assert [(fact.subject, fact.figures["cause"], fact.level) for fact in found] == [
         ("Loiter", "pilot", Level.GOOD),

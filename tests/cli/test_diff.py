@@ -1,10 +1,9 @@
 """``mavdem diff``: two fleets, two reports, or two logs in words or as one document, and refusals with their reason."""
 
-import json
 from pathlib import Path
 from types import SimpleNamespace
 
-from command_line import run
+from command_line import document_of, run
 from fleet_rows import WEAK, flight_row
 from pytest import fixture, mark
 from standin_logs import fleet_of
@@ -38,8 +37,7 @@ def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
     said = capsys.readouterr().out
     assert "Changed: motor 3's share +12" in said and "4 flights of A and 4 flights of B" in said
     assert "Motor 3&#39;s " in Path("old_and_new/diff.html").read_text()
-    assert run("diff", *fleets, "--vehicle", "alpha", "--json") == 0
-    changes = json.loads(capsys.readouterr().out)["changes"]
+    changes = document_of(capsys, "diff", *fleets, "--vehicle", "alpha")["changes"]
     changed = [one["quantity"] for one in changes if one["outcome"] == "changed"]
     assert {(one["kind"], one["motor"]) for one in changed} == {("share", 3), ("effect", 3)}
 

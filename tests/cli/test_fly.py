@@ -5,7 +5,7 @@ import tomllib
 from unittest.mock import Mock
 
 import numpy as np
-from command_line import refused, run
+from command_line import document_of, refused, run
 from pytest import fail, mark
 
 from mavdem.cli.commands import main
@@ -16,8 +16,7 @@ SHORT = ["--duration", "20"]
 
 
 def fly(capsys, *words):
-    assert run("fly", *words, "--json") == 0
-    return json.loads(capsys.readouterr().out)
+    return document_of(capsys, "fly", *words)
 
 
 @mark.slow

@@ -1,11 +1,10 @@
 """``mavdem learn``: its three files, its one document, and its refusals."""
 
-import json
 import shlex
 from unittest.mock import Mock
 
 import numpy as np
-from command_line import run, strict_json
+from command_line import document_of, run, strict_json
 from numpy.testing import assert_allclose
 from pytest import approx, mark
 from recorded_flights import FLIGHT, SLOW, short_flight
@@ -41,8 +40,7 @@ def names(folder):
 def test_the_document_is_the_report_of_the_library(tmp_path, capsys):
     out = tmp_path / "new" / "folder"
     words = f"learn {FLIGHT} --out {out} --preset paper --start 2s --train 2s --test 50".split()
-    assert run(*words, "--json") == 0
-    report = strict_json(capsys.readouterr().out)
+    report = document_of(capsys, *words)
     flight = read_flight(FLIGHT)
     train = flight[200:400]
     test = flight[400:450]
@@ -107,8 +105,8 @@ def test_a_flight_too_short_names_the_options_that_fit(tmp_path, capsys):
 
 @mark.parametrize("start", ["59", "86400"])
 def test_a_start_too_late_is_refused(start, tmp_path, capsys):
-    assert run("learn", FLIGHT, "--out", tmp_path / "out", "--start", start, "--json") == 1
-    assert "--start" in json.loads(capsys.readouterr().out)["error"]["remedy"]
+    words = ["learn", FLIGHT, "--out", tmp_path / "out", "--start", start]
+    assert "--start" in document_of(capsys, *words, code=1)["error"]["remedy"]
 
 
 def test_a_flight_too_slow_for_a_model_gives_its_condition_the_reason_and_the_remedy(

@@ -1,6 +1,6 @@
 """``mavdem review`` and ``mavdem LOG``: one screen, one document and a page for every log that can be read."""
 
-from command_line import run, strict_json
+from command_line import document_of, run, strict_json
 from recorded_flights import LOGS, SLOW
 
 import mavdem
@@ -21,8 +21,7 @@ def test_a_log_alone_is_reviewed(tmp_path, monkeypatch, capsys):
     assert screen[0].startswith("ardupilot_default_rates.tlog: ")
     folder = tmp_path / "ardupilot_default_rates"
     assert {path.name for path in folder.iterdir()} == {"report.html", "report.json"}
-    assert run("review", SLOW, "--out", "other", "--json") == 0
-    document = strict_json(capsys.readouterr().out)
+    document = document_of(capsys, "review", SLOW, "--out", "other")
     assert strict_json((tmp_path / "other" / "report.json").read_text()) == document
     assert [*document["lights"]] == [*Light]
     assert [*document["axes"]] == ["roll", "pitch", "yaw"]

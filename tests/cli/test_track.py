@@ -1,11 +1,10 @@
 """``mavdem track``: a fleet in one command, its answers, and how it refuses."""
 
-import json
 import shutil
 from pathlib import Path
 
 import polars
-from command_line import run
+from command_line import document_of, run
 from pytest import mark
 from recorded_flights import LOGS
 
@@ -17,8 +16,7 @@ def test_a_fleet_in_one_command(tmp_path, capsys):
     shutil.copy(LOGS / "ardupilot_default_rates.tlog", flights)
     (flights / "damaged.ulg").write_bytes(b"ULog\x01\x12\x35\x01" + bytes(99))
     out = tmp_path / "fleet"
-    assert run("track", flights, "--out", out, "--jobs", "1", "--json") == 0
-    found = json.loads(capsys.readouterr().out)
+    found = document_of(capsys, "track", flights, "--out", out, "--jobs", "1")
     assert (found["logs"], found["read"], found["flights"], found["tiers"]) == (2, 2, 1, {"c": 1})
     assert [Path(one["file"]).name for one in found["failed"]] == ["damaged.ulg"]
     rows = polars.read_parquet(out / "flights" / "**" / "*.parquet").sort("axis")

@@ -2,7 +2,7 @@
 
 from unittest.mock import Mock
 
-from command_line import refused, run, strict_json
+from command_line import document_of, refused, run, strict_json
 from pytest import mark
 from recorded_flights import FLIGHT, SLOW, shared
 
@@ -25,8 +25,7 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(tmp_pat
         and not out.exists()
     )
     words = ["tune", log, "--margins", "soft", "--start", "5", "--more", "--out", out]
-    assert run(*words, "--json") == 0
-    found = strict_json(capsys.readouterr().out)
+    found = document_of(capsys, *words)
     roll = found["axes"]["roll"]
     gains = found["parameters"]
     assert found["next_step_fact"]["code"] == "load_gains"

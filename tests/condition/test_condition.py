@@ -59,9 +59,9 @@ def uneven(rate):
         "VIBRATION",
         **columns(
             beat,
-            vibration_x=np.full_like(beat, 2.0),
-            vibration_y=np.full_like(beat, 3.0),
-            vibration_z=np.full_like(beat, 5.0),
+            vibration_x=2.0,
+            vibration_y=3.0,
+            vibration_z=5.0,
             **clips,
         ),
     )
@@ -131,7 +131,7 @@ def test_a_current_sensor_that_reads_nothing_in_flight_has_no_figures():
                 "SYS_STATUS",
                 **columns(
                     beat,
-                    voltage_battery=np.full_like(beat, 16e3),
+                    voltage_battery=16e3,
                     current_battery=np.where(beat < 20, 100.0, 0.0),
                 ),
             )
@@ -216,7 +216,7 @@ def flown(parameters=None, autopilot="ARDUPILOTMEGA"):
 
 
 def with_version(telemetry, **fields):
-    return changed(telemetry, "AUTOPILOT_VERSION", **columns(np.array([1.0]), **fields))
+    return changed(telemetry, "AUTOPILOT_VERSION", **columns([1.0], **fields))
 
 
 def name_of(telemetry):

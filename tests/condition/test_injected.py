@@ -45,10 +45,10 @@ def flown(where):
     still = dict.fromkeys(("roll", "pitch", "yaw", "pitchspeed", "yawspeed"), 0 * time)
     scaled = chirp if where is Injection.DEMAND else np.degrees(chirp)
     messages = {
-        "SIDD": columns(time, axis=np.full(len(time), int(where)), target=scaled),
-        "ACTUATOR_CONTROL_TARGET": columns(time, group_mlx=0 * time, controls=controls),
+        "SIDD": columns(time, axis=int(where), target=scaled),
+        "ACTUATOR_CONTROL_TARGET": columns(time, group_mlx=0.0, controls=controls),
         "ATTITUDE": columns(time, **still, rollspeed=rate),
-        "ATTITUDE_TARGET": columns(time, type_mask=0 * time + 128, body_roll_rate=0 * time),
+        "ATTITUDE_TARGET": columns(time, type_mask=128, body_roll_rate=0.0),
     }
     messages["ATTITUDE_TARGET"]["q"] = np.full((len(time), 4), np.nan)
     return Signals(Telemetry(1, 1, "QUADROTOR", "ARDUPILOTMEGA", messages, GAINS))

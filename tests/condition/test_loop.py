@@ -167,9 +167,7 @@ def test_gains_that_change_in_flight_come_with_it():
     telemetry = HOVER.telemetry(parameters={"ATC_RAT_RLL_P": 0.25, "ATC_RAT_RLL_D": 0.125})
     sent = {"param_id": np.repeat([b"ATC_RAT_RLL_P", b"ATC_RAT_RLL_D"], 2)}
     sent["param_value"] = np.array([0.5, 0.25, 0.5, 0.125], np.float32)
-    signals = Signals(
-        changed(telemetry, "PARAM_VALUE", **columns(np.array([1.0, 40.0, 1.0, 2.0]), **sent))
-    )
+    signals = Signals(changed(telemetry, "PARAM_VALUE", **columns([1.0, 40.0, 1.0, 2.0], **sent)))
     assert align(signals, settled_segments(signals)[0]).provenance["earlier"] == {
         "ATC_RAT_RLL_P": 0.5
     }

@@ -6,10 +6,9 @@ from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 from unittest.mock import Mock
 
 import numpy as np
-import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx, raises
+from pytest import approx, mark, raises
 from recorded_flights import shared
 from scipy.stats import norm
 from simulated import simulated
@@ -35,7 +34,7 @@ from mavdem.dem.online.tracker import (
 )
 from mavdem.facts.online import Online
 
-pytestmark = pytest.mark.usefixtures("without_wind_fits")
+pytestmark = mark.usefixtures("without_wind_fits")
 COMPLETE = Settings(order=3, d=2, window=9, parameter_precision=1.0)
 WINDY = simulated(samples=2000, wind=2.0, lag=0.05)
 
@@ -75,8 +74,8 @@ def test_what_is_taken_back_is_forgotten_and_nothing_of_an_earlier_boot():
     assert drop_since(memory.blocks, -1.0) and not memory.blocks
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("horizon", [None, 0.3])
+@mark.slow
+@mark.parametrize("horizon", [None, 0.3])
 def test_it_arrives_where_learning_at_once_does(horizon):
     flight = simulated(samples=900, wind=1.0, lag=0.05)
     settings = dataclasses.replace(COMPLETE, horizon=horizon)
@@ -88,7 +87,7 @@ def test_it_arrives_where_learning_at_once_does(horizon):
     assert_array_equal(estimate.model.A, whole.model.A)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_gap_keeps_what_was_learnt_and_predicts_nothing_across():
     online = OnlineLearner(COMPLETE, dt=0.01)
     flown(online, WINDY[:400])
@@ -104,7 +103,7 @@ def test_a_gap_keeps_what_was_learnt_and_predicts_nothing_across():
     assert np.isnan(online.update(3.0, WINDY.outputs[0], WINDY.inputs[0]).expected).all()
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_vehicle_that_stood_still_is_learnt_from_soon_after_it_moves():
     still = 900
     dt = WINDY.dt
@@ -120,7 +119,7 @@ def test_a_vehicle_that_stood_still_is_learnt_from_soon_after_it_moves():
     assert first * dt < 2 * LEARNING_SECONDS + 2.0
 
 
-@pytest.mark.slow
+@mark.slow
 def test_of_many_samples_it_learns_less_often(monkeypatch):
     tracker = Tracker.of(*learn_with_fit(WINDY[:300], COMPLETE), 3.0)
     learns = Mock(return_value=tracker)
@@ -161,8 +160,8 @@ def test_while_another_thread_learns_no_update_waits_for_it():
         assert len(updates.result(timeout=30)) == 350
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+@mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+@mark.filterwarnings("ignore::DeprecationWarning")
 def test_a_process_forked_while_another_thread_learns_can_learn():
     with one_thread():
         child = os.fork()
@@ -172,8 +171,8 @@ def test_a_process_forked_while_another_thread_learns_can_learn():
         assert os.waitpid(child, 0)[1] == 0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("step", [0.02, -0.01])
+@mark.slow
+@mark.parametrize("step", [0.02, -0.01])
 def test_a_dt_that_is_not_that_of_the_samples_is_an_obstacle(step):
     online = OnlineLearner(COMPLETE, dt=0.01)
     flown(online, WINDY[:450])
@@ -186,7 +185,7 @@ def test_a_dt_that_is_not_that_of_the_samples_is_an_obstacle(step):
     assert online.obstacle is None
 
 
-@pytest.mark.parametrize(
+@mark.parametrize(
     "given, said",
     [
         ({"dt": 0.0}, "dt must"),
@@ -202,7 +201,7 @@ def test_arguments_that_cannot_be_are_named(given, said):
         OnlineLearner(**given)
 
 
-@pytest.mark.parametrize(
+@mark.parametrize(
     "time, outputs, inputs, said",
     [
         (np.nan, [0, 0], [0] * 4, "time"),
@@ -241,7 +240,7 @@ def test_a_band_forgets_by_the_number_of_errors_and_not_by_their_size():
     assert_allclose(half[after:], norm.ppf(0.95), rtol=0.2)
 
 
-@pytest.mark.parametrize("share", [0.99, 1.01, 2.0])
+@mark.parametrize("share", [0.99, 1.01, 2.0])
 def test_a_band_and_the_unit_of_surprise_end_at_their_limits(share):
     """A fifth of the errors, and a tenth of F(t), lie ``share`` of the limit away, where the others are one away."""
     size = share * MAX_MEDIANS
@@ -301,7 +300,7 @@ def marked(marks, surprise):
     return DT * np.flatnonzero([marks.add(value) for value in surprise])
 
 
-@pytest.mark.slow
+@mark.slow
 def test_marks_without_a_change_are_as_rare_as_stated():
     """Quiet, with a manoeuvre every 6 s, and in gusts of 1 s, for an hour; four deviations of what is expected."""
     for size, alike in ((0.0, 10), (15.0, 10), (0.0, 100)):
@@ -325,7 +324,7 @@ def test_a_change_is_marked_promptly_and_so_is_the_next():
     assert not AnomalyMarks(DT).add(np.nan)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_change_of_a_recorded_flight_is_marked_and_nothing_else_is():
     # Rows of a live stream are those of the log, see tests/live/test_replay.py.
     (settled,) = (

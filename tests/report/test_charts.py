@@ -6,10 +6,9 @@ from types import SimpleNamespace
 
 import control
 import numpy as np
-import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from pytest import approx, fixture, raises
+from pytest import approx, fixture, mark, raises
 from recorded_flights import FLIGHT
 
 import mavdem
@@ -49,7 +48,7 @@ def test_a_line_that_is_thinned_keeps_its_peaks_and_its_gaps():
     assert_allclose(found[:50], np.sin(np.linspace(0, 100, 501)[:50]), atol=0.2)
 
 
-@pytest.mark.parametrize("log", [False, True])
+@mark.parametrize("log", [False, True])
 def test_what_a_page_holds_is_what_was_drawn_to_five_digits(log):
     x = np.geomspace(0.1, 100, 50)
     y = np.where(x > 50, np.nan, x**2)
@@ -143,7 +142,7 @@ def learned(flight):
     return mavdem.learn(flight, SETTINGS)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_matplotlib_draws_each_chart_of_a_model_in_degrees(learned, flight):
     given = {
         "bode": {},
@@ -159,7 +158,7 @@ def test_matplotlib_draws_each_chart_of_a_model_in_degrees(learned, flight):
         assert all(labels) and "rad" not in "".join(labels)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_residuals_are_in_degrees_and_the_first_of_a_segment_is_a_gap(learned):
     over_time, *tests = model_charts.residuals(learned)
     errors = np.degrees(learned.record.outputs[1:, 1] - learned.one_step()[1:, 1])
@@ -167,7 +166,7 @@ def test_residuals_are_in_degrees_and_the_first_of_a_segment_is_a_gap(learned):
     assert np.isnan(over_time.lines[0].y[0]) and all(len(one.levels) == 3 for one in tests)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_forecast_is_drawn_in_degrees(flight, learned):
     held = held_out_windows([flight], SETTINGS)
     after = mavdem.read_flight(FLIGHT)[1200:1300]
@@ -178,7 +177,7 @@ def test_a_forecast_is_drawn_in_degrees(flight, learned):
         model_charts.forecast(replace(held, time=held.time[:0]), Labels.of(learned))
 
 
-@pytest.mark.slow
+@mark.slow
 def test_responses_are_those_of_python_control(learned):
     motors = AxisCommand.of(learned).motors
     A, B, C = learned.model.A, learned.model.B, learned.model.C
@@ -190,7 +189,7 @@ def test_responses_are_those_of_python_control(learned):
         assert_allclose(ours, wanted, rtol=1e-9)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_physical_response_begins_at_effect_over_damping_and_turns_by_its_delay(learned):
     physical = learned.physical._replace(damping=4.0, lag=0.05, delay=0.2)
     motors = AxisCommand.of(learned).motors
@@ -213,7 +212,7 @@ def test_a_correlation_is_found_at_its_lag():
     assert abs(np.delete(values, 7)).max() < 0.06
 
 
-@pytest.mark.slow
+@mark.slow
 def test_without_physical_parameters_only_what_needs_them_is_refused(learned, monkeypatch):
     command = AxisCommand.of(learned)
     assert command.weights @ command.motors == approx(1)

@@ -6,10 +6,9 @@ import re
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from browser import FITS, HOSTILE, shown
 from fleet_rows import fleet_rows, flight_row
-from pytest import approx
+from pytest import approx, mark
 
 from mavdem.fleet.row import FlightRow, flights_of
 from mavdem.report.blocks import Sentence
@@ -25,7 +24,7 @@ def parts(text):
     return dict(zip(found, pieces, strict=True))
 
 
-@pytest.mark.slow
+@mark.slow
 def test_the_same_rows_make_the_same_bytes_in_whatever_order_they_come():
     # one flight of each vehicle, without a figure, and a second one of the first
     rows = fleet_rows(6)
@@ -169,7 +168,7 @@ return found;
 """
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_browser_sorts_and_filters_ten_thousand_flights_at_once(tmp_path):
     rows = fleet_rows(1000)
     text = fleet_page(rows)
@@ -195,7 +194,7 @@ def test_a_browser_sorts_and_filters_ten_thousand_flights_at_once(tmp_path):
     assert found["laidOut"] == FIRST_SHOWN  # so that typing is quick
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_browser_runs_nothing_that_a_log_says_and_scrolls_sideways_in_the_table_only(tmp_path):
     assert shown(fleet_page(hostile()), FITS, tmp_path, 500) == ("Fleet", True)
 

@@ -5,14 +5,13 @@ from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
-import pytest
 from browser import FITS, HOSTILE, shown
 from hover import Hover
 from live_rows import flown
 from made_up_analysis import assessment, physical
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from pytest import approx, fixture
+from pytest import approx, fixture, mark
 from recorded_flights import FLIGHT
 
 from mavdem.alignment.signals import Signals
@@ -105,8 +104,8 @@ def test_tags_close_in_order_ids_are_unique_and_nothing_is_fetched_or_owned(page
     assert Balanced(pages[1]).seen.count("script") == seen.seen.count("script")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("which, width", [(0, 1600), (1, 500)])
+@mark.slow
+@mark.parametrize("which, width", [(0, 1600), (1, 500)])
 def test_a_browser_shows_it_without_a_complaint_and_without_scrolling_sideways(
     which, width, pages, tmp_path
 ):
@@ -114,7 +113,7 @@ def test_a_browser_shows_it_without_a_complaint_and_without_scrolling_sideways(
     assert fits and title == ("flight.tlog", NAME + "x" * 200)[which]
 
 
-@pytest.mark.slow
+@mark.slow
 def test_every_column_of_the_motors_is_shown_and_no_line_ends_before_a_percent_sign(tmp_path):
     text = document("flight.tlog", "", analysis_blocks(assessment(physical())))
     widths = (
@@ -131,7 +130,7 @@ def analysed():
     return assess(read_log(FLIGHT), axis="roll")
 
 
-@pytest.mark.slow
+@mark.slow
 def test_two_axes_of_a_flight_of_a_fleet_fit_into_a_small_page_that_leads_back(analysed):
     two = dict.fromkeys(("roll", "pitch"), analysed.analysis)
     text = flight_page("flight.tlog", replace(analysed, analyses=two))
@@ -140,7 +139,7 @@ def test_two_axes_of_a_flight_of_a_fleet_fit_into_a_small_page_that_leads_back(a
     assert Balanced(text).ids
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_timeline_goes_on_for_seconds_after_the_vehicle_was_disarmed(analysed):
     evidence = replace(analysed.evidence, signals=Signals(Hover().telemetry()))
     assert timeline_of(replace(analysed, evidence=evidence)).span[1] > 75.0
@@ -152,7 +151,7 @@ def flight(analysed):
     return log_page(HOSTILE, analysed, inventory(analysed.log))
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_vehicle_that_oscillates_is_advised_on_its_page_as_by_tune(analysed):
     evidence = analysed.evidence
     swinging = Oscillation("pitch", 5.0, 40.0, 0.0, False, 20.0)
@@ -182,7 +181,7 @@ return [zoomed, wider, await spans(), figure.ariaLabel ?? figure.getAttribute("a
 """
 
 
-@pytest.mark.slow
+@mark.slow
 def test_dragging_over_one_plot_zooms_all_and_a_button_shows_the_whole_flight(flight, tmp_path):
     # on a telephone, in the dark
     title, (zoomed, wider, whole, label, fits) = shown(
@@ -200,7 +199,7 @@ def test_dragging_over_one_plot_zooms_all_and_a_button_shows_the_whole_flight(fl
     assert_allclose(whole, 60.0, atol=0.5)
 
 
-@pytest.mark.slow
+@mark.slow
 def test_a_page_with_all_chapters_is_small_fetches_nothing_and_prints_on_four_sheets(
     flight, tmp_path
 ):
