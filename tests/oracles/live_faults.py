@@ -1,14 +1,13 @@
 """A live session with a simulated ArduPilot that every fault befalls, on a clock of its own: as fast as possible."""
 
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from types import SimpleNamespace
 from unittest.mock import Mock, patch
 
 import numpy as np
 
 from mavdem.dem import Settings
 from mavdem.live import LiveStream
-from mavdem.live.link import Link
 from mavdem.live.session import LiveSession
 from mavdem.paper.runner import logged
 from sitl_scenarios.mavlink.live import Ground, fly_live
@@ -21,67 +20,23 @@ AHEAD_SECONDS = 0.25  # From the last known sample to the one that is forecast
 SETTLING_SECONDS = 2.0  # For which the filter of a forecast has run before errors count
 
 
-@dataclass
-class Wire:
-    """Frames under way in both directions, and the time at the session's end, s."""
-
-    now: float = 0.0
-    towards: list[tuple[float, bytes]] = field(default_factory=list)
-    back: list[bytes] = field(default_factory=list)
-
-
-class SessionEnd(Link):
-    """The end of a wire that the session listens to."""
-
-    def __init__(self, wire):
-        self._wire = wire
-        self.name = "simulation"
-        self.speaks_first = False
-        self.dropped = 0
-
-    def receive(self, timeout):
-        self._wire.now += timeout
-        came = self._wire.towards
-        self._wire.towards = []
-        return came
-
-    def send(self, frame):
-        self._wire.back.append(frame)
-
-    def events(self):
-        return []
-
-
-class VehicleEnd(Ground):
-    """The end of a wire that the vehicle sends to: runs the session, whose clock is that of the flight."""
+class Wire(Ground):
+    """What the vehicle sends to: it runs the session that listens to it, whose clock is that of the flight."""
 
     speed = TICK / 0.004  # of the vehicle, so that a tick of its flight is TICK
+    now = 0.0
 
-    def __init__(self, wire, session):
-        self._wire = wire
-        self._session = session
-
-    def send(self, frame):
-        self._wire.towards.append((self._wire.now, frame))
-        return True
-
-    def received(self, until):
-        """Runs the session up to a time, which is divided by the speed; what it has sent."""
-        self._wire.now = until * self.speed
-        self._session.step(0.0)
-        answers = self._wire.back
-        self._wire.back = []
-        yield from answers
-
-
-def run_session(scenario):
-    """Flies a scenario and learns from it live; returns the session, which has not been ended, and its account."""
-    wire = Wire()
-    with ExitStack() as clocks:
-        for clock in ("time.monotonic", "sitl_scenarios.mavlink.live.monotonic"):
-            clocks.enter_context(patch(clock, lambda: wire.now))
-        session = LiveSession(
-            SessionEnd(wire),
+    def __init__(self):
+        self.towards, self.back = [], []
+        self.session = LiveSession(
+            SimpleNamespace(
+                name="simulation",
+                speaks_first=False,
+                dropped=0,
+                receive=self.heard,
+                send=self.back.append,
+                events=list,
+            ),
             LiveStream(asked=True),
             Settings(),
             rate=RATE,
@@ -89,9 +44,34 @@ def run_session(scenario):
             report=lambda _: None,
             say=lambda _: None,
         )
-        ground = VehicleEnd(wire, session)
-        fly_live(scenario, Simulation(scenario), ground, ground.speed, lambda _: None)
-        return session, session.account()
+
+    def heard(self, timeout):
+        """What the session receives."""
+        Wire.now += timeout
+        came, self.towards = self.towards, []
+        return came
+
+    def send(self, frame):
+        self.towards.append((Wire.now, frame))
+        return True
+
+    def received(self, until):
+        """Runs the session up to a time, which is divided by the speed; what it has sent."""
+        Wire.now = until * self.speed
+        self.session.step(0.0)
+        yield from self.back
+        self.back.clear()
+
+
+def run_session(scenario):
+    """Flies a scenario and learns from it live; returns the session, which has not been ended, and its account."""
+    with ExitStack() as clocks:
+        for name in ("time.monotonic", "sitl_scenarios.mavlink.live.monotonic"):
+            clocks.enter_context(patch(name, lambda: Wire.now))
+        Wire.now = 0.0
+        wire = Wire()
+        fly_live(scenario, Simulation(scenario), wire, wire.speed, lambda _: None)
+        return wire.session, wire.session.account()
 
 
 def undisturbed(scenario, seed):
