@@ -6,8 +6,9 @@ import json
 import numpy as np
 from hover import Hover, changed, columns, log_of, only
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx, mark, raises
+from pytest import approx, mark
 from recorded_flights import shared
+from refusals import refused
 
 from mavdem.alignment.align import Segment, align, settled_segments
 from mavdem.alignment.learnability import learnabilities
@@ -19,7 +20,6 @@ from mavdem.alignment.read import (
 )
 from mavdem.alignment.signals import HOLD_SECONDS, Signals, setpoints
 from mavdem.dem.record import Record
-from mavdem.errors import NotLearnable
 from mavdem.facts.learnability import Caution, Reason
 from mavdem.ingest.vocabulary import quaternion
 
@@ -95,10 +95,9 @@ def test_segments_that_are_too_slow_or_too_short_are_left_out_and_counted():
     assert (caution.figures["count"], caution.figures["segments"]) == (2, 3)
 
 
-def refused(vehicles, wanted=None):
-    with raises(NotLearnable) as refusal:
-        choose_vehicle(vehicles, wanted)
-    return refusal.value.fact.code, refusal.value.fact.figures.get("names")
+def not_chosen(vehicles, wanted=None):
+    fact = refused(choose_vehicle, vehicles, wanted)
+    return fact.code, fact.figures.get("names")
 
 
 def test_one_vehicle_is_chosen_and_several_are_listed():
@@ -107,13 +106,13 @@ def test_one_vehicle_is_chosen_and_several_are_listed():
     assert choose_vehicle((first, dataclasses.replace(first, system=9, messages={}))) is first
     assert choose_vehicle((first, second), "7") is second
     assert choose_vehicle((first, second), "1:1") is first
-    assert refused((first, second)) == (Reason.SEVERAL_VEHICLES, ("1:1", "7:1"))
-    assert refused((first, second), "3") == (Reason.NO_SUCH_VEHICLE, ("1:1", "7:1"))
+    assert not_chosen((first, second)) == (Reason.SEVERAL_VEHICLES, ("1:1", "7:1"))
+    assert not_chosen((first, second), "3") == (Reason.NO_SUCH_VEHICLE, ("1:1", "7:1"))
     # Of the same ids, as in two logs that were joined, the boards tell.
     joined = [dataclasses.replace(first, board=board) for board in ("2a", "7f")]
     assert choose_vehicle(joined, "7f") is joined[1]
-    assert refused(joined) == (Reason.SEVERAL_VEHICLES, ("2a", "7f"))
-    assert refused(()) == (Reason.LOG_WITHOUT_VEHICLE, None)
+    assert not_chosen(joined) == (Reason.SEVERAL_VEHICLES, ("2a", "7f"))
+    assert not_chosen(()) == (Reason.LOG_WITHOUT_VEHICLE, None)
 
 
 def with_targets(rate=10.0, type_mask=0, start=0.0, end=np.inf):

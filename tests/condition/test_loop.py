@@ -174,7 +174,7 @@ def test_gains_that_change_in_flight_come_with_it():
 
 
 def ac_pid(controller, error):
-    """ArduPilot's AC_PID, cycle by cycle, without its setpoint's filter."""
+    """ArduPilot's AC_PID, without its setpoint's filter."""
     dt = controller.cycle
     for notch in controller.error_notches:
         turn = 2 * np.pi * notch.frequency * dt
@@ -182,21 +182,12 @@ def ac_pid(controller, error):
         kept = alpha * 10 ** (-notch.attenuation / 20)
         middle = -2 * np.cos(turn)
         error = lfilter([1 + kept, middle, 1 - kept], [1 + alpha, middle, 1 - alpha], error)
-    filtered = 0.0
-    slope = 0.0
-    integral = 0.0
-    out = []
-    shares = [
-        dt / (dt + 1 / (2 * np.pi * cut))
-        for cut in (controller.error_filter, controller.derivative_filter)
-    ]
-    for one in error:
-        before = filtered
-        filtered = filtered + shares[0] * (one - filtered)
-        slope += shares[1] * ((filtered - before) / dt - slope)
-        integral += controller.i * filtered * dt
-        out.append(controller.p * filtered + integral + controller.d * slope)
-    return np.array(out)
+    turns = 2 * np.pi * dt * np.array([controller.error_filter, controller.derivative_filter])
+    of_error, of_slope = (([share], [1, share - 1]) for share in turns / (1 + turns))
+    filtered = lfilter(*of_error, error)
+    slope = lfilter(*of_slope, np.diff(filtered, prepend=0.0) / dt)
+    integral = controller.i * dt * filtered.cumsum()
+    return controller.p * filtered + integral + controller.d * slope
 
 
 def test_the_controllers_response_is_that_of_its_program():

@@ -7,6 +7,7 @@ from hover import changed
 from numpy.random import default_rng
 from pytest import approx, mark, raises
 from recorded_flights import LOGS, recorded, shared
+from refusals import refused
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
@@ -17,7 +18,6 @@ from mavdem.alignment.signals import Signals
 from mavdem.condition.wind_of_log import VELOCITIES, YAW_JUMP, _jumps, air_of, wind_of
 from mavdem.condition.wind_velocity import coming_from, least_speed, torque_explained
 from mavdem.dem.airflow.model import Drag, Filtered
-from mavdem.errors import NotLearnable
 from mavdem.facts.identifiability import Status
 from mavdem.facts.online import Airflow
 from mavdem.facts.wind import NoWind, WindDoubt, WindShare
@@ -131,23 +131,16 @@ def test_calm_air_is_below_a_speed():
     assert "own" not in wind_blocks((wind, replace(own, boot=own.boot + 1), ""))[0].text
 
 
-def refused(estimate, *given):
-    with raises(NotLearnable) as refusal:
-        estimate(*given)
-    assert str(refusal.value)
-    return refusal.value.fact.code
-
-
 def test_what_is_no_free_flight_is_refused():
     time, attitude, velocity, air = flight(seconds=60)
     wind = mavdem.estimate_wind
-    assert refused(wind, time, attitude, 0.01 * velocity) is Airflow.VELOCITY_INCONSISTENT
-    assert refused(wind, time, attitude * [1, 1, np.nan], velocity) is Airflow.MOTION_UNKNOWN
+    assert refused(wind, time, attitude, 0.01 * velocity).code is Airflow.VELOCITY_INCONSISTENT
+    assert refused(wind, time, attitude * [1, 1, np.nan], velocity).code is Airflow.MOTION_UNKNOWN
     for rows, stamps in ((100, time), (12, time), (12, time / 5), (12, 0 * time)):
         short = (stamps[:rows], attitude[:rows], velocity[:rows])
-        assert refused(wind, *short) is Airflow.MOTION_TOO_SHORT
+        assert refused(wind, *short).code is Airflow.MOTION_TOO_SHORT
     short = (time[:140], attitude[:140], velocity[:140], air[:140])
-    assert refused(mavdem.estimate_drag, *short) is Airflow.MOTION_TOO_SHORT
+    assert refused(mavdem.estimate_drag, *short).code is Airflow.MOTION_TOO_SHORT
     with raises(ValueError, match="degrees"):
         mavdem.estimate_wind(time, np.degrees(attitude), velocity)
 
@@ -156,7 +149,7 @@ def test_resets_are_no_motion():
     yaw = np.array([6.2, 0.1, 0.2, 1.4, 1.5])  # past north, then a reset
     assert np.flatnonzero(_jumps(0.1 * np.arange(5.0), yaw, YAW_JUMP, 2 * np.pi)) == [2]
     indoors = shared("real/logs/px4_two_armed_times.ulg")  # its v_xy_valid is 0
-    assert refused(mavdem.wind, indoors) is NoWind.NO_FLIGHT_WITH_VELOCITY
+    assert refused(mavdem.wind, indoors).code is NoWind.NO_FLIGHT_WITH_VELOCITY
 
 
 def test_parameters_are_read_and_written_in_the_autopilots_units():
@@ -288,7 +281,7 @@ def test_a_message_without_a_yaw_is_left_out_and_a_clock_that_jumps_by_days_refu
         (blind, NoWind.NO_VELOCITY),
         ({**known, "LOCAL_POSITION_NED": still}, NoWind.NOT_MEASURED),
     ):
-        assert refused(wind_of, Signals(replace(telemetry, messages=messages))) is code
+        assert refused(wind_of, Signals(replace(telemetry, messages=messages))).code is code
 
 
 def test_a_path_begins_at_the_first_fix_and_crosses_the_date_line():

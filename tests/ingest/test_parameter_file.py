@@ -1,10 +1,10 @@
 """Parameter files of QGroundControl and Mission Planner, and what a log takes of them."""
 
 from command_line import refused
-from pytest import mark, raises
+from pytest import mark
 from recorded_flights import FLIGHT
+from refusals import unreadable
 
-from mavdem.errors import Unreadable
 from mavdem.facts.sources import Repair, Source
 from mavdem.ingest import read_log
 from mavdem.ingest.parameter_file import read_parameters, with_parameters
@@ -37,7 +37,5 @@ def test_the_logs_own_parameters_stay(tmp_path):
 def test_a_file_without_parameters_is_refused(tmp_path, capsys):
     path = tmp_path / "file.param"
     path.write_text("no parameters here\n")
-    with raises(Unreadable) as error:
-        read_parameters(path)
-    assert error.value.fact.code is Source.NO_PARAMETERS_IN_FILE
+    assert unreadable(read_parameters, path).code is Source.NO_PARAMETERS_IN_FILE
     assert str(path) in refused(capsys, 2, "tune", FLIGHT, "--params", path)

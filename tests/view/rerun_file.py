@@ -2,7 +2,9 @@
 
 import re
 import warnings
+from collections import defaultdict
 
+import numpy as np
 from rerun.chunk import RrdReader
 
 
@@ -11,6 +13,18 @@ def chunks(path, static=False):
     for chunk in _reader(path).stream():
         if not ((chunk.is_static and not static) or str(chunk.entity_path).startswith("/__")):
             yield _plain(chunk.entity_path), chunk, chunk.to_record_batch()
+
+
+def drawn(path, ignored=""):
+    """Times, s, and values of every entity of lines over boot clock, by path, in the order of their times."""
+    times = defaultdict(list)
+    values = defaultdict(list)
+    for name, chunk, batch in chunks(path):
+        is_line = "Scalars:scalars" in batch.schema.names and "boot clock" in chunk.timeline_names
+        if is_line and name not in ignored:
+            times[name] += (np.array(batch.column("boot clock").cast("int64")) / 1e9).tolist()
+            values[name] += batch.column("Scalars:scalars").to_pylist()
+    return {name: (np.array(times[name]), np.array(values[name])) for name in times}
 
 
 def views(path):

@@ -19,7 +19,7 @@ from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import MonkeyPatch, approx, fail, fixture, mark, raises
 from refusals import prose
-from rerun_file import chunks, views
+from rerun_file import chunks, drawn, views
 
 from mavdem.dem import Estimate, LinearModel
 from mavdem.facts import Level
@@ -83,19 +83,6 @@ ESTIMATES = [None if i < 20 else estimate(i, t) for i, t in enumerate(TIME)]
 TOLD = ESTIMATES[20:]
 WIND = WindRow(59.25, np.array([3.0, -4.0]), np.array([0.5, 0.5]))
 ROW = ShownRow(50.0, 0.0, 0, OUTPUTS[0], INPUTS[0])
-
-
-def drawn(path, ignored=""):
-    """Times, s, and values of every entity of lines, by path without its slash, in the order of their times."""
-    times = {}
-    values = {}
-    for name, _, batch in chunks(path):
-        if "Scalars:scalars" in batch.schema.names and name not in ignored:
-            times.setdefault(name, []).extend(
-                np.array(batch.column("boot clock").cast("int64")) / 1e9
-            )
-            values.setdefault(name, []).extend(batch.column("Scalars:scalars").to_pylist())
-    return {name: (np.array(times[name]), np.array(values[name])) for name in times}
 
 
 def texts(path, column="TextLog:text"):

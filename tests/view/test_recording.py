@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from pytest import approx, fixture, mark
 from recorded_flights import FLIGHT
 from rerun.chunk import RrdReader
-from rerun_file import chunks, views
+from rerun_file import chunks, drawn, views
 
 import mavdem
 from mavdem.analysis.analysis import Options
@@ -46,15 +46,12 @@ def recording(assessed, tmp_path_factory):
 
 
 def lines(path):
-    """Times, s, and values of every line over boot clock, by entity path without its place in order."""
+    """Times, s, and known values of every line, by entity path without its place in order."""
     found = {}
-    for name, chunk, batch in chunks(path):
-        if "Scalars:scalars" in batch.schema.names and "boot clock" in chunk.timeline_names:
-            folder, line = name.rsplit("/", 1)
-            times = np.array(batch.column("boot clock").cast("int64")) / 1e9
-            values = np.ravel(batch.column("Scalars:scalars").to_pylist())
-            known = np.isfinite(values)
-            found[f"{folder}/{line.split(' ', 1)[1]}"] = times[known], values[known]
+    for name, (times, values) in drawn(path).items():
+        folder, line = name.rsplit("/", 1)
+        known = np.isfinite(values[:, 0])
+        found[f"{folder}/{line.split(' ', 1)[1]}"] = times[known], values[known, 0]
     return found
 
 
@@ -70,25 +67,25 @@ def documents(path):
 
 @mark.slow
 def test_all_axes_rates_and_motors_are_drawn_over_the_whole_flight(recording, assessed):
-    drawn = lines(recording)
+    shown_lines = lines(recording)
     flight = assessed.analysis.flights[0]
     for line, column in (("flight/0/roll", 0), ("flight/3/roll", 1)):
-        time, values = drawn[line]
+        time, values = shown_lines[line]
         rows = np.isin(time.round(6), flight.time.round(6))
         assert_allclose(values[rows], np.degrees(flight.outputs[:, column]), atol=1e-6)
-    assert {"flight/1/pitch", "flight/2/yaw", "flight/4/motor 4"} <= set(drawn)
-    plots = {line.rsplit("/", 1)[0] for line in drawn}
-    assert {f"{plot}/went wrong" for plot in plots} <= set(drawn) and len(plots) >= 9
+    assert {"flight/1/pitch", "flight/2/yaw", "flight/4/motor 4"} <= set(shown_lines)
+    plots = {line.rsplit("/", 1)[0] for line in shown_lines}
+    assert {f"{plot}/went wrong" for plot in plots} <= set(shown_lines) and len(plots) >= 9
     for plot in plots:
-        times, _ = drawn[f"{plot}/went wrong"]
+        times, _ = shown_lines[f"{plot}/went wrong"]
         assert_allclose(times, 2 * [flight.time[100]], atol=1e-8)
 
 
 @mark.slow
 def test_forecasts_are_those_of_held_out_windows_in_degrees(recording, assessed):
-    drawn = lines(recording)
+    shown_lines = lines(recording)
     held_out = assessed.analysis.held_out
-    time, shown = drawn["forecast/1/forecast"]
+    time, shown = shown_lines["forecast/1/forecast"]
     expected = np.degrees(held_out.forecasts["forecast"][:, :, 1]).ravel()
     assert_allclose(time, held_out.time.ravel(), atol=1e-8)
     known = abs(expected) <= abs(shown).max()
