@@ -87,15 +87,15 @@ class Hover:
         motors = np.pad(self.motors(mt), ((0, 0), (0, 4)))
         messages = {
             "ATTITUDE": columns(
-                at, roll=self.roll(at), rollspeed=self.roll_rate(at), **dict.fromkeys(LEVEL, 0 * at)
+                at, roll=self.roll(at), rollspeed=self.roll_rate(at), **dict.fromkeys(LEVEL, 0.0)
             ),
             "SERVO_OUTPUT_RAW": columns(
                 mt, port=0.0, **{f"servo{n + 1}_raw": motors[:, n] for n in range(8)}
             ),
             "HEARTBEAT": columns(
                 beat,
-                type=np.full(len(beat), MAV_TYPES[vehicle]),
-                autopilot=np.full(len(beat), MAV_AUTOPILOTS[autopilot]),
+                type=MAV_TYPES[vehicle],
+                autopilot=MAV_AUTOPILOTS[autopilot],
                 base_mode=np.where((beat >= 5.0) & (beat < self.landed + 1.0), ARMED + 1, 1),
             ),
             "LOCAL_POSITION_NED": columns(self.stamps(10.0), vz=-self.climb(self.stamps(10.0))),
@@ -175,7 +175,7 @@ def with_demand(telemetry, rate=100.0, pace=1.0, group=0.0):
     return changed(
         telemetry,
         "ACTUATOR_CONTROL_TARGET",
-        **columns(time, controls=controls, group_mlx=np.full(len(time), group)),
+        **columns(time, controls=controls, group_mlx=group),
     )
 
 

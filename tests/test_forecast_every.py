@@ -60,7 +60,6 @@ def test_one_piece_is_the_forecast(model, steps):
     "steps, spoil, named",
     [
         (0, lambda u, y: (u, y), "^steps"),
-        (10**30, lambda u, y: (u, y), "^steps"),
         (1.5, lambda u, y: (u, y), "^steps"),
         (5, lambda u, y: (u[:, :1], y), "^inputs must have shape"),
         (5, lambda u, y: (u, y[:, 0]), "^outputs must have shape"),

@@ -50,11 +50,11 @@ def leaning(made, towards, angle, seconds):
     return changed(made, "ATTITUDE", roll=lean * towards[1], pitch=-lean * towards[0])
 
 
-def falling(made, seconds=2.0):
+def falling(made):
     """It falls from ``FAILS`` on, at 9 m/s in the end, and stops."""
     columns = made.messages["LOCAL_POSITION_NED"]
     since = columns["time"] - FAILS
-    vz = np.where(since > seconds, 0.0, np.clip(since, 0, None) / seconds * 9.0)
+    vz = np.where(since > 2.0, 0.0, np.clip(since, 0, None) * 4.5)
     return changed(made, "LOCAL_POSITION_NED", vz=vz, z=columns["z"] + np.cumsum(vz) * 0.1)
 
 

@@ -41,14 +41,14 @@ def test_subspace_identification_recovers_a_system_to_within_three_times_what_an
     """At 16 times the samples no less, which a biased one would miss by four times more."""
     system = random_system(order, order)
     for samples in (1000, 16_000):
-        flight, _ = flown(system, 1, samples)
+        flight = flown(system, 1, samples)
         bound = Bound(system, flight, 0.1)
         assert bound.distance(baselines.subspace(flight, order).model) < 3**2
 
 
 def test_state_is_carried_over_from_the_end_of_training_and_begins_at_zero_when_asked():
     system = random_system(1, 2)
-    flight, _ = flown(system, 1, 450, noise=0.0)
+    flight = flown(system, 1, 450, noise=0.0)
     subspace = baselines.subspace(flight[:300], 2)
     model = subspace.model
     ahead = flight.inputs[300:]
@@ -65,7 +65,7 @@ def test_state_is_carried_over_from_the_end_of_training_and_begins_at_zero_when_
 
 def test_segments_are_learnt_from_together_and_nothing_across_gaps():
     system = random_system(1, 2)
-    flight, _ = flown(system, 1, 900, noise=0.0)
+    flight = flown(system, 1, 900, noise=0.0)
     segments = [flight[:200], flight[300:303], flight[420:600], flight[610:800]]
     subspace = baselines.subspace(segments, 2)
     # A segment too short for a window is predicted like the others.
@@ -79,7 +79,7 @@ def test_segments_are_learnt_from_together_and_nothing_across_gaps():
 def test_a_system_is_recovered_as_well_as_can_be(order, feedback):
     """Errors in units of the Cramér-Rao bound are χ², in open and in closed loop."""
     system = random_system(order, order)
-    flight, _ = flown(system, 1, 4000, push=1.0 if feedback is None else 0.1, feedback=feedback)
+    flight = flown(system, 1, 4000, push=1.0 if feedback is None else 0.1, feedback=feedback)
     bound = Bound(system, flight, 0.1)
     distance = bound.distance(baselines.pem(flight, order).model) * bound.freedom
     assert chi2.ppf(1e-5, bound.freedom) < distance < chi2.ppf(1 - 1e-5, bound.freedom)
@@ -325,32 +325,19 @@ def random_system(seed, order, noise=0.1):
     )
 
 
-def flown(
-    system,
-    seed,
-    samples,
-    noise=0.1,
-    push=1.0,
-    feedback=None,
-):
-    """A flight of the system under white inputs of size ``push``, and its states (T + 1, n).
+def flown(system, seed, samples, noise=0.1, push=1.0, feedback=None):
+    """A flight of the system under white inputs of size ``push``.
 
     With ``feedback`` (r, m) inputs also answer the outputs of the same sample, whose noise they thus know (D = 0).
     """
     rng = default_rng(seed)
-    (n, r) = system.B.shape
-    m = len(system.C)
-    pushes = push * rng.standard_normal((samples, r))
-    errors = noise * rng.standard_normal((samples, m))
-    states = np.zeros((samples + 1, n))
-    outputs = np.empty((samples, m))
-    for t in range(samples):
-        outputs[t] = system.C @ states[t] + errors[t]
+    pushes = push * rng.standard_normal((samples, system.B.shape[1]))
+    errors = noise * rng.standard_normal((samples, len(system.C)))
+    state = np.zeros(len(system.A))
+    outputs = np.empty_like(errors)
+    for t, error in enumerate(errors):
+        outputs[t] = system.C @ state + error
         if feedback is not None:
             pushes[t] += feedback @ outputs[t]
-        states[t + 1] = (
-            system.A @ states[t] + system.B @ pushes[t] + system.offset + system.K @ errors[t]
-        )
-    return Flight(
-        DT * np.arange(samples), pushes + system.input_trim, outputs + system.output_trim
-    ), states
+        state = system.A @ state + system.B @ pushes[t] + system.offset + system.K @ error
+    return Flight(DT * np.arange(samples), pushes + system.input_trim, outputs + system.output_trim)

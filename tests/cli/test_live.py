@@ -49,8 +49,6 @@ def ended():
         (["udpin:127.0.0.1:0", "--connect", "nowhere"], "--connect"),
         (["udpin:127.0.0.1:0", "--request-rate", "nan"], "--request-rate"),
         (["udpout:127.0.0.1:14550"], "nothing is sent without --request-rate"),
-        (["udpin:127.0.0.1:0", "--axis", "yaw"], "--axis"),
-        (["udpin:127.0.0.1:0", "--rrd", ""], "argument is empty"),
     ],
 )
 def test_what_cannot_be_is_refused_in_a_sentence(words, said, capsys, tmp_path, monkeypatch):

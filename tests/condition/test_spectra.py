@@ -59,9 +59,9 @@ def shaken(rate=1000.0, speed=0.0, frame=0.0, steady=0.0):
     )
 
 
-def lines(telemetry, name="gyro_before"):
+def lines(telemetry):
     found = spectra_of_flight(Signals(telemetry), FLOWN)
-    return found, peaks_of(found[name])
+    return found, peaks_of(found["gyro_before"])
 
 
 def noise(telemetry, notch=None):

@@ -96,7 +96,6 @@ def test_what_a_flight_says_of_its_vehicle_is_kept():
         Settings(),
         Settings.paper(),
         Settings(prior=Gaussian([1, 2], [[2, 1], [1, 2]]), lambda_z=1),
-        Settings(prior=Gaussian([1], 1), known_inputs=False),
         Settings(order=np.int64(2), smoothness=np.float32(0.5), input_precision=np.float32(2.0)),
     ],
 )

@@ -52,17 +52,17 @@ def random_posterior(seed, model):
     return samples, random_belief(seed, model, samples)[1]
 
 
-def gradient(function, at, scale=1e-4):
+def gradient(function, at):
     """Central differences."""
     slope = np.empty(at.size)
     for i in range(at.size):
-        step = scale * np.eye(1, at.size, i).reshape(at.shape)
-        slope[i] = (function(at + step) - function(at - step)) / (2 * scale)
+        step = 1e-4 * np.eye(1, at.size, i).reshape(at.shape)
+        slope[i] = (function(at + step) - function(at - step)) / 2e-4
     return slope.reshape(at.shape)
 
 
-def close(actual, expected, relative=1e-6):
-    assert_allclose(actual, expected, atol=relative * (abs(expected).max() + 1))
+def close(actual, expected):
+    assert_allclose(actual, expected, atol=1e-6 * (abs(expected).max() + 1))
 
 
 @of_any_model

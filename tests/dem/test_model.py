@@ -94,21 +94,17 @@ def test_defective_dynamics_run_as_sample_by_sample(F, samples):
     assert_allclose(states, expected, rtol=1e-9, atol=1e-9)
 
 
-def random_filter(seed, n=3, r=2, m=2, dt=0.02):
-    rng = default_rng(seed)
-    A = rng.standard_normal((n, n)) * 3 - 2 * np.eye(n)
-    B = rng.standard_normal((n, r))
-    C = np.eye(m, n)
-    gain = filter_gain(A, C, dt, rng.uniform(1e-4, 1e-2, m), np.diag(rng.uniform(0.1, 10, n)), dt)
-    return TextbookFilter.of(A, B, C, dt, gain)
-
-
 @mark.slow
 @given(seed=st.integers(0, 10**6))
 def test_the_innovation_form_is_the_filter_of_textbooks(seed):
-    textbook = random_filter(seed)
-    predictor = textbook.predictor
     rng = default_rng(seed)
+    dt = 0.02
+    A = rng.standard_normal((3, 3)) * 3 - 2 * np.eye(3)
+    B = rng.standard_normal((3, 2))
+    C = np.eye(2, 3)
+    gain = filter_gain(A, C, dt, rng.uniform(1e-4, 1e-2, 2), np.diag(rng.uniform(0.1, 10, 3)), dt)
+    textbook = TextbookFilter.of(A, B, C, dt, gain)
+    predictor = textbook.predictor
     y = rng.standard_normal((40, 2))
     u = rng.standard_normal((40, 2))
     corrected, ahead = textbook.corrected(u, y)

@@ -220,13 +220,13 @@ def test_samples_that_cannot_be_are_refused_and_cost_nothing(time, outputs, inpu
 DT = 0.01
 
 
-def fed(bands, errors, block=10):
+def fed(bands, errors):
     """Half widths as of each sample, where every prediction is 0."""
     half = []
     for sample, error in enumerate(errors):
         half.append(bands.half_widths)
         bands.add(np.array([error]), np.array([[error]]))
-        if sample % block == block - 1:
+        if sample % 10 == 9:
             bands.update()
     return np.array(half)[:, :, 0]
 

@@ -29,8 +29,6 @@ def choice(*flights):
         ([[0.0, 100.0, 102.9, 90.0]], 2),
         ([[0.0, 100.0, 103.1, 90.0]], 3),
         ([[0.0, 100.0, 99.0, 110.0]], 4),  # beyond an order that gains nothing
-        ([[0.0, 100.0, 102.0, 104.0]], 3),  # the lowest that none above is strongly better than
-        ([[0.0, -5.0, -7.0]], 1),
         ([[0.0, 500.0], [0.0, -5.0], [0.0, -5.0]], 1),  # one flight alone does not make an order
         ([[0.0, 10.0, np.nan]], 2),  # an order that could not be learnt
         ([[np.nan, 10.0, 20.0]], 3),

@@ -85,10 +85,8 @@ def test_horizons_are_those_of_the_test_part():
 INF = np.inf
 
 
-def overlapping(count, hop=425, length=850, flight="a"):
-    return [
-        SimpleNamespace(flight=flight, start=hop * k, stop=hop * k + length) for k in range(count)
-    ]
+def overlapping(count, hop=425, flight="a"):
+    return [SimpleNamespace(flight=flight, start=hop * k, stop=hop * k + 850) for k in range(count)]
 
 
 def test_windows_that_overlap_are_not_tested_together():

@@ -42,19 +42,17 @@ FIRST = datetime(2026, 3, 1, tzinfo=UTC)
 
 
 class MadeUpVehicle:
-    """Flights differ by ``scatter`` in the balance on each axis, and lean by 3° and more in the wind of their day."""
+    """Flights differ by 0.008 in the balance on each axis, and lean by 3° and more in the wind of their day."""
 
-    def __init__(self, seed, scatter=0.008, motors=MOTORS):
+    def __init__(self, seed):
         self.rng = default_rng(seed)
-        self.scatter = scatter
-        self.motors = motors
         self.flown = 0
 
     def flight(self, change=None):
         """One of a vehicle whose balance changed by ``change`` (3,) from when it was healthy."""
         rng = self.rng
         lean = rng.normal(scale=0.05, size=2)
-        mean = OFFSET + rng.normal(scale=self.scatter, size=3) + (0.0 if change is None else change)
+        mean = OFFSET + rng.normal(scale=0.008, size=3) + (0.0 if change is None else change)
         mean += LEAN_EFFECT @ lean
         effect = LEAN_EFFECT + rng.normal(scale=EFFECT_ERROR, size=(3, 2))
         balance = BalanceFigures(
@@ -62,7 +60,7 @@ class MadeUpVehicle:
         )
         self.flown += 1
         when = FIRST + timedelta(days=self.flown)
-        return HealthFigures(f"flight {self.flown}", self.motors, QUAD_X, balance, when, 0.5, 11.0)
+        return HealthFigures(f"flight {self.flown}", MOTORS, QUAD_X, balance, when, 0.5, 11.0)
 
     def flights(self, count, change=None):
         return [self.flight(change) for _ in range(count)]

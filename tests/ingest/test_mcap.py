@@ -389,13 +389,13 @@ def test_without_a_header_the_topic_tells_who_sent_it(header, recorder):
     assert (speaker.system, speaker.messages, speaker.lost) == (7, {"ATTITUDE": 20}, 0)
 
 
-def record(opcode, content, length=None):
-    return struct.pack("<BQ", opcode, len(content) if length is None else length) + content
+def record(opcode, content):
+    return struct.pack("<BQ", opcode, len(content)) + content
 
 
-def chunk(packed, compression=b"zstd", size=0, length=None):
-    head = struct.pack("<QQQI", 0, 0, size, 0) + struct.pack("<I", len(compression)) + compression
-    return record(6, head + struct.pack("<Q", len(packed) if length is None else length) + packed)
+def chunk(packed):
+    head = struct.pack("<QQQII", 0, 0, 0, 0, 4) + b"zstd"
+    return record(6, head + struct.pack("<Q", len(packed)) + packed)
 
 
 def test_what_chunks_unpack_to_is_bounded(tmp_path, monkeypatch):

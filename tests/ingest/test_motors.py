@@ -39,12 +39,6 @@ def scale_of(
             ("PWM", 1200, 1950),
         ),
         (
-            (1230.0, 1300.0),
-            OF_MAIN,
-            {"PWM_MAIN_MIN": 1230.0, "PWM_MAIN_MAX": 1950.0},
-            ("PWM", 1230, 1950),
-        ),
-        (
             (1100.0, 1300.0),
             [("PWM_AUX", 1)],
             {"PWM_AUX_MIN": 1050.0, "PWM_AUX_MAX": 1900.0, "PWM_MIN": 1.0},

@@ -235,19 +235,12 @@ BEGUN = dataflash_logs.formats() + dataflash_logs.told()
             Source.DIALECT_UNKNOWN,
             {"count": 20, "recording": False},
         ),
-        ("a.tlog", b"ULog\x01\x12\x35\x01" + bytes(100), Source.ULOG_WITHOUT_FLIGHT, {}),
         ("a.ulg", ulog_files.HEADER[:9], Source.ULOG_WITHOUT_FLIGHT, {"damaged": True}),
         (
             "a.ulg",
             LOADS,
             Source.ULOG_WITHOUT_FLIGHT,
             {"names": ("cpuload",), "damaged": False},
-        ),
-        (
-            "a.ulg",
-            ulog_files.HEADER + bytes(5000),
-            Source.ULOG_WITHOUT_FLIGHT,
-            {"names": (), "damaged": True},
         ),
         ("a.ulg", bytes(range(256)) * 20, Source.FORMAT_UNKNOWN, {"name": "ulog"}),
         ("a.ulg", LATER, Source.ULOG_OF_LATER_FORMAT, {}),
@@ -259,13 +252,6 @@ BEGUN = dataflash_logs.formats() + dataflash_logs.told()
             Source.DATAFLASH_WITHOUT_FLIGHT,
             {"names": ("FMT", "MSG", "PARM")},
         ),
-        (
-            "a.bin",
-            BEGUN + dataflash_logs.message("RCIN", 20_000_000, 1500),
-            Source.DATAFLASH_WITHOUT_FLIGHT,
-            {},
-        ),
-        ("a.log", b"FMT,", Source.DATAFLASH_WITHOUT_MESSAGES, {}),
         ("a.log", b"FMT, 1\nATT, 2\n", Source.DATAFLASH_WITHOUT_MESSAGES, {}),
     ],
 )

@@ -153,14 +153,14 @@ def replay(pieces, stream=None, **options):
     return made
 
 
-def cut(timed, seed, longest=700):
+def cut(timed, seed):
     """The same bytes in random pieces."""
     chance = random.Random(seed)
     content = b"".join(data for _, data in timed)
     pieces = []
     place = 0
     while place < len(content):
-        size = chance.choice((1, 7, chance.randrange(1, longest)))
+        size = chance.choice((1, 7, chance.randrange(1, 700)))
         pieces.append((place / len(content), content[place : place + size]))
         place += size
     return pieces

@@ -17,10 +17,10 @@ pytestmark = mark.slow
 FLIGHT = Flight(hover=Hover(hovering=30.0))
 
 
-def same_as_offline(made, frames, tolerance=1e-9):
+def same_as_offline(made, frames):
     telemetry = offline([data for _, data in frames])
     for number in made.segments():
-        assert max(differences(made, number, telemetry)) < tolerance
+        assert max(differences(made, number, telemetry)) < 1e-9
 
 
 @mark.parametrize("silence", [0.15, 300.0])

@@ -44,14 +44,11 @@ def listening(form="udpin:127.0.0.1:{}"):
         yield link, ("127.0.0.1", port)
 
 
-def everything(link, pieces=1, patience=60.0):
-    received = b""
-    until = time.perf_counter() + patience
-    while pieces > 0 and time.perf_counter() < until:
-        came = link.receive(0.05)
-        pieces -= len(came)
-        received += b"".join(data for _, data in came)
-    return received
+def everything(link):
+    until = time.perf_counter() + 60.0
+    while not (came := link.receive(0.05)) and time.perf_counter() < until:
+        pass
+    return b"".join(data for _, data in came)
 
 
 def assert_silent(one):

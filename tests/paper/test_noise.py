@@ -14,9 +14,9 @@ FEWEST, MOST = binom.ppf([0.001, 0.999], SERIES, 0.05)
 """Rejections at 0.05 of so many series: a test of the right level is within in 998 of 1000 tries."""
 
 
-def gaussian(rng, steps, values=VALUES):
+def gaussian(rng, steps):
     """White noise through a Gaussian kernel of so many steps; white for 0."""
-    return gaussian_noise(steps, 1.0, values, rng) if steps else rng.standard_normal(values)
+    return gaussian_noise(steps, 1.0, VALUES, rng) if steps else rng.standard_normal(VALUES)
 
 
 def rejections(test, make, series=SERIES):
