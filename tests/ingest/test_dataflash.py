@@ -16,7 +16,7 @@ from mavdem.ingest.dataflash.binary import (
     read_binary,
 )
 from mavdem.ingest.dataflash.log import read_dataflash
-from mavdem.ingest.vocabulary import IN_AIR, Injection
+from mavdem.ingest.vocabulary import Injection
 
 STEPS = "sitl_ardupilot/ardupilot_inertia_wind5_steps.BIN"
 LOGS = [STEPS, "logs/wlichon_baseline.BIN"]
@@ -143,39 +143,6 @@ def test_the_translation_holds_dfreaders_values_in_mavlinks_units(log, steps):
     demands = [read["RATE"][name] for name in ("ROut", "POut", "YOut", "AOut")]
     assert np.array_equal(controls[:, :4], np.column_stack(demands))
     assert (vehicle.system, vehicle.vehicle, vehicle.autopilot) == (1, "QUADROTOR", "ARDUPILOTMEGA")
-
-
-def test_a_made_up_log(tmp_path):
-    events = made.message("EV", 20_500_000, 10) + made.message("EV", 20_900_000, 28)
-    landed = made.message("EV", 21_700_000, 18) + made.message("EV", 21_800_000, 11)
-    landed += made.message("ERR", 21_900_000, 16, 2) + made.message("ERR", 21_950_000, 16, 0)
-    content = made.log(*made.flight(TIMES[:50]), events, *made.flight(TIMES[50:]), landed)
-    log = log_of(content, tmp_path)
-    (vehicle,) = log.vehicles
-    assert (vehicle.system, vehicle.component, vehicle.vehicle, vehicle.repairs) == (
-        7,
-        1,
-        "QUADROTOR",
-        (),
-    )
-    assert (log.bytes_skipped, log.frames) == (0, 21 + 4 + 600 + 6)
-    errors = vehicle.messages["ERR"]
-    assert errors["time"].tolist() == [21.9, 21.95]
-    assert errors["Subsys"].tolist() == [16, 16]
-    assert errors["ECode"].tolist() == [2, 0]
-    assert vehicle.messages["EV"]["Id"].tolist() == [10, 28, 18, 11]
-    assert vehicle.messages["STATUSTEXT"]["text"].tolist() == [
-        "ArduCopter V4.5.7 (2a3dc4b7)",
-        "Frame: QUAD/X",
-    ]
-    attitude = vehicle.messages["ATTITUDE"]
-    assert np.allclose(attitude["time"], TIMES, atol=1e-9)
-    assert np.allclose(attitude["roll"][:5], np.radians([2, 4, 6, 8, 10]))
-    assert np.allclose(attitude["rollspeed"][:5], np.radians([0.2, 0.4, 0.6, 0.8, 1.0]))
-    armed = Signals(vehicle).armed
-    state = Signals(vehicle).landed_state
-    assert np.unique(armed.time[armed.values > 0]).tolist() == [20.5, 21.8]
-    assert state.time[state.values == IN_AIR].tolist() == [20.9, 21.0]
 
 
 def test_a_log_that_begins_in_the_air_says_so(tmp_path):
@@ -387,31 +354,6 @@ def test_d_terms_are_those_of_all_axes_or_not_known(names, tmp_path):
     assert ("D_TERM" in messages) == (names == "RPY")
     if names == "RPY":
         assert messages["D_TERM"]["z"] == approx([0.2, 0.5])
-
-
-def test_a_text_log_reads_as_the_binary_one(tmp_path):
-    commas = made.message("MSG", 2, "a, text, with commas")
-    content = made.log(commas, *made.flight(TIMES), made.message("EV", 21_990_000, 18))
-    binary = vehicle_of(content, tmp_path)
-    text = text_of(read_binary(content), ["MSG", "PARM", "ATT", "RATE", "RCOU", "EV"])
-    broken = text.replace("\r\nRATE", "\r\nRATE, 5\r\nnonsense\r\nRATE", 1) + "ATT, 1, 2"
-    for number, written in enumerate((text, "ArduCopter V4\r\n\r\n" + text, broken)):
-        vehicle = vehicle_of(written.encode(), tmp_path, f"{number}.log")
-        assert (vehicle.system, vehicle.vehicle, vehicle.parameters) == (
-            7,
-            "QUADROTOR",
-            binary.parameters,
-        )
-        assert set(vehicle.messages) == set(binary.messages)
-        for name, columns in binary.messages.items():
-            for field, values in columns.items():
-                theirs = vehicle.messages[name][field]
-                if values.dtype.kind in "OS":
-                    assert theirs.tolist() == values.tolist()
-                    continue
-                assert np.allclose(theirs, values, atol=1e-12, equal_nan=True), (name, field)
-    assert vehicle.repairs[0].code is Repair.LINES_LEFT_OUT
-    assert vehicle.repairs[0].figures["count"] == 3
 
 
 def test_the_firmware_and_what_the_logger_lost_are_known(tmp_path):

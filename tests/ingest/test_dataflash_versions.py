@@ -107,6 +107,20 @@ def test_rate_of_3_3_before_its_release_is_read_under_its_own_names(tmp_path):
     assert np.unique(armed.time[armed.values > 0]).tolist() == [21.0, 23.0]
 
 
+def test_lines_that_are_no_messages_cost_themselves_only(tmp_path):
+    whole = log(tmp_path, firmware="a, text, with commas")
+    path = tmp_path / "flight.log"
+    text = path.read_text().replace("\nRATE", "\nRATE, 5\nnonsense\nRATE", 1) + "ATT, 1, 2"
+    path.write_text("ArduCopter V4\r\n\r\n" + text.replace("\n", "\r\n"), newline="")
+    (vehicle,) = read_dataflash(path).vehicles
+    left_out, *_ = vehicle.repairs
+    assert (left_out.code, left_out.figures["count"]) == (Repair.LINES_LEFT_OUT, 4)
+    for name, fields in whole.messages.items():
+        for field, values in fields.items():
+            assert_array_equal(vehicle.messages[name][field], values)
+    assert vehicle.messages["STATUSTEXT"]["text"].tolist() == ["a, text, with commas"]
+
+
 def test_a_log_without_a_clock_has_no_flight(tmp_path):
     lines = "FMT, 129, 0, ATT, ccc, Roll,Pitch,Yaw\nATT, 1, 2, 3\n"
     (tmp_path / "flight.log").write_text(lines)
