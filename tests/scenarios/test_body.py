@@ -82,24 +82,6 @@ def test_the_error_falls_with_the_square_of_the_step():
     assert errors[1] < 1e-4
 
 
-def test_wind_pushes_and_tilts_as_its_formulas_say():
-    body = AIRFRAMES["ardrone2"]
-    change = dynamics(VehicleSpec(model="ardrone2"))
-    hover = (body.hover_speed,) * 4
-    level = (1.0, 0.0, 0.0, 0.0)
-    still = (0.0, 0.0, 0.0)
-    from_west = change(level, still, still, hover, AirState(east=5.0))
-    force = 0.5 * 1.225 * body.drag_area * 25 + body.rotor_drag * 4 * body.hover_speed * 5
-    assert from_west[6:] == approx((0, force, 0, body.hub_height * force, 0, 0))
-    assert from_west[1] == approx(force / body.mass)
-    # Air that rises lifts; air that turns to the right rolls to the right.
-    rising = change(level, still, still, hover, AirState(down=-1.0))
-    assert rising[8] == approx(-0.5 * 1.225 * body.drag_area - body.inflow * 4 * body.hover_speed)
-    turning = change(level, still, still, hover, AirState(p=0.5))
-    assert turning[9] == approx(0.5 * body.inflow * body.hover_speed * 4 * body.arm[1] ** 2)
-    assert change(level, still, (0.5, 0.0, 0.0), hover, AirState())[9] == approx(-turning[9])
-
-
 def test_wind_acts_where_the_hull_is_and_so_turns_a_vehicle_whose_load_has_shifted():
     body = AIRFRAMES["ardrone2"]
     condition = Damage(centre=(0.02, -0.03))

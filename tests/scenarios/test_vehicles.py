@@ -10,7 +10,7 @@ from sitl_scenarios.mavlink.autopilots import PX4
 from sitl_scenarios.mavlink.messages import parameters
 from sitl_scenarios.scenario import Scenario, VehicleSpec
 from sitl_scenarios.truth import linearised
-from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY, airframe
+from sitl_scenarios.vehicles import AIRFRAMES, airframe
 
 PUBLISHED = [
     # D. Benders, MSc thesis, TU Delft 2020: speed of 1.451 rad/s per PWM and 130.9 rad/s at none.
@@ -39,7 +39,7 @@ def test_px4_is_told_the_turning_of_each_rotor_as_it_turns(kind):
     """PX4's CA_ROTORn_KM: "Use a positive value for a rotor with CCW rotation"; in both frames 1 and 2 do.
 
     What the rotor does to the air, the air does to the body: a faster one that turns counter-clockwise seen from above
-    yaws the vehicle clockwise, to the right, as 1 and 2 do in the closed forms below.
+    yaws the vehicle clockwise, to the right.
     """
     told = parameters(Scenario(vehicle=VehicleSpec(frame=kind)), PX4, 0.004)
     values = {one.name: one.value for one in told}
@@ -94,26 +94,3 @@ def test_the_papers_table_of_systems(order):
     assert np.allclose(mirror @ found.A @ mirror, np.array(A)[at, at], atol=2e-6)
     # At 169.06, the published pwm of hover, it is 0.3748 to four digits; that of the weight is 169.00.
     assert np.allclose(mirror @ found.B[:, PAPER_ORDER], B[at], atol=1e-4)
-
-
-@mark.parametrize("model", AIRFRAMES)
-@mark.parametrize("kind", ["x", "plus"])
-def test_closed_forms(model, kind):
-    vehicle = VehicleSpec(model=model, frame=kind)
-    body = AIRFRAMES[model]
-    found = linearised(vehicle)
-    omega = body.hover_speed
-    aside = body.arm[1] if kind == "x" else np.hypot(*body.arm)
-    pair = 4 if kind == "x" else 2  # rotors that have that arm
-    at = found.states.index
-    damping = pair * body.inflow * omega * aside**2 / body.inertia[0]
-    drag = 4 * body.rotor_drag * omega
-    assert found.A[at("roll rate"), at("roll rate")] == approx(-damping)
-    assert found.A[at("east speed"), at("east speed")] == approx(-drag / body.mass, rel=1e-3)
-    assert found.A[at("east speed"), at("roll")] == approx(GRAVITY)
-    assert found.A[at("north speed"), at("pitch")] == approx(-GRAVITY)
-    slope = (2 * body.thrust[0] * omega + body.thrust[1]) * body.speed[0]
-    assert found.B[at("roll rate"), 1] == approx(slope * aside / body.inertia[0])
-    assert found.B[at("down speed")] == approx(np.full(4, -slope / body.mass))
-    turn = (2 * body.torque[0] * omega + body.torque[1]) * body.speed[0]
-    assert found.B[at("yaw rate")] == approx(turn / body.inertia[2] * np.array([1, 1, -1, -1]))
