@@ -100,25 +100,6 @@ def test_predicted_filtered_and_smoothed_are_those_of_the_joint_gaussian_for_eac
             assert_allclose(inferred[smooth].variance[number, step], expected[1], rtol=1e-6)
 
 
-def test_coefficients_and_covariance_are_those_of_least_squares_without_a_prior():
-    segments = [run(model(), 300, seed) for seed in (1, 2)]
-    found, regression = fitted(segments, 1e-12)
-    rows = [
-        np.hstack([*(each[LAGS - i : 300 - i] for i in (1, 2, 3)), np.ones((297, 1))])
-        for each in segments
-    ]
-    regressors = np.vstack(rows)
-    targets = np.vstack([each[LAGS:] for each in segments])
-    expected, squares, *_ = np.linalg.lstsq(regressors, targets)
-    assert_allclose(
-        np.hstack([found.across, found.offset[:, None]]).T, expected, rtol=1e-6, atol=1e-9
-    )
-    freedom = len(targets) - len(expected)
-    assert_allclose(found.covariance.diagonal(), squares / freedom, rtol=1e-6)
-    precision = np.linalg.inv(regression.root.T @ regression.root)
-    assert_allclose(precision, regressors.T @ regressors, rtol=1e-6, atol=1e-6)
-
-
 def test_inputs_that_are_constant_copied_or_mixed_change_nothing_and_may_move_later():
     samples = run(model(), 400)
     plain, _ = fitted([samples])
