@@ -46,25 +46,6 @@ def said(frames):
     return [(each.command, int(each.param1), each.param2) for each in messages]
 
 
-def test_intervals_are_noted_then_set_and_given_back():
-    request = request_of(100.0)
-    assert said(request.due(0.0, None)) == [(GET_INTERVAL, 30, 0), (GET_INTERVAL, 36, 0)]
-    assert request.restore() == [], "nothing was set so far"
-    request = request_of(100.0)
-    request.due(0.0, None)
-    assert request.due(0.5, {}) == [], "an answer is waited for"
-    request.take(told("MESSAGE_INTERVAL", 30, 250_000))
-    request.take(told("MESSAGE_INTERVAL", 36, STOPPED))
-    # One at a time: a confirmation does not name the message.
-    assert said(request.due(0.6, {30: 4.0})) == [(SET_INTERVAL, 30, 10_000)]
-    assert request.due(0.7, {30: 4.0}) == []
-    request.take(told("MESSAGE_INTERVAL", 30, 10_000))
-    request.take(told("COMMAND_ACK", SET_INTERVAL, 0))
-    assert said(request.due(0.8, {30: 4.0})) == [(SET_INTERVAL, 36, 10_000)]
-    assert request.due(10.0, {30: 100.0, 36: 99.0}) == [] and request.events == []
-    assert said(request.restore()) == [(SET_INTERVAL, 30, 250_000), (SET_INTERVAL, 36, STOPPED)]
-
-
 def test_a_greeting_is_the_heartbeat_of_a_ground_station_that_nobody_misses():
     (beat,) = dialect.MAVLink(None).parse_buffer(greeting())
     said_of_it = beat.get_srcSystem(), beat.type, beat.autopilot, beat.mavlink_version

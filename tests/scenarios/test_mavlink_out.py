@@ -9,12 +9,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx, mark
 from scipy.spatial.transform import Rotation
 
-from mavdem.alignment import drive
 from mavdem.ingest import read_log
 from mavdem.ingest.tlog import write_tlog
 from sitl_scenarios.mavlink import transmitter as recorded_module
 from sitl_scenarios.mavlink.transmitter import Transmitter, recorded, rows_of_motion
-from sitl_scenarios.scenario import Faults, Scenario, StreamSpec, VehicleSpec
+from sitl_scenarios.scenario import Faults, Scenario, StreamSpec
 
 CYCLES = {"px4": 0.004, "ardupilot": 0.0025}
 NO_FAULTS = Faults()
@@ -26,12 +25,8 @@ def written(scenario, motion):
     return file.getvalue()
 
 
-def scenario(autopilot="px4", faults=NO_FAULTS, frame="x", **stream):
-    return Scenario(
-        stream=StreamSpec(autopilot=autopilot, **stream),
-        faults=faults,
-        vehicle=VehicleSpec(frame=frame),
-    )
+def scenario(autopilot="px4", faults=NO_FAULTS, **stream):
+    return Scenario(stream=StreamSpec(autopilot=autopilot, **stream), faults=faults)
 
 
 def read(tmp_path, flown, motion):
@@ -126,41 +121,6 @@ def test_every_message_has_the_same_velocity(tmp_path):
     sent = np.column_stack([place[f"v{axis}"] for axis in "xyz"]) / 100
     assert np.polyfit(motion.known_position[rows, 1], place["lon"], 1)[0] > 0
     assert_allclose(sent, motion.known_velocity[rows], atol=0.0051)
-
-
-@mark.parametrize("frame", ["x", "plus"])
-@mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_the_parameters_say_where_the_motors_are(autopilot, frame, tmp_path):
-    motion = made_up_motion(autopilot=autopilot)
-    vehicle = read(tmp_path, scenario(autopilot, frame=frame), motion).vehicles[0]
-    told = vehicle.messages["PARAM_VALUE"]
-    assert len(vehicle.parameters) == len(told["time"]) == told["param_count"][0]
-    assert list(told["param_index"]) == list(range(len(told["time"])))
-    if autopilot == "px4":
-        assert (
-            vehicle.parameters["CA_ROTOR_COUNT"] == 4
-            and vehicle.parameters["PWM_MAIN_FUNC3"] == 103
-        )
-        # The bits of 4, read as a float, are next to nothing.
-        assert (
-            0 < float(told["param_value"][list(told["param_id"]).index(b"CA_ROTOR_COUNT")]) < 1e-40
-        )
-    else:
-        assert (
-            vehicle.parameters["FRAME_CLASS"] == 1 and vehicle.parameters["SERVO3_FUNCTION"] == 35
-        )
-        assert vehicle.parameters["SCHED_LOOP_RATE"] == 400
-    motors = drive.motors_or_obstacle(vehicle)
-    assert motors.layout.channels == (1, 2, 3, 4)
-    assert not motors.layout.channels_assumed and not motors.layout.positions_assumed
-    expected = (
-        "front right, rear left, front left, rear right"
-        if frame == "x"
-        else "right, left, front, rear"
-    )
-    assert list(motors.layout.names) == [
-        f"motor {n} ({at})" for n, at in enumerate(expected.split(", "), 1)
-    ]
 
 
 def test_the_clock_of_32_bit_microseconds_wraps(tmp_path):
