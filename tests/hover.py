@@ -128,22 +128,14 @@ def changed(telemetry, message, **fields):
     return replace(telemetry, messages={**telemetry.messages, message: known})
 
 
-def asking(telemetry, time, ignored, rate, angle=None):
+def asking(telemetry, time, ignored, rate, angle):
     """The telemetry with setpoints of roll, (N,) rad/s and rad; the bits ``ignored`` say which of them do not count."""
-    none = 0 * time
-    half = none if angle is None else angle / 2
-    return changed(
-        telemetry,
-        "ATTITUDE_TARGET",
-        **columns(
-            time,
-            type_mask=np.full(len(time), ignored),
-            q=np.column_stack([np.cos(half), np.sin(half), none, none]),
-            body_roll_rate=none if rate is None else rate,
-            body_pitch_rate=none,
-            body_yaw_rate=none,
-        ),
-    )
+    half = 0 * time if angle is None else angle / 2
+    turned = np.column_stack([np.cos(half), np.sin(half), 0 * half, 0 * half])
+    rates = {"body_roll_rate": 0.0 if rate is None else rate}
+    rates |= dict.fromkeys(("body_pitch_rate", "body_yaw_rate"), 0.0)
+    target = columns(time, type_mask=ignored, q=turned, **rates)
+    return changed(telemetry, "ATTITUDE_TARGET", **target)
 
 
 def only(telemetry, wanted, *messages):

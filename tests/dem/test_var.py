@@ -44,11 +44,11 @@ def run(true, samples, seed=1):
     return channels
 
 
-def fitted(segments, ridge=RIDGE):
+def fitted(segments):
     statistics = LagStatistics.of(segments, LAGS)
-    found = regress(statistics.gram, statistics.rows, lag_prior(LAGS, ridge))
+    found = regress(statistics.gram, statistics.rows, lag_prior(LAGS, RIDGE))
     k = found.mean.shape[1]
-    return Var.of(found, ChannelUnits(np.zeros(k), np.ones(k))), found
+    return Var.of(found, ChannelUnits(np.zeros(k), np.ones(k)))
 
 
 def joint(true, past, steps):
@@ -102,9 +102,9 @@ def test_predicted_filtered_and_smoothed_are_those_of_the_joint_gaussian_for_eac
 
 def test_inputs_that_are_constant_copied_or_mixed_change_nothing_and_may_move_later():
     samples = run(model(), 400)
-    plain, _ = fitted([samples])
+    plain = fitted([samples])
     more = np.hstack([samples, np.zeros((400, 1)), samples[:, 2:3], np.diff(samples[:, 2:4])])
-    found, _ = fitted([more])
+    found = fitted([more])
     ahead = default_rng(3).standard_normal((40, INPUTS))
     wider = np.hstack([ahead, np.ones((40, 1)), ahead[:, :1], np.diff(ahead[:, :2])])
     for smooth in (False, True):

@@ -23,14 +23,10 @@ LOGS = [STEPS, "logs/wlichon_baseline.BIN"]
 TIMES = [20 + 0.01 * row for row in range(200)]
 
 
-def log_of(content, folder, name="flight.bin"):
-    path = folder / name
+def vehicle_of(content, folder):
+    path = folder / "flight.bin"
     path.write_bytes(content)
-    return read_dataflash(path)
-
-
-def vehicle_of(content, folder, name="flight.bin"):
-    (vehicle,) = log_of(content, folder, name).vehicles
+    (vehicle,) = read_dataflash(path).vehicles
     return vehicle
 
 
