@@ -1,4 +1,4 @@
-"""Physical parameters: the filter is the Kalman filter it says it is, flights that steer give their truth back.
+"""Physical parameters: what commands may tell is what they do, and flights that steer give their truth back.
 
 And what commanded motors would do: the plant alone, beside a plant that is commanded.
 """
@@ -19,7 +19,7 @@ from mavdem.dem.graybox.fitting import WINDS, LogJoint, directed
 from mavdem.dem.graybox.identifiability import PARAMETERS, NotIdentifiable, identifiability
 from mavdem.dem.graybox.likelihood import FlightWindows, Parameters, minimum_phase
 from mavdem.dem.graybox.parameters import Physical, WindComponent, answers
-from mavdem.dem.graybox.plant import FIRST_ORDER, GUSTS, delayed, plant, smooth
+from mavdem.dem.graybox.plant import FIRST_ORDER, GUSTS, delayed, smooth
 from mavdem.dem.graybox.simulation import simulated
 from mavdem.dem.record import Record
 from mavdem.facts import Level
@@ -73,12 +73,6 @@ def flown(
     return Flight(DT * np.arange(samples), 1500 + commands, outputs)
 
 
-def root_of(covariance):
-    """The symmetric root: the signs of single eigenvectors differ between processors, and the noise with them."""
-    values, vectors = np.linalg.eigh(covariance)
-    return vectors * np.sqrt(np.maximum(values, 0)) @ vectors.T
-
-
 def settled(plan, samples):
     """Samples of the hover of ``sitl_scenarios``, and what is true of it; the torque on their grid."""
     motion = fly(plan)
@@ -107,36 +101,6 @@ def test_noise_has_the_autocorrelation_it_is_named_for(noise, autocorrelation, e
         )
         of_density = np.trapezoid(density * np.cos(turn * tau), turn) / np.pi
         assert of_density == approx(autocorrelation(tau), abs=error + 2e-3)
-
-
-@mark.parametrize("wind", WINDS, ids=["turbulence", "turbulence and gusts", "gusts"])
-def test_innovations_of_its_own_model_are_white_and_of_the_variance_it_says(wind):
-    model = Parameters(np.ones(1), 0.1, wind, least_noise=0.0)
-    rng = default_rng(3)
-    samples = 4000
-    theta = model.prior[0].copy()
-    theta[0], theta[2] = np.log(3.0), np.log(1.5)
-    components = list(zip(wind, model.sizes(theta), model.times(theta), strict=True))
-    true = plant(model.damping(theta), model.lag(theta, DT), components, DT)
-    root = root_of(true.process)
-    inputs = rng.standard_normal((samples, 1))
-    # A steady torque is as good as a constant acceleration.
-    pushes = true.pushes(3.0 * inputs[:, 0] + 0.7, theta[model.motors + 3] / DT)
-    state = 0.7 * np.eye(1, len(root), k=1)[0]
-    rates = np.zeros(samples)
-    for k, push in enumerate(pushes):
-        state = true.step.state @ state + push + root @ rng.standard_normal(len(state))
-        rates[k + 1] = state[0]
-    measured = rates + np.exp(theta[model.noise_index]) * rng.standard_normal(samples)
-    windows = FlightWindows.of(inputs[None], measured[None], 0.0 * inputs[None], DT)
-    errors, variance = model.innovations(theta[None], windows)
-    number = errors.shape[2]
-    assert errors[0].var() / variance[0] == approx(1.0, abs=4 * np.sqrt(2 / number))
-    assert abs(errors[0].mean()) < 4 * np.sqrt(variance[0] / number)
-    for lag in (1, 2, 5, 20):
-        assert abs(np.mean(errors[0, 0, lag:] * errors[0, 0, :-lag])) / variance[0] < 4 / np.sqrt(
-            number
-        )
 
 
 @mark.parametrize("samples", [200, 201])

@@ -3,7 +3,7 @@
 import random
 
 import numpy as np
-from mavlink_streams import flight, frame, frames_in, heartbeat, message
+from mavlink_streams import frame, frames_in, heartbeat, message
 from numpy.testing import assert_equal
 from pytest import mark, skip
 
@@ -66,23 +66,6 @@ def test_whole_frames_of_every_kind_are_those_of_the_file_reader(seed):
     assert frames == by_the_file_reader(content)
     assert {one.verdict for one in frames} == {GOOD, UNKNOWN, FAILED}
     assert finder.unread == sum(one.verdict != GOOD for one in frames)
-
-
-@mark.parametrize("seed", range(2))
-def test_damaged_streams_hold_what_the_file_reader_finds(seed):
-    chance = random.Random(seed)
-    content = bytearray(b"".join(flight(np.arange(1.0, 3.0, 0.01).tolist())))
-    for _ in range(40):
-        place = chance.randrange(len(content))
-        if chance.random() < 0.5:
-            content[place] = chance.randrange(256)
-        elif chance.random() < 0.5:
-            del content[place : place + chance.randrange(1, 60)]
-        else:
-            content[place:place] = chance.randbytes(chance.randrange(1, 60))
-    content += b"".join(flight(np.arange(3.0, 3.5, 0.01).tolist()))
-    good = [one for one in found(bytes(content), chance)[0] if one.verdict == GOOD]
-    assert good == [one for one in by_the_file_reader(bytes(content)) if one.verdict == GOOD]
 
 
 @mark.slow
