@@ -24,7 +24,6 @@ from mavdem import Flight, Forecaster, baselines
 from mavdem.baselines import StateSpace, maximum_likelihood, subspace_identification
 from mavdem.baselines.identified import Units
 from mavdem.baselines.maximum_likelihood import (
-    PredictionErrors,
     iterated,
 )
 from mavdem.dem.engine.kalman import GaussianModel, smoothed
@@ -41,9 +40,8 @@ def test_subspace_identification_recovers_a_system_to_within_three_times_what_an
     """At 16 times the samples no less, which a biased one would miss by four times more."""
     system = random_system(order, order)
     for samples in (1000, 16_000):
-        flight = flown(system, 1, samples)
-        bound = Bound(system, flight, 0.1)
-        assert bound.distance(baselines.subspace(flight, order).model) < 3**2
+        model = baselines.subspace(flown(system, 1, samples), order).model
+        assert error_of(model, system, samples) < 3**2 * freedom(order)
 
 
 def test_state_is_carried_over_from_the_end_of_training_and_begins_at_zero_when_asked():
@@ -77,12 +75,12 @@ def test_segments_are_learnt_from_together_and_nothing_across_gaps():
 @mark.parametrize("order", [1, 4])
 @mark.parametrize("feedback", [None, -0.3 * np.eye(2)], ids=["open", "closed"])
 def test_a_system_is_recovered_as_well_as_can_be(order, feedback):
-    """Errors in units of the Cramér-Rao bound are χ², in open and in closed loop."""
+    """Errors are χ², in open and in closed loop."""
     system = random_system(order, order)
-    flight = flown(system, 1, 4000, push=1.0 if feedback is None else 0.1, feedback=feedback)
-    bound = Bound(system, flight, 0.1)
-    distance = bound.distance(baselines.pem(flight, order).model) * bound.freedom
-    assert chi2.ppf(1e-5, bound.freedom) < distance < chi2.ppf(1 - 1e-5, bound.freedom)
+    how = {"push": 1.0 if feedback is None else 0.1, "feedback": feedback}
+    model = baselines.pem(flown(system, 1, 4000, **how), order).model
+    least, most = chi2.ppf([1e-5, 1 - 1e-5], freedom(order))
+    assert least < error_of(model, system, 4000, **how) < most
 
 
 def test_what_has_not_settled_is_said(monkeypatch):
@@ -160,47 +158,22 @@ def test_a_breakdown_is_an_error(monkeypatch):
     assert refused(baselines.em, TRAIN[:300], 2).code is Forecasts.EM_BROKE_DOWN
 
 
-def pulse_answers(model):
-    """C Aᵏ B and C Aᵏ K of as many lags as determine a system of its order."""
-    powers = [np.linalg.matrix_power(model.A, k) for k in range(2 * len(model.A))]
-    return np.concatenate(
-        [(model.C @ power @ np.hstack([model.B, model.K])).ravel() for power in powers]
+def error_of(model, system, samples, **how):
+    """What one-step predictions of another flight miss by not knowing the system, in variances of its innovations.
+
+    For as many samples as the model was learned from: of an efficient estimate it is χ² in its ``freedom``.
+    """
+    flight = flown(system, 2, 4 * samples, **how)
+    found, true = (
+        one.predicted(np.zeros(len(one.A)), flight.inputs, flight.outputs)[100:]
+        for one in (model, system)
     )
+    return np.sum((found - true) ** 2) / 0.1**2 / 4
 
 
-class Bound:
-    """Of estimates of ``system`` from ``flight``, whose innovations have the standard deviation ``noise``."""
-
-    def __init__(self, system, flight, noise):
-        n = len(system.A)
-        m = len(system.C)
-        segments = [(flight.inputs, flight.outputs)]
-        parameters = PredictionErrors(system, np.zeros((1, n)), segments)
-        vector = parameters.at
-        slopes = parameters.slopes(vector, parameters.errors(vector))
-        slopes = slopes.reshape(len(vector), -1) / noise
-
-        def answers(vector):
-            return pulse_answers(parameters.moved(vector).model)
-
-        steps = 1e-6 * np.eye(len(vector))
-        of_answers = np.stack(
-            [(answers(vector + step) - answers(vector - step)) / 2e-6 for step in steps], axis=1
-        )
-        # The choice of states tells nothing, nor does where those that C does not see are zero.
-        told = len(vector) - n * n - max(n - m, 0)
-        basis, sizes, _ = np.linalg.svd(slopes, full_matrices=False)
-        half = of_answers @ (basis[:, :told] / sizes[:told])
-        self.truth = answers(vector)
-        self.freedom = n * (system.B.shape[1] + 2 * m)
-        axes, deviations, _ = np.linalg.svd(half, full_matrices=False)
-        self.axes = axes[:, : self.freedom]
-        self.deviations = deviations[: self.freedom]
-
-    def distance(self, model):
-        """Mean square of the errors along the bound's axes, in its units: of an efficient estimate χ² / freedom."""
-        errors = self.axes.T @ (pulse_answers(model) - self.truth) / self.deviations
-        return float(np.mean(errors**2))
+def freedom(order):
+    """How many parameters data can tell: input and noise answers, and what is constant."""
+    return order * (2 + 2 * 2) + 2
 
 
 METHODS = {
