@@ -159,21 +159,6 @@ def test_yaw_is_by_the_direction_of_the_propellers():
     )
 
 
-def test_px4_motors_over_two_drivers():
-    """An octo: motors 1 to 4 on the second half of the first driver's outputs, 5 to 8 on the second driver."""
-    parameters = {f"PWM_MAIN_FUNC{n}": 96.0 + n for n in (5, 6, 7, 8)}
-    parameters |= {f"PWM_AUX_FUNC{n}": 104.0 + n for n in (1, 2, 3, 4)}
-    on_both = motor_geometry(
-        "OCTOROTOR", "PX4", parameters, moving=[5, 6, 7, 8, 17, 18, 19, 20], bank=16
-    )
-    assert on_both.motors == tuple(range(1, 9)) and on_both.channels == (5, 6, 7, 8, 17, 18, 19, 20)
-    on_one = motor_geometry("QUADROTOR", "PX4", parameters, moving=[5, 6, 7, 8], bank=16)
-    assert on_one.motors == (1, 2, 3, 4) and on_one.channels == (5, 6, 7, 8)
-    spare = parameters | {f"UAVCAN_EC_FUNC{n}": 100.0 + n for n in (1, 2, 3, 4)}
-    moving = [*range(1, 9), *range(17, 21)]
-    assert motor_geometry("OCTOROTOR", "PX4", spare, moving, bank=16).channels == on_both.channels
-
-
 def test_without_parameters_the_moving_channels_are_assumed_and_said():
     for incomplete in ({}, {"SERVO7_FUNCTION": 35.0, "SERVO2_FUNCTION": 34.0}):
         motors = drive.motors_or_obstacle(HOVER.telemetry(parameters=incomplete)).layout
