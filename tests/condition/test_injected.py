@@ -1,4 +1,4 @@
-"""The rate loop by system identification: of a known plant in wind, and of a recorded flight with a chirped truth."""
+"""The rate loop by system identification: of a recorded flight with a chirped truth, and of known margins."""
 
 import numpy as np
 from pytest import approx, mark
@@ -25,10 +25,16 @@ def test_the_recorded_flight_has_its_chirped_margins():
 
 
 @mark.parametrize("gain, level", [(12.0, Level.GOOD), (20.0, Level.WATCH), (24.0, Level.BAD)])
-def test_its_light_is_by_the_usual_and_the_least_margins(gain, level):
+def test_an_integrator_with_dead_time_has_its_margins_and_the_light_of_these(gain, level):
+    delay = 0.04
     frequency = np.geomspace(1, 40, 500)
     s = 2j * np.pi * frequency
-    loop = (gain * np.exp(-0.04 * s) / s)[None]
-    (fact,) = AxisMargins("roll", None, None, None, OpenLoop(frequency, loop, loop, loop)).facts
+    loop = (gain * np.exp(-delay * s) / s)[None]
+    found = OpenLoop(frequency, loop, loop, loop)
+    assert found.crossover == approx(gain / (2 * np.pi), rel=1e-3)
+    assert found.phase_margin == approx(90 - np.degrees(gain * delay), abs=0.1)
+    assert found.gain_margin == approx(20 * np.log10(np.pi / (2 * gain * delay)), abs=0.05)
+    assert found.delay_margin == approx(np.pi / 2 / gain - delay, abs=1e-4)
+    (fact,) = AxisMargins("roll", None, None, None, found).facts
     assert (fact.code, fact.level) == (MarginsLight.LOOP_MEASURED, level)
-    assert fact.figures["phase_margin"] == approx(90 - np.degrees(gain * 0.04), abs=0.2)
+    assert fact.figures["phase_margin"] == found.phase_margin

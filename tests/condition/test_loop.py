@@ -32,7 +32,7 @@ from mavdem.condition.loop.advice import (
 from mavdem.condition.loop.controllers import ROTOR_LAG, SPEED_SHARE, UNMODELLED, controller_of
 from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.loop import TARGETS, margin_rating
-from mavdem.condition.loop.margins import OpenLoop, transfer
+from mavdem.condition.loop.margins import transfer
 from mavdem.condition.loop.response import measured_response
 from mavdem.condition.loop.twin import again_of, twin_of
 from mavdem.condition.oscillation import Oscillation
@@ -218,19 +218,6 @@ def test_the_controllers_response_is_that_of_its_program():
     notched = back / transfer(off, frequency)[1]
     ahead = 0.5 + 0.25 * (1 - turned[:, 1]) / controller.cycle
     assert_allclose(forward, notched * (back + ahead), rtol=1e-12)
-
-
-@mark.parametrize("gain, delay", [(12.0, 0.03), (40.0, 0.03), (60.0, 0.03)])
-def test_an_integrator_with_dead_time_has_its_margins(gain, delay):
-    frequency = np.geomspace(0.02, 100.0, 500)
-    s = 2j * np.pi * frequency
-    loop = (gain * np.exp(-s * delay) / s)[None]
-    found = OpenLoop(frequency, loop, loop / (1 + loop), 1 / s / (1 + loop))
-    assert found.crossover == approx(gain / (2 * np.pi), rel=1e-3)
-    assert found.phase_margin == approx(90 - np.degrees(gain * delay), abs=0.1)
-    assert found.gain_margin == approx(20 * np.log10(np.pi / (2 * gain * delay)), abs=0.05)
-    assert found.delay_margin == approx(np.pi / 2 / gain - delay, abs=1e-4)
-    assert bool(found.stable[0]) == (gain * delay < np.pi / 2)
 
 
 @mark.slow
