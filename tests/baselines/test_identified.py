@@ -1,5 +1,6 @@
 """Identified models: what each recovers, beside bounds and other libraries, and what holds of every one of them."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -219,7 +220,7 @@ def test_an_unstable_model_is_said_to_be(method):
     assert not as_found.stable and as_found.cautions[0].code is Forecasts.MODEL_UNSTABLE
 
 
-STILL = Flight(TRAIN.time, TRAIN.inputs, np.zeros((700, 2)))
+STILL = replace(TRAIN, outputs=np.zeros((700, 2)))
 
 
 @mark.parametrize(

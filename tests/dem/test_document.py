@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 from pytest import approx, fail, fixture, mark, raises
 from simulated import simulated
 
-from mavdem import Flight, Learned, Settings, learn
+from mavdem import Learned, Settings, learn
 from mavdem.dem import Gaussian
 from mavdem.dem.record import LABELS
 from mavdem.dem.settings import CompleteSettings
@@ -80,7 +80,7 @@ def test_every_field_of_a_document_is_needed_and_checked(document):
 def test_what_a_flight_says_of_its_vehicle_is_kept():
     flight = FLIGHT[:500]
     directions = np.ones(flight.inputs.shape[1])
-    known = Flight(flight.time, flight.inputs, flight.outputs, effect_directions=directions)
+    known = replace(flight, effect_directions=directions)
     learned = learn(known, Settings(order=3, d=2, window=9, parameter_precision=1.0))
     record = Learned.from_json(learned.to_json()).record
     assert_array_equal(record.effect_directions, directions)

@@ -137,11 +137,11 @@ def test_other_numbers_of_outputs(m):
     [
         (lambda f: f[:30], "at least 50 samples"),
         (
-            lambda f: Flight(f.time, f.inputs, f.outputs * [1, 0])[:700],
+            lambda f: replace(f, outputs=f.outputs * [1, 0])[:700],
             "outputs column 1 must vary",
         ),
         (
-            lambda f: Flight(f.time, f.inputs * [1, 1, 0, 1], f.outputs)[:700],
+            lambda f: replace(f, inputs=f.inputs * [1, 1, 0, 1])[:700],
             "inputs column 2 must vary: .* Leave out",
         ),
     ],

@@ -175,9 +175,7 @@ def test_the_slope_of_the_log_joint_is_that_of_its_value():
 )
 def test_a_steered_flight_gives_the_truth_back(directions):
     flight = flown(0, steering=1.0)
-    found = physical(
-        Flight(flight.time, flight.inputs, flight.outputs, effect_directions=directions)
-    )
+    found = physical(replace(flight, effect_directions=directions))
     assert found.status == dict.fromkeys(PARAMETERS, "reported")
     assert found.caution is None
     half = found.interval(0.99)
@@ -288,7 +286,7 @@ def test_inputs_that_curve_are_seen_on_unseen_windows_and_straight_ones_are_not(
     "change, reason",
     [
         (lambda f: Flight(f.time, f.inputs, f.outputs[:, [1, 1]]), NoPhysical.NO_RATE),
-        (lambda f: Flight(f.time, 0 * f.inputs, f.outputs), NoPhysical.MOTORS_STILL),
+        (lambda f: replace(f, inputs=0 * f.inputs), NoPhysical.MOTORS_STILL),
         (lambda f: f[:150], NoPhysical.TOO_FEW_SAMPLES_WITHOUT_GAPS),
         (lambda f: Flight(4 * f.time, f.inputs, f.outputs), NoPhysical.SAMPLED_TOO_SLOWLY),
     ],
@@ -351,7 +349,7 @@ def test_uncertain_parameters_widen_it_to_first_order():
 
 def test_outputs_may_come_in_any_order_and_must_be_an_angle_and_its_rate():
     flight = flown(0, steering=0.5)
-    turned = Flight(flight.time, flight.inputs, flight.outputs[:, ::-1])
+    turned = replace(flight, outputs=flight.outputs[:, ::-1])
     one, other = (simulated(TRUE, Record.of(each), 1500 + DOUBLET) for each in (flight, turned))
     assert_allclose(one.mean, other.mean[:, ::-1])
     assert_allclose(one.variance, other.variance[:, ::-1])

@@ -12,7 +12,7 @@ from simulated import simulated
 from test_model import joint
 from test_physical import MOTORS, TRUE, flown, settled
 
-from mavdem import Flight, OnlineLearner, Settings
+from mavdem import OnlineLearner, Settings
 from mavdem.confidence import quantile
 from mavdem.dem import physical
 from mavdem.dem.engine.kalman import GaussianModel
@@ -73,9 +73,7 @@ def test_motors_that_differ_steadily_balance_a_steady_wind_and_what_all_have_in_
     flight = flown(2, steering=0.0, samples=1500)
 
     def torque(shift, known):
-        return wind(
-            known, Record.of(Flight(flight.time, flight.inputs + shift, flight.outputs))
-        ).torque
+        return wind(known, Record.of(replace(flight, inputs=flight.inputs + shift))).torque
 
     shift = torque(20 * np.sign(MOTORS), TRUE) - torque(np.zeros(4), TRUE)
     assert_allclose(shift, -20 * abs(MOTORS).sum(), atol=1e-6)
@@ -264,7 +262,7 @@ def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steerin
         )
     assert np.median(doublets[:, 1]) > 3 * np.median(hover[:, 1])
     of = online.filter
-    told = Flight(steering.time, steering.inputs * [1.25, 1, 1, 1], steering.outputs)
+    told = replace(steering, inputs=steering.inputs * [1.25, 1, 1, 1])
     for weak, (least, most) in ((steering.inputs, (0.85, 1.0)), (told.inputs, (0.0, 0.2))):
         torque, band = followed(online, memory, told, weak)[BEGINS + 1 :].T
         assert least <= np.mean(abs(torque) <= band) <= most
@@ -273,7 +271,7 @@ def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steerin
 
 
 def test_a_fit_that_fails_leaves_the_last_one():
-    still = Flight(WINDY.time, np.full_like(WINDY.inputs, 1500.0), WINDY.outputs)
+    still = replace(WINDY, inputs=np.full_like(WINDY.inputs, 1500.0))
     online, memory = online_wind()
     assert np.isnan(followed(online, memory, still)).all()
     assert online.filter is None

@@ -7,7 +7,7 @@ from numpy.testing import assert_array_equal
 from pytest import MonkeyPatch, approx, fixture, mark, raises
 from simulated import simulated
 
-from mavdem import Flight, baselines, learn
+from mavdem import baselines, learn
 from mavdem.evaluate import HORIZONS, Paired, relative_mspe
 from mavdem.evaluate.comparison import (
     METHODS,
@@ -114,7 +114,7 @@ def test_a_window_without_a_unit_of_error_fails_for_every_method_and_a_fault_of_
     with raises(TypeError):
         evaluate_window(Method("hold", lambda: None), WINDOWS[0])
     flight = FLIGHTS["a"]
-    still = Flight(flight.time, flight.inputs, flight.outputs * [1, 0])
+    still = replace(flight, outputs=flight.outputs * [1, 0])
     (window, *_) = windows("still", still)
     for method in (HOLD, MEAN, METHODS[0]):
         assert "vary" in str(evaluate_window(method, window).failure)

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from itertools import chain, repeat
 from math import ceil
 from unittest.mock import DEFAULT, Mock
@@ -68,11 +69,11 @@ def test_nothing_after_a_sample_is_used_to_forecast_it(held_out):
     # Of the last part, which only its own model does not see.
     changed[last:] += 0.1
     moved[last:] += 30.0 * SIGNS
-    again = held_out_windows([mavdem.Flight(FLIGHT.time, FLIGHT.inputs, changed)], QUICK, STEPS)
+    again = held_out_windows([replace(FLIGHT, outputs=changed)], QUICK, STEPS)
     for name in ("forecast", "prediction"):
         assert_array_equal(again.forecasts[name][-1], held_out.forecasts[name][-1])
     # A prediction does not know the motors of its window either; a forecast does.
-    driven = held_out_windows([mavdem.Flight(FLIGHT.time, moved, FLIGHT.outputs)], QUICK, STEPS)
+    driven = held_out_windows([replace(FLIGHT, inputs=moved)], QUICK, STEPS)
     assert_array_equal(driven.forecasts["prediction"][-1], held_out.forecasts["prediction"][-1])
     assert not np.array_equal(driven.forecasts["forecast"][-1], held_out.forecasts["forecast"][-1])
 
