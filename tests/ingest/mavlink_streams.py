@@ -3,6 +3,7 @@
 import struct
 from contextlib import contextmanager
 from functools import cache
+from tempfile import NamedTemporaryFile
 
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
@@ -11,6 +12,7 @@ from pytest import raises
 from recorded_flights import LOGS, SHARED
 
 from mavdem.errors import Unreadable
+from mavdem.ingest import read_log
 from mavdem.ingest.mavlink.definitions import seeds
 from mavdem.ingest.mavlink.framing import concatenated, find_frames
 
@@ -110,6 +112,14 @@ def tlog(frames):
     return b"".join(
         struct.pack(">Q", NOW + 10_000 * row) + content for row, content in enumerate(frames)
     )
+
+
+def read(content):
+    """The log of a file that holds this."""
+    with NamedTemporaryFile(suffix=".tlog") as file:
+        file.write(content)
+        file.flush()
+        return read_log(file.name)
 
 
 def flight(times, system=1, sequence=0):

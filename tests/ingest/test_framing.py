@@ -6,11 +6,20 @@ from collections import defaultdict
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mavlink_streams import NOW, beginning, flight, frame, frames_in, heartbeat, real_logs, tlog
+from mavlink_streams import (
+    NOW,
+    beginning,
+    flight,
+    frame,
+    frames_in,
+    heartbeat,
+    read,
+    real_logs,
+    tlog,
+)
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as dialect
 from pytest import approx, mark
-from whole_logs import read
 
 from mavdem.ingest.mavlink.definitions import columns, definitions
 from mavdem.ingest.mavlink.framing import FAILED, GOOD

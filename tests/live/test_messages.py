@@ -115,7 +115,6 @@ def test_fields_and_stamps_are_those_of_columns(name, version):
     clock = next((field for field in CLOCK_UNITS if field in table), None)
     for row, one in enumerate(FrameReader().feed(content.tobytes())):
         told = message_of(one)
-        assert told is not None
         assert told.name == name
         for value, field in zip(told.values, FIELDS[name], strict=True):
             assert_equal(value, table[field][row])
