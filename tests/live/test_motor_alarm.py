@@ -89,7 +89,7 @@ class Trimmed(Hover):
 
 def hovering(clock=0.0, rate=20.0, **trims):
     """Frames of a hover, whose boot clock reads ``clock`` more, from ground to ground."""
-    hover = Trimmed(hovering=35.0, **trims)
+    hover = Trimmed(hovering=28.0, **trims)
     return Flight(hover, attitude=20.0, motors=rate, clock=clock).frames(end=hover.end)
 
 

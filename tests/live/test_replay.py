@@ -165,7 +165,7 @@ def hold_against_offline(path):
 def test_a_recorded_flight_gives_what_it_gives_offline(path, tmp_path):
     if path.stem not in TO_THE_GROUND:
         path = first_seconds(
-            path, tmp_path, 45.0 if path.parent.name.startswith("sitl_") else 160.0
+            path, tmp_path, 45.0 if path.parent.name.startswith("sitl_") else 120.0
         )
     if "SUBMARINE" in {vehicle.vehicle for vehicle in vehicles_of(path)}:
         assert not replay(recorded(path)).rows
