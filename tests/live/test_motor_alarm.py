@@ -50,7 +50,7 @@ def flown(request, tmp_path_factory):
     vehicle = VehicleSpec(weak_motor=3, weak_from=25.0, weak_thrust=0.8, parameters=slower)
     stream = StreamSpec(autopilot=request.param, rate=12.0)
     scenario = Scenario(
-        duration=38.0, height=2.0, seed=3, vehicle=vehicle, wind=wind, stream=stream
+        duration=45.0, height=2.0, seed=3, vehicle=vehicle, wind=wind, stream=stream
     )
     path = tmp_path_factory.mktemp("weak") / "flight.tlog"
     write_log(path, scenario, fly(scenario))
