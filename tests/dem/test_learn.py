@@ -36,6 +36,7 @@ def test_a_clean_system_is_recovered_and_forecast():
     assert_allclose(model.A[1], [-9, -RATE], rtol=0.1)
     assert_allclose(model.B[1], GAIN, rtol=0.1)
     assert evaluate.relative_mspe(train, test, learned.forecast(test.inputs)) < 0.02
+    assert (learned.plant.errors < 0.02 * train.outputs.var(axis=0)).all()
     assert isinstance(learned, Forecaster)
 
 
