@@ -67,8 +67,6 @@ def baseline_blocks(latest: FlightRow, difference: VehicleDifference | None) -> 
 
 def _changes(difference: VehicleDifference) -> Blocks:
     """What changed, what is the same, and what was compared without a result."""
-    if not difference.changes:
-        return [Sentence("", "Nothing can be compared.")]
     changed, unknown = (
         [_change(change, difference) for change in difference.of(kind)]
         for kind in (Outcome.CHANGED, Outcome.UNCERTAIN)
