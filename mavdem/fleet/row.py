@@ -15,7 +15,7 @@ from functools import cache
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 from mavdem.alignment.drive import AXES, INPUTS
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.motors import MotorHealth
 from mavdem.grouping import grouped
@@ -268,6 +268,11 @@ class FlightRow:
             object.__setattr__(self, name, value)
 
     @property
+    def has_flight(self) -> bool:
+        """Whether it is of a flight: one with figures, or one whose assessment is bad without any."""
+        return self.status == OK or self.headline_level == Level.BAD
+
+    @property
     def order(self) -> tuple[str, str, str, int, int, str]:
         """By which rows are sorted: nothing that depends on when they were made."""
         return (
@@ -427,8 +432,8 @@ def flights_of(rows: Iterable[FlightRow]) -> list[FlightRows]:
 
 
 def vehicles_of(rows: Iterable[FlightRow]) -> dict[str, list[FlightRows]]:
-    """Returns the flights with figures of each vehicle, by its name in order, as :func:`flights_of` has them."""
-    flights = flights_of(row for row in rows if row.status == OK)
+    """Returns the flights of each vehicle, by its name in order, as :func:`flights_of` has them."""
+    flights = flights_of(row for row in rows if row.has_flight)
     return dict(sorted(grouped(flights, lambda flight: flight[0].vehicle).items()))
 
 
@@ -477,7 +482,7 @@ def summary(rows: Iterable[FlightRow]) -> Values:
     healths = Counter(map(worst_health, flown))
     tiers = Counter(filter(None, map(best_tier, flown)))
     failed = dict.fromkeys(
-        (row.file, row.status, row.status_code) for row in rows if row.status != OK
+        (row.file, row.status, row.status_code) for row in rows if not row.has_flight
     )
     return {
         "flights": len(flown),

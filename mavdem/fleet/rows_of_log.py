@@ -16,7 +16,7 @@ from mavdem.assessment.assess import NoLoop, assess_signals
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.errors import Unreadable
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.facts.fleet import Reading
 from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.fleet.workers import PAGES, LogRows, fault
@@ -54,7 +54,7 @@ def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogR
                 )
             )
             continue
-        if found[0].axis is not None and page is not None:
+        if found[0].has_flight and page is not None:
             name = f"{key[:16]}-{telemetry.system}-{telemetry.component}.html"
             pages[name] = page(path.name, assessment)
             found = [replace(row, page=f"{PAGES}/{name}") for row in found]
@@ -74,8 +74,7 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
     judged = assessment.of_documents | {"headline_fact": assessment.headline}
     if all(analysis.tier.name is None for analysis in assessment.analyses.values()):
         unknown = dict.fromkeys(("axis", "tier", "tier_reason", "attitude_rate"))
-        is_bad = assessment.headline.level is Level.BAD
-        reason = (None if is_bad else first.reason) or assessment.headline
+        reason = first.reason or assessment.headline
         row = FlightRow.of(
             first.as_dict() | judged,
             status=reason.advised,

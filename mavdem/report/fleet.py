@@ -13,7 +13,7 @@ from mavdem.grouping import grouped
 from mavdem.report.blocks import Blocks, Table
 from mavdem.report.condition import TIER_WORDS
 from mavdem.report.numbers import few, listed
-from mavdem.report.words import go_on, section
+from mavdem.report.words import begin, go_on, section
 
 TROUBLE = MotorHealth.FAULT, MotorHealth.DRIFT
 LEVELS = {
@@ -50,13 +50,15 @@ def fleet_blocks(rows: FlightRows) -> Blocks:
         )
     ]
     return blocks + _unused(
-        [flight[0] for flight in fleet_row.flights_of(row for row in rows if row.status != OK)]
+        [flight[0] for flight in fleet_row.flights_of(row for row in rows if not row.has_flight)]
     )
 
 
 def is_one_vehicle(name: str, flights: Flights) -> bool:
-    """Returns whether these are a vehicle's: of a system id, which many share, only if they were judged as such."""
-    return name != UNKNOWN and (not is_shared(flights) or vehicle_health(flights) != UNKNOWN)
+    """Returns whether these are a vehicle's: of a system id, which many share, only if there is something to say."""
+    return name != UNKNOWN and (
+        not is_shared(flights) or vehicle_health(flights) != UNKNOWN or doubt(flights) != ""
+    )
 
 
 def vehicle_health(flights: Flights) -> str:
@@ -138,11 +140,12 @@ def _flown(flown: Flights) -> dict[str, object] | None:
 def _unused(refused: FlightRows) -> Blocks:
     """Why logs could not be used, the most frequent reason first."""
     by_reason = grouped(refused, lambda row: row.status_code or row.status)
-    ranked = sorted(by_reason.values(), key=lambda rows: (-len(rows), rows[0].status))
-    cells = [
-        [cut(rows[0].status, 70), str(len(rows)), cut(PurePath(rows[0].file).name, 40)]
-        for rows in ranked[:MAX_REASONS]
-    ]
+    ranked = sorted(by_reason.items(), key=lambda item: (-len(item[1]), item[0]))
+    cells = []
+    for code, rows in ranked[:MAX_REASONS]:
+        # a sentence has the figures of one log
+        reason = rows[0].status if len(rows) == 1 else begin(code.replace("_", " "))
+        cells.append([cut(reason, 70), str(len(rows)), cut(PurePath(rows[0].file).name, 40)])
     table = Table(["reason", "logs", "for example"], cells, words=True)
     return [*section("fleet_unused", logs=len(refused)), *([table] if refused else [])]
 

@@ -90,7 +90,7 @@ def fleet_page(rows: FlightRows, changes: Mapping[str, Sequence[Block]] | None =
 
 
 def _health(flight: Flight) -> str:
-    if flight[0].status != OK:
+    if not flight[0].has_flight:
         return NOT_USED
     health = MotorHealth(worst_health(flight))
     return Rated(health, words.LEVELS[health])
@@ -105,7 +105,7 @@ def _lights(flight: Flight) -> str:
 
 def _notes(flight: Flight) -> str:
     """What is said of the flight, the most important first, a line each."""
-    if flight[0].status != OK:
+    if not flight[0].has_flight:
         return cut(flight[0].status, MAX_NOTE)
     reasons = (row.health_reason for row in flight if row.health != OK)
     warnings = (warning for row in flight for warning in row.warnings)

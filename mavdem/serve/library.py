@@ -472,7 +472,7 @@ def file_name(name: str) -> str:
 def _of_rows(file: str, rows: FlightRows) -> Entry:
     """The entry of a log of a fleet."""
     first = rows[0]
-    is_sound = first.status == OK
+    is_sound = first.has_flight
     columns = columns_of(rows)
     return Entry(
         new_id(),

@@ -22,7 +22,7 @@ from mavdem.facts.events import Reported
 from mavdem.facts.fleet import Reading
 from mavdem.facts.serve import Stage
 from mavdem.files import atomic_write
-from mavdem.fleet.row import OK, FlightRows
+from mavdem.fleet.row import FlightRows
 from mavdem.fleet.rows_of_log import rows_of_assessment
 from mavdem.fleet.store import opened
 from mavdem.fleet.tracking import assess_rows
@@ -65,7 +65,7 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
         found = rows_of_assessment(assessment.with_axis("pitch"), log.source)
         judged.append((assessment, found))
     # Of several vehicles the page is of the one that flew, the first of them.
-    assessment, _ = next((both for both in judged if both[1][0].status == OK), judged[0])
+    assessment, _ = next((both for both in judged if both[1][0].has_flight), judged[0])
     rows = [row for _, rows_of_vehicle in judged for row in rows_of_vehicle]
     place = f"{RESULTS}/{digest}/{PAGE}"
     tell(Stage.DRAWING, **_told(assessment, rows))

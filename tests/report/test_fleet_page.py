@@ -63,6 +63,16 @@ def test_a_fleet_without_a_flight_and_one_with_a_single_flight_have_a_page():
     assert parts(text) == {} and "they are not compared" in text
 
 
+def test_a_lost_flight_without_figures_needs_a_look_and_reasons_of_several_logs_have_no_figures():
+    lost = {"status": "No settled flight.", "headline": "Lost at 70.9 s.", "headline_level": "bad"}
+    unused = [
+        FlightRow(file=at, status=f"Armed for {at} s.", status_code="never_airborne") for at in "12"
+    ]
+    text = fleet_page([flight_row("quad", 0, health="unknown", **lost), *unused])
+    assert "1 of 1 vehicle needs a look: quad (lost at 70.9 s)." in text
+    assert "Never airborne</td>" in text and "pages/quad-0.html" in text
+
+
 def test_what_changed_since_the_baseline_stands_with_its_vehicle():
     rows = [flight_row("quad-2", number) for number in range(2)]
     text = fleet_page(rows, {"quad-2": [Sentence("motor 3's effect −18 % ± 6 %.", "Changed:")]})
