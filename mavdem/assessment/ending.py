@@ -115,8 +115,10 @@ def _first(signals: Signals, events: Sequence[Fact], lost: Fact) -> Fact | None:
     if off := _during(events, MotionEvent.MOTOR_OFF, boot, onset):
         names = tuple(event.subject for event in off)
         subject = names[0] if len(names) == 1 else ""
+        anew = [name for name in signals.telemetry.earlier if name.endswith("_FUNCTION")]
         code = FailedFirst.MOTOR_OFF_FIRST
-        return Fact(code, Level.BAD, time=off[0].time, subject=subject, names=names)
+        time = off[0].time
+        return Fact(code, Level.BAD, time=time, subject=subject, names=names, settings=anew)
     error = attitude_error(signals, boot)
     if error is None:
         return None

@@ -118,9 +118,11 @@ def test_a_boot_without_motor_outputs_has_no_events_of_motors():
 
 def test_names_motors_without_output():
     made = falling(leaning(flight(), QUAD[2], 120.0, 100.0))
+    made = replace(made, earlier={"SERVO3_FUNCTION": 35.0})
     events, ending = judged(driven(made, 2, 1000.0))
     assert events[MotionEvent.MOTOR_OFF].subject == ending.subject == NAMES[2]
     assert ending.figures["cause"].code is FailedFirst.MOTOR_OFF_FIRST
+    assert "SERVO3_FUNCTION" in str(ending) and "propeller" not in ending.remedy
     _, ending = judged(driven(driven(made, 2, 1000.0), 3, 1000.0))
     assert ending.subject == ""
     assert ending.figures["cause"].figures["names"] == NAMES[2:]
