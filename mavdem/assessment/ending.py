@@ -192,8 +192,9 @@ def _by_commands(
     change = now.mean(axis=0) - usual.mean(axis=0)
     if (change < -usual.mean(axis=0) / 2).all():
         return Fact(FailedFirst.ALL_OFF_FIRST, time=time[0])
-    if (now if fell is None else before).mean() > SPENT_SHARE * motors.scale.stop:
-        return Fact(FailedFirst.THRUST_SPENT_FIRST, time=time[0])
+    spent = (now if fell is None else before).mean() / motors.scale.stop
+    if spent > SPENT_SHARE:
+        return Fact(FailedFirst.THRUST_SPENT_FIRST, time=time[0], share=spent)
     idle = airborne_collective(signals.telemetry.parameters)
     weak = _weak_motor(motors, change, fell)
     if weak is None:

@@ -68,7 +68,7 @@ class Evidence:
         """
         found = [self.ending, *overrides_of(self.condition, ())]
         if self.condition.hover is None:
-            found += [fact for fact in self.events if fact.code is MotionEvent.MOTOR_AT_ITS_STOP]
+            found += self.reported([MotionEvent.MOTOR_AT_ITS_STOP])
         return tuple(filter(None, found))
 
     def flights(self, boot: int) -> phases.Intervals:

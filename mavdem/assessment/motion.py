@@ -103,6 +103,7 @@ def _events(signals: Signals, boot: int) -> Iterator[Fact]:
     if (
         flights
         and flights[-1][1] == inf
+        and last - (lost and lost.time or last) < CAUGHT_SECONDS
         and all(event.code is not MotionEvent.HIT for event in fall)
     ):
         height = height_above(signals, boot, flights[-1], last)

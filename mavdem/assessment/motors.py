@@ -21,14 +21,11 @@ def motors_light(evidence: Evidence) -> Fact:
     names = () if motors is None else motors.layout.names
     hover = evidence.condition.hover
     # Where there was no hover to judge, a moment at the limit is all that shows.
-    telling: list[Code] = [InFlight.MOTOR_LOST_THRUST]
+    telling: list[Code] = [InFlight.MOTOR_LOST_THRUST, MotionEvent.MOTOR_OFF]
     if hover is None:
         telling.append(MotionEvent.MOTOR_AT_ITS_STOP)
-    weak = [
-        event
-        for event in filter(None, (evidence.ending, *evidence.events))
-        if event.subject in names and (event.level is Level.BAD or event.code in telling)
-    ]
+    events = filter(None, (evidence.ending, *evidence.reported(telling)))
+    weak = [event for event in events if event.subject in names]
     # Of several losses the largest is named, not the earliest.
     weak.sort(key=lambda event: -event.figures.get("rise", inf))
     if hover is None:

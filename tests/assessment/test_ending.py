@@ -148,9 +148,10 @@ def test_all_motors_together_name_none(output, since, code):
     made = falling(leaning(flight(), ASIDE, 120.0, 100.0))
     for motor in range(4):
         made = driven(made, motor, output, since)
-    _, ending = judged(made)
-    assert ending.figures["cause"].code is code
-    assert ending.subject == ""
+    events, ending = judged(made)
+    cause = ending.figures["cause"]
+    assert cause.code is code and MotionEvent.LOG_ENDED_IN_AIR not in events
+    assert ending.subject == "" and cause.figures.get("share", 1.0) > 0.9
 
 
 def test_an_attitude_is_lost_beyond_30_degrees_for_three_tenths_of_a_second():

@@ -273,7 +273,7 @@ def test_nothing_after_the_vehicle_was_lost_counts():
 
 def test_a_vehicle_that_oscillates_was_lost_or_had_a_motor_at_its_stop_without_a_hover_is_grounded():
     lost = Fact(Ending.CRASHED, time=20.0)
-    stop = Fact(MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH)
+    stop = Fact(MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH, time=15.0, boot=0)
     caught = Fact(MotionEvent.ATTITUDE_CAUGHT, Level.WATCH)
     sound = evidence(HOVER.telemetry(), events=(caught,))
     touched = replace(sound, events=(caught, stop), ending=lost)

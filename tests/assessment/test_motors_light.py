@@ -60,8 +60,8 @@ def test_the_worst_is_said(pulses, code, level):
 
 def test_what_names_a_motor_before_its_balance_goes_first():
     even = evidence()
-    named = Fact(Session.ALARM, Level.BAD, time=70.0, subject="motor 3 (front left)")
-    other = Fact(Session.ALARM, Level.BAD, time=70.0, subject="GPS")
+    named = Fact(MotionEvent.MOTOR_OFF, Level.BAD, time=50.0, subject="motor 3 (front left)", boot=0)
+    other = Fact(Session.ALARM, Level.BAD, time=50.0, subject="GPS", boot=0)
     assert motors_light(replace(even, events=(other, named))) == named
     assert motors_light(replace(even, ending=named)) == named
     first, largest = named.but(rise=0.2), named.but(rise=0.4)
@@ -78,6 +78,9 @@ def test_without_settled_flight_or_outputs_it_is_not_known():
     bare = replace(flight, condition=replace(flight.condition, hover=None), events=())
     found = motors_light(bare)
     assert (found.code, found.level) == (MotorsLight.MOTORS_NOT_SEEN, Level.UNKNOWN)
-    stop = Fact(MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH, subject="motor 3 (front left)")
+    code = MotionEvent.MOTOR_AT_ITS_STOP
+    stop = Fact(code, Level.WATCH, time=50.0, subject="motor 3 (front left)", boot=0)
     assert motors_light(replace(bare, events=(stop,))) == stop
+    lost = replace(bare, events=(stop,), ending=Fact(Session.ALARM, time=40.0))
+    assert motors_light(lost).code is MotorsLight.MOTORS_NOT_SEEN
     assert motors_light(replace(flight, events=(stop,))).level is Level.GOOD
