@@ -2,6 +2,7 @@
 
 from math import hypot, inf, radians
 
+from mavdem.assessment.estimator import estimator_light
 from mavdem.assessment.evidence import Evidence
 from mavdem.condition.condition import Condition
 from mavdem.facts import Fact, Level
@@ -21,15 +22,18 @@ def wind_light(evidence: Evidence) -> Fact:
         return Fact(WindLight.WIND_NOT_KNOWN, because=because)
     low, high = wind.speed_interval
     share = _share_of_lean(evidence.condition, evidence.signals.telemetry)
+    doubt = estimator_light(evidence)
+    doubted = doubt.level is Level.BAD
     return Fact(
         WindLight.WIND_BLEW,
-        Level.WATCH if share > MUCH_LEAN and not wind.calm else Level.GOOD,
+        Level.WATCH if doubted or share > MUCH_LEAN and not wind.calm else Level.GOOD,
         calm=wind.calm,
         speed=wind.speed,
         low=low,
         high=high,
         direction=wind.direction if wind.directed else None,
         share=share,
+        because=doubt if doubted else None,
     )
 
 
