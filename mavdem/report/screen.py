@@ -173,12 +173,11 @@ def _by_motor(motors: Sequence[str], columns: dict[str, list[str]]) -> Table:
 
 def _hover_columns(hover: HoverFigures) -> dict[str, list[str]]:
     """Columns of the table of the motors, by header."""
-    limits = zip(hover.at_upper_limit, hover.at_lower_limit, strict=True)
     return {
         f"trim ({hover.unit})" if hover.unit else "trim": [f"{trim:.4g}" for trim in hover.trim],
         "trim deviation (%)": [f"{round(more, 1) + 0.0:+.1f}" for more in hover.imbalance],
         "headroom (%)": [f"{100 * left:.0f}" for left in hover.headroom],
-        "saturated (% of time)": [f"{100 * (up + low):.1f}" for up, low in limits],
+        "saturated (% of time)": [f"{100 * share:.1f}" for share in hover.at_upper_limit],
     }
 
 

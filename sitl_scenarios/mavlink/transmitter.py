@@ -352,8 +352,9 @@ def recorded(
         received.append(link.pass_on(sent))
         progress(min(end / len(motion), 1.0))
     whole = joined([*received, *link.rest()])
-    # The first boot is on 1 January 2026, 0:00 UTC: the same for every flight, so that files are too.
-    stamps = 1_767_225_600_000_000 + np.round(whole.time * 1e6)
+    # The first boot is on 1 January 2026, 0:00 UTC, and a day later with each seed, so that no two are one flight.
+    begin = 1_767_225_600_000_000 + scenario.seed % 1000 * 86_400_000_000
+    stamps = begin + np.round(whole.time * 1e6)
     return FrameStream(
         "simulation", "simulation", whole.data, whole.frames, stamps.astype(np.uint64), 0, ()
     )
