@@ -185,6 +185,8 @@ def test_levels_of_the_filter(telemetry, code, level):
     assert (fact.code, fact.level) == (code, level)
     if level is Level.BAD:
         assert fact.figures["name"] == "velocity" and fact.time == approx(30.2)
+    is_beyond = level is Level.GOOD and fact.figures["ratio"] > 1
+    assert is_beyond is ("beyond their limits for 0.2 s at most" in str(fact))
 
 
 @mark.parametrize(
@@ -239,6 +241,9 @@ def test_the_wind_is_reported_where_the_flight_identifies_its_speed():
     )
     strong = Signals(replace(known.signals.telemetry, parameters={"ANGLE_MAX": 3000.0}))
     assert wind_light(replace(known, condition=leaning, signals=strong)).level is Level.WATCH
+    diverged = Fact(Reported.ESTIMATOR_DIVERGED, Level.BAD, time=100.0, boot=0)
+    fact = wind_light(replace(known, events=(diverged,)))
+    assert fact.level is Level.WATCH and fact.figures["because"] == diverged
     unknown = evidence(HOVER.telemetry(20.0, 20.0, without=("LOCAL_POSITION_NED",)))
     fact = wind_light(unknown)
     assert (fact.code, fact.level) == (WindLight.WIND_NOT_KNOWN, Level.UNKNOWN)

@@ -60,7 +60,9 @@ def test_the_worst_is_said(pulses, code, level):
 
 def test_what_names_a_motor_before_its_balance_goes_first():
     even = evidence()
-    named = Fact(MotionEvent.MOTOR_OFF, Level.BAD, time=50.0, subject="motor 3 (front left)", boot=0)
+    named = Fact(
+        MotionEvent.MOTOR_OFF, Level.BAD, time=50.0, subject="motor 3 (front left)", boot=0
+    )
     other = Fact(Session.ALARM, Level.BAD, time=50.0, subject="GPS", boot=0)
     assert motors_light(replace(even, events=(other, named))) == named
     assert motors_light(replace(even, ending=named)) == named

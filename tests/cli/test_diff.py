@@ -67,10 +67,13 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
     rows = {
         "a.bin": flown("alpha", [0], system=4),
         "b.bin": [FlightRow(file="b.bin", status="It is empty.")],
+        "c.bin": flown("alpha", [1], trim_share_interval=(0.2,) * 4),
     }
     monkeypatch.setattr("mavdem.cli.diff.rows_of_log", lambda path, *_: (rows[path.name], {}))
     assert run("diff", "a.bin", "a.bin", "--vehicle", "4:1") == 0
     assert "Nothing that was compared changed." in capsys.readouterr().out
+    assert run("diff", "a.bin", "c.bin", "--vehicle", "alpha") == 0
+    assert "No single change is certain." in capsys.readouterr().out
     assert run("diff", "a.bin", "b.bin") == 1
     assert "B has no flight with figures. It is empty." in capsys.readouterr().err
 

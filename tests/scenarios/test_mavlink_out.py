@@ -152,6 +152,16 @@ def test_the_same_seed_is_the_same_file_however_it_is_cut(monkeypatch):
     assert written(flown.model_copy(update={"seed": 1}), motion) != whole
 
 
+def test_each_seed_is_a_flight_of_its_own_day():
+    motion = made_up_motion()
+    flights = (scenario().model_copy(update={"seed": seed}) for seed in (0, 1, 2**32 - 1))
+    days = [
+        recorded(one, motion, CYCLES["px4"], lambda _: None).stamps[0] // 86_400_000_000
+        for one in flights
+    ]
+    assert days == [20454, 20455, 20454 + 295]
+
+
 def test_a_reboot_in_the_air_is_a_new_boot(tmp_path):
     log = read(tmp_path, scenario(faults=Faults(reboot=8.0)), made_up_motion())
     (vehicle,) = log.vehicles
