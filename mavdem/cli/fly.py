@@ -103,7 +103,7 @@ def fly_command(
     SCENARIO is a name from --list, or the path of a .toml file. The vehicle arms, climbs, hovers as the scenario says,
     lands and disarms. It sends MAVLink as PX4 or ArduPilot does: into a log (--out), with the true states beside it, or
     live to a ground station (--udp), which may request messages and parameters, arm and disarm. The same scenario and
-    seed give the same log, byte by byte; its clock starts on 1 January 2026, and a day later with each seed.
+    seed give the same log, byte by byte; each seed has its own date.
 
     \b
     Examples:
