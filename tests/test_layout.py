@@ -228,7 +228,7 @@ NODES = {
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
 ALL_NODES = 419_420
-TEST_NODES = 241_560
+TEST_NODES = 241_620
 NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""
 ALL_CONSTANTS = 698

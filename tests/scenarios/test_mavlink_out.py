@@ -119,7 +119,11 @@ def test_every_message_has_the_same_velocity(tmp_path):
     place = read(tmp_path, flown, motion).vehicles[0].messages["GLOBAL_POSITION_INT"]
     rows = np.searchsorted(motion.time, place["time"] - 1e-3)
     sent = np.column_stack([place[f"v{axis}"] for axis in "xyz"]) / 100
-    assert np.polyfit(motion.known_position[rows, 1], place["lon"], 1)[0] > 0
+    north, east = motion.known_position[rows, :2].T
+    shrunk = np.cos(np.radians(place["lat"][0] / 1e7))
+    # Ten millionths of a degree in a metre.
+    assert np.polyfit(north, place["lat"], 1)[0] == approx(89.9, rel=0.01)
+    assert np.polyfit(east, place["lon"], 1)[0] == approx(89.9 / shrunk, rel=0.01)
     assert_allclose(sent, motion.known_velocity[rows], atol=0.0051)
 
 
