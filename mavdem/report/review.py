@@ -35,8 +35,7 @@ def title_of(assessment: Assessment) -> Sentence:
     known = section(
         "review",
         analysis.identity,
-        condition=analysis.condition,
-        is_simulated=assessment.simulated is not None,
+        assessment=assessment,
     )
     return Sentence(" ".join(sentence.text for sentence in known), name)
 

@@ -237,7 +237,9 @@ class Server:
     def _flight_page(self, request: HttpRequest) -> Response:
         entry = self._seen(request)
         known = self._known(request) | {"one": entry}
-        own = self.library.results_of(entry) / PAGE
+        wanted = request.query_params.get("vehicle", "")
+        other = f"vehicle_{wanted}.html"
+        own = self.library.results_of(entry) / (other if other in entry.file_names else PAGE)
         path = own if entry.digest else self.library.folder / (entry.files or PAGE)
         if entry.stage != Stage.DONE or not (entry.digest or path.is_file()):
             return HTMLResponse(served("flight", **known))

@@ -15,6 +15,7 @@ from typing import Any
 from mavdem.alignment.signals import Signals
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess_signals
+from mavdem.assessment.limits import SEVERITY
 from mavdem.documents import whole
 from mavdem.documents.review import review_document
 from mavdem.errors import Unreadable
@@ -30,6 +31,7 @@ from mavdem.fleet.workers import LogRows
 from mavdem.heading import Values
 from mavdem.ingest import read_log
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
+from mavdem.report.flight_page import review_page
 from mavdem.results import PAGE, result_files, write_result_files
 from mavdem.serve.library import PROGRESS, RESULTS, columns_of
 
@@ -64,13 +66,21 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
         tell(Stage.LEARNING, **_judgement(assessment))
         found = rows_of_assessment(assessment.with_axis("pitch"), log.source)
         judged.append((assessment, found))
-    # Of several vehicles the page is of the one that flew, the first of them.
-    assessment, _ = next((both for both in judged if both[1][0].has_flight), judged[0])
+    # Of several vehicles the page is of the worst that flew; those of the others are beside it.
+    judged.sort(
+        key=lambda both: (both[1][0].has_flight, SEVERITY.index(both[0].headline.level)),
+        reverse=True,
+    )
+    (assessment, _), *others = judged
     rows = [row for _, rows_of_vehicle in judged for row in rows_of_vehicle]
     place = f"{RESULTS}/{digest}/{PAGE}"
     tell(Stage.DRAWING, **_told(assessment, rows))
     names = result_files(assessment)
     files = {name: name for name in names}
+    for other, (row, *_) in others:
+        name = f"vehicle_{row.system}_{row.component}.html"
+        files[name] = name
+        (made / name).write_text(review_page(other), "utf-8", "replace")
     document = whole("review", review_document(assessment) | {"files": files})
     places = {name: made / name for name in names}
     write_result_files(places, json.dumps(document, indent=1, allow_nan=False), assessment)
