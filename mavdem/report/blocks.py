@@ -85,11 +85,15 @@ def _markdown(block: Block) -> str:
 
 
 def brief(text: str, columns: int) -> str:
-    """Returns a ``text`` in so many ``columns``: clauses that fill half of them, or else what fits and "…"."""
+    """Returns a ``text`` in so many ``columns``: what is in brackets goes first, then clauses from its end.
+
+    Where clauses that are left fill less than half of the columns, it is what fits and "…".
+    """
+    if len(text) > columns:
+        text = re.sub(r" \([^()]*\)", "", text)
     if len(text) <= columns:
         return text
-    ends = (match.start() for match in re.finditer(r"[;:]? \(|[;:.] ", text))
-    clauses = (text[:end] for end in ends if columns / 2 <= end < columns)
-    whole = [clause for clause in clauses if clause.count("(") == clause.count(")")]
+    ends = (match.start() for match in re.finditer("[;.] ", text))
+    whole = [text[:end] for end in ends if columns / 2 <= end < columns]
     stop = "." * text.endswith(".")
     return whole[-1] + stop if whole else shorten(text, columns, placeholder=" …")
