@@ -9,8 +9,8 @@ import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from itertools import accumulate
 from pathlib import Path
-from textwrap import wrap
 from types import FrameType
 from typing import Any
 
@@ -132,31 +132,39 @@ def _lines(block: Block, is_cut: bool = False) -> list[str]:
         if isinstance(block, Sentence):
             console.print(printable(f"{block.lead} {block.text}".strip()), soft_wrap=not terminal)
         else:
-            console.print(_grid(block, console.width, is_cut and block.words))
+            for grid in _grids(block, console.width, is_cut and block.words):
+                console.print(grid)
     return [line.rstrip() for line in captured.get().splitlines()]
 
 
-def _grid(table: Table, width: int, is_cut: bool) -> Grid:
-    grid = Grid(box=None, pad_edge=False)
+def _grids(table: Table, width: int, is_cut: bool) -> Iterator[Grid]:
+    """The table; of one with more numbers than fit beside each other, parts that begin with its first column."""
     columns = [
         list(map(printable, column)) for column in zip(table.header, *table.rows, strict=True)
     ]
     if is_cut:
         room = width - sum(max(map(len, column)) + 2 for column in columns[:-1])
         columns[-1] = [brief(cell, room) for cell in columns[-1]]
-    fits = sum(max(map(len, column)) + 2 for column in columns) - 2 <= width
-    for heading, *cells in columns:
-        widest = max(map(len, [*heading.split(), *cells]), default=0)
-        grid.add_column(
-            # Rich would take the room that headings lack from other columns, down to their values.
-            heading if fits or table.words else "\n".join(wrap(heading, widest)),
-            justify="right" if grid.columns and not table.words else "left",
-            no_wrap=not grid.columns,
-            min_width=max(map(len, heading.split()), default=0),
-        )
-    for row in zip(*(cells for _, *cells in columns), strict=True):
-        grid.add_row(*row)
-    return grid
+    is_whole = table.words or sum(max(map(len, column)) + 2 for column in columns) - 2 <= width
+    least = [max(map(len, [*heading.split(), *cells])) for heading, *cells in columns]
+    rest = [*zip(columns, least, strict=True)]
+    first = rest.pop(0)
+    while rest:
+        ends = accumulate((2 + size for _, size in rest), initial=first[1])
+        count = len(rest) if is_whole else max(sum(end <= width for end in ends) - 1, 1)
+        grid = Grid(box=None, pad_edge=False)
+        shown = [first, *rest[:count]]
+        del rest[:count]
+        for (heading, *_), size in shown:
+            grid.add_column(
+                heading,
+                justify="right" if grid.columns and not table.words else "left",
+                no_wrap=not grid.columns,
+                width=None if is_whole else size,
+            )
+        for row in zip(*(cells[1:] for cells, _ in shown), strict=True):
+            grid.add_row(*row)
+        yield grid
 
 
 def complain(fact: Fact, as_json: bool) -> None:
