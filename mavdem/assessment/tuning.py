@@ -11,7 +11,7 @@ from mavdem.assessment.judgement import Judgement
 from mavdem.condition.loop.advice import Advice, advise, lowered
 from mavdem.condition.loop.loop import Loop
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import Loops
 from mavdem.ingest.telemetry import Parameters
@@ -48,6 +48,9 @@ def tuned(
     will have them. Raises NotLearnable: the loops of no axis are known.
     """
     grounds = evidence.grounds
+    motors = assessment.lights["motors"]
+    if not grounds and motors.level is Level.BAD:
+        grounds = (motors,)
     if (oscillation := evidence.condition.oscillation) is not None:
         grounds = (*grounds, lowered(oscillation, evidence.signals.telemetry.parameters))
     notch = assessment.noise.notch if filters and not grounds else None
