@@ -93,7 +93,9 @@ class WindRow(NamedTuple):
         low, high = strength.figures["speed_interval"]
         if status is Status.NOT_IDENTIFIABLE:
             # Of a drag that no flight has measured, as a rule
-            unsure = Fact(WindDoubt.SPEED_UNSURE, status=status, low=low, high=high, by_drag=True)
+            unsure = Fact(
+                WindDoubt.SPEED_UNSURE, status=Status.BIASED, low=low, high=high, by_drag=True
+            )
             return Fact(WindLight.WIND_NOT_KNOWN, because=unsure)
         return Fact(
             WindLight.WIND_BLEW,

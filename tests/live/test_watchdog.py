@@ -146,7 +146,7 @@ def test_what_is_watched_is_always_shown():
         what for what, fact in found.items() if fact.code is Watch.WATCHED
     } - {Watched.MOTOR_LIMITS}
     assert found[Watched.BATTERY].figures["because"].code is Watch.MESSAGE_MISSING
-    assert "motors (" in watching(status.watched) and "battery" in watching(status.watched)
+    assert "loss of thrust (" in watching(status.watched) and "battery" in watching(status.watched)
     assert not watching([])
 
 
