@@ -3,10 +3,11 @@
 (() => {
   const colour = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const tints = ["#1f7ad633", "#12997a33", "#b5852a33", "#9461d133"], groups = {}, edge = 12;
-  const digits = value => {
+  // As many digits as tell ticks apart that are a step from each other.
+  const digits = (value, step = 0) => {
     if (value == null) return "";
-    const size = Math.abs(value);
-    const text = size && (size < 1e-3 || size >= 1e6) ? value.toExponential(size < 1e-3 ? 0 : 2).replace("e+", "e") : Number(value.toPrecision(4)).toString();
+    const size = Math.abs(value), most = Math.max(4, size && step ? Math.min(Math.floor(Math.log10(size / step)) + 3, 12) : 0);
+    const text = size && (size < 1e-3 || size >= 1e6) ? value.toExponential(size < 1e-3 ? 0 : 2).replace("e+", "e") : Number(value.toPrecision(most)).toString();
     return text.replaceAll("-", "−");
   };
   // Of a logarithmic axis 1, 2 and 5 of each power of ten, or where these are many the powers alone.
@@ -181,17 +182,18 @@
     }
     const grid = { stroke: () => colour("--line"), width: 1 }, none = (_, splits) => splits.map(() => "");
     const space = () => root.classList.contains("printing") ? 10 : figure.dataset.flat != null ? 20 : 30;
+    const width = (_, texts) => Math.max(50, ...(texts ?? []).filter(text => text?.length > 6).map(text => 14 + 7.2 * text.length));
     const base = { stroke: () => colour("--ink"), font: font(), grid, ticks: grid, labelFont: font(), labelSize: 16, labelGap: 0 };
     const shown = axis => axis.names.length
       ? { splits: () => axis.names.map((_, i) => i), values: (_, splits) => splits.map(i => axis.names[i]) }
-      : axis.log ? { splits: multiples, filter: plain, grid: { ...grid, filter: plain }, ticks: { ...grid, filter: plain }, values: (_, splits) => splits.map(value => value == null ? null : digits(value)) } : { values: (_, splits) => splits.map(digits) };
+      : axis.log ? { splits: multiples, filter: plain, grid: { ...grid, filter: plain }, ticks: { ...grid, filter: plain }, values: (_, splits) => splits.map(value => value == null ? null : digits(value)) } : { values: (_, splits, axis, space, step) => splits.map(value => digits(value, step)) };
     const options = {
       width: figure.clientWidth, height: height(figure, data), series: drawn, bands,
       padding: [strip ? 2 : 6, data.beside ? 0 : edge, bare ? (strip ? 0 : 6) : 0, 0],
       scales: { x: scale(data.x, false), y: scale(data.y, true), ...(data.beside ? { beside: scale(data.beside, true) } : {}) },
       axes: [
         { ...base, ...shown(data.x), size: bare ? 0 : 40, show: !strip, label: bare ? undefined : data.x.label, ...(bare ? { values: none } : {}) },
-        { ...base, ...(strip ? { values: none, grid: { show: false }, ticks: { show: false } } : shown(data.y)), size: 50, space },
+        { ...base, ...(strip ? { values: none, grid: { show: false }, ticks: { show: false } } : shown(data.y)), size: width, space },
         ...(data.beside ? [{ ...base, ...shown(data.beside), scale: "beside", side: 1, size: 52, space, grid: { show: false }, label: data.beside.label }] : []),
       ],
       legend: { show: !strip && !data.picture && data.lines.filter(line => line.name).length > 1, markers: { width: 2 } },

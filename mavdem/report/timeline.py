@@ -175,7 +175,8 @@ def _driven(signals: Signals, part: Segment) -> Iterator[Chart]:
     """Yields height, motors and battery; without lines where they were not recorded."""
     yield over_time("Height", "m", _lines(signals.height, part, ["height"]))
     if (motors := signals.motors) is not None:
-        shares = Signal(motors.time, motors.boot, 100 * motors.scale.fraction(motors.outputs))
+        percent = 100 * motors.scale.fraction(motors.outputs).clip(0.0)
+        shares = Signal(motors.time, motors.boot, percent)
         names = [short(name) for name in motors.layout.names]
         mean = shares.values.mean(axis=1, keepdims=True)
         apart = replace(shares, values=shares.values - mean)
@@ -202,9 +203,13 @@ def wind_rows(air: Air, part: Segment) -> Iterator[Chart]:
         return
     mean = wind.direction if wind.directed else 0.0
     speed, origin, half, turned = by_compass(wind.velocity, wind.band, mean)
-    courses = [("Wind", "m/s", speed, half), (f"Wind from {from_point(mean)}", "°", origin, turned)]
-    for row, (title, unit, line, width) in enumerate(courses[not wind.sized : 1 + wind.directed]):
-        lines = [Line.around("wind", DISTURBANCE, wind.time, line, width)]
+    least = np.maximum(speed - half, 0.0)
+    courses = [
+        ("Wind", "m/s", speed, least, speed + half),
+        (f"Wind from {from_point(mean)}", "°", origin, origin - turned, origin + turned),
+    ]
+    for row, (title, unit, *band) in enumerate(courses[not wind.sized : 1 + wind.directed]):
+        lines = [Line("wind", DISTURBANCE, wind.time, *band)]
         if own is not None:
             theirs = by_compass(own.values, 0 * own.values, mean)[row]
             signal = Signal(own.time, own.boot, theirs)
@@ -234,7 +239,7 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
         ),
     )
     motors = (
-        Line(short(name), colour, time, 100 * values)
+        Line(short(name), colour, time, 100 * values.clip(0.0))
         for name, colour, values in zip(history.motors, cycle(DISTINCT), outputs, strict=False)
     )
     charts = (
