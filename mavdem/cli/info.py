@@ -35,9 +35,10 @@ def info_command(
     """Reports what a log holds and if a model can be learned.
 
     SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. For each vehicle it prints
-    if a model can be learned (a model of the slow motion too; if not, why and what to change), the settled flight, the
-    messages with their rates, headline and next step; with --verbose also the senders. --json has all details, for
-    example message counts and the vehicle's condition; the reason is then also printed on standard error.
+    if a model can be learned (a model of the slow motion too; if not, why and what to change), headline and next step
+    and, if 15 lines suffice, settled flight and message rates; with --verbose all, and the senders. --json
+    has details, for example message counts and the vehicle's condition; the reason is then also printed on standard
+    error.
 
     Exit code: 0 if a model can be learned from at least one vehicle, otherwise 1.
     """

@@ -34,6 +34,7 @@ from mavdem.documents.flight import report_of
 from mavdem.evaluate.window import Length
 from mavdem.extras import lacking
 from mavdem.report.blocks import Blocks, Sentence
+from mavdem.report.review import title_of
 from mavdem.report.screen import analysis_blocks, detail_blocks, title
 from mavdem.results import PAGE, RECORDING
 
@@ -125,9 +126,7 @@ def learn_command(
     took = perf_counter() - began
     report = report_of(assessment) | {"seconds": round(took, 3), "files": files}
     if learned is None:
-        settled = analysis.condition.settled
-        text = f"{analysis.verdict.axis}, {settled:.0f} s of settled flight, no model."
-        heading = Sentence(text, f"{Path(source).name}:")
+        heading = title_of(assessment)
         details = Blocks()
         refusal = assessment.refusal
         report["error"] = {"reason": refusal.reason, "remedy": refusal.remedy}

@@ -26,6 +26,7 @@ from mavdem.facts.command import Source
 from mavdem.flight import Flight
 from mavdem.heading import Names
 from mavdem.report.comparison import order_advice, order_report
+from mavdem.report.numbers import counted
 
 
 @click.command("order")
@@ -82,9 +83,7 @@ def order_command(
     orders = {}
     refused = {}
     work = partial(_orders, most=max_order, known_inputs=not unknown_inputs)
-    title = (
-        f"Learning {len(flights)} flight{'s' * (len(flights) != 1)} with 1 to {max_order} states"
-    )
+    title = f"Learning {counted(len(flights), 'flight')} with 1 to {max_order} states"
     with progress(title) as done, closing(parallel_map(work, flights.values())) as coming:
         for number, (name, result) in enumerate(zip(flights, coming, strict=True), 1):
             if isinstance(result, ValueError):

@@ -33,6 +33,7 @@ from mavdem.report.blocks import Sentence
 from mavdem.report.difference import baseline_blocks
 from mavdem.report.fleet import fleet_blocks
 from mavdem.report.fleet_page import fleet_page
+from mavdem.report.numbers import counted
 
 MOST = 1_000_000  # seconds and megabytes that may be asked for: days, and a terabyte
 # the function that makes a flight's page, as workers call it
@@ -152,7 +153,7 @@ def track_command(
         }
         print_json({"fleet": str(out), "index": str(index), **counts, "since_baseline": found})
     else:
-        say(f"{tracked.logs} log{'s' * (tracked.logs != 1)}, {tracked.read} of them read.\n")
+        say(f"{counted(tracked.logs, 'log')}, {tracked.read} of them read; copies count once.\n")
         print_blocks(fleet_blocks(rows))
         for name, blocks in since.items():
             print_blocks([Sentence("", f"{name}:"), *blocks])

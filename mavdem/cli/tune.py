@@ -68,7 +68,9 @@ def tune_command(
     with enough margin keep their gains, unless --more is asked. With --filters a notch filter is advised on the motors'
     line in the gyro's spectrum, and gains have the margins with it. With --verbose it prints all margins, and what they
     rest on. Nothing is ever sent to a vehicle: --out writes the gains for QGroundControl (.params) and Mission Planner
-    (.param). Exit code: 1 if no gains are advised, with the reason.
+    (.param).
+
+    Exit code: 1 if gains are neither advised nor kept, with the reason.
 
     \b
     Examples:

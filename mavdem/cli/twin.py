@@ -104,7 +104,7 @@ def twin_command(
         for axis, loop in evidence.loops.items()
     }
     if isinstance(found["roll"], Fact):
-        raise NotLearnable(found["roll"])
+        raise NotLearnable([*evidence.grounds, found["roll"]][0])
     loops = {axis: loop for axis, loop in found.items() if isinstance(loop, Loop)}
     missing = [
         f"{axis.capitalize()} is not learned: {loop.advised}"

@@ -137,11 +137,10 @@ def order_report(choice: OrderChoice, names: Sequence[str], known_inputs: bool =
             nats += [choice.mean[column] - choice.mean[chosen], choice.spread[column]]
         cells = [f"{value:,.1f}" if isfinite(value) else "-" for value in nats]
         rows.append([f"{order}{' (chosen)' if order == choice.chosen else ''}", *cells])
-    spread = " Spread: the standard deviation over the flights." if several else ""
     return [
         Sentence("", str(choice.reason)),
         Table(["states", *names, *(["mean", "spread"] if several else [])], rows),
-        Sentence(f"F̄ in nats, minus that of the chosen order.{spread}"),
+        Sentence("F̄ in nats, minus that of the chosen order; spread: standard deviation over flights."),
         *map(caution, choice.remarks),
         Sentence(order_advice(choice, known_inputs), "Next:"),
     ]

@@ -3,8 +3,6 @@
 from collections.abc import Mapping, Sequence
 from math import sqrt
 
-import numpy as np
-
 from mavdem.facts import Fact
 from mavdem.facts.session import Session, Spent
 from mavdem.health.in_flight import FALSE_ALARMS
@@ -33,27 +31,21 @@ def live_report(
     """
     errors = history.errors()
     best = min(errors, key=lambda error: abs(error.seconds - AHEAD), default=None)
-    headline, *state = section("live_state", best=best, axis=axis, status=status)
-    made = Blocks()
-    if errors:
-        how = "in flight, without the motors of the time ahead. Baseline: the last sample held."
-        made = [_errors(errors, axis), Sentence(how, "How they were made:")]
+    headline, *state = section(
+        "live_state", best=best, axis=axis, status=status, false_alarms=FALSE_ALARMS
+    )
     whole = {kind: round(seconds) for kind, seconds in account.items()}
     spent = [
         [begin(Fact(Session.SECONDS_SPENT, kind=kind)), f"{whole[kind]} s"]
         for kind in Spent
         if whole[kind]
     ]
-    parts = history.learned
-    total = float(np.diff(parts).sum()) if parts else 0.0
-    is_weak = any(alarm.weak for alarm in status.alarms)
     return [
         headline,
         *(Sentence(f"{go_on(alarm.fact)}.", "Motors:") for alarm in status.alarms),
-        *([Sentence(str(FALSE_ALARMS), "False alarms:")] if is_weak else []),
         *state,
-        *made,
-        *section("live_learned", parts=parts, total=total, seconds=seconds),
+        *([_errors(errors, axis)] if errors else []),
+        *section("live_learned", errors=errors, parts=history.learned, seconds=seconds),
         Table([f"of {sum(whole.values())} s", "time"], spent),
         *section("live_link", status=status),
     ]

@@ -34,6 +34,7 @@ from mavdem.report.labels import Labels
 from mavdem.report.model_charts import sample_times
 from mavdem.report.numbers import (
     TORQUE,
+    counted,
     listed,
     named,
     per,
@@ -127,11 +128,9 @@ def analysis_blocks(assessment: Assessment) -> Blocks:
 
 def title(flights: Flights) -> Sentence:
     """Returns which log and axis the ``flights`` are of, and how much there is of it."""
-    first = flights[0]
-    seconds = sum(flight.duration for flight in flights)
-    parts = f" in {len(flights)} segments" if len(flights) > 1 else ""
-    text = f"{first.output_names[0]}, {seconds:.0f} s of settled flight{parts} at {1 / first.dt:.0f} Hz."
-    return Sentence(text, f"{Path(str(first.provenance.get('source') or 'Arrays')).name}:")
+    path = flights[0].provenance.get("source") or "Arrays"
+    (said,) = section("title", flights=flights, name=Path(str(path)).name)
+    return said
 
 
 def summary(learned: Learned) -> str:
@@ -209,7 +208,7 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:
     pairs = zip(labels.output_names, units, strict=True)
     names = [named(name, unit.name) for name, unit in pairs]
     rows = []
-    count = f"{len(held_out)} held-out windows" if len(held_out) > 1 else "one held-out window"
+    count = counted(len(held_out), "held-out window")
     for name in sorted(held_out.forecasts, key=held_out.error_ratio):
         rmse = (unit.scale * value for unit, value in zip(units, held_out.rmse(name), strict=True))
         rows.append([ROWS.get(name, name), *map(rounded, (*rmse, held_out.error_ratio(name)))])
