@@ -83,8 +83,10 @@ def order_command(
     orders = {}
     refused = {}
     work = partial(_orders, most=max_order, known_inputs=not unknown_inputs)
-    title = f"Learning {counted(len(flights), 'flight')} with 1 to {max_order} states"
-    with progress(title) as done, closing(parallel_map(work, flights.values())) as coming:
+    with (
+        progress(f"Learning {counted(len(flights), 'flight')}, 1 to {max_order} states") as done,
+        closing(parallel_map(work, flights.values())) as coming,
+    ):
         for number, (name, result) in enumerate(zip(flights, coming, strict=True), 1):
             if isinstance(result, ValueError):
                 because = Fact(Source.NO_ORDER_OF_FLIGHT, because=fact_of(result))

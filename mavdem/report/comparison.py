@@ -140,7 +140,9 @@ def order_report(choice: OrderChoice, names: Sequence[str], known_inputs: bool =
     return [
         Sentence("", str(choice.reason)),
         Table(["states", *names, *(["mean", "spread"] if several else [])], rows),
-        Sentence("F̄ in nats, minus that of the chosen order; spread: standard deviation over flights."),
+        Sentence(
+            "F̄ in nats, minus that of the chosen order; spread: standard deviation over flights."
+        ),
         *map(caution, choice.remarks),
         Sentence(order_advice(choice, known_inputs), "Next:"),
     ]

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from textwrap import wrap
+from textwrap import shorten, wrap
 
 from mavdem.assessment import Assessment
 from mavdem.facts import Fact, Level
@@ -16,7 +16,7 @@ COLUMNS = 80
 def screen_of(assessment: Assessment) -> str:
     """Returns the screen of an ``assessment``: of ``COLUMNS``, ``LINES``; a long next step takes more."""
     lead = title_of(assessment)
-    first = brief(f"{lead.lead} {lead.text}", COLUMNS)
+    first = shorten(f"{lead.lead} {lead.text}", COLUMNS, placeholder=" …")
     lights = [_light(name, fact) for name, fact in assessment.lights.items()]
     # What somebody reads when all has scrolled by is last.
     found = wrap(headline(assessment.headline), COLUMNS, max_lines=2, placeholder=" …")

@@ -203,13 +203,10 @@ def wind_rows(air: Air, part: Segment) -> Iterator[Chart]:
         return
     mean = wind.direction if wind.directed else 0.0
     speed, origin, half, turned = by_compass(wind.velocity, wind.band, mean)
-    least = np.maximum(speed - half, 0.0)
-    courses = [
-        ("Wind", "m/s", speed, least, speed + half),
-        (f"Wind from {from_point(mean)}", "°", origin, origin - turned, origin + turned),
-    ]
-    for row, (title, unit, *band) in enumerate(courses[not wind.sized : 1 + wind.directed]):
-        lines = [Line("wind", DISTURBANCE, wind.time, *band)]
+    courses = [("Wind", "m/s", speed, half), (f"Wind from {from_point(mean)}", "°", origin, turned)]
+    for row, (title, unit, line, width) in enumerate(courses[not wind.sized : 1 + wind.directed]):
+        least = np.maximum(line - width, 0.0 if line is speed else -np.inf)
+        lines = [Line("wind", DISTURBANCE, wind.time, line, least, line + width)]
         if own is not None:
             theirs = by_compass(own.values, 0 * own.values, mean)[row]
             signal = Signal(own.time, own.boot, theirs)

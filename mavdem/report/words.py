@@ -159,13 +159,11 @@ def together(said: Iterable[tuple[str, Fact]], told: Callable[[Fact], str] = str
 
 
 def interval(value: float, half: float | None, unit: str = " %") -> str:
-    """Returns a share in percent, or an angle in degrees, with the ``half`` width of its interval where it is known."""
+    """Returns a share in percent, or an angle in degrees, with the ``half`` width of its interval, if known."""
     scale = 100.0 if unit == " %" else degrees(1)
-    if half is None:
-        return f"{rounded(scale * value)}{unit}"
-    if scale * half < 0.1:  # no mean of a flight is as sure as that of its samples
-        return f"{scale * value:.1f} ± 0.1{unit}"
-    return f"{plus_minus(scale * value, scale * half)}{unit}"
+    wide = scale * (half or 0.0)
+    shown = plus_minus(scale * value, wide) if wide > 0.1 else rounded(scale * value)
+    return f"{shown}{unit}"
 
 
 def bare(fact: Fact | str) -> str:

@@ -93,6 +93,14 @@ def test_names_do_not_reach_the_terminal_as_what_it_obeys(capsys):
     assert said.replace("\n", "").isprintable()
 
 
+def test_a_table_of_more_numbers_than_fit_is_printed_in_parts(capsys):
+    figures = [f"{number}.000000000001" for number in range(12)]
+    print_blocks([Table(["method", *figures], [["a", *figures]])])
+    lines = capsys.readouterr().out.split("\n")
+    assert " ".join(lines).split().count("method") == 2 and max(map(len, lines)) <= 120
+    assert all(" ".join(lines).split().count(figure) == 2 for figure in figures)
+
+
 @mark.slow
 def test_a_flight_too_short_names_the_options_that_fit(tmp_path, capsys):
     words = ["learn", FLIGHT, "--out", tmp_path / "out", "--start", "57", "--preset", "paper"]

@@ -25,7 +25,10 @@ def test_a_fleet_in_one_command(tmp_path, capsys):
     # Again, in words.
     assert run("track", flights, "--out", out) == 0
     written = capsys.readouterr()
-    assert written.out.startswith("2 logs, 0 of them read; copies count once.") and "index.html" in written.err
+    assert (
+        written.out.startswith("2 logs, 0 of them read; copies count once.")
+        and "index.html" in written.err
+    )
     # Logs without a flight are no success.
     assert run("track", flights / "damaged.ulg", "--out", tmp_path / "none", "--jobs", "1") == 1
     assert "without the topics of a flight" in capsys.readouterr().out

@@ -3,6 +3,7 @@
 import shutil
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -19,6 +20,7 @@ from mavdem.facts.serve import Request, Stage, Start
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.store import read_rows
 from mavdem.fleet.workers import Job, Limits, outcome_of
+from mavdem.ingest import read_log
 from mavdem.results import PAGE, REPORT
 from mavdem.serve.library import Library, file_name
 from mavdem.serve.reading import READ, read_for_library
@@ -244,13 +246,18 @@ def test_a_log_is_read_with_its_page_rows_and_index(tmp_path, monkeypatch):
     monkeypatch.setattr("os.setpriority", lambda *_: None)
     library = Library(tmp_path)
     entry = library.entered(Path(shutil.copy(SLOW, library.new_part())), SLOW.name)
+    one = read_log(SLOW)
+    other = replace(one.vehicles[0], system=2)
+    both = replace(one, source=SLOW.name, vehicles=(*one.vehicles, other))
+    monkeypatch.setattr("mavdem.serve.reading.read_log", lambda _: both)
     outcome = outcome_of(Job(str(library.path_of(entry))), read_for_library)
     library.finish(library.claim(), outcome, LIMITS)
     entry = library.entry(entry.id)
-    assert entry.stage == Stage.DONE and entry.file_names == [PAGE, REPORT]
+    assert entry.file_names == [PAGE, REPORT, "vehicle_2_1.html"]
     assert entry.headline and entry.lights["log"] == "watch" and entry.next_step
     rows = library.rows_of([entry])
-    assert [row.axis for row in rows] == ["roll", "pitch"]
+    assert [(row.system, row.axis) for row in rows[1:3]] == [(1, "pitch"), (2, "roll")]
+    assert "ehicle 1:1, one of 2 in the log" in (library.results_of(entry) / PAGE).read_text()
     assert rows[0].headline == entry.headline and rows[0].page.endswith(f"{entry.digest}/{PAGE}")
     for path in library.results_of(entry).iterdir():
         assert str(tmp_path).encode() not in path.read_bytes()
