@@ -93,7 +93,7 @@ def brief(text: str, columns: int) -> str:
         text = re.sub(r" \([^()]*\)", "", text)
     if len(text) <= columns:
         return text
-    ends = (match.start() for match in re.finditer("[;:.] ", text))
+    ends = (match.start() for match in re.finditer("[;.] ", text))
     whole = [text[:end] for end in ends if columns / 2 <= end < columns]
     stop = "." * text.endswith(".")
     return whole[-1] + stop if whole else shorten(text, columns, placeholder=" …")
