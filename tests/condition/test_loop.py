@@ -44,6 +44,7 @@ from mavdem.dem.graybox.plant import smooth
 from mavdem.dem.record import Record
 from mavdem.facts import Fact, Level
 from mavdem.facts.loops import Controllers, Gains, Loops, Responses, Twins
+from mavdem.facts.motors import MotorsLight
 from mavdem.facts.noise import NotchAdvice
 from mavdem.ingest.vocabulary import Injection
 from mavdem.paper.runner import write_log
@@ -371,7 +372,9 @@ def test_no_notch_is_set_where_gains_are_refused():
         grounds=(),
     )
     notch = Fact(NotchAdvice.SET_NOTCH, settings=(("INS_HNTCH_FREQ", 80.0),))
-    known = SimpleNamespace(noise=SimpleNamespace(notch=notch), judgement=None)
+    motors = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
+    noise = SimpleNamespace(notch=notch)
+    known = SimpleNamespace(noise=noise, judgement=None, lights={"motors": motors})
     tuning = tuned(known, evidence, ["roll"], filters=True, is_written=False)
     assert tuning.refusal and not tuning.parameters
 

@@ -178,7 +178,9 @@ def test_the_motors_of_a_flight_with_batches_are_found_before_and_behind_the_not
     assert motors.frequency == approx(139.0, rel=0.02)
     assert found["gyro"].power(120, 200) == approx({"off": 3.6e-6, "on": 1.9e-7}[name], rel=0.1)
     both = Noise(found, {one: peaks_of(found[one]) for one in found})
-    assert Codes.FILTERS_REMOVE in codes(both.facts)
+    (removed,) = (fact for fact in both.facts if fact.code is Codes.FILTERS_REMOVE)
+    behind, before = (found[name].power(104, 188) for name in ("gyro", "gyro_before"))
+    assert 1 - removed.figures["share"] == approx(behind / before, rel=0.1)
     without = replace(telemetry, messages={**telemetry.messages, "GYRO_BEFORE": {}})
     del without.messages["GYRO_BEFORE"]
     assert "gyro_before" not in spectra_of_flight(Signals(without), (Segment(0, 58.0, 165.0),))

@@ -1,12 +1,15 @@
 """The motion that drag and wind are identified from."""
 
 import numpy as np
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from pytest import raises
+from pytest import approx, raises
 from scipy.constants import g as GRAVITY  # noqa: N812
+from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 import mavdem
+from mavdem.dem.airflow.identification import independent_share
 from mavdem.dem.airflow.model import motion
 
 
@@ -31,9 +34,15 @@ def test_circles_in_calm_air_show_the_drag_and_no_wind():
     still = 0 * time
     tilts = np.array([0.3 * east - north / 6, -0.3 * north - east / 6, still]) / GRAVITY
     velocity = np.array([north, east, still]).T
-    velocity += np.random.default_rng(0).normal(0, 0.08, velocity.shape)
+    velocity += default_rng(0).normal(0, 0.08, velocity.shape)
     wind = mavdem.estimate_wind(time, tilts.T, velocity)
     assert_allclose(wind.drag.linear, 0.3, atol=0.2)
     assert wind.speed_interval[0] == 0
     with raises(ValueError, match="drag must be a Drag"):
         mavdem.estimate_wind(time, tilts.T, velocity, 0.3)
+
+
+def test_errors_that_are_alike_count_for_fewer_independent_ones():
+    white = default_rng(0).standard_normal((20_000, 1))
+    assert independent_share(white) == approx(1.0, abs=0.03)
+    assert independent_share(lfilter([1], [1, -0.8], white, axis=0)) == approx(0.2 / 1.8, rel=0.1)
