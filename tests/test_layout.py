@@ -229,7 +229,7 @@ NODES = {
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
 ALL_NODES = 419_520
 ALL_NODES = 419_520
-TEST_NODES = 242064
+TEST_NODES = 242105
 NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""
 ALL_CONSTANTS = 698

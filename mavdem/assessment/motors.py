@@ -8,6 +8,7 @@ from mavdem.assessment.limits import worst
 from mavdem.condition.condition import HoverFigures
 from mavdem.facts import Code, Fact, Level
 from mavdem.facts.ending import MotionEvent
+from mavdem.facts.events import Reported
 from mavdem.facts.motors import InFlight, MotorsLight, Trim
 from mavdem.health.balance import LEAST_SECONDS
 from mavdem.health.trim import trim_of_signals
@@ -21,7 +22,12 @@ def motors_light(evidence: Evidence) -> Fact:
     names = () if motors is None else motors.layout.names
     hover = evidence.condition.hover
     # Where there was no hover to judge, a moment at the limit is all that shows.
-    telling: list[Code] = [InFlight.MOTOR_LOST_THRUST, MotionEvent.MOTOR_OFF]
+    telling: list[Code] = [
+        InFlight.MOTOR_LOST_THRUST,
+        MotionEvent.MOTOR_OFF,
+        Reported.MOTOR_FAILED,
+        Reported.THRUST_LOST,
+    ]
     if hover is None:
         telling.append(MotionEvent.MOTOR_AT_ITS_STOP)
     events = filter(None, (evidence.ending, *evidence.reported(telling)))

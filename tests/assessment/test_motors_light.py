@@ -13,6 +13,7 @@ from mavdem.assessment.assess import while_controlled
 from mavdem.assessment.motors import motors_light
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
+from mavdem.facts.events import Reported
 from mavdem.facts.motors import InFlight, MotorsLight, Trim
 from mavdem.facts.session import Session
 from mavdem.health.in_flight import losses_of
@@ -66,6 +67,8 @@ def test_what_names_a_motor_before_its_balance_goes_first():
     other = Fact(Session.ALARM, Level.BAD, time=50.0, subject="GPS", boot=0)
     assert motors_light(replace(even, events=(other, named))) == named
     assert motors_light(replace(even, ending=named)) == named
+    failed = Fact(Reported.MOTOR_FAILED, Level.BAD, time=50.0, subject=named.subject, boot=0)
+    assert motors_light(replace(even, events=(failed,))) == failed
     first, largest = named.but(rise=0.2), named.but(rise=0.4)
     assert motors_light(replace(even, events=(first, largest))) == largest
     # After control was lost the balance says nothing.
