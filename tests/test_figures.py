@@ -5,9 +5,12 @@
 
 import json
 import re
-from collections import defaultdict
+from collections import defaultdict, deque
+from concurrent.futures import Executor, Future
 from math import isfinite
 from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 from command_line import run, strict_json
@@ -16,11 +19,14 @@ from pytest import approx, mark
 from recorded_flights import LOGS, shared
 from rerun_file import chunks
 
+from mavdem.ingest import read_log
+from mavdem.ingest.formats import read_stream
+
 GOLDEN = Path(__file__).parent / "golden"
 MANY = 6  # of more numbers, their count, mean, deviation and ends stand for all
 DIGITS = 5
 PRECISION = 0.01
-FILES = {".html", ".rrd", ".param", ".params", ".toml", ".sdf"}
+FILES = {".html", ".rrd", ".param", ".params", ".toml", ".sdf", ".tlog", ".npz"}
 NUMBER = re.compile(r"(?:base64,|#)[\w+/=]*|(-?\d+(?:\.\d+)?)")  # not of pictures and colours
 FLIGHTS = {
     "real/logs/sitl_hexa_plus_motor6_lost.bin": ["review"],
@@ -37,23 +43,32 @@ FLIGHTS = {
     "real/logs/gains_named_before_34.BIN": ["review", "tune", "twin"],
     "sitl_raw/ap_sid.BIN.xz": ["review", "tune"],
     "real/propeller/hover_good_1.BIN real/propeller/hover_cut25mm_1.BIN": ["track", "diff"],
+    "ardupilot_steps": ["fly", "live", "wind"],
+    "wind_turns": ["fly", "wind"],
+    "iris_gusts": ["fly", "learn"],
 }
+"""A name without an ending is that of a scenario; what is flown is then read by the commands after it."""
+FLOWN = "flown.tlog"
+TICK = 0.06  # s from one look at a link to the next
 OPTIONS = {
     "review": ["--out", "out"],
     "track": ["--out", "fleet", "--jobs", "1"],
     "diff": ["--out", "diff"],
     "tune": ["--axis", "all", "--out", "tuned"],
+    "fly": ["--duration", "60", "--out", FLOWN, "--rrd", "flown.rrd"],
+    "live": ["--request-rate", "100"],
+    "learn": ["--truth", "flown.truth.npz", "--out", "learnt"],
     "twin": [f"--out=twin.{ending}" for ending in ("toml", "json", "params", "sdf")],
 }
 
 
 def figures(document):
-    """All numbers and codes of a document by their keys, whatever their places in lists."""
+    """All numbers and codes of a document by their keys, whatever their places in lists, but for what time it took."""
     found = defaultdict(list)
 
     def collect(value, key):
         if isinstance(value, dict):
-            for name in value.keys() - {"units"}:
+            for name in value.keys() - {"units", "seconds", "took"}:
                 collect(value[name], f"{key}.{name}")
         elif isinstance(value, list):
             for part in value:
@@ -75,10 +90,66 @@ def written(path):
                     values = values.flatten()
                 if is_floating(values.type):
                     found[f"{name} {column}"] += filter(isfinite, values.to_pylist())
+    elif path.suffix == ".npz":
+        for name, values in np.load(path).items():
+            if values.dtype.kind == "f":
+                found[f"truth {name}"] += values[np.isfinite(values)].ravel().tolist()
+    elif path.suffix == ".tlog":
+        for name, columns in read_log(path).vehicles[0].messages.items():
+            for column, values in columns.items():
+                if values.dtype.kind in "iuf":
+                    found[f"{name} {column}"] += values[np.isfinite(values)].ravel().tolist()
     else:
         for number, part in enumerate(path.read_text().split("<section")):
             found[f"{path.name} {number}"] += map(float, filter(None, NUMBER.findall(part)))
     return found
+
+
+class RecordedLink:
+    """What a log has received, on the clock of its stamps, however busy the machine is."""
+
+    now = 0.0
+    speaks_first = False
+    dropped = 0
+    close = send = Mock()
+    events = list
+
+    def __init__(self, name):
+        self.name = name
+        self.frames = deque(read_stream(Path(name)).stamped_frames())
+        RecordedLink.now = self.frames[0][0] / 1e6
+
+    def receive(self, timeout):
+        RecordedLink.now += TICK
+        came = []
+        while self.frames and self.frames[0][0] / 1e6 <= self.now:
+            stamp, frame = self.frames.popleft()
+            came.append((stamp / 1e6, frame))
+        return came
+
+
+class AtOnce(Executor):
+    """Does each job when it is given."""
+
+    def submit(self, job, *arguments):
+        done = Future()
+        done.set_result(job(*arguments))
+        return done
+
+
+def replay(session, *_):
+    """Runs the session until all of the log has been received."""
+    while session.link.frames:
+        session.step()
+
+
+def by_the_log(monkeypatch):
+    """Lets ``mavdem live`` replay a log."""
+    clock = SimpleNamespace(monotonic=lambda: RecordedLink.now, time=lambda: RecordedLink.now)
+    monkeypatch.setattr("mavdem.live.session.time", clock)
+    monkeypatch.setattr("mavdem.cli.live.Link", RecordedLink)
+    monkeypatch.setattr("mavdem.cli.live.LearningProcess", AtOnce)
+    monkeypatch.setattr("mavdem.cli.live.run", replay)
 
 
 def summary(values):
@@ -95,11 +166,16 @@ def summary(values):
 def test_the_figures_of_a_flight_are_those_of_before(log, tmp_path, monkeypatch, capsys, request):
     path = GOLDEN / f"{Path(log).stem}.json"
     here = LOGS / log  # where the repository has it
-    flights = [here] if here.exists() else [shared(name) for name in log.split()]
+    flights = [log]
+    if here.suffix:
+        flights = [here] if here.exists() else [shared(name) for name in log.split()]
     monkeypatch.chdir(tmp_path)
+    by_the_log(monkeypatch)
     found = {}
     for command in FLIGHTS[log]:
-        assert run(command, *flights, *OPTIONS[command], "--json") == 0
+        assert run(command, *flights, *OPTIONS.get(command, ()), "--json") == 0
+        if command == "fly":
+            flights = [FLOWN]
         document = strict_json(capsys.readouterr().out)
         found |= {command + key: values for key, values in figures(document).items()}
     for file in tmp_path.rglob("*.*"):
