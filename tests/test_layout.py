@@ -30,7 +30,6 @@ FLOORS = (
         "errors",
         "extras",
         "files",
-        "forecaster",
         "grouping",
         "heading",
         "unit_slips",
