@@ -342,5 +342,4 @@ def average(signal: Signal) -> Array:
     total = np.concatenate([[0.0], np.cumsum(signal.values)])
     first = np.searchsorted(signal.time, signal.time - AVERAGING_SECONDS / 2, side="left")
     after = np.searchsorted(signal.time, signal.time + AVERAGING_SECONDS / 2, side="right")
-    mean: Array = (total[after] - total[first]) / (after - first)
-    return mean
+    return (total[after] - total[first]) / (after - first)

@@ -58,7 +58,7 @@ COMPLETION = "_MAVDEM_COMPLETE"
 
 def imported_command(name: str) -> click.Command:
     """Returns the command of this name, from the module that is named like it."""
-    command: click.Command = getattr(import_module(f"mavdem.cli.{name}"), f"{name}_command")
+    command = getattr(import_module(f"mavdem.cli.{name}"), f"{name}_command")
     for parameter in command.params:
         parameter.callback = parameter.callback or _no_option
     return command

@@ -66,8 +66,7 @@ class Cluster:
         try:
             # tried again where a machine has no process to spare
             future = client.submit(read_on_worker, job, limits, read, pure=False, retries=ATTEMPTS)
-            outcome: Outcome = future.result()
-            return outcome
+            return future.result()
         except KilledWorker:
             return failed(job, "died", Fact(Reading.CLUSTER_WORKERS_DIED))
         except Exception as error:

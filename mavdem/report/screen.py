@@ -46,7 +46,7 @@ from mavdem.report.truth import truth_blocks
 from mavdem.report.words import PARAMETERS, headline, section, together
 
 # beside the baselines
-ROWS: dict[str, str] = {
+ROWS = {
     FORECAST: "forecast, motors recorded",
     PREDICTION: "prediction, motors unknown",
 }

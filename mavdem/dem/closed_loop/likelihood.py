@@ -42,7 +42,7 @@ class Axis:
         less = -np.log1p(-self.limited) / 2
         of_controller = np.arange(len(NAMES)) == CONTROLLER
         self.mean = MEAN - less * of_controller
-        self.sd: Array = SD + less * of_controller
+        self.sd = SD + less * of_controller
         self.densities = Densities(spectra, controller, rounding)
         self.seen = self.spectra.mean
         self.weights = spectra.counts * len(spectra.densities) / DEPENDENT
