@@ -65,7 +65,7 @@ class Pose:
         """(N,) where the rotors carry the vehicle; everywhere if they never do."""
         speed = self.rotor_speeds.mean(axis=1)
         hover = float(np.median(speed[self.armed])) if self.armed.any() else np.inf
-        carried = np.asarray(speed > 0.9 * hover)
+        carried = speed > 0.9 * hover
         return carried if carried.any() else ~carried
 
     def drawn(self) -> Indices:

@@ -74,7 +74,7 @@ class Axis:
         whitener = np.linalg.inv(factor).astype(np.complex128)
         seen = whitener @ self.seen @ whitener.mT.conj()
         size = 2 * np.log(np.einsum("jaa->ja", factor).real) + np.einsum("jaa->ja", seen).real
-        return -float(self.weights @ size.sum(axis=1)), whitener, np.asarray(seen)
+        return -float(self.weights @ size.sum(axis=1)), whitener, seen
 
     def steered_share(self, theta: Array) -> float:
         """Returns the share of the rate's variance that follows what was asked, by parameters θ."""
