@@ -1,7 +1,5 @@
 """The plant of a loop as it flies: from messages at their own stamps, with the controller of the parameters."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import NamedTuple

@@ -13,8 +13,6 @@ Steps are asked at the cycles of an outer loop, which keep time with the message
 of the time from a step to the next message, and not of any. How much of what is asked does so is a parameter too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any, NamedTuple

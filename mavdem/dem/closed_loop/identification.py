@@ -1,7 +1,5 @@
 """Identification: the plant of one axis by the maxima of its likelihood, by Fisher's scoring from several starts."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 Whittle's (Brillinger, Time Series, sec. 5.6), of the spectra of rate, output and setpoint by the model's densities.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mavdem.dem.closed_loop.densities import (
