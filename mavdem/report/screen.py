@@ -227,7 +227,7 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:
     ]
 
 
-def vehicle_blocks(axes: Mapping[str, AxisFigures], doubted: bool = False) -> Blocks:
+def vehicle_blocks(axes: Mapping[str, AxisFigures], doubted: bool) -> Blocks:
     """Returns a row for each of the ``axes`` that anything is known of, and the reasons for what is not reported."""
     unit = next(
         (analysis.flights[0].input_units[0] for analysis in axes.values() if analysis.flights), ""
