@@ -140,9 +140,7 @@ def _at_any_rate(time: Array) -> Intervals:
     """Where the stamps (N,) of one boot come without gaps, by the measure of their own usual step."""
     steps = np.diff(time)
     return (
-        unbroken(time, steps > max(MAX_GAP_SECONDS, 3 * float(np.median(steps))))
-        if len(time) > 1
-        else []
+        unbroken(time, steps > max(MAX_GAP_SECONDS, 3 * np.median(steps))) if len(time) > 1 else []
     )
 
 

@@ -118,7 +118,7 @@ def _assessment(
     known = weighed.fault, change
     if weighed.fault >= PROBABLE:
         suspect = int(weighed.faults.argmax())
-        likely = float(weighed.faults[suspect])
+        likely = weighed.faults[suspect]
         is_named = likely >= NAMED * weighed.fault
         rise = weighed.harder[:, suspect]
         weak = Fact(

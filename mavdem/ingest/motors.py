@@ -158,7 +158,7 @@ class MotorGeometry:
         else:
             forward, right = np.array(self.positions).T
             weights = -right if axis == "roll" else forward
-        total = float(abs(weights).sum())
+        total = abs(weights).sum()
         return weights / total if total > 0 else None
 
 

@@ -125,7 +125,7 @@ class Densities:
         self.turned = by_fold.transpose(1, 2, 0)[:, :, None]  # (C, C, 1, F)
         # the angle that is taken off is of another cycle than the controller's, with noise of its own
         other = np.abs(late[SETPOINT] - late[RATE]) > controller.cycle / 2
-        self.angle_noise = 2 * float(other.mean()) * controller.angle**2
+        self.angle_noise = 2 * other.mean() * controller.angle**2
         self.between = max(1 / spectra.rate - controller.cycle, 0.0)
         self.step = self.inside / (1 - np.exp(-self.s * controller.cycle))
 

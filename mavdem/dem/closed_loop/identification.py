@@ -154,4 +154,4 @@ class _LogJoint(NamedTuple):
     def _limited(self, step: Array) -> Array:
         """A step that changes no parameter by more than ``LONGEST_STEP``."""
         longest = np.minimum(SD, LONGEST_STEP)
-        return step / max(1.0, float(np.abs(step / longest).max()))
+        return step / max(1.0, np.abs(step / longest).max())
