@@ -134,7 +134,7 @@ def _first(signals: Signals, events: Sequence[Fact], lost: Fact) -> Fact | None:
         began = at_stop or _during(events, MotionEvent.FELL, boot, onset)
         span = (min((event.time or 0.0 for event in began), default=onset), onset)
     else:
-        at = int(np.argmax((error.time >= onset) & (error.size > LOST_ANGLE)))
+        at = np.argmax((error.time >= onset) & (error.size > LOST_ANGLE))
         span = (onset, error.time[at])
         fell = complex(error.lean[at])
     cause = _by_commands(signals, boot, span, [event.subject for event in at_stop], fell)

@@ -64,7 +64,7 @@ def _tracking(signals: Signals, parts: Segments) -> Fact:
     if len(setpoint) < ENOUGH_SAMPLES:
         return unknown
     sizes = np.sqrt(np.mean(np.square(errors), axis=1))
-    best = int(np.argmin(sizes))
+    best = np.argmin(sizes)
     error = sizes[best]
     asked_for = setpoint.std()
     overshoot = _overshoot(asked, angle, parts) if asked_for > STEERED else None

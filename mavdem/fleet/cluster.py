@@ -48,7 +48,7 @@ class Cluster:
         self._lock = Lock()
 
     def outcomes(self, jobs: Iterator[Job]) -> Generator[Outcome]:
-        """As ``Reader`` has it; raises ``Unreadable``, as :meth:`read` does."""
+        """As ``WorkerPool`` has it; raises ``Unreadable``, as :meth:`read` does."""
         threads = sum(self._connected().nthreads().values())
         read = partial(self.read, limits=self.limits, read=self._read)
         # One is on its way while another is read.

@@ -92,7 +92,7 @@ def _averaged(axis: Axis, ended: Sequence[Quadratic]) -> Identified:
         share * _covariance(axis, fit.curvature) for share, fit in zip(shares, maxima, strict=True)
     )
     between = (thetas - theta).T * shares @ (thetas - theta)
-    return Identified(axis, theta, within + between, thetas[int(np.argmax(shares))])
+    return Identified(axis, theta, within + between, thetas[np.argmax(shares)])
 
 
 def _covariance(axis: Axis, curvature: Array) -> Array:
