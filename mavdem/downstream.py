@@ -26,8 +26,7 @@ class FlightDownstream:
         return _upstairs.to_xarray(self)
 
     def _repr_html_(self) -> str:
-        html: str = _upstairs.flight_html(self)
-        return html
+        return _upstairs.flight_html(self)
 
 
 class LearnedDownstream:
@@ -43,8 +42,7 @@ class LearnedDownstream:
 
         ``mavdem.evaluate.held_out_windows`` forecasts such windows.
         """
-        text: str = _upstairs.summary(self)
-        return text
+        return _upstairs.summary(self)
 
     def to_control(self, model: str = "physical") -> Any:
         """Returns the physical plant with its delay, or DEM's own ``model="dem"``, as a ``control.StateSpace``.
@@ -65,8 +63,7 @@ class LearnedDownstream:
         return _upstairs.loop(self, controller)
 
     def _repr_html_(self) -> str:
-        html: str = _upstairs.learned_html(self)
-        return html
+        return _upstairs.learned_html(self)
 
 
 class LoopDownstream:
@@ -87,9 +84,7 @@ class AssessmentDownstream:
 
     def as_dict(self) -> dict[str, Any]:
         """Returns the document of ``mavdem review --json``, plain JSON values."""
-        document: dict[str, Any] = _upstairs.assessment_document(self)
-        return document
+        return _upstairs.assessment_document(self)
 
     def __str__(self) -> str:
-        text: str = _upstairs.assessment_screen(self)
-        return text
+        return _upstairs.assessment_screen(self)

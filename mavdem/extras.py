@@ -33,7 +33,7 @@ def missing(extra: str) -> tuple[str, ...]:
     return tuple(name for name in EXTRAS[extra] if find_spec(name) is None)
 
 
-def lacking(extra: str, subject: str = "") -> Fact | None:
+def lacking(extra: str, subject: str) -> Fact | None:
     """Returns what an ``extra`` lacks for the ``subject`` that needs it; None where all of it is installed."""
     if not (names := missing(extra)):
         return None

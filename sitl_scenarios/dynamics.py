@@ -32,7 +32,7 @@ from sitl_scenarios.vehicles import AIR_DENSITY, GRAVITY, airframe
 Four = tuple[float, ...]
 """Of the four rotors, in the autopilots' order."""
 
-SPINS: Four = (1.0, 1.0, -1.0, -1.0)
+SPINS = (1.0, 1.0, -1.0, -1.0)
 """1: the rotor turns counter-clockwise seen from above, and its torque turns the body clockwise: positive yaw."""
 
 

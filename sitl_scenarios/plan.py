@@ -27,7 +27,7 @@ SPIN_UP_SECONDS = 1.0  # Seconds from arming to take-off
 SETTLE_SECONDS = 2.0  # Seconds of hover before the excitation begins, and after it ends
 # Seconds simulated after disarming; and from touch-down, as it is planned, to disarming
 AFTER_SECONDS = 1.0
-FULL_STICK: Three = (radians(35), radians(35), radians(150))
+FULL_STICK = (radians(35), radians(35), radians(150))
 """Roll and pitch, rad, and yaw rate, rad/s, that a stick asks for at its end: PX4's defaults of MPC_MAN_TILT_MAX and
 MPC_MAN_Y_MAX."""
 BRAKING = 2.5  # m/s² at the beginning and the end of a move

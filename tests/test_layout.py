@@ -30,7 +30,6 @@ FLOORS = (
         "errors",
         "extras",
         "files",
-        "forecaster",
         "grouping",
         "heading",
         "unit_slips",
@@ -203,32 +202,31 @@ def test_a_file_is_not_long():
 
 
 NODES = {
-    "alignment": 19_310,
+    "alignment": 19_270,
     "analysis": 8650,
-    "assessment": 18450,
+    "assessment": 18_360,
     "baselines": 5250,
-    "cli": 17050,
-    "condition": 40_150,
-    "dem": 68_770,
-    "documents": 10250,
+    "cli": 17_027,
+    "condition": 40_063,
+    "dem": 68_601,
+    "documents": 10_248,
     "evaluate": 8100,
-    "export": 2550,
+    "export": 2_549,
     "facts": 4_180,
-    "fleet": 15050,
-    "health": 10600,
-    "ingest": 40600,
-    "live": 31650,
-    "mavdem": 5550,
-    "paper": 11400,
-    "report": 32200,
-    "serve": 12810,
-    "sitl_scenarios": 31400,
-    "tools": 15950,
-    "view": 10900,
+    "fleet": 15_024,
+    "health": 10_584,
+    "ingest": 40_530,
+    "live": 31_633,
+    "mavdem": 5_311,
+    "paper": 11_396,
+    "report": 32_154,
+    "serve": 12_792,
+    "sitl_scenarios": 31_396,
+    "tools": 15_949,
+    "view": 10_883,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 419_520
-ALL_NODES = 419_520
+ALL_NODES = 418_656
 TEST_NODES = 242105
 NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""

@@ -140,9 +140,7 @@ def _at_any_rate(time: Array) -> Intervals:
     """Where the stamps (N,) of one boot come without gaps, by the measure of their own usual step."""
     steps = np.diff(time)
     return (
-        unbroken(time, steps > max(MAX_GAP_SECONDS, 3 * float(np.median(steps))))
-        if len(time) > 1
-        else []
+        unbroken(time, steps > max(MAX_GAP_SECONDS, 3 * np.median(steps))) if len(time) > 1 else []
     )
 
 
@@ -309,7 +307,7 @@ def grid_of(attitude: Array, motors: Array, dt: float) -> Array:
     last = min(attitude[-1], motors[-1])
     for stamps in (attitude, motors):
         start = min(stamps[stamps >= first - STAMP_SECONDS][0], last)
-        grid = np.asarray(start + dt * np.arange(int((last - start) / dt + STAMP_SECONDS) + 1))
+        grid = start + dt * np.arange(int((last - start) / dt + STAMP_SECONDS) + 1)
         if kept_rows(grid, attitude) is not None and kept_rows(grid, motors) is not None:
             break
     sure = _sure(grid, dt, attitude) & _sure(grid, dt, motors)

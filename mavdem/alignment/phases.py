@@ -233,13 +233,13 @@ def grounded(signals: Signals, boot: int) -> Intervals:
     running = during(collective.time, in_states(signals, boot, OFF_GROUND))
     if not running.any():
         return []
-    hover = float(np.median(mean[running & (mean > np.quantile(mean[running], 0.9) / 2)]))
+    hover = np.median(mean[running & (mean > np.quantile(mean[running], 0.9) / 2)])
     squares = np.zeros(len(mean))
     for tilt in signals.tilts:
         here = tilt.boot == boot
         turning = Signal(tilt.time[here], tilt.boot[here], tilt.rate[here] ** 2)
         squares += np.interp(collective.time, turning.time, average(turning)) if here.any() else 0.0
-    lively = float(np.quantile(squares[running], 0.9))
+    lively = np.quantile(squares[running], 0.9)
     moving = running & (squares >= STILL_SHARE * lively)
     fighting = np.zeros(len(mean), dtype=np.bool_)
     if motors is not None:
@@ -272,9 +272,7 @@ def highest_collective(signals: Signals) -> float:
     collective = signals.collective
     boots = () if collective is None else np.unique(collective.boot)
     known = (of_boot(collective, int(boot)) for boot in boots)
-    return max(
-        (float(average(signal).max()) for signal in known if signal is not None), default=0.0
-    )
+    return max((average(signal).max() for signal in known if signal is not None), default=0.0)
 
 
 def in_states(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals:
@@ -342,5 +340,4 @@ def average(signal: Signal) -> Array:
     total = np.concatenate([[0.0], np.cumsum(signal.values)])
     first = np.searchsorted(signal.time, signal.time - AVERAGING_SECONDS / 2, side="left")
     after = np.searchsorted(signal.time, signal.time + AVERAGING_SECONDS / 2, side="right")
-    mean: Array = (total[after] - total[first]) / (after - first)
-    return mean
+    return (total[after] - total[first]) / (after - first)

@@ -159,8 +159,8 @@ def _fresh_rate(time: Array, rows: Array, step: Array | float) -> float:
     if not len(after_standstill):
         return rate
     steps = np.where(np.asarray(step) > 0, step, np.inf)
-    held = float(np.median((after_standstill / steps).max(axis=1))) > HELD_STEPS
-    return float(np.count_nonzero(changed)) / len(changed) * rate if held else rate
+    held = np.median((after_standstill / steps).max(axis=1)) > HELD_STEPS
+    return np.count_nonzero(changed) / len(changed) * rate if held else rate
 
 
 def _consistency(time: Array, angle: Array, slope: Array) -> float | None:

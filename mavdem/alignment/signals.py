@@ -403,8 +403,7 @@ class Signals(VehicleSignals):
         rates = (
             0.0 if stream is None else usual_rate(stream) for stream in (self.motors, self.demand)
         )
-        driven: Motors | None = motors_or_demand(self.motors, self.demand, *rates)
-        return driven
+        return motors_or_demand(self.motors, self.demand, *rates)
 
     @property
     def streams(self) -> tuple[Attitude, Motors]:

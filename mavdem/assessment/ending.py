@@ -134,8 +134,8 @@ def _first(signals: Signals, events: Sequence[Fact], lost: Fact) -> Fact | None:
         began = at_stop or _during(events, MotionEvent.FELL, boot, onset)
         span = (min((event.time or 0.0 for event in began), default=onset), onset)
     else:
-        at = int(np.argmax((error.time >= onset) & (error.size > LOST_ANGLE)))
-        span = (onset, float(error.time[at]))
+        at = np.argmax((error.time >= onset) & (error.size > LOST_ANGLE))
+        span = (onset, error.time[at])
         fell = complex(error.lean[at])
     cause = _by_commands(signals, boot, span, [event.subject for event in at_stop], fell)
     if cause is None or fell is None or cause.code is not FailedFirst.ALL_OFF_FIRST:

@@ -145,5 +145,5 @@ def _compass(evidence: Evidence) -> Iterator[Fact]:
 
 def _size(field: Array) -> Array:
     """(N,) of a field (N, 3), where it was measured."""
-    size: Array = np.linalg.norm(field, axis=1)
+    size = np.linalg.norm(field, axis=1)
     return size[size > 0]

@@ -1,6 +1,6 @@
 """Judgement: the headline of what was found of a vehicle, and the one next step that fits its reason."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from mavdem.analysis.findings import Finding, next_step
@@ -18,7 +18,7 @@ from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.events import Reported
 from mavdem.facts.lights import Light, Unjudged
 
-LIGHTS: Mapping[Light, Callable[[Evidence], Fact]] = {
+LIGHTS = {
     Light.MOTORS: motors_light,
     Light.VIBRATION: vibration_light,
     Light.TRACKING: tracking_light,

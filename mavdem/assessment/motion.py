@@ -99,7 +99,7 @@ def _events(signals: Signals, boot: int) -> Iterator[Fact]:
                 break
         fall = [*_fall(signals, boot, flight, lost)]
         yield from fall
-    last = float(error.time[-1])
+    last = error.time[-1]
     if (
         flights
         and flights[-1][1] == inf
@@ -134,7 +134,7 @@ def height_above(signals: Signals, boot: int, flight: Interval, time: float) -> 
     height = above_take_off(signals, boot, flight)
     if flight[0] == -inf:
         height = of_boot(signals.height, boot)
-    return None if height is None else float(np.interp(time, height.time, height.values))
+    return None if height is None else np.interp(time, height.time, height.values)
 
 
 def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
@@ -200,7 +200,7 @@ def _loss(
     settled = time[(time < start) & (error.size < ONSET_ANGLE)]
     onset = max(settled[-1] if len(settled) else start, start - CAUGHT_SECONDS)
     here = (time >= start) & (time <= end)
-    angle = float(error.size[here].max())
+    angle = error.size[here].max()
     height = height_above(signals, boot, flight, onset)
     speed = _fastest(of_boot(signals.climb_rate, boot), onset, end + CAUGHT_SECONDS) or 0.0
     hit = _hit(signals, boot, onset - ASKED_SECONDS, start)
@@ -250,7 +250,7 @@ def _trusted(signals: Signals, boot: int, flight: Interval) -> Signal | None:
 def _fastest(climb: Signal | None, since: float, until: float) -> float | None:
     """How fast it sank at most, m/s; None where that is not known."""
     here = () if climb is None else climb.values[during(climb.time, [(since, until)])]
-    return -float(min(here)) if len(here) else None
+    return -min(here) if len(here) else None
 
 
 def _seen(end: float) -> float | None:
@@ -280,7 +280,7 @@ def _hit(signals: Signals, boot: int, since: float, until: float) -> float | Non
     before = (force.time > since - CAUGHT_SECONDS) & (force.time < since)
     usual = felt[before].max(initial=HIT_FORCE)
     hits = force.time[during(force.time, [(since, until)]) & (felt > usual)]
-    return float(hits[0]) if len(hits) else None
+    return hits[0] if len(hits) else None
 
 
 def _fall(signals: Signals, boot: int, flight: Interval, lost: Fact | None) -> Iterator[Fact]:
@@ -309,7 +309,7 @@ def _fall(signals: Signals, boot: int, flight: Interval, lost: Fact | None) -> I
     braked = np.interp(time + LOST_SECONDS, time, climb.values) - climb.values > HIT_SPEED
     near = (time > span[0]) & (time < span[1])
     for at in np.flatnonzero(near & braked & (climb.values < -HIT_SPEED))[:1]:
-        speed = -float(climb.values[at])
+        speed = -climb.values[at]
         yield Fact(MotionEvent.HIT, Level.BAD, height=None, time=time[at], speed=speed, boot=boot)
 
 
@@ -343,7 +343,7 @@ def _of_motors(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact
                     time=start,
                     until=_seen(end),
                     subject=name,
-                    share=float(true[during(time, [(start, end)])].mean()),
+                    share=true[during(time, [(start, end)])].mean(),
                     boot=boot,
                 )
 

@@ -6,7 +6,7 @@ from mavdem.analysis.overrides import limited_motor
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst
 from mavdem.condition.condition import HoverFigures
-from mavdem.facts import Code, Fact, Level
+from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.facts.motors import InFlight, MotorsLight, Trim
@@ -22,7 +22,7 @@ def motors_light(evidence: Evidence) -> Fact:
     names = () if motors is None else motors.layout.names
     hover = evidence.condition.hover
     # Where there was no hover to judge, a moment at the limit is all that shows.
-    telling: list[Code] = [
+    telling = [
         InFlight.MOTOR_LOST_THRUST,
         MotionEvent.MOTOR_OFF,
         Reported.MOTOR_FAILED,

@@ -56,9 +56,9 @@ def _battery(evidence: Evidence) -> Iterator[Fact]:
     low = max(critical, *(parameters.get(name, 0.0) for name in LOW_LEVELS))
     if np.ptp(voltage.values) == 0 or voltage.values.max() <= low:
         return  # no battery is connected to what measures it
-    cells = _cells(signals, float(np.percentile(voltage.values, 99)))
+    cells = _cells(signals, np.percentile(voltage.values, 99))
     steps = np.diff(voltage.time)[np.diff(voltage.boot) == 0]
-    rows = round(LOW_SECONDS / max(float(np.median(steps)), 1e-3)) if len(steps) else 0
+    rows = round(LOW_SECONDS / max(np.median(steps), 1e-3)) if len(steps) else 0
     lasting = means[min(rows, len(means) - 1)]
     critical = max(critical, CELL.bad * (cells or 0))
     low = max(low, critical, CELL.watch * (cells or 0))
@@ -97,8 +97,8 @@ def _supply(evidence: Evidence) -> Iterator[Fact]:
     volts = evidence.averaged(measured) / 1000
     if not len(volts):
         return
-    least = float(volts.min())
-    usual = float(np.median(volts))
+    least = volts.min()
+    usual = np.median(volts)
     code = PowerLight.SUPPLY_HELD
     level = Level.UNKNOWN
     if least < SUPPLY.watch:

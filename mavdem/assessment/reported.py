@@ -132,7 +132,7 @@ def _in_the_air(signals: Signals, part: Segment) -> Iterator[Fact]:
         for code, end in zip((Reported.OFF_GROUND, Reported.ON_GROUND), flight, strict=True):
             near = changes[abs(changes - end) <= AVERAGING_SECONDS]
             source = "EXTENDED_SYS_STATE" if len(near) else by_motors
-            at = float(near[np.argmin(abs(near - end))]) if len(near) else end
+            at = near[np.argmin(abs(near - end))] if len(near) else end
             if isfinite(end) and off_ground([flight], signals, part.boot):
                 yield _event(signals, part, source, code, at)
 

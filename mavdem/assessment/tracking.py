@@ -64,9 +64,9 @@ def _tracking(signals: Signals, parts: Segments) -> Fact:
     if len(setpoint) < ENOUGH_SAMPLES:
         return unknown
     sizes = np.sqrt(np.mean(np.square(errors), axis=1))
-    best = int(np.argmin(sizes))
-    error = float(sizes[best])
-    asked_for = float(setpoint.std())
+    best = np.argmin(sizes)
+    error = sizes[best]
+    asked_for = setpoint.std()
     overshoot = _overshoot(asked, angle, parts) if asked_for > STEERED else None
     limits = Limits(max(ERROR.watch, asked_for / 2), max(ERROR.bad, asked_for))
     level = limits.level(error)
@@ -94,7 +94,7 @@ def _rate_error(signals: Signals, parts: Segments) -> float | None:
     if signals.attitude is None or not setpoints:
         return None
     _, errors = _errors(setpoints[0], signals.attitude.rates, parts, DELAYS[:1])
-    return float(np.sqrt(np.mean(np.square(errors)))) if errors.size else None
+    return np.sqrt(np.mean(np.square(errors))) if errors.size else None
 
 
 def _errors(asked: Signal, seen: Signal, parts: Segments, delays: Array) -> tuple[Array, Array]:
@@ -119,4 +119,4 @@ def _overshoot(asked: Signal, angle: Signal, parts: Segments) -> float | None:
         return None
     peak = abs(found.response[coherent]).max()
     damping = np.sqrt((1 - np.sqrt(1 - min(1 / peak, 1.0) ** 2)) / 2)
-    return float(np.exp(-np.pi * damping / np.sqrt(1 - damping**2))) if peak > 1 else 0.0
+    return np.exp(-np.pi * damping / np.sqrt(1 - damping**2)) if peak > 1 else 0.0

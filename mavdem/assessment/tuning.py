@@ -1,7 +1,5 @@
 """Tuning: gains to set of the axes of a flight, and what to do with them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 

@@ -58,7 +58,7 @@ COMPLETION = "_MAVDEM_COMPLETE"
 
 def imported_command(name: str) -> click.Command:
     """Returns the command of this name, from the module that is named like it."""
-    command: click.Command = getattr(import_module(f"mavdem.cli.{name}"), f"{name}_command")
+    command = getattr(import_module(f"mavdem.cli.{name}"), f"{name}_command")
     for parameter in command.params:
         parameter.callback = parameter.callback or _no_option
     return command
@@ -137,14 +137,14 @@ def mavdem() -> None:
     """
 
 
-def main(arguments: Sequence[str] | None = None, command: click.Command = mavdem) -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command with these words, or those of the process, and returns its exit code; raises SystemExit only."""
     words = sys.argv[1:] if arguments is None else list(arguments)
     prepare_streams()
     try:
         if COMPLETION in os.environ:
             return shell_complete(mavdem, {}, "mavdem", COMPLETION, os.environ[COMPLETION])
-        code = _run(command, words, as_json="--json" in words)
+        code = _run(words, as_json="--json" in words)
         sys.stdout.flush()
         return code
     except BrokenPipeError:
@@ -157,13 +157,13 @@ def main(arguments: Sequence[str] | None = None, command: click.Command = mavdem
     return code
 
 
-def _run(command: click.Command, words: list[str], as_json: bool) -> int:
+def _run(words: list[str], as_json: bool) -> int:
     try:
         # a folder without a name would be the current one, whose results are replaced
         if {"", "--out="}.intersection(words):
             raise click.UsageError("An argument is empty: name a file or folder, or leave it out.")
-        with command.make_context(command.name, list(words)) as context:
-            command.invoke(context)
+        with mavdem.make_context(mavdem.name, list(words)) as context:
+            mavdem.invoke(context)
     except click.exceptions.Exit as end:
         return end.exit_code
     except click.exceptions.NoArgsIsHelpError as error:

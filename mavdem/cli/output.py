@@ -53,7 +53,7 @@ def json_text(document: Values) -> str:
     return json.dumps(whole(name, document), indent=1, allow_nan=False)
 
 
-def say(text: str = "") -> None:
+def say(text: str) -> None:
     """Prints on standard output, in its encoding: ``click.echo`` left alone writes UTF-8 where that is ASCII."""
     click.echo(text, file=sys.stdout)
 

@@ -21,7 +21,6 @@ from mavdem.condition.loop.filters import gyro_filters
 from mavdem.condition.loop.loop import TARGETS
 from mavdem.documents.loops import AxisAdvice
 from mavdem.facts import Fact
-from mavdem.heading import Values
 from mavdem.ingest.parameter_file import parameter_files
 from mavdem.report.blocks import Sentence
 from mavdem.report.loops import tune_blocks
@@ -87,7 +86,7 @@ def tune_command(
     )
     gains = tuning.parameters
     refusal = tuning.refusal
-    document: Values = {
+    document = {
         "source": source,
         "margins": margins,
         "axes": {name: axis_document(advised) for name, advised in tuning.axes.items()},

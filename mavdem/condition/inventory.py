@@ -337,7 +337,7 @@ def _missing_share(telemetry: Telemetry) -> float | None:
         # The mean of the middle half: a loop of 4 ms makes steps of 8 and 12 ms of 10.
         quarter = len(steps) // 4
         middle = np.sort(steps)[quarter : len(steps) - quarter]
-        usual = float(middle.mean()) if len(time) >= 50 and len(steps) else 0.0
+        usual = middle.mean() if len(time) >= 50 and len(steps) else 0.0
         if usual > 0:
             # A quarter of a step is jitter.
             gaps = np.rint(steps / usual - 0.25) - 1

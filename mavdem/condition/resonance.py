@@ -180,7 +180,7 @@ def peak_of(signals: Signals, parts: Segments) -> Resonance | None:
     size = np.log(cross.usual) / 2
     beside = (np.interp(side, cross.frequency, size) for side in (hertz * SIDES, hertz / SIDES))
     over = np.exp(size[rows] - sum(beside) / 2)
-    best = int(np.argmax(over))
+    best = np.argmax(over)
     coherence = float(cross.coherence[rows[best]])
     if not (over[best] >= PROMINENT and coherence >= LEAST_COHERENCE):
         return None

@@ -158,9 +158,9 @@ class StepResponse(Result):
         predicted = np.interp(self.frequency, frequency, abs(closed))
         band = np.maximum(self.gain_half, STEADY)
         off = abs(predicted - self.gain) > band
-        share = float(off.mean())
+        share = off.mean()
         subject = f"{self.axis} {self.loop}"
-        peak = float(frequency[np.argmax(abs(closed))])
+        peak = frequency[np.argmax(abs(closed))]
         if share <= DISAGREES:
             agrees = StepResponses.PREDICTION_AGREES
             return Fact(agrees, Level.GOOD, subject=subject, highest=self.highest)

@@ -236,7 +236,7 @@ def estimate_wind(
                 }
             )
     through_air = fine.velocity[:, :2] - air
-    moved = float(np.nanmean(np.hypot(*through_air.T)))
+    moved = np.nanmean(np.hypot(*through_air.T))
     sd = found.relative_sd(moved)
     relative_sd = sd / prior.relative_sd(moved)
     found = replace(found, source=prior.source if relative_sd > DRAG_LEFT else DragSource.FLIGHT)

@@ -39,14 +39,13 @@ def from_text(kind: type[Kind], text: str) -> Kind:
     if later and int(later[1]) > VERSION:
         raise Unreadable(ModelFile.OF_LATER_VERSION)
     try:
-        result: Kind = _adapter(cast(Any, kind)).validate_json(text, strict=True)
+        return _adapter(cast(Any, kind)).validate_json(text, strict=True)
     except (ValidationError, TypeError) as error:
         problem = first_problem(error) if isinstance(error, ValidationError) else str(error)
         # before documents said what they are
         is_old = isinstance(text, str) and text.startswith('{"settings"')
         fact = Fact(ModelFile.NO_MODEL_DOCUMENT, error=problem, is_old=is_old)
         raise Unreadable(fact) from None
-    return result
 
 
 @cache

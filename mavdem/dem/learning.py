@@ -75,7 +75,7 @@ def learn_with_fit(train: Records, settings: Settings | None = None) -> tuple[Le
         return _learned(refined, record, np.concatenate(segments)), refined
 
 
-def learn_forecasts(train: Records, settings: Settings | None = None) -> JointModel | Learned:
+def learn_forecasts(train: Records, settings: Settings | None) -> JointModel | Learned:
     """Learns what forecasts a flight: the joint model alone, unless the ``settings`` ask for another.
 
     DEM's A, B and C, which take most of the time of :func:`learn`, play no part in the joint model's forecasts.
@@ -93,7 +93,7 @@ def learn_forecasts(train: Records, settings: Settings | None = None) -> JointMo
         return learn(record, settings)
 
 
-def checked(train: Records, settings: Settings | None = None) -> tuple[Record, CompleteSettings]:
+def checked(train: Records, settings: Settings | None) -> tuple[Record, CompleteSettings]:
     """Returns the training data as one record, and the settings with nothing left open; raises as :func:`learn`."""
     if not (settings is None or isinstance(settings, Settings)):
         raise ValueError(

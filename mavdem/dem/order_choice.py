@@ -55,9 +55,7 @@ class OrderChoice:
         """(N,) standard deviation over the flights of F̄ᵒ; NaN for a single one."""
         several = len(self.flights) > 1
         return (
-            np.asarray(self.free_energy.std(axis=0, ddof=1))
-            if several
-            else np.full(len(self.orders), np.nan)
+            self.free_energy.std(axis=0, ddof=1) if several else np.full(len(self.orders), np.nan)
         )
 
     def gain(self, order: int, over: int) -> Interval:

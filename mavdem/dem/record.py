@@ -41,8 +41,7 @@ def _model(kind: type) -> type[BaseModel]:
     fields: Any = {
         name: (hint, ...) for name, hint in get_type_hints(kind, include_extras=True).items()
     }
-    model: type[BaseModel] = create_model("Values", __config__=STRICT, **fields)
-    return model
+    return create_model("Values", __config__=STRICT, **fields)
 
 
 def first_problem(error: ValidationError) -> str:

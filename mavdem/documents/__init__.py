@@ -1,7 +1,5 @@
 """Documents: the JSON that mavdem writes, made of results and facts; the models have keys, units and meanings."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any, NamedTuple
 

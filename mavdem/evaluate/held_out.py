@@ -70,7 +70,7 @@ class HeldOut:
         return float(np.ptp(self.time[0]) * steps / (steps - 1)) if len(self) and steps > 1 else 0.0
 
     @may_overflow
-    def squared_errors(self, name: HeldOutForecast = FORECAST) -> Array:
+    def squared_errors(self, name: HeldOutForecast) -> Array:
         """Returns the mean squared error (W, m) of the forecast ``name`` in each window; infinite without one."""
         squares = ((self.measured - self.forecasts[name]) ** 2).mean(axis=1)
         return np.where(np.isnan(squares), np.inf, squares)

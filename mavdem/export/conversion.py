@@ -229,7 +229,7 @@ TABLES = {".csv": write_csv, ".parquet": write_parquet}
 def convert(
     source: PathName,
     out: PathName,
-    axis: str = "roll",
+    axis: str,
     vehicle: str | None = None,
     inputs: str | None = None,
 ) -> Values:

@@ -48,7 +48,7 @@ class Cluster:
         self._lock = Lock()
 
     def outcomes(self, jobs: Iterator[Job]) -> Generator[Outcome]:
-        """As ``Reader`` has it; raises ``Unreadable``, as :meth:`read` does."""
+        """As ``WorkerPool`` has it; raises ``Unreadable``, as :meth:`read` does."""
         threads = sum(self._connected().nthreads().values())
         read = partial(self.read, limits=self.limits, read=self._read)
         # One is on its way while another is read.
@@ -66,8 +66,7 @@ class Cluster:
         try:
             # tried again where a machine has no process to spare
             future = client.submit(read_on_worker, job, limits, read, pure=False, retries=ATTEMPTS)
-            outcome: Outcome = future.result()
-            return outcome
+            return future.result()
         except KilledWorker:
             return failed(job, "died", Fact(Reading.CLUSTER_WORKERS_DIED))
         except Exception as error:

@@ -18,10 +18,11 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Facts
 from mavdem.facts.fleet import Folder, Reading
 from mavdem.facts.motors import HealthUnknown
+from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.row import OK, SHARED, UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.sources import Source, find_logs
 from mavdem.fleet.store import AssessRows, Store, is_fleet, opened, read_rows
-from mavdem.fleet.workers import Job, Reader
+from mavdem.fleet.workers import Job, WorkerPool
 from mavdem.heading import Numbers, Values
 from mavdem.health.assessment import assess
 from mavdem.health.balance import BalanceFigures, HealthFigures, healthy_flights, motor_signatures
@@ -145,7 +146,7 @@ def residual_mean(row: FlightRow, healthy: Iterable[FlightRow]) -> float | None:
 def track(
     folder: Path,
     names: Sequence[str],
-    reader: Reader,
+    reader: WorkerPool | Cluster,
     baseline: Sequence[str] = (),
     page: str = "",
     assess: AssessRows = assess_rows,
@@ -185,7 +186,11 @@ def _with_flight(rows: FlightRows) -> FlightRows:
 
 
 def _read(
-    store: Store, logs: Sequence[Source], reader: Reader, page: str, progress: Progress
+    store: Store,
+    logs: Sequence[Source],
+    reader: WorkerPool | Cluster,
+    page: str,
+    progress: Progress,
 ) -> tuple[int, list[Fact]]:
     """Reads what is new; returns how many logs that were, and a fact for each known one that cannot be read."""
     # The largest first: were one the last, the other processes would wait for it.

@@ -26,7 +26,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from pkgutil import resolve_name
 from threading import Event
-from typing import Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple
 from urllib.parse import urlsplit
 
 from mavdem.dem.parallel import ENDS, Pool, blocked, pool, stay_in_this_process
@@ -91,15 +91,6 @@ def failed(job: Job, ended: Ended, status: Fact, key: str = "") -> Outcome:
 def _of_job(job: Job, key: str) -> Values:
     """Columns that a row has of what was asked for."""
     return {"file": job.path, "key": key, "mavdem_version": metadata.version("mavdem")}
-
-
-class Reader(Protocol):
-    """What reads many logs: the processes of this machine, or a cluster."""
-
-    limits: Limits  # of each log
-
-    def outcomes(self, jobs: Iterator[Job]) -> Generator[Outcome]:
-        """Yields outcomes in the order in which they come; a job is taken when its turn has come."""
 
 
 class LogReader:
@@ -180,7 +171,10 @@ class WorkerPool:
         self._read = read
 
     def outcomes(self, jobs: Iterator[Job]) -> Generator[Outcome]:
-        """As :class:`Reader` has it; raises ``Unreadable`` if no process can be started."""
+        """Yields outcomes in the order in which they come; a job is taken when its turn has come.
+
+        Raises ``Unreadable`` if no process can be started.
+        """
         is_ending = Event()
         readers = [LogReader(is_ending.is_set) for _ in range(self._processes)]
         reads = [partial(reader.read, limits=self.limits, read=self._read) for reader in readers]

@@ -118,7 +118,7 @@ def _assessment(
     known = weighed.fault, change
     if weighed.fault >= PROBABLE:
         suspect = int(weighed.faults.argmax())
-        likely = float(weighed.faults[suspect])
+        likely = weighed.faults[suspect]
         is_named = likely >= NAMED * weighed.fault
         rise = weighed.harder[:, suspect]
         weak = Fact(
@@ -186,8 +186,7 @@ Rise = TypeVar("Rise", float, Array)
 
 def lost_thrust(rise: Rise, exponent: float = 2.0) -> Rise:
     """Returns which share of its thrust a motor lost whose command rose so much, to whose ``exponent`` thrust goes."""
-    lost: Rise = 1 - (1 + rise) ** -exponent
-    return lost
+    return 1 - (1 + rise) ** -exponent
 
 
 def shift_sizes(scale: float) -> Pair:

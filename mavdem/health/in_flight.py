@@ -357,7 +357,7 @@ class MotorWatch:
         return self.alarms[count:]
 
     def _block(self, time: float, commands: Array, heading: float) -> None:
-        mean = float(commands.mean())
+        mean = commands.mean()
         if not mean > 0:
             return
         self._times.append(time)
@@ -467,7 +467,7 @@ class MotorWatch:
             for sector in range(SECTORS):
                 rows = (sectors == sector) & side
                 if np.count_nonzero(rows) >= SETTLING_BLOCKS:
-                    by_sector[sector] = float(shown[rows].mean())
+                    by_sector[sector] = shown[rows].mean()
             by_side.append(by_sector)
         before, after = by_side
         common = before.keys() & after.keys()

@@ -10,7 +10,7 @@ from mavdem.ingest.telemetry import Integers
 _PX4 = table_beside(__file__, "flight_modes.toml")["px4"]
 _CUSTOM = {state: main << 16 | sub << 24 for main, sub, state, _ in _PX4}
 _ENUMS = {"SUBMARINE": "SUB_MODE", "GROUND_ROVER": "ROVER_MODE", "FIXED_WING": "PLANE_MODE"}
-_NAMES: dict[int, str] = {_CUSTOM[state]: name for *_, state, name in _PX4}
+_NAMES = {_CUSTOM[state]: name for *_, state, name in _PX4}
 
 
 def px4_custom_mode(states: NDArray[np.integer]) -> Integers:

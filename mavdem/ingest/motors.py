@@ -158,7 +158,7 @@ class MotorGeometry:
         else:
             forward, right = np.array(self.positions).T
             weights = -right if axis == "roll" else forward
-        total = float(abs(weights).sum())
+        total = abs(weights).sum()
         return weights / total if total > 0 else None
 
 
@@ -259,7 +259,7 @@ def place_name(position: Position) -> str:
 _QUAD_X = (45.0, -135.0, -45.0, 135.0)
 _QUAD_X_SPINS = "++--"
 _TABLES = json.loads((files("mavdem.ingest") / "frames.json").read_text("utf-8"))
-_ARDUPILOT_FRAMES: dict[int, dict[int, tuple[Numbers, str]]] = {
+_ARDUPILOT_FRAMES = {
     int(kind): {int(type_): (tuple(bearings), spins) for type_, (bearings, spins) in types.items()}
     for kind, types in _TABLES.items()
 }

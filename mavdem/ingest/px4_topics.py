@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation, Slerp
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
 from mavdem.files import table_beside
-from mavdem.heading import Names
 from mavdem.ingest.flight_modes import px4_custom_mode
 from mavdem.ingest.motors import MOTOR_COUNTS, motor_geometry
 from mavdem.ingest.telemetry import (
@@ -50,7 +49,7 @@ Topics = Mapping[str, Mapping[int, Columns]]
 """Fields by pyulog's names ("q[0]"), (N,) each, and ``time`` (N,) s since boot, by topic and number of the instance."""
 
 _TOPICS = table_beside(__file__, "px4_topics.toml")
-NEEDED: Mapping[str, Names] = {topic: tuple(fields) for topic, fields in _TOPICS.items()}
+NEEDED = {topic: tuple(fields) for topic, fields in _TOPICS.items()}
 """The topics that are read, and the fields of each beside ``timestamp``, arrays with their length."""
 _RENAMED = table_beside(__file__, "px4_messages.toml")
 SETPOINTS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoint"})

@@ -127,7 +127,7 @@ class SessionStatus:
         seconds = estimate.ahead_times - estimate.time
         longest = estimate.useful
         useful = self.useful
-        nearest = int(abs(seconds - AHEAD).argmin())
+        nearest = abs(seconds - AHEAD).argmin()
         if longest is not None:
             useful = float(seconds[longest]), float(estimate.ahead_ratio[longest].mean())
         return replace(

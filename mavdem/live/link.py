@@ -6,8 +6,6 @@ is this machine. It sends nothing before ``send``. pymavlink's own connections s
 and send to every address that ever sent anything.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

@@ -4,8 +4,6 @@ One thread does all of it except what takes long: batch learning runs in the lea
 in the view's own queue. What is received is recorded, and waits for its analysis: time is that of arrival.
 """
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """LiveStream: from the bytes of a link to aligned rows of one vehicle, and facts on what happens to them."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

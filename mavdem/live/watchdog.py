@@ -4,8 +4,6 @@ It is the judgement of a log, in small steps: what the autopilot reports, and th
 those of ``assessment`` on the messages so far; a limit cycle is that of ``condition.oscillation`` on the last seconds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from math import inf, radians

@@ -206,7 +206,7 @@ class LiveWind:
             self._filter = None
             return
         self.obstacle = None
-        start = motion(stamps, angles, speeds, max(STEP, float(np.median(np.diff(stamps)))))
+        start = motion(stamps, angles, speeds, max(STEP, np.median(np.diff(stamps))))
         if self._filter is None and start.known.any():
             self._step = start.step
             drag = self.drag or self.set_drag
@@ -224,7 +224,7 @@ class LiveWind:
         stamps, angles, speeds = self._table(end - 2 * self._step, end)
         moved = motion(stamps, angles, speeds, self._step) if len(stamps) > 2 else None
         if moved is not None and moved.known[:1].any():
-            run.update(moved.axes[0], moved.velocity[0], moved.force[0], float(moved.doubt[0]))
+            run.update(moved.axes[0], moved.velocity[0], moved.force[0], moved.doubt[0])
             run.total *= 1 - self._step / MEMORY
         logs = (
             run.total.reshape(len(SIZES), -1).mean(axis=1)

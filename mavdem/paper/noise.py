@@ -140,7 +140,7 @@ class Noise(NamedTuple):
         }
 
 
-def analyse_noise(values: ArrayLike, overlap: int = 1) -> Noise:
+def analyse_noise(values: ArrayLike, overlap: int) -> Noise:
     """Returns the statistics of a series of noise: ``values`` (N,) that vary, in any unit.
 
     ``overlap``: number of neighbouring values that an underlying sample contributes to; 1 if values share none.

@@ -206,7 +206,7 @@ def errors_of(trials: Iterable[Outcome], start: str) -> Array:
 
 def median_draw(trials: list[Outcome], start: str) -> Outcome:
     """Returns that of the trials from random priors whose error is the median."""
-    return trials[int(np.argsort(errors_of(trials, start), kind="stable")[len(trials) // 2])]
+    return trials[np.argsort(errors_of(trials, start), kind="stable")[len(trials) // 2]]
 
 
 class Runner:

@@ -163,7 +163,7 @@ class Chart(NamedTuple):
         first = min(line.x[0] for line in self.lines)
         last = max(line.x[-1] for line in self.lines)
         step = max(min(line.step for line in self.lines), (last - first) / points)
-        grid = np.asarray(first + step * np.arange(int((last - first) / step) + 1), np.float64)
+        grid = first + step * np.arange(int((last - first) / step) + 1)
         return self._replace(lines=tuple(line.at(grid) for line in self.lines))
 
     def as_json(self, points: int) -> Values:

@@ -111,7 +111,7 @@ def _flight(comparison: Comparison, flight: str) -> Iterator[Block]:
 STANDARD_ORDER = 3  # of `mavdem learn`: angle, rate, and the motors' lag
 
 
-def order_advice(choice: OrderChoice, known_inputs: bool = True) -> str:
+def order_advice(choice: OrderChoice, known_inputs: bool) -> str:
     """Returns what to do with the order of a ``choice``, one sentence; ``known_inputs`` as for ``orders_of``."""
     (said,) = section(
         "order_advice",
@@ -123,7 +123,7 @@ def order_advice(choice: OrderChoice, known_inputs: bool = True) -> str:
     return said.text
 
 
-def order_report(choice: OrderChoice, names: Sequence[str], known_inputs: bool = True) -> Blocks:
+def order_report(choice: OrderChoice, names: Sequence[str], known_inputs: bool) -> Blocks:
     """Returns F̄ by order and flight, and the chosen order with its reason, and last what to do with it.
 
     ``names`` are those of the flights of ``choice``; ``known_inputs`` is as for ``orders_of``.

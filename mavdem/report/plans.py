@@ -31,7 +31,7 @@ def frame_plan(motors: Motors | None, condition: Condition | None) -> Plan | Non
     if condition is None or hover is None or len(places) != len(hover.motors):
         return None
     at = np.array(places, np.float64)
-    at *= REACH / max(float(np.hypot(*at.T).max()), 1e-9)
+    at *= REACH / max(np.hypot(*at.T).max(), 1e-9)
     halves = condition.share_interval or (None,) * len(places)
     drawn = [
         {
@@ -82,7 +82,7 @@ def _rose(
         ]
     )
     edges = np.vstack([np.zeros(16), counts.cumsum(axis=0)])
-    scale = REACH / max(float(edges.max()), 1e-9)
+    scale = REACH / max(edges.max(), 1e-9)
     petals = [
         (number, scale * inner, scale * outer, 0.25 + 0.14 * row)
         for row, (below, above) in enumerate(pairwise(edges))
@@ -101,7 +101,7 @@ def flown_path(timeline: Timeline | None) -> Plan | None:
     if position is None:
         return None
     north, east = position.values[:, :2].T
-    size = max(float(np.ptp(north)), float(np.ptp(east)), 2.0)
+    size = max(np.ptp(north), np.ptp(east), 2.0)
     length = float(f"{size / 3:.0e}")
     scale = 2 * REACH / size
     every = slice(None, None, -(-len(north) // WAY))

@@ -46,7 +46,7 @@ from mavdem.report.truth import truth_blocks
 from mavdem.report.words import PARAMETERS, headline, section, together
 
 # beside the baselines
-ROWS: dict[str, str] = {
+ROWS = {
     FORECAST: "forecast, motors recorded",
     PREDICTION: "prediction, motors unknown",
 }
@@ -227,7 +227,7 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:
     ]
 
 
-def vehicle_blocks(axes: Mapping[str, AxisFigures], doubted: bool = False) -> Blocks:
+def vehicle_blocks(axes: Mapping[str, AxisFigures], doubted: bool) -> Blocks:
     """Returns a row for each of the ``axes`` that anything is known of, and the reasons for what is not reported."""
     unit = next(
         (analysis.flights[0].input_units[0] for analysis in axes.values() if analysis.flights), ""

@@ -34,7 +34,7 @@ class Series(NamedTuple):
 
 def series_of(
     flights: Flights,
-    learned: Learned | None = None,
+    learned: Learned | None,
     held_out: HeldOut | None = None,
     wind: WindVelocity | None = None,
 ) -> dict[str, Series]:

@@ -13,7 +13,7 @@ def model_response(learned: Learned, motors: Array, frequency: Array, output: in
     A, B, C = learned.model.A, learned.model.B, learned.model.C
     s = 2j * np.pi * frequency[:, None, None]
     states = np.linalg.solve(s * np.eye(len(A)) - A, (B @ motors)[:, None])
-    return np.asarray(C[output] @ states).T
+    return (C[output] @ states).T
 
 
 def plant_response(physical: Physical, motors: Array, frequency: Array, is_angle: bool) -> Complex:

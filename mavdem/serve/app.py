@@ -155,7 +155,7 @@ class Server:
             try:
                 self.rights.check_site(request)
                 if inspect.iscoroutinefunction(endpoint):
-                    response: Response = await endpoint(request)
+                    response = await endpoint(request)
                 else:
                     response = await run_in_threadpool(endpoint, request)
             except Refusal as error:
@@ -366,8 +366,7 @@ class Server:
             form = await received(request, self.library)
         finally:
             self._uploads -= 1
-        added: Added = await run_in_threadpool(self._enter_logs, form, request)
-        return added
+        return await run_in_threadpool(self._enter_logs, form, request)
 
     def _enter_logs(self, form: Form, request: HttpRequest) -> Added:
         """Enters the logs of a form, which are then in the library; raises ``Refusal`` if there is none.
@@ -375,7 +374,7 @@ class Server:
         Of a log that was there already, who may write widens the sharing, and adds the description that is missing.
         """
         fields = form.fields
-        columns: Values = {
+        columns = {
             "note": _unicode(fields.get("description", ""))[:4000],
             "keep": int(fields.get("keep", "true").lower() != "false"),
         }

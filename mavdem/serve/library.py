@@ -174,8 +174,7 @@ class Library:
         if not hasattr(self._local, "store"):
             self._local.store = Store(self.folder)
             self._local.adopted = None
-        store: Store = self._local.store
-        return store
+        return self._local.store
 
     @property
     def _db(self) -> sqlite3.Connection:

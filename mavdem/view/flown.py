@@ -64,13 +64,13 @@ class Pose:
     def carries(self) -> Flags:
         """(N,) where the rotors carry the vehicle; everywhere if they never do."""
         speed = self.rotor_speeds.mean(axis=1)
-        hover = float(np.median(speed[self.armed])) if self.armed.any() else np.inf
-        carried = np.asarray(speed > 0.9 * hover)
+        hover = np.median(speed[self.armed]) if self.armed.any() else np.inf
+        carried = speed > 0.9 * hover
         return carried if carried.any() else ~carried
 
     def drawn(self) -> Indices:
         """Rows of the flight, evenly, at about ``MINIMUM_RATE``, and fewer of a long flight."""
-        step = float(np.median(np.diff(self.time)))
+        step = np.median(np.diff(self.time))
         count = len(self.time)
         return np.arange(0, count, max(round(1 / MINIMUM_RATE / step), ceil(count / MAX_STROKES)))
 
@@ -161,7 +161,7 @@ def _vehicle(recording: rr.RecordingStream, pose: Pose) -> None:
     }
     for name, part in parts.items():
         recording.log(f"world/here/vehicle/{name}", part, static=True)
-    hover = float(np.median(pose.rotor_speeds[pose.carries()]))
+    hover = np.median(pose.rotor_speeds[pose.carries()])
     vectors = np.zeros((len(rows), count, 3))
     # an arm long where it carries its share
     vectors[:, :, 2] = -arm * (pose.rotor_speeds[rows] / max(hover, 1e-9)) ** 2

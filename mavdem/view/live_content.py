@@ -139,7 +139,7 @@ class LiveWriter:
     def _angle(self, rows: list[ShownRow]) -> None:
         """Draws the angle with its prediction, of those nearest to ``AHEAD`` seconds ahead."""
         seconds = np.array(self.channels.horizons) * self.channels.dt
-        h = int(abs(seconds - AHEAD).argmin())
+        h = abs(seconds - AHEAD).argmin()
         scale = readable(self.channels.output_units[0]).scale
         plot = f"axes/{self.channels.output_names[0]}"
         line = Lines(f"{plot}/1_measured", ("measured",), (MEASURED,), 1.2)

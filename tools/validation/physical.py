@@ -59,7 +59,7 @@ class Case(NamedTuple):
     seed: int
 
 
-def cases(seed: int, every: int = 1) -> Iterator[Case]:
+def cases(seed: int, every: int) -> Iterator[Case]:
     """Every vehicle in every wind with every steering, or one of ``every`` so many drawn by seed."""
     rng = default_rng(seed)
     places = list(product(TABLES["scales"]["wind"], FLOWN["winds"]))

@@ -6,8 +6,6 @@ full and an empty battery, or load. Half of the draws choose the gains, the othe
 vehicle.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The plant of a loop as it flies: from messages at their own stamps, with the controller of the parameters."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import NamedTuple
@@ -111,7 +109,7 @@ def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
         power = np.average(seen.mean[:, OUTPUT, OUTPUT].real, weights=seen.counts) * seen.rate
         if rounding**2 / 12 > MOST_ROUNDED * power:
             scale = signals.drive.scale
-            command = scale.step * float(np.sqrt(power)) / rounding
+            command = scale.step * np.sqrt(power) / rounding
             raise NotLearnable(
                 Reason.COMMAND_ROUNDED,
                 axis=signals.axis,
@@ -126,7 +124,7 @@ def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
         width = np.gradient(used.frequency)
         share = (width @ coherent) / (width @ rate)
         if not share + limited_share >= LEAST_STEERED / 2:
-            raise NotLearnable(Loops.NOT_STEERED, share=float(share))
+            raise NotLearnable(Loops.NOT_STEERED, share=share)
         axis = Axis(used, known, rounding, limited_share)
         try:
             fit = identified(axis)
@@ -157,7 +155,7 @@ def _streams(
         return Messages(stream.time[rows], values[rows])
 
     outputs = drive.shares(boot)
-    step = float(np.median(np.diff(outputs.time)))
+    step = np.median(np.diff(outputs.time))
     demand = Messages(outputs.time, controller.demanded(outputs.values, step))
     angle = here(attitude, attitude.angle)
     asked = {given.unit: here(given.signal, given.signal.values) for given in signals.setpoints}
@@ -184,15 +182,15 @@ def _windows(flights: Sequence[Flight], streams: Sequence[Messages]) -> Iterator
     begin = max(stream.time[0] for stream in streams)
     end = min(stream.time[-1] for stream in streams)
     for flight in flights:
-        first = max(float(flight.time[0]), begin)
-        last = min(float(flight.time[-1]), end) - WINDOW_SECONDS
+        first = max(flight.time[0], begin)
+        last = min(flight.time[-1], end) - WINDOW_SECONDS
         for start in np.arange(first, last + 1e-6, WINDOW_SECONDS / 2):
             edges = {"prepend": start, "append": start + WINDOW_SECONDS}
             if all(
                 np.diff(stream.time[_inside(stream, start)], **edges).max() < 1
                 for stream in streams
             ):
-                yield float(start)
+                yield start
 
 
 def _inside(stream: Messages, start: float) -> slice:

@@ -256,7 +256,7 @@ def _again(loop: Loop, segment: slice) -> Again | None:
 
 def torque(loop: Loop, samples: int, noise: np.random.Generator) -> Array:
     """Returns (samples,) of the wind's torque on an axis, rad/s², Gaussian with the spectrum that was learned."""
-    frequency: Array = np.fft.rfftfreq(samples, loop.record.dt).astype(np.float64)
+    frequency = np.fft.rfftfreq(samples, loop.record.dt).astype(np.float64)
     power = wind_density(loop.plant, frequency) * (frequency > 0)
     real, imaginary = noise.standard_normal((2, len(power)))
     size = np.sqrt(power * samples / (4 * loop.record.dt))

@@ -79,7 +79,7 @@ def checked(time: Array, attitude: Array, velocity: Array) -> tuple[Array, Array
     speeds = speeds[usable]
     if abs(angles[:, :2]).max() > np.pi:
         raise ValueError("attitude seems to be in degrees: give rad")
-    if (interval := float(np.median(np.diff(stamps)))) <= FAST_SECONDS:
+    if (interval := np.median(np.diff(stamps))) <= FAST_SECONDS:
         # Where samples are slower, gusts and the position loop come between tilt and velocity.
         shown = motion(stamps, angles, speeds, max(FAST_SECONDS, 2 * interval))
         tilt = GRAVITY * shown.axes[:, :, 2]
@@ -107,7 +107,7 @@ def gridded(
     wind: Array | None = None,
 ) -> Motion:
     """Returns ``airflow.motion`` in steps of ``step`` s, longer ones where samples are or where there were ``most``."""
-    widest = max(step, float(np.median(np.diff(time))), float(time[-1] - time[0]) / most)
+    widest = max(step, np.median(np.diff(time)), float(time[-1] - time[0]) / most)
     gridded_motion = motion(time, attitude, velocity, widest, wind)
     if gridded_motion.known.sum() * gridded_motion.step < LEAST_SECONDS:
         raise NotLearnable(Airflow.MOTION_TOO_SHORT, duration=LEAST_SECONDS)
@@ -197,13 +197,13 @@ def mean_speed(places: Array, moved: Motion) -> Array:
     """Returns (N,) air speed, m/s, at which the drag of ``places`` (N, 10) makes the mean force."""
     force = np.einsum("tij,ti->tj", moved.axes, moved.force)[moved.known, :2].mean(axis=0)
     c, q = np.exp(places[:, :2]).T
-    return air_speed(c, q, float(np.hypot(*force)))
+    return air_speed(c, q, np.hypot(*force))
 
 
 def independent_share(errors: Array) -> float:
     """Returns for how many independent ones each of ``errors`` (T, k) counts, as autoregressions of first order."""
     centred = np.nan_to_num(errors - np.nanmean(errors, axis=0))
-    square = max(float((centred**2).sum()), 1e-12)
+    square = max((centred**2).sum(), 1e-12)
     correlation = min(max(float((centred[1:] * centred[:-1]).sum()) / square, 0.0), 0.99)
     return (1 - correlation) / (1 + correlation)
 
@@ -256,7 +256,7 @@ def estimate_drag(
     mean = prior.mean
     for _ in range(WEIGHTINGS):
         left = errors(mean)
-        weight = independent_share(left) / max(float(left.var()), 1e-6)
+        weight = independent_share(left) / max(left.var(), 1e-6)
         solution = least_squares(residuals, mean, args=(weight,))
         mean = solution.x
     slopes = np.asarray(solution.jac)

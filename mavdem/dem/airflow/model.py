@@ -243,7 +243,7 @@ def motion(
     # body z, by its part downwards
     tilt = z[:2] / z[2]
     air = np.zeros((2, len(time))) if wind is None else wind.T
-    start = time[0] - float(np.median(np.diff(time))) / 2
+    start = time[0] - np.median(np.diff(time)) / 2
     count = int((time[-1] - start) / step + 1e-6) + 1
     row = np.minimum(((time - start) / step + 1e-6).astype(int), count - 1)
     share = (time - start) / step - row
@@ -304,7 +304,7 @@ class Filter:
         known = start.known
         axes = start.axes[known][:, :, :2]
         force = np.median(np.einsum("tij,ti->tj", axes, start.force[known]), axis=0)
-        size = float(np.hypot(*force))
+        size = np.hypot(*force)
         speed = air_speed(self._linear.mean(axis=1), self._quadratic.mean(axis=1), size)
         against = force / max(size, 1e-9) * speed[:, None]
         mean = np.median(start.velocity[known, :2], axis=0) + against
@@ -390,7 +390,7 @@ def filtered(parameters: Array, motion: Motion) -> Filtered:
         spreads[:, t] = run.spreads
         if finite[t]:
             errors[t], expected[t] = run.update(
-                motion.axes[t], motion.velocity[t], motion.force[t], float(motion.doubt[t])
+                motion.axes[t], motion.velocity[t], motion.force[t], motion.doubt[t]
             )
             states[1, t] = run.states
             spreads[1, t] = run.spreads

@@ -13,8 +13,6 @@ Steps are asked at the cycles of an outer loop, which keep time with the message
 of the time from a step to the next message, and not of any. How much of what is asked does so is a parameter too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -127,7 +125,7 @@ class Densities:
         self.turned = by_fold.transpose(1, 2, 0)[:, :, None]  # (C, C, 1, F)
         # the angle that is taken off is of another cycle than the controller's, with noise of its own
         other = np.abs(late[SETPOINT] - late[RATE]) > controller.cycle / 2
-        self.angle_noise = 2 * float(other.mean()) * controller.angle**2
+        self.angle_noise = 2 * other.mean() * controller.angle**2
         self.between = max(1 / spectra.rate - controller.cycle, 0.0)
         self.step = self.inside / (1 - np.exp(-self.s * controller.cycle))
 

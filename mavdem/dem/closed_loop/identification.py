@@ -1,7 +1,5 @@
 """Identification: the plant of one axis by the maxima of its likelihood, by Fisher's scoring from several starts."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -94,7 +92,7 @@ def _averaged(axis: Axis, ended: Sequence[Quadratic]) -> Identified:
         share * _covariance(axis, fit.curvature) for share, fit in zip(shares, maxima, strict=True)
     )
     between = (thetas - theta).T * shares @ (thetas - theta)
-    return Identified(axis, theta, within + between, thetas[int(np.argmax(shares))])
+    return Identified(axis, theta, within + between, thetas[np.argmax(shares)])
 
 
 def _covariance(axis: Axis, curvature: Array) -> Array:
@@ -156,4 +154,4 @@ class _LogJoint(NamedTuple):
     def _limited(self, step: Array) -> Array:
         """A step that changes no parameter by more than ``LONGEST_STEP``."""
         longest = np.minimum(SD, LONGEST_STEP)
-        return step / max(1.0, float(np.abs(step / longest).max()))
+        return step / max(1.0, np.abs(step / longest).max())

@@ -3,8 +3,6 @@
 Whittle's (Brillinger, Time Series, sec. 5.6), of the spectra of rate, output and setpoint by the model's densities.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from mavdem.dem.closed_loop.densities import (
@@ -42,7 +40,7 @@ class Axis:
         less = -np.log1p(-self.limited) / 2
         of_controller = np.arange(len(NAMES)) == CONTROLLER
         self.mean = MEAN - less * of_controller
-        self.sd: Array = SD + less * of_controller
+        self.sd = SD + less * of_controller
         self.densities = Densities(spectra, controller, rounding)
         self.seen = self.spectra.mean
         self.weights = spectra.counts * len(spectra.densities) / DEPENDENT
@@ -74,7 +72,7 @@ class Axis:
         whitener = np.linalg.inv(factor).astype(np.complex128)
         seen = whitener @ self.seen @ whitener.mT.conj()
         size = 2 * np.log(np.einsum("jaa->ja", factor).real) + np.einsum("jaa->ja", seen).real
-        return -float(self.weights @ size.sum(axis=1)), whitener, np.asarray(seen)
+        return -float(self.weights @ size.sum(axis=1)), whitener, seen
 
     def steered_share(self, theta: Array) -> float:
         """Returns the share of the rate's variance that follows what was asked, by parameters θ."""

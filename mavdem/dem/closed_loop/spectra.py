@@ -85,7 +85,7 @@ def _matched(stream: Messages, stamps: Array) -> Messages:
 
     Neither the nearest nor the next: of two streams that keep half a step apart these would be now one, now the other.
     """
-    early = EARLY * float(np.median(np.diff(stream.time)))
+    early = EARLY * np.median(np.diff(stream.time))
     rows = np.searchsorted(stream.time, stamps - early).clip(max=len(stream.time) - 1)
     return Messages(stream.time[rows], stream.values[rows])
 
@@ -96,7 +96,7 @@ def _transform(stream: Messages, start: float) -> Complex:
     time = stream.time[rows] - start
     steps = np.gradient(time)
     # what is lost counts no more than what came
-    steps = steps.clip(max=2.5 * float(np.median(steps)))
+    steps = steps.clip(max=2.5 * np.median(steps))
     values = stream.values[rows]
     values = values - np.polyval(np.polyfit(time, values, 1), time)
     weights = np.sqrt(8 / 3 / WINDOW_SECONDS) * np.sin(np.pi * time / WINDOW_SECONDS) ** 2 * steps

@@ -73,7 +73,7 @@ def turning_combinations(record: Record) -> Array:
     prior = var.lag_prior(lags, RIDGES[1])
     units, statistics = var.LagStatistics.of_record(record, lags)
     ahead = var.regress(statistics.gram, statistics.rows, prior).mean[:-1, m - 1]
-    effects: Array = ahead.reshape(lags, m + r)[:, m:].sum(axis=0) / units.scale[m:]
+    effects = ahead.reshape(lags, m + r)[:, m:].sum(axis=0) / units.scale[m:]
     # What the flight tells of the motors' effects costs as many nats as its numbers (Schwarz, 1978).
     cost = 0.5 * (r - 1) * np.log(statistics.rows)
     tried = [(effects / (np.linalg.norm(effects) or 1.0), cost)]
@@ -156,11 +156,6 @@ class JointModel:
             process = var.Var.of(regression, units)
             past = process.past(combined)
             return cls(combinations, choice, process, regression.terms, past, len(record))
-
-    @property
-    def free_energy(self) -> float:
-        """F̄, nats."""
-        return sum(self.terms.values())
 
     def known_every(
         self,

@@ -100,8 +100,6 @@ class LagStatistics(NamedTuple):
         for channels in segments:
             past = lagged(channels, lags)
             tables.append(np.hstack([past, np.ones((len(past), 1)), channels[lags:][: len(past)]]))
-        if not tables:
-            raise ValueError("segments must hold at least one segment")
         return cls(sum(map(len, tables)), np.asarray(sum(table.T @ table for table in tables)))
 
     @classmethod

@@ -102,8 +102,6 @@ def _chosen(
             start = fits[-1].theta
         except LinAlgError:
             continue
-    if not fits:
-        raise LinAlgError
     chosen = max(fits, key=lambda fit: fit.evidence)
     for name in REFINEMENTS:
         parameters = chosen.parameters._replace(refinements=(*chosen.parameters.refinements, name))

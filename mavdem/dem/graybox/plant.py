@@ -5,8 +5,6 @@
 torque and wind per moment of inertia, rad/s². The wind is coloured noise of one or two components.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import factorial
 from typing import NamedTuple

@@ -28,7 +28,7 @@ from mavdem.ingest.telemetry import Columns, Integers, repair, rows_by
 HEADER = b"\xa3\x95"
 HEADER_LENGTH = len(HEADER) + np.uint8().itemsize
 MAX_MESSAGE_BYTES = np.iinfo(np.uint8).max  # Bytes of a message at most: its length has one byte
-FIELD_TYPES: Mapping[str, str] = {
+FIELD_TYPES = {
     "a": "(32,)<i2",
     "b": "i1",
     "B": "u1",

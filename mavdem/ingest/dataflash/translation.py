@@ -384,7 +384,7 @@ def _in_centidegrees(tables: Tables) -> Facts:
     if np.count_nonzero(moving) < ENOUGH_SAMPLES:
         return ()
     speeds = np.linalg.norm(np.radians(values(rates, RATES)[moving]), axis=1)
-    ratio = float(np.median(speeds / turning[moving]))
+    ratio = np.median(speeds / turning[moving])
     low, high = CENTIDEGREES
     return repair(Repair.CENTIDEGREES_CONVERTED, ratio=ratio) if low < ratio < high else ()
 

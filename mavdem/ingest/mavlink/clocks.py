@@ -39,7 +39,7 @@ def outliers(seconds: Times) -> Flags:
     """Stamps far from the median of the five around them: one or two messages, not a lasting change of the clock."""
     if len(seconds) < 3:
         return np.zeros(len(seconds), dtype=np.bool_)
-    return far_off(seconds, 5, MAX_OFFSET + 10 * float(np.median(abs(np.diff(seconds)))))
+    return far_off(seconds, 5, MAX_OFFSET + 10 * np.median(abs(np.diff(seconds))))
 
 
 REFERENCES = (
@@ -198,7 +198,7 @@ def _placed_against(
     """Another type, compared with the reference's stamps before and after each of its messages."""
     time, off, boot = _read_against(reference, places, seconds, kind.period)
     first, last = np.searchsorted(places, reference.places[[0, -1]], side="right").tolist()
-    typical = float(np.median(off[first:last] if first < last else off))
+    typical = np.median(off[first:last] if first < last else off)
     repairs: Facts = ()
     if abs(typical) > OTHER_EPOCH:
         for number in np.unique(boot):

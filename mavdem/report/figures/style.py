@@ -97,8 +97,8 @@ def legend_above(axes: Axes) -> None:
 def not_blown_up(axes: Axes, values: ArrayLike, beyond: float = 0.6) -> None:
     """Limits the vertical axis to ``beyond`` spans beyond these values, however wide a band around them is."""
     shown = np.asarray(values, np.float64)
-    low = float(np.nanmin(shown))
-    high = float(np.nanmax(shown))
+    low = np.nanmin(shown)
+    high = np.nanmax(shown)
     span = high - low or max(abs(high), 1.0)
     bottom, top = axes.get_ylim()
     axes.set_ylim(max(bottom, low - beyond * span), min(top, high + beyond * span))
