@@ -2,16 +2,17 @@
 
 import contextlib
 import json
+import os
 import re
 import signal
 import socket
-import subprocess
-import time
+from contextlib import closing
+from types import SimpleNamespace
 from unittest.mock import Mock
 
-import psutil
-from command_line import MAVDEM, PATIENCE, free_port, refused, run
-from pytest import approx, fixture, mark, raises
+from command_line import PATIENCE, free_port, refused, run
+from live_faults import Wire
+from pytest import approx, mark, raises
 from rerun.chunk import RrdReader
 
 import mavdem
@@ -19,22 +20,10 @@ from mavdem.cli import live
 from mavdem.cli.commands import main
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.ingest import read_log
-
-PATIENTLY = (
-    f"import mavdem.view.live_view; mavdem.view.live_view.CLOSING_SECONDS = {PATIENCE}; "
-    "import mavdem.cli.live; mavdem.cli.live.STATUS_SECONDS = 0.2; "
-    f"mavdem.cli.live.ENDING_SECONDS = {PATIENCE}; "
-)
-
-
-@fixture(autouse=True)
-def ended():
-    """Ends what a failed test has left running."""
-    yield
-    for process in psutil.Process().children(recursive=True):
-        with contextlib.suppress(psutil.NoSuchProcess):
-            if "mavdem.__main__" in " ".join(process.cmdline()):
-                process.kill()
+from mavdem.live.session import LiveSession
+from sitl_scenarios.files import load
+from sitl_scenarios.mavlink.live import Ground, fly_live
+from sitl_scenarios.simulation import Simulation
 
 
 @mark.parametrize(
@@ -128,48 +117,75 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path, capsys, monkeypat
 
 
 @mark.slow
-def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path):
+def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path, capsys, monkeypatch):
+    """Over a real link, but on the clock of the flight: however busy the machine is."""
+    monkeypatch.chdir(tmp_path)
     port = free_port()
-    error = tmp_path / "error"
-    words = f"live udpin:127.0.0.1:{port} --rrd f.rrd --record f.tlog --request-rate 10 --preset paper --order 4 --json"
-    command = [*MAVDEM[:2], PATIENTLY + MAVDEM[2], *words.split()]
-    live = subprocess.Popen(
-        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=error.open("w"), text=True
-    )
-    fly = f"fly ardupilot_steps --udp 127.0.0.1:{port} --speed 3 --duration 900 --json".split()
-    flying = subprocess.Popen(
-        [*MAVDEM, *fly], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-    )
+    now = [100.0]
+    clock = SimpleNamespace(monotonic=lambda: now[0], time=lambda: 1.7e9 + now[0])
+    run_on = live.run
+    final_model = LiveSession.final_model
+    flown = []
 
-    def wait_for(happens):
-        """As long as the flight takes, on a busy machine too."""
-        while not happens(said := error.read_text()):
-            assert live.poll() is None and flying.poll() is None, said
-            time.sleep(0.05)
+    class Air(Ground):
+        """Has the session take what was sent before the vehicle hears what it was answered."""
 
-    wait_for(re.compile(r"learning; [\d,]{5,} samples").search)
-    begun = error.read_text()
-    assert re.search(r"Watched: .*\boscillation\b.*\(since \d+ s\)", begun)
-    assert "The model is being learned" in begun
-    live.send_signal(signal.SIGINT)
-    wait_for(lambda said: "Ending takes some seconds" in said)
-    for number in (signal.SIGINT, signal.SIGHUP):  # which change nothing, whenever they come
-        live.send_signal(number)
-    told = json.loads(live.communicate()[0])
-    flying.send_signal(signal.SIGINT)
-    flown = json.loads(flying.communicate()[0])
-    said = error.read_text()
-    assert (
-        live.returncode == 0 and "Traceback" not in said and "should not have happened" not in said
-    ), said
-    assert told["vehicle"] == "1:1" and told["samples"]["learnt"] > 200 and told["lost"] == 0
-    assert told["record"]["frames"] > 1000 and flown["commands"] >= 4
+        def __init__(self, session, show):
+            super().__init__("127.0.0.1", port)
+            self.session, self.show, self.began = session, show, now[0]
+
+        def received(self, until):
+            now[0] = self.began + (until - self.began) * Wire.speed
+            self.session.step(0.0)
+            self.show(self.session)
+            yield from super().received(0.0)
+
+    def fly(session, asked, *given):
+        hear = session.link.receive
+        monkeypatch.setattr("sitl_scenarios.mavlink.live.monotonic", clock.monotonic)
+        session.link.receive = lambda timeout: now.__setitem__(0, now[0] + timeout) or hear(0.0)
+        scenario = load("ardupilot_steps").model_copy(update={"duration": 25.0})
+        with closing(Air(session, given[-1])) as air:
+            watch = Mock()
+            flown.append(fly_live(scenario, Simulation(scenario), air, Wire.speed, watch))
+        signal.raise_signal(signal.SIGINT)
+        run_on(session, asked, *given)
+
+    def interrupted(session):
+        for number in (signal.SIGINT, signal.SIGHUP):  # which change nothing, whenever they come
+            os.kill(os.getpid(), number)
+        return final_model(session)
+
+    for name, value in {
+        "mavdem.cli.live.run": fly,
+        "mavdem.cli.live.LiveSession.final_model": interrupted,
+        "mavdem.live.session.FIT_SECONDS": PATIENCE,
+        "mavdem.live.link.SO_TIMESTAMPNS": 0,  # pieces arrive when they are read
+        "mavdem.live.link.time": clock,
+        "mavdem.live.session.time": clock,
+    }.items():
+        monkeypatch.setattr(name, value)
+    words = f"udpin:127.0.0.1:{port} --rrd f.rrd --record f.tlog --request-rate 10 --preset paper --order 4 --json"
+    ending = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
+    handlers = {number: signal.getsignal(number) for number in ending}
+    try:
+        assert run("live", *words.split()) == 0
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    printed = capsys.readouterr()
+    said = printed.err
+    assert "The model is being learned" in said and "should not have happened" not in said
+    assert re.search(r"learning; [\d,]{5,} samples", said)
+    assert re.search(r"Watched: .*\boscillation\b.*\(since \d+ s\)", said)
+    told = json.loads(printed.out)
+    assert told["vehicle"] == "1:1" and told["samples"]["learnt"] > 1000 and told["lost"] == 0
+    assert told["record"]["frames"] > 1000 and flown[0].commands >= 4
     assert told["rates"]["ATTITUDE"] == approx(100, rel=0.1), (
         "what comes faster already is not lowered"
     )
     learned = mavdem.Learned.from_json((tmp_path / told["model"]).read_text())
     assert (learned.settings.prior, learned.settings.order) == ("uniform", 4)
-    # The newest model, or the first where a busy machine has not finished that.
     assert len(learned.model.B.T) == 4 and len(learned.record) >= 2 * FEWEST_SAMPLES
     entities = {str(chunk.entity_path) for chunk in RrdReader(tmp_path / "f.rrd").stream()}
     assert {"/motors", "/axes/pitch/1_measured", "/surprise/samples"} <= entities
