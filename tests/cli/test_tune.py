@@ -53,7 +53,7 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(tmp_pat
 
 def test_a_weak_motor_is_named_in_the_place_of_gains(tmp_path, capsys):
     log = str(tmp_path / "flight.tlog")
-    assert run("fly", "iris_weak_motor", "--out", log) == 0
+    assert run("fly", "iris_weak_motor", "--duration", "85", "--out", log) == 0
     assert run("tune", log, "--more") == 1
     said = capsys.readouterr().out
     assert "No gains are advised. Motor 1" in said and "Next: Do not fly" in said
