@@ -6,6 +6,7 @@ from math import inf
 import numpy as np
 from hover import (
     X_QUAD,
+    X_QUAD_PARAMETERS,
     Hover,
     changed,
     columns,
@@ -15,7 +16,7 @@ from hover import (
     with_pulses,
 )
 from numpy.random import default_rng
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx, mark, raises
 from recorded_flights import recorded
 
@@ -321,6 +322,24 @@ def with_roll_demand(motor_rate, demand_rate):
     return with_demand(Hover().telemetry(motor_time=motor_rate), demand_rate, pace=3.0)
 
 
+@mark.parametrize(
+    "motor_rate, demand_rate, taken", [(100.0, 100.0, "motors"), (10.0, 100.0, "demand")]
+)
+def test_the_demand_is_taken_only_where_motors_come_too_slowly(motor_rate, demand_rate, taken):
+    demanded = with_roll_demand(motor_rate, demand_rate)
+    verdict = learnability_of(Signals(demanded))
+    assert verdict.learnable
+    flight = align(Signals(demanded), verdict.segment)
+    assert verdict.reason.figures["demand"] == (taken == "demand")
+    if taken == "motors":
+        assert len(flight.input_names) == 4
+    else:
+        assert flight.input_names == ("roll demand",)
+        caution = next(each for each in verdict.cautions if each.code is Caution.DEMAND_IS_INPUT)
+        assert caution.figures["motor_rate"] == approx(10.0)
+        assert_allclose(flight.inputs[:, 0], 0.1 * np.sin(3 * flight.time), atol=2e-3)
+
+
 def test_the_inputs_that_are_asked_for_are_taken():
     both = with_roll_demand(100.0, 50.0)
     verdict = learnability_of(Signals(both, inputs="demand"))
@@ -335,6 +354,34 @@ def test_the_inputs_that_are_asked_for_are_taken():
     assert without.reason.code is Reason.NO_DEMAND and without.remedy
     with raises(ValueError, match="'torque'"):
         learnability_of(Signals(both, inputs="torque"))
+
+
+def yawing():
+    """A hover that swings by 0.3 rad in yaw over the south, by motors that turn as on an X quad."""
+    telemetry = HOVER.telemetry(parameters=X_QUAD_PARAMETERS)
+    time = telemetry.messages["ATTITUDE"]["time"]
+    yaw = np.remainder(0.3 * np.sin(2 * time), 2 * np.pi) - np.pi
+    telemetry = changed(telemetry, "ATTITUDE", yaw=yaw, yawspeed=0.6 * np.cos(2 * time))
+    motors = pulses(telemetry)
+    turning = 30 * np.cos(2 * telemetry.messages["SERVO_OUTPUT_RAW"]["time"]) * (motors[0] > 1000)
+    return with_pulses(telemetry, motors + np.outer([1, 1, -1, -1], turning))
+
+
+def test_a_flight_of_yaw_has_the_rate_only():
+    telemetry = yawing()
+    verdict = learnability_of(Signals(telemetry, "yaw"))
+    assert verdict.learnable and verdict.cautions == ()
+    flight = verdict.flight
+    assert (flight.output_names, flight.output_units) == (("yaw rate",), ("rad/s",))
+    assert_allclose(flight.outputs[:, 0], 0.6 * np.cos(2 * flight.time), atol=1e-9)
+    assert_array_equal(4 * flight.effect_directions, [1, 1, -1, -1])
+    assert verdict.figures.input_sd == approx(30 / np.sqrt(2), rel=0.02)
+    assert verdict.figures.consistency == approx(1, abs=1e-3)
+    assert flight.provenance["motors"]["spins"] == [1, 1, -1, -1]
+    roll = learnability_of(Signals(telemetry, "roll")).flight
+    assert_array_equal(4 * roll.effect_directions, X_QUAD)
+    assert_array_equal(flight.time, roll.time)
+    assert_array_equal(flight.inputs, roll.inputs)
 
 
 @mark.parametrize("name", ["ardupilot_wind5_steps", "px4_wind5_steps"])

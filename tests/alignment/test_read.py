@@ -10,7 +10,7 @@ from pytest import approx, mark
 from recorded_flights import shared
 from refusals import refused
 
-from mavdem.alignment.align import align, settled_segments
+from mavdem.alignment.align import Segment, align, settled_segments
 from mavdem.alignment.learnability import learnabilities
 from mavdem.alignment.read import (
     choose_vehicle,
@@ -19,6 +19,7 @@ from mavdem.alignment.read import (
     usable_segments,
 )
 from mavdem.alignment.signals import HOLD_SECONDS, Signals, setpoints
+from mavdem.dem.record import Record
 from mavdem.facts.learnability import Caution, Reason
 from mavdem.ingest.vocabulary import quaternion
 
@@ -50,6 +51,23 @@ def test_a_flight_carries_the_cautions_of_its_verdict():
 def received(wanted):
     """A hover with the messages of attitude and motors for which ``wanted(time)`` is true."""
     return only(HOVER.telemetry(), wanted, "ATTITUDE", "SERVO_OUTPUT_RAW")
+
+
+def test_segments_are_all_of_settled_flight_and_the_longest_is_the_flight():
+    gaps = received(lambda time: (abs(time - 20) >= 0.5) & (abs(time - 33) >= 0.5))
+    log = log_of(gaps)
+    (first, middle, last) = segments_of(log)[0]
+    (flight, verdict) = learnable_flight(log)
+    assert [round(one.time[0], 2) for one in (middle, last)] == [20.5, 33.5]
+    assert_array_equal(last.outputs, flight.outputs)
+    assert_array_equal(last.inputs, flight.inputs)
+    assert (
+        last.provenance == flight.provenance
+        and Segment(**last.provenance["segment"]) == verdict.segment
+    )
+    assert Record.of([first, middle, last]).lengths == (len(first), len(middle), len(last))
+    for one in (first, middle):
+        assert_allclose(one.outputs[:, 0], HOVER.roll(one.time), atol=1e-9)
 
 
 def test_segments_have_one_step_also_where_a_link_lost_messages():

@@ -151,6 +151,31 @@ def test_the_interval_contains_the_mean_as_often_as_it_claims(correlation_second
     assert LEVEL - 0.04 - 4 * np.sqrt(0.09 / SERIES) <= inside <= LEVEL + 4 * np.sqrt(0.09 / SERIES)
 
 
+@mark.parametrize(
+    "stop, parameters, low",
+    [
+        (1950.0, {"MOT_SPIN_MAX": 0.95, "MOT_PWM_MIN": 1000.0, "MOT_PWM_MAX": 2000.0}, 1000.0),
+        (1880.0, {}, 1000.0),
+        (1880.0, {"MOT_PWM_MIN": 1100.0, "MOT_PWM_MAX": 1900.0, "MOT_SPIN_MAX": 0.99}, 1100.0),
+    ],
+)
+def test_motors_are_at_the_stop_that_the_autopilot_sets_or_the_outputs_show(stop, parameters, low):
+    telemetry = HOVER.telemetry(parameters=parameters)
+    time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
+    rng = default_rng(3)
+    wanted = np.where(
+        (time > 6) & (time < HOVER.landed), 1650.0 + 100 * rng.standard_normal((4, len(time))), low
+    )
+    wanted[1] += np.where(np.sin(0.5 * time) > 0.6, 400.0, 0.0) * (wanted[1] > low)
+    found = hover_of(
+        Signals(with_pulses(telemetry, np.round(np.clip(wanted, low, stop))), inputs="motors")
+    )
+    assert found.headroom[1] == 0 and 0 < found.headroom[0] < 0.1
+    assert (
+        found.at_upper_limit[1] == approx(0.3, abs=0.05) and max(found.at_upper_limit[::2]) < 0.02
+    )
+
+
 def test_outputs_that_hardly_move_show_no_stop():
     telemetry = HOVER.telemetry()
     time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]

@@ -29,7 +29,7 @@ from mavdem.condition.loop.advice import (
     advise,
     lowered,
 )
-from mavdem.condition.loop.controllers import UNMODELLED, controller_of
+from mavdem.condition.loop.controllers import ROTOR_LAG, SPEED_SHARE, UNMODELLED, controller_of
 from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.loop import TARGETS, margin_rating
 from mavdem.condition.loop.margins import transfer
@@ -80,6 +80,40 @@ def test_gains_have_their_names_and_units_before_arducopter_34():
     assert of_motors.spin == (0.13, 0.95)
     assert controller_of({**old, "FRAME": 0.0}, "roll", X_ROLL).p == of_demand.p
     assert of_motors.changed({"RATE_RLL_P": 0.26}).p == approx(2 * of_motors.p)
+
+
+def test_the_mixer_and_the_slope_of_the_thrust_curve_are_the_autopilots():
+    ours = controller_of(ARDUPILOT, "roll", X_ROLL)
+    assert ours.mixer == (-0.5, 0.5, 0.5, -0.5)
+
+    def output(thrust):
+        expo = ARDUPILOT["MOT_THST_EXPO"]
+        return 0.15 + 0.8 * (expo - 1 + np.sqrt((1 - expo) ** 2 + 4 * expo * thrust)) / (2 * expo)
+
+    slope = (output(0.3005) - output(0.2995)) / 0.001
+    assert ours.per_demand([output(0.3)] * 4) == approx(np.multiply(ours.mixer, slope), rel=1e-5)
+    theirs = controller_of(PX4)
+    assert (theirs.p, theirs.d) == (0.3, 0.006) and theirs.changed({"MC_ROLLRATE_D": 0.0}).d == 0
+    # Roll and pitch are scaled alike, so that the shorter arm has the larger factor.
+    assert theirs.mixer == approx(np.multiply(X_ROLL, 0.5**1.5)) and theirs.expo == 0.3
+
+
+def test_a_slam_turns_by_rotors_whose_speeds_lag():
+    """Thrusts of lagging speeds are those of the acting demand behind a lag; at slow samples nothing is known of it."""
+    ours = controller_of(PX4)
+    step = 1e-4
+    slam = np.sin(np.arange(5000) * step * 100) > 0.7
+    shares = 0.4 + np.outer(slam, [-0.4, 0.6, 0.6, -0.4])
+    keeps = np.exp(-step / ROTOR_LAG)
+    lag = [0.0, 1 - keeps], [1.0, -keeps]
+    asked = np.sqrt((1 - ours.expo + ours.expo * shares) * shares)
+    speeds, _ = lfilter(*lag, asked, axis=0, zi=asked[:1])
+    torque = speeds**2 @ ours.mixer / np.square(ours.mixer).sum()
+    linear, acting = ours.demanded(shares), ours.demanded(shares, step)
+    whole = linear + (acting - linear) / SPEED_SHARE
+    assert lfilter(*lag, whole) == approx(torque, abs=0.02 * np.ptp(torque))
+    assert np.ptp(lfilter(*lag, linear)) < 0.94 * np.ptp(torque)
+    assert_array_equal(ours.demanded(shares, 2 * ROTOR_LAG), linear)
 
 
 @mark.parametrize(

@@ -147,6 +147,18 @@ def test_nothing_asked_is_nothing_steered():
     assert still.steered_share(KNOWN_PLANT) < 0.05
 
 
+def test_messages_of_several_rates_count_at_the_slowest():
+    """And what is lost of them is not made up."""
+    streams = [Messages(STAMPS[::4], FLOWN.rate[::4]), Messages(STAMPS[::10], FLOWN.output[::10])]
+    found = spectra(streams, STARTS)
+    assert found.rate == approx(40.0, rel=1e-3) and found.frequency[-1] < 20.0
+    kept = default_rng(1).random(len(STAMPS[::4])) > 0.2
+    lossy = spectra([Messages(STAMPS[::4][kept], FLOWN.rate[::4][kept])], STARTS)
+    whole = spectra([Messages(STAMPS[::4], FLOWN.rate[::4])], STARTS)
+    few = min(len(lossy.frequency), len(whole.frequency), 10)
+    assert np.log(lossy.mean[:few] / whole.mean[:few]).real == approx(0.0, abs=0.3)
+
+
 def test_maxima_at_several_times_of_steps_count_as_their_evidence_and_each_once():
     """Two of one curvature, the other three times as probable, and one of them found again; a prior of variance 1."""
     size = len(MEAN)

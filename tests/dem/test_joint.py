@@ -8,9 +8,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx, fixture, mark
 from simulated import in_closed_loop
 
+from mavdem.dem.engine.linalg import ROUNDING
 from mavdem.dem.forecast import joint
 from mavdem.dem.forecast.joint import LAGS, Choice, JointModel
 from mavdem.dem.forecast.var import CONSTANT_RIDGE, LagStatistics, lagged, regress
+from mavdem.dem.online.ahead import OnlineJoint
+from mavdem.dem.online.memory import Memory
 from mavdem.dem.record import Record
 
 K = 2
@@ -40,6 +43,33 @@ def regressed(choice):
     spread = np.eye(len(design)) + design @ np.linalg.inv(precision) @ design.T
     found = regress(statistics.shortened(most, lags), statistics.rows, choice.prior)
     return design, WALK[most:] - design[:, :K], precision, spread, found
+
+
+@mark.parametrize("choice", [LONGER, SHORTER])
+def test_the_terms_of_the_free_energy_are_what_they_are_named_and_sum_to_the_log_evidence(choice):
+    """Given Σ, the samples are Gaussian about the random walk, of covariance Σ ⊗ (1 + X P⁻¹ Xᵀ)."""
+    design, error, precision, spread, found = regressed(choice)
+    noise = error.T @ np.linalg.solve(spread, error) / len(design) + ROUNDING * np.eye(K)
+    covariance = np.kron(noise, spread)
+    vector = error.T.ravel()
+    evidence = -0.5 * (
+        np.linalg.slogdet(2 * np.pi * covariance)[1] + vector @ np.linalg.solve(covariance, vector)
+    )
+    assert found.free_energy == approx(evidence, abs=1e-5)
+    posterior = np.linalg.inv(design.T @ design + precision)
+    moved = posterior @ design.T @ error
+    weights = np.linalg.inv(noise)
+    assert_allclose(found.mean, np.eye(*moved.shape) + moved, atol=1e-7)
+    assert_allclose(found.root.T @ found.root, posterior, rtol=1e-6, atol=1e-9)
+    left = error - design @ moved
+    narrower = np.linalg.slogdet(posterior @ precision)[1]
+    expected = {
+        "prediction errors": -0.5 * np.trace(weights @ left.T @ left),
+        "noise entropy": -0.5 * len(design) * np.linalg.slogdet(2 * np.pi * noise)[1],
+        "parameter errors": -0.5 * np.trace(weights @ moved.T @ precision @ moved),
+        "parameter entropy": 0.5 * K * narrower,
+    }
+    assert found.terms == approx(expected, abs=1e-5)
 
 
 def test_between_choices_the_free_energy_differs_as_the_evidence_with_the_noise_integrated_out():
@@ -135,3 +165,26 @@ def test_bands_hold_nine_of_ten_at_every_horizon():
     shares = np.reshape(inside, (8, -1)).mean(axis=0)
     # Of flights that do not change: recorded ones do, for which the bands are a little wider than these need.
     assert ((shares > 0.85) & (shares < 0.97)).all()
+
+
+def test_live_it_is_the_model_learnt_of_the_same_samples(monkeypatch):
+    """Unforgotten, but for the units: here of all samples, there of the first second. To 0.05 of the deviation."""
+    monkeypatch.setattr("mavdem.dem.online.ahead.MEMORY_SECONDS", 1e9)
+    flight = replace(in_closed_loop(2500), effect_directions=X_FRAME)
+    learnt = JointModel.learn(Record.of(flight[:2450]))
+    memory = Memory(0.01, 10, 300)
+    ahead = OnlineJoint(0.01, (1, 5, 25), 2, X_FRAME[:, None])
+    for row in range(2500):
+        closed = memory.add(flight.inputs[row], flight.outputs[row], flight.time[row])
+        expected_live, _ = ahead.predict(memory)
+        live = np.vstack([expected_live, ahead._ring[ahead._place - 1, 0]])
+        if row >= 2450:
+            past = np.hstack([flight.outputs, flight.inputs @ X_FRAME[:, None]])[
+                row + 1 - learnt.choice.lags : row + 1
+            ]
+            expected = learnt.one_step(Record.of(flight[row - 30 : row + 1]))[-1]
+            offline = np.vstack([expected, learnt.process.predict(past, 25).mean[[0, 4, 24], :2]])
+            assert_allclose((live - offline) / flight.outputs.std(axis=0), 0, atol=0.05)
+        if closed:
+            ahead.add(memory.blocks[-1])
+    assert ahead._choice == learnt.choice

@@ -13,9 +13,11 @@ from random_models import positive_definite
 from scipy.linalg import expm, solve_discrete_are
 from scipy.signal import cont2discrete
 from scipy.stats import multivariate_normal
+from textbook_filter import TextbookFilter
 
 from mavdem.dem.engine import kalman
 from mavdem.dem.engine.generative import (
+    taylor_weights,
     temporal_covariance,
     temporal_precision,
 )
@@ -92,6 +94,43 @@ def test_defective_dynamics_run_as_sample_by_sample(F, samples):
     assert_allclose(states, expected, rtol=1e-9, atol=1e-9)
 
 
+@mark.slow
+@given(seed=st.integers(0, 10**6))
+def test_the_innovation_form_is_the_filter_of_textbooks(seed):
+    rng = default_rng(seed)
+    dt = 0.02
+    A = rng.standard_normal((3, 3)) * 3 - 2 * np.eye(3)
+    B = rng.standard_normal((3, 2))
+    C = np.eye(2, 3)
+    gain = filter_gain(A, C, dt, rng.uniform(1e-4, 1e-2, 2), np.diag(rng.uniform(0.1, 10, 3)), dt)
+    textbook = TextbookFilter.of(A, B, C, dt, gain)
+    predictor = textbook.predictor
+    y = rng.standard_normal((40, 2))
+    u = rng.standard_normal((40, 2))
+    corrected, ahead = textbook.corrected(u, y)
+    scale = abs(corrected).max()
+    assert_allclose(predictor.one_step(u, y), ahead, atol=1e-8 * scale)
+    # The state of the innovation form is the predicted one, less what the sample's own inputs add.
+    predicted = [
+        textbook._moved(state, now, now * 0) for state, now in zip(corrected, u, strict=True)
+    ]
+    start = predictor.second(u[0], y[0])
+    states = predictor.filtered(start, u[1:], y[1:])
+    assert_allclose(states, predicted, atol=1e-8 * scale)
+    assert_allclose(predictor.at_end(u, y), states[-1], atol=0)
+
+    forecast = textbook.forecast(corrected[9], u[9:])
+    scale = abs(forecast).max()
+    assert_allclose(predictor.simulated(states[9], u[10:]), forecast, atol=1e-8 * scale)
+    from_there = predictor.simulated_from(np.array([10]), 30, states[[9]], u)
+    assert_allclose(from_there[0], forecast, atol=1e-8 * scale)
+    every = predictor.simulated_every(7, start, u[1:], y[1:])
+    assert_allclose(every[14:21], textbook.forecast(corrected[14], u[14:])[:7], atol=1e-8 * scale)
+    # One sample has no prediction.
+    assert predictor.one_step(np.ones((1, 2)), np.ones((1, 2))).shape == (0, 2)
+    assert predictor.simulated(np.ones(3), np.ones((0, 2))).shape == (0, 2)
+
+
 @mark.parametrize("smoothness", [0.002, 0.5])
 def test_coloured_noises_count_with_their_power_at_low_frequency(smoothness):
     """Of w 2s√π in continuous time; of samples of z the same over the step, but not less than their variance."""
@@ -106,6 +145,22 @@ def test_coloured_noises_count_with_their_power_at_low_frequency(smoothness):
     R = np.diag(measurement) * (power / dt if power > dt else 1.0)
     P = solve_discrete_are(expm(A * dt).T, C.T, Q, R)
     assert_allclose(gain, P @ C.T @ np.linalg.inv(C @ P @ C.T + R), rtol=1e-9)
+
+
+@given(order=st.integers(0, 6), extra=st.integers(0, 8), dt=st.floats(1e-3, 10), data=st.data())
+def test_derivatives_of_polynomials_are_exact(order, extra, dt, data):
+    window = order + 1 + extra
+    at = data.draw(st.integers(0, window - 1))
+    coefficients = np.array(
+        data.draw(st.lists(st.floats(-1, 1), min_size=order + 1, max_size=order + 1))
+    )
+    # A polynomial in steps, so that its size does not depend on dt.
+    polynomial = np.polynomial.Polynomial(coefficients)
+    samples = polynomial(np.arange(window) - at)
+    derivatives = taylor_weights(order, dt, window, at) @ samples
+    expected = [polynomial.deriv(k)(0) / dt**k if k else polynomial(0) for k in range(order + 1)]
+    per_step = dt ** np.arange(order + 1)
+    assert_allclose(derivatives * per_step, expected * per_step, atol=1e-7)
 
 
 def test_entries_are_derivatives_of_the_autocorrelation_at_zero():

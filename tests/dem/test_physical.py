@@ -25,6 +25,9 @@ from mavdem.dem.record import Record
 from mavdem.facts import Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import NoPhysical, ParameterDoubt, Refinement
+from mavdem.paper.runner import hover
+from sitl_scenarios.simulation import fly
+from sitl_scenarios.truth import truth
 
 DT = 0.01
 LAG = 0.04
@@ -68,6 +71,15 @@ def flown(
             angle += fine * rate
         before = now
     return Flight(DT * np.arange(samples), 1500 + commands, outputs)
+
+
+def settled(plan, samples):
+    """Samples of the hover of ``sitl_scenarios``, and what is true of it; the torque on their grid."""
+    motion = fly(plan)
+    known = truth(plan, motion)
+    flight = hover(plan, motion)[:samples]
+    known["roll_disturbance"] = np.interp(flight.time, motion.time, known["roll_disturbance"])
+    return Flight(flight.time, flight.inputs, flight.outputs[:, 2:]), known
 
 
 @mark.parametrize(
@@ -301,6 +313,27 @@ def test_the_true_plant_does_what_the_vehicle_does_in_calm_air():
     # The last measured rate has noise of 0.005 rad/s, and so has each of the test.
     assert_allclose(found, test.outputs, atol=0.04)
     assert np.ptp(test.outputs, axis=0).min() > 0.4
+
+
+def test_the_variance_is_that_of_wind_which_nothing_counteracts():
+    """Over many winds, from the same beginning: four standard errors of a variance of so many flights."""
+    record = Record.of(flown(0, steering=0.5))
+    flights = 400
+    variance = simulated(TRUE, record, record.inputs[:STEPS]).variance
+    rng = default_rng(0)
+    fine = 10
+    step = DT / fine
+    keeps = np.exp(-step / 0.5)
+    drift = rng.standard_normal(flights)
+    rate = np.zeros(flights)
+    angle = np.zeros(flights)
+    for k in range(STEPS):
+        for _ in range(fine):
+            rate, angle = rate + step * (drift - DAMPING * rate), angle + step * rate
+            drift = keeps * drift + np.sqrt(1 - keeps**2) * rng.standard_normal(flights)
+        if k in (9, 49, 99):
+            found = np.array([angle.var(), rate.var()])
+            assert_allclose(found, variance[k], rtol=4 * np.sqrt(2 / flights))
 
 
 def test_uncertain_parameters_widen_it_to_first_order():

@@ -10,9 +10,9 @@ from pytest import approx, mark
 from scipy.stats import binom
 from simulated import simulated
 from test_model import joint
-from test_physical import MOTORS, TRUE, flown
+from test_physical import MOTORS, TRUE, flown, settled
 
-from mavdem import Flight, OnlineLearner, Settings
+from mavdem import OnlineLearner, Settings
 from mavdem.confidence import quantile
 from mavdem.dem import physical
 from mavdem.dem.engine.kalman import GaussianModel
@@ -31,23 +31,11 @@ from mavdem.dem.online.wind import (
 from mavdem.dem.record import Record
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import NoPhysical, ParameterDoubt
-from mavdem.paper.runner import hover
 from sitl_scenarios.files import load
-from sitl_scenarios.simulation import fly
-from sitl_scenarios.truth import truth
 from sitl_scenarios.wind import gaussian_noise
 
 DT = 0.01
 TURBULENCE = ((FIRST_ORDER, 1.5, 0.3), (smooth(8), 0.7, 0.06))
-
-
-def settled(plan, samples):
-    """Samples of the hover of ``sitl_scenarios``, and what is true of it; the torque on their grid."""
-    motion = fly(plan)
-    known = truth(plan, motion)
-    flight = hover(plan, motion)[:samples]
-    known["roll_disturbance"] = np.interp(flight.time, motion.time, known["roll_disturbance"])
-    return Flight(flight.time, flight.inputs, flight.outputs[:, 2:]), known
 
 
 @mark.slow

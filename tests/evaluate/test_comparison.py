@@ -203,6 +203,30 @@ def predicted():
 
 
 @mark.slow
+def test_predictions_are_compared_of_the_methods_that_make_them(predicted):
+    assert predicted.methods_of(UNKNOWN) == ("DEM joint", "hold", "constant mean")
+    window = WINDOWS[1]
+    outcome = predicted.outcomes[1][0]
+    model = learn(window.train)
+    assert_array_equal(outcome.forecasts[UNKNOWN], model.predict(150))
+    inside = abs(model.predict(150) - window.test.outputs) <= model.predict_band(150)
+    expected = [inside[:steps].mean() for steps in HORIZONS]
+    assert outcome.scores[UNKNOWN].inside == approx(expected)
+    # Hold needs no inputs: it is the same with and without.
+    one, other = (
+        row_of(predicted.summaries("a", question), "hold")["relative"]
+        for question in (KNOWN, UNKNOWN)
+    )
+    assert one == approx(other)
+    assert compare(WINDOWS[:1], [SUBSPACE]).to_dict()["predictions"] is None
+    assert predicted.to_dict()["predictions"]["methods"] == [
+        "DEM joint",
+        "hold",
+        "constant mean",
+    ]
+
+
+@mark.slow
 def test_the_share_in_the_band_is_a_mean_over_windows_and_flights(predicted):
     shares = [
         row_of(predicted.summaries(flight, UNKNOWN), "DEM joint")["horizons"][2]["inside"]
