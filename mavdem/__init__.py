@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from mavdem.condition.wind_of_log import wind
     from mavdem.condition.wind_velocity import WindVelocity, estimate_wind
     from mavdem.dem import Drag, Learned, OnlineLearner, Settings, estimate_drag, learn, learn_many
-    from mavdem.dem.forecast.forecasting import Forecaster
     from mavdem.errors import NotLearnable, Unreadable
     from mavdem.flight import Flight
+    from mavdem.forecaster import Forecaster
     from mavdem.ingest import Telemetry
 
 
@@ -54,7 +54,7 @@ _ROOMS = {
     "Assessment": "assessment",
     "Drag": "dem",
     "Flight": "flight",
-    "Forecaster": "dem.forecast.forecasting",
+    "Forecaster": "forecaster",
     "HoverFigures": "condition.condition",
     "Learned": "dem",
     "NotLearnable": "errors",

@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike
 
 from mavdem.downstream import FlightDownstream
 from mavdem.facts import Facts
+from mavdem.forecaster import Floats
 from mavdem.heading import Names
-from mavdem.unit_slips import Floats, real_numbers, unit_slip
+from mavdem.unit_slips import real_numbers, unit_slip
 
 MAX_VALUE = 1e100  # of any number of a flight: differences and squares of larger ones overflow
 

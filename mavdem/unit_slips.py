@@ -8,8 +8,6 @@ from numpy.typing import ArrayLike, NDArray
 from mavdem.facts import Fact
 from mavdem.facts.sources import Arrays, Slip
 
-Floats = NDArray[np.float64]
-
 # s, one period of 5 Hz, over which an angle and its rate are compared: sensor noise averages out, roll dynamics do not
 CONSISTENCY_SPAN = 0.2
 SLIPS = {
@@ -22,7 +20,7 @@ SLIPS = {
 """What is likely by how many times as much an angle changes as its rate says; 1.0 only of angles beyond π."""
 
 
-def real_numbers(values: ArrayLike, name: str) -> Floats:
+def real_numbers(values: ArrayLike, name: str) -> NDArray[np.float64]:
     """Returns a new float64 array in C order; ``ValueError``, which names the argument, for all but real numbers.
 
     Masked values and dates are refused: the mask would be lost, and a date would become a plain number.
@@ -40,7 +38,7 @@ def real_numbers(values: ArrayLike, name: str) -> Floats:
         raise ValueError(f"{name} must be real numbers: {error}") from None
 
 
-def unit_slip(outputs: Floats, dt: float) -> Fact | None:
+def unit_slip(outputs: NDArray[np.float64], dt: float) -> Fact | None:
     """Returns what unit an angle and its rate, ``outputs`` (T, 2), or time ``dt`` seem to have instead of rad and s."""
     if outputs.shape[1] != 2:
         return None

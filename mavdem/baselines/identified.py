@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from mavdem.dem.engine.linalg import ROUNDING, Array, one_thread
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.forecast.forecasting import Forecaster
+from mavdem.dem.forecast.forecasting import Forecasting
 from mavdem.dem.forecast.var import Forecast, Var
 from mavdem.dem.record import Record, Records, Segments, required_number
 from mavdem.facts import Fact, Facts, Level
@@ -22,7 +22,7 @@ from mavdem.facts.forecasts import Forecasts, HeldOutForecast, MethodName
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Baseline(Forecaster):
+class Baseline(Forecasting):
     """A model with the name of its method and the training data."""
 
     method: str

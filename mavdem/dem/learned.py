@@ -27,7 +27,7 @@ from mavdem.dem.engine.linalg import (
 from mavdem.dem.engine.model import LinearModel, unpack
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.fitting import generalized
-from mavdem.dem.forecast.forecasting import Forecaster
+from mavdem.dem.forecast.forecasting import Forecasting
 from mavdem.dem.forecast.joint import JointModel
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.forecast.var import Forecast
@@ -55,7 +55,7 @@ TEXT = WithJsonSchema({"type": "string"})
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Learned(Result, Forecaster, LearnedDownstream):
+class Learned(Result, Forecasting, LearnedDownstream):
     """A learned model with its posterior, its iterations and its forecasts, in physical units.
 
     Attributes:

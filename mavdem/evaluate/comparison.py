@@ -20,8 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem import baselines
-from mavdem.baselines.identified import Baseline
-from mavdem.dem import Learned, Settings, learn
+from mavdem.dem import Settings, learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.parallel import parallel_map
 from mavdem.errors import fact_of
@@ -40,6 +39,7 @@ from mavdem.evaluate.window import Window
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
 from mavdem.flight import Flight
+from mavdem.forecaster import Forecaster, ProbabilisticForecaster
 from mavdem.heading import Names, Values
 
 # numbers of windows, summed over flights
@@ -53,7 +53,7 @@ class Method(NamedTuple):
     """
 
     name: str
-    learn: Callable[[Flight], Learned | Baseline]
+    learn: Callable[[Flight], Forecaster]
     predicts: bool = False
 
 
@@ -162,7 +162,7 @@ def _steps(question: Question, test: Flight) -> tuple[int, ...]:
 
 
 def _scored(
-    method: Method, window: Window, model: Learned | Baseline
+    method: Method, window: Window, model: Forecaster
 ) -> tuple[dict[Question, Scores], dict[Question, Array]]:
     """The scores of a model, and its forecasts (H, m) of the whole test part by question."""
     test = window.test
@@ -173,7 +173,7 @@ def _scored(
     bands = {}
     if method.predicts:
         forecasts[UNKNOWN] = model.predict(len(test))
-    if isinstance(model, Learned):
+    if isinstance(model, ProbabilisticForecaster):
         bands[KNOWN] = model.forecast_band(test.inputs)
         if method.predicts:
             bands[UNKNOWN] = model.predict_band(len(test))

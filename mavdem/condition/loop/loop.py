@@ -86,6 +86,10 @@ class Loop(Margins, LoopDownstream):
         """(N,) of each figure of the rate loop."""
         return self.rate.figures
 
+    def __repr__(self) -> str:
+        margins = f"phase_margin={self.phase_margin:.0f}, gain_margin={self.gain_margin:.1f}"
+        return f"<Loop {self.axis}: crossover={self.crossover:.2f}, {margins}>"
+
     def changed(self, parameters: Parameters) -> Loop:
         """Returns the loop with other values of some of the autopilot's ``parameters``, by name."""
         return replace(self, controller=self.controller.changed(parameters), measured=None)

@@ -1,6 +1,6 @@
 """Dynamic Expectation Maximization: D, E and M steps in turn until F̄ converges."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -37,11 +37,17 @@ class FreeEnergy:
         """Nats gained from the priors' means to the end."""
         return float(self.total[-1] - self.total[0])
 
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        return np.array(self.total, dtype=dtype)
+
     def __len__(self) -> int:
         return len(self.total)
 
     def __getitem__(self, index: Any) -> Any:
         return self.total[index]
+
+    def __iter__(self) -> Iterator[float]:
+        return iter(self.total.tolist())
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,22 +8,10 @@ from mavdem.dem.forecast.var import Forecast
 from mavdem.dem.record import MOST_STEPS, Record, required_number
 
 
-class Forecaster:
-    """A model of a flight: ``mavdem.Learned`` and the results of ``mavdem.baselines``.
+class Forecasting:
+    """A :class:`mavdem.Forecaster` by :meth:`known_every`, :meth:`unknown_every` and :meth:`from_zero` of its model.
 
-    It answers three questions about the time after the training data, and refuses those it has no answer to with a
-    ``ValueError`` of one sentence: what comes next, the inputs unknown (:meth:`predict`); what happened to the outputs,
-    given the recorded inputs (:meth:`forecast`); what if these inputs were commanded (``simulate``). ``ValueError``
-    too for arguments of another shape or not finite, or fewer steps than 1.
-
-    Rows of inputs and outputs with the same number are of the same instant, as in a ``Flight``. The state at the end of
-    training is that of the method's own filter after all samples of the last segment. Row 0 of a forecast is one
-    sampling step after it.
-
-    Beside ``record``, the training data, every model has ``cautions``: what a user must know before using it;
-    ``spectral_radius``: the largest magnitude among the eigenvalues of its step from sample to sample; ``stable``:
-    whether no mode grows, but for rounding; and ``one_step()``: (T, m), each training sample predicted from the inputs
-    and those before it in its segment.
+    ``ValueError`` from every method for arguments of another shape or not finite, or fewer steps than 1.
     """
 
     record: Record
@@ -38,7 +26,7 @@ class Forecaster:
         raise NotImplementedError
 
     def unknown_every(self, steps: int, inputs: Array, outputs: Array) -> Forecast:
-        """Returns (H, m) forecasts of these ``steps, inputs, outputs``, each without the inputs after its beginning."""
+        """Returns (H, m) forecasts likewise, each without the inputs after its beginning."""
         raise NotImplementedError
 
     def from_zero(self, inputs: Array) -> Array:
@@ -54,7 +42,7 @@ class Forecaster:
         return self.predicted(steps).mean
 
     def predicted(self, steps: int) -> Forecast:
-        """Returns :meth:`predict` of so many ``steps`` with its variance."""
+        """Returns :meth:`predict` with its variance."""
         number = required_number(steps, most=MOST_STEPS)
         tables = self.record.inputs, self.record.outputs
         return self.unknown_every(number, *(np.zeros((number, each.shape[1])) for each in tables))
@@ -83,7 +71,7 @@ class Forecaster:
         return self.from_zero(following) if from_zero else self.forecasted(following, smooth).mean
 
     def forecasted(self, inputs: Array, smooth: bool = False) -> Forecast:
-        """Returns :meth:`forecast` of ``inputs`` (H, r), to ``smooth`` or not, with its variance."""
+        """Returns :meth:`forecast` of ``inputs`` (H, r) with its variance."""
         unseen = np.zeros((len(inputs), self.record.outputs.shape[1]))
         return self.known_every(max(1, len(inputs)), inputs, unseen, smooth)
 
