@@ -16,7 +16,12 @@ from mavdem.alignment.drive import Signal
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.condition.wind_of_log import VELOCITIES, YAW_JUMP, _jumps, air_of, wind_of
-from mavdem.condition.wind_velocity import coming_from, least_speed, torque_explained
+from mavdem.condition.wind_velocity import (
+    coming_from,
+    least_speed,
+    speed_status,
+    torque_explained,
+)
 from mavdem.dem.airflow.model import Drag, Filtered
 from mavdem.facts.identifiability import Status
 from mavdem.facts.online import Airflow
@@ -100,6 +105,23 @@ def test_the_share_of_the_torque_is_known_where_the_air_s_velocity_along_the_bod
     assert share == (approx(0.98, abs=0.02) if legs else None)
     chance = torque_explained(wind, time, default_rng(1).normal(size=len(time)))
     assert not chance.figures["share"]
+
+
+@mark.parametrize(
+    "speed, half, status",
+    [
+        (3.0, 0.69, Status.REPORTED),
+        (3.0, 0.71, Status.BIASED),
+        (10.0, 1.19, Status.REPORTED),
+        (10.0, 1.21, Status.BIASED),
+        (9.0, 6.99, Status.BIASED),
+        (9.0, 7.01, Status.NOT_IDENTIFIABLE),
+    ],
+)
+def test_a_speed_is_reported_to_0_7_metres_a_second_or_12_percent_and_at_all_to_a_factor_of_eight(
+    speed, half, status
+):
+    assert speed_status(speed, speed - half, speed + half) is status
 
 
 @mark.slow

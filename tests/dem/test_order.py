@@ -10,7 +10,7 @@ from scipy.stats import binom
 from simulated import simulated
 
 from mavdem import Flight
-from mavdem.dem.order_choice import FlightOrders, OrderChoice, orders_of
+from mavdem.dem.order_choice import STANDARD_ERRORS, FlightOrders, OrderChoice, orders_of
 from mavdem.facts.model import OrderFact
 from mavdem.paper.order import lateral_flight
 
@@ -43,8 +43,10 @@ def test_a_choice_says_why():
     told = choice([0.0, 100.0, 95.0])
     assert told.saturated and told.reason.code is OrderFact.ORDER_CHOSEN
     assert told.reason.figures["order"] == 2 and told.reason.figures["free_energy_gain"] == -5.0
+    assert told.reason.figures["standard_errors"] is None
     rising = choice([0.0, 100.0], [0.0, 110.0])
     assert not rising.saturated and rising.reason.figures["free_energy_gain"] is None
+    assert rising.reason.figures["standard_errors"] == STANDARD_ERRORS
     assert rising.gain(2, over=1) == approx((105.0, 5.0))
     assert rising.spread == approx([0.0, np.sqrt(50)])
     assert np.isnan(told.spread).all()

@@ -17,7 +17,8 @@ from mavdem.confidence import quantile
 from mavdem.dem import physical
 from mavdem.dem.engine.kalman import GaussianModel
 from mavdem.dem.graybox.gusts import gusts
-from mavdem.dem.graybox.parameters import updated
+from mavdem.dem.graybox.identifiability import MODEL_ERRORS
+from mavdem.dem.graybox.parameters import Physical, updated
 from mavdem.dem.graybox.plant import FIRST_ORDER, delayed, plant, smooth
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.online.memory import Memory
@@ -241,6 +242,29 @@ def test_its_band_has_the_slopes_by_each_motor_s_effect():
         exact = torques(effect + step, np.zeros(4))[:, 0] - sure[:, 0]
         close = 0.1 * abs(exact).max()
         assert_allclose(by_slope / quantile(), abs(exact), atol=close)
+
+
+def vehicle(effect, damping, sd, status=Status.REPORTED):
+    theta = np.array([effect, damping, 0.05, 0.02])
+    covariance = np.diag(np.square(sd * theta)) + np.outer(theta, theta) * (sd / 2) ** 2
+    statuses = dict.fromkeys(("effect", "damping", "lag"), status)
+    reasons = dict.fromkeys(statuses)
+    return Physical(theta[:1], *theta[1:], covariance, statuses, reasons, 0.0, 0.1, (), 0.01, {}, 1)
+
+
+def test_an_earlier_flight_counts_by_its_precision():
+    """The mean of two normal densities, where the effect may have changed from flight to flight."""
+    earlier, now = vehicle(-20.0, 2.0, 0.05), vehicle(-22.0, 2.6, 0.1)
+    updates = updated(now, earlier)
+    changed = earlier.covariance.copy()
+    changed[0, 0] += (20.0 * MODEL_ERRORS.between_flights) ** 2
+    weights = np.linalg.inv([changed, now.covariance])
+    thetas = [[*of.effect, of.damping, of.lag, of.delay] for of in (earlier, now, updates)]
+    mean = np.linalg.solve(weights.sum(axis=0), np.einsum("nij,nj->i", weights, thetas[:2]))
+    assert_allclose(thetas[2], mean)
+    assert_allclose(updates.covariance, np.linalg.inv(weights.sum(axis=0)))
+    different = vehicle(-40.0, 2.6, 0.1)
+    assert updated(different, earlier) is different
 
 
 @mark.slow

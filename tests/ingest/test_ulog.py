@@ -8,6 +8,7 @@ from unittest.mock import Mock
 import numpy as np
 from mavlink_streams import refused
 from numpy.testing import assert_allclose
+from pymavlink.dialects.v20 import all as dialect
 from pytest import approx, mark
 from pyulog import ULog
 from recorded_flights import shared
@@ -170,7 +171,14 @@ def test_setpoints_keep_their_own_stamps(tmp_path):
         )
         pieces.append(data("vehicle_rates_setpoint", 20.1 + row / 2, row, 10 + row, 20 + row))
     vehicle = vehicle_of(log(*pieces), tmp_path)
-    assert (np.diff(vehicle.messages["ATTITUDE_TARGET"]["time"]) > 0).all()
+    target = vehicle.messages["ATTITUDE_TARGET"]
+    assert (np.diff(target["time"]) > 0).all()
+    rates = sum(
+        getattr(dialect, f"ATTITUDE_TARGET_TYPEMASK_BODY_{axis}_RATE_IGNORE")
+        for axis in ("ROLL", "PITCH", "YAW")
+    )
+    attitude = dialect.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
+    assert set(target["type_mask"]) == {rates, attitude}
     rate, angle = setpoints(vehicle, "roll")
     assert_allclose(rate.signal.time, 20.1 + np.arange(4) / 2)
     assert_allclose(rate.signal.values, np.arange(4))

@@ -19,9 +19,9 @@ CYCLES = {"px4": 0.004, "ardupilot": 0.0025}
 NO_FAULTS = Faults()
 
 
-def written(scenario, motion):
+def written(scenario, motion, progress=lambda share: None):
     file = io.BytesIO()
-    write_tlog(file, recorded(scenario, motion, CYCLES[scenario.stream.autopilot], lambda _: None))
+    write_tlog(file, recorded(scenario, motion, CYCLES[scenario.stream.autopilot], progress))
     return file.getvalue()
 
 
@@ -152,7 +152,9 @@ def test_the_same_seed_is_the_same_file_however_it_is_cut(monkeypatch):
     flown = scenario(faults=faults)
     whole = written(flown, motion)
     monkeypatch.setattr(recorded_module, "BLOCK", 37)
-    assert written(flown, motion) == whole
+    done = []
+    assert written(flown, motion, done.append) == whole
+    assert done == approx([*np.arange(37, len(motion), 37) / len(motion), 1.0])
     assert written(flown.model_copy(update={"seed": 1}), motion) != whole
 
 
