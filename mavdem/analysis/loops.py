@@ -47,7 +47,7 @@ def loops_of_log(
     """
     segments, verdict = usable_segments(signals, log.components)
     if not segments:
-        segments, _ = usable_segments(signals, log.components, SLOW_MOTION_RATE)
+        segments, verdict = usable_segments(signals, log.components, SLOW_MOTION_RATE)
     if not segments:
         raise NotLearnable(verdict.reason)
     flights, caution = with_one_set_of_gains(signals, flown_after(segments, start))

@@ -56,15 +56,15 @@ def responses_of(evidence: Evidence) -> Responses:
             ahead = bool(signals.telemetry.parameters.get(FEEDFORWARD))
             responses[axis] = {
                 "rate": _beside(rate, loop.rate, loop.rate.closed[0]),
-                "attitude": _beside(attitude, loop.attitude, _followed(loop, ahead)),
+                "attitude": _beside(attitude, loop.attitude, predicted_attitude(loop, ahead)),
             }
         else:
             responses[axis] = {"rate": LoopResponse(rate), "attitude": LoopResponse(attitude)}
     return responses
 
 
-def _followed(loop: Loop, ahead: bool) -> Complex:
-    """(F,) the attitude's response, ``ahead`` with the rate of its setpoint asked for too."""
+def predicted_attitude(loop: Loop, ahead: bool) -> Complex:
+    """Returns (F,) the attitude's response, ``ahead`` with the rate of its setpoint asked for too."""
     turns = 2j * np.pi * loop.attitude.frequency / loop.controller.angle
     return loop.attitude.closed[0] * (1 + ahead * turns)
 

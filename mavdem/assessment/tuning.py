@@ -12,6 +12,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import Loops
+from mavdem.grouping import grouped
 from mavdem.ingest.telemetry import Parameters
 
 
@@ -70,7 +71,10 @@ def tuned(
             raise NotLearnable(loop)
     advised = [each for each in found.values() if isinstance(each, Advice)]
     if not advised:
-        raise NotLearnable(Loops.NO_LOOP, reasons=list(dict.fromkeys(found.values())))
+        alike = grouped(found, found.__getitem__)
+        if len(alike) > 1:
+            alike = {fact.but(names=names): names for fact, names in alike.items()}
+        raise NotLearnable(Loops.NO_LOOP, reasons=[*alike])
     gains = {
         name: value
         for each in advised

@@ -65,7 +65,7 @@ CONTROL_PARAMETERS = re.compile(
 """Names of ArduPilot's and PX4's parameters that rate and attitude control depend on."""
 OWN_PARAMETERS = re.compile(
     r"^(STAT_|CAL_|TC_|_HASH_CHECK|LND_FLIGHT_T|COM_FLIGHT_UUID|MOT_THST_HOVER|RC\d+_(MIN|MAX|TRIM))|"
-    r"_(PRESS|TEMP|CALTEMP|DEC)$|(OFFS?|SCAL|DIA|ODI|MOT)_[XYZ]$"
+    r"_(PRESS|TEMP|CALTEMP|DEC)$|(OFFS?|OFS\d?|SCAL|DIA|ODI|MOT|AHRS_TRIM)_[XYZ]$"
 )
 """Names of parameters that autopilots set by themselves, in flight, at their start, and when sensors are calibrated."""
 

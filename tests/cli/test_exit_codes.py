@@ -78,6 +78,8 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         (["convert", FLIGHT, "flight.txt"], ".parquet"),
         (["convert", FLIGHT, "again.tlog"], ".tlog already"),
         (["compare", FLIGHT, FLIGHT], "named twice"),
+        (["track", LOGS, "--out", "f", "--time-limit", "1000001"], "1<=x<=1000000"),
+        (["track", LOGS, "--out", "f", "--memory-limit", "1000001"], "256<=x<=1000000"),
         (["fly", "hover_blower"], "--out"),
         (["fly", "nowhere", "--out", "f.tlog"], "nowhere"),
         (["fly", "hover_blower", "--rrd", "f.png"], ".rrd"),

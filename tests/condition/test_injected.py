@@ -1,6 +1,7 @@
 """The rate loop by system identification: of a recorded flight with a chirped truth, and of known margins."""
 
 import numpy as np
+from numpy.testing import assert_allclose
 from pytest import approx, mark
 from recorded_flights import recorded
 
@@ -21,6 +22,10 @@ def test_the_recorded_flight_has_its_chirped_margins():
     assert found.phase_margin == approx(19, abs=1.5)
     assert found.gain_margin == approx(2.8, abs=1)
     assert found.ms == approx(4.9, rel=0.1)
+    # The setpoint's filter alone is beside the loop where D does little: ATC_RAT_PIT_FLTT of 20 Hz.
+    asked = 1 / (1 + 1j * found.frequency / 20.0)
+    followed = found.response[0] / (1 + found.response[0])
+    assert_allclose(found.closed[0, :10], (asked * followed)[:10], rtol=0.02)
     assert injected_loop(signals.about("roll"), recorded_parts(signals)) is None
 
 

@@ -1,13 +1,17 @@
 """Step responses: of loops that are known, and why there are none."""
 
+from unittest.mock import Mock
+
 import numpy as np
 from hover import Hover, asking, changed, only
 from numpy.random import default_rng
+from numpy.testing import assert_allclose
 from pytest import approx, mark
 from recorded_flights import recorded
 from scipy.signal import lfilter
 
 from mavdem.alignment.signals import Signals
+from mavdem.assessment.responses import predicted_attitude
 from mavdem.condition.condition import settled_parts
 from mavdem.condition.step_response import (
     StepResponse,
@@ -20,6 +24,16 @@ from mavdem.facts.loops import StepResponses
 HOVER = Hover(hovering=60.0)
 TIME = HOVER.stamps(200.0)
 FREQUENCY = np.linspace(0.02, 95.0, 4000)
+
+
+@mark.parametrize("ahead", [False, True])
+def test_an_attitude_whose_rate_is_asked_for_too_is_followed_at_once(ahead):
+    """By an ideal rate loop, of which the attitude is the integral."""
+    s = 2j * np.pi * FREQUENCY
+    angle = 4.5
+    attitude = Mock(frequency=FREQUENCY, closed=(angle / (s + angle))[None])
+    known = Mock(attitude=attitude, controller=Mock(angle=angle))
+    assert_allclose(predicted_attitude(known, ahead), 1.0 if ahead else angle / (s + angle))
 
 
 def loop(hertz=12.0, damping=0.25):

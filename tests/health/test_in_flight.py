@@ -42,11 +42,12 @@ def flight(seed, seconds=45.0, sd=0.01, coloured_by=0.5, motors=4):
 
 def changes(time, commands, heading=lambda at: 0.0):
     watch = MotorWatch(geometry(commands.shape[1]))
-    return [
-        one
-        for at, row in zip(time.tolist(), commands, strict=True)
-        for one in watch.take(at, row, heading(at))
-    ]
+    found = []
+    for at, row in zip(time.tolist(), commands, strict=True):
+        latest = watch.take(at, row, heading(at))
+        assert all(one.since < one.time <= at for one in latest)
+        found += latest
+    return found
 
 
 def after(time, rise):

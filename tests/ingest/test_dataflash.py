@@ -10,6 +10,7 @@ from pymavlink import DFReader
 from pytest import approx, fixture, mark
 from recorded_flights import shared
 
+from mavdem.alignment.phases import armed
 from mavdem.alignment.signals import Signals, setpoints
 from mavdem.facts.sources import Repair
 from mavdem.ingest.dataflash.binary import (
@@ -161,6 +162,14 @@ def test_between_events_that_contradict_each_other_nothing_is_reported(tmp_path)
     )
     assert [told[second] for second in range(20, 30)] == [1, 1, 2, 0, 0, 0, 2, 0, 0, 0]
     assert states["landed_state"][states["time"] == 26.0].tolist() == [1]
+
+
+def test_between_two_armings_the_vehicle_was_disarmed_when_the_log_stopped(tmp_path):
+    flights = [made.flight([start + 0.5 * row for row in range(20)]) for start in (20, 50)]
+    armings = [[made.message("EV", stamp, 10)] for stamp in (20_100_000, 50_000_000)]
+    vehicle = vehicle_of(made.log(*armings[0], *flights[0], *armings[1], *flights[1]), tmp_path)
+    (first, second) = armed(Signals(vehicle), 0)
+    assert first == approx((20.1, 29.5)) and second[0] == approx(50.0)
 
 
 def test_yaw_is_between_half_turns_and_rates_move_to_the_angles_stamps(tmp_path):

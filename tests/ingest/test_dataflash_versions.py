@@ -102,9 +102,9 @@ def test_rate_of_3_3_before_its_release_is_read_under_its_own_names(tmp_path):
     controls = vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"]
     assert (controls[:, 0] == 0.1).all() and np.isnan(controls[:, 3]).all()
     assert Signals(vehicle).collective is None
-    # Events without stamps have the time of the message before them.
+    # Events without stamps have the time of the message before them, arming that of the one behind.
     armed = Signals(log(tmp_path)).armed
-    assert np.unique(armed.time[armed.values > 0]).tolist() == [21.0, 23.0]
+    assert np.unique(armed.time[armed.values > 0]).tolist() == [21.02, 23.0]
 
 
 def test_lines_that_are_no_messages_cost_themselves_only(tmp_path):

@@ -3,6 +3,7 @@
 import os
 import pty
 import socket
+import termios
 import time
 from contextlib import closing, contextmanager
 
@@ -184,6 +185,8 @@ def test_a_client_gives_way_to_another_when_it_closes():
 def test_a_serial_port_is_read_raw_silent_and_its_loss_is_reported():
     controller, port = pty.openpty()
     link = Link(f"{os.ttyname(port)},57600")
+    flags = termios.tcgetattr(port)[2]
+    assert flags & termios.CLOCAL and flags & termios.CREAD and not flags & termios.HUPCL
     os.write(controller, bytes(range(256)))
     received = b""
     while len(received) < 256:

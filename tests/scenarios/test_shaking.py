@@ -87,6 +87,7 @@ def test_the_notch_that_is_advised_takes_the_motors_line_when_flown_again(tmp_pa
         power = abs(np.fft.rfft(np.hanning(size) * windows, axis=1)) ** 2
         left.append(power.mean(axis=0)[near].sum())
     assert left[1] < 0.2 * left[0]
+    assert 0.8 < fact.figures["share"] < 1 - left[1] / left[0]
     # The margin of the true loop falls by the cost, at the crossover of before.
     after = truth(again, other)
     here = int(np.argmin(abs(known["loop_frequency"] - crossover)))

@@ -31,6 +31,7 @@ from mavdem.ingest.dataflash.binary import (
 from mavdem.ingest.dataflash.samples import raw_samples
 from mavdem.ingest.dataflash.translation import (
     ACCELEROMETERS,
+    ARMING,
     GYROS,
     NEEDED,
     OF_FLIGHT,
@@ -262,13 +263,15 @@ def _on_boot_clock(
         elif name in EVENTS and len(row):
             before = np.maximum(row - 1, 0)
             after = np.minimum(row, len(place) - 1)
+            # Nothing is logged while disarmed: arming ends a gap, what else has no stamp begins one.
+            arms = np.isin(table.columns["Id"], ARMING) if name == "EV" else False
             own = next(
                 (
                     table.columns[clock] / CLOCKS[clock]
                     for clock in CLOCKS
                     if clock in table.columns
                 ),
-                -np.inf,
+                np.where(arms & (boot[after] == boot[before]), np.inf, -np.inf),
             )
             placed[name] = {
                 **table.columns,

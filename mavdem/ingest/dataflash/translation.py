@@ -288,6 +288,7 @@ OLD_DEMAND = 4500.0
 OLD_THRUST = 1000.0
 ARMED_EVENTS = {10: (0, ARMED), 15: (ARMED, ARMED), 11: (ARMED, 0)}
 """base_mode before and after ARMED, AUTO_ARMED and DISARMED."""
+ARMING = [event for event, (_, after) in ARMED_EVENTS.items() if after]
 LANDED_EVENTS = {28: (ON_GROUND, IN_AIR), 18: (IN_AIR, ON_GROUND)}
 """landed_state before and after NOT_LANDED and LAND_COMPLETE."""
 ARM_STATES = {0: (ARMED, 0), 1: (0, ARMED)}  # base_mode before and after ARM with this ArmState
@@ -328,7 +329,7 @@ def translated(tables: Tables, kind: int) -> tuple[dict[str, Columns], dict[str,
         **{message: _renamed(tables, message) for message in _RENAMED},
         "LOCAL_POSITION_NED": _position(tables),
         "EKF_STATUS_REPORT": _filter_status(tables),
-        "HEARTBEAT": ("EV", _armed(max(changes, key=len), kind)),
+        "HEARTBEAT": ("EV", _armed(tables, max(changes, key=len), kind)),
         "EXTENDED_SYS_STATE": ("EV", _landed(tables, _changes(tables, "EV", "Id", LANDED_EVENTS))),
     }
     there = {
@@ -542,22 +543,32 @@ def _changes(tables: Tables, name: str, field: str, states: Mapping[int, tuple[i
     rows = zip(*(logged[name].tolist() for name in ("boot", "time", field)), strict=True)
     changes = [(boot, time, *states[value]) for boot, time, value in rows if value in states]
     for boot, before in {boot: before for boot, _, before, _ in reversed(changes)}.items():
-        stamps = (columns["time"][columns["boot"] == boot] for columns in tables.values())
-        begun = min(float(time.min()) for time in stamps if len(time))
-        changes.insert(0, (boot, begun, before, before))
+        changes.insert(0, (boot, float(_stamps(tables, boot)[0]), before, before))
     return np.array(sorted(changes, key=itemgetter(0, 1))).reshape(-1, 4)
 
 
-def _armed(changes: Array, kind: int) -> Columns:
+def _armed(tables: Tables, changes: Array, kind: int) -> Columns:
     """HEARTBEAT at each change: what it was till then, and twice what the change says that it was and what it became.
 
-    Twice, for a single row would be taken for damage.
+    Twice, for a single row would be taken for damage. What it was is another than after the change before where a
+    change between was not logged, at the latest when the log stopped before this one.
     """
     boot, time, before, after = changes.T
     till_then = np.where(np.diff(boot, prepend=-1) > 0, before, np.roll(after, 1))
+    since = time.copy()
+    for row in np.flatnonzero(till_then != before):
+        times = _stamps(tables, boot[row])
+        since[row] = times[np.searchsorted(times, time[row]) - 1]
     states = np.column_stack([till_then, before, before, after, after])
+    times = np.column_stack([since, since, since, time, time])
     fields = heartbeat_fields(kind, ARDUPILOT, states.ravel())
-    return {"time": np.repeat(time, 5), "boot": np.repeat(boot, 5).astype(np.int64), **fields}
+    return {"time": times.ravel(), "boot": np.repeat(boot, 5).astype(np.int64), **fields}
+
+
+def _stamps(tables: Tables, boot: float) -> Array:
+    """(N,) of all that was logged in a ``boot``, ascending, each once."""
+    stamps = [columns["time"][columns["boot"] == boot] for columns in tables.values()]
+    return np.unique(np.concatenate(stamps))
 
 
 def _landed(tables: Tables, changes: Array) -> Columns:
@@ -567,12 +578,9 @@ def _landed(tables: Tables, changes: Array) -> Columns:
     each other, up to a second before the second, and after the last.
     """
     parts = [np.zeros((0, 3))]
-    logged = joined(
-        [{"time": columns["time"], "boot": columns["boot"]} for columns in tables.values()]
-    )
     for boot in np.unique(changes[:, 0]):
         at, before, after = changes[changes[:, 0] == boot, 1:].T
-        times = np.unique(logged["time"][logged["boot"] == boot])
+        times = _stamps(tables, boot)
         _, first = np.unique(np.floor(times), return_index=True)
         time = np.union1d(times[first], at)
         passed = np.searchsorted(at, time, side="right")
