@@ -205,7 +205,7 @@ def test_a_file_is_not_long():
 NODES = {
     "alignment": 19_270,
     "analysis": 8650,
-    "assessment": 18_360,
+    "assessment": 18_393,
     "baselines": 5250,
     "cli": 17_027,
     "condition": 40_063,
@@ -216,19 +216,19 @@ NODES = {
     "facts": 4_180,
     "fleet": 15_024,
     "health": 10_584,
-    "ingest": 40_530,
+    "ingest": 40_575,
     "live": 31_633,
     "mavdem": 5_510,
     "paper": 11_396,
     "report": 32_154,
-    "serve": 12_792,
+    "serve": 12_857,
     "sitl_scenarios": 31_396,
     "tools": 15_949,
     "view": 10_883,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 418_939
-TEST_NODES = 242_850
+ALL_NODES = 419_300
+TEST_NODES = 244_100
 NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""
 ALL_CONSTANTS = 698

@@ -36,17 +36,17 @@ def fleet_blocks(rows: FlightRows) -> Blocks:
         if not is_shared(flights)
     }
     flown = [flight for name in vehicles for flight in once.get(name, vehicles[name])]
-    unjudged = [flights for flights in named.values() if vehicle_health(flights) == UNKNOWN]
+    unjudged = [name for name in once if vehicle_health(named[name]) == UNKNOWN]
     blocks = [
         *section(
             "fleet",
             **_needs_a_look(named),
-            vehicles=len(named),
+            vehicles=len(once),
+            all_known=len(once) == len(named),
             flown=_flown(flown),
-            of_vehicles=len(once),
             twice=sum(len(vehicles[name]) - len(flights) for name, flights in once.items()),
             unjudged=len(unjudged),
-            nameless=sum(len(flights) for name, flights in vehicles.items() if name not in named),
+            nameless=sum(len(flights) for name, flights in vehicles.items() if name not in once),
         )
     ]
     return blocks + _unused(

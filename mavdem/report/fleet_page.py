@@ -107,9 +107,12 @@ def _notes(flight: Flight) -> str:
     """What is said of the flight, the most important first, a line each."""
     if not flight[0].has_flight:
         return cut(flight[0].status, MAX_NOTE)
-    reasons = (row.health_reason for row in flight if row.health != OK)
+    reasons = [row.health_reason for row in flight if row.health != OK]
     warnings = (warning for row in flight for warning in row.warnings)
-    said = (*(row.headline for row in flight), *reasons, *warnings)
+    headlines = [row.headline for row in flight]
+    if worst_health(flight) in TROUBLE and flight[0].headline_level != Level.BAD:
+        headlines = []  # of the log alone, which did not show it
+    said = (*headlines, *reasons, *warnings)
     return cut("\n".join(dict.fromkeys(filter(None, said))), MAX_NOTE)
 
 

@@ -39,6 +39,7 @@ from mavdem.heading import Values
 from mavdem.ingest.formats import format_of
 from mavdem.report.difference import baseline_blocks
 from mavdem.report.difference_page import comparison_page
+from mavdem.report.fleet import TROUBLE
 from mavdem.report.library_page import (
     refusal_page,
     script,
@@ -284,6 +285,8 @@ class Server:
         flights = vehicles_of(rows).get(name, [])
         healthy = [row for row in self.library.store.healthy if row.vehicle == name]
         change = since_baseline(rows, healthy).get(name) if healthy else None
+        reasons = {row.file: row.health_reason for row in rows if row.health in TROUBLE}
+        paths = {entry.id: str(self.library.path_of(entry)) for entry in entries}
         return HTMLResponse(
             vehicle_page(
                 flights,
@@ -291,6 +294,7 @@ class Server:
                 name=name,
                 entries=entries,
                 baseline=len({row.key for row in healthy}),
+                troubles={id: reasons[path] for id, path in paths.items() if path in reasons},
                 **self._known(request),
             )
         )
