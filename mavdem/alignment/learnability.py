@@ -40,6 +40,8 @@ STILL_RATE = np.radians(1.0)  # rad/s, standard deviation: twice the noise of a 
 DOUBTFUL_LOSS = 0.05  # Share of a stream's messages left out as damaged: the rest may be too
 MINIMUM_DURATION = 5.0
 """Seconds: a few swings of an axis that moves at 1 Hz, and a few hundred samples for a few tens of parameters."""
+MOST_JUDGED = 100
+"""Segments, the longest: of thousands, between clocks that jump, none is better."""
 REFUSED_IMPOSSIBLE = 0.01
 """Share of messages with an angle or a rate that cannot be: too many for odd ones, so they are in another unit."""
 MAX_STEP_RATIO = 1.25
@@ -107,7 +109,7 @@ def learnabilities(
     # Of the segments too short the longest only, if there is no other.
     long = [part for part in segments if part.duration >= MINIMUM_DURATION] or segments[:1]
     judged = []
-    for segment in long:
+    for segment in long[:MOST_JUDGED]:
         judged.append(log.judge(segment))
         if judged[-1].learnable:
             break

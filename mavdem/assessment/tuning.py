@@ -71,10 +71,10 @@ def tuned(
             raise NotLearnable(loop)
     advised = [each for each in found.values() if isinstance(each, Advice)]
     if not advised:
-        alike = grouped(found, found.__getitem__)
-        if len(alike) > 1:
-            alike = {fact.but(names=names): names for fact, names in alike.items()}
-        raise NotLearnable(Loops.NO_LOOP, reasons=[*alike])
+        refused = {axis: fact for axis, fact in found.items() if isinstance(fact, Fact)}
+        alike = grouped(refused, refused.__getitem__)
+        reasons = [fact.but(names=names) for fact, names in alike.items()]
+        raise NotLearnable(Loops.NO_LOOP, reasons=reasons if len(alike) > 1 else [*alike])
     gains = {
         name: value
         for each in advised

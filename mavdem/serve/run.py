@@ -1,6 +1,8 @@
 """Running the server: its address, its workers, and the end of both."""
 
+import asyncio
 import socket
+import sys
 import threading
 import webbrowser
 from collections.abc import Callable
@@ -9,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import uvicorn
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from mavdem.errors import Unreadable, cause_of
 from mavdem.extras import missing
@@ -24,6 +27,31 @@ from mavdem.serve.viewers import Viewers
 from mavdem.serve.work import Work
 
 MOST_CONNECTIONS = 1000
+FIRST_SECONDS = 10  # for the first request of a connection
+
+
+class Connection(H11Protocol):
+    """One of a client, which ends if it is one too many or asks nothing: uvicorn itself would keep both."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Begins it, and its time."""
+        super().connection_made(transport)
+        if len(self.connections) > _most_connections():
+            transport.close()
+        self.loop.call_later(FIRST_SECONDS, self._end_unasked)
+
+    def _end_unasked(self) -> None:
+        if self.cycle is None:
+            self.transport.close()
+
+
+def _most_connections() -> int:
+    """Returns as many as leave half of the process's descriptors to other files."""
+    if sys.platform == "win32":
+        return MOST_CONNECTIONS
+    import resource
+
+    return min(MOST_CONNECTIONS, resource.getrlimit(resource.RLIMIT_NOFILE)[0] // 2)
 
 
 class Options(NamedTuple):
@@ -72,7 +100,8 @@ def serve(
         log_level="warning",
         server_header=False,
         date_header=False,
-        limit_concurrency=MOST_CONNECTIONS,
+        http=Connection,
+        backlog=100,  # accepted at a time, before any of them can be ended
         timeout_graceful_shutdown=3,  # s, for answers that are on their way
         proxy_headers=options.is_behind_proxy,
     )

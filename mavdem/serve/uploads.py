@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import AsyncGenerator
 from pathlib import Path
+from typing import BinaryIO, cast
 
 from starlette.datastructures import UploadFile
 from starlette.formparsers import MultiPartException, MultiPartParser
@@ -20,6 +21,24 @@ PATIENCE_SECONDS = (
 MOST_FILES = 1000  # of one request, in it or in its answer
 MOST_TEXT = 1 << 16  # bytes of a field of a form
 CHECKED_BYTES = 1 << 24  # after which the room is looked at again: others upload too
+
+
+class _Part:
+    """A file on the disk at ``path`` that is open only while it is written to: a form may have many."""
+
+    def __init__(self, path: Path) -> None:
+        path.open("xb").close()
+        self._path = path
+
+    def write(self, piece: bytes) -> int:
+        with self._path.open("ab") as file:
+            return file.write(piece)
+
+    def seek(self, place: int) -> int:
+        return place
+
+    def close(self) -> None:
+        pass
 
 
 class Form(MultiPartParser):
@@ -53,21 +72,15 @@ class Form(MultiPartParser):
         if file is not None:
             file.file.close()
             path = self._library.new_part()
-            file.file = path.open("xb")
+            file.file = cast(BinaryIO, _Part(path))
             self.files[path] = file
 
     def on_end(self) -> None:
         """Notes that the form has its last line."""
         self.is_whole = True
 
-    def close(self) -> None:
-        """Closes the files, which are then whole on the disk."""
-        for file in self.files.values():
-            file.file.close()
-
     def drop(self) -> None:
         """Removes what is not taken."""
-        self.close()
         for path in self.files:
             path.unlink(missing_ok=True)
 
@@ -82,7 +95,6 @@ async def received(request: HttpRequest, library: Library) -> Form:
     try:
         with full_disk_refused():
             await form.parse()
-            form.close()
         if not form.is_whole:
             raise Refusal(Request.UPLOAD_BROKEN)
         if not any(file.size for file in form.files.values()):

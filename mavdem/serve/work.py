@@ -1,5 +1,6 @@
 """Work: threads that take logs from the library, and give each to a process within limits or to a cluster."""
 
+import sqlite3
 import threading
 
 from mavdem.errors import Refusal, Unreadable
@@ -67,7 +68,8 @@ class Work:
                     self._publish(reader)
                 else:
                     self._wait()
-            except Refusal:  # the disk is full, or a cluster has gone: it may be better in a while
+            # The disk is full, a cluster has gone, or all descriptors are taken: it may be better in a while.
+            except (Refusal, OSError, sqlite3.Error):
                 self._is_ending.wait(PAUSE_SECONDS)
         reader.stop()
 
@@ -82,7 +84,7 @@ class Work:
     def _read_log(self, reader: LogReader | Cluster, entry: Entry) -> None:
         try:
             outcome = reader.read(Job(str(self._library.path_of(entry))), self._limits, self._read)
-        except Unreadable:  # nothing can read it now
+        except (Unreadable, OSError, sqlite3.Error):  # nothing can read it now
             self._library.change(entry.id, stage=Stage.WAITING, claimed="")
             raise
         if outcome is not None:

@@ -20,6 +20,7 @@ from mavdem.results import PAGE, REPORT
 from mavdem.serve.app import Server
 from mavdem.serve.library import PROGRESS, RESULTS, Library, columns_of
 from mavdem.serve.rights import Rights
+from mavdem.serve.run import Connection
 
 TOKEN = "0123456789abcdef"
 LIMITS = Limits(1, 256)
@@ -145,7 +146,9 @@ def serving(folder, token="", quota=None, is_eager=True, sample=None, **more):
     rights = Rights(token, is_local=not token)
     server = Server(library, rights, work, sample, **more)
     running = uvicorn.Server(
-        uvicorn.Config(server.app, port=0, log_level="warning", timeout_graceful_shutdown=1)
+        uvicorn.Config(
+            server.app, http=Connection, port=0, log_level="warning", timeout_graceful_shutdown=1
+        )
     )
     begun = threading.Event()
     startup = running.startup

@@ -2,8 +2,11 @@
 
 import errno
 import json
+import os
 import re
+import resource
 import socket
+from contextlib import ExitStack
 from shutil import rmtree
 from types import SimpleNamespace
 from urllib.parse import urlencode
@@ -17,7 +20,7 @@ from mavdem.errors import Refusal
 from mavdem.facts.serve import Request, Sharing, Stage, Start
 from mavdem.facts.sources import Source
 from mavdem.report.library_page import words
-from mavdem.serve import app, uploads
+from mavdem.serve import app, run, uploads
 from mavdem.serve.library import RESERVED_BYTES
 from mavdem.serve.rights import rights_of
 from mavdem.serve.viewers import Viewers
@@ -359,6 +362,29 @@ def test_size_number_queue_and_patience_have_limits(tmp_path, monkeypatch):
         full = server.upload(("b.ulg", log("b")))
         assert full.code == Request.UPLOADS_TOO_MANY and full.headers["Retry-After"]
         assert list((tmp_path / "incoming").iterdir()) == []
+
+
+def test_who_asks_nothing_and_who_is_one_too_many_is_hung_up_on(tmp_path, monkeypatch):
+    monkeypatch.setattr(run, "MOST_CONNECTIONS", 2)
+    monkeypatch.setattr(run, "FIRST_SECONDS", 0.2)
+    with serving(tmp_path) as server, ExitStack() as lines:
+        place = ("127.0.0.1", server.port)
+        idle, slow, late = (
+            lines.enter_context(socket.create_connection(place, timeout=30)) for _ in range(3)
+        )
+        slow.sendall(b"GET / HT")
+        assert [line.recv(1) for line in (late, idle, slow)] == [b""] * 3
+        assert server.ask("GET", "/api/flights").status == 200
+
+
+def test_a_form_of_many_files_needs_few_descriptors(served):
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (len(os.listdir("/proc/self/fd")) + 100, hard))
+    try:
+        answer = served.upload(*[(f"{one}.ulg", log(str(one))) for one in range(200)])
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    assert answer.status == 201 and len(answer.json["flights"]) == 200
 
 
 def test_a_full_disk_and_a_full_quota_are_507_and_break_nothing(tmp_path, monkeypatch):

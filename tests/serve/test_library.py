@@ -1,5 +1,6 @@
 """The library: what is acknowledged stays, whatever ends a server, and several may share a folder."""
 
+import errno
 import shutil
 import threading
 import time
@@ -275,6 +276,8 @@ def test_a_log_waits_for_a_cluster_that_has_gone(tmp_path, monkeypatch):
         tries.append(function)
         if len(tries) < 3:
             raise Unreadable(Fact(Reading.NO_SCHEDULER, address="tcp://a:1"))
+        if len(tries) < 5:
+            raise OSError(errno.EMFILE, "Too many open files")
         return outcome_of(job, read_made_up)
 
     work = Work(library, 1, LIMITS, cluster=Mock(read=read))
