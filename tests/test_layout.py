@@ -203,9 +203,9 @@ def test_a_file_is_not_long():
 
 
 NODES = {
-    "alignment": 19_270,
+    "alignment": 19_272,
     "analysis": 8650,
-    "assessment": 18_393,
+    "assessment": 18_420,
     "baselines": 5250,
     "cli": 17_027,
     "condition": 40_063,
@@ -221,17 +221,17 @@ NODES = {
     "mavdem": 5_510,
     "paper": 11_396,
     "report": 32_154,
-    "serve": 12_857,
+    "serve": 13_047,
     "sitl_scenarios": 31_396,
     "tools": 15_949,
     "view": 10_883,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 419_300
-TEST_NODES = 244_100
+ALL_NODES = 419_400
+TEST_NODES = 244_400
 NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""
-ALL_CONSTANTS = 698
+ALL_CONSTANTS = 700
 """Named numbers, and tables with numbers: each has a unit, a source and a test at its edge."""
 
 

@@ -21,6 +21,8 @@ from mavdem.facts.learnability import MotorObstacle, Reason
 from mavdem.ingest import Log
 from mavdem.ingest.motors import OutputScale
 from mavdem.ingest.telemetry import Component, Telemetry
+from mavdem.ingest.vocabulary import UNNAMED
+from mavdem.report.condition import stream_contents
 
 HOVER = Hover(hovering=60.0)
 SECONDS = 60.0
@@ -332,6 +334,14 @@ def test_a_log_of_some_kinds_misses_nothing_of_what_it_keeps():
     assert vehicle["lost_share"] == approx(0.8)
     assert vehicle["missing_share"] == 0
     assert station["missing_share"] is None
+
+
+def test_who_sends_no_heartbeat_is_shown_as_such():
+    station = Component(255, 190, "GCS", "INVALID", {"HEARTBEAT": 60}, lost=0)
+    camera = Component(1, 100, UNNAMED, UNNAMED, {"ATTITUDE": 5}, lost=0)
+    held = inventory(Log("made-up.tlog", (), (station, camera), (), 0, 0, (0.0, 0.0)))
+    shown = [" ".join((one.lead, one.text)) for one in stream_contents(held)]
+    assert "255:190 (GCS)" in shown[0] and "1:100 (no heartbeat)" in shown[1]
 
 
 def stamps_of_8_and_12():

@@ -119,3 +119,6 @@ def test_fields_and_stamps_are_those_of_columns(name, version):
         for value, field in zip(told.values, FIELDS[name], strict=True):
             assert_equal(value, table[field][row])
         assert told.stamp == (table[clock][row] / CLOCK_UNITS[clock] if clock else 0.0)
+        # Milliseconds of 32 bits wrap after 49.7 days, microseconds of these after 71.6 minutes.
+        short = {"time_boot_ms": 2**32 / 1e3, "SERVO_OUTPUT_RAW": 2**32 / 1e6}
+        assert told.period == short.get(clock, short.get(name, np.inf))

@@ -73,6 +73,16 @@ def test_a_lost_flight_without_figures_needs_a_look_and_reasons_of_several_logs_
     assert "Never airborne</td>" in text and "pages/quad-0.html" in text
 
 
+def test_a_fault_that_only_the_fleet_shows_is_the_note_of_its_flight():
+    told = {"health": "fault", "health_reason": "Motor 3 lost 20 % of its thrust."}
+    sound = {"headline": "Nothing wrong found.", "headline_level": "good"}
+    flights = [flight_row("quad", 0, **sound), flight_row("quad", 1, **sound, **told)]
+    text = fleet_page(flights)
+    notes = [str(row) for row in table_of(text)["rows"]]
+    assert "Motor 3 lost" in notes[0] and "Nothing wrong" not in notes[0]
+    assert "Nothing wrong" in notes[1]
+
+
 def test_what_changed_since_the_baseline_stands_with_its_vehicle():
     rows = [flight_row("quad-2", number) for number in range(2)]
     text = fleet_page(rows, {"quad-2": [Sentence("motor 3's effect −18 % ± 6 %.", "Changed:")]})

@@ -73,7 +73,9 @@ def test_flights_by_a_system_id_are_no_vehicle_until_they_are_judged_as_one():
     assert "2 flights whose logs do not name a vehicle" in text and "of 1 vehicle" not in text
     assert summary(rows)["vehicles"] == 0
     judged = [replace(row, health="fault") for row in rows]
-    assert "px4-1 (fault)" in text_of(fleet_blocks(judged))
+    text = text_of(fleet_blocks([*judged, flight_row("quad", 0)]))
+    assert "1 needs a look: px4-1 (fault)" in text and "2 flights whose logs" in text
+    assert "3 flights of 1 vehicle and of unknown ones" in text
     assert "these may be several" in vehicle_words([[row] for row in judged])[1]
 
 

@@ -43,6 +43,8 @@ def read_made_up(path, key, page):
     made.mkdir(exist_ok=True)
     lights = {f"light_{light}": "good" for light in Light} | {"light_motors": "bad"}
     known = {"vehicle": "quad 7", "headline": said, "headline_level": "bad", "date": "2026-11-20"}
+    if "weak" in said:
+        known |= {"health": "fault", "health_reason": "Motor 3 lost thrust."}
     rows = [
         FlightRow(file=str(path), axis=axis, tier="a", duration=60.0, **known, **lights)
         for axis in ("roll", "pitch")

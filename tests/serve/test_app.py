@@ -180,7 +180,10 @@ def test_two_flights_are_compared_and_a_vehicle_has_its_page_and_baseline(served
     assert served.ask("PUT", "/api/baseline", {"flights": [a]}).status == 200
     assert {row.headline for row in served.library.store.healthy} == {"One."}
     page = served.ask("GET", "/vehicle?name=quad%207").text
-    assert "One." in page and "Two." in page
+    assert "One." in page and "Two." in page and "lost thrust" not in page
+    served.add("weak.ulg", "A weak motor.")
+    page = served.ask("GET", "/vehicle?name=quad%207").text
+    assert '<span class="said bad">Motor 3 lost thrust.</span>' in page
     assert served.ask("GET", f"/compare?a={a}&b={served.add('c.ulg', 'damaged')}").status == 200
 
 
