@@ -82,6 +82,13 @@ def test_beside_gravity_and_the_disturbing_force_only_thrust_acts_along_body_z(f
 
 
 @mark.slow
+def test_a_second_flight_is_armed_as_long_after_the_end_of_the_first_as_this_was_after_boot():
+    twice = fly(brief(duration=15.0, flights=2))
+    changes = twice.time[1:][np.diff(twice.armed.astype(int)) != 0]
+    assert changes == approx([2, 17, 20, 35]) and twice.time[-1] == approx(36, abs=0.01)
+
+
+@mark.slow
 def test_disarming_is_refused_in_the_air_unless_forced():
     simulation = Simulation(brief())
     simulation.advance(250 * 10)
