@@ -1,5 +1,8 @@
 """``mavdem review`` and ``mavdem LOG``: one screen, one document and a page for every log that can be read."""
 
+import re
+import time
+
 from command_line import document_of, run, strict_json
 from recorded_flights import LOGS, SLOW
 
@@ -19,6 +22,7 @@ def test_a_log_alone_is_reviewed(tmp_path, monkeypatch, capsys):
     assert following <= 12 and max(map(len, screen)) <= COLUMNS
     assert "…" not in "".join(screen[following:])
     assert screen[0].startswith("ardupilot_default_rates.tlog: ")
+    assert 0 <= float(re.search(r"took ([0-9.]+) s", screen[-1])[1]) < time.perf_counter()
     folder = tmp_path / "ardupilot_default_rates"
     assert {path.name for path in folder.iterdir()} == {"report.html", "report.json"}
     document = document_of(capsys, "review", SLOW, "--out", "other")
