@@ -26,7 +26,6 @@ from mavdem.dem.online.tracker import (
     FALSE_MARK_SECONDS,
     MAX_MEDIANS,
     MAX_QUARTILES,
-    MIN_PAST,
     PEAK_SECONDS,
     AnomalyMarks,
     ErrorBands,
@@ -283,7 +282,7 @@ def test_surprise_is_in_units_of_the_lowest_twentieth():
     surprise = Surprise(DT, default_rng(0).standard_normal(10_000))
     assert surprise.add(norm.ppf(0.05)) == approx(1.0, abs=0.15)
     assert surprise.add(2.0) < 0
-    few = default_rng(0).standard_normal(MIN_PAST)
+    few = default_rng(0).standard_normal(100)
     assert np.isfinite(Surprise(DT, few).add(0.0)) and np.isnan(Surprise(DT, few[1:]).add(0.0))
     # After a free energy that did not vary a drop is still a number.
     assert 1e6 < Surprise(DT, np.full(300, 5.0)).add(-1e5) < np.inf

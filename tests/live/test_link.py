@@ -187,6 +187,7 @@ def test_a_serial_port_is_read_raw_silent_and_its_loss_is_reported():
     link = Link(f"{os.ttyname(port)},57600")
     flags = termios.tcgetattr(port)[2]
     assert flags & termios.CLOCAL and flags & termios.CREAD and not flags & termios.HUPCL
+    assert flags & termios.CSIZE == termios.CS8
     os.write(controller, bytes(range(256)))
     received = b""
     while len(received) < 256:
