@@ -172,6 +172,18 @@ def test_between_two_armings_the_vehicle_was_disarmed_when_the_log_stopped(tmp_p
     assert first == approx((20.1, 29.5)) and second[0] == approx(50.0)
 
 
+def test_two_armings_with_the_first_message_and_events_of_no_kind_change_no_time(tmp_path):
+    rows = made.flight([20 + 0.5 * row for row in range(20)])
+    twice = [made.message("EV", 20_000_000, 10)] * 2
+    vehicle = vehicle_of(made.log(*twice, *rows), tmp_path)
+    assert (np.diff(vehicle.messages["HEARTBEAT"]["time"]) >= 0).all()
+    assert {begin for begin, _ in armed(Signals(vehicle), 0)} == {20.0}
+    lines = "FMT, 129, 0, ATT, Qccc, TimeUS,Roll,Pitch,Yaw\nFMT, 133, 0, EV, B, Other\n"
+    lines += "".join(f"ATT, {20_000_000 + 10_000 * row}, 1, 2, 3\nEV, 10\n" for row in range(500))
+    (tmp_path / "flight.log").write_text(lines)
+    assert "HEARTBEAT" not in read_dataflash(tmp_path / "flight.log").vehicles[0].messages
+
+
 def test_yaw_is_between_half_turns_and_rates_move_to_the_angles_stamps(tmp_path):
     rows = [made.att(20 + 0.1 * i, 0, 0, (350 + 4 * i) % 360) for i in range(10)]
     rows += [made.rate(20.003 + 0.1 * i, 10.0 * i) for i in range(-1, 11)]

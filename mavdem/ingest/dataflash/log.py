@@ -264,7 +264,7 @@ def _on_boot_clock(
             before = np.maximum(row - 1, 0)
             after = np.minimum(row, len(place) - 1)
             # Nothing is logged while disarmed: arming ends a gap, what else has no stamp begins one.
-            arms = np.isin(table.columns["Id"], ARMING) if name == "EV" else False
+            arms = name == "EV" and np.isin(table.columns.get("Id", 0), ARMING)
             own = next(
                 (
                     table.columns[clock] / CLOCKS[clock]

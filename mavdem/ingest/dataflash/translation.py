@@ -15,9 +15,10 @@ event also gives the state before it. Where that is not the state after the even
 logged, and the landed state is undefined, as it is after the last. A boot without events has neither message.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
+from functools import cache, partial
 from operator import itemgetter
 
 import numpy as np
@@ -286,8 +287,11 @@ MAX_DEMAND = 2.0  # Demands of the range -1 to 1 lie below it, but for damaged o
 # Full demand and full thrust where they are not 1
 OLD_DEMAND = 4500.0
 OLD_THRUST = 1000.0
+Stamps = Callable[[float], Array]
+"""(N,) of all that was logged in a boot, ascending, each once."""
 ARMED_EVENTS = {10: (0, ARMED), 15: (ARMED, ARMED), 11: (ARMED, 0)}
 """base_mode before and after ARMED, AUTO_ARMED and DISARMED."""
+# those after which it is armed
 ARMING = [event for event, (_, after) in ARMED_EVENTS.items() if after]
 LANDED_EVENTS = {28: (ON_GROUND, IN_AIR), 18: (IN_AIR, ON_GROUND)}
 """landed_state before and after NOT_LANDED and LAND_COMPLETE."""
@@ -305,10 +309,12 @@ def translated(tables: Tables, kind: int) -> tuple[dict[str, Columns], dict[str,
     demands, scaled = _demands(tables)
     targets, asked = _targets(tables, per_degree)
     volts, measured = battery(tables)
+    stamps = cache(partial(_stamps, tables))
     changes = [
-        _changes(tables, "EV", "Id", ARMED_EVENTS),
-        _changes(tables, "ARM", "ArmState", ARM_STATES),
+        _changes(tables, "EV", "Id", ARMED_EVENTS, stamps),
+        _changes(tables, "ARM", "ArmState", ARM_STATES, stamps),
     ]
+    landed = _changes(tables, "EV", "Id", LANDED_EVENTS, stamps)
     named_columns = {
         "ATTITUDE": (named, attitude),
         "SERVO_OUTPUT_RAW": ("RCOU", _servos(tables)),
@@ -329,8 +335,8 @@ def translated(tables: Tables, kind: int) -> tuple[dict[str, Columns], dict[str,
         **{message: _renamed(tables, message) for message in _RENAMED},
         "LOCAL_POSITION_NED": _position(tables),
         "EKF_STATUS_REPORT": _filter_status(tables),
-        "HEARTBEAT": ("EV", _armed(tables, max(changes, key=len), kind)),
-        "EXTENDED_SYS_STATE": ("EV", _landed(tables, _changes(tables, "EV", "Id", LANDED_EVENTS))),
+        "HEARTBEAT": ("EV", _armed(max(changes, key=len), kind, stamps)),
+        "EXTENDED_SYS_STATE": ("EV", _landed(landed, stamps)),
     }
     there = {
         name: made
@@ -535,7 +541,9 @@ def _across_boots(columns: Columns) -> Array:
     return columns["time"] + 1e9 * columns["boot"]
 
 
-def _changes(tables: Tables, name: str, field: str, states: Mapping[int, tuple[int, int]]) -> Array:
+def _changes(
+    tables: Tables, name: str, field: str, states: Mapping[int, tuple[int, int]], stamps: Stamps
+) -> Array:
     """Boot, time, state before and state after (N, 4) each event, and the beginning of each boot that has some."""
     logged = tables.get(name, {})
     if field not in logged:
@@ -543,11 +551,11 @@ def _changes(tables: Tables, name: str, field: str, states: Mapping[int, tuple[i
     rows = zip(*(logged[name].tolist() for name in ("boot", "time", field)), strict=True)
     changes = [(boot, time, *states[value]) for boot, time, value in rows if value in states]
     for boot, before in {boot: before for boot, _, before, _ in reversed(changes)}.items():
-        changes.insert(0, (boot, float(_stamps(tables, boot)[0]), before, before))
+        changes.insert(0, (boot, float(stamps(boot)[0]), before, before))
     return np.array(sorted(changes, key=itemgetter(0, 1))).reshape(-1, 4)
 
 
-def _armed(tables: Tables, changes: Array, kind: int) -> Columns:
+def _armed(changes: Array, kind: int, stamps: Stamps) -> Columns:
     """HEARTBEAT at each change: what it was till then, and twice what the change says that it was and what it became.
 
     Twice, for a single row would be taken for damage. What it was is another than after the change before where a
@@ -556,9 +564,11 @@ def _armed(tables: Tables, changes: Array, kind: int) -> Columns:
     boot, time, before, after = changes.T
     till_then = np.where(np.diff(boot, prepend=-1) > 0, before, np.roll(after, 1))
     since = time.copy()
-    for row in np.flatnonzero(till_then != before):
-        times = _stamps(tables, boot[row])
-        since[row] = times[np.searchsorted(times, time[row]) - 1]
+    unlogged = till_then != before
+    for number in np.unique(boot[unlogged]):
+        times = stamps(number)
+        rows = unlogged & (boot == number)
+        since[rows] = times[np.maximum(np.searchsorted(times, time[rows]) - 1, 0)]
     states = np.column_stack([till_then, before, before, after, after])
     times = np.column_stack([since, since, since, time, time])
     fields = heartbeat_fields(kind, ARDUPILOT, states.ravel())
@@ -566,12 +576,11 @@ def _armed(tables: Tables, changes: Array, kind: int) -> Columns:
 
 
 def _stamps(tables: Tables, boot: float) -> Array:
-    """(N,) of all that was logged in a ``boot``, ascending, each once."""
     stamps = [columns["time"][columns["boot"] == boot] for columns in tables.values()]
     return np.unique(np.concatenate(stamps))
 
 
-def _landed(tables: Tables, changes: Array) -> Columns:
+def _landed(changes: Array, stamps: Stamps) -> Columns:
     """EXTENDED_SYS_STATE at each change and at the first message of each second of a boot that has changes.
 
     At messages, because between two of them the clock may jump a year. The state is 0 between changes that contradict
@@ -580,7 +589,7 @@ def _landed(tables: Tables, changes: Array) -> Columns:
     parts = [np.zeros((0, 3))]
     for boot in np.unique(changes[:, 0]):
         at, before, after = changes[changes[:, 0] == boot, 1:].T
-        times = _stamps(tables, boot)
+        times = stamps(boot)
         _, first = np.unique(np.floor(times), return_index=True)
         time = np.union1d(times[first], at)
         passed = np.searchsorted(at, time, side="right")
