@@ -444,7 +444,12 @@ def is_shared(flights: Iterable[Flight]) -> bool:
 
 def worst_health(flight: Flight) -> str:
     """Returns the worst that was found in a flight: "fault", "drift" or "ok"; "unknown" if nothing was."""
-    return min((row.health for row in flight), key=HEALTHS.index)
+    return worst_row(flight).health
+
+
+def worst_row(flight: Flight) -> FlightRow:
+    """Returns the row of the axis whose health is worst, the first of equal ones."""
+    return min(flight, key=lambda row: HEALTHS.index(row.health))
 
 
 def best_tier(flight: Flight) -> str:

@@ -8,7 +8,7 @@ from mavdem.facts import Level
 from mavdem.facts.motors import MotorHealth
 from mavdem.fleet import row as fleet_row
 from mavdem.fleet.difference import Flights
-from mavdem.fleet.row import HEALTHS, OK, UNKNOWN, FlightRows, is_shared, worst_health
+from mavdem.fleet.row import HEALTHS, OK, UNKNOWN, FlightRows, is_shared, worst_health, worst_row
 from mavdem.grouping import grouped
 from mavdem.report.blocks import Blocks, Table
 from mavdem.report.condition import TIER_WORDS
@@ -98,7 +98,7 @@ def vehicle_words(flights: Flights) -> tuple[str, str]:
         counts=counts,
         kinds=[kind for kind in TROUBLE if counts[kind]],
         reason=next(filter(None, reasons), ""),
-        row=min(latest[0], key=lambda row: HEALTHS.index(row.health)) if latest else None,
+        row=worst_row(latest[0]) if latest else None,
         is_shared=is_shared(flights),
     )
     return conclusion.text, difference.text

@@ -20,7 +20,7 @@ from mavdem.files import table_beside
 from mavdem.fleet.row import Flight
 from mavdem.heading import Names
 from mavdem.report.blocks import Block
-from mavdem.report.fleet import vehicle_words
+from mavdem.report.fleet import LEVELS, vehicle_words
 from mavdem.report.page import environment
 from mavdem.report.vehicle_charts import vehicle_group
 
@@ -56,7 +56,8 @@ def _environment() -> Environment:
     """Jinja's environment, with all templates compiled: whoever asks first should not wait for that."""
     made = environment().overlay()
     made.filters["brief"] = lambda name: name if len(name) < 20 else f"{name[:4]}…{name[-4:]}"
-    made.globals = {**made.globals, **words(), "lights": [str(light) for light in Light]}
+    known = {"lights": [str(light) for light in Light], "healths": LEVELS}
+    made.globals = {**made.globals, **words(), **known}
     for name in made.list_templates(["html"]):
         made.get_template(name)
     return made

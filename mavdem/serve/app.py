@@ -33,7 +33,7 @@ from mavdem.errors import Refusal
 from mavdem.facts import Fact
 from mavdem.facts.serve import Crowd, Request, Sharing, Stage, Use
 from mavdem.fleet.difference import changed_parameters, since_baseline, vehicle_difference
-from mavdem.fleet.row import vehicles_of
+from mavdem.fleet.row import vehicles_of, worst_row
 from mavdem.fleet.workers import LOOK_SECONDS
 from mavdem.heading import Values
 from mavdem.ingest.formats import format_of
@@ -285,8 +285,8 @@ class Server:
         flights = vehicles_of(rows).get(name, [])
         healthy = [row for row in self.library.store.healthy if row.vehicle == name]
         change = since_baseline(rows, healthy).get(name) if healthy else None
-        reasons = {row.file: row.health_reason for row in rows if row.health in TROUBLE}
-        paths = {entry.id: str(self.library.path_of(entry)) for entry in entries}
+        ids = {str(self.library.path_of(entry)): entry.id for entry in entries}
+        worst = map(worst_row, flights)
         return HTMLResponse(
             vehicle_page(
                 flights,
@@ -294,7 +294,7 @@ class Server:
                 name=name,
                 entries=entries,
                 baseline=len({row.key for row in healthy}),
-                troubles={id: reasons[path] for id, path in paths.items() if path in reasons},
+                troubles={ids[row.file]: row for row in worst if row.health in TROUBLE},
                 **self._known(request),
             )
         )

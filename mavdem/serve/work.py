@@ -3,7 +3,7 @@
 import sqlite3
 import threading
 
-from mavdem.errors import Refusal, Unreadable
+from mavdem.errors import Refusal
 from mavdem.facts.serve import Stage
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.workers import Job, Limits, LogReader, outcome_of
@@ -12,6 +12,8 @@ from mavdem.serve.library import SERVERS, Entry, Library
 from mavdem.serve.reading import PUBLISH, READ, publish
 
 MOST_SENT = 32  # logs that a cluster is given at a time
+PASSING = (Refusal, OSError, sqlite3.Error)
+"""The disk is full, a cluster has gone, or all descriptors are taken: it may be better in a while."""
 
 
 class Work:
@@ -68,8 +70,7 @@ class Work:
                     self._publish(reader)
                 else:
                     self._wait()
-            # The disk is full, a cluster has gone, or all descriptors are taken: it may be better in a while.
-            except (Refusal, OSError, sqlite3.Error):
+            except PASSING:
                 self._is_ending.wait(PAUSE_SECONDS)
         reader.stop()
 
@@ -84,7 +85,7 @@ class Work:
     def _read_log(self, reader: LogReader | Cluster, entry: Entry) -> None:
         try:
             outcome = reader.read(Job(str(self._library.path_of(entry))), self._limits, self._read)
-        except (Unreadable, OSError, sqlite3.Error):  # nothing can read it now
+        except PASSING:  # nothing can read it now
             self._library.change(entry.id, stage=Stage.WAITING, claimed="")
             raise
         if outcome is not None:
