@@ -29,9 +29,9 @@ from mavdem.ingest.dataflash.binary import (
     read_binary,
 )
 from mavdem.ingest.dataflash.samples import raw_samples
+from mavdem.ingest.dataflash.states import ARMING
 from mavdem.ingest.dataflash.translation import (
     ACCELEROMETERS,
-    ARMING,
     GYROS,
     NEEDED,
     OF_FLIGHT,

@@ -9,17 +9,10 @@ the bias still, and is used only where RATE was logged slower than both it and t
 Rates and angles that were asked for are messages of ATTITUDE_TARGET of their own, in which the other is masked.
 ArduCopter before 3.4 called RATE's columns otherwise for a time, and logged them in centidegrees/s, the demands as
 -4500 to 4500, and AOut as 0 to 1000. Notes say where that was found.
-
-EV's ids are ``LogEvent`` in ArduPilot's ``libraries/AP_Logger/AP_Logger.h``. A log may begin after take-off, so an
-event also gives the state before it. Where that is not the state after the event before, one between them was not
-logged, and the landed state is undefined, as it is after the last. A boot without events has neither message.
 """
 
-from collections.abc import Callable, Mapping
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
-from functools import cache, partial
-from operator import itemgetter
 
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
@@ -30,6 +23,7 @@ from mavdem.facts.sources import Repair
 from mavdem.files import table_beside
 from mavdem.heading import Names
 from mavdem.ingest.dataflash.binary import MessageTable
+from mavdem.ingest.dataflash.states import states_of
 from mavdem.ingest.telemetry import (
     FREQUENT_ENOUGH,
     Array,
@@ -41,13 +35,8 @@ from mavdem.ingest.telemetry import (
     selected,
 )
 from mavdem.ingest.vocabulary import (
-    ARDUPILOT,
-    ARMED,
-    IN_AIR,
     NO_SEVERITY,
-    ON_GROUND,
     attitude_target,
-    heartbeat_fields,
     quaternion,
     wrapped,
 )
@@ -287,15 +276,6 @@ MAX_DEMAND = 2.0  # Demands of the range -1 to 1 lie below it, but for damaged o
 # Full demand and full thrust where they are not 1
 OLD_DEMAND = 4500.0
 OLD_THRUST = 1000.0
-Stamps = Callable[[float], Array]
-"""(N,) of all that was logged in a boot, ascending, each once."""
-ARMED_EVENTS = {10: (0, ARMED), 15: (ARMED, ARMED), 11: (ARMED, 0)}
-"""base_mode before and after ARMED, AUTO_ARMED and DISARMED."""
-# those after which it is armed
-ARMING = [event for event, (_, after) in ARMED_EVENTS.items() if after]
-LANDED_EVENTS = {28: (ON_GROUND, IN_AIR), 18: (IN_AIR, ON_GROUND)}
-"""landed_state before and after NOT_LANDED and LAND_COMPLETE."""
-ARM_STATES = {0: (ARMED, 0), 1: (0, ARMED)}  # base_mode before and after ARM with this ArmState
 
 
 def translated(tables: Tables, kind: int) -> tuple[dict[str, Columns], dict[str, str], Facts]:
@@ -309,12 +289,7 @@ def translated(tables: Tables, kind: int) -> tuple[dict[str, Columns], dict[str,
     demands, scaled = _demands(tables)
     targets, asked = _targets(tables, per_degree)
     volts, measured = battery(tables)
-    stamps = cache(partial(_stamps, tables))
-    changes = [
-        _changes(tables, "EV", "Id", ARMED_EVENTS, stamps),
-        _changes(tables, "ARM", "ArmState", ARM_STATES, stamps),
-    ]
-    landed = _changes(tables, "EV", "Id", LANDED_EVENTS, stamps)
+    armed, landed = states_of(tables, kind)
     named_columns = {
         "ATTITUDE": (named, attitude),
         "SERVO_OUTPUT_RAW": ("RCOU", _servos(tables)),
@@ -335,8 +310,8 @@ def translated(tables: Tables, kind: int) -> tuple[dict[str, Columns], dict[str,
         **{message: _renamed(tables, message) for message in _RENAMED},
         "LOCAL_POSITION_NED": _position(tables),
         "EKF_STATUS_REPORT": _filter_status(tables),
-        "HEARTBEAT": ("EV", _armed(max(changes, key=len), kind, stamps)),
-        "EXTENDED_SYS_STATE": ("EV", _landed(landed, stamps)),
+        "HEARTBEAT": ("EV", armed),
+        "EXTENDED_SYS_STATE": ("EV", landed),
     }
     there = {
         name: made
@@ -539,69 +514,3 @@ def _onto(base: Columns, source: Columns, values: Array, turning: bool = False) 
 def _across_boots(columns: Columns) -> Array:
     """Stamps (N,) on a clock of all boots: no boot is as long as what lies between two."""
     return columns["time"] + 1e9 * columns["boot"]
-
-
-def _changes(
-    tables: Tables, name: str, field: str, states: Mapping[int, tuple[int, int]], stamps: Stamps
-) -> Array:
-    """Boot, time, state before and state after (N, 4) each event, and the beginning of each boot that has some."""
-    logged = tables.get(name, {})
-    if field not in logged:
-        return np.zeros((0, 4))
-    rows = zip(*(logged[name].tolist() for name in ("boot", "time", field)), strict=True)
-    changes = [(boot, time, *states[value]) for boot, time, value in rows if value in states]
-    for boot, before in {boot: before for boot, _, before, _ in reversed(changes)}.items():
-        changes.insert(0, (boot, float(stamps(boot)[0]), before, before))
-    return np.array(sorted(changes, key=itemgetter(0, 1))).reshape(-1, 4)
-
-
-def _armed(changes: Array, kind: int, stamps: Stamps) -> Columns:
-    """HEARTBEAT at each change: what it was till then, and twice what the change says that it was and what it became.
-
-    Twice, for a single row would be taken for damage. What it was is another than after the change before where a
-    change between was not logged, at the latest when the log stopped before this one.
-    """
-    boot, time, before, after = changes.T
-    till_then = np.where(np.diff(boot, prepend=-1) > 0, before, np.roll(after, 1))
-    since = time.copy()
-    unlogged = till_then != before
-    for number in np.unique(boot[unlogged]):
-        times = stamps(number)
-        rows = unlogged & (boot == number)
-        since[rows] = times[np.maximum(np.searchsorted(times, time[rows]) - 1, 0)]
-    states = np.column_stack([till_then, before, before, after, after])
-    times = np.column_stack([since, since, since, time, time])
-    fields = heartbeat_fields(kind, ARDUPILOT, states.ravel())
-    return {"time": times.ravel(), "boot": np.repeat(boot, 5).astype(np.int64), **fields}
-
-
-def _stamps(tables: Tables, boot: float) -> Array:
-    stamps = [columns["time"][columns["boot"] == boot] for columns in tables.values()]
-    return np.unique(np.concatenate(stamps))
-
-
-def _landed(changes: Array, stamps: Stamps) -> Columns:
-    """EXTENDED_SYS_STATE at each change and at the first message of each second of a boot that has changes.
-
-    At messages, because between two of them the clock may jump a year. The state is 0 between changes that contradict
-    each other, up to a second before the second, and after the last.
-    """
-    parts = [np.zeros((0, 3))]
-    for boot in np.unique(changes[:, 0]):
-        at, before, after = changes[changes[:, 0] == boot, 1:].T
-        times = stamps(boot)
-        _, first = np.unique(np.floor(times), return_index=True)
-        time = np.union1d(times[first], at)
-        passed = np.searchsorted(at, time, side="right")
-        state = np.append(before[0], after)[passed]
-        unsure = np.concatenate([[False], after[:-1] != before[1:], [True]])[passed]
-        soon = np.append(at, np.inf)[passed] <= time + 1.0
-        until_next = np.where(soon, np.append(before, 0)[passed], 0)
-        state = np.where(unsure & ~np.isin(time, at), until_next, state)
-        parts.append(np.column_stack([time, np.full(len(time), boot), state]))
-    time, boots, states = np.concatenate(parts).T
-    return {
-        "time": time,
-        "boot": boots.astype(np.int64),
-        "landed_state": states.astype(np.uint8),
-    }
