@@ -23,10 +23,10 @@ from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 
 GOLDEN = Path(__file__).parent / "golden"
-MANY = 6  # of more numbers, their count, mean, deviation and ends stand for all
+MANY = 6  # of more numbers, their count, ends, mean, deviation and quartiles stand for all
 DIGITS = 5
 PRECISION = 0.01
-FILES = {".html", ".rrd", ".param", ".params", ".toml", ".sdf", ".tlog", ".npz"}
+FILES = {".html", ".csv", ".rrd", ".param", ".params", ".toml", ".sdf", ".tlog", ".npz"}
 NUMBER = re.compile(r"(?:base64,|#)[\w+/=]*|(-?\d+(?:\.\d+)?)")  # not of pictures and colours
 FLIGHTS = {
     "real/logs/sitl_hexa_plus_motor6_lost.bin": ["review"],
@@ -38,7 +38,7 @@ FLIGHTS = {
     "real/logs/crash_motor4_at_its_limit.BIN": ["review"],
     "real/logs/crash_errors_without_time.BIN": ["review"],
     "real/logs/ardupilot_motor2_at_its_limit.BIN": ["review"],
-    "ardupilot_wind5_steps.tlog": ["review", "tune"],
+    "ardupilot_wind5_steps.tlog": ["review", "tune", "info", "compare", "order", "convert"],
     "real/logs/px4_default_rates_learnable.ulg": ["review", "tune"],
     "real/logs/gains_named_before_34.BIN": ["review", "tune", "twin"],
     "sitl_raw/ap_sid.BIN.xz": ["review", "tune"],
@@ -49,13 +49,16 @@ FLIGHTS = {
 }
 """A name without an ending is that of a scenario; what is flown is then read by the commands after it."""
 FLOWN = "flown.tlog"
-TIMES = {"learn.seconds", "fly.took"}  # that the machine takes
+TIMES = re.compile(r"fly\.took|(learn|order|compare.*)\.seconds")  # that the machine takes
 TICK = 0.06  # s from one look at a link to the next
 OPTIONS = {
     "review": ["--out", "out"],
     "track": ["--out", "fleet", "--jobs", "1"],
     "diff": ["--out", "diff"],
     "tune": ["--axis", "all", "--out", "tuned"],
+    "compare": ["--train", "120", "--test", "50", "--hop", "3000"],
+    "order": ["--max-order", "2"],
+    "convert": ["flight.csv"],
     "fly": ["--duration", "60", "--out", FLOWN, "--rrd", "flown.rrd"],
     "live": ["--request-rate", "100"],
     "learn": ["--truth", "flown.truth.npz", "--out", "learnt"],
@@ -159,7 +162,9 @@ def summary(values):
         return [
             float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value for value in values
         ]
-    return summary([len(values), np.mean(values), np.std(values), values[0], values[-1]])
+    quarters = np.quantile(np.asarray(values, float), [0.0, 0.25, 0.5, 0.75, 1.0])
+    ends = summary([len(values), values[0], values[-1]])
+    return [*ends, *summary([np.mean(values), np.std(values)]), *summary(quarters.tolist())]
 
 
 @mark.slow
@@ -183,7 +188,8 @@ def test_the_figures_of_a_flight_are_those_of_before(log, tmp_path, monkeypatch,
     for file in tmp_path.rglob("*.*"):
         if file.suffix in FILES or file.name == "twin.json":
             found |= written(file)
-    now = {key: summary(found[key]) for key in sorted(found.keys() - TIMES) if found[key]}
+    kept = sorted(key for key in found if found[key] and not TIMES.fullmatch(key))
+    now = {key: summary(found[key]) for key in kept}
     if request.config.getoption("--write-golden"):
         path.parent.mkdir(exist_ok=True)
         path.write_text(json.dumps(now, indent=0))

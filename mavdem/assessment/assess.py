@@ -121,7 +121,7 @@ class Assessment(AssessmentDownstream):
     @cached_property
     def noise(self) -> Noise:
         """The spectra of gyro and accelerometer, lines in them, and the notch filter to set."""
-        return Noise({}, {}) if self.evidence is None else noise_of(self.evidence, self.responses)
+        return Noise({}, {}) if self.evidence is None else noise_of(self.evidence)
 
     @property
     def spectra(self) -> Mapping[str, Spectrum]:

@@ -8,14 +8,11 @@ import numpy as np
 from mavdem.alignment.align import Segment
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.responses import Responses
-from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.notches import notch_advice
 from mavdem.condition.peaks import Peak, PeakKind, peaks_of
 from mavdem.condition.resonance import known_controller_of
 from mavdem.condition.spectra import Spectrum, spectra_of_flight
-from mavdem.condition.step_response import StepResponse
 from mavdem.facts import Fact, Facts
 from mavdem.facts.noise import Noise as Codes
 
@@ -68,8 +65,8 @@ class Noise(NamedTuple):
         return tuple(filter(None, (*found, self.notch)))
 
 
-def noise_of(evidence: Evidence, responses: Responses) -> Noise:
-    """Returns the spectra and lines of all that was flown; a notch's cost is by loops, or ``responses``."""
+def noise_of(evidence: Evidence) -> Noise:
+    """Returns the spectra and lines of all that was flown, and a notch with what it costs the identified loops."""
     signals = evidence.signals
     if signals.attitude is None:
         return Noise({}, {})
@@ -81,21 +78,10 @@ def noise_of(evidence: Evidence, responses: Responses) -> Noise:
     if controller is None:
         return noise
     before, behind = spectra.get(BEFORE), spectra.get(GYRO)
-    crossover = _crossover(evidence, responses, controller)
+    loops = (evidence.loops.get(axis) for axis in TILT_AXES)
+    crossovers = (loop.crossover for loop in loops if isinstance(loop, Loop))
+    crossover = max(crossovers, default=None)
     return noise._replace(notch=notch_advice(controller, noise.lines, before, behind, crossover))
-
-
-def _crossover(evidence: Evidence, responses: Responses, controller: Controller) -> float | None:
-    """Hz, of the rate loops of roll and pitch the highest: as identified, or else as measured."""
-    crossovers = list[float | None]()
-    for axis in TILT_AXES:
-        loop = evidence.loops.get(axis)
-        measured = responses[axis]["rate"].measured
-        if isinstance(loop, Loop):
-            crossovers.append(loop.crossover)
-        elif isinstance(measured, StepResponse):
-            crossovers.append(measured.crossover(controller))
-    return max(filter(None, crossovers), default=None)
 
 
 def _of_line(peak: Peak) -> Fact:

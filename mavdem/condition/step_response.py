@@ -26,8 +26,7 @@ from scipy.special import softmax
 from mavdem.alignment.align import Segments
 from mavdem.alignment.drive import Signal
 from mavdem.alignment.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals, usual_rate
-from mavdem.condition.loop.controllers import Controller
-from mavdem.condition.loop.margins import Complex, transfer
+from mavdem.condition.loop.margins import Complex
 from mavdem.condition.resonance import (
     FEWEST_WINDOWS,
     HIGHEST,
@@ -134,20 +133,6 @@ class StepResponse(Result):
             highest=self.highest,
             **figures,
         )
-
-    def crossover(self, controller: Controller) -> float | None:
-        """Returns the highest frequency, Hz, at which the rate loop's gain is 1; None where it is not seen.
-
-        By a known ``controller``, from setpoint and back from rate: L / (1 + L) = T C_back / C_forward.
-        """
-        forward, back = transfer(controller, self.frequency)
-        closed = self.response * back / forward
-        is_closed = abs(closed) >= abs(1 - closed)
-        above = np.flatnonzero(is_closed)
-        seen = len(above) and above[-1] + 1 < len(self.frequency)
-        if seen:
-            return float(self.frequency[above[-1]])
-        return None
 
     def compared(self, frequency: Array, closed: Complex) -> Fact:
         """Returns whether the ``closed`` loop (F′,) at Hz (F′,) that was predicted is the measured one.

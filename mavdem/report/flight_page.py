@@ -44,7 +44,7 @@ from mavdem.report.flight_charts import (
     step_charts,
 )
 from mavdem.report.labels import Labels
-from mavdem.report.loops import gain_blocks, loops_of, margin_tables
+from mavdem.report.loops import gain_blocks, limits_of, loops_of, margin_tables
 from mavdem.report.numbers import listed, readable, rounded, with_unit
 from mavdem.report.page import Chapter, Head, document
 from mavdem.report.plans import flown_path, frame_plan, rose_of_wind
@@ -238,6 +238,7 @@ def _loops(evidence: Evidence, advice: Mapping[str, Advice | Fact]) -> Chapter:
             shown[axis] = loops_of(gains)
         elif not loops:
             blocks.append(Sentence(gains.sentence, f"Gains of {axis}:"))
+    blocks += limits_of(advice)
     if not loops:
         return Chapter("Control loops", blocks)
     columns = [*map(loop_charts, shown.values())]

@@ -1,6 +1,7 @@
 """Loops in words: the verdict, the margins with their intervals, and the gains to set."""
 
 from collections.abc import Iterator, Mapping
+from operator import attrgetter
 
 from mavdem.condition.loop.advice import Advice
 from mavdem.condition.loop.filters import gyro_filters
@@ -9,7 +10,7 @@ from mavdem.condition.loop.margins import OpenLoop
 from mavdem.facts import Fact
 from mavdem.report.blocks import Blocks, Sentence, Table, caution
 from mavdem.report.numbers import rounded
-from mavdem.report.words import section
+from mavdem.report.words import section, together
 
 FIGURES = {  # header, and what makes the unit shown, by name of the figure
     "crossover": ("crossover (Hz)", 1.0),
@@ -27,7 +28,7 @@ FASTEST = 0.15
 def tune_blocks(found: Mapping[str, Advice | Fact], whole: bool = True) -> Blocks:
     """Returns what is said of the loops by axis; a fact is why nothing is known of them.
 
-    Unless ``whole``, that is a sentence each, and the gains to set.
+    Unless ``whole``, that is a sentence each, the gains to set, and what limits them.
     """
     blocks = Blocks()
     is_advised = False
@@ -38,10 +39,23 @@ def tune_blocks(found: Mapping[str, Advice | Fact], whole: bool = True) -> Block
             continue
         is_advised |= bool(advice.gains)
         blocks.append(Sentence(f"{advice.rating} {advice.sentence}", lead))
-        blocks += (
-            [*_loop_blocks(advice), *gain_blocks(advice)] if whole else gain_blocks(advice)[:1]
-        )
+        if whole:
+            blocks += [*_loop_blocks(advice), *gain_blocks(advice)]
+        else:
+            blocks += gain_blocks(advice)[:1]
+    blocks += [] if whole else limits_of(found)
     return [*blocks, *section("loop_not_checked", named=is_advised and whole)]
+
+
+def limits_of(found: Mapping[str, Advice | Fact]) -> Blocks:
+    """Returns what limits gains that change, of the loops that they were found by."""
+    cautions = [
+        (axis, caution)
+        for axis, advice in found.items()
+        if isinstance(advice, Advice) and advice.parameters
+        for caution in advice.before.cautions
+    ]
+    return [*together(cautions, attrgetter("advised"))]
 
 
 def loops_of(advice: Advice) -> dict[str, Loop]:
