@@ -356,6 +356,11 @@ def test_a_link_that_loses_messages_loses_them_of_every_kind(stamps):
     assert told(telemetry)["speakers"][0]["missing_share"] == approx(0.1, abs=0.02)
 
 
+def test_what_comes_for_less_than_a_second_has_a_rate_too():
+    short = only(LONG.telemetry(), lambda time: time < time[0] + 0.5)
+    assert told(short)["vehicles"][0]["messages"]["ATTITUDE"]["rate"] == approx(100, rel=0.05)
+
+
 def test_the_rate_of_a_message_with_several_ports_is_that_of_one():
     telemetry = LONG.telemetry()
     table = telemetry.messages["SERVO_OUTPUT_RAW"]

@@ -22,6 +22,7 @@ def test_the_recorded_flight_has_its_chirped_margins():
     assert found.phase_margin == approx(19, abs=1.5)
     assert found.gain_margin == approx(2.8, abs=1)
     assert found.ms == approx(4.9, rel=0.1)
+    assert found.disturbance.tolist() == [len(found.frequency) * [0]]  # none was injected
     # The setpoint's filter alone is beside the loop where D does little: ATC_RAT_PIT_FLTT of 20 Hz.
     asked = 1 / (1 + 1j * found.frequency / 20.0)
     followed = found.response[0] / (1 + found.response[0])

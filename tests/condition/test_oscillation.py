@@ -53,12 +53,13 @@ def test_a_limit_cycle_has_its_frequency_rate_and_time_at_a_limit(hertz):
     assert one.at_limit > 0.5 and one.seconds > 30
 
 
-def test_one_that_grows_is_found_before_motors_reach_their_limits():
+@mark.parametrize("seconds, growing", [(12.0, True), (33.0, True), (45.0, False)])
+def test_one_that_grows_is_found_before_motors_reach_their_limits(seconds, growing):
     def grows(size):
-        return lambda time: np.exp((time - 50.0) / 12.0) * swinging(5.0, size)(time)
+        return lambda time: np.exp((time - 50.0) / seconds) * swinging(5.0, size)(time)
 
     one = found(grows(60.0), grows(120.0))
-    assert one.growing and one.at_limit == 0
+    assert (one.growing, one.at_limit) == (growing, 0)
     assert one.frequency == approx(5.0, abs=0.25)
 
 

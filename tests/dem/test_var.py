@@ -6,6 +6,7 @@ import numpy as np
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 
+from mavdem import Flight
 from mavdem.dem.forecast.var import (
     RIDGE,
     ChannelUnits,
@@ -15,6 +16,7 @@ from mavdem.dem.forecast.var import (
     lag_prior,
     regress,
 )
+from mavdem.dem.record import Record
 
 OUTPUTS = 2
 INPUTS = 3
@@ -127,6 +129,16 @@ def test_what_overflows_is_the_training_mean_with_infinite_variance():
         assert np.isfinite(found.mean).all()
         assert not np.isnan(found.variance).any()
         assert (found.mean[np.isinf(found.variance)] == 0).any()
+
+
+def test_one_step_ahead_of_each_sample_is_the_mean_of_that_step():
+    true = model()
+    samples = run(true, LAGS + 9)
+    outputs, inputs = np.split(samples, [OUTPUTS], axis=1)
+    ahead = true.one_step(Record.of(Flight(np.arange(len(samples)) / 100, inputs, outputs)))
+    for row in range(LAGS, len(samples)):
+        (expected,) = true.infer(samples[row - LAGS : row], inputs[row : row + 1], False).mean
+        assert_allclose(ahead[row], expected)
 
 
 def test_a_past_shorter_than_the_lags_begins_with_its_first_sample():

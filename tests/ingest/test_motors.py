@@ -52,6 +52,8 @@ def scale_of(
             ("PWM", 1000, 2000),
         ),
         # PX4 1.16 with DShot on the main outputs: actuator_motors 0.194 of a thrust curve of 0.3 is 25 % of the range.
+        ((100.0, 2047.0), [], {}, ("DShot", 0, 2000)),
+        ((100.0, 2048.0), [], {}, ("unknown", 0, 2048)),
         (
             (0.0, 110.0, 582.0, 826.0),
             OF_MAIN,

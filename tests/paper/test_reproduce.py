@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 from click import Command, Context
+from command_line import run, strict_json
 from numpy.random import default_rng
 from pytest import fail, mark
 from scipy.ndimage import gaussian_filter1d
@@ -33,6 +34,15 @@ def test_what_fails_is_said_first():
     untried = ItemReport(CLAIMS[0], Result(remarks=("Nothing is there.",)))
     assert untried.sentence == "Not tried: Nothing is there."
     assert ItemReport(CLAIMS[0], Result(checks=(FAILED,))).status is ClaimStatus.NOT
+
+
+def test_the_command_writes_the_page_and_the_numbers_that_it_prints(monkeypatch, tmp_path, capsys):
+    items = {CLAIMS[0]: lambda _: Result(checks=(HELD,)), CLAIMS[1]: lambda _: fail()}
+    monkeypatch.setattr("mavdem.paper.report.ITEMS", items)
+    assert run("reproduce", CLAIMS[0].name, "--out", tmp_path, "--json") == 0
+    printed = strict_json(capsys.readouterr().out)
+    assert strict_json((tmp_path / "numbers.json").read_text()) == printed
+    assert "this is so" in (tmp_path / PAGE).read_text() and 0 <= printed["seconds"] < 60
 
 
 def holds(checks):

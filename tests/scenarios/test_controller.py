@@ -84,6 +84,14 @@ def test_an_excitation_is_about_its_axis(kind, axis):
     assert demands[:, about].std() > radians(1)
 
 
+def test_a_chirp_turns_as_often_as_its_mean_frequency_says():
+    wanted = Chirp(kind="chirp", lowest=1.0, highest=4.0, period=20.0)
+    demands = np.array([at.demand[0] for at in excited(wanted)])[: round(50 / CYCLE)]
+    periods = demands[demands != 0]
+    turns = np.count_nonzero(np.diff(np.sign(periods[-round(20 / CYCLE) :]))) / 2
+    assert turns == approx(20.0 * 2.5, abs=1)
+
+
 def test_doublets_of_all_axes_take_turns():
     wanted = Doublets(kind="doublets", axis="all", period=1.0)
     demands = np.array([at.demand for at in excited(wanted, duration=30.0)])
