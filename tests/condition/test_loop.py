@@ -362,11 +362,10 @@ def test_an_effectiveness_that_seems_low_changes_no_gains_unless_margins_surely_
         assert advise(replace(loop, plant=plant, cautions=doubts)).refusals == refusals
 
 
-def test_no_notch_is_set_where_gains_are_refused():
-    loop = made_up(2.5)
-    plant = loop.plant._replace(bias=-0.15)
+def tuned_by(loops, **options):
+    """Of a vehicle with nothing else to say, with a notch."""
     evidence = SimpleNamespace(
-        loops={"roll": replace(loop, plant=plant, cautions=(Fact(Loops.EFFECT_BIASED),))},
+        loops=loops,
         condition=SimpleNamespace(oscillation=None),
         margins=(),
         grounds=(),
@@ -375,8 +374,26 @@ def test_no_notch_is_set_where_gains_are_refused():
     motors = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
     noise = SimpleNamespace(notch=notch)
     known = SimpleNamespace(noise=noise, judgement=None, lights={"motors": motors})
-    tuning = tuned(known, evidence, ["roll"], filters=True, is_written=False)
+    return tuned(known, evidence, [*loops], is_written=False, **options)
+
+
+def test_no_notch_is_set_where_gains_are_refused():
+    loop = made_up(2.5)
+    plant = loop.plant._replace(bias=-0.15)
+    doubted = replace(loop, plant=plant, cautions=(Fact(Loops.EFFECT_BIASED),))
+    tuning = tuned_by({"roll": doubted}, filters=True)
     assert tuning.refusal and not tuning.parameters
+
+
+def test_one_axis_without_a_loop_has_its_own_reason_and_several_have_theirs():
+    mixer, steered = Fact(Loops.MIXER_REVERSED), Fact(Loops.NOT_STEERED)
+    with raises(mavdem.NotLearnable) as refused:
+        tuned_by({"roll": mixer})
+    assert refused.value.fact == mixer
+    with raises(mavdem.NotLearnable) as refused:
+        tuned_by({"roll": mixer, "pitch": steered, "yaw": mixer})
+    named = [fact.figures["names"] for fact in refused.value.fact.figures["reasons"]]
+    assert named == [("roll", "yaw"), ("pitch",)]
 
 
 @mark.slow

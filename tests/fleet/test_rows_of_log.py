@@ -110,8 +110,13 @@ def test_what_says_nothing_of_the_next_flight_is_refused(tmp_path, read, text, c
     assert unreadable(read, path).code is code
 
 
-def test_a_model_of_another_axis_is_no_prior(tmp_path, monkeypatch):
-    learned = SimpleNamespace(record=SimpleNamespace(output_names=("pitch", "pitch rate")))
+def test_a_model_of_the_axis_whose_effect_is_known_is_a_prior_and_no_other(tmp_path, monkeypatch):
+    physical = SimpleNamespace(identifiable=True)
+    record = SimpleNamespace(output_names=("pitch", "pitch rate"))
+    learned = SimpleNamespace(record=record, physical=physical)
     monkeypatch.setattr(priors.Learned, "from_json", lambda _: learned)
     (tmp_path / "model.json").write_text("")
+    assert earlier_flight(tmp_path, "pitch") is learned
     assert unreadable(earlier_flight, tmp_path, "roll").code is Prior.MODEL_OF_OTHER_AXIS
+    physical.identifiable = False
+    assert unreadable(earlier_flight, tmp_path, "pitch").code is Prior.MODEL_WITHOUT_EFFECT

@@ -150,6 +150,10 @@ def test_what_is_watched_is_always_shown():
     assert not watching([])
 
 
+def test_a_wind_that_may_come_from_anywhere_is_half_a_turn_uncertain():
+    assert WindRow(60.0, np.array([-0.1, 0.0]), np.array([5.0, 5.0])).by_compass[-1] == 180.0
+
+
 def test_the_status_stands_in_its_place_on_a_terminal():
     shown = io.StringIO()
     console = Console(file=shown, force_terminal=True, highlight=False, width=100)

@@ -236,6 +236,7 @@ def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_
     text = live_page(
         "udpin:<b>", "roll", history, SessionStatus("1:1"), NOTHING | {"learned": 53.0}, None
     )
+    assert "predicted 0.25 s ahead with an RMSE of 5.7" in text.replace("\N{NO-BREAK SPACE}", " ")
     assert str(history.events[1].fact) in text and "udpin:&lt;b&gt;" in text and "uPlot" in text
     assert "NaN" not in "".join(re.findall(r'application/json">(.*?)</script>', text))
     for time in (120.0, 121.0):
