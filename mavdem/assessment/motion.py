@@ -290,10 +290,14 @@ def _fall(signals: Signals, boot: int, flight: Interval, lost: Fact | None) -> I
         return
     time = climb.time
     end = min(flight[1], time[-1])
-    since = end - CAUGHT_SECONDS
+    since, until = end - CAUGHT_SECONDS, end + CAUGHT_SECONDS
     if lost is not None and lost.time is not None:
-        since = lost.time - (CAUGHT_SECONDS if lost.code is MotionEvent.HIT else 0.0)
-    span = (max(flight[0], since), end + CAUGHT_SECONDS)
+        since = lost.time
+        if lost.code is MotionEvent.HIT:
+            since -= CAUGHT_SECONDS
+            if (lost.figures["height"] or 0.0) < GROUND_HEIGHT:  # on the ground nothing falls
+                until = lost.time
+    span = (max(flight[0], since), until)
     trusted = _trusted(signals, boot, flight)
     assert trusted is not None
     falling = trusted.time[during(trusted.time, [span]) & (trusted.values < -FALL_SPEED)]

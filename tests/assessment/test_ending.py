@@ -204,6 +204,16 @@ def test_what_never_rose_tipped_over_at_take_off_and_names_none(highest, code):
     assert ending.figures["speed"] is not None
 
 
+@mark.parametrize("height", [0.9, 1.1])
+def test_what_lost_its_attitude_at_the_ground_falls_no_further(height):
+    made = lost(1)
+    at = stamps(made, "LOCAL_POSITION_NED")
+    z = np.select([at < 20.0, at < FAILS - 1.0], [0.0, -3.0], -height)
+    vz = 8.0 * (at > FAILS + 1.0)
+    events, ending = judged(changed(made, "LOCAL_POSITION_NED", z=z, vz=vz))
+    assert (ending.code is Ending.CRASHED) is (MotionEvent.FELL not in events) is (height < 1.0)
+
+
 def turned(direction, angle):
     """The direction, forward and right, turned clockwise by so many degrees."""
     there = complex(*direction) * np.exp(1j * np.radians(angle))
