@@ -111,7 +111,7 @@ class Served:
             given["Authorization"] = f"Bearer {token}"
         if isinstance(body, dict):
             body = json.dumps(body)
-        with closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)) as line:
+        with closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=300)) as line:
             line.request(method, path, body, given)
             answer = line.getresponse()
             return Answer(answer.status, answer.headers, answer.read().decode())
