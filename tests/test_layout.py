@@ -221,7 +221,7 @@ NODES = {
     "mavdem": 5_510,
     "paper": 11_396,
     "report": 32_154,
-    "serve": 13_150,
+    "serve": 13_100,
     "sitl_scenarios": 31_396,
     "tools": 15_949,
     "view": 10_883,

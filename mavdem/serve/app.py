@@ -3,12 +3,12 @@
 import asyncio
 import inspect
 import json
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from functools import cache, cached_property
 from pathlib import Path, PureWindowsPath
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 from urllib.parse import parse_qs
 
 from pydantic import ValidationError
@@ -33,7 +33,7 @@ from mavdem.errors import Refusal
 from mavdem.facts import Fact
 from mavdem.facts.serve import Crowd, Request, Sharing, Stage, Use
 from mavdem.fleet.difference import changed_parameters, since_baseline, vehicle_difference
-from mavdem.fleet.row import FlightRow, FlightRows, vehicles_of, worst_row
+from mavdem.fleet.row import vehicles_of, worst_row
 from mavdem.fleet.workers import LOOK_SECONDS
 from mavdem.heading import Values
 from mavdem.ingest.formats import format_of
@@ -73,15 +73,6 @@ STATUS = TABLE["status"]
 
 Model = TypeVar("Model", bound=Document)
 Endpoint = Callable[[HttpRequest], Awaitable[Response]]
-
-
-class History(NamedTuple):
-    """The flights of a vehicle, and by its id the row of each that shows a fault beside the others."""
-
-    entries: list[Entry]
-    rows: list[FlightRow]
-    flights: Sequence[FlightRows]
-    troubles: Mapping[str, FlightRow]
 
 
 class Server:
@@ -252,7 +243,8 @@ class Server:
         own = self.library.results_of(entry) / (other if other in entry.file_names else PAGE)
         path = own if entry.digest else self.library.folder / (entry.files or PAGE)
         if known["may_read"]:
-            known["trouble"] = self._history(entry.vehicle).troubles.get(entry.id)
+            rows = [row for row in self.library.rows_of([entry]) if row.health in TROUBLE]
+            known["trouble"] = worst_row(rows) if rows else None
         if entry.stage != Stage.DONE or not (entry.digest or path.is_file()):
             return HTMLResponse(served("flight", **known))
         return HTMLResponse(
@@ -286,30 +278,26 @@ class Server:
             raise Refusal(Request.NO_SUCH_FLIGHT)
         return HTMLResponse(self._live.page, headers={"Refresh": f"{PAGE_SECONDS:g}"})
 
-    def _history(self, name: str) -> History:
-        entries, _ = self.library.find("vehicle = ?", [name], MOST_FILES)
-        rows = [row for row in self.library.rows_of(entries) if row.vehicle == name]
-        flights = vehicles_of(rows).get(name, [])
-        ids = {str(self.library.path_of(entry)): entry.id for entry in entries}
-        troubles = {ids[row.file]: row for row in map(worst_row, flights) if row.health in TROUBLE}
-        return History(entries, rows, flights, troubles)
-
     def _vehicle_page(self, request: HttpRequest) -> Response:
         self.rights.need(request, Use.READ)
         name = request.query_params.get("name", "")
-        history = self._history(name)
-        if not history.entries:
+        entries, _ = self.library.find("vehicle = ?", [name], MOST_FILES)
+        if not entries:
             raise Refusal(Request.NO_SUCH_FLIGHT)
+        rows = [row for row in self.library.rows_of(entries) if row.vehicle == name]
+        flights = vehicles_of(rows).get(name, [])
         healthy = [row for row in self.library.store.healthy if row.vehicle == name]
-        change = since_baseline(history.rows, healthy).get(name) if healthy else None
+        change = since_baseline(rows, healthy).get(name) if healthy else None
+        ids = {str(self.library.path_of(entry)): entry.id for entry in entries}
+        worst = map(worst_row, flights)
         return HTMLResponse(
             vehicle_page(
-                history.flights,
+                flights,
                 baseline_blocks(*change) if change else (),
                 name=name,
-                entries=history.entries,
+                entries=entries,
                 baseline=len({row.key for row in healthy}),
-                troubles=history.troubles,
+                troubles={ids[row.file]: row for row in worst if row.health in TROUBLE},
                 **self._known(request),
             )
         )
