@@ -56,6 +56,9 @@ def test_a_wrap_of_the_only_clock_is_undone():
     assert not made.boot.any()
     (wrap,) = made.repairs
     assert wrap.code is Repair.CLOCK_WRAPPED and wrap.figures["period"] == WRAP_US
+    # After a minute's silence it has restarted.
+    made = clock_of(np.append(WRAP_US - 5 + np.arange(5), 65 + np.arange(9)), period=WRAP_US)
+    assert made.boot.any()
     # So are 49 days.
     times = WRAP_MS - 30 + 0.1 * np.arange(1000)
     assert np.allclose(clock_of(times % WRAP_MS).time, times)
@@ -104,6 +107,10 @@ def test_late_messages_are_no_reboot():
     late = times.copy()
     late[50::2] -= 3.0
     assert not clock_of(late).boot.any()
+    rows = np.arange(400)
+    for count in (4, 5):
+        low = np.where((rows >= 50) & (rows < 50 + count), times - 1.6, times)
+        assert clock_of(low).boot.any() == (count == 5)
 
 
 def test_a_jump_forward_stays_a_gap():
@@ -117,15 +124,16 @@ def test_a_jump_forward_stays_a_gap():
 def test_unix_time_is_moved_to_the_boot_clock():
     times = np.linspace(50.0, 59.9, 100)
     rows = np.arange(100)
-    stamps = [
-        Sent("ATTITUDE", 2 * rows, times, WRAP_MS),
-        Sent("GPS_RAW_INT", 2 * rows + 1, (times + 1.6e9), np.inf),
-    ]
-    made = clock(stamps, 200)
-    assert abs(made.time[1::2] - times).max() <= 0.1 + 1e-6
-    (moved,) = made.repairs
-    assert moved.code is Repair.CLOCK_MOVED
-    assert moved.figures["offset"] == approx(1.6e9, abs=0.2)
+    for epoch in (1.6e9, 11.0):
+        stamps = [
+            Sent("ATTITUDE", 2 * rows, times, WRAP_MS),
+            Sent("GPS_RAW_INT", 2 * rows + 1, times + epoch, np.inf),
+        ]
+        made = clock(stamps, 200)
+        assert abs(made.time[1::2] - times).max() <= 0.1 + 1e-6
+        (moved,) = made.repairs
+        assert moved.code is Repair.CLOCK_MOVED
+        assert moved.figures["offset"] == approx(epoch, abs=0.2)
     # Messages without a clock take the last before them.
     stamps = [Sent("ATTITUDE", np.array([1, 3, 4]), np.array([7.0, 7.1, 7.2]), WRAP_MS)]
     assert clock(stamps, 6).time.tolist() == [7.0, 7.0, 7.0, 7.1, 7.2, 7.2]
@@ -142,7 +150,7 @@ def test_any_stamps_at_all_give_finite_times(times, servo):
 def test_a_message_whose_stamp_is_ignored_repeats_the_last_of_its_kind():
     times = 100 + 0.1 * np.arange(200)
     servo = times + 0.05
-    servo[100] = 900.0
+    servo[100] += 5.5
     made = interleaved(times, servo)
     assert made.time[201] == made.time[199]
     (ignored,) = made.repairs

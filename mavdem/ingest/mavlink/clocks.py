@@ -30,9 +30,7 @@ def far_off(values: Times, window: int, limit: float | Times) -> Flags:
     """Returns which values are over ``limit`` from the median of a ``window`` (odd) around them; ends are reflected."""
     if not len(values):
         return np.zeros(0, dtype=np.bool_)
-    half = window // 2
-    medians = median_filter(np.pad(values, half, mode="reflect"), window)[half : half + len(values)]
-    return abs(values - medians) > limit
+    return abs(values - median_filter(values, window, mode="mirror")) > limit
 
 
 def outliers(seconds: Times) -> Flags:
