@@ -21,7 +21,14 @@ from pytest import approx, mark, raises
 from recorded_flights import recorded
 
 from mavdem.alignment import phases
-from mavdem.alignment.align import align, settled_segments
+from mavdem.alignment.align import (
+    align,
+    grid_of,
+    impulse_response,
+    settled_segments,
+    step,
+    usually_slow,
+)
 from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.phases import TRANSIENT_SECONDS
 from mavdem.alignment.signals import MINIMUM_RATE, Signals
@@ -100,13 +107,15 @@ def test_signals_of_another_axis_know_what_was_found_and_those_of_another_flight
 
 
 def test_the_longest_segment_is_the_hover_and_without_climb_rate_its_ends_are_cut_by_the_clock():
-    (segment,) = settled_segments(Signals(HOVER.telemetry()))
+    slow = HOVER.telemetry()
+    slow = changed(slow, "LOCAL_POSITION_NED", vz=0.56 * slow.messages["LOCAL_POSITION_NED"]["vz"])
+    (segment,) = settled_segments(Signals(slow))
     assert segment.boot == 0
     assert segment.start == approx(HOVER.level, abs=1.0)
     assert segment.end == approx(HOVER.sinking, abs=1.0)
     (segment,) = settled_segments(Signals(HOVER.telemetry(without=("LOCAL_POSITION_NED",))))
-    assert segment.start == approx(6.0 + TRANSIENT_SECONDS, abs=1.0)
-    assert segment.end == approx(HOVER.landed - TRANSIENT_SECONDS, abs=1.0)
+    assert segment.start == approx(11.0, abs=1.0)
+    assert segment.end == approx(HOVER.landed - 5.0, abs=1.0)
     # A log cut out of a hover is used whole.
     cut_out = only(HOVER.telemetry(), lambda time: (time >= 15) & (time < 45))
     (segment,) = settled_segments(Signals(cut_out))
@@ -152,7 +161,7 @@ def chopped_after_calm():
     return changed(with_pulses(FLOWN, chopped), "ATTITUDE", rollspeed=wild)
 
 
-HELD = np.where((TIME > 6) & (TIME < 26), 1300.0, 1600.0)
+HELD = np.where((TIME > 6) & (TIME < 9.7), 1300.0, 1600.0)
 FAST = np.where(TIME < 6, 1000.0, np.where(TIME < 25, 1500.0, 1690.0))
 FLIGHTS = {
     "idles at half of what it takes to hover": (landed([1320.0] * 4), LIFTED, GROUNDED.landed),
@@ -162,11 +171,16 @@ FLIGHTS = {
         GROUNDED.landed,
     ),
     "fights what holds it, with as much thrust as in hover": (
-        landed([1950.0, 1150.0, 1950.0, 1350.0]),
+        landed([1930.0, 1270.0, 1930.0, 1270.0]),
         LIFTED,
         GROUNDED.landed,
     ),
-    "held in the hand at half the thrust": (with_pulses(FLOWN, [HELD] * 4), 26.0, inf),
+    "motors far apart while it turns a little": (
+        landed([1930.0, 1270.0, 1930.0, 1270.0], lambda time: 0.025 * np.sin(9 * time)),
+        LIFTED,
+        inf,
+    ),
+    "held in the hand at half the thrust": (with_pulses(FLOWN, [HELD] * 4), 9.7, inf),
     "a mode that lands": (in_landing_mode(), LIFTED, GROUNDED.sinking),
     "a moment without throttle, calm before manoeuvres": (chopped_after_calm(), LIFTED, inf),
     "a hover before a fast flight": (with_pulses(FLOWN, [FAST] * 4), LIFTED, inf),
@@ -185,9 +199,9 @@ def test_the_ground_shows_without_any_report_and_nothing_else_is_ground(name):
 def test_a_climb_in_the_midst_of_a_flight_is_not_settled():
     telemetry = HOVER.telemetry()
     position = telemetry.messages["LOCAL_POSITION_NED"]
-    climbs = np.where((position["time"] > 25) & (position["time"] < 35), -2.0, position["vz"])
+    climbs = np.where((position["time"] > 25) & (position["time"] < 35), -1.2, position["vz"])
     found = phases.settled(Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=climbs)), 0)
-    assert [round(edge) for span in found for edge in span[:2]][1:3] == [25, 35]
+    assert [round(edge) for span in found for edge in span[:2]][1:3] == [26, 34]
 
 
 def test_what_never_rose_was_never_in_the_air_whatever_is_reported():
@@ -195,7 +209,8 @@ def test_what_never_rose_was_never_in_the_air_whatever_is_reported():
     still = 0.01 * np.sin(telemetry.messages["LOCAL_POSITION_NED"]["time"])
     assert phases.settled(Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=still)), 0) == []
     # What is always 0 is no measurement.
-    assert phases.settled(Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=0.0)), 0)
+    for climb in (0.0, 0.11):
+        assert phases.settled(Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=climb)), 0)
 
 
 def test_a_vehicle_that_hovers_below_any_threshold_flies_as_its_land_detector_reports():
@@ -240,15 +255,15 @@ def test_gaps_and_tumbles_end_a_segment():
         HOVER.telemetry(), lambda time: (time <= gap[0]) | (time >= gap[1]), "SERVO_OUTPUT_RAW"
     )
     roll = telemetry.messages["ATTITUDE"]["roll"].copy()
-    roll[abs(telemetry.messages["ATTITUDE"]["time"] - 40) < 0.5] = 2.5
-    found = settled_segments(Signals(changed(telemetry, "ATTITUDE", roll=roll)))
+    time = telemetry.messages["ATTITUDE"]["time"]
+    roll[abs(time - 40) < 0.5] = 2.5
+    tumbling = changed(telemetry, "ATTITUDE", roll=roll, pitch=1.2 * (abs(time - 30) < 0.5))
+    found = settled_segments(Signals(tumbling))
     assert [round(segment.duration) for segment in found] == sorted(
         (round(segment.duration) for segment in found), reverse=True
     )
-    assert sorted((round(s.start, 1), round(s.end, 1)) for s in found)[1] == (
-        20.2,
-        39.5 - TRANSIENT_SECONDS,
-    )
+    ends = sorted((round(s.start, 1), round(s.end, 1)) for s in found)
+    assert ends[1:3] == [(20.2, 29.5), (30.5, 34.5)]
 
 
 def test_boots_are_never_joined():
@@ -304,6 +319,38 @@ def test_a_vibration_faster_than_the_grid_is_not_folded_into_it():
     assert flight.provenance["resampling"]["attitude"] == str(
         Fact(Resampling.LOW_PASSED, rate=20.0)
     )
+
+
+@mark.parametrize(
+    "steps, expected",
+    [
+        ((4, 8, 8, 12, 8, 8, 4), 0.008),
+        ((8, 12), 0.01),
+        ((8, 8, 8, 8, 12), 0.0088),
+        ((12, 16, 16, 20, 16, 16, 12), 0.0154),  # four cycles
+        (([8] * 6 + [4, 12]) * 5 + [6, 2], 0.0078),  # 2 % of no whole cycles
+    ],
+)
+def test_the_step_is_the_mean_or_the_cycles_of_a_scheduler_that_jitters(steps, expected):
+    assert step([np.cumsum(np.resize(steps, 1000)) / 1000]) == expected
+
+
+def test_steps_are_usually_slow_by_the_median_of_a_second():
+    slow = [
+        usually_slow(np.repeat([0.01, late, 0.01], [60, count, 60])).any()
+        for count, late in ((20, 0.05), (21, 0.05), (60, 1.09 / 40), (60, 1.11 / 40))
+    ]
+    assert slow == [False, True, False, True]
+
+
+def test_a_grid_has_the_last_sample_and_begins_where_the_low_pass_has_settled():
+    time = np.arange(101) / 100
+    assert_allclose(grid_of(time, time, 0.01), time)
+    grid = grid_of(np.arange(4000) / 400, np.arange(500) / 50, 0.02)
+    assert grid[[0, -1]] == approx([0.1, 9.88])
+    response = impulse_response(400.0, 0.02)
+    gains = [response @ np.cos(np.pi * hz / 200 * np.arange(-40, 41)) for hz in (10, 20, 40)]
+    assert gains == approx([256 / 257, 1 / 2, 1 / 257], abs=0.005)
 
 
 def test_lost_messages_and_jitter_part_nothing():
@@ -407,13 +454,13 @@ def test_what_neither_rises_nor_leans_as_it_is_asked_is_held(height, asked, lean
     hover = Hover(sway=0.0)
     made = hover.telemetry(20.0, 20.0)
     time = made.messages["ATTITUDE"]["time"]
-    wave = np.where(np.sin(3 * time) > 0, 1.0, -1.0) * asked * phases.ASKED_LEAN
+    wave = np.where(np.sin(3 * time) > 0, 1.0, -1.0) * asked * np.radians(10.0)
     asks = attitude_target(q=quaternion(wave, 0 * time, 0 * time))
     made = changed(made, "ATTITUDE_TARGET", **columns(time, **asks))
-    leans = wave / asked * leaned * phases.FOLLOWED_SHARE
+    leans = wave / asked * leaned / 3
     made = changed(made, "ATTITUDE", roll=leans, pitch=0.0)
     at = made.messages["LOCAL_POSITION_NED"]["time"]
-    up = np.where((at > 20.0) & (at < 40.0), -height * phases.GROUND_HEIGHT, 0.0)
+    up = np.where((at > 20.0) & (at < 40.0), -height, 0.0)
     signals = Signals(changed(made, "LOCAL_POSITION_NED", z=up))
     flights = phases.flying(signals, 0)
     assert flights and (phases.off_ground(flights, signals, 0) == []) == stands
