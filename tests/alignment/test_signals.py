@@ -318,6 +318,32 @@ def test_the_collective_is_the_motors_mean_or_else_the_thrust_asked_for():
     assert_array_equal(np.unique(Signals(without).collective.values), [0.5])
 
 
+@mark.parametrize(
+    "stay, close, depth, highest, stops",
+    [
+        (11, 0, 0.01, 0.8, True),
+        (9, 0, 0.01, 0.8, False),
+        (20, 0, 0.01, 0.55, True),
+        (20, 0, 0.01, 0.45, False),
+        (90, 50, 0.01, 0.8, True),
+        (70, 50, 0.01, 0.8, False),
+        (5, 6, 0.0035, 0.8, False),
+        (500, 300, 0.01, 0.8, False),
+    ],
+)
+def test_a_stop_is_where_motors_stay_as_nowhere_below(stay, close, depth, highest, stops):
+    shares = np.repeat([highest, highest - depth, 0.4], [stay, close, 1000 - stay - close])
+    assert drive._seen_stop(shares[:, None]) == (highest if stops else 1.0)
+
+
+def test_a_position_is_in_metres_north_east_and_down_of_the_first_also_across_the_date_line():
+    degrees = np.array([[0.0, 0.0], [60.0, 179.9999], [60.0001, -179.9999]])
+    fields = dict(zip(("lat", "lon"), np.round(1e7 * degrees.T), strict=True), relative_alt=5000.0)
+    made = HOVER.telemetry(without=("LOCAL_POSITION_NED",))
+    made = changed(made, "GLOBAL_POSITION_INT", **columns(np.arange(3.0), **fields))
+    assert_allclose(Signals(made).position.values, [[0, 0, -5], [11.119, 11.119, -5]], atol=1e-3)
+
+
 def with_battery(message, time, **fields):
     return changed(HOVER.telemetry(), message, **columns(time, **fields))
 
@@ -344,19 +370,26 @@ def test_without_a_battery_monitor_there_is_none():
 
 
 @mark.parametrize(
-    "message, field, value",
-    [("LOCAL_POSITION_NED", "z", -12.0), ("GLOBAL_POSITION_INT", "relative_alt", 12000.0)],
+    "signal, message, field, value",
+    [
+        ("height", "LOCAL_POSITION_NED", "z", -12.0),
+        ("height", "GLOBAL_POSITION_INT", "relative_alt", 12000.0),
+        ("height", "ALTITUDE", "altitude_relative", 12.0),
+        ("climb_rate", "LOCAL_POSITION_NED", "vz", -12.0),
+        ("climb_rate", "GLOBAL_POSITION_INT", "vz", -1200.0),
+        ("climb_rate", "VFR_HUD", "climb", 12.0),
+    ],
 )
-def test_the_height_is_in_metres_above_the_start(message, field, value):
+def test_height_and_climb_are_in_metres_upwards(signal, message, field, value):
     flown = HOVER.telemetry(10.0, without=("LOCAL_POSITION_NED",))
     telemetry = changed(flown, message, **columns(np.arange(5.0), **{field: np.full(5, value)}))
-    assert Signals(telemetry).height.values == approx(12.0)
+    assert getattr(Signals(telemetry), signal).values == approx(12.0)
 
 
 def test_the_wind_is_where_the_air_moves_to():
-    blown = columns(np.zeros(1), direction=np.full(1, 90.0), speed=np.ones(1))
+    blown = columns(np.zeros(1), direction=np.full(1, 60.0), speed=np.full(1, 2.0))
     wind = Signals(changed(HOVER.telemetry(), "WIND", **blown)).autopilot_wind
-    assert wind.values[0, 1] == -1.0
+    assert wind.values[0] == approx([-1.0, -np.sqrt(3.0)])
 
 
 def test_what_is_sought_once_is_known_of_its_axis_and_so_is_why_nothing_was_found():
