@@ -18,7 +18,7 @@ from mavdem.alignment.read import (
     read_segments,
     usable_segments,
 )
-from mavdem.alignment.signals import HOLD_SECONDS, Signals, setpoints
+from mavdem.alignment.signals import Signals, setpoints
 from mavdem.dem.record import Record
 from mavdem.facts.learnability import Caution, Reason
 from mavdem.ingest.vocabulary import quaternion
@@ -54,11 +54,11 @@ def received(wanted):
 
 
 def test_segments_are_all_of_settled_flight_and_the_longest_is_the_flight():
-    gaps = received(lambda time: (abs(time - 20) >= 0.5) & (abs(time - 33) >= 0.5))
+    gaps = received(lambda time: (abs(time - 17.5) >= 0.5) & (abs(time - 33) >= 0.5))
     log = log_of(gaps)
     (first, middle, last) = segments_of(log)[0]
     (flight, verdict) = learnable_flight(log)
-    assert [round(one.time[0], 2) for one in (middle, last)] == [20.5, 33.5]
+    assert [round(one.time[0], 2) for one in (middle, last)] == [18.0, 33.5]
     assert_array_equal(last.outputs, flight.outputs)
     assert_array_equal(last.inputs, flight.inputs)
     assert (
@@ -83,7 +83,7 @@ def test_segments_have_one_step_also_where_a_link_lost_messages():
 def test_segments_that_are_too_slow_or_too_short_are_left_out_and_counted():
     hover = Hover(hovering=60.0)
     stamps = np.concatenate(
-        [np.arange(0, 30, 1 / 60), np.arange(31, 35, 0.01), np.arange(36, hover.end, 0.01)]
+        [np.arange(0, 30, 1 / 70), np.arange(31, 35, 0.01), np.arange(36, hover.end, 0.01)]
     )
     log = log_of(hover.telemetry(stamps, stamps))
     (flight,), verdict = segments_of(log)
@@ -163,9 +163,7 @@ def test_masked_fields_are_no_setpoints(mask, units):
 def test_before_the_first_and_long_after_the_last_nothing_is_known():
     flight = flight_of(with_targets(start=20.0, end=30.0))
     known = np.isfinite(flight.setpoints[:, 0])
-    assert_array_equal(
-        known, (flight.time >= 20 - 1e-9) & (flight.time <= 29.9 + HOLD_SECONDS + 1e-9)
-    )
+    assert_array_equal(known, (flight.time >= 20 - 1e-9) & (flight.time <= 29.9 + 2.0 + 1e-9))
 
 
 @mark.parametrize(

@@ -54,6 +54,12 @@ def scale_of(
         # PX4 1.16 with DShot on the main outputs: actuator_motors 0.194 of a thrust curve of 0.3 is 25 % of the range.
         ((100.0, 2047.0), [], {}, ("DShot", 0, 2000)),
         ((100.0, 2048.0), [], {}, ("unknown", 0, 2048)),
+        ((100.0, 1100.0), [], {}, ("DShot", 0, 2000)),
+        ((0.0, 1.2), [], {}, ("DShot", 0, 2000)),
+        ((0.0, 11.0), [], {}, ("0-1000", 0, 1000)),
+        ((900.0, 1100.0), [], {}, ("PWM", 1000, 2000)),
+        ((1000.0, 2400.0), [], {}, ("unknown", 0, 2400)),
+        ((1050.0, 1300.0), [], {"MOT_PWM_MIN": 1000.0, "MOT_PWM_MAX": 1350.0}, ("PWM", 1000, 1350)),
         (
             (0.0, 110.0, 582.0, 826.0),
             OF_MAIN,
@@ -90,6 +96,7 @@ def test_the_range_of_px4s_outputs_is_that_of_their_driver(outputs, drivers, par
          | {"MOT_TCRV_ENABLE": 1.0, "MOT_TCRV_MAXPCT": 93.0}, 1944.0),
         ({"MOT_PWM_MIN": 1100.0, "MOT_PWM_MAX": 1900.0, "MOT_TCRV_ENABLE": 0.0, "MOT_TCRV_MAXPCT": 93.0}, 1900.0),
         ({"MOT_SPIN_MAX": 0.0}, 2000.0),
+        ({"MOT_SPIN_MAX": 0.6}, 1600.0),
     ],
 )  # fmt: skip
 def test_ardupilots_motors_stop_where_its_version_lets_them(parameters, highest):
