@@ -209,12 +209,11 @@ def _filter_status(tables: Tables) -> tuple[str, Columns | None]:
 
 def texts_of(columns: Columns, field: str) -> list[str]:
     """Returns the texts of a field; empty ones where it has none."""
-    values = columns.get(field, np.zeros(0)).tolist()
     return [
         value.split(b"\0", 1)[0].decode("utf-8", errors="replace")
         if isinstance(value, bytes)
         else ""
-        for value in values
+        for value in columns.get(field, ())
     ]
 
 
