@@ -302,24 +302,6 @@ def test_who_flies(tmp_path, said, parameters, expected):
     )
 
 
-def text_of(recording, names):
-    """The text log of the same messages, values in their units."""
-    lines = ["FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns"]
-    rows = []
-    for name in names:
-        kind, characters, fields = made.MESSAGES[name]
-        lines.append(f"FMT, {kind}, 0, {name}, {characters}, {fields}")
-        table = recording.table(name)
-        for row, place in enumerate(table.place.tolist()):
-            values = [table.columns[field][row] for field in fields.split(",")]
-            texts = [
-                value.decode() if isinstance(value, bytes) else repr(value.item())
-                for value in values
-            ]
-            rows.append((place, f"{name}, " + ", ".join(texts)))
-    return "\r\n".join([*lines, *(line for _, line in sorted(rows))]) + "\r\n"
-
-
 def test_setpoints_of_rate_and_att_keep_their_own_stamps(tmp_path):
     pieces = made.flight(TIMES)
     for row in range(4):
@@ -378,6 +360,8 @@ def test_the_firmware_and_what_the_logger_lost_are_known(tmp_path):
         made.message("DSF", round(1e6 * (20 + i)), count, 0, 0, 0, 0, 0)
         for i, count in enumerate((7, 7, 12, 0, 3))
     ]
-    vehicle = vehicle_of(made.log(*made.flight([20.0, 20.1]), *lost), tmp_path)
+    changed = made.message("PARM", 20_050_000, "SYSID_THISMAV", 8.0, 1.0)
+    vehicle = vehicle_of(made.log(*made.flight([20.0, 20.1]), *lost, changed), tmp_path)
+    assert vehicle.earlier == {"SYSID_THISMAV": 7.0} and vehicle.system == 8
     assert (vehicle.firmware, vehicle.dropouts) == ("ArduCopter V4.5.7 (2a3dc4b7)", 8)
     assert {Repair.LOGGER_WITHOUT_ROOM: 8}.items() <= counts(vehicle).items()

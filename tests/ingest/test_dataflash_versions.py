@@ -19,7 +19,7 @@ COLUMNS = {
     "MSG": ("QZ", "TimeUS,Message"),
     "ATT": ("Qfff", "TimeUS,Roll,Pitch,Yaw"),
     "RATE": ("Qffffffffff", "TimeUS,R,P,Y,ROut,POut,YOut,AOut,RDes,PDes,YDes"),
-    "IMU": ("Qfff", "TimeUS,GyrX,GyrY,GyrZ"),
+    "IMU": ("QBfff", "TimeUS,I,GyrX,GyrY,GyrZ"),
     "EV": ("B", "Id"),
     "BAT": ("QBf", "TimeUS,Instance,Volt"),
     "CURR": ("Qh", "TimeUS,Volt"),
@@ -55,7 +55,7 @@ def log(
             f"RATE, {stamp}, {turned}, 0, 0, {0.1 * rate}, 0, 0, {0.4 if rate == 1 else 400}, {2 * turned}, 0, 0"
         )
         if gyro:
-            lines.append(f"IMU, {stamp}, {speed}, 0, 0")
+            lines += [f"IMU, {stamp}, {n}, {(1 + 8 * n) * speed}, 0, 0" for n in (0, 1)]
         if battery == "BAT":
             lines += [
                 f"BAT, {stamp}, {instance}, {volt}" for instance, volt in ((1, 5.0), (0, 15.25))

@@ -17,6 +17,7 @@ from mavdem.errors import Unreadable
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
+from mavdem.ingest.mavlink.vehicles import missing_between
 
 TIMES = [20 + 0.01 * row for row in range(300)]
 
@@ -124,7 +125,7 @@ def test_failures_are_distinguished(tmp_path):
     damaged[15] ^= 0xFF
     frames[11] = bytes(damaged)
     frames += [
-        frame(64_000, b"abc", seed=3),
+        frame(70_000, b"abc", seed=3),
         *[frame(33, bytes(range(28)), seed=1)] * 4,
         heartbeat(),
     ]
@@ -133,12 +134,14 @@ def test_failures_are_distinguished(tmp_path):
     assert causes == {
         (30, 1, 300): Flaw.DAMAGE,
         (33, 4, 4): Flaw.ANOTHER_DIALECT,
-        (64_000, 1, 1): Flaw.ANOTHER_DIALECT,
+        (70_000, 1, 1): Flaw.ANOTHER_DIALECT,
     }
     assert log.frames == len(frames)
 
 
 def test_what_is_overtaken_or_comes_twice_is_not_lost(tmp_path):
+    steps = np.array([0, 1, 2, 128, 129, -32, -33])
+    assert missing_between(7, 7 + steps).tolist() == [0, 0, 1, 127, 0, -33, 0]
     frames = [heartbeat(), *flight(TIMES, sequence=1)]
     for row in range(10, 500, 7):
         frames[row : row + 2] = frames[row + 1], frames[row]
@@ -315,8 +318,3 @@ def test_a_path_may_be_bytes_and_have_any_name(tmp_path):
     path.write_bytes(tlog([heartbeat(), *flight(TIMES)]))
     log = read_log(os.fsencode(path))
     assert log.source == str(path) and len(log.vehicles) == 1
-
-
-def written(path, content):
-    path.write_bytes(content)
-    return path

@@ -335,7 +335,9 @@ def test_the_battery_of_either_bridge(tmp_path):
                 voltage=16.0 - row,
             )
 
-    for vehicle in read_log(written(tmp_path, write)).vehicles:
+    log = read_log(written(tmp_path, write))
+    assert log.receive_time[0] == approx(UNIX, abs=1.0)
+    for vehicle in log.vehicles:
         signal = Signals(vehicle).voltage
         assert signal.values.tolist() == approx([16, 15, 14, 13, 12])
         assert np.diff(signal.time) == approx([1, 1, 1, 1], abs=1e-6)
