@@ -25,6 +25,7 @@ from mavdem.alignment.align import (
     align,
     grid_of,
     impulse_response,
+    is_low_passed,
     settled_segments,
     step,
     usually_slow,
@@ -77,6 +78,9 @@ def test_taking_off_and_landing_are_airborne_and_not_settled(state):
     (flight,) = phases.flying(
         Signals(reporting(time, np.where(time < 40, 0, np.where(in_air(time), 2, 1)))), 0
     )
+    assert flight == approx((LIFTED, LANDED), abs=1.1)
+    # Nor does one across more than ten seconds.
+    (flight,) = phases.flying(Signals(reporting(HOVER.stamps(1 / 11), 1)), 0)
     assert flight == approx((LIFTED, LANDED), abs=1.1)
     # Without any motors a report holds until another.
     time = np.array([1.0, 30.0, 60.0])
@@ -346,6 +350,7 @@ def test_steps_are_usually_slow_by_the_median_of_a_second():
 def test_a_grid_has_the_last_sample_and_begins_where_the_low_pass_has_settled():
     time = np.arange(101) / 100
     assert_allclose(grid_of(time, time, 0.01), time)
+    assert is_low_passed(np.arange(100) / 85, 0.02)
     grid = grid_of(np.arange(4000) / 400, np.arange(500) / 50, 0.02)
     assert grid[[0, -1]] == approx([0.1, 9.88])
     response = impulse_response(400.0, 0.02)

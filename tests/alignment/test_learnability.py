@@ -431,7 +431,8 @@ def test_an_attitude_near_its_resolution_is_doubted_and_at_it_refused():
     assert doubted.figures.angle_step == approx(0.05) and doubted.figures.rate_step == approx(0.05)
     time = np.arange(0, 40, 0.01)
     change = HOVER.roll(time + 0.2) - HOVER.roll(time)
-    assert doubted.figures.output_snr == approx(change.var() / (0.05**2 / 6), rel=0.3)
+    fine = learnability_of(Signals(with_steps(0.01, HOVER.telemetry()))).figures
+    assert fine.output_snr == approx(change.var() / (0.01**2 / 6), rel=0.1)
     time = HOVER.stamps(100.0)
     slow = changed(
         HOVER.telemetry(),

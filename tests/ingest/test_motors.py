@@ -85,6 +85,8 @@ def scale_of(
 def test_the_range_of_px4s_outputs_is_that_of_their_driver(outputs, drivers, parameters, expected):
     scale = scale_of(outputs, parameters, drivers)
     assert (scale.name, scale.low, scale.high, scale.stop) == (*expected, 1.0)
+    assert scale.unit == ("µs" if scale.name == "PWM" else "")
+    assert scale.step == np.diff(np.unique(outputs)).min()
 
 
 @mark.parametrize(
@@ -102,7 +104,7 @@ def test_the_range_of_px4s_outputs_is_that_of_their_driver(outputs, drivers, par
 def test_ardupilots_motors_stop_where_its_version_lets_them(parameters, highest):
     """The highest outputs in logs of 4.2, 3.3 and 3.2, in which a motor was at its limit for long."""
     scale = output_scale(np.array([[1061.0, 1800.0]]), parameters)
-    assert scale.low + scale.stop * (scale.high - scale.low) == approx(highest, abs=1.0)
+    assert scale.low + scale.stop * (scale.high - scale.low) == approx(highest, abs=0.5)
 
 
 def test_a_gimbals_channels_are_no_motors():
@@ -136,6 +138,9 @@ def test_a_motor_whose_output_never_changes_is_a_motor():
         6,
     )
     assert motor_geometry("TRICOPTER", "ARDUPILOTMEGA", {}, (1, 2), bank=8).channels == (1, 2)
+    twelve = {f"SERVO{n}_FUNCTION": n + (32.0 if n < 9 else 73.0) for n in range(1, 13)}
+    found = motor_geometry("DODECAROTOR", "ARDUPILOTMEGA", twelve, range(1, 13), bank=16)
+    assert found.motors == found.channels == tuple(range(1, 13)) and not found.channels_assumed
     on_aux = {f"PWM_AUX_FUNC{n}": 100.0 + n for n in range(1, 5)}
     found = motor_geometry("QUADROTOR", "PX4", on_aux, moving=[18, 19, 20], bank=16)
     assert found.channels == (17, 18, 19, 20) and not found.channels_assumed
