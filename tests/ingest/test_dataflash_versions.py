@@ -184,7 +184,8 @@ def test_a_dataflash_log_has_the_first_battery_imu_and_receiver(tmp_path):
         )
     (tmp_path / "a.bin").write_bytes(dataflash.log(*dataflash.flight(SECONDS), *messages))
     (found,) = read_log(tmp_path / "a.bin").vehicles
-    assert found.board == "001a002f3039511333333539" and found.called("VIBRATION") == "VIBE"
+    assert (found.board, found.hardware) == ("001a002f3039511333333539", "CUAVv5Nano")
+    assert found.called("VIBRATION") == "VIBE"
     power, shaking, clock = (
         found.messages[name] for name in ("SYS_STATUS", "VIBRATION", "SYSTEM_TIME")
     )
