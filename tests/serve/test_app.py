@@ -7,10 +7,13 @@ import re
 import resource
 import socket
 from contextlib import ExitStack
+from pathlib import Path
 from shutil import rmtree
 from types import SimpleNamespace
+from unittest.mock import Mock
 from urllib.parse import urlencode
 
+import command_line
 from browser import HOSTILE
 from pytest import fixture, mark, raises
 from refusals import unreadable
@@ -21,7 +24,6 @@ from mavdem.facts.serve import Request, Sharing, Stage, Start
 from mavdem.facts.sources import Source
 from mavdem.report.library_page import words
 from mavdem.serve import app, run, uploads
-from mavdem.serve.library import RESERVED_BYTES
 from mavdem.serve.rights import rights_of
 from mavdem.serve.viewers import Viewers
 
@@ -128,7 +130,9 @@ def test_progress_is_told_until_all_is_done(tmp_path, monkeypatch):
             full = server.ask("GET", f"/api/progress?id={id}")
             assert (full.status, full.code) == (503, Request.UPLOADS_TOO_MANY)
         server.work.run()
-        told = server.ask("GET", f"/api/progress?id={id}")
+        monkeypatch.setattr(app, "MOST_WATCHERS", 1)
+        for _ in range(2):
+            told = server.ask("GET", f"/api/progress?id={id}")
         assert told.headers["Content-Type"].startswith("text/event-stream")
         first, end, _ = told.text.split("\n\n")
         (one,) = json.loads(first.removeprefix("data: "))
@@ -163,6 +167,7 @@ def test_a_flight_is_changed_found_and_deleted(served):
     served.library.change(id, motor=None, headline="Motor 12 (rear left) lost 4 to 12 %.")
     assert [total(served, one) for one in ("motor:12", "motor:2", "motor:1")] == [1, 0, 0]
     assert total(served, "MC_ROLL_P<6") == total(served, "wind>5") == 0
+    assert len(served.ask("GET", "/api/flights?offset=1").json["flights"]) == 1
     assert served.ask("DELETE", f"/api/flights/{id}").status == 204
     assert served.ask("GET", f"/f/{id}").status == 404
     assert served.ask("GET", "/api/flights").json["total"] == 1
@@ -247,7 +252,9 @@ def test_a_cookie_reads_and_only_the_key_of_a_page_writes(guarded):
     id = guarded.add("a.ulg", "One.", token=TOKEN)
     wrong = guarded.ask("POST", "/enter", "token=guess")
     assert wrong.status == 401 and "Set-Cookie" not in wrong.headers
-    cookie = guarded.ask("POST", "/enter", f"token={TOKEN}").headers["Set-Cookie"]
+    entered = guarded.ask("POST", "/enter", f"token={TOKEN}")
+    cookie = entered.headers["Set-Cookie"]
+    assert entered.status == 303 and "Secure" not in cookie
     assert "HttpOnly" in cookie and "SameSite=lax" in cookie and TOKEN not in cookie
     mine = {"Cookie": cookie.split(";")[0]}
     page = guarded.ask("GET", f"/f/{id}", **mine).text
@@ -259,7 +266,8 @@ def test_a_cookie_reads_and_only_the_key_of_a_page_writes(guarded):
     assert guarded.upload(("b.ulg", log("Two.")), path=f"/{address}/upload").status == 302
     assert guarded.ask("DELETE", f"/api/flights/{id}", token=address).status == 401
     assert guarded.ask("DELETE", f"/api/flights/{id}", token=key).status == 204
-    assert 'mavdem=""' in guarded.ask("POST", "/leave", **mine).headers["Set-Cookie"]
+    left = guarded.ask("POST", "/leave", **mine)
+    assert left.status == 303 and 'mavdem=""' in left.headers["Set-Cookie"]
 
 
 def test_another_site_is_refused(served):
@@ -326,21 +334,18 @@ def test_no_path_leads_elsewhere(served, path):
 def test_what_is_no_upload_is_refused(served):
     kind = f"multipart/form-data; boundary={BOUNDARY}"
     whole = form([("a.ulg", log())])
-    for body, content_type, status in (
-        (b"{}", "application/json", 400),
-        (whole.replace(log(), b""), kind, 400),
-        (whole[:-10], kind, 400),
-        (b"nothing of a form", kind, 400),
-        (whole, "multipart/form-data; boundary=" + "x" * 400, 400),
-        (whole, kind + "; charset=punycode", 400),
-        (form([], [("field", "x" * 100_000)]), kind, 400),
+    for body, content_type, code in (
+        (b"{}", "application/json", Request.UPLOAD_WITHOUT_LOG),
+        (whole.replace(log(), b""), kind, Request.UPLOAD_WITHOUT_LOG),
+        (whole[:-10], kind, Request.UPLOAD_BROKEN),
+        (b"nothing of a form", kind, Request.BAD_REQUEST),
+        (whole, "multipart/form-data; boundary=" + "x" * 400, Request.BAD_REQUEST),
+        (whole, kind + "; charset=punycode", Request.BAD_REQUEST),
+        (form([], [("field", "x" * 65_536)]), kind, Request.UPLOAD_WITHOUT_LOG),
+        (form([], [("field", "x" * 65_537)]), kind, Request.BAD_REQUEST),
     ):
-        assert served.ask("POST", "/api/logs", body, Content_Type=content_type).status == status
-    assert served.ask("POST", "/api/logs", b"{}").code == Request.UPLOAD_WITHOUT_LOG
-    assert (
-        served.ask("POST", "/api/logs", whole[:-10], Content_Type=kind).code
-        == Request.UPLOAD_BROKEN
-    )
+        answer = served.ask("POST", "/api/logs", body, Content_Type=content_type)
+        assert (answer.status, answer.code) == (400, code)
     assert list((served.library.folder / "incoming").iterdir()) == []
 
 
@@ -351,6 +356,7 @@ def test_size_number_queue_and_patience_have_limits(tmp_path, monkeypatch):
     looked = []
     monkeypatch.setattr(uploads, "PATIENCE_SECONDS", 0.2)
     monkeypatch.setattr(app, "MOST_WAITING", 1)
+    monkeypatch.setattr(app, "MOST_UPLOADS", 1)
     with serving(tmp_path, is_eager=False) as server:
         large = server.upload(("a.ulg", log(size=1001)))
         assert (large.status, large.code) == (413, Request.UPLOAD_TOO_LARGE)
@@ -366,6 +372,9 @@ def test_size_number_queue_and_patience_have_limits(tmp_path, monkeypatch):
         assert looked[-1] == 0
         full = server.upload(("b.ulg", log("b")))
         assert full.code == Request.UPLOADS_TOO_MANY and full.headers["Retry-After"]
+        monkeypatch.setattr(app, "MOST_WAITING", 2)
+        monkeypatch.setattr(app, "MOST_UPLOADS", 0)
+        assert server.upload(("b.ulg", log("b"))).code == Request.UPLOADS_TOO_MANY
         assert list((tmp_path / "incoming").iterdir()) == []
 
 
@@ -405,8 +414,9 @@ def test_a_full_disk_and_a_full_quota_are_507_and_break_nothing(tmp_path, monkey
         with monkeypatch.context() as patch:
             patch.setattr("mavdem.serve.library.os.fsync", full)
             refused = server.upload(("b.ulg", log("Two.")))
-            left = SimpleNamespace(free=RESERVED_BYTES)
+            left = SimpleNamespace(free=64 << 20)
             patch.setattr("mavdem.serve.library.shutil.disk_usage", lambda folder: left)
+            server.library.room_for(0)
             with raises(Refusal):
                 server.library.room_for(1)
         assert (refused.status, refused.code) == (507, Request.DISK_FULL)
@@ -469,3 +479,23 @@ def test_a_viewer_that_cannot_be_started_is_refused(tmp_path, monkeypatch):
         server.library.change(id, files="flight.rrd")
         refused = server.ask("POST", f"/api/flights/{id}/viewer", {})
         assert (refused.status, refused.code) == (503, Request.NOT_STARTED)
+
+
+def test_a_viewer_that_answers_is_shown_until_another_recording_is_asked_for(monkeypatch):
+    viewers = Viewers()
+    with socket.create_server(("127.0.0.1", 0)) as answers:
+        port = answers.getsockname()[1]
+        monkeypatch.setattr("mavdem.serve.viewers._free_port", lambda: port)
+        viewer = Mock(page="http://viewer", **{"process.poll.return_value": None})
+        monkeypatch.setattr("mavdem.view.WebServer", begun := Mock(return_value=viewer))
+        for name, count in (("a.rrd", 1), ("a.rrd", 1), ("b.rrd", 2)):
+            assert viewers.show(Path(name)) == "http://viewer" and begun.call_count == count
+
+
+def test_the_command_serves_as_it_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr("mavdem.serve.run.serve", served := Mock())
+    monkeypatch.setattr("mavdem.cli.serve.sys", SimpleNamespace(platform="darwin"))
+    assert command_line.run("serve", tmp_path, "--quota", "1.5") == 0
+    (options, *_), known = served.call_args
+    assert options.quota == 1_500_000_000 and options.sample.is_file()
+    assert options.limits.megabytes == 1000 and known == {"is_shown": True}

@@ -3,6 +3,7 @@
 import errno
 import socket
 import time
+from unittest.mock import Mock
 
 from command_line import free_port
 from pytest import fixture, mark
@@ -57,6 +58,20 @@ def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
         assert (
             server.ask("GET", "/live").status == 404 and "/live" not in server.ask("GET", "/").text
         )
+
+
+def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_a_minute(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(attached, "live_page", Mock(return_value=""))
+    live = Attached(f"udpin:127.0.0.1:{free_port()}", Library(tmp_path), Mock(), Mock())
+    session = Mock()
+    seconds = -20 * attached.PAGE_SECONDS
+    for session.recording.frames in [0] * 20 + [7] * 20:
+        live._show(session)
+        seconds += attached.PAGE_SECONDS * (not live._is_over())
+    live._link.close()
+    assert seconds == 60
 
 
 @mark.slow
