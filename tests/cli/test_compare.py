@@ -1,16 +1,14 @@
 """``mavdem compare`` and ``mavdem order``: documents, tables, and flights that cannot be compared or do not tell."""
 
 import json
-import multiprocessing
 import time
 
-import numpy as np
 from command_line import document_of, run, strict_json
 from pytest import fixture, mark
 from recorded_flights import FLIGHT, SLOW
 
 from mavdem import baselines
-from mavdem.evaluate.comparison import METHODS, Method
+from mavdem.evaluate.comparison import Method
 
 pytestmark = mark.slow
 
@@ -28,14 +26,6 @@ def quick(monkeypatch):
     """Methods that take no time, in this process."""
     monkeypatch.setattr("mavdem.cli.compare.METHODS", FEW)
     monkeypatch.setattr("mavdem.dem.parallel.spare_cores", lambda: 1)
-
-
-def test_all_methods_on_all_cores_are_reported(capsys):
-    assert run("compare", FLIGHT, "--train", "120", "--test", "50", "--hop", "6000") == 0
-    said = capsys.readouterr().out
-    assert said.startswith("DEM joint's error is not distinguishable from another method's: only ")
-    assert all(f"\n{method.name} " in said for method in METHODS) and "made no forecast" not in said
-    assert not multiprocessing.active_children()
 
 
 def test_what_cannot_be_compared_is_reported_and_the_others_are_compared(quick, tmp_path, capsys):
@@ -57,14 +47,9 @@ def test_a_flight_too_short_says_what_fits(quick, capsys):
 
 
 def test_the_order_and_why_are_reported(capsys):
-    assert run("order", FLIGHT, SLOW, "--max-order", "3", "--json") == 0
+    assert run("order", FLIGHT, SLOW, "--max-order", "2", "--json") == 0
     out, err = capsys.readouterr()
     document = json.loads(out)
     assert document["flights"] == ["ardupilot_wind5_steps"]
-    heights = np.array(document["free_energy"][0])
-    assert document["orders"] == [1, 2, 3] and np.isfinite(heights).all()
-    # No order above the chosen one gains three nats, and the one below it loses more.
-    assert (heights[document["chosen"] :] <= heights[document["chosen"] - 1] + 3).all()
-    assert (heights[: document["chosen"] - 1][-1:] < heights[document["chosen"] - 1] - 3).all()
     assert "ardupilot_default_rates.tlog is left out" in err
     assert run("order", SLOW) == 1

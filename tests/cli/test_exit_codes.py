@@ -49,6 +49,12 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
     "words, named",
     [
         (["learn", FLIGHT, "--out", "x", "--order", "10"], "--order: 10 is not in 2 to 4"),
+        (
+            ["learn", FLIGHT, "--out", "x", "--preset", "paper", "--order", "11"],
+            "--order: 11 is not in 1 to 10",
+        ),
+        (["learn", FLIGHT, "--out", "x", "--start", "86401"], "0<=x<=86400"),
+        (["track", LOGS, "--out", "f", "--jobs", "1025"], "1<=x<=1024"),
         (["learn", FLIGHT, "--out", "x", "--axis", "yaw"], "'yaw' is not one of 'roll', 'pitch'"),
         (
             ["learn", FLIGHT, "--out", "x", "--train", "many"],

@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from contextlib import nullcontext
 from unittest.mock import Mock
 
 import numpy as np
@@ -65,6 +66,28 @@ def test_a_description_of_whatever_characters_reads_back_and_sends_none_to_the_t
     assert all(character.isprintable() or character == "\n" for character in said)
     again.write_text(said)
     assert load(again) == load(mine)
+
+
+@mark.parametrize("speed, flown, slow", [(2, 18.0004, True), (2, 19.2, False), (0.5, 4.7, True)])
+def test_a_live_flight_says_how_it_went_and_if_the_machine_is_too_slow(
+    speed, flown, slow, monkeypatch, capsys
+):
+    shown = []
+
+    def fly_live(scenario, simulation, ground, speed, show):
+        for now in (5.0, 1e9):
+            show(now)
+        return Mock(flown=flown, took=10.0004, sent=7, commands=2, stopped=False)
+
+    monkeypatch.setattr("mavdem.cli.fly.fly_live", fly_live)
+    monkeypatch.setattr("mavdem.cli.fly.progress", lambda _: nullcontext(shown.append))
+    words = ["fly", "calm", "--udp", "127.0.0.1:9", "--speed", speed, "--duration", "20"]
+    assert run(*words, "--json") == 0
+    said = capsys.readouterr()
+    assert ("This machine is too slow" in said.err) is slow
+    told = json.loads(said.out)
+    assert (told["flown"], told["took"]) == (round(flown, 3), 10.0)
+    assert 0 < shown[0] <= 0.25 and shown[1] == 1.0
 
 
 @mark.slow

