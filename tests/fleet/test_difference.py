@@ -7,7 +7,9 @@ import numpy as np
 from fleet_rows import flight_row
 from numpy.random import default_rng
 from pytest import approx, mark
+from scipy.stats import t
 
+from mavdem.confidence import quantile
 from mavdem.documents import whole
 from mavdem.evaluate.paired_test import SIGNIFICANCE
 from mavdem.facts.fleet import Compared, Incomparable, Outcome
@@ -17,9 +19,10 @@ from mavdem.fleet.difference import (
     EFFECT,
     LAG,
     MEAN_EFFECT,
-    RESOLUTION,
     SHARE,
     Quantity,
+    QuantityChange,
+    _tested,
     changed_parameters,
     vehicle_difference,
 )
@@ -103,31 +106,55 @@ def test_what_changes_all_motors_changes_their_mean_and_none_beside_the_others()
     assert kinds == {MEAN_EFFECT}
 
 
-def test_several_flights_narrow_the_interval():
-    def width(before, after):
-        found = vehicle_difference(before, after)
-        return next(one.half_width for one in found.changes if one.quantity == Quantity(SHARE, 1))
+def test_a_difference_of_several_flights_and_its_chance_are_those_by_hand():
+    half = 0.1 * quantile()
+    before, after = (
+        [
+            flight_row("quad", number, damping=damping, damping_interval=half)
+            for number, damping in known
+        ]
+        for known in ([(0, 0.5), (1, 0.7)], [(2, 1.0)])
+    )
+    (change,) = (
+        one for one in vehicle_difference(before, after).changes if one.quantity.kind == DAMPING
+    )
+    assert change.quantity == (DAMPING, 0, "roll")
+    assert (change.before, change.after) == approx((0.6, 1.0))
+    # between flights (8 · 0.2² + 0.02 - 0.01) / 9, within each 0.1²
+    between = 0.33 / 9
+    variance = 1.5 * (between + 0.01)
+    freedom = variance**2 / ((1.5 * between) ** 2 / 9 + 0.015**2 / 20)
+    assert change.half_width == approx(t.ppf(0.95, freedom) * variance**0.5)
+    assert change.p == approx(2 * t.sf(0.4 / variance**0.5, freedom))
 
-    one = width(state([0]), state([1], 1))
-    assert width(state(range(8)), state(range(8, 16), 1)) < one / 1.5
+
+def test_the_same_is_said_only_where_the_whole_interval_is_small():
+    limits = {SHARE: 0.06, EFFECT: 0.2, MEAN_EFFECT: 0.3, DAMPING: 0.8, LAG: 0.02}
+    for share, outcome in ((0.69, "same"), (0.71, "uncertain")):
+        judged = [
+            QuantityChange(Quantity(kind), None, None, -0.3 * limit, share * limit, 1.0, 0.0)
+            for kind, limit in limits.items()
+        ]
+        assert {one.outcome for one in _tested(judged)} == {outcome}
 
 
 @mark.parametrize(
-    "changed, kind",
+    "changed, kind, allowance",
     [
-        ({"lean_roll": 0.0, "lean_pitch": 0.0}, SHARE),
-        ({"lean_roll": None, "lean_pitch": None}, SHARE),  # no lean of nothing
-        ({"voltage_mean": 12.0}, MEAN_EFFECT),
-        ({"collective": 0.6}, MEAN_EFFECT),
+        ({"lean_roll": 0.1, "lean_pitch": 0.0}, SHARE, 0.05),
+        ({"lean_roll": None, "lean_pitch": None}, SHARE, 0.035 * 2**0.5),  # no lean of nothing
+        ({"voltage_mean": 12.0}, MEAN_EFFECT, np.log(4 / 3)),
+        ({"collective": 0.6}, MEAN_EFFECT, np.log(1.5)),
     ],
 )
-def test_other_conditions_widen_what_they_can_change(changed, kind):
+def test_other_conditions_widen_what_they_can_change(changed, kind, allowance):
     known = {"lean_roll": 0.2, "lean_pitch": 0.0, "voltage_mean": 16.0, "collective": 0.4}
     same = vehicle_difference(state([0], **known), state([1], 1, **known))
     other = vehicle_difference(state([0], **known), state([1], 1, **(known | changed)))
     for one, two in zip(same.changes, other.changes, strict=True):
         assert one.quantity == two.quantity
         assert (two.half_width > one.half_width) == (one.quantity.kind == kind)
+        assert two.allowance == approx(allowance * (one.quantity.kind == kind))
     assert not other.of(Outcome.CHANGED)
 
 
@@ -168,23 +195,6 @@ def test_what_is_not_known_in_both_is_not_compared_and_the_reason_is_said(
     known = {"a": "A", "b": "B", "parameters": [], "headlines": {"a": None, "b": None}}
     document = whole("diff", known | found.as_dict())
     assert json.loads(json.dumps(document, allow_nan=False)) == document
-
-
-@mark.parametrize("harder, outcome", [(0.0, "same"), (0.05, "uncertain"), (0.3, "changed")])
-def test_the_same_is_said_only_where_the_whole_interval_is_small(harder, outcome):
-    before = flight(0)
-    after = [
-        replace(row, trim_share=tuple(np.array(row.trim_share) * (1 + harder * np.eye(4)[2])))
-        for row in before
-    ]
-    (change,) = [
-        one
-        for one in vehicle_difference(before, after).changes
-        if one.quantity == Quantity(SHARE, 3)
-    ]
-    assert change.outcome == outcome and (
-        change.half_width < RESOLUTION[SHARE] or outcome == "changed"
-    )
 
 
 def test_parameters_that_somebody_set_are_told_and_those_of_control_first():
