@@ -275,7 +275,7 @@ def flight(key, means, **columns):
         "motors": ("1", "2"),
         "axis": "roll",
         "mean_inputs": means,
-        "mean_outputs": (0.1, 0.0),
+        "mean_outputs": (0.1, 0.2),
         "effect": (1.0, -1.0),
         "damping": 2.0,
     }
@@ -289,6 +289,8 @@ def test_the_residual_mean_is_what_healthy_models_leave_of_a_flight():
     ]
     new = flight("new", (1510, 1500), inputs="motors")
     assert residual_mean(new, healthy) == approx(-10)
+    faster = replace(new, mean_outputs=(0.1, 0.5))
+    assert residual_mean(faster, healthy) == approx(-10 + 2 * 0.3)
     assert residual_mean(healthy[0], healthy) == approx(3)
     # Other axes, motors and inputs are other models.
     by_demand = flight("demand", (0.1,), inputs="demand", effect=(2.0,))
@@ -332,7 +334,7 @@ def test_health_comes_from_the_vehicle_s_healthy_flights():
     assert nobody.health_code == HealthUnknown.VEHICLE_UNNAMED
     assert nobody.fault_probability is None and failed.health_reason is None
     # Nor is one taken for healthy in which a motor was at its limit, or which oscillated.
-    for unsound in ({"saturated": (0.0, 0.02, 0.0, 0.0)}, {"oscillation": 12.0}):
+    for unsound in ({"saturated": (0.0, 0.0101, 0.0, 0.0)}, {"oscillation": 12.0}):
         first = [replace(rows[0], **unsound), *rows[1:]]
         first = assess_rows(first, [])[0]
         assert first.health_code == MotorsBetween.MOTORS_UNCHANGED

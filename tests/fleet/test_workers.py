@@ -14,6 +14,7 @@ from contextlib import closing
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from types import SimpleNamespace
 from unittest.mock import MagicMock, Mock
 
 import distributed
@@ -27,12 +28,12 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Folder, Reading
 from mavdem.facts.sources import Source
-from mavdem.fleet import cluster
+from mavdem.fleet import cluster, workers
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.sources import fetch, find_logs
 from mavdem.fleet.store import STORE, read_rows
-from mavdem.fleet.workers import Job, WorkerPool, outcome_of
+from mavdem.fleet.workers import Job, Limits, WorkerPool, outcome_of, perform
 
 
 def test_an_outcome_has_the_log_s_name_and_key_and_why_it_has_no_rows(tmp_path):
@@ -227,6 +228,32 @@ def stand_in(monkeypatch, client):
 
 
 HERE = "mavdem"
+
+
+def test_twice_as_many_logs_as_threads_are_on_their_way_to_a_cluster(monkeypatch):
+    stand_in(monkeypatch, {"nthreads.return_value": {"0": 3, "1": 1}})
+    monkeypatch.setattr(cluster, "side_by_side", lambda reads, *_: iter([len(reads)]))
+    assert [*Cluster("tcp://127.0.0.1:9", LIMITS).outcomes(iter([]))] == [8]
+
+
+def test_what_a_log_costs_is_bounded_and_told(monkeypatch, tmp_path):
+    monkeypatch.setenv("MAVDEM_TRACEBACK", "1")
+    monkeypatch.setattr(workers, "stay_in_this_process", lambda: None)
+    clock = {"process_time": lambda: 10.2, "perf_counter": iter([1.0, 3.5]).__next__}
+    monkeypatch.setattr(workers, "time", SimpleNamespace(**clock))
+    usage = Mock(getrlimit=lambda _: (5, 1 << 30), RLIM_INFINITY=-1)
+    usage.getrusage.return_value.ru_maxrss = 2048 if sys.platform == "linux" else 2 << 20
+    monkeypatch.setattr(workers, "resource", usage)
+    outcome = perform(Job(str(tmp_path / "none")), Limits(300.0, 600), "builtins:print")
+    assert (outcome.seconds, outcome.megabytes) == (2.5, 2.0)
+    set_to = [call.args for call in usage.setrlimit.call_args_list]
+    assert set_to == [
+        (usage.RLIMIT_CPU, (311, 1 << 30)),
+        (usage.RLIMIT_DATA, (600 << 20, 1 << 30)),
+    ]
+    usage.getrlimit = lambda _: (5, -1)
+    workers._limit(0, 9)
+    assert usage.setrlimit.call_args.args == (0, (9, -1))
 
 
 def names(*given, apart_from=None):
