@@ -1,6 +1,9 @@
-"""Gusts of a live flight: once each, with time and size, and no step of a motor."""
+"""Gusts of a live flight: once each, with time and size, and no step of a motor; and the loop that it runs in."""
 
+import sys
+from itertools import count
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 from numpy.random import default_rng
@@ -8,6 +11,7 @@ from pytest import approx, mark
 
 from mavdem.facts.session import Session
 from mavdem.live.gusts import LiveGusts
+from mavdem.live.running import run
 
 DT = 0.02
 
@@ -15,20 +19,21 @@ DT = 0.02
 @mark.parametrize("changed", [False, True])
 def test_a_gust_is_said_once_and_a_motor_s_step_is_none(changed):
     torque = default_rng(1).uniform(-1.0, 1.0, size=2500)
-    torque[1600:1625] = 20.0
-    torque[1625:1690] = np.where(changed, np.nan, torque[1625:1690])  # as after a motor's alarm
+    torque[600:625] = 20.0
+    torque[625:690] = np.where(changed, np.nan, torque[625:690])  # as after a motor's alarm
     live = LiveGusts(DT)
     found = []
     for i, one in enumerate(torque):
         now = SimpleNamespace(
             wind_time=50.0 + DT * i, wind_torque=one, wind_torque_band=0.5, physical=None
         )
-        found += live.take(now)
+        found += [(gust, DT * (i + 1)) for gust in live.take(now)]
     if changed:
         assert found == []
         return
-    [gust] = found
-    assert gust.code is Session.GUST_FELT and gust.figures["clock"] == approx(82.0, abs=0.05)
+    [(gust, known)] = found
+    assert known == approx(20.0, abs=DT), "as soon as there is a level beside it"
+    assert gust.code is Session.GUST_FELT and gust.figures["clock"] == approx(62.0, abs=0.05)
     # beside the torque so far
     assert gust.figures["torque"] == approx(20.0, rel=0.05)
     assert gust.figures["duration"] == approx(0.5, abs=0.05)
@@ -38,3 +43,15 @@ def test_what_is_not_known_is_no_gust_and_no_level():
     live = LiveGusts(DT)
     unknown = SimpleNamespace(wind_torque=np.nan)
     assert not list(live.take(unknown))
+
+
+def test_a_session_runs_for_its_time_and_reports_now_and_then(monkeypatch):
+    """By a clock that goes on by a second each time that somebody looks."""
+    monkeypatch.setattr("mavdem.live.running.monotonic", count(100.0).__next__)
+    usual = sys.getswitchinterval()
+    steps = []
+    reports = []
+    session = Mock(step=lambda: steps.append(sys.getswitchinterval()))
+    run(session, lambda: False, 9.5, 3.0, reports.append)
+    assert steps == approx([usual / 10] * 4) and sys.getswitchinterval() == approx(usual)
+    assert reports == [session] * 2

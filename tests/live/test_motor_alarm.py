@@ -1,6 +1,7 @@
 """A motor that weakens in flight: the live path says which, and a log of the same stream says the same."""
 
 from dataclasses import dataclass
+from unittest.mock import Mock
 
 import numpy as np
 from hover import Hover
@@ -16,6 +17,7 @@ from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 from mavdem.live import LiveStream, SessionStatus
 from mavdem.live.history import LiveHistory
+from mavdem.live.motor_alarms import MotorAlarms
 from mavdem.paper.runner import write_log
 from mavdem.report.live import live_report
 from mavdem.report.words import section
@@ -141,3 +143,12 @@ def test_a_recorded_motor_is_found_and_a_jump_of_the_wind_is_no_motor():
     assert alarm.motor == 1 and 117.3 < alarm.time < 122.3
     assert not of_log(EVENTS / "px4_windjump.tlog")
     assert not of_log(EVENTS / "ap_quiet10.BIN")
+
+
+def test_what_a_weak_motor_does_is_the_share_that_a_sound_one_would_need():
+    alarms = MotorAlarms()
+    alarms.changed = 5.0
+    alarms._watch = Mock(weak={1: Mock(sound_share=(0.8, 0.1))})
+    changed, does, errors = alarms.weak_motors(np.array([1500.0, 1600.0]), 1000.0)
+    assert changed == 5.0
+    assert_allclose((does, errors), ([1500.0, 1480.0], [0.0, 60.0]))

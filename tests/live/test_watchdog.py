@@ -27,7 +27,7 @@ from mavdem.facts.watch import Watch, Watched
 from mavdem.ingest.formats import read_stream
 from mavdem.live import LiveStream
 from mavdem.live.history import SessionStatus
-from mavdem.live.recent import MAX_ROWS, Recent
+from mavdem.live.recent import Recent
 from mavdem.live.watchdog import CALM_SECONDS, DECISION_SECONDS, LIMITED_SHARE
 from mavdem.live.wind import WindRow
 from mavdem.report.live import watching
@@ -213,9 +213,10 @@ def test_every_vehicle_on_a_link_is_watched():
 
 def test_what_is_kept_is_bounded():
     recent = Recent()
-    for second in range(3 * MAX_ROWS):
-        recent.take("SYS_STATUS", float(second), (12000, 100, 50, 0, 0, 0))
-    assert len(recent.rows["SYS_STATUS"]) <= MAX_ROWS
+    for second in range(2049):
+        recent.take("SYS_STATUS", second, (12000, 100, 50, 0, 0, 0))
+    times = [time for time, _ in recent.rows["SYS_STATUS"]]
+    assert times == [*range(1, 1024, 2), *range(1024, 2049)]
 
 
 @mark.slow
