@@ -56,10 +56,11 @@ def test_a_flight_that_two_logs_have_counts_once_and_by_the_better():
         for axis in ("roll", "pitch")
     ]
     late = [replace(row, date=row.date + timedelta(seconds=5)) for row in slow]
-    rows = [flight_row("quad", 0), *late, flight_row("quad", 1)]
+    rows = [flight_row("quad", 0), *late, flight_row("quad", 1, duration=600.0)]
     assert "2 flights of 1 vehicle (1 more log has a flight of these)" in text_of(
         fleet_blocks(rows)
     )
+    assert "2026-01-05 to 2026-01-06, 11 min settled" in text_of(fleet_blocks(rows))
     counts = summary(rows)
     assert (counts["flights"], counts["tiers"], counts["health"]) == (2, {"a": 2}, {"ok": 2})
 
@@ -102,8 +103,10 @@ def test_the_latest_flight_of_each_vehicle_is_compared_with_the_baseline():
     rows = [*baseline, *later, *flown(0, "new"), *flown(0, "unknown")]
     found = {name: baseline_blocks(*one) for name, one in since_baseline(rows, baseline).items()}
     assert set(found) == {"quad", "new"}
-    assert "motor 3's share +12" in text_of(found["quad"])
-    assert "the latest flight, 0007.ulg (2026-01-12), beside 4 flights." in text_of(found["quad"])
+    text = text_of(found["quad"])
+    assert "motor 3's share +12 % ± 3 %; motor 3's control effectiveness −29 % ± 6 %" in text
+    assert "motor 4 (± 3.0 %)" in text and "roll (± 0.40 1/s)" in text and "(± 13 ms)" in text
+    assert "the latest flight, 0007.ulg (2026-01-12), beside 4 flights." in text
     assert "no flight of this vehicle" in text_of(found["new"])
 
 

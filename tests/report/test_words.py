@@ -22,7 +22,7 @@ from mavdem.report import palette
 from mavdem.report.blocks import Sentence, Table, markdown, text_of
 from mavdem.report.comparison import comparison_report
 from mavdem.report.condition import log_blocks
-from mavdem.report.numbers import plus_minus, rounded
+from mavdem.report.numbers import few, in_one_line, plus_minus, rounded
 from mavdem.report.page import notebook_html
 from mavdem.report.screen import analysis_blocks
 from mavdem.report.truth import truth_blocks
@@ -72,7 +72,7 @@ def test_a_comparison_of_methods(request):
 def test_estimates_beside_the_truth(request):
     parameters = (
         ComparedParameter("effect of motor 1", "rad/s² per µs", 0.0408, 0.0023, 0.041),
-        ComparedParameter("damping", "1/s", 9.0, 0.5, 0.65, "biased"),
+        ComparedParameter("damping", "1/s", 7.0, 0.5, 0.65, "biased"),
         ComparedParameter("lag of the motors", "s", 0.0195, NAN, 0.0188, "not identifiable"),
     )
     steady = ComparedParameter("steady part", "rad/s²", -1.7, 0.1, -1.65)
@@ -156,6 +156,11 @@ def test_an_estimate_has_the_digits_of_its_interval(value, half, shown):
 def test_numbers_without_an_interval_have_two_digits(value, shown):
     assert rounded(value) == shown
     assert below(3.4, 5.0) == "3.4"
+
+
+def test_of_many_names_the_first_are_said():
+    assert (few("abcde"), few("abcd")) == ("a, b, c, d and 1 more", "a, b, c and d")
+    assert in_one_line([*"fedcb", "a" * 81]) == f"{'a' * 80}…, b, c, d, e, …"
 
 
 def luminance(colour):
