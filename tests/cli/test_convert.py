@@ -8,6 +8,8 @@ from command_line import refused, run
 from pytest import approx, mark
 from recorded_flights import FLIGHT, LOGS
 
+from mavdem import read_flight
+
 
 def convert(capsys, *words):
     assert run("convert", *words, "--json") == 0
@@ -29,6 +31,26 @@ def test_through_mcap_a_telemetry_log_comes_back_byte_by_byte(log, tmp_path, cap
     assert convert(capsys, mcap, back)["frames"] == told["frames"]
     assert back.read_bytes() == log.read_bytes()
     assert {path.name for path in tmp_path.iterdir()} == {"flight.mcap", "back.tlog"}
+
+
+@mark.parametrize("axis", ["roll", "yaw"])
+def test_a_table_is_the_flight(axis, tmp_path, capsys):
+    out = tmp_path / "flight.csv"
+    told = convert(capsys, FLIGHT, out, "--axis", axis, "--vehicle", "1")
+    flight = read_flight(FLIGHT, axis)
+    head, values = table_of(out)
+    assert head == told["columns"]
+    measured = [f"{axis}_rad", f"{axis}_rate_rad_s"]
+    assert head[:5] == ["time_s", "motor_1_us", "motor_2_us", "motor_3_us", "motor_4_us"]
+    assert head[5:] == (measured[1:] if axis == "yaw" else measured)
+    assert told["samples"] == len(values)
+    for name, column, exact in zip(
+        head, values.T, (flight.time, *flight.inputs.T, *flight.outputs.T), strict=True
+    ):
+        step = {"s": 1e-5 if "rate" in name else 1e-6, "us": 0.01, "rad": 1e-6}[
+            name.rpartition("_")[2]
+        ]
+        assert abs(column - exact).max() <= 0.5 * step * (1 + 1e-6)
 
 
 @mark.parametrize("how", ["itself", "by a link", "by a hard link"])
