@@ -15,7 +15,7 @@ from mavdem.condition.loop.controllers import controller_of
 from mavdem.condition.loop.filters import gyro_filters
 from mavdem.condition.notches import notch_advice
 from mavdem.condition.peaks import PeakKind, peaks_of
-from mavdem.condition.spectra import spectra_of_flight, thinned
+from mavdem.condition.spectra import Spectrum, spectra_of_flight, thinned
 from mavdem.facts.noise import Noise as Codes
 from mavdem.facts.noise import NotchAdvice
 
@@ -102,6 +102,57 @@ def test_stamps_that_hardly_differ_have_no_spectrum():
 def test_nothing_by_throttle_is_thinned_to_nothing():
     frequency, density = thinned(np.arange(6.0), np.zeros((0, 6)), 3)
     assert list(frequency) == [0.5, 2.5, 4.5] and density.shape == (0, 3)
+
+
+def lined(*lines, wide=1.0, highest=500.0):
+    """The lines of made-up windows at throttles of 42 to 58 %, by Hz, power over the noise, and exponent."""
+    frequency = np.arange(highest + 1)
+    level = np.linspace(0.42, 0.58, 41)
+    density = np.ones((41, len(frequency)))
+    for hertz, power, exponent in lines:
+        off = frequency - hertz * (level[:, None] / 0.5) ** exponent
+        density += power * np.exp(-((off / wide) ** 2) / 2)
+    density = density[:, None]
+    return peaks_of(Spectrum("gyro", "1", "", frequency, level, density, level, level * np.nan))
+
+
+KINDS = {
+    PeakKind.ALIAS: (-0.6, -0.5),
+    PeakKind.UNNAMED: (-0.4, -0.3, 0.3, 2.1),
+    PeakKind.FRAME: (-0.2, 0.2),
+    PeakKind.MOTOR: (0.4, 2.0),
+}
+
+
+@mark.parametrize("kind", KINDS)
+def test_how_a_line_moves_with_the_throttle_names_it(kind):
+    for exponent in KINDS[kind]:
+        (line,) = lined((100.3, 1000.0, exponent), wide=3.0)
+        assert line.kind is kind and (line.frequency, line.width) == approx((100.3, 14), abs=0.03)
+        assert line.exponent == (None if kind is PeakKind.UNNAMED else exponent)
+        assert line.density == approx(987.0, abs=1.0) and line.order is None
+    # Of slow samples it may be a harmonic's alias.
+    steep = [lined((60.0, 1000.0, 1.3), wide=3.0, highest=one)[0] for one in (249.0, 250.0)]
+    assert [line.kind for line in steep] == [PeakKind.UNNAMED, PeakKind.MOTOR]
+
+
+def test_the_eight_strongest_lines_over_six_times_the_noise_are_kept_that_are_8_percent_apart():
+    hertz = [17, 35, 45, 100, 109, 200, 214, 420, 280, 470, 330]
+    powers = [90, 80, 70, 60, 50, 40, 39, 30, 5.7, 5.4, 4.5]
+    found = lined(*zip(hertz, powers, np.zeros(11), strict=True))
+    assert [round(line.frequency) for line in found] == [17, 100, 109, 200, 35, 420, 45, 280]
+    slow = [line.frequency < 40 for line in found]
+    assert slow == [line.kind is PeakKind.UNNAMED for line in found]
+    assert found[1].ratio == approx(61.0)
+
+
+def test_multiples_of_a_motors_line_up_to_six_to_2_percent_are_its_harmonics():
+    multiples = {1: 1000.0, 2: 500.0, 3.066: 300.0, 6: 200.0, 7: 100.0}
+    moving = [(50.0 * many, power, 0.5) for many, power in multiples.items()]
+    # Weaker than a hundredth of it, what has no name is of it.
+    found = lined(*moving, (25.0, 14.5, 0.0), (34.0, 9.0, 0.0))
+    assert [line.harmonics for line in found] == [(1, 2, 6), (1,), (1,), (1,)]
+    assert [line.frequency for line in found] == approx([50.0, 153.3, 350.0, 25.0], rel=2e-3)
 
 
 def test_motors_and_frame_are_told_apart_by_the_throttle():
