@@ -80,6 +80,7 @@ def test_a_battery_is_judged_by_its_cells_and_its_load():
         (held(CELL.watch - 0.05), {}, Level.WATCH),
         (held(CELL.bad - 0.05), {}, Level.BAD),
         (held(CELL.bad - 0.05, LOW_SECONDS / 2), {}, Level.GOOD),
+        (held(CELL.bad - 0.05, 12.6), {}, Level.BAD),
         (held(3.6), {"BATT_LOW_VOLT": 14.5}, Level.WATCH),
         (held(3.6), {"BATT_CRT_VOLT": 14.5}, Level.BAD),
         # It can have seven cells, and eight.
@@ -92,6 +93,7 @@ def test_levels_of_the_battery(volts, parameters, level):
     fact = power_light(evidence(battery(volts, parameters)))
     assert fact.level is level
     assert (fact.code is PowerLight.BATTERY_LOW) == (level in (Level.WATCH, Level.BAD))
+    assert fact.figures["voltage"] == approx(volts[FLYING].min())
     assert (fact.code is PowerLight.CELLS_UNKNOWN) == (level is Level.UNKNOWN)
 
 
@@ -185,6 +187,8 @@ def test_levels_of_the_filter(telemetry, code, level):
     assert (fact.code, fact.level) == (code, level)
     if level is Level.BAD:
         assert fact.figures["name"] == "velocity" and fact.time == approx(30.2)
+    if code is EstimatorLight.GPS_GLITCHED:
+        assert fact.figures["duration"] == approx(2.8, abs=0.3)
     is_beyond = level is Level.GOOD and fact.figures["ratio"] > 1
     assert is_beyond is ("beyond their limits for 0.2 s at most" in str(fact))
 
@@ -204,7 +208,8 @@ def test_gps(satellites, dilution, code):
         satellites_visible=satellites,
         eph=100 * dilution,
     )
-    assert estimator_light(evidence(changed(filtered(), "GPS_RAW_INT", **report))).code is code
+    fact = estimator_light(evidence(changed(filtered(), "GPS_RAW_INT", **report)))
+    assert fact.code is code and fact.figures.get("dilution", dilution) == approx(dilution)
 
 
 @mark.parametrize(
@@ -277,7 +282,7 @@ def standing(change):
 
 def test_what_shows_that_a_flight_was_simulated():
     telemetry = HOVER.telemetry(20.0, 20.0)
-    for real in (telemetry, standing(2 * STILL_CHANGE), standing(0.0)):
+    for real in (telemetry, standing(5.1e-5), standing(0.0)):
         assert simulated_of(evidence(real)) is None
     for simulated, kind in (
         (replace(telemetry, parameters={"SYS_HITL": 1.0}), Simulation.HARDWARE),

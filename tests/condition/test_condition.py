@@ -32,7 +32,7 @@ SERIES = 1000
 
 
 def uneven(rate):
-    """Motor 2 at 1700 µs, the others at 1600, with noise; leaning 3° to the right; a battery, and vibration."""
+    """Motor 2 at 1700 µs, the others at 1600, with noise; leaning 3° to the right and back; a battery, and vibration."""
     rng = default_rng(7)
     telemetry = HOVER.telemetry(attitude_time=rate, motor_time=rate)
     attitude = telemetry.messages["ATTITUDE"]
@@ -42,7 +42,8 @@ def uneven(rate):
         (4, len(flying))
     )
     telemetry = with_pulses(telemetry, np.where(flying, shaken, 1000.0))
-    telemetry = changed(telemetry, "ATTITUDE", roll=attitude["roll"] + np.radians(3))
+    leant = {axis: attitude[axis] + np.radians(3) for axis in ("roll", "pitch")}
+    telemetry = changed(telemetry, "ATTITUDE", **leant)
     beat = HOVER.stamps(1.0)
     current = 15 + 3 * np.sin(1.3 * beat)
     volts = 16.0 - 0.01 * beat - 0.05 * current
@@ -80,12 +81,14 @@ def test_the_figures_are_those_of_the_flight_at_any_rate(rate):
     assert hover.trim == approx([1600, 1700, 1600, 1600], abs=2)
     assert hover.imbalance == approx([-4, 12, -4, -4], abs=0.4)
     assert hover.headroom == approx([0.39, 0.29, 0.39, 0.39], abs=0.01)
-    assert (hover.roll, hover.pitch) == approx((3, 0), abs=0.5)
+    assert (hover.roll, hover.pitch) == approx((3, 3), abs=0.5)
     # Motor 2 is rear left: more of it turns the vehicle to the right, nose down and, as it turns to the left, right.
     steady = {axis: one.mean for axis, one in found.command.items()}
     assert steady == approx({"roll": 0.025, "pitch": -0.025, "yaw": 0.025}, abs=2e-3)
     assert np.degrees(found.lean["roll"].mean) == approx(3, abs=0.5)
-    assert np.radians(3) < found.tilt_max <= np.radians(3) + 1.5 * HOVER.sway + 1e-6
+    level = np.radians(3) * 2**0.5
+    assert level < found.tilt_max <= level + 1.5 * HOVER.sway + 1e-6
+    assert found.tilt_mean == approx(level, rel=0.1)
     assert found.vibration.level == approx((2, 3, 5)) and found.vibration.clips == 3
     assert found.battery.current_mean == approx(15, abs=0.3)
     assert found.battery.voltage_end < found.battery.voltage_mean
@@ -151,6 +154,13 @@ def test_the_interval_contains_the_mean_as_often_as_it_claims(correlation_second
     inside = float((abs(series.mean(axis=0) - 5.0) <= mean_interval(series, SECONDS)).mean())
     # Four standard errors of a share of so many series; correlation costs a few per cent.
     assert LEVEL - 0.04 - 4 * np.sqrt(0.09 / SERIES) <= inside <= LEVEL + 4 * np.sqrt(0.09 / SERIES)
+
+
+def test_the_interval_is_by_cosines_slower_than_a_twentieth_of_a_hertz():
+    slow, fast = series = np.cos(np.pi / 400 * np.outer([20, 21], np.arange(400) + 0.5))
+    half = 1.7247 * np.sqrt(slow.var() / 20)  # 5 % of Student's with 20 degrees of freedom
+    assert mean_interval(series.T, 200.0) == approx([half, 0.0], abs=1e-5)
+    assert [np.isinf(mean_interval(fast[:n, None], 200.0))[0] for n in (40, 41)] == [True, False]
 
 
 @mark.parametrize(
@@ -264,6 +274,14 @@ def test_the_date_is_when_the_settled_flight_began():
     assert 11 <= (found - unix).total_seconds() <= 13  # level from 11 s on
     assert identity_of(Signals(flown())).date is None
     assert identity_of(Signals(flown()), unix.timestamp()).date == unix
+    later = changed(disarmed(flown()), "SYSTEM_TIME", **columns(beat, time_unix_usec=clock))
+    assert identity_of(Signals(later)).date.second == 3
+
+
+def test_the_place_is_that_of_the_first_fix():
+    places = columns([1.0, 2.0, 3.0], lat=[0, 500000012, 51e7], lon=[0, 80000049, 9e7])
+    found = identity_of(Signals(changed(flown(), "GPS_RAW_INT", fix_type=[0, 3, 3], **places)))
+    assert found.place == (50.0, 8.0)
 
 
 def test_firmware_is_what_the_autopilot_says_or_sends():
@@ -286,6 +304,8 @@ def test_what_the_autopilot_warned_of_comes_once_and_the_worst_first():
         ("critical", "EKF variance", 3.0, 0, 1),
         ("warning", "Battery 1 is low", 1.0, 0, 2),
     ]
+    released = autopilot_alarms(changed(flown(), "EV", **columns([4.0], Id=[51])))
+    assert [one["severity"] for one in released] == ["warning"]
     old = with_texts(flown(), b"GROUND START", b"ARMING MOTORS", severity=(1, 3))
     assert autopilot_alarms(old) == autopilot_alarms(flown()) == []
 
@@ -321,12 +341,14 @@ def test_without_settled_flight_there_is_no_tier_but_what_it_takes():
     assert (found.name, found.next_tier, found.reason.code) == (None, "c", Reason.NEVER_ARMED)
     submarine = tier(HOVER.telemetry(100.0, 100.0, vehicle="SUBMARINE"))
     assert submarine.name is None and submarine.reason.code is Reason.NO_MULTIROTOR
+    fast = tier(disarmed(HOVER.telemetry()))
+    assert not fast.is_slow
 
 
 def told(telemetry):
     speaker = Component(1, 1, "QUADROTOR", "ARDUPILOTMEGA", {"ATTITUDE": 1000}, lost=4000)
     station = Component(255, 190, "GCS", "INVALID", {"HEARTBEAT": 60}, lost=100)
-    return inventory(Log("made-up.tlog", (telemetry,), (speaker, station), (), 0, 0, (0.0, 0.0)))
+    return inventory(Log("made-up.tlog", (telemetry,), (speaker, station), (), 0, 0, (1.6e9, 2e9)))
 
 
 def test_a_log_of_some_kinds_misses_nothing_of_what_it_keeps():
@@ -334,6 +356,9 @@ def test_a_log_of_some_kinds_misses_nothing_of_what_it_keeps():
     assert vehicle["lost_share"] == approx(0.8)
     assert vehicle["missing_share"] == 0
     assert station["missing_share"] is None
+    few = told(replace(LONG.telemetry(), messages={"PING": columns(2.0 ** np.arange(49))}))
+    assert few["speakers"][0]["missing_share"] is None
+    assert few["vehicles"][0]["identity"].date.year == 2020
 
 
 def test_who_sends_no_heartbeat_is_shown_as_such():
