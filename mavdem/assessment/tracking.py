@@ -118,5 +118,7 @@ def _overshoot(asked: Signal, angle: Signal, parts: Segments) -> float | None:
     if found is None or not (coherent := found.coherence >= LEAST_COHERENCE).any():
         return None
     peak = abs(found.response[coherent]).max()
-    damping = np.sqrt((1 - np.sqrt(1 - min(1 / peak, 1.0) ** 2)) / 2)
-    return np.exp(-np.pi * damping / np.sqrt(1 - damping**2)) if peak > 1 else 0.0
+    if peak <= 1:
+        return 0.0
+    damping = np.sqrt((1 - np.sqrt(1 - peak**-2)) / 2)
+    return np.exp(-np.pi * damping / np.sqrt(1 - damping**2))
