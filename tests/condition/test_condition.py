@@ -7,7 +7,6 @@ import numpy as np
 from hover import Hover, changed, columns, disarmed, only, with_pulses, with_texts
 from numpy.random import default_rng
 from pytest import approx, mark
-from recorded_flights import recorded
 from refusals import refused
 from scipy.signal import lfilter
 
@@ -32,7 +31,7 @@ SERIES = 1000
 
 
 def uneven(rate):
-    """Motor 2 at 1700 µs, the others at 1600, with noise; leaning 3° to the right and back; a battery, and vibration."""
+    """Motor 2 at 1700 µs, the others at 1600, with noise; leaning 3° right and back; a battery, and vibration."""
     rng = default_rng(7)
     telemetry = HOVER.telemetry(attitude_time=rate, motor_time=rate)
     attitude = telemetry.messages["ATTITUDE"]
@@ -195,19 +194,6 @@ def test_outputs_that_hardly_move_show_no_stop():
     calm = np.where(flying, 1850 + (7 * time).astype(int) % 2, 1000)
     found = hover_of(Signals(with_pulses(telemetry, [calm] * 4), inputs="motors"))
     assert max(found.at_upper_limit) == 0 and found.headroom == approx([0.149] * 4)
-
-
-RECORDED = {
-    "ardupilot_motor2_at_its_limit.BIN": [0.017, 0.112, 0.003, 0.006],
-    "ardupilot_range_1075_1920_slow.tlog": [0.099, 0, 0.040, 0, 0, 0.030],
-}
-
-
-@mark.parametrize("name", RECORDED)
-def test_recorded_motors_at_their_stop(name):
-    found = hover_of(Signals(recorded(f"real/logs/{name}"), inputs="motors"))
-    assert found.at_upper_limit == approx(RECORDED[name], abs=0.005)
-    assert [left == 0 for left in found.headroom] == [share > 0.01 for share in RECORDED[name]]
 
 
 def test_motors_that_never_ran_have_no_figures():

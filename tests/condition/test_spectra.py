@@ -130,7 +130,6 @@ def test_how_a_line_moves_with_the_throttle_names_it(kind):
         (line,) = lined((100.3, 1000.0, exponent), wide=3.0)
         assert line.kind is kind and (line.frequency, line.width) == approx((100.3, 14), abs=0.03)
         assert line.exponent == (None if kind is PeakKind.UNNAMED else exponent)
-        assert line.density == approx(987.0, abs=1.0) and line.order is None
     # Of slow samples it may be a harmonic's alias.
     steep = [lined((60.0, 1000.0, 1.3), wide=3.0, highest=one)[0] for one in (249.0, 250.0)]
     assert [line.kind for line in steep] == [PeakKind.UNNAMED, PeakKind.MOTOR]
@@ -143,7 +142,6 @@ def test_the_eight_strongest_lines_over_six_times_the_noise_are_kept_that_are_8_
     assert [round(line.frequency) for line in found] == [17, 100, 109, 200, 35, 420, 45, 280]
     slow = [line.frequency < 40 for line in found]
     assert slow == [line.kind is PeakKind.UNNAMED for line in found]
-    assert found[1].ratio == approx(61.0)
 
 
 def test_multiples_of_a_motors_line_up_to_six_to_2_percent_are_its_harmonics():
@@ -200,6 +198,8 @@ def test_a_notch_takes_the_line_and_says_its_cost():
     settings = dict(fact.figures["settings"])
     assert settings["INS_HNTCH_FREQ"] == approx(140.0, rel=0.02)
     assert settings["INS_HNTCH_HMNCS"] == 3.0 and settings["INS_HNTCH_REF"] == 0.35
+    kinds = [settings[f"INS_HNTCH_{name}"] for name in ("ENABLE", "MODE", "ATT")]
+    assert kinds == [1.0, 1.0, 40.0]
     lags = [gyro_filters(one, 12.0).phase_lag for one in (controller.changed(settings), controller)]
     assert fact.figures["phase_cost"] == approx(lags[0] - lags[1]) and 1 < lags[0] - lags[1] < 10
     set_already, _ = advice(telemetry, **settings)

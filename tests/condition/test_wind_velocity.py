@@ -84,12 +84,15 @@ def test_legs_show_wind_drag_and_lean(seed):
 
 def test_band_holds_and_a_jump_is_followed():
     time, attitude, velocity, air = flight(seed=7, jump=1.0)
-    wind = mavdem.estimate_wind(time, attitude, velocity)
+    wind = mavdem.estimate_wind(time, attitude, velocity, height=5.0 + 10 * (time > 60))
     true = np.column_stack([np.interp(wind.time, time, part) for part in air.T])
     assert 0.8 < np.mean(abs(wind.velocity - true) <= wind.band) <= 1.0
     speeds = np.hypot(*wind.velocity.T)
     assert speeds[wind.time < 55].mean() < 6.5 and speeds[wind.time > 65].mean() > 8.5
     assert wind.gust > 9 and [round(one["speed"] / 5) for one in wind.minutes] == [1, 2]
+    assert np.diff([(one["start"], one["end"]) for one in wind.minutes]) == approx(60.0, abs=1.0)
+    layers = [(one["height"], round(one["speed"] / 5)) for one in wind.profile]
+    assert layers == [(5.0, 1), (15.0, 2)]
 
 
 @mark.parametrize("legs", [5.0, 0.0])
@@ -97,7 +100,7 @@ def test_the_share_of_the_torque_is_known_where_the_air_s_velocity_along_the_bod
     time, attitude, velocity, _ = flight(legs=legs, turning=0.0, seed=5)
     wind = mavdem.estimate_wind(time, attitude, velocity)
     torque = np.interp(time, wind.time, wind.along[:, 1]) * (legs > 0) + default_rng(0).normal(
-        size=len(time)
+        0.0, 2.0, len(time)
     )
     explained = torque_explained(wind, time, torque)
     share = explained.figures["share"]

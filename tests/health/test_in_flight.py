@@ -254,4 +254,6 @@ def test_json_keeps_alarms_apart_from_changes_that_name_no_motor():
     found = alarm_figures([torque, named, sound])
     assert (found["alarms"], found["recoveries"]) == ([named], [sound])
     assert found["torque_changes"] == [torque]
-    assert found["false_alarms_per_hour"]["at_most"] == approx(-np.log(0.05) / 5.55, abs=0.01)
+    at_most, basis = found["false_alarms_per_hour"].values()
+    assert at_most == approx(-np.log(0.05) / 5.55, abs=0.01)
+    assert basis.figures["duration"] == 5.55 * 3600

@@ -69,7 +69,6 @@ def test_one_motor_is_named_where_all_axes_have_the_ratio_of_its_place(motors):
 @mark.parametrize(
     "name, code",
     [
-        ("yaw_twist_16_percent.BIN", Trim.TRIM_OF_YAW),
         ("px4_pwm_main_1100_1900.ulg", Trim.TRIM_OF_YAW),
         ("ardupilot31_bitmask_already_set.BIN", Trim.TRIM_OF_SEVERAL),
         ("no_fault_while_yawing.BIN", Trim.TRIM_EVEN),
