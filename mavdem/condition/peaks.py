@@ -56,7 +56,7 @@ class Peak(NamedTuple):
     frequency: float  # Hz, at the median throttle
     ratio: float  # power over that around it
     density: float  # of all axes there, unit²/Hz
-    width: float  # Hz, at half of the power over what is around it
+    width: float  # Hz, at half of its decibels over what is around it
     exponent: float | None  # γ; None where the throttle did not change enough
     harmonics: tuple[int, ...] = (1,)  # multiples at which there are lines too
     order: float | None = None  # of the motors' speed, where that was logged

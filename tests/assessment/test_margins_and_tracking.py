@@ -15,11 +15,12 @@ from hover import (
 )
 from numpy.random import default_rng
 from pytest import approx, mark
-from recorded_flights import recorded
+from recorded_flights import LOGS, recorded
 from scipy.signal import lfilter
 
 from mavdem.alignment.learnability import too_slow
 from mavdem.alignment.signals import Signals
+from mavdem.analysis.loops import loops_of_axes
 from mavdem.assessment.assess import grounded_air
 from mavdem.assessment.margins import margins_light
 from mavdem.assessment.tracking import ERROR, tracking_light, tracking_of
@@ -33,6 +34,7 @@ from mavdem.facts.learnability import Reason
 from mavdem.facts.loops import Loops
 from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.facts.wind import NoWind
+from mavdem.ingest import read_log
 
 HOVER = Hover(hovering=40.0)
 TIME = HOVER.stamps(100.0)
@@ -154,6 +156,22 @@ def test_what_hides_the_margins_is_said_at_any_rate():
         light = margins_light(evidence(HOVER.telemetry(10.0, 10.0), loops={"roll": refusal}))
         assert light.level is Level.UNKNOWN and light.figures["because"] is refusal
         assert light.sentence.endswith(said) and "there are the" not in light.sentence
+
+
+@mark.slow
+def test_the_worst_loop_of_a_flight_is_rated():
+    log = read_log(LOGS / "ardupilot_wind5_steps.tlog")
+    loops = loops_of_axes(log, Signals(log.vehicles[0]))
+    assert list(loops) == ["roll", "pitch", "yaw"] and isinstance(loops["pitch"], Fact)
+    light = margins_light(evidence(log.vehicles[0], loops=loops))
+    assert (light.code, light.level) == (MarginsLight.LOOP_MARGINS, Level.WATCH)
+    assert light.figures["axis"] == "roll"
+    roll = loops["roll"]
+    assert roll.refusal is None
+    tighter = roll.changed({"ATC_RAT_RLL_P": 1.03 * roll.controller.p})
+    loops["pitch"] = replace(tighter, axis="pitch")
+    light = margins_light(evidence(log.vehicles[0], loops=loops))
+    assert (light.level, light.figures["axis"]) == (Level.WATCH, "pitch")
 
 
 @mark.parametrize(
