@@ -125,6 +125,10 @@ def test_every_message_has_the_same_velocity(tmp_path):
     assert np.polyfit(north, place["lat"], 1)[0] == approx(89.9, rel=0.01)
     assert np.polyfit(east, place["lon"], 1)[0] == approx(89.9 / shrunk, rel=0.01)
     assert_allclose(sent, motion.known_velocity[rows], atol=0.0051)
+    up = -1000 * motion.known_position[rows, 2]
+    assert_allclose(place["relative_alt"], up, atol=0.5001)
+    assert_allclose(place["alt"], 488_000 + up, atol=0.5001)
+    assert_allclose(place["hdg"], 100 * np.degrees(0.3), atol=0.5001)
 
 
 def test_the_clock_of_32_bit_microseconds_wraps(tmp_path):
