@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from pytest import mark
+from pytest import approx, mark
 from simulated import SIGNS, in_closed_loop
 
 from mavdem import Flight
@@ -112,3 +112,5 @@ def test_no_lag_reaches_across_a_gap():
         if closed:
             ahead.add(memory.blocks[-1])
     assert abs(later - far).max() < 10
+    # Of 12 s, by what is forgotten in 30.
+    assert ahead._statistics.rows == approx(3000 * (1 - np.exp(-0.4)), rel=0.02)

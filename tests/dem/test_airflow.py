@@ -1,5 +1,7 @@
 """The motion that drag and wind are identified from."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
@@ -10,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import mavdem
 from mavdem.dem.airflow.identification import independent_share
-from mavdem.dem.airflow.model import motion
+from mavdem.dem.airflow.model import Drag, motion
 
 
 def test_thrust_that_climbs_and_sinks_makes_no_force_across_itself():
@@ -40,6 +42,20 @@ def test_circles_in_calm_air_show_the_drag_and_no_wind():
     assert wind.speed_interval[0] == 0
     with raises(ValueError, match="drag must be a Drag"):
         mavdem.estimate_wind(time, tilts.T, velocity, 0.3)
+
+
+def test_what_somebody_set_in_the_autopilot_takes_the_place_of_the_populations_drag():
+    usual = Drag.of_parameters("PX4", {"EKF2_MCOEF": 0.15, "EKF2_BCOEF_X": 25, "EKF2_BCOEF_Y": 100})
+    assert_allclose(usual.mean, np.append(np.log([0.3, 0.014, 1, 1]), [0, 0]))
+    assert_allclose(np.diag(usual.covariance) ** 0.5, [0.7, 0.9, 0.2, 0.35, 0.18, 0.18])
+    # From flight to flight no more is forgotten than the next may differ by.
+    assert_allclose(usual.of_next_flight().covariance, usual.covariance)
+    leaning = replace(usual, mean=np.ones(6)).of_next_flight()
+    assert_allclose(leaning.mean, np.append(np.ones(4), [1 - (5 / 9) ** 2] * 2))
+    names = ("EK3_DRAG_MCOEF", "EK3_DRAG_BCOEF_X", "EK3_DRAG_BCOEF_Y")
+    told = Drag.of_parameters("ARDUPILOTMEGA", dict(zip(names, (0.5, 20.0, 80.0), strict=True)))
+    assert_allclose([told.linear, told.quadratic], [[0.5, 0.5], [0.6125 / 20, 0.6125 / 80]])
+    assert_allclose(np.diag(told.covariance) ** 0.5, [0.3, 0.3, 0.2, 0.3, 0.18, 0.18])
 
 
 def test_errors_that_are_alike_count_for_fewer_independent_ones():

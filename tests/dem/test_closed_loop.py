@@ -152,6 +152,7 @@ def test_messages_of_several_rates_count_at_the_slowest():
     streams = [Messages(STAMPS[::4], FLOWN.rate[::4]), Messages(STAMPS[::10], FLOWN.output[::10])]
     found = spectra(streams, STARTS)
     assert found.rate == approx(40.0, rel=1e-3) and found.frequency[-1] < 20.0
+    assert abs(np.array(found.late)).max() < 4 * CYCLE
     kept = default_rng(1).random(len(STAMPS[::4])) > 0.2
     lossy = spectra([Messages(STAMPS[::4][kept], FLOWN.rate[::4][kept])], STARTS)
     whole = spectra([Messages(STAMPS[::4], FLOWN.rate[::4])], STARTS)

@@ -108,10 +108,17 @@ def test_settings_of_former_versions_are_read():
 
 
 def test_paper_settings_are_those_of_section_v_d():
-    paper = Settings.paper()
-    assert (paper.order, paper.p, paper.d, paper.smoothness) == (2, 2, 1, None)
-    assert paper.parameter_precision == approx(e**4)
-    assert (paper.lambda_z, paper.lambda_w, paper.lambda_log_precision) == (20, 3, (25, 20))
+    usual = {"order": None, "p": 2, "d": None, "window": None, "scaling": "channel"}
+    usual |= {"known_inputs": True, "smoothness": None, "correlation": "sampled"}
+    usual |= {"prior": "regulated", "parameter_precision": None, "lambda_z": 20, "lambda_w": 3}
+    usual |= {"lambda_log_precision": (25, -4.6), "input_precision": 1.6e5, "iterations": 200}
+    usual |= {"seed": 0, "horizon": 0.3, "forecasts": "joint"}
+    assert Settings().to_dict() == usual
+    own = {"order": 2, "d": 1, "window": 3, "scaling": "paper", "correlation": "continuous"}
+    own |= {"prior": "uniform", "lambda_log_precision": (25, 20), "iterations": 20}
+    own |= {"parameter_precision": approx(e**4), "input_precision": approx(e**16)}
+    own |= {"horizon": None, "forecasts": "plant"}
+    assert Settings.paper().to_dict() == usual | own
 
 
 @mark.parametrize(
@@ -121,6 +128,11 @@ def test_paper_settings_are_those_of_section_v_d():
         ("known_inputs", ("yes",)),
         ("window", 2),
         ("smoothness", 0.0),
+        ("order", 13),
+        ("iterations", 0),
+        ("seed", -1),
+        ("lambda_w", 101.0),
+        ("lambda_w", -101.0),
         ("lambda_z", (1.0, 2.0)),
         ("lambda_log_precision", (1.0, 101.0)),
         ("input_precision", ((1.0, 2.0), (2.0, 1.0))),

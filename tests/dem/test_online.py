@@ -66,11 +66,12 @@ def test_a_memory_has_its_latest_samples():
 def test_what_is_taken_back_is_forgotten_and_nothing_of_an_earlier_boot():
     memory = Memory(0.01, block=4, most=9)
     for start in (500.0, 3.0):
-        for sample in range(12):
+        for sample in range(13):
             memory.add(np.array([sample]), np.array([-sample]), start + 0.01 * sample)
         memory.end_segment()
-    assert drop_since(memory.blocks, 3.045) and memory.record().lengths == (12, 4)
-    assert drop_since(memory.blocks, 1.0) and memory.record().lengths == (12,)
+    assert drop_since(memory.blocks, 3.045) and memory.record().lengths == (13, 4)
+    assert drop_since(memory.blocks, 1.0) and memory.record().lengths == (13,)
+    assert not drop_since(memory.blocks, 600.0)
     assert drop_since(memory.blocks, -1.0) and not memory.blocks
 
 

@@ -294,6 +294,7 @@ def test_inputs_that_curve_are_seen_on_unseen_windows_and_straight_ones_are_not(
 def test_what_cannot_be_fitted_is_said(change, reason):
     found = physical(change(flown(0, steering=1.0)))
     assert isinstance(found, NotIdentifiable) and found.reason.code is reason
+    assert found.reason.figures.get("rate", 25.0) == approx(25.0)
 
 
 STEPS = 100

@@ -12,6 +12,7 @@ from mavdem import Flight, Settings, learn
 from mavdem.dem import Gaussian
 from mavdem.dem.engine.model import pack, unpack
 from mavdem.dem.engine.state_space import filter_gain
+from mavdem.dem.priors import explicit_prior
 
 KNOWN = 1e8
 
@@ -42,6 +43,9 @@ def test_a_prior_in_physical_units_means_the_same_in_any_scaling():
         assert_allclose(learned.model.B[1], GAIN, rtol=0.15)
     assert_allclose(scaled.model.A, plain.model.A, atol=0.1)
     assert_allclose(scaled.model.B, plain.model.B, atol=2e-3)
+    mean, precision = explicit_prior(Gaussian([6.0], 3.0), 0.5, np.array([1]), np.array([7.0, 2.0]))
+    assert_array_equal(mean, [0.0, 3.0])
+    assert_array_equal(precision, np.diag([0.5, 12.0]))
 
 
 def test_a_known_parameter_stays_and_is_reported_as_known():

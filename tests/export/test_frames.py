@@ -65,11 +65,13 @@ def test_a_system_has_the_names_and_the_matrices_of_the_model(learned):
 
 
 @mark.slow
-@mark.filterwarnings("ignore:Of this plant")
+@mark.filterwarnings("ignore:Poorly known of this plant")
 def test_the_physical_plant_responds_as_the_vehicle_is_simulated(learned):
     plant = learned.to_control()
     trim = learned.record.inputs.mean(axis=0)
-    assert plant.name == "mavdem physical model" and plant.delay == learned.physical.delay
+    states = ["delay_1", "delay_2", "roll_rad", "roll_rate_rad_s", "motors_torque"]
+    assert plant.state_labels == states and plant.name == "mavdem physical model"
+    assert plant.delay == learned.physical.delay
     time = np.arange(61) * learned.dt
     steered = np.outer(20 * np.sin(2 * np.pi * time) ** 2, learned.record.effect_directions)
     expected = learned.simulate(trim + steered[1:]) - learned.simulate(trim + 0 * steered[1:])

@@ -1,7 +1,5 @@
 """What the page on section IV shows of the algorithm is so."""
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.testing import assert_allclose
 from pytest import approx, mark
@@ -31,24 +29,6 @@ def test_fifty_priors_end_at_one_point_but_not_under_the_papers_settings(monkeyp
     assert len(paths) == 50
     assert_allclose(np.linalg.norm(starts - landscape.CENTRE, axis=1), 5.0)
     assert_allclose(ends, np.broadcast_to(estimate, ends.shape), rtol=1e-4)
-
-
-def test_the_signals_are_those_of_the_system_and_of_its_noises():
-    still = {"amplitude": 0.0, "lambda_z": 60.0, "lambda_w": 60.0}
-
-    def signals(told, **sampling):
-        y, v = replace(ScalarWorld(**still | told), **sampling).signals(1)
-        return y[:, 0], v[:, 0]
-
-    sensor, _ = signals({"lambda_z": 6.0}, duration=20000.0)
-    state, _ = signals({"lambda_w": 3.0}, duration=20000.0, step=0.05)
-    process = np.gradient(state, 0.05) - A * state
-    for noise, log_variance, half_second in ((sensor, -6.0, 5), (process, -3.0, 10)):
-        assert noise.std() == approx(np.exp(log_variance / 2), 0.02)
-        alike = np.mean(noise[half_second:] * noise[:-half_second]) / noise.var()
-        assert alike == approx(np.exp(-0.25), 0.02)
-    y, v = signals({"amplitude": 3.0}, step=0.01)
-    assert_allclose(np.gradient(y, 0.01)[1:-1], (A * y + B * v)[1:-1], atol=1e-2)
 
 
 def test_these_settings_end_at_the_truth():

@@ -35,13 +35,7 @@ def accelerations(scenario, motion, axis="roll"):
 
 
 @mark.slow
-def test_the_linear_system_with_lag_and_disturbance_moves_as_the_vehicle_did(flown):
-    true, predicted = accelerations(*flown)
-    assert (true - predicted).std() < 0.01 * true.std()
-
-
-@mark.slow
-def test_it_does_about_every_axis_while_all_are_excited():
+def test_the_linear_system_with_lag_and_disturbance_moves_about_every_axis_as_the_vehicle_did():
     excitation = Multisine(
         kind="multisine", axis="all", sd=2.0, lowest=0.3, highest=4.0, period=10.0
     )

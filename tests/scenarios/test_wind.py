@@ -1,5 +1,7 @@
 """Winds that are no chance, turbulence by its statistics, and what every wind has in common."""
 
+from functools import partial
+
 import numpy as np
 from numpy.random import default_rng
 from pytest import approx, mark
@@ -161,27 +163,15 @@ def of_kernel(s):
 
 
 MODELS = {
-    "gaussian": (lambda dt, n, noise: gaussian_noise(S, dt, n, noise), of_kernel(S)),
-    "gaussian of a few steps": (
-        lambda dt, n, noise: gaussian_noise(SHORT, dt, n, noise),
-        of_kernel(SHORT),
-    ),
-    "dryden along": (
-        lambda dt, n, noise: first_order(T, dt, n, noise),
-        lambda tau: np.exp(-tau / T),
-    ),
+    "gaussian": (partial(gaussian_noise, S), of_kernel(S)),
+    "gaussian of a few steps": (partial(gaussian_noise, SHORT), of_kernel(SHORT)),
+    "dryden along": (partial(first_order, T), lambda tau: np.exp(-tau / T)),
     "dryden across": (
-        lambda dt, n, noise: second_order(T, dt, n, noise),
+        partial(second_order, T),
         lambda tau: (1 - tau / T / 2) * np.exp(-tau / T),
     ),
-    "von karman along": (
-        lambda dt, n, noise: von_karman_noise(False, T, dt, n, noise),
-        lambda tau: along(tau / T),
-    ),
-    "von karman across": (
-        lambda dt, n, noise: von_karman_noise(True, T, dt, n, noise),
-        lambda tau: across(tau / T),
-    ),
+    "von karman along": (partial(von_karman_noise, False, T), lambda tau: along(tau / T)),
+    "von karman across": (partial(von_karman_noise, True, T), lambda tau: across(tau / T)),
 }
 
 

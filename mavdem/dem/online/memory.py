@@ -36,12 +36,10 @@ def record_of(blocks: Iterable[MemoryBlock], dt: float, effect_directions: Array
 def drop_since(blocks: deque[MemoryBlock], time: float) -> bool:
     """Drops the latest blocks that end after ``time``, s, of the same clock; returns whether there were any."""
     latest = np.inf
-    dropped = 0
     # Where time goes back, another boot begins.
     while blocks and time < blocks[-1].until < latest:
         latest = blocks.pop().until
-        dropped += 1
-    return dropped > 0
+    return latest < np.inf
 
 
 class Memory:
