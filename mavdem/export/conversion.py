@@ -200,7 +200,7 @@ def _identified(learned: Learned) -> Physical:
     ]:
         given = dict.fromkeys(fact.advised for fact in physical.reasons.values() if fact)
         reasons = " ".join(given)
-        warn(f"Poorly known of this plant: {', '.join(doubtful)}. {reasons}", stacklevel=4)
+        warn(f"Poorly known of this plant: {', '.join(doubtful)}. {reasons}", stacklevel=5)
     return physical
 
 
