@@ -73,16 +73,12 @@ def run(runner: Runner) -> Result:
 
 
 def noise_of_model(window: Window) -> Noise:
-    """Returns w^φ̇ = (C(x′ − Ax − Bv))^φ̇, rad/s², under DEM with the paper's settings, as the D step estimates it.
-
-    It is that of the longest part of the training data without gaps.
-    """
+    """Returns w^φ̇ = (C(x′ − Ax − Bv))^φ̇, rad/s², under DEM with the paper's settings, as the D step estimates it."""
     learned = learn(window.train, PAPER)
-    samples, noise = learned.process_noise()
-    runs = np.split(np.arange(len(samples)), np.flatnonzero(np.diff(samples) > 1) + 1)
+    _, noise = learned.process_noise()
     overlap = learned.settings.window
     assert overlap is not None
-    return analyse_noise(noise[max(runs, key=len)] @ learned.model.C[-1], overlap)
+    return analyse_noise(noise @ learned.model.C[-1], overlap)
 
 
 def checks(noises: list[Noise], whose: str, pieces: str) -> tuple[Check, ...]:
