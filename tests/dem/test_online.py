@@ -10,14 +10,14 @@ from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx, mark, raises
 from recorded_flights import shared
-from scipy.stats import norm
-from simulated import simulated
+from scipy.stats import gumbel_r, norm
+from simulated import SIGNS, simulated
 
 import mavdem
 from mavdem import Flight, OnlineLearner, Settings
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.dem.learning import learn_with_fit
-from mavdem.dem.online import learner
+from mavdem.dem.online import learner, tracker
 from mavdem.dem.online.ahead import OnlineJoint
 from mavdem.dem.online.learner import HORIZONS, LEARNING_SECONDS
 from mavdem.dem.online.memory import Memory, drop_since
@@ -132,11 +132,13 @@ def test_of_many_samples_it_learns_less_often(monkeypatch):
 
 def test_while_the_first_learning_runs_samples_are_not_too_few():
     executor = Mock(**{"submit.return_value": Future()})
-    online = OnlineLearner(dt=WINDY.dt, executor=executor)
+    online = OnlineLearner(dt=WINDY.dt, executor=executor, effect_directions=SIGNS)
     flown(online, WINDY[:150])
     assert online.obstacle.code is Online.TOO_FEW_SAMPLES_YET
-    flown(online, WINDY[150:500])
+    estimates = flown(online, WINDY[150:500])
     assert online.obstacle.code is Online.FIRST_LEARNING
+    # Samples follow from those before them without that model.
+    assert (estimates[-1].expected_band < 0.05 * WINDY.outputs.std(axis=0)).all()
 
 
 def test_an_executor_that_is_gone_is_an_obstacle_and_no_error():
@@ -297,6 +299,17 @@ def surprises(rng, seconds, alike=10):
     """Of F(t) with a long lower tail, ``alike`` for so many samples, in the unit of surprise."""
     low = rng.gamma(1.0, size=round(seconds / DT / alike)).repeat(alike)
     return (low - np.log(2.0)) / (np.log(20.0) - np.log(2.0))
+
+
+def test_the_limit_of_evidence_is_the_peak_of_once_in_five_minutes():
+    """By Gumbel's distribution, of peaks whose median deviation is 1, or less than what they scatter by at least."""
+    marks = AnomalyMarks(DT)
+    times = marks._peaks.maxlen, marks._block, marks._rest, marks._share
+    assert times == approx((60, 500, 2000, 0.01))
+    far = np.sqrt(1 + 1 / 3) * (gumbel_r.isf(1 / 60) - gumbel_r.median())
+    assert tracker._limit(np.array([1.0, 2.0, 3.0])) == approx(2 + far / 0.767)
+    assert tracker._limit(np.full(3, 2.0)) == approx(2 + far * 0.09)
+    assert tracker._limit(np.array([1.0, 2.0])) == np.inf
 
 
 def marked(marks, surprise):

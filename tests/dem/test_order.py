@@ -1,6 +1,7 @@
 """The order by free energy: what is chosen of given heights, and how often it is that of the system."""
 
 import json
+from unittest.mock import Mock
 
 import numpy as np
 from numpy.testing import assert_allclose
@@ -10,6 +11,7 @@ from scipy.stats import binom
 from simulated import simulated
 
 from mavdem import Flight
+from mavdem.dem import order_choice
 from mavdem.dem.order_choice import STANDARD_ERRORS, FlightOrders, OrderChoice, orders_of
 from mavdem.facts.model import OrderFact
 from mavdem.paper.order import lateral_flight
@@ -76,13 +78,17 @@ def test_what_is_no_argument_is_named(arguments):
 
 
 @mark.slow
-def test_orders_that_the_data_do_not_allow_are_not_tried_and_said():
+def test_orders_that_the_data_do_not_allow_or_that_break_down_are_said(monkeypatch):
     found = orders_of(simulated(samples=100, wind=1.0), max_order=6)
     told_orders = np.isfinite(found.free_energy)
     assert told_orders[0] and not told_orders[-1]
     (remark,) = found.remarks
     assert remark.code is OrderFact.ORDERS_NOT_FITTED
     assert remark.figures["order"] == told_orders.sum() + 1 == int(found.samples * 2 / 7) + 1
+    fits = (Mock(free_energy=5.0), None)
+    monkeypatch.setattr(order_choice, "fits_by_order", lambda *_: fits)
+    (remark,) = orders_of(simulated(samples=200), max_order=2).remarks
+    assert (remark.code, remark.figures["order"]) == (OrderFact.ORDER_BROKE_DOWN, 2)
     with raises(ValueError, match="^40 samples are too few"):
         orders_of(simulated(samples=40, wind=1.0))
 

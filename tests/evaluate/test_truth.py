@@ -145,7 +145,7 @@ def test_while_a_motor_is_weak_its_weaker_effect_is_the_truth(
 
 
 def test_the_truth_of_another_flight_is_refused(flight, motion, path, tmp_path):
-    other = dict(np.load(path)) | {"known_rates": motion.known_rates / 2}
+    other = dict(np.load(path)) | {"known_rates": motion.known_rates / 1.5}
     np.savez(tmp_path / "other.npz", **other)
     fact = unreadable(truth_of, [flight], tmp_path / "other.npz")
     assert (fact.code, fact.subject) == (Forecasts.TRUTH_OF_ANOTHER_FLIGHT, "roll rate")

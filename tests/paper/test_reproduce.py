@@ -135,7 +135,7 @@ def test_free_energy_saturates_where_higher_orders_gain_nothing(free_energy, exp
 
 def test_every_inputs_must_lead_to_the_order_of_the_system():
     found = order.checks({"unknown": [1, 2, 3, 4], "known": [1, 3, 3, 4]})
-    assert holds(found) == [True, False, True, True]
+    assert holds(found) == [True, False, True, True] and order.ORDERS == (1, 2, 3, 4, 5, 6)
     assert found[0].finding == "F̄ of system 1 saturates at order 1"
     assert (
         found[1].finding

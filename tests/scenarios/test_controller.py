@@ -90,6 +90,7 @@ def test_a_chirp_turns_as_often_as_its_mean_frequency_says():
     periods = demands[demands != 0]
     turns = np.count_nonzero(np.diff(np.sign(periods[-round(20 / CYCLE) :]))) / 2
     assert turns == approx(20.0 * 2.5, abs=1)
+    assert abs(periods).max() == approx(radians(wanted.amplitude), rel=1e-3)
 
 
 def test_doublets_of_all_axes_take_turns():
