@@ -19,9 +19,7 @@ def test_fifty_priors_end_at_one_point_but_not_under_the_papers_settings(monkeyp
     sharpness = [14332.7, 26663.4, 60605.2, 77665.6, 93184.8]
     assert result.numbers["curvature_along_A"] == approx(sharpness, 1e-3)
     assert result.numbers["ends_over_posterior_sd"]["the paper’s"] == approx(4.34, 0.05)
-    manifold, circle = (picture.draw() for picture in result.pictures)
-    assert [axes.get_title("left") for axes in manifold.axes][:2] == ["prior", "iteration 1"]
-    (axes,) = circle.axes
+    _, (axes,) = (picture.draw().axes for picture in result.pictures)
     assert (axes.get_xlim(), axes.get_ylim()) == ((-10, 4), (-4, 10))
     truth, estimate, *paths = (line.get_xydata() for line in axes.lines)
     assert truth.tolist() == [[A, B]]

@@ -5,7 +5,6 @@ from dataclasses import fields
 import numpy as np
 from numpy.testing import assert_array_equal
 from pytest import approx, fixture, mark, raises
-from scipy.spatial.transform import Rotation
 
 from sitl_scenarios import scenario as sections
 from sitl_scenarios.dynamics import euler
@@ -13,7 +12,6 @@ from sitl_scenarios.files import load, names
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation, fly
-from sitl_scenarios.vehicles import GRAVITY, airframe
 
 FAULTY = {"oscillating_frame", "oscillating_gains"}
 ALIKE = {"paper_2", "paper_3", "paper_4", "system_2", "system_3", "iris_identification"}
@@ -68,17 +66,6 @@ def test_it_arms_climbs_hovers_lands_and_disarms(flight):
     assert not any(
         columns[standing].any() for columns in (flight.velocity, flight.force, flight.moment)
     )
-
-
-@mark.slow
-def test_beside_gravity_and_the_disturbing_force_only_thrust_acts_along_body_z(flight):
-    mass = airframe(brief().vehicle).mass
-    acceleration = np.gradient(flight.velocity, flight.time, axis=0)
-    rest = mass * (acceleration - [0, 0, GRAVITY]) - flight.force
-    hovering = (flight.landed_state == 2) & (flight.time > 9)
-    turned = Rotation.from_quat(flight.attitude[hovering], scalar_first=True)
-    across = turned.inv().apply(rest[hovering])[:, :2]
-    assert abs(across).max() < 0.02 < 0.3 < abs(flight.force[hovering, :2]).max()
 
 
 @mark.slow
