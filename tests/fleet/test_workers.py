@@ -230,12 +230,6 @@ def stand_in(monkeypatch, client):
 HERE = "mavdem"
 
 
-def test_twice_as_many_logs_as_threads_are_on_their_way_to_a_cluster(monkeypatch):
-    stand_in(monkeypatch, {"nthreads.return_value": {"0": 3, "1": 1}})
-    monkeypatch.setattr(cluster, "side_by_side", lambda reads, *_: iter([len(reads)]))
-    assert [*Cluster("tcp://127.0.0.1:9", LIMITS).outcomes(iter([]))] == [8]
-
-
 def test_what_a_log_costs_is_bounded_and_told(monkeypatch, tmp_path):
     monkeypatch.setenv("MAVDEM_TRACEBACK", "1")
     monkeypatch.setattr(workers, "stay_in_this_process", lambda: None)

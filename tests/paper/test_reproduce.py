@@ -8,9 +8,7 @@ import numpy as np
 from click import Command, Context
 from command_line import run, strict_json
 from numpy.random import default_rng
-from numpy.testing import assert_allclose
-from pytest import approx, fail, mark
-from recorded_flights import shared
+from pytest import fail, mark
 from scipy.ndimage import gaussian_filter1d
 
 import mavdem
@@ -18,20 +16,16 @@ from mavdem.baselines import maximum_likelihood
 from mavdem.cli.commands import main
 from mavdem.cli.output import json_text
 from mavdem.evaluate.window import Window
-from mavdem.paper import CLAIMS, figures, forecasts, noise, oracle, order
+from mavdem.paper import CLAIMS, forecasts, noise, oracle, order
 from mavdem.paper.forecasts import MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES
 from mavdem.paper.report import ITEMS, PAGE, ItemReport, document, write
 from mavdem.paper.runner import (
-    MEAN,
     PEERS,
     WITH,
     Check,
     ClaimStatus,
     Result,
     Runner,
-    ardrone,
-    errors_of,
-    median_draw,
 )
 
 HELD = Check("a rule", True, "this is so")
@@ -106,13 +100,6 @@ def test_a_method_must_win_on_every_flight():
     assert "on 2 of 2; its error is 0.471 times" in won.finding and "on 1 of 2" in lost.finding
 
 
-def test_a_method_must_be_the_best_at_over_half_of_the_steps():
-    squares = {name: np.ones(5) for name in (WITH, *PEERS[1:], MEAN)}
-    for own, held, found in (([0, 0, 2, 2, 2], False, "40 %"), ([0, 0, 0, 2, 2], True, "60 %")):
-        check = forecasts._most_steps(squares | {WITH: np.array(own)}, "a flight")
-        assert check.holds == held and f"at {found} of" in check.finding
-
-
 def test_the_authors_result_must_lie_among_ours():
     ours = np.linspace(1, 2, 101)
     cases = {
@@ -165,48 +152,6 @@ def test_a_prediction_is_judged_by_what_it_shows():
         "F̄ does not always increase over 1 iterations",
         "forecasts from 2 random priors have an MSPE from 1.80 to 8.20 (10 % and 90 % quantiles)",
     ]
-    good = SimpleNamespace(
-        one_step=lambda: WINDOW.train.outputs + 0.05,
-        forecast=lambda inputs: WINDOW.test.outputs,
-        learning=SimpleNamespace(theta=-np.append(np.arange(10.0), [9.6, 10.0])[:, None]),
-        free_energy=SimpleNamespace(total=np.array([0.0, 0.0, 1.0])),
-    )
-    assert all(holds(forecasts.prediction_checks(WINDOW, good, [1.0, 2.2])))
-
-
-def test_figures_show_what_was_measured_and_predicted_when_it_was():
-    ahead = {"all": {"held": np.full((10, 1), 2.0)}}
-    spans = [[0.0, 1.29], [0.01, 1.19], [1.2, 1.29]]
-    for one_step, drawn in ((None, [[0.2, 1.29], spans[2]]), (ROLL[:120], spans)):
-        (axes,) = figures.forecasts(WINDOW, ahead, one_step).axes
-        assert_allclose([line.get_xdata()[[0, -1]] for line in axes.lines], drawn)
-        assert axes.patches[0].get_x() == approx(1.2)
-    (axes,) = figures.lines({"": {"a": np.array([3.0, 1.0])}}, "n", first=1, bounds=(-2.0,)).axes
-    assert [line.get_xydata()[-1].tolist() for line in axes.lines] == [[2, 1], [1, -2]]
-
-
-def test_results_of_workers_are_kept_with_the_share_of_all_jobs_that_are_done():
-    runner = Runner(experiments=(4, 5))
-    shares = []
-    runner.progress = shares.append
-    assert [runner.each(abs, [-1, -2]), runner.each(abs, [3, -4])] == [[1, 2], [3, 4]]
-    assert shares == [0.5, 1.0, 0.75, 1.0] and (runner.shown, Runner().shown) == (4, 2)
-    trials = [SimpleNamespace(mspe=lambda start, e=e: np.array([e, e])) for e in (3.0, 9, 1, 2, 5)]
-    assert errors_of(trials, "the data").tolist() == [6, 18, 2, 4, 10]
-    assert median_draw(trials, "the data") is trials[0]
-
-
-def test_the_recorded_flight_and_the_authors_data_are_read(monkeypatch):
-    flight = ardrone(shared("ardrone_tudelft/expData10_29_25.mat"))
-    assert len(flight) == 7000 and flight.time[[0, -1]] == approx([2600 / 120, 9599 / 120])
-    roll, rate = flight.outputs.T
-    gain, offset = np.polyfit(rate, np.gradient(roll, flight.dt), 1)
-    assert gain == approx(1, abs=0.05) and offset == approx(0, abs=0.01)
-    monkeypatch.setattr(oracle, "FOLDER", shared("oracle"))
-    window = oracle.authors_window()
-    assert (len(window.train), len(window.test)) == (700, 150)
-    assert window.test.time[-1] == approx(849 * 0.0083)
-    assert oracle.authors_errors()["the data"]["DEM p=2"] == approx(0.0042, 0.01)
 
 
 @mark.slow
