@@ -35,6 +35,7 @@ from mavdem.errors import Unreadable
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import contents as files
 from mavdem.ingest import read_log
+from mavdem.ingest.flight_modes import mode_name
 from mavdem.ingest.telemetry import rate_without_gaps
 from mavdem.ingest.vocabulary import Injection
 
@@ -404,3 +405,7 @@ def test_an_archive_that_cannot_be_unpacked_is_refused(tmp_path, monkeypatch, sp
     path.write_bytes(spoil(lzma.compress(log(*flight(TIMES)))))
     with refused(code):
         read_log(path)
+
+
+def test_a_mode_of_px4_is_a_main_and_a_sub_mode():
+    assert mode_name("PX4", "QUADROTOR", 4 << 16 | 5 << 24) == "Return"
