@@ -48,6 +48,7 @@ def test_the_list_is_one_a_line_name_first(capsys):
 def test_a_description_is_a_file_that_is_the_same_scenario(name, tmp_path):
     scenario = load(name)
     assert scenario_of(tomllib.loads(in_toml(scenario))) == scenario
+    assert in_toml(scenario).count("; true or false") == 2
 
 
 @mark.parametrize(
