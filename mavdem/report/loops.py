@@ -43,7 +43,8 @@ def tune_blocks(found: Mapping[str, Advice | Fact], whole: bool = True) -> Block
             blocks += [*_loop_blocks(advice), *gain_blocks(advice)]
         else:
             blocks += gain_blocks(advice)[:1]
-    blocks += [] if whole else limits_of(found)
+    if not whole:
+        blocks += limits_of(found)
     return [*blocks, *section("loop_not_checked", named=is_advised and whole)]
 
 

@@ -242,11 +242,15 @@ class Server:
         other = f"vehicle_{wanted}.html"
         own = self.library.results_of(entry) / (other if other in entry.file_names else PAGE)
         path = own if entry.digest else self.library.folder / (entry.files or PAGE)
-        if known["may_read"]:
-            rows = [row for row in self.library.rows_of([entry]) if row.health in TROUBLE]
-            known["trouble"] = worst_row(rows) if rows else None
         if entry.stage != Stage.DONE or not (entry.digest or path.is_file()):
             return HTMLResponse(served("flight", **known))
+        if known["may_read"] and not wanted:
+            rows = self.library.rows_of([entry])
+            troubled = [
+                row for row in rows if row.vehicle == entry.vehicle and row.health in TROUBLE
+            ]
+            if troubled:
+                known["trouble"] = worst_row(troubled)
         return HTMLResponse(
             with_bar(
                 path.read_text("utf-8"),
