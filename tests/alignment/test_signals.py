@@ -177,6 +177,7 @@ def test_the_tilt_servo_of_a_tricopter_is_no_motor_and_an_unknown_frame_has_no_p
     parameters = {"FRAME_CLASS": 7.0} | {f"SERVO{n}_FUNCTION": 32.0 + n for n in (1, 2, 4, 7)}
     found = motor_geometry("TRICOPTER", "ARDUPILOTMEGA", parameters, moving=[1, 2, 4, 7], bank=8)
     assert found.motors == (1, 2, 4) and not found.positions_assumed
+    assert found.positions[1] == approx((0.5, -(3**0.5) / 2)), "of 120° from arm to arm"
     # A hexarotor of unknown frame has no places.
     motors = motor_geometry("HEXAROTOR", "ARDUPILOTMEGA", {}, moving=range(1, 9), bank=8)
     assert motors.channels == (1, 2, 3, 4, 5, 6)

@@ -91,7 +91,7 @@ def test_names_do_not_reach_the_terminal_as_what_it_obeys(capsys):
 
 
 def test_a_table_of_more_numbers_than_fit_is_printed_in_parts(capsys):
-    figures = [f"{number}.000000000001" for number in range(12)]
+    figures = [f"{number}.000000000001" for number in range(10, 22)]
     print_blocks([Table(["method", *figures], [["a", *figures]])])
     lines = capsys.readouterr().out.split("\n")
     assert " ".join(lines).split().count("method") == 2 and max(map(len, lines)) <= 120

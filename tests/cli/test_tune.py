@@ -1,9 +1,10 @@
 """``mavdem tune``: margins and gains of a simulated flight, its files, and refusals."""
 
+import re
 from unittest.mock import Mock
 
 from command_line import document_of, refused, run, strict_json
-from pytest import mark
+from pytest import approx, mark
 from recorded_flights import FLIGHT, SLOW, shared
 
 from mavdem.errors import NotLearnable
@@ -36,6 +37,8 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(tmp_pat
     } == gains
     assert run(*words, "--verbose") == 0
     said = capsys.readouterr()
+    widths = re.findall(r"bandwidth, -3 dB \(Hz\) +(\S+)", said.out)
+    assert float(widths[0]) == approx(roll["loop"]["rate"]["bandwidth"], rel=0.05)
     assert "Roll: " in said.out and "phase margin (°)" in said.out and "Not checked:" in said.out
     rows = [line.split("\t") for line in (out / "gains.params").read_text().splitlines()[1:]]
     assert {row[2]: float(row[3]) for row in rows} == gains and {

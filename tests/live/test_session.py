@@ -169,6 +169,11 @@ def test_why_there_is_no_model_at_the_end_is_a_fact(error, code):
 def test_rates_are_asked_for_and_given_back(now):
     script = batches(8.0)
     one, _, _ = session_of(script, rate=200.0)
+    one.link.speaks_first = True
+    now[0] += 1.0
+    one.link.receive = lambda timeout: []
+    one.step(0.0)
+    del one.link.receive
     answers = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
     for number in range(len(script)):
         now[0] += 0.05
@@ -180,6 +185,7 @@ def test_rates_are_asked_for_and_given_back(now):
     one.link.receive = lambda timeout: now.__setitem__(0, now[0] + timeout) or []
     one.end()
     sent = dialect.MAVLink(None).parse_buffer(bytearray(one.link.sent))
+    assert sent[0].get_type() == "HEARTBEAT", "a vehicle that waits to hear of someone hears of us"
     commands = [each for each in sent if each.get_type() == "COMMAND_LONG"]
     asked = [(each.command, int(each.param1), each.param2) for each in commands]
     assert asked[:2] == [(510, 30, 0), (510, 36, 0)] and (511, 30, 5_000) in asked
