@@ -121,6 +121,9 @@ def test_errors_of_dataflash_have_their_name_and_last_until_they_are_over():
         (Reported.PARACHUTE_RELEASED, 45.0, None),
         (Reported.ESTIMATOR_SWITCHED, 50.0, None),
     ]
+    assert {fact.figures["severity"] for fact in found if "ERR" in fact.figures["basis"]} == {
+        "error"
+    }
     assert found[2].subject == "flip" and found[2].figures["error_code"] == 2
     assert found[4].subject == "lane 0"
 

@@ -20,7 +20,7 @@ from mavdem.dem.graybox.gusts import gusts
 from mavdem.dem.graybox.identifiability import MODEL_ERRORS
 from mavdem.dem.graybox.parameters import Physical, updated
 from mavdem.dem.graybox.plant import FIRST_ORDER, delayed, plant, smooth
-from mavdem.dem.graybox.wind import wind
+from mavdem.dem.graybox.wind import _step, wind
 from mavdem.dem.online.memory import Memory
 from mavdem.dem.online.wind import (
     DELAY_SECONDS,
@@ -156,6 +156,12 @@ def test_a_motors_step_is_no_wind():
         approx(-20 * abs(MOTORS).sum(), rel=0.1),
     )
     assert wind(known, record, [37.0]).step is None and wind(known, Record.of(flight)).step is None
+
+
+@mark.parametrize("seconds, is_step", [(1.6, True), (2.4, False)])
+def test_what_changes_slowly_is_no_step(seconds, is_step):
+    rise = np.clip(DT * np.arange(-3000, 3000) / seconds, -0.5, 0.5)
+    assert (_step(rise, DT) is not None) == is_step
 
 
 @mark.slow
