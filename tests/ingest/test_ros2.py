@@ -2,6 +2,7 @@
 
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 from mavlink_streams import flight, heartbeat, refused
@@ -29,6 +30,7 @@ from mavdem.extras import MissingExtra
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import read_log
 from mavdem.ingest.mcap.log import mcap_stream
+from mavdem.ingest.ros2.log import numbered
 
 
 def written(folder, write, **options):
@@ -181,6 +183,8 @@ def test_several_vehicles_are_listed_and_chosen(tmp_path):
         {"name": "/px4_3", "given": 3, "system": 3},
         {"name": "/uav4", "given": 0, "system": 4},
     ]
+    nameless = replace(vehicles[0], system=0, repairs=())
+    assert all(vehicle.repairs for vehicle in numbered([("", nameless)] * 2))
     with raises(NotLearnable, match="several vehicles"):
         mavdem.read_flight(path)
     assert mavdem.read_flight(path, vehicle="2").time[0] == approx(120)
