@@ -1,6 +1,7 @@
 """How flights end: losses of attitude, falls and limits by the motion, and what failed first, if that is clear."""
 
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 from frames import QUAD, geometry
@@ -9,7 +10,7 @@ from pytest import approx, mark
 from recorded_flights import recorded
 
 from mavdem.alignment.signals import Signals
-from mavdem.assessment.ending import ending_of
+from mavdem.assessment.ending import _weak_motor, ending_of
 from mavdem.assessment.motion import motion_events
 from mavdem.condition.condition import CLIPS, LEVELS
 from mavdem.facts import Fact, Level
@@ -223,6 +224,11 @@ def turned(direction, angle):
 @mark.parametrize("angle, name", [(27.0, NAMES[1]), (33.0, "")])
 def test_a_motor_is_named_within_two_thirds_of_half_the_way_to_the_next(angle, name):
     assert judged(leaning(lost(1), turned(QUAD[1], angle), 60.0, 100.0))[1].subject == name
+
+
+def test_of_two_motors_at_one_place_none_is_named():
+    motors = Mock(**{"layout.positions": 2 * [(1, 1)] + 2 * [(-1, -1)]})
+    assert _weak_motor(motors, np.array([2.0, 1.0, -1.0, -2.0]), None) is None
 
 
 @mark.parametrize("force, hit", [(29.0, False), (31.0, True)])

@@ -108,6 +108,8 @@ def test_low_altitude_turbulence_has_the_standards_figures():
 def test_the_airs_rotation_has_the_standards_variance_and_corner_frequency():
     """The integral of MIL-F-8785C's Φ_p, and πV/4b, with σ_w = 0.77 m/s, L_w = 20 ft, b = 0.44 m and V = 10 m/s."""
     of_wind = TurbulentWind(kind="dryden", speed=10.0, wind_at_20_feet=7.7)
+    lowest, *higher = (turbulence(of_wind, feet * 0.3048, 0.44) for feet in (2, 9.9, 10.1))
+    assert lowest == higher[0] != higher[1]
     constant, sd = turbulence(of_wind, 20 * 0.3048, 0.44).rotation
     low = 20 * 0.3048
 
