@@ -14,7 +14,7 @@ from unittest.mock import Mock
 
 import numpy as np
 from command_line import run, strict_json
-from pyarrow.types import is_fixed_size_list, is_floating, is_list
+from pyarrow.types import is_duration, is_fixed_size_list, is_floating, is_list
 from pytest import approx, mark
 from recorded_flights import LOGS, shared
 from rerun_file import chunks
@@ -60,7 +60,7 @@ OPTIONS = {
     "order": ["--max-order", "2"],
     "convert": ["flight.csv"],
     "fly": ["--duration", "60", "--out", FLOWN, "--rrd", "flown.rrd"],
-    "live": ["--request-rate", "100"],
+    "live": ["--request-rate", "100", "--rrd", "live.rrd"],
     "learn": ["--truth", "flown.truth.npz", "--out", "learnt"],
     "twin": [f"--out=twin.{ending}" for ending in ("toml", "json", "params", "sdf")],
 }
@@ -88,12 +88,16 @@ def written(path):
     """All numbers of a page by their section, of a parameter file, or of what is drawn by entities."""
     found = defaultdict(list)
     if path.suffix == ".rrd":
+        seconds = defaultdict(float)
         for name, _, batch in chunks(path, static=True):
             for column, values in zip(batch.schema.names, batch.columns, strict=True):
                 while is_list(values.type) or is_fixed_size_list(values.type):
                     values = values.flatten()
+                if is_duration(values.type) and "Scalars:scalars" in batch.schema.names:
+                    seconds[f"{name} {column}"] += sum(values.cast("int64").to_pylist()) / 1e9
                 if is_floating(values.type):
                     found[f"{name} {column}"] += filter(isfinite, values.to_pylist())
+        found |= {f"{column} in all": [f"{total:.3f} s"] for column, total in seconds.items()}
     elif path.suffix == ".npz":
         for name, values in np.load(path).items():
             if values.dtype.kind == "f":
@@ -154,6 +158,13 @@ def by_the_log(monkeypatch):
     monkeypatch.setattr("mavdem.cli.live.Link", RecordedLink)
     monkeypatch.setattr("mavdem.cli.live.LearningProcess", AtOnce)
     monkeypatch.setattr("mavdem.cli.live.run", replay)
+    # All is drawn when it ends, however long that takes.
+    for name in (
+        "sinks.RecordingFile.period",
+        "live_view.CLOSING_SECONDS",
+        "live_view.FLUSH_SECONDS",
+    ):
+        monkeypatch.setattr(f"mavdem.view.{name}", 600.0)
 
 
 def summary(values):

@@ -217,7 +217,7 @@ NODES = {
     "fleet": 15_024,
     "health": 10_584,
     "ingest": 40_695,
-    "live": 31_633,
+    "live": 31_660,
     "mavdem": 5_510,
     "paper": 11_396,
     "report": 32_154,
