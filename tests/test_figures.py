@@ -181,7 +181,6 @@ def summary(values):
 @mark.slow
 @mark.parametrize("log", FLIGHTS)
 def test_the_figures_of_a_flight_are_those_of_before(log, tmp_path, monkeypatch, capsys, request):
-    path = GOLDEN / f"{Path(log).stem}.json"
     here = LOGS / log  # where the repository has it
     flights = [log]
     if here.suffix:
@@ -199,6 +198,12 @@ def test_the_figures_of_a_flight_are_those_of_before(log, tmp_path, monkeypatch,
     for file in tmp_path.rglob("*.*"):
         if file.suffix in FILES or file.name == "twin.json":
             found |= written(file)
+    hold(Path(log).stem, found, request)
+
+
+def hold(name, found, request):
+    """Compares figures with those of before, whose file has this name, or writes these."""
+    path = GOLDEN / f"{name}.json"
     kept = sorted(key for key in found if found[key] and not TIMES.fullmatch(key))
     now = {key: summary(found[key]) for key in kept}
     if request.config.getoption("--write-golden"):
