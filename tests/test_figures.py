@@ -60,7 +60,7 @@ OPTIONS = {
     "order": ["--max-order", "2"],
     "convert": ["flight.csv"],
     "fly": ["--duration", "60", "--out", FLOWN, "--rrd", "flown.rrd"],
-    "live": ["--request-rate", "100", "--rrd", "live.rrd"],
+    "live": ["--request-rate", "100", "--rrd", "live.rrd", "--record", "live.mcap"],
     "learn": ["--truth", "flown.truth.npz", "--out", "learnt"],
     "twin": [f"--out=twin.{ending}" for ending in ("toml", "json", "params", "sdf")],
 }
@@ -191,8 +191,7 @@ def test_the_figures_of_a_flight_are_those_of_before(log, tmp_path, monkeypatch,
     found = {}
     for command in FLIGHTS[log]:
         assert run(command, *flights, *OPTIONS.get(command, ()), "--json") == 0
-        if command == "fly":
-            flights = [FLOWN]
+        flights = {"fly": [FLOWN], "live": ["live.mcap"]}.get(command, flights)
         document = strict_json(capsys.readouterr().out)
         found |= {command + key: values for key, values in figures(document).items()}
     for file in tmp_path.rglob("*.*"):
