@@ -27,7 +27,7 @@ MANY = 6  # of more numbers, their count, ends, mean, deviation and quartiles st
 DIGITS = 5
 PRECISION = 0.01
 FILES = {".html", ".csv", ".rrd", ".param", ".params", ".toml", ".sdf", ".tlog", ".npz"}
-NUMBER = re.compile(r"(?:base64,|#)[\w+/=]*|(-?\d+(?:\.\d+)?)")  # not of pictures and colours
+NUMBER = re.compile(r"(?:base64,|#)[\w+/=]*|(-?\d+(?:\.\d+)?(?:e-\d+)?)")  # not of pictures and colours
 FLIGHTS = {
     "real/logs/sitl_hexa_plus_motor6_lost.bin": ["review"],
     "real/logs/yaw_twist_16_percent.BIN": ["review"],
@@ -217,4 +217,5 @@ def near(now, before):
     """Whether codes are the same, and numbers but for what processors round in their own ways."""
     if isinstance(before[0], str):
         return now == before
-    return now == approx(before, rel=PRECISION, abs=1e-7)
+    spread = before[4] if len(before) > MANY else 1e-5
+    return now == approx(before, rel=PRECISION, abs=PRECISION * spread)
