@@ -51,11 +51,11 @@ def leaning(made, towards, angle, seconds):
     return changed(made, "ATTITUDE", roll=lean * towards[1], pitch=-lean * towards[0])
 
 
-def falling(made):
-    """It falls from ``FAILS`` on, at 9 m/s in the end, and stops."""
+def falling(made, speed=9.0):
+    """It falls from ``FAILS`` on, at so many m/s in the end, and stops."""
     columns = made.messages["LOCAL_POSITION_NED"]
     since = columns["time"] - FAILS
-    vz = np.where(since > 2.0, 0.0, np.clip(since, 0, None) * 4.5)
+    vz = np.where(since > 2.0, 0.0, np.clip(since, 0, None) * speed / 2)
     return changed(made, "LOCAL_POSITION_NED", vz=vz, z=columns["z"] + np.cumsum(vz) * 0.1)
 
 
@@ -237,6 +237,12 @@ def test_three_times_the_weight_is_felt_where_something_is_hit(force, hit):
     assert (MotionEvent.HIT in events) is hit
     assert not hit or events[MotionEvent.HIT].time == approx(FAILS + 2.0, abs=0.05)
     assert (ending.code, ending.subject) == (Ending.CONTROL_LOST, NAMES[1])
+
+
+@mark.parametrize("speed", [4.7, 5.7])
+def test_faster_than_five_metres_a_second_it_falls(speed):
+    events, _ = judged(falling(leaning(flight(), ASIDE, 120.0, 100.0), speed))
+    assert (MotionEvent.FELL in events) is (speed > 5.0)
 
 
 @mark.parametrize("seconds, caught", [(4.0, False), (6.0, True)])

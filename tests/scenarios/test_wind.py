@@ -128,6 +128,7 @@ def test_the_airs_rotation_has_the_standards_variance_and_corner_frequency():
     "profile, height, speed",
     [
         ({"law": "log", "roughness": 0.1}, 100.0, 6.0),
+        ({"law": "log", "roughness": 0.1}, 0.1, 0.0),
         ({}, 40.0, 4.0),
     ],
 )

@@ -24,6 +24,7 @@ from mavdem.facts.serve import Request, Sharing, Stage, Start
 from mavdem.facts.sources import Source
 from mavdem.report.library_page import words
 from mavdem.serve import app, run, uploads
+from mavdem.serve.library import full_disk_refused
 from mavdem.serve.rights import rights_of
 from mavdem.serve.viewers import Viewers
 
@@ -420,6 +421,8 @@ def test_a_full_disk_and_a_full_quota_are_507_and_break_nothing(tmp_path, monkey
             with raises(Refusal):
                 server.library.room_for(1)
         assert (refused.status, refused.code) == (507, Request.DISK_FULL)
+        with raises(PermissionError), full_disk_refused():
+            raise PermissionError(errno.EACCES, "another trouble")
         assert server.ask("GET", "/api/flights").json["total"] == 1
         assert list((tmp_path / "incoming").iterdir()) == []
         assert server.ask("DELETE", f"/api/flights/{id}").status == 204
