@@ -66,14 +66,9 @@ def documents(path):
 
 
 @mark.slow
-def test_all_axes_rates_and_motors_are_drawn_over_the_whole_flight(recording, assessed):
+def test_what_went_wrong_is_marked_in_every_plot(recording, assessed):
     shown_lines = lines(recording)
     flight = assessed.analysis.flights[0]
-    for line, column in (("flight/0/roll", 0), ("flight/3/roll", 1)):
-        time, values = shown_lines[line]
-        rows = np.isin(time.round(6), flight.time.round(6))
-        assert_allclose(values[rows], np.degrees(flight.outputs[:, column]), atol=1e-6)
-    assert {"flight/1/pitch", "flight/2/yaw", "flight/4/motor 4"} <= set(shown_lines)
     plots = {line.rsplit("/", 1)[0] for line in shown_lines}
     assert {f"{plot}/went wrong" for plot in plots} <= set(shown_lines) and len(plots) >= 9
     for plot in plots:
@@ -82,14 +77,8 @@ def test_all_axes_rates_and_motors_are_drawn_over_the_whole_flight(recording, as
 
 
 @mark.slow
-def test_forecasts_are_those_of_held_out_windows_in_degrees(recording, assessed):
-    shown_lines = lines(recording)
+def test_forecasts_that_run_away_are_cut_off(assessed):
     held_out = assessed.analysis.held_out
-    time, shown = shown_lines["forecast/1/forecast"]
-    expected = np.degrees(held_out.forecasts["forecast"][:, :, 1]).ravel()
-    assert_allclose(time, held_out.time.ravel(), atol=1e-8)
-    known = abs(expected) <= abs(shown).max()
-    assert_allclose(shown[known], expected[known])
     series = Series(held_out.time[0], ("roll",), held_out.measured[0])
     away = np.full_like(held_out.band, 1e9)
     diverging = replace(held_out, forecasts={"forecast": away}, band=away)
