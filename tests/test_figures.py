@@ -97,7 +97,7 @@ def written(path):
                     values = values.flatten()
                 if is_duration(values.type) and "Scalars:scalars" in batch.schema.names:
                     seconds[f"{name} {column}"] += sum(values.cast("int64").to_pylist()) / 1e9
-                if is_floating(values.type):
+                if is_floating(values.type) and "SeriesLines" not in column:
                     found[f"{name} {column}"] += filter(isfinite, values.to_pylist())
         found |= {f"{column} in all": [f"{total:.3f} s"] for column, total in seconds.items()}
     elif path.suffix == ".npz":

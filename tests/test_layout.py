@@ -205,9 +205,9 @@ def test_a_file_is_not_long():
 NODES = {
     "alignment": 19_272,
     "analysis": 8650,
-    "assessment": 18_420,
+    "assessment": 18_500,
     "baselines": 5250,
-    "cli": 17_027,
+    "cli": 17_040,
     "condition": 40_063,
     "dem": 68_601,
     "documents": 10_248,
@@ -227,7 +227,7 @@ NODES = {
     "view": 10_883,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 419_500
+ALL_NODES = 419_599
 TEST_NODES = 250_000
 NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""

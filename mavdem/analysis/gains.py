@@ -53,7 +53,17 @@ def with_one_set_of_gains(signals: Signals, flights: Flights) -> tuple[Flights, 
     if not parts:
         raise NotLearnable(Loops.GAINS_OF_AUTOTUNE)
     gains, longest = max(parts.items(), key=lambda item: sum(map(len, item[1])))
-    kept = tuple(_with_parameters(part, dict(gains)) for part in longest)
+    kept = tuple(
+        replace(
+            part,
+            provenance={
+                **part.provenance,
+                "parameters": {**part.provenance["parameters"], **dict(gains)},
+                "earlier": {},
+            },
+        )
+        for part in longest
+    )
     if sum(map(len, kept)) == sum(map(len, flights)):
         return kept, None
     del parts[gains]
@@ -97,17 +107,6 @@ def gains_of_log(signals: Signals) -> list[tuple[int, float, tuple[tuple[str, fl
             current[name] = value
             sets.append((boot, time, tuple(current.items())))
     return sets
-
-
-def _with_parameters(flight: Flight, values: Parameters) -> Flight:
-    return replace(
-        flight,
-        provenance={
-            **flight.provenance,
-            "parameters": {**flight.provenance["parameters"], **values},
-            "earlier": {},
-        },
-    )
 
 
 def autotuned(signals: Signals, loop: Loop | Fact) -> Fact | None:

@@ -300,11 +300,15 @@ def _fall(signals: Signals, boot: int, flight: Interval, lost: Fact | None) -> I
     span = (max(flight[0], since), until)
     trusted = _trusted(signals, boot, flight)
     assert trusted is not None
-    falling = trusted.time[during(trusted.time, [span]) & (trusted.values < -FALL_SPEED)]
-    if len(falling):
-        begun, ended = falling[[0, -1]].tolist()
-        speed = _fastest(trusted, *span)
-        yield Fact(MotionEvent.FELL, time=begun, until=ended, speed=speed, boot=boot)
+    falls = during(trusted.time, [span]) & (trusted.values < -FALL_SPEED)
+    height = above_take_off(signals, boot, flight)
+    if falls.any():
+        begun, ended = ends = trusted.time[falls][[0, -1]].tolist()
+        sank = 0.7 * trusted.values[falls].mean() * (ended - begun)
+        # A speed that ran away is not seen in the height.
+        if height is None or np.diff(np.interp(ends, height.time, height.values)) <= sank:
+            speed = _fastest(trusted, *span)
+            yield Fact(MotionEvent.FELL, time=begun, until=ended, speed=speed, boot=boot)
     if lost is not None:
         hit = _hit(signals, boot, since, end + CAUGHT_SECONDS)
         if hit is not None and lost.code is not MotionEvent.HIT:

@@ -6,12 +6,14 @@ from typing import NamedTuple
 from mavdem.assessment.assess import Assessment
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement
+from mavdem.assessment.tracking import tracking_of
 from mavdem.condition.loop.advice import Advice, advise, lowered
 from mavdem.condition.loop.loop import Loop
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import Loops
+from mavdem.facts.margins import TrackingLight
 from mavdem.grouping import grouped
 from mavdem.ingest.telemetry import Parameters
 
@@ -55,6 +57,7 @@ def tuned(
     notch = assessment.noise.notch if filters and not grounds else None
     settings = dict(notch.figures.get("settings", ())) if notch else {}
     measured = {margin.axis: margin.facts[0] for margin in evidence.margins if margin.injected}
+    tracking = tracking_of(evidence)
     found = dict[str, Advice | Fact]()
     for axis in axes:
         loop = evidence.loops[axis]
@@ -64,6 +67,9 @@ def tuned(
             advice = advise(loop, margins, grounds, more=more)
             if settings and not advice.refusals:
                 advice = advise(loop.changed(settings), margins, more=more)
+            overshoots = tracking[axis].code is TrackingLight.OVERSHOOTS_SETPOINT
+            if overshoots and advice.rating.level is not Level.BAD:  # no such loop does
+                advice = advise(loop, margins, (*grounds, tracking[axis]))
             found[axis] = advice
         elif grounds or len(axes) > 1:
             found[axis] = Fact(Loops.NO_LOOP, reasons=grounds or (loop,))

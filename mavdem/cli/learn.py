@@ -90,7 +90,7 @@ def learn_command(
     --verbose it has all figures, the model A, B and C, and how it was learned.
 
     Below 40 Hz there is a model of the slow motion, if it predicts better than none. Without a model the folder
-    receives report.html and report.json only, and the exit code is 1.
+    receives report.html and report.json only, or nothing where the log has no flight, and the exit code is 1.
 
     \b
     The folder --out receives:

@@ -66,7 +66,10 @@ def wind_command(
         ]
         if wind.sized and len(rows) > 1:
             tables.append(Table([header, "Wind (m/s)", "From (°)"], cells))
-    settings = drag.parameters(signals.telemetry.autopilot)
+    telemetry = signals.telemetry
+    settings = drag.parameters(telemetry.autopilot)
+    if telemetry.translated_from == "DataFlash":  # which has all that the firmware has
+        settings = {name: ends for name, ends in settings.items() if name in telemetry.parameters}
     numbers = settings | {
         "linear drag (1/s)": (drag.linear.mean(), *drag.interval("linear").mean(axis=1))
     }

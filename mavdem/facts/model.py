@@ -21,6 +21,7 @@ class ParameterDoubt(Code):
     DEPENDS_ON_WIND_SPECTRUM = "depends_on_wind_spectrum"
     FILTER_TAKEN_FOR_LAG = "filter_taken_for_lag"
     LAG_TOO_SHORT = "lag_too_short"
+    MIXED_WITH_DELAY = "mixed_with_delay"
     FOLLOWS_FROM_EFFECT = "follows_from_effect"
     KNOWN_FROM_EARLIER_FLIGHT = "known_from_earlier_flight"
     SEVERAL_DOUBTS = "several_doubts"

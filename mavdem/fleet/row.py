@@ -189,7 +189,7 @@ class FlightRow:
     wind_torque_interval: AngularAcceleration = at("wind.mean_band")
     """half width of the 90 % interval of wind_torque_mean"""
     wind_speed: Speed = None
-    """speed of the mean wind"""
+    """speed of the mean wind; null where the air may have been still"""
     wind_speed_interval: Annotated[Numbers, unit("m/s")] | None = None
     """ends of the 90 % interval of wind_speed"""
     wind_direction: Radians = None

@@ -110,7 +110,8 @@ def _wind(wind: WindVelocity) -> Values:
     drag = wind.drag
     columns = Values()
     if wind.sized:
-        columns |= {"wind_speed": wind.speed, "wind_speed_interval": wind.speed_interval}
+        speed = None if wind.calm else wind.speed
+        columns |= {"wind_speed": speed, "wind_speed_interval": wind.speed_interval}
     if wind.directed:
         columns |= {
             f"wind_{key}": np.radians(getattr(wind, key))

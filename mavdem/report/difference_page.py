@@ -43,10 +43,15 @@ def comparison_page(
         [parameter.name, f"{parameter.before:.4g}", f"{parameter.after:.4g}"]
         for parameter in parameters
     ]
+    margins = [
+        [f"{axis} {name}", *(_cell(rate, key, scale) for rate in _loops(both, axis).values())]
+        for axis in AXES
+        for key, (name, scale) in FIGURES.items()
+    ]
     chapters = [
         Chapter("What differs", difference_blocks(difference, parameters)),
         Chapter("Step response", (), [Group(steps)] if steps else []),
-        _table("Margins", "rate loop (90 % interval)", _margins(both)),
+        _table("Margins", "rate loop (90 % interval)", margins),
         Chapter("Spectra", (), _group(_spectra(both))),
         Chapter("Motors", (), _group(_motors(both))),
         _table("Wind", "90 % interval", _wind(both)),
@@ -127,15 +132,6 @@ def _steps(both: Reviews, axis: str) -> Iterator[Chart]:
                 lines.append(Line.around(name, COLOURS[name], time, step, half))
         if lines:
             yield Chart(f"{axis.capitalize()} {loop}: step", AFTER, SHARE, tuple(lines), (1.0,))
-
-
-def _margins(both: Reviews) -> list[list[str]]:
-    """The figures of the rate loops."""
-    return [
-        [f"{axis} {name}", *(_cell(rate, key, scale) for rate in _loops(both, axis).values())]
-        for axis in AXES
-        for key, (name, scale) in FIGURES.items()
-    ]
 
 
 def _cell(known: Review, key: str, scale: float = 1.0) -> str:

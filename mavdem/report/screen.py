@@ -144,7 +144,15 @@ def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
     Where the model ``learned`` has other inputs than motors, these have a table of their own.
     """
     blocks = Blocks()
-    columns = {} if hover is None else _hover_columns(hover)
+    columns = dict[str, list[str]]()
+    if hover is not None:
+        trim = f"trim ({hover.unit})" if hover.unit else "trim"
+        columns = {
+            trim: [f"{output:.4g}" for output in hover.trim],
+            "trim deviation (%)": [f"{round(more, 1) + 0.0:+.1f}" for more in hover.imbalance],
+            "headroom (%)": [f"{100 * left:.0f}" for left in hover.headroom],
+            "saturated (% of time)": [f"{100 * share:.1f}" for share in hover.at_upper_limit],
+        }
     physical = None if learned is None else learned.physical
     half = None
     if learned is not None and physical is not None:
@@ -168,16 +176,6 @@ def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
 def _by_motor(motors: Sequence[str], columns: dict[str, list[str]]) -> Table:
     rows = zip(motors, *columns.values(), strict=True)
     return Table(["vehicle", *columns], [list(row) for row in rows])
-
-
-def _hover_columns(hover: HoverFigures) -> dict[str, list[str]]:
-    """Columns of the table of the motors, by header."""
-    return {
-        f"trim ({hover.unit})" if hover.unit else "trim": [f"{trim:.4g}" for trim in hover.trim],
-        "trim deviation (%)": [f"{round(more, 1) + 0.0:+.1f}" for more in hover.imbalance],
-        "headroom (%)": [f"{100 * left:.0f}" for left in hover.headroom],
-        "saturated (% of time)": [f"{100 * share:.1f}" for share in hover.at_upper_limit],
-    }
 
 
 def torque_blocks(learned: Learned) -> Blocks:

@@ -211,6 +211,7 @@ def test_what_lost_its_attitude_at_the_ground_falls_no_further(height):
     at = stamps(made, "LOCAL_POSITION_NED")
     z = np.select([at < 20.0, at < FAILS - 1.0], [0.0, -3.0], -height)
     vz = 8.0 * (at > FAILS + 1.0)
+    z += np.cumsum(vz) * 0.1
     events, ending = judged(changed(made, "LOCAL_POSITION_NED", z=z, vz=vz))
     assert (ending.code is Ending.CRASHED) is (MotionEvent.FELL not in events) is (height < 1.0)
 

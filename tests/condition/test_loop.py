@@ -4,6 +4,7 @@ import tomllib
 from dataclasses import replace
 from itertools import product
 from types import SimpleNamespace
+from unittest.mock import patch
 
 import numpy as np
 from hover import Hover, changed, columns
@@ -16,9 +17,11 @@ from scipy.signal import lfilter
 
 import mavdem
 from mavdem.alignment.align import align, settled_segments
+from mavdem.alignment.drive import AXES
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.gains import autotuned
 from mavdem.assessment.axis_margins import AxisMargins
+from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.tuning import tuned
 from mavdem.condition.loop.advice import (
     EFFECTS,
@@ -44,6 +47,7 @@ from mavdem.dem.graybox.plant import smooth
 from mavdem.dem.record import Record
 from mavdem.facts import Fact, Level
 from mavdem.facts.loops import Controllers, Gains, Loops, Responses, Twins
+from mavdem.facts.margins import TrackingLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.noise import NotchAdvice
 from mavdem.ingest.vocabulary import Injection
@@ -362,8 +366,9 @@ def test_an_effectiveness_that_seems_low_changes_no_gains_unless_margins_surely_
         assert advise(replace(loop, plant=plant, cautions=doubts)).refusals == refusals
 
 
-def tuned_by(loops, **options):
+def tuned_by(loops, tracking=TrackingLight.FOLLOWS_SETPOINT, **options):
     """Of a vehicle with nothing else to say, with a notch."""
+    followed = dict.fromkeys(AXES, Fact(tracking))
     evidence = SimpleNamespace(
         loops=loops,
         condition=SimpleNamespace(oscillation=None),
@@ -373,8 +378,20 @@ def tuned_by(loops, **options):
     notch = Fact(NotchAdvice.SET_NOTCH, settings=(("INS_HNTCH_FREQ", 80.0),))
     motors = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
     noise = SimpleNamespace(notch=notch)
-    known = SimpleNamespace(noise=noise, judgement=None, lights={"motors": motors})
-    return tuned(known, evidence, [*loops], is_written=False, **options)
+    judgement = Judgement(motors, motors, {})
+    known = SimpleNamespace(noise=noise, judgement=judgement, lights={"motors": motors})
+    with patch("mavdem.assessment.tuning.tracking_of", return_value=followed):
+        return tuned(known, evidence, [*loops], is_written=False, **options)
+
+
+@mark.slow
+def test_gains_are_not_kept_where_the_angle_overshoots():
+    loops = {"roll": made_up()}
+    assert not tuned_by(loops).refusal and tuned_by(loops).advice[0].gains
+    tuning = tuned_by(loops, TrackingLight.OVERSHOOTS_SETPOINT)
+    assert tuning.refusal.figures["reasons"] == (Fact(TrackingLight.OVERSHOOTS_SETPOINT),)
+    lacking = tuned_by({"roll": made_up(2.5)}, TrackingLight.OVERSHOOTS_SETPOINT)
+    assert lacking.parameters, "a loop that lacks margin does overshoot"
 
 
 def test_no_notch_is_set_where_gains_are_refused():

@@ -116,15 +116,15 @@ class Controller:
     @property
     def cautions(self) -> Facts:
         """What is not modelled."""
+        own = self.parameters
         rate = self.names["p"][:-1]
         names = {end if "_" in end else rate + end: code for end, code in UNMODELLED.items()}
         for prefix in NOTCHES:
-            if _is_moving(self.parameters, prefix):
+            # it is on and follows what parameters do not have: motors' speeds, or peaks of a spectrum
+            if own.get(f"{prefix}ENABLE") and own.get(f"{prefix}MODE", 0.0) > 1:
                 names[f"{prefix}MODE"] = Controllers.NOTCHES_MOVING
         return tuple(
-            Fact(code, Level.WATCH, name=name)
-            for name, code in names.items()
-            if self.parameters.get(name)
+            Fact(code, Level.WATCH, name=name) for name, code in names.items() if own.get(name)
         )
 
     def per_demand(self, shares: Sequence[float]) -> Numbers:
@@ -247,11 +247,6 @@ def _ardupilot(own: Parameters, axis: str, weights: Numbers) -> Values:
         values_of["mixer"] = tuple(weight / largest / 2 for weight in weights)
         values_of["spin"] = (begin, end)
     return values_of
-
-
-def _is_moving(own: Parameters, prefix: str) -> bool:
-    """Whether a notch is on and follows what parameters do not have: motors' speeds, or peaks of a spectrum."""
-    return bool(own.get(f"{prefix}ENABLE")) and own.get(f"{prefix}MODE", 0.0) > 1
 
 
 def _harmonic_notches(own: Parameters, prefix: str) -> Iterator[Notch]:

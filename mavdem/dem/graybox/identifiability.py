@@ -144,19 +144,19 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
         yield Status.NOT_IDENTIFIABLE, aliased
     sd = figures.sd[name]
     yield RELATIVE_SD[name].status(sd), Fact(ParameterDoubt.ESTIMATE_UNCERTAIN, share=sd)
-    changes = Fact(ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM, share=_change(spread))
+    # the relative change that this logarithm is; none beyond a factor of e
+    change = float(np.expm1(spread)) if spread < 1 else None
+    changes = Fact(ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM, share=change)
     yield SPECTRUM_RANGE[name].status(spread), changes
-    is_short = figures.lag < RESOLVED_LAG * figures.dt
+    least = RESOLVED_LAG * figures.dt
     if name == "effect" and figures.quick:
         yield (
             Status.BIASED,
             Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=MODEL_ERRORS.lag_bias),
         )
-    if name == "lag" and is_short:
+    if name == "lag" and figures.lag < least:
         too_short = Fact(ParameterDoubt.LAG_TOO_SHORT, time_step=figures.dt)
         yield Status.NOT_IDENTIFIABLE, too_short
-
-
-def _change(spread: float) -> float | None:
-    """The relative change that a ``spread`` of the logarithm is; ``None`` beyond a factor of e."""
-    return float(np.expm1(spread)) if spread < 1 else None
+    # Up to five times that, slow streams mix it up with delay and damping.
+    if name != "effect" and rate < SLOWEST_RATE and figures.lag < 5 * least:
+        yield Status.BIASED, Fact(ParameterDoubt.MIXED_WITH_DELAY, rate=rate)
