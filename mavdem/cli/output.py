@@ -147,6 +147,7 @@ def _grids(table: Table, width: int, is_cut: bool) -> Iterator[Grid]:
         columns[-1] = [brief(cell, room) for cell in columns[-1]]
     is_whole = table.words or sum(max(map(len, column)) + 2 for column in columns) - 2 <= width
     least = [max(map(len, [*heading.split(), *cells])) for heading, *cells in columns]
+    least[0] = max(map(len, columns[0]))
     first, *rest = zip(columns, least, strict=True)
     while rest:
         ends = accumulate((2 + size for _, size in rest), initial=first[1])
