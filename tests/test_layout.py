@@ -207,7 +207,7 @@ NODES = {
     "analysis": 8650,
     "assessment": 18_500,
     "baselines": 5250,
-    "cli": 17_040,
+    "cli": 17_060,
     "condition": 40_063,
     "dem": 68_601,
     "documents": 10_248,
