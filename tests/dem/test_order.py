@@ -4,9 +4,12 @@ import json
 from unittest.mock import Mock
 
 import numpy as np
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from order_systems import random_flight
 from pytest import approx, mark, raises
+from scipy.linalg import solve_continuous_lyapunov
+from scipy.ndimage import gaussian_filter1d
+from scipy.signal import lsim
 from scipy.stats import binom
 from simulated import simulated
 
@@ -60,9 +63,28 @@ def test_a_choice_says_why():
     assert (values["mean"], values["chosen"]) == ([0.0, 105.0], 2)
 
 
+def random_flight(order):
+    """Of a stable system whose states all show in two outputs: two smooth inputs, and a little noise."""
+    rng = default_rng([order, 2])
+    speed = visible = np.zeros(1)
+    while speed.max() > -0.5 or visible.min() <= 0.01 * visible.max():
+        A = rng.standard_normal((order, order)) - 2 * np.eye(order)
+        B, C = rng.standard_normal((2, order, 2))
+        speed = np.linalg.eigvals(A).real
+        gramians = (solve_continuous_lyapunov(*one) for one in ((A, -B @ B.T), (A.T, -C @ C.T)))
+        visible = abs(np.linalg.eigvals(next(gramians) @ next(gramians)))
+    time = 0.05 * np.arange(1000)
+    known, unknown, noise = (
+        gaussian_filter1d(rng.standard_normal((1000, size)), 4, axis=0) for size in (2, order, 2)
+    )
+    system = A, np.hstack([B, 0.02 * np.eye(order)]), C.T, np.zeros((2, 2 + order))
+    outputs = lsim(system, np.hstack([known, unknown]), time)[1]
+    return Flight(time, known, outputs + 1e-3 * outputs.std(axis=0) * noise)
+
+
 @mark.slow
 def test_neither_units_nor_inputs_of_nobody_change_the_free_energy():
-    flight = random_flight(2, 2, 201)[:300]
+    flight = random_flight(2)[:300]
     other = Flight(
         10 * flight.time, 0 * flight.inputs + 3.0, [0.3, -2.0] + flight.outputs * [57.0, 0.01]
     )
@@ -99,7 +121,7 @@ def test_the_order_is_found():
 
     By what so few runs can tell (a false alarm in a thousand).
     """
-    runs = [(order, random_flight(order, 2, 201)) for order in (1, 2, 3, 4)]
+    runs = [(order, random_flight(order)) for order in (1, 2, 3, 4)]
     hover = lateral_flight(1)[:400]
     runs += [
         (order, Flight(hover.time, hover.inputs, hover.outputs[:, 4 - order :])) for order in (2, 4)
