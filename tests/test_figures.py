@@ -42,7 +42,7 @@ FLIGHTS = {
     "real/logs/ardupilot_motor2_at_its_limit.BIN": ["review"],
     "ardupilot_wind5_steps.tlog": ["review", "tune", "info", "compare", "order", "convert"],
     "real/logs/px4_default_rates_learnable.ulg": ["review", "tune"],
-    "real/logs/gains_named_before_34.BIN": ["review", "tune", "twin"],
+    "real/logs/gains_named_before_34.BIN": ["review", "tune", "twin", "wind"],
     "sitl_raw/ap_sid.BIN.xz": ["review", "tune"],
     "real/propeller/hover_good_1.BIN real/propeller/hover_cut25mm_1.BIN": ["track", "diff"],
     "ardupilot_steps": ["fly", "live", "wind"],

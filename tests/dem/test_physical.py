@@ -251,6 +251,14 @@ def test_a_status_changes_at_its_limit_and_says_why(figure, name, limit, below, 
             assert DOUBTS[figure] & {doubt.code for doubt in doubts}
 
 
+@mark.parametrize(
+    "rate, steps, status", [(50, 2.4, "biased"), (50, 2.6, "reported"), (80, 2.4, "reported")]
+)
+def test_at_a_slow_rate_a_short_lag_is_mixed_up_with_delay_and_damping(rate, steps, status):
+    statuses, _ = identifiability(SOUND._replace(dt=1 / rate, lag=steps / rate))
+    assert statuses == {"effect": "reported", "damping": status, "lag": status}
+
+
 def test_several_doubts_are_one_reason():
     figures = SOUND._replace(wind_share=0.5, alias_share=0.9)
     statuses, reasons = identifiability(figures)

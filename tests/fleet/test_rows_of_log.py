@@ -51,6 +51,16 @@ def test_a_page_is_made_once_for_a_vehicle():
     assert {row.page for row in rows} == {"pages/0123456789abcdef-1-1.html"}
 
 
+def test_still_air_is_no_wind_and_a_drags_interval_is_a_half_width():
+    drag = Drag(np.zeros(6), np.eye(6))
+    air = {"sized": True, "directed": False, "speed": 0.4, "speed_interval": (0.0, 1.0)}
+    still, wind = (module._wind(SimpleNamespace(drag=drag, calm=calm, **air)) for calm in (1, 0))
+    assert still["wind_speed"] is None and still["wind_speed_interval"] == (0.0, 1.0)
+    assert wind["wind_speed"] == 0.4
+    low, high = drag.interval("linear")
+    assert wind["drag_interval"][:2] == approx((high - low) / 2)
+
+
 def test_a_margin_is_in_radians_and_its_interval_a_half_width():
     known = {"gain_margin": 9.0, "gain_margin_interval": (8.0, 10.0)}
     loop = SimpleNamespace(phase_margin=180.0, phase_margin_interval=(90.0, 270.0), **known)
