@@ -79,7 +79,6 @@ TIME = 50.0 + DT * np.arange(300)
 OUTPUTS = default_rng(1).normal(size=(300, 2))
 INPUTS = default_rng(2).uniform(1000, 2000, size=(300, 4))
 ESTIMATES = [None if i < 20 else estimate(i, t) for i, t in enumerate(TIME)]
-TOLD = ESTIMATES[20:]
 WIND = WindRow(59.25, np.array([3.0, -4.0]), np.array([0.5, 0.5]))
 ROW = ShownRow(50.0, 0.0, 0, OUTPUTS[0], INPUTS[0])
 
