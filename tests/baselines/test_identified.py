@@ -45,23 +45,6 @@ def test_subspace_identification_recovers_a_system_to_within_three_times_what_an
         assert error_of(model, system, samples) < 3**2 * freedom(order)
 
 
-def test_state_is_carried_over_from_the_end_of_training_and_begins_at_zero_when_asked():
-    system = random_system(1, 2)
-    flight = flown(system, 1, 450, noise=0.0)
-    subspace = baselines.subspace(flight[:300], 2)
-    model = subspace.model
-    ahead = flight.inputs[300:]
-    first, second = subspace.forecast(ahead, from_zero=True)[:2]
-    state = model.B @ (ahead[0] - model.input_trim) + model.offset
-    assert_allclose(first, model.output_trim, atol=1e-9)
-    assert_allclose(second, model.C @ state + model.output_trim, atol=1e-9)
-    # Row 0 is the sample after training: the last training input acts on it, its own input does not.
-    changed = ahead.copy()
-    changed[0] += 1
-    assert_allclose(subspace.forecast(changed)[0], subspace.forecast(ahead)[0])
-    assert abs(subspace.forecast(changed)[1] - subspace.forecast(ahead)[1]).max() > 0.01
-
-
 def test_segments_are_learnt_from_together_and_nothing_across_gaps():
     system = random_system(1, 2)
     flight = flown(system, 1, 900, noise=0.0)
