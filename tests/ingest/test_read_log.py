@@ -143,16 +143,10 @@ def test_what_is_overtaken_or_comes_twice_is_not_lost(tmp_path):
     steps = np.array([0, 1, 2, 128, 129, -32, -33])
     assert missing_between(7, 7 + steps).tolist() == [0, 0, 1, 127, 0, -33, 0]
     frames = [heartbeat(), *flight(TIMES, sequence=1)]
-    for row in range(10, 500, 7):
-        frames[row : row + 2] = frames[row + 1], frames[row]
     frames[520:530] = frames[525:530] + frames[520:525]
-    assert log_of(tlog(frames), tmp_path).components[0].lost == 0
-    del frames[541:551]
-    assert log_of(tlog(frames), tmp_path).components[0].lost == 10
+    del frames[541:546], frames[300:305]
     twice = [frame for each in frames for frame in (each, each)]
-    assert log_of(tlog(twice), tmp_path).components[0].lost == 10
-    again = [heartbeat(), *flight(TIMES, sequence=1)] + frames
-    assert log_of(tlog(again), tmp_path).components[0].lost <= 10 + 127
+    assert [log_of(tlog(one), tmp_path).components[0].lost for one in (frames, twice)] == [10, 10]
 
 
 def test_a_file_transferred_as_text_is_restored(tmp_path):
