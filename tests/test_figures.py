@@ -27,9 +27,8 @@ MANY = 6  # of more numbers, their count, ends, mean, deviation and quartiles st
 DIGITS = 5
 PRECISION = 0.01
 FILES = {".html", ".csv", ".rrd", ".param", ".params", ".toml", ".sdf", ".tlog", ".npz"}
-NUMBER = re.compile(
-    r"(?:base64,|#)[\w+/=]*|(-?\d+(?:\.\d+)?(?:e-\d+)?)"
-)  # not of pictures and colours
+# Not of pictures and colours.
+NUMBER = re.compile(r"(?:base64,|#)[\w+/=]*|(-?\d+(?:\.\d+)?(?:e-\d+)?)")
 FLIGHTS = {
     "real/logs/sitl_hexa_plus_motor6_lost.bin": ["review"],
     "real/logs/yaw_twist_16_percent.BIN": ["review"],

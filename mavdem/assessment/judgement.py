@@ -56,7 +56,7 @@ def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known: Fact) -
 
     ``purposes`` are those of a model, graded.
     """
-    lights = {str(light): LIGHTS[light](evidence) for light in Light} | known
+    lights = {str(light): known.get(light) or LIGHTS[light](evidence) for light in Light}
     if evidence.grounds:
         lights = {name: light.grounded for name, light in lights.items()}
     headline = headline_of(evidence, lights)

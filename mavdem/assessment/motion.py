@@ -301,8 +301,8 @@ def _fall(signals: Signals, boot: int, flight: Interval, lost: Fact | None) -> I
     trusted = _trusted(signals, boot, flight)
     assert trusted is not None
     falls = during(trusted.time, [span]) & (trusted.values < -FALL_SPEED)
-    height = above_take_off(signals, boot, flight)
     if falls.any():
+        height = of_boot(signals.height, boot)
         begun, ended = ends = trusted.time[falls][[0, -1]].tolist()
         sank = 0.7 * trusted.values[falls].mean() * (ended - begun)
         # A speed that ran away is not seen in the height.

@@ -8,7 +8,7 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.tracking import tracking_of
 from mavdem.condition.loop.advice import Advice, advise, lowered
-from mavdem.condition.loop.loop import Loop
+from mavdem.condition.loop.loop import TARGETS, Loop, margin_rating
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
@@ -64,12 +64,17 @@ def tuned(
         if isinstance(loop, Fact) and axis in measured:
             loop = Fact(Loops.NO_LOOP, reasons=(measured[axis], loop))
         if isinstance(loop, Loop):
-            advice = advise(loop, margins, grounds, more=more)
+            doubts = grounds
+            followed = tracking[axis]
+            # No loop with enough margin overshoots.
+            if (
+                followed.code is TrackingLight.OVERSHOOTS_SETPOINT
+                and margin_rating(loop, TARGETS[margins]).level is not Level.BAD
+            ):
+                doubts = (*grounds, followed)
+            advice = advise(loop, margins, doubts, more=more)
             if settings and not advice.refusals:
                 advice = advise(loop.changed(settings), margins, more=more)
-            overshoots = tracking[axis].code is TrackingLight.OVERSHOOTS_SETPOINT
-            if overshoots and advice.rating.level is not Level.BAD:  # no such loop does
-                advice = advise(loop, margins, (*grounds, tracking[axis]))
             found[axis] = advice
         elif grounds or len(axes) > 1:
             found[axis] = Fact(Loops.NO_LOOP, reasons=grounds or (loop,))

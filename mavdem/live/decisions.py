@@ -35,12 +35,13 @@ from mavdem.analysis import AxisFigures
 from mavdem.analysis.findings import Findings, disown_torque, findings_of
 from mavdem.assessment.assess import loop_by
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.judgement import LIGHTS, Judgement, judge
+from mavdem.assessment.judgement import Judgement, judge
+from mavdem.assessment.motors import motors_light
 from mavdem.condition.condition import Condition, hover_figures
 from mavdem.condition.oscillation import oscillation_of
 from mavdem.dem import Learned
 from mavdem.facts import Fact
-from mavdem.facts.lights import Light, Unjudged
+from mavdem.facts.lights import Unjudged
 from mavdem.facts.motors import Trim
 from mavdem.facts.session import Session
 from mavdem.flight import Flight
@@ -351,7 +352,9 @@ def judged(
     evidence = evidence_of(signals, condition, events=tuple(losses_of(alarms)), loops=loops)
     findings = findings_of(learned, None, condition, alarms)
     later = Fact(Unjudged.JUDGED_LATER)  # by messages that nothing in flight looks at
-    known = {"tracking": later, "estimator": later}
-    if LIGHTS[Light.MOTORS](evidence).code is Trim.TRIM_UNKNOWN:
-        known["motors"] = later  # the trim is of all axes, the model of one
-    return findings, judge(evidence, findings.purposes, **known)
+    light = motors_light(evidence)
+    if light.code is Trim.TRIM_UNKNOWN:
+        light = later  # the trim is of all axes, the model of one
+    return findings, judge(
+        evidence, findings.purposes, motors=light, tracking=later, estimator=later
+    )
