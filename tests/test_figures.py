@@ -49,8 +49,35 @@ FLIGHTS = {
     "iris_gusts": ["fly", "learn"],
 }
 """A name without an ending is that of a scenario; what is flown is then read by the commands after it."""
+SCENARIOS = {
+    "ardupilot_faults": 30,
+    "calm": 20,
+    "crazyflie_gusts": 20,
+    "default_rates": 30,
+    "hover_blower": 20,
+    "iris_chipped_propeller": 70,
+    "iris_doublets": 25,
+    "iris_dryden": 25,
+    "iris_identification_wind": 25,
+    "iris_multisine": 20,
+    "iris_shifted_load": 70,
+    "iris_sticks": 25,
+    "iris_von_karman": 25,
+    "iris_weak_motor": 70,
+    "lossy_link": 25,
+    "oscillating_frame": 25,
+    "oscillating_gains": 25,
+    "paper_5": 20,
+    "system_4": 20,
+    "wind_hover": 40,
+    "wind_jump": 65,
+    "wind_legs": 95,
+    "wind_profile": 170,
+    "wind_turning": 60,
+}
+"""And for how long each is flown, s."""
 FLOWN = "flown.tlog"
-TIMES = re.compile(r"fly\.took|(learn|order|compare.*)\.seconds")  # that the machine takes
+TIMES = re.compile(r"(fly)?\.took|(learn|order|compare.*)\.seconds")  # that the machine takes
 TICK = 0.06  # s from one look at a link to the next
 OPTIONS = {
     "review": ["--out", "out"],
@@ -199,6 +226,17 @@ def test_the_figures_of_a_flight_are_those_of_before(log, tmp_path, monkeypatch,
         if file.suffix in FILES or file.name == "twin.json":
             found |= written(file)
     hold(Path(log).stem, found, request)
+
+
+@mark.slow
+@mark.parametrize("name, seconds", SCENARIOS.items())
+def test_a_scenario_is_flown_as_before(name, seconds, tmp_path, monkeypatch, capsys, request):
+    monkeypatch.chdir(tmp_path)
+    assert run("fly", name, "--duration", str(seconds), "--out", FLOWN, "--json") == 0
+    found = figures(strict_json(capsys.readouterr().out))
+    for file in tmp_path.iterdir():
+        found |= written(file)
+    hold(name, found, request)
 
 
 def hold(name, found, request):
