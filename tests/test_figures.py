@@ -35,20 +35,61 @@ FLIGHTS = {
     "real/logs/px4_motor_failure.ulg": ["review"],
     "real/propeller/hover_cut20mm_1.BIN": ["review"],
     "real/logs/ardupilot_range_1075_1920_slow.tlog": ["review"],
-    "real/logs/crash_motor2_mechanical.bin": ["review"],
+    "real/logs/crash_motor2_mechanical.bin": ["review", "> review"],
     "real/logs/crash_motor4_at_its_limit.BIN": ["review"],
     "real/logs/crash_errors_without_time.BIN": ["review"],
     "real/logs/ardupilot_motor2_at_its_limit.BIN": ["review"],
-    "ardupilot_wind5_steps.tlog": ["review", "tune", "info", "compare", "order", "convert"],
-    "real/logs/px4_default_rates_learnable.ulg": ["review", "tune"],
-    "real/logs/gains_named_before_34.BIN": ["review", "tune", "twin", "wind"],
+    "ardupilot_wind5_steps.tlog": [
+        "review",
+        "tune",
+        "info",
+        "compare",
+        "order",
+        "convert",
+        "> info --verbose",
+    ],
+    "real/logs/px4_default_rates_learnable.ulg": ["review", "tune", "> tune --verbose"],
+    "real/logs/gains_named_before_34.BIN": [
+        "review",
+        "tune",
+        "twin",
+        "wind",
+        "> twin",
+        "> wind --verbose",
+    ],
     "sitl_raw/ap_sid.BIN.xz": ["review", "tune"],
-    "real/propeller/hover_good_1.BIN real/propeller/hover_cut25mm_1.BIN": ["track", "diff"],
-    "ardupilot_steps": ["fly", "live", "wind"],
-    "wind_turns": ["fly", "wind"],
-    "iris_gusts": ["fly", "learn"],
+    "real/propeller/hover_good_1.BIN real/propeller/hover_cut25mm_1.BIN": [
+        "track",
+        "diff",
+        "> diff",
+    ],
+    "real/logs/ardupilot33_rate_in_centidegrees.bin": ["info"],
+    "real/logs/ardupilot34dev_rate_in_centidegrees.BIN": ["info"],
+    "real/logs/ardupilot_gimbal_on_channels_5_and_6.BIN": ["info"],
+    "real/logs/ardupilot_late_landed_state.tlog": ["info"],
+    "real/logs/ardupilot_motor3_at_its_limit.BIN": ["info"],
+    "real/logs/armed_on_the_ground.BIN": ["info"],
+    "real/logs/low_flight_climb_channel_zero.tlog": ["info"],
+    "real/logs/no_fault_while_yawing.BIN": ["info"],
+    "real/logs/px4_crash_hovers_at_12_percent.ulg": ["info"],
+    "real/logs/px4_default_rates_gps_interference.ulg": ["info", "wind"],
+    "real/logs/px4_outputs_change_noutputs_0_and_4.ulg": ["info"],
+    "real/logs/px4_pwm_1200_1950.ulg": ["info"],
+    "real/logs/px4_two_armed_times.ulg": ["info"],
+    "real/propeller/straight_cut25mm_1.BIN": ["info", "wind"],
+    "sitl_events/ap_motor.tlog": ["info"],
+    "sitl_events/ap_quiet10.BIN": ["info"],
+    "sitl_events/px4_windjump.ulg.xz": ["info", "wind", "> wind --verbose"],
+    "sitl_loops/ap_t_half_f1_with_params.tlog.xz": ["info", "tune"],
+    "sitl_loops/px4_pxlow2.tlog.xz": ["info", "tune"],
+    "sitl_raw/ap_raw_on.BIN.xz": ["info"],
+    "sitl_px4/px4_two_vehicles_gcslink.tlog": ["info"],
+    "ardupilot_steps": ["fly", "live", "wind", "> info --verbose"],
+    "wind_turns": ["fly", "wind", "> wind --verbose"],
+    "iris_gusts": ["fly", "learn", "> learn --verbose"],
 }
-"""A name without an ending is that of a scenario; what is flown is then read by the commands after it."""
+"""A name without an ending is that of a scenario; what is flown is then read by the commands after it.
+Of a command after ">" it is what stands on its screen."""
 SCENARIOS = {
     "ardupilot_faults": 30,
     "calm": 20,
@@ -110,6 +151,16 @@ def figures(document):
 
     collect(document, "")
     return found
+
+
+def lines(screen):
+    """The numbers of each line, by its words."""
+    found = defaultdict(list)
+    for line in screen.splitlines():
+        if "took" not in line:
+            words = " ".join(NUMBER.sub("#", line).split())
+            found[words] += map(float, NUMBER.findall(line))
+    return {words: numbers or ["said"] for words, numbers in found.items()}
 
 
 def written(path):
@@ -217,11 +268,17 @@ def test_the_figures_of_a_flight_are_those_of_before(log, tmp_path, monkeypatch,
     if "live" in FLIGHTS[log]:
         by_the_log(monkeypatch)
     found = {}
-    for command in FLIGHTS[log]:
-        assert run(command, *flights, *OPTIONS.get(command, ()), "--json") == 0
+    for line in FLIGHTS[log]:
+        command, *shown = line.removeprefix("> ").split()
+        how = shown if line.startswith("> ") else ["--json"]
+        found[f"{line} exits"] = [run(command, *flights, *OPTIONS.get(command, ()), *how)]
         flights = {"fly": [FLOWN], "live": ["live.mcap"]}.get(command, flights)
-        document = strict_json(capsys.readouterr().out)
-        found |= {command + key: values for key, values in figures(document).items()}
+        said = capsys.readouterr().out
+        if how == ["--json"]:
+            document = strict_json(said)
+            found |= {command + key: values for key, values in figures(document).items()}
+        else:
+            found |= {f"{command} shows {words}": numbers for words, numbers in lines(said).items()}
     for file in tmp_path.rglob("*.*"):
         if file.suffix in FILES or file.name == "twin.json":
             found |= written(file)
