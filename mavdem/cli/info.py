@@ -50,17 +50,18 @@ def info_command(
         found = assess_signals(log, Signals(telemetry, axis, inputs), axis, options)
         analysis = found.analysis
         assert analysis is not None
-        assessments.append(found)
+        assessments.append((document_of(found), title_of(found), conclusion(found.judgement)))
         place = telemetry.system, telemetry.component
         known[place] = (analysis.verdict, analysis.condition, analysis.identity)
     held = inventory(log, axis, vehicle, inputs, known)
-    for shown, assessment in zip(held["vehicles"], assessments, strict=True):
-        shown |= document_of(assessment)
+    streams = [] if as_json else stream_contents(held)
+    for shown, (document, title, last) in zip(held["vehicles"], assessments, strict=True):
+        shown |= document
         if not as_json:
-            above, *lights, following = conclusion(assessment.judgement)
-            more = [*lights, *stream_contents(held)]
+            above, *lights, following = last
+            more = [*lights, *streams]
             said = [above, following]
-            print_screen(title_of(assessment), vehicle_contents(shown), more, said, verbose)
+            print_screen(title, vehicle_contents(shown), more, said, verbose)
     held["learnable"] = any(vehicle["model"] for vehicle in held["vehicles"])
     if as_json:
         print_json(held)

@@ -88,7 +88,7 @@ def read_truth(path: PathName, axis: str) -> Truth:
     try:
         with np.load(path, allow_pickle=False) as file:
             effect = file[f"{axis}_effect"]
-            return Truth(
+            truth = Truth(
                 name,
                 time=file["time"],
                 rate=file["known_rates"][:, AXES.index(axis)],
@@ -100,6 +100,8 @@ def read_truth(path: PathName, axis: str) -> Truth:
                 lag=float(file["lag"][0]),
                 delay=float(file["delay"]),
             )
+        np.broadcast(truth.time, truth.rate, truth.disturbance, truth.weak)
+        return truth
     except OSError as error:
         why = cause_of(error)
     except (LookupError, TypeError, ValueError, EOFError, zipfile.BadZipFile, zlib.error):

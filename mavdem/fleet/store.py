@@ -68,7 +68,7 @@ def read_rows(folder: Path) -> FlightRows:
         with closing(sqlite3.connect(uri, timeout=BUSY_SECONDS, uri=True)) as db:
             known = db.execute("select row, file from flights where file is not null")
             rows = [_row(*values) for values in known]
-    except (sqlite3.Error, TypeError, ValueError) as error:
+    except sqlite3.Error as error:
         raise Unreadable(_damaged(path, error)) from None
     return sorted(rows, key=lambda row: row.order)
 
@@ -312,5 +312,8 @@ def _values(source: Source, limits: Limits) -> Values:
 
 
 def _row(text: str, file: str | None = None) -> FlightRow:
-    values = {name: value for name, value in json.loads(text).items() if name in COLUMNS}
-    return FlightRow(**(values if file is None else values | {"file": file}))
+    try:
+        values = {name: value for name, value in json.loads(text).items() if name in COLUMNS}
+        return FlightRow(**(values if file is None else values | {"file": file}))
+    except (AttributeError, TypeError, ValueError) as error:
+        raise sqlite3.DatabaseError(f"a row is damaged: {error}") from None

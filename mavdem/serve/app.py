@@ -161,7 +161,10 @@ class Server:
                     response = await run_in_threadpool(endpoint, request)
             except Refusal as error:
                 response = await run_in_threadpool(self._refused, request, error.fact)
-            except ClientDisconnect:
+            except FileNotFoundError:  # the flight was deleted meanwhile
+                fact = Fact(Request.NO_SUCH_FLIGHT)
+                response = await run_in_threadpool(self._refused, request, fact)
+            except (ClientDisconnect, asyncio.CancelledError):  # or the server ends
                 response = Response(status_code=400)
             response.headers.update(_headers())
             return response

@@ -44,6 +44,8 @@ PROGRESS = "progress.json"
 INDEXES = Path(__file__).with_suffix(".sql").read_text(encoding="utf-8")
 # left free, so that flights can still be deleted, which SQLite writes down
 RESERVED_BYTES = 64 << 20
+INSIDE = {"digest": "[0-9a-f]{64}", "files": r"(?!/|.*\.\.).+"}
+"""What columns that lead to files look like."""
 MAX_NAME = 150  # bytes, of 255 that file systems allow
 
 
@@ -187,7 +189,9 @@ class Library:
             yield self._db
 
     def path_of(self, entry: Entry) -> Path:
-        """Where the log is."""
+        """Where the log is; one of the server's own is in its folder, wherever the index leads."""
+        if entry.digest:
+            return self.folder / LOGS / entry.digest / Path(entry.path).name
         return self.folder / entry.path
 
     def results_of(self, entry: Entry) -> Path:
@@ -357,7 +361,7 @@ class Library:
                 self.store.track([source])
                 if not is_kept:
                     self.store.remove(source)
-                    shutil.rmtree(self.path_of(entry).parent, ignore_errors=True)
+                    shutil.rmtree(self.folder / LOGS / entry.digest, ignore_errors=True)
         except Refusal as error:
             if error.fact.code is not Request.NO_SUCH_FLIGHT:
                 raise
@@ -378,12 +382,11 @@ class Library:
 
     def _remove_files(self, db: sqlite3.Connection, entry: Entry) -> None:
         """Removes the server's files of a log within a transaction, unless it was received again meanwhile."""
-        if _known(db, entry.digest) is None:
+        if entry.digest and _known(db, entry.digest) is None:
             shutil.rmtree(self.results_of(entry), ignore_errors=True)
-            if entry.digest:
-                # What cannot be removed keeps its row: the next start would enter it again.
-                with suppress(FileNotFoundError):
-                    shutil.rmtree(self.path_of(entry).parent)
+            # What cannot be removed keeps its row: the next start would enter it again.
+            with suppress(FileNotFoundError):
+                shutil.rmtree(self.folder / LOGS / entry.digest)
 
     def rows_of(self, entries: Iterable[Entry]) -> FlightRows:
         """Returns the fleet's rows of these logs."""
@@ -523,15 +526,19 @@ def _known(db: sqlite3.Connection, digest: str) -> Any:
 
 
 def _entry(row: sqlite3.Row) -> Entry:
-    """An entry; what somebody else has left empty is as it is at first."""
-    return Entry(**{name: row[name] for name in COLUMNS if row[name] not in (None, "")})
+    """An entry; what somebody else has left empty, or made to lead out of the folder, is as it is at first."""
+    columns = {name: row[name] for name in COLUMNS if row[name] not in (None, "")}
+    for name, pattern in INSIDE.items():
+        if not re.fullmatch(pattern, str(columns.get(name, ""))):
+            columns.pop(name, None)
+    return Entry(**columns)
 
 
 def insert(db: sqlite3.Connection, entry: Entry) -> None:
-    """Enters a row."""
+    """Enters a row, in place of one that an altered index has for the same log."""
     names = ", ".join(COLUMNS)
     places = ", ".join(f":{name}" for name in COLUMNS)
-    db.execute(f"insert into entries ({names}) values ({places})", vars(entry))
+    db.execute(f"insert or replace into entries ({names}) values ({places})", vars(entry))
 
 
 def _is_held(path: Path) -> bool:

@@ -2,6 +2,7 @@
 
 import asyncio
 import socket
+import sqlite3
 import sys
 import threading
 import webbrowser
@@ -40,8 +41,14 @@ class Connection(H11Protocol):
             transport.close()
         self.loop.call_later(FIRST_SECONDS, self._end_unasked)
 
-    def _end_unasked(self) -> None:
-        if self.cycle is None:
+    def on_response_complete(self) -> None:
+        """Gives the next request as much time: uvicorn waits forever for the rest of one that has begun."""
+        answered = self.cycle
+        super().on_response_complete()
+        self.loop.call_later(FIRST_SECONDS, self._end_unasked, answered)
+
+    def _end_unasked(self, answered: object = None) -> None:
+        if self.cycle is answered:
             self.transport.close()
 
 
@@ -86,7 +93,8 @@ def serve(
     rights = rights_of(options.host, options.token, options.is_behind_proxy)
     listening = _listening(options.host, options.port)
     library = Library(options.folder, options.quota)
-    library.adopt()
+    with suppress(sqlite3.Error):  # a damaged row keeps back no other log
+        library.adopt()
     cluster = Cluster(options.scheduler, options.limits) if options.scheduler else None
     work = Work(library, options.processes, options.limits, cluster)
     viewers = Viewers()

@@ -85,6 +85,16 @@ def test_what_is_no_fleet_and_what_is_damaged_is_refused(tmp_path):
     assert refusal(opened(tmp_path).__enter__) is Folder.FLEET_DAMAGED
 
 
+@mark.parametrize("row", ["[1]", "{"])
+def test_a_damaged_row_is_said_to_be(fleet, row):
+    out, folder, (log, _), _ = fleet
+    with closing(sqlite3.connect(out / STORE, isolation_level=None)) as db:
+        db.execute("update flights set row = ? where rowid = 1", [row])
+    assert refusal(lambda: read_rows(out)) is Folder.FLEET_DAMAGED
+    log.write_bytes(log.read_bytes() + b"~")
+    assert refusal(lambda: track(out, folder, log)) is Folder.FLEET_DAMAGED
+
+
 @mark.parametrize(
     "version, change",
     [

@@ -389,6 +389,11 @@ def test_who_asks_nothing_and_who_is_one_too_many_is_hung_up_on(tmp_path, monkey
         )
         slow.sendall(b"GET / HT")
         assert [line.recv(1) for line in (late, idle, slow)] == [b""] * 3
+        again = lines.enter_context(socket.create_connection(place, timeout=30))
+        again.sendall(b"GET /api/flights HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        assert again.recv(4096).startswith(b"HTTP/1.1 200")
+        again.sendall(b"GET / HT")
+        assert again.recv(1) == b""
         assert server.ask("GET", "/api/flights").status == 200
 
 

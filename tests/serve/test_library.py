@@ -176,6 +176,28 @@ def test_a_fleet_is_shown_as_it_is(tmp_path):
         assert server.ask("GET", f"/f/{entries[0].id}").status == 200
 
 
+def test_an_altered_index_removes_and_shows_nothing_outside(tmp_path):
+    (tmp_path / "photos" / "mine").mkdir(parents=True)
+    (tmp_path / "secret.html").write_text("<main>\nSecret")
+    library = Library(tmp_path / "served")
+    away, beside, page, lost = (received(library, f"{number}.") for number in range(4))
+    library.change(away.id, digest="../../photos", path="../photos/mine/a.ulg")
+    library.change(beside.id, path="")
+    library.change(page.id, digest="", path="b.ulg", files="../secret.html", stage=Stage.DONE)
+    library.change(lost.id, digest="")
+    claimed = library.claim()
+    assert claimed.id == away.id
+    library.delete(away.id)
+    library.finish(claimed, outcome_of(Job("none.ulg"), read_made_up), LIMITS)
+    library.delete(beside.id)
+    assert (tmp_path / "photos" / "mine").is_dir()
+    left = {path.name for path in (library.folder / "logs").iterdir()}
+    assert left == {entry.digest for entry in (away, page, lost)}
+    with serving(library.folder) as server:
+        assert "Secret" not in server.ask("GET", f"/f/{page.id}").text
+        assert server.library.find(*ALL, 10)[1] == 4
+
+
 def test_ten_thousand_flights_are_searched_by_their_index(tmp_path):
     """In time, tools/bench/serve.py has it; here is what takes it: no row is read that is not shown."""
     library = Library(tmp_path)
