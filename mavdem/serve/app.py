@@ -3,7 +3,7 @@
 import asyncio
 import inspect
 import json
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from functools import cache, cached_property
@@ -33,8 +33,9 @@ from mavdem.errors import Refusal
 from mavdem.facts import Fact
 from mavdem.facts.serve import Crowd, Request, Sharing, Stage, Use
 from mavdem.fleet.difference import changed_parameters, since_baseline, vehicle_difference
-from mavdem.fleet.row import vehicles_of, worst_row
+from mavdem.fleet.row import FlightRow, vehicles_of, worst_row
 from mavdem.fleet.workers import LOOK_SECONDS
+from mavdem.grouping import grouped
 from mavdem.heading import Values
 from mavdem.ingest.formats import format_of
 from mavdem.report.difference import baseline_blocks
@@ -219,6 +220,17 @@ class Server:
         entries, total = self.library.find(where, values, min(limit, most), offset)
         return entries, total, query, offset
 
+    def _troubles(self, entries: Sequence[Entry]) -> dict[str, FlightRow]:
+        """What is wrong with flights beside others of their vehicles, the worst of each, by their ids."""
+        of_files = {str(self.library.path_of(entry)): entry for entry in entries}
+        troubled = [
+            row
+            for row in self.library.rows_of(entries)
+            if row.health in TROUBLE and row.vehicle == of_files[row.file].vehicle
+        ]
+        by_file = grouped(troubled, lambda row: row.file)
+        return {of_files[file].id: worst_row(rows) for file, rows in by_file.items()}
+
     def _list_page(self, request: HttpRequest) -> Response:
         entries, total, query, offset = self._found(request, PAGE_LENGTH, PAGE_LENGTH)
         known = self._known(request)
@@ -234,6 +246,7 @@ class Server:
                 sample=self._sample,
                 is_live=self._live is not None,
                 vehicles=self.library.vehicles() if known["may_read"] else [],
+                troubles=self._troubles(entries) if known["may_read"] else {},
                 **known,
             )
         )
@@ -248,12 +261,7 @@ class Server:
         if entry.stage != Stage.DONE or not (entry.digest or path.is_file()):
             return HTMLResponse(served("flight", **known))
         if known["may_read"] and not wanted:
-            rows = self.library.rows_of([entry])
-            troubled = [
-                row for row in rows if row.vehicle == entry.vehicle and row.health in TROUBLE
-            ]
-            if troubled:
-                known["trouble"] = worst_row(troubled)
+            known["trouble"] = self._troubles([entry]).get(entry.id)
         return HTMLResponse(
             with_bar(
                 path.read_text("utf-8"),
@@ -292,19 +300,16 @@ class Server:
         if not entries:
             raise Refusal(Request.NO_SUCH_FLIGHT)
         rows = [row for row in self.library.rows_of(entries) if row.vehicle == name]
-        flights = vehicles_of(rows).get(name, [])
         healthy = [row for row in self.library.store.healthy if row.vehicle == name]
         change = since_baseline(rows, healthy).get(name) if healthy else None
-        ids = {str(self.library.path_of(entry)): entry.id for entry in entries}
-        worst = map(worst_row, flights)
         return HTMLResponse(
             vehicle_page(
-                flights,
+                vehicles_of(rows).get(name, []),
                 baseline_blocks(*change) if change else (),
                 name=name,
                 entries=entries,
                 baseline=len({row.key for row in healthy}),
-                troubles={ids[row.file]: row for row in worst if row.health in TROUBLE},
+                troubles=self._troubles(entries),
                 **self._known(request),
             )
         )

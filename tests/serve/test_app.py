@@ -188,8 +188,9 @@ def test_two_flights_are_compared_and_a_vehicle_has_its_page_and_baseline(served
     page = served.ask("GET", "/vehicle?name=quad%207").text
     assert "One." in page and "Two." in page and "lost thrust" not in page
     weak = served.add("weak.ulg", "A weak motor.")
-    page = served.ask("GET", "/vehicle?name=quad%207").text
-    assert '<span class="said bad">Motor 3 lost thrust.</span>' in page
+    for place in ("/vehicle?name=quad%207", "/"):
+        page = served.ask("GET", place).text
+        assert page.count('<span class="said bad">Motor 3 lost thrust.</span>') == 1
     said = '<p class="said bad">Beside the vehicle’s other flights: Motor 3 lost thrust.</p>'
     assert [said in served.ask("GET", f"/f/{id}").text for id in (a, weak)] == [False, True]
     assert served.ask("GET", f"/compare?a={a}&b={served.add('c.ulg', 'damaged')}").status == 200
