@@ -6,6 +6,7 @@ import os
 import re
 import resource
 import socket
+import sqlite3
 from contextlib import ExitStack
 from pathlib import Path
 from shutil import rmtree
@@ -429,6 +430,8 @@ def test_a_full_disk_and_a_full_quota_are_507_and_break_nothing(tmp_path, monkey
         assert (refused.status, refused.code) == (507, Request.DISK_FULL)
         with raises(PermissionError), full_disk_refused():
             raise PermissionError(errno.EACCES, "another trouble")
+        with raises(sqlite3.OperationalError), full_disk_refused():
+            server.library.store.db.execute("no SQL")
         assert server.ask("GET", "/api/flights").json["total"] == 1
         assert list((tmp_path / "incoming").iterdir()) == []
         assert server.ask("DELETE", f"/api/flights/{id}").status == 204
