@@ -34,7 +34,7 @@ from mavdem.facts import Fact
 from mavdem.facts.serve import Crowd, Request, Sharing, Stage, Use
 from mavdem.fleet.difference import changed_parameters, since_baseline, vehicle_difference
 from mavdem.fleet.row import FlightRow, vehicles_of, worst_row
-from mavdem.fleet.workers import LOOK_SECONDS
+from mavdem.fleet.workers import LOOK_SECONDS, PAGES
 from mavdem.grouping import grouped
 from mavdem.heading import Values
 from mavdem.ingest.formats import format_of
@@ -160,10 +160,8 @@ class Server:
                     response = await endpoint(request)
                 else:
                     response = await run_in_threadpool(endpoint, request)
-            except Refusal as error:
-                response = await run_in_threadpool(self._refused, request, error.fact)
-            except FileNotFoundError:  # the flight was deleted meanwhile
-                fact = Fact(Request.NO_SUCH_FLIGHT)
+            except (Refusal, FileNotFoundError) as error:  # a flight may be deleted meanwhile
+                fact = getattr(error, "fact", Fact(Request.NO_SUCH_FLIGHT))
                 response = await run_in_threadpool(self._refused, request, fact)
             except (ClientDisconnect, asyncio.CancelledError):  # or the server ends
                 response = Response(status_code=400)
@@ -257,7 +255,7 @@ class Server:
         wanted = request.query_params.get("vehicle", "")
         other = f"vehicle_{wanted}.html"
         own = self.library.results_of(entry) / (other if other in entry.file_names else PAGE)
-        path = own if entry.digest else self.library.folder / (entry.files or PAGE)
+        path = own if entry.digest else self.library.folder / PAGES / Path(entry.files).name
         if entry.stage != Stage.DONE or not (entry.digest or path.is_file()):
             return HTMLResponse(served("flight", **known))
         if known["may_read"] and not wanted:

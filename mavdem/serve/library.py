@@ -18,7 +18,7 @@ import sqlite3
 import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -44,8 +44,6 @@ PROGRESS = "progress.json"
 INDEXES = Path(__file__).with_suffix(".sql").read_text(encoding="utf-8")
 # left free, so that flights can still be deleted, which SQLite writes down
 RESERVED_BYTES = 64 << 20
-INSIDE = {"digest": "[0-9a-f]{64}", "files": r"(?!/|.*\.\.).+"}
-"""What columns that lead to files look like."""
 MAX_NAME = 150  # bytes, of 255 that file systems allow
 
 
@@ -526,12 +524,9 @@ def _known(db: sqlite3.Connection, digest: str) -> Any:
 
 
 def _entry(row: sqlite3.Row) -> Entry:
-    """An entry; what somebody else has left empty, or made to lead out of the folder, is as it is at first."""
-    columns = {name: row[name] for name in COLUMNS if row[name] not in (None, "")}
-    for name, pattern in INSIDE.items():
-        if not re.fullmatch(pattern, str(columns.get(name, ""))):
-            columns.pop(name, None)
-    return Entry(**columns)
+    """An entry; what somebody else has left empty is as it is at first, as is a digest that leads elsewhere."""
+    entry = Entry(**{name: row[name] for name in COLUMNS if row[name] not in (None, "")})
+    return entry if re.fullmatch("[0-9a-f]{64}", str(entry.digest)) else replace(entry, digest="")
 
 
 def insert(db: sqlite3.Connection, entry: Entry) -> None:

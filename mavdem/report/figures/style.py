@@ -114,21 +114,13 @@ def figure_of(charts: Sequence[Chart]) -> BareFigure:
 
 
 def _draw(axes: Axes, chart: Chart) -> None:
-    beside = axes
-    if chart.beside is not None:
-        beside = axes.twinx()
-        _label(beside, chart.beside)
     for line in chart.lines:
-        _draw_line(beside if line.right else axes, line)
+        _draw_line(axes, line)
     for start, end, _ in chart.spans:
         axes.axvspan(start, end, color=MEASURED, alpha=BAND_OPACITY, linewidth=0)
-    for mark in chart.marks:
-        axes.axvline(mark.x, color=mark.colour, linewidth=0.8, linestyle=":")
     for level in chart.levels:
         axes.axhline(level, color=MEASURED, linewidth=0.8, zorder=1.5)
     axes.set(xlabel=chart.x.label, xscale="log" if chart.x.log else "linear", xlim=chart.x.ends)
-    if chart.x.names:
-        axes.set_xticks(range(len(chart.x.names)), chart.x.names)
     _label(axes, chart.y)
     axes.set_title(chart.title)
     if sum(bool(line.name) for line in chart.lines) > 1:
