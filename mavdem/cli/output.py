@@ -259,9 +259,8 @@ def unwind_when_terminated() -> None:
     What is begun then, as the removal of temporary files, is not broken off by another. A process that was started with
     one of these ignored, as SIGHUP by nohup, continues.
     """
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        number = getattr(signal, name, None)
-        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _unwind)
 
 
@@ -278,7 +277,7 @@ def asked_to_end() -> Iterator[Callable[[], bool]]:
         asked = True
 
     numbers = [signal.SIGINT, signal.SIGTERM]
-    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
         numbers.append(signal.SIGHUP)
     before = {number: signal.signal(number, ask) for number in numbers}
     try:

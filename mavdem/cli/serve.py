@@ -1,7 +1,5 @@
 """``mavdem serve``: drop a log in a browser."""
 
-import os
-import sys
 from pathlib import Path
 
 import click
@@ -13,6 +11,7 @@ from mavdem.dem.parallel import spare_cores
 from mavdem.extras import require
 from mavdem.facts import Fact
 from mavdem.fleet.workers import Limits
+from mavdem.machine import has_screen
 
 SAMPLE = Path(__file__).parents[1] / "serve" / "sample_flight.tlog"
 
@@ -96,9 +95,6 @@ def serve_command(
         SAMPLE,
         link,
     )
-    has_screen = sys.platform == "darwin" or bool(
-        {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys()
-    )
 
     def say(address: str) -> None:
         say_aside(f"Serving {printable(folder)} at {address}; Ctrl-C ends it.")
@@ -106,4 +102,4 @@ def serve_command(
     def warn(fact: Fact) -> None:
         say_aside(printable(f"mavdem: {fact.advised}"))
 
-    serve(options, say, warn, is_shown=has_screen and not no_browser)
+    serve(options, say, warn, is_shown=has_screen() and not no_browser)

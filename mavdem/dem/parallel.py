@@ -167,8 +167,7 @@ class LearningProcess(Executor):
     def _start(self) -> None:
         self._exits.close()
         self._pool = self._exits.enter_context(pool(1))
-        if hasattr(os, "nice"):
-            self._pool.submit(os.nice, LOW_PRIORITY)
+        self._pool.submit(os.nice, LOW_PRIORITY)
 
 
 @contextmanager

@@ -19,7 +19,6 @@ class LinkError(StrEnum):
     NOT_LISTENING = "not_listening"
     NOT_PERMITTED = "not_permitted"
     NOT_SERIAL = "not_serial"
-    NO_POSIX = "no_posix"
     NO_SPEED = "no_speed"  # of a serial line
 
 

@@ -14,7 +14,9 @@ import select
 import socket
 import struct
 import sys
+import termios
 import time
+import tty
 from typing import Any, NoReturn
 
 import numpy as np
@@ -24,8 +26,8 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.session import LinkError, LinkFact
 from mavdem.ingest.mavlink.framing import HEADER_1, MARKER_1
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
+from mavdem.machine import LOOPBACK
 
-LOOPBACK = "127.0.0.1"
 SO_TIMESTAMPNS, SO_RXQ_OVFL = (35, 40) if sys.platform == "linux" else (0, 0)
 """When each datagram came, and how many found no room. Source: Linux, include/uapi/asm-generic/socket.h."""
 MAX_PIECE_BYTES = np.iinfo(np.uint16).max  # Of a datagram, and of a piece of a byte stream
@@ -328,11 +330,6 @@ def _probe(connection: socket.socket) -> None:
 
 def _serial(name: str) -> int:
     """Opens a serial port: raw, at its speed, without waiting for a carrier or hanging up at the end."""
-    if sys.platform == "win32":
-        raise _cannot_open(name, LinkError.NO_POSIX)
-    import termios
-    import tty
-
     device, _, speed = name.partition(",")
     baud = getattr(termios, f"B{speed or 115200}", None)
     if baud is None or not (speed or "1").isdigit():

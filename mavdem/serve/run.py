@@ -1,9 +1,9 @@
 """Running the server: its address, its workers, and the end of both."""
 
 import asyncio
+import resource
 import socket
 import sqlite3
-import sys
 import threading
 import webbrowser
 from collections.abc import Callable
@@ -54,10 +54,6 @@ class Connection(H11Protocol):
 
 def _most_connections() -> int:
     """Returns as many as leave half of the process's descriptors to other files."""
-    if sys.platform == "win32":
-        return MOST_CONNECTIONS
-    import resource
-
     return min(MOST_CONNECTIONS, resource.getrlimit(resource.RLIMIT_NOFILE)[0] // 2)
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from mavdem.errors import Refusal
 from mavdem.facts.serve import Request
+from mavdem.machine import LOOPBACK, free_port
 from mavdem.results import RECORDING
 from mavdem.serve.uploads import PATIENCE_SECONDS
 
@@ -49,13 +50,13 @@ def _started(recording: Path) -> WebServer:
     # Rerun takes a second to load.
     from mavdem.view import WebServer
 
-    port = _free_port()
+    port = free_port()
     try:
-        viewer = WebServer(_free_port(), port, str(recording))
+        viewer = WebServer(free_port(), port, str(recording))
         ends = time.monotonic() + PATIENCE_SECONDS
         while viewer.process.poll() is None and time.monotonic() < ends:
             with suppress(ConnectionError):
-                socket.create_connection(("127.0.0.1", port)).close()
+                socket.create_connection((LOOPBACK, port)).close()
                 return viewer
             time.sleep(0.05)
         viewer.close()
@@ -63,8 +64,3 @@ def _started(recording: Path) -> WebServer:
     except OSError as error:
         because = str(error)
     raise Refusal(Request.NOT_STARTED, name=RECORDING, because=because)
-
-
-def _free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        return int(probe.getsockname()[1])

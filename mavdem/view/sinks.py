@@ -20,8 +20,8 @@ from urllib.parse import quote
 import rerun as rr
 
 from mavdem.files import PathName, atomic_writes
+from mavdem.machine import LOOPBACK, free_port, has_screen
 
-LOOPBACK = "127.0.0.1"
 CLOSING_SECONDS = 3.0  # how long a file, or any sink, that is closed may still be written
 SERVER_MEMORY = "256MB"  # the server keeps data for later viewers; the oldest go first
 STREAM_HEADER = 12  # bytes before the first message of an .rrd file
@@ -51,13 +51,6 @@ def show(path: PathName) -> str:
         return f"There is no recording {path}."
     _start(os.fspath(path))
     return ""
-
-
-def has_screen() -> bool:
-    """Returns whether a window can probably be opened here."""
-    return not sys.platform.startswith("linux") or bool(
-        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    )
 
 
 def _start(*options: str, watched: bool = False) -> subprocess.Popen[bytes]:
@@ -247,8 +240,7 @@ def sinks_for(
         sinks.append(WebServer())
     if not sinks and has_screen():
         # A window, which stays open after the process ends.
-        with socket.create_server((LOOPBACK, 0)) as probe:
-            port = int(probe.getsockname()[1])
+        port = free_port()
         _start(
             "--server-memory-limit",
             SERVER_MEMORY,

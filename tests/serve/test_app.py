@@ -497,7 +497,7 @@ def test_a_viewer_that_answers_is_shown_until_another_recording_is_asked_for(mon
     viewers = Viewers()
     with socket.create_server(("127.0.0.1", 0)) as answers:
         port = answers.getsockname()[1]
-        monkeypatch.setattr("mavdem.serve.viewers._free_port", lambda: port)
+        monkeypatch.setattr("mavdem.serve.viewers.free_port", lambda: port)
         viewer = Mock(page="http://viewer", **{"process.poll.return_value": None})
         monkeypatch.setattr("mavdem.view.WebServer", begun := Mock(return_value=viewer))
         for name, count in (("a.rrd", 1), ("a.rrd", 1), ("b.rrd", 2)):
@@ -506,7 +506,7 @@ def test_a_viewer_that_answers_is_shown_until_another_recording_is_asked_for(mon
 
 def test_the_command_serves_as_it_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr("mavdem.serve.run.serve", served := Mock())
-    monkeypatch.setattr("mavdem.cli.serve.sys", SimpleNamespace(platform="darwin"))
+    monkeypatch.setattr("mavdem.cli.serve.has_screen", lambda: True)
     assert command_line.run("serve", tmp_path, "--quota", "1.5") == 0
     (options, *_), known = served.call_args
     assert options.quota == 1_500_000_000 and options.sample.is_file()

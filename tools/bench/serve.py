@@ -9,7 +9,6 @@ Usage: tools/bench/serve.py list             # 10,000 flights listed and searche
 import hashlib
 import json
 import random
-import socket
 import subprocess
 import sys
 import time
@@ -26,6 +25,7 @@ import click
 import requests
 
 from mavdem.facts.serve import Stage
+from mavdem.machine import free_port
 from mavdem.report.blocks import Table, markdown
 from mavdem.serve.library import Entry, Library, insert
 
@@ -65,24 +65,9 @@ class Served(NamedTuple):
 
 @contextmanager
 def served(folder: str) -> Iterator[Served]:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = int(probe.getsockname()[1])
-    process = subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "mavdem",
-            "serve",
-            folder,
-            "--port",
-            str(port),
-            "--no-browser",
-            "--jobs",
-            "2",
-        ],
-        stderr=subprocess.DEVNULL,
-    )
+    port = free_port()
+    words = f"-m mavdem serve {folder} --port {port} --no-browser --jobs 2".split()
+    process = subprocess.Popen([sys.executable, *words], stderr=subprocess.DEVNULL)
     server = Served(process, f"http://127.0.0.1:{port}")
     try:
         until(lambda: get(f"{server.address}/static/serve.js").ok)

@@ -182,8 +182,7 @@ def _new_lock() -> None:
     _lock = RLock()
 
 
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_new_lock)
+os.register_at_fork(after_in_child=_new_lock)
 
 
 @cache
