@@ -316,4 +316,4 @@ def _row(text: str, file: str | None = None) -> FlightRow:
         values = {name: value for name, value in json.loads(text).items() if name in COLUMNS}
         return FlightRow(**(values if file is None else values | {"file": file}))
     except (AttributeError, TypeError, ValueError) as error:
-        raise sqlite3.DatabaseError(f"a row is damaged: {error}") from None
+        raise sqlite3.DatabaseError(error) from None
