@@ -243,11 +243,13 @@ def test_the_wind_is_reported_where_the_flight_identifies_its_speed():
     fact = wind_light(known)
     assert (fact.code, fact.level) == (WindLight.WIND_BLEW, Level.GOOD)
     assert fact.figures["low"] < 5 * np.sqrt(10 / 60) < fact.figures["high"]  # at 10 m: DATA.md
-    leaning = replace(
-        known.condition, lean={"roll": Steady(np.radians(30 * MUCH_LEAN + 1), None, 0.0)}
-    )
-    strong = Signals(replace(known.signals.telemetry, parameters={"ANGLE_MAX": 3000.0}))
-    assert wind_light(replace(known, condition=leaning, signals=strong)).level is Level.WATCH
+    limits = {"ANGLE_MAX": 3000.0, "ATC_ANGLE_MAX": 30.0, "MPC_TILTMAX_AIR": 30.0}
+    for limit in limits.items():
+        strong = Signals(replace(known.signals.telemetry, parameters=dict([limit])))
+        for more, level in ((-1.0, Level.GOOD), (1.0, Level.WATCH)):
+            lean = {"roll": Steady(np.radians(30 * MUCH_LEAN + more), None, 0.0)}
+            leaning = replace(known, condition=replace(known.condition, lean=lean), signals=strong)
+            assert wind_light(leaning).level is level
     diverged = Fact(Reported.ESTIMATOR_DIVERGED, Level.BAD, time=100.0, boot=0)
     fact = wind_light(replace(known, events=(diverged,)))
     assert fact.level is Level.WATCH and fact.figures["because"] == diverged

@@ -1,6 +1,7 @@
 """The wind in m/s: simulated flights with known drag, recorded ones beside an anemometer, and what is no flight."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 from hover import changed
@@ -108,6 +109,13 @@ def test_the_share_of_the_torque_is_known_where_the_air_s_velocity_along_the_bod
     assert share == (approx(0.98, abs=0.02) if legs else None)
     chance = torque_explained(wind, time, default_rng(1).normal(size=len(time)))
     assert not chance.figures["share"]
+
+
+@mark.parametrize("size, code", [(0.9, WindShare.SHARE_UNKNOWN), (1.1, WindShare.SHARE_KNOWN)])
+def test_air_along_the_body_that_changes_by_less_than_1_m_s_explains_nothing(size, code):
+    time = np.arange(0.0, 120.0, 0.1)
+    along = np.outer(size * np.sign(np.sin(2 * np.pi * (time + 1) / 30)), [1.0, 0.0])
+    assert torque_explained(SimpleNamespace(time=time, along=along), time, along[:, 0]).code is code
 
 
 @mark.parametrize(

@@ -250,6 +250,22 @@ class Topped(Hover):
         return outputs
 
 
+class Limited(Hover):
+    """Motor 1 is at its limit from take-off on."""
+
+    def motors(self, t):
+        outputs = super().motors(t)
+        outputs[:, 0] = np.where(outputs[:, 0] > 1200, 2000.0, outputs[:, 0])
+        return outputs
+
+
+def test_the_first_seconds_of_a_flight_name_no_motor():
+    made = replay(Flight(Limited(hovering=8.0)).frames(end=14.0))
+    off = next(fact.time for fact in made.facts if fact.code is Reported.OFF_GROUND)
+    alarm, *_ = said(made, MotorsLight.MOTOR_LIMITED)
+    assert off + DECISION_SECONDS <= alarm.time <= off + DECISION_SECONDS + 1.0
+
+
 @mark.parametrize("top", [1800.0, 2000.0])
 def test_a_climb_at_one_throttle_is_no_stop_of_the_motors(top):
     made = replay(Flight(Topped(hovering=12.0, top=top)).frames(end=16.0))
