@@ -13,7 +13,7 @@ from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array, normal_draws
 from mavdem.dem.graybox import Physical
 from mavdem.dem.graybox.likelihood import DELAY
-from mavdem.dem.graybox.parameters import LEAST
+from mavdem.dem.graybox.parameters import LEAST, theta_of
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
@@ -101,7 +101,7 @@ def _drawn(plant: Physical, filters: float, dt: float) -> Array:
     delay is better determined than either: a delay is taken for that of common autopilots as far as the flight leaves
     it open, and the lag is what is left.
     """
-    theta = np.array([*plant.effect, plant.damping, plant.lag, plant.delay])
+    theta = theta_of(plant)
     covariance = plant.covariance.copy()
     usual, sd = DELAY
     variance = covariance[-1, -1] + (SPLIT * dt) ** 2

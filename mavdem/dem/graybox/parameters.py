@@ -108,7 +108,7 @@ class Physical(NamedTuple):
 
     def draws(self, number: int, seed: int = 0) -> Array:
         """Returns (number + 1, r + 3) effect, damping, lag and delay: the estimate, then draws by ``seed``."""
-        theta = np.array([*self.effect, self.damping, self.lag, self.delay])
+        theta = theta_of(self)
         drawn = normal_draws(theta, self.covariance, number, seed)
         drawn[:, -2:] = drawn[:, -2:].clip(0.05 * theta[-2:])  # a lag and a delay are positive
         return np.vstack([theta, drawn])
@@ -122,6 +122,11 @@ class Physical(NamedTuple):
         )
         delay = np.nan if self.status["lag"] == Status.NOT_IDENTIFIABLE else half[-1]
         return PhysicalInterval(effect, float(damping), float(lag), float(delay))
+
+
+def theta_of(physical: Physical) -> Array:
+    """Returns (r + 3,) effect, damping, lag and delay."""
+    return np.array([*physical.effect, physical.damping, physical.lag, physical.delay])
 
 
 def wind_density(physical: Physical, frequency: Array) -> Array:
@@ -146,7 +151,8 @@ def updated(plant: Physical, prior: Physical) -> Physical:
     Beyond ``SURE_DEVIATIONS`` between the two, the vehicle is not as it was.
     A flight that does not identify the effect, on which the others depend, says nothing of any of them.
     """
-    theta, now = (np.array([*of.effect, of.damping, of.lag, of.delay]) for of in (prior, plant))
+    theta = theta_of(prior)
+    now = theta_of(plant)
     if len(theta) != len(now) or not prior.identifiable:
         return plant
     alike = np.append(theta[:-3], np.zeros(3))

@@ -9,7 +9,7 @@ from scipy.linalg import solve_discrete_lyapunov
 from mavdem.dem.engine.linalg import Array, Pair
 from mavdem.dem.engine.model import recursion
 from mavdem.dem.forecast.var import Forecast
-from mavdem.dem.graybox.parameters import Physical, slopes_of
+from mavdem.dem.graybox.parameters import Physical, slopes_of, theta_of
 from mavdem.dem.graybox.plant import Plant, plant
 from mavdem.dem.graybox.wind import steady
 from mavdem.dem.priors import derivative_pairs
@@ -33,7 +33,7 @@ def simulated(physical: Physical, record: Record, inputs: ArrayLike) -> Forecast
             "a simulation needs two outputs, an angle and its rate: the plant has no others"
         )
     columns = list(pairs[0])
-    theta = np.array([*physical.effect, physical.damping, physical.lag])
+    theta = theta_of(physical)[:-1]
     mean_of = partial(_mean, delay=physical.delay, record=record, columns=columns, inputs=commanded)
     mean = mean_of(theta)
     slopes = slopes_of(mean_of, theta, mean)

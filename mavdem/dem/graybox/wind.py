@@ -27,7 +27,7 @@ from mavdem.dem.graybox.gusts import (
     shortest_gust,
 )
 from mavdem.dem.graybox.identifiability import MODEL_ERRORS
-from mavdem.dem.graybox.parameters import Physical, rate_column, slopes_of, wind_density
+from mavdem.dem.graybox.parameters import Physical, rate_column, slopes_of, theta_of, wind_density
 from mavdem.dem.graybox.plant import plant
 from mavdem.dem.record import Record
 from mavdem.facts import Fact
@@ -99,7 +99,7 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
     ``changes`` are times on the record's clock, s, at which the vehicle changed, as by a motor's loss of thrust.
     """
     column = rate_column(record)
-    theta = np.array([*physical.effect, physical.damping, physical.lag, physical.delay])
+    theta = theta_of(physical)
     with one_thread():
         torques = _torques(theta, physical, record, column)
         slopes = slopes_of(
