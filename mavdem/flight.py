@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from mavdem.downstream import FlightDownstream
 from mavdem.facts import Facts
 from mavdem.forecaster import Floats
-from mavdem.heading import Names
+from mavdem.heading import Names, Values
 from mavdem.unit_slips import real_numbers, unit_slip
 
 MAX_VALUE = 1e100  # of any number of a flight: differences and squares of larger ones overflow
@@ -168,7 +168,7 @@ class Flight(FlightDownstream):
             dt = float(steps[~gaps].mean())
         cuts = np.flatnonzero(gaps) + 1
         tables = {"inputs": inputs, "outputs": outputs, "setpoints": labels.pop("setpoints", None)}
-        cut: dict[str, Any] = {
+        cut: Values = {
             name: np.split(_table(values, name, len(stamps), True), cuts)
             for name, values in tables.items()
             if values is not None
@@ -213,6 +213,11 @@ Flights = Sequence[Flight]
 """Segments of a flight, or flights of one vehicle."""
 
 
+def boot_of(flight: Flight) -> int:
+    """Returns the boot of the autopilot on whose clock a flight read from a log has its times."""
+    return int(flight.provenance["segment"]["boot"])
+
+
 def _stamps(values: ArrayLike) -> Floats:
     time = _frozen(values, "time")
     if time.ndim != 1 or not len(time):
@@ -245,10 +250,11 @@ def _frozen(values: ArrayLike, name: str, missing: bool = False) -> Floats:
 
 def _uniform_step(time: Floats, dt: float | None) -> float:
     if dt is None:
-        if len(time) < 2:
+        steps = len(time) - 1
+        if not steps:
             raise ValueError("dt must be given for a flight of one sample")
         # Divided first: stamps far apart must not overflow.
-        dt = float(time[-1] / (len(time) - 1) - time[0] / (len(time) - 1))
+        dt = float(time[-1] / steps - time[0] / steps)
         if not dt > 0:
             raise ValueError(f"time must increase: its mean step is {dt} s")
     elif not (isinstance(dt, Real) and 0 < dt < np.inf):

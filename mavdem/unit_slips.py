@@ -42,8 +42,8 @@ def unit_slip(outputs: NDArray[np.float64], dt: float) -> Fact | None:
     """Returns what unit an angle and its rate, ``outputs`` (T, 2), or time ``dt`` seem to have instead of rad and s."""
     if outputs.shape[1] != 2:
         return None
-    angle = outputs[:, 0]
-    turned = outputs[:, 1].cumsum() * dt
+    angle, rate = outputs.T
+    turned = rate.cumsum() * dt
     # so that noise counts little
     changed = angle[8:] - angle[:-8]
     expected = turned[8:] - turned[:-8]

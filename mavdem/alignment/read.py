@@ -16,7 +16,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Caution, Reason
 from mavdem.files import AnyPath
-from mavdem.flight import Flight, Flights
+from mavdem.flight import Flight, Flights, boot_of
 from mavdem.ingest import Component, Log, read_log
 from mavdem.ingest.telemetry import Telemetry
 
@@ -122,9 +122,15 @@ def usable_segments(
     flights = [_with_cautions(part, *left_out) for part in usable]
     in_time = sorted(
         flights,
-        key=lambda flight: (flight.provenance["segment"]["boot"], float(flight.time[0])),
+        key=lambda flight: (boot_of(flight), float(flight.time[0])),
     )
     return tuple(in_time), first
+
+
+def of_longest_boot(flights: Flights) -> Flights:
+    """Returns the flights of the longest one's boot: times of another cannot be compared."""
+    boot = boot_of(max(flights, key=len))
+    return tuple(flight for flight in flights if boot_of(flight) == boot)
 
 
 def _with_cautions(learnability: Learnability, *further: Fact) -> Flight:

@@ -13,7 +13,7 @@ import numpy as np
 from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.alignment.learnability import Learnability
 from mavdem.alignment.phases import during, settled
-from mavdem.alignment.read import usable_segments
+from mavdem.alignment.read import of_longest_boot, usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals, usual_rate
 from mavdem.alignment.steadiness import headings
 from mavdem.analysis.figures import ALL, LogAnalysis, axis_figures, physical_of
@@ -273,8 +273,7 @@ def flown_after(segments: Flights, start: float) -> Flights:
 
     Of the longest segment's boot: times of another cannot be compared.
     """
-    boot = max(segments, key=len).provenance["segment"]["boot"]
-    flights = [flight for flight in segments if flight.provenance["segment"]["boot"] == boot]
+    flights = of_longest_boot(segments)
     begin = flights[0].time[0] + start
     skips = [
         (flight, int(np.searchsorted(flight.time, begin - flight.dt / 2))) for flight in flights

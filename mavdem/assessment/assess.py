@@ -41,6 +41,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.assessment import NoModel
 from mavdem.files import AnyPath
+from mavdem.flight import boot_of
 from mavdem.heading import Values
 from mavdem.health.in_flight import MotorAlarm, losses_of
 from mavdem.ingest import Log, read_log
@@ -143,7 +144,7 @@ class Assessment(AssessmentDownstream):
         """The wind where it is on one clock with what the model was trained on."""
         if self.wind is None or self.analysis is None or not self.analysis.flights:
             return None
-        boot = self.analysis.flights[0].provenance["segment"]["boot"]
+        boot = boot_of(self.analysis.flights[0])
         return self.wind if self.wind.boot == boot else None
 
     @cached_property

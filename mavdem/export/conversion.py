@@ -28,7 +28,7 @@ from mavdem.extras import require
 from mavdem.facts.command import Place
 from mavdem.facts.model import Plant
 from mavdem.files import PathName, atomic_write
-from mavdem.flight import Flight, Flights
+from mavdem.flight import Flight, Flights, boot_of
 from mavdem.heading import Names, Values
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
@@ -306,7 +306,7 @@ def _convert_to_table(
         raise NotLearnable(verdict.reason)
     provenance = {**flight.provenance, "cautions": cautions}
     table = columns(flight)
-    table |= wind_columns(signals, flight.provenance["segment"]["boot"], flight.time)
+    table |= wind_columns(signals, boot_of(flight), flight.time)
     with atomic_write(out) as file:
         TABLES[out.suffix.lower()](file, table, provenance)
     return {

@@ -9,6 +9,7 @@ from scipy.linalg import block_diag
 
 from mavdem.alignment.attitude import Attitude
 from mavdem.alignment.drive import Signal
+from mavdem.alignment.read import of_longest_boot
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals, once
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_delay, gyro_response
@@ -30,7 +31,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts.identifiability import Status
 from mavdem.facts.learnability import Reason
 from mavdem.facts.loops import Loops
-from mavdem.flight import Flight
+from mavdem.flight import Flight, boot_of
 
 FEWEST_WINDOWS = 4
 MODEL_ERRORS = {"effect": 0.02, "damping": 0.1, "lag": 0.0, "delay": 0.03}
@@ -60,9 +61,7 @@ def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
     ``NotLearnable``: no controller, no setpoints that change several times a second, too few seconds, too little was
     asked of it, or the phase margin stays unknown.
     """
-    boot = max(flights, key=len).provenance["segment"]["boot"]
-    flown = tuple(flight for flight in flights if flight.provenance["segment"]["boot"] == boot)
-    found = _in_loop(signals, flown)
+    found = _in_loop(signals, of_longest_boot(flights))
     with one_thread(), np.errstate(all="ignore"):
         plant = _physical(found.fit, found.directions)
         try:
@@ -83,7 +82,7 @@ class _InLoop(NamedTuple):
 @once("axis", "inputs")
 def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
     """Of the axis of ``signals``; what it takes is that of :func:`plant_in_loop`."""
-    boot = flights[0].provenance["segment"]["boot"]
+    boot = boot_of(flights[0])
     record = Record.of(flights)
     assert signals.drive is not None
     layout = signals.drive.layout
