@@ -16,7 +16,15 @@ from mavdem.facts import Fact
 from mavdem.facts.learnability import Resampling
 from mavdem.flight import Flight
 from mavdem.ingest.mavlink.definitions import parameter_values
-from mavdem.ingest.telemetry import MAX_GAP_SECONDS, Array, Flags, Parameters, Telemetry, selected
+from mavdem.ingest.telemetry import (
+    MAX_GAP_SECONDS,
+    Array,
+    Flags,
+    Parameters,
+    Telemetry,
+    interpolated,
+    selected,
+)
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
 
 MEDIAN_STEPS = 41
@@ -294,7 +302,7 @@ def sample(grid: Array, dt: float, time: Array, values: Array) -> tuple[Array, F
         way = Fact(Resampling.LOW_PASSED, rate=CUTOFF_RATIO / dt)
     elif (rows := kept_rows(grid, time)) is not None:
         return values[rows], Fact(Resampling.SAMPLES_KEPT)
-    return np.column_stack([np.interp(grid, time, column) for column in values.T]), way
+    return interpolated(grid, time, values), way
 
 
 def grid_of(attitude: Array, motors: Array, dt: float) -> Array:
@@ -338,7 +346,7 @@ def _low_passed(time: Array, values: Array, cutoff: float) -> tuple[Array, Array
     Flat where the dynamics are, and without phase. At the cut-off half the amplitude is left, at twice that 1/257.
     """
     even = np.linspace(time[0], time[-1], len(time))
-    table = np.column_stack([np.interp(even, time, column) for column in values.T])
+    table = interpolated(even, time, values)
     rate = mean_rate(time)
     # A slower filter's numbers are lost in rounding; whatever is sampled on so coarse a grid is refused for its rate.
     cutoff = max(cutoff, 1e-4 * rate)

@@ -13,6 +13,7 @@ from mavdem.alignment.drive import (
     message_counts,
     preferred_message,
     series,
+    table_of,
 )
 from mavdem.ingest.telemetry import (
     FREQUENT_ENOUGH,
@@ -133,9 +134,7 @@ def sent_attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
         return None
     columns = telemetry.messages[message]
     if message == "ATTITUDE_QUATERNION":
-        roll, pitch, yaw = euler_angles(
-            np.column_stack([floats(columns, field) for field in ("q1", "q2", "q3", "q4")])
-        )
+        roll, pitch, yaw = euler_angles(table_of(columns, ("q1", "q2", "q3", "q4")))
     else:
         roll = floats(columns, "roll")
         pitch = floats(columns, "pitch")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from math import tau
 from typing import NamedTuple
@@ -53,6 +53,11 @@ def floats(columns: Columns, field: str) -> Array:
         return np.asarray(columns[field], dtype=np.float64)
 
 
+def table_of(columns: Columns, fields: Iterable[str]) -> Array:
+    """Returns fields of a message (N, k) as :func:`floats`."""
+    return np.column_stack([floats(columns, field) for field in fields])
+
+
 def series(columns: Columns, values: Array, rows: Flags | None = None) -> Signal:
     """Returns ``values`` (N,) or (N, k) of all messages, or ``rows`` (N,), in time order, each stamp once, finite."""
     time, boot = columns["time"], columns["boot"]
@@ -73,7 +78,7 @@ def recorded(telemetry: Telemetry, message: str, *fields: str) -> Signal | None:
     columns = telemetry.messages.get(message, {})
     if not all(field in columns for field in fields):
         return None
-    table = np.column_stack([floats(columns, field) for field in fields])
+    table = table_of(columns, fields)
     found = series(columns, table if len(fields) > 1 else table[:, 0])
     return found if len(found.time) else None
 
@@ -254,7 +259,7 @@ def outputs_by_port(message: str, columns: Columns) -> tuple[Array, int]:
     if not channels:
         values = np.atleast_2d(floats(columns, first))
         return values, values.shape[1]
-    values = np.column_stack([floats(columns, field) for field in channels if field in columns])
+    values = table_of(columns, (field for field in channels if field in columns))
     values[values == UINT16_UNKNOWN] = 0.0
     wide = values.shape[1] == len(channels) and np.any(values[:, PORT_CHANNELS:])
     return values, len(channels) if wide else PORT_CHANNELS

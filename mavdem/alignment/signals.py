@@ -41,6 +41,7 @@ from mavdem.alignment.drive import (
     motors_or_obstacle,
     recorded,
     series,
+    table_of,
 )
 from mavdem.errors import NotLearnable
 from mavdem.ingest.flight_modes import mode_name
@@ -305,9 +306,7 @@ class VehicleSignals:
         """The position (N, 3) where it is known, m north, east and down of where the log or the estimator began."""
         if "x" in (columns := self.telemetry.messages.get("LOCAL_POSITION_NED", {})):
             valid = columns["valid"].astype(np.bool_) if "valid" in columns else None
-            return series(
-                columns, np.column_stack([floats(columns, axis) for axis in "xyz"]), valid
-            )
+            return series(columns, table_of(columns, "xyz"), valid)
         columns = self.telemetry.messages.get("GLOBAL_POSITION_INT", {})
         if columns and len(columns["time"]):
             places, fixed = fixes(columns)
@@ -466,7 +465,7 @@ class Signals(VehicleSignals):
 
 def fixes(columns: Columns) -> tuple[Array, Flags]:
     """Returns latitude and longitude (N, 2), degrees, of messages with a position, and which of them (N,) are fixes."""
-    places = 1e-7 * np.column_stack([floats(columns, name) for name in ("lat", "lon")])
+    places = 1e-7 * table_of(columns, ("lat", "lon"))
     valid = places.any(axis=1) & (abs(places) <= [90.0, 180.0]).all(axis=1)
     return places, np.asarray(valid)
 

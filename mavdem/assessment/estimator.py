@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mavdem.alignment.drive import Signal, floats, recorded, series
+from mavdem.alignment.drive import Signal, floats, recorded, series, table_of
 from mavdem.alignment.phases import longest
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst
@@ -104,7 +104,7 @@ def _innovations(telemetry: Telemetry) -> Signal | None:
         if all(field in report for field in fields):
             flags = floats(report, "flags") if "flags" in report else np.zeros(len(report["time"]))
             jumped = np.nan_to_num(flags).astype(np.int64) & GLITCH[name] > 0
-            ratios = np.column_stack([np.nan_to_num(floats(report, field)) for field in fields])
+            ratios = np.nan_to_num(table_of(report, fields))
             if ratios.any():  # else the filter does not run
                 return series(report, np.column_stack([ratios, jumped]))
     return None

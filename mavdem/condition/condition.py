@@ -22,7 +22,7 @@ from scipy.ndimage import median_filter
 
 from mavdem.alignment import phases
 from mavdem.alignment.align import Segment, Segments, recorded_parts, settled_segments, within
-from mavdem.alignment.drive import AXES, TILT_AXES, Signal, floats, recorded, series
+from mavdem.alignment.drive import AXES, TILT_AXES, Signal, recorded, series, table_of
 from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.phases import AVERAGING_SECONDS, Intervals, both
 from mavdem.alignment.quality import at_limits
@@ -360,8 +360,8 @@ def vibration_of(signals: Signals) -> MeasuredVibration | None:
     columns = signals.telemetry.messages.get("VIBRATION")
     if columns is None or not {*names, *CLIPS} <= columns.keys():
         return None
-    first = np.column_stack([floats(columns, name) for name in names])
-    counted = np.column_stack([floats(columns, name) for name in CLIPS])
+    first = table_of(columns, names)
+    counted = table_of(columns, CLIPS)
     measured = series(columns, np.column_stack([columns.get("levels", first), counted]))
     levels, counts = np.split(measured.values, [-len(CLIPS)], axis=1)
     # The counts are of the boot so far; one that stands out from both beside it was damaged.

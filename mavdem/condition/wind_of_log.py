@@ -20,7 +20,7 @@ from mavdem.facts import Fact
 from mavdem.facts.wind import NoWind
 from mavdem.files import AnyPath
 from mavdem.ingest import read_log
-from mavdem.ingest.telemetry import Array, Flags, Telemetry
+from mavdem.ingest.telemetry import Array, Flags, Telemetry, interpolated
 from mavdem.ingest.vocabulary import number_of
 
 VELOCITIES = {name: -factor for name, (field, factor) in CLIMB_FIELDS.items() if field == "vz"}
@@ -144,9 +144,8 @@ def _flown(signals: Signals, angles: Sequence[Attitude], moving: Signal, boot: i
             valid = velocity_known(bits)
             unknown = np.interp(at, flags.time[here], ~valid)
             kept &= unknown == 0
-    moving_then = (np.interp(at, time, column) for column in moved[:4])
-    table = [at, *turned, *moving_then]
-    return np.column_stack(table)[kept]
+    moving_then = interpolated(at, time, moved[:4].T)
+    return np.column_stack([at, *turned, moving_then])[kept]
 
 
 def velocity_known(flags: Any) -> Any:

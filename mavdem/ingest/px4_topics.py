@@ -25,6 +25,7 @@ from mavdem.ingest.telemetry import (
     Flags,
     Parameters,
     Tables,
+    interpolated,
     joined,
     rate_without_gaps,
     renamed,
@@ -195,7 +196,7 @@ def _attitude_quaternion(topics: Topics) -> Fields:
         return {}
     steps = np.diff(stamps)
     if np.median(steps) > MAX_GAP_SECONDS:
-        xyz = np.column_stack([np.interp(stamps, time, rate) for rate in xyz.T])
+        xyz = interpolated(stamps, time, xyz)
         time = stamps
     else:
         after = np.clip(np.searchsorted(stamps, time), 1, len(stamps) - 1)

@@ -87,6 +87,11 @@ def rate_without_gaps(steps: Array) -> float:
     return 1 / float(usual.mean()) if usual.any() else 0.0
 
 
+def interpolated(at: Array, time: Array, values: Array) -> Array:
+    """Returns the columns of ``values`` (N, k), known at ``time`` (N,), at other times ``at`` (T,)."""
+    return np.column_stack([np.interp(at, time, column) for column in values.T])
+
+
 def rows_by(values: NDArray[np.integer[Any]]) -> dict[int, NDArray[np.intp]]:
     """Returns the rows of each value in ``values`` (N,), both ascending."""
     order = np.argsort(values, kind="stable")

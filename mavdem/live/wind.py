@@ -37,6 +37,7 @@ from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.session import Session
 from mavdem.facts.wind import NoWind, WindDoubt, WindLight
+from mavdem.ingest.telemetry import interpolated
 from mavdem.live.link import SILENCE_SECONDS
 
 SAMPLE = 0.05  # s between samples that are kept, at least
@@ -184,8 +185,8 @@ class LiveWind:
         rows = rows[inside]
         after = after[inside]
         rows = rows[velocities[after, 0] - velocities[after - 1, 0] <= LONGEST_STEP]
-        moved = [np.interp(rows[:, 0], velocities[:, 0], part) for part in velocities.T[1:]]
-        return rows[:, 0], rows[:, 1:], np.column_stack(moved)
+        moved = interpolated(rows[:, 0], velocities[:, 0], velocities[:, 1:])
+        return rows[:, 0], rows[:, 1:], moved
 
     def _check(self, time: float) -> None:
         """Ends where the vehicle does not fly freely, and begins where it does."""

@@ -32,6 +32,7 @@ from mavdem.files import PathName
 from mavdem.flight import Flight
 from mavdem.heading import Names, Values
 from mavdem.ingest import read_log
+from mavdem.ingest.telemetry import interpolated
 from mavdem.ingest.tlog import write_tlog
 from mavdem.ingest.vocabulary import IN_AIR
 from mavdem.report.blocks import Block
@@ -96,9 +97,9 @@ def hover(scenario: Scenario, motion: Motion) -> Flight:
         roll,
         motion.known_rates[:, 0],
     )
-    outputs = [np.interp(time, motion.time, column) for column in columns]
-    motors = [np.interp(time, motion.time, column) for column in motion.outputs.T]
-    return Flight(time, np.column_stack(motors), np.column_stack(outputs), dt=1 / rate)
+    outputs = interpolated(time, motion.time, np.column_stack(columns))
+    motors = interpolated(time, motion.time, motion.outputs)
+    return Flight(time, motors, outputs, dt=1 / rate)
 
 
 def recorded_flights() -> Iterator[tuple[str, Flight]]:

@@ -29,6 +29,7 @@ from mavdem.ingest.telemetry import (
     Array,
     Columns,
     Tables,
+    interpolated,
     joined,
     renamed,
     repair,
@@ -506,8 +507,7 @@ def _onto(base: Columns, source: Columns, values: Array, turning: bool = False) 
         (steps > 3 * np.median(steps))[before] & (at != time[before]) & (at != time[before + 1])
     )
     is_sure = ~is_gap & (at >= time[0]) & (at <= time[-1])
-    table = np.column_stack([np.interp(at, time, column) for column in defined.T])
-    return np.where(is_sure[:, None], table, np.nan)
+    return np.where(is_sure[:, None], interpolated(at, time, defined), np.nan)
 
 
 def _across_boots(columns: Columns) -> Array:
