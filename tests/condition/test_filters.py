@@ -7,7 +7,6 @@ from known_gains import ARDUPILOT, PX4, X_ROLL
 from numpy.testing import assert_allclose
 from pytest import approx, mark
 from recorded_flights import recorded
-from scipy.signal import freqz
 
 from mavdem.alignment.align import settled_segments
 from mavdem.alignment.signals import Signals
@@ -22,34 +21,6 @@ NOTCH = {"ENABLE": 1.0, "FREQ": 80.0, "BW": 40.0, "ATT": 30.0, "HMNCS": 1.0}
 def ardupilot(notch=None, prefix="INS_HNTCH_", **others):
     named = {prefix + name: value for name, value in (notch or {}).items()}
     return controller_of(ARDUPILOT | named | others, "roll", X_ROLL)
-
-
-def test_the_low_pass_is_the_autopilots():
-    """LowPassFilter2p: coefficients by ohm = tan(π cutoff / rate), of a Butterworth filter."""
-    ohm = np.tan(np.pi * 20 / 1000)
-    c = 1 + 2 * np.cos(np.pi / 4) * ohm + ohm**2
-    b = np.array([1, 2, 1]) * ohm**2 / c
-    a = [1, 2 * (ohm**2 - 1) / c, (1 - 2 * np.cos(np.pi / 4) * ohm + ohm**2) / c]
-    found = gyro_response(ardupilot(INS_GYRO_FILTER=20.0), FREQUENCY)
-    assert_allclose(found, freqz(b, a, FREQUENCY, fs=1000)[1], rtol=1e-9)
-    assert abs(found[1]) == approx(sqrt(0.5))
-    assert np.degrees(np.angle(found[1])) == approx(-90)
-    assert_allclose(gyro_response(ardupilot(), FREQUENCY), 1)
-
-
-def test_ardupilots_notch_has_its_attenuation_and_the_quality_of_its_bandwidth():
-    """NotchFilter::calculate_A_and_Q and init_with_A_and_Q."""
-    octaves = 2 * np.log2(80 / (80 - 40 / 2))
-    quality = sqrt(2**octaves) / (2**octaves - 1)
-    kept = 10 ** (-30 / 40)
-    omega = 2 * np.pi * 80 / 2000
-    alpha = np.sin(omega) / (2 * quality)
-    b = [1 + alpha * kept**2, -2 * np.cos(omega), 1 - alpha * kept**2]
-    controller = ardupilot(NOTCH, INS_GYRO_RATE=1.0)
-    found = gyro_response(controller, FREQUENCY)
-    assert_allclose(found, freqz(b, [1 + alpha, b[1], 1 - alpha], FREQUENCY, fs=2000)[1], rtol=1e-9)
-    assert 20 * np.log10(abs(found[2])) == approx(-30)
-    assert controller.notches[0].bandwidth == approx(80 / quality)
 
 
 def test_px4s_notches_lose_half_of_the_power_at_the_ends_of_their_bandwidth():
