@@ -1,7 +1,5 @@
 """Linear algebra, generalized coordinates, linear systems and their filters, against SciPy and by brute force."""
 
-from math import factorial
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,6 +10,7 @@ from pytest import MonkeyPatch, approx, mark, raises
 from random_models import positive_definite
 from scipy.linalg import expm, solve_discrete_are
 from scipy.signal import cont2discrete
+from scipy.special import factorial
 from scipy.stats import multivariate_normal
 from textbook_filter import TextbookFilter
 
@@ -147,32 +146,22 @@ def test_coloured_noises_count_with_their_power_at_low_frequency(smoothness):
     assert_allclose(gain, P @ C.T @ np.linalg.inv(C @ P @ C.T + R), rtol=1e-9)
 
 
-@given(order=st.integers(0, 6), extra=st.integers(0, 8), dt=st.floats(1e-3, 10), data=st.data())
-def test_derivatives_of_polynomials_are_exact(order, extra, dt, data):
-    window = order + 1 + extra
-    at = data.draw(st.integers(0, window - 1))
-    coefficients = np.array(
-        data.draw(st.lists(st.floats(-1, 1), min_size=order + 1, max_size=order + 1))
-    )
-    # A polynomial in steps, so that its size does not depend on dt.
-    polynomial = np.polynomial.Polynomial(coefficients)
-    samples = polynomial(np.arange(window) - at)
-    derivatives = taylor_weights(order, dt, window, at) @ samples
-    expected = [polynomial.deriv(k)(0) / dt**k if k else polynomial(0) for k in range(order + 1)]
-    per_step = dt ** np.arange(order + 1)
-    assert_allclose(derivatives * per_step, expected * per_step, atol=1e-7)
+@mark.parametrize("order, window, at", [(0, 1, 0), (2, 3, 1), (3, 9, 4), (6, 15, 0), (6, 7, 6)])
+def test_derivatives_of_polynomials_are_exact(order, window, at):
+    """Of all powers of the time in steps, whose derivatives are their factorials."""
+    powers = np.vander(np.arange(window) - float(at), order + 1, increasing=True)
+    per_step = 0.02 ** np.arange(order + 1)
+    derivatives = per_step[:, None] * taylor_weights(order, 0.02, window, at) @ powers
+    assert_allclose(derivatives, np.diag(factorial(np.arange(order + 1))), atol=1e-7)
 
 
 def test_entries_are_derivatives_of_the_autocorrelation_at_zero():
     # d^k/dτ^k exp(−τ²/4s²) at 0 is (−1/(2s))^k H_k(0) with physicists' Hermite polynomials.
     s = 1.7
-    order = 6
-    covariance = temporal_covariance(order, s)
-    for i in range(order + 1):
-        for j in range(order + 1):
-            hermite_at_zero = hermite.hermval(0.0, [0] * (i + j) + [1])
-            expected = (-1) ** i * (-1 / (2 * s)) ** (i + j) * hermite_at_zero
-            assert covariance[i, j] == approx(expected, abs=1e-12 * factorial(i + j))
+    i, j = np.indices((7, 7))
+    hermite_at_zero = hermite.hermval(0.0, np.eye(13))[i + j]
+    expected = (-1.0) ** i * (-1 / (2 * s)) ** (i + j) * hermite_at_zero
+    assert_allclose(temporal_covariance(6, s), expected, rtol=1e-12)
 
 
 @mark.parametrize("s", [1e-3, 0.5, 100.0])
@@ -262,29 +251,24 @@ def test_it_is_the_joint_gaussian_given_the_outputs(seed, n, k, m, samples, radi
 @mark.parametrize("noise", [1.0, 1e-4, 1e-8])
 @mark.parametrize("radius", [0.5, 0.999, 1.2])
 def test_the_steady_gain_is_that_of_riccati_s_equation(noise, radius):
-    """Of stable and unstable systems, with correlated noises and nearly exact measurements."""
+    """Of stable and unstable systems, with correlated noises and nearly exact measurements; also of several at once."""
     rng = default_rng(0)
     A = rng.standard_normal((4, 4))
     A *= radius / abs(np.linalg.eigvals(A)).max()
     C = rng.standard_normal((2, 4))
     root = rng.standard_normal((6, 6))
     root[4:] *= np.sqrt(noise)
-    joint = root @ root.T
-    S = joint[:4, 4:]
-    gain, P = steady_gain(A, C, joint[:4, :4], joint[4:, 4:], S)
-    innovations = C @ P @ C.T + joint[4:, 4:]
-    size = 1e-6 * abs(P).max()
-    assert_allclose(gain @ innovations, A @ P @ C.T + S, atol=size)
-    following = A @ P @ A.T + joint[:4, :4] - gain @ innovations @ gain.T
-    assert_allclose(following, P, atol=size)
-    first = np.eye(1, 4)
-    gain, P = steady_gain(A, first, joint[:4, :4], joint[4:5, 4:5])
-    assert_allclose(
-        steady_gain(A[None], first, joint[None, :4, :4], joint[None, 4:5, 4:5])[0][0],
-        gain,
-        atol=1e-8 * abs(gain).max(),
-    )
-    # A state that grows unseen has none.
+    Q, S, _, R = (half for rows in np.split(root @ root.T, [4]) for half in np.split(rows, [4], 1))
+    expected = solve_discrete_are(A.T, C.T, Q, R, s=S)
+    gain, P = steady_gain(A, C, Q, R, S)
+    assert_allclose(P, expected, atol=1e-6 * abs(expected).max())
+    innovations = C @ expected @ C.T + R
+    assert_allclose(gain @ innovations, A @ expected @ C.T + S, atol=1e-6 * abs(expected).max())
+    several, _ = steady_gain(A[None], C, Q[None], R[None], S[None])
+    assert_allclose(several[0], gain, atol=1e-6 * abs(gain).max())
+
+
+def test_a_state_that_grows_unseen_has_no_steady_gain():
     with raises(np.linalg.LinAlgError, match="no steady filter"):
         steady_gain(np.diag([1.1, 0.5]), np.array([[0.0, 1.0]]), np.eye(2), np.eye(1))
 
