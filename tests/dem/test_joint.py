@@ -72,17 +72,6 @@ def test_the_terms_of_the_free_energy_are_what_they_are_named_and_sum_to_the_log
     assert found.terms == approx(expected, abs=1e-5)
 
 
-def test_between_choices_the_free_energy_differs_as_the_evidence_with_the_noise_integrated_out():
-    """Of Jeffreys's prior of Σ: that the noise is taken at its most probable costs every choice the same."""
-    constants = []
-    for choice in (LONGER, SHORTER):
-        _, error, _, spread, found = regressed(choice)
-        squares = np.linalg.slogdet(error.T @ np.linalg.solve(spread, error))[1]
-        evidence = -0.5 * (len(error) * squares + K * np.linalg.slogdet(spread)[1])
-        constants.append(found.free_energy - evidence)
-    assert np.ptp(constants) < 1e-4
-
-
 def test_the_prior_is_of_each_lag():
     assert_allclose(SHORTER.prior, np.diag([0.3, 1.2, 2.7]), atol=1e-12)
 
