@@ -1,17 +1,17 @@
 """Learning from one flight and from several segments, across whose gaps nothing looks."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx, mark, raises
 from scipy.ndimage import gaussian_filter1d
+from scipy.signal import lsim
 from simulated import DT, GAIN, RATE, simulated
 
 from mavdem import Flight, Forecaster, Settings, evaluate, learn
-from mavdem.dem.engine.model import discretize, unpack
+from mavdem.dem.engine.model import unpack
 from mavdem.dem.learning import complete
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record, folds
@@ -205,15 +205,12 @@ def test_wrong_forecast_inputs_are_named():
 def test_from_zero_row_0_is_the_trim_and_the_inputs_move_the_rest_by_the_physical_model(settings):
     flight = simulated(wind=0.5)
     learned = learn(flight[:700], settings)
-    n = settings.order
+    model = learned.model
     inputs = flight.inputs[700:]
-    phi, gamma0, gamma1 = discretize(learned.model.A, learned.model.B, learned.dt)
-    drift = np.linalg.solve(learned.model.A, (phi - np.eye(n)) @ learned.model.offset)
-    states = [np.zeros(n)]
-    pushes = inputs - learned.model.input_trim
-    for now, following in pairwise(pushes):
-        states.append(phi @ states[-1] + gamma0 @ now + gamma1 @ following + drift)
-    expected = np.array(states) @ learned.model.C.T + learned.model.output_trim
+    system = model.A, np.column_stack([model.B, model.offset]), model.C, np.zeros((2, 5))
+    pushes = np.column_stack([inputs - model.input_trim, np.ones(len(inputs))])
+    _, moved, _ = lsim(system, pushes, DT * np.arange(len(inputs)))
+    expected = moved + model.output_trim
     forecast = learned.forecast(inputs, from_zero=True)
     assert_allclose(forecast, expected, atol=1e-8 * abs(expected).max())
     assert learned.forecast(inputs[:0], from_zero=True).shape == (0, 2)
