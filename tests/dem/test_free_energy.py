@@ -174,20 +174,6 @@ def test_named_terms_sum_to_the_free_energy_at_optimal_precisions(model, seed):
 
 
 @of_any_model
-def test_optimal_precisions_cannot_be_improved(model, seed):
-    samples, belief = random_posterior(seed, model)
-    best = with_optimal_precisions(model, belief)
-    height = free_energy_action(model, samples, best)
-    rng = default_rng(seed)
-    for name in ("state_covariance", "theta_covariance", "lambda_covariance"):
-        covariance = getattr(best, name)
-        bend = 0.02 * rng.standard_normal(covariance.shape)
-        stretch = np.eye(len(covariance)) + bend
-        other = best._replace(**{name: stretch @ covariance @ stretch.T})
-        assert free_energy_action(model, samples, other) < height
-
-
-@of_any_model
 def test_the_energy_is_that_of_the_generative_model_written_out(model, seed):
     """Sample by sample, with Ã, B̃, C̃, D and Π̃ as Eqs. ``generative_process`` and ``free_E`` write them."""
     rng = default_rng(seed)
