@@ -206,7 +206,7 @@ def test_a_file_is_not_long():
 NODES = {
     "alignment": 19_272,
     "analysis": 8650,
-    "assessment": 18_510,
+    "assessment": 18_545,
     "baselines": 5250,
     "cli": 17_060,
     "condition": 40_063,
@@ -219,16 +219,16 @@ NODES = {
     "health": 10_584,
     "ingest": 40_695,
     "live": 31_660,
-    "mavdem": 5_590,
+    "mavdem": 5_595,
     "paper": 11_396,
-    "report": 32_154,
+    "report": 32_100,
     "serve": 13_270,
     "sitl_scenarios": 31_396,
     "tools": 15_870,
     "view": 10_820,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 419_599
+ALL_NODES = 419_500
 TEST_NODES = 250_000
 NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""

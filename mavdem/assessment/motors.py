@@ -32,8 +32,8 @@ def motors_light(evidence: Evidence) -> Fact:
         telling.append(MotionEvent.MOTOR_AT_ITS_STOP)
     events = filter(None, (evidence.ending, *evidence.reported(telling)))
     weak = [event for event in events if event.subject in names]
-    # Of several losses the largest is named, not the earliest.
-    weak.sort(key=lambda event: -event.figures.get("rise", inf))
+    # Of several losses the largest is named, and of several stops the longest, not the earliest.
+    weak.sort(key=lambda event: (-event.figures.get("rise", inf), -_lasted(event)))
     if hover is None:
         weak.append(Fact(MotorsLight.MOTORS_NOT_SEEN, least_duration=LEAST_SECONDS))
     else:
@@ -42,6 +42,11 @@ def motors_light(evidence: Evidence) -> Fact:
             weak.append(Fact(MotorsLight.MOTOR_LIMITED, **limited))
         weak.append(_trim(evidence, hover))
     return worst(weak)
+
+
+def _lasted(event: Fact) -> float:
+    """How long it lasted, s; 0 of what has no end."""
+    return 0.0 if event.until is None or event.time is None else event.until - event.time
 
 
 def _trim(evidence: Evidence, hover: HoverFigures) -> Fact:

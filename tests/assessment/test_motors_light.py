@@ -85,7 +85,11 @@ def test_without_settled_flight_or_outputs_it_is_not_known():
     assert (found.code, found.level) == (MotorsLight.MOTORS_NOT_SEEN, Level.UNKNOWN)
     code = MotionEvent.MOTOR_AT_ITS_STOP
     stop = Fact(code, Level.WATCH, time=50.0, subject="motor 3 (front left)", boot=0)
-    assert motors_light(replace(bare, events=(stop,))) == stop
+    shorter, longer = (
+        Fact(code, Level.WATCH, time=time, until=until, subject="motor 1 (front right)", boot=0)
+        for time, until in ((40.0, 40.3), (60.0, 62.0))
+    )
+    assert motors_light(replace(bare, events=(shorter, longer, stop))) == longer
     lost = replace(bare, events=(stop,), ending=Fact(Session.ALARM, time=40.0))
     assert motors_light(lost).code is MotorsLight.MOTORS_NOT_SEEN
     assert motors_light(replace(flight, events=(stop,))).level is Level.GOOD
