@@ -130,7 +130,7 @@ def usable_segments(
 def of_longest_boot(flights: Flights) -> Flights:
     """Returns the flights of the longest one's boot: times of another cannot be compared."""
     boot = boot_of(max(flights, key=len))
-    return tuple(flight for flight in flights if boot_of(flight) == boot)
+    return [flight for flight in flights if boot_of(flight) == boot]
 
 
 def _with_cautions(learnability: Learnability, *further: Fact) -> Flight:

@@ -1,6 +1,6 @@
 """Tuning: gains to set of the axes of a flight, and what to do with them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from mavdem.assessment.assess import Assessment
@@ -17,11 +17,14 @@ from mavdem.facts.margins import TrackingLight
 from mavdem.grouping import grouped
 from mavdem.ingest.telemetry import Parameters
 
+AdviceByAxis = dict[str, Advice | Fact]
+"""The advice by axis, or why there is none."""
+
 
 class Tuning(NamedTuple):
     """Gains to set."""
 
-    axes: Mapping[str, Advice | Fact]  # the advice by axis, or why there is none
+    axes: AdviceByAxis
     advice: Sequence[Advice]  # of those whose loops are known, one at least
     parameters: Parameters  # to set, by the autopilot's name, where they change
     notch: Fact | None  # the filter to set, or why there is none; None where it was not asked for
@@ -58,7 +61,7 @@ def tuned(
     settings = dict(notch.figures.get("settings", ())) if notch else {}
     measured = {margin.axis: margin.facts[0] for margin in evidence.margins if margin.injected}
     tracking = tracking_of(evidence)
-    found = dict[str, Advice | Fact]()
+    found = AdviceByAxis()
     for axis in axes:
         loop = evidence.loops[axis]
         if isinstance(loop, Fact) and axis in measured:

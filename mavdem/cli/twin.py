@@ -22,7 +22,7 @@ from mavdem.cli.options import (
 )
 from mavdem.cli.output import check_file, print_result, printable, say_aside, write_text
 from mavdem.condition.condition import hover_of
-from mavdem.condition.loop.loop import Loop
+from mavdem.condition.loop.loop import LoopByAxis, known_loops
 from mavdem.condition.loop.twin import (
     BANDS,
     SETTLES,
@@ -105,7 +105,7 @@ def twin_command(
     }
     if isinstance(found["roll"], Fact):
         raise NotLearnable([*evidence.grounds, found["roll"]][0])
-    loops = {axis: loop for axis, loop in found.items() if isinstance(loop, Loop)}
+    loops = known_loops(found)
     missing = [
         f"{axis.capitalize()} is not learned: {loop.advised}"
         for axis, loop in found.items()
@@ -162,8 +162,7 @@ def foretold(assessment: Assessment, gains: Parameters) -> Facts:
     Why not, where the twin cannot fly; nothing where the log has no setpoints of roll.
     """
     assert assessment.evidence is not None
-    known = assessment.evidence.loops.items()
-    loops = {axis: loop for axis, loop in known if isinstance(loop, Loop)}
+    loops = known_loops(assessment.evidence.loops)
     again = again_of(loops) if "roll" in loops else {}
     if not again:
         return ()
@@ -188,7 +187,7 @@ def foretold(assessment: Assessment, gains: Parameters) -> Facts:
     return tuple(facts)
 
 
-def _twin(assessment: Assessment, loops: Mapping[str, Loop], mass: float | None) -> Twin:
+def _twin(assessment: Assessment, loops: LoopByAxis, mass: float | None) -> Twin:
     evidence = assessment.evidence
     assert evidence is not None
     hover = hover_of(evidence.signals.about("roll", "motors"), assessment.log.components)
@@ -201,7 +200,7 @@ def _twin(assessment: Assessment, loops: Mapping[str, Loop], mass: float | None)
     return twin_of(loops, telemetry.autopilot == "PX4", share, air, drag, mass)
 
 
-def _flown_again(twin: Twin, loops: Mapping[str, Loop]) -> dict[str, dict[str, list[float]]]:
+def _flown_again(twin: Twin, loops: LoopByAxis) -> dict[str, dict[str, list[float]]]:
     """By axis, figures of the recorded flight and of the twin's; none without setpoints of roll."""
     again = again_of(loops)
     if not again:
@@ -213,9 +212,7 @@ def _flown_again(twin: Twin, loops: Mapping[str, Loop]) -> dict[str, dict[str, l
     }
 
 
-def _flown(
-    twin: Twin, loops: Mapping[str, Loop], again: Mapping[str, Again], flights: int
-) -> list[Array]:
+def _flown(twin: Twin, loops: LoopByAxis, again: Mapping[str, Again], flights: int) -> list[Array]:
     """Motions (T, 3, 2) of the twin, as the simulator's ``replayed`` has them, on the setpoints of a flight."""
     samples = len(again["roll"].outputs)
     setpoints = np.zeros((samples, len(AXES), 2))

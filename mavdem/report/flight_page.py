@@ -17,11 +17,11 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.noise import GYRO, Noise
 from mavdem.assessment.responses import Responses
 from mavdem.assessment.tracking import tracking_of
-from mavdem.assessment.tuning import tuned
+from mavdem.assessment.tuning import AdviceByAxis, tuned
 from mavdem.condition.inventory import inventory
 from mavdem.condition.loop.advice import Advice
 from mavdem.condition.loop.filters import gyro_filters
-from mavdem.condition.loop.loop import Loop
+from mavdem.condition.loop.loop import Loop, known_loops
 from mavdem.condition.step_response import Estimate, StepResponse
 from mavdem.dem import Learned
 from mavdem.errors import NotLearnable
@@ -212,7 +212,7 @@ def _estimate(response: StepResponse, key: str) -> str:
     return value if estimate.low >= last else f"{value} ({low} to {high})"
 
 
-def _advice(assessment: Assessment, evidence: Evidence) -> Mapping[str, Advice | Fact]:
+def _advice(assessment: Assessment, evidence: Evidence) -> AdviceByAxis:
     """What ``mavdem tune`` advises of all axes; of a grounded vehicle whose loops are not known, why nothing."""
     try:
         return tuned(assessment, evidence, AXES, is_written=False).axes
@@ -220,7 +220,7 @@ def _advice(assessment: Assessment, evidence: Evidence) -> Mapping[str, Advice |
         return {"all axes": error.fact} if evidence.grounds else {}
 
 
-def _loops(evidence: Evidence, advice: Mapping[str, Advice | Fact]) -> Chapter:
+def _loops(evidence: Evidence, advice: AdviceByAxis) -> Chapter:
     """The margins of all axes, or why they are not known, the gains to set, and the loops now and with these."""
     said = []
     for margin in evidence.margins:
@@ -229,7 +229,7 @@ def _loops(evidence: Evidence, advice: Mapping[str, Advice | Fact]) -> Chapter:
             facts = [margin.loop]
         said += [(margin.axis, fact) for fact in facts]
     blocks: Blocks = [*together(said)]
-    loops = {axis: loop for axis, loop in evidence.loops.items() if isinstance(loop, Loop)}
+    loops = known_loops(evidence.loops)
     shown = {axis: {"now": loop} for axis, loop in loops.items()}
     for axis, gains in advice.items():
         if isinstance(gains, Advice):
@@ -250,7 +250,7 @@ def _loops(evidence: Evidence, advice: Mapping[str, Advice | Fact]) -> Chapter:
 def _noise(assessment: Assessment, timeline: Timeline | None, whole: bool) -> Chapter:
     """The gyro's spectrum with the filters that are set, and its spectrograms."""
     noise = assessment.noise
-    loops = [loop for loop in assessment.loops.values() if isinstance(loop, Loop)]
+    loops = [*known_loops(assessment.loops).values()]
     blocks: Blocks = [Sentence(str(fact)) for fact in noise.facts]
     first = max(loops, key=lambda loop: loop.crossover, default=None)
     if first is not None:

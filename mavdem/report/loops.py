@@ -1,11 +1,12 @@
 """Loops in words: the verdict, the margins with their intervals, and the gains to set."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from operator import attrgetter
 
+from mavdem.assessment.tuning import AdviceByAxis
 from mavdem.condition.loop.advice import Advice
 from mavdem.condition.loop.filters import gyro_filters
-from mavdem.condition.loop.loop import Loop
+from mavdem.condition.loop.loop import LoopByAxis
 from mavdem.condition.loop.margins import OpenLoop
 from mavdem.facts import Fact
 from mavdem.report.blocks import Blocks, Sentence, Table, caution
@@ -25,7 +26,7 @@ FIGURES = {  # header, and what makes the unit shown, by name of the figure
 FASTEST = 0.15
 
 
-def tune_blocks(found: Mapping[str, Advice | Fact], whole: bool = True) -> Blocks:
+def tune_blocks(found: AdviceByAxis, whole: bool = True) -> Blocks:
     """Returns what is said of the loops by axis; a fact is why nothing is known of them.
 
     Unless ``whole``, that is a sentence each, the gains to set, and what limits them.
@@ -48,7 +49,7 @@ def tune_blocks(found: Mapping[str, Advice | Fact], whole: bool = True) -> Block
     return [*blocks, *section("loop_not_checked", named=is_advised and whole)]
 
 
-def limits_of(found: Mapping[str, Advice | Fact]) -> Blocks:
+def limits_of(found: AdviceByAxis) -> Blocks:
     """Returns what limits gains that change, of the loops that they were found by."""
     cautions = [
         (axis, caution)
@@ -59,7 +60,7 @@ def limits_of(found: Mapping[str, Advice | Fact]) -> Blocks:
     return [*together(cautions, attrgetter("advised"))]
 
 
-def loops_of(advice: Advice) -> dict[str, Loop]:
+def loops_of(advice: Advice) -> LoopByAxis:
     """Returns the loop now and, where gains are advised, with these."""
     after = {"advised": advice.after} if advice.parameters else {}
     return {"now": advice.before, **after}
@@ -77,7 +78,7 @@ def _loop_blocks(advice: Advice) -> Blocks:
     return [*blocks, *section("loop_measured", loop=loop), *map(caution, loop.cautions)]
 
 
-def margin_tables(loops: Mapping[str, Loop]) -> Iterator[Table]:
+def margin_tables(loops: LoopByAxis) -> Iterator[Table]:
     """Yields a table of the rate loop and one of the attitude loop, a column for each of ``loops``."""
     for which in ("rate", "attitude"):
         values = [getattr(loop, which) for loop in loops.values()]

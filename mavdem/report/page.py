@@ -5,7 +5,7 @@ Each page is the blocks that the screen shows too, charts, and folded chapters, 
 
 import platform
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
 from importlib.metadata import version
 from typing import NamedTuple
@@ -14,9 +14,10 @@ from jinja2 import Environment, PackageLoader
 from markupsafe import Markup, escape
 
 from mavdem.analysis import LogAnalysis
+from mavdem.assessment.tuning import AdviceByAxis
 from mavdem.condition.loop.advice import Advice
 from mavdem.dem import Learned
-from mavdem.facts import Fact, Level, NamedFacts
+from mavdem.facts import Level, NamedFacts
 from mavdem.facts.event import Event
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table
@@ -112,7 +113,7 @@ def _prose(text: str) -> Markup:
     return Markup(text if text.count("`") % 2 else re.sub("`([^`]*)`", r"<code>\1</code>", text))
 
 
-def tune_page(name: str, results: Mapping[str, Advice | Fact]) -> str:
+def tune_page(name: str, results: AdviceByAxis) -> str:
     """Returns the HTML of ``mavdem tune`` of the log ``name``, by axis."""
     said = "Gain, phase and sensitivity of the open loops, with 90 % bands; dashed, where the gain is 1."
     chapters = []

@@ -61,7 +61,7 @@ def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
     ``NotLearnable``: no controller, no setpoints that change several times a second, too few seconds, too little was
     asked of it, or the phase margin stays unknown.
     """
-    found = _in_loop(signals, of_longest_boot(flights))
+    found = _in_loop(signals, tuple(of_longest_boot(flights)))
     with one_thread(), np.errstate(all="ignore"):
         plant = _physical(found.fit, found.directions)
         try:

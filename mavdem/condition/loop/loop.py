@@ -134,6 +134,14 @@ class Loop(Margins, LoopDownstream):
         return float(np.degrees(np.sqrt(np.trapezoid(power, self.rate.frequency))))
 
 
+LoopByAxis = dict[str, Loop]
+
+
+def known_loops(found: Mapping[str, object]) -> LoopByAxis:
+    """Returns what was ``found`` without the axes of which there is only why they are not known."""
+    return {axis: loop for axis, loop in found.items() if isinstance(loop, Loop)}
+
+
 def margin_rating(loop: Loop, target: Target = TARGETS["default"]) -> Fact:
     """Returns whether rate and attitude ``loop`` have the margins of ``target``: good, perhaps (watch), or bad.
 

@@ -1,6 +1,6 @@
 """Twin: the vehicle that a log shows, as simulators fly it: an X of four motors, in SI units."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -8,10 +8,10 @@ import numpy as np
 from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.condition.loop.controllers import FASTEST, LOOP_RATES, USUAL_RATES, controller_of
-from mavdem.condition.loop.loop import Loop
+from mavdem.condition.loop.loop import Loop, LoopByAxis
 from mavdem.condition.loop.response import evenly
 from mavdem.condition.wind_velocity import WindVelocity
-from mavdem.confidence import quantile
+from mavdem.confidence import Interval, quantile
 from mavdem.dem.airflow.model import Drag
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.parameters import wind_density
@@ -19,6 +19,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.loops import Twins
 from mavdem.heading import Numbers
+from mavdem.ingest.motors import Position
 from mavdem.ingest.telemetry import Parameters
 
 COLUMNS = {
@@ -40,9 +41,9 @@ class Twin:
     autopilot: str  # "px4" or "ardupilot"
     mass: float  # kg
     inertia: Numbers  # (3,) about forward, right and down, kg m²
-    arm: tuple[float, float]  # how far forward, and right, of the centre of mass its motors are, m
+    arm: Position  # how far forward, and right, of the centre of mass its motors are, m
     hover: float  # share of the motors' range in hover
-    spin: tuple[float, float]  # shares of that range at which thrust begins and ends
+    spin: Interval  # shares of that range at which thrust begins and ends
     expo: float  # share of a motor's thrust that is quadratic in that of the range, the rest linear
     moment: float  # torque of a propeller by its thrust, m
     damping: Numbers  # (3,) of the rates, 1/s
@@ -70,7 +71,7 @@ class Twin:
 
 
 def twin_of(
-    loops: Mapping[str, Loop],
+    loops: LoopByAxis,
     px4: bool,
     hover: float,
     air: WindVelocity | None,
@@ -124,7 +125,7 @@ def twin_of(
     return replace(body, inertia=(*sizes, sum(sizes)), moment=moment)
 
 
-def _arm(parameters: Parameters, mass: float) -> tuple[tuple[float, float], bool]:
+def _arm(parameters: Parameters, mass: float) -> tuple[Position, bool]:
     """How far forward and right the motors are, m, and whether the parameters have it."""
     places = np.array(
         [
@@ -139,7 +140,7 @@ def _arm(parameters: Parameters, mass: float) -> tuple[tuple[float, float], bool
     return (assumed, assumed), False
 
 
-def _parameters(logged: Parameters, autopilot: str) -> tuple[dict[str, float], float]:
+def _parameters(logged: Parameters, autopilot: str) -> tuple[Parameters, float]:
     """The parameters that the simulation flies, and the control cycle, s."""
     name = LOOP_RATES[autopilot]
     rate = min(logged.get(name, 0.0) or USUAL_RATES[autopilot], FASTEST)
@@ -160,9 +161,7 @@ def _inertia(body: Twin, axis: str, loop: Loop) -> float:
     return float(lever * body.slope * moved / loop.gains[0])
 
 
-def _notes(
-    loops: Mapping[str, Loop], is_given: bool, is_measured: bool, drag: Drag
-) -> dict[str, Fact]:
+def _notes(loops: LoopByAxis, is_given: bool, is_measured: bool, drag: Drag) -> dict[str, Fact]:
     """How sure the attributes are, by name; of mass and arm whether they are given, or measured."""
     effects = {
         axis: Fact(
@@ -211,7 +210,7 @@ class Again(NamedTuple):
     setpoints: Array
 
 
-def again_of(loops: Mapping[str, Loop]) -> dict[str, Again]:
+def again_of(loops: LoopByAxis) -> dict[str, Again]:
     """Returns by axis the longest segment of the flight, where its setpoints were recorded; none without those of roll.
 
     Pitch and yaw are there where they were learned from the segments of roll; yaw where it was steered.
