@@ -1,13 +1,13 @@
 """Charts of a flight: step responses as measured and predicted, loops now and advised, and spectra of the gyro."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from mavdem.assessment.noise import GYRO, Noise
 from mavdem.assessment.responses import LoopResponse, Responses
 from mavdem.condition.loop.filters import gyro_response
-from mavdem.condition.loop.loop import TARGETS, Loop, LoopByAxis
+from mavdem.condition.loop.loop import TARGETS, Loop
 from mavdem.condition.loop.margins import OpenLoop
 from mavdem.condition.loop.response import LOWEST
 from mavdem.condition.peaks import PeakKind
@@ -59,7 +59,7 @@ COLOURS = PREDICTED, PHYSICAL
 MOST_SENSITIVE = 1.0, TARGETS["default"].ms
 
 
-def loop_charts(loops: LoopByAxis, which: str = "rate") -> Charts:
+def loop_charts(loops: Mapping[str, Loop], which: str = "rate") -> Charts:
     """Returns gain and phase of named open loops of one axis, and their sensitivity, with 90 % bands.
 
     ``which`` is "rate" or "attitude". Marked is where the gain is 1, at the phase with its margin; the level is the

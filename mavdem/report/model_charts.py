@@ -71,7 +71,6 @@ def residuals(learned: Learned, output: int = -1) -> Charts:
     Correlations beyond the 99 % bounds are what the model leaves (Ljung, System Identification, 2nd ed., sec. 16.6).
     """
     labels = Labels.of(learned)
-    output = range(len(labels.output_names))[output]
     unit = readable(labels.output_units[output])
     series = residuals_of(learned, output)
     time, errors = with_gaps(learned.record, unit.scale * series.errors)

@@ -11,10 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from mavdem.ingest.mavlink.definitions import MessageDefinition, definitions
-from mavdem.ingest.vocabulary import ACTIVE, ARMED, ON_GROUND, STANDBY, number_of
+from mavdem.ingest.vocabulary import ACTIVE, ARMED, ON_GROUND, STANDBY, number_of, quaternion
 from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, SPINS, euler, pulse
 from sitl_scenarios.gains import parameters_of
 from sitl_scenarios.mavlink.autopilots import Autopilot
@@ -102,9 +101,7 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
         case "ATTITUDE_TARGET":
             # No bit of type_mask is set: both autopilots say all of it is meant (PX4's streams/ATTITUDE_TARGET.hpp,
             # ArduCopter's send_attitude_target).
-            fields["q"] = Rotation.from_euler("ZYX", motion.attitude_setpoint[:, ::-1]).as_quat(
-                scalar_first=True
-            )
+            fields["q"] = quaternion(*motion.attitude_setpoint.T)
             asked = "body_roll_rate body_pitch_rate body_yaw_rate"
             fields |= by_column(asked, motion.rates_setpoint) | {"thrust": motion.demands[:, 3]}
         case "RC_CHANNELS":

@@ -43,7 +43,6 @@ class Plots:
                 for time, channels in zip(times, record.segments, strict=True)
             ]
             held_out = held_out_windows(flights, self.learned.settings)
-        output = range(len(labels.output_names))[output]
         return figure_of(model_charts.forecast(held_out, labels, output))
 
     def residuals(self, output: int = -1) -> Figure:
