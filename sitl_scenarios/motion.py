@@ -1,6 +1,6 @@
 """Motion: states, inputs and disturbances of a simulated flight, row by row."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Pair = tuple[float, float]
+Progress = Callable[[float], None]  # called with how far it is
 Arrays = dict[str, NDArray[Any]]
 
 

@@ -1,6 +1,5 @@
 """Simulation: flies a scenario, cycle by cycle of its autopilot."""
 
-from collections.abc import Callable
 from math import cos, fsum, hypot, sqrt
 from typing import Any
 
@@ -22,7 +21,7 @@ from sitl_scenarios.dynamics import (
 )
 from sitl_scenarios.gains import controller_for, cycle_of, gyro_for
 from sitl_scenarios.gyro import STILL
-from sitl_scenarios.motion import Array, Motion, joined
+from sitl_scenarios.motion import Array, Motion, Progress, joined
 from sitl_scenarios.plan import AFTER_SECONDS, BOOT_SECONDS, Plan, seconds
 from sitl_scenarios.scenario import SENSORS, Scenario
 from sitl_scenarios.sensors import RotorNoise, Sensing
@@ -190,7 +189,7 @@ class Simulation:
         self._state = state
 
 
-def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> Motion:
+def fly(scenario: Scenario, progress: Progress | None = None) -> Motion:
     """A whole flight; ``progress`` gets the share flown, once a second of it. Raises ValueError: it tumbles."""
     simulation = Simulation(scenario)
     whole = seconds(scenario)

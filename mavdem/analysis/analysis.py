@@ -24,7 +24,14 @@ from mavdem.dem import Learned, Settings, learn
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.learning import FEWEST_SAMPLES, checked
 from mavdem.errors import NotLearnable, fact_of
-from mavdem.evaluate.held_out import BASELINES, FOLDS, HeldOut, held_out_test, held_out_windows
+from mavdem.evaluate.held_out import (
+    BASELINES,
+    FOLDS,
+    HeldOut,
+    Progress,
+    held_out_test,
+    held_out_windows,
+)
 from mavdem.evaluate.paired_test import SIGNIFICANCE, paired
 from mavdem.evaluate.truth import compare_with_truth, truth_of
 from mavdem.evaluate.window import Length, TooFewSamples, no_test_window, part_samples, too_short
@@ -40,11 +47,11 @@ from mavdem.ingest import Log
 # of squared errors, to a forecast's without a model, up to which one of slow motion is worth it
 MAX_SLOW_RATIO = 0.9
 
-StepProgress = Callable[..., AbstractContextManager[Callable[[float], None]]]
+StepProgress = Callable[..., AbstractContextManager[Progress]]
 """Shows a step of the work by its ``title``; what it yields is called with the share done, if it is ``measured``."""
 
 
-def silent(title: str, measured: bool = True) -> AbstractContextManager[Callable[[float], None]]:
+def silent(title: str, measured: bool = True) -> AbstractContextManager[Progress]:
     """Shows nothing of a step."""
     return nullcontext(lambda share: None)
 

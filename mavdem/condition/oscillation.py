@@ -14,7 +14,8 @@ from mavdem.alignment.attitude import Attitude
 from mavdem.alignment.drive import Motors, Signal
 from mavdem.alignment.quality import at_limits
 from mavdem.alignment.signals import MINIMUM_RATE
-from mavdem.condition.resonance import TINY, evenly_sampled, spectra_of, windows_of
+from mavdem.condition.resonance import evenly_sampled, spectra_of, windows_of
+from mavdem.dem.engine.linalg import SMALLEST
 
 WINDOWS = (4.0, 8.0)
 FEWEST_SAMPLES = 32
@@ -123,7 +124,7 @@ def _limit_cycles(
         peak = bins[np.argmax(seen, axis=1)]
         width = np.maximum(2.01 * bins[1], LINE_WIDTH * peak)
         line = abs(bins - peak[:, None]) <= width[:, None]
-        whole_power = np.maximum(power.sum(axis=-1), TINY)
+        whole_power = np.maximum(power.sum(axis=-1), SMALLEST)
         shown = (power * line).sum(axis=-1) / whole_power
         share = shown.min(axis=0)
         rate = np.degrees(windows_of(piece[0], size).std(axis=1))

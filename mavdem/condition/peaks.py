@@ -15,7 +15,7 @@ import numpy as np
 from mavdem.condition.resonance import FASTEST_LOOP
 from mavdem.condition.spectra import Spectrum
 from mavdem.confidence import SURE_DEVIATIONS
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import SMALLEST, Array
 
 LOWEST = 15.0  # Hz: below, vehicles are steered
 OVER = 6.0  # times what is around it, in power: a line elsewhere, smeared, makes at most 5
@@ -67,7 +67,7 @@ def peaks_of(spectrum: Spectrum) -> tuple[Peak, ...]:
     from scipy.signal import find_peaks  # it takes half a second to import
 
     frequency = spectrum.frequency
-    positive = np.maximum(spectrum.whole, np.finfo(np.float64).tiny)
+    positive = np.maximum(spectrum.whole, SMALLEST)
     logarithms = np.log(positive)
     drive = _drive(spectrum)
     peaks = []

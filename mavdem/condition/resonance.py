@@ -22,6 +22,7 @@ from mavdem.alignment.signals import MINIMUM_RATE, Signals, usual_rate
 from mavdem.condition.loop.controllers import Controller, controller_of
 from mavdem.condition.loop.margins import Complex, transfer
 from mavdem.confidence import Interval, quantile
+from mavdem.dem.engine.linalg import SMALLEST
 from mavdem.errors import NotLearnable
 from mavdem.ingest.telemetry import Array
 
@@ -44,7 +45,6 @@ LOWEST = 1.0  # Hz, of T: below, the vehicle is moved to another place
 SLOWEST_PEAK = 6.0  # Hz, of the rate's own spectrum: below, it is steered, also by sines, and moved by the wind
 # of the highest frequency: above, interpolation between messages has lost a fifth of the power
 HIGHEST = 0.8
-TINY = np.finfo(np.float64).tiny
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Spectra(NamedTuple):
     @property
     def driver(self) -> Array:
         """(F,) |r|²."""
-        return np.maximum(self.power[0, 0].real, TINY)
+        return np.maximum(self.power[0, 0].real, SMALLEST)
 
     @property
     def response(self) -> Complex:
@@ -91,7 +91,7 @@ class Spectra(NamedTuple):
     def coherence(self) -> Array:
         """(F,) of r and p."""
         powers = self.driver * self.power[1, 1].real
-        return abs(self.power[0, 1]) ** 2 / np.maximum(powers, TINY)
+        return abs(self.power[0, 1]) ** 2 / np.maximum(powers, SMALLEST)
 
 
 def known_controller_of(signals: Signals) -> Controller | None:

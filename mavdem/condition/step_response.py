@@ -31,7 +31,6 @@ from mavdem.condition.resonance import (
     FEWEST_WINDOWS,
     HIGHEST,
     LEAST_COHERENCE,
-    TINY,
     USUAL_ANGLE_GAIN,
     Spectra,
     evenly_sampled,
@@ -39,7 +38,7 @@ from mavdem.condition.resonance import (
     spectra_of_pieces,
 )
 from mavdem.confidence import quantile
-from mavdem.dem.engine.linalg import Array, Result, normal_draws, one_thread
+from mavdem.dem.engine.linalg import SMALLEST, Array, Result, normal_draws, one_thread
 from mavdem.facts import Fact, Level
 from mavdem.facts.loops import StepResponses
 
@@ -246,7 +245,7 @@ def _fitted(sampled: float, pieces: Sequence[Array], angle_gain: float, seconds:
             whitening = _autoregression(left)
             spread = _filtered(left, whitening).std(axis=1)
             # A window of nothing but repeated samples leaves nothing, and would count for all the others.
-            scale = np.maximum(spread, spread.max() / 1e3 + TINY)[:, None]
+            scale = np.maximum(spread, spread.max() / 1e3 + SMALLEST)[:, None]
             r, p, z = (_filtered(series, whitening) / scale for series in (asked, seen, driver))
             fit = _step(r, p, z, taps)
             weights = fit.weights

@@ -24,6 +24,7 @@ from mavdem.dem import Settings, learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.parallel import parallel_map
 from mavdem.errors import fact_of
+from mavdem.evaluate.held_out import Progress
 from mavdem.evaluate.paired_test import FEWEST_PAIRS, Paired, paired
 from mavdem.evaluate.scores import (
     FROM_ZERO,
@@ -195,7 +196,7 @@ def _scored(
 def compare(
     windows: Sequence[Window],
     methods: Sequence[Method] = METHODS,
-    progress: Callable[[float], None] = lambda _: None,
+    progress: Progress = lambda _: None,
 ) -> Comparison:
     """Runs all ``methods`` on all ``windows`` and compares the first with each of the others.
 

@@ -30,6 +30,8 @@ from mavdem.facts.forecasts import HeldOutForecast
 from mavdem.flight import Flight
 from mavdem.heading import Values
 
+Progress = Callable[[float], None]
+"""What is called with the share that is done."""
 FOLDS = 5
 MIN_PIECE_SECONDS = 1.0
 """A piece of training data between two cuts that is shorter is left out: it is mostly the edge of its embedding."""
@@ -138,7 +140,7 @@ def held_out_windows(
     flights: Sequence[Flight],
     settings: Settings | None = None,
     steps: int | None = None,
-    progress: Callable[[float], None] = lambda _: None,
+    progress: Progress = lambda _: None,
 ) -> HeldOut:
     """Returns forecasts of all of some flights, by five models that are each trained on four fifths of the samples.
 

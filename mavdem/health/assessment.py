@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from mavdem.confidence import ENDS
-from mavdem.dem.engine.linalg import Array, Pair
+from mavdem.dem.engine.linalg import SMALLEST, Array, Pair
 from mavdem.facts import Fact
 from mavdem.facts.motors import Explanation, HealthUnknown, MotorHealth, MotorsBetween
 from mavdem.heading import Values
@@ -260,7 +260,7 @@ class Candidates:
         motors = joint.sum(axis=1)
         # Of more than four motors the weak one's neighbours help it.
         rise_share = np.diag(self.signatures.weak_motor_commands)
-        some = np.maximum(motors, np.finfo(np.float64).tiny)
+        some = np.maximum(motors, SMALLEST)
         shares = np.cumsum(joint, axis=1) / some[:, None]
         last = len(RISES) - 1
         low, high = (RISES[(shares < end).sum(axis=1).clip(max=last)] for end in ENDS)

@@ -25,6 +25,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.parallel import parallel_map
 from mavdem.errors import NotLearnable
 from mavdem.evaluate.comparison import Method, Outcome, run_trial
+from mavdem.evaluate.held_out import Progress
 from mavdem.evaluate.scores import FROM_ZERO, KNOWN, USUAL_RATE
 from mavdem.evaluate.window import Window, part_samples, windows
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
@@ -228,7 +229,7 @@ class Runner:
         self.numbers = experiments
         self.uses_recorded = uses_recorded
         self.draws_of_prior = draws_of_prior
-        self.progress: Callable[[float], None] = lambda share: None
+        self.progress: Progress = lambda share: None
         self._executor = executor
         self._begun = 0
         self._done = 0

@@ -3,7 +3,7 @@
 import select
 import socket
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from time import monotonic
@@ -11,6 +11,7 @@ from time import monotonic
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 from sitl_scenarios.mavlink.commands import CommandHandler, addressed_messages
 from sitl_scenarios.mavlink.transmitter import LossyLink, Transmitter
+from sitl_scenarios.motion import Progress
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation
 
@@ -79,7 +80,7 @@ def fly_live(
     simulation: Simulation,
     ground: Ground,
     speed: float,
-    progress: Callable[[float], None],
+    progress: Progress,
 ) -> LiveOutcome:
     """Flies to the end, or until Ctrl-C, sending every frame in a datagram of its own, and obeying.
 

@@ -16,7 +16,7 @@ from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS
 from sitl_scenarios.mavlink.messages import Payloads, named, parameters, payload, written
-from sitl_scenarios.motion import Array, Flags, Motion, Pair
+from sitl_scenarios.motion import Array, Flags, Motion, Pair, Progress
 from sitl_scenarios.plan import BOOT_SECONDS, seconds
 from sitl_scenarios.scenario import Faults, Scenario
 
@@ -335,9 +335,7 @@ class LossyLink:
 BLOCK = 1 << 14  # Cycles whose frames are made together
 
 
-def recorded(
-    scenario: Scenario, motion: Motion, cycle: float, progress: Callable[[float], None]
-) -> FrameStream:
+def recorded(scenario: Scenario, motion: Motion, cycle: float, progress: Progress) -> FrameStream:
     """The frames of a flight from boot to end that arrive, stamped with the time they do.
 
     ``cycle`` is of the autopilot's loop, s; ``progress`` is called with the fraction done. Raises ValueError: as

@@ -72,7 +72,9 @@ class Result:
         read_only(self)
 
 
-SMALLEST = np.finfo(np.float64).tiny  # keeps a zero on the diagonal from being divided by
+SMALLEST = np.finfo(
+    np.float64
+).tiny  # keeps zeros from being divided by, or their logarithms from being taken
 ROUNDING = 1e-9
 """Of a number, relative to the largest like it: what differs, grows or varies by less does so by rounding."""
 
