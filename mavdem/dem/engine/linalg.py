@@ -72,9 +72,8 @@ class Result:
         read_only(self)
 
 
-SMALLEST = np.finfo(
-    np.float64
-).tiny  # keeps zeros from being divided by, or their logarithms from being taken
+# keeps zeros from being divided by, or their logarithms from being taken
+SMALLEST = np.finfo(np.float64).tiny
 ROUNDING = 1e-9
 """Of a number, relative to the largest like it: what differs, grows or varies by less does so by rounding."""
 
