@@ -177,3 +177,23 @@ def test_live_it_is_the_model_learnt_of_the_same_samples(monkeypatch):
         if closed:
             ahead.add(memory.blocks[-1])
     assert ahead._choice == learnt.choice
+
+
+def test_no_lag_reaches_across_a_gap():
+    """Samples after it are elsewhere, far from what the model has seen."""
+    flight = in_closed_loop(1206)
+    far = 1000.0
+    ahead = OnlineJoint(0.01, (1, 5, 25), 2, X_FRAME[:, None])
+    memory = Memory(0.01, 10, 200)
+    for row in range(1206):
+        if row == 1200:
+            memory.end_segment()
+            ahead.end_segment()
+        outputs = flight.outputs[row] + far * (row >= 1200)
+        closed = memory.add(flight.inputs[row], outputs, flight.time[row])
+        _, later = ahead.predict(memory)
+        if closed:
+            ahead.add(memory.blocks[-1])
+    assert abs(later - far).max() < 10
+    # Of 12 s, by what is forgotten in 30.
+    assert ahead._statistics.rows == approx(3000 * (1 - np.exp(-0.4)), rel=0.02)
