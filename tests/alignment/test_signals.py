@@ -316,10 +316,11 @@ def test_a_stop_is_where_motors_stay_as_nowhere_below(stay, close, depth, highes
 
 
 def test_a_position_is_in_metres_north_east_and_down_of_the_first_also_across_the_date_line():
-    degrees = np.array([[0.0, 0.0], [60.0, 179.9999], [60.0001, -179.9999]])
+    # Before the first fix, and damaged.
+    degrees = np.array([[0.0, 0.0], [60.0, 179.9999], [60.0001, -179.9999], [95.0, 0.0]])
     fields = dict(zip(("lat", "lon"), np.round(1e7 * degrees.T), strict=True), relative_alt=5000.0)
     made = HOVER.telemetry(without=("LOCAL_POSITION_NED",))
-    made = changed(made, "GLOBAL_POSITION_INT", **columns(np.arange(3.0), **fields))
+    made = changed(made, "GLOBAL_POSITION_INT", **columns(np.arange(4.0), **fields))
     assert_allclose(Signals(made).position.values, [[0, 0, -5], [11.119, 11.119, -5]], atol=1e-3)
 
 

@@ -187,15 +187,6 @@ def test_motors_are_at_the_stop_that_the_autopilot_sets_or_the_outputs_show(stop
     )
 
 
-def test_outputs_that_hardly_move_show_no_stop():
-    telemetry = HOVER.telemetry()
-    time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
-    flying = (time > 6) & (time < HOVER.landed)
-    calm = np.where(flying, 1850 + (7 * time).astype(int) % 2, 1000)
-    found = hover_of(Signals(with_pulses(telemetry, [calm] * 4), inputs="motors"))
-    assert max(found.at_upper_limit) == 0 and found.headroom == approx([0.149] * 4)
-
-
 def test_motors_that_never_ran_have_no_figures():
     pulses = OutputScale("PWM", "µs", 1000.0, 2000.0, 1.0)
     assert (

@@ -7,14 +7,13 @@ import numpy as np
 from hover import changed
 from numpy.random import default_rng
 from pytest import approx, mark, raises
-from recorded_flights import LOGS, recorded, shared
+from recorded_flights import recorded, shared
 from refusals import refused
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
 import mavdem
 from mavdem.alignment.drive import Signal
-from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.condition.wind_of_log import VELOCITIES, YAW_JUMP, _jumps, air_of, wind_of
 from mavdem.condition.wind_velocity import (
@@ -27,7 +26,6 @@ from mavdem.dem.airflow.model import Drag, Filtered
 from mavdem.facts.identifiability import Status
 from mavdem.facts.online import Airflow
 from mavdem.facts.wind import NoWind, WindDoubt, WindShare
-from mavdem.ingest import read_log
 from mavdem.live.stream import LiveStream
 from mavdem.live.wind import LiveWind
 from mavdem.report.condition import wind_blocks
@@ -315,19 +313,3 @@ def test_a_message_without_a_yaw_is_left_out_and_a_clock_that_jumps_by_days_refu
         ({**known, "LOCAL_POSITION_NED": still}, NoWind.NOT_MEASURED),
     ):
         assert refused(wind_of, Signals(replace(telemetry, messages=messages))).code is code
-
-
-def test_a_path_begins_at_the_first_fix_and_crosses_the_date_line():
-    telemetry = choose_vehicle(read_log(LOGS / "px4_wind5_steps.tlog").vehicles, None)
-    columns = {
-        "time": np.arange(4.0),
-        "boot": np.zeros(4, dtype=np.int64),
-        "relative_alt": 1000 * np.arange(4.0),
-    }
-    columns |= {
-        "lat": np.array([0, 10, 10, 950_000_000]),
-        "lon": np.array([0, 1_799_999_990, -1_799_999_990, 10]),
-    }
-    position = Signals(replace(telemetry, messages={"GLOBAL_POSITION_INT": columns})).position
-    assert position.values[:, 1] == approx([0.0, 20e-7 * 111_195], abs=0.01)
-    assert position.values[:, 2] == approx([-1.0, -2.0])

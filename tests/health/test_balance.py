@@ -4,7 +4,7 @@ from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
-from frames import geometry
+from frames import FRAMES, geometry
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx, fixture, mark
@@ -21,7 +21,6 @@ from mavdem.health.balance import (
     motor_signatures,
 )
 from mavdem.ingest import read_log
-from mavdem.ingest.motors import motor_geometry
 
 QUAD_X = motor_signatures(geometry())
 UNKNOWN = motor_signatures(geometry(positions=(), spins=()))
@@ -86,25 +85,9 @@ def test_what_cannot_be_seen_is_not_known():
     assert figures(*flown(1, seconds=15.0)) is None
 
 
-def frame(vehicle, frame_class, frame_type, motors):
-    functions = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, motors + 1)}
-    parameters = {"FRAME_CLASS": float(frame_class), "FRAME_TYPE": float(frame_type)} | functions
-    layout = motor_geometry(vehicle, "ARDUPILOTMEGA", parameters, range(1, motors + 1), 8)
-    assert not layout.positions_assumed
-    return layout
-
-
-LAYOUTS = {
-    "quad X": frame("QUADROTOR", 1, 1, 4),
-    "quad +": frame("QUADROTOR", 1, 0, 4),
-    "hexa X": frame("HEXAROTOR", 2, 1, 6),
-    "octa +": frame("OCTOROTOR", 3, 0, 8),
-}
-
-
-@fixture(params=LAYOUTS)
+@fixture(params=FRAMES)
 def layout(request):
-    return LAYOUTS[request.param]
+    return geometry(request.param)
 
 
 def trimmed(layout, thrusts):

@@ -4,9 +4,8 @@ import numpy as np
 from numpy.testing import assert_allclose
 from pytest import approx, mark
 
-from mavdem.dem.engine.ascent import plain_rounds
 from mavdem.paper import landscape
-from mavdem.paper.landscape import A, B, ScalarSettings, ScalarWorld
+from mavdem.paper.landscape import A, B
 
 
 @mark.slow
@@ -27,18 +26,3 @@ def test_fifty_priors_end_at_one_point_but_not_under_the_papers_settings(monkeyp
     assert len(paths) == 50
     assert_allclose(np.linalg.norm(starts - landscape.CENTRE, axis=1), 5.0)
     assert_allclose(ends, np.broadcast_to(estimate, ends.shape), rtol=1e-4)
-
-
-def test_these_settings_end_at_the_truth():
-    """Within a posterior standard deviation in the mean over noises, and mostly within the 95 % region."""
-    model = ScalarSettings().model()
-    ends = [
-        plain_rounds(model, ScalarSettings().samples(ScalarWorld(), seed), 20)[-1]
-        for seed in range(8)
-    ]
-    errors = np.array([end.theta[:2] - [A, B] for end in ends])
-    precisions = [np.linalg.inv(end.theta_covariance[:2, :2]) for end in ends]
-    distances = np.einsum("ni,nij,nj->n", errors, precisions, errors)
-    assert (distances < -2 * np.log(0.05)).sum() > len(ends) / 2
-    deviation = np.sqrt(np.diag(ends[0].theta_covariance)[:2])
-    assert (abs(errors.mean(axis=0)) < deviation).all()
