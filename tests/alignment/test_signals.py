@@ -217,22 +217,16 @@ def test_rounding_is_measured_before_a_bank_is_moved_to_the_stamps_of_another():
     telemetry = HOVER.telemetry(vehicle="HEXAROTOR", parameters=parameters)
     time = HOVER.stamps(100.0)
     outputs = np.round(1500 + 100 * np.sin(np.outer(time, 1 + 0.1 * np.arange(16))))
-    second = np.arange(2 * len(time)) % 2 == 1
-    both = {
-        "time": np.repeat(time, 2) + 0.003 * second,
-        "port": second * 1.0,
-    }
-    for n in range(8):
-        both[f"servo{n + 1}_raw"] = np.where(
-            second, np.repeat(outputs[:, 8 + n], 2), np.repeat(outputs[:, n], 2)
-        )
-    one_boot = np.zeros(len(second), dtype=int)
-    motors = drive.motors_or_obstacle(changed(telemetry, "SERVO_OUTPUT_RAW", **both, boot=one_boot))
+    port = np.resize([0.0, 1.0], 2 * len(time))
+    banks = enumerate(outputs.reshape(-1, 8).T, 1)  # a row a message
+    both = {f"servo{n}_raw": column for n, column in banks}
+    both |= {"time": np.repeat(time, 2) + 0.003 * port, "port": port}
+    motors = drive.motors_or_obstacle(changed(telemetry, "SERVO_OUTPUT_RAW", **both, boot=0))
     assert motors.layout.channels == (5, 6, 7, 8, 9, 10)
     assert np.any(motors.outputs % 1), "the second bank falls between the stamps"
     assert motors.scale.step == 1.0
     apart = drive.motors_or_obstacle(
-        changed(telemetry, "SERVO_OUTPUT_RAW", **both, boot=second.astype(int))
+        changed(telemetry, "SERVO_OUTPUT_RAW", **both, boot=port.astype(int))
     )
     assert apart.code is MotorObstacle.OUTPUTS_NOT_FINITE
 

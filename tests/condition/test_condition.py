@@ -8,13 +8,11 @@ from hover import Hover, changed, columns, disarmed, only, with_pulses, with_tex
 from numpy.random import default_rng
 from pytest import approx, mark
 from refusals import refused
-from scipy.signal import lfilter
 
 from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.signals import Signals
 from mavdem.condition.condition import condition_of, hover_figures, hover_of, mean_interval
 from mavdem.condition.inventory import autopilot_alarms, identity_of, inventory, tier_of
-from mavdem.confidence import LEVEL
 from mavdem.documents import vehicle as documents
 from mavdem.facts.learnability import MotorObstacle, Reason
 from mavdem.ingest import Log
@@ -24,10 +22,6 @@ from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.condition import stream_contents
 
 HOVER = Hover(hovering=60.0)
-SECONDS = 60.0
-RATE = 10.0
-SERIES = 1000
-"""Series whose means have an interval."""
 
 
 def uneven(rate):
@@ -143,16 +137,6 @@ def test_a_current_sensor_that_reads_nothing_in_flight_has_no_figures():
     ).battery
     assert found.voltage_mean == 16.0
     assert found.current_mean is None
-
-
-@mark.parametrize("correlation_seconds", [0.0, 1.0])
-def test_the_interval_contains_the_mean_as_often_as_it_claims(correlation_seconds):
-    pole = np.exp(-1 / (RATE * correlation_seconds)) if correlation_seconds else 0.0
-    noise = default_rng(3).standard_normal((int(1.5 * SECONDS * RATE), SERIES))
-    series = lfilter([1.0], [1.0, -pole], noise, axis=0)[-int(SECONDS * RATE) :] + 5.0
-    inside = float((abs(series.mean(axis=0) - 5.0) <= mean_interval(series, SECONDS)).mean())
-    # Four standard errors of a share of so many series; correlation costs a few per cent.
-    assert LEVEL - 0.04 - 4 * np.sqrt(0.09 / SERIES) <= inside <= LEVEL + 4 * np.sqrt(0.09 / SERIES)
 
 
 def test_the_interval_is_by_cosines_slower_than_a_twentieth_of_a_hertz():

@@ -183,17 +183,6 @@ def test_resets_are_no_motion():
     assert refused(mavdem.wind, indoors).code is NoWind.NO_FLIGHT_WITH_VELOCITY
 
 
-def test_parameters_are_read_and_written_in_the_autopilots_units():
-    named = {"EK3_DRAG_MCOEF": 0.209, "EK3_DRAG_BCOEF_X": 17.2, "EK3_DRAG_BCOEF_Y": 17.2}
-    drag = Drag.of_parameters("ARDUPILOTMEGA", named)
-    assert drag.source == "parameters" and np.allclose(drag.quadratic, 1.225 / 2 / 17.2)
-    assert {name: round(drag.parameters("ARDUPILOTMEGA")[name][0], 6) for name in named} == named
-    assert (
-        Drag.of_parameters("PX4", {"EKF2_MCOEF": 0.15, "EKF2_BCOEF_X": 100.0}).source
-        == "population"
-    )
-
-
 @mark.slow
 def test_solo_beside_an_anemometer():
     path = shared("real/wind/solo_sonic_1hz.csv")

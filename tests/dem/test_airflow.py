@@ -53,7 +53,11 @@ def test_what_somebody_set_in_the_autopilot_takes_the_place_of_the_populations_d
     leaning = replace(usual, mean=np.ones(6)).of_next_flight()
     assert_allclose(leaning.mean, np.append(np.ones(4), [1 - (5 / 9) ** 2] * 2))
     names = ("EK3_DRAG_MCOEF", "EK3_DRAG_BCOEF_X", "EK3_DRAG_BCOEF_Y")
-    told = Drag.of_parameters("ARDUPILOTMEGA", dict(zip(names, (0.5, 20.0, 80.0), strict=True)))
+    named = dict(zip(names, (0.5, 20.0, 80.0), strict=True))
+    told = Drag.of_parameters("ARDUPILOTMEGA", named)
+    assert (usual.source, told.source) == ("population", "parameters")
+    written = told.parameters("ARDUPILOTMEGA")
+    assert {name: round(written[name][0], 6) for name in names} == named
     assert_allclose([told.linear, told.quadratic], [[0.5, 0.5], [0.6125 / 20, 0.6125 / 80]])
     assert_allclose(np.diag(told.covariance) ** 0.5, [0.3, 0.3, 0.2, 0.3, 0.18, 0.18])
 
