@@ -6,7 +6,7 @@ import numpy as np
 from made_up_analysis import held_out
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from pytest import approx, fixture, mark, raises
+from pytest import fixture, mark, raises
 from recorded_flights import FLIGHT, LOGS, shared
 from simulated import simulated
 
@@ -19,7 +19,6 @@ from mavdem.analysis.figures import model_figures
 from mavdem.assessment.assess import assess
 from mavdem.dem import physical
 from mavdem.facts.assessment import Caveat, NoModel, Override
-from mavdem.facts.forecasts import MethodName
 from mavdem.facts.model import NoPhysical
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import selected
@@ -115,15 +114,9 @@ def test_the_figures_of_a_model_put_the_best_first():
     errors = report["forecast_mspe"]
     ratios = [error["relative"] for error in errors.values()]
     assert ratios == sorted(ratios) and errors["constant mean"]["relative"] == 1
-    forecast = learned.forecast(test.inputs)
-    assert report["forecast_mspe"][MethodName.JOINT]["total"] == approx(
-        evaluate.mspe(test.outputs, forecast).total
-    )
     parameters = report["physical"]
     for name, status in parameters["status"].items():
         assert (parameters["interval_90_percent"][name] is None) == (status == "not identifiable")
-    ahead = evaluate.relative_mspe(train, test, learned.predict(len(test)))
-    assert report["prediction"]["error_ratio"] == approx(ahead)
 
 
 @mark.slow

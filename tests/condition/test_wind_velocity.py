@@ -22,11 +22,10 @@ from mavdem.condition.wind_velocity import (
     speed_status,
     torque_explained,
 )
-from mavdem.dem.airflow.model import Drag, Filtered
+from mavdem.dem.airflow.model import Drag
 from mavdem.facts.identifiability import Status
 from mavdem.facts.online import Airflow
 from mavdem.facts.wind import NoWind, WindDoubt, WindShare
-from mavdem.live.stream import LiveStream
 from mavdem.live.wind import LiveWind
 from mavdem.report.condition import wind_blocks
 
@@ -201,28 +200,6 @@ def test_solo_beside_an_anemometer():
         means = np.array([found[:whole], true[second][:whole]]).reshape(2, -1, seconds).mean(axis=2)
         assert np.sqrt(np.mean(np.diff(abs(means), axis=0) ** 2)) < most
     assert np.degrees(np.sqrt(np.mean(np.angle(means[0] / means[1]) ** 2))) < 10
-
-
-@mark.slow
-def test_live_rows_are_the_filter_of_the_same_bytes(monkeypatch, tmp_path):
-    log = tmp_path / "climb_and_hover.tlog"
-    prior = Drag.of_parameters()
-    log.write_bytes(shared("sitl_events/ap_short_with_climb.tlog").read_bytes()[:450_000])
-    stream = LiveStream()
-    rows = {}
-    stream.air.drag = drag = Drag(prior.mean, 1e-4 * prior.covariance, "calibration")
-    for at in range(0, len(data := log.read_bytes()), 512):
-        stream.feed(0.0, data[at : at + 512])
-        if (row := stream.status().wind) is not None and row.time not in rows:
-            rows[row.time] = row
-            assert stream.now - row.time < 1.1
-    # What is not smoothed is the filter's.
-    monkeypatch.setattr(Filtered, "smoothed", lambda self: (self.states[1], self.spreads[1]))
-    wind = mavdem.wind(log, drag=drag)
-    times = np.array([*rows])
-    assert np.median(np.diff(times)) == approx(0.5, abs=1e-6)
-    filtered = np.column_stack([np.interp(times, wind.time, part) for part in wind.velocity.T])
-    assert np.sqrt(np.mean((filtered - [row.velocity for row in rows.values()]) ** 2)) < 0.15
 
 
 @mark.slow
