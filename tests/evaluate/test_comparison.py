@@ -168,6 +168,17 @@ def test_of_six_flights_each_is_a_pair():
     assert found.verdicts()["is_off"].tested == 6
 
 
+def test_predictions_are_compared_of_the_methods_that_make_them(compared):
+    assert compared.methods_of(UNKNOWN) == ("hold", "constant mean")
+    assert compared.to_dict()["predictions"]["methods"] == ["hold", "constant mean"]
+    assert compare(WINDOWS[:1], [SUBSPACE]).to_dict()["predictions"] is None
+
+
+@fixture(scope="module")
+def predicted():
+    return compare(WINDOWS, [Method("DEM joint", learn, predicts=True), HOLD, MEAN])
+
+
 @mark.slow
 def test_a_band_that_failed_is_cautioned_against(predicted):
     def cautions(comparison):
@@ -192,51 +203,3 @@ def test_a_band_that_failed_is_cautioned_against(predicted):
     assert cautions(held(0.75, 0.9)) == []
     assert ["holds 50 %" in one for one in cautions(held(0.9, 0.5))] == [True]
     assert "holds 74 %" in cautions(held(0.74, 0.9).of_flight("a"))[0]
-
-
-JOINT = Method("DEM joint", learn, predicts=True)
-
-
-@fixture(scope="module")
-def predicted():
-    return compare(WINDOWS, [JOINT, HOLD, MEAN, SUBSPACE])
-
-
-@mark.slow
-def test_predictions_are_compared_of_the_methods_that_make_them(predicted):
-    assert predicted.methods_of(UNKNOWN) == ("DEM joint", "hold", "constant mean")
-    window = WINDOWS[1]
-    outcome = predicted.outcomes[1][0]
-    model = learn(window.train)
-    assert_array_equal(outcome.forecasts[UNKNOWN], model.predict(150))
-    inside = abs(model.predict(150) - window.test.outputs) <= model.predict_band(150)
-    expected = [inside[:steps].mean() for steps in HORIZONS]
-    assert outcome.scores[UNKNOWN].inside == approx(expected)
-    # Hold needs no inputs: it is the same with and without.
-    one, other = (
-        row_of(predicted.summaries("a", question), "hold")["relative"]
-        for question in (KNOWN, UNKNOWN)
-    )
-    assert one == approx(other)
-    assert compare(WINDOWS[:1], [SUBSPACE]).to_dict()["predictions"] is None
-    assert predicted.to_dict()["predictions"]["methods"] == [
-        "DEM joint",
-        "hold",
-        "constant mean",
-    ]
-
-
-@mark.slow
-def test_the_share_in_the_band_is_a_mean_over_windows_and_flights(predicted):
-    shares = [
-        row_of(predicted.summaries(flight, UNKNOWN), "DEM joint")["horizons"][2]["inside"]
-        for flight in "ab"
-    ]
-    windows_of_a = [
-        row[0].scores[UNKNOWN].inside[2] for row in predicted.outcomes if row[0].flight == "a"
-    ]
-    assert shares[0] == approx(np.mean(windows_of_a))
-    assert row_of(predicted.over_flights(UNKNOWN), "DEM joint")["inside"][2] == approx(
-        np.mean(shares)
-    )
-    assert row_of(predicted.over_flights(), "hold")["inside"] == [None] * len(HORIZONS)
