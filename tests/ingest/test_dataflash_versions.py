@@ -4,14 +4,13 @@ from datetime import UTC, datetime
 
 import dataflash_logs as dataflash
 import numpy as np
-from mavlink_streams import refused
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import mark
 from pyulog import ULog
 from recorded_flights import shared
 
 from mavdem.alignment.signals import Signals, setpoints
-from mavdem.facts.sources import Repair, Source
+from mavdem.facts.sources import Repair
 from mavdem.ingest import read_log
 from mavdem.ingest.dataflash.log import read_dataflash
 
@@ -119,13 +118,6 @@ def test_lines_that_are_no_messages_cost_themselves_only(tmp_path):
         for field, values in fields.items():
             assert_array_equal(vehicle.messages[name][field], values)
     assert vehicle.messages["STATUSTEXT"]["text"].tolist() == ["a, text, with commas"]
-
-
-def test_a_log_without_a_clock_has_no_flight(tmp_path):
-    lines = "FMT, 129, 0, ATT, ccc, Roll,Pitch,Yaw\nATT, 1, 2, 3\n"
-    (tmp_path / "flight.log").write_text(lines)
-    with refused(Source.DATAFLASH_WITHOUT_FLIGHT):
-        read_dataflash(tmp_path / "flight.log")
 
 
 @mark.parametrize(

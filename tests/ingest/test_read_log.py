@@ -208,7 +208,13 @@ LATER = (
     + ulog_files.message("B", bytes(8) + b"\x02" + bytes(31))
     + ulog_files.log()[16:]
 )
+NESTED = ulog_files.definitions("vehicle_attitude:vehicle_attitude[9] x;")
+VAST = ulog_files.definitions("a:b[999] x;", "b:c[999] x;", "c:bool[9] x;")
+TOPICS = b"".join([ulog_files.subscriptions(), *ulog_files.flight(ulog_files.TIMES[:9])])
+BEYOND = ulog_files.definitions() + struct.pack("<HB", 20_000, 1) + bytes(99)
+"""Hostile definitions, one that holds itself and one of a million numbers; and a length beyond the end."""
 BEGUN = dataflash_logs.formats() + dataflash_logs.told()
+WITHOUT_CLOCK = b"FMT, 129, 0, ATT, ccc, Roll,Pitch,Yaw\nATT, 1, 2, 3\n"
 
 
 @mark.parametrize(
@@ -239,6 +245,9 @@ BEGUN = dataflash_logs.formats() + dataflash_logs.told()
             Source.ULOG_WITHOUT_FLIGHT,
             {"names": ("cpuload",), "damaged": False},
         ),
+        ("a.ulg", ulog_files.HEADER + NESTED + TOPICS, Source.ULOG_WITHOUT_FLIGHT, {}),
+        ("a.ulg", ulog_files.HEADER + VAST + TOPICS, Source.ULOG_WITHOUT_FLIGHT, {}),
+        ("a.ulg", ulog_files.HEADER + BEYOND, Source.ULOG_WITHOUT_FLIGHT, {}),
         ("a.ulg", bytes(range(256)) * 20, Source.FORMAT_UNKNOWN, {"name": "ulog"}),
         ("a.ulg", LATER, Source.ULOG_OF_LATER_FORMAT, {}),
         ("a.tlog", b"\xa3\x95\x80" + bytes(500), Source.DATAFLASH_WITHOUT_FLIGHT, {}),
@@ -250,6 +259,7 @@ BEGUN = dataflash_logs.formats() + dataflash_logs.told()
             {"names": ("FMT", "MSG", "PARM")},
         ),
         ("a.log", b"FMT, 1\nATT, 2\n", Source.DATAFLASH_WITHOUT_MESSAGES, {}),
+        ("a.log", WITHOUT_CLOCK, Source.DATAFLASH_WITHOUT_FLIGHT, {}),
     ],
 )
 def test_what_cannot_be_read_is_said(tmp_path, name, content, code, figures):

@@ -18,13 +18,11 @@ from ulog_files import (
     REAL,
     TIMES,
     data,
-    definitions,
     flight,
     log,
     message,
     parameter,
     subscription,
-    subscriptions,
     vehicle_of,
 )
 
@@ -191,8 +189,9 @@ def test_setpoints_keep_their_own_stamps(tmp_path):
 
 def test_what_the_autotune_adds_to_the_rates_is_injected(tmp_path):
     pieces = flight(TIMES)
-    for row in range(4):
-        pieces.append(data("autotune_attitude_control_status", 20 + row / 2, row, 0, 0))
+    pieces += [
+        data("autotune_attitude_control_status", 20 + row / 2, row, 0, 0) for row in range(4)
+    ]
     vehicle = vehicle_of(log(*pieces), tmp_path)
     (injected,) = Signals(vehicle).injected
     assert injected.where is Injection.RATE_SETPOINT
@@ -320,25 +319,6 @@ def test_damage_costs_no_more_than_one_message_can_hold(tmp_path, damage, capfd)
     assert set(stamps) <= set(np.rint(times * 1e6)) and len(stamps) >= len(times) - lost - 50
     assert Repair.ULOG_DAMAGED in [fact.code for fact in vehicle.repairs]
     assert capfd.readouterr() == ("", "")
-
-
-@mark.parametrize(
-    "definition",
-    [
-        message("F", b"vehicle_attitude:vehicle_attitude[9] x;"),
-        message("F", b"a:b[999] x;") + message("F", b"b:c[999] x;") + message("F", b"c:bool[9] x;"),
-    ],
-)
-def test_a_hostile_definition_is_refused(tmp_path, definition):
-    """One that holds itself, and one of a million numbers."""
-    content = HEADER + definitions() + definition + subscriptions() + b"".join(flight(TIMES[:9]))
-    with refused(Source.ULOG_WITHOUT_FLIGHT):
-        vehicle_of(content, tmp_path)
-
-
-def test_a_length_beyond_the_end_is_no_reason_to_go_back_for_ever(tmp_path):
-    with refused(Source.ULOG_WITHOUT_FLIGHT):
-        vehicle_of(HEADER + definitions() + struct.pack("<HB", 20_000, 1) + bytes(99), tmp_path)
 
 
 @mark.slow
