@@ -42,29 +42,27 @@ def test_arrays_make_a_flight_and_slicing_gives_one():
 
 
 @mark.parametrize(
-    "arguments, message",
-    [
-        ({"time": []}, "time must be a non-empty"),
-        ({"time": TIME[::-1]}, "time must increase"),
-        ({"time": np.append(TIME[:-1], TIME[-1] + 0.002)}, "time must be uniform"),
-        ({"time": np.append(TIME[:-1], np.nan)}, "time must be finite"),
-        ({"inputs": INPUTS[:-1]}, r"inputs must have shape \(6, columns\)"),
-        ({"inputs": [["a"]] * 6}, "inputs must be real numbers"),
-        ({"outputs": np.full(6, np.inf)}, "outputs must be finite.* 6 values"),
-        ({"dt": -1.0}, "dt must be positive"),
-        ({"time": [0.0], "inputs": [[1.0]], "outputs": [1.0]}, "dt must be given"),
-        ({"inputs": np.ma.array(INPUTS, mask=INPUTS > 0)}, "inputs must not be masked"),
-        ({"provenance": 1}, "provenance must be values by name"),
-        (
-            {"input_names": ("one",)},
-            "input_names must be strings in a tuple, one for each of the 2 columns",
-        ),
-        ({"effect_directions": [-1]}, r"effect_directions must have shape \(2,\)"),
-        (
-            {"setpoints": [np.nan] * 5 + [1e200]},
-            "setpoints must be finite and at most 1e.100; 1 values",
-        ),
-    ],
+    "message, arguments",
+    {
+        "time must be a non-empty": {"time": []},
+        "time must increase": {"time": TIME[::-1]},
+        "time must be uniform": {"time": np.append(TIME[:-1], TIME[-1] + 0.002)},
+        "time must be finite": {"time": np.append(TIME[:-1], np.nan)},
+        r"inputs must have shape \(6, columns\)": {"inputs": INPUTS[:-1]},
+        "inputs must be real numbers": {"inputs": [["a"]] * 6},
+        "outputs must be finite.* 6 values": {"outputs": np.full(6, np.inf)},
+        "dt must be positive": {"dt": -1.0},
+        "dt must be given": {"time": [0.0], "inputs": [[1.0]], "outputs": [1.0]},
+        "inputs must not be masked": {"inputs": np.ma.array(INPUTS, mask=INPUTS > 0)},
+        "provenance must be values by name": {"provenance": 1},
+        "input_names must be strings in a tuple, one for each of the 2 columns": {
+            "input_names": ("one",)
+        },
+        r"effect_directions must have shape \(2,\)": {"effect_directions": [-1]},
+        "setpoints must be finite and at most 1e.100; 1 values": {
+            "setpoints": [np.nan] * 5 + [1e200]
+        },
+    }.items(),
 )
 def test_what_is_wrong_is_named(arguments, message):
     with raises(ValueError, match=message):

@@ -325,13 +325,13 @@ def test_a_log_that_ends_in_the_air_and_clips_are_events_and_no_ending():
 
 @mark.parametrize(
     "name, motor",
-    [
-        ("crash_motor2_mechanical.bin", "motor 2 (rear left)"),
-        ("crash_motor4_at_its_limit.BIN", "motor 4 (rear right)"),
-        ("sitl_quad_x_motor1_lost.bin", "motor 1 (front right)"),
-        ("sitl_hexa_plus_motor6_lost.bin", "motor 6 (rear right)"),
-        ("px4_crash_hovers_at_12_percent.ulg", ""),
-    ],
+    {
+        "crash_motor2_mechanical.bin": "motor 2 (rear left)",
+        "crash_motor4_at_its_limit.BIN": "motor 4 (rear right)",
+        "sitl_quad_x_motor1_lost.bin": "motor 1 (front right)",
+        "sitl_hexa_plus_motor6_lost.bin": "motor 6 (rear right)",
+        "px4_crash_hovers_at_12_percent.ulg": "",
+    }.items(),
 )
 def test_recorded_crashes_name_their_motor(name, motor):
     _, ending = judged(recorded(f"real/logs/{name}"))

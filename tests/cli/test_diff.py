@@ -43,23 +43,20 @@ def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
 
 
 @mark.parametrize(
-    "words, reason",
-    [
-        (
-            ["old", "new", "--vehicle", "delta"],
-            "A has no vehicle delta. Choose one of: alpha and beta.",
-        ),
-        (["old", "new", "--vehicle", "beta"], "B has no vehicle beta."),
-        (["old", "old"], "Choose with --vehicle: alpha and beta."),
-        (["nobody", "nobody"], "do not say of which vehicle"),
-    ],
+    "line, reason",
+    {
+        "old new --vehicle delta": "A has no vehicle delta. Choose one of: alpha and beta.",
+        "old new --vehicle beta": "B has no vehicle beta.",
+        "old old": "Choose with --vehicle: alpha and beta.",
+        "nobody nobody": "do not say of which vehicle",
+    }.items(),
 )
 def test_a_vehicle_that_cannot_be_chosen_is_refused_with_those_that_can(
-    words, reason, fleets, monkeypatch, capsys
+    line, reason, fleets, monkeypatch, capsys
 ):
     monkeypatch.chdir(Path(fleets[0]).parent)
     fleet_of(Path("nobody"), flown("unknown", range(3)))
-    assert run("diff", *words) == 1
+    assert run("diff", *line.split()) == 1
     assert reason in capsys.readouterr().err
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 import signal
 import subprocess
 from pathlib import Path
@@ -46,64 +47,44 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
 
 
 @mark.parametrize(
-    "words, named",
-    [
-        (["learn", FLIGHT, "--out", "x", "--order", "10"], "--order: 10 is not in 2 to 4"),
-        (
-            ["learn", FLIGHT, "--out", "x", "--preset", "paper", "--order", "11"],
-            "--order: 11 is not in 1 to 10",
-        ),
-        (["learn", FLIGHT, "--out", "x", "--start", "86401"], "0<=x<=86400"),
-        (["track", LOGS, "--out", "f", "--jobs", "1025"], "1<=x<=1024"),
-        (["learn", FLIGHT, "--out", "x", "--axis", "yaw"], "'yaw' is not one of 'roll', 'pitch'"),
-        (
-            ["learn", FLIGHT, "--out", "x", "--train", "many"],
-            "'many' is no length: give seconds, as in 7s",
-        ),
-        (["learn", FLIGHT, "--out", "x", "--vehicle", "--verbose"], "--verbose is an option"),
-        (["learn", FLIGHT, "--out", ""], "An argument is empty"),
-        (
-            ["fly", "hover_blower", "--params", "/dev/null"],
-            "/dev/null is not a plain file. Name another",
-        ),
-        (
-            ["fly", FLIGHT, "--out", "f.tlog"],
-            "ardupilot_wind5_steps.tlog is no scenario or vehicle file",
-        ),
-        (["learn", "/dev/ttyACM0,115200", "--out", "x"], "`mavdem live /dev/ttyACM0,115200`"),
-        (
-            ["info", "udpin:127.0.0.1:14550"],
-            "a MAVLink link, and only logs are read here. Attach to it with",
-        ),
-        (["info", "-"], "A log cannot be read from standard input (-). Save it as a file"),
-        (
-            ["info", LOGS],
-            f"{LOGS} is a folder, with 3 logs in it. Name a file, such as {LOGS}/ardupilot_default",
-        ),
-        (["info", "."], "is a folder, with no log in it. Name a file that ends in .tlog, "),
-        (["convert", FLIGHT, "flight.txt"], ".parquet"),
-        (["convert", FLIGHT, "again.tlog"], ".tlog already"),
-        (["compare", FLIGHT, FLIGHT], "named twice"),
-        (["track", LOGS, "--out", "f", "--time-limit", "1000001"], "1<=x<=1000000"),
-        (["track", LOGS, "--out", "f", "--memory-limit", "1000001"], "256<=x<=1000000"),
-        (["fly", "hover_blower"], "--out"),
-        (["fly", "nowhere", "--out", "f.tlog"], "nowhere"),
-        (["fly", "hover_blower", "--rrd", "f.png"], ".rrd"),
-        (
-            ["fly", "hover_blower", "--out", "f.tlog", "--duration", "2"],
-            "Invalid value for --duration:",
-        ),
-        (["fly", "hover_blower", "--out", "f.tlog", "--seed", "-1"], "seed must be"),
-        (["fly", "hover_blower", "--udp", "127.0.0.1:" + "1" * 5000], "HOST:PORT"),
-        (["fly", "hover_blower", "--udp", "a..b:12"], "Nothing can be sent to a..b:12"),
-        (["fly", "hover_blower", "--udp", "h\udcff:12"], "Nothing can be sent to h"),
-        (["fly", "hover_blower", "--udp", "255.255.255.255:14550"], "name one host"),
-        (["fly", "hover_blower", "--udp", "127.0.0.1:14550", "--speed", "1e-300"], "--speed"),
-        (["fly", "hover_blower", "--udp", "127.0.0.1:14550", "--out", "f.tlog"], "choose one"),
-    ],
+    "line, named",
+    {
+        "learn {flight} --out x --order 10": "--order: 10 is not in 2 to 4",
+        "learn {flight} --out x --preset paper --order 11": "--order: 11 is not in 1 to 10",
+        "learn {flight} --out x --start 86401": "0<=x<=86400",
+        "track {logs} --out f --jobs 1025": "1<=x<=1024",
+        "learn {flight} --out x --axis yaw": "'yaw' is not one of 'roll', 'pitch'",
+        "learn {flight} --out x --train many": "'many' is no length: give seconds, as in 7s",
+        "learn {flight} --out x --vehicle --verbose": "--verbose is an option",
+        "learn {flight} --out ''": "An argument is empty",
+        "fly hover_blower --params /dev/null": "/dev/null is not a plain file. Name another",
+        "fly {flight} --out f.tlog": "ardupilot_wind5_steps.tlog is no scenario or vehicle file",
+        "learn /dev/ttyACM0,115200 --out x": "`mavdem live /dev/ttyACM0,115200`",
+        "info udpin:127.0.0.1:14550": "a MAVLink link, and only logs are read here. Attach to it with",
+        "info -": "A log cannot be read from standard input (-). Save it as a file",
+        "info {logs}": f"{LOGS} is a folder, with 3 logs in it. Name a file, such as {LOGS}/ardupilot_default",
+        "info .": "is a folder, with no log in it. Name a file that ends in .tlog, ",
+        "convert {flight} flight.txt": ".parquet",
+        "convert {flight} again.tlog": ".tlog already",
+        "compare {flight} {flight}": "named twice",
+        "track {logs} --out f --time-limit 1000001": "1<=x<=1000000",
+        "track {logs} --out f --memory-limit 1000001": "256<=x<=1000000",
+        "fly hover_blower": "--out",
+        "fly nowhere --out f.tlog": "nowhere",
+        "fly hover_blower --rrd f.png": ".rrd",
+        "fly hover_blower --out f.tlog --duration 2": "Invalid value for --duration:",
+        "fly hover_blower --out f.tlog --seed -1": "seed must be",
+        "fly hover_blower --udp 127.0.0.1:" + "1" * 5000: "HOST:PORT",
+        "fly hover_blower --udp a..b:12": "Nothing can be sent to a..b:12",
+        "fly hover_blower --udp h\udcff:12": "Nothing can be sent to h",
+        "fly hover_blower --udp 255.255.255.255:14550": "name one host",
+        "fly hover_blower --udp 127.0.0.1:14550 --speed 1e-300": "--speed",
+        "fly hover_blower --udp 127.0.0.1:14550 --out f.tlog": "choose one",
+    }.items(),
 )
-def test_bad_usage_names_what_is_wrong(words, named, tmp_path, monkeypatch, capsys):
+def test_bad_usage_names_what_is_wrong(line, named, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    words = shlex.split(line.format(flight=FLIGHT, logs=LOGS))
     assert named in refused(capsys, 2, *words)
     assert list(tmp_path.iterdir()) == []
 

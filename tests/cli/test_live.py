@@ -27,22 +27,22 @@ from sitl_scenarios.simulation import Simulation
 
 
 @mark.parametrize(
-    "words, said",
-    [
-        (["nonsense:1:2:3"], "is not a link"),
-        (["udpin:127.0.0.1:0", "--prior", "/dev/zero"], "is no learned model"),
-        (["udpin:127.0.0.1:0", "--record", "x.bin"], "--record"),
-        (["udpin:127.0.0.1:0", "--rrd", "x.tlog"], "--rrd"),
-        (["udpin:127.0.0.1:0", "--rrd", "none/x.rrd"], "there is no folder none"),
-        (["udpin:127.0.0.1:0", "--model", "x.txt"], "--model"),
-        (["udpin:127.0.0.1:0", "--connect", "nowhere"], "--connect"),
-        (["udpin:127.0.0.1:0", "--request-rate", "nan"], "--request-rate"),
-        (["udpout:127.0.0.1:14550"], "nothing is sent without --request-rate"),
-    ],
+    "line, said",
+    {
+        "nonsense:1:2:3": "is not a link",
+        "udpin:127.0.0.1:0 --prior /dev/zero": "is no learned model",
+        "udpin:127.0.0.1:0 --record x.bin": "--record",
+        "udpin:127.0.0.1:0 --rrd x.tlog": "--rrd",
+        "udpin:127.0.0.1:0 --rrd none/x.rrd": "there is no folder none",
+        "udpin:127.0.0.1:0 --model x.txt": "--model",
+        "udpin:127.0.0.1:0 --connect nowhere": "--connect",
+        "udpin:127.0.0.1:0 --request-rate nan": "--request-rate",
+        "udpout:127.0.0.1:14550": "nothing is sent without --request-rate",
+    }.items(),
 )
-def test_what_cannot_be_is_refused_in_a_sentence(words, said, capsys, tmp_path, monkeypatch):
+def test_what_cannot_be_is_refused_in_a_sentence(line, said, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert said in refused(capsys, 2, "live", *words)
+    assert said in refused(capsys, 2, "live", *line.split())
     assert list(tmp_path.iterdir()) == []
 
 

@@ -35,19 +35,19 @@ def test_a_fleet_in_one_command(tmp_path, capsys):
 
 
 @mark.parametrize(
-    "words, sentence",
-    [
-        (["none.bin", "--out", "fleet"], "none.bin names no log. Check the name."),
-        (["x.bin"], "Missing option '--out'"),
-        (["x.bin", "--out", "x.bin"], "x.bin' is a file."),
-        (["x.bin", "--out", "fleet", "--jobs", "2", "--scheduler", "tcp://127.0.0.1:9"], "--jobs"),
-        (["x.bin", "--out", "fleet", "--memory-limit", "3"], "--memory-limit"),
-        (["x.bin", "--out", "fleet", "--time-limit", "nan"], "--time-limit"),
-        (["x.bin", "--out", "fleet", "--scheduler", "tcp://foo:port"], "no address"),
-    ],
+    "line, sentence",
+    {
+        "none.bin --out fleet": "none.bin names no log. Check the name.",
+        "x.bin": "Missing option '--out'",
+        "x.bin --out x.bin": "x.bin' is a file.",
+        "x.bin --out fleet --jobs 2 --scheduler tcp://127.0.0.1:9": "--jobs",
+        "x.bin --out fleet --memory-limit 3": "--memory-limit",
+        "x.bin --out fleet --time-limit nan": "--time-limit",
+        "x.bin --out fleet --scheduler tcp://foo:port": "no address",
+    }.items(),
 )
-def test_what_cannot_be_tracked_is_said(tmp_path, monkeypatch, capsys, words, sentence):
+def test_what_cannot_be_tracked_is_said(tmp_path, monkeypatch, capsys, line, sentence):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "x.bin").write_bytes(b"?")
-    assert run("track", *words) == 2
+    assert run("track", *line.split()) == 2
     assert sentence in capsys.readouterr().err and not (tmp_path / "fleet").exists()

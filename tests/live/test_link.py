@@ -211,21 +211,22 @@ def test_a_serial_port_is_read_raw_silent_and_its_loss_is_reported():
 
 @mark.parametrize(
     "name, code",
-    [
-        *(
-            (name, LinkFact.NOT_A_LINK)
-            for name in ("udpin:127.0.0.1", "", "mcast:14550", "COM3", "udpin:a:b:c")
-        ),
-        ("udpin:127.0.0.1:99999", LinkFact.LINK_PORT_TOO_HIGH),
-        (__file__, LinkFact.FILE_IS_NO_LINK),
-        ("tcp:no.such.host.invalid:5760", LinkError.NO_HOST),
-        ("udpin:192.0.2.1:14550", LinkError.NOT_LOCAL),
-        ("/dev/no_such_port", LinkError.NO_PORT),
-        ("/dev/null", LinkError.NOT_SERIAL),
-        ("/dev/ttyACM0,-1", LinkError.NO_SPEED),
-        ("tcp:127.0.0.1:{}", LinkError.NOT_LISTENING),
-        ("udpin:127.0.0.1:{}", LinkError.IN_USE),
-    ],
+    {
+        "udpin:127.0.0.1": LinkFact.NOT_A_LINK,
+        "": LinkFact.NOT_A_LINK,
+        "mcast:14550": LinkFact.NOT_A_LINK,
+        "COM3": LinkFact.NOT_A_LINK,
+        "udpin:a:b:c": LinkFact.NOT_A_LINK,
+        "udpin:127.0.0.1:99999": LinkFact.LINK_PORT_TOO_HIGH,
+        __file__: LinkFact.FILE_IS_NO_LINK,
+        "tcp:no.such.host.invalid:5760": LinkError.NO_HOST,
+        "udpin:192.0.2.1:14550": LinkError.NOT_LOCAL,
+        "/dev/no_such_port": LinkError.NO_PORT,
+        "/dev/null": LinkError.NOT_SERIAL,
+        "/dev/ttyACM0,-1": LinkError.NO_SPEED,
+        "tcp:127.0.0.1:{}": LinkError.NOT_LISTENING,
+        "udpin:127.0.0.1:{}": LinkError.IN_USE,
+    }.items(),
 )
 def test_why_a_link_cannot_be_opened_is_said(name, code):
     with udp() as one, raises(Unreadable) as refusal:

@@ -144,14 +144,14 @@ def test_an_estimate_has_the_digits_of_its_interval(value, half, shown):
 
 @mark.parametrize(
     "value, shown",
-    [
-        (0.0, "0"),
-        (1234.5, "1234"),
-        (0.0123, "0.012"),
-        (9.96, "10.0"),
-        (np.inf, "infinite"),
-        (1e9, "1e+09"),
-    ],
+    {
+        0.0: "0",
+        1234.5: "1234",
+        0.0123: "0.012",
+        9.96: "10.0",
+        np.inf: "infinite",
+        1e9: "1e+09",
+    }.items(),
 )
 def test_numbers_without_an_interval_have_two_digits(value, shown):
     assert rounded(value) == shown

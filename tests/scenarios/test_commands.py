@@ -124,13 +124,7 @@ def test_streams_are_asked_of_ardupilot_as_ground_stations_do():
 
 
 def test_what_is_meant_for_others_is_not_heard():
-    for target, heard in (
-        ((2, 1), 0),
-        ((1, 2), 0),
-        ((2, 0), 0),
-        ((1, 1), 3),
-        ((1, 0), 3),
-        ((0, 0), 3),
-    ):
+    targets = {(2, 1): 0, (1, 2): 0, (2, 0): 0, (1, 1): 3, (1, 0): 3, (0, 0): 3}
+    for target, heard in targets.items():
         message = dialect.MAVLink_command_long_message(*target, 400, *[0] * 8)
         assert len(addressed_messages(bytes(message.pack(GROUND)) * 3, 1, 1)) == heard

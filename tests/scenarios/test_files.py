@@ -15,44 +15,23 @@ def test_an_empty_file_is_the_default_scenario(tmp_path):
 
 @mark.parametrize(
     "text, sentence",
-    [
-        (
-            '[[wind]]\nkind = "gaussian"\nsd = 1\ns = -1',
-            "wind.0.gaussian.s must be greater than or equal to 0.001, not -1",
-        ),
-        ('duration = "long"', 'duration must be a valid number, not "long"'),
-        (
-            GUST + "strength = 2",
-            "wind.0.gust.strength is no key of a scenario",
-        ),
-        (
-            "[vehicle]\nmodel = 'heron'",
-            "vehicle.model must be 'ardrone2', 'iris' or 'crazyflie', not \"heron\"",
-        ),
-        (
-            '[excitation]\nkind = "chirp"\nlowest = 6',
-            "excitation.lowest must be at most excitation.highest, 5 Hz, not 6",
-        ),
-        ("height = 60", "duration must be at least 87 s for a height of 60 m, not 60"),
-        (
-            '[excitation]\nkind = "course"\nmoves = [{north = 5}]',
-            "the course must end where it began",
-        ),
-        (
-            '[excitation]\nkind = "course"\nmoves = [{nort = 5}]',
-            "excitation.course.moves.0.nort is no key of a scenario",
-        ),
-        (
-            '[excitation]\nkind = "course"\nmoves = [{hover = 60}]',
-            "at least 73.3333 s for a height of 5 m and the course",
-        ),
-        ("[vehicle]\ndrag_linear = [0.3]", "vehicle.drag_linear"),
-        ("duration = [", "own.toml: "),
-        ("duration = " + "[" * 5000 + "]" * 5000, "own.toml: "),
-        ("[wind]\nkind = 'steady'\nspeed = 1", "wind "),
-        ("[[wind]]\nkind = 'steddy'\nspeed = 1", "wind.0 "),
-        ("".join(f"a{i} = 1\n" for i in range(2000)), "a0 is no key of a scenario"),
-    ],
+    {
+        '[[wind]]\nkind = "gaussian"\nsd=1\ns=-1': "wind.0.gaussian.s must be greater than or equal to 0.001, not -1",
+        'duration = "long"': 'duration must be a valid number, not "long"',
+        GUST + "strength = 2": "wind.0.gust.strength is no key of a scenario",
+        "[vehicle]\nmodel = 'heron'": "vehicle.model must be 'ardrone2', 'iris' or 'crazyflie', not \"heron\"",
+        '[excitation]\nkind = "chirp"\nlowest = 6': "excitation.lowest must be at most excitation.highest, 5 Hz, not 6",
+        "height = 60": "duration must be at least 87 s for a height of 60 m, not 60",
+        '[excitation]\nkind = "course"\nmoves = [{north = 5}]': "the course must end where it began",
+        '[excitation]\nkind = "course"\nmoves = [{nort = 5}]': "excitation.course.moves.0.nort is no key of a scenario",
+        '[excitation]\nkind = "course"\nmoves = [{hover=60}]': "at least 73.3333 s for a height of 5 m and the course",
+        "[vehicle]\ndrag_linear = [0.3]": "vehicle.drag_linear",
+        "duration = [": "own.toml: ",
+        "duration = " + "[" * 5000 + "]" * 5000: "own.toml: ",
+        "[wind]\nkind = 'steady'\nspeed = 1": "wind ",
+        "[[wind]]\nkind = 'steddy'\nspeed = 1": "wind.0 ",
+        "".join(f"a{i} = 1\n" for i in range(2000)): "a0 is no key of a scenario",
+    }.items(),
 )
 def test_what_is_wrong_is_said_in_a_sentence_that_names_file_and_key(tmp_path, text, sentence):
     file = tmp_path / "own.toml"
