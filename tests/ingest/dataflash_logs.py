@@ -3,18 +3,7 @@
 import struct
 
 HEADER = b"\xa3\x95"
-STRUCTS = {
-    "Q": "Q",
-    "B": "B",
-    "b": "b",
-    "H": "H",
-    "h": "h",
-    "I": "I",
-    "i": "i",
-    "f": "f",
-    "d": "d",
-    "q": "q",
-}
+STRUCTS = {character: character for character in "QBbHhIifdq"}
 STRUCTS |= {
     "c": "h",
     "C": "H",

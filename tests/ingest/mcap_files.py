@@ -34,6 +34,11 @@ class Recorder:
         self.__exit__()
         return read_log(self.path)
 
+    def vehicle(self):
+        """The only one of the file, which is finished by that."""
+        (vehicle,) = self.log().vehicles
+        return vehicle
+
     def write(
         self,
         topic,

@@ -47,11 +47,6 @@ class Ros2Recorder(Recorder):
         self._schemas = {}
         self._time = NOW * 1000
 
-    def vehicle(self):
-        """The only one of the file, which is finished by that."""
-        (vehicle,) = self.log().vehicles
-        return vehicle
-
     def write(self, topic, kind, fields):
         """A message of type ``kind``; fields that are not given are 0."""
         if kind not in self._schemas:

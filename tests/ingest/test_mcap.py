@@ -372,7 +372,7 @@ def test_a_hostile_body_costs_itself_only(body, recorder):
     ):
         recorder.write(topic, body)
     recorder.blueos("ATTITUDE", {"time_boot_ms": 20_200, "roll": 0.1}, 42)
-    (vehicle,) = recorder.log().vehicles
+    vehicle = recorder.vehicle()
     assert vehicle.messages["ATTITUDE"]["time_boot_ms"].tolist() == [
         *(round(time * 1e3) for time in TIMES[:20]),
         20_200,
@@ -431,7 +431,7 @@ def test_numbers_come_in_other_words(recorder):
     recorder.write(
         "/mavlink/1/1/ATTITUDE", json.dumps({"time_boot_ms": "6", "roll": "level"}).encode()
     )
-    (vehicle,) = recorder.log().vehicles
+    vehicle = recorder.vehicle()
     (row,) = zip(*(vehicle.messages["ATTITUDE"][name].tolist() for name in body), strict=True)
     assert np.array_equal(row, [5, np.nan, -np.inf, 1.5, 2, 0], equal_nan=True)
 
@@ -441,6 +441,6 @@ def test_texts_of_json_are_as_on_the_wire(recorder):
     for text in ('"hello"', '["h","e","l","l","o","\\u0000"]', "[104,101,108,108,111,0,0]"):
         recorder.blueos("STATUSTEXT", f'"severity":{{"type":"MAV_SEVERITY_INFO"}},"text":{text}')
     recorder.blueos("STATUSTEXT", f'"text":"{51 * "x"}"')
-    (vehicle,) = recorder.log().vehicles
+    vehicle = recorder.vehicle()
     assert vehicle.messages["STATUSTEXT"]["text"].tolist() == [b"hello"] * 3
     assert vehicle.messages["STATUSTEXT"]["severity"].tolist() == [6] * 3

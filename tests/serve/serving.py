@@ -116,8 +116,8 @@ class Served:
             answer = line.getresponse()
             return Answer(answer.status, answer.headers, answer.read().decode())
 
-    def upload(self, *files, path="/api/logs", token="", fields=(), **headers):
-        """Uploads files, each a name and bytes, in Flight Review's form."""
+    def upload(self, *files, path="/api/logs", token="", fields=None, **headers):
+        """Uploads files, each a name and bytes, in Flight Review's form, with ``fields`` by name."""
         kind = f"multipart/form-data; boundary={BOUNDARY}"
         return self.ask("POST", path, form(files, fields), token, Content_Type=kind, **headers)
 
@@ -126,11 +126,11 @@ class Served:
         return self.upload((name, log(said or name)), **more).json["flights"][0]["id"]
 
 
-def form(files, fields=()):
+def form(files, fields=None):
     """A multipart form, as browsers, QGroundControl and curl make it."""
     parts = [
         f'--{BOUNDARY}\r\nContent-Disposition: form-data; name="{name}"\r\n\r\n{value}\r\n'.encode()
-        for name, value in fields
+        for name, value in (fields or {}).items()
     ]
     for name, content in files:
         head = f'Content-Disposition: form-data; name="filearg"; filename="{name}"\r\n'

@@ -45,11 +45,22 @@ def guarded(tmp_path):
 
 FLIGHT_REVIEW = {
     # PX4's upload_log.py
-    "upload_log": [("type", "flightreport"), ("description", "A walk"), ("feedback", "")]
-    + [("email", "a@b.c"), ("source", "webui"), ("public", "true"), ("windSpeed", "0")],
-    "QGroundControl": [("email", ""), ("description", ""), ("rating", ""), ("windSpeed", "0")]
-    + [("videoUrl", ""), ("public", "true"), ("source", "QGroundControl"), ("type", "personal")],
-    "logloader": [("source", "auto"), ("email", ""), ("public", "false"), ("version", "1")],
+    "upload_log": {
+        "type": "flightreport",
+        "description": "A walk",
+        "feedback": "",
+        "email": "a@b.c",
+    }
+    | {"source": "webui", "public": "true", "windSpeed": "0"},
+    "QGroundControl": {
+        "email": "",
+        "description": "",
+        "rating": "",
+        "windSpeed": "0",
+        "videoUrl": "",
+    }
+    | {"public": "true", "source": "QGroundControl", "type": "personal"},
+    "logloader": {"source": "auto", "email": "", "public": "false", "version": "1"},
 }
 
 
@@ -62,8 +73,8 @@ def test_an_upload_as_flight_review_has_it_is_answered_by_the_page(served, clien
     assert re.fullmatch(r"/f/[\w-]{22}", place)
     assert "Sound." in served.ask("GET", place).text
     entry = served.library.entry(place.removeprefix("/f/"))
-    assert entry.sharing == (Sharing.PUBLIC if ("public", "true") in fields else Sharing.LINK)
-    assert entry.note == dict(fields).get("description", "")
+    assert entry.sharing == (Sharing.PUBLIC if fields["public"] == "true" else Sharing.LINK)
+    assert entry.note == fields.get("description", "")
 
 
 def test_an_uploaded_log_is_listed_with_its_review(served):
@@ -91,7 +102,7 @@ def test_the_same_log_again_has_the_same_link_which_only_who_may_write_opens(gua
         (f"/{key}/upload", "", ("private", "")),
         ("/upload", TOKEN, ("link", "A walk")),
     ):
-        fields = [("description", "A walk")]
+        fields = {"description": "A walk"}
         answer = guarded.upload(("b.ulg", log("Same.")), path=path, token=token, fields=fields)
         entry = guarded.library.entry(id)
         assert answer.headers["Location"] == f"/f/{id}" and (entry.sharing, entry.note) == known
@@ -99,7 +110,7 @@ def test_the_same_log_again_has_the_same_link_which_only_who_may_write_opens(gua
 
 def test_a_log_that_cannot_be_read_says_why_and_is_kept_as_asked(served):
     kept, gone = (
-        served.upload((f"{keep}.ulg", log(f"damaged {keep}")), fields=[("keep", keep)]).json[
+        served.upload((f"{keep}.ulg", log(f"damaged {keep}")), fields={"keep": keep}).json[
             "flights"
         ][0]["id"]
         for keep in ("true", "false")
@@ -220,7 +231,7 @@ def test_who_has_no_right_sees_what_is_shared_and_no_more(guarded):
     private = guarded.add("a.ulg", "Private.", token=TOKEN)
     link, public = (
         guarded.upload(
-            (f"{name}.ulg", log(name)), token=TOKEN, path="/upload", fields=[("public", name)]
+            (f"{name}.ulg", log(name)), token=TOKEN, path="/upload", fields={"public": name}
         ).headers["Location"][3:]
         for name in ("false", "true")
     )
@@ -298,7 +309,7 @@ def test_half_a_character_in_a_name_or_a_text_is_a_question_mark(served):
     (flight,) = served.ask(
         "POST",
         "/api/logs",
-        form([("\\ud800.ulg", log("One."))], [("description", "\\udfff")]),
+        form([("\\ud800.ulg", log("One."))], {"description": "\\udfff"}),
         Content_Type=f"multipart/form-data; charset=unicode_escape; boundary={BOUNDARY}",
     ).json["flights"]
     assert (flight["name"], flight["note"]) == ("?.ulg", "?")
@@ -344,8 +355,8 @@ def test_what_is_no_upload_is_refused(served):
         (b"nothing of a form", kind, Request.BAD_REQUEST),
         (whole, "multipart/form-data; boundary=" + "x" * 400, Request.BAD_REQUEST),
         (whole, kind + "; charset=punycode", Request.BAD_REQUEST),
-        (form([], [("field", "x" * 65_536)]), kind, Request.UPLOAD_WITHOUT_LOG),
-        (form([], [("field", "x" * 65_537)]), kind, Request.BAD_REQUEST),
+        (form([], {"field": "x" * 65_536}), kind, Request.UPLOAD_WITHOUT_LOG),
+        (form([], {"field": "x" * 65_537}), kind, Request.BAD_REQUEST),
     ):
         answer = served.ask("POST", "/api/logs", body, Content_Type=content_type)
         assert (answer.status, answer.code) == (400, code)
