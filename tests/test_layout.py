@@ -2,11 +2,10 @@
 
 import ast
 import sys
-from collections.abc import Iterator
+from collections import Counter
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
-from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
 FILES = sorted(
@@ -121,13 +120,13 @@ USED_BY = {
 
 
 @cache
-def nodes_of(path: Path) -> list[ast.AST]:
+def nodes_of(path):
     """All syntax nodes of a file, which several tests look at."""
     return list(ast.walk(ast.parse((ROOT / path).read_text())))
 
 
 @cache
-def imported(path: Path) -> frozenset[str]:
+def imported(path):
     """Full names of what a file imports, also inside functions and for type checkers only."""
     names = set()
     for node in nodes_of(path):
@@ -136,53 +135,46 @@ def imported(path: Path) -> frozenset[str]:
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path} imports relatively: write the whole name"
             names |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return frozenset(names)
+    return names
 
 
-def module_of(name: str) -> str | None:
+def module_of(name):
     """The module of ours that an imported name is or stands in."""
     while name and name not in MODULES:
         name = name.rpartition(".")[0]
     return name or None
 
 
-def room_of(module: str) -> str:
+def within(module, packages):
+    """The first of these packages that a module is or stands in."""
+    return next((one for one in packages if f"{module}.".startswith(f"{one}.")), None)
+
+
+def room_of(module):
     return module.split(".")[1] if "." in module else "__init__"
 
 
-def floor(room: str) -> int:
+def floor(room):
     found = [number for number, rooms in enumerate(FLOORS) if room in rooms]
     assert len(found) == 1, f"{room} has no floor: say where in the flow it is"
     return found[0]
 
 
-def against_the_flow() -> Iterator[str]:
+def against_the_flow():
     for module, path in MODULES.items():
-        library = module.split(".")[0]
+        is_ours = module.split(".")[0] == "mavdem"
         here = room_of(module)
-        package = next(
-            (known for known in USED_BY if module == known or module.startswith(known + ".")), None
-        )
+        package = within(module, USED_BY)
         for name in imported(path):
+            library = name.split(".")[0]
             source = module_of(name)
-            if source is None:
-                outside = name.split(".")[0]
-                if library == "mavdem" and here not in ROOMS_OF_LIBRARIES.get(outside, {here}):
-                    yield f"{path} imports {name}: only {ROOMS_OF_LIBRARIES[outside]} may"
-                if package and outside not in ARRAYS:
-                    yield f"{path} imports {name}: {package} knows arrays only"
-            elif package and not any(
-                source == used or source.startswith(used + ".") for used in USED_BY[package]
-            ):
-                yield f"{path} imports {name}: {package} knows {sorted(USED_BY[package])} only"
-            elif source.split(".")[0] == library == "mavdem" and room_of(source) != here:
-                if floor(room_of(source)) >= floor(here):
-                    yield f"{path} imports {name}, which is downstream"
-            elif (
-                source.split(".")[0] != library == "mavdem"
-                and here not in ROOMS_OF_LIBRARIES["sitl_scenarios"]
-            ):
-                yield f"{path} imports {name}: only {ROOMS_OF_LIBRARIES['sitl_scenarios']} may"
+            if is_ours and here not in ROOMS_OF_LIBRARIES.get(library, {here}):
+                yield f"{path} imports {name}: only {ROOMS_OF_LIBRARIES[library]} may"
+            if package and not (within(source, USED_BY[package]) if source else library in ARRAYS):
+                yield f"{path} imports {name}: {package} knows arrays and {USED_BY[package]} only"
+            is_other = is_ours and library == "mavdem" and room_of(source) != here
+            if is_other and floor(room_of(source)) >= floor(here):
+                yield f"{path} imports {name}, which is downstream"
 
 
 def test_nothing_imports_against_the_flow():
@@ -236,14 +228,8 @@ ALL_CONSTANTS = 700
 """Named numbers, and tables with numbers: each has a unit, a source and a test at its edge."""
 
 
-class Size(NamedTuple):
-    """Syntax nodes, and lines that are no blanks, comments or docstrings."""
-
-    nodes: int
-    lines: int
-
-
-def size_of(path: Path) -> Size:
+def size_of(path):
+    """Syntax nodes of a file, and its lines that are no blanks, comments or docstrings."""
     text = (ROOT / path).read_text()
     nodes = nodes_of(path)
     described = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
@@ -254,57 +240,49 @@ def size_of(path: Path) -> Size:
             documented.update(range(docstring.lineno, docstring.end_lineno + 1))
     stripped = ((number, line.strip()) for number, line in enumerate(text.splitlines(), 1))
     lines = [line for number, line in stripped if line and number not in documented]
-    code = [line for line in lines if not line.startswith("#")]
-    return Size(len(nodes), len(code))
+    return len(nodes), len([line for line in lines if not line.startswith("#")])
 
 
 @cache
-def sizes() -> dict[str, Size]:
-    """Sizes of the rooms, of the scenarios and of the tools."""
-    rooms = {}
+def sizes():
+    """Nodes and lines of the rooms, of the scenarios and of the tools."""
+    nodes, lines = Counter(), Counter()
     for path in [*FILES, *TOOLS]:
         is_room = path.parts[0] == "mavdem" and len(path.parts) > 2
-        room = "tools" if path in TOOLS else path.parts[int(is_room)] if is_room else path.parts[0]
-        before = rooms.get(room, Size(0, 0))
-        size = size_of(path)
-        rooms[room] = Size(before.nodes + size.nodes, before.lines + size.lines)
-    return rooms
+        room = "tools" if path in TOOLS else path.parts[int(is_room)]
+        of_file = size_of(path)
+        nodes[room] += of_file[0]
+        lines[room] += of_file[1]
+    return nodes, lines
 
 
 def test_a_room_stays_within_its_budget():
-    assert not {room: size for room, size in sizes().items() if size.nodes > NODES.get(room, 0)}
-    assert sum(size.nodes for size in sizes().values()) <= ALL_NODES
+    nodes, _ = sizes()
+    assert not {room: count for room, count in nodes.items() if count > NODES.get(room, 0)}
+    assert nodes.total() <= ALL_NODES
     tests = (path.relative_to(ROOT) for path in (ROOT / "tests").rglob("*.py"))
-    assert sum(size_of(path).nodes for path in tests) <= TEST_NODES
+    assert sum(size_of(path)[0] for path in tests) <= TEST_NODES
 
 
 def test_no_room_is_packed():
-    packed = {room: size.nodes / size.lines for room, size in sizes().items()}
-    assert not {room: density for room, density in packed.items() if density > NODES_A_LINE}
+    nodes, lines = sizes()
+    assert not {room for room in nodes if nodes[room] > NODES_A_LINE * lines[room]}
 
 
-def has_number(value: ast.expr) -> bool:
-    numbers = (node.value for node in ast.walk(value) if isinstance(node, ast.Constant))
-    return any(
-        isinstance(number, int | float) and not isinstance(number, bool) for number in numbers
-    )
+def has_number(value):
+    return any(type(getattr(node, "value", None)) in (int, float) for node in ast.walk(value))
 
 
-def constants_of(path: Path) -> Iterator[str]:
+def constants_of(path):
     for node in nodes_of(path):
-        if isinstance(node, ast.Assign):
-            targets = node.targets
-        elif isinstance(node, ast.AnnAssign) and node.value is not None:
-            targets = [node.target]
-        else:
-            continue
-        for target in targets:
-            if isinstance(target, ast.Name) and target.id.isupper() and len(target.id) > 1:
-                is_plain = not any(
-                    isinstance(part, ast.Call | ast.Lambda) for part in ast.walk(node.value)
-                )
-                if is_plain and has_number(node.value):
-                    yield target.id
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
+            for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
+                if isinstance(target, ast.Name) and target.id.isupper() and len(target.id) > 1:
+                    is_plain = not any(
+                        isinstance(part, ast.Call | ast.Lambda) for part in ast.walk(node.value)
+                    )
+                    if is_plain and has_number(node.value):
+                        yield target.id
 
 
 def test_named_constants_are_few():
