@@ -139,22 +139,18 @@ def _options(records, shared):
 
 def file_page():
     """Returns the page of all documents: their keys with unit and meaning, each described once."""
-    headings = {name: f"## {one.title}" for name, one in published().items()}
-    schemas = {name: one.schema for name, one in published().items()}
     records = {}
-    for name, schema in schemas.items():
-        if name != "model":
-            records |= schema.get("$defs", {})
     described = {}
     header = [f"`{key}`: {text}" for key, text in zip(heading("", 0, {}), HEADER, strict=True)]
     parts = ["# Files and JSON", INTRODUCTION, "## Every document", BREAK.join(header)]
     for name, one in published().items():
         link = f"Version {one.version}: [`{name}` schema](schemas/{name}-{one.version}.json)."
-        parts += [headings[name], link]
+        parts += [f"## {one.title}", link]
         if name == "model":
             parts += ["The attributes of [Learned](../api.md#learning); arrays are nested lists."]
             parts += [_attributes(Learned)]
         else:
+            records |= one.schema.get("$defs", {})
             anchor = re.sub(r"[^\w -]", "", one.title.lower()).replace(" ", "-")
             parts += [_keys(one.schema, f"[{name}](#{anchor})", described)]
     parts += ["## Records"]

@@ -13,8 +13,8 @@ import pkgutil
 import re
 import shlex
 import tomllib
-from functools import cached_property
 from pathlib import Path
+from types import FunctionType
 
 import numpy as np
 from pytest import fixture, mark
@@ -155,15 +155,10 @@ MODULES = [
 
 
 def public(owner):
-    """The public functions, methods, properties and classes that ``owner`` itself defines."""
+    """The public functions, methods and classes that ``owner`` itself defines."""
     for name, value in vars(owner).items():
         value = getattr(value, "__func__", value)
-        kind = (
-            inspect.isfunction(value)
-            or inspect.isclass(value)
-            or isinstance(value, property | cached_property)
-        )
-        if name.startswith("_") or not kind:
+        if name.startswith("_") or not isinstance(value, FunctionType | type):
             continue
         if inspect.ismodule(owner) and value.__module__ != owner.__name__:
             continue
@@ -182,28 +177,21 @@ def exported():
                 yield from public(value)
 
 
-EXPORTED = dict(exported())
-
-
 def arguments(value):
     """What a caller passes or reads by name."""
     if dataclasses.is_dataclass(value):
-        names = [field.name for field in dataclasses.fields(value)]
-    elif hasattr(value, "_fields"):
-        names = list(value._fields)
+        names = value.__dataclass_fields__
     elif inspect.isfunction(value):
-        names = [
-            name for name in inspect.signature(value).parameters if name not in ("self", "cls")
-        ]
+        names = inspect.signature(value).parameters.keys() - {"self", "cls"}
     else:
-        names = []
+        names = getattr(value, "_fields", ())
     return [name for name in names if not name.startswith("_")]
 
 
 def test_arguments_and_attributes_are_mentioned():
     assert {
         name: missing
-        for name, value in EXPORTED.items()
+        for name, value in exported()
         if (
             missing := [
                 one for one in arguments(value) if not re.search(rf"\b{one}\b", value.__doc__ or "")

@@ -45,26 +45,20 @@ BUGS = {
 WORDS = re.compile(r"[A-Za-z’]{2,}[,:;]? [A-Za-z’]{2,}")
 
 
-def prose_of(path):
+def prose_of(node):
     """Lines and literals with words in a row; not docstrings, messages of errors that are bugs, and patterns."""
-    tree = ast.parse(path.read_text())
-    allowed = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
-            allowed.add(node.value)
-        elif isinstance(node, ast.ClassDef) and "StrEnum" in map(ast.unparse, node.bases):
-            # Names of things, which documents have as values.
-            allowed.update(each.value for each in node.body if isinstance(each, ast.Assign))
-        elif isinstance(node, ast.Call):
-            called = (
-                node.func.id if isinstance(node.func, ast.Name) else getattr(node.func, "attr", "")
-            )
-            if called in BUGS | {"compile", "field", "Field"}:
-                allowed.update(ast.walk(node))
-    for node in ast.walk(tree):
-        is_text = isinstance(node, ast.Constant) and isinstance(node.value, str)
-        if is_text and node not in allowed and WORDS.search(node.value):
-            yield node.lineno, node.value
+    called = getattr(node, "func", None)
+    name = getattr(called, "id", getattr(called, "attr", ""))
+    # Names of things, which documents have as values.
+    has_names = isinstance(node, ast.ClassDef) and "StrEnum" in map(ast.unparse, node.bases)
+    said = getattr(node, "value", None)
+    if isinstance(node, ast.Constant) and isinstance(said, str) and WORDS.search(said):
+        yield node.lineno, said
+    is_docstring = isinstance(node, ast.Expr) and isinstance(said, ast.Constant)
+    if not is_docstring and name not in BUGS | {"compile", "field", "Field"}:
+        for child in ast.iter_child_nodes(node):
+            if not (has_names and isinstance(child, ast.Assign)):
+                yield from prose_of(child)
 
 
 @mark.slow
@@ -75,7 +69,7 @@ def test_below_report_there_is_no_prose():
         inside = path.relative_to(ROOT / "mavdem").parts
         room = inside[0] if len(inside) > 1 else "mavdem"
         if room not in ABOVE:
-            prose = list(prose_of(path))
+            prose = list(prose_of(ast.parse(path.read_text())))
             left[room] += len(prose)
             found += [f"{path.relative_to(ROOT)}:{line}: {text}" for line, text in prose]
     assert not {room: count for room, count in left.items() if count > PROSE.get(room, 0)}, (
