@@ -177,14 +177,12 @@ def written(path):
                 if is_floating(values.type) and "SeriesLines" not in column:
                     found[f"{name} {column}"] += filter(isfinite, values.to_pylist())
         found |= {f"{column} in all": [f"{total:.3f} s"] for column, total in seconds.items()}
-    elif path.suffix == ".npz":
-        for name, values in np.load(path).items():
-            if values.dtype.kind == "f":
-                found[f"truth {name}"] += values[np.isfinite(values)].ravel().tolist()
-    elif path.suffix == ".tlog":
-        for name, columns in read_log(path).vehicles[0].messages.items():
+    elif path.suffix in (".npz", ".tlog"):
+        is_truth = path.suffix == ".npz"
+        tables = {"truth": np.load(path)} if is_truth else read_log(path).vehicles[0].messages
+        for name, columns in tables.items():
             for column, values in columns.items():
-                if values.dtype.kind in "iuf":
+                if values.dtype.kind in ("f" if is_truth else "iuf"):
                     found[f"{name} {column}"] += values[np.isfinite(values)].ravel().tolist()
     else:
         for number, part in enumerate(path.read_text().split("<section")):

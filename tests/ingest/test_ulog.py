@@ -71,17 +71,8 @@ def test_attitude_is_moved_to_the_stamps_of_the_rates(tmp_path):
     for time in np.arange(0, 4, 0.05):
         if not 2 < time < 2.5:
             sign = -1 if round(time / 0.05) % 2 else 1  # the same attitude
-            pieces.append(
-                data(
-                    "vehicle_attitude",
-                    20 + time,
-                    sign * np.cos(time / 4),
-                    sign * np.sin(time / 4),
-                    0,
-                    0,
-                    0,
-                )
-            )
+            q = sign * np.cos(time / 4), sign * np.sin(time / 4), 0, 0
+            pieces += [data("vehicle_attitude", 20 + time, *q, 0)]
     pieces += [
         data("vehicle_angular_velocity", 20 + time, 0.5, 0.0, 0.1)
         for time in np.arange(0.5, 3.5, 0.02)
@@ -155,20 +146,12 @@ def test_a_topic_subscribed_to_twice_is_one(tmp_path):
 def test_setpoints_keep_their_own_stamps(tmp_path):
     pieces = flight(TIMES)
     for row in range(4):
-        half = 0.05 * row
-        pieces.append(
-            data(
-                "vehicle_attitude_setpoint",
-                20 + row / 2,
-                0,
-                np.cos(half),
-                np.sin(half),
-                0,
-                0,
-                row != 2,
-            )
-        )
-        pieces.append(data("vehicle_rates_setpoint", 20.1 + row / 2, row, 10 + row, 20 + row))
+        at, half = 20 + row / 2, 0.05 * row
+        q = np.cos(half), np.sin(half), 0, 0
+        pieces += [
+            data("vehicle_attitude_setpoint", at, 0, *q, row != 2),
+            data("vehicle_rates_setpoint", at + 0.1, row, 10 + row, 20 + row),
+        ]
     vehicle = vehicle_of(log(*pieces), tmp_path)
     target = vehicle.messages["ATTITUDE_TARGET"]
     assert (np.diff(target["time"]) > 0).all()
@@ -225,14 +208,10 @@ def test_landed_states(tmp_path):
         data("vehicle_land_detected", 10, True),
         data("vehicle_control_mode", 10.5, True),
         target(11, 3),
-    ]
-    pieces += [
         data("vehicle_land_detected", 12, False),
         target(20, 2),
         target(30, 4),
         target(31, 4, valid=False),
-    ]
-    pieces += [
         target(32, 4),
         data("vehicle_control_mode", 33, False),
         data("vehicle_land_detected", 40, True),

@@ -106,20 +106,17 @@ def roll(time):
 def flight(times):
     """A quadrotor's hover: attitude, rates, motors and the torque behind them at each of the times, s, and a status."""
     pieces = []
-    for row, (time, angle, rate) in enumerate(
-        zip(times.tolist(), *(part.tolist() for part in roll(times)), strict=True)
-    ):
+    for row, (time, angle, rate) in enumerate(np.column_stack([times, *roll(times)]).tolist()):
         motors = [0.5 - angle, 0.5 + angle, 0.5 + angle, 0.5 - angle, *OFF]
-        pieces.append(data("vehicle_angular_velocity", time, rate, 0.0, 0.0))
-        pieces.append(
-            data("vehicle_attitude", time, np.cos(angle / 2), np.sin(angle / 2), 0.0, 0.0, 0)
-        )
-        pieces.append(data("vehicle_torque_setpoint", time, angle, 0.0, 0.0))
-        pieces.append(data("actuator_motors", time, *motors))
-        pieces.append(data("cpuload", time, 0.5))
+        pieces += [
+            data("vehicle_angular_velocity", time, rate, 0.0, 0.0),
+            data("vehicle_attitude", time, np.cos(angle / 2), np.sin(angle / 2), 0.0, 0.0, 0),
+            data("vehicle_torque_setpoint", time, angle, 0.0, 0.0),
+            data("actuator_motors", time, *motors),
+            data("cpuload", time, 0.5),
+        ]
         if row % 50 == 0:
-            pieces.append(data("vehicle_status", time, 2, 2, 1))
-            pieces.append(SYNC)
+            pieces += [data("vehicle_status", time, 2, 2, 1), SYNC]
     return pieces
 
 
