@@ -57,16 +57,16 @@ def test_one_piece_is_the_forecast(model, steps):
 
 
 @mark.parametrize(
-    "steps, spoil, named",
+    "steps, inputs, outputs, named",
     [
-        (0, lambda u, y: (u, y), "^steps"),
-        (1.5, lambda u, y: (u, y), "^steps"),
-        (5, lambda u, y: (u[:, :1], y), "^inputs must have shape"),
-        (5, lambda u, y: (u, y[:, 0]), "^outputs must have shape"),
-        (5, lambda u, y: (u, y[1:]), "the same samples"),
-        (5, lambda u, y: (u, y * np.nan), "^outputs must be finite"),
+        (0, TEST.inputs, TEST.outputs, "^steps"),
+        (1.5, TEST.inputs, TEST.outputs, "^steps"),
+        (5, TEST.inputs[:, :1], TEST.outputs, "^inputs must have shape"),
+        (5, TEST.inputs, TEST.outputs[:, 0], "^outputs must have shape"),
+        (5, TEST.inputs, TEST.outputs[1:], "the same samples"),
+        (5, TEST.inputs, TEST.outputs * np.nan, "^outputs must be finite"),
     ],
 )
-def test_what_does_not_follow_is_refused(model, steps, spoil, named):
+def test_what_does_not_follow_is_refused(model, steps, inputs, outputs, named):
     with raises(ValueError, match=named):
-        model.forecast_every(steps, *spoil(TEST.inputs, TEST.outputs))
+        model.forecast_every(steps, inputs, outputs)

@@ -149,12 +149,9 @@ def filtered(flags=831, **ratios):
     return measured("EKF_STATUS_REPORT", flags=glitch, **fields)
 
 
-def idle_filter():
-    """The hover with a filter that does not run: all its ratios are 0."""
-    return measured("EKF_STATUS_REPORT", **dict.fromkeys(REPORTS["EKF_STATUS_REPORT"], 0 * TIME))
-
-
 BEYOND = EKF_THRESHOLD + 0.05
+IDLE = dict.fromkeys(REPORTS["EKF_STATUS_REPORT"], 0 * TIME)
+"""Of a filter that does not run."""
 
 
 @mark.parametrize(
@@ -179,7 +176,7 @@ BEYOND = EKF_THRESHOLD + 0.05
         (filtered(velocity=(2 * BEYOND, 2.0)), EstimatorLight.FILTER_DOUBTED, Level.BAD),
         (filtered(flags=831 | 1 << 15), EstimatorLight.GPS_GLITCHED, Level.WATCH),
         (HOVER.telemetry(20.0, 20.0), EstimatorLight.ESTIMATOR_UNMEASURED, Level.UNKNOWN),
-        (idle_filter(), EstimatorLight.ESTIMATOR_UNMEASURED, Level.UNKNOWN),
+        (measured("EKF_STATUS_REPORT", **IDLE), EstimatorLight.ESTIMATOR_UNMEASURED, Level.UNKNOWN),
     ],
 )
 def test_levels_of_the_filter(telemetry, code, level):

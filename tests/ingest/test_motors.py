@@ -9,16 +9,8 @@ from mavdem.ingest.motors import motor_geometry, output_scale
 OF_MAIN = [("PWM_MAIN", n) for n in range(1, 5)]
 
 
-def scale_of(
-    outputs,
-    parameters,
-    drivers=OF_MAIN,
-):
-    return output_scale(np.array([outputs]), parameters, drivers)
-
-
 @mark.parametrize(
-    "outputs, drivers, parameters, expected",
+    "outputs, drivers, parameters, name, low, high",
     [
         # PX4 1.16: each channel has its range; actuator_motors of the same log has 0.736 and 0.562 for these outputs.
         (
@@ -29,63 +21,79 @@ def scale_of(
                 for n in range(1, 5)
                 for end, value in (("MIN", 1100.0), ("MAX", 1900.0))
             },
-            ("PWM", 1100, 1900),
+            "PWM",
+            1100,
+            1900,
         ),
         # PX4 1.9 to 1.11: one range of all; 1.12: one of each driver.
         (
             (900.0, 1200.0, 1680.0),
             OF_MAIN,
             {"PWM_MAIN_MIN1": -1.0, "PWM_MIN": 1200.0, "PWM_MAX": 1950.0},
-            ("PWM", 1200, 1950),
+            "PWM",
+            1200,
+            1950,
         ),
         (
             (1100.0, 1300.0),
             [("PWM_AUX", 1)],
             {"PWM_AUX_MIN": 1050.0, "PWM_AUX_MAX": 1900.0, "PWM_MIN": 1.0},
-            ("PWM", 1050, 1900),
+            "PWM",
+            1050,
+            1900,
         ),
         # The parameters are not of the driver that sent these.
         (
             tuple(np.arange(1000.0, 1404.0, 2)),
             OF_MAIN,
             {"PWM_MAIN_MIN": 1230.0, "PWM_MAIN_MAX": 1950.0},
-            ("PWM", 1000, 2000),
+            "PWM",
+            1000,
+            2000,
         ),
         # PX4 1.16 with DShot on the main outputs: actuator_motors 0.194 of a thrust curve of 0.3 is 25 % of the range.
-        ((100.0, 2047.0), [], {}, ("DShot", 0, 2000)),
-        ((100.0, 2048.0), [], {}, ("unknown", 0, 2048)),
-        ((100.0, 1100.0), [], {}, ("DShot", 0, 2000)),
-        ((0.0, 1.2), [], {}, ("DShot", 0, 2000)),
-        ((0.0, 11.0), [], {}, ("0-1000", 0, 1000)),
-        ((900.0, 1100.0), [], {}, ("PWM", 1000, 2000)),
-        ((1000.0, 2400.0), [], {}, ("unknown", 0, 2400)),
-        ((1050.0, 1300.0), [], {"MOT_PWM_MIN": 1000.0, "MOT_PWM_MAX": 1350.0}, ("PWM", 1000, 1350)),
+        ((100.0, 2047.0), [], {}, "DShot", 0, 2000),
+        ((100.0, 2048.0), [], {}, "unknown", 0, 2048),
+        ((100.0, 1100.0), [], {}, "DShot", 0, 2000),
+        ((0.0, 1.2), [], {}, "DShot", 0, 2000),
+        ((0.0, 11.0), [], {}, "0-1000", 0, 1000),
+        ((900.0, 1100.0), [], {}, "PWM", 1000, 2000),
+        ((1000.0, 2400.0), [], {}, "unknown", 0, 2400),
+        ((1050.0, 1300.0), [], {"MOT_PWM_MIN": 1000.0, "MOT_PWM_MAX": 1350.0}, "PWM", 1000, 1350),
         (
             (0.0, 110.0, 582.0, 826.0),
             OF_MAIN,
             {"DSHOT_MIN": 0.055, "PWM_MAIN_MIN1": 1000.0},
-            ("DShot", 110, 1999),
+            "DShot",
+            110,
+            1999,
         ),
         # PX4 1.9 with UAVCAN, and 1.16, which has its range among the parameters.
-        ((0.0, 2457.3, 4712.6, 6158.4), OF_MAIN, {"PWM_MIN": 1000.0}, ("UAVCAN", 0, 8191)),
+        ((0.0, 2457.3, 4712.6, 6158.4), OF_MAIN, {"PWM_MIN": 1000.0}, "UAVCAN", 0, 8191),
         (
             (1000.0, 1500.0),
             [("UAVCAN_EC", 1)],
             {"UAVCAN_EC_MIN1": 1.0, "UAVCAN_EC_MAX1": 8191.0},
-            ("UAVCAN", 1, 8191),
+            "UAVCAN",
+            1,
+            8191,
         ),
         (
             (0.0, 0.194, 0.278),
             [("UAVCAN_EC", 1)],
             {"UAVCAN_EC_MIN1": 1.0, "UAVCAN_EC_MAX1": 8191.0},
-            ("normalised", 0, 1),
+            "normalised",
+            0,
+            1,
         ),
     ],
 )
-def test_the_range_of_px4s_outputs_is_that_of_their_driver(outputs, drivers, parameters, expected):
-    scale = scale_of(outputs, parameters, drivers)
-    assert (scale.name, scale.low, scale.high, scale.stop) == (*expected, 1.0)
-    assert scale.unit == ("µs" if scale.name == "PWM" else "")
+def test_the_range_of_px4s_outputs_is_that_of_their_driver(
+    outputs, drivers, parameters, name, low, high
+):
+    scale = output_scale(np.array([outputs]), parameters, drivers)
+    assert (scale.name, scale.low, scale.high, scale.stop) == (name, low, high, 1.0)
+    assert scale.unit == ("µs" if name == "PWM" else "")
     assert scale.step == np.diff(np.unique(outputs)).min()
 
 
@@ -144,5 +152,5 @@ def test_a_motor_whose_output_never_changes_is_a_motor():
     on_aux = {f"PWM_AUX_FUNC{n}": 100.0 + n for n in range(1, 5)}
     found = motor_geometry("QUADROTOR", "PX4", on_aux, moving=[18, 19, 20], bank=16)
     assert found.channels == (17, 18, 19, 20) and not found.channels_assumed
-    scale = scale_of((0.0, 1000.0, 2000.0), {})  # without pulses it is off
+    scale = output_scale(np.array([[0.0, 1000.0, 2000.0]]), {})  # without pulses it is off
     assert_allclose(scale.fraction(np.array([0.0, 900.0, 1500.0])), [0.0, -0.1, 0.5])
