@@ -59,7 +59,7 @@ def test_the_document_is_the_report_of_the_library(tmp_path, capsys):
 def test_people_see_one_screen_and_with_verbose_the_model(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     log = short_flight(tmp_path)
-    words = ["learn", log, "--axis", "roll", "--order", "2", "--train", "400", "--test", "100"]
+    words = f"learn {log} --axis roll --order 2 --train 400 --test 100".split()
     assert run(*words) == 0
     screen = capsys.readouterr()
     *_, above, following, page = screen.out.splitlines()
