@@ -84,7 +84,7 @@ def model(parameters, **wind):
         input_units=("µs",) * 4,
         output_units=("rad", "rad/s"),
     )
-    torque = {
+    known = {
         "sd": 0.977,
         "mean": -1.71,
         "mean_band": 0.07,
@@ -92,19 +92,16 @@ def model(parameters, **wind):
         "reason": None,
         "resolved": True,
         "step": None,
-    }
-    gusts = {
         "gusts": (DetectedGust(120, 1.2, 0.4, -9.0),),
         "gust_threshold": 3.28,
         "false_gusts_per_minute": 0.1,
     }
-    known = SimpleNamespace(**(torque | gusts | wind))
     return SimpleNamespace(
         record=record,
         physical=parameters,
         physical_reason=None,
         stable=True,
-        wind_torque=known,
+        wind_torque=SimpleNamespace(**(known | wind)),
         one_step=lambda: np.zeros((900, 2)),
         dt=0.01,
     )

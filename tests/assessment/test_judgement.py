@@ -21,15 +21,14 @@ def lights(**levels):
     return {light: prose(f"The {light}.").but(levels.get(light, Level.GOOD)) for light in Light}
 
 
-def headline(known, **more):
-    found = {"ending": None, "events": (), "airborne": 60.0, "oscillation": None} | more
-    verdict = SimpleNamespace(reason=GROUNDED, figures=SimpleNamespace(airborne=found["airborne"]))
+def headline(known, ending=None, events=(), airborne=60.0, oscillation=None):
+    verdict = SimpleNamespace(reason=GROUNDED, figures=SimpleNamespace(airborne=airborne))
     evidence = SimpleNamespace(
-        ending=found["ending"],
-        events=found["events"],
-        reported=lambda codes: found["events"],
+        ending=ending,
+        events=events,
+        reported=lambda codes: events,
         verdict=verdict,
-        condition=SimpleNamespace(oscillation=found["oscillation"]),
+        condition=SimpleNamespace(oscillation=oscillation),
     )
     return headline_of(evidence, known)
 

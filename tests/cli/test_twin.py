@@ -52,9 +52,9 @@ def test_every_file_hovers_and_rolls_as_the_vehicle(folder):
     effects = [
         arm * WEIGHT / hover / inertia,
         sih["SIH_L_ROLL"] * sih["SIH_T_MAX"] / sih["SIH_IXX"],
+        frame["diagonal_size"] / 8**0.5 * WEIGHT / hover / frame["moment_inertia"][0],
+        arm * 2 * lift * hover / sih["ixx"],
     ]
-    effects += [frame["diagonal_size"] / 8**0.5 * WEIGHT / hover / frame["moment_inertia"][0]]
-    effects += [arm * 2 * lift * hover / sih["ixx"]]
     with np.load(folder / "flight.truth.npz") as truth:
         true = 1000 * abs(truth["roll_effect"]).mean()
         assert body["hover"] == approx((truth["trim"][0] - 1000) / 1000, abs=0.01)

@@ -310,14 +310,14 @@ def test_the_residual_mean_is_what_healthy_models_leave_of_a_flight():
 
 
 def test_health_comes_from_the_vehicle_s_healthy_flights():
-    known = {"balance": (0.0, 0.0, 0.0), "balance_error": (0.001,) * 3, "balance_lean": (0.05, 0.0)}
-    known |= {
+    known = {
+        "balance": (0.0, 0.0, 0.0),
+        "balance_error": (0.001,) * 3,
+        "balance_lean": (0.05, 0.0),
         "lean_effect": (0.0,) * 6,
         "lean_effect_error": (0.1,) * 6,
         "duration": 60.0,
         "mean_inputs": None,
-    }
-    known |= {
         "positions": ((1, 1), (-1, -1), (1, -1), (-1, 1)),
         "spins": (1, 1, -1, -1),
         "motors": tuple("1234"),

@@ -3,8 +3,7 @@
 import struct
 
 HEADER = b"\xa3\x95"
-STRUCTS = {character: character for character in "QBbHhIifdq"}
-STRUCTS |= {
+STRUCTS = {character: character for character in "QBbHhIifdq"} | {
     "c": "h",
     "C": "H",
     "e": "i",

@@ -35,9 +35,9 @@ def test_several_systems_are_kept_apart_and_only_vehicles_listed(tmp_path):
         heartbeat(2),
         heartbeat(7, kind=13, autopilot=12),
         heartbeat(255, 190, kind=6, autopilot=8),
+        heartbeat(2, 154, kind=26, autopilot=8),
+        *(each for pair in zip(one, two, strict=True) for each in pair),
     ]
-    frames += [heartbeat(2, 154, kind=26, autopilot=8)]
-    frames += [each for pair in zip(one, two, strict=True) for each in pair]
     log = log_of(tlog(frames), tmp_path)
     assert [(v.system, v.component, v.vehicle, v.autopilot) for v in log.vehicles] == [
         (2, 1, "QUADROTOR", "ARDUPILOTMEGA"),

@@ -244,11 +244,9 @@ ODD = {
 @mark.parametrize("name", [*HOSTILE, *ODD])
 def test_hostile_definitions_are_harmless(name, tmp_path, capfd, monkeypatch):
     monkeypatch.setattr("os.system", lambda _: fail("the file was executed"))
-    kind = "px4_msgs/msg/VehicleAttitude"
     path = tmp_path / "hostile.mcap"
     write_raw(
         path,
-        kind,
         {**HOSTILE, **ODD}[name].replace("===", "=" * 80),
         [bytes(range(200))] * 100 + [b"\xff" * 200] * 100,
     )
@@ -264,15 +262,22 @@ def test_hostile_definitions_are_harmless(name, tmp_path, capfd, monkeypatch):
     assert capfd.readouterr() == ("", "")
 
 
-def write_raw(path, kind, definition, bodies):
-    """Bodies under ``/fmu/out/vehicle_attitude`` with a definition of their own, and sound motors and status."""
+ATTITUDE = "px4_msgs/msg/VehicleAttitude"
+
+
+def channel_of(writer, definition, language="ros2msg"):
+    """A channel ``/fmu/out/vehicle_attitude`` whose messages have a definition of their own."""
+    number = writer.register_schema(ATTITUDE, language, definition.encode())
+    return writer.register_channel("/fmu/out/vehicle_attitude", "cdr", number)
+
+
+def write_raw(path, definition, bodies):
+    """Bodies of attitude with a definition of their own, and sound motors and status."""
     with Ros2Recorder(path) as recorder:
-        number = recorder._writer._writer.register_schema(kind, "ros2msg", definition.encode())
-        channel = recorder._writer._writer.register_channel(
-            "/fmu/out/vehicle_attitude", "cdr", number
-        )
+        writer = recorder._writer._writer
+        channel = channel_of(writer, definition)
         for row, body in enumerate(bodies):
-            recorder._writer._writer.add_message(channel, row, b"\0\1\0\0" + body, row)
+            writer.add_message(channel, row, b"\0\1\0\0" + body, row)
         for at in TIMES.tolist():
             recorder.px4("vehicle_angular_velocity", at, xyz=[0.0, 0.0, 0.0])
             recorder.px4("actuator_motors", at, control=[at % 1] * 12)
@@ -280,7 +285,6 @@ def write_raw(path, kind, definition, bodies):
 
 
 def test_messages_of_a_wrong_length_cost_themselves_only(tmp_path):
-    kind = "px4_msgs/msg/VehicleAttitude"
     path = tmp_path / "wrong.mcap"
     good = [
         b"".join([round(at * 1e6).to_bytes(8, "little"), bytes(8), np.ones(4, "<f4").tobytes()])
@@ -288,7 +292,7 @@ def test_messages_of_a_wrong_length_cost_themselves_only(tmp_path):
     ]
     bodies = [body + bytes(17) for body in good]
     bodies[3:3] = [b"", b"\0", good[3][:20], bytes(20)]
-    write_raw(path, kind, DEFINITIONS[kind], bodies)
+    write_raw(path, DEFINITIONS[ATTITUDE], bodies)
     (vehicle,) = read_log(path).vehicles
     assert len(vehicle.messages["ATTITUDE_QUATERNION"]["time"]) == len(TIMES)
     (repair,) = vehicle.repairs
@@ -304,10 +308,8 @@ def test_other_encapsulations_and_languages_of_definition_are_not_read(
     beginning, language, tmp_path
 ):
     path = tmp_path / "other.mcap"
-    kind = "px4_msgs/msg/VehicleAttitude"
     with Recorder(path) as recorder:
-        schema = recorder._writer.register_schema(kind, language, DEFINITIONS[kind].encode())
-        channel = recorder._writer.register_channel("/fmu/out/vehicle_attitude", "cdr", schema)
+        channel = channel_of(recorder._writer, DEFINITIONS[ATTITUDE], language)
         recorder._writer.add_message(channel, 1, beginning + bytes(80) if beginning else b"", 1)
     with refused(Source.ROS2_DAMAGED):
         read_log(path)
@@ -361,19 +363,15 @@ def test_setpoints_of_mavros_are_turned_back(recorder):
 
 def test_what_holds_no_flight_of_a_vehicle_is_refused(tmp_path):
     """Setpoints alone, another sensor's IMU; and where a stream of MAVLink is asked for, topics."""
-    with refused(Source.ROS2_DAMAGED):
-        read_log(
-            written(
-                tmp_path, lambda recorder: recorder.px4("vehicle_rates_setpoint", 20.0, roll=1.0)
-            )
-        )
-    with refused(Source.MCAP_WITHOUT_FLIGHT):
-        read_log(
-            written(
-                tmp_path,
-                lambda recorder: recorder.imu(20.0, (0.1, 0, 0), (0, 0, 0), node="/camera"),
-            )
-        )
+    for code, write in (
+        (Source.ROS2_DAMAGED, lambda one: one.px4("vehicle_rates_setpoint", 20.0, roll=1.0)),
+        (
+            Source.MCAP_WITHOUT_FLIGHT,
+            lambda one: one.imu(20.0, (0.1, 0, 0), (0, 0, 0), node="/camera"),
+        ),
+    ):
+        with refused(code):
+            read_log(written(tmp_path, write))
     with refused(Source.MCAP_OF_ROS2):
         mcap_stream(written(tmp_path, px4_flight))
 
@@ -402,13 +400,8 @@ def test_mavlink_is_read_before_ros_2_and_px4s_own_topics_before_mavros(other, t
         with Recorder(path) as recorder:
             for frame in [heartbeat(), *flight(TIMES.tolist())]:
                 recorder.write("serial", frame, "mavlink", schema=False)
-            text = DEFINITIONS["px4_msgs/msg/VehicleAttitude"].encode()
-            number = recorder._writer.register_schema(
-                "px4_msgs/msg/VehicleAttitude", "ros2msg", text
-            )
-            topic = "/fmu/out/vehicle_attitude"
-            recorder._channels[topic] = recorder._writer.register_channel(topic, "cdr", number)
-            recorder.write(topic, b"\0\1\0\0" + bytes(60))
+            channel = channel_of(recorder._writer, DEFINITIONS[ATTITUDE])
+            recorder._writer.add_message(channel, 1, b"\0\1\0\0" + bytes(60), 1)
     else:
         with Ros2Recorder(path) as recorder:
             px4_flight(recorder, system_id=1)

@@ -29,16 +29,15 @@ def with_parameters(frames, values):
 
 
 def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
-    others = []
+    others = [
+        (number / 50, message("ATTITUDE", 3, 1, sequence=number % 256)) for number in range(700)
+    ]
     for second in range(14):
         others += [
             (second + 0.4, heartbeat(255, 190, kind=6, autopilot=8)),
             (second + 0.4, heartbeat(1, 154, kind=26)),
+            (second + 0.4, heartbeat(3, 1, kind=1)),
         ]
-        others += [(second + 0.4, heartbeat(3, 1, kind=1))]
-    others += [
-        (number / 50, message("ATTITUDE", 3, 1, sequence=number % 256)) for number in range(700)
-    ]
     made = replay(sorted(Flight().frames(end=14.0) + others, key=lambda entry: entry[0]))
     assert made.facts[0].code is VehicleFact.FOLLOWING_VEHICLE and made.rows
     assert made.facts[0].subject == "1:1 (QUADROTOR, ARDUPILOTMEGA)"

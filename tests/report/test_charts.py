@@ -32,9 +32,15 @@ from mavdem.report.systems import model_response, plant_response
 
 SETTINGS = mavdem.Settings(order=3, d=2, window=9, parameter_precision=1.0, horizon=None)
 GAINS = {
-    f"MC_ROLLRATE_{name}": value
-    for name, value in {"P": 0.1, "I": 0.1, "D": 0.003, "K": 1.0}.items()
-} | {"MC_ROLL_P": 6.5, "IMU_DGYRO_CUTOFF": 30.0, "IMU_GYRO_CUTOFF": 40.0, "THR_MDL_FAC": 0.3}
+    "MC_ROLLRATE_P": 0.1,
+    "MC_ROLLRATE_I": 0.1,
+    "MC_ROLLRATE_D": 0.003,
+    "MC_ROLLRATE_K": 1.0,
+    "MC_ROLL_P": 6.5,
+    "IMU_DGYRO_CUTOFF": 30.0,
+    "IMU_GYRO_CUTOFF": 40.0,
+    "THR_MDL_FAC": 0.3,
+}
 
 
 def test_a_line_that_is_thinned_keeps_its_peaks_and_its_gaps():

@@ -10,6 +10,7 @@ from sitl_scenarios.scenario import Scenario, StreamSpec
 
 CYCLES = {"px4": 0.004, "ardupilot": 0.0025}
 GROUND = dialect.MAVLink(None, srcSystem=255, srcComponent=190)
+each_autopilot = mark.parametrize("autopilot", CYCLES)
 
 
 class Vehicle:
@@ -55,7 +56,7 @@ class Vehicle:
         return ack.result, said
 
 
-@mark.parametrize("autopilot", ["px4", "ardupilot"])
+@each_autopilot
 def test_intervals_are_set_at_once_reported_and_restored(autopilot):
     vehicle = Vehicle(autopilot)
     result, said = vehicle.command(511, 30, 20_000)
@@ -79,7 +80,7 @@ def test_intervals_are_set_at_once_reported_and_restored(autopilot):
     assert vehicle.command(510, 77)[1]["MESSAGE_INTERVAL"][0].interval_us == 0
 
 
-@mark.parametrize("autopilot", ["px4", "ardupilot"])
+@each_autopilot
 def test_arming_is_passed_on_and_refused_in_the_air(autopilot):
     vehicle = Vehicle(autopilot)
     assert vehicle.command(400, 1)[0] == 0
@@ -91,7 +92,7 @@ def test_arming_is_passed_on_and_refused_in_the_air(autopilot):
         assert vehicle.command(400, *given)[0] == result
 
 
-@mark.parametrize("autopilot", ["px4", "ardupilot"])
+@each_autopilot
 def test_parameters_are_listed_and_read(autopilot):
     vehicle = Vehicle(autopilot)
     vehicle.hears(dialect.MAVLink_param_request_list_message(1, 1))

@@ -63,7 +63,10 @@ def test_a_filter_above_what_the_physics_show_is_off():
     assert sensed(gyro, 1.0, 2.0, 3.0) == (1.0, 2.0, 3.0)
 
 
-@mark.parametrize("mix", [mixers.ardupilot, mixers.px4])
+each_mixer = mark.parametrize("mix", [mixers.ardupilot, mixers.px4])
+
+
+@each_mixer
 def test_the_mixers_leave_demands_alone_that_fit(mix):
     demands = 0.2, -0.1, 0.1, 0.4
     thrusts = np.array(mix(HALVES, demands))
@@ -71,7 +74,7 @@ def test_the_mixers_leave_demands_alone_that_fit(mix):
     assert thrusts.mean() == approx(0.4)
 
 
-@mark.parametrize("mix", [mixers.ardupilot, mixers.px4])
+@each_mixer
 def test_the_mixers_do_not_climb_to_turn(mix):
     rng = default_rng(0)
     for demands in rng.uniform((-1, -1, -1, 0.1), 1, (200, 4)).tolist():

@@ -34,7 +34,7 @@ def read(tmp_path, flown, motion):
     return read_log(tmp_path / "flight.tlog")
 
 
-@mark.parametrize("autopilot", ["px4", "ardupilot"])
+@mark.parametrize("autopilot", CYCLES)
 def test_what_is_read_back_is_what_was_true(autopilot, tmp_path):
     motion = made_up_motion(autopilot=autopilot)
     log = read(tmp_path, scenario(autopilot, system=7), motion)
@@ -83,7 +83,7 @@ def test_what_is_read_back_is_what_was_true(autopilot, tmp_path):
         assert set(actuator[0, 4:16]) == {900} and set(actuator[0, 16:]) == {0}
 
 
-@mark.parametrize("autopilot", ["px4", "ardupilot"])
+@mark.parametrize("autopilot", CYCLES)
 def test_setpoints_and_sticks_come_when_they_are_asked_for(autopilot, tmp_path):
     motion = made_up_motion(autopilot=autopilot)
     rates = {"ATTITUDE_TARGET": 50.0, "RC_CHANNELS": 20.0}

@@ -14,9 +14,21 @@ from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation, fly
 
 FAULTY = {"oscillating_frame", "oscillating_gains"}
-ALIKE = {"paper_2", "paper_3", "paper_4", "system_2", "system_3", "iris_identification"}
-ALIKE |= {"default_rates", "lossy_link", "ardupilot_faults", "iris_identification_wind"}
-ALIKE |= {"iris_weak_motor", "iris_chipped_propeller", "iris_shifted_load"}
+ALIKE = {
+    "paper_2",
+    "paper_3",
+    "paper_4",
+    "system_2",
+    "system_3",
+    "iris_identification",
+    "default_rates",
+    "lossy_link",
+    "ardupilot_faults",
+    "iris_identification_wind",
+    "iris_weak_motor",
+    "iris_chipped_propeller",
+    "iris_shifted_load",
+}
 """Between paper_1 and paper_5 in wind, of system_1's vehicle, wind and excitation, or without wind what flies in it;
 beside others but for the link; or until something breaks, which test_damage.py flies.
 """
