@@ -17,6 +17,7 @@ from mavdem.extras import EXTRAS, MissingExtra, Package, require
 from mavdem.facts import Fact
 
 ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 LOG = ROOT / "logs" / "ardupilot_wind5_steps.tlog"
 QUICK = ["--preset", "paper", "--train", "200", "--test", "20"]
 INSTALL = "pip install 'mavdem[view]'."
@@ -28,17 +29,13 @@ def without_rerun(monkeypatch):
 
 
 def test_every_extra_of_the_package_is_named_and_all_has_them_all():
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
-        "optional-dependencies"
-    ]
-    everything = extras.pop("all")
-    assert set(extras) == set(EXTRAS)
-    assert set(re.findall(r"\w+", everything[0])) == {"mavdem", *EXTRAS}
+    everything, *_ = PROJECT["project"]["optional-dependencies"]["all"]
+    assert PROJECT["project"]["optional-dependencies"].keys() == {"all", *EXTRAS}
+    assert set(re.findall(r"\w+", everything)) == {"mavdem", *EXTRAS}
 
 
 def test_every_file_that_is_no_python_is_installed():
-    tool = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
-    for package, patterns in tool["package-data"].items():
+    for package, patterns in PROJECT["tool"]["setuptools"]["package-data"].items():
         there = {
             path
             for path in (ROOT / package).rglob("*")

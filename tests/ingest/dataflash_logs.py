@@ -16,6 +16,7 @@ STRUCTS = {character: character for character in "QBbHhIifdq"} | {
     "a": "64s",
 }
 
+PULSES = "Q" + 14 * "H", "TimeUS," + ",".join(f"C{n}" for n in range(1, 15))
 MESSAGES = {
     "PARM": (64, "QNff", "TimeUS,Name,Value,Default"),
     "MSG": (91, "QZ", "TimeUS,Message"),
@@ -25,12 +26,12 @@ MESSAGES = {
         "Qfffffffffffff",
         "TimeUS,RDes,R,ROut,PDes,P,POut,YDes,Y,YOut,ADes,A,AOut,AOutSlew",
     ),
-    "RCOU": (131, "Q" + 14 * "H", "TimeUS," + ",".join(f"C{n}" for n in range(1, 15))),
+    "RCOU": (131, *PULSES),
     "IMU": (132, "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"),
     "EV": (133, "QB", "TimeUS,Id"),
     "ARM": (134, "QBIBB", "TimeUS,ArmState,ArmChecks,Forced,Method"),
     "DSF": (136, "QIHIIII", "TimeUS,Dp,Blk,Bytes,FMn,FMx,FAv"),
-    "RCIN": (137, "Q" + 14 * "H", "TimeUS," + ",".join(f"C{n}" for n in range(1, 15))),
+    "RCIN": (137, *PULSES),
     "CTUN": (135, "Qfhh", "TimeUS,ThI,DCRt,CRt"),
     "BAT": (138, "QBfff", "TimeUS,Inst,Volt,VoltR,Curr"),
     "VIBE": (139, "QBfffI", "TimeUS,IMU,VibeX,VibeY,VibeZ,Clip"),

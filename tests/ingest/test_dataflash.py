@@ -22,6 +22,7 @@ from mavdem.ingest.vocabulary import Injection
 STEPS = "sitl_ardupilot/ardupilot_inertia_wind5_steps.BIN"
 LOGS = [STEPS, "logs/wlichon_baseline.BIN"]
 TIMES = [20 + 0.01 * row for row in range(200)]
+SLOW = [20 + 0.5 * row for row in range(20)]
 
 
 def vehicle_of(content, folder):
@@ -153,7 +154,7 @@ def test_a_log_that_begins_in_the_air_says_so(tmp_path):
 
 def test_between_events_that_contradict_each_other_nothing_is_reported(tmp_path):
     """Logging may end with disarming, so that a landing is not in the log: only that it took off again is."""
-    rows = made.flight([20 + 0.5 * row for row in range(20)])
+    rows = made.flight(SLOW)
     for row, stamp in ((13, 26_100_000), (5, 22_100_000)):
         rows.insert(row, made.message("EV", stamp, 28))
     states = vehicle_of(made.log(*rows), tmp_path).messages["EXTENDED_SYS_STATE"]
@@ -173,7 +174,7 @@ def test_between_two_armings_the_vehicle_was_disarmed_when_the_log_stopped(tmp_p
 
 
 def test_two_armings_with_the_first_message_and_events_of_no_kind_change_no_time(tmp_path):
-    rows = made.flight([20 + 0.5 * row for row in range(20)])
+    rows = made.flight(SLOW)
     twice = [made.message("EV", 20_000_000, 10)] * 2
     vehicle = vehicle_of(made.log(*twice, *rows), tmp_path)
     assert (np.diff(vehicle.messages["HEARTBEAT"]["time"]) >= 0).all()

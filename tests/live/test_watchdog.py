@@ -134,13 +134,13 @@ def test_a_low_battery_vibration_and_warnings_are_said_as_they_come():
 
 @mark.slow
 def test_what_is_watched_is_always_shown():
-    frames = Flight(Hover(hovering=20.0)).frames(0.0, 25.0)
-    ground, *_ = replay([each for each in frames if each[0] < 5.0]).stream.status().watched
+    flight = Flight(Hover(hovering=20.0))
+    ground, *_ = replay(flight.frames(0.0, 5.0)).stream.status().watched
     assert ground.code is Watch.NOT_WATCHED
-    early = replay([each for each in frames if each[0] < 14.0]).stream.status().watched
+    early = replay(flight.frames(0.0, 14.0)).stream.status().watched
     reasons = {one.subject: one.figures["because"] for one in early}
     assert reasons[Watched.MOTORS].code is Watch.REFERENCE_SHORT
-    status = replay(frames).stream.status()
+    status = replay(flight.frames(0.0, 25.0)).stream.status()
     found = {fact.subject: fact for fact in status.watched}
     assert {Watched.MOTORS, Watched.OSCILLATION, Watched.WARNINGS} == {
         what for what, fact in found.items() if fact.code is Watch.WATCHED

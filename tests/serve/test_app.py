@@ -363,6 +363,11 @@ def test_what_is_no_upload_is_refused(served):
     assert list((served.library.folder / "incoming").iterdir()) == []
 
 
+def numbered(count):
+    """So many different logs."""
+    return [(f"{one}.ulg", log(str(one))) for one in range(count)]
+
+
 def test_size_number_queue_and_patience_have_limits(tmp_path, monkeypatch):
     monkeypatch.setattr(uploads, "MAX_BYTES", 1000)
     monkeypatch.setattr(uploads, "MOST_FILES", 2)
@@ -374,7 +379,7 @@ def test_size_number_queue_and_patience_have_limits(tmp_path, monkeypatch):
     with serving(tmp_path, is_eager=False) as server:
         large = server.upload(("a.ulg", log(size=1001)))
         assert (large.status, large.code) == (413, Request.UPLOAD_TOO_LARGE)
-        many = server.upload(*[(f"{one}.ulg", log(str(one))) for one in range(3)])
+        many = server.upload(*numbered(3))
         assert (many.status, many.code) == (400, Request.BAD_REQUEST)
         with socket.create_connection(("127.0.0.1", server.port)) as line:
             head = "POST /api/logs HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 999\r\n"
@@ -414,7 +419,7 @@ def test_a_form_of_many_files_needs_few_descriptors(served):
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (len(os.listdir("/proc/self/fd")) + 40, hard))
     try:
-        answer = served.upload(*[(f"{one}.ulg", log(str(one))) for one in range(60)])
+        answer = served.upload(*numbered(60))
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
     assert answer.status == 201 and len(answer.json["flights"]) == 60
