@@ -104,9 +104,7 @@ class Vehicle:
         self.now = 0.0
         self.sent = []
         self.counts = {0: 0.0}
-        # ``late``: a message that it does not send yet
         self.silent = False
-        self.late = 0
 
     def run(self, seconds, back_every=0.0):
         """Lets so many seconds go by; another ground station may set its own rates again now and then."""
@@ -115,9 +113,7 @@ class Vehicle:
             if back_every and self.now % back_every < 0.1:
                 self.rates = dict(self.usual)
             for kind, rate in {0: 1.0, **self.rates}.items():
-                self.counts[kind] = self.counts.get(kind, 0.0) + (
-                    0.0 if self.silent or kind == self.late else 0.1 * rate
-                )
+                self.counts[kind] = self.counts.get(kind, 0.0) + 0.1 * rate * (not self.silent)
             counts = {kind: int(count) for kind, count in self.counts.items()}
             rates = self.arrivals.rates(self.now, counts)
             if not self.silent:

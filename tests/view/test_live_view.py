@@ -367,12 +367,11 @@ def test_rows_wait_while_they_are_held_and_come_when_it_closes(tmp_path):
 
 
 def test_what_was_asked_for_is_shown_or_refused(monkeypatch, tmp_path):
-    monkeypatch.setattr("mavdem.view.sinks.has_screen", lambda: False)
-    assert sinks_for() == []
-    assert [type(sink) for sink in sinks_for(rrd=tmp_path / "flight.rrd")] == [RecordingFile]
     # With a screen too: a server keeps what the file has.
-    monkeypatch.setattr("mavdem.view.sinks.has_screen", lambda: True)
-    assert [type(sink) for sink in sinks_for(rrd=tmp_path / "flight.rrd")] == [RecordingFile]
+    for has_screen in (True, False):
+        monkeypatch.setattr("mavdem.view.sinks.has_screen", lambda shown=has_screen: shown)
+        assert [type(sink) for sink in sinks_for(rrd=tmp_path / "flight.rrd")] == [RecordingFile]
+    assert sinks_for() == []
     assert [type(sink) for sink in sinks_for(connect="rerun+http://127.0.0.1:1/proxy")] == [Viewer]
     for url in ("http://127.0.0.1:9876/proxy", "rerun+http://:1/proxy", "rerun://x:99999/proxy"):
         with raises(ValueError, match="looks like rerun\\+http://127.0.0.1:9876/proxy"):
