@@ -1,4 +1,4 @@
-"""This machine: whether it has a screen, and which port is free."""
+"""This machine: its loopback address, whether it has a screen, and which port is free."""
 
 import os
 import socket
@@ -15,6 +15,6 @@ def has_screen() -> bool:
 
 
 def free_port() -> int:
-    """Returns a port of the loopback that nothing listens on."""
+    """Returns a port of the loopback address that is free now."""
     with socket.create_server((LOOPBACK, 0)) as probe:
         return int(probe.getsockname()[1])

@@ -43,25 +43,24 @@ def info_command(
     Exit code: 0 if a model can be learned from at least one vehicle, otherwise 1.
     """
     log = read_source(source)
-    assessments = []
+    vehicles = []
     known = {}
     for telemetry in log.vehicles if vehicle is None else [choose_vehicle(log.vehicles, vehicle)]:
         options = Options(inputs=inputs, whole=False)
         found = assess_signals(log, Signals(telemetry, axis, inputs), axis, options)
         analysis = found.analysis
         assert analysis is not None
-        assessments.append((document_of(found), title_of(found), conclusion(found.judgement)))
+        vehicles.append((document_of(found), title_of(found), conclusion(found.judgement)))
         place = telemetry.system, telemetry.component
         known[place] = (analysis.verdict, analysis.condition, analysis.identity)
     held = inventory(log, axis, vehicle, inputs, known)
     streams = [] if as_json else stream_contents(held)
-    for shown, (document, title, last) in zip(held["vehicles"], assessments, strict=True):
+    for shown, (document, title, said) in zip(held["vehicles"], vehicles, strict=True):
         shown |= document
         if not as_json:
-            above, *lights, following = last
+            above, *lights, following = said
             more = [*lights, *streams]
-            said = [above, following]
-            print_screen(title, vehicle_contents(shown), more, said, verbose)
+            print_screen(title, vehicle_contents(shown), more, [above, following], verbose)
     held["learnable"] = any(vehicle["model"] for vehicle in held["vehicles"])
     if as_json:
         print_json(held)

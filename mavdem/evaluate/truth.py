@@ -100,7 +100,9 @@ def read_truth(path: PathName, axis: str) -> Truth:
                 lag=float(file["lag"][0]),
                 delay=float(file["delay"]),
             )
-        np.broadcast(truth.time, truth.rate, truth.disturbance, truth.weak)
+        for column in (truth.rate, truth.disturbance, truth.weak):
+            np.interp(0.0, truth.time, column)  # which takes as many as there are times
+        np.stack([truth.effect, truth.weak_effect])
         return truth
     except OSError as error:
         why = cause_of(error)

@@ -14,7 +14,7 @@ import json
 import os
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, fields, replace
 from importlib import metadata
 from pathlib import Path
@@ -220,10 +220,18 @@ class Store:
         """Yields the rows that a ``query`` for row and, in the table, file finds."""
         return (_row(*row) for row in self.db.execute(query, values))
 
+    def sound_rows(self, query: str, values: Sequence[Any] = ()) -> Iterator[FlightRow]:
+        """Yields them without those that are damaged, which keep back no others."""
+        for row in self.db.execute(query, values):
+            with suppress(sqlite3.DatabaseError):
+                yield _row(*row)
+
     def rows_of(self, sources: Iterable[Source]) -> FlightRows:
-        """Returns the rows of these logs."""
-        query = "select row, path from flights join logs using (log) where path = ? order by flights.rowid"
-        return [row for source in sources for row in self.rows(query, [as_text(source.path)])]
+        """Returns the rows of these logs, without those that are damaged."""
+        query = """select row, path from flights join logs using (log)
+        where path in (select value from json_each(?)) order by flights.rowid"""
+        paths = json.dumps([as_text(source.path) for source in sources])
+        return [*self.sound_rows(query, [paths])]
 
     @property
     def healthy(self) -> FlightRows:
@@ -312,8 +320,9 @@ def _values(source: Source, limits: Limits) -> Values:
 
 
 def _row(text: str, file: str | None = None) -> FlightRow:
+    """A row of the store; raises ``DatabaseError`` where what stands there is none."""
     try:
         values = {name: value for name, value in json.loads(text).items() if name in COLUMNS}
         return FlightRow(**(values if file is None else values | {"file": file}))
-    except (AttributeError, TypeError, ValueError) as error:
-        raise sqlite3.DatabaseError(error) from None
+    except (AttributeError, TypeError, ValueError, RecursionError) as error:
+        raise sqlite3.DatabaseError(error) from error

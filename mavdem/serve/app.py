@@ -3,11 +3,12 @@
 import asyncio
 import inspect
 import json
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import replace
 from functools import cache, cached_property
 from pathlib import Path, PureWindowsPath
+from stat import S_ISREG
 from typing import Any, TypeVar
 from urllib.parse import parse_qs
 
@@ -57,7 +58,7 @@ from mavdem.serve.library import Entry, Library
 from mavdem.serve.openapi import TABLE, openapi
 from mavdem.serve.rights import COOKIE, Rights
 from mavdem.serve.search import WORKING, Condition, condition_of
-from mavdem.serve.uploads import MOST_FILES, MOST_TEXT, Form, received
+from mavdem.serve.uploads import MOST_FILES, MOST_TEXT, Form, pieces, received
 from mavdem.serve.work import Work
 
 PAGE_LENGTH = 100  # flights
@@ -160,11 +161,12 @@ class Server:
                     response = await endpoint(request)
                 else:
                     response = await run_in_threadpool(endpoint, request)
-            except (Refusal, FileNotFoundError) as error:  # a flight may be deleted meanwhile
-                fact = getattr(error, "fact", Fact(Request.NO_SUCH_FLIGHT))
-                response = await run_in_threadpool(self._refused, request, fact)
-            except (ClientDisconnect, asyncio.CancelledError):  # or the server ends
+            except Refusal as error:
+                response = await run_in_threadpool(self._refused, request, error.fact)
+            except ClientDisconnect:
                 response = Response(status_code=400)
+            except asyncio.CancelledError:  # the server ends
+                response = Response(status_code=503, headers={"Retry-After": "10"})
             response.headers.update(_headers())
             return response
 
@@ -219,15 +221,15 @@ class Server:
         return entries, total, query, offset
 
     def _troubles(self, entries: Sequence[Entry]) -> dict[str, FlightRow]:
-        """What is wrong with flights beside others of their vehicles, the worst of each, by their ids."""
-        of_files = {str(self.library.path_of(entry)): entry for entry in entries}
+        """The worst row of each flight that differs from others of its vehicle, by the flight's id."""
+        by_path = {str(self.library.path_of(entry)): entry for entry in entries}
         troubled = [
             row
             for row in self.library.rows_of(entries)
-            if row.health in TROUBLE and row.vehicle == of_files[row.file].vehicle
+            if row.health in TROUBLE and row.vehicle == by_path[row.file].vehicle
         ]
         by_file = grouped(troubled, lambda row: row.file)
-        return {of_files[file].id: worst_row(rows) for file, rows in by_file.items()}
+        return {by_path[file].id: worst_row(rows) for file, rows in by_file.items()}
 
     def _list_page(self, request: HttpRequest) -> Response:
         entries, total, query, offset = self._found(request, PAGE_LENGTH, PAGE_LENGTH)
@@ -260,9 +262,11 @@ class Server:
             return HTMLResponse(served("flight", **known))
         if known["may_read"] and not wanted:
             known["trouble"] = self._troubles([entry]).get(entry.id)
+        with gone_refused():
+            page = path.read_text("utf-8")
         return HTMLResponse(
             with_bar(
-                path.read_text("utf-8"),
+                page,
                 files=entry.file_names if entry.digest else [],
                 can_open=self._show and RECORDING in entry.file_names and known["may_read"],
                 **known,
@@ -276,14 +280,19 @@ class Server:
             if not entry.log_shared and not self.rights.may(request, Use.READ):
                 raise Refusal(Request.NO_RIGHT, name=Use.DOWNLOAD)
             path = self.library.path_of(entry)
+            if not entry.digest and path.is_file():
+                format_of(path)  # whatever an altered index says, only logs are given out
             name = entry.name
         elif entry.digest and name in entry.file_names:
             path = self.library.results_of(entry) / name
         else:
             raise Refusal(Request.NO_SUCH_FLIGHT)
-        if not path.is_file():
+        with gone_refused():
+            there = path.stat()
+        if not S_ISREG(there.st_mode):
             raise Refusal(Request.NO_SUCH_FLIGHT)
-        return FileResponse(path, media_type="application/octet-stream", filename=name)
+        kind = "application/octet-stream"
+        return FileResponse(path, media_type=kind, filename=name, stat_result=there)
 
     def _live_page(self, request: HttpRequest) -> Response:
         self.rights.need(request, Use.READ)
@@ -442,7 +451,10 @@ class Server:
     def _review(self, entry: Entry) -> Values | None:
         """The document of a flight's review; None before it is done, and of a flight of `mavdem track`."""
         path = self.library.results_of(entry) / REPORT
-        return dict(json.loads(path.read_bytes())) if path.is_file() else None
+        if not path.is_file():
+            return None
+        with gone_refused():
+            return dict(json.loads(path.read_bytes()))
 
     async def _change(self, request: HttpRequest) -> Response:
         self.rights.need(request, Use.WRITE)
@@ -505,6 +517,8 @@ class Server:
                 if not watched:
                     break
                 await asyncio.sleep(LOOK_SECONDS)
+        except asyncio.CancelledError:  # the server ends
+            return
         finally:
             self._watchers -= 1
         yield "event: end\ndata: \n\n"
@@ -513,6 +527,15 @@ class Server:
         if not entry.is_done:
             entry = replace(entry, **self.library.told(entry))
         return Progress.gather(entry, words=words()["stages"][entry.stage])
+
+
+@contextmanager
+def gone_refused() -> Iterator[None]:
+    """Raises ``Refusal`` where a file is no longer there: its flight is being deleted."""
+    try:
+        yield
+    except FileNotFoundError:
+        raise Refusal(Request.NO_SUCH_FLIGHT) from None
 
 
 @cache
@@ -550,7 +573,7 @@ def _unicode(text: str) -> str:
 async def _body(request: HttpRequest) -> bytes:
     """The body of a request that is no upload."""
     body = bytearray()
-    async for chunk in request.stream():
+    async for chunk in pieces(request):
         body += chunk
         if len(body) > MOST_TEXT:
             raise Refusal(Request.UPLOAD_TOO_LARGE, size_limit=MOST_TEXT)

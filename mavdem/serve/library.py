@@ -20,6 +20,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,7 @@ PROGRESS = "progress.json"
 INDEXES = Path(__file__).with_suffix(".sql").read_text(encoding="utf-8")
 # left free, so that flights can still be deleted, which SQLite writes down
 RESERVED_BYTES = 64 << 20
+DIGEST = "[0-9a-f]" * 64  # what SHA-256 gives, as a pattern of file names
 MAX_NAME = 150  # bytes, of 255 that file systems allow
 
 
@@ -187,14 +189,14 @@ class Library:
             yield self._db
 
     def path_of(self, entry: Entry) -> Path:
-        """Where the log is; one of the server's own is in its folder, wherever the index leads."""
+        """Where the log is; the server's own are always in its folder, whatever path the index has."""
         if entry.digest:
             return self.folder / LOGS / entry.digest / Path(entry.path).name
         return self.folder / entry.path
 
     def results_of(self, entry: Entry) -> Path:
         """The folder of what was made of a log."""
-        return self.folder / RESULTS / (entry.digest or entry.id)
+        return self.folder / RESULTS / entry.digest
 
     def told(self, entry: Entry) -> Values:
         """Returns the columns that the process that reads a log has said of it so far."""
@@ -326,8 +328,9 @@ class Library:
         with self._transaction() as db:
             row = db.execute(
                 """update entries set stage = ?, claimed = ? where id =
-                (select id from entries where stage = ? order by received limit 1) returning *""",
-                [Stage.READING, self.name, Stage.WAITING],
+                (select id from entries where stage = ? and digest glob ? order by received limit 1)
+                returning *""",
+                [Stage.READING, self.name, Stage.WAITING, DIGEST],
             ).fetchone()
         return row and _entry(row)
 
@@ -359,7 +362,7 @@ class Library:
                 self.store.track([source])
                 if not is_kept:
                     self.store.remove(source)
-                    shutil.rmtree(self.folder / LOGS / entry.digest, ignore_errors=True)
+                    self._remove_log(entry)
         except Refusal as error:
             if error.fact.code is not Request.NO_SUCH_FLIGHT:
                 raise
@@ -382,7 +385,14 @@ class Library:
         """Removes the server's files of a log within a transaction, unless it was received again meanwhile."""
         if entry.digest and _known(db, entry.digest) is None:
             shutil.rmtree(self.results_of(entry), ignore_errors=True)
-            # What cannot be removed keeps its row: the next start would enter it again.
+            self._remove_log(entry)
+
+    def _remove_log(self, entry: Entry) -> None:
+        """Removes a log of the server's own.
+
+        What cannot be removed keeps its row: the next start would enter it again.
+        """
+        if entry.digest:
             with suppress(FileNotFoundError):
                 shutil.rmtree(self.folder / LOGS / entry.digest)
 
@@ -413,15 +423,20 @@ class Library:
                 for part in (self.folder / INCOMING).glob(f"{server}-*"):
                     part.unlink(missing_ok=True)
                 (self.folder / SERVERS / server).unlink(missing_ok=True)
+            # A log's folder tells its digest, whatever the index has.
+            db.execute(
+                """update entries set digest = substr(path, 6, 64)
+                where path glob ? and digest is not substr(path, 6, 64)""",
+                [f"{LOGS}/{DIGEST}/*"],
+            )
             query = "select digest from entries union select '.' || digest from entries where claimed <> ''"
             used = {name for (name,) in db.execute(query)}
             # What others have put into the folder stays.
-            digests = "[0-9a-f]" * 64
-            for name in (digests, f".{digests}"):
+            for name in (DIGEST, f".{DIGEST}"):
                 for path in (self.folder / RESULTS).glob(name):
                     if path.name not in used:  # of a log that is deleted
                         shutil.rmtree(path, ignore_errors=True)
-            for path in (self.folder / LOGS).glob(f"{digests}/*"):
+            for path in (self.folder / LOGS).glob(f"{DIGEST}/*"):
                 digest = path.parent.name
                 if digest not in used:
                     place = f"{LOGS}/{digest}/{path.name}"
@@ -449,13 +464,14 @@ class Library:
         (version,) = self._db.execute("pragma data_version").fetchone()
         if version == self._local.adopted:
             return
-        self._local.adopted = version
         entered = "select logs.log from entries join logs on logs.path in (entries.path, ? || entries.path)"
-        query = f"select row, file from flights where file is not null and log not in ({entered}) order by rowid"
+        query = f"""select row, file from flights where file is not null and log not in ({entered})
+        and not exists (select 1 from entries where path = file) order by rowid"""
         with self._transaction() as db:
-            found = self.store.rows(query, [f"{self.folder}/"])
+            found = self.store.sound_rows(query, [f"{self.folder}/"])
             for file, rows in grouped(found, lambda row: row.file).items():
                 insert(db, _of_rows(file, rows))
+        self._local.adopted = version
 
 
 def new_id() -> str:
@@ -474,11 +490,12 @@ def _of_rows(file: str, rows: FlightRows) -> Entry:
     first = rows[0]
     is_sound = first.has_flight
     columns = columns_of(rows)
+    size = first.key.rpartition("-")[2]
     return Entry(
         new_id(),
         Path(file).name,
         path=file,
-        size=int(first.key.rpartition("-")[2] or 0),
+        size=int(size) if size.isdecimal() else 0,
         received=0.0 if first.date is None else first.date.timestamp(),
         stage=Stage.DONE if is_sound else Stage.FAILED,
         problem="" if is_sound else first.status,
@@ -524,16 +541,16 @@ def _known(db: sqlite3.Connection, digest: str) -> Any:
 
 
 def _entry(row: sqlite3.Row) -> Entry:
-    """An entry; what somebody else has left empty is as it is at first, as is a digest that leads elsewhere."""
+    """An entry; empty columns have their defaults, as has a digest that is none."""
     entry = Entry(**{name: row[name] for name in COLUMNS if row[name] not in (None, "")})
-    return entry if re.fullmatch("[0-9a-f]{64}", str(entry.digest)) else replace(entry, digest="")
+    return entry if fnmatchcase(str(entry.digest), DIGEST) else replace(entry, digest="")
 
 
 def insert(db: sqlite3.Connection, entry: Entry) -> None:
-    """Enters a row, in place of one that an altered index has for the same log."""
+    """Enters a row."""
     names = ", ".join(COLUMNS)
     places = ", ".join(f":{name}" for name in COLUMNS)
-    db.execute(f"insert or replace into entries ({names}) values ({places})", vars(entry))
+    db.execute(f"insert into entries ({names}) values ({places})", vars(entry))
 
 
 def _is_held(path: Path) -> bool:

@@ -3,7 +3,6 @@
 import asyncio
 import resource
 import socket
-import sqlite3
 import threading
 import webbrowser
 from collections.abc import Callable
@@ -11,8 +10,9 @@ from contextlib import closing, suppress
 from pathlib import Path
 from typing import NamedTuple
 
+import h11
 import uvicorn
-from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 from mavdem.errors import Unreadable, cause_of
 from mavdem.extras import missing
@@ -28,27 +28,30 @@ from mavdem.serve.viewers import Viewers
 from mavdem.serve.work import Work
 
 MOST_CONNECTIONS = 1000
-FIRST_SECONDS = 10  # for the first request of a connection
+REQUEST_SECONDS = 10  # until a request of a connection is there
+REST_SECONDS = 60  # for the rest of a body that is refused already: who sends it should read why
 
 
 class Connection(H11Protocol):
-    """One of a client, which ends if it is one too many or asks nothing: uvicorn itself would keep both."""
+    """One of a client, which ends if it is one too many or its next request does not come: uvicorn would keep both."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Begins it, and its time."""
         super().connection_made(transport)
         if len(self.connections) > _most_connections():
             transport.close()
-        self.loop.call_later(FIRST_SECONDS, self._end_unasked)
+        self.loop.call_later(REQUEST_SECONDS, self._end_unasked, None)
 
     def on_response_complete(self) -> None:
-        """Gives the next request as much time: uvicorn waits forever for the rest of one that has begun."""
-        answered = self.cycle
+        """Gives the next request as much time; uvicorn would wait for ever for one that is incomplete."""
+        last = self.cycle
         super().on_response_complete()
-        self.loop.call_later(FIRST_SECONDS, self._end_unasked, answered)
+        is_read = self.conn.their_state is not h11.SEND_BODY
+        self.loop.call_later(REQUEST_SECONDS if is_read else REST_SECONDS, self._end_unasked, last)
 
-    def _end_unasked(self, answered: object = None) -> None:
-        if self.cycle is answered:
+    def _end_unasked(self, last: RequestResponseCycle | None) -> None:
+        """Closes it if no request has come since the ``last``."""
+        if self.cycle is last:
             self.transport.close()
 
 
@@ -89,8 +92,7 @@ def serve(
     rights = rights_of(options.host, options.token, options.is_behind_proxy)
     listening = _listening(options.host, options.port)
     library = Library(options.folder, options.quota)
-    with suppress(sqlite3.Error):  # a damaged row keeps back no other log
-        library.adopt()
+    library.adopt()
     cluster = Cluster(options.scheduler, options.limits) if options.scheduler else None
     work = Work(library, options.processes, options.limits, cluster)
     viewers = Viewers()

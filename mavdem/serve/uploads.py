@@ -107,20 +107,25 @@ async def received(request: HttpRequest, library: Library) -> Form:
     return form
 
 
-async def _pieces(request: HttpRequest, library: Library) -> AsyncGenerator[bytes]:
-    """The body of a request, while it comes, is not too large, and has room."""
-    size = 0
-    checked = 0
+async def pieces(request: HttpRequest) -> AsyncGenerator[bytes]:
+    """Yields the body of a request while it comes; raises ``Refusal`` where it stops."""
     stream = request.stream()
     while True:
         try:
-            chunk = await asyncio.wait_for(anext(stream), PATIENCE_SECONDS)
+            yield await asyncio.wait_for(anext(stream), PATIENCE_SECONDS)
         except StopAsyncIteration:
             return
         except TimeoutError:
             raise Refusal(Request.UPLOAD_TOO_SLOW, time_limit=PATIENCE_SECONDS) from None
         except ClientDisconnect:
             raise Refusal(Request.UPLOAD_BROKEN) from None
+
+
+async def _pieces(request: HttpRequest, library: Library) -> AsyncGenerator[bytes]:
+    """The body of an upload, while it is not too large, and has room."""
+    size = 0
+    checked = 0
+    async for chunk in pieces(request):
         size += len(chunk)
         if size > MAX_BYTES:
             raise Refusal(Request.UPLOAD_TOO_LARGE, size_limit=MAX_BYTES)

@@ -128,13 +128,17 @@ def test_the_truth_of_another_flight_is_refused(flight, motion, path, tmp_path):
     assert unreadable(truth_of, [replace(flight, time=flight.time + 100.0)], path).code is fact.code
 
 
-@mark.parametrize("change", ["missing", "pickle", "shorter"])
+@mark.parametrize("change", ["missing", "pickle", "shorter", "single", "other"])
 def test_what_is_no_truth_file_is_refused_in_a_sentence(change, path, tmp_path):
     parts = dict(np.load(path))
     if change == "missing":
         del parts["pitch_effect"]
     elif change == "shorter":
         parts["time"] = parts["time"][1:]
+    elif change == "single":
+        parts["weak"] = parts["weak"][:1]
+    elif change == "other":
+        parts["pitch_effect_weak"] = parts["pitch_effect"][1:]
     else:
         parts["time"] = np.array([{}], object)
     np.savez(tmp_path / "odd.npz", **parts)

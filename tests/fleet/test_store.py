@@ -91,6 +91,9 @@ def test_a_damaged_row_is_said_to_be(fleet, row):
     with closing(sqlite3.connect(out / STORE, isolation_level=None)) as db:
         db.execute("update flights set row = ? where rowid = 1", [row])
     assert refusal(lambda: read_rows(out)) is Folder.FLEET_DAMAGED
+    with opened(out) as store:
+        query = "select row, file from flights"
+        assert len([*store.sound_rows(query)]) == len([*store.db.execute(query)]) - 1
     log.write_bytes(log.read_bytes() + b"~")
     assert refusal(lambda: track(out, folder, log)) is Folder.FLEET_DAMAGED
 

@@ -66,8 +66,8 @@ class Served(NamedTuple):
 @contextmanager
 def served(folder: str) -> Iterator[Served]:
     port = free_port()
-    words = f"-m mavdem serve {folder} --port {port} --no-browser --jobs 2".split()
-    process = subprocess.Popen([sys.executable, *words], stderr=subprocess.DEVNULL)
+    words = f"-m mavdem serve --port {port} --no-browser --jobs 2".split()
+    process = subprocess.Popen([sys.executable, *words, folder], stderr=subprocess.DEVNULL)
     server = Served(process, f"http://127.0.0.1:{port}")
     try:
         until(lambda: get(f"{server.address}/static/serve.js").ok)

@@ -34,8 +34,7 @@ from mavdem.report.flight_page import flight_page
 def ours(path: str) -> int:
     log = read_log(path)
     for vehicle in log.vehicles:
-        for columns in vehicle.messages.values():
-            columns["time"]
+        assert all(len(columns["time"]) for columns in vehicle.messages.values())  # decodes them
         attitude.attitude(vehicle, "roll")
         drive.motors_or_obstacle(vehicle)
         drive.demand(vehicle, "roll")
@@ -129,8 +128,8 @@ def over_udp(rate: float, folder: Path) -> Values:
     scenario = folder / "hover.toml"
     scenario.write_text(HOVER.format(rate=rate))
     mavdem = [sys.executable, "-m", "mavdem"]
-    files = f"--rrd {folder}/live.rrd --record {folder}/live.tlog"
-    words = [*mavdem, *f"live udpin:{LINK} --duration 50 --json {files}".split()]
+    words = [*mavdem, *f"live udpin:{LINK} --duration 50 --json".split()]
+    words += [f"--rrd={folder}/live.rrd", f"--record={folder}/live.tlog"]
     with (folder / "live.json").open("w+") as said:
         session = subprocess.Popen(words, stdout=said)
         time.sleep(10.0)  # until it listens
