@@ -45,7 +45,7 @@ PROGRESS = "progress.json"
 INDEXES = Path(__file__).with_suffix(".sql").read_text(encoding="utf-8")
 # left free, so that flights can still be deleted, which SQLite writes down
 RESERVED_BYTES = 64 << 20
-DIGEST = "[0-9a-f]" * 64  # what SHA-256 gives, as a pattern of file names
+DIGEST = "[0-9a-f]" * len(hashlib.sha256().hexdigest())  # as a pattern of file names
 MAX_NAME = 150  # bytes, of 255 that file systems allow
 
 

@@ -24,12 +24,12 @@ from mavdem.serve.app import Server
 from mavdem.serve.attached import Attached
 from mavdem.serve.library import Library
 from mavdem.serve.rights import LOOPBACK, rights_of
+from mavdem.serve.uploads import PATIENCE_SECONDS
 from mavdem.serve.viewers import Viewers
 from mavdem.serve.work import Work
 
 MOST_CONNECTIONS = 1000
 REQUEST_SECONDS = 10  # until a request of a connection is there
-REST_SECONDS = 60  # for the rest of a body that is refused already: who sends it should read why
 
 
 class Connection(H11Protocol):
@@ -46,8 +46,10 @@ class Connection(H11Protocol):
         """Gives the next request as much time; uvicorn would wait for ever for one that is incomplete."""
         last = self.cycle
         super().on_response_complete()
+        # Who still sends a body that is refused already should read why.
         is_read = self.conn.their_state is not h11.SEND_BODY
-        self.loop.call_later(REQUEST_SECONDS if is_read else REST_SECONDS, self._end_unasked, last)
+        patience = REQUEST_SECONDS if is_read else PATIENCE_SECONDS
+        self.loop.call_later(patience, self._end_unasked, last)
 
     def _end_unasked(self, last: RequestResponseCycle | None) -> None:
         """Closes it if no request has come since the ``last``."""
