@@ -1,17 +1,14 @@
 """Streams to read, built byte by byte; checksums come from pymavlink, not from the code under test."""
 
 import struct
-from contextlib import contextmanager
 from functools import cache
 from tempfile import NamedTemporaryFile
 
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 from pymavlink.generator.mavcrc import x25crc
-from pytest import raises
 from recorded_flights import LOGS, SHARED
 
-from mavdem.errors import Unreadable
 from mavdem.ingest import read_log
 from mavdem.ingest.mavlink.definitions import seeds
 from mavdem.ingest.mavlink.framing import concatenated, find_frames
@@ -34,14 +31,6 @@ def real_logs():
     return sorted(
         log for log in logs if not any(part in log.stem for part in alike.get(log.parent.name, ()))
     )
-
-
-@contextmanager
-def refused(code):
-    """Holds that what is done within raises ``Unreadable`` with a fact of this ``code``."""
-    with raises(Unreadable) as failure:
-        yield
-    assert failure.value.fact.code is code
 
 
 def beginning(log, folder, most=700_000):

@@ -9,8 +9,9 @@ import numpy as np
 import ulog_files
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mavlink_streams import flight, frame, heartbeat, message, refused, tlog
+from mavlink_streams import flight, frame, heartbeat, message, tlog
 from pytest import mark, raises
+from refusals import refused
 
 from mavdem.alignment.attitude import attitude
 from mavdem.errors import Unreadable
@@ -194,12 +195,11 @@ def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, 
             assert set(np.round(stamps, 3).tolist()) <= allowed
 
 
-def unreadable(path):
-    with raises(Unreadable) as failure:
-        read_log(path)
-    assert failure.value.fact.figures["path"] == str(path)
-    assert "\n" not in str(failure.value)
-    return failure.value.fact
+def unreadable(path, read=read_log):
+    fact = refused(read, path, kind=Unreadable)
+    assert fact.figures["path"] == str(path)
+    assert "\n" not in fact.advised
+    return fact
 
 
 LOADS = ulog_files.log(ulog_files.data("cpuload", 3.0, 1.0))
@@ -274,14 +274,13 @@ def test_a_pointer_of_git_lfs_says_how_to_fetch_the_log(tmp_path, name):
     pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:f878642b\nsize 61497068\n"
     for read in (read_log, read_stream):
         (tmp_path / name).write_bytes(pointer)
-        with refused(Source.GIT_LFS_POINTER):
-            read(tmp_path / name)
+        assert unreadable(tmp_path / name, read).code is Source.GIT_LFS_POINTER
 
 
 def test_a_frame_that_chance_makes_in_another_file_is_no_log(tmp_path):
     other = random.Random(0).randbytes(1 << 20)
-    with refused(Source.FORMAT_UNKNOWN):
-        log_of(other + heartbeat() + other, tmp_path)
+    (tmp_path / "other").write_bytes(other + heartbeat() + other)
+    assert unreadable(tmp_path / "other").code is Source.FORMAT_UNKNOWN
     assert log_of(heartbeat(), tmp_path).frames == 1
 
 

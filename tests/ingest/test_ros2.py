@@ -5,9 +5,10 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from mavlink_streams import flight, heartbeat, refused
+from mavlink_streams import flight, heartbeat
 from mcap_files import Recorder
 from pytest import approx, fail, fixture, mark, raises
+from refusals import unreadable
 from ros2_files import (
     DEFINITIONS,
     TIMES,
@@ -311,8 +312,7 @@ def test_other_encapsulations_and_languages_of_definition_are_not_read(
     with Recorder(path) as recorder:
         channel = channel_of(recorder._writer, DEFINITIONS[ATTITUDE], language)
         recorder._writer.add_message(channel, 1, beginning + bytes(80) if beginning else b"", 1)
-    with refused(Source.ROS2_DAMAGED):
-        read_log(path)
+    assert unreadable(read_log, path).code is Source.ROS2_DAMAGED
 
 
 def test_the_battery_of_either_bridge(tmp_path):
@@ -370,10 +370,8 @@ def test_what_holds_no_flight_of_a_vehicle_is_refused(tmp_path):
             lambda one: one.imu(20.0, (0.1, 0, 0), (0, 0, 0), node="/camera"),
         ),
     ):
-        with refused(code):
-            read_log(written(tmp_path, write))
-    with refused(Source.MCAP_OF_ROS2):
-        mcap_stream(written(tmp_path, px4_flight))
+        assert unreadable(read_log, written(tmp_path, write)).code is code
+    assert unreadable(mcap_stream, written(tmp_path, px4_flight)).code is Source.MCAP_OF_ROS2
 
 
 @mark.slow
