@@ -14,6 +14,7 @@ from pathlib import Path
 import rerun as rr
 from pytest import MonkeyPatch, fixture, mark
 from rerun.chunk import RrdReader
+from rerun_file import first_texts
 
 from mavdem.cli.commands import main
 from mavdem.view.live_content import Channels, live_blueprint
@@ -38,19 +39,10 @@ def recording_words(path):
     names = [
         name
         for one in reader.blueprints()
-        for name in texts(reader.stream(store=one), "View", "display_name")
+        for name in first_texts(reader.stream(store=one), "ViewBlueprint:display_name")
     ]
-    return " · ".join([*sorted(names), *sorted(texts(reader.stream(), "TextDocument", "text"))])
-
-
-def texts(chunks, archetype, field):
-    batches = [chunk.to_record_batch() for chunk in chunks]
-    columns = {"View": "ViewBlueprint"}.get(archetype, archetype) + f":{field}"
-    return [
-        str(batch.column(columns).to_pylist()[0][0])
-        for batch in batches
-        if columns in batch.schema.names
-    ]
+    said = first_texts(reader.stream(), "TextDocument:text")
+    return " · ".join([*sorted(names), *sorted(said)])
 
 
 def code(name):

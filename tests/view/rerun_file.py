@@ -30,11 +30,16 @@ def drawn(path, ignored=""):
 def views(path):
     """The origins, without the slash, of the views of the one blueprint."""
     reader = _reader(path)
-    column = "ViewBlueprint:space_origin"
     (blueprint,) = reader.blueprints()
-    batches = [chunk.to_record_batch() for chunk in reader.stream(store=blueprint)]
+    origins = first_texts(reader.stream(store=blueprint), "ViewBlueprint:space_origin")
+    return [_plain(origin) for origin in origins]
+
+
+def first_texts(stream, column):
+    """The first text of a column in each chunk of a stream that has it."""
+    batches = [chunk.to_record_batch() for chunk in stream]
     return [
-        _plain(batch.column(column).to_pylist()[0][0])
+        str(batch.column(column).to_pylist()[0][0])
         for batch in batches
         if column in batch.schema.names
     ]
