@@ -6,12 +6,11 @@
 import ast
 import json
 import re
-from collections import Counter
+from collections import Counter, namedtuple
 from functools import cache
 from inspect import getdoc, getsource
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import click
 from pydantic import TypeAdapter
@@ -28,12 +27,8 @@ BREAK = "\\\n"  # ends a line within a paragraph
 WORDING = {"description", "title", "default"}  # of a schema: what may change without a new version
 
 
-class Published(NamedTuple):
-    """A document or table: its JSON schema, the version of that, and what it is."""
-
-    schema: dict[str, Any]
-    version: int
-    title: str
+Published = namedtuple("Published", "schema version title")
+"""A document or table: its JSON schema, the version of that, and what it is."""
 
 
 @cache
@@ -180,7 +175,7 @@ described once."""
 
 def _keys(record, place, described):
     """The keys of a ``record`` at a ``place``, but for those that are ``described`` elsewhere, which are named."""
-    facts, here, elsewhere = [], dict[str, list[str]](), dict[str, list[str]]()
+    facts, here, elsewhere = [], {}, {}
     for name, key in record["properties"].items():
         if name in heading("", 0, {}) and "$defs" in record:
             continue

@@ -7,7 +7,6 @@ import ctypes
 import signal
 import time
 from pathlib import Path
-from typing import IO
 
 from refusals import prose
 
@@ -18,7 +17,7 @@ from mavdem.fleet.workers import Limits, Outcome, outcome_of
 
 READ = "standin_logs:rows_of_log"
 LIMITS = Limits(seconds=2, megabytes=600)
-_held = list[IO[str]]()
+_held = []
 
 
 def rows_of_log(path, key, page):

@@ -63,7 +63,7 @@ def prose_of(node):
 
 @mark.slow
 def test_below_report_there_is_no_prose():
-    left = Counter[str]()
+    left = Counter()
     found = []
     for path in sorted((ROOT / "mavdem").rglob("*.py")):
         inside = path.relative_to(ROOT / "mavdem").parts

@@ -1,7 +1,7 @@
 """The made-up hover as frames of a link, and what is made of them: live, piece by piece, and offline."""
 
 import random
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from mavdem.alignment import signals
 from mavdem.alignment.align import FILTER_EDGE_STEPS, LOW_PASS_RATIO, STAMP_SECONDS, Segment, align
 from mavdem.alignment.signals import Signals
-from mavdem.live import AlignedRow, Event, LiveStream, Setup
+from mavdem.live import LiveStream
 
 NOW = 1_700_000_000.0
 
@@ -21,15 +21,13 @@ NOW = 1_700_000_000.0
 class Flight:
     """How a hover is sent; ``clock`` is what the boot clock reads beyond the hover's own time, s."""
 
-    hover: Hover = field(default_factory=lambda: Hover(hovering=8.0))
+    hover: Hover = Hover(hovering=8.0)
     attitude: float = 100.0
     motors: float = 100.0
     clock: float = 0.0
     system: int = 1
     version: int = 2
-    autopilot: str = "ARDUPILOTMEGA"
     quaternion: bool = False
-    number: int = 0  # of its first message
 
     def frames(self, start=3.0, end=39.0):
         """What is sent from ``start`` to ``end`` of the hover's time, in its order."""
@@ -61,7 +59,7 @@ class Flight:
             yield time + 0.0002, "SERVO_OUTPUT_RAW", {"time_usec": stamp} | fields
 
     def _heartbeats(self, start, end):
-        identity = {"type": MAV_TYPES["QUADROTOR"], "autopilot": MAV_AUTOPILOTS[self.autopilot]}
+        identity = {"type": MAV_TYPES["QUADROTOR"], "autopilot": MAV_AUTOPILOTS["ARDUPILOTMEGA"]}
         for time in ticks(start, end, 1.0):
             armed = ARMED * (5.0 <= time < self.hover.landed + 1.0)
             yield time + 0.0003, "HEARTBEAT", identity | {"base_mode": armed}
@@ -88,7 +86,7 @@ def _sent(flight, start, end):
             message(
                 kind,
                 flight.system,
-                sequence=(number + flight.number) % 256,
+                sequence=number % 256,
                 version=flight.version,
                 **values,
             ),
@@ -101,18 +99,19 @@ def ticks(start, end, rate):
     return (np.arange(round(start * rate), round(end * rate)) / rate).tolist()
 
 
-@dataclass
 class Replay:
-    """What came of a stream."""
+    """What came of a stream: rows and when each of them came, s, events, set-ups by segment, and what was taken back.
 
-    stream: LiveStream
-    rows: list[AlignedRow] = field(default_factory=list)
-    came: list[float] = field(default_factory=list)
-    """When each of them came, s."""
-    events: list[Event] = field(default_factory=list)
-    setups: dict[int, Setup] = field(default_factory=dict)
-    taken_back: list[tuple[int, float]] = field(default_factory=list)
-    """Segment, and the time since which its settled rows were of a landing."""
+    That is by segment the time since which its settled rows were of a landing.
+    """
+
+    def __init__(self, stream):
+        self.stream = stream
+        self.rows = []
+        self.came = []
+        self.events = []
+        self.setups = {}
+        self.taken_back = []
 
     @property
     def facts(self):

@@ -201,7 +201,7 @@ def test_parameters_of_the_motors_are_asked_for_one_by_one_until_they_come():
     request = RateRequest(VEHICLE, 100.0, (30,), (), names)
     request._intervals.clear()
     known = {}
-    tries = Counter[bytes]()
+    tries = Counter()
     for number in range(150):
         frames = request.due(0.2 * number, None, known)
         assert len(frames) <= 1

@@ -3,8 +3,8 @@
 import http.client
 import json
 import threading
+from collections import namedtuple
 from contextlib import closing, contextmanager
-from typing import NamedTuple
 
 import uvicorn
 
@@ -79,12 +79,8 @@ class AtOnce:
             self.library.finish(entry, outcome_of(job, read_made_up), LIMITS)
 
 
-class Answer(NamedTuple):
+class Answer(namedtuple("Answer", "status headers text")):
     """What the server answers."""
-
-    status: int
-    headers: http.client.HTTPMessage
-    text: str
 
     @property
     def json(self):
@@ -96,14 +92,12 @@ class Answer(NamedTuple):
         return self.json["error"]["fact"]["code"]
 
 
-class Served:
-    """A server that listens: its ``library``, ``work`` and ``port``, and what asks it."""
+class Served(namedtuple("Served", "library work port")):
+    """A server that listens, and what asks it."""
 
-    def __init__(self, library, work, port):
-        self.library = library
-        self.work = work
-        self.port = port
-        self.address = f"http://127.0.0.1:{port}"
+    @property
+    def address(self):
+        return f"http://127.0.0.1:{self.port}"
 
     def ask(self, method, path, body=None, token="", **headers):
         given = {name.replace("_", "-"): value for name, value in headers.items()}
