@@ -1,22 +1,17 @@
-"""The order by free energy: what is chosen of given heights, and how often it is that of the system."""
+"""The order by free energy: what is chosen of given heights, and of which data there are any."""
 
 import json
 from unittest.mock import Mock
 
 import numpy as np
-from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx, mark, raises
-from scipy.ndimage import gaussian_filter1d
-from scipy.signal import lsim
-from scipy.stats import binom
 from simulated import simulated
 
 from mavdem import Flight
 from mavdem.dem import order_choice
 from mavdem.dem.order_choice import STANDARD_ERRORS, FlightOrders, OrderChoice, orders_of
 from mavdem.facts.model import OrderFact
-from mavdem.paper.order import lateral_flight
 
 
 def choice(*flights):
@@ -62,23 +57,9 @@ def test_a_choice_says_why():
     assert (values["mean"], values["chosen"]) == ([0.0, 105.0], 2)
 
 
-def random_flight(order):
-    """Of a stable system whose states all show in two outputs: two smooth inputs, and a little noise."""
-    rng = default_rng([order, 73])  # of 400 seeds the one of which each order is such
-    A = rng.standard_normal((order, order)) - 2 * np.eye(order)
-    B, C = rng.standard_normal((2, order, 2))
-    time = 0.05 * np.arange(1000)
-    known, unknown, noise = (
-        gaussian_filter1d(rng.standard_normal((1000, size)), 4, axis=0) for size in (2, order, 2)
-    )
-    system = A, np.hstack([B, 0.02 * np.eye(order)]), C.T, np.zeros((2, 2 + order))
-    outputs = lsim(system, np.hstack([known, unknown]), time)[1]
-    return Flight(time, known, outputs + 1e-3 * outputs.std(axis=0) * noise)
-
-
 @mark.slow
 def test_neither_units_nor_inputs_of_nobody_change_the_free_energy():
-    flight = random_flight(2)[:300]
+    flight = simulated(samples=300, wind=1.0)
     other = Flight(
         10 * flight.time, 0 * flight.inputs + 3.0, [0.3, -2.0] + flight.outputs * [57.0, 0.01]
     )
@@ -107,20 +88,3 @@ def test_orders_that_the_data_do_not_allow_or_that_break_down_are_said(monkeypat
     assert (remark.code, remark.figures["order"]) == (OrderFact.ORDER_BROKE_DOWN, 2)
     with raises(ValueError, match="^40 samples are too few"):
         orders_of(simulated(samples=40, wind=1.0))
-
-
-@mark.slow
-def test_the_order_is_found():
-    """Of random systems and of the paper's, whose states are all measured, in nine of ten runs at least.
-
-    By what so few runs can tell (a false alarm in a thousand).
-    """
-    runs = [(order, random_flight(order)) for order in (1, 2, 3, 4)]
-    hover = lateral_flight(1)[:400]
-    runs += [
-        (order, Flight(hover.time, hover.inputs, hover.outputs[:, 4 - order :])) for order in (2, 4)
-    ]
-    right = sum(
-        OrderChoice((orders_of(flight, order + 1),)).chosen == order for order, flight in runs
-    )
-    assert right >= binom.ppf(1e-3, len(runs), 0.9)
