@@ -1,4 +1,4 @@
-"""Assessments of made-up vehicles: what is found, what is named, and how often healthy flights alarm."""
+"""Assessments of made-up vehicles: what is found, what is named, and what is missing."""
 
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -108,13 +108,6 @@ def test_a_flight_that_could_not_show_a_weak_motor_is_not_ok():
     assert (found.health, found.fault_probability) == ("unknown", None)
     assert found.fact.code is HealthUnknown.HEALTH_UNSURE
     assert found.fact.figures["loss"] == approx(1 - 1.2**-2)
-
-
-@mark.slow
-def test_healthy_flights_in_other_winds_are_ok():
-    found = [judged(seed, None) for seed in range(100)]
-    assert sum(one.health == "fault" for one in found) <= 1
-    assert sum(one.health != "ok" for one in found) <= 8
 
 
 @mark.parametrize(
