@@ -8,30 +8,10 @@ from pytest import approx, fixture, mark, raises
 
 from sitl_scenarios import scenario as sections
 from sitl_scenarios.dynamics import euler
-from sitl_scenarios.files import load, names
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation, fly
 
-FAULTY = {"oscillating_frame", "oscillating_gains"}
-ALIKE = {
-    "paper_2",
-    "paper_3",
-    "paper_4",
-    "system_2",
-    "system_3",
-    "iris_identification",
-    "default_rates",
-    "lossy_link",
-    "ardupilot_faults",
-    "iris_identification_wind",
-    "iris_weak_motor",
-    "iris_chipped_propeller",
-    "iris_shifted_load",
-}
-"""Between paper_1 and paper_5 in wind, of system_1's vehicle, wind and excitation, or without wind what flies in it;
-beside others but for the link; or until something breaks, which test_damage.py flies.
-"""
 WINDY = (
     sections.SteadyWind(kind="steady", speed=4.0),
     sections.GaussianWind(kind="gaussian", sd=0.7, s=0.2),
@@ -96,29 +76,6 @@ def test_disarming_is_refused_in_the_air_unless_forced():
     falling = simulation.advance(10**6)
     assert not falling.armed.any() and falling.velocity[:, 2].max() > 5
     assert falling.position[-1, 2] == 0 and falling.landed_state[-1] == 1 and simulation.finished
-
-
-@mark.slow
-@mark.parametrize(
-    "name", sorted(name for name in {*names()} - FAULTY - ALIKE if name[:5] != "wind_")
-)
-def test_every_scenario_is_flown_to_its_end(name):
-    whole = load(name)
-    # Their gust, at 40 s, is part of it; all others are as they go on soon after the climb.
-    scenario = whole.model_copy(
-        update={"duration": 45.0 if name == "iris_gusts" else 15.0 + whole.height, "flights": 1}
-    )
-    motion = fly(scenario)
-    hovering = (motion.landed_state == 2) & (motion.time > 10)
-    assert abs(roll(motion)).max() < 50
-    assert abs(motion.position[hovering, 2] + scenario.height).max() < 1.5
-    assert abs(motion.position[:, :2]).max() < 4
-    assert motion.landed_state[-1] == 1
-    assert not motion.armed[-1]
-    assert abs(motion.position[-1, 2]) < 1e-9
-    if name != "calm":
-        assert 0.7 < roll(motion)[hovering].std() < 9
-        assert 2.5 < np.degrees(motion.rates[hovering, 0].std()) < 30
 
 
 @mark.slow
