@@ -54,7 +54,6 @@ FLIGHTS = {
         "tune",
         "twin",
         "wind",
-        "> twin",
         "> wind --verbose",
     ],
     "sitl_raw/ap_sid.BIN.xz": ["review", "tune"],
