@@ -82,6 +82,10 @@ def test_gains_have_their_names_and_units_before_arducopter_34():
     of_motors = controller_of(old, "roll", X_ROLL)
     assert of_motors.p == approx(of_demand.p / 2**0.5, rel=0.003)
     assert of_motors.spin == (0.13, 0.95)
+    # Motors are at a limit beyond their spin, a demand at the ends of its range.
+    shares = np.array([[0.1], [0.5], [0.96]])
+    assert of_motors.limited(np.tile(shares, 4)).tolist() == [True, False, True]
+    assert not of_demand.limited(shares).any() and of_demand.limited(np.eye(2)[:, :1]).all()
     assert controller_of({**old, "FRAME": 0.0}, "roll", X_ROLL).p == of_demand.p
     assert of_motors.changed({"RATE_RLL_P": 0.26}).p == approx(2 * of_motors.p)
 
