@@ -1,6 +1,7 @@
 """PX4's logs: values as pyulog reads them, in MAVLink's words; and what is whole of a file that is not."""
 
 import lzma
+import os
 import random
 import struct
 from unittest.mock import Mock
@@ -35,6 +36,7 @@ from mavdem.ingest import contents as files
 from mavdem.ingest import read_log
 from mavdem.ingest.flight_modes import mode_name
 from mavdem.ingest.telemetry import rate_without_gaps
+from mavdem.ingest.ulog import HEADER_BYTES, _Content
 from mavdem.ingest.vocabulary import Injection
 
 
@@ -367,3 +369,13 @@ def test_an_archive_that_cannot_be_unpacked_is_refused(tmp_path, monkeypatch, sp
 
 def test_a_mode_of_px4_is_a_main_and_a_sub_mode():
     assert mode_name("PX4", "QUADROTOR", 4 << 16 | 5 << 24) == "Return"
+
+
+@mark.parametrize("size, place", [(50, 1), (5, 0)])
+def test_after_a_message_that_is_cut_none_is_read_again(size, place):
+    """Pyulog goes back to where a damaged message began, and would do so for ever at the end of the file."""
+    content = _Content(b"\1" * 20)
+    for length in (HEADER_BYTES, size):
+        content.read(length)
+    content.seek(-content.tell(), os.SEEK_CUR)
+    assert content.tell() == place
