@@ -29,6 +29,12 @@ from mavdem.report.palette import DISTURBANCE, INK_ON_LIGHT, PREDICTED
 from mavdem.report.screen import screen, title
 from mavdem.report.timeline import Timeline
 
+_MARKS = "\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
+_UNSEEN = dict.fromkeys(
+    [*range(9), *range(11, 32), *range(127, 160), *map(ord, _MARKS)], "\N{REPLACEMENT CHARACTER}"
+)
+"""Control characters and marks that turn text around: a file's name may hold them."""
+
 
 class Chapter(NamedTuple):
     """A part of the page after its result; of a ``folded`` one only the title is shown until it is opened."""
@@ -92,6 +98,7 @@ def environment() -> Environment:
     made = Environment(
         loader=PackageLoader("mavdem.report", ""),
         autoescape=True,
+        finalize=_seen,
         trim_blocks=True,
         lstrip_blocks=True,
     )
@@ -105,6 +112,10 @@ def environment() -> Environment:
     made.tests["chart"] = lambda panel: isinstance(panel, Chart)
     made.filters["prose"] = _prose
     return made
+
+
+def _seen(value: object) -> object:
+    return value.translate(_UNSEEN) if isinstance(value, str) else value
 
 
 def _prose(text: str) -> Markup:

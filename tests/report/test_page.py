@@ -32,7 +32,8 @@ from mavdem.report.palette import PREDICTED
 from mavdem.report.screen import analysis_blocks
 from mavdem.report.timeline import live_timeline, timeline_of
 
-NAME = f"{HOSTILE}.tlog"
+UNSEEN = "\N{RIGHT-TO-LEFT OVERRIDE}\a"
+NAME = f"{HOSTILE}{UNSEEN}.tlog"
 VOID = {"meta", "path", "line", "circle", "rect", "br"}
 NOTHING = dict.fromkeys(Spent, 0.0)
 
@@ -99,7 +100,8 @@ def test_tags_close_in_order_ids_are_unique_and_nothing_is_fetched_or_owned(page
     assert {"figure", "table", "details"} <= set(seen.seen)
     assert not {"link", "img", "iframe"} & set(seen.seen)
     assert "@import" not in pages[0] and "default-src 'none'" in pages[0]
-    # What comes from a log is text.
+    # What comes from a log is text, and nothing in it turns text around.
+    assert not set(UNSEEN) & set(pages[1])
     assert not {"b"} & set(Balanced(pages[1]).seen)
     assert Balanced(pages[1]).seen.count("script") == seen.seen.count("script")
 
@@ -110,7 +112,7 @@ def test_a_browser_shows_it_without_a_complaint_and_without_scrolling_sideways(
     which, width, pages, tmp_path
 ):
     title, fits = shown(pages[which], FITS, tmp_path, width)
-    assert fits and title == ("flight.tlog", NAME + "x" * 200)[which]
+    assert fits and title == ("flight.tlog", f"{HOSTILE}\ufffd\ufffd.tlog{'x' * 200}")[which]
 
 
 @mark.slow
