@@ -15,7 +15,6 @@ from mavdem.errors import Unreadable
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.workers import Limits, Outcome, outcome_of
 
-READ = "standin_logs:rows_of_log"
 LIMITS = Limits(seconds=2, megabytes=600)
 _held = []
 

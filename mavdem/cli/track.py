@@ -25,6 +25,7 @@ from mavdem.extras import lacking
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.difference import since_baseline
 from mavdem.fleet.row import summary
+from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.fleet.store import read_rows
 from mavdem.fleet.tracking import track
 from mavdem.fleet.workers import Limits, WorkerPool
@@ -33,11 +34,10 @@ from mavdem.report.blocks import Sentence
 from mavdem.report.difference import baseline_blocks
 from mavdem.report.fleet import fleet_blocks
 from mavdem.report.fleet_page import fleet_page
+from mavdem.report.flight_page import flight_page
 from mavdem.report.numbers import counted
 
 MOST = 1_000_000  # seconds and megabytes that may be asked for: days, and a terabyte
-# the function that makes a flight's page, as workers call it
-PAGE = "mavdem.report.flight_page:flight_page"
 
 
 @click.command("track")
@@ -120,9 +120,9 @@ def track_command(
         what = "it is of this machine; with --scheduler the cluster has its own."
         raise click.BadParameter(what, param_hint="--jobs")
     reader = (
-        Cluster(scheduler, limits)
+        Cluster(scheduler, limits, rows_of_log)
         if scheduler is not None
-        else WorkerPool(jobs or spare_cores(), limits)
+        else WorkerPool(jobs or spare_cores(), limits, rows_of_log)
     )
     try:
         with progress("Reading logs") as bar:
@@ -130,7 +130,7 @@ def track_command(
             def show(done: int, of: int) -> None:
                 bar(done / max(of, 1))
 
-            tracked = track(out, logs, reader, baseline, PAGE, progress=show)
+            tracked = track(out, logs, reader, baseline, flight_page, progress=show)
     except KeyboardInterrupt:
         say_aside("What was read is kept: the same command goes on.")
         raise

@@ -19,11 +19,11 @@ from mavdem.facts.fleet import Reading
 from mavdem.fleet.row import SCHEMA_VERSION
 from mavdem.fleet.workers import (
     ATTEMPTS,
-    READ_LOG,
     Job,
     Limits,
     LogReader,
     Outcome,
+    ReadLog,
     failed,
     side_by_side,
 )
@@ -37,7 +37,7 @@ _idle = list[LogReader]()
 class Cluster:
     """Reads logs on the Dask cluster at ``address``, as ``WorkerPool`` does; others take what a dead worker had."""
 
-    def __init__(self, address: str, limits: Limits, read: str = READ_LOG) -> None:
+    def __init__(self, address: str, limits: Limits, read: ReadLog) -> None:
         require("dask")
         if not re.fullmatch(r"\w+://\S+:\d{1,5}", address):
             raise Unreadable(Reading.NO_ADDRESS, address=address)
@@ -54,7 +54,7 @@ class Cluster:
         # One is on its way while another is read.
         yield from side_by_side([read] * 2 * threads, jobs, self.stop)
 
-    def read(self, job: Job, limits: Limits, read: str) -> Outcome:
+    def read(self, job: Job, limits: Limits, read: ReadLog) -> Outcome:
         """Returns what becomes of a log that the function ``read`` reads.
 
         Raises ``Unreadable``: there is no such cluster, it has no worker, or one of its workers has another version of
@@ -121,7 +121,7 @@ class Cluster:
                 raise self._refusal(code, name=name, there=there, here=here)
 
 
-def read_on_worker(job: Job, limits: Limits, read: str) -> Outcome:
+def read_on_worker(job: Job, limits: Limits, read: ReadLog) -> Outcome:
     """In a worker of the cluster: reads a log in a process that outlives it."""
     # Dask's workers are daemons, which may have no children; these end with their worker.
     current_process().daemon = False

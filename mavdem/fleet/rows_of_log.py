@@ -2,7 +2,6 @@
 
 import errno
 import os
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Reading
 from mavdem.fleet.row import FlightRow, FlightRows
-from mavdem.fleet.workers import PAGES, LogRows, fault
+from mavdem.fleet.workers import PAGES, LogRows, MakePage, fault
 from mavdem.heading import Values
 from mavdem.health.balance import balance_of_signals
 from mavdem.ingest import read_log
@@ -27,7 +26,6 @@ from mavdem.ingest import read_log
 # of what `mavdem learn` writes, those with figures
 REPORT = "report.json"
 MODEL = "model.json"
-MakePage = Callable[[str, Assessment], str]
 
 
 def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogRows:

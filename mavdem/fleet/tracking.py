@@ -22,7 +22,7 @@ from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.row import OK, SHARED, UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.sources import Source, find_logs
 from mavdem.fleet.store import AssessRows, Store, is_fleet, opened, read_rows
-from mavdem.fleet.workers import Job, WorkerPool
+from mavdem.fleet.workers import Job, MakePage, WorkerPool
 from mavdem.heading import Numbers, Values
 from mavdem.health.assessment import assess
 from mavdem.health.balance import BalanceFigures, HealthFigures, healthy_flights, motor_signatures
@@ -148,7 +148,7 @@ def track(
     names: Sequence[str],
     reader: WorkerPool | Cluster,
     baseline: Sequence[str] = (),
-    page: str = "",
+    page: MakePage | None = None,
     assess: AssessRows = assess_rows,
     progress: Progress = lambda *_: None,
 ) -> TrackedLogs:
@@ -189,7 +189,7 @@ def _read(
     store: Store,
     logs: Sequence[Source],
     reader: WorkerPool | Cluster,
-    page: str,
+    page: MakePage | None,
     progress: Progress,
 ) -> tuple[int, list[Fact]]:
     """Reads what is new; returns how many logs that were, and a fact for each known one that cannot be read."""

@@ -15,20 +15,20 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import metadata
 from itertools import islice
-from math import ceil
+from math import ceil, inf
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from pkgutil import resolve_name
 from threading import Event
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 from urllib.parse import urlsplit
 
+from mavdem.assessment import Assessment
 from mavdem.dem.parallel import ENDS, Pool, blocked, pool, stay_in_this_process
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
@@ -38,7 +38,6 @@ from mavdem.fleet.sources import fetch, is_url
 from mavdem.heading import Names, Values
 
 PAGES = "pages"  # the folder of pages of flights, in the fleet's
-READ_LOG = "mavdem.fleet.rows_of_log:rows_of_log"  # the function that makes rows of a log
 ATTEMPTS = 2  # at a log whose reading killed the process: something else may have killed it once
 # Times the limit of processor time that a log may take by the clock: on a busy machine it waits
 WAITING = 10
@@ -49,6 +48,9 @@ Ended = Literal["read", "known", "source", "error", "time", "memory", "died"]
 long or too much memory; or the process that read it died."""
 LogRows = tuple[list[FlightRow], dict[str, str]]
 """What a log says: its rows, and the HTML of pages by the name of the file."""
+MakePage = Callable[[str, Assessment], str]
+ReadLog = Callable[[Path, str, MakePage | None], LogRows]
+"""Makes rows of a log of path and key, and pages by what makes one; a function of a module."""
 
 
 class Limits(NamedTuple):
@@ -64,8 +66,7 @@ class Job(NamedTuple):
     path: str  # absolute path, or URL
     # keys of logs of the same size that were read before: if it has one of them it is not read again
     known: Names = ()
-    # the function that makes a flight's page, as ``package.module:function``; empty for none
-    page: str = ""
+    page: MakePage | None = None  # a function of a module
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ class LogReader:
         self._process: BaseProcess | None = None
         self._executor: Pool
 
-    def read(self, job: Job, limits: Limits, read: str = READ_LOG) -> Outcome | None:
+    def read(self, job: Job, limits: Limits, read: ReadLog) -> Outcome | None:
         """Returns what became of a log that the function ``read`` reads; None where that was given up.
 
         Raises ``Unreadable``: no process can be started.
@@ -116,11 +117,9 @@ class LogReader:
             deadline = time.monotonic() + WAITING * limits.seconds
             try:
                 future = self._executor.submit(perform, job, limits, read)
-                while time.monotonic() < deadline:
-                    if wait([future], LOOK_SECONDS).done:
-                        return future.result()
-                    if self._is_ending():
-                        return None
+                outcome = self._result(future, deadline)
+                if outcome is not None or self._is_ending():
+                    return outcome
                 code = -signal.SIGXCPU
             except BrokenExecutor:
                 process.join()
@@ -142,13 +141,19 @@ class LogReader:
         os.environ.setdefault("MPLBACKEND", "agg")
         try:
             self._executor = self._exits.enter_context(pool(1))
-            (process,) = self._executor.processes
-            self._executor.submit(os.getpid).result()
+            (self._process,) = self._executor.processes
+            self._result(self._executor.submit(os.getpid))
         except (OSError, BrokenExecutor) as error:
-            self._exits.close()
+            self.stop()
             raise Unreadable(Reading.READERS_NOT_STARTED, because=error) from None
-        self._process = process
-        return process
+        return self._process
+
+    def _result(self, future: Future[Any], deadline: float = inf) -> Any:
+        """What a job gives until the ``deadline``; None after it, or where the reading is given up."""
+        while time.monotonic() < deadline and not self._is_ending():
+            if wait([future], LOOK_SECONDS).done:
+                return future.result()
+        return None
 
     def stop(self) -> None:
         """Ends the process, whatever it does, and removes what it leaves."""
@@ -165,7 +170,7 @@ class LogReader:
 class WorkerPool:
     """Reads logs with so many ``processes`` at a time, each log within ``limits``, by the function ``read``."""
 
-    def __init__(self, processes: int, limits: Limits, read: str = READ_LOG) -> None:
+    def __init__(self, processes: int, limits: Limits, read: ReadLog) -> None:
         self.limits = limits
         self._processes = processes
         self._read = read
@@ -210,7 +215,7 @@ def side_by_side(
             executor.shutdown()
 
 
-def perform(job: Job, limits: Limits, read: str) -> Outcome:
+def perform(job: Job, limits: Limits, read: ReadLog) -> Outcome:
     """Reads one log within ``limits``; ends the process where memory is wanting, which is in pieces."""
     began = time.perf_counter()
     if not os.environ.get("MAVDEM_TRACEBACK"):
@@ -225,7 +230,7 @@ def perform(job: Job, limits: Limits, read: str) -> Outcome:
     with suppress(ValueError, OSError):
         _limit(resource.RLIMIT_DATA, limits.megabytes << 20)
     try:
-        outcome = outcome_of(job, resolve_name(read))
+        outcome = outcome_of(job, read)
     except MemoryError:
         os._exit(errno.ENOMEM)  # what is left of its memory is in pieces
     kilobytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (
@@ -239,9 +244,7 @@ def _limit(what: int, soft: int) -> None:
     resource.setrlimit(what, (soft if hard == resource.RLIM_INFINITY else min(soft, hard), hard))
 
 
-def outcome_of(
-    job: Job, read: Callable[[Path, str, Callable[..., str] | None], LogRows]
-) -> Outcome:
+def outcome_of(job: Job, read: ReadLog) -> Outcome:
     """Returns what becomes of a job here, by ``read`` of path, key and page maker or None; raises ``MemoryError``."""
     key = ""
     try:
@@ -250,7 +253,7 @@ def outcome_of(
                 key = f"{hashlib.file_digest(file, 'sha256').hexdigest()[:32]}-{file.tell()}"
             if key in job.known:
                 return Outcome(job.path, "known", key=key)
-            rows, pages = read(path, key, resolve_name(job.page) if job.page else None)
+            rows, pages = read(path, key, job.page)
             own = tuple(replace(row, **_of_job(job, key)) for row in rows)
             return Outcome(job.path, "read", own, key, pages)
     except Unreadable as error:

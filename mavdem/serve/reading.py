@@ -35,9 +35,6 @@ from mavdem.report.flight_page import review_page
 from mavdem.results import PAGE, result_files, write_result_files
 from mavdem.serve.library import PROGRESS, RESULTS, columns_of
 
-READ = "mavdem.serve.reading:read_for_library"
-PUBLISH = "mavdem.serve.reading:publish"
-
 
 def read_for_library(path: Path, key: str, page: object) -> LogRows:
     """Returns the rows of a log, whose results are then in their folder; raises ``Unreadable``."""

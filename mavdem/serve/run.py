@@ -23,6 +23,7 @@ from mavdem.fleet.workers import Limits
 from mavdem.serve.app import Server
 from mavdem.serve.attached import Attached
 from mavdem.serve.library import Library
+from mavdem.serve.reading import read_for_library
 from mavdem.serve.rights import LOOPBACK, rights_of
 from mavdem.serve.uploads import PATIENCE_SECONDS
 from mavdem.serve.viewers import Viewers
@@ -95,7 +96,9 @@ def serve(
     listening = _listening(options.host, options.port)
     library = Library(options.folder, options.quota)
     library.adopt()
-    cluster = Cluster(options.scheduler, options.limits) if options.scheduler else None
+    cluster = (
+        Cluster(options.scheduler, options.limits, read_for_library) if options.scheduler else None
+    )
     work = Work(library, options.processes, options.limits, cluster)
     viewers = Viewers()
     # A viewer listens on this machine only, so whoever opens one must sit there.

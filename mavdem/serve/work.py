@@ -6,10 +6,10 @@ import threading
 from mavdem.errors import Refusal
 from mavdem.facts.serve import Stage
 from mavdem.fleet.cluster import Cluster
-from mavdem.fleet.workers import Job, Limits, LogReader, outcome_of
+from mavdem.fleet.workers import Job, Limits, LogReader, ReadLog, outcome_of
 from mavdem.live.link import PAUSE_SECONDS
 from mavdem.serve.library import SERVERS, Entry, Library
-from mavdem.serve.reading import PUBLISH, READ, publish
+from mavdem.serve.reading import publish, read_for_library
 
 MOST_SENT = 32  # logs that a cluster is given at a time
 PASSING = (Refusal, OSError, sqlite3.Error)
@@ -25,7 +25,7 @@ class Work:
         processes: int,
         limits: Limits,
         cluster: Cluster | None = None,
-        read: str = READ,
+        read: ReadLog = read_for_library,
     ) -> None:
         self._library = library
         self._limits = limits
@@ -96,6 +96,6 @@ class Work:
         # A job is a file that is read, and who closes SQLite's drops the locks of its process.
         job = Job(str(self._library.folder / SERVERS / self._library.name))
         if self._cluster is None:
-            reader.read(job, self._limits, PUBLISH)
+            reader.read(job, self._limits, publish)
         else:
             outcome_of(job, publish)

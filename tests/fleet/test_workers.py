@@ -22,7 +22,7 @@ from distributed import LocalCluster
 from pytest import fixture, mark, raises
 from recorded_flights import LOGS
 from refusals import prose, unreadable
-from standin_logs import LIMITS, READ, make_logs, table_of, track
+from standin_logs import LIMITS, make_logs, rows_of_log, table_of, track
 
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
@@ -76,7 +76,9 @@ def test_no_log_stops_a_run(tmp_path):
     # sparse: its content alone takes longer to read than there is time
     os.truncate(logs / "slow_0.bin", 1 << 40)
     healthy = make_logs(tmp_path / "healthy", 1)
-    done = track(tmp_path / "fleet", logs, reader=WorkerPool(2, LIMITS, READ), baseline=healthy)
+    done = track(
+        tmp_path / "fleet", logs, reader=WorkerPool(2, LIMITS, rows_of_log), baseline=healthy
+    )
     assert (done.logs, done.read, done.problems) == (8, 8, ())
     found = {Path(row.file).name: row for row in read_rows(tmp_path / "fleet")}
     # The process starts no others.
@@ -91,14 +93,12 @@ def test_no_log_stops_a_run(tmp_path):
 RUN = """
 import signal
 import sys
-from functools import partial
-from standin_logs import LIMITS, READ
+from standin_logs import rows_of_log
 from mavdem.cli import track
 from mavdem.cli.commands import main
 from mavdem.cli.output import unwind_when_terminated
-from mavdem.fleet.workers import WorkerPool
 if __name__ == "__main__":
-    track.WorkerPool = partial(WorkerPool, read=READ)
+    track.rows_of_log = rows_of_log
     # a shell in the background starts programs that ignore it
     signal.signal(signal.SIGINT, signal.default_int_handler)
     unwind_when_terminated()
@@ -139,15 +139,15 @@ def hanging(tmp_path):
 
 
 @mark.slow
-@mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+@mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_an_ended_run_leaves_nothing_and_is_resumed_to_the_same_table(tmp_path, hanging, number):
     run, names = hanging
     for _ in range(2):  # impatience changes nothing
         os.killpg(run.pid, number)
     # Both end when no process has them open any longer.
     said = run.communicate()[1]
-    names.read()
-    assert run.returncode == (130 if number == signal.SIGINT else -number)
+    assert "hang" not in names.read()  # nothing is begun any more
+    assert run.returncode == (-number if number == signal.SIGKILL else 128 + number)
     assert "Traceback" not in said
     assert not list((tmp_path / "scratch").iterdir())
     out = tmp_path / "fleet"
@@ -180,7 +180,7 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
             killed.append(two_workers.workers[0].pid)
             os.kill(killed[0], signal.SIGKILL)
 
-    reader = Cluster(two_workers.scheduler_address, LIMITS, READ)
+    reader = Cluster(two_workers.scheduler_address, LIMITS, rows_of_log)
     done = track(tmp_path / "there", tmp_path / "logs", reader=reader, progress=kill_one)
     assert done.read == 6 and killed
     assert (
@@ -206,7 +206,7 @@ def test_a_cluster_that_cannot_help_is_said(monkeypatch, client, code):
         stand_in(monkeypatch, client)
     assert (
         unreadable(
-            list, Cluster("tcp://127.0.0.1:9", LIMITS, READ).outcomes(iter([Job("x.bin")]))
+            list, Cluster("tcp://127.0.0.1:9", LIMITS, rows_of_log).outcomes(iter([Job("x.bin")]))
         ).code
         is code
     )
@@ -215,7 +215,7 @@ def test_a_cluster_that_cannot_help_is_said(monkeypatch, client, code):
 def test_a_log_that_killed_workers_of_a_cluster_has_a_row(monkeypatch):
     killed = distributed.KilledWorker("log", None, 3)
     stand_in(monkeypatch, {"submit.side_effect": killed})
-    [outcome] = Cluster("tcp://127.0.0.1:9", LIMITS, READ).outcomes(iter([Job("x.bin")]))
+    [outcome] = Cluster("tcp://127.0.0.1:9", LIMITS, rows_of_log).outcomes(iter([Job("x.bin")]))
     assert outcome.rows[0].status_code == Reading.CLUSTER_WORKERS_DIED
 
 
@@ -238,7 +238,7 @@ def test_what_a_log_costs_is_bounded_and_told(monkeypatch, tmp_path):
     usage = Mock(getrlimit=lambda _: (5, 1 << 30), RLIM_INFINITY=-1)
     usage.getrusage.return_value.ru_maxrss = 2048 if sys.platform == "linux" else 2 << 20
     monkeypatch.setattr(workers, "resource", usage)
-    outcome = perform(Job(str(tmp_path / "none")), Limits(300.0, 600), "builtins:print")
+    outcome = perform(Job(str(tmp_path / "none")), Limits(300.0, 600), None)
     assert (outcome.seconds, outcome.megabytes) == (2.5, 2.0)
     set_to = [call.args for call in usage.setrlimit.call_args_list]
     assert set_to == [

@@ -12,7 +12,7 @@ from pytest import approx, mark, raises
 from recorded_flights import SLOW
 from refusals import refused, unreadable
 from serving import LIMITS, AtOnce, log, read_made_up, serving
-from standin_logs import fleet_of
+from standin_logs import fleet_of, rows_of_log
 
 from mavdem.errors import Refusal, Unreadable
 from mavdem.facts import Fact
@@ -24,7 +24,7 @@ from mavdem.fleet.workers import Job, Limits, outcome_of
 from mavdem.ingest import read_log
 from mavdem.results import PAGE, REPORT
 from mavdem.serve.library import Library, file_name
-from mavdem.serve.reading import READ, read_for_library
+from mavdem.serve.reading import read_for_library
 from mavdem.serve.run import Options, serve
 from mavdem.serve.search import condition_of
 from mavdem.serve.work import Work
@@ -324,7 +324,7 @@ def test_a_log_waits_for_a_cluster_that_has_gone(tmp_path, monkeypatch):
     while not library.find(*condition_of("stage:done"), 1)[1]:
         time.sleep(0.01)
     work.stop()
-    assert {*tries} == {READ}
+    assert {*tries} == {read_for_library}
     work._publish(None)
     assert [*tmp_path.rglob("*.parquet")]
 
@@ -335,7 +335,7 @@ def test_processes_read_logs_within_limits_and_go_on_after_a_hostile_one(tmp_pat
     names = ("crash.ulg", "sound.ulg")
     for name in names:
         received(library, name, name, keep=1)
-    work = Work(library, 1, Limits(1, 600), read="standin_logs:rows_of_log")
+    work = Work(library, 1, Limits(1, 600), read=rows_of_log)
     work.start()
     work.notify()
     while library.find(*condition_of("stage:failed"), 10)[1] < len(names):
