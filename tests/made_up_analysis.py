@@ -140,10 +140,10 @@ HOVER = HoverFigures(
 def analysis(parameters):
     learned = model(parameters)
     windows = held_out()
-    verdict = SimpleNamespace(figures=SimpleNamespace(consistency=0.99), learnable=True)
+    learnability = SimpleNamespace(figures=SimpleNamespace(consistency=0.99), learnable=True)
     condition = SimpleNamespace(hover=HOVER, oscillation=None)
     return LogAnalysis(
-        verdict,
+        learnability,
         SimpleNamespace(name="a"),
         condition,
         None,

@@ -31,8 +31,8 @@ MEDIAN_STEPS = 41
 """Steps, about 1 s at ``MINIMUM_RATE``, whose median is a stream's usual step. A median follows a change of rate to the
 very step, and is not moved by the loss of a fifth of the messages."""
 STEP_TOLERANCE = 1.1
-"""How much longer than 1/``MINIMUM_RATE`` usual steps may be, so that jitter of the stamps does not split a stream. The
-verdict decides whether the mean rate of a segment is enough."""
+"""How much longer than 1/``MINIMUM_RATE`` usual steps may be, so that jitter of the stamps does not split a stream.
+Learnability decides whether the mean rate of a segment is enough."""
 # Share of steps below which they are rare, and cycles of a scheduler that an interval may be.
 USUAL_SHARE = 0.02
 MAX_CYCLES = 3
@@ -82,7 +82,7 @@ def settled_segments(signals: Signals) -> Segments:
 
     A step longer than ``MAX_GAP_SECONDS``, or messages that usually come slower than ``MINIMUM_RATE``, end a segment:
     ground stations change the rates in flight. Only where that leaves no segment at all is any rate allowed, and steps
-    of three intervals; the verdict then decides.
+    of three intervals; learnability then decides.
     """
     segments: list[Segment] = []
     for unbroken_runs in (_fast, _at_any_rate):

@@ -1,6 +1,6 @@
 """Analysis: from a log to all that it says of one vehicle and axis.
 
-The verdict and the tier say what the log allows. The model is trained on the settled flight, judged by windows that no
+Learnability and tier say what the log allows. The model is trained on the settled flight, judged by windows that no
 model saw, and graded by findings; a model of the slow motion is kept only where it predicts better than none.
 """
 
@@ -109,8 +109,8 @@ def analyse(
     options = options or Options()
     inputs = options.inputs
     signals = signals.about(AXES[0] if axis == ALL else axis, inputs)
-    segments, verdict = usable_segments(signals, log.components)
-    analysis = _without_model(log, signals, verdict, other_axis)
+    segments, learnability = usable_segments(signals, log.components)
+    analysis = _without_model(log, signals, learnability, other_axis)
     slow = analysis.tier.name == "b" and signals.axis in TILT_AXES
     if slow:
         segments, of_slow = usable_segments(signals, log.components, SLOW_MOTION_RATE)
@@ -153,18 +153,18 @@ def analyse(
 
 
 def _without_model(
-    log: Log, signals: Signals, verdict: Learnability, other_axis: LogAnalysis | None
+    log: Log, signals: Signals, learnability: Learnability, other_axis: LogAnalysis | None
 ) -> LogAnalysis:
     """What a log says of a vehicle without a model of an axis, and why it allows none."""
     condition = condition_of(signals) if other_axis is None else other_axis.condition
-    tier = tier_of(verdict, condition)
+    tier = tier_of(learnability, condition)
     reason = None if tier.name == "a" else tier.reason
-    measured = verdict.figures
+    measured = learnability.figures
     if tier.name is None and measured.airborne and not measured.segments:
         reason = Fact(NoModel.NO_SETTLED_FLIGHT, duration=measured.airborne)
     if other_axis is not None:
         return LogAnalysis(
-            verdict,
+            learnability,
             tier,
             condition,
             other_axis.identity,
@@ -175,7 +175,7 @@ def _without_model(
         )
     motors = signals.motors
     return LogAnalysis(
-        verdict,
+        learnability,
         tier,
         condition,
         identity_of(signals, log.receive_time[0]),
@@ -263,7 +263,7 @@ def slow_motion_refusal(held_out: HeldOut) -> Fact | None:
         ratio = held_out.error_ratio() / held_out.error_ratio(name)
         test = paired(held_out.error_ratios(name), np.ones(len(held_out)))
         is_weak = not ratio <= MAX_SLOW_RATIO
-        if is_weak or test.verdict != TestResult.LOWER:
+        if is_weak or test.result != TestResult.LOWER:
             return Fact(
                 NoModel.SLOW_MODEL_TOO_WEAK,
                 name=name,

@@ -73,7 +73,7 @@ class LogAnalysis:
     """One vehicle and axis of a log.
 
     Attributes:
-        verdict: whether a full model of the axis can be learned, on which segment, and its figures.
+        learnability: whether a full model of the axis can be learned, on which segment, and its figures.
         tier: what the log allows, why no more, and what the next tier needs.
         condition: balance, limits, lean, vibration and battery, at any rate.
         identity: which vehicle, and when.
@@ -87,7 +87,7 @@ class LogAnalysis:
         watched: whether a motor that weakens would have been seen.
     """
 
-    verdict: Learnability
+    learnability: Learnability
     tier: Tier
     condition: Condition
     identity: Identity
@@ -107,7 +107,7 @@ class LogAnalysis:
         if self.axes or self.learned is None:
             return self.axes
         return {
-            self.verdict.axis: AxisFigures(
+            self.learnability.axis: AxisFigures(
                 self.flights,
                 self.learned.physical,
                 self.learned.wind_torque,
@@ -118,7 +118,9 @@ class LogAnalysis:
     @property
     def model(self) -> str | None:
         """Which model can be learned: "full", "slow motion", or None."""
-        return "full" if self.verdict.learnable else None if self.learned is None else "slow motion"
+        if self.learnability.learnable:
+            return "full"
+        return None if self.learned is None else "slow motion"
 
     @property
     def changes(self) -> list[float]:
@@ -129,7 +131,7 @@ class LogAnalysis:
     def findings(self) -> Findings:
         """What makes the flight doubtful, and what the model is good for: made once, shown everywhere."""
         # Rates that are sent slowly say nothing of the angle.
-        consistency = self.verdict.figures.consistency if self.model == "full" else None
+        consistency = self.learnability.figures.consistency if self.model == "full" else None
         return findings_of(
             self.learned, self.held_out, self.condition, self.alarms, consistency, self.trim
         )
@@ -164,7 +166,7 @@ class LogAnalysis:
             **self.findings.as_dict(),
             "truth": self.truth,
             "settings": None if learned is None else asdict(learned.settings),
-            "verdict": self.verdict,
+            "verdict": self.learnability,
         }
 
 
@@ -280,9 +282,9 @@ def axis_figures(
     signals: Signals, components: tuple[Component, ...], changes: Sequence[float]
 ) -> AxisFigures:
     """Returns the physical parameters of the axis of ``signals``; the torque is cut at ``changes``, s, of a motor."""
-    flights, verdict = usable_segments(signals, components)
+    flights, learnability = usable_segments(signals, components)
     if not flights:
-        return AxisFigures((), None, None, verdict.reason)
+        return AxisFigures((), None, None, learnability.reason)
     record = Record.of(flights)
     parameters = physical_of(signals, flights)
     if isinstance(parameters, NotIdentifiable):

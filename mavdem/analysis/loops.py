@@ -45,11 +45,11 @@ def loops_of_log(
 
     The ``figures`` of the axis may have its plant.
     """
-    segments, verdict = usable_segments(signals, log.components)
+    segments, learnability = usable_segments(signals, log.components)
     if not segments:
-        segments, verdict = usable_segments(signals, log.components, SLOW_MOTION_RATE)
+        segments, learnability = usable_segments(signals, log.components, SLOW_MOTION_RATE)
     if not segments:
-        raise NotLearnable(verdict.reason)
+        raise NotLearnable(learnability.reason)
     flights, caution = with_one_set_of_gains(signals, flown_after(segments, start))
     # With parts of other gains among them all flights may refuse what these allow.
     known = figures.physical if figures is not None and caution is None else None

@@ -236,7 +236,7 @@ def assess_signals(
     evidence = Evidence(
         log,
         signals,
-        analysis.verdict,
+        analysis.learnability,
         analysis.condition,
         air,
         tuple(in_order(events)),
@@ -246,7 +246,7 @@ def assess_signals(
     if evidence.grounds:
         evidence = replace(evidence, air=grounded_air(air))
     judgement = judge(evidence, analysis.findings.purposes)
-    return Assessment(log, judgement, evidence, {analysis.verdict.axis: analysis})
+    return Assessment(log, judgement, evidence, {analysis.learnability.axis: analysis})
 
 
 def while_controlled(alarms: Sequence[MotorAlarm], ending: Fact | None) -> list[MotorAlarm]:

@@ -58,7 +58,7 @@ def estimator_light(evidence: Evidence) -> Fact:
         *_compass(evidence),
         *evidence.reported(OF_ESTIMATOR),
     ]
-    airborne = evidence.verdict.figures.airborne
+    airborne = evidence.learnability.figures.airborne
     return worst(doubts) if doubts else Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=airborne)
 
 

@@ -37,7 +37,7 @@ class Evidence:
 
     Attributes:
         log, signals: the log, and the signals of the vehicle, about roll.
-        verdict: whether a full model of roll can be learned.
+        learnability: whether a full model of roll can be learned.
         condition: balance, limits, lean, vibration and battery.
         air: the wind in m/s, or why it is not known.
         events: what happened, in order of boot and time; the thrust that motors lost is among it.
@@ -47,7 +47,7 @@ class Evidence:
 
     log: Log
     signals: Signals
-    verdict: Learnability
+    learnability: Learnability
     condition: Condition
     air: Air = (None, None, Fact(Unjudged.NOT_JUDGED, because=None))
     events: Facts = ()

@@ -86,8 +86,8 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     if bad:
         alike = [fact for fact in bad if fact.code is bad[0].code]
         return max(alike, key=lambda fact: fact.figures.get("rise", 0.0))
-    if not evidence.verdict.figures.airborne:
-        return evidence.verdict.reason
+    if not evidence.learnability.figures.airborne:
+        return evidence.learnability.reason
     for fact in [*judged, *evidence.reported(tuple(Reported))]:
         if fact.level is Level.WATCH:
             return fact

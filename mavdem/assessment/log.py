@@ -28,7 +28,7 @@ def log_light(evidence: Evidence) -> Fact:
     attitude = signals.attitude
     drive = signals.drive
     if attitude is None or drive is None:
-        return Fact(LogLight.MOTION_NOT_RECORDED, because=evidence.verdict.reason)
+        return Fact(LogLight.MOTION_NOT_RECORDED, because=evidence.learnability.reason)
     rates = usual_rate(attitude), usual_rate(drive)
     gaps = [np.diff(part.time).max(initial=0.0) for part in evidence.flown(attitude.angles)]
     longest = max(gaps, default=0.0)

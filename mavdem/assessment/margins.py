@@ -29,7 +29,7 @@ def margins_light(evidence: Evidence) -> Fact:
     if names.keys() & set(TILT_AXES):
         return enough[0].but(names=tuple(names))
     refusals = [fact for fact in evidence.loops.values() if isinstance(fact, Fact)]
-    because = refusals[0] if refusals else evidence.verdict.reason
+    because = refusals[0] if refusals else evidence.learnability.reason
     seen = [of_response(axis.response) for axis in evidence.margins if axis.response]
     quiet = [fact.figures["rate"] for fact in seen if fact.code is MarginsLight.NO_RESONANCE]
     return Fact(MarginsLight.MARGINS_UNKNOWN, because=because, rate=max(quiet, default=None))

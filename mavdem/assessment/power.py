@@ -39,7 +39,7 @@ def power_light(evidence: Evidence) -> Fact:
     voltage = evidence.signals.voltage
     return Fact(
         PowerLight.POWER_UNMEASURED,
-        airborne=evidence.verdict.figures.airborne,
+        airborne=evidence.learnability.figures.airborne,
         voltage=None if voltage is None else voltage.values.max(initial=0.0),
     )
 

@@ -52,7 +52,7 @@ def info_command(
         assert analysis is not None
         vehicles.append((document_of(found), title_of(found), conclusion(found.judgement)))
         place = telemetry.system, telemetry.component
-        known[place] = (analysis.verdict, analysis.condition, analysis.identity)
+        known[place] = (analysis.learnability, analysis.condition, analysis.identity)
     held = inventory(log, axis, vehicle, inputs, known)
     streams = [] if as_json else stream_contents(held)
     for shown, (document, title, said) in zip(held["vehicles"], vehicles, strict=True):
@@ -74,7 +74,7 @@ def info_command(
                 axis=axis,
                 path=source,
                 names=[sender(shown) for shown in held["vehicles"]],
-                because=next((verdict.reason for verdict, *_ in known.values()), None),
+                because=next((learnability.reason for learnability, *_ in known.values()), None),
             )
             complain(because, as_json=False)
         context.exit(1)

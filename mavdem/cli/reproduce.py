@@ -77,7 +77,7 @@ def reproduce_command(names: Names, out: Path, as_json: bool, as_list: bool) -> 
     rows = [[report.claim.name, report.status.value, report.sentence] for report in reports]
     print_result(
         document(reports, seconds),
-        [Table(["item", "verdict", "findings"], rows, words=True)],
+        [Table(["item", "status", "findings"], rows, words=True)],
         as_json,
     )
     if not as_json:

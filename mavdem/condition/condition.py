@@ -103,8 +103,8 @@ def hover_of(signals: Signals, components: Sequence[Component] = ()) -> HoverFig
     segments = settled_segments(signals)
     motors = signals.motors
     if not segments or motors is None or signals.telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
-        verdict = learnability_of(signals, components)
-        raise NotLearnable(verdict.reason)
+        learnability = learnability_of(signals, components)
+        raise NotLearnable(learnability.reason)
     rows = within(motors, *segments)
     tilts = zip(TILT_AXES, signals.tilts, strict=True)
     lean = {

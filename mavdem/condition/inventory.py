@@ -1,4 +1,4 @@
-"""Inventory of a log: senders, rates, damage; of each vehicle identity, verdict, condition and tier."""
+"""Inventory of a log: senders, rates, damage; of each vehicle identity, learnability, condition and tier."""
 
 import hashlib
 from collections.abc import Mapping
@@ -285,7 +285,7 @@ def _vehicle(
             condition_of(signals),
             identity_of(signals, log.receive_time[0]),
         )
-    verdict, condition, identity = judged
+    learnability, condition, identity = judged
     messages = sorted(telemetry.messages.items())
     return {
         **{
@@ -304,11 +304,11 @@ def _vehicle(
             )
         ),
         "segments": [
-            {**asdict(segment), "duration": segment.duration} for segment in verdict.segments
+            {**asdict(segment), "duration": segment.duration} for segment in learnability.segments
         ],
         "repairs": list(map(str, telemetry.repairs)),
-        "verdict": verdict,
-        **tier_of(verdict, condition).as_dict(),
+        "verdict": learnability,
+        **tier_of(learnability, condition).as_dict(),
         "identity": identity,
         "condition": condition,
         "autopilot_alarms": autopilot_alarms(telemetry),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pydantic import Field
+
 from mavdem.documents.document import Document, Said, Told
 from mavdem.units import Nats, Number, Seconds, SquareOfOutput
 
@@ -19,7 +21,7 @@ class Paired(Document):
     """number of windows that do not overlap, which the test uses"""
     p_value: Number
     """two-sided p-value of Wilcoxon's signed-rank test"""
-    verdict: Said
+    verdict: Said = Field(validation_alias="result")
     """lower, higher or not distinguishable"""
 
 

@@ -315,7 +315,7 @@ class Comparison:
             "seconds": float(np.median([outcome.seconds for outcome in mine])),
         }
 
-    def verdicts(self, question: Question = KNOWN) -> dict[str, Paired]:
+    def tests(self, question: Question = KNOWN) -> dict[str, Paired]:
         """Returns the first method beside each other one over the whole test part, by name, for a ``question``.
 
         Pairs are flights where there are enough of them to distinguish anything, and else windows of all flights.
@@ -370,7 +370,7 @@ class Comparison:
             "reference": self.methods_of(question)[0],
             "methods": list(self.methods_of(question)),
             "start": "zero" if question == FROM_ZERO else "data",
-            "verdicts": self.verdicts(question),
+            "verdicts": self.tests(question),
             "over_flights": list(self.over_flights(question)),
             "flights": [self._flight(flight, question) for flight in self.flights],
             "predictions": self.to_dict(UNKNOWN) if predicted else None,

@@ -41,7 +41,7 @@ class Paired(NamedTuple):
     p_value: float
 
     @property
-    def verdict(self) -> TestResult:
+    def result(self) -> TestResult:
         """Whether our error is lower or higher than theirs, or the two cannot be told apart."""
         if not self.p_value < SIGNIFICANCE:
             return TestResult.NOT_DISTINGUISHABLE

@@ -32,7 +32,7 @@ from mavdem.flight import Flight, Flights, boot_of
 from mavdem.heading import Names, Values
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
-from mavdem.ingest.mavlink.framing import GOOD
+from mavdem.ingest.mavlink.framing import MATCHES
 from mavdem.ingest.mcap.records import MAX_STAMP, write_mcap, write_series
 from mavdem.ingest.tlog import write_tlog
 from mavdem.report.labels import Labels, state_names, states_are_outputs
@@ -284,7 +284,7 @@ def _convert_stream(source: Path, out: Path) -> Values:
     return {
         "frames": written,
         "left_out": len(stream.frames) - written,
-        "unread": int(np.count_nonzero(stream.frames.verdict != GOOD)),
+        "unread": int(np.count_nonzero(stream.frames.checksum != MATCHES)),
         "stamps_filled": int(np.count_nonzero((stream.stamps == 0) | beyond)),
         "bytes_skipped": stream.bytes_skipped,
         "repairs": list(map(str, stream.repairs)),
@@ -296,14 +296,14 @@ def _convert_to_table(
 ) -> Values:
     log = read_log(source)
     signals = Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs)
-    verdict = learnability_of(signals, log.components)
-    segment = None if verdict.flight else longest_recorded(signals)
-    flight = align(signals, segment) if segment else verdict.flight
-    cautions = list(map(str, verdict.cautions))
-    if not verdict.learnable:
-        cautions.append(f"A {axis} model cannot be learned from this table: {verdict.reason}")
+    learnability = learnability_of(signals, log.components)
+    segment = None if learnability.flight else longest_recorded(signals)
+    flight = align(signals, segment) if segment else learnability.flight
+    cautions = list(map(str, learnability.cautions))
+    if not learnability.learnable:
+        cautions.append(f"A {axis} model cannot be learned from this table: {learnability.reason}")
     if flight is None:
-        raise NotLearnable(verdict.reason)
+        raise NotLearnable(learnability.reason)
     provenance = {**flight.provenance, "cautions": cautions}
     table = columns(flight)
     table |= wind_columns(signals, boot_of(flight), flight.time)
@@ -316,7 +316,7 @@ def _convert_to_table(
         "resampling": provenance["resampling"],
         "start": float(table[TIME][0]),
         "end": float(table[TIME][-1]),
-        "learnable": verdict.learnable,
+        "learnable": learnability.learnable,
         "cautions": cautions,
     }
 

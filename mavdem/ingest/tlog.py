@@ -19,7 +19,7 @@ from mavdem.files import PathName
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.definitions import seeds
 from mavdem.ingest.mavlink.framing import (
-    GOOD,
+    MATCHES,
     Bytes,
     concatenated,
     find_frames,
@@ -48,7 +48,7 @@ def tlog_stream(path: PathName) -> FrameStream:
     space[1:] = frames.start[1:] - frames.end[:-1]
     covered = np.minimum(space, STAMP_BYTES) + frames.end - frames.start
     skipped = len(data) - int(covered.sum())
-    good = int(np.count_nonzero(frames.verdict == GOOD))
+    good = int(np.count_nonzero(frames.checksum == MATCHES))
     if len(frames) and not good:
         count = len(frames)
         raise Unreadable(Source.DIALECT_UNKNOWN, path=source, count=count, recording=False)

@@ -312,9 +312,9 @@ def evidence_of(signals: Signals, condition: Condition, **known: Any) -> Evidenc
     """Returns what a live vehicle is judged by, in flight for as long as its ``condition`` says."""
     unknown = Fact(Unjudged.NOT_JUDGED, because=None)
     figures = QualityFigures(armed=condition.duration, airborne=condition.duration)
-    verdict = Learnability(signals.axis, True, unknown, figures=figures)
+    learnability = Learnability(signals.axis, True, unknown, figures=figures)
     return Evidence(
-        log_of_vehicles((signals.telemetry,), 0, 0), signals, verdict, condition, **known
+        log_of_vehicles((signals.telemetry,), 0, 0), signals, learnability, condition, **known
     )
 
 

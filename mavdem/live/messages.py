@@ -53,7 +53,7 @@ class Frame(NamedTuple):
     system: int
     component: int
     sequence: int
-    verdict: int  # ``GOOD``, ``UNKNOWN`` or ``FAILED`` of ``framing``
+    checksum: int  # ``MATCHES``, ``UNKNOWN`` or ``FAILED`` of ``framing``
     payload: bytes  # as sent, without the zeros that MAVLink 2 truncates
     content: bytes  # all of it
 
@@ -75,7 +75,7 @@ class FrameReader:
         read = []
         while (length := _announced(data, offset)) <= len(data) - offset:
             frame = _frame_of(data[offset : offset + length]) if length else None
-            if frame is None or frame.verdict != framing.GOOD:
+            if frame is None or frame.checksum != framing.MATCHES:
                 offset += 1
                 continue
             others = _filling(data[begin:offset])
@@ -113,13 +113,13 @@ def _frame_of(content: bytes) -> Frame:
     message_id = int.from_bytes(bytes(number), "little")
     behind = size + content[1]
     definition = definitions().get(message_id)
-    verdict = framing.UNKNOWN
+    checksum = framing.UNKNOWN
     if definition is not None:
         sent = int.from_bytes(content[behind : behind + 2], "little")
         agrees = sent == framing.frame_checksum(content[1:behind], definition.seed)
-        verdict = framing.GOOD if agrees else framing.FAILED
+        checksum = framing.MATCHES if agrees else framing.FAILED
     payload = content[size:behind]
-    return Frame(message_id, system, component, sequence, verdict, payload, content)
+    return Frame(message_id, system, component, sequence, checksum, payload, content)
 
 
 class Piece(NamedTuple):

@@ -10,7 +10,7 @@ from mavdem.alignment.attitude import ATTITUDE_MESSAGES
 from mavdem.facts import Fact
 from mavdem.facts.session import VehicleFact
 from mavdem.ingest.mavlink.definitions import definitions, enum_name
-from mavdem.ingest.mavlink.framing import GOOD
+from mavdem.ingest.mavlink.framing import MATCHES
 from mavdem.ingest.mavlink.vehicles import missing_between
 from mavdem.ingest.motors import MULTIROTORS
 from mavdem.ingest.vocabulary import UNNAMED
@@ -81,7 +81,7 @@ class Sender:
         self._recent[number] = frame, self.frames
         self._count_missing(number, now, missing_between(self._last, number))
         self._last = number
-        if frame.verdict == GOOD:
+        if frame.checksum == MATCHES:
             self._count_arrived(frame.message_id)
         return True
 

@@ -27,7 +27,7 @@ from mavdem.facts.motors import InFlight
 from mavdem.facts.session import Rows, Session, VehicleFact
 from mavdem.facts.watch import Watch, Watched
 from mavdem.heading import Numbers
-from mavdem.ingest.mavlink.framing import GOOD
+from mavdem.ingest.mavlink.framing import MATCHES
 from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE
 from mavdem.ingest.motors import MOTOR_MESSAGES, MULTIROTORS
 from mavdem.ingest.telemetry import Parameters, Telemetry
@@ -223,8 +223,8 @@ class LiveStream:
     def _take(self, frame: Frame) -> Iterator[AlignedRow]:
         """Takes a frame; the rows that it completes."""
         sender = self._senders.of(frame)
-        message = message_of(frame) if frame.verdict == GOOD else None
-        if not sender.take(frame, self._received) or frame.verdict != GOOD:
+        message = message_of(frame) if frame.checksum == MATCHES else None
+        if not sender.take(frame, self._received) or frame.checksum != MATCHES:
             return
         if message is not None:
             sender.take_message(message)

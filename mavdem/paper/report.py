@@ -100,7 +100,7 @@ def write(folder: Path, reports: Sequence[ItemReport], seconds: float) -> None:
     """Writes the page."""
     folder.mkdir(parents=True, exist_ok=True)
     levels = {ClaimStatus.REPRODUCED: Level.GOOD}
-    verdicts = [
+    rows = [
         [
             report.claim.title,
             Rated(report.status.value, levels.get(report.status, Level.UNKNOWN)),
@@ -110,7 +110,7 @@ def write(folder: Path, reports: Sequence[ItemReport], seconds: float) -> None:
     ]
     blocks: Blocks = [
         Sentence(INTRODUCTION),
-        Table(["item", "verdict", "findings"], verdicts, words=True),
+        Table(["item", "status", "findings"], rows, words=True),
         Sentence(f"All numbers are in `{NUMBERS}`. It took {seconds:.0f} s."),
     ]
     subtitle = f"The experiments of {TITLE} (Anil Meera and Wisse), run again."

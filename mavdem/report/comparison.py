@@ -19,11 +19,11 @@ WORDS = {KNOWN: "What happened, given the inputs:", UNKNOWN: "What comes next, i
 
 
 def comparison_report(comparison: Comparison) -> Iterator[Block]:
-    """Yields the verdict on the first method of a ``comparison``, then errors, and what the columns mean."""
+    """Yields how the first method of a ``comparison`` does, then errors, and what the columns mean."""
     questions = [KNOWN, *([UNKNOWN] if comparison.methods_of(UNKNOWN) else [])]
-    yield Sentence("", lead=_verdict(comparison, KNOWN))
+    yield Sentence("", lead=_result(comparison, KNOWN))
     for question in questions[1:]:
-        yield Sentence(_verdict(comparison, question), WORDS[question])
+        yield Sentence(_result(comparison, question), WORDS[question])
     for question in questions:
         yield from _errors(comparison, question)
     for flight in comparison.flights:
@@ -37,18 +37,18 @@ def comparison_report(comparison: Comparison) -> Iterator[Block]:
     )
 
 
-def _verdict(comparison: Comparison, question: Question) -> str:
+def _result(comparison: Comparison, question: Question) -> str:
     """Than which methods' errors the first one's is lower or higher, and from which it is not distinguishable."""
     rows = comparison.over_flights(question)
     silent = [row["method"] for row in rows if row["failed"] == row["windows"]]
-    tests = comparison.verdicts(question)
+    tests = comparison.tests(question)
     tests = {method: test for method, test in tests.items() if method not in silent}
     by_result = {
-        result: {name: test for name, test in tests.items() if test.verdict is result}
+        result: {name: test for name, test in tests.items() if test.result is result}
         for result in (TestResult.HIGHER, TestResult.NOT_DISTINGUISHABLE, TestResult.LOWER)
     }
     (said,) = section(
-        "comparison_verdict",
+        "comparison_result",
         reference=comparison.methods_of(question)[0],
         flights=len(comparison.flights),
         pairs=min((test.tested for test in tests.values()), default=0),
@@ -63,7 +63,7 @@ def _verdict(comparison: Comparison, question: Question) -> str:
 def _errors(comparison: Comparison, question: Question) -> Blocks:
     """A row a method, the lowest error first, and a caution if the first method's band holds too few samples."""
     reference = comparison.methods_of(question)[0]
-    tests = comparison.verdicts(question)
+    tests = comparison.tests(question)
     blocks = [Sentence("error ratio by steps ahead.", WORDS[question])]
     table = []
     for row in comparison.over_flights(question):

@@ -97,8 +97,10 @@ def review_page(assessment: Assessment) -> str:
         return log_page(name, assessment, inventory(assessment.log))
     telemetry = assessment.evidence.signals.telemetry
     place = telemetry.system, telemetry.component
-    known = {place: (analysis.verdict, analysis.condition, analysis.identity)}
-    held = inventory(assessment.log, analysis.verdict.axis, "{}:{}".format(*place), None, known)
+    known = {place: (analysis.learnability, analysis.condition, analysis.identity)}
+    held = inventory(
+        assessment.log, analysis.learnability.axis, "{}:{}".format(*place), None, known
+    )
     held["vehicles"][0] |= assessment.of_documents | {"model": analysis.model}
     return log_page(name, assessment, held)
 

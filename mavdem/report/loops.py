@@ -1,4 +1,4 @@
-"""Loops in words: the verdict, the margins with their intervals, and the gains to set."""
+"""Loops in words: their rating, the margins with their intervals, and the gains to set."""
 
 from collections.abc import Iterator
 from operator import attrgetter

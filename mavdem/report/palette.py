@@ -15,8 +15,7 @@ PHYSICAL = "#12997a"  # the physical parameters, beside the learned model
 TRUTH = "#dd5a2f"  # of a simulated flight
 BOUND = "#7d8694"  # what chance alone would reach, 0, limits
 
-# of a verdict; beside a word, never instead of one
-GOOD = "#2e9950"
+# of a level or grade; beside a word, never instead of one
 LIMITED = "#b5852a"
 BAD = "#d6453d"
 

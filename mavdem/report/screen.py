@@ -76,7 +76,7 @@ def _model_blocks(
 
 
 def graded(findings: Findings) -> Blocks:
-    """Returns a row a purpose of the model, with its verdict; nothing without a model."""
+    """Returns a row a purpose of the model, with its grade; nothing without a model."""
     rows = [
         [str(purpose), Rated(grade, grade.level), reason.advised]
         for purpose, grade, reason in findings.purposes
@@ -95,7 +95,7 @@ def conclusion(judgement: Judgement) -> Blocks:
     return [above, *lights, Sentence(str(judgement.next_step), "Next:")]
 
 
-def verdict_blocks(findings: Findings, judgement: Judgement | None) -> Blocks:
+def assessment_blocks(findings: Findings, judgement: Judgement | None) -> Blocks:
     """Returns headline, lights and findings without a table, for a narrow column."""
     blocks = Blocks() if judgement is None else conclusion(judgement)
     blocks[-1:-1] = [

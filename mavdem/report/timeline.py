@@ -91,7 +91,7 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
     if not signals.tilts:
         return None
     tilt = signals.tilts[0]
-    segments = analysis.verdict.segments
+    segments = analysis.learnability.segments
     boot = int(segments[0].boot if segments else np.bincount(tilt.boot, minlength=1).argmax())
     time = tilt.time[tilt.boot == boot]
     if len(time) < 2:

@@ -33,7 +33,7 @@ from mavdem.report.palette import (
     PREDICTED,
     TRUTH,
 )
-from mavdem.report.screen import verdict_blocks
+from mavdem.report.screen import assessment_blocks
 from mavdem.report.words import section
 from mavdem.view.plots import BEYOND, BOOT_CLOCK, Lines, blueprint, events_view, faint
 
@@ -292,5 +292,5 @@ def status_document(
     )
     blocks = []
     if status.findings is not None:
-        blocks = [markdown(verdict_blocks(status.findings, status.judged))]
+        blocks = [markdown(assessment_blocks(status.findings, status.judged))]
     return "\n\n".join([title.text, *blocks, *(sentence.text for sentence in details), LEGEND])

@@ -62,9 +62,9 @@ def test_reports_that_come_late_leave_the_flight_before_them_to_the_motors():
     telemetry = reporting(time, np.where(time < LANDED, 4, 1))
     (flight,) = phases.flying(Signals(telemetry), 0)
     assert flight == approx((LIFTED, LANDED), abs=1.1)
-    verdict = learnability_of(Signals(telemetry))
-    assert verdict.learnable and verdict.segment is not None
-    assert verdict.segment.end == approx(HOVER.sinking - TRANSIENT_SECONDS, abs=1.1)
+    learnability = learnability_of(Signals(telemetry))
+    assert learnability.learnable and learnability.segment is not None
+    assert learnability.segment.end == approx(HOVER.sinking - TRANSIENT_SECONDS, abs=1.1)
 
 
 @mark.parametrize("state", [3, 4])
@@ -246,10 +246,10 @@ def test_recorded_vehicles_that_the_ground_holds(name, settled, airborne):
     assert [edge for span in phases.settled(signals, 0) for edge in span] == approx(
         settled, abs=0.5
     )
-    verdict = learnability_of(Signals(signals.telemetry))
-    assert verdict.figures.airborne == approx(airborne, abs=1.0)
-    grounded = verdict.reason.code is Reason.NEVER_AIRBORNE
-    assert grounded == (verdict.figures.airborne == 0)
+    learnability = learnability_of(Signals(signals.telemetry))
+    assert learnability.figures.airborne == approx(airborne, abs=1.0)
+    grounded = learnability.reason.code is Reason.NEVER_AIRBORNE
+    assert grounded == (learnability.figures.airborne == 0)
 
 
 def test_gaps_and_tumbles_end_a_segment():
@@ -378,24 +378,26 @@ def with_roll_demand(motor_rate, demand_rate):
 )
 def test_the_demand_is_taken_only_where_motors_come_too_slowly(motor_rate, demand_rate, taken):
     demanded = with_roll_demand(motor_rate, demand_rate)
-    verdict = learnability_of(Signals(demanded))
-    assert verdict.learnable
-    flight = align(Signals(demanded), verdict.segment)
-    assert verdict.reason.figures["demand"] == (taken == "demand")
+    learnability = learnability_of(Signals(demanded))
+    assert learnability.learnable
+    flight = align(Signals(demanded), learnability.segment)
+    assert learnability.reason.figures["demand"] == (taken == "demand")
     if taken == "motors":
         assert len(flight.input_names) == 4
     else:
         assert flight.input_names == ("roll demand",)
-        caution = next(each for each in verdict.cautions if each.code is Caution.DEMAND_IS_INPUT)
+        caution = next(
+            each for each in learnability.cautions if each.code is Caution.DEMAND_IS_INPUT
+        )
         assert caution.figures["motor_rate"] == approx(10.0)
         assert_allclose(flight.inputs[:, 0], 0.1 * np.sin(3 * flight.time), atol=2e-3)
 
 
 def test_the_inputs_that_are_asked_for_are_taken():
     both = with_roll_demand(100.0, 50.0)
-    verdict = learnability_of(Signals(both, inputs="demand"))
-    flight = align(Signals(both, inputs="demand"), verdict.segment)
-    assert verdict.learnable and verdict.cautions[0].code is Caution.DEMAND_IS_INPUT
+    learnability = learnability_of(Signals(both, inputs="demand"))
+    flight = align(Signals(both, inputs="demand"), learnability.segment)
+    assert learnability.learnable and learnability.cautions[0].code is Caution.DEMAND_IS_INPUT
     assert flight.input_names == ("roll demand",) and flight.dt == approx(0.02)
     slow_motors = learnability_of(Signals(with_roll_demand(10.0, 100.0), inputs="motors"))
     assert slow_motors.reason.figures["remedy"].code is Remedy.LEAVE_OUT_MOTORS

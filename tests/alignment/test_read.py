@@ -30,10 +30,10 @@ def segments_of(log):
     return usable_segments(Signals(log.vehicles[0]), log.components)
 
 
-def test_a_flight_carries_the_cautions_of_its_verdict():
+def test_a_flight_carries_the_cautions_of_its_learnability():
     telemetry = HOVER.telemetry()
     table = telemetry.messages["SERVO_OUTPUT_RAW"]
-    flight, verdict = learnable_flight(
+    flight, learnability = learnable_flight(
         log_of(
             changed(
                 telemetry,
@@ -42,9 +42,9 @@ def test_a_flight_carries_the_cautions_of_its_verdict():
             )
         )
     )
-    assert verdict.cautions and verdict.figures.saturation == approx(0.5, abs=0.1)
-    assert flight.cautions == verdict.cautions
-    assert flight.provenance["cautions"] == [str(caution) for caution in verdict.cautions]
+    assert learnability.cautions and learnability.figures.saturation == approx(0.5, abs=0.1)
+    assert flight.cautions == learnability.cautions
+    assert flight.provenance["cautions"] == [str(caution) for caution in learnability.cautions]
     assert json.loads(json.dumps(flight.provenance, allow_nan=False)) == flight.provenance
 
 
@@ -57,13 +57,13 @@ def test_segments_are_all_of_settled_flight_and_the_longest_is_the_flight():
     gaps = received(lambda time: (abs(time - 17.5) >= 0.5) & (abs(time - 33) >= 0.5))
     log = log_of(gaps)
     (first, middle, last) = segments_of(log)[0]
-    (flight, verdict) = learnable_flight(log)
+    (flight, learnability) = learnable_flight(log)
     assert [round(one.time[0], 2) for one in (middle, last)] == [18.0, 33.5]
     assert_array_equal(last.outputs, flight.outputs)
     assert_array_equal(last.inputs, flight.inputs)
     assert (
         last.provenance == flight.provenance
-        and Segment(**last.provenance["segment"]) == verdict.segment
+        and Segment(**last.provenance["segment"]) == learnability.segment
     )
     assert Record.of([first, middle, last]).lengths == (len(first), len(middle), len(last))
     for one in (first, middle):
@@ -86,11 +86,11 @@ def test_segments_that_are_too_slow_or_too_short_are_left_out_and_counted():
         [np.arange(0, 30, 1 / 70), np.arange(31, 35, 0.01), np.arange(36, hover.end, 0.01)]
     )
     log = log_of(hover.telemetry(stamps, stamps))
-    (flight,), verdict = segments_of(log)
+    (flight,), learnability = segments_of(log)
     judged = {each.reason.code for each in learnabilities(Signals(log.vehicles[0]))}
     assert judged == {Reason.LEARNABLE, Reason.SLOWER_THAN_LONGEST}
     assert flight.time[0] == approx(36) and flight.dt == 0.01
-    (caution,) = set(flight.cautions) - set(verdict.cautions)
+    (caution,) = set(flight.cautions) - set(learnability.cautions)
     assert caution.code is Caution.SEGMENTS_LEFT_OUT
     assert (caution.figures["count"], caution.figures["segments"]) == (2, 3)
 

@@ -22,12 +22,12 @@ def lights(**levels):
 
 
 def headline(known, ending=None, events=(), airborne=60.0, oscillation=None):
-    verdict = SimpleNamespace(reason=GROUNDED, figures=SimpleNamespace(airborne=airborne))
+    learnability = SimpleNamespace(reason=GROUNDED, figures=SimpleNamespace(airborne=airborne))
     evidence = SimpleNamespace(
         ending=ending,
         events=events,
         reported=lambda codes: events,
-        verdict=verdict,
+        learnability=learnability,
         condition=SimpleNamespace(oscillation=oscillation),
     )
     return headline_of(evidence, known)

@@ -164,8 +164,8 @@ def test_of_six_flights_each_is_a_pair():
         for window in windows(name, FLIGHTS["a"][100 * ord(name) - 9700 :], 200, 50)
     ]
     found = compare(parts, [HOLD, IS_OFF])
-    assert found.verdicts()["is_off"] == found.over_flights()[1]["reference"]
-    assert found.verdicts()["is_off"].tested == 6
+    assert found.tests()["is_off"] == found.over_flights()[1]["reference"]
+    assert found.tests()["is_off"].tested == 6
 
 
 def test_predictions_are_compared_of_the_methods_that_make_them(compared):

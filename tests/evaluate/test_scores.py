@@ -124,11 +124,11 @@ def test_what_are_no_errors_of_the_same_windows_is_refused(ours, theirs):
 
 def test_what_is_distinguished_takes_six_pairs_and_a_side():
     assert (
-        paired([1.0] * 6, [2.0] * 6).verdict is TestResult.LOWER
-        and paired([2.0] * 6, [1.0] * 6).verdict is TestResult.HIGHER
+        paired([1.0] * 6, [2.0] * 6).result is TestResult.LOWER
+        and paired([2.0] * 6, [1.0] * 6).result is TestResult.HIGHER
     )
-    assert paired([1.0] * 5, [2.0] * 5).verdict is TestResult.NOT_DISTINGUISHABLE
-    assert paired([1.0, 2.0] * 10, [2.0, 1.0] * 10).verdict is TestResult.NOT_DISTINGUISHABLE
+    assert paired([1.0] * 5, [2.0] * 5).result is TestResult.NOT_DISTINGUISHABLE
+    assert paired([1.0, 2.0] * 10, [2.0, 1.0] * 10).result is TestResult.NOT_DISTINGUISHABLE
 
 
 def uniform(samples, rate=100):

@@ -22,7 +22,7 @@ from pymavlink.dialects.v20 import all as dialect
 from pytest import approx, mark
 
 from mavdem.ingest.mavlink.definitions import columns, definitions
-from mavdem.ingest.mavlink.framing import FAILED, GOOD
+from mavdem.ingest.mavlink.framing import FAILED, MATCHES
 from mavdem.ingest.mavlink.vehicles import MAX_STAMP_JUMP
 from mavdem.ingest.tlog import STAMP_BYTES, _without_carriage_returns, tlog_stream
 
@@ -61,7 +61,7 @@ def test_every_frame_is_found_and_decodes_as_pymavlink_does(frames, gap, data):
     content = b"".join(data.draw(st.binary(min_size=gap, max_size=gap)) + each for each in frames)
     table = frames_in(content, gap)
     assert [content[start:end] for start, end in zip(table.start, table.end, strict=True)] == frames
-    assert (table.verdict == GOOD).all()
+    assert (table.checksum == MATCHES).all()
     messages = [dialect.MAVLink(None).decode(bytearray(each)) for each in frames]
     assert keys(table) == [key(message) for message in messages]
     assert_fields_equal(np.frombuffer(content, dtype=np.uint8), table, messages)
@@ -77,7 +77,7 @@ def test_a_frame_carried_inside_a_damaged_one_is_not_taken():
         frame(30, bytes(range(1, 29)), sequence=3),
     ]
     table = frames_in(b"".join(stream))
-    assert table.verdict.tolist() == [GOOD, FAILED, GOOD]
+    assert table.checksum.tolist() == [MATCHES, FAILED, MATCHES]
     assert table.sequence.tolist() == [1, 2, 3]
 
 
@@ -86,12 +86,12 @@ def test_a_flood_of_markers_hides_no_frame_and_makes_none(flood):
     frames = [frame(30, bytes(range(1, 29)), sequence=row) for row in range(3)]
     content = flood * (100_000 // len(flood))
     table = frames_in(frames[0] + content + frames[1] + frames[2])
-    good = table[table.verdict == GOOD]
+    good = table[table.checksum == MATCHES]
     assert [row for row in good.sequence.tolist() if row < 3] and good.sequence.tolist()[-2:] == [
         1,
         2,
     ]
-    assert GOOD not in frames_in(content).verdict
+    assert MATCHES not in frames_in(content).checksum
 
 
 def theirs(content, folder):
@@ -146,9 +146,9 @@ def test_real_logs(log, tmp_path):
     found = frames_in(data.tobytes(), STAMP_BYTES)
     path = tmp_path / "ours.tlog"
     path.write_bytes(data.tobytes())
-    received = (tlog_stream(path).stamps / 1e6)[found.verdict == GOOD]
+    received = (tlog_stream(path).stamps / 1e6)[found.checksum == MATCHES]
     received[received == 0.0] = np.nan
-    frames = found[found.verdict == GOOD]
+    frames = found[found.checksum == MATCHES]
     messages = theirs(data.tobytes(), tmp_path)
     kept = _rows_of(messages, frames)
     extra = np.setdiff1d(np.arange(len(frames)), kept)

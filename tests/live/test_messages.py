@@ -8,7 +8,7 @@ from numpy.testing import assert_equal
 from pytest import mark, skip
 
 from mavdem.ingest.mavlink.definitions import columns, definitions
-from mavdem.ingest.mavlink.framing import FAILED, GOOD, HEADER, HEADER_1, MARKER_2, UNKNOWN
+from mavdem.ingest.mavlink.framing import FAILED, HEADER, HEADER_1, MARKER_2, MATCHES, UNKNOWN
 from mavdem.ingest.mavlink.vehicles import CLOCK_UNITS
 from mavdem.live.messages import FIELDS, MAX_UNDECIDED, Frame, FrameReader, message_of
 
@@ -27,7 +27,7 @@ def found(content, chance=None):
 
 def by_the_file_reader(content):
     table = frames_in(content)
-    columns = (table.message_id, table.system, table.component, table.sequence, table.verdict)
+    columns = (table.message_id, table.system, table.component, table.sequence, table.checksum)
     headers = zip(*(column.tolist() for column in columns), strict=True)
     places = zip(table.start.tolist(), table.end.tolist(), strict=True)
     return [
@@ -64,8 +64,8 @@ def test_whole_frames_of_every_kind_are_those_of_the_file_reader(seed):
     content = b"".join(mixed(seed))
     frames, finder = found(content, random.Random(seed))
     assert frames == by_the_file_reader(content)
-    assert {one.verdict for one in frames} == {GOOD, UNKNOWN, FAILED}
-    assert finder.unread == sum(one.verdict != GOOD for one in frames)
+    assert {one.checksum for one in frames} == {MATCHES, UNKNOWN, FAILED}
+    assert finder.unread == sum(one.checksum != MATCHES for one in frames)
 
 
 @mark.slow
@@ -86,7 +86,7 @@ def test_hostile_bytes_are_bounded_in_memory_and_time(kind):
         waiting = max(waiting, len(finder._rest))
     assert waiting <= MAX_UNDECIDED + 1000
     # And what comes behind it is found.
-    good = [one for one in finder.feed(heartbeat() * 40) if one.verdict == GOOD]
+    good = [one for one in finder.feed(heartbeat() * 40) if one.checksum == MATCHES]
     assert len(good) >= 2
 
 

@@ -62,22 +62,22 @@ LONGEST_FRAME = HEADER + np.iinfo(np.uint8).max + CHECKSUM + SIGNATURE
 BLOCK = 1 << 18  # Bytes scanned at a time: bounds the memory for hostile input, all markers
 
 
-class Verdict(IntEnum):
+class Checksum(IntEnum):
     """Of a frame: the checksum agrees; the message id is not in the dialect; the checksum disagrees."""
 
-    GOOD = auto()
+    MATCHES = auto()
     UNKNOWN = auto()
     FAILED = auto()
 
 
-GOOD, UNKNOWN, FAILED = Verdict
+MATCHES, UNKNOWN, FAILED = Checksum
 
 
 @dataclass(frozen=True, eq=False)
 class Frames:
     """A table of frames in stream order; every column has shape (N,).
 
-    ``start`` is the place of the marker in the bytes, ``end`` that after the last byte. ``verdict`` is ``GOOD``,
+    ``start`` is the place of the marker in the bytes, ``end`` that after the last byte. ``checksum`` is ``MATCHES``,
     ``UNKNOWN`` or ``FAILED``.
     """
 
@@ -87,7 +87,7 @@ class Frames:
     system: Bytes
     component: Bytes
     sequence: Bytes
-    verdict: Bytes
+    checksum: Bytes
 
     @property
     def size(self) -> Places:
@@ -217,7 +217,7 @@ def _lengths(header: Bytes) -> Places:
 
 
 def frames_at(data: Bytes, start: Places) -> Frames:
-    """Returns the frames that begin at ``start`` (N,), all with the verdict ``GOOD``."""
+    """Returns the frames that begin at ``start`` (N,), all with the checksum ``MATCHES``."""
     # A header at the very end may be shorter than ``HEADER``; the bytes read instead are no part of it.
     return _headed(start, data.take(start[:, None] + np.arange(HEADER), mode="clip"))
 
@@ -233,7 +233,7 @@ def _headed(start: Places, header: Bytes) -> Frames:
         sequence=np.where(second, header[:, 4], header[:, 2]),
         system=np.where(second, header[:, 5], header[:, 3]),
         component=np.where(second, header[:, 6], header[:, 4]),
-        verdict=np.full(len(start), GOOD, dtype=np.uint8),
+        checksum=np.full(len(start), MATCHES, dtype=np.uint8),
     )
 
 
@@ -265,7 +265,7 @@ def _explained(
         starts.extend(_chain(content, int(before[row]), int(after[row]), gap))
     filling = np.frombuffer(starts, dtype=np.int64)
     frames = frames_at(data, filling)
-    frames.verdict[:] = np.where(seeds.take(frames.message_id, mode="clip") < 0, UNKNOWN, FAILED)
+    frames.checksum[:] = np.where(seeds.take(frames.message_id, mode="clip") < 0, UNKNOWN, FAILED)
     return frames[frames.end <= len(data)]
 
 

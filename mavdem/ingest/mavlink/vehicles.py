@@ -20,7 +20,7 @@ from mavdem.ingest.mavlink.definitions import (
     enum_name,
     parameter_values,
 )
-from mavdem.ingest.mavlink.framing import GOOD, UNKNOWN, Bytes, Frames, gathered
+from mavdem.ingest.mavlink.framing import MATCHES, UNKNOWN, Bytes, Frames, gathered
 from mavdem.ingest.motors import MOTOR_MESSAGES
 from mavdem.ingest.telemetry import (
     Columns,
@@ -136,11 +136,11 @@ def assemble(stream: FrameStream) -> Log:
 
 
 def _starts(frames: Frames, ids_of: Places) -> dict[int, dict[int, Starts]]:
-    """Where the good frames of each message begin, by ``system << 8 | component`` and message id, both ascending."""
-    good = frames.verdict == GOOD
-    starts = frames.start[good]
+    """Where matching frames of each message begin, by ``system << 8 | component`` and message id, both ascending."""
+    matching = frames.checksum == MATCHES
+    starts = frames.start[matching]
     sent: dict[int, dict[int, Starts]] = {}
-    for kind, rows in rows_by((ids_of << 24 | frames.message_id)[good]).items():
+    for kind, rows in rows_by((ids_of << 24 | frames.message_id)[matching]).items():
         sent.setdefault(kind >> 24, {})[kind & 0xFFFFFF] = starts[rows]
     return sent
 
@@ -148,15 +148,15 @@ def _starts(frames: Frames, ids_of: Places) -> dict[int, dict[int, Starts]]:
 def _unread(
     frames: Frames, ids_of: Places, sent: Mapping[int, Mapping[int, Starts]]
 ) -> Iterator[Unread]:
-    """The frames that could not be read, of a stream in which the good ones are ``sent``."""
-    bad = frames.verdict != GOOD
-    verdicts = frames.verdict[bad]
+    """The frames that could not be read, of a stream in which the matching ones are ``sent``."""
+    bad = frames.checksum != MATCHES
+    checksums = frames.checksum[bad]
     for key, rows in rows_by((frames.message_id << 16 | ids_of)[bad]).items():
         message_id = key >> 16
         ids = key & 0xFFFF
         total = len(rows) + len(sent.get(ids, {}).get(message_id, ()))
         # Of another dialect all frames of a message fail, and more than two, which may be damage.
-        strange = ids in sent if verdicts[rows[0]] == UNKNOWN else len(rows) == total >= 3
+        strange = ids in sent if checksums[rows[0]] == UNKNOWN else len(rows) == total >= 3
         cause = Flaw.ANOTHER_DIALECT if strange else Flaw.DAMAGE
         yield Unread(message_id, ids >> 8, ids & 0xFF, len(rows), total, cause)
 
@@ -171,7 +171,7 @@ def identity(heartbeats: Columns) -> tuple[str, str]:
 
 
 def _messages(data: Bytes, sent: Mapping[int, Starts]) -> tuple[Tables, Facts]:
-    """The good frames of one component by message id, as columns by name on the boot clock; repairs of its clock."""
+    """Matching frames of one component by message id, as columns by name on the boot clock; repairs of its clock."""
     decoded = {}
     kinds = []
     for message_id, starts in sent.items():

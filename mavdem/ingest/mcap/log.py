@@ -42,9 +42,9 @@ from mavdem.ingest.mavlink.definitions import (
     seeds,
 )
 from mavdem.ingest.mavlink.framing import (
-    GOOD,
     MARKER_1,
     MARKER_2,
+    MATCHES,
     find_in_pieces,
 )
 from mavdem.ingest.mavlink.vehicles import FrameStream, RecordingPart, assemble, joined
@@ -103,7 +103,7 @@ def _stream(source: str, recording: McapRecording) -> tuple[FrameStream | None, 
     skipped = sum(len(part.data) - int(part.frames.size.sum()) for part in parts)
     heard = set()
     for part in parts:
-        good = part.frames[part.frames.verdict == GOOD]
+        good = part.frames[part.frames.checksum == MATCHES]
         heard |= set(map(FrameSender, good.system.tolist(), good.component.tolist()))
     topics = _json_topics(recording)
     own = {number: topic for number, topic in topics.items() if topic.sender not in heard}
@@ -113,7 +113,7 @@ def _stream(source: str, recording: McapRecording) -> tuple[FrameStream | None, 
         written, unread, left_out = _json_part(recording.content, own)
         parts.append(written)
         repairs += left_out
-    if not any((part.frames.verdict == GOOD).any() for part in parts):
+    if not any((part.frames.checksum == MATCHES).any() for part in parts):
         return None, unread + sum(len(part.frames) for part in parts)
     part = joined(parts)
     stamps = part.log_time // np.uint64(1000)
