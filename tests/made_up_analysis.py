@@ -15,6 +15,7 @@ from mavdem.dem.graybox import DetectedGust
 from mavdem.evaluate import HeldOut
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
+from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light
 from mavdem.ingest import Log
 
@@ -33,7 +34,7 @@ class Parameters(SimpleNamespace):
 
     @property
     def identifiable(self):
-        return self.status["effect"] != "not identifiable"
+        return self.status["effect"] != Status.NOT_IDENTIFIABLE
 
 
 class Halves(SimpleNamespace):
@@ -52,7 +53,7 @@ def physical(share=None, **status):
             effect=share * abs(effect), damping=share * damping, lag=share * lag, delay=0.004
         )
     for name, value in status.items():
-        if value == "not identifiable":
+        if value == Status.NOT_IDENTIFIABLE:
             setattr(half, name, NAN * getattr(half, name))
     names = ("effect", "damping", "lag")
     return Parameters(
@@ -62,7 +63,7 @@ def physical(share=None, **status):
         delay=0.003,
         half=half,
         mean=(0.069, 0.003 if share is None else 0.069 * share),
-        status={name: status.get(name, "reported") for name in names},
+        status={name: status.get(name, Status.REPORTED) for name in names},
         reasons={name: prose(f"Why {name}.") if name in status else None for name in names},
         wind_share=0.07,
     )

@@ -20,6 +20,7 @@ from mavdem.dem.order_choice import (
     orders_of,
 )
 from mavdem.dem.parallel import parallel_map
+from mavdem.documents.comparison import Order
 from mavdem.errors import NotLearnable, fact_of
 from mavdem.facts import Fact
 from mavdem.facts.command import Source
@@ -97,16 +98,18 @@ def order_command(
     report_refused(orders, refused)
     choice = OrderChoice(tuple(orders.values()))
     seconds = round(perf_counter() - began, 3)
-    report = {
-        "flights": list(orders),
-        "axis": axis,
-        "known_inputs": not unknown_inputs,
-        "seconds": seconds,
-        "advice": order_advice(choice, not unknown_inputs),
-    }
-    print_result(
-        choice.to_dict() | report, order_report(choice, list(orders), not unknown_inputs), as_json
+    report = Order.gather(
+        choice,
+        flights=list(orders),
+        axis=axis,
+        known_inputs=not unknown_inputs,
+        seconds=seconds,
+        advice=order_advice(choice, not unknown_inputs),
+        width=[tried.width for tried in choice.flights],
+        samples=[tried.samples for tried in choice.flights],
     )
+    blocks = order_report(choice, list(orders), not unknown_inputs)
+    print_result(report.as_dict(), blocks, as_json)
     say_aside(f"Took {seconds:.1f} s.")
 
 

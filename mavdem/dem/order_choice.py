@@ -12,7 +12,6 @@ from mavdem.dem.record import Record, Records, is_whole
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
 from mavdem.facts.model import ModelRefusal, OrderFact
-from mavdem.heading import Values
 
 # that a mean gain over several flights must exceed as well, so that no single flight decides
 STANDARD_ERRORS = 2.0
@@ -112,21 +111,6 @@ class OrderChoice:
     def remarks(self) -> Facts:
         """Why orders are missing."""
         return tuple(dict.fromkeys(remark for flight in self.flights for remark in flight.remarks))
-
-    def to_dict(self) -> Values:
-        """As plain JSON values by name."""
-        return {
-            **{
-                name: getattr(self, name).tolist()
-                for name in ("orders", "free_energy", "mean", "spread")
-            },
-            "chosen": self.chosen,
-            "saturated": self.saturated,
-            "reason": str(self.reason),
-            "remarks": [str(remark) for remark in self.remarks],
-            "width": [flight.width for flight in self.flights],
-            "samples": [flight.samples for flight in self.flights],
-        }
 
 
 def orders_of(

@@ -31,7 +31,7 @@ class ComparedParameter(NamedTuple):
     estimate: float
     half_width: float
     truth: float
-    status: Status | str = Status.REPORTED
+    status: Status = Status.REPORTED
 
     @property
     def inside(self) -> bool | None:

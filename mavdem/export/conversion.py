@@ -26,6 +26,7 @@ from mavdem.errors import NotLearnable, Unreadable, cause_of
 from mavdem.evaluate.held_out import HeldOut
 from mavdem.extras import require
 from mavdem.facts.command import Place
+from mavdem.facts.identifiability import Status
 from mavdem.facts.model import Plant
 from mavdem.files import PathName, atomic_write
 from mavdem.flight import Flight, Flights, boot_of
@@ -196,7 +197,9 @@ def _identified(learned: Learned) -> Physical:
     if count > 2:
         raise NotLearnable(Plant.TOO_MANY_OUTPUTS, count=count)
     if doubtful := [
-        f"{name} {status}" for name, status in physical.status.items() if status != "reported"
+        f"{name} {status}"
+        for name, status in physical.status.items()
+        if status is not Status.REPORTED
     ]:
         given = dict.fromkeys(fact.advised for fact in physical.reasons.values() if fact)
         reasons = " ".join(given)

@@ -19,6 +19,7 @@ from mavdem.dem import Learned, Physical
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
 from mavdem.facts import Level
+from mavdem.facts.identifiability import Status
 from mavdem.flight import Flights
 from mavdem.report.blocks import (
     Blocks,
@@ -259,7 +260,7 @@ def _axis_row(axis: AxisFigures) -> list[str]:
         "lag": (1e3 * physical.lag, 1e3 * lag),
     }
     shown = [
-        plus_minus(*pair) + " (biased)" * (physical.status[name] == "biased")
+        plus_minus(*pair) + " (biased)" * (physical.status[name] is Status.BIASED)
         for name, pair in estimates.items()
     ]
     return [*shown, "-" if wind is None else rounded(TORQUE.scale * wind.sd)]

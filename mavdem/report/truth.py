@@ -31,21 +31,20 @@ def truth_blocks(comparison: TruthComparison) -> Blocks:
 
 def _row(parameter: ComparedParameter) -> list[str]:
     """Degrees for radians, ms for s; the error in percent of the truth, where that is no number near 0."""
-    angle, per, rest = parameter.unit.partition(" per ")
-    unit, scale = ("ms", 1e3) if parameter.unit == "s" else readable(angle)
+    unit, scale = ("ms", 1e3) if parameter.unit == "s" else readable(parameter.unit)
     estimate, half, truth = (
         scale * value for value in (parameter.estimate, parameter.half_width, parameter.truth)
     )
     near = abs(estimate - truth) < 10.0 * abs(truth)
     inside: str = Rated(parameter.status, Level.BAD)  # without an interval
     if parameter.inside is not None:
-        biased = ", biased" if Status(parameter.status) is Status.BIASED else ""
+        biased = ", biased" if parameter.status is Status.BIASED else ""
         inside = f"{'yes' if parameter.inside else 'no'}{biased}"
     return [
         NAMES.get(parameter.name, parameter.name.replace("effect of", "effectiveness of")),
         plus_minus(estimate, half) if isfinite(half) else rounded(estimate),
         rounded(truth, 3),
         f"{round(100 * (estimate / truth - 1)) + 0:+d} %" if near else "",
-        f"{unit}{per}{rest}",
+        unit,
         inside,
     ]

@@ -46,6 +46,7 @@ from mavdem.dem.graybox.parameters import WindComponent
 from mavdem.dem.graybox.plant import smooth
 from mavdem.dem.record import Record
 from mavdem.facts import Fact, Level
+from mavdem.facts.identifiability import Status
 from mavdem.facts.loops import Controllers, Gains, Loops, Responses, Twins
 from mavdem.facts.margins import TrackingLight
 from mavdem.facts.motors import MotorsLight
@@ -277,7 +278,7 @@ def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(tmp_path):
 def made_up(factor=1.0):
     """Of made-up flight and plant, with a rate controller of ``factor`` times the usual gains."""
     rng = default_rng(3)
-    status = dict.fromkeys(("effect", "damping", "lag"), "reported")
+    status = dict.fromkeys(("effect", "damping", "lag"), Status.REPORTED)
     rate = rng.normal(0, 0.01, 2000)
     inputs = 1500 + rng.normal(0, 5, (2000, 1)) * X_ROLL
     outputs = np.column_stack([rate.cumsum() * 0.005, rate])
@@ -523,7 +524,7 @@ def test_a_twin_says_of_each_figure_how_sure_it_is():
     assert inertia["roll"].figures["share"] == approx(1.645 * 0.0095 / 0.36, rel=0.1)
     assert twin.notes["moment"].code is Twins.MOMENT_NOTE
     assert twin.notes["damping"] == Fact(Twins.DAMPING_NOTE, damping=loop.plant.interval().damping)
-    status = {**loop.plant.status, "lag": "not identifiable"}
+    status = {**loop.plant.status, "lag": Status.NOT_IDENTIFIABLE}
     unsure = replace(loop, plant=loop.plant._replace(status=status))
     twin = twin_of({"roll": unsure}, px4=True, hover=0.5, air=None, drag=of_all, mass=2.0)
     assert twin.notes["lag"] == Fact(Twins.LAG_NOTE, lag=None)

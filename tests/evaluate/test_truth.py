@@ -14,6 +14,7 @@ from mavdem.dem.record import Record
 from mavdem.evaluate.truth import compare_with_truth, read_truth, truth_of
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import Forecasts
+from mavdem.facts.identifiability import Status
 from mavdem.paper.runner import hover
 from mavdem.report.truth import truth_blocks
 from sitl_scenarios.files import load
@@ -84,7 +85,7 @@ def test_in_segments_it_is_the_same(learned, flight, path):
 def test_an_interval_that_misses_and_one_that_is_not_there_are_told_apart(learned, flight, path):
     read = learned.physical
     off = read._replace(
-        damping=9.0, status=read.status | {"lag": "not identifiable", "damping": "biased"}
+        damping=9.0, status=read.status | {"lag": Status.NOT_IDENTIFIABLE, "damping": Status.BIASED}
     )
     changed = SimpleNamespace(record=learned.record, physical=off, wind_torque=learned.wind_torque)
     found = {one.name: one for one in compared(changed, path, flight).parameters}

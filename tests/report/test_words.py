@@ -16,6 +16,7 @@ from mavdem.evaluate import compare, windows
 from mavdem.evaluate.comparison import Method
 from mavdem.evaluate.truth import ComparedParameter, ComparedWind, TruthComparison
 from mavdem.facts import Fact
+from mavdem.facts.identifiability import Status
 from mavdem.facts.margins import TrackingLight
 from mavdem.ingest import read_log
 from mavdem.report import palette
@@ -44,7 +45,7 @@ def is_golden(request, name, blocks):
 SCREENS = {
     "model": lambda: analysis_blocks(assessment(physical())),
     "doubtful": lambda: analysis_blocks(
-        assessment(physical(0.2, lag="not identifiable", damping="biased"))
+        assessment(physical(0.2, lag=Status.NOT_IDENTIFIABLE, damping=Status.BIASED))
     ),
     "contents": lambda: log_blocks(inventory(read_log(LOGS / "ardupilot_default_rates.tlog"))),
 }
@@ -72,8 +73,8 @@ def test_a_comparison_of_methods(request):
 def test_estimates_beside_the_truth(request):
     parameters = (
         ComparedParameter("effect of motor 1", "rad/s² per µs", 0.0408, 0.0023, 0.041),
-        ComparedParameter("damping", "1/s", 7.0, 0.5, 0.65, "biased"),
-        ComparedParameter("lag of the motors", "s", 0.0195, NAN, 0.0188, "not identifiable"),
+        ComparedParameter("damping", "1/s", 7.0, 0.5, 0.65, Status.BIASED),
+        ComparedParameter("lag of the motors", "s", 0.0195, NAN, 0.0188, Status.NOT_IDENTIFIABLE),
     )
     steady = ComparedParameter("steady part", "rad/s²", -1.7, 0.1, -1.65)
     wind = ComparedWind(0.7, 0.33, 0.35, 0.99, True, steady)

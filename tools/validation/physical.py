@@ -29,6 +29,7 @@ from mavdem.dem import NotIdentifiable, Physical, WindTorque, physical
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable, Unreadable
+from mavdem.facts.identifiability import Status
 from mavdem.files import table_beside
 from mavdem.ingest.vocabulary import IN_AIR
 from mavdem.paper.runner import SHARED, logged
@@ -41,7 +42,7 @@ Array = NDArray[np.float64]
 
 PARAMETERS = ("effect", "damping", "lag")
 # and how it marks an estimate
-STATUSES = {"reported": "", "biased": " (biased)", "not identifiable": " (no)"}
+STATUSES = {Status.REPORTED: "", Status.BIASED: " (biased)", Status.NOT_IDENTIFIABLE: " (no)"}
 FLOWN = table_beside(__file__, "physical.toml")
 RATES = (50.0, 100.0, 200.0)  # Hz
 *_, RATE = RATES  # of the Crazyflie
@@ -178,11 +179,11 @@ def line_of(some: Any, name: str) -> pd.Series:
     """Of a parameter: share that is reported, and how often intervals hold the truth."""
     status = some[f"{name} status"]
     line = {"number": len(some)} | {kind: share(status == kind) for kind in STATUSES}
-    reported = some[status == "reported"]
+    reported = some[status == Status.REPORTED]
     line["inside"] = share(reported[f"{name} inside"])
     worst = max(reported[f"{name} error"], key=abs, default=np.nan)
     line["worst"] = f"{worst:+.0%}"
-    biased = some[status == "biased"]
+    biased = some[status == Status.BIASED]
     line["inside, where biased"] = share(biased[f"{name} inside"])
     return pd.Series(line)
 

@@ -19,6 +19,7 @@ from numpy.random import Generator, default_rng
 
 from mavdem import Drag, wind
 from mavdem.condition.wind_velocity import coming_from
+from mavdem.facts.identifiability import Status
 from mavdem.paper.runner import write_log
 from sitl_scenarios.files import load, scenario_of
 from sitl_scenarios.scenario import Scenario
@@ -62,8 +63,8 @@ def flown(name: str, flight: Scenario, drag: Drag | None = None) -> tuple[Values
     direction = coming_from(*mean)
     apart = abs((estimated.direction - direction + 180) % 360 - 180)
     low, high = estimated.speed_interval
-    has_speed = estimated.status["speed"] == "reported" and not estimated.calm
-    has_direction = estimated.status["direction"] == "reported" and estimated.directed
+    has_speed = estimated.status["speed"] is Status.REPORTED and not estimated.calm
+    has_direction = estimated.status["direction"] is Status.REPORTED and estimated.directed
     row: Values = {"flights": name}
     row["speed inside"] = low <= speed <= high or estimated.calm
     row["direction inside"] = apart <= estimated.direction_interval or speed < 0.3

@@ -17,6 +17,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.parameters import wind_density
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, NamedFacts
+from mavdem.facts.identifiability import Status
 from mavdem.facts.loops import Twins
 from mavdem.heading import Numbers
 from mavdem.ingest.motors import Position
@@ -173,7 +174,9 @@ def _notes(loops: LoopByAxis, is_given: bool, is_measured: bool, drag: Drag) -> 
     }
     plant = loops["roll"].plant
     known = {
-        name: None if plant.status[name] == "not identifiable" else getattr(plant.interval(), name)
+        name: None
+        if plant.status[name] is Status.NOT_IDENTIFIABLE
+        else getattr(plant.interval(), name)
         for name in ("damping", "lag")
     }
     notes = {
