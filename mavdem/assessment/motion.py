@@ -39,6 +39,7 @@ from mavdem.ingest.motors import MULTIROTORS
 from mavdem.ingest.telemetry import Array, Flags, rate_without_gaps
 from mavdem.ingest.vocabulary import wrapped
 
+FAR_ANGLE = np.pi / 4  # rad from the setpoint: a vehicle is on its side, by half of the lean
 LOST_ANGLE = np.radians(30.0)
 LOST_SECONDS = 0.3
 """A loss of attitude, and a motor at its stop, last so long: one sample of a stream at 4 Hz is none."""
@@ -212,7 +213,7 @@ def _loss(
     elif hit is not None or (height is not None and height < GROUND_HEIGHT):
         code = MotionEvent.HIT
     asked = bool(error.asked[here].all())
-    most = 2 * LOST_ANGLE if asked else np.pi / 4  # on its side, by half of the lean
+    most = 2 * LOST_ANGLE if asked else FAR_ANGLE
     lasts = min(end, time[-1]) - start
     harm = max(speed / FALL_SPEED, angle / most, lasts / CAUGHT_SECONDS)
     if harm < 1 or _is_caught(signals, boot, flight, end):

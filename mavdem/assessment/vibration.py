@@ -15,11 +15,11 @@ ARDUPILOT = Limits(15.0, 30.0)
 PX4 = Limits(4.905, 9.81)
 """m/s², of ``accel_vibration_metric``: https://github.com/PX4/flight_review, app/plot_app/configured_plots.py."""
 CLIPS = Limits(0, 100)
-"""In flight: up to the second ArduPilot's page calls them acceptable."""
+"""Of an IMU in flight: up to the second ArduPilot's page calls them acceptable."""
 
 
 def vibration_light(evidence: Evidence) -> Fact:
-    """Returns the largest mean vibration in settled flight, else in the air, of all IMUs, and how often they clip."""
+    """Returns the largest mean vibration in settled flight, else in the air, and the most clips, of all IMUs."""
     signals = evidence.signals
     telemetry = signals.telemetry
     limits = PX4 if telemetry.autopilot == "PX4" else ARDUPILOT
@@ -39,7 +39,7 @@ def vibration_light(evidence: Evidence) -> Fact:
     mean = levels.values[here].mean(axis=0)
     most = int(mean.argmax())
     imu, axis = divmod(most, len(measured.axes))
-    clips = int(measured.clips[here].sum())
+    clips = int(measured.clips[here].sum(axis=0).max())
     levels_of_both = limits.level(mean[most]), CLIPS.level(clips)
     return Fact(
         VibrationLight.VIBRATION_MEASURED,

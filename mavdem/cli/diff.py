@@ -11,7 +11,7 @@ from mavdem.cli.output import check_folder, files_in, print_result, progress, sa
 from mavdem.errors import NotLearnable
 from mavdem.facts.fleet import Incomparable
 from mavdem.fleet.difference import changed_parameters, vehicle_difference
-from mavdem.fleet.row import OK, UNKNOWN, FlightRow, FlightRows, flights_of
+from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows, flights_of
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.fleet.store import is_fleet, read_rows
 from mavdem.heading import Values
@@ -69,7 +69,7 @@ def diff_command(
         _rows(name, source, vehicle, reviews[name])
         for name, source in (("A", before), ("B", after))
     )
-    names, others = ({row.vehicle for row in rows if row.status == OK} for rows in (first, second))
+    names, others = ({row.vehicle for row in rows if row.is_read} for rows in (first, second))
     if vehicle is None and max(len(names), len(others)) > 1:
         both = (names & others) - {UNKNOWN}
         if len(both) != 1:
@@ -120,7 +120,7 @@ def _rows(name: str, source: str, vehicle: str | None, review: Values) -> Flight
     if is_fleet(path):
         rows = read_rows(path)
         chosen = [row for row in rows if vehicle in (None, row.vehicle)]
-        if {row.vehicle for row in chosen if row.status == OK} == {UNKNOWN}:
+        if {row.vehicle for row in chosen if row.is_read} == {UNKNOWN}:
             raise NotLearnable(Incomparable.VEHICLES_UNKNOWN, subject=name)
     else:
         with progress(f"Reading {source}", measured=False):
@@ -135,8 +135,8 @@ def _rows(name: str, source: str, vehicle: str | None, review: Values) -> Flight
         chosen = [
             row for row in rows if vehicle in (None, row.vehicle) or system == str(row.system)
         ]
-    if not any(row.status == OK for row in chosen):
-        names = {row.vehicle for row in rows if row.status == OK}
+    if not any(row.is_read for row in chosen):
+        names = {row.vehicle for row in rows if row.is_read}
         if vehicle is not None and names and not chosen:
             lacks = Incomparable.VEHICLE_MISSING
             raise NotLearnable(lacks, subject=name, name=vehicle, names=sorted(names))

@@ -34,8 +34,6 @@ Job = tuple[Records, Settings | None]
 """What ``learn`` takes: a flight, and settings or ``None`` for the default ones."""
 
 FEWEST_SAMPLES = 50  # that a model is fitted to
-# beside the outputs, unless the order is given: the lag between motor output and torque
-HIDDEN_STATES = 1
 
 WINDOW_SECONDS = 0.09
 """Embedding window: wide enough to average measurement noise, short beside the motion of a vehicle."""
@@ -113,7 +111,8 @@ def complete(settings: Settings, record: Record) -> CompleteSettings:
 
     A window that is not given lasts ``WINDOW_SECONDS``, or is the shortest possible where segments are too short.
     """
-    order = settings.order or record.outputs.shape[1] + HIDDEN_STATES
+    # One state more than outputs: the lag between motor output and torque.
+    order = settings.order or record.outputs.shape[1] + 1
     d = min(2, settings.p) if settings.d is None else settings.d
     usual = PARAMETER_PRECISION if settings.prior == "regulated" else 1.0
     fewest = max(settings.p, d) + 1

@@ -304,7 +304,7 @@ def _convert_to_table(
     flight = align(signals, segment) if segment else learnability.flight
     cautions = list(map(str, learnability.cautions))
     if not learnability.learnable:
-        cautions.append(f"A {axis} model cannot be learned from this table: {learnability.reason}")
+        cautions.append(str(learnability.reason))
     if flight is None:
         raise NotLearnable(learnability.reason)
     provenance = {**flight.provenance, "cautions": cautions}

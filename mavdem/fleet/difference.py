@@ -27,7 +27,6 @@ from mavdem.facts import Fact
 from mavdem.facts.fleet import Compared, Incomparable, Outcome
 from mavdem.facts.identifiability import Status
 from mavdem.fleet.row import (
-    OK,
     SHARED,
     UNKNOWN,
     Flight,
@@ -157,7 +156,7 @@ class VehicleDifference(NamedTuple):
 
 def vehicle_difference(before: FlightRows, after: FlightRows) -> VehicleDifference:
     """Returns what differs between flights ``before`` and ``after``, of one vehicle or of two; of rows with figures."""
-    sides = [flights_of(row for row in rows if row.status == OK) for rows in (before, after)]
+    sides = [flights_of(row for row in rows if row.is_read) for rows in (before, after)]
     conditions = (conditions_of(sides[0]), conditions_of(sides[1]))
     estimates = [[estimates_of(flight) for flight in flights] for flights in sides]
     unlike = _unlike(sides)

@@ -46,7 +46,7 @@ SCHEMA_VERSION = 8
 
 # the vehicle of a log that does not say whose it is, and health that is not known
 UNKNOWN = "unknown"
-OK = "ok"  # the status of a flight that was read, and the health of one as healthy ones
+READ = "ok"  # the status of a flight that was read
 SHARED = "system id"  # the basis of a name that several vehicles may have
 HEALTHS = tuple(MotorHealth)  # the worst first
 NOT_IDENTIFIABLE = Status.NOT_IDENTIFIABLE  # the status of what a flight says nothing of
@@ -248,7 +248,7 @@ class FlightRow:
     """what must be known before its figures are used, one sentence each"""
     warning_codes: Names = ()
     """the same as codes"""
-    status: str = OK
+    status: str = READ
     """ok, or why there is no flight"""
     status_code: Text = None
     """why there is no flight, as a code"""
@@ -268,9 +268,14 @@ class FlightRow:
             object.__setattr__(self, name, value)
 
     @property
+    def is_read(self) -> bool:
+        """Whether it has figures of a flight, not why there are none."""
+        return self.status == READ
+
+    @property
     def has_flight(self) -> bool:
         """Whether it is of a flight: one with figures, or one whose assessment is bad without any."""
-        return self.status == OK or self.headline_level == Level.BAD
+        return self.is_read or self.headline_level == Level.BAD
 
     @property
     def order(self) -> tuple[str, str, str, int, int, str]:

@@ -17,9 +17,9 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Facts
 from mavdem.facts.fleet import Folder, Reading
-from mavdem.facts.motors import HealthUnknown
+from mavdem.facts.motors import HealthUnknown, MotorHealth
 from mavdem.fleet.cluster import Cluster
-from mavdem.fleet.row import OK, SHARED, UNKNOWN, FlightRow, FlightRows
+from mavdem.fleet.row import SHARED, UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.sources import Source, find_logs
 from mavdem.fleet.store import AssessRows, Store, is_fleet, opened, read_rows
 from mavdem.fleet.workers import Job, MakePage, WorkerPool
@@ -50,20 +50,21 @@ def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
     """Returns all rows of a vehicle, each judged beside its ``baseline`` or, without any, its first sound flights."""
     blank: Values = dict.fromkeys((*OF_ASSESSMENT, *BESIDE_OTHERS)) | {"health": UNKNOWN}
     rows = [replace(row, **blank) for row in rows]
-    flown = [row for row in rows if row.status == OK]
+    flown = [row for row in rows if row.is_read]
     if not flown:
         return rows
     if not baseline and (flown[0].vehicle == UNKNOWN or flown[0].vehicle_basis == SHARED):
         unnamed = Fact(HealthUnknown.VEHICLE_UNNAMED)
         said: Values = {"health_reason": unnamed.advised, "health_code": unnamed.code}
-        return [replace(row, **said) if row.status == OK else row for row in rows]
-    healthy_rows = [row for row in baseline if row.status == OK]
+        return [replace(row, **said) if row.is_read else row for row in rows]
+    healthy_rows = [row for row in baseline if row.is_read]
     judged = {_key(row): health_figures(row) for row in flown}
     # A flight that is among both is one flight.
     given = {_key(row): judged.get(_key(row)) or health_figures(row) for row in healthy_rows}
     vehicles = assess([*judged.values()], [*given.values()] or None)
     assessments = dict(zip(judged, vehicles, strict=True))
-    names = {flight.name for flight in given.values() or healthy_flights([*judged.values()])}
+    sound = [judged[key] for key in judged if assessments[key].health is not MotorHealth.FAULT]
+    names = {flight.name for flight in given.values() or healthy_flights(sound)}
     figures = given | judged
     models = [row for row in (*healthy_rows, *flown) if figures[_key(row)].name in names]
     healthy = {(*_key(row), row.axis): row for row in models}.values()
@@ -78,7 +79,7 @@ def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
             health_code=assessment.fact.code,
         )
 
-    return [with_health(row) if row.status == OK else row for row in rows]
+    return [with_health(row) if row.is_read else row for row in rows]
 
 
 def health_figures(row: FlightRow) -> HealthFigures:
@@ -179,7 +180,7 @@ def track(
 
 def _with_flight(rows: FlightRows) -> FlightRows:
     """The rows of a baseline; raises ``Unreadable`` where there is no flight among them."""
-    if not any(row.status == OK for row in rows):
+    if not any(row.is_read for row in rows):
         path, why = (rows[0].file, rows[0].status) if rows else (None, None)
         raise Unreadable(Folder.BASELINE_WITHOUT_FLIGHT, path=path, because=why)
     return rows

@@ -8,7 +8,7 @@ thinner air, and with propellers that give less thrust: which, it does not say.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -30,8 +30,7 @@ from mavdem.health.balance import (
 )
 
 PROBABLE = 0.5
-"""Probability of a fault, and of any change, from which a flight is called one. ``tools/validation/propellers.py``
-prints how many healthy flights are by chance."""
+"""Probability of a fault, and of any change, from which a flight is called one."""
 NAMED = 0.8  # A motor is named if, given that one is faulty, it is that one with this probability
 
 
@@ -59,13 +58,14 @@ def assess(
 
     Args:
         flights: of one vehicle.
-        baseline: its healthy flights, of ``flights`` or others; its first three sound ones by date unless given. A
-            flight that was logged twice counts once.
+        baseline: its healthy flights, of ``flights`` or others; unless given, its first three sound ones by date
+            that are no fault beside each other. A flight that was logged twice counts once.
     """
     chosen = baseline is not None
     named = flights if baseline is None else baseline
     healthy = healthy_flights(flights, baseline)
     assessments = {}
+    faults = dict[float, HealthFigures]()
     before: dict[object, tuple[Explanations, EffortChange | None]] = {}
     by_time = sorted(enumerate(flights), key=lambda numbered: numbered[1].when)
     for number, flight in by_time:
@@ -94,12 +94,19 @@ def assess(
         if not alone:
             before[flight.layout] = weighed, effort
         assessment = _assessment(flight, weighed, away, effort, reference)
+        if assessment.health is MotorHealth.FAULT and flight in healthy:
+            faults[weighed.fault] = flight
         if assessment.health is MotorHealth.OK and considered.shown(away) < PROBABLE:
             unsure = HealthUnknown.HEALTH_UNSURE
             lost = lost_thrust(DETECTABLE_RISE)
             fact = Fact(unsure, loss=lost, usual=away.usual, **reference)
             assessment = HealthAssessment(MotorHealth.UNKNOWN, fact)
         assessments[number] = assessment
+    if faults and not chosen:
+        worst = faults[max(faults)]
+        return assess(
+            [replace(flight, sound=flight.sound and flight is not worst) for flight in flights]
+        )
     return tuple(assessments[number] for number in range(len(flights)))
 
 

@@ -206,7 +206,7 @@ class HealthFigures:
     date: datetime | None = None  # when it began
     collective: float | None = None  # mean command of all motors, as a share of the range
     voltage: float | None = None  # mean of the battery, V
-    # no motor was at its limit, and it did not oscillate: it may be taken for healthy
+    # no motor was at its limit, it did not oscillate, and it is no fault: it may be taken for healthy
     sound: bool = True
 
     @property

@@ -8,7 +8,7 @@ from mavdem.facts import Level
 from mavdem.facts.motors import MotorHealth
 from mavdem.fleet import row as fleet_row
 from mavdem.fleet.difference import Flights
-from mavdem.fleet.row import HEALTHS, OK, UNKNOWN, FlightRows, is_shared, worst_health, worst_row
+from mavdem.fleet.row import HEALTHS, UNKNOWN, FlightRows, is_shared, worst_health, worst_row
 from mavdem.grouping import grouped
 from mavdem.report.blocks import Blocks, Table
 from mavdem.report.condition import TIER_WORDS
@@ -116,13 +116,13 @@ def _needs_a_look(named: Mapping[str, Flights]) -> dict[str, object]:
     recovered = [
         name
         for name, flights in named.items()
-        if healths[name] == OK and {*TROUBLE} & {*map(worst_health, flights)}
+        if healths[name] == MotorHealth.OK and {*TROUBLE} & {*map(worst_health, flights)}
     ]
     return {
         "ill": len(ill),
         "named": few(ill),
         "recovered": few(sorted(recovered)),
-        "judged": sum(health == OK for health in healths.values()),
+        "judged": sum(health == MotorHealth.OK for health in healths.values()),
     }
 
 

@@ -13,7 +13,6 @@ from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
 from mavdem.fleet.row import (
     HEALTHS,
-    OK,
     Flight,
     FlightRows,
     flights_of,
@@ -24,7 +23,7 @@ from mavdem.report import fleet as words
 from mavdem.report.blocks import Block, Rated, Table
 from mavdem.report.fleet import TROUBLE, cut, doubt, urgency, vehicle_health
 from mavdem.report.numbers import MOST_NAMED, listed, rounded
-from mavdem.report.page import environment
+from mavdem.report.page import environment, page_of
 from mavdem.report.plans import rose_of_flights
 from mavdem.report.vehicle_charts import vehicle_group
 
@@ -71,21 +70,18 @@ def fleet_page(rows: FlightRows, changes: Mapping[str, Sequence[Block]] | None =
     ]
     winds = [(row.wind_direction, row.wind_speed) for row, *_ in flights]
     complete = np.array([wind for wind in winds if None not in wind], np.float64)
-    return (
-        environment()
-        .get_template("fleet.html")
-        .render(
-            blocks=words.fleet_blocks(rows),
-            vehicles=parts,
-            rose=rose_of_flights(complete) if len(complete) else None,
-            first=Table([*COLUMNS], lines[:FIRST_SHOWN], words=True),
-            table={
-                "kinds": [kind for kind, _ in COLUMNS.values()],
-                "rows": [[*link, *line] for link, line in zip(links, lines, strict=True)],
-                "first": FIRST_SHOWN,
-                "healths": (*TROUBLE, NOT_USED, *HEALTHS[len(TROUBLE) :]),
-            },
-        )
+    return page_of(
+        environment().get_template("fleet.html"),
+        blocks=words.fleet_blocks(rows),
+        vehicles=parts,
+        rose=rose_of_flights(complete) if len(complete) else None,
+        first=Table([*COLUMNS], lines[:FIRST_SHOWN], words=True),
+        table={
+            "kinds": [kind for kind, _ in COLUMNS.values()],
+            "rows": [[*link, *line] for link, line in zip(links, lines, strict=True)],
+            "first": FIRST_SHOWN,
+            "healths": (*TROUBLE, NOT_USED, *HEALTHS[len(TROUBLE) :]),
+        },
     )
 
 
@@ -107,7 +103,7 @@ def _notes(flight: Flight) -> str:
     """What is said of the flight, the most important first, a line each."""
     if not flight[0].has_flight:
         return cut(flight[0].status, MAX_NOTE)
-    reasons = [row.health_reason for row in flight if row.health != OK]
+    reasons = [row.health_reason for row in flight if row.health != MotorHealth.OK]
     warnings = (warning for row in flight for warning in row.warnings)
     headlines = [row.headline for row in flight]
     if worst_health(flight) in TROUBLE and flight[0].headline_level != Level.BAD:
@@ -123,7 +119,7 @@ def _motors(flight: Flight) -> str:
 
 def _settled(flight: Flight) -> str:
     seconds = flight[0].duration
-    return "" if seconds is None or flight[0].status != OK else rounded(seconds, 3)
+    return "" if seconds is None or not flight[0].is_read else rounded(seconds, 3)
 
 
 def _wind(flight: Flight) -> str:

@@ -21,7 +21,7 @@ from mavdem.fleet.row import Flight
 from mavdem.heading import Names
 from mavdem.report.blocks import Block
 from mavdem.report.fleet import LEVELS, vehicle_words
-from mavdem.report.page import environment
+from mavdem.report.page import environment, page_of
 from mavdem.report.vehicle_charts import vehicle_group
 
 PLACE = "<main>\n"
@@ -65,7 +65,7 @@ def _environment() -> Environment:
 
 def served(name: str, /, **known: Any) -> str:
     """Returns the HTML of the page of this ``name``, of what is ``known``."""
-    return _environment().get_template(f"serve/{name}.html").render(known)
+    return page_of(_environment().get_template(f"serve/{name}.html"), **known)
 
 
 def with_bar(page: str, **known: Any) -> str:

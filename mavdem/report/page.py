@@ -8,9 +8,9 @@ import re
 from collections.abc import Sequence
 from functools import cache
 from importlib.metadata import version
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from jinja2 import Environment, PackageLoader
+from jinja2 import Environment, PackageLoader, Template
 from markupsafe import Markup, escape
 
 from mavdem.analysis import LogAnalysis
@@ -29,10 +29,7 @@ from mavdem.report.palette import DISTURBANCE, INK_ON_LIGHT, PREDICTED
 from mavdem.report.screen import screen, title
 from mavdem.report.timeline import Timeline
 
-_MARKS = "\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
-_UNSEEN = dict.fromkeys(
-    [*range(9), *range(11, 32), *range(127, 160), *map(ord, _MARKS)], "\N{REPLACEMENT CHARACTER}"
-)
+_UNSEEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 """Control characters and marks that turn text around: a file's name may hold them."""
 
 
@@ -73,20 +70,22 @@ def document(
     All text is escaped. The same arguments give the same bytes with the same versions of mavdem and Python.
     """
     shown = [chapter for chapter in chapters if chapter.blocks or chapter.groups]
-    return (
-        environment()
-        .get_template("document.html")
-        .render(
-            title=title,
-            subtitle=subtitle,
-            blocks=blocks,
-            chapters=shown,
-            back=back,
-            head=head,
-            points=points,
-            has_charts=head is not None or any(chapter.groups for chapter in shown),
-        )
+    return page_of(
+        environment().get_template("document.html"),
+        title=title,
+        subtitle=subtitle,
+        blocks=blocks,
+        chapters=shown,
+        back=back,
+        head=head,
+        points=points,
+        has_charts=head is not None or any(chapter.groups for chapter in shown),
     )
+
+
+def page_of(template: Template, **values: Any) -> str:
+    """Returns the HTML that a ``template`` makes of ``values``, in which nothing turns text around."""
+    return _UNSEEN.sub("\N{REPLACEMENT CHARACTER}", template.render(values))
 
 
 @cache
@@ -98,7 +97,6 @@ def environment() -> Environment:
     made = Environment(
         loader=PackageLoader("mavdem.report", ""),
         autoescape=True,
-        finalize=_seen,
         trim_blocks=True,
         lstrip_blocks=True,
     )
@@ -112,10 +110,6 @@ def environment() -> Environment:
     made.tests["chart"] = lambda panel: isinstance(panel, Chart)
     made.filters["prose"] = _prose
     return made
-
-
-def _seen(value: object) -> object:
-    return value.translate(_UNSEEN) if isinstance(value, str) else value
 
 
 def _prose(text: str) -> Markup:

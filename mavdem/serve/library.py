@@ -28,7 +28,7 @@ from mavdem.errors import Refusal, Unreadable, cause_of
 from mavdem.facts import Fact
 from mavdem.facts.lights import Light
 from mavdem.facts.serve import Request, Sharing, Stage, Start
-from mavdem.fleet.row import OK, FlightRows
+from mavdem.fleet.row import FlightRows
 from mavdem.fleet.sources import Source, source_of
 from mavdem.fleet.store import Store
 from mavdem.fleet.workers import Limits, Outcome
@@ -274,7 +274,7 @@ class Library:
         """Makes these flights those that all others of their vehicles are compared with."""
         rows = self.rows_of([self.entry(id) for id in ids])
         with full_disk_refused():
-            self.store.healthy = [row for row in rows if row.status == OK]
+            self.store.healthy = [row for row in rows if row.is_read]
         self.is_unpublished.set()
 
     def entry(self, id: str) -> Entry:
