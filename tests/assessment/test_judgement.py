@@ -56,6 +56,9 @@ WARNING = prose("A warning.").but(Level.WATCH)
         ({"power": Level.BAD}, {"airborne": 0.0}, "The power."),
         ({"vibration": Level.WATCH, "log": Level.WATCH}, {}, "The vibration."),
         ({}, {"events": (WARNING,)}, "A warning."),
+        # An attitude more than 45° from its setpoint, though it came back.
+        ({"motors": Level.WATCH}, {"events": (WARNING.but(angle=0.78),)}, "The motors."),
+        ({"motors": Level.WATCH}, {"events": (WARNING.but(angle=0.79),)}, "A warning."),
     ],
 )
 def test_the_headline_is_the_worst_that_was_found(levels, more, said):

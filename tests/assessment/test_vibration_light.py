@@ -15,14 +15,14 @@ HOVER = Hover()
 
 
 def light(levels, clips=0, autopilot="ARDUPILOTMEGA", **more):
-    """Of these levels in flight, and ten times as much once landed; clips of the second IMU, and one before the log."""
+    """Of these levels in flight, and ten times as much once landed; clips of the second IMU and half of the third."""
     telemetry = HOVER.telemetry(10.0, 10.0, autopilot=autopilot)
     time = HOVER.stamps(5.0)[100:]
     shaken = np.outer(np.where(time < HOVER.landed, 1.0, 10.0), levels)
     counts = np.where(time > 30.0, clips, 0) + 1
     none = 0 * time
     fields = dict(zip(("vibration_x", "vibration_y", "vibration_z"), shaken.T, strict=False))
-    fields |= {"clipping_0": none, "clipping_1": counts, "clipping_2": none}
+    fields |= {"clipping_0": none, "clipping_1": counts, "clipping_2": counts // 2}
     fields |= {"vibration_z": shaken[:, 0]} if autopilot == "PX4" else {}
     known = columns(time, **fields, levels=shaken) if len(levels) != 3 else columns(time, **fields)
     signals = Signals(changed(telemetry, "VIBRATION", **known), inputs="motors")
