@@ -1,6 +1,5 @@
 """The made-up hover as frames of a link, and what is made of them: live, piece by piece, and offline."""
 
-import random
 from dataclasses import dataclass
 from functools import cache
 
@@ -148,19 +147,6 @@ def replay(pieces, stream=None, **options):
         if since is not None and made.rows:
             made.taken_back.append((made.rows[-1].segment, since))
     return made
-
-
-def cut(timed, seed):
-    """The same bytes in random pieces."""
-    chance = random.Random(seed)
-    content = b"".join(data for _, data in timed)
-    pieces = []
-    place = 0
-    while place < len(content):
-        size = chance.choice((1, 7, chance.randrange(1, 700)))
-        pieces.append((place / len(content), content[place : place + size]))
-        place += size
-    return pieces
 
 
 def offline(frames, system=1):

@@ -3,6 +3,7 @@
 from base64 import b64decode
 from dataclasses import replace
 from types import SimpleNamespace
+from xml.etree import ElementTree
 
 import control
 import numpy as np
@@ -28,6 +29,7 @@ from mavdem.report.figures import Plots
 from mavdem.report.flight_charts import spectrogram, spectrum_chart, step_charts
 from mavdem.report.flight_page import responses_chapter
 from mavdem.report.labels import AxisCommand, Labels
+from mavdem.report.screen import detail_blocks
 from mavdem.report.systems import model_response, plant_response
 
 SETTINGS = mavdem.Settings(order=3, d=2, window=9, parameter_precision=1.0, horizon=None)
@@ -229,3 +231,11 @@ def test_without_physical_parameters_only_what_needs_them_is_refused(learned, mo
     assert model_charts.bode(learned)[0].title.endswith("by DEM's model")
     with raises(ValueError, match="not identifiable"):
         learned.plot.disturbance()
+
+
+@mark.slow
+def test_details_say_how_it_was_learned_and_a_notebook_what_it_is_good_for(learned):
+    leads = {block.lead for block in detail_blocks(learned)}
+    assert any(lead.startswith("Poles of A") for lead in leads) and len(leads) >= 2
+    notebook = "".join(ElementTree.fromstring(learned._repr_html_()).itertext())
+    assert "control effectiveness" in notebook and "3 states, from 12 s at 100 Hz" in notebook
