@@ -14,6 +14,7 @@ from mavdem import baselines
 from mavdem.condition.inventory import inventory
 from mavdem.evaluate import compare, windows
 from mavdem.evaluate.comparison import Method
+from mavdem.evaluate.truth import ComparedParameter, TruthComparison
 from mavdem.facts import Fact
 from mavdem.facts.margins import TrackingLight
 from mavdem.ingest import read_log
@@ -24,6 +25,7 @@ from mavdem.report.condition import log_blocks
 from mavdem.report.numbers import few, in_one_line, plus_minus, rounded
 from mavdem.report.page import notebook_html
 from mavdem.report.screen import analysis_blocks, poles_of
+from mavdem.report.truth import truth_blocks
 from mavdem.report.words import below, together
 
 NAN = float("nan")
@@ -65,6 +67,12 @@ def test_a_comparison_of_methods(request):
         patch.setattr("mavdem.dem.parallel.spare_cores", lambda: 1)
         compared = compare(windows("px4", flight, hop=850), methods)
     is_golden(request, "comparison", comparison_report(compared))
+
+
+def test_the_interval_of_a_biased_estimate_is_said_to_be_of_one():
+    biased = ComparedParameter("damping", "1/s", 7.0, 0.5, 0.65, "biased")
+    _, table = truth_blocks(TruthComparison("flight.truth.npz", (biased,), None))
+    assert table.rows == [["rate damping", "7.0 ± 0.5", "0.650", "+977 %", "1/s", "no, biased"]]
 
 
 @fixture(scope="module")
