@@ -6,12 +6,10 @@ from pkgutil import resolve_name
 from unittest.mock import Mock
 
 import numpy as np
-from hover import Hover, overtake
+from hover import Hover
 from live_hover import Flight, replay
 from mavlink_streams import message
-from numpy.random import default_rng
 from pytest import approx, fixture, mark
-from recorded_flights import shared
 from rich.console import Console
 
 from mavdem.cli.live import Place, StatusLines
@@ -24,7 +22,6 @@ from mavdem.facts.power import PowerLight
 from mavdem.facts.session import Session
 from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import Watch, Watched
-from mavdem.ingest.formats import read_stream
 from mavdem.live import LiveStream
 from mavdem.live.history import SessionStatus
 from mavdem.live.recent import Recent
@@ -217,25 +214,6 @@ def test_what_is_kept_is_bounded():
         recent.take("SYS_STATUS", second, (12000, 100, 50, 0, 0, 0))
     times = [time for time, _ in recent.rows["SYS_STATUS"]]
     assert times == [*range(1, 1024, 2), *range(1024, 2049)]
-
-
-@mark.slow
-def test_a_recorded_limit_cycle_is_said_at_once_over_a_bad_link():
-    """A fifth of the messages lost, a twentieth overtaken."""
-    path = shared("sitl_loops/ap_t_hot.tlog.xz")
-    draw = default_rng(3)
-    frames = [frame for _, frame in read_stream(path).stamped_frames()][:12000]
-    frames = [frame for frame in frames if draw.random() > 0.2]
-    overtake(draw, frames)
-    stream = LiveStream()
-    found = []
-    for frame in frames:
-        stream.feed(1.7e9, frame)
-        found += [event.fact for event in stream.events()]
-        if any(fact.code is Session.ALARM for fact in found):
-            break
-    # Off the ground at 45.9 s.
-    assert stream.now < 51.0
 
 
 @dataclass(frozen=True)

@@ -110,6 +110,9 @@ class Served(namedtuple("Served", "library work port")):
             answer = line.getresponse()
             return Answer(answer.status, answer.headers, answer.read().decode())
 
+    def get(self, path, **how):
+        return self.ask("GET", path, **how)
+
     def upload(self, *files, path="/api/logs", token="", fields=None, **headers):
         """Uploads files, each a name and bytes, in Flight Review's form, with ``fields`` by name."""
         kind = f"multipart/form-data; boundary={BOUNDARY}"
