@@ -76,9 +76,7 @@ class Flight:
 @cache
 def _sent(flight, start, end):
     streams = (flight._attitude, flight._motors, flight._heartbeats, flight._climb)
-    timed = sorted(
-        (entry for stream in streams for entry in stream(start, end)), key=lambda entry: entry[0]
-    )
+    timed = by_time(*(stream(start, end) for stream in streams))
     return [
         (
             time,
@@ -92,6 +90,11 @@ def _sent(flight, start, end):
         )
         for number, (time, kind, values) in enumerate(timed)
     ]
+
+
+def by_time(*streams):
+    """All that is sent, in its order."""
+    return sorted((entry for stream in streams for entry in stream), key=lambda entry: entry[0])
 
 
 def ticks(start, end, rate):

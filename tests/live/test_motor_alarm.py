@@ -5,7 +5,7 @@ from unittest.mock import Mock
 
 import numpy as np
 from hover import Hover
-from live_hover import Flight, offline, replay
+from live_hover import Flight, by_time, offline, replay
 from mavlink_streams import message
 from numpy.testing import assert_allclose
 from pytest import approx, fixture, mark
@@ -125,7 +125,7 @@ def test_a_vehicle_that_does_not_do_what_is_asked_names_no_motor(mask):
         (time, message("ATTITUDE_TARGET", time_boot_ms=round(1e3 * time), **asked))
         for time in np.arange(20.0, 50.0).tolist()
     ]
-    frames = sorted(hovering(rise=150.0) + targets, key=lambda frame: frame[0])
+    frames = by_time(hovering(rise=150.0), targets)
     made = replay(frames)
     assert len(made.stream.status().alarms) == bool(mask)
     assert len(motor_alarms(Signals(offline([frame for _, frame in frames])))) == bool(mask)

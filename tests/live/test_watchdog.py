@@ -7,7 +7,7 @@ from unittest.mock import Mock
 
 import numpy as np
 from hover import Hover
-from live_hover import Flight, replay
+from live_hover import Flight, by_time, replay
 from mavlink_streams import message
 from pytest import approx, fixture, mark
 from rich.console import Console
@@ -107,7 +107,7 @@ def told(*messages, until=20.0):
     """A hover with more messages, each its time, name and fields."""
     sent = [(time, message(name, **fields)) for time, name, fields in messages]
     frames = Flight(Hover(hovering=20.0), attitude=20.0, motors=20.0).frames(end=until)
-    return replay(sorted(frames + sent, key=lambda each: each[0]))
+    return replay(by_time(frames, sent))
 
 
 def test_a_low_battery_vibration_and_warnings_are_said_as_they_come():
@@ -192,18 +192,15 @@ def test_slow_messages_show_no_limit_cycle_and_that_is_said():
 
 @mark.slow
 def test_every_vehicle_on_a_link_is_watched():
-    frames = [
-        each
-        for system in (1, 2)
-        for each in Flight(Hot(hovering=12.0), system=system).frames(end=18.0)
-    ]
-    made = replay(sorted(frames, key=lambda each: each[0]))
+    flights = (Flight(Hot(hovering=12.0), system=system) for system in (1, 2))
+    frames = by_time(*(flight.frames(end=18.0) for flight in flights))
+    made = replay(frames)
     found = [fact for fact in made.facts if fact.code is Watch.OTHER_VEHICLE_ALARM]
     assert {fact.subject for fact in found} == {"1:1", "2:1"}
     assert {fact.figures["because"].code for fact in found} >= {Session.ALARM}
     assert "vehicle 2:1 watched: " in watching(made.stream.status().watched)
     # One that was chosen is reported as itself.
-    made = replay(sorted(frames, key=lambda each: each[0]), vehicle="1:1")
+    made = replay(frames, vehicle="1:1")
     found = [fact for fact in made.facts if fact.code is Watch.OTHER_VEHICLE_ALARM]
     assert {fact.subject for fact in found} == {"2:1"} and said(made, MarginsLight.OSCILLATES)
 

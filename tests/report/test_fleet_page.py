@@ -6,7 +6,7 @@ import re
 from dataclasses import replace
 
 import numpy as np
-from browser import FITS, HOSTILE, shown
+from browsing import FITS, HOSTILE, shown
 from fleet_rows import fleet_rows, flight_row
 from pytest import approx, mark
 
@@ -159,7 +159,7 @@ def test_what_comes_from_a_log_is_text_and_no_script_scheme_is_linked():
     assert "@import" not in text and "src=" not in text and "\\nothing" in text
 
 
-SORTED = """
+SORTED = """(() => {
 const lines = document.getElementById('flights').tBodies[0].rows;
 const cells = place => [...lines].map(row => row.cells[place].textContent);
 const heads = [...document.querySelectorAll('#flights th button')];
@@ -185,7 +185,7 @@ type('');
 more.click();
 found.more = lines.length;
 return found;
-"""
+})()"""
 
 
 @mark.slow

@@ -1,11 +1,12 @@
 """The page: one file that fetches nothing, escapes everything, zooms, prints, and fits a narrow and a wide window."""
 
 import re
+from base64 import b64decode
 from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
-from browser import HOSTILE, shown
+from browsing import HOSTILE, browsing, shown
 from hover import Hover
 from live_rows import flown
 from made_up_analysis import assessment, physical
@@ -62,9 +63,7 @@ class Balanced(HTMLParser):
 @mark.slow
 def test_every_column_of_the_motors_is_shown_and_no_line_ends_before_a_percent_sign(tmp_path):
     text = document("flight.tlog", "", analysis_blocks(assessment(physical())))
-    widths = (
-        "return [...document.querySelectorAll('.scroll')].map(e => e.scrollWidth - e.clientWidth)"
-    )
+    widths = "[...document.querySelectorAll('.scroll')].map(e => e.scrollWidth - e.clientWidth)"
     assert [shown(text, widths, tmp_path, width)[1] for width in (500, 1200)] == 2 * [[0, 0, 0]]
     assert not re.search(r"\d ?%", text.split("<section")[1])
     assert "0.4 s long, at 77.2 s" in text
@@ -117,7 +116,7 @@ def test_a_vehicle_that_oscillates_is_advised_on_its_page_as_by_tune(analysed):
     assert "ATC_RAT_PIT_D from 0.004 to 0.002667" in text
 
 
-ZOOM = """
+ZOOM = """(async () => {
 while (!(document.documentElement.groups.flight?.charts.length > 10)) await new Promise(done => setTimeout(done, 20));
 const group = document.documentElement.groups.flight, chart = group.charts[2], over = chart.over;
 const box = over.getBoundingClientRect();
@@ -135,20 +134,13 @@ const wider = await spans();
 document.getElementById("whole").click();
 const fits = document.documentElement.scrollWidth <= innerWidth;
 return [zoomed, wider, await spans(), figure.ariaLabel ?? figure.getAttribute("aria-label"), fits];
-"""
+})()"""
 
 
 @mark.slow
 def test_dragging_over_one_plot_zooms_all_and_a_button_shows_the_whole_flight(flight, tmp_path):
     # on a telephone, in the dark
-    title, (zoomed, wider, whole, label, fits) = shown(
-        flight,
-        ZOOM,
-        tmp_path,
-        500,
-        "--virtual-time-budget=36000000",
-        "--blink-settings=preferredColorScheme=1",
-    )
+    title, (zoomed, wider, whole, label, fits) = shown(flight, ZOOM, tmp_path, 500, dark=True)
     # modes, motors twice and wind torque; angle and rate of three axes; the spectrogram
     assert fits and len(whole) == 11 and label.startswith("Modes") and title == NAME
     assert_allclose(zoomed, 15.0, atol=0.5)
@@ -156,22 +148,21 @@ def test_dragging_over_one_plot_zooms_all_and_a_button_shows_the_whole_flight(fl
     assert_allclose(whole, 60.0, atol=0.5)
 
 
+DRAWN = """[...document.querySelectorAll("figure.chart")].filter(chart => chart.clientWidth)
+.map(chart => chart.querySelector(".uplot") !== null)"""
+
+
 @mark.slow
 def test_a_page_with_all_chapters_is_small_and_prints_on_four_sheets(flight, tmp_path):
     assert len(flight.encode()) < 700_000
-    # It has its charts too where it is printed before any was on a screen.
-    _, drawn = shown(
-        flight,
-        """dispatchEvent(new Event("beforeprint"));
-        const seen = [...document.querySelectorAll("figure.chart")].filter(chart => chart.clientWidth);
-        return seen.map(chart => chart.querySelector(".uplot") !== null);""",
-        tmp_path,
-        1600,
-        f"--print-to-pdf={tmp_path / 'page.pdf'}",
-        "--no-pdf-header-footer",
-    )
+    (tmp_path / "page.html").write_text(flight)
+    with browsing(tmp_path / "profile") as tab:
+        tab.open((tmp_path / "page.html").as_uri())
+        # It has its charts too where it is printed before any was on a screen.
+        printed = b64decode(tab.command("Page.printToPDF")["data"])
+        drawn = tab.run(DRAWN)
     assert drawn and all(drawn)
-    assert len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "page.pdf").read_bytes())) <= 4
+    assert len(re.findall(rb"/Type\s*/Page\b", printed)) <= 4
 
 
 def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_events():

@@ -91,6 +91,10 @@ class Answer(namedtuple("Answer", "status headers text")):
         """Of what is refused."""
         return self.json["error"]["fact"]["code"]
 
+    @property
+    def refusal(self):
+        return self.status, self.code
+
 
 class Served(namedtuple("Served", "library work port")):
     """A server that listens, and what asks it."""

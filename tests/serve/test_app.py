@@ -16,7 +16,7 @@ from unittest.mock import Mock
 from urllib.parse import urlencode
 
 import command_line
-from browser import HOSTILE
+from browsing import HOSTILE
 from pytest import fixture, mark, raises
 from refusals import unreadable
 from serving import BOUNDARY, TOKEN, form, log, serving
@@ -125,7 +125,7 @@ def test_progress_is_told_until_all_is_done(tmp_path, monkeypatch):
         with monkeypatch.context() as patch:
             patch.setattr(app, "MOST_WATCHERS", 0)
             full = server.get(f"/api/progress?id={id}")
-            assert (full.status, full.code) == (503, Request.UPLOADS_TOO_MANY)
+            assert full.refusal == (503, Request.UPLOADS_TOO_MANY)
         server.work.run()
         monkeypatch.setattr(app, "MOST_WATCHERS", 1)
         for _ in range(2):
@@ -239,7 +239,7 @@ def test_who_has_no_right_sees_what_is_shared_and_no_more(guarded):
         ("GET", "/api/progress"),
     ):
         refused = guarded.ask(method, path, {})
-        assert (refused.status, refused.code) == (401, Request.NO_RIGHT), path
+        assert refused.refusal == (401, Request.NO_RIGHT), path
     assert [guarded.get(path).status for path in ("/vehicle?name=quad%207", "/compare")] == [
         401
     ] * 2
@@ -277,7 +277,7 @@ def test_another_site_is_refused(served):
         {"Host": "evil.example"},
     ):
         refused = served.ask("DELETE", f"/api/flights/{id}", **headers)
-        assert (refused.status, refused.code) == (403, Request.OTHER_SITE), headers
+        assert refused.refusal == (403, Request.OTHER_SITE), headers
     for host in ("evil.example", "[::", "[x]", ""):
         assert served.get("/", Host=host).status == 403, host
     assert served.ask("DELETE", f"/api/flights/{id}", Origin="http://[").status == 403
@@ -343,7 +343,7 @@ def test_what_is_no_upload_is_refused(served):
         (form([], {"field": "x" * 65_537}), kind, Request.BAD_REQUEST),
     ):
         answer = served.ask("POST", "/api/logs", body, Content_Type=content_type)
-        assert (answer.status, answer.code) == (400, code)
+        assert answer.refusal == (400, code)
     assert list((served.library.folder / "incoming").iterdir()) == []
 
 
@@ -362,9 +362,9 @@ def test_size_number_queue_and_patience_have_limits(tmp_path, monkeypatch):
     monkeypatch.setattr(app, "MOST_UPLOADS", 1)
     with serving(tmp_path, is_eager=False) as server:
         large = server.upload(("a.ulg", log(size=1001)))
-        assert (large.status, large.code) == (413, Request.UPLOAD_TOO_LARGE)
+        assert large.refusal == (413, Request.UPLOAD_TOO_LARGE)
         many = server.upload(*numbered(3))
-        assert (many.status, many.code) == (400, Request.BAD_REQUEST)
+        assert many.refusal == (400, Request.BAD_REQUEST)
         with socket.create_connection(("127.0.0.1", server.port)) as line:
             head = "POST /api/logs HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 999\r\n"
             head += f"Content-Type: multipart/form-data; boundary={BOUNDARY}\r\n\r\n"
@@ -415,7 +415,7 @@ def test_a_full_disk_and_a_full_quota_are_507_and_break_nothing(tmp_path, monkey
     with serving(tmp_path, quota=1000) as server:
         id = server.add("a.ulg", "One.")
         refused = server.upload(("b.ulg", log("Two.", 2000)))
-        assert (refused.status, refused.code) == (507, Request.QUOTA_REACHED)
+        assert refused.refusal == (507, Request.QUOTA_REACHED)
         server.library.quota = None
 
         def full(handle):
@@ -429,7 +429,7 @@ def test_a_full_disk_and_a_full_quota_are_507_and_break_nothing(tmp_path, monkey
             server.library.room_for(0)
             with raises(Refusal):
                 server.library.room_for(1)
-        assert (refused.status, refused.code) == (507, Request.DISK_FULL)
+        assert refused.refusal == (507, Request.DISK_FULL)
         with raises(PermissionError), full_disk_refused():
             raise PermissionError(errno.EACCES, "another trouble")
         with raises(sqlite3.OperationalError), full_disk_refused():
@@ -492,7 +492,7 @@ def test_a_viewer_that_cannot_be_started_is_refused(tmp_path, monkeypatch):
         id = server.add("a.ulg", "One.")
         server.library.change(id, files="flight.rrd")
         refused = server.ask("POST", f"/api/flights/{id}/viewer", {})
-        assert (refused.status, refused.code) == (503, Request.NOT_STARTED)
+        assert refused.refusal == (503, Request.NOT_STARTED)
 
 
 def test_a_viewer_that_answers_is_shown_until_another_recording_is_asked_for(monkeypatch):
