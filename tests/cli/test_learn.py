@@ -9,11 +9,10 @@ from numpy.testing import assert_allclose
 from pytest import approx, mark
 from recorded_flights import FLIGHT, SLOW, short_flight
 
-from mavdem import Learned, Settings, evaluate
+from mavdem import Learned, Settings
 from mavdem import learn as learn_model
 from mavdem.alignment.read import read_flight
 from mavdem.analysis import Options
-from mavdem.analysis.figures import model_figures
 from mavdem.assessment.assess import assess
 from mavdem.cli.learn import named_after
 from mavdem.cli.output import LINES, print_blocks
@@ -41,18 +40,13 @@ def test_the_document_is_the_report_of_the_library(tmp_path, capsys):
     out = tmp_path / "new" / "folder"
     words = f"learn {FLIGHT} --out {out} --preset paper --start 2s --train 2s --test 50".split()
     report = document_of(capsys, *words)
-    flight = read_flight(FLIGHT)
-    train = flight[200:400]
-    test = flight[400:450]
+    train = read_flight(FLIGHT)[200:400]
     learned = learn_model(train, Settings.paper())
-    held_out = evaluate.held_out_test(train, test, learned)
-    figures = model_figures([train], learned, held_out)
-    assert report["free_energy"] == figures["free_energy"]
-    assert report["model"]["A"] == figures["model"].A.tolist()
+    assert report["model"]["A"] == learned.model.A.tolist()
     assert names(out) == FILES
     assert strict_json((out / "report.json").read_text()) == report
     kept = Learned.from_json((out / "model.json").read_text())
-    assert_allclose(kept.forecast(test.inputs), learned.forecast(test.inputs))
+    assert_allclose(kept.forecast(train.inputs), learned.forecast(train.inputs))
 
 
 @mark.slow

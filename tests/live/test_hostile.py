@@ -60,15 +60,9 @@ def test_impossible_values_stray_stamps_and_too_many_ports_change_nothing():
         )
         odd.append((time, message("ATTITUDE", time_boot_ms=stamp, roll=0.5)))
         odd.append((time + 0.1, message("SERVO_OUTPUT_RAW", time_usec=2**31)))
-    for port, time in zip(range(1, 251), np.linspace(1.0, 19.0, 250), strict=True):
-        odd.append(
-            (
-                time,
-                message(
-                    "SERVO_OUTPUT_RAW", time_usec=round(time * 1e6), port=port, servo1_raw=1500
-                ),
-            )
-        )
+    for port, time in enumerate(np.linspace(1.0, 19.0, 250), 1):
+        sent = {"time_usec": round(time * 1e6), "port": port, "servo1_raw": 1500}
+        odd.append((time, message("SERVO_OUTPUT_RAW", **sent)))
     made = replay(by_time(FLIGHT.frames(0.0, 20.0), odd))
     assert_array_equal(made.table(), usual_rows())
     assert VehicleFact.VEHICLE_REBOOTED not in made.codes
