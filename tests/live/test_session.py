@@ -138,8 +138,6 @@ def test_what_is_learnt_from_is_the_flight_that_offline_reads():
     assert_allclose(learnt.inputs, flight.inputs[same], atol=0.01)
     assert len(learnt.outputs) > 700
     live = one.learner.learn_now()
-    offline = mavdem.learn(flight[same], COMPLETE)
-    assert_allclose(live.model.A, offline.model.A, rtol=1e-3, atol=1e-3)
     assert one.status.learned == len([1 for *_, estimate in screen.rows if estimate is not None])
     assert (
         screen.setups[0].layout.names == flight.input_names and screen.rows[-1][2].model is not None
