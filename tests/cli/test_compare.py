@@ -1,6 +1,5 @@
-"""``mavdem compare`` and ``mavdem order``: documents, tables, and flights that cannot be compared or do not tell."""
+"""``mavdem compare``: documents, tables, and flights that cannot be compared."""
 
-import json
 import time
 
 from command_line import document_of, run, strict_json
@@ -44,12 +43,3 @@ def test_a_flight_too_short_says_what_fits(quick, capsys):
     said = capsys.readouterr().err
     assert "5900 training and 150 test samples were asked for" in said
     assert run("compare", FLIGHT, *said.split("`")[1].split()) == 0
-
-
-def test_the_order_and_why_are_reported(capsys):
-    assert run("order", FLIGHT, SLOW, "--max-order", "2", "--json") == 0
-    out, err = capsys.readouterr()
-    document = json.loads(out)
-    assert document["flights"] == ["ardupilot_wind5_steps"]
-    assert "ardupilot_default_rates.tlog is left out" in err
-    assert run("order", SLOW) == 1

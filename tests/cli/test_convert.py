@@ -40,17 +40,12 @@ def test_a_table_is_the_flight(axis, tmp_path, capsys):
     flight = read_flight(FLIGHT, axis)
     head, values = table_of(out)
     assert head == told["columns"]
-    measured = [f"{axis}_rad", f"{axis}_rate_rad_s"]
-    assert head[:5] == ["time_s", "motor_1_us", "motor_2_us", "motor_3_us", "motor_4_us"]
-    assert head[5:] == (measured[1:] if axis == "yaw" else measured)
-    assert told["samples"] == len(values)
-    for name, column, exact in zip(
-        head, values.T, (flight.time, *flight.inputs.T, *flight.outputs.T), strict=True
-    ):
-        step = {"s": 1e-5 if "rate" in name else 1e-6, "us": 0.01, "rad": 1e-6}[
-            name.rpartition("_")[2]
-        ]
-        assert abs(column - exact).max() <= 0.5 * step * (1 + 1e-6)
+    steps = {"time_s": 1e-6, **{f"motor_{number}_us": 0.01 for number in range(1, 5)}}
+    steps |= {"roll_rad": 1e-6} if axis == "roll" else {}
+    steps[f"{axis}_rate_rad_s"] = 1e-5
+    assert head == [*steps] and told["samples"] == len(values)
+    exact = np.column_stack([flight.time, flight.inputs, flight.outputs])
+    assert (abs(values - exact) <= 0.5 * np.array([*steps.values()]) * (1 + 1e-6)).all()
 
 
 @mark.parametrize("how", ["itself", "by a link", "by a hard link"])

@@ -5,12 +5,10 @@ import tomllib
 from contextlib import nullcontext
 from unittest.mock import Mock
 
-import numpy as np
 from command_line import document_of, refused, run
 from pytest import fail, mark
 
 from mavdem.cli.commands import main
-from mavdem.ingest import read_log
 from sitl_scenarios.files import in_toml, load, names, scenario_of
 
 SHORT = ["--duration", "20"]
@@ -18,22 +16,6 @@ SHORT = ["--duration", "20"]
 
 def fly(capsys, *words):
     return document_of(capsys, "fly", *words)
-
-
-@mark.slow
-def test_a_flight_with_its_truth(tmp_path, capsys):
-    out = tmp_path / "flight.mcap"
-    told = fly(capsys, "hover_blower", "--out", out, *SHORT)
-    assert (told["scenario"], told["duration"], told["out"]) == ("hover_blower", 20.0, str(out))
-    assert {path.name for path in tmp_path.iterdir()} == {"flight.mcap", "flight.truth.npz"}
-    log = read_log(out)
-    assert log.frames == told["frames"]
-    with np.load(tmp_path / "flight.truth.npz") as truth:
-        assert json.loads(str(truth["scenario"]))["duration"] == 20.0
-        read = log.vehicles[0].messages["ATTITUDE"]
-        known = np.interp(read["time"], truth["time"], truth["known_rates"][:, 0])
-        # The message's stamp is in whole milliseconds.
-        assert abs(read["rollspeed"] - known).max() < 0.1
 
 
 def test_the_list_is_one_a_line_name_first(capsys):

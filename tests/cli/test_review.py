@@ -7,6 +7,7 @@ from command_line import document_of, run, strict_json
 from recorded_flights import LOGS, SLOW
 
 import mavdem
+from mavdem.alignment.drive import AXES
 from mavdem.facts import Level
 from mavdem.facts.learnability import Reason
 from mavdem.facts.lights import Light, Unjudged
@@ -26,11 +27,8 @@ def test_a_log_alone_is_reviewed(tmp_path, monkeypatch, capsys):
     assert {path.name for path in folder.iterdir()} == {"report.html", "report.json"}
     document = document_of(capsys, "review", SLOW, "--out", "other")
     assert strict_json((tmp_path / "other" / "report.json").read_text()) == document
-    assert [*document["lights"]] == [*Light]
-    assert [*document["axes"]] == ["roll", "pitch", "yaw"]
-    assert document["axes"]["yaw"]["loop"] is None and document["axes"]["yaw"]["refusal"]["code"]
-    assert document["axes"]["roll"]["step_response"] is None
-    assert document["model"] is None and document["headline"]["code"]
+    assert [*document["lights"]] == [*Light] and document["model"] is None
+    assert {axis: one["loop"] for axis, one in document["axes"].items()} == dict.fromkeys(AXES)
 
 
 def test_a_log_of_no_vehicle_that_can_be_judged_has_its_page(tmp_path, capsys):

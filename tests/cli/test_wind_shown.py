@@ -1,7 +1,6 @@
 """The wind in m/s of a flight is the same on screen, page, row and in files, beside the autopilot's own."""
 
 import json
-import re
 from math import degrees
 
 import numpy as np
@@ -48,8 +47,3 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     assert from_point(found.direction) in fleet_page([row])
     assert run("wind", log, "--prior", tmp_path / "learnt") == 2
     assert "of this very flight" in capsys.readouterr().err
-    assert run("wind", log, "--verbose") == 0
-    (drag,) = re.findall(r"linear drag \(1/s\) +([0-9. ]+)", capsys.readouterr().out)
-    (low, high) = found.drag.interval("linear").mean(axis=1)
-    expected = found.drag.linear.mean(), low, high
-    assert [*map(float, drag.split())] == approx(expected, rel=0.01)

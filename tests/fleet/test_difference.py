@@ -86,18 +86,6 @@ def test_of_many_pairs_of_flights_of_the_same_vehicle_few_have_any_change():
     assert changed <= pairs * SIGNIFICANCE * 2
 
 
-def test_a_motor_that_works_harder_and_does_less_is_found_and_named():
-    found = vehicle_difference(state(range(6)), state(range(6, 12), 1, share=0.09, effect=-0.18))
-    changed = {one.quantity: one for one in found.of(Outcome.CHANGED)}
-    assert changed[Quantity(SHARE, 3)].difference > 0
-    effect = changed[Quantity(EFFECT, 3)]
-    assert effect.difference == approx(-0.18, abs=effect.half_width)
-    surest = min(
-        (one for one in found.changes if one.quantity.kind == EFFECT), key=lambda one: one.p
-    )
-    assert surest.quantity.motor == 3
-
-
 def test_what_changes_all_motors_changes_their_mean_and_none_beside_the_others():
     before = state(range(8))
     after = state(range(8, 16), 1)

@@ -5,7 +5,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
-from pytest import approx, fixture, mark
+from pytest import approx, mark
 from recorded_flights import LOGS
 from refusals import unreadable
 
@@ -23,32 +23,19 @@ DRAG = json.dumps({"speed": 4.0, "drag": Drag(np.zeros(6), np.eye(6)).as_dict()}
 SLOW = LOGS / "ardupilot_default_rates.tlog"
 
 
-@fixture(scope="module")
-def slow_rows():
-    return rows_of_log(SLOW)[0]
-
-
-def test_a_slow_log_gives_what_it_holds_and_says_why_no_more(slow_rows):
+def test_a_slow_log_gives_what_it_holds_says_why_no_more_and_has_one_page():
     hover = mavdem.hover(SLOW)
-    assert [row.axis for row in slow_rows] == ["roll", "pitch"]
-    for row in slow_rows:
-        assert (row.tier, row.status, row.effect) == (
-            "c",
-            "ok",
-            None,
-        ) and "4 Hz" in row.tier_reason
-        assert row.trim == approx(hover.trim) and row.headroom == approx(hover.headroom)
-        assert row.duration == approx(hover.seconds) and row.attitude_rate == approx(4, abs=0.2)
-        assert row.lean_roll == approx(np.radians(hover.roll))
-        assert len(row.positions) == len(row.spins) == len(row.motors) == 4
-
-
-def test_a_page_is_made_once_for_a_vehicle():
     rows, pages = rows_of_log(
         SLOW, "0123456789abcdef0123", lambda name, found: f"{name} {[*found.analyses]}{found.wind}"
     )
     assert pages == {"0123456789abcdef-1-1.html": f"{SLOW.name} ['roll', 'pitch']None"}
-    assert {row.page for row in rows} == {"pages/0123456789abcdef-1-1.html"}
+    for axis, row in zip(("roll", "pitch"), rows, strict=True):
+        assert (row.axis, row.tier, row.status, row.effect) == (axis, "c", "ok", None)
+        assert "4 Hz" in row.tier_reason and row.page == "pages/0123456789abcdef-1-1.html"
+        assert row.trim == approx(hover.trim) and row.headroom == approx(hover.headroom)
+        assert row.duration == approx(hover.seconds) and row.attitude_rate == approx(4, abs=0.2)
+        assert row.lean_roll == approx(np.radians(hover.roll))
+        assert len(row.positions) == len(row.spins) == len(row.motors) == 4
 
 
 def test_still_air_is_no_wind_and_a_drags_interval_is_a_half_width():
@@ -87,7 +74,7 @@ def test_a_row_has_an_effect_and_a_wind_torque_only_where_they_are_known():
         )
 
 
-def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(slow_rows, monkeypatch):
+def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(monkeypatch):
     log = mavdem.ingest.read_log(SLOW)
     (sound,) = log.vehicles
     other = replace(sound, component=7)

@@ -1,6 +1,5 @@
 """The made-up hover as frames of a link, and what is made of them: live, piece by piece, and offline."""
 
-import random
 from dataclasses import dataclass
 from functools import cache
 
@@ -28,6 +27,7 @@ class Flight:
     system: int = 1
     version: int = 2
     quaternion: bool = False
+    kind: str = "QUADROTOR"
 
     def frames(self, start=3.0, end=39.0):
         """What is sent from ``start`` to ``end`` of the hover's time, in its order."""
@@ -59,7 +59,7 @@ class Flight:
             yield time + 0.0002, "SERVO_OUTPUT_RAW", {"time_usec": stamp} | fields
 
     def _heartbeats(self, start, end):
-        identity = {"type": MAV_TYPES["QUADROTOR"], "autopilot": MAV_AUTOPILOTS["ARDUPILOTMEGA"]}
+        identity = {"type": MAV_TYPES[self.kind], "autopilot": MAV_AUTOPILOTS["ARDUPILOTMEGA"]}
         for time in ticks(start, end, 1.0):
             armed = ARMED * (5.0 <= time < self.hover.landed + 1.0)
             yield time + 0.0003, "HEARTBEAT", identity | {"base_mode": armed}
@@ -77,9 +77,7 @@ class Flight:
 @cache
 def _sent(flight, start, end):
     streams = (flight._attitude, flight._motors, flight._heartbeats, flight._climb)
-    timed = sorted(
-        (entry for stream in streams for entry in stream(start, end)), key=lambda entry: entry[0]
-    )
+    timed = by_time(*(stream(start, end) for stream in streams))
     return [
         (
             time,
@@ -93,6 +91,11 @@ def _sent(flight, start, end):
         )
         for number, (time, kind, values) in enumerate(timed)
     ]
+
+
+def by_time(*streams):
+    """All that is sent, in its order."""
+    return sorted((entry for stream in streams for entry in stream), key=lambda entry: entry[0])
 
 
 def ticks(start, end, rate):
@@ -148,19 +151,6 @@ def replay(pieces, stream=None, **options):
         if since is not None and made.rows:
             made.taken_back.append((made.rows[-1].segment, since))
     return made
-
-
-def cut(timed, seed):
-    """The same bytes in random pieces."""
-    chance = random.Random(seed)
-    content = b"".join(data for _, data in timed)
-    pieces = []
-    place = 0
-    while place < len(content):
-        size = chance.choice((1, 7, chance.randrange(1, 700)))
-        pieces.append((place / len(content), content[place : place + size]))
-        place += size
-    return pieces
 
 
 def offline(frames, system=1):

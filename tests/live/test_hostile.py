@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 from hover import Hover
-from live_hover import Flight, replay, settled_uniform
+from live_hover import Flight, by_time, replay, settled_uniform
 from mavlink_streams import frame, message
 from numpy.testing import assert_array_equal
 from pytest import mark, raises
@@ -18,10 +18,6 @@ from mavdem.live.rows import MAX_SAMPLES, Samples
 from mavdem.live.stream import MAX_EVENTS
 
 FLIGHT = Flight(hover=Hover(hovering=30.0))
-
-
-def among(frames, others):
-    return sorted(frames + others, key=lambda entry: entry[0])
 
 
 @cache
@@ -46,7 +42,7 @@ def test_frames_of_random_content_from_the_vehicle_itself_raise_nothing():
                 frame(chance.choice(ids), payload, sequence=chance.randrange(256)),
             )
         )
-    made = replay(among(FLIGHT.frames(end=20.0), forged), vehicle="1:1")
+    made = replay(by_time(FLIGHT.frames(end=20.0), forged), vehicle="1:1")
     assert np.isfinite(made.table()).all()
     assert made.stream.status().vehicle == "1:1"
     made.stream.parameters  # noqa: B018
@@ -64,16 +60,10 @@ def test_impossible_values_stray_stamps_and_too_many_ports_change_nothing():
         )
         odd.append((time, message("ATTITUDE", time_boot_ms=stamp, roll=0.5)))
         odd.append((time + 0.1, message("SERVO_OUTPUT_RAW", time_usec=2**31)))
-    for port, time in zip(range(1, 251), np.linspace(1.0, 19.0, 250), strict=True):
-        odd.append(
-            (
-                time,
-                message(
-                    "SERVO_OUTPUT_RAW", time_usec=round(time * 1e6), port=port, servo1_raw=1500
-                ),
-            )
-        )
-    made = replay(among(FLIGHT.frames(0.0, 20.0), odd))
+    for port, time in enumerate(np.linspace(1.0, 19.0, 250), 1):
+        sent = {"time_usec": round(time * 1e6), "port": port, "servo1_raw": 1500}
+        odd.append((time, message("SERVO_OUTPUT_RAW", **sent)))
+    made = replay(by_time(FLIGHT.frames(0.0, 20.0), odd))
     assert_array_equal(made.table(), usual_rows())
     assert VehicleFact.VEHICLE_REBOOTED not in made.codes
 

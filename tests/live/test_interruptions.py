@@ -116,35 +116,17 @@ def test_messages_out_of_order_are_put_in_order_or_counted():
     assert_allclose(made.table()[-count:, 5], usual.table()[-count:, 5], atol=0.01)
 
 
-OCTOROTOR = 14
-
-
 def octo():
     """Eight motors, four on each of two ports, the second sent a millisecond after the first."""
+    flight = Flight(kind="OCTOROTOR")
     frames = []
-    for time, data in Flight().frames(end=15.0):
-        if data[7] == 0:
-            base_mode = 128 * (time > 5.0)
-            data = message(
-                "HEARTBEAT", sequence=data[4], type=OCTOROTOR, autopilot=3, base_mode=base_mode
-            )
+    for time, data in flight.frames(end=15.0):
         frames.append((time, data))
         if data[7] == 36:
-            outputs = (
-                np.rint(Flight().hover.motors(np.array([time + 0.001])))[0].astype(int).tolist()
-            )
-            fields = {
-                f"servo{motor + 1}_raw": output + 10 * motor for motor, output in enumerate(outputs)
-            }
-            stamp = round((time + 0.001) * 1e6)
-            frames.append(
-                (
-                    time,
-                    message(
-                        "SERVO_OUTPUT_RAW", time_usec=stamp, port=1, sequence=data[4], **fields
-                    ),
-                )
-            )
+            (outputs,) = np.rint(flight.hover.motors(np.array([time + 0.001])))
+            stamp = {"time_usec": round((time + 0.001) * 1e6), "port": 1, "sequence": data[4]}
+            fields = {f"servo{n + 1}_raw": int(outputs[n]) + 10 * n for n in range(4)}
+            frames.append((time, message("SERVO_OUTPUT_RAW", **stamp, **fields)))
     return frames
 
 

@@ -27,17 +27,14 @@ def found(content, chance=None):
 
 def by_the_file_reader(content):
     table = frames_in(content)
-    columns = (table.message_id, table.system, table.component, table.sequence, table.checksum)
-    headers = zip(*(column.tolist() for column in columns), strict=True)
-    places = zip(table.start.tolist(), table.end.tolist(), strict=True)
-    return [
-        Frame(*header, payload_of(content[start:end]), content[start:end])
-        for header, (start, end) in zip(headers, places, strict=True)
-    ]
-
-
-def payload_of(content):
-    return content[HEADER if content[0] == MARKER_2 else HEADER_1 :][: content[1]]
+    header = table.message_id, table.system, table.component, table.sequence, table.checksum
+    rows = zip(*(column.tolist() for column in (*header, table.start, table.end)), strict=True)
+    frames = []
+    for *known, start, end in rows:
+        whole = content[start:end]
+        size = HEADER if whole[0] == MARKER_2 else HEADER_1
+        frames.append(Frame(*known, whole[size:][: whole[1]], whole))
+    return frames
 
 
 def mixed(seed):

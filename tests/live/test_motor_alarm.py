@@ -5,8 +5,8 @@ from unittest.mock import Mock
 
 import numpy as np
 from hover import Hover
-from live_hover import Flight, offline, replay
-from mavlink_streams import SHARED, message
+from live_hover import Flight, by_time, offline, replay
+from mavlink_streams import message
 from numpy.testing import assert_allclose
 from pytest import approx, fixture, mark
 
@@ -26,8 +26,6 @@ from sitl_scenarios.simulation import fly
 
 pytestmark = mark.slow
 
-EVENTS = SHARED / "sitl_events"
-
 
 def streamed(path):
     """A live stream that was fed a log's bytes, and what it reported."""
@@ -38,10 +36,6 @@ def streamed(path):
         stream.feed(1.7e9, data[begin : begin + 4096])
         said += [event.fact for event in stream.events()]
     return stream, said
-
-
-def of_log(path):
-    return motor_alarms(Signals(read_log(path).vehicles[0], "roll"))
 
 
 @fixture(scope="module", params=["px4", "ardupilot"])
@@ -61,7 +55,8 @@ def flown(request, tmp_path_factory):
 
 def test_a_motor_that_weakens_is_named_in_flight_and_by_its_log(flown):
     stream, said = streamed(flown)
-    [alarm], logged = stream.status().alarms, of_log(flown)
+    [alarm] = stream.status().alarms
+    logged = motor_alarms(Signals(read_log(flown).vehicles[0]))
     # Two seconds on the ground before the first arming.
     assert (alarm.motor, alarm.name) == (3, "motor 3 (front left)")
     assert 27.0 < alarm.time < 32.0 and alarm.since == approx(27.0, abs=1.5)
@@ -130,19 +125,10 @@ def test_a_vehicle_that_does_not_do_what_is_asked_names_no_motor(mask):
         (time, message("ATTITUDE_TARGET", time_boot_ms=round(1e3 * time), **asked))
         for time in np.arange(20.0, 50.0).tolist()
     ]
-    frames = sorted(hovering(rise=150.0) + targets, key=lambda frame: frame[0])
+    frames = by_time(hovering(rise=150.0), targets)
     made = replay(frames)
     assert len(made.stream.status().alarms) == bool(mask)
     assert len(motor_alarms(Signals(offline([frame for _, frame in frames])))) == bool(mask)
-
-
-@mark.skipif(not EVENTS.exists(), reason="needs recorded flights: set MAVDEM_SHARED_DATA")
-def test_a_recorded_motor_is_found_and_a_jump_of_the_wind_is_no_motor():
-    [alarm] = of_log(EVENTS / "ap_motor.tlog")
-    # SIM_ENGINE_MUL = 0.65 from 117.33 s on.
-    assert alarm.motor == 1 and 117.3 < alarm.time < 122.3
-    assert not of_log(EVENTS / "px4_windjump.tlog")
-    assert not of_log(EVENTS / "ap_quiet10.BIN")
 
 
 def test_what_a_weak_motor_does_is_the_share_that_a_sound_one_would_need():

@@ -3,7 +3,7 @@
 import struct
 from functools import lru_cache
 
-from live_hover import Flight, cut, differences, offline, replay
+from live_hover import Flight, differences, offline, replay
 from numpy.testing import assert_array_equal
 from pytest import mark
 from recorded_flights import LOGS, SHARED
@@ -76,12 +76,12 @@ def test_rows_are_those_of_align(flight, far):
 def test_what_comes_of_it_does_not_depend_on_how_the_bytes_are_cut():
     frames = Flight().frames(end=18.0)
     whole = replay(frames)
-    pieces = replay(cut(frames, 0))
+    content = b"".join(data for _, data in frames)
+    pieces = replay([(0.0, content[place : place + 11]) for place in range(0, len(content), 11)])
     assert_array_equal(pieces.table(), whole.table())
     assert pieces.facts == whole.facts
     assert pieces.stream.status() == whole.stream.status()
-    at_once = replay([(0.0, b"".join(data for _, data in frames))])
-    assert_array_equal(at_once.table(), whole.table())
+    assert_array_equal(replay([(0.0, content)]).table(), whole.table())
 
 
 def test_a_row_is_reported_with_the_message_that_completes_it():

@@ -1,6 +1,6 @@
 """Which vehicle is followed."""
 
-from live_hover import Flight, replay
+from live_hover import Flight, by_time, replay
 from mavlink_streams import heartbeat, message
 from pytest import mark
 
@@ -8,10 +8,7 @@ from mavdem.facts import Fact
 from mavdem.facts.session import Rows, VehicleFact
 from mavdem.ingest.motors import PlaceBasis
 
-TWO = sorted(
-    Flight(system=1).frames(end=14.0) + Flight(system=4).frames(end=14.0),
-    key=lambda entry: entry[0],
-)
+TWO = by_time(*(Flight(system=system).frames(end=14.0) for system in (1, 4)))
 
 
 def only_heartbeats(system=1):
@@ -25,7 +22,7 @@ def with_parameters(frames, values):
         (12.5, message("PARAM_VALUE", param_id=name, param_value=at, param_type=9))
         for name, at in values.items()
     ]
-    return sorted(frames + sent, key=lambda entry: entry[0])
+    return by_time(frames, sent)
 
 
 def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
@@ -38,7 +35,7 @@ def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
             (second + 0.4, heartbeat(1, 154, kind=26)),
             (second + 0.4, heartbeat(3, 1, kind=1)),
         ]
-    made = replay(sorted(Flight().frames(end=14.0) + others, key=lambda entry: entry[0]))
+    made = replay(by_time(Flight().frames(end=14.0), others))
     assert made.facts[0].code is VehicleFact.FOLLOWING_VEHICLE and made.rows
     assert made.facts[0].subject == "1:1 (QUADROTOR, ARDUPILOTMEGA)"
     flying = [(sender.system, sender.component) for sender in made.stream._senders if sender.flies]
@@ -47,7 +44,7 @@ def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
 
 @mark.slow
 def test_of_several_none_is_guessed_and_all_are_listed():
-    mute = sorted(only_heartbeats() + only_heartbeats(system=4), key=lambda entry: entry[0])
+    mute = by_time(only_heartbeats(), only_heartbeats(system=4))
     missing = replay(only_heartbeats(), vehicle="7").stream.status().obstacle
     assert missing == Fact(VehicleFact.NO_VEHICLE_YET, subject="7")
     made = replay(TWO)
@@ -72,7 +69,7 @@ def test_one_that_sends_nothing_but_heartbeats_is_followed_so_that_it_can_be_ask
     others = [
         (time + 0.5, heartbeat(255, 190, kind=6, autopilot=8)) for time, _ in only_heartbeats()
     ]
-    made = replay(sorted(only_heartbeats() + others, key=lambda entry: entry[0]))
+    made = replay(by_time(only_heartbeats(), others))
     assert made.codes == [VehicleFact.FOLLOWING_VEHICLE]
     assert made.stream.status().vehicle == "1:1"
     assert replay(only_heartbeats(), vehicle="1").stream.status().vehicle == "1:1"

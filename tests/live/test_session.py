@@ -138,8 +138,6 @@ def test_what_is_learnt_from_is_the_flight_that_offline_reads():
     assert_allclose(learnt.inputs, flight.inputs[same], atol=0.01)
     assert len(learnt.outputs) > 700
     live = one.learner.learn_now()
-    offline = mavdem.learn(flight[same], COMPLETE)
-    assert_allclose(live.model.A, offline.model.A, rtol=1e-3, atol=1e-3)
     assert one.status.learned == len([1 for *_, estimate in screen.rows if estimate is not None])
     assert (
         screen.setups[0].layout.names == flight.input_names and screen.rows[-1][2].model is not None
@@ -289,6 +287,9 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
         Rows.NOTHING_RECEIVED, subject=Missing.MESSAGES, duration=3.0
     )
     assert said.count(screen.statuses[-1].obstacle) == 1
+    watched = screen.statuses[-1].watched
+    assert {fact.code for fact in watched} == {Watch.NOT_WATCHED}
+    assert {fact.figures["because"].code for fact in watched} == {Rows.NOTHING_RECEIVED}
     # A vehicle that sends nothing else says only that it is there.
     heartbeat = next(frame for _, frame in FRAMES if frame[7:10] == bytes(3))
     for batch in [batches(0.05, start=9.0)[0], *40 * [[(FIRST + 10.0, heartbeat)]]]:
@@ -378,10 +379,9 @@ def test_every_frame_is_recorded_whatever_happens_to_the_rest(tmp_path, monkeypa
 
 
 @mark.slow
-def test_a_recording_that_fails_ends_alone(tmp_path, monkeypatch):
-    recording = RawRecording(tmp_path / "flight.tlog")
-    one, screen, said = session_of(batches(9.0), recording=recording)
-    monkeypatch.setattr(recording, "take", Mock(side_effect=OSError(28, "No space left on device")))
+def test_a_recording_that_fails_ends_alone():
+    full = Mock(**{"take.side_effect": OSError(28, "No space left on device")})
+    one, screen, said = session_of(batches(9.0), recording=full)
     run(one)
     (ended,) = (fact for fact in said if fact.code is LinkFact.STREAM_RECORDING_ENDED)
     assert ended.figures["error"] == "No space left on device" and not ended.figures["finishing"]
@@ -447,16 +447,6 @@ def test_what_is_wrong_in_a_climb_is_shown_before_there_are_rows(now):
         one.step(0.0)
     assert one._setup is None and screen.setups and len(screen.rows) >= 2
     one.end()
-
-
-def test_a_silent_link_watches_nothing(now):
-    one, *_ = session_of(batches(8.0))
-    run(one)
-    assert Watch.WATCHED in {fact.code for fact in one.status.watched}
-    now[0] += 5.0
-    watched = one.status.watched
-    assert {fact.code for fact in watched} == {Watch.NOT_WATCHED}
-    assert {fact.figures["because"].code for fact in watched} == {Rows.NOTHING_RECEIVED}
 
 
 @mark.slow

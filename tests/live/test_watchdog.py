@@ -6,12 +6,10 @@ from pkgutil import resolve_name
 from unittest.mock import Mock
 
 import numpy as np
-from hover import Hover, overtake
-from live_hover import Flight, replay
+from hover import Hover
+from live_hover import Flight, by_time, replay
 from mavlink_streams import message
-from numpy.random import default_rng
 from pytest import approx, fixture, mark
-from recorded_flights import shared
 from rich.console import Console
 
 from mavdem.cli.live import Place, StatusLines
@@ -24,7 +22,6 @@ from mavdem.facts.power import PowerLight
 from mavdem.facts.session import Session
 from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import Watch, Watched
-from mavdem.ingest.formats import read_stream
 from mavdem.live import LiveStream
 from mavdem.live.history import SessionStatus
 from mavdem.live.recent import Recent
@@ -110,7 +107,7 @@ def told(*messages, until=20.0):
     """A hover with more messages, each its time, name and fields."""
     sent = [(time, message(name, **fields)) for time, name, fields in messages]
     frames = Flight(Hover(hovering=20.0), attitude=20.0, motors=20.0).frames(end=until)
-    return replay(sorted(frames + sent, key=lambda each: each[0]))
+    return replay(by_time(frames, sent))
 
 
 def test_a_low_battery_vibration_and_warnings_are_said_as_they_come():
@@ -195,18 +192,15 @@ def test_slow_messages_show_no_limit_cycle_and_that_is_said():
 
 @mark.slow
 def test_every_vehicle_on_a_link_is_watched():
-    frames = [
-        each
-        for system in (1, 2)
-        for each in Flight(Hot(hovering=12.0), system=system).frames(end=18.0)
-    ]
-    made = replay(sorted(frames, key=lambda each: each[0]))
+    flights = (Flight(Hot(hovering=12.0), system=system) for system in (1, 2))
+    frames = by_time(*(flight.frames(end=18.0) for flight in flights))
+    made = replay(frames)
     found = [fact for fact in made.facts if fact.code is Watch.OTHER_VEHICLE_ALARM]
     assert {fact.subject for fact in found} == {"1:1", "2:1"}
     assert {fact.figures["because"].code for fact in found} >= {Session.ALARM}
     assert "vehicle 2:1 watched: " in watching(made.stream.status().watched)
     # One that was chosen is reported as itself.
-    made = replay(sorted(frames, key=lambda each: each[0]), vehicle="1:1")
+    made = replay(frames, vehicle="1:1")
     found = [fact for fact in made.facts if fact.code is Watch.OTHER_VEHICLE_ALARM]
     assert {fact.subject for fact in found} == {"2:1"} and said(made, MarginsLight.OSCILLATES)
 
@@ -217,25 +211,6 @@ def test_what_is_kept_is_bounded():
         recent.take("SYS_STATUS", second, (12000, 100, 50, 0, 0, 0))
     times = [time for time, _ in recent.rows["SYS_STATUS"]]
     assert times == [*range(1, 1024, 2), *range(1024, 2049)]
-
-
-@mark.slow
-def test_a_recorded_limit_cycle_is_said_at_once_over_a_bad_link():
-    """A fifth of the messages lost, a twentieth overtaken."""
-    path = shared("sitl_loops/ap_t_hot.tlog.xz")
-    draw = default_rng(3)
-    frames = [frame for _, frame in read_stream(path).stamped_frames()][:12000]
-    frames = [frame for frame in frames if draw.random() > 0.2]
-    overtake(draw, frames)
-    stream = LiveStream()
-    found = []
-    for frame in frames:
-        stream.feed(1.7e9, frame)
-        found += [event.fact for event in stream.events()]
-        if any(fact.code is Session.ALARM for fact in found):
-            break
-    # Off the ground at 45.9 s.
-    assert stream.now < 51.0
 
 
 @dataclass(frozen=True)

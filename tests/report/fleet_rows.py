@@ -2,9 +2,6 @@
 
 from datetime import UTC, datetime, timedelta
 
-import numpy as np
-from numpy.random import default_rng
-
 from mavdem.fleet.row import FlightRow
 
 MOTORS = (
@@ -54,47 +51,21 @@ def flight_row(vehicle, number, axis="roll", **changed):
 
 def fleet_rows(flights):
     """So many flights of two axes each of five vehicles, of which the second has a fault at its end; 3 refused logs."""
-    rng = default_rng(1)
-    rows = []
-    for number in range(flights):
-        vehicle = number % 5
-        flown = number // 5
-        faulty = vehicle == 1 and flown > 0.7 * flights / 5
-        found = (
-            {
-                "health": "fault",
-                "suspect_motor": 3,
-                "fault_probability": 0.97,
-                "health_reason": "motor 3 works harder.",
-            }
-            if faulty
-            else {}
+    fault = {"health": "fault", "suspect_motor": 3, "fault_probability": 0.97}
+    fault["health_reason"] = "motor 3 works harder."
+    rows = [
+        FlightRow(
+            file=f"/logs/{number}.bin",
+            key=f"bad{number}",
+            status=f"It is cut off at {number}.",
+            status_code="log_cut_off",
         )
-        share = (
-            np.array([1.0, 0.98, 1.03, 0.99])
-            + 0.005 * rng.normal(size=4)
-            + 0.06 * faulty * np.eye(4)[2]
-        )
-        for axis in ("roll", "pitch"):
-            rows.append(
-                flight_row(
-                    f"quad-{vehicle}",
-                    flown,
-                    axis,
-                    trim_share=tuple(share / share.mean()),
-                    damping=None if rng.random() < 0.2 else float(0.6 + 0.1 * rng.normal()),
-                    **found,
-                )
-            )
-    return [
-        *rows,
-        *(
-            FlightRow(
-                file=f"/logs/{i}.bin",
-                key=f"bad{i}",
-                status=f"It is cut off at {i}.",
-                status_code="log_cut_off",
-            )
-            for i in range(3)
-        ),
+        for number in range(3)
     ]
+    for number in range(flights):
+        flown, vehicle = divmod(number, 5)
+        found = fault if vehicle == 1 and flown > 0.7 * flights / 5 else {}
+        damping = 0.6 + 0.01 * flown if number % 4 else None
+        for axis in ("roll", "pitch"):
+            rows.append(flight_row(f"quad-{vehicle}", flown, axis, damping=damping, **found))
+    return rows

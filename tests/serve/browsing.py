@@ -3,15 +3,18 @@
 import asyncio
 import itertools
 import json
+import shutil
 import subprocess
 import time
 from contextlib import contextmanager
 
 import aiohttp
-from browser import CHROMIUM
 from pytest import skip
 
 PATIENCE_SECONDS = 60.0  # however busy the machine is
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+FITS = "document.documentElement.scrollWidth <= innerWidth"
+HOSTILE = "<script>document.title='owned'</script>\"'&--><b>"
 
 
 class Page:
@@ -126,3 +129,15 @@ async def _attached(port):
         tabs = await answer.json()
     address = next(tab["webSocketDebuggerUrl"] for tab in tabs if tab["type"] == "page")
     return session, await session.ws_connect(address, max_msg_size=0)
+
+
+def shown(page, script, folder, width=1600, dark=False):
+    """The title of a page and what an expression is on it; the browser may not complain of anything."""
+    path = folder / "page.html"
+    path.write_text(page)
+    with browsing(folder / f"profile_{width}") as tab:
+        tab.size(width, dark)
+        tab.open(path.as_uri())
+        found = tab.run(script)
+        assert tab.said == []
+        return tab.run("document.title"), found

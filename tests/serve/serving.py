@@ -91,6 +91,10 @@ class Answer(namedtuple("Answer", "status headers text")):
         """Of what is refused."""
         return self.json["error"]["fact"]["code"]
 
+    @property
+    def refusal(self):
+        return self.status, self.code
+
 
 class Served(namedtuple("Served", "library work port")):
     """A server that listens, and what asks it."""
@@ -109,6 +113,9 @@ class Served(namedtuple("Served", "library work port")):
             line.request(method, path, body, given)
             answer = line.getresponse()
             return Answer(answer.status, answer.headers, answer.read().decode())
+
+    def get(self, path, **how):
+        return self.ask("GET", path, **how)
 
     def upload(self, *files, path="/api/logs", token="", fields=None, **headers):
         """Uploads files, each a name and bytes, in Flight Review's form, with ``fields`` by name."""

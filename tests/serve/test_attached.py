@@ -55,9 +55,7 @@ def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
     (telemetry,) = read_log(library.path_of(entry)).vehicles
     assert entry.name.endswith(".tlog") and (telemetry.system, telemetry.component) == (1, 1)
     with serving(tmp_path / "other") as server:
-        assert (
-            server.ask("GET", "/live").status == 404 and "/live" not in server.ask("GET", "/").text
-        )
+        assert server.get("/live").status == 404 and "/live" not in server.get("/").text
 
 
 def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_a_minute(
@@ -94,5 +92,5 @@ def test_a_full_disk_ends_the_session_and_says_so(tmp_path, monkeypatch, heard, 
     assert come and library.find("1", [], 10)[1] == 1
     monkeypatch.setattr(live, "start", lambda: None)
     with serving(tmp_path / "other", live=live) as server:
-        answer = server.ask("GET", "/live")
+        answer = server.get("/live")
         assert answer.status == 503 and "No space left" in answer.text

@@ -1,7 +1,6 @@
 """The server's pages in Chromium: drop, progress, search, compare, share, delete, by keyboard, on a telephone, dark."""
 
-from browser import FITS, HOSTILE
-from browsing import browsing
+from browsing import FITS, HOSTILE, browsing
 from pytest import mark
 from serving import TOKEN, log, serving
 
@@ -17,7 +16,6 @@ DROP = """(() => {
 })()"""
 ROWS = "document.querySelectorAll('#flights tbody tr').length"
 SHOWN = "document.body.innerText"
-FITTING = FITS.removeprefix("return ")
 
 
 def drop(page, *files):
@@ -131,7 +129,7 @@ def test_pages_fit_a_telephone_and_are_used_by_keyboard(tmp_path):
                 "/f/none",
             ):
                 page.open(f"{server.address}{path.replace(' ', '%20')}")
-                assert page.run(FITTING), (width, path)
+                assert page.run(FITS), (width, path)
             dark_page = (
                 page.run("getComputedStyle(document.body).backgroundColor") == "rgb(20, 23, 27)"
             )

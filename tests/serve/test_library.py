@@ -10,14 +10,14 @@ from unittest.mock import Mock
 
 from pytest import approx, mark, raises
 from recorded_flights import SLOW
-from refusals import refused, unreadable
+from refusals import unreadable
 from serving import LIMITS, AtOnce, log, read_made_up, serving
 from standin_logs import fleet_of, rows_of_log
 
-from mavdem.errors import Refusal, Unreadable
+from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Reading
-from mavdem.facts.serve import Request, Stage, Start
+from mavdem.facts.serve import Stage, Start
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.store import read_rows
 from mavdem.fleet.workers import Job, Limits, outcome_of
@@ -122,17 +122,6 @@ def test_servers_that_share_a_folder_leave_each_other_alone(tmp_path):
     assert [other.claim().id for _ in range(2)] == [entries[0].id, entries[2].id]
 
 
-def test_a_log_that_is_deleted_while_it_is_read_leaves_nothing(tmp_path):
-    library = Library(tmp_path)
-    entry = received(library)
-    claimed = library.claim()
-    outcome = outcome_of(Job(str(library.path_of(claimed))), read_made_up)
-    library.delete(entry.id)
-    library.finish(claimed, outcome, LIMITS)
-    assert not library.results_of(entry).exists() and read_rows(tmp_path) == []
-    assert refused(library.entry, entry.id, kind=Refusal).code is Request.NO_SUCH_FLIGHT
-
-
 @mark.slow
 def test_a_log_that_comes_again_while_it_is_deleted_stays(tmp_path, monkeypatch):
     library = Library(tmp_path)
@@ -182,7 +171,7 @@ def test_a_fleet_is_shown_as_it_is(tmp_path):
     library._db.execute("update flights set row = '['")
     with serving(tmp_path) as server:
         for place in ("/", f"/f/{entries[0].id}"):
-            assert server.ask("GET", place).status == 200
+            assert server.get(place).status == 200
 
 
 def test_an_altered_index_removes_and_shows_nothing_outside(tmp_path):
@@ -211,8 +200,8 @@ def test_an_altered_index_removes_and_shows_nothing_outside(tmp_path):
         assert (mended.digest, mended.note) == (lost.digest, "of mine")
         server.library.change(page.id, stage=Stage.DONE)
         for place in ("", "/log"):
-            assert "Secret" not in server.ask("GET", f"/f/{page.id}{place}").text
-        assert server.ask("GET", f"/compare?a={page.id}&b={lost.id}").status == 200
+            assert "Secret" not in server.get(f"/f/{page.id}{place}").text
+        assert server.get(f"/compare?a={page.id}&b={lost.id}").status == 200
 
 
 def test_ten_thousand_flights_are_searched_by_their_index(tmp_path):
