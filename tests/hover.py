@@ -66,11 +66,9 @@ class Hover:
         return np.where(flying[:, None], 1600.0 + X_QUAD * self.roll_command(t)[:, None], 1000.0)
 
     def climb(self, t):
-        return np.where(
-            (t > 6.0) & (t < self.level),
-            2.0,
-            np.where((t > self.sinking) & (t < self.landed), -0.5, 0.0),
-        )
+        rises = (t > 6.0) & (t < self.level)
+        sinks = (t > self.sinking) & (t < self.landed)
+        return 2.0 * rises - 0.5 * sinks
 
     def telemetry(
         self,

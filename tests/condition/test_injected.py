@@ -10,7 +10,6 @@ from mavdem.alignment.signals import Signals
 from mavdem.assessment.axis_margins import AxisMargins
 from mavdem.condition.injected import injected_loop
 from mavdem.condition.loop.margins import OpenLoop
-from mavdem.facts import Level
 from mavdem.facts.margins import MarginsLight
 
 
@@ -22,7 +21,7 @@ def test_the_recorded_flight_has_its_chirped_margins():
     assert found.phase_margin == approx(19, abs=1.5)
     assert found.gain_margin == approx(2.8, abs=1)
     assert found.ms == approx(4.9, rel=0.1)
-    assert found.disturbance.tolist() == [len(found.frequency) * [0]]  # none was injected
+    assert not found.disturbance.any()  # none was injected
     # The setpoint's filter alone is beside the loop where D does little: ATC_RAT_PIT_FLTT of 20 Hz.
     asked = 1 / (1 + 1j * found.frequency / 20.0)
     followed = found.response[0] / (1 + found.response[0])
@@ -30,7 +29,7 @@ def test_the_recorded_flight_has_its_chirped_margins():
     assert injected_loop(signals.about("roll"), recorded_parts(signals)) is None
 
 
-@mark.parametrize("gain, level", [(12.0, Level.GOOD), (20.0, Level.WATCH), (24.0, Level.BAD)])
+@mark.parametrize("gain, level", [(12.0, "good"), (20.0, "watch"), (24.0, "bad")])
 def test_an_integrator_with_dead_time_has_its_margins_and_the_light_of_these(gain, level):
     delay = 0.04
     frequency = np.geomspace(1, 40, 500)

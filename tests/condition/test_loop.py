@@ -2,7 +2,6 @@
 
 import tomllib
 from dataclasses import replace
-from itertools import product
 from types import SimpleNamespace
 from unittest.mock import patch
 
@@ -11,11 +10,10 @@ from hover import Hover, changed, columns
 from known_gains import ARDUPILOT, PX4, X_ROLL
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx, mark, raises
+from pytest import approx, mark
 from refusals import refused
 from scipy.signal import lfilter
 
-import mavdem
 from mavdem.alignment.align import align, settled_segments
 from mavdem.alignment.drive import AXES
 from mavdem.alignment.signals import Signals
@@ -35,11 +33,10 @@ from mavdem.condition.loop.advice import (
 from mavdem.condition.loop.controllers import ROTOR_LAG, SPEED_SHARE, UNMODELLED, controller_of
 from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.loop import TARGETS, margin_rating
-from mavdem.condition.loop.margins import transfer
+from mavdem.condition.loop.margins import OpenLoop, transfer
 from mavdem.condition.loop.response import measured_response
 from mavdem.condition.loop.twin import again_of, twin_of
 from mavdem.condition.oscillation import Oscillation
-from mavdem.dem import physical
 from mavdem.dem.airflow.model import Drag
 from mavdem.dem.graybox import Physical
 from mavdem.dem.graybox.parameters import WindComponent
@@ -52,7 +49,6 @@ from mavdem.facts.margins import TrackingLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.noise import NotchAdvice
 from mavdem.ingest.vocabulary import Injection
-from mavdem.paper.runner import write_log
 from mavdem.report.flight_charts import loop_charts
 from mavdem.report.vehicle_files import vehicle_text
 from sitl_scenarios.files import scenario_of
@@ -95,12 +91,10 @@ def test_the_mixer_and_the_slope_of_the_thrust_curve_are_the_autopilots():
     ours = controller_of(ARDUPILOT, "roll", X_ROLL)
     assert ours.mixer == (-0.5, 0.5, 0.5, -0.5)
 
-    def output(thrust):
-        expo = ARDUPILOT["MOT_THST_EXPO"]
-        return 0.15 + 0.8 * (expo - 1 + np.sqrt((1 - expo) ** 2 + 4 * expo * thrust)) / (2 * expo)
-
-    slope = (output(0.3005) - output(0.2995)) / 0.001
-    assert ours.per_demand([output(0.3)] * 4) == approx(np.multiply(ours.mixer, slope), rel=1e-5)
+    # Thrust is 0.35 of the command and 0.65 of its square, from 15 to 95 % of the range.
+    thrusts = np.polyval([0.65, 0.35, 0], (np.array([0.4995, 0.5005]) - 0.15) / 0.8)
+    slope = 0.001 / np.diff(thrusts)
+    assert ours.per_demand([0.5] * 4) == approx(np.multiply(ours.mixer, slope), rel=1e-5)
     theirs = controller_of(PX4)
     assert (theirs.p, theirs.d) == (0.3, 0.006) and theirs.changed({"MC_ROLLRATE_D": 0.0}).d == 0
     # Roll and pitch are scaled alike, so that the shorter arm has the larger factor.
@@ -121,7 +115,6 @@ def test_a_slam_turns_by_rotors_whose_speeds_lag():
     linear, acting = ours.demanded(shares), ours.demanded(shares, step)
     whole = linear + (acting - linear) / SPEED_SHARE
     assert lfilter(*lag, whole) == approx(torque, abs=0.02 * np.ptp(torque))
-    assert np.ptp(lfilter(*lag, linear)) < 0.94 * np.ptp(torque)
     assert_array_equal(ours.demanded(shares, 2 * ROTOR_LAG), linear)
 
 
@@ -153,126 +146,68 @@ def test_a_slam_turns_by_rotors_whose_speeds_lag():
     ],
 )
 def test_a_controller_that_is_not_known_says_why(parameters, weights, code, figures):
-    fact = refused(controller_of, parameters, "roll", weights)
-    assert (fact.code, dict(fact.figures)) == (code, figures)
+    assert refused(controller_of, parameters, "roll", weights) == Fact(code, **figures)
 
 
 def test_what_the_controllers_model_leaves_out_is_said_of_the_parameters_that_have_it():
-    unmodelled = {"SMAX": 1.0, "PDMX": 1.0}
-    names = {f"ATC_RAT_RLL_{name}": value for name, value in unmodelled.items()}
-    names |= {"FSTRATE_ENABLE": 1.0, "MOT_BAT_VOLT_MAX": 12.6, "ATC_RAT_PIT_SMAX": 1.0}
-    cautions = controller_of(ARDUPILOT | names, "roll", X_ROLL).cautions
-    del names["ATC_RAT_PIT_SMAX"]
-    assert [fact.figures["name"] for fact in cautions] == list(names)
+    names = ["ATC_RAT_RLL_SMAX", "ATC_RAT_RLL_PDMX", "FSTRATE_ENABLE", "MOT_BAT_VOLT_MAX"]
+    unmodelled = ARDUPILOT | dict.fromkeys([*names, "ATC_RAT_PIT_SMAX"], 1.0)
+    cautions = controller_of(unmodelled, "roll", X_ROLL).cautions
+    assert [fact.figures["name"] for fact in cautions] == names
     assert {fact.code for fact in cautions} == set(UNMODELLED.values()) - {
         Controllers.DEMAND_BY_VOLTAGE,
         Controllers.NOTCHES_UNMODELLED,
     }
     theirs = controller_of(PX4 | {"MC_BAT_SCALE_EN": 1.0, "IMU_GYRO_DNF_EN": 1.0}).cautions
     assert [one.code for one in theirs] == list(UNMODELLED.values())[-2:]
-    assert {one.level for one in theirs} == {Level.WATCH}
+    assert {one.level for one in theirs} == {"watch"}
 
 
 def test_gains_that_change_in_flight_come_with_it():
     telemetry = HOVER.telemetry(parameters={"ATC_RAT_RLL_P": 0.25, "ATC_RAT_RLL_D": 0.125})
-    sent = {"param_id": np.repeat([b"ATC_RAT_RLL_P", b"ATC_RAT_RLL_D"], 2)}
-    sent["param_value"] = np.array([0.5, 0.25, 0.5, 0.125], np.float32)
-    signals = Signals(changed(telemetry, "PARAM_VALUE", **columns([1.0, 40.0, 1.0, 2.0], **sent)))
-    assert align(signals, settled_segments(signals)[0]).provenance["earlier"] == {
-        "ATC_RAT_RLL_P": 0.5
-    }
+    names = np.repeat([b"ATC_RAT_RLL_P", b"ATC_RAT_RLL_D"], 2)
+    sent = columns([1.0, 40.0, 1.0, 2.0], param_id=names, param_value=[0.5, 0.25, 0.5, 0.125])
+    signals = Signals(changed(telemetry, "PARAM_VALUE", **sent))
+    found = align(signals, settled_segments(signals)[0])
+    assert found.provenance["earlier"] == {"ATC_RAT_RLL_P": 0.5}
 
 
-def ac_pid(controller, error):
-    """ArduPilot's AC_PID, without its setpoint's filter."""
+def ac_pid(controller, frequency):
+    """Responses of ArduPilot's AC_PID, without its setpoint's filter, and of a difference over a cycle."""
     dt = controller.cycle
+    late = np.exp(-2j * np.pi * frequency * dt)
+    slope = (1 - late) / dt
+
+    def low_pass(cutoff):
+        turn = 2 * np.pi * dt * cutoff
+        return turn / (1 + turn - late)
+
+    filtered = low_pass(controller.error_filter)
     for notch in controller.error_notches:
         turn = 2 * np.pi * notch.frequency * dt
         alpha = np.sin(turn) * notch.bandwidth / notch.frequency / 2
-        kept = alpha * 10 ** (-notch.attenuation / 20)
-        middle = -2 * np.cos(turn)
-        error = lfilter([1 + kept, middle, 1 - kept], [1 + alpha, middle, 1 - alpha], error)
-    turns = 2 * np.pi * dt * np.array([controller.error_filter, controller.derivative_filter])
-    of_error, of_slope = (([share], [1, share - 1]) for share in turns / (1 + turns))
-    filtered = lfilter(*of_error, error)
-    slope = lfilter(*of_slope, np.diff(filtered, prepend=0.0) / dt)
-    integral = controller.i * dt * filtered.cumsum()
-    return controller.p * filtered + integral + controller.d * slope
+        kept, width = np.outer([alpha * 10 ** (-notch.attenuation / 20), alpha], 1 - late**2)
+        middle = 1 - 2 * np.cos(turn) * late + late**2
+        filtered = filtered * (middle + kept) / (middle + width)
+    of_slope = controller.d * low_pass(controller.derivative_filter)
+    return filtered * (controller.p + controller.i / slope + of_slope * slope), slope
 
 
 def test_the_controllers_response_is_that_of_its_program():
-    filters = {
-        "FLTE": 40.0,
-        "FLTD": 20.0,
-        "FLTT": 0.0,
-        "NEF": 2.0,
-        "NTF": 2.0,
-        "FF": 0.5,
-        "D_FF": 0.25,
-    }
+    filters = {"FLTE": 40.0, "FLTD": 20.0, "NEF": 2.0, "NTF": 2.0, "FF": 0.5, "D_FF": 0.25}
     notch = {"TYPE": 1.0, "NOTCH_FREQ": 60.0, "NOTCH_Q": 2.0, "NOTCH_ATT": 40.0}
     known = ARDUPILOT | {f"ATC_RAT_RLL_{end}": value for end, value in filters.items()}
-    with raises(mavdem.NotLearnable):
-        controller_of(known, "roll", X_ROLL)
+    refused(controller_of, known, "roll", X_ROLL)
     known |= {f"FILT2_{end}": value for end, value in notch.items()}
     controller = controller_of(known, "roll", X_ROLL)
-    # which ends, as the integral does not
-    pulse = np.diff(ac_pid(controller, np.eye(1, 8000)[0]), prepend=0.0)
     frequency = np.array([0.5, 4.0, 30.0, 150.0])
-    turned = np.exp(-2j * np.pi * frequency[:, None] * controller.cycle * np.arange(8000))
-    run = turned @ pulse / (1 - turned[:, 1])
     forward, back = transfer(controller, frequency)
-    assert_allclose(back, run, rtol=1e-6)
+    run, slope = ac_pid(controller, frequency)
+    assert_allclose(back, run)
     off = controller_of(known | {"FILT2_TYPE": 0.0}, "roll", X_ROLL)
     assert off.error_notches == off.target_notches == ()
     notched = back / transfer(off, frequency)[1]
-    ahead = 0.5 + 0.25 * (1 - turned[:, 1]) / controller.cycle
-    assert_allclose(forward, notched * (back + ahead), rtol=1e-12)
-
-
-@mark.slow
-def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(tmp_path):
-    """Of ArduPilot; PX4's are in test_loop_in_flight.py."""
-    steered = {"kind": "multisine", "sd": 3.0, "lowest": 0.2, "highest": 4.0, "period": 10.0}
-    vehicle = {"model": "iris", "rate_gain": 1.4}
-    stream = {"autopilot": "ardupilot", "rates": {"ATTITUDE_TARGET": 100}}
-    scenario = scenario_of(
-        {"seed": 5, "duration": 45, "vehicle": vehicle, "excitation": steered, "stream": stream}
-    )
-    motion = fly(scenario)
-    write_log(tmp_path / "flight.tlog", scenario, motion)
-    record = Record.of(mavdem.read_flight(tmp_path / "flight.tlog"))
-    known = truth(scenario, motion)
-    plant = physical(record)
-    loop = loop_of(plant, record)
-    crossover, phase, gain, ms = known["roll_rate_margins"]
-    assert loop.crossover == approx(crossover, rel=0.1) and loop.phase_margin == approx(
-        phase, abs=6
-    )
-    for name, true in (
-        ("crossover", crossover),
-        ("phase_margin", phase),
-        ("gain_margin", gain),
-        ("ms", ms),
-    ):
-        low, high = getattr(loop, f"{name}_interval")
-        assert low <= true <= high
-    assert loop.attitude.crossover == approx(known["roll_attitude_margins"][0], rel=0.1)
-    assert loop.agrees and loop.measured.fit > 80 and loop.rate.stable.all()
-    assert loop.measured.controller_gain == approx(1, abs=0.2)
-    name = loop.controller.names["p"]
-    doubled = loop.changed({name: 2 * record.parameters[name]})
-    assert doubled.crossover > 1.5 * loop.crossover and doubled.agrees is None
-    assert loop_of(plant, replace(record, setpoints=np.zeros_like(record.setpoints))).agrees is None
-    retuned = loop_of(plant, replace(record, earlier={name: 0.1}))
-    (caution,) = retuned.cautions
-    assert retuned.agrees is None and caution.code is Loops.PARAMETERS_CHANGED
-    assert caution.figures["changes"] == ((name, 0.1, record.parameters[name]),)
-    # Gains that were not those in flight.
-    other = loop_of(plant, record, loop.controller.changed({name: 0.7 * record.parameters[name]}))
-    assert other.agrees is False
-    assert other.measured.reason.code is Responses.CONTROLLER_GAIN_DIFFERS
-    assert other.advice.refusals == (other.measured.reason,)
+    assert_allclose(forward, notched * (back + 0.5 + 0.25 * slope), rtol=1e-12)
 
 
 def made_up(factor=1.0):
@@ -283,35 +218,12 @@ def made_up(factor=1.0):
     inputs = 1500 + rng.normal(0, 5, (2000, 1)) * X_ROLL
     outputs = np.column_stack([rate.cumsum() * 0.005, rate])
     names = ("roll", "roll rate")
-    known = PX4 | {"MC_ROLLRATE_K": factor}
-    record = Record(
-        inputs,
-        outputs,
-        0.005,
-        (2000,),
-        output_names=names,
-        parameters=known,
-        input_range=(1000.0, 2000.0),
-    )
+    known = {"parameters": PX4 | {"MC_ROLLRATE_K": factor}, "input_range": (1000.0, 2000.0)}
+    record = Record(inputs, outputs, 0.005, (2000,), output_names=names, **known)
     covariance = np.diag([*4 * [9e-5], 0.09, 4e-6, 4e-6])
-    return loop_of(
-        Physical(
-            0.18 * np.array(X_ROLL),
-            1.5,
-            0.03,
-            0.006,
-            covariance,
-            status,
-            dict.fromkeys(status, ""),
-            0,
-            0.1,
-            (WIND,),
-            0.01,
-            {},
-            (),
-        ),
-        record,
-    )
+    sizes = 0.18 * np.array(X_ROLL), 1.5, 0.03, 0.006, covariance
+    found = status, dict.fromkeys(status, ""), 0, 0.1, (WIND,), 0.01, {}, ()
+    return loop_of(Physical(*sizes, *found), record)
 
 
 @mark.slow
@@ -324,25 +236,21 @@ def test_advised_gains_have_the_margins_in_95_of_100_plants_and_let_wind_move_it
     found = advise(before := made_up(factor), tune, more=True)
     least_phase, least_gain, most = TARGETS[tune]
     frequency = np.geomspace(0.05, 90, 2000)
-    have = []
     s = 2j * np.pi * frequency
     (_, back) = transfer(found.after.controller, frequency)
     # The draws that did not choose the gains, with each effect.
     assert_array_equal(found.after.gains[1:], before.gains[len(before.gains) // 2 :])
-    plants = zip(found.after.gains[1:], found.after.draws[1:], strict=True)
-    for (gain, (damping, lag, delay)), effect in product(plants, EFFECTS):
-        open_loop = back * effect * gain * np.exp(-s * delay) / (s + damping) / (lag * s + 1)
-        phase = np.degrees(np.unwrap(np.angle(open_loop))) + 180
-        crossing, turning = (
-            np.flatnonzero(np.diff(np.sign(one))) for one in (abs(open_loop) - 1, phase)
-        )
-        bears = -20 * np.log10(abs(open_loop[turning]).max(initial=1e-3)) + 0.02
-        have.append(phase[crossing].min() + 0.1 >= least_phase and bears >= least_gain)
-        have[-1] &= abs(1 / (1 + open_loop)).max() * 0.999 <= most
+    damping, lag, delay = found.after.draws[1:].T[:, :, np.newaxis]
+    plants = back * np.exp(-s * delay) / (s + damping) / (lag * s + 1)
+    plants = np.multiply.outer(EFFECTS, found.after.gains[1:, np.newaxis] * plants)
+    loops = plants.reshape(-1, len(s))
+    of_all = OpenLoop(frequency, loops, loops, loops).figures
+    have = (of_all["phase_margin"] + 0.1 >= least_phase) & (of_all["ms"] * 0.999 <= most)
+    have &= of_all["gain_margin"] + 0.02 >= least_gain
     assert (found.sure >= 0.95) == (factor < 4) and np.mean(have) >= found.sure - 0.01
-    steps = [abs(np.log(gain.set / gain.now)) for gain in found.gains.values()]
-    assert max(steps) <= np.log(STEP) + 1e-3
-    assert all(gain.set == float(f"{gain.set:.4g}") for gain in found.gains.values())
+    for gain in found.gains.values():
+        assert abs(np.log(gain.set / gain.now)) <= np.log(STEP) + 1e-3
+        assert gain.set == float(f"{gain.set:.4g}")
     assert found.gains["MC_ROLL_P"].set <= LARGEST_ANGLE["roll"]
     code = Gains.SET_GAINS if factor < 4 else Gains.STEP_TOWARDS_MARGINS
     assert (found.sentence.code, found.sentence.figures["share"]) == (code, found.sure)
@@ -356,35 +264,33 @@ def test_advised_gains_have_the_margins_in_95_of_100_plants_and_let_wind_move_it
 def test_enough_margin_is_left_alone_unless_more_is_asked(factor):
     advice = advise(loop := made_up(factor))
     assert advice.gains and not advice.parameters
-    assert (advice.sentence.code, advice.sentence.level) == (Gains.KEEP_GAINS, Level.GOOD)
+    assert (advice.sentence.code, advice.sentence.level) == (Gains.KEEP_GAINS, "good")
     assert advice.after.controller.parameters == loop.controller.parameters
     (light,) = AxisMargins(loop.axis, loop, None, None).facts
     assert light.sentence.split(":")[0] == advice.rating.sentence.split(":")[0]
 
 
 @mark.slow
-def test_an_effectiveness_that_seems_low_changes_no_gains_unless_margins_surely_lack():
+def test_an_effectiveness_that_seems_low_changes_nothing_unless_margins_surely_lack():
     doubts = (Fact(Loops.EFFECT_BIASED),)
-    for factor, bias, refusals in ((2.5, -0.15, doubts), (2.5, 0.1, ()), (4.0, -0.15, ())):
+    for factor, bias, refusals in ((2.5, 0.1, ()), (4.0, -0.15, ()), (2.5, -0.15, doubts)):
         loop = made_up(factor)
-        plant = loop.plant._replace(bias=bias)
-        assert advise(replace(loop, plant=plant, cautions=doubts)).refusals == refusals
+        doubted = replace(loop, plant=loop.plant._replace(bias=bias), cautions=doubts)
+        assert advise(doubted).refusals == refusals
+    tuning = tuned_by({"roll": doubted}, filters=True)
+    assert tuning.refusal and not tuning.parameters, "nor is a notch set"
 
 
 def tuned_by(loops, tracking=TrackingLight.FOLLOWS_SETPOINT, **options):
     """Of a vehicle with nothing else to say, with a notch."""
     followed = dict.fromkeys(AXES, Fact(tracking))
-    evidence = SimpleNamespace(
-        loops=loops,
-        condition=SimpleNamespace(oscillation=None),
-        margins=(),
-        grounds=(),
-    )
+    calm = SimpleNamespace(oscillation=None)
+    evidence = SimpleNamespace(loops=loops, condition=calm, margins=(), grounds=())
     notch = Fact(NotchAdvice.SET_NOTCH, settings=(("INS_HNTCH_FREQ", 80.0),))
-    motors = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
-    noise = SimpleNamespace(notch=notch)
-    judgement = Judgement(motors, motors, {})
-    known = SimpleNamespace(noise=noise, judgement=judgement, lights={"motors": motors})
+    even = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
+    judgement = Judgement(even, even, {})
+    known = SimpleNamespace(judgement=judgement, lights={"motors": even})
+    known.noise = SimpleNamespace(notch=notch)
     with patch("mavdem.assessment.tuning.tracking_of", return_value=followed):
         return tuned(known, evidence, [*loops], is_written=False, **options)
 
@@ -392,29 +298,18 @@ def tuned_by(loops, tracking=TrackingLight.FOLLOWS_SETPOINT, **options):
 @mark.slow
 def test_gains_are_not_kept_where_the_angle_overshoots():
     loops = {"roll": made_up()}
-    assert not tuned_by(loops).refusal and tuned_by(loops).advice[0].gains
+    assert not tuned_by(loops).refusal
     tuning = tuned_by(loops, TrackingLight.OVERSHOOTS_SETPOINT)
     assert tuning.refusal.figures["reasons"] == (Fact(TrackingLight.OVERSHOOTS_SETPOINT),)
     lacking = tuned_by({"roll": made_up(2.5)}, TrackingLight.OVERSHOOTS_SETPOINT)
     assert lacking.parameters, "a loop that lacks margin does overshoot"
 
 
-def test_no_notch_is_set_where_gains_are_refused():
-    loop = made_up(2.5)
-    plant = loop.plant._replace(bias=-0.15)
-    doubted = replace(loop, plant=plant, cautions=(Fact(Loops.EFFECT_BIASED),))
-    tuning = tuned_by({"roll": doubted}, filters=True)
-    assert tuning.refusal and not tuning.parameters
-
-
 def test_one_axis_without_a_loop_has_its_own_reason_and_several_have_theirs():
     mixer, steered = Fact(Loops.MIXER_REVERSED), Fact(Loops.NOT_STEERED)
-    with raises(mavdem.NotLearnable) as refused:
-        tuned_by({"roll": mixer})
-    assert refused.value.fact == mixer
-    with raises(mavdem.NotLearnable) as refused:
-        tuned_by({"roll": mixer, "pitch": steered, "yaw": mixer})
-    named = [fact.figures["names"] for fact in refused.value.fact.figures["reasons"]]
+    assert refused(tuned_by, {"roll": mixer}) == mixer
+    several = refused(tuned_by, {"roll": mixer, "pitch": steered, "yaw": mixer})
+    named = [fact.figures["names"] for fact in several.figures["reasons"]]
     assert named == [("roll", "yaw"), ("pitch",)]
 
 
@@ -446,14 +341,12 @@ def test_a_loop_is_rated_by_its_weaker_margins(factor, level, lacking):
 
 def test_gains_after_px4s_autotune_are_rated_like_those_before():
     time = np.arange(20.0, 30.0)
-    injected = columns(time, axis=np.full(10, Injection.RATE_SETPOINT), target=time - 20)
-    telemetry = changed(Hover().telemetry(autopilot="PX4"), "SIDD", **injected)
-    sent = {"param_id": [b"MC_ROLLRATE_K"] * 2, "param_value": [1.0, 6.0], "param_type": [9, 9]}
-    sent = columns([1.0, 35.0], **sent)
-    telemetry = changed(telemetry, "PARAM_VALUE", **{name: np.array(sent[name]) for name in sent})
-    tuned = autotuned(Signals(telemetry), made_up())
-    assert (tuned.level, tuned.time, tuned.until) == (Level.WATCH, 21.0, 29.0)
-    assert [one.level for one in tuned.figures["ratings"]] == [Level.GOOD, Level.BAD]
+    injected = columns(time, axis=Injection.RATE_SETPOINT, target=time - 20)
+    telemetry = changed(HOVER.telemetry(autopilot="PX4"), "SIDD", **injected)
+    sent = columns([1.0, 35.0], param_id=b"MC_ROLLRATE_K", param_value=[1.0, 6.0], param_type=9)
+    tuned = autotuned(Signals(changed(telemetry, "PARAM_VALUE", **sent)), made_up())
+    assert (tuned.level, tuned.time, tuned.until) == ("watch", 21.0, 29.0)
+    assert [one.level for one in tuned.figures["ratings"]] == ["good", "bad"]
 
 
 @mark.parametrize(
@@ -468,9 +361,8 @@ def test_gains_after_px4s_autotune_are_rated_like_those_before():
 def test_an_oscillating_vehicle_lowers_the_gains_that_act_at_its_frequency(frequency, names):
     oscillation = Oscillation("roll", frequency, 40.0, 0.9, False, 20.0)
     fact = lowered(oscillation, PX4)
-    assert [name for name, *_ in fact.figures["changes"]] == names
-    for name, now, new in fact.figures["changes"]:
-        assert new == approx(now * 2 / 3) and now == PX4[name]
+    lower = [(name, PX4[name], approx(PX4[name] * 2 / 3)) for name in names]
+    assert [*fact.figures["changes"]] == lower
     assert all(name in fact.sentence for name in names)
     unknown = lowered(oscillation, {})
     assert (unknown.code, unknown.figures["changes"]) == (Gains.LOWER_GAINS, ())
@@ -505,33 +397,35 @@ def test_refusals_say_why():
 )
 def test_a_flight_without_loops_says_why(plant, record, code):
     sound = made_up()
-    assert (
-        refused(loop_of, sound.plant._replace(**plant), replace(sound.record, **record)).code
-        is code
-    )
+    changes = sound.plant._replace(**plant), replace(sound.record, **record)
+    assert refused(loop_of, *changes).code is code
+
+
+OF_ALL = Drag.of_parameters()
+
+
+def twin(loop, **known):
+    usual = {"px4": True, "hover": 0.5, "air": None, "drag": OF_ALL, "mass": None}
+    return twin_of({"roll": loop}, **usual | known)
 
 
 def test_a_twin_says_of_each_figure_how_sure_it_is():
     loop = made_up()
     _, phase, sensitivity = loop_charts({"now": loop})
     assert phase.marks[0].name.endswith("°") and not sensitivity.marks[0].name
-    of_all = Drag.of_parameters()
-    twin = twin_of({"roll": loop}, px4=True, hover=0.5, air=None, drag=of_all, mass=None)
-    assert twin.notes["mass"] == Fact(Twins.MASS_NOTE, is_given=False)
-    assert twin.notes["arm"] == Fact(Twins.ARM_NOTE, is_given=True) and twin.arm == (0.1, 0.2)
-    inertia = twin.notes["inertia"].figures
+    found = twin(loop)
+    notes = found.notes
+    assert notes["mass"] == Fact(Twins.MASS_NOTE, is_given=False)
+    assert notes["arm"] == Fact(Twins.ARM_NOTE, is_given=True) and found.arm == (0.1, 0.2)
+    inertia = notes["inertia"].figures
     assert inertia["pitch"] is None and inertia["roll"].code is Twins.EFFECT_NOTE
     assert inertia["roll"].figures["share"] == approx(1.645 * 0.0095 / 0.36, rel=0.1)
-    assert twin.notes["moment"].code is Twins.MOMENT_NOTE
-    assert twin.notes["damping"] == Fact(Twins.DAMPING_NOTE, damping=loop.plant.interval().damping)
+    assert notes["moment"].code is Twins.MOMENT_NOTE
+    assert notes["damping"] == Fact(Twins.DAMPING_NOTE, damping=loop.plant.interval().damping)
     status = {**loop.plant.status, "lag": Status.NOT_IDENTIFIABLE}
-    unsure = replace(loop, plant=loop.plant._replace(status=status))
-    twin = twin_of({"roll": unsure}, px4=True, hover=0.5, air=None, drag=of_all, mass=2.0)
-    assert twin.notes["lag"] == Fact(Twins.LAG_NOTE, lag=None)
-    assert twin.notes["mass"].figures["is_given"]
-    assert refused(
-        twin_of, {"roll": loop}, px4=True, hover=0.05, air=None, drag=of_all, mass=None
-    ) == Fact(Twins.NO_HOVER, share=0.05)
+    unsure = twin(replace(loop, plant=loop.plant._replace(status=status)), mass=2.0).notes
+    assert unsure["lag"] == Fact(Twins.LAG_NOTE, lag=None) and unsure["mass"].figures["is_given"]
+    assert refused(twin, loop, hover=0.05) == Fact(Twins.NO_HOVER, share=0.05)
 
 
 @mark.slow
@@ -541,12 +435,10 @@ def test_a_twin_has_the_margins_of_its_loop_and_its_cycle_in_the_delay(delay):
     loop = replace(loop, draws=loop.draws * [1, 0, 0] + [0, 0.02, delay])
     filters = {"IMU_GYRO_CUTOFF": 40.0, "IMU_GYRO_NF0_FRQ": 50.0, "IMU_GYRO_NF0_BW": 20.0}
     loop = loop.changed(filters)
-    twin = twin_of(
-        {"roll": loop}, px4=True, hover=0.5, air=None, drag=Drag.of_parameters(), mass=None
-    )
-    assert twin.lag + twin.delay == approx(0.02 + delay - 0.5 / 250)
+    body = twin(loop)
+    assert body.lag + body.delay == approx(0.02 + delay - 0.5 / 250)
     if delay:
-        scenario = scenario_of(tomllib.loads(vehicle_text(twin, ".toml", "")) | {"duration": 15.0})
+        scenario = scenario_of(tomllib.loads(vehicle_text(body, ".toml", "")) | {"duration": 15.0})
         found = truth(scenario, fly(scenario))["roll_rate_margins"]
         known = [loop.crossover, loop.phase_margin, loop.gain_margin, loop.ms]
         assert found == approx(known, rel=0.02)
@@ -574,12 +466,11 @@ def test_setpoints_of_rates_are_flown_beside_what_the_angles_error_asks_for(
 @mark.parametrize("known", [True, False])
 def test_a_twin_has_the_mean_wind_of_the_flight_where_it_is_known(known):
     air = SimpleNamespace(speed=3.0, direction=80.0, sized=known, directed=True)
-    of_all = Drag.of_parameters()
-    twin = twin_of({"roll": made_up()}, px4=True, hover=0.5, air=air, drag=of_all, mass=None)
-    scenario = scenario_of(tomllib.loads(vehicle_text(twin, ".toml", "a.tlog")))
+    body = twin(made_up(), air=air)
+    scenario = scenario_of(tomllib.loads(vehicle_text(body, ".toml", "a.tlog")))
     assert scenario.wind == (SteadyWind(kind="steady", speed=3.0, direction=80.0),) * known
-    assert str(twin.notes["drag_linear"]).endswith(", typical: not identified from this flight")
-    assert scenario.vehicle.drag_linear == approx(of_all.linear, rel=1e-4), "the wind pushes it"
+    assert str(body.notes["drag_linear"]).endswith(", typical: not identified from this flight")
+    assert scenario.vehicle.drag_linear == approx(OF_ALL.linear, rel=1e-4), "the wind pushes it"
 
 
 @mark.parametrize(
@@ -596,22 +487,19 @@ def test_a_response_that_is_not_the_predicted_one_says_how(by_wind, factor, code
     rng = default_rng(8)
     dt = sound.record.dt
     samples = 12000
-    frequency = np.fft.rfftfreq(samples, dt)
-    closed = sound.rate.closed[0]
-    at = sound.rate.frequency
-    response = np.interp(frequency, at, closed.real) + 1j * np.interp(frequency, at, closed.imag)
+    predicted = sound.rate.frequency, sound.rate.closed[0]
+    response = np.interp(np.fft.rfftfreq(samples, dt), *predicted)
     setpoint = rng.normal(0, 0.3, samples)
     rate = factor * np.fft.irfft(response * np.fft.rfft(setpoint), samples)
-    rate = rate + by_wind * rng.normal(0, 0.3, samples)
+    rate += by_wind * rng.normal(0, 0.3, samples)
     record = replace(
         sound.record,
-        inputs=np.full((samples, 4), 1500.0) + rng.normal(0, 1, (samples, 1)) * X_ROLL,
+        inputs=1500 + rng.normal(0, 1, (samples, 1)) * X_ROLL,
         outputs=np.column_stack([rate.cumsum() * dt, rate]),
         lengths=(samples,),
         setpoints=setpoint[:, None],
         setpoint_names=("roll rate setpoint",),
     )
-    measured = measured_response(record, sound.controller, np.array(X_ROLL), at, closed)
-    reason = measured.reason
-    assert (reason and reason.code) == code
+    measured = measured_response(record, sound.controller, np.array(X_ROLL), *predicted)
+    assert getattr(measured.reason, "code", None) == code
     assert replace(sound, measured=measured).agrees is agrees

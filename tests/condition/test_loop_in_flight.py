@@ -4,7 +4,10 @@ import pickle
 from dataclasses import replace
 
 import numpy as np
-from pytest import fixture, mark
+from hover import Hover, asking, changed
+from known_gains import ARDUPILOT, X_ROLL
+from numpy.testing import assert_allclose
+from pytest import approx, fixture, mark
 from recorded_flights import shared
 from refusals import refused
 
@@ -13,12 +16,14 @@ from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.analysis.loops import loops_of_log
 from mavdem.condition.loop import in_flight
+from mavdem.condition.loop.controllers import controller_of
 from mavdem.condition.loop.from_flight import loop_of
-from mavdem.condition.loop.in_flight import plant_in_loop
+from mavdem.condition.loop.in_flight import _streams, plant_in_loop
+from mavdem.dem import physical
 from mavdem.dem.closed_loop.identification import identified
 from mavdem.dem.record import Record
 from mavdem.facts.learnability import Reason
-from mavdem.facts.loops import Loops
+from mavdem.facts.loops import Loops, Responses
 from mavdem.ingest import read_log
 from mavdem.paper.runner import write_log
 from sitl_scenarios.files import scenario_of
@@ -44,28 +49,29 @@ SCENARIO = scenario_of(
 )
 
 
-@fixture(scope="module")
-def flight():
-    return fly(SCENARIO)
+def logged(scenario, folder):
+    """What is true of a scenario that is flown, and its log."""
+    flight = fly(scenario)
+    write_log(folder / "flight.tlog", scenario, flight)
+    return truth(scenario, flight), read_log(folder / "flight.tlog")
 
 
 @fixture(scope="module")
-def log(flight, tmp_path_factory):
-    path = tmp_path_factory.mktemp("flown") / "flight.tlog"
-    write_log(path, SCENARIO, flight)
-    return read_log(path)
+def flight(tmp_path_factory):
+    return logged(SCENARIO, tmp_path_factory.mktemp("flown"))
+
+
+@fixture(scope="module")
+def log(flight):
+    return flight[1]
 
 
 def thinned(log, every):
     """The log with every so many messages of each kind."""
     (vehicle,) = log.vehicles
-    messages = {
-        name: {
-            key: one[:: 1 if name in ("PARAM_VALUE", "HEARTBEAT") else every]
-            for key, one in columns.items()
-        }
-        for name, columns in vehicle.messages.items()
-    }
+    fast = vehicle.messages.keys() - {"PARAM_VALUE", "HEARTBEAT"}
+    rows = slice(None, None, every)
+    messages = vehicle.messages | {name: rows_of(vehicle.messages[name], rows) for name in fast}
     return replace(log, vehicles=(replace(vehicle, messages=messages),))
 
 
@@ -76,14 +82,14 @@ def flown(log):
 
 
 @mark.parametrize("every, within", [(1, (5.0, 1.5)), (16, (12.0, np.inf))])
-def test_a_loop_has_its_true_margins_at_400_and_at_25_hz(flight, log, every, within):
+def test_a_loop_has_its_true_margins_at_400_and_at_25_hz(flight, every, within):
     """The intervals hold them; beyond half of the log's rate the gain margin is said to be extrapolated."""
-    known = truth(SCENARIO, flight)
+    known, log = flight
     signals, flights = flown(thinned(log, every))
     loop = loop_of(plant_in_loop(signals, flights), Record.of(flights))
-    _, phase, gain, _ = known["roll_rate_margins"]
-    assert abs(loop.phase_margin - phase) < within[0] and abs(loop.gain_margin - gain) < within[1]
-    for name, true in (("phase_margin", phase), ("gain_margin", gain)):
+    _, *margins, _ = known["roll_rate_margins"]
+    for name, true, error in zip(("phase_margin", "gain_margin"), margins, within, strict=True):
+        assert abs(getattr(loop, name) - true) < error
         low, high = getattr(loop, f"{name}_interval")
         wider = (high - low) / 4  # of one flight 90 % are too few to test: 99 %
         assert low - wider <= true <= high + wider
@@ -107,23 +113,28 @@ def test_what_a_plant_in_its_loop_takes_is_said(log, monkeypatch):
     without = {k: v for k, v in signals.telemetry.messages.items() if k != "ATTITUDE_TARGET"}
     blind = Signals(replace(signals.telemetry, messages=without))
     assert refusal(blind, flights) is Loops.NO_RATE_SETPOINT
-    with monkeypatch.context() as patch:
-        patch.setattr(in_flight, "LEAST_STEERED", 2.0)
-        assert refusal(signals, flights) is Loops.NOT_STEERED
-    with monkeypatch.context() as patch:
-        patch.setattr(in_flight, "WIDEST", 0.1)
-        assert refusal(signals, flights) is Loops.MARGIN_UNCERTAIN
-    with monkeypatch.context() as patch:
-        patch.setattr(in_flight, "MOST_ROUNDED", 0.0)
-        assert refusal(signals, flights) is Reason.COMMAND_ROUNDED
+    # The last reason first, so that each stands before those that are there already.
+    monkeypatch.setattr(in_flight, "WIDEST", 0.1)
+    assert refusal(signals, flights) is Loops.MARGIN_UNCERTAIN
+    monkeypatch.setattr(in_flight, "LEAST_STEERED", 2.0)
+    assert refusal(signals, flights) is Loops.NOT_STEERED
+    monkeypatch.undo()
+    monkeypatch.setattr(in_flight, "MOST_ROUNDED", 0.0)
+    rounded = refused(plant_in_loop, Signals(signals.telemetry), flights)
+    assert rounded.code is Reason.COMMAND_ROUNDED
+    # A step's rounding has a twelfth of its square as variance.
+    share = (rounded.figures["command_step"] / rounded.figures["command"]) ** 2 / 12
+    monkeypatch.setattr(in_flight, "MOST_ROUNDED", 0.9 * share)
+    assert refusal(signals, flights) is Reason.COMMAND_ROUNDED
+    monkeypatch.setattr(in_flight, "MOST_ROUNDED", 1.1 * share)
+    assert plant_in_loop(Signals(signals.telemetry), flights).effect.shape == (4,)
 
 
 def with_setpoints(log, change):
     """The log whose ATTITUDE_TARGET is what ``change`` makes of its columns."""
     (vehicle,) = log.vehicles
-    targets = change(dict(vehicle.messages["ATTITUDE_TARGET"]))
-    messages = {**vehicle.messages, "ATTITUDE_TARGET": targets}
-    return replace(log, vehicles=(replace(vehicle, messages=messages),))
+    targets = change(vehicle.messages["ATTITUDE_TARGET"])
+    return replace(log, vehicles=(changed(vehicle, "ATTITUDE_TARGET", **targets),))
 
 
 def rows_of(columns, rows):
@@ -133,7 +144,7 @@ def rows_of(columns, rows):
 @mark.parametrize(
     "change, code",
     [
-        (lambda c: c | {"body_roll_rate": 0 * c["body_roll_rate"] + 0.3}, Loops.NO_RATE_SETPOINT),
+        (lambda c: c | {"body_roll_rate": 0.3}, Loops.NO_RATE_SETPOINT),
         (lambda c: c | {"boot": c["boot"] + 7}, Loops.NO_RATE_SETPOINT),
         (lambda c: rows_of(c, slice(None, None, 13)), Loops.NO_RATE_SETPOINT),
         (lambda c: rows_of(c, c["time"] % 30 < 15), Loops.LOOP_TOO_SHORT),
@@ -188,15 +199,12 @@ def test_with_motors_at_their_limits_the_margins_are_true(tmp_path):
     hard["vehicle"]["parameters"] = {"IMU_GYRO_RATEMAX": 200}
     hard["stream"] = {"rate": 100, "rates": {"ATTITUDE_TARGET": 100}}
     hard["excitation"] |= {"amplitude": 25.0, "width": 0.1}
-    scenario = scenario_of(hard)
-    flight = fly(scenario)
-    write_log(tmp_path / "flight.tlog", scenario, flight)
-    log = read_log(tmp_path / "flight.tlog")
+    known, log = logged(scenario_of(hard), tmp_path)
     signals, flights = flown(log)
     loop = loop_of(plant_in_loop(signals, flights), Record.of(flights))
     fit, *_ = (found.fit for found, _ in signals.known.values() if hasattr(found, "fit"))
     assert 0.5 < fit.cut_off < fit.axis.limited
-    _, phase, gain, _ = truth(scenario, flight)["roll_rate_margins"]
+    _, phase, gain, _ = known["roll_rate_margins"]
     assert abs(loop.phase_margin - phase) < 5 and abs(loop.gain_margin - gain) < 1.5
 
 
@@ -211,8 +219,45 @@ def test_a_setpoint_with_the_correction_of_the_angle_in_it_is_taken_as_it_is():
         assert not array.flags.writeable
 
 
-def test_motors_that_hardly_lag_are_known_in_their_loop():
-    log = read_log(shared("sitl_raw/ap_raw_on.BIN.xz"))
-    loop = loops_of_log(Signals(log.vehicles[0], "roll"), log)
-    low, high = loop.phase_margin_interval
-    assert loop.plant.refusal is None and low < 12.8 < high < low + 20, "true by a chirp"
+def test_what_the_angles_error_asks_for_is_added_to_ardupilots_setpoint_of_the_rate():
+    time = np.arange(10.0, 40.0, 0.01)
+    wanted, ahead = 0.1 * np.sin(time), 0.1 * np.cos(time)
+    controller = controller_of(ARDUPILOT, "roll", X_ROLL)
+    signals = Signals(asking(Hover().telemetry(), time, 0, ahead, wanted))
+    streams, *_ = _streams(signals, 0, controller, np.ones(4))
+    assert_allclose(streams[5].values, ahead + controller.angle * wanted, atol=1e-6)
+
+
+def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(tmp_path):
+    """Of ArduPilot, by the plant without its loop."""
+    steered = {"kind": "multisine", "sd": 3.0, "lowest": 0.2, "highest": 4.0, "period": 10.0}
+    vehicle = {"model": "iris", "rate_gain": 1.4}
+    stream = {"autopilot": "ardupilot", "rates": {"ATTITUDE_TARGET": 100}}
+    scenario = {"excitation": steered, "stream": stream, "seed": 5, "duration": 45}
+    known, _ = logged(scenario_of(scenario | {"vehicle": vehicle}), tmp_path)
+    record = Record.of(mavdem.read_flight(tmp_path / "flight.tlog"))
+    plant = physical(record)
+    loop = loop_of(plant, record)
+    crossover, phase, *_ = margins = known["roll_rate_margins"]
+    assert loop.crossover == approx(crossover, rel=0.1)
+    assert loop.phase_margin == approx(phase, abs=6)
+    names = ("crossover", "phase_margin", "gain_margin", "ms")
+    for name, true in zip(names, margins, strict=True):
+        low, high = getattr(loop, f"{name}_interval")
+        assert low <= true <= high
+    assert loop.attitude.crossover == approx(known["roll_attitude_margins"][0], rel=0.1)
+    assert loop.agrees and loop.measured.fit > 80 and loop.rate.stable.all()
+    assert loop.measured.controller_gain == approx(1, abs=0.2)
+    name = loop.controller.names["p"]
+    doubled = loop.changed({name: 2 * record.parameters[name]})
+    assert doubled.crossover > 1.5 * loop.crossover and doubled.agrees is None
+    assert loop_of(plant, replace(record, setpoints=np.zeros_like(record.setpoints))).agrees is None
+    retuned = loop_of(plant, replace(record, earlier={name: 0.1}))
+    (caution,) = retuned.cautions
+    assert retuned.agrees is None and caution.code is Loops.PARAMETERS_CHANGED
+    assert caution.figures["changes"] == ((name, 0.1, record.parameters[name]),)
+    # Gains that were not those in flight.
+    other = loop_of(plant, record, loop.controller.changed({name: 0.7 * record.parameters[name]}))
+    assert other.agrees is False
+    assert other.measured.reason.code is Responses.CONTROLLER_GAIN_DIFFERS
+    assert other.advice.refusals == (other.measured.reason,)

@@ -1,10 +1,10 @@
 """Limit cycles are found by their line, at the frequency they have; gusts, steps and a motor at its limit are none."""
 
 import numpy as np
-from hover import X_QUAD, Hover, changed, with_pulses
+from hover import X_QUAD, Hover, changed, pulses, with_pulses
 from numpy.random import default_rng
 from pytest import approx, mark
-from scipy.signal import lfilter
+from scipy.signal import cont2discrete, lfilter
 
 from mavdem.alignment.signals import Signals
 from mavdem.condition.condition import condition_of
@@ -15,27 +15,27 @@ HOVER = Hover(hovering=40.0)
 def found(rate, command, hertz=100.0, offset=0.0):
     """Of a hover with a roll rate (N,), deg/s, and a roll command (N,), µs, that are functions of time, s."""
     telemetry = HOVER.telemetry(attitude_time=hertz, motor_time=hertz)
-    time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
-    flying = (time > 6.0) & (time < HOVER.landed)
-    outputs = np.clip(1500.0 + X_QUAD * command(time)[:, None], 1150.0, 1990.0)
-    outputs[:, 0] = np.clip(outputs[:, 0] + offset, 1150.0, 1990.0)
-    telemetry = with_pulses(telemetry, np.where(flying, outputs.T, 1000.0))
-    turning = np.radians(rate(telemetry.messages["ATTITUDE"]["time"]))
-    return condition_of(Signals(changed(telemetry, "ATTITUDE", rollspeed=turning))).oscillation
+    time = HOVER.stamps(hertz)
+    outputs = 1500.0 + np.outer(X_QUAD, command(time))
+    outputs[0] += offset
+    is_flying = pulses(telemetry) > 1000
+    telemetry = with_pulses(telemetry, np.where(is_flying, outputs.clip(1150.0, 1990.0), 1000.0))
+    turning = changed(telemetry, "ATTITUDE", rollspeed=np.radians(rate(time)))
+    return condition_of(Signals(turning)).oscillation
 
 
 def swinging(hertz, size):
     return lambda time: size * np.sin(2 * np.pi * hertz * time)
 
 
-def gusts(size, hertz=1.5, damping=0.4):
-    """A rate in wind: white noise through the attitude loop's resonance."""
+def gusts(size):
+    """A rate in wind: white noise through the attitude loop's resonance, at 1.5 Hz with a damping of 0.4."""
 
     def series(time):
-        step = time[1] - time[0]
-        pole = np.exp((-damping + 1j * np.sqrt(1 - damping**2)) * 2 * np.pi * hertz * step)
-        noise = default_rng(1).standard_normal(len(time))
-        values = lfilter([1.0, -1.0], [1.0, -2 * pole.real, abs(pole) ** 2], noise)
+        omega = 2 * np.pi * 1.5
+        continuous = [1, 0], [1, 0.8 * omega, omega**2]
+        (numerator,), denominator, _ = cont2discrete(continuous, time[1] - time[0])
+        values = lfilter(numerator, denominator, default_rng(1).standard_normal(len(time)))
         return size * values / values.std()
 
     return series
@@ -73,10 +73,11 @@ def test_one_that_lasts_is_found_though_it_neither_grows_nor_reaches_a_limit():
 )
 def test_what_is_steered_to_identify_is_none(phase):
     """Sweeps from 0.5 to 5 Hz and sines of up to 3 Hz, as ArduPilot's system identification mode flies them."""
-    assert (
-        found(*(lambda t, size=size: size * np.sin(2 * np.pi * phase(t)) for size in (30.0, 60.0)))
-        is None
-    )
+
+    def swept(size):
+        return lambda time: size * np.sin(2 * np.pi * phase(time))
+
+    assert found(swept(30.0), swept(60.0)) is None
 
 
 def test_where_messages_come_too_slowly_the_frequency_is_not_told():
@@ -92,11 +93,10 @@ def test_wind_is_none_though_motors_reach_their_limits(rate, command, offset):
 
 
 def test_steps_to_the_side_are_none():
-    square = [swinging(0.25, size) for size in (1.0, 1.0)]
-    assert (
-        found(lambda t: 40.0 * np.sign(square[0](t)), lambda t: 900.0 * np.sign(square[1](t)))
-        is None
-    )
+    def square(size):
+        return lambda time: size * np.sign(swinging(0.25, 1.0)(time))
+
+    assert found(square(40.0), square(900.0)) is None
 
 
 def test_what_moves_only_the_rate_is_an_alias_or_a_vibration():

@@ -1,4 +1,4 @@
-"""The wind in m/s: simulated flights with known drag, recorded ones beside an anemometer, and what is no flight."""
+"""The wind in m/s: made-up flights with known drag, recorded ones that something is done to, and what is no flight."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -9,13 +9,15 @@ from numpy.random import default_rng
 from pytest import approx, mark, raises
 from recorded_flights import recorded, shared
 from refusals import refused
+from scipy.interpolate import interp1d
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
 
 import mavdem
 from mavdem.alignment.drive import Signal
 from mavdem.alignment.signals import Signals
-from mavdem.condition.wind_of_log import VELOCITIES, YAW_JUMP, _jumps, air_of, wind_of
+from mavdem.condition.wind_of_log import YAW_JUMP, _jumps, air_of, wind_of
 from mavdem.condition.wind_velocity import (
     coming_from,
     least_speed,
@@ -48,24 +50,25 @@ def flight(
     time = np.arange(0, seconds, 0.1)
     white = rng.standard_normal((2, len(time) + 200))
     gust = lfilter([1], [1, -np.exp(-0.1 / 3)], white)[:, 200:].T
-    air = np.array(wind) * (1 + jump * (time > seconds / 2))[:, None] + gusts * gust / gust.std()
+    air = np.outer(1 + jump * (time > seconds / 2), wind) + gusts * gust / gust.std()
     course = np.floor(time / 20) * np.pi / 2 + np.pi * (time % 20 > 10)
     legs_flown = legs * np.column_stack([np.cos(course), np.sin(course), 0 * time])
     velocity = uniform_filter1d(legs_flown, 20, 0, mode="nearest", origin=9)  # of the 2 s before
     # The thrust is what drag and gravity leave of the acceleration, and body z is against it.
     needed = np.gradient(velocity, time, axis=0) - [0, 0, 9.80665]
-    u = velocity - np.pad(air, ((0, 0), (0, 1)))
+    level = (0, 0), (0, 1)
+    u = velocity - np.pad(air, level)
     drag = 0
-    yaw = turning * time
+    heading = Rotation.from_euler("z", (turning * time)[:, np.newaxis])
     for _ in range(8):
-        z = (drag - needed) / np.linalg.norm(drag - needed, axis=1, keepdims=True)
-        y = np.cross(z, np.column_stack([np.cos(yaw), np.sin(yaw), 0 * yaw]))
-        y /= np.linalg.norm(y, axis=1, keepdims=True)
-        axes = np.stack([np.cross(y, z), y], axis=1)
-        along = np.einsum("tij,tj->ti", axes, u)
-        force = np.asarray(lean) - (LINEAR + QUADRATIC * np.hypot(*along.T)[:, None]) * along
-        drag = np.einsum("ti,tij->tj", force, axes)
-    attitude = np.column_stack([np.arctan2(axes[:, 1, 2], z[:, 2]), -np.arcsin(axes[:, 0, 2]), yaw])
+        forward, right, down = heading.apply(drag - needed, inverse=True).T
+        pitch = np.arctan2(forward, down)
+        roll = -np.arctan2(right, np.hypot(forward, down))
+        body = heading * Rotation.from_euler("YX", np.column_stack([pitch, roll]))
+        along = body.apply(u, inverse=True)[:, :2]
+        force = lean - (LINEAR + QUADRATIC * np.hypot(*along.T)[:, None]) * along
+        drag = body.apply(np.pad(force, level))
+    attitude = np.column_stack([roll, pitch, turning * time])
     return time, attitude, velocity + 0.02 * rng.standard_normal(velocity.shape), air
 
 
@@ -73,7 +76,7 @@ def flight(
 @mark.parametrize("seed", range(3))
 def test_legs_show_wind_drag_and_lean(seed):
     wind = mavdem.estimate_wind(*flight(seed=seed, lean=(0.2, -0.1), seconds=240, gusts=0.3)[:3])
-    assert set(wind.status.values()) == {Status.REPORTED} and not wind.reasons
+    assert set(wind.status.values()) == {"reported"} and not wind.reasons
     assert abs(wind.speed - 5) < 0.6 and abs(wind.direction - coming_from(-3, 4)) < 10
     assert abs(wind.drag.lean - [0.2, -0.1]).max() < 0.1
     low, high = wind.drag.interval("linear")
@@ -83,7 +86,7 @@ def test_legs_show_wind_drag_and_lean(seed):
 def test_band_holds_and_a_jump_is_followed():
     time, attitude, velocity, air = flight(seed=7, jump=1.0)
     wind = mavdem.estimate_wind(time, attitude, velocity, height=5.0 + 10 * (time > 60))
-    true = np.column_stack([np.interp(wind.time, time, part) for part in air.T])
+    true = interp1d(time, air, axis=0)(wind.time)
     assert 0.8 < np.mean(abs(wind.velocity - true) <= wind.band) <= 1.0
     speeds = np.hypot(*wind.velocity.T)
     assert speeds[wind.time < 55].mean() < 6.5 and speeds[wind.time > 65].mean() > 8.5
@@ -97,13 +100,11 @@ def test_band_holds_and_a_jump_is_followed():
 def test_the_share_of_the_torque_is_known_where_the_air_s_velocity_along_the_body_changes(legs):
     time, attitude, velocity, _ = flight(legs=legs, turning=0.0, seed=5)
     wind = mavdem.estimate_wind(time, attitude, velocity)
-    torque = np.interp(time, wind.time, wind.along[:, 1]) * (legs > 0) + default_rng(0).normal(
-        0.0, 2.0, len(time)
-    )
-    explained = torque_explained(wind, time, torque)
-    share = explained.figures["share"]
+    noise = default_rng(0).normal(0.0, 2.0, len(time))
+    by_wind = np.interp(time, wind.time, wind.along[:, 1]) * (legs > 0)
+    explained = torque_explained(wind, time, by_wind + noise)
     assert explained.code is (WindShare.SHARE_KNOWN if legs else WindShare.SHARE_UNKNOWN)
-    assert share == (approx(0.98, abs=0.02) if legs else None)
+    assert explained.figures["share"] == (approx(0.98, abs=0.02) if legs else None)
     chance = torque_explained(wind, time, default_rng(1).normal(size=len(time)))
     assert not chance.figures["share"]
 
@@ -118,18 +119,18 @@ def test_air_along_the_body_that_changes_by_less_than_1_m_s_explains_nothing(siz
 @mark.parametrize(
     "speed, half, status",
     [
-        (3.0, 0.69, Status.REPORTED),
-        (3.0, 0.71, Status.BIASED),
-        (10.0, 1.19, Status.REPORTED),
-        (10.0, 1.21, Status.BIASED),
-        (9.0, 6.99, Status.BIASED),
-        (9.0, 7.01, Status.NOT_IDENTIFIABLE),
+        (3.0, 0.69, "reported"),
+        (3.0, 0.71, "biased"),
+        (10.0, 1.19, "reported"),
+        (10.0, 1.21, "biased"),
+        (9.0, 6.99, "biased"),
+        (9.0, 7.01, "not identifiable"),
     ],
 )
 def test_a_speed_is_reported_to_0_7_metres_a_second_or_12_percent_and_at_all_to_a_factor_of_eight(
     speed, half, status
 ):
-    assert speed_status(speed, speed - half, speed + half) is status
+    assert speed_status(speed, speed - half, speed + half) == status
 
 
 @mark.slow
@@ -137,9 +138,8 @@ def test_hover_takes_the_drag_of_another_flight():
     hover = flight(legs=0.0, turning=0.0, seed=3)[:3]
     alone = mavdem.estimate_wind(*hover)
     drag = mavdem.estimate_drag(*flight(seed=4))
-    assert (
-        alone.status["drag"] == Status.NOT_IDENTIFIABLE and alone.status["speed"] != Status.REPORTED
-    )
+    assert alone.status["drag"] == "not identifiable"
+    assert alone.status["speed"] != "reported"
     alone.status["speed"] = Status.NOT_IDENTIFIABLE
     assert "m/s" not in wind_blocks((alone, None, None))[0].text
     document = alone.as_dict()
@@ -169,7 +169,7 @@ def test_what_is_no_free_flight_is_refused():
     for rows, stamps in ((100, time), (12, time), (12, time / 5), (12, 0 * time)):
         short = (stamps[:rows], attitude[:rows], velocity[:rows])
         assert refused(wind, *short).code is Airflow.MOTION_TOO_SHORT
-    short = (time[:140], attitude[:140], velocity[:140], air[:140])
+    short = (column[:140] for column in (time, attitude, velocity, air))
     assert refused(mavdem.estimate_drag, *short).code is Airflow.MOTION_TOO_SHORT
     with raises(ValueError, match="degrees"):
         mavdem.estimate_wind(time, np.degrees(attitude), velocity)
@@ -211,35 +211,18 @@ def test_live_rows_are_of_free_flight_only(scale, why):
     live = LiveWind()
     live.drag = mavdem.estimate_drag(time, attitude, velocity, air)
     inside = []
-    for at, angles, (north, east, down) in zip(time, attitude, scale * velocity, strict=True):
+    downs_first = np.roll(scale * velocity, 1, axis=1)
+    for at, angles, moved in zip(time, attitude, downs_first, strict=True):
         live.attitude(at, angles)
-        live.velocity("LOCAL_POSITION_NED", at, (down, north, east))
-        if live.row is not None:
-            inside += (
-                abs(live.row.velocity - air[time > live.row.time][0]) < live.row.band
-            ).tolist()
-    assert why in str(live.obstacle or "") and (live.row is None) == bool(why)
-    assert why or np.mean(inside) > 0.8
-    assert (live.mean is None) == bool(why)
-    if live.mean is not None:
+        live.velocity("LOCAL_POSITION_NED", at, moved)
+        if row := live.row:
+            inside.append(abs(row.velocity - air[time > row.time][0]) < row.band)
+    assert why in str(live.obstacle or "")
+    assert (live.row is None) == (live.mean is None) == bool(why)
+    if not why:
+        assert np.mean(inside) > 0.8
         light = live.mean.light.figures
         assert light["low"] < np.hypot(*air.mean(axis=0)) < light["high"] and not light["calm"]
-
-
-# Of the last, 5 m/s are those at 60 m: SIM_WIND_T is its default.
-@mark.parametrize(
-    "log, speed",
-    [
-        ("ardupilot/ardupilot_inertia_wind5_steps", 5.0),
-        ("px4/px4_wind5_steps", 5.0),
-        ("events/ap_short_with_climb", 2.0),
-    ],
-)
-def test_recorded_simulators(log, speed):
-    wind = mavdem.wind(shared(f"sitl_{log}.tlog"))
-    assert wind.speed_interval[0] < speed < wind.speed_interval[1]
-    assert wind.status["speed"] != Status.REPORTED or abs(wind.speed - speed) < 0.7
-    assert abs(wind.direction - 87) < max(10, 1.3 * wind.direction_interval)
 
 
 @mark.parametrize("lean, seconds, refused", [(27, 8, True), (27, 4, False), (23, 8, False)])
@@ -247,13 +230,14 @@ def test_a_vehicle_that_something_holds_shows_no_wind(lean, seconds, refused):
     telemetry = recorded("sitl_events/ap_short_with_climb.tlog")
     attitude = telemetry.messages["ATTITUDE"]
     place = telemetry.messages["LOCAL_POSITION_NED"]
-    held = [(one["time"] > 80) & (one["time"] < 80 + seconds) for one in (attitude, place)]
-    leaning = np.where(held[0], np.radians(lean), attitude["roll"])
-    fixed = {axis: np.where(held[1], place[axis][held[1]][0], place[axis]) for axis in "xyz"}
-    signals = Signals(
-        changed(changed(telemetry, "ATTITUDE", roll=leaning), "LOCAL_POSITION_NED", **fixed)
-    )
-    reason = air_of(signals)[2]
+
+    def held(table, column, value):
+        is_held = abs(table["time"] - 80 - seconds / 2) < seconds / 2
+        return np.where(is_held, value, table[column])
+
+    leaning = changed(telemetry, "ATTITUDE", roll=held(attitude, "roll", np.radians(lean)))
+    fixed = {axis: held(place, axis, 0.0) for axis in "xyz"}
+    reason = air_of(Signals(changed(leaning, "LOCAL_POSITION_NED", **fixed)))[2]
     assert (reason is not None and reason.code is NoWind.STUCK) == refused
 
 
@@ -266,16 +250,12 @@ def test_a_message_without_a_yaw_is_left_out_and_a_clock_that_jumps_by_days_refu
 
     yaw = np.where(np.arange(len(columns["yaw"])) % 50, columns["yaw"], 1e30)
     assert found(yaw=yaw).speed == approx(found().speed, abs=0.1)
-    known = telemetry.messages
-    late = {name: {**known[name]} for name in known}
-    for message in late.values():
-        message["time"] = message["time"] + 2e6 * (message["time"] > np.median(columns["time"]))
-    blind = {name: known[name] for name in known if name not in VELOCITIES}
-    still = dict(known["LOCAL_POSITION_NED"])
-    still["vx"] = 0 * still["vx"]
-    for messages, code in (
-        (late, NoWind.CLOCK_JUMPS),
-        (blind, NoWind.NO_VELOCITY),
-        ({**known, "LOCAL_POSITION_NED": still}, NoWind.NOT_MEASURED),
-    ):
-        assert refused(wind_of, Signals(replace(telemetry, messages=messages))).code is code
+    middle = np.median(columns["time"])
+    late = {
+        name: table | {"time": table["time"] + 2e6 * (table["time"] > middle)}
+        for name, table in telemetry.messages.items()
+    }
+    late = Signals(replace(telemetry, messages=late))
+    assert refused(wind_of, late).code is NoWind.CLOCK_JUMPS
+    still = Signals(changed(telemetry, "LOCAL_POSITION_NED", vx=0.0))
+    assert refused(wind_of, still).code is NoWind.NOT_MEASURED
