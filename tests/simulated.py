@@ -35,22 +35,37 @@ def simulated(seed=0, samples=850, wind=0.0, lag=0.0):
     return Flight(DT * np.arange(samples), 1500 + motors, outputs + [0.2, 0.0])
 
 
-def in_closed_loop(samples=1000, seed=0, windy=10.0):
-    """Roll and rate answered 0.03 s late through four motors; the wind decays over 0.5 s."""
+LAG = 0.04
+DAMPING = 2.0
+MOTORS = np.array([-0.06, 0.06, 0.06, -0.06])
+FINE = 10
+
+
+def in_closed_loop(seed=0, steering=0.0, samples=700, wind=1.0, commanded=None):
+    """An axis whose controller answers the rate it measures, with turbulence (rad/s²) and with steering (rad/s).
+
+    The last samples have motors that are ``commanded`` (H, 4), whatever the vehicle does.
+    """
     rng = default_rng(seed)
-    fine = 5
-    roll = rate = torque = wind = command = 0.0
-    motors = np.empty((samples, 4))
+    reference = steering * np.sign(np.sin(2 * np.pi * np.arange(samples) * DT / 1.3))
+    angle = rate = torque = drift = before = 0.0
+    fine = DT / FINE
+    keeps = float(np.exp(-fine / 0.5))
+    gusty = float(np.sqrt(1 - keeps**2)) * wind
+    commands = np.zeros((samples, 4))
     outputs = np.empty((samples, 2))
-    step = DT / fine
-    for t in range(samples):
-        outputs[t] = roll, rate
-        command = -(60 * roll + 12 * rate)
-        drawn = rng.standard_normal(4 + fine)
-        motors[t] = 1500 + SIGNS * command + 0.2 * drawn[:4]
-        for push in drawn[4:].tolist():
-            wind += -step * 2.0 * wind + 6.0 * step**0.5 * push
-            torque += step / 0.03 * (command - torque)
-            rate += step * (torque - rate + windy * wind)
-            roll += step * rate
-    return Flight(DT * np.arange(samples), motors, outputs)
+    for k in range(samples):
+        outputs[k] = angle, rate + 0.005 * rng.standard_normal()
+        wanted = 12 * (reference[k] - 3 * angle - outputs[k, 1])
+        commands[k] = wanted * MOTORS / (MOTORS @ MOTORS) + rng.standard_normal(4)
+        if commanded is not None and k >= samples - len(commanded):
+            commands[k] = commanded[k - samples]
+        now = float(MOTORS @ commands[k])
+        # commands act half a sample late
+        for step, push in enumerate(rng.standard_normal(FINE).tolist()):
+            torque += fine / LAG * ((now if step >= 5 or k == 0 else before) - torque)
+            drift = keeps * drift + gusty * push
+            rate += fine * (torque - DAMPING * rate + drift)
+            angle += fine * rate
+        before = now
+    return Flight(DT * np.arange(samples), 1500 + commands, outputs)

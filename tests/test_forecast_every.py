@@ -18,6 +18,7 @@ METHODS = {
     "DEM plant": lambda: learn(TRAIN, Settings(window=9, forecasts="plant")),
     "DEM paper": lambda: learn(TRAIN, Settings.paper()),
     "subspace": lambda: baselines.subspace(TRAIN, 2),
+    "joint VAR": lambda: baselines.var(TRAIN),
 }
 
 

@@ -1,5 +1,7 @@
 """Flights that are hard to learn from, and what must hold of every method on them."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.random import default_rng
 from simulated import simulated
@@ -10,7 +12,7 @@ from mavdem import Flight
 def measured(flight):
     """As sensors and autopilots have it: outputs with noise of a thousandth of their size, motors in whole numbers."""
     noise = 1e-3 * flight.outputs.std(axis=0) * default_rng(0).standard_normal(flight.outputs.shape)
-    return Flight(flight.time, np.round(flight.inputs), flight.outputs + noise)
+    return replace(flight, inputs=np.round(flight.inputs), outputs=flight.outputs + noise)
 
 
 FLIGHT = measured(simulated(wind=2.0))

@@ -16,16 +16,6 @@ def model():
     return baselines.var(TRAIN)
 
 
-def test_forecasts_and_predictions_begin_anew_at_every_so_many_samples(model):
-    past = np.hstack([TEST.outputs, TEST.inputs])[10:20]
-    every = model.forecast_every(20, TEST.inputs, TEST.outputs)
-    assert_allclose(every[:20], model.forecast(TEST.inputs)[:20], rtol=1e-9)
-    assert_allclose(every[20:40], model.model.infer(past, TEST.inputs[20:40]).mean, rtol=1e-9)
-    every = model.predict_every(20, TEST.inputs, TEST.outputs)
-    assert_allclose(every[:20], model.predict(20), rtol=1e-9)
-    assert_allclose(every[20:40], model.model.predict(past, 20).mean[:, :2], rtol=1e-9)
-
-
 def test_no_lag_of_var_reaches_across_a_gap():
     """Each segment begins with what is known without a past."""
     again = baselines.var([*APART, APART[0]], order=4).one_step()

@@ -123,23 +123,18 @@ def test_a_bounded_number_is_on_its_way_and_cancelled_at_the_end():
     assert all(future.cancelled() for future in executor.futures[3:])
 
 
-def run_script(folder, text):
-    """Ends when all processes have that hold its output."""
-    script = folder / "script.py"
-    script.write_text(text)
-    path = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
-    return subprocess.run(
-        [sys.executable, script], env=path, capture_output=True, text=True, timeout=60
-    )
-
-
 @mark.slow
 def test_workers_start_no_workers_of_their_own_and_end_with_a_killed_parent(tmp_path):
-    ended = run_script(
-        tmp_path,
+    """The script ends when all processes have that hold its output."""
+    script = tmp_path / "script.py"
+    script.write_text(
         "import os, signal\nfrom mavdem.dem.parallel import pool, spare_cores\nif __name__ == '__main__':\n"
         "    with pool(2) as executor:\n        print(executor.submit(spare_cores).result(), flush=True)\n"
-        "        os.kill(os.getpid(), signal.SIGKILL)\n",
+        "        os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    path = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    ended = subprocess.run(
+        [sys.executable, script], env=path, capture_output=True, text=True, timeout=60
     )
     assert ended.returncode == -signal.SIGKILL and ended.stdout == "1\n"
 

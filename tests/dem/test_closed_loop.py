@@ -78,10 +78,14 @@ STAMPS = 7.0 + CYCLE * np.arange(round(SECONDS / CYCLE))
 STARTS = np.arange(STAMPS[0], STAMPS[-1] - WINDOW_SECONDS, WINDOW_SECONDS / 2)
 
 
+def sent(one, every, begin=0):
+    """Every so many messages of a quantity."""
+    return Messages(STAMPS[begin::every], one[begin::every])
+
+
 def axis(flown, every=1):
     """As spectra, of every so many messages."""
-    streams = [Messages(STAMPS[::every], one[::every]) for one in flown]
-    return Axis(spectra(streams, STARTS), KNOWN, 0.0)
+    return Axis(spectra([sent(one, every) for one in flown], STARTS), KNOWN, 0.0)
 
 
 FLOWN = fly(3)
@@ -133,7 +137,7 @@ def test_the_densities_are_those_of_the_flight(noise, every):
 def test_the_slopes_are_those_of_the_value(late):
     """Also of setpoints of another cycle, in which the angle has noise of its own."""
     begins = 0, 0, late, late
-    streams = [Messages(STAMPS[a::4], one[a::4]) for a, one in zip(begins, FLOWN, strict=True)]
+    streams = [sent(one, 4, begin) for begin, one in zip(begins, FLOWN, strict=True)]
     one = Axis(spectra(streams, STARTS), KNOWN, 0.0)
     _, score, information = one.scores(KNOWN_PLANT)
     for k, name in enumerate(NAMES):
@@ -149,13 +153,13 @@ def test_nothing_asked_is_nothing_steered():
 
 def test_messages_of_several_rates_count_at_the_slowest():
     """And what is lost of them is not made up."""
-    streams = [Messages(STAMPS[::4], FLOWN.rate[::4]), Messages(STAMPS[::10], FLOWN.output[::10])]
-    found = spectra(streams, STARTS)
+    found = spectra([sent(FLOWN.rate, 4), sent(FLOWN.output, 10)], STARTS)
     assert found.rate == approx(40.0, rel=1e-3) and found.frequency[-1] < 20.0
     assert abs(np.array(found.late)).max() < 4 * CYCLE
-    kept = default_rng(1).random(len(STAMPS[::4])) > 0.2
-    lossy = spectra([Messages(STAMPS[::4][kept], FLOWN.rate[::4][kept])], STARTS)
-    whole = spectra([Messages(STAMPS[::4], FLOWN.rate[::4])], STARTS)
+    stream = sent(FLOWN.rate, 4)
+    kept = default_rng(1).random(len(stream.time)) > 0.2
+    lossy = spectra([Messages(*(part[kept] for part in stream))], STARTS)
+    whole = spectra([stream], STARTS)
     few = min(len(lossy.frequency), len(whole.frequency), 10)
     assert np.log(lossy.mean[:few] / whole.mean[:few]).real == approx(0.0, abs=0.3)
 

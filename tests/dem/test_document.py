@@ -54,19 +54,14 @@ def test_every_field_of_a_document_is_needed_and_checked(document):
         missing = {key: value for key, value in values.items() if key != name}
         with raises(ValueError, match=f"^not the document of a learned model: {name} is missing"):
             Learned.from_json(json.dumps(missing))
-    former = {
-        key: value
-        for key, value in values["record"].items()
-        if key not in ("parameters", "setpoints")
-    }
-    assert len(Learned.from_json(json.dumps({**values, "record": former})).record) == len(
-        values["record"]["inputs"]
-    )
+    kept = values["record"]
+    former = {name: kept[name] for name in kept.keys() - {"parameters", "setpoints"}}
+    read = Learned.from_json(json.dumps({**values, "record": former}))
+    assert len(read.record) == len(kept["inputs"])
     for name in ("theta_covariance", "known", "state_map", "theta", "free_energy_of_samples"):
         for junk in (None, "junk", {"a": 1}):
             with raises(ValueError, match="must"):
                 Learned.from_json(json.dumps({**values, name: junk}))
-    kept = values["record"]
     for name, other in (
         ("inputs", kept["inputs"][:-1]),
         ("outputs", []),

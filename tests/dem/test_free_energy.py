@@ -96,13 +96,11 @@ def test_gradients_are_those_of_the_free_energy(model, seed):
     numeric = gradient(lambda X: free_energy(model, data, X, belief).sum(), states)
     close(data @ of_data.T - states @ precision, numeric)
 
+    def action(**changed):
+        return free_energy_action(model, samples, belief._replace(**changed))
+
     slope, precision = theta_slope(model, samples, belief)
-    close(
-        slope,
-        gradient(
-            lambda at: free_energy_action(model, samples, belief._replace(theta=at)), belief.theta
-        ),
-    )
+    close(slope, gradient(lambda at: action(theta=at), belief.theta))
     direction = rng.standard_normal(len(slope))
     ahead, behind = (
         theta_slope(model, samples, belief._replace(theta=belief.theta + d))
@@ -111,21 +109,13 @@ def test_gradients_are_those_of_the_free_energy(model, seed):
     close(precision @ direction, (behind[0] - ahead[0]) / 2)
 
     slope, precision = lambda_slope(model, samples, belief)
-    close(
-        slope,
-        gradient(
-            lambda at: free_energy_action(model, samples, belief._replace(lambda_=at)),
-            belief.lambda_,
-        ),
+    close(slope, gradient(lambda at: action(lambda_=at), belief.lambda_))
+    direction = rng.standard_normal(len(slope))
+    along = gradient(
+        lambda at: direction @ lambda_slope(model, samples, belief._replace(lambda_=at))[0],
+        belief.lambda_,
     )
-    columns = [
-        gradient(
-            lambda at, i=i: lambda_slope(model, samples, belief._replace(lambda_=at))[0][i],
-            belief.lambda_,
-        )
-        for i in range(len(slope))
-    ]
-    close(-precision, np.array(columns))
+    close(-precision @ direction, along)
 
 
 @of_any_model
@@ -173,43 +163,40 @@ def test_named_terms_sum_to_the_free_energy_at_optimal_precisions(model, seed):
     assert sum(terms.values()) == approx(total, rel=1e-9, abs=1e-6)
 
 
+def log_density(error, precision):
+    """But for what every precision of that size has in common."""
+    return 0.5 * (np.linalg.slogdet(precision)[1] - error @ precision @ error)
+
+
 @of_any_model
 def test_the_energy_is_that_of_the_generative_model_written_out(model, seed):
     """Sample by sample, with Ã, B̃, C̃, D and Π̃ as Eqs. ``generative_process`` and ``free_E`` write them."""
     rng = default_rng(seed)
-    n = model.n
-    r = model.r
-    m = model.m
-    p = model.p
-    d = model.d
-    q = model.q
+    n, r, m, p, d, q = (getattr(model, name) for name in "nrmpdq")
     outputs = rng.standard_normal((5, m * (p + 1)))
     inputs = rng.standard_normal((5, r * (d + 1)))
-    samples = SufficientStatistics.of(np.hstack([outputs, inputs]))
+    data = np.hstack([outputs, inputs])
+    samples = SufficientStatistics.of(data)
     state_map, belief = random_belief(seed, model, samples)
     A, B, C = unpack(belief.theta, n, r, m)
-    S = model.output_correlation, model.state_correlation
+    x, v = np.split(data @ state_map.T, [n * (p + 1)], axis=1)
+    # Of the equation of order i, i + 1 of x on its left side, and i of x and of v on its right.
+    left = np.kron(np.eye(q + 1, p + 1, 1), np.eye(n)) - np.kron(np.eye(q + 1, p + 1), A)
+    of_x = x @ left.T - v @ np.kron(np.eye(q + 1, d + 1), B).T
+    of_y = outputs - x @ np.kron(np.eye(p + 1), C).T
     noise = np.exp(belief.lambda_)
-    energy = 0.0
-    for y, eta in zip(outputs, inputs, strict=True):
-        x, v = np.split(state_map @ np.concatenate([y, eta]), [n * (p + 1)])
-        orders = np.vstack([x.reshape(p + 1, n), np.zeros((1, n))])
-        driven = np.vstack([v.reshape(d + 1, r), np.zeros((max(q - d, 0), r))])
-        of_y = y.reshape(p + 1, m) - orders[: p + 1] @ C.T
-        of_x = orders[1 : q + 2] - orders[: q + 1] @ A.T - driven[: q + 1] @ B.T
-        Pz = np.diag(noise[model.output_groups])
-        Pw = np.diag(noise[model.state_groups])
-        precision = block_diag(np.kron(S[0], Pz), model.input_precision, np.kron(S[1], Pw))
-        error = np.concatenate([of_y.ravel(), v - eta, of_x.ravel()])
-        energy += 0.5 * (np.linalg.slogdet(precision)[1] - error @ precision @ error)
+    precision = block_diag(
+        np.kron(model.output_correlation, np.diag(noise[model.output_groups])),
+        model.input_precision,
+        np.kron(model.state_correlation, np.diag(noise[model.state_groups])),
+    )
+    prior = model.prior
+    energy = log_density(belief.theta - prior.theta_mean, prior.theta_precision)
+    energy += log_density(belief.lambda_ - prior.lambda_mean, prior.lambda_precision)
+    for error, states in zip(np.hstack([of_y, v - inputs, of_x]), x, strict=True):
+        energy += log_density(error, precision)
         if model.state_precision is not None:
-            of_start = x[:n] @ model.state_precision @ x[:n]
-            energy += 0.5 * (np.linalg.slogdet(model.state_precision)[1] - of_start)
-    for at, mean, precision in (
-        (belief.theta, model.prior.theta_mean, model.prior.theta_precision),
-        (belief.lambda_, model.prior.lambda_mean, model.prior.lambda_precision),
-    ):
-        energy += 0.5 * (np.linalg.slogdet(precision)[1] - (at - mean) @ precision @ (at - mean))
+            energy += log_density(states[:n], model.state_precision)
     actual = internal_energy(model, samples, belief.moments, belief.theta, belief.lambda_)
     assert actual == approx(energy, rel=1e-9)
 

@@ -20,7 +20,7 @@ K = 2
 LONGER = Choice(4, 0.05)
 SHORTER = Choice(3, 0.3)
 X_FRAME = np.array([1.0, -1.0, -1.0, 1.0]) / 2
-FLIGHT = replace(in_closed_loop(1000), effect_directions=X_FRAME)
+FLIGHT = replace(in_closed_loop(wind=10.0, samples=1000), effect_directions=X_FRAME)
 CHANNELS = np.hstack([FLIGHT.outputs, FLIGHT.inputs @ X_FRAME[:, None]])
 TRAIN = Record.of(FLIGHT[:700])
 AHEAD = (FLIGHT.inputs[700:], FLIGHT.outputs[700:])
@@ -76,19 +76,6 @@ def test_the_prior_is_of_each_lag():
     assert_allclose(SHORTER.prior, np.diag([0.3, 1.2, 2.7]), atol=1e-12)
 
 
-def test_the_choice_is_that_of_the_highest_free_energy():
-    most = LAGS[-1]
-    statistics = LagStatistics.of([CHANNELS], most)
-    energies = {
-        choice: regress(
-            statistics.shortened(most, choice.lags), statistics.rows, choice.prior
-        ).free_energy
-        for choice in joint.CHOICES
-    }
-    chosen, posterior = joint.choose(statistics, most)
-    assert energies[chosen] == posterior.free_energy == max(energies.values())
-
-
 def test_predictions_are_the_process_s(model):
     combined = AHEAD[0] @ X_FRAME[:, None]
     plain = model.process.predict_every(model.past, 60, combined, AHEAD[1])
@@ -142,7 +129,7 @@ def test_known_directions_are_taken_and_inputs_that_are_no_rotors_as_they_are():
 def test_bands_hold_nine_of_ten_at_every_horizon():
     inside = []
     for seed in range(8):
-        flight = in_closed_loop(2000, seed)
+        flight = in_closed_loop(seed, wind=10.0, samples=2000)
         learnt = JointModel.learn(Record.of(flight[:700]))
         outputs = flight.outputs[700:]
         for steps in (10, 50, 150):
@@ -156,44 +143,42 @@ def test_bands_hold_nine_of_ten_at_every_horizon():
     assert ((shares > 0.85) & (shares < 0.97)).all()
 
 
+def followed(flight, outputs, gap=None):
+    """The live model, which begins anew after a ``gap``, and what it returns of each sample in turn."""
+    ahead = OnlineJoint(0.01, (1, 5, 25), 2, X_FRAME[:, None])
+    memory = Memory(0.01, 10, 300)
+    for row in range(len(flight)):
+        if row == gap:
+            memory.end_segment()
+            ahead.end_segment()
+        closed = memory.add(flight.inputs[row], outputs[row], flight.time[row])
+        yield ahead, *ahead.predict(memory)
+        if closed:
+            ahead.add(memory.blocks[-1])
+
+
 def test_live_it_is_the_model_learnt_of_the_same_samples(monkeypatch):
     """Unforgotten, but for the units: here of all samples, there of the first second. To 0.05 of the deviation."""
     monkeypatch.setattr("mavdem.dem.online.ahead.MEMORY_SECONDS", 1e9)
-    flight = replace(in_closed_loop(2500), effect_directions=X_FRAME)
+    flight = replace(in_closed_loop(wind=10.0, samples=2500), effect_directions=X_FRAME)
     learnt = JointModel.learn(Record.of(flight[:2450]))
-    memory = Memory(0.01, 10, 300)
-    ahead = OnlineJoint(0.01, (1, 5, 25), 2, X_FRAME[:, None])
-    for row in range(2500):
-        closed = memory.add(flight.inputs[row], flight.outputs[row], flight.time[row])
-        expected_live, _ = ahead.predict(memory)
-        live = np.vstack([expected_live, ahead._ring[ahead._place - 1, 0]])
+    channels = np.hstack([flight.outputs, flight.inputs @ X_FRAME[:, None]])
+    for row, (ahead, expected_live, _) in enumerate(followed(flight, flight.outputs)):
         if row >= 2450:
-            past = np.hstack([flight.outputs, flight.inputs @ X_FRAME[:, None]])[
-                row + 1 - learnt.choice.lags : row + 1
-            ]
+            live = np.vstack([expected_live, ahead._ring[ahead._place - 1, 0]])
+            past = channels[row + 1 - learnt.choice.lags : row + 1]
             expected = learnt.one_step(Record.of(flight[row - 30 : row + 1]))[-1]
             offline = np.vstack([expected, learnt.process.predict(past, 25).mean[[0, 4, 24], :2]])
             assert_allclose((live - offline) / flight.outputs.std(axis=0), 0, atol=0.05)
-        if closed:
-            ahead.add(memory.blocks[-1])
     assert ahead._choice == learnt.choice
 
 
 def test_no_lag_reaches_across_a_gap():
     """Samples after it are elsewhere, far from what the model has seen."""
-    flight = in_closed_loop(1206)
+    flight = in_closed_loop(wind=10.0, samples=1206)
     far = 1000.0
-    ahead = OnlineJoint(0.01, (1, 5, 25), 2, X_FRAME[:, None])
-    memory = Memory(0.01, 10, 200)
-    for row in range(1206):
-        if row == 1200:
-            memory.end_segment()
-            ahead.end_segment()
-        outputs = flight.outputs[row] + far * (row >= 1200)
-        closed = memory.add(flight.inputs[row], outputs, flight.time[row])
-        _, later = ahead.predict(memory)
-        if closed:
-            ahead.add(memory.blocks[-1])
+    outputs = flight.outputs + far * (np.arange(1206) >= 1200)[:, None]
+    *_, (ahead, _, later) = followed(flight, outputs, gap=1200)
     assert abs(later - far).max() < 10
     # Of 12 s, by what is forgotten in 30.
     assert ahead._statistics.rows == approx(3000 * (1 - np.exp(-0.4)), rel=0.02)

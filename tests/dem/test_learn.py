@@ -105,21 +105,6 @@ def test_process_noise_is_the_moment_of_the_wind():
     assert noise[5:-5, 1].std() == approx(moment[places[5:-5]].std(), rel=0.2)
 
 
-@mark.slow
-def test_the_band_holds_nine_samples_in_ten():
-    flights = 20
-    inside = []
-    for seed in range(flights):
-        flight = simulated(seed, wind=2.0)
-        learned = learn(flight[:700], QUICK)
-        ahead = flight[700:]
-        half = learned.forecast_band(ahead.inputs)
-        assert (half > 0).all()
-        inside.append(np.mean(abs(ahead.outputs - learned.forecast(ahead.inputs)) <= half))
-    # The shares of one flight hang together, those of different flights do not: three standard errors of their mean.
-    assert np.mean(inside) == approx(0.9, abs=3 * np.std(inside) / np.sqrt(flights))
-
-
 def test_unstable_models_are_said_to_be():
     time = DT * np.arange(400)
     growing = 1e-3 * np.exp(2 * time)

@@ -3,11 +3,9 @@
 from unittest.mock import Mock
 
 import numpy as np
-from numpy.testing import assert_allclose
 from pytest import approx, mark, raises
 from simulated import simulated
 
-from mavdem import Flight
 from mavdem.dem import order_choice
 from mavdem.dem.order_choice import STANDARD_ERRORS, FlightOrders, OrderChoice, orders_of
 from mavdem.facts.model import OrderFact
@@ -53,17 +51,6 @@ def test_a_choice_says_why():
     assert rising.spread == approx([0.0, np.sqrt(50)])
     assert np.isnan(told.spread).all()
     assert (rising.mean.tolist(), rising.chosen) == ([0.0, 105.0], 2)
-
-
-@mark.slow
-def test_neither_units_nor_inputs_of_nobody_change_the_free_energy():
-    flight = simulated(samples=300, wind=1.0)
-    other = Flight(
-        10 * flight.time, 0 * flight.inputs + 3.0, [0.3, -2.0] + flight.outputs * [57.0, 0.01]
-    )
-    told = orders_of(flight, 3, known_inputs=False).free_energy
-    found = orders_of(other, 3, known_inputs=False).free_energy
-    assert_allclose(found, told, rtol=1e-5)
 
 
 @mark.parametrize("arguments", [{"max_order": 0}, {"max_order": 9}])

@@ -10,6 +10,7 @@ from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx, mark, raises, warns
 from scipy.linalg import expm, solve_continuous_lyapunov
+from simulated import DAMPING, DT, LAG, MOTORS, in_closed_loop
 
 import mavdem
 from mavdem import Flight, Settings
@@ -25,61 +26,6 @@ from mavdem.dem.record import Record
 from mavdem.facts import Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import NoPhysical, ParameterDoubt, Refinement
-from mavdem.paper.runner import hover
-from sitl_scenarios.simulation import fly
-from sitl_scenarios.truth import truth
-
-DT = 0.01
-LAG = 0.04
-DAMPING = 2.0
-MOTORS = np.array([-0.06, 0.06, 0.06, -0.06])
-FINE = 10
-
-
-def flown(
-    seed,
-    steering,
-    samples=700,
-    wind=1.0,
-    commanded=None,
-):
-    """An axis whose controller answers the rate it measures, with turbulence (rad/s²) and with steering (rad/s).
-
-    The last samples have motors that are ``commanded`` (H, 4), whatever the vehicle does.
-    """
-    rng = default_rng(seed)
-    reference = steering * np.sign(np.sin(2 * np.pi * np.arange(samples) * DT / 1.3))
-    angle = rate = torque = drift = 0.0
-    keeps = float(np.exp(-DT / FINE / 0.5))
-    fine = DT / FINE
-    gusty = float(np.sqrt(1 - keeps**2)) * wind
-    before = 0.0
-    commands = np.zeros((samples, 4))
-    outputs = np.empty((samples, 2))
-    for k in range(samples):
-        outputs[k] = angle, rate + 0.005 * rng.standard_normal()
-        wanted = 12 * (reference[k] - 3 * angle - outputs[k, 1])
-        commands[k] = wanted * MOTORS / (MOTORS @ MOTORS) + rng.standard_normal(4)
-        if commanded is not None and k >= samples - len(commanded):
-            commands[k] = commanded[k - samples]
-        now = float(MOTORS @ commands[k])
-        # commands act half a sample late
-        for step, push in enumerate(rng.standard_normal(FINE).tolist()):
-            torque += fine / LAG * ((now if step >= 5 or k == 0 else before) - torque)
-            drift = keeps * drift + gusty * push
-            rate += fine * (torque - DAMPING * rate + drift)
-            angle += fine * rate
-        before = now
-    return Flight(DT * np.arange(samples), 1500 + commands, outputs)
-
-
-def settled(plan, samples):
-    """Samples of the hover of ``sitl_scenarios``, and what is true of it; the torque on their grid."""
-    motion = fly(plan)
-    known = truth(plan, motion)
-    flight = hover(plan, motion)[:samples]
-    known["roll_disturbance"] = np.interp(flight.time, motion.time, known["roll_disturbance"])
-    return Flight(flight.time, flight.inputs, flight.outputs[:, 2:]), known
 
 
 @mark.parametrize(
@@ -132,7 +78,7 @@ def test_what_answers_a_sample_is_found(gain):
 
 
 def test_the_slope_of_the_log_joint_is_that_of_its_value():
-    flight = flown(2, steering=1.0, samples=900)
+    flight = in_closed_loop(2, steering=1.0, samples=900)
     inputs = (flight.inputs - flight.inputs.mean(axis=0)).reshape(3, 300, -1)
     rate = flight.outputs[:, 1].reshape(3, -1)
     windows = FlightWindows.of(inputs, rate, answers(inputs, rate), DT)
@@ -152,7 +98,7 @@ def test_the_slope_of_the_log_joint_is_that_of_its_value():
     ids=["known geometry", "turns counted the other way round", "inferred geometry"],
 )
 def test_a_steered_flight_gives_the_truth_back(directions):
-    flight = flown(0, steering=1.0)
+    flight = in_closed_loop(0, steering=1.0)
     found = physical(replace(flight, effect_directions=directions))
     assert found.status == dict.fromkeys(PARAMETERS, "reported")
     assert found.caution is None
@@ -167,7 +113,7 @@ def test_a_steered_flight_gives_the_truth_back(directions):
 
 def test_an_effect_that_the_wind_biases_comes_out_low():
     """The motors answer the wind: what they do counts for less."""
-    flight = flown(0, steering=0.4)
+    flight = in_closed_loop(0, steering=0.4)
     found = physical(replace(flight, effect_directions=np.sign(MOTORS)))
     assert found.status["effect"] == Status.BIASED and found.bias < 0
 
@@ -248,7 +194,7 @@ def test_several_doubts_are_one_reason():
 
 
 def test_gaps_are_not_filtered_across():
-    flight = flown(1, steering=1.0)
+    flight = in_closed_loop(1, steering=1.0)
     whole = physical(flight)
     apart = physical([flight[:350], flight[350:]])
     assert_allclose(apart.effect @ MOTORS, whole.effect @ MOTORS, rtol=0.05)
@@ -257,13 +203,11 @@ def test_gaps_are_not_filtered_across():
 
 @mark.slow
 def test_inputs_that_curve_are_seen_on_unseen_windows_and_straight_ones_are_not():
-    flight = flown(5, steering=2.0, samples=2800)
+    flight = in_closed_loop(5, steering=2.0, samples=2800)
     off = flight.inputs - 1500
     # The inverse of u + 0.1 u²/2 per unit of the inputs' standard deviation.
     unit = np.sqrt(off.var(axis=0).mean())
-    curved = Flight(
-        flight.time, 1500 + unit * (np.sqrt(1 + 0.2 * off / unit) - 1) / 0.1, flight.outputs
-    )
+    curved = replace(flight, inputs=1500 + unit * (np.sqrt(1 + 0.2 * off / unit) - 1) / 0.1)
     assert Refinement.THRUST_CURVE in physical(curved).refinements
     assert physical(flight).refinements.get(Refinement.THRUST_CURVE, 0.0) == approx(0.0, abs=0.05)
 
@@ -271,14 +215,14 @@ def test_inputs_that_curve_are_seen_on_unseen_windows_and_straight_ones_are_not(
 @mark.parametrize(
     "change, reason",
     [
-        (lambda f: Flight(f.time, f.inputs, f.outputs[:, [1, 1]]), NoPhysical.NO_RATE),
+        (lambda f: replace(f, outputs=f.outputs[:, [1, 1]]), NoPhysical.NO_RATE),
         (lambda f: replace(f, inputs=0 * f.inputs), NoPhysical.MOTORS_STILL),
         (lambda f: f[:150], NoPhysical.TOO_FEW_SAMPLES_WITHOUT_GAPS),
         (lambda f: Flight(4 * f.time, f.inputs, f.outputs), NoPhysical.SAMPLED_TOO_SLOWLY),
     ],
 )
 def test_what_cannot_be_fitted_is_said(change, reason):
-    found = physical(change(flown(0, steering=1.0)))
+    found = physical(change(in_closed_loop(0, steering=1.0)))
     assert isinstance(found, NotIdentifiable) and found.reason.code is reason
     assert found.reason.figures.get("rate", 25.0) == approx(25.0)
 
@@ -293,7 +237,7 @@ TRUE = Physical(*VEHICLE, 0.05, TURBULENCE, 0.005, {}, 1)
 
 
 def test_the_true_plant_does_what_the_vehicle_does_in_calm_air():
-    flight = flown(0, steering=0.5, samples=400 + STEPS, wind=0.0, commanded=DOUBLET)
+    flight = in_closed_loop(0, steering=0.5, samples=400 + STEPS, wind=0.0, commanded=DOUBLET)
     train = flight[:400]
     test = flight[400:]
     found = simulated(TRUE, Record.of(train), test.inputs).mean
@@ -304,7 +248,7 @@ def test_the_true_plant_does_what_the_vehicle_does_in_calm_air():
 
 def test_the_variance_is_that_of_wind_which_nothing_counteracts():
     """Over many winds, from the same beginning: four standard errors of a variance of so many flights."""
-    record = Record.of(flown(0, steering=0.5))
+    record = Record.of(in_closed_loop(0, steering=0.5))
     flights = 400
     variance = simulated(TRUE, record, record.inputs[:STEPS]).variance
     rng = default_rng(0)
@@ -324,7 +268,7 @@ def test_the_variance_is_that_of_wind_which_nothing_counteracts():
 
 
 def test_uncertain_parameters_widen_it_to_first_order():
-    record = Record.of(flown(0, steering=0.5))
+    record = Record.of(in_closed_loop(0, steering=0.5))
     sd = 0.03 * abs(MOTORS)
     covariance = np.zeros((7, 7))
     covariance[:4, :4] = np.outer(sd, sd)
@@ -335,17 +279,14 @@ def test_uncertain_parameters_widen_it_to_first_order():
 
 
 def test_outputs_may_come_in_any_order_and_must_be_an_angle_and_its_rate():
-    flight = flown(0, steering=0.5)
+    flight = in_closed_loop(0, steering=0.5)
     turned = replace(flight, outputs=flight.outputs[:, ::-1])
     one, other = (simulated(TRUE, Record.of(each), 1500 + DOUBLET) for each in (flight, turned))
     assert_allclose(one.mean, other.mean[:, ::-1])
     assert_allclose(one.variance, other.variance[:, ::-1])
     with raises(ValueError, match="an angle and its rate"):
-        simulated(
-            TRUE,
-            Record.of(Flight(flight.time, flight.inputs, flight.outputs[:, 1:])),
-            1500 + DOUBLET,
-        )
+        rates = Flight(flight.time, flight.inputs, flight.outputs[:, 1:])
+        simulated(TRUE, Record.of(rates), DOUBLET)
 
 
 SETTINGS = Settings(order=3, window=9, parameter_precision=10.0)
@@ -356,24 +297,23 @@ def test_bands_hold_commanded_flights():
     inside = []
     errors = []
     for seed in range(8):
-        flight = flown(seed, steering=1.0, samples=700 + STEPS, wind=0.5, commanded=DOUBLET)
+        flight = in_closed_loop(
+            seed, steering=1.0, samples=700 + STEPS, wind=0.5, commanded=DOUBLET
+        )
         train = flight[:700]
         test = flight[700:]
         learned = mavdem.learn(train, SETTINGS)
         assert learned.physical is not None and learned.physical.identifiable
         ahead = learned.simulate(test.inputs)
         inside.append(np.mean(abs(ahead - test.outputs) <= learned.simulate_band(test.inputs)))
-        errors.append(
-            np.mean((ahead - test.outputs) ** 2)
-            / np.mean((test.outputs - train.outputs.mean(axis=0)) ** 2)
-        )
+        errors.append(mavdem.evaluate.relative_mspe(train, test, ahead))
     assert np.mean(inside) > 0.8
     assert np.median(errors) < 0.1
 
 
 @mark.slow
 def test_nothing_is_identifiable_where_motors_only_react_to_the_wind_and_there_is_no_band():
-    flight = flown(0, steering=0.0, wind=3.0)
+    flight = in_closed_loop(0, steering=0.0, wind=3.0)
     learned = mavdem.learn(flight, SETTINGS)
     found = learned.physical
     assert found.status == dict.fromkeys(PARAMETERS, "not identifiable")

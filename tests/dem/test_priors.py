@@ -17,12 +17,12 @@ from mavdem.dem.priors import explicit_prior
 KNOWN = 1e8
 
 
-def roll_prior(known_gain=False):
-    """Kinematics and C known, the rate's equation open, or its motors known too; physical units."""
+def roll_prior():
+    """Kinematics and C known, the rate's equation open; physical units."""
     mean = pack(np.array([[0.0, 1.0], [-5.0, -2.0]]), np.array([np.zeros(4), GAIN]), np.eye(2))
     precision = pack(
         np.array([[KNOWN, KNOWN], [1e-3, 1e-3]]),
-        np.array([np.full(4, 1e4 * KNOWN), np.full(4, KNOWN if known_gain else 1e-3)]),
+        np.array([np.full(4, 1e4 * KNOWN), np.full(4, 1e-3)]),
         np.full((2, 2), KNOWN),
     )
     return Gaussian(mean, precision)
@@ -36,7 +36,7 @@ def test_a_prior_in_physical_units_means_the_same_in_any_scaling():
     scaled = learn(flight, SETTINGS)
     # As they are: the prior then has no trim to learn beside it, so the trims are taken off first.
     inputs, outputs = (table - table.mean(axis=0) for table in (flight.inputs, flight.outputs))
-    centred = Flight(flight.time, inputs, outputs)
+    centred = replace(flight, inputs=inputs, outputs=outputs)
     plain = learn(centred, replace(SETTINGS, scaling="none", lambda_w=0.0))
     for learned in (scaled, plain):
         assert_allclose(learned.model.A[1], [-9, -RATE], rtol=0.15)
@@ -48,30 +48,22 @@ def test_a_prior_in_physical_units_means_the_same_in_any_scaling():
     assert_array_equal(precision, np.diag([0.5, 12.0]))
 
 
-def test_a_known_parameter_stays_and_is_reported_as_known():
-    off = 1.3
-    prior = roll_prior(known_gain=True)
-    mean = np.array(prior.mean)
-    mean[8:12] *= off
-    learned = learn(
-        simulated(wind=0.5)[:700], replace(SETTINGS, prior=Gaussian(mean, prior.precision))
-    )
-    # To within five of the prior's standard deviations, 1e-4 each.
-    assert_allclose(learned.model.B[1], off * GAIN, atol=5e-4)
-    A, B, C = unpack(learned.known, 2, 4, 2)
-    assert B.all() and C.all() and A[0].all() and not A[1].any()
-
-
-def test_coupled_parameters_may_be_known_by_their_sum_alone():
+def test_a_known_parameter_stays_and_coupled_ones_may_be_known_by_their_sum_alone():
     """A precision matrix with off-diagonal entries: the first two motors' gains must cancel."""
+    off = 1.3
     prior = roll_prior()
     mean = np.array(prior.mean)
     precision = np.array(prior.precision)
     precision[np.ix_([8, 9], [8, 9])] += 1e8 * np.ones((2, 2))
     mean[8:10] = 0.3, -0.3
+    mean[12:] *= off
     learned = learn(simulated(wind=0.1)[:700], replace(SETTINGS, prior=Gaussian(mean, precision)))
     assert abs(learned.model.B[1, 0] + learned.model.B[1, 1]) < 1e-3
-    assert learned.model.B[1, 0] == approx(GAIN[0], rel=0.2)
+    assert learned.model.B[1, 0] == approx(GAIN[0] / off, rel=0.2)
+    # To within five of the prior's standard deviations, 1e-4 each.
+    assert_allclose(learned.model.C, off * np.eye(2), atol=5e-4)
+    A, B, C = unpack(learned.known, 2, 4, 2)
+    assert C.all() and A[0].all() and B[0].all() and not A[1].any() and not B[1, 2:].any()
 
 
 def test_unknown_inputs_are_process_noise_of_the_filter():

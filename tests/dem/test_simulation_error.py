@@ -1,11 +1,10 @@
 """Along trajectories: the climb, its posterior, the noise model of one-step errors, and mixer geometry as a prior."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
-from pytest import approx, fixture, mark, raises
+from pytest import approx, fixture, mark
 from scipy.ndimage import zoom
 from simulated import GAIN, simulated
 from textbook_filter import TextbookFilter
@@ -162,56 +161,22 @@ def test_inputs_without_measure_are_forecast_without_a_word(learned, size):
         learned.forecast_every(5, ahead, np.full((150, 2), 1e308))
 
 
-def test_an_x_is_found_where_nothing_but_roll_is_flown():
-    """Then the layouts that hold the very combination that moves must not win by holding it."""
-    flight = simulated(wind=0.5, lag=0.05)[:700]
-    way = np.array([-0.5, 0.5, 0.5, -0.5])
-    only = Flight(
-        flight.time,
-        1500 + (flight.inputs - 1500) @ np.outer(way, way),
-        flight.outputs,
-        dt=flight.dt,
-    )
-    assert abs(way @ learn(only, COMPLETE).joint.combinations[:, 0]) == approx(1)
-
-
 @mark.slow
 def test_a_known_geometry_takes_the_place_of_the_one_that_is_inferred():
     flight = simulated(wind=1.0, lag=0.05)[:700]
     inferred, known, other = (
-        learn(each, COMPLETE)
-        for each in (
-            flight,
-            _with_directions(flight, np.array([0.2, -0.2, -0.2, 0.2])),
-            _with_directions(flight, np.array([1.0, 1.0, -1.0, -1.0])),
-        )
+        learn(replace(flight, effect_directions=directions), COMPLETE)
+        for directions in (None, [0.2, -0.2, -0.2, 0.2], [1.0, 1.0, -1.0, -1.0])
     )
     assert_allclose(known.joint.combinations[:, 0], np.array([1, -1, -1, 1]) / 2, atol=1e-12)
     assert_allclose(known.theta, inferred.theta, atol=1e-4)
     assert abs(other.theta - inferred.theta).max() > 1e-2
 
 
-@mark.parametrize("wrong", [np.ones(3), np.full(4, np.nan)])
-def test_directions_that_are_none_are_refused(wrong):
-    with raises(ValueError, match="effect_directions must be"):
-        Record.of(_with_directions(simulated()[:100], wrong))
-
-
 def test_segments_of_different_geometries_have_none_in_common():
-    flight = simulated()[:200]
-    same, other = (np.array([1.0, -1.0, -1.0, 1.0]) * sign for sign in (1, -1))
-    assert Record.of([_with_directions(flight, same)] * 2).effect_directions is not None
-    assert (
-        Record.of(
-            [_with_directions(flight, same), _with_directions(flight, other)]
-        ).effect_directions
-        is None
-    )
-    assert Record.of([_with_directions(flight, same), flight]).effect_directions is None
-    assert Record.of(_with_directions(flight, np.zeros(4))).effect_directions is None
-
-
-def _with_directions(flight, directions):
-    return SimpleNamespace(
-        inputs=flight.inputs, outputs=flight.outputs, dt=flight.dt, effect_directions=directions
-    )
+    same = np.array([1.0, -1.0, -1.0, 1.0])
+    one = replace(FLIGHT, effect_directions=same)
+    assert_array_equal(Record.of([one, one]).effect_directions, same)
+    for others in (-same, None):
+        assert Record.of([one, replace(FLIGHT, effect_directions=others)]).effect_directions is None
+    assert Record.of(replace(FLIGHT, effect_directions=np.zeros(4))).effect_directions is None

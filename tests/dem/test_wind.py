@@ -7,12 +7,10 @@ import numpy as np
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx, mark
-from scipy.stats import binom
-from simulated import simulated
+from simulated import MOTORS, in_closed_loop, simulated
 from test_model import joint
-from test_physical import MOTORS, TRUE, flown, settled
+from test_physical import TRUE
 
-from mavdem import OnlineLearner, Settings
 from mavdem.confidence import quantile
 from mavdem.dem import physical
 from mavdem.dem.engine.kalman import GaussianModel
@@ -32,7 +30,6 @@ from mavdem.dem.online.wind import (
 from mavdem.dem.record import Record
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import NoPhysical, ParameterDoubt
-from sitl_scenarios.files import load
 from sitl_scenarios.wind import gaussian_noise
 
 DT = 0.01
@@ -71,7 +68,7 @@ def test_the_smoother_is_the_posterior_of_the_joint_gaussian(components, damping
 
 
 def test_motors_that_differ_steadily_balance_a_steady_wind_and_what_all_have_in_common_is_no_torque():
-    flight = flown(2, steering=0.0, samples=1500)
+    flight = in_closed_loop(2, steering=0.0, samples=1500)
 
     def torque(shift, known):
         return wind(known, Record.of(replace(flight, inputs=flight.inputs + shift))).torque
@@ -84,7 +81,7 @@ def test_motors_that_differ_steadily_balance_a_steady_wind_and_what_all_have_in_
 
 def test_the_uncertainty_of_the_motors_effect_is_in_the_bands():
     """Also in that of the mean: of motors that differ steadily, as against a steady wind."""
-    flight = flown(4, steering=0.0, samples=1500)
+    flight = in_closed_loop(4, steering=0.0, samples=1500)
     record = Record.of(replace(flight, inputs=flight.inputs + 12 * np.sign(MOTORS)))
     uncertain = TRUE._replace(covariance=np.zeros((7, 7)))
     uncertain.covariance[:4, :4] = 0.2**2 * np.outer(MOTORS, MOTORS)
@@ -94,7 +91,7 @@ def test_the_uncertainty_of_the_motors_effect_is_in_the_bands():
 
 
 def test_wind_weaker_than_the_errors_is_not_resolved():
-    flight = flown(6, steering=0.0, samples=2000, wind=0.02)
+    flight = in_closed_loop(6, steering=0.0, samples=2000, wind=0.02)
     found = wind(TRUE._replace(components=((FIRST_ORDER, 0.02, 0.02),)), Record.of(flight))
     assert not found.resolved
     assert found.reason.code is NoPhysical.WIND_TORQUE_NOT_RESOLVED
@@ -143,7 +140,7 @@ def test_a_gust_lasts_as_long_as_the_estimate_resolves_and_returns_to_the_level_
 @mark.slow
 def test_a_motors_step_is_no_wind():
     """From 30 s on the motors hold against what a weak one lacks: neither a gust nor the size is by that."""
-    flight = flown(5, steering=0.0, samples=6000, wind=0.5)
+    flight = in_closed_loop(5, steering=0.0, samples=6000, wind=0.5)
     known = TRUE._replace(components=((FIRST_ORDER, 0.5, 0.5),))
     inputs = flight.inputs + np.outer(np.arange(6000) >= 3000, 20 * np.sign(MOTORS))
     record = Record(inputs, flight.outputs, DT, (6000,), begins=(7.0,))
@@ -162,23 +159,6 @@ def test_a_motors_step_is_no_wind():
 def test_what_changes_slowly_is_no_step(seconds, is_step):
     rise = np.clip(DT * np.arange(-3000, 3000) / seconds, -0.5, 0.5)
     assert (_step(rise, DT) is not None) == is_step
-
-
-@mark.slow
-def test_the_size_is_known_as_well_as_the_interval_says():
-    """Simulated flights by their own parameters: the truth is in nine of ten intervals, by what so few can tell."""
-    inside = []
-    for name in ("hover_blower", "iris_dryden", "crazyflie_gusts", "iris_doublets"):
-        plan = load(name).model_copy(update={"duration": 28.0, "seed": 11})
-        flight, known = settled(plan, 1600)
-        found = wind(physical(flight), Record.of(flight))
-        sd = known["roll_disturbance"].std()
-        mean = known["roll_disturbance"].mean()
-        inside += [
-            abs(found.sd - sd) < 1.645 * found.scale_error * found.sd,
-            abs(found.mean - mean) < found.mean_band,
-        ]
-    assert np.sum(inside) >= binom.ppf(1e-3, len(inside), 0.9)
 
 
 WINDY = simulated(samples=3000, wind=2.0, lag=0.05)
@@ -276,10 +256,10 @@ def test_an_earlier_flight_counts_by_its_precision():
 @mark.slow
 def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steering_makes_it():
     """Without wind: what is drawn is error. A motor that is known to be weak adds what its loss is unsure by."""
-    calm = flown(1, steering=0.0, samples=900, wind=0.0)
-    steering = flown(2, steering=1.0, wind=0.0)
+    calm = in_closed_loop(1, steering=0.0, samples=900, wind=0.0)
+    steering = in_closed_loop(2, steering=1.0, wind=0.0)
     assert np.isnan(followed(*online_wind(), calm)).all()
-    known = physical(flown(0, steering=1.0))
+    known = physical(in_closed_loop(0, steering=1.0))
     unknown = known._replace(status=dict.fromkeys(known.status, "not identifiable"))
     assert updated(known, unknown) is known
     online, memory = online_wind(prior=known)
@@ -311,18 +291,3 @@ def test_a_fit_that_fails_leaves_the_last_one():
     with ThreadPoolExecutor(1) as executor:
         gone = online_wind(executor)
     assert np.isnan(followed(*gone, WINDY[:900])).all()
-
-
-@mark.slow
-def test_an_estimate_has_it_and_says_of_when():
-    settings = Settings(order=3, d=2, window=9, parameter_precision=1.0)
-    for flight, known in ((CALM, True), (WINDY, False)):
-        online = OnlineLearner(settings, dt=flight.dt)
-        for time, outputs, inputs in zip(
-            flight.time[:1000], flight.outputs, flight.inputs, strict=False
-        ):
-            estimate = online.update(time, outputs, inputs)
-        assert estimate.wind_time == approx(estimate.time - DELAY_SECONDS)
-        # Where the motors' effect is not identifiable, neither is the torque that follows from it.
-        assert estimate.physical is not None and estimate.physical.identifiable == known
-        assert np.isfinite([estimate.wind_torque, estimate.wind_torque_band]).all() == known

@@ -41,27 +41,6 @@ def test_every_sample_after_the_first_windows_is_held_out_once(held_out):
     assert_array_equal(held_out.measured.reshape(-1, 2), FLIGHT.outputs[at])
 
 
-def test_no_window_is_in_the_training_data_of_its_model(monkeypatch):
-    trained = []
-    forecasts = []
-    learn = module.learn_forecasts
-    forecast = module._forecast
-
-    def watched(segments, settings):
-        trained.append({float(time) for segment in segments for time in segment.time})
-        return learn(segments, settings)
-
-    def seen(learned, training, part, steps, lead, *others):
-        forecasts.append({float(time) for time in part.time[lead:]})
-        return forecast(learned, training, part, steps, lead, *others)
-
-    monkeypatch.setattr(module, "learn_forecasts", watched)
-    monkeypatch.setattr(module, "_forecast", seen)
-    held_out_windows([FLIGHT], QUICK, STEPS)
-    assert len(trained) == len(forecasts) == FOLDS
-    assert all(not one & other for one, other in zip(trained, forecasts, strict=True))
-
-
 def test_nothing_after_a_sample_is_used_to_forecast_it(held_out):
     changed = FLIGHT.outputs.copy()
     moved = FLIGHT.inputs.copy()
@@ -84,35 +63,8 @@ def test_the_test_after_training_is_one_window_of_the_models_own_forecast():
     learned = mavdem.learn(train, QUICK)
     window = held_out_test(train, test, learned)
     assert_allclose(window.forecasts["forecast"][0], learned.forecast(test.inputs), rtol=1e-7)
-    assert_allclose(window.forecasts["prediction"][0], learned.predict(100), rtol=1e-7)
-    assert_allclose(window.band[0], learned.forecast_band(test.inputs), rtol=1e-7)
     assert_array_equal(window.forecasts[HOLD_LAST][0], np.tile(train.outputs[-1], (100, 1)))
     assert window.error_ratio() == approx(relative_mspe(train, test, learned.forecast(test.inputs)))
-
-
-def test_figures_are_those_of_the_windows(held_out):
-    errors = ((held_out.measured - held_out.forecasts["forecast"]) ** 2).mean(axis=1)
-    mean = ((held_out.measured - held_out.forecasts[CONSTANT_MEAN]) ** 2).mean(axis=1)
-    assert_allclose(held_out.rmse(), np.sqrt(errors.mean(axis=0)))
-    own = (errors / held_out.variance).sum(axis=1)
-    others = (mean / held_out.variance).sum(axis=1)
-    assert held_out.error_ratio() == approx(own.sum() / others.sum())
-    assert held_out.best_baseline in (CONSTANT_MEAN, HOLD_LAST)
-    found = held_out.as_dict()
-    assert found["median_error_ratio"] == approx(np.median(own / others))
-    assert found["inside_90_percent_band"] == held_out.coverage
-
-
-def test_segments_are_held_out_together_and_filters_begin_anew_in_each():
-    first = FLIGHT[:900]
-    second = FLIGHT[1100:]
-    held_out = held_out_windows([first, second], QUICK, STEPS)
-    inside = [
-        (held_out.time >= one.time[0]) & (held_out.time <= one.time[-1]) for one in (first, second)
-    ]
-    # No window reaches over the gap.
-    assert all((one.all(axis=1) | ~one.any(axis=1)).all() for one in inside)
-    assert all(one.any() for one in inside)
 
 
 def test_a_model_that_cannot_be_learnt_errs_infinitely_and_says_why(held_out, monkeypatch):

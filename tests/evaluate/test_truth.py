@@ -7,7 +7,6 @@ import numpy as np
 from pytest import fixture, mark, raises
 from refusals import unreadable
 
-from mavdem import Flight
 from mavdem.dem import physical
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.record import Record
@@ -43,14 +42,13 @@ def motion(scenario):
 @fixture(scope="module")
 def flight(scenario, motion):
     flown = hover(scenario, motion)
-    return Flight(
-        flown.time,
-        flown.inputs,
-        flown.outputs[:, 2:],
-        dt=flown.dt,
+    return replace(
+        flown,
+        outputs=flown.outputs[:, 2:],
         input_names=MOTORS,
         input_units=("µs",) * 4,
         output_names=("roll", "roll rate"),
+        output_units=("rad", "rad/s"),
     )
 
 
@@ -129,19 +127,20 @@ def test_the_truth_of_another_flight_is_refused(flight, motion, path, tmp_path):
     assert unreadable(truth_of, [replace(flight, time=flight.time + 100.0)], path).code is fact.code
 
 
-@mark.parametrize("change", ["missing", "pickle", "shorter", "single", "other"])
+@mark.parametrize(
+    "change",
+    [
+        lambda parts: parts.pop("pitch_effect"),
+        lambda parts: parts.update(time=parts["time"][1:]),
+        lambda parts: parts.update(weak=parts["weak"][:1]),
+        lambda parts: parts.update(pitch_effect_weak=parts["pitch_effect"][1:]),
+        lambda parts: parts.update(time=np.array([{}], object)),
+    ],
+    ids=["missing", "shorter", "single", "other", "pickle"],
+)
 def test_what_is_no_truth_file_is_refused_in_a_sentence(change, path, tmp_path):
     parts = dict(np.load(path))
-    if change == "missing":
-        del parts["pitch_effect"]
-    elif change == "shorter":
-        parts["time"] = parts["time"][1:]
-    elif change == "single":
-        parts["weak"] = parts["weak"][:1]
-    elif change == "other":
-        parts["pitch_effect_weak"] = parts["pitch_effect"][1:]
-    else:
-        parts["time"] = np.array([{}], object)
+    change(parts)
     np.savez(tmp_path / "odd.npz", **parts)
     fact = unreadable(read_truth, tmp_path / "odd.npz", "pitch")
     assert fact == Fact(Forecasts.NO_TRUTH_FILE, name="odd.npz", error="")
