@@ -17,7 +17,6 @@ from hover import (
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx, mark, raises
-from recorded_flights import recorded
 
 from mavdem.alignment import phases
 from mavdem.alignment.align import (
@@ -226,32 +225,6 @@ def test_a_vehicle_that_hovers_below_any_threshold_flies_as_its_land_detector_re
     assert (start, end) == approx((LIFTED, LANDED), abs=1.0)
 
 
-@mark.parametrize(
-    "name, settled, airborne",
-    [
-        # tipped over at take-off, and lies at 56° with its motors on
-        ("ardupilot_motor3_at_its_limit.BIN", (), 8.9),
-        ("px4_pwm_1200_1950.ulg", (), 0.0),  # its motors ran on the ground
-        # on the ground for 6 s after the reported take-off
-        ("px4_default_rates_learnable.ulg", (121.6, 190.6), 78.3),
-        ("ardupilot33_rate_in_centidegrees.bin", (96.0, 231.7), 159.1),  # crashes at 237 s
-        # It hovers at 12 % of its range; its land detector says that it flies from 49 to 114 s.
-        ("px4_crash_hovers_at_12_percent.ulg", (54.2, 108.9), 64.8),
-        # One message has a vertical speed of 0 throughout, another measures it.
-        ("low_flight_climb_channel_zero.tlog", (172.2, 243.2), 86.3),
-    ],
-)
-def test_recorded_vehicles_that_the_ground_holds(name, settled, airborne):
-    signals = Signals(recorded(f"real/logs/{name}"), inputs="motors")
-    assert [edge for span in phases.settled(signals, 0) for edge in span] == approx(
-        settled, abs=0.5
-    )
-    learnability = learnability_of(Signals(signals.telemetry))
-    assert learnability.figures.airborne == approx(airborne, abs=1.0)
-    grounded = learnability.reason.code is Reason.NEVER_AIRBORNE
-    assert grounded == (learnability.figures.airborne == 0)
-
-
 def test_gaps_and_tumbles_end_a_segment():
     gap = 20, 20 + 2 * MAX_GAP_SECONDS
     telemetry = only(
@@ -407,17 +380,6 @@ def test_the_inputs_that_are_asked_for_are_taken():
     assert without.reason.code is Reason.NO_DEMAND and without.remedy
     with raises(ValueError, match="'torque'"):
         learnability_of(Signals(both, inputs="torque"))
-
-
-@mark.parametrize("name", ["ardupilot_wind5_steps", "px4_wind5_steps"])
-def test_the_motors_that_should_turn_the_nose_do(name):
-    """By the sign of the correlation of their yaw combination with the angular acceleration."""
-    telemetry = recorded(f"samples/{name}.tlog")
-    flight = learnability_of(Signals(telemetry, "yaw")).flight
-    assert flight.output_names == ("yaw rate",)
-    assert flight.provenance["motors"]["spins"] == [1, 1, -1, -1]
-    acceleration = np.gradient(flight.outputs[:, 0]) / flight.dt
-    assert np.corrcoef(flight.inputs @ flight.effect_directions, acceleration)[0, 1] > 0.2
 
 
 @mark.parametrize(

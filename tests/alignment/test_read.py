@@ -7,7 +7,6 @@ import numpy as np
 from hover import Hover, changed, columns, log_of, only
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx, mark
-from recorded_flights import shared
 from refusals import refused
 
 from mavdem.alignment.align import Segment, align, settled_segments
@@ -15,7 +14,6 @@ from mavdem.alignment.learnability import learnabilities
 from mavdem.alignment.read import (
     choose_vehicle,
     learnable_flight,
-    read_segments,
     usable_segments,
 )
 from mavdem.alignment.signals import Signals, setpoints
@@ -164,13 +162,3 @@ def test_before_the_first_and_long_after_the_last_nothing_is_known():
     flight = flight_of(with_targets(start=20.0, end=30.0))
     known = np.isfinite(flight.setpoints[:, 0])
     assert_array_equal(known, (flight.time >= 20 - 1e-9) & (flight.time <= 29.9 + 2.0 + 1e-9))
-
-
-@mark.parametrize(
-    "name", ["sitl_ardupilot/ardupilot_wind4_doublets.tlog", "sitl_px4/px4_wind5_gust.tlog"]
-)
-def test_a_recorded_vehicle_does_what_it_is_asked(name):
-    for flight in read_segments(shared(name)):
-        assert flight.setpoint_names[:2] == ("roll rate setpoint", "roll setpoint")
-        assert np.isfinite(flight.setpoints).all()
-        assert np.corrcoef(flight.setpoints[:, 1], flight.outputs[:, 0])[0, 1] > 0.8

@@ -37,10 +37,10 @@ def with_quaternion(rate):
     pitch = 0.2 * np.sin(time)
     yaw = 0.3 * time
     q = Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll])).as_quat(scalar_first=True)
-    fields = {f"q{n}": column for n, column in enumerate(q.T, 1)}
-    fields |= {"pitchspeed": 0 * time + 0.2, "yawspeed": 0 * time + 0.3}
-    fields["rollspeed"] = HOVER.roll_rate(time)
-    return changed(HOVER.telemetry(10.0), "ATTITUDE_QUATERNION", **columns(time, **fields))
+    turned = {f"q{n}": column for n, column in enumerate(q.T, 1)}
+    rates = {"rollspeed": HOVER.roll_rate(time), "pitchspeed": 0.2, "yawspeed": 0.3}
+    sent = columns(time, **turned, **rates)
+    return changed(HOVER.telemetry(10.0), "ATTITUDE_QUATERNION", **sent)
 
 
 def test_a_faster_quaternion_gives_the_euler_angles_it_was_made_of():
@@ -91,20 +91,14 @@ def test_slope_is_the_derivative_of_the_angle_in_a_banked_turn():
             pitch=pitch,
             rollspeed=roll_rate - yaw_rate * np.sin(pitch),
             pitchspeed=pitch_rate * np.cos(roll) + yaw_rate * np.cos(pitch) * np.sin(roll),
+            yaw=np.remainder(yaw_rate * time + np.pi, 2 * np.pi) - np.pi,
             yawspeed=-pitch_rate * np.sin(roll) + yaw_rate * np.cos(pitch) * np.cos(roll),
         ),
-    )
-    telemetry = changed(
-        telemetry, "ATTITUDE", yaw=np.remainder(yaw_rate * time + np.pi, 2 * np.pi) - np.pi
     )
     heading = attitude.attitude(telemetry, "yaw")
     assert_allclose(heading.angle, yaw_rate * time, atol=1e-12)
     assert_allclose(heading.rate, telemetry.messages["ATTITUDE"]["yawspeed"])
-    for axis, derivative in (
-        ("roll", roll_rate),
-        ("pitch", pitch_rate),
-        ("yaw", np.full(len(time), yaw_rate)),
-    ):
+    for axis, derivative in (("roll", roll_rate), ("pitch", pitch_rate), ("yaw", yaw_rate)):
         assert_allclose(attitude.attitude(telemetry, axis).slope, derivative, atol=1e-12)
 
 
@@ -115,8 +109,7 @@ def test_disordered_repeated_and_broken_samples_leave_clean_columns():
     order = np.concatenate([order, order[:500]])
     shuffled = {name: column[order].copy() for name, column in table.items()}
     lost = shuffled["time"][7]
-    for row in np.flatnonzero(shuffled["time"] == lost):
-        shuffled["roll"][row] = np.nan
+    shuffled["roll"][shuffled["time"] == lost] = np.nan
     shuffled["roll"][-1] += 1.0  # another value at the same stamp
     got = attitude.attitude(changed(telemetry, "ATTITUDE", **shuffled), "roll")
     assert got.left_out == 1 + np.count_nonzero(np.isnan(shuffled["roll"]))

@@ -7,37 +7,12 @@ from tempfile import NamedTemporaryFile
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 from pymavlink.generator.mavcrc import x25crc
-from recorded_flights import LOGS, SHARED
 
 from mavdem.ingest import read_log
 from mavdem.ingest.mavlink.definitions import seeds
 from mavdem.ingest.mavlink.framing import concatenated, find_frames
 
 NOW = 1_700_000_000_000_000
-ANOTHER_FLIGHT_OF_THE_SAME = {
-    "sitl_ardupilot": ("calm", "doublets", "gustmoment", "turb", "gusts"),
-    "sitl_events": ("motor", "windjump"),
-    "sitl_px4": ("calm", "steps"),
-    "logs": ("late_landed_state",),
-    "samples": ("",),
-}
-"""By folder, what is in the names of logs whose autopilot, link and recorder are those of another log."""
-
-
-def real_logs():
-    """A telemetry log of every autopilot, link and recorder, as far as this machine has them."""
-    logs = [*LOGS.glob("*.tlog"), *SHARED.rglob("*.tlog")]
-    alike = ANOTHER_FLIGHT_OF_THE_SAME
-    return sorted(
-        log for log in logs if not any(part in log.stem for part in alike.get(log.parent.name, ()))
-    )
-
-
-def beginning(log, folder, most=700_000):
-    """The first 700 kB, or ``most`` bytes; of a simulator, whose messages repeat themselves, 300 kB."""
-    path = folder / log.name
-    path.write_bytes(log.read_bytes()[: 300_000 if log.parent.name.startswith("sitl_") else most])
-    return path
 
 
 def frame(

@@ -99,7 +99,7 @@ HEARTBEAT = (
 def spoil(path, chance):
     """In one place or many of a file, bytes are lost, changed or added."""
     content = bytearray(path.read_bytes())
-    for _ in range(chance.choice([1, 1, 3, 30])):
+    for _ in range(chance.choice([1, 3, 30, 300])):
         place = chance.randrange(len(content))
         content[place : place + chance.randrange(3)] = chance.randbytes(chance.randrange(4))
     path.write_bytes(content)

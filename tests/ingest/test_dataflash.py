@@ -13,14 +13,10 @@ from recorded_flights import shared
 from mavdem.alignment.phases import armed
 from mavdem.alignment.signals import Signals, setpoints
 from mavdem.facts.sources import Repair
-from mavdem.ingest.dataflash.binary import (
-    read_binary,
-)
 from mavdem.ingest.dataflash.log import read_dataflash
 from mavdem.ingest.vocabulary import Injection
 
 STEPS = "sitl_ardupilot/ardupilot_inertia_wind5_steps.BIN"
-LOGS = [STEPS, "logs/wlichon_baseline.BIN"]
 TIMES = [20 + 0.01 * row for row in range(200)]
 SLOW = [20 + 0.5 * row for row in range(20)]
 
@@ -48,49 +44,6 @@ def by_dfreader(path, names=None):
         for field, value in message.to_dict().items():
             read[message.get_type()][field].append(value)
     return read
-
-
-@mark.slow
-@mark.parametrize("log", LOGS)
-def test_every_value_of_every_message_is_dfreaders(log, steps):
-    path = steps if log == STEPS else shared(log)
-    recording = read_binary(path.read_bytes())
-    names = [
-        "ATT",
-        "ANG",
-        "RATE",
-        "RCOU",
-        "CTUN",
-        "XKF1",
-        "EV",
-        "ARM",
-        "PARM",
-        "MSG",
-        "GPS",
-        "BARO",
-        "ESC",
-        "MODE",
-    ]
-    expected = by_dfreader(path, names)
-    assert len(expected) > 9
-    for name, fields in expected.items():
-        table = recording.table(name)
-        for field in recording.table(name).columns:
-            ours = table.columns[field]
-            theirs = fields[field]
-            if ours.dtype.kind == "S":
-                assert [
-                    text.split(b"\0")[0].decode("latin-1") for text in ours.tolist()
-                ] == theirs, (name, field)
-            elif (name, field) != ("MODE", "Mode"):
-                assert np.array_equal(ours, np.array(theirs), equal_nan=True), (name, field)
-    reader = DFReader.DFReader_binary(str(path))
-    for kind, counted in enumerate(reader.counts):
-        if kind in reader.id_to_name and counted:
-            # DFReader's index counts a message that the end of the file cuts off.
-            assert 0 <= counted - recording.counts.get(reader.id_to_name[kind], 0) <= 1, (
-                reader.id_to_name[kind]
-            )
 
 
 ANGLE = np.pi / 180

@@ -6,12 +6,9 @@ import dataflash_logs as dataflash
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import mark
-from pyulog import ULog
-from recorded_flights import shared
 
 from mavdem.alignment.signals import Signals, setpoints
 from mavdem.facts.sources import Repair
-from mavdem.ingest import read_log
 from mavdem.ingest.dataflash.log import read_dataflash
 
 COLUMNS = {
@@ -120,28 +117,6 @@ def test_lines_that_are_no_messages_cost_themselves_only(tmp_path):
     assert vehicle.messages["STATUSTEXT"]["text"].tolist() == ["a, text, with commas"]
 
 
-@mark.parametrize(
-    "name, notes",
-    [
-        ("ardupilot33_rate_in_centidegrees.bin", 2),
-        ("ardupilot34dev_rate_in_centidegrees.BIN", 2),
-        ("ardupilot33dev_other_rate_columns.BIN", 2),
-        ("ardupilot31_bitmask_already_set.BIN", 0),
-    ],
-)
-def test_recorded_logs_of_old_versions(name, notes):
-    (vehicle,) = read_dataflash(shared(f"real/logs/{name}")).vehicles
-    attitude = Signals(vehicle).attitude
-    assert attitude.impossible == 0
-    noted = {fact.code for fact in vehicle.repairs} & {CENTIDEGREES, Repair.DEMANDS_SCALED}
-    assert len(noted) == notes
-    # Integrated, the rates are the angles: they have the right unit.
-    steps = np.diff(attitude.time)
-    usual = (steps < 0.15) & (abs(attitude.angle[1:]) < 1)
-    change = np.diff(attitude.angle)[usual]
-    assert 0.7 < np.polyfit((attitude.slope[1:] * steps)[usual], change, 1)[0] < 1.3
-
-
 @mark.parametrize("battery", ["BAT", "CURR"])
 def test_the_battery_in_volts_and_in_the_hundredths_of_old_logs(tmp_path, battery):
     vehicle = log(tmp_path, battery=battery)
@@ -152,30 +127,20 @@ def test_the_battery_in_volts_and_in_the_hundredths_of_old_logs(tmp_path, batter
     assert Signals(log(tmp_path)).voltage is None
 
 
-SECONDS = [20 + 0.1 * n for n in range(50)]
-
-
 def test_a_dataflash_log_has_the_first_battery_imu_and_receiver(tmp_path):
     moment = datetime(2026, 5, 4, 12, tzinfo=UTC)
     week, seconds = divmod(moment.timestamp() - 315964800 + 18, 604800)
-    messages = [dataflash.message("MSG", 1_000_000, "CUAVv5Nano 001A002F 30395113 33333539")]
+    pieces = [dataflash.message("MSG", 1_000_000, "CUAVv5Nano 001A002F 30395113 33333539")]
     for n in range(5):
         time = 20_000_000 + n * 1_000_000
-        for instance in (0, 1):
-            messages.append(
-                dataflash.message("BAT", time, instance, 12.5 - instance, 12.6, 15.25 + instance)
-            )
-            messages.append(
-                dataflash.message(
-                    "VIBE", time, instance, 1.5, 2.5, 3.5 + instance, n + 7 * instance
-                )
-            )
-        fix = 3 if n else 1
-        messages.append(
-            dataflash.message("GPS", time, 0, fix, round(1e3 * (seconds + n)), int(week))
-        )
-    (tmp_path / "a.bin").write_bytes(dataflash.log(*dataflash.flight(SECONDS), *messages))
-    (found,) = read_log(tmp_path / "a.bin").vehicles
+        for i in (0, 1):
+            pieces.append(dataflash.message("BAT", time, i, 12.5 - i, 12.6, 15.25 + i))
+            pieces.append(dataflash.message("VIBE", time, i, 1.5, 2.5, 3.5 + i, n + 7 * i))
+        at = round(1e3 * (seconds + n)), int(week)
+        pieces.append(dataflash.message("GPS", time, 0, 3 if n else 1, *at))
+    path = tmp_path / "a.bin"
+    path.write_bytes(dataflash.log(*dataflash.flight(np.arange(20.0, 25.0, 0.1)), *pieces))
+    (found,) = read_dataflash(path).vehicles
     assert (found.board, found.hardware) == ("001a002f3039511333333539", "CUAVv5Nano")
     assert found.called("VIBRATION") == "VIBE"
     power, shaking, clock = (
@@ -189,20 +154,3 @@ def test_a_dataflash_log_has_the_first_battery_imu_and_receiver(tmp_path):
     assert_allclose(shaking["levels"], [[1.5, 2.5, 3.5, 1.5, 2.5, 4.5]] * 5)
     # with a fix
     assert_allclose(clock["time_unix_usec"] / 1e6, moment.timestamp() + np.arange(1, 5), rtol=1e-12)
-
-
-def test_a_ulog_has_what_pyulog_reads_of_it():
-    path = shared("real/logs/px4_default_rates_learnable.ulg")
-    (vehicle,) = read_log(path).vehicles
-    log = ULog(str(path), ["vehicle_imu_status", "battery_status"])
-    status = log.get_dataset("vehicle_imu_status").data
-    power = log.get_dataset("battery_status").data
-    assert_array_equal(
-        vehicle.messages["VIBRATION"]["vibration_z"], status["accel_vibration_metric"]
-    )
-    assert_allclose(
-        vehicle.messages["SYS_STATUS"]["current_battery"], 100.0 * power["current_a"], rtol=1e-6
-    )
-    assert vehicle.board == log.msg_info_dict["sys_uuid"]
-    version = log.get_version_info_str().replace(" (RC)", "-rc")
-    assert vehicle.firmware == f"PX4 {version} ({log.msg_info_dict['ver_sw'][:8]})"

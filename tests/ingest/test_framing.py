@@ -1,30 +1,28 @@
-"""Any stream reads as pymavlink reads it, message for message and field for field, and better where that stumbles."""
+"""Any frame is read as pymavlink reads it, field for field, and what is damaged costs itself only."""
 
 import struct
-from collections import defaultdict
 
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mavlink_streams import (
     NOW,
-    beginning,
     flight,
     frame,
     frames_in,
     heartbeat,
     read,
-    real_logs,
     tlog,
 )
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as dialect
 from pytest import approx, mark
+from recorded_flights import LOGS
 
 from mavdem.ingest.mavlink.definitions import columns, definitions
 from mavdem.ingest.mavlink.framing import FAILED, MATCHES
 from mavdem.ingest.mavlink.vehicles import MAX_STAMP_JUMP
-from mavdem.ingest.tlog import STAMP_BYTES, _without_carriage_returns, tlog_stream
+from mavdem.ingest.tlog import STAMP_BYTES
 
 BYTES = st.integers(0, 255)
 TIMES = [20 + 0.01 * row for row in range(60)]
@@ -62,9 +60,36 @@ def test_every_frame_is_found_and_decodes_as_pymavlink_does(frames, gap, data):
     table = frames_in(content, gap)
     assert [content[start:end] for start, end in zip(table.start, table.end, strict=True)] == frames
     assert (table.checksum == MATCHES).all()
-    messages = [dialect.MAVLink(None).decode(bytearray(each)) for each in frames]
-    assert keys(table) == [key(message) for message in messages]
-    assert_fields_equal(np.frombuffer(content, dtype=np.uint8), table, messages)
+    read = np.frombuffer(content, dtype=np.uint8)
+    for row, each in enumerate(frames):
+        is_read_as(read, table[row : row + 1], dialect.MAVLink(None).decode(bytearray(each)))
+
+
+def is_read_as(content, found, expected):
+    """Asserts that the one frame ``found`` in the ``content`` is the message that pymavlink reads."""
+    sender = (expected.get_srcSystem(), expected.get_srcComponent(), expected.get_seq())
+    assert (found.system, found.component, found.sequence) == sender
+    assert found.message_id == expected.get_msgId()
+    definition = definitions()[expected.get_msgId()]
+    ours = columns(content, found.start, definition)
+    for name in definition.fields:
+        (value,) = ours[name]
+        theirs = getattr(expected, f"_{name}_raw", getattr(expected, name))
+        np.testing.assert_array_equal(value, np.asarray(theirs, value.dtype), name)
+
+
+@mark.slow
+@mark.parametrize("log", sorted(LOGS.glob("*.tlog")), ids=lambda log: log.name)
+def test_a_recorded_stream_is_read_as_pymavlink_reads_it(log, tmp_path):
+    path = tmp_path / log.name
+    path.write_bytes(log.read_bytes()[:100_000])
+    content = np.fromfile(path, np.uint8)
+    found = frames_in(content.tobytes(), STAMP_BYTES)
+    assert (found.checksum == MATCHES).all() and len(found) > 1000
+    reader = mavutil.mavlogfile(str(path))
+    for row in range(len(found)):
+        is_read_as(content, found[row : row + 1], reader.recv_match())
+    reader.close()
 
 
 def test_a_frame_carried_inside_a_damaged_one_is_not_taken():
@@ -92,99 +117,6 @@ def test_a_flood_of_markers_hides_no_frame_and_makes_none(flood):
         2,
     ]
     assert MATCHES not in frames_in(content).checksum
-
-
-def theirs(content, folder):
-    path = folder / "theirs.tlog"
-    path.write_bytes(content)
-    reader = mavutil.mavlogfile(str(path), robust_parsing=True)
-    messages = []
-    while (message := reader.recv_match()) is not None:
-        if message.get_type() != "BAD_DATA" and not message.get_type().startswith("UNKNOWN"):
-            messages.append(message)
-    reader.close()
-    return messages
-
-
-def key(message):
-    return (
-        message.get_msgId(),
-        message.get_srcSystem(),
-        message.get_srcComponent(),
-        message.get_seq(),
-    )
-
-
-def keys(frames):
-    columns = (frames.message_id, frames.system, frames.component, frames.sequence)
-    return list(zip(*(column.tolist() for column in columns), strict=True))
-
-
-def assert_fields_equal(data, frames, messages):
-    """Our columns against their messages, which are the same frames in the same order."""
-    by_id = defaultdict(list)
-    for message in messages:
-        by_id[message.get_msgId()].append(message)
-    for message_id, same_kind in by_id.items():
-        definition = definitions()[message_id]
-        ours = columns(data, frames.start[frames.message_id == message_id], definition)
-        for name in definition.fields:
-            expected = [
-                getattr(message, f"_{name}_raw", getattr(message, name)) for message in same_kind
-            ]
-            if ours[name].dtype.kind == "S":
-                assert ours[name].tolist() == expected, (definition.name, name)
-            else:
-                values = np.array(expected, dtype=ours[name].dtype)
-                assert np.array_equal(ours[name], values, equal_nan=True), (definition.name, name)
-
-
-@mark.slow
-@mark.parametrize("log", real_logs(), ids=lambda log: log.name)
-def test_real_logs(log, tmp_path):
-    data, _ = _without_carriage_returns(beginning(log, tmp_path, 300_000).read_bytes())
-    found = frames_in(data.tobytes(), STAMP_BYTES)
-    path = tmp_path / "ours.tlog"
-    path.write_bytes(data.tobytes())
-    received = (tlog_stream(path).stamps / 1e6)[found.checksum == MATCHES]
-    received[received == 0.0] = np.nan
-    frames = found[found.checksum == MATCHES]
-    messages = theirs(data.tobytes(), tmp_path)
-    kept = _rows_of(messages, frames)
-    extra = np.setdiff1d(np.arange(len(frames)), kept)
-    assert all(_pymavlink_stumbles(found, int(frames.start[row])) for row in extra)
-    frames = frames[kept]
-    received = received[kept]
-    assert keys(frames) == [key(message) for message in messages]
-    stamps = np.array([message._timestamp for message in messages])
-    assert np.nanmax(abs(stamps - received)) < 1e-6
-    assert np.isfinite(received).mean() > 0.999
-    assert_fields_equal(data, frames, messages)
-
-
-def _rows_of(messages, frames):
-    """Our row of each of their messages; we may have more, never less and never in another order."""
-    rows = []
-    ours = enumerate(keys(frames))
-    for message in messages:
-        row = next((row for row, candidate in ours if candidate == key(message)), None)
-        assert row is not None, f"pymavlink reads {message} and we do not"
-        rows.append(row)
-    return np.array(rows, dtype=np.int64)
-
-
-def _pymavlink_stumbles(found, start):
-    """Whether pymavlink is known to lose the frame at ``start``, which is sound.
-
-    It reads 12 bytes at least, so a MAVLink 1 frame of 11 takes a byte of the next stamp along; where bytes that are
-    no frame come before, it takes the length of the cut frame at its word and runs into those behind.
-    """
-    row = int(np.searchsorted(found.start, start))
-    short = int(found.end[row - 1] - found.start[row - 1]) < 12
-    previous_end = np.concatenate([[0], found.end])[:-1]
-    return short or bool(
-        (found.start - previous_end != STAMP_BYTES)[max(row - 8, 0) : row + 1].any()
-    )
 
 
 @given(st.integers(1, 118), st.binary(min_size=8, max_size=8))

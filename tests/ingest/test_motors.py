@@ -127,30 +127,30 @@ def test_a_gimbals_channels_are_no_motors():
     assert on_servos.channels == (1, 3, 4, 5)
 
 
-def test_a_motor_whose_output_never_changes_is_a_motor():
-    quad = {
-        (2, 3, 4): (1, 2, 3, 4),
-        (1, 2, 4): (1, 2, 3, 4),
-        (9, 10, 11): (9, 10, 11, 12),
-        (5, 6, 7): (5, 6, 7),
-    }
-    for moving, channels in quad.items():
-        found = motor_geometry("QUADROTOR", "ARDUPILOTMEGA", {}, moving, bank=8)
-        assert found.channels == channels and found.channels_assumed
-    assert motor_geometry("HEXAROTOR", "ARDUPILOTMEGA", {}, (1, 2, 3, 5, 6), bank=8).channels == (
-        1,
-        2,
-        3,
-        4,
-        5,
-        6,
-    )
-    assert motor_geometry("TRICOPTER", "ARDUPILOTMEGA", {}, (1, 2), bank=8).channels == (1, 2)
-    twelve = {f"SERVO{n}_FUNCTION": n + (32.0 if n < 9 else 73.0) for n in range(1, 13)}
-    found = motor_geometry("DODECAROTOR", "ARDUPILOTMEGA", twelve, range(1, 13), bank=16)
-    assert found.motors == found.channels == tuple(range(1, 13)) and not found.channels_assumed
-    on_aux = {f"PWM_AUX_FUNC{n}": 100.0 + n for n in range(1, 5)}
-    found = motor_geometry("QUADROTOR", "PX4", on_aux, moving=[18, 19, 20], bank=16)
-    assert found.channels == (17, 18, 19, 20) and not found.channels_assumed
-    scale = output_scale(np.array([[0.0, 1000.0, 2000.0]]), {})  # without pulses it is off
+TWELVE = {f"SERVO{n}_FUNCTION": n + (32.0 if n < 9 else 73.0) for n in range(1, 13)}
+ON_AUX = {f"PWM_AUX_FUNC{n}": 100.0 + n for n in range(1, 5)}
+
+
+@mark.parametrize(
+    "vehicle, parameters, moving, channels",
+    [
+        ("QUADROTOR", {}, (2, 3, 4), range(1, 5)),
+        ("QUADROTOR", {}, (1, 2, 4), range(1, 5)),
+        ("QUADROTOR", {}, (9, 10, 11), range(9, 13)),
+        ("QUADROTOR", {}, (5, 6, 7), range(5, 8)),
+        ("HEXAROTOR", {}, (1, 2, 3, 5, 6), range(1, 7)),
+        ("TRICOPTER", {}, (1, 2), range(1, 3)),
+        ("DODECAROTOR", TWELVE, range(1, 13), range(1, 13)),
+        ("QUADROTOR", ON_AUX, (18, 19, 20), range(17, 21)),
+    ],
+)
+def test_a_motor_whose_output_never_changes_is_a_motor(vehicle, parameters, moving, channels):
+    autopilot, bank = ("PX4", 16) if parameters is ON_AUX else ("ARDUPILOTMEGA", 8)
+    found = motor_geometry(vehicle, autopilot, parameters, moving, bank)
+    assert found.channels == tuple(channels) and found.channels_assumed == (not parameters)
+    assert found.motors == tuple(range(1, len(channels) + 1))
+
+
+def test_without_pulses_a_motor_is_off():
+    scale = output_scale(np.array([[0.0, 1000.0, 2000.0]]), {})
     assert_allclose(scale.fraction(np.array([0.0, 900.0, 1500.0])), [0.0, -0.1, 0.5])

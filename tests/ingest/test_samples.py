@@ -70,20 +70,17 @@ def test_px4s_fifo_holds_several_samples_and_escs_report_speeds():
         **{f"{axis}[{n}]": np.array([n, n + 100]) for axis in "xyz" for n in range(32)},
     }
     speeds = {"time": time, **{f"esc[{n}].esc_rpm": np.full(2, 6000 + n) for n in range(4)}}
-    attitude = {"time": time, **{f"q[{n}]": np.full(2, float(n == 0)) for n in range(4)}}
-    attitude |= dict.fromkeys(("rollspeed", "pitchspeed", "yawspeed"), np.zeros(2))
-    topics = {
-        "sensor_gyro_fifo": {0: fifo},
-        "esc_status": {0: speeds},
-        "vehicle_attitude": {0: attitude},
-    }
-    made, named = messages(topics, {}, "QUADROTOR", 2)
+    level = ("q[0]", "q[1]", "q[2]", "q[3]", "rollspeed", "pitchspeed", "yawspeed")
+    attitude = {"vehicle_attitude": {0: {"time": time, **dict.fromkeys(level, np.ones(2))}}}
+    made, named = messages(
+        {"sensor_gyro_fifo": {0: fifo}, "esc_status": {0: speeds}, **attitude}, {}, "QUADROTOR", 2
+    )
     samples = made["GYRO_BEFORE"]
     assert named["GYRO_BEFORE"] == "sensor_gyro_fifo"
     assert_allclose(samples["x"], [0.0, 0.001, 0.002, 0.003, 0.1, 0.101])
-    assert_allclose(samples["time"][:4], 1.0 - 0.0005 - np.array([3, 2, 1, 0]) * 125e-6)
+    assert_allclose(samples["time"][:4], 0.9995 - 125e-6 * np.array([3, 2, 1, 0]))
     assert made["ESC"]["RPM"][:4].tolist() == [6000, 6001, 6002, 6003]
-    combined = {"time": time, **{f"gyro_rad[{n}]": np.full(2, 0.1) for n in range(3)}}
-    topics = {"sensor_combined": {0: combined}, "vehicle_attitude": {0: attitude}}
-    made, named = messages(topics, {}, "QUADROTOR", 2)
+    gyro = ("gyro_rad[0]", "gyro_rad[1]", "gyro_rad[2]")
+    combined = {"time": time, **dict.fromkeys(gyro, np.full(2, 0.1))}
+    made, named = messages({"sensor_combined": {0: combined}, **attitude}, {}, "QUADROTOR", 2)
     assert named["GYRO_BEFORE"] == "sensor_combined" and made["GYRO_BEFORE"]["y"] == approx(0.1)

@@ -59,25 +59,29 @@ class Vehicle:
 @each_autopilot
 def test_intervals_are_set_at_once_reported_and_restored(autopilot):
     vehicle = Vehicle(autopilot)
-    result, said = vehicle.command(511, 30, 20_000)
-    assert result == 0
-    assert len(said["ATTITUDE"]) == approx(50, abs=1)
-    result, said = vehicle.command(510, 30)
-    assert (result, said["MESSAGE_INTERVAL"][0].message_id) == (0, 30)
-    assert said["MESSAGE_INTERVAL"][0].interval_us == 20_000
-    _, said = vehicle.command(511, 30, -1)
-    assert "ATTITUDE" not in said
-    assert vehicle.command(510, 30)[1]["MESSAGE_INTERVAL"][0].interval_us == -1
-    vehicle.command(511, 30, 1e30)
-    assert vehicle.command(510, 30)[1]["MESSAGE_INTERVAL"][0].interval_us == 2**31 - 1
+
+    def attitudes(interval):
+        result, said = vehicle.command(511, 30, interval)
+        assert result == 0
+        return len(said.get("ATTITUDE", ()))
+
+    def told(number):
+        result, said = vehicle.command(510, number)
+        (one,) = said["MESSAGE_INTERVAL"]
+        assert (result, one.message_id) == (0, number)
+        return one.interval_us
+
+    assert attitudes(20_000) == approx(50, abs=1) and told(30) == 20_000
+    assert attitudes(-1) == 0 and told(30) == -1
+    attitudes(1e30)
+    assert told(30) == 2**31 - 1
     loop = {"px4": 250, "ardupilot": 400}[autopilot]
     for interval, rate in ((0, 100), (1, loop)):
-        assert len(vehicle.command(511, 30, interval)[1]["ATTITUDE"]) == approx(rate, abs=1)
-    for number in (77, 999_999, 1e30):
-        assert vehicle.command(511, number, 10_000)[0] == 2
-    assert vehicle.command(511, float("nan"), 10_000)[0] == 2
-    assert vehicle.command(511, 30, float("nan"))[0] == 2
-    assert vehicle.command(510, 77)[1]["MESSAGE_INTERVAL"][0].interval_us == 0
+        assert attitudes(interval) == approx(rate, abs=1)
+    wrong = [(number, 10_000) for number in (77, 999_999, 1e30, float("nan"))]
+    for given in (*wrong, (30, float("nan"))):
+        assert vehicle.command(511, *given)[0] == 2
+    assert told(77) == 0
 
 
 @each_autopilot
@@ -105,23 +109,20 @@ def test_parameters_are_listed_and_read(autopilot):
 
 
 def test_streams_are_asked_of_ardupilot_as_ground_stations_do():
+    def asked(vehicle, *streams):
+        """How many messages come in two seconds, after groups were asked for with a rate, Hz, on or off."""
+        for group, rate, on in streams:
+            vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, group, rate, on))
+        said = vehicle.flown(2.0)
+        names = ("ATTITUDE", "SERVO_OUTPUT_RAW", "LOCAL_POSITION_NED")
+        return [len(said.get(name, ())) for name in names]
+
     vehicle = Vehicle("ardupilot")
-    vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
-    said = vehicle.flown(2.0)
-    assert {len(said[name]) for name in ("ATTITUDE", "SERVO_OUTPUT_RAW", "LOCAL_POSITION_NED")} <= {
-        7,
-        8,
-        9,
-    }
-    vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 0, 65535, 1))
-    assert len(vehicle.flown(1.0)["ATTITUDE"]) == approx(400, abs=1)
-    vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 10, 50, 1))
-    vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 3, 50, 0))
-    said = vehicle.flown(1.0)
-    assert len(said["ATTITUDE"]) == approx(50, abs=1) and "SERVO_OUTPUT_RAW" not in said
-    vehicle = Vehicle("px4")
-    vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
-    assert len(vehicle.flown(1.0)["ATTITUDE"]) == 100
+    assert asked(vehicle, (0, 4, 1)) == approx([8, 8, 8], abs=1)
+    assert asked(vehicle, (0, 65535, 1))[0] == approx(800, abs=1)
+    attitudes, servos, _ = asked(vehicle, (10, 50, 1), (3, 50, 0))
+    assert attitudes == approx(100, abs=1) and servos == 0
+    assert asked(Vehicle("px4"), (0, 4, 1))[0] == 200
 
 
 def test_what_is_meant_for_others_is_not_heard():

@@ -1,15 +1,10 @@
-"""What breaks in flight does what theory says; and flights to learn no model from: limit cycles."""
+"""What breaks in flight does what theory says."""
 
 import numpy as np
 from numpy.testing import assert_allclose
 from pytest import approx, fixture, mark
 
-from mavdem.alignment.signals import Signals
-from mavdem.condition.condition import condition_of
-from mavdem.ingest import read_log
-from mavdem.paper.runner import write_log
 from sitl_scenarios.dynamics import SPINS, Damage, damages, frame
-from sitl_scenarios.files import load, scenario_of
 from sitl_scenarios.scenario import Load, Propeller, Scenario, Sensors, VehicleSpec
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
@@ -71,32 +66,3 @@ def test_the_truth_says_since_when_it_is_broken_and_what_motors_do_from_then_on(
     speeds = motion.rotor_speeds[motion.time > 28.0][:500].mean(0) / IRIS.hover_speed
     effects = known["roll_effect_weak"] / known["roll_effect"]
     assert_allclose(effects, left * arms / IRIS.arm[1] * speeds, rtol=0.02)
-
-
-def brief(name, duration, **vehicle):
-    values = load(name).model_dump(mode="json")
-    return scenario_of(values | {"duration": duration, "vehicle": values["vehicle"] | vehicle})
-
-
-def logged(scenario, folder):
-    motion = fly(scenario)
-    write_log(folder / "flight.tlog", scenario, motion)
-    return motion, read_log(folder / "flight.tlog").vehicles[0]
-
-
-@mark.parametrize("name, hertz", [("oscillating_frame", 6.6), ("oscillating_gains", 17.1)])
-def test_a_wrong_frame_and_high_gains_make_a_limit_cycle_that_is_found(name, hertz, tmp_path):
-    scenario = brief(name, 30.0)
-    motion, vehicle = logged(scenario, tmp_path)
-    found = condition_of(Signals(vehicle)).oscillation
-    assert found.frequency == approx(hertz, rel=0.05) and found.at_limit > 0.3
-    # what the autopilot takes it for
-    assert name == "oscillating_gains" or vehicle.parameters["FRAME_TYPE"] == 0
-    hover = (motion.landed_state == 2) & (motion.time > 12)
-    assert abs(motion.position[hover, 2] + scenario.height).max() < 3
-
-
-def test_with_the_right_frame_there_is_none(tmp_path):
-    motion, vehicle = logged(brief("oscillating_frame", 30.0, mixer="x"), tmp_path)
-    assert condition_of(Signals(vehicle)).oscillation is None
-    assert not np.any((motion.outputs >= 2000) & (motion.landed_state == 2)[:, None])

@@ -7,7 +7,6 @@ from numpy.testing import assert_array_equal
 from pytest import approx, fixture, mark, raises
 
 from sitl_scenarios import scenario as sections
-from sitl_scenarios.dynamics import euler
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation, fly
@@ -78,51 +77,9 @@ def test_disarming_is_refused_in_the_air_unless_forced():
     assert falling.position[-1, 2] == 0 and falling.landed_state[-1] == 1 and simulation.finished
 
 
-@mark.slow
-def test_legs_climbs_and_turns_are_flown_and_end_where_they_began():
-    out = sections.Move(north=24.0, east=-18.0, up=6.0, speed=6.0, turn=270.0, rate=60.0)
-    moves = (
-        out,
-        sections.Move(north=-24.0, east=18.0, up=-6.0, speed=6.0),
-        sections.Move(hover=2.0),
-    )
-    sensors = sections.Sensors(misalignment=(2.0, -1.0))
-    course = sections.Course(kind="course", moves=moves)
-    motion = fly(brief(duration=50.0, wind=(), excitation=course, sensors=sensors))
-    there = motion.position[np.argmin(motion.position[:, 2])]
-    assert there == approx([24, -18, -11], abs=1.5)
-    flying = motion.landed_state == 2
-    assert np.hypot(*motion.velocity[flying, :2].T).max() == approx(6.6, abs=0.6)
-    assert euler(motion.attitude[-1].tolist())[2] == approx(-np.pi / 2, abs=0.05)
-    assert abs(motion.position[-1]).max() < 1 and motion.landed_state[-1] == 1
-    read, true = (way[flying][0].tolist() for way in (motion.known_attitude, motion.attitude))
-    assert np.degrees(np.subtract(euler(read), euler(true)))[:2] == approx([2, -1], abs=0.3)
-
-
 def test_a_vehicle_that_tumbles_is_no_flight():
     scenario = brief(
         vehicle=sections.VehicleSpec(model="crazyflie"), moments=(sections.Moment(sd=1.0, s=0.5),)
     )
     with raises(ValueError, match="the vehicle is out of control .* s after boot"):
         fly(scenario)
-
-
-@mark.slow
-def test_a_heading_that_goes_round_is_followed_the_short_way():
-    sticks = sections.Sticks(kind="sticks", axis="yaw", sd=30.0, s=10.0)
-    # With noise on the heading, it and its setpoint are on two sides of south for a while.
-    motion = fly(
-        brief(
-            wind=(),
-            duration=45.0,
-            seed=1,
-            excitation=sticks,
-            sensors=sections.Sensors(attitude_sd=0.005),
-        )
-    )
-    heading = np.unwrap([euler(each)[2] for each in motion.attitude.tolist()])
-    turned = np.cumsum(motion.sticks[:, 2]) * 0.004
-    flying = motion.landed_state >= 2
-    assert abs(turned).max() > np.pi
-    assert abs(heading - turned)[flying].max() < np.radians(20)
-    assert abs(motion.rates_setpoint[:, 2] - motion.sticks[:, 2]).max() < np.radians(20)

@@ -1,15 +1,12 @@
 """The truth of a flight is what moved it, and its file is the same for the same flight."""
 
 import numpy as np
-from numpy.testing import assert_allclose
 from pytest import approx, fixture, mark
 
 from sitl_scenarios.files import load
-from sitl_scenarios.scenario import Moment, Multisine, Scenario, Sensors, SteadyWind, VehicleSpec
+from sitl_scenarios.scenario import Moment, Multisine, Scenario, Sensors, VehicleSpec
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth, write_truth
-
-FITTED = ("rotor_speeds", "rates")
 
 
 @fixture(scope="module")
@@ -66,37 +63,6 @@ def test_the_rate_loop_oscillates_above_its_gain_margin_and_not_below():
 
     limit = 10 ** (swing(1.0)[0] / 20)
     assert swing(0.93 * limit)[1] < 0.03 < 0.08 < swing(1.07 * limit)[1]
-
-
-@mark.slow
-def test_effects_of_motors_are_those_of_the_trim_that_is_flown():
-    """In 8 m/s the rotors differ in speed and the vehicle is tilted; a regression on the rotors' speeds sees it."""
-    wind = (SteadyWind(kind="steady", speed=8.0, direction=60.0),)
-    excitation = Multisine(
-        kind="multisine", axis="all", sd=1.0, lowest=0.3, highest=4.0, period=10.0
-    )
-    quiet = Sensors(rate_sd=1e-3, attitude_sd=1e-4, position_sd=2e-3, velocity_sd=2e-3)
-    scenario = Scenario(duration=35.0, wind=wind, excitation=excitation, sensors=quiet, seed=3)
-    motion = fly(scenario)
-    known = truth(scenario, motion)
-    hover = ((motion.landed_state == 2) & (motion.time > 12))[1:]
-    between = {
-        name: (each[1:] + each[:-1])[hover] / 2
-        for name, each in vars(motion).items()
-        if name in FITTED
-    }
-    table = np.column_stack([between["rotor_speeds"], between["rates"], np.ones(hover.sum())])
-    accelerations = (np.diff(motion.rates, axis=0) / motion.time[1])[hover]
-    # 1000 rad/s are 1000 µs.
-    fitted = np.linalg.lstsq(table, accelerations, rcond=None)[0][:4].T
-    roll, pitch, yaw = (known[f"{axis}_effect"] for axis in ("roll", "pitch", "yaw"))
-    assert_allclose(fitted[2], yaw, rtol=0.02)
-    assert abs(fitted[2] / known["yaw_B"][0] - 1).min() > 0.04
-    # Thrust is hardly excited: what all motors of a side do together is determined.
-    signs = np.sign([roll, pitch])
-    pairs = [(signs[axis] * fitted[axis]).sum() for axis in (0, 1)]
-    assert pairs == approx([abs(roll).sum(), abs(pitch).sum()], rel=0.015)
-    assert pairs[0] != approx(abs(known["roll_B"][1]).sum(), rel=0.015)
 
 
 @mark.slow

@@ -6,7 +6,7 @@ import numpy as np
 from pytest import approx, mark
 
 from sitl_scenarios.dynamics import AirState, dynamics
-from sitl_scenarios.mavlink.autopilots import PX4
+from sitl_scenarios.mavlink.autopilots import ARDUPILOT, PX4
 from sitl_scenarios.mavlink.messages import parameters
 from sitl_scenarios.scenario import Scenario, VehicleSpec
 from sitl_scenarios.truth import linearised
@@ -34,6 +34,11 @@ def test_a_vehicle_has_the_published_figures(name, mass, inertia, arm, speed, th
     assert a * speed**2 + b * speed == approx(torque, rel=1e-5)
 
 
+def told(autopilot, **vehicle):
+    sent = parameters(Scenario(vehicle=VehicleSpec(**vehicle)), autopilot, 0.004)
+    return {one.name: one.value for one in sent}
+
+
 @mark.parametrize("kind", ["x", "plus"])
 def test_px4_is_told_the_turning_of_each_rotor_as_it_turns(kind):
     """PX4's CA_ROTORn_KM: "Use a positive value for a rotor with CCW rotation"; in both frames 1 and 2 do.
@@ -41,9 +46,12 @@ def test_px4_is_told_the_turning_of_each_rotor_as_it_turns(kind):
     What the rotor does to the air, the air does to the body: a faster one that turns counter-clockwise seen from above
     yaws the vehicle clockwise, to the right.
     """
-    told = parameters(Scenario(vehicle=VehicleSpec(frame=kind)), PX4, 0.004)
-    values = {one.name: one.value for one in told}
+    values = told(PX4, frame=kind)
     assert [values[f"CA_ROTOR{n}_KM"] for n in range(4)] == [0.05, 0.05, -0.05, -0.05]
+
+
+def test_an_autopilot_may_take_the_frame_for_another():
+    assert told(ARDUPILOT, frame="x", mixer="plus")["FRAME_TYPE"] == 0
 
 
 def test_drag_is_linear_and_quadratic_along_each_axis():
@@ -59,19 +67,19 @@ def test_drag_is_linear_and_quadratic_along_each_axis():
 @mark.parametrize("name", AIRFRAMES)
 def test_a_thrust_curve_is_as_quadratic_as_asked_and_undone_exactly(name, share):
     body = airframe(VehicleSpec(model=name, quadratic_thrust=share))
-    thrust = [body.thrust_at(body.rotor_speed(command * body.full)) for command in (0.25, 0.5, 1.0)]
-    assert thrust[2] == approx(AIRFRAMES[name].thrust_at(AIRFRAMES[name].rotor_speed(body.full)))
-    for part, command in zip(thrust, (0.25, 0.5), strict=False):
-        assert part / thrust[2] == approx((1 - share) * command + share * command**2)
+
+    def speed(command):
+        return body.rotor_speed(command * body.full)
+
+    published = AIRFRAMES[name]
+    most = published.thrust_at(published.rotor_speed(body.full))
+    for command in (0.25, 0.5, 1.0):
+        expected = most * ((1 - share) * command + share * command**2)
+        assert body.thrust_at(speed(command)) == approx(expected)
     for command in (0.1, 0.6, 1.0):
-        assert body.command_for(body.rotor_speed(command * body.full)) == approx(
-            command * body.full
-        )
-        step = 1e-6 * body.full
-        rise = body.rotor_speed(command * body.full + step) - body.rotor_speed(
-            command * body.full - step
-        )
-        assert body.speed_slope(command * body.full) == approx(rise / (2 * step))
+        assert body.command_for(speed(command)) == approx(command * body.full)
+        rise = speed(command + 1e-6) - speed(command - 1e-6)
+        assert body.speed_slope(command * body.full) == approx(rise / (2e-6 * body.full))
 
 
 PAPER_ORDER = (2, 0, 3, 1)
