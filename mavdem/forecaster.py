@@ -36,16 +36,16 @@ class Forecaster(Protocol):
         """Whether no mode of the model grows, but for rounding."""
 
     def one_step(self) -> Floats:
-        """(T, m): each training sample predicted from those before it in its segment, and the inputs."""
+        """Returns (T, m) predictions of each training sample from those before it in its segment, and the inputs."""
 
     def predict(self, steps: int) -> Floats:
-        """(steps, m): outputs after the training data, inputs unknown; row 0 is the first sample after it."""
+        """Returns (steps, m) outputs after the training data, inputs unknown; row 0 is the first sample after it."""
 
     def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Floats:
-        """(H, m): new predictions from every ``steps``-th sample on, of ``inputs`` (H, r) and ``outputs`` (H, m)."""
+        """Predicts anew, (H, m), from every ``steps``-th sample on, of ``inputs`` (H, r) and ``outputs`` (H, m)."""
 
     def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Floats:
-        """(H, m): outputs after the training data, given the inputs; row 0 is the first sample after it.
+        """Returns (H, m) outputs after the training data, given the inputs; row 0 is the first sample after it.
 
         ``inputs`` (H, r) are of the same instants, in the unit of the training inputs. ``from_zero`` begins with
         state 0, as the paper's figures do. Each sample is given the inputs up to its own instant; with ``smooth``
@@ -53,14 +53,14 @@ class Forecaster(Protocol):
         """
 
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Floats:
-        """(H, m): the samples after the training data, by a new forecast from every ``steps``-th of them on.
+        """Returns (H, m) samples after the training data, by a new forecast from every ``steps``-th of them on.
 
         Each begins with the state that the model's filter has of all samples before: with H ``steps`` or more it
         is :meth:`forecast`, with 1 the one-step prediction. ``inputs`` (H, r), ``outputs`` (H, m).
         """
 
     def simulate(self, inputs: ArrayLike) -> Floats:
-        """(H, m): outputs after the training data if these ``inputs`` (H, r) were commanded, by the plant alone."""
+        """Returns (H, m) outputs after the training data if ``inputs`` (H, r) were commanded, by the plant alone."""
 
 
 @runtime_checkable
@@ -68,10 +68,13 @@ class ProbabilisticForecaster(Forecaster, Protocol):
     """A forecaster that also gives the size of its errors, before the samples are known."""
 
     def predict_band(self, steps: int, level: float = 0.9) -> Floats:
-        """(steps, m) half width of the band in which a sample of the prediction lies with probability ``level``."""
+        """Returns (steps, m) half width of the band where a predicted sample lies with probability ``level``."""
 
     def forecast_variance(self, inputs: ArrayLike) -> Floats:
-        """(H, m) expected squared error of the forecast of ``inputs`` (H, r), in the squares of the outputs' units."""
+        """Returns (H, m) expected squared error of the forecast of ``inputs`` (H, r).
+
+        It is in the squares of the outputs' units.
+        """
 
     def forecast_band(self, inputs: ArrayLike, level: float = 0.9) -> Floats:
-        """(H, m) half width of the band in which a sample of the forecast lies with probability ``level``."""
+        """Returns (H, m) half width of the band in which a sample of the forecast lies with probability ``level``."""

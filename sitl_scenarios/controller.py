@@ -107,7 +107,7 @@ class Controller:
         self._heading = 0.0
 
     def control(self, estimate: State, reference: Reference, flying: bool) -> ControlOutput:
-        """What one cycle asks for; nothing is learned unless ``flying``."""
+        """Returns what one cycle asks for; nothing is learned unless ``flying``."""
         vn, ve, vd = estimate.velocity
         pn, pe, pd = estimate.position
         along = self._position
@@ -154,7 +154,7 @@ class Controller:
     def steer(
         self, estimate: State, wanted: Three, ahead: Three, thrust: float, flying: bool
     ) -> ControlOutput:
-        """What one cycle asks for roll, pitch and yaw, rad, at a ``thrust``, N, with rates ``ahead``, rad/s."""
+        """Returns what one cycle asks for roll, pitch and yaw, rad, at a ``thrust``, N, with rates ``ahead``, rad/s."""
         roll, pitch, yaw = euler(estimate.attitude)
         yaw_error = remainder(wanted[2] - yaw, tau)
         errors = wanted[0] - roll, wanted[1] - pitch, yaw_error
@@ -175,11 +175,11 @@ class Controller:
         return ControlOutput(outputs, demands, wanted, rates)
 
     def mixed(self, demands: Four) -> Four:
-        """Normalised commands of the motors."""
+        """Returns normalised commands of the motors."""
         return mix(self._frame, demands)
 
     def demand(self, axis: int, wanted: float, rate: float, flying: bool) -> float:
-        """What the rate loop asks the mixer for about an axis, for a rate ``wanted``, rad/s; one call a cycle."""
+        """Returns what the rate loop asks the mixer for about an axis, for a rate ``wanted``, rad/s; once a cycle."""
         # The lead (1 + τs)/(1 + τs/LEAD), as LEAD times the rate less its slow part.
         self._slow[axis] += self._forgets * (rate - self._slow[axis])
         slow = (LEAD - 1.0) * self._slow[axis]

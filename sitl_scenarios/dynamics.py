@@ -47,7 +47,10 @@ class RotorFrame(NamedTuple):
 
 
 def frame(kind: Literal["x", "plus"], arm: Pair) -> RotorFrame:
-    """The frame of a vehicle; ``arm``: how far forward and right the rotors of the X are, m; of the + as far out."""
+    """Returns the frame of a vehicle.
+
+    ``arm`` is how far forward and right the rotors of the X are, m; those of the + are as far out.
+    """
     forward = (1.0, -1.0, 1.0, -1.0)
     right = (1.0, -1.0, -1.0, 1.0)
     if kind == "plus":
@@ -69,7 +72,7 @@ IDLE_COMMAND = 0.1  # Of full command: what an armed motor turns at, at least
 
 
 def mix(frame: RotorFrame, demands: Four) -> Four:
-    """Normalised commands of the motors, ``IDLE_COMMAND`` to 1.
+    """Returns normalised commands of the motors, ``IDLE_COMMAND`` to 1.
 
     ``demands`` are roll, pitch, yaw (−1 to 1) and thrust (0 to 1). Where a motor would saturate, thrust gives way
     first, so that the vehicle stays upright, and then all of roll, pitch and yaw alike.
@@ -99,7 +102,7 @@ DISARMED_PULSE = {"px4": 900.0, "ardupilot": 1000.0}  # µs of a disarmed motor,
 
 
 def pulse(command: float) -> float:
-    """A normalised command as it is put out: whole µs."""
+    """Returns a normalised command as it is put out: whole µs."""
     microseconds = MIN_PULSE + (MAX_PULSE - MIN_PULSE) * command
     return float(round(microseconds))
 
@@ -136,7 +139,10 @@ UNDAMAGED = Damage()
 
 
 def damages(scenario: Scenario) -> list[tuple[float, Damage]]:
-    """Seconds after the first arming, and the condition from then on, of all damage in order; none of a sound one."""
+    """Returns seconds after the first arming, and the condition from then on, of all damage in order.
+
+    There are none of a sound vehicle.
+    """
     vehicle = scenario.vehicle
     propeller = scenario.propeller
     load = scenario.load
@@ -172,7 +178,10 @@ Dynamics = Callable[[Quaternion, Three, Three, Four, AirState], Change]
 
 
 def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
-    """Accelerations of a vehicle in the air as a function of its state; flown, and linearised, by this one function."""
+    """Returns accelerations of a vehicle in the air as a function of its state.
+
+    The vehicle is flown, and linearised, by this one function.
+    """
     body = airframe(vehicle)
     places = frame(vehicle.frame, body.arm)
     ahead, aside = condition.centre
@@ -258,14 +267,14 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
 
 
 def dot(one: Three, other: Three) -> float:
-    """The inner product."""
+    """Returns the inner product."""
     x, y, z = one
     u, v, w = other
     return x * u + y * v + z * w
 
 
 def rotation(attitude: Quaternion) -> tuple[Three, Three, Three]:
-    """The rows of the matrix of an attitude, from body to NED."""
+    """Returns the rows of the matrix of an attitude, from body to NED."""
     w, x, y, z = attitude
     x2 = x + x
     y2 = y + y
@@ -287,7 +296,7 @@ def rotation(attitude: Quaternion) -> tuple[Three, Three, Three]:
 
 
 def turned(attitude: Quaternion, half: Three) -> Quaternion:
-    """An attitude after a small rotation about the body's axes by half angles, rad; not quite of unit length."""
+    """Turns an attitude by a small rotation about the body's axes by half angles, rad; not quite of unit length."""
     (a, b, c, d) = attitude
     (x, y, z) = half
     return (
@@ -299,7 +308,7 @@ def turned(attitude: Quaternion, half: Three) -> Quaternion:
 
 
 def unit(attitude: Quaternion) -> Quaternion:
-    """The same attitude, of unit length."""
+    """Returns the same attitude, of unit length."""
     a, b, c, d = attitude
     squares = a * a + b * b + c * c + d * d
     size = 1.0 / sqrt(squares)
@@ -307,7 +316,7 @@ def unit(attitude: Quaternion) -> Quaternion:
 
 
 def euler(attitude: Quaternion) -> tuple[float, float, float]:
-    """Roll, pitch and yaw, rad, Z-Y-X, of a unit quaternion from body to NED."""
+    """Returns roll, pitch and yaw, rad, Z-Y-X, of a unit quaternion from body to NED."""
     w, x, y, z = attitude
     roll = atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     sine = 2 * (w * y - z * x)
@@ -337,7 +346,7 @@ MAX_STEP_SECONDS = 1e-3  # s: the physics take whole steps in a cycle, and none 
 
 
 def steps_of(cycle: float) -> int:
-    """How many steps of the physics there are in a control cycle, s."""
+    """Returns how many steps of the physics there are in a control cycle, s."""
     return ceil(cycle / MAX_STEP_SECONDS - 1e-9)
 
 
@@ -355,12 +364,12 @@ class Body:
         )
 
     def damage(self, condition: Damage) -> None:
-        """The vehicle from now on is in this ``condition``."""
+        """Puts the vehicle in this ``condition`` from now on."""
         self.condition = condition
         self.dynamics = dynamics(self._vehicle, condition)
 
     def targets(self, outputs: Four, battery: float) -> Four:
-        """Rotor speeds that the outputs settle at, rad/s, with what is left of the battery."""
+        """Returns rotor speeds that the outputs settle at, rad/s, with what is left of the battery."""
         body = self._airframe
         span = MAX_PULSE - MIN_PULSE
         share = body.full / span
@@ -373,7 +382,7 @@ class Body:
         return tuple(map(mul, speeds, self.condition.speed))
 
     def moved(self, state: State, targets: Four, air: AirState) -> State:
-        """The state a step later in the air; ``targets``: what the rotors' commands settle at, rad/s."""
+        """Returns the state a step later in the air; ``targets``: what the rotors' commands settle at, rad/s."""
         h = self._step
         half = self._step / 2
         position, velocity, attitude, rates, rotors, last = state
@@ -395,7 +404,7 @@ class Body:
         return State(position, velocity, attitude, rates, rotors, last)
 
     def lagged(self, rotors: Four, targets: Four) -> tuple[Four, Four]:
-        """Rotor speeds half a step and a step later, on their way to what their commands settle at, rad/s."""
+        """Returns rotor speeds half a step and a step later, on their way to what their commands settle at, rad/s."""
         half_up, up, half_down, down = self._keeps
         middle = []
         end = []

@@ -40,7 +40,7 @@ _FOLDER = files("sitl_scenarios") / "scenarios"
 
 
 def names() -> tuple[str, ...]:
-    """Of the scenarios that come with the package, in alphabetical order."""
+    """Returns the names of the scenarios that come with the package, in alphabetical order."""
     return tuple(
         sorted(
             file.name.removesuffix(".toml")
@@ -51,7 +51,7 @@ def names() -> tuple[str, ...]:
 
 
 def load(name_or_path: str | Path) -> Scenario:
-    """A scenario that comes with the package, or the one in a file.
+    """Returns a scenario that comes with the package, or the one in a file.
 
     What ends in .toml or has a folder is a path, everything else a name of ``names()``. Raises ValueError: there is
     none, or it is none: one sentence that names the file and what is wrong in it.
@@ -88,7 +88,7 @@ def _content(path: Path) -> bytes:
 
 
 def scenario_of(table: dict[str, Any]) -> Scenario:
-    """The scenario in a table of plain values; raises ValueError: a sentence on all wrong keys."""
+    """Returns the scenario in a table of plain values; raises ValueError: a sentence on all wrong keys."""
     try:
         # By way of JSON, in whose arrays pydantic takes the tuples that it would refuse to take in Python's lists.
         scenario = Scenario.model_validate_json(json.dumps(table, default=str))

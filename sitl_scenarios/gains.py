@@ -108,11 +108,11 @@ class SetController(Controller):
         self._loops = [_RateLoop(axis) for axis in self.axes]
 
     def demand(self, axis: int, wanted: float, rate: float, flying: bool) -> float:
-        """What the rate loop asks the mixer for about an axis, for a rate ``wanted``, rad/s; one call a cycle."""
+        """Returns what the rate loop asks the mixer for about an axis, for a rate ``wanted``, rad/s; once a cycle."""
         return self._loops[axis].demand(wanted, rate, flying)
 
     def mixed(self, demands: Four) -> Four:
-        """Normalised commands: thrusts by the mixer, and the curve and the range that the autopilot has for them."""
+        """Returns normalised commands: thrusts by the mixer, and the autopilot's curve and range for them."""
         *turning, command = demands
         thrusts = self._mix(self._columns, (*turning, self._thrust(command)))
         f = self._expo

@@ -45,7 +45,7 @@ class Gyro:
         self._step = step
 
     def response(self, frequency: Array) -> Complex:
-        """(F,) the rates behind the filters by the true ones, at ``frequency`` (F,), Hz."""
+        """Returns (F,) rates behind the filters by the true ones, at ``frequency`` (F,), Hz."""
         responses = sosfreqz(self._sections, frequency, fs=1 / self._step)
         return responses[1]
 

@@ -14,9 +14,10 @@ YAW_MARGIN = 0.15  # of thrust beyond the most, that yaw may ask for: PX4's MINI
 
 
 def ardupilot(columns: Array, demands: Four) -> Array:
-    """Thrusts for ``demands`` of roll, pitch, yaw and thrust, by ``AP_MotorsMatrix::output_armed_stabilizing``.
+    """Returns thrusts for ``demands`` of roll, pitch, yaw and thrust.
 
-    Yaw gives way first, then all three alike, until the lowest motor stands still at the thrust asked for.
+    They are by ``AP_MotorsMatrix::output_armed_stabilizing``. Yaw gives way first, then all three alike, until the
+    lowest motor stands still at the thrust asked for.
     """
     *tilt, yaw, thrust = demands
     tilting = tilt @ columns[:2]
@@ -39,7 +40,10 @@ def ardupilot(columns: Array, demands: Four) -> Array:
 
 
 def px4(columns: Array, demands: Four) -> Array:
-    """Thrusts likewise, by ``ControlAllocationSequentialDesaturation`` with MC_AIRMODE 0: roll, pitch, then yaw."""
+    """Returns thrusts likewise, by ``ControlAllocationSequentialDesaturation`` with MC_AIRMODE 0.
+
+    The order is roll, pitch, then yaw.
+    """
     *tilt, yaw, thrust = demands
     thrusts = _within(thrust + tilt @ columns[:2], -1.0, is_thrust=True)
     for column in columns[:2]:

@@ -58,7 +58,7 @@ class Times(NamedTuple):
 
 
 def times(scenario: Scenario) -> Times:
-    """When a scenario does what. Raises ValueError: the duration leaves no time to hover."""
+    """Returns when a scenario does what. Raises ValueError: the duration leaves no time to hover."""
     climb = max(3.0, scenario.height / _FASTEST)
     descent = max(4.0, scenario.height / _FASTEST)
     moves = scenario.excitation.moves if isinstance(scenario.excitation, Course) else ()
@@ -77,7 +77,7 @@ def times(scenario: Scenario) -> Times:
 
 
 def seconds(scenario: Scenario) -> float:
-    """From boot to the end of the last flight, with the seconds on the ground before and after each."""
+    """Returns the seconds from boot to the end of the last flight, with those on the ground before and after each."""
     return scenario.flights * (BOOT_SECONDS + scenario.duration + AFTER_SECONDS)
 
 

@@ -27,7 +27,7 @@ from sitl_scenarios.motion import Array, Pair
 
 
 def shortened(text: str, longest: int = 60) -> str:
-    """Text cut to ``longest`` characters, with an ellipsis where it was longer."""
+    """Returns text cut to ``longest`` characters, with an ellipsis where it was longer."""
     if len(text) <= longest:
         return text
     return f"{text[: longest - 2]} …"
@@ -94,7 +94,7 @@ Direction = Annotated[
 
 
 def towards(direction: float) -> Array:
-    """(3,) unit vector NED that wind from ``direction`` degrees, clockwise from north, moves along."""
+    """Returns (3,) unit vector NED that wind from ``direction`` degrees, clockwise from north, moves along."""
     angle = radians(direction)
     return np.array([-cos(angle), -sin(angle), 0.0])
 
@@ -488,7 +488,7 @@ class Scenario(Section):
     load: Load = Load()
 
     def random(self, *purpose: int) -> Generator:
-        """The random numbers for one purpose; what others draw does not change them."""
+        """Returns the random numbers for one purpose; what others draw does not change them."""
         return default_rng(np.random.SeedSequence(self.seed, spawn_key=purpose))
 
     @model_validator(mode="after")

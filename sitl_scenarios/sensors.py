@@ -41,7 +41,7 @@ class RotorNoise:
         self._noise = chain.from_iterable(block.tolist() for block in blocks)
 
     def at(self, rotors: Four) -> Three:
-        """What the gyro feels beside the rates, rad/s; called once a step, ``rotors`` at rad/s."""
+        """Returns what the gyro feels beside the rates, rad/s; called once a step, ``rotors`` at rad/s."""
         spec = self._spec
         total = 0.0
         for number, speed in enumerate(rotors if spec.gyro else ()):
@@ -77,7 +77,7 @@ class Sensing:
         self._mounted = radians(roll) / 2, radians(pitch) / 2
 
     def estimate(self, state: State) -> State:
-        """What is known, not of the rotors, in ``state``; one call each cycle."""
+        """Returns what is known, not of the rotors, in ``state``; one call each cycle."""
         self._seen.extend([state] * (1 if self._seen else self._whole + 2))
         old, new, *_ = self._seen
         kept = 1.0 - self._share

@@ -93,7 +93,7 @@ class Simulation:
         return True
 
     def advance(self, cycles: int) -> Motion:
-        """The next ``cycles`` rows, fewer at the end, unless it is ``finished``; raises ValueError: it tumbles."""
+        """Returns the next ``cycles`` rows, fewer at the end, unless ``finished``; raises ValueError: it tumbles."""
         rows = (self._row() for _ in range(cycles) if not self.finished)
         return Motion(*map(np.array, zip(*rows, strict=True)))
 
@@ -190,7 +190,7 @@ class Simulation:
 
 
 def fly(scenario: Scenario, progress: Progress | None = None) -> Motion:
-    """A whole flight; ``progress`` gets the share flown, once a second of it. Raises ValueError: it tumbles."""
+    """Flies a whole flight; ``progress`` gets the share flown, once a second of it. Raises ValueError: it tumbles."""
     simulation = Simulation(scenario)
     whole = seconds(scenario)
     pieces = []

@@ -51,13 +51,13 @@ class Linear:
     B: Array  # (n, 4), per unit of each motor's command
 
     def of(self, states: Sequence[str]) -> Linear:
-        """The rows and columns of some states; what others do to them is left out."""
+        """Returns the rows and columns of some states; what others do to them is left out."""
         kept = [self.states.index(state) for state in states]
         return Linear(tuple(states), self.A[np.ix_(kept, kept)], self.B[kept])
 
 
 def linearised(vehicle: VehicleSpec) -> Linear:
-    """All ``STATES`` about hover, by motor commands in the vehicle's own unit, which rotors follow at once."""
+    """Linearises all ``STATES`` about hover, by motor commands in the vehicle's own unit; rotors follow at once."""
     body = airframe(vehicle)
     change = dynamics(vehicle)
 
@@ -88,7 +88,10 @@ def _slopes(function: Callable[[Array], Array], at: Array, steps: Array) -> Arra
 
 
 def axis(vehicle: VehicleSpec, axis: Axis = "roll") -> Linear:
-    """Angle and rate about one axis, of yaw the rate alone, in µs of PWM: what a model of a flight is held against."""
+    """Returns angle and rate about one axis, of yaw the rate alone, in µs of PWM.
+
+    It is what a model of a flight is held against.
+    """
     linear = linearised(vehicle)
     # The heading does nothing to a vehicle; roll and pitch, of gravity, do.
     states = ("yaw rate",) if axis == "yaw" else (axis, f"{axis} rate")
@@ -113,7 +116,9 @@ def _rotor_effects(vehicle: VehicleSpec, rotors: Array, air: Array, condition: D
 
 
 def truth(scenario: Scenario, motion: Motion) -> Arrays:
-    """Arrays by name: every column of ``Motion``, ``scenario`` as JSON text, and what docs/scenarios.md explains.
+    """Returns arrays by name.
+
+    They are every column of ``Motion``, ``scenario`` as JSON text, and what docs/scenarios.md explains.
 
     ``roll_A`` (2, 2) and ``roll_B`` (2, 4) are of angle (rad) and rate (rad/s) without lag, by µs from ``trim`` (4,);
     ``roll_lag_A``, ``roll_lag_B`` with the rotors' angular acceleration, rad/s², as third state; ``lag`` mean, rising,
@@ -157,7 +162,7 @@ STEP = 1e-3, -1e-3  # of a demand, to linearise the mixer
 
 
 def loops(scenario: Scenario, cycle: float, number: int, effect: Array) -> Arrays:
-    """Arrays by name of the loops that fly about the axis ``number``, as docs/scenarios.md explains them.
+    """Returns arrays by name of the loops that fly about the axis ``number``, as docs/scenarios.md explains them.
 
     They are the controller's own impulse response, a hold over one cycle, rotors, body and the estimates' delay.
     The body flies off where it leans, and its drag, above the centre of mass, turns it back. ``effect`` (4,) is of each
@@ -220,7 +225,10 @@ def _response(
 
 
 def margins(frequency: Array, loop: Complex) -> Array:
-    """Gain crossover (Hz), phase and gain margin (°, dB) and Ms of an open ``loop`` (N,) at ``frequency`` (N,) Hz."""
+    """Returns gain crossover (Hz), phase and gain margin (°, dB) and Ms of an open ``loop`` (N,).
+
+    ``frequency`` (N,) is in Hz.
+    """
     response = loop[None]
     closed = response / (1 + response)
     figures = OpenLoop(frequency, response, closed, closed).figures

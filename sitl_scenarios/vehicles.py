@@ -42,7 +42,7 @@ class Airframe:
     damping: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def rotor_speed(self, command: float) -> float:
-        """What a command settles at, rad/s; the command in the vehicle's own unit, 0 to ``full``."""
+        """Returns the speed that a command settles at, rad/s; the command in the vehicle's own unit, 0 to ``full``."""
         slope, offset = self.speed
         if self.quadratic is None:
             return slope * command + offset
@@ -53,7 +53,7 @@ class Airframe:
         )
 
     def command_for(self, speed: float) -> float:
-        """That settles at ``speed``, rad/s, in the vehicle's own unit."""
+        """Returns the command that settles at ``speed``, rad/s, in the vehicle's own unit."""
         slope, offset = self.speed
         if self.quadratic is None:
             return (speed - offset) / slope
@@ -66,7 +66,7 @@ class Airframe:
         return self.full * (begin + (end - begin) * share)
 
     def speed_slope(self, command: float) -> float:
-        """Of ``rotor_speed`` in the command, rad/s per unit."""
+        """Returns the slope of ``rotor_speed`` in the command, rad/s per unit."""
         if self.quadratic is None:
             return self.speed[0]
         begin, end = self.spin
@@ -84,12 +84,12 @@ class Airframe:
         return self.thrust_at(slope * self.full + offset)
 
     def thrust_at(self, speed: float) -> float:
-        """Of one rotor in still air, N, at a speed in rad/s."""
+        """Returns the thrust of one rotor in still air, N, at a speed in rad/s."""
         a, b = self.thrust
         return (a * speed + b) * speed
 
     def speed_for(self, thrust: float) -> float:
-        """Of a rotor whose thrust in still air is ``thrust`` N ≥ 0, rad/s."""
+        """Returns the speed of a rotor whose thrust in still air is ``thrust`` N ≥ 0, rad/s."""
         a, b = self.thrust
         root = sqrt(b * b + 4 * a * thrust)
         return (root - b) / (2 * a)
@@ -107,7 +107,7 @@ AIRFRAMES = TypeAdapter(dict[str, Airframe]).validate_python(
 
 
 def airframe(vehicle: VehicleSpec) -> Airframe:
-    """The published airframe, or the vehicle's own, with what a scenario changes of it."""
+    """Returns the published airframe, or the vehicle's own, with what a scenario changes of it."""
     published = AIRFRAMES[vehicle.model]
     if vehicle.body is not None:
         published = _own(vehicle.body, vehicle.quadratic_thrust)

@@ -73,7 +73,9 @@ class Turbulence(NamedTuple):
 
 
 def turbulence(wind: TurbulentWind, height: float, span: float) -> Turbulence:
-    """Lengths and intensities of a wind, by the standard; ``height`` and ``span`` b between the outermost rotors in m.
+    """Returns lengths and intensities of a wind, by the standard.
+
+    ``height`` and ``span`` b between the outermost rotors are in m.
 
     Of its rotation it gives that about the flight path, p_g, a first-order process for Dryden and von Kármán alike:
 
@@ -239,7 +241,7 @@ def _jet_wind(jet: Jet, height: float, turbulence: Array, position: Three) -> Th
 
 
 def gust_speed(wind: Gust, time: Array) -> Array:
-    """(N,) speed in m/s at ``time`` (N,), seconds since arming."""
+    """Returns (N,) speed in m/s at ``time`` (N,), seconds since arming."""
     risen = np.clip((time - wind.start) / wind.rise, 0.0, 1.0)
     if wind.hold is not None:
         fallen = np.clip((time - wind.start - wind.rise - wind.hold) / wind.rise, 0.0, 1.0)
@@ -285,7 +287,10 @@ class Weather:
         self._time = time.tolist()
 
     def at(self, cycle: int, position: Three) -> AirState:
-        """The air at ``position`` (NED, m) in a cycle, counted from 0; before the first and after the last, theirs."""
+        """Returns the air at ``position`` (NED, m) in a cycle, counted from 0.
+
+        Before the first and after the last it is theirs.
+        """
         cycle = min(max(cycle, 0), len(self._air) - 1)
         air = AirState(*self._air[cycle].tolist())
         if self._profile.model_fields_set:

@@ -78,7 +78,7 @@ def recorded_parts(signals: Signals) -> Segments:
 
 @once("axis", "inputs")
 def settled_segments(signals: Signals) -> Segments:
-    """Segments of one boot each: armed, airborne, settled, upright, fast and without gaps; the longest first.
+    """Returns segments of one boot each: armed, airborne, settled, upright, fast and without gaps; the longest first.
 
     A step longer than ``MAX_GAP_SECONDS``, or messages that usually come slower than ``MINIMUM_RATE``, end a segment:
     ground stations change the rates in flight. Only where that leaves no segment at all is any rate allowed, and steps
@@ -286,12 +286,12 @@ def _interval(time: Array) -> float:
 
 
 def mean_rate(time: Array) -> float:
-    """Samples a second over the whole of ``time`` (N,), N ≥ 2."""
+    """Returns the mean rate, samples a second, over the whole of ``time`` (N,), N ≥ 2."""
     return float((len(time) - 1) / (time[-1] - time[0]))
 
 
 def sample(grid: Array, dt: float, time: Array, values: Array) -> tuple[Array, Fact]:
-    """Columns of ``values`` (N, k), sampled at ``time`` (N,), at ``grid`` (T,) of step ``dt``, and how they were made.
+    """Resamples the columns of ``values`` (N, k) from ``time`` (N,) to ``grid`` (T,) of step ``dt``, and says how.
 
     Kept, interpolated linearly between the neighbours or, from a stream at ``LOW_PASS_RATIO`` times the rate of the
     grid or more, low-passed before: else a vibration at 49 Hz, on a grid of 50, would look slow.
@@ -306,7 +306,7 @@ def sample(grid: Array, dt: float, time: Array, values: Array) -> tuple[Array, F
 
 
 def grid_of(attitude: Array, motors: Array, dt: float) -> Array:
-    """Steps of ``dt`` where both streams have samples.
+    """Returns the steps of ``dt`` where both streams have samples.
 
     From an attitude sample when both streams then keep theirs; otherwise from a motor sample: motor outputs change more
     from one message to the next, so it is attitude that should be moved.
@@ -323,7 +323,10 @@ def grid_of(attitude: Array, motors: Array, dt: float) -> Array:
 
 
 def kept_rows(grid: Array, time: Array) -> NDArray[np.intp] | None:
-    """Rows of ``time`` (N,) at each point of ``grid`` (T,); None unless all differ and lie within ``STAMP_SECONDS``."""
+    """Returns the rows of ``time`` (N,) at each point of ``grid`` (T,).
+
+    None unless all differ and lie within ``STAMP_SECONDS``.
+    """
     nearest = np.searchsorted((time[1:] + time[:-1]) / 2, grid, side="right")
     kept = np.all(abs(time[nearest] - grid) <= STAMP_SECONDS) and np.all(np.diff(nearest) > 0)
     return nearest if kept else None
@@ -355,9 +358,10 @@ def _low_passed(time: Array, values: Array, cutoff: float) -> tuple[Array, Array
 
 
 def impulse_response(rate: float, dt: float) -> Array:
-    """(2 L + 1,) the low-pass filter's response to one sample of a stream of ``rate`` Hz, for streams as they come.
+    """Returns (2 L + 1,) response of the low-pass filter to one sample of a stream of ``rate`` Hz.
 
-    It reaches ``FILTER_EDGE_STEPS`` steps ``dt`` either way; what is cut off beyond is less than a hundredth of it.
+    It is for streams as they come. It reaches ``FILTER_EDGE_STEPS`` steps ``dt`` either way; what is cut off beyond is
+    less than a hundredth of it.
     """
     reach = round(FILTER_EDGE_STEPS * dt * rate)
     sample = np.zeros(8 * reach + 1)

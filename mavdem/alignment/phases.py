@@ -276,7 +276,7 @@ def highest_collective(signals: Signals) -> float:
 
 
 def in_states(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals:
-    """Intervals of ``boot`` in one of MAV_LANDED_STATE's ``states``, in the air where only the thrust shows it.
+    """Returns intervals of ``boot`` in one of MAV_LANDED_STATE's ``states``, in the air where only the thrust shows it.
 
     The states are those of EXTENDED_SYS_STATE while it comes. A report counts for the time up to the next, not for what
     came before all reports, nor across a long gap.

@@ -143,7 +143,7 @@ def _with_cautions(learnability: Learnability, *further: Fact) -> Flight:
 
 
 def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> Telemetry:
-    """The one vehicle, or the one ``wanted``: "system", "system:component" or the number of its board.
+    """Returns the one vehicle, or the one ``wanted``: "system", "system:component" or the number of its board.
 
     One that sends no attitude is no rival.
 

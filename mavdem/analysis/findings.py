@@ -82,7 +82,7 @@ class Findings(NamedTuple):
         return next((rated.grade for rated in self.purposes if rated.purpose is purpose), None)
 
     def as_dict(self) -> Values:
-        """The keys of documents, which make sentences of facts; ``findings`` are the graded purposes."""
+        """Returns the keys of documents, which make sentences of facts; ``findings`` are the graded purposes."""
         return {
             "overrides": [
                 {

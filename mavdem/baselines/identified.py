@@ -131,7 +131,7 @@ def identified(
     train: Records,
     fit: Callable[[Segments], Fitted],
 ) -> Identified:
-    """The result of ``fit``."""
+    """Returns the result of ``fit``."""
     record = Record.of(train)
     with one_thread():
         units = Units.of(record)
@@ -145,7 +145,10 @@ RANK_TOLERANCE = np.sqrt(np.finfo(np.float64).eps)
 
 
 def regression(regressors: Array, targets: Array) -> Array:
-    """The smallest least-squares solution (columns, k) of regressors (N, columns) · solution = targets (N, k)."""
+    """Returns the least-squares solution (columns, k) of regressors (N, columns) · solution = targets (N, k).
+
+    It is the smallest one.
+    """
     return np.asarray(np.linalg.lstsq(regressors, targets, rcond=RANK_TOLERANCE)[0])
 
 
@@ -171,7 +174,7 @@ class Units(NamedTuple):
 
     @classmethod
     def of(cls, record: Record) -> Units:
-        """The units in which the training data have mean 0 and variance 1; ``ValueError`` for a constant output."""
+        """Returns units in which the training data have mean 0 and variance 1; ``ValueError`` for a constant output."""
         inputs, outputs = record.spread
         record.require_moving(False)
         scale = np.where(inputs.moving, np.sqrt(inputs.variance), np.inf)
@@ -185,7 +188,7 @@ class Units(NamedTuple):
         )
 
     def segments(self, record: Record) -> Segments:
-        """The record's, in the method's units."""
+        """Returns the record's segments, in the method's units."""
         return [
             (
                 (inputs - self.input_trim) @ self.input_map,
@@ -195,7 +198,7 @@ class Units(NamedTuple):
         ]
 
     def physical(self, model: StateSpace) -> StateSpace:
-        """A model in the method's units, without feedthrough and trim of inputs, brought to physical ones."""
+        """Brings a model in the method's units, without feedthrough and trim of inputs, to physical ones."""
         scale = self.output_scale
         return replace(
             model,
@@ -238,7 +241,7 @@ def _without_dynamics(
 
 
 def var(train: Records, order: int = 10) -> JointAutoregression:
-    """Outputs and inputs as one autoregression of ``order`` lags, with a prior towards a random walk.
+    """Models outputs and inputs as one autoregression of ``order`` lags, with a prior towards a random walk.
 
     Least squares with a ridge, the "Minnesota prior" (Litterman, 1986; see :mod:`mavdem.dem.forecast.var`). Unlike the
     other methods it can predict without the inputs; given them, it infers the outputs from what they show of the

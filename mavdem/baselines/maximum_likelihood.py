@@ -36,7 +36,7 @@ MAX_ITERATIONS = 300  # of PEM, and of EM: in a flat valley many small steps fol
 
 
 def pem(train: Records, order: int = 2) -> Identified:
-    """The model in innovation form that makes the determinant of the one-step errors' covariance smallest.
+    """Returns the model in innovation form that makes the determinant of the one-step errors' covariance smallest.
 
     That is maximum likelihood where errors are Gaussian (Ljung, System Identification, 2nd ed., secs. 7.2, 10.2): all
     of A, B, C, K, the offset and the states in which segments begin, in full parametrization, by Gauss-Newton steps on
@@ -71,7 +71,7 @@ class PredictionErrors(NamedTuple):
         return np.concatenate([part.ravel() for part in self._parts])
 
     def moved(self, at: Array) -> PredictionErrors:
-        """The same with the model and the starts of a vector."""
+        """Returns the same with the model and the starts of a vector."""
         cuts = np.cumsum([part.size for part in self._parts])[:-1]
         pieces = zip(np.split(at, cuts), self._parts, strict=True)
         A, B, C, K, offset, starts = (values.reshape(part.shape) for values, part in pieces)
@@ -80,7 +80,7 @@ class PredictionErrors(NamedTuple):
         )
 
     def errors(self, at: Array) -> Array:
-        """(T, m): of each sample of all segments."""
+        """Returns (T, m) errors of each sample of all segments."""
         model, starts, segments = self.moved(at)
         ahead = [
             model.predicted(start, *segment)
@@ -90,7 +90,7 @@ class PredictionErrors(NamedTuple):
         return seen - np.concatenate(ahead)
 
     def value(self, at: Array) -> tuple[float, Array]:
-        """The log likelihood up to a constant, NaN where the predictor is not stable; and the errors."""
+        """Returns the log likelihood up to a constant, NaN where the predictor is not stable; and the errors."""
         errors = self.errors(at)
         model = self.moved(at).model
         predictor = model.A - model.K @ model.C
@@ -100,13 +100,13 @@ class PredictionErrors(NamedTuple):
         return np.nan, errors
 
     def slopes(self, at: Array, errors: Array) -> Array:
-        """(f, T, m): of the errors, by differences."""
+        """Returns (f, T, m) slopes of the errors, by differences."""
         steps = RELATIVE_STEP * np.maximum(1.0, abs(at))
         beside = np.array([self.errors(at + step) for step in np.diag(steps)])
         return (beside - errors) / steps[:, None, None]
 
     def quadratic(self, at: Array, residuals: Array) -> Quadratic:
-        """Slope and Gauss-Newton curvature of the likelihood."""
+        """Returns slope and Gauss-Newton curvature of the likelihood."""
         slopes = self.slopes(at, residuals)
         precision = np.linalg.inv(_covariance(residuals))
         root = np.linalg.cholesky(precision)
@@ -145,7 +145,7 @@ START_NOISE = 0.1
 
 
 def em(train: Records, order: int = 2) -> Identified:
-    """The model of :class:`StateSpace`'s A, B and C with independent white noises of states and outputs.
+    """Returns the model of :class:`StateSpace`'s A, B and C with independent white noises of states and outputs.
 
     Expectation: states are smoothed under the model there is. Maximization: A, B, offset and Q, C, trim and R, and
     the states in which segments begin are regressed on them (Shumway and Stoffer, Journal of Time Series Analysis 3(4),
@@ -167,7 +167,7 @@ class EMFit(NamedTuple):
 
 
 def iterated(segments: Segments, order: int, iterations: int = MAX_ITERATIONS) -> EMFit:
-    """From the subspace model, with noise, so many ``iterations`` on, or until it has converged."""
+    """Iterates from the subspace model, with noise, so many ``iterations`` on, or until it has converged."""
     found, starts, _ = found_by_projection(segments, order)
     C = found.C
     K = found.K

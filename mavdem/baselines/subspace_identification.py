@@ -28,7 +28,7 @@ LEAST_WINDOWS = 2
 
 
 def subspace(train: Records, order: int = 2) -> Identified:
-    """A state-space model of ``order`` states from projections, without iterations.
+    """Returns a state-space model of ``order`` states from projections, without iterations.
 
     The states are the combinations of the past that predict the future best, given the future inputs: canonical
     correlations (CVA, Larimore 1990). y is regressed on them for C, their successors on them and u for A and B, and K
@@ -54,7 +54,7 @@ def subspace(train: Records, order: int = 2) -> Identified:
 
 
 def found_by_projection(segments: Segments, order: int) -> Fitted:
-    """The model of inputs and outputs of each segment."""
+    """Returns the model of inputs and outputs of each segment."""
     horizon = _horizon(segments, order)
     (k, m) = (table.shape[1] for table in segments[0])
     windows = np.concatenate(
@@ -148,7 +148,7 @@ do not determine the gain. In the methods' units, in which outputs and states ha
 
 
 def innovation_gain(A: Array, C: Array, Q: Array, R: Array, S: Array) -> Array:
-    """(n, m) K of the innovation form of x⁺ = A x + … + w, y = C x + … + v, with which A − K C is stable.
+    """Returns (n, m) K of the innovation form of x⁺ = A x + … + w, y = C x + … + v, with which A − K C is stable.
 
     Q, R and S are the covariances E wwᵀ, E vvᵀ and E wvᵀ (Van Overschee and De Moor, Subspace Identification for Linear
     Systems, 1996, sec. 4.2.2, Table 4.1); ``LinAlgError`` where there is no steady filter.

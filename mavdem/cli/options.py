@@ -187,7 +187,7 @@ def assessed(
 
 
 def names_of(sources: Sequence[str]) -> dict[str, str]:
-    """SOURCEs by the flight's name: the file's without its ending, or the whole SOURCE if others have the same."""
+    """Returns SOURCEs by the flight's name: the file's without ending, or the whole SOURCE if others have the same."""
     stems = [printable(Path(source).stem) for source in sources]
     return {
         stem if stems.count(stem) == 1 else printable(source): source

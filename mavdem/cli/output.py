@@ -65,7 +65,7 @@ def say_aside(text: str) -> None:
 
 
 def printable(text: object) -> str:
-    r"""Text with every character that is none to look at as Python writes it, ``\n`` or ``\x1b``.
+    r"""Returns text with every character that is none to look at as Python writes it, ``\n`` or ``\x1b``.
 
     Names and files may hold line breaks and what a terminal obeys: escapes, and marks that turn text around.
     """
@@ -176,7 +176,7 @@ def complain(fact: Fact, as_json: bool) -> None:
 
 @contextmanager
 def progress(title: str, measured: bool = True) -> Iterator[Callable[[float], None]]:
-    """A bar on standard error, if that is a terminal; yields the function to call with the fraction done."""
+    """Shows a bar on standard error, if that is a terminal; yields the function to call with the fraction done."""
     if not STDERR.is_terminal:
         yield lambda _: None
         return
@@ -245,7 +245,10 @@ INTERRUPTED = OF_SIGNAL + signal.SIGINT
 
 @contextmanager
 def ending_at_once() -> Iterator[None]:
-    """Around imports: Ctrl-C ends the process. An exception could be lost in, or changed by, what is being imported."""
+    """Lets Ctrl-C end the process, around imports.
+
+    An exception could be lost in, or changed by, what is being imported.
+    """
     before = signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
         yield

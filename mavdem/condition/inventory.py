@@ -195,7 +195,7 @@ class Tier(NamedTuple):
     is_slow: bool = True  # whether rates are what is missing
 
     def as_dict(self) -> Values:
-        """Plain JSON values: ``tier``, ``tier_reason`` and ``next_tier``."""
+        """Returns plain JSON values: ``tier``, ``tier_reason`` and ``next_tier``."""
         better = None
         if self.next_tier:
             remedy = self.reason.remedy

@@ -69,14 +69,14 @@ def fit(record: Record, settings: CompleteSettings) -> Fit:
 
 
 def smoothness_of(settings: CompleteSettings, dt: float) -> float:
-    """Kernel width s of the noise by complete settings at a sampling step ``dt``, seconds."""
+    """Returns kernel width s of the noise by complete settings at a sampling step ``dt``, seconds."""
     return dt if settings.smoothness is None else settings.smoothness
 
 
 def generative_model(
     settings: CompleteSettings, scaling: Scaling, record: Record
 ) -> GenerativeModel:
-    """The generative model that complete settings describe for a record."""
+    """Returns the generative model that complete settings describe for a record."""
     n = settings.order
     m = record.outputs.shape[1]
     motors = record.inputs.shape[1]
@@ -152,14 +152,14 @@ def of_vehicle(
     m: int,
     constant: bool,
 ) -> Indices:
-    """Indices in the engine's θ of the vehicle's: all but the column of B for the constant input."""
+    """Returns indices in the engine's θ of the vehicle's: all but the column of B for the constant input."""
     A, B, C = (np.ones(shape, np.bool_) for shape in ((n, n), (n, motors + constant), (m, n)))
     B[:, motors:] = False
     return np.flatnonzero(pack(A, B, C))
 
 
 def generalized(settings: CompleteSettings, scaling: Scaling, record: Record) -> tuple[Array, ...]:
-    """Generalized data [ỹ; η̃], (T′, ·) for each segment: of the samples whose whole window lies inside it.
+    """Returns generalized data [ỹ; η̃], (T′, ·) for each segment: of the samples whose whole window lies inside it.
 
     Outputs and inputs have one window about one instant, so that no derivative lags another.
     """
@@ -183,7 +183,7 @@ def gain_of(
     smoothness: float,
     dt: float,
 ) -> Array:
-    """(n, m) gain of the filter of what was learned; ``LinAlgError`` where there is no steady filter."""
+    """Returns (n, m) gain of the filter of what was learned; ``LinAlgError`` where there is no steady filter."""
     A, B, C = unpack(belief.theta, *model.sizes)
     noise = np.exp(-belief.lambda_)
     # The uncertainty of the inputs moves the states as well.
@@ -198,6 +198,6 @@ def predictor_of(
     gain: Array,
     dt: float,
 ) -> StateSpace:
-    """The predictor of θ (k,), of n states, r inputs and m outputs, with a filter of that gain (n, m)."""
+    """Returns the predictor of θ (k,), of n states, r inputs and m outputs, with a filter of that gain (n, m)."""
     A, B, C = unpack(theta, *sizes)
     return StateSpace.of_transition(discretize(A, B, dt), C, gain)

@@ -58,7 +58,7 @@ class OrderChoice:
         )
 
     def gain(self, order: int, over: int) -> Interval:
-        """The increase of F̄ᵒ at ``order`` ``over`` another one, averaged over the flights that have both, nats.
+        """Returns the increase of F̄ᵒ at ``order`` ``over`` another, averaged over the flights that have both, nats.
 
         Returns:
             the mean gain, and its standard error, which is 0 for a single flight; NaN and 0 if no flight has both.
@@ -118,11 +118,11 @@ def orders_of(
     max_order: int = DEFAULT_MAX_ORDER,
     known_inputs: bool = True,
 ) -> FlightOrders:
-    """F̄ᵒ of one ``flight``, or of its segments, by order: it increases with the number of states and saturates.
+    """Returns F̄ᵒ of one ``flight``, or of its segments, by order.
 
-    Models with 1, 2, … states, with A, B and C free, are fitted to the same data under priors of the same form. Only
-    states that the outputs show are counted: not a state that no output depends on, or that nothing excites; but states
-    of coloured wind are.
+    It increases with the number of states and saturates. Models with 1, 2, … states, with A, B and C free, are fitted
+    to the same data under priors of the same form. Only states that the outputs show are counted: not a state that no
+    output depends on, or that nothing excites; but states of coloured wind are.
 
     Args:
         flight: a ``Flight`` or segments of one.

@@ -69,7 +69,7 @@ class BlackBox:
 
     @classmethod
     def of(cls, record: Record, most: int, known_inputs: bool) -> BlackBox:
-        """That of a record, for models of at ``most`` so many states."""
+        """Returns that of a record, for models of at ``most`` so many states."""
         settings = replace(Settings.paper(), scaling="channel", known_inputs=known_inputs)
         scaling = Scaling.of(record, settings)
         width = kernel_width(record)
@@ -117,7 +117,7 @@ class BlackBox:
         return SufficientStatistics(share * self.data.number, share * self.data.gram)
 
     def model(self, order: int) -> GenerativeModel:
-        """The generative model of so many states."""
+        """Returns the generative model of so many states."""
         n = order
         r = self.r
         m = self.m
@@ -148,7 +148,7 @@ def embed_through_kernel(
     width: float,
     dt: float,
 ) -> Array:
-    """Generalized vectors of samples (T, m) convolved with a Gaussian kernel, where the whole kernel fits.
+    """Returns generalized vectors of samples (T, m) convolved with a Gaussian kernel, where the whole kernel fits.
 
     Derivatives by a polynomial over a window are not quite those of one signal, and an additional state may explain the
     difference. These are exact: convolution leaves ẋ = Ax + Bv + w and y = Cx + z as they are (Young 1981, Automatica
@@ -172,7 +172,7 @@ def _repeated(width: float, dt: float) -> float:
 
 
 def kernel_width(record: Record) -> float:
-    """σ of the kernel that filters a record, s."""
+    """Returns σ of the kernel that filters a record, s."""
     spread = record.spread[1]
     m = record.outputs.shape[1]
     units = ((outputs - spread.mean) / np.sqrt(spread.variance) for _, outputs in record.segments)
@@ -194,7 +194,7 @@ ROUNDS = 200  # at most
 
 
 def fits_by_order(box: BlackBox, most: int) -> tuple[Iterate | None, ...]:
-    """The iterate of highest F̄ᵒ of each order from 1 to ``most``; None where the fit broke down."""
+    """Returns the iterate of highest F̄ᵒ of each order from 1 to ``most``; None where the fit broke down."""
     fits: list[Iterate | None] = []
     for order in range(1, most + 1):
         try:
@@ -216,9 +216,10 @@ def _fitted(box: BlackBox, order: int) -> Iterate:
 
 
 def chain(box: BlackBox, order: int) -> Array:
-    """θ of states that are the outputs, then the parts of their derivatives that these and the inputs do not explain.
+    """Returns θ of states that are the outputs, then parts of their derivatives.
 
-    ``LinAlgError`` where there are too few derivatives.
+    The parts are those that these states and the inputs do not explain. ``LinAlgError`` where there are too few
+    derivatives.
     """
     y, v = _channels(box)
     states = rates = np.zeros((0, len(box.data.gram)))

@@ -102,7 +102,7 @@ def spare_cores() -> int:
 
 
 def stay_in_this_process() -> None:
-    """From now on nothing here starts processes: this one is a worker, of whatever kind."""
+    """Lets nothing here start processes from now on: this one is a worker, of whatever kind."""
     global _alone
     _alone = True
 
@@ -115,7 +115,7 @@ class Pool(ProcessPoolExecutor):
 
 @contextmanager
 def pool(workers: int) -> Iterator[Pool]:
-    """An executor of ``workers`` processes that have ended when its block is left.
+    """Yields an executor of ``workers`` processes that have ended when its block is left.
 
     Processes are started afresh ("spawn"): a fork of a process with threads may wait for one of their locks for ever.
     """
@@ -172,7 +172,7 @@ class LearningProcess(Executor):
 
 @contextmanager
 def blocked(*numbers: signal.Signals) -> Iterator[None]:
-    """Signals of these ``numbers`` wait until the block is left; processes started in it inherit the mask.
+    """Lets signals of these ``numbers`` wait until the block is left; processes started in it inherit the mask.
 
     The mask holds for this thread only, and Python handles here what another thread has received.
     """

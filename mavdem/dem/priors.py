@@ -27,7 +27,10 @@ class Scaling:
 
     @classmethod
     def of(cls, record: Record, settings: Settings) -> Scaling:
-        """The scaling that ``settings.scaling`` asks for; ``ValueError`` where an output or all inputs are constant."""
+        """Returns the scaling that ``settings.scaling`` asks for.
+
+        Raises ``ValueError`` where an output or all inputs are constant.
+        """
         inputs, outputs = record.spread
         known = settings.known_inputs
         record.require_moving(known and not inputs.moving.any())
@@ -50,34 +53,34 @@ class Scaling:
         return cls(trim, scale, output_trim, output_scale, constant, known)
 
     def scale_inputs(self, inputs: Array) -> Array:
-        """(T, r) in the unit of the stream to (T, r or r + 1) in the engine's."""
+        """Brings (T, r) inputs in the unit of the stream to (T, r or r + 1) in the engine's."""
         scaled = (
             (inputs - self.input_trim) / self.input_scale if self.known else np.zeros_like(inputs)
         )
         return np.hstack([scaled, np.ones((len(scaled), 1))]) if self.constant else scaled
 
     def scale_segments(self, record: Record) -> Segments:
-        """Inputs and outputs of each segment of a record, in the engine's units."""
+        """Returns inputs and outputs of each segment of a record, in the engine's units."""
         return [
             (self.scale_inputs(inputs), self.scale_outputs(outputs))
             for inputs, outputs in record.segments
         ]
 
     def scale_outputs(self, outputs: Array) -> Array:
-        """(T, m) in rad and rad/s to the engine's units."""
+        """Brings (T, m) outputs in rad and rad/s to the engine's units."""
         return (outputs - self.output_trim) / self.output_scale
 
     def physical_outputs(self, scaled: Array) -> Array:
-        """(..., m) in the engine's units back to rad and rad/s."""
+        """Brings (..., m) outputs in the engine's units back to rad and rad/s."""
         return self.output_trim + self.output_scale * scaled
 
     def state_scale(self, order: int) -> Array:
-        """(n,) physical size of a unit of each state; a hidden state has the last output's."""
+        """Returns (n,) physical size of a unit of each state; a hidden state has the last output's."""
         extra = max(order - len(self.output_scale), 0)
         return np.append(self.output_scale, np.repeat(self.output_scale[-1], extra))[:order]
 
     def parameter_scale(self, order: int) -> Array:
-        """(k,) physical size of a unit of each parameter, for the engine's θ."""
+        """Returns (k,) physical size of a unit of each parameter, for the engine's θ."""
         state = self.state_scale(order)
         inputs = 1 / self.input_scale
         if self.constant:
@@ -89,7 +92,7 @@ class Scaling:
         )
 
     def physical_model(self, theta: Array, order: int) -> LinearModel:
-        """The model of the engine's θ (k,) in physical units."""
+        """Returns the model of the engine's θ (k,) in physical units."""
         r = len(self.input_trim)
         m = len(self.output_trim)
         A, B, C = unpack(theta * self.parameter_scale(order), order, r + self.constant, m)
@@ -115,7 +118,7 @@ KINEMATIC_SHARE = 0.5
 
 
 def derivative_pairs(record: Record) -> tuple[tuple[int, int], ...]:
-    """Pairs (i, j) of output columns where j is the time derivative of i, computed from the samples."""
+    """Returns pairs (i, j) of output columns where j is the time derivative of i, computed from the samples."""
     from scipy.integrate import cumulative_trapezoid  # it takes half a second to import
 
     span = max(1, round(CONSISTENCY_SPAN / record.dt))
@@ -162,7 +165,10 @@ def uniform_prior(
     r: int,
     m: int,
 ) -> Pair:
-    """η drawn from U[−1, 1] and P = ``parameter_precision``·I for every parameter (the paper, ``alg_settings``)."""
+    """Returns η drawn from U[−1, 1] and P = ``parameter_precision``·I for every parameter.
+
+    This is the paper's prior, ``alg_settings``.
+    """
     k = n * n + n * r + m * n
     mean = default_rng(settings.seed).uniform(-1, 1, k)
     return mean, np.eye(k) * settings.parameter_precision
@@ -176,7 +182,7 @@ def regulated_prior(
     scale: Array,
     pairs: tuple[tuple[int, int], ...],
 ) -> Pair:
-    """Mean (k,) and precision (k, k) of θ: what is known of any attitude loop a priori.
+    """Returns mean (k,) and precision (k, k) of θ: what is known of any attitude loop a priori.
 
     Outputs return to their trim; where output j is the derivative of output i, row i of the model is ẋᵢ = xⱼ; each
     hidden state is a lag that feeds the state before it (the first one, the last output); C = [I 0]. The input after

@@ -45,7 +45,10 @@ def _model(kind: type) -> type[BaseModel]:
 
 
 def first_problem(error: ValidationError) -> str:
-    """The first thing that pydantic found, as ``<field> must be …, not <value>``, or ``<field> is missing``."""
+    """Returns the first thing that pydantic found.
+
+    It reads ``<field> must be …, not <value>``, or ``<field> is missing``.
+    """
     first = error.errors(include_url=False)[0]
     name = ".".join(map(str, first["loc"]))
     if first["type"].startswith("missing"):
@@ -60,12 +63,12 @@ def _requirement(problem: Mapping[str, Any]) -> str:
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """Whether it is one real number, of Python's or numpy's; ``True`` is not."""
+    """Returns whether it is one real number, of Python's or numpy's; ``True`` is not."""
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
 
 
 def is_whole(value: object) -> TypeGuard[int]:
-    """Whether it is one whole number of 64 bits, of Python's or numpy's; ``True`` is not."""
+    """Returns whether it is one whole number of 64 bits, of Python's or numpy's; ``True`` is not."""
     return (
         isinstance(value, int | np.integer)
         and not isinstance(value, bool)
@@ -97,7 +100,7 @@ class Spread(NamedTuple):
 
     @classmethod
     def of(cls, samples: Array) -> Spread:
-        """That of samples (T, k)."""
+        """Returns that of samples (T, k)."""
         return cls(
             samples.mean(axis=0), samples.var(axis=0), samples.min(axis=0), samples.max(axis=0)
         )
@@ -165,7 +168,10 @@ class Record:
 
     @classmethod
     def of(cls, train: Records) -> Record:
-        """From a flight, or segments of one sampled at the same rate; ``ValueError`` names what does not fit."""
+        """Returns that of a flight, or of segments of one sampled at the same rate.
+
+        Raises ``ValueError``, which names what does not fit.
+        """
         if isinstance(train, Record):
             return train
         flights = train if isinstance(train, Sequence) else [train]
@@ -231,7 +237,7 @@ class Record:
         return list(zip(np.split(self.inputs, cuts), np.split(self.outputs, cuts), strict=True))
 
     def samples_at(self, times: Sequence[float]) -> list[int]:
-        """The samples at ``times`` on the flight's clock, s, as far as they are inside segments; sorted, each once."""
+        """Returns the samples at ``times`` on the flight's clock, s, that are inside segments; sorted, each once."""
         segments = list(zip(self.begins, self.starts.tolist(), self.lengths, strict=False))
         steps = [
             (round((time - begin) / self.dt), *rest) for time in times for begin, *rest in segments
@@ -244,11 +250,11 @@ class Record:
         return max(self.lengths)
 
     def following_inputs(self, inputs: ArrayLike) -> Array:
-        """The inputs (H, r) of a forecast of what follows the record, checked; of one input (H,) will do."""
+        """Returns the inputs (H, r) of a forecast of what follows the record, checked; of one input (H,) will do."""
         return table(inputs, "inputs", self.inputs.shape[1])
 
     def following(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Pair:
-        """The inputs (H, r) and outputs (H, m) that follow the record, checked, as is the number of ``steps``."""
+        """Returns inputs (H, r) and outputs (H, m) that follow the record, checked, as is the number of ``steps``."""
         required_number(steps)
         ahead = self.following_inputs(inputs)
         measured = table(outputs, "outputs", self.outputs.shape[1])
@@ -259,19 +265,19 @@ class Record:
         return ahead, measured
 
     def windows(self, window: int) -> int:
-        """The number of windows of ``window`` samples inside segments."""
+        """Returns the number of windows of ``window`` samples inside segments."""
         return sum(max(0, length - window + 1) for length in self.lengths)
 
 
 def required_step(dt: object) -> float:
-    """A sampling step ``dt``, s, as a ``float``; ``ValueError`` for what is none."""
+    """Returns a sampling step ``dt``, s, as a ``float``; raises ``ValueError`` for what is none."""
     if not (is_number(dt) and SHORTEST_STEP <= dt <= 1 / SHORTEST_STEP):
         raise ValueError(f"dt must be positive seconds, at least {SHORTEST_STEP:g}, not {dt!r}")
     return float(dt)
 
 
 def required_directions(values: ArrayLike, motors: int) -> Array:
-    """Effect directions (r,) of so many ``motors``; ``ValueError`` for what is none."""
+    """Returns effect directions (r,) of so many ``motors``; raises ``ValueError`` for what is none."""
     directions = real_numbers(values, "effect_directions")
     if directions.shape != (motors,) or not np.isfinite(directions).all():
         raise ValueError(f"effect_directions must be {motors} finite numbers, not {values!r}")
@@ -279,14 +285,17 @@ def required_directions(values: ArrayLike, motors: int) -> Array:
 
 
 def required_number(number: int, name: str = "steps", most: int = 1_000_000_000) -> int:
-    """``number`` as an ``int``; ``ValueError``, which names it, for what is no whole number from 1 to ``most``."""
+    """Returns ``number`` as an ``int``.
+
+    Raises ``ValueError``, which names it, for what is no whole number from 1 to ``most``.
+    """
     if not (is_whole(number) and 1 <= number <= most):
         raise ValueError(f"{name} must be a whole number from 1 to {most:,}, not {number!r}")
     return int(number)
 
 
 def table(values: ArrayLike, name: str, columns: int) -> Array:
-    """Samples (H, columns); of one column (H,) will do. ``ValueError`` for others, or not finite."""
+    """Returns samples (H, columns); of one column (H,) will do. Raises ``ValueError`` for others, or not finite."""
     samples = real_numbers(values, name)
     if samples.ndim == 1 and columns == 1:
         samples = samples[:, None]

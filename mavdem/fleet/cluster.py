@@ -48,7 +48,7 @@ class Cluster:
         self._lock = Lock()
 
     def outcomes(self, jobs: Iterator[Job]) -> Generator[Outcome]:
-        """As ``WorkerPool`` has it; raises ``Unreadable``, as :meth:`read` does."""
+        """Yields outcomes as ``WorkerPool`` does; raises ``Unreadable``, as :meth:`read` does."""
         threads = sum(self._connected().nthreads().values())
         read = partial(self.read, limits=self.limits, read=self._read)
         # One is on its way while another is read.
@@ -122,7 +122,7 @@ class Cluster:
 
 
 def read_on_worker(job: Job, limits: Limits, read: ReadLog) -> Outcome:
-    """In a worker of the cluster: reads a log in a process that outlives it."""
+    """Reads a log, in a worker of the cluster, in a process that outlives it."""
     # Dask's workers are daemons, which may have no children; these end with their worker.
     current_process().daemon = False
     try:
@@ -136,7 +136,7 @@ def read_on_worker(job: Job, limits: Limits, read: ReadLog) -> Outcome:
 
 
 def stop_readers() -> None:
-    """In a worker of the cluster: ends the processes; another run's are started again."""
+    """Ends the processes in a worker of the cluster; another run's are started again."""
     while _idle:
         _idle.pop().stop()
 

@@ -60,7 +60,7 @@ Whole = int | None
 
 
 def at(path: str, default: str | None = None) -> Any:
-    """A column that is at this place of a document of ``report.json``."""
+    """Returns a column that is at this place of a document of ``report.json``."""
     return field(default=default, metadata={"place": path})
 
 
@@ -295,7 +295,7 @@ class FlightRow:
         return "unit of demand" if self.inputs == DEMAND else self.input_unit or "unit of input"
 
     def as_dict(self) -> Values:
-        """Plain JSON values; the date as ISO 8601."""
+        """Returns plain JSON values; the date as ISO 8601."""
         values = asdict(self)
         if self.date is not None:
             values["date"] = self.date.isoformat()

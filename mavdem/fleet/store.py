@@ -135,7 +135,7 @@ class Store:
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
-        """All or nothing, while other runs wait; within another transaction a part of that."""
+        """Makes its block all or nothing, while other runs wait; within another transaction a part of that."""
         if self.db.in_transaction:
             yield
             return

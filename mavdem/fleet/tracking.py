@@ -123,9 +123,10 @@ def _array(values: Numbers | None, count: int) -> Array:
 
 
 def residual_mean(row: FlightRow, healthy: Iterable[FlightRow]) -> float | None:
-    """The mean acceleration, rad/s², that frozen models of other ``healthy`` flights leave in this; None if unknown.
+    """Returns the mean acceleration, rad/s², that frozen models of other ``healthy`` flights leave in this.
 
-    In settled flight the mean acceleration is 0, so what the motors and the damping leave is the wind's.
+    None if unknown. In settled flight the mean acceleration is 0, so what the motors and the damping leave is the
+    wind's.
     """
     if row.mean_inputs is None or row.mean_outputs is None:
         return None

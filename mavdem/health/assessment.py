@@ -197,7 +197,7 @@ def lost_thrust(rise: Rise, exponent: float = 2.0) -> Rise:
 
 
 def shift_sizes(scale: float) -> Pair:
-    """Standard deviations whose normal distributions, weighed with the second array, make Student's of this scale."""
+    """Returns standard deviations, and weights with which their normal distributions make Student's of this scale."""
     sizes = scale * np.geomspace(0.4, 40.0, 24)
     decay = np.exp(-SHIFT_FREEDOM / 2 * (scale / sizes) ** 2)
     weights = sizes**-SHIFT_FREEDOM * decay
@@ -242,7 +242,7 @@ class Candidates:
             self.spread[self.groups[name]] = np.outer(sizes, axes)
 
     def after(self, away: Deviation, before: Array | None = None) -> Explanations:
-        """What explains a flight's deviation; ``before`` (S,) are the candidates' probabilities after the last."""
+        """Returns what explains a deviation; ``before`` (S,) are the candidates' probabilities after the last."""
         prior = self.prior
         if before is not None:
             prior = PERSISTENCE * before + (1 - PERSISTENCE) * prior
@@ -278,7 +278,7 @@ class Candidates:
         return Explanations(by_name, motors, faults, harder, posterior)
 
     def shown(self, away: Deviation) -> float:
-        """Probability of a change, on average over the motors, where one had to work ``DETECTABLE_RISE`` harder.
+        """Returns a change's probability, on average over the motors, where one had to work ``DETECTABLE_RISE`` harder.
 
         By the scale of the flight's deviation: what can be seen in it, whatever it shows.
         """
@@ -334,7 +334,10 @@ class EffortChange(NamedTuple):
 def effort_change(
     flight: HealthFigures, healthy: HealthFlights, before: EffortChange | None
 ) -> EffortChange | None:
-    """By how much the effort changed, after what the flight ``before`` showed; None unless known of three flights."""
+    """Returns by how much the effort changed, after what the flight ``before`` showed.
+
+    It is None unless known of three flights.
+    """
     efforts = np.log([effort for other in healthy if (effort := other.effort) is not None])
     if flight.effort is None or len(efforts) < FEWEST_FLIGHTS:
         return None

@@ -97,7 +97,7 @@ class BalanceFigures(NamedTuple):
 
 @once("axis", "inputs")
 def balance_of_signals(signals: Signals) -> BalanceFigures | None:
-    """The figures of a vehicle's steady flight; None without motor outputs, or where it is too short."""
+    """Returns the figures of a vehicle's steady flight; None without motor outputs, or where it is too short."""
     motors = signals.motors
     if motors is None:
         return None
@@ -123,7 +123,7 @@ def balance_of_signals(signals: Signals) -> BalanceFigures | None:
 def balance_figures(
     runs: Sequence[tuple[Array, Array, Array]], signatures: MotorSignatures, seconds: float
 ) -> BalanceFigures | None:
-    """Those of unbroken runs of samples, of so many ``seconds`` in all; None where they are too short.
+    """Returns those of unbroken runs of samples, of so many ``seconds`` in all; None where they are too short.
 
     A run is time (N,), s, rising; the motors' commands (N, k) as shares of their range; roll and pitch (N, 2), rad, NaN
     where not known.
@@ -228,7 +228,10 @@ class HealthFigures:
         return self.motors, self.signatures.weights.round(6).tobytes()
 
     def overlaps(self, other: HealthFigures) -> bool:
-        """Whether both are one flight, logged twice: a vehicle that began to fly has not landed as the other begins."""
+        """Returns whether both are one flight, logged twice.
+
+        A vehicle that began to fly has not landed as the other begins.
+        """
         first, second = sorted((self, other), key=lambda flight: flight.when)
         lasted = 0.0 if first.balance is None else first.balance.seconds
         return second.when - first.when < lasted
@@ -273,7 +276,7 @@ class Deviation(NamedTuple):
 
 
 def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = None) -> HealthFlights:
-    """Those to compare with: of the ``baseline``, or else the first three sound dated ones of each layout."""
+    """Returns those to compare with: of the ``baseline``, or else the first three sound dated ones of each layout."""
     if baseline is not None:
         return distinct_flights([flight for flight in baseline if not flight.missing])
     usable = [
@@ -289,7 +292,7 @@ def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = Non
 
 
 def distinct_flights(flights: HealthFlights) -> list[HealthFigures]:
-    """Each flight once, though it was logged twice, as on board and on the ground: with the surer balance."""
+    """Returns each flight once, though it was logged twice, as on board and on the ground: with the surer balance."""
     kept: list[HealthFigures] = []
     by_error = sorted(flights, key=_error)
     for flight in by_error:
@@ -303,11 +306,11 @@ def _error(flight: HealthFigures) -> float:
 
 
 def deviation(flight: HealthFigures, healthy: HealthFlights) -> Deviation:
-    """How far a flight is from ``healthy`` ones, of which it is none; all have what :attr:`HealthFigures.missing` asks.
+    """Returns how far a flight is from ``healthy`` ones, of which it is none.
 
-    The flights are compared level, by the effect of lean that they show themselves. What is left follows Student's
-    distribution, by the healthy flights' scatter and its prior; to its scale come the errors of the effects of lean
-    and of the flight's own mean.
+    All have what :attr:`HealthFigures.missing` asks. The flights are compared level, by the effect of lean that they
+    show themselves. What is left follows Student's distribution, by the healthy flights' scatter and its prior; to its
+    scale come the errors of the effects of lean and of the flight's own mean.
     """
     balances = [known_balance(other) for other in (flight, *healthy)]
     level, error = level_balances(balances)

@@ -309,7 +309,7 @@ class MotorWatch:
     def take(
         self, time: float, commands: Sequence[float] | Array, heading: float = 0.0
     ) -> list[MotorAlarm]:
-        """What a sample of the ``commands`` (k,), shares of the range, at ``time``, s, in settled flight, shows.
+        """Returns what a sample of the ``commands`` (k,), shares of the range, shows at ``time``, s, in settled flight.
 
         The ``heading``, rad, is NaN where the attitude does not follow its setpoint.
         """

@@ -29,7 +29,7 @@ def file_bytes(path: PathName) -> bytes:
 
 
 def file_beginning(path: PathName) -> bytes:
-    """The first 4096 bytes; raises as ``file_bytes``, as far as these show it."""
+    """Returns the first 4096 bytes; raises as ``file_bytes``, as far as these show it."""
     return _content(path, limit=BEGINNING_BYTES)[:4096]
 
 

@@ -145,7 +145,7 @@ class MotorGeometry:
         )
 
     def effect(self, axis: str) -> Array | None:
-        """(k,) weights of the motors in the torque about ``axis``, magnitudes summing to 1; None when unknown.
+        """Returns (k,) weights of the motors in the torque about ``axis``, magnitudes summing to 1; None when unknown.
 
         Thrust acts upwards, so a motor on the left rolls to the right (positive roll) and a motor in front raises the
         nose (positive pitch). On an X quad, roll is (left motors − right motors)/4. A propeller turns the vehicle the
@@ -323,7 +323,10 @@ class OutputScale:
     stop: float = 1.0
 
     def fraction(self, outputs: Array) -> Array:
-        """Outputs as a share of the range, 0 at ``low`` or off, 1 at ``high``; below 0 disarmed on some autopilots."""
+        """Returns outputs as a share of the range, 0 at ``low`` or off, 1 at ``high``.
+
+        Disarmed, they are below 0 on some autopilots.
+        """
         return np.where(
             (outputs == 0) & (self.low > 0), 0.0, (outputs - self.low) / (self.high - self.low)
         )

@@ -87,7 +87,10 @@ _CONTROLS = max(dialect.MAVLink_actuator_control_target_message.array_lengths)
 
 
 def mav_type(topics: Topics, parameters: Parameters) -> int | None:
-    """MAV_TYPE, from vehicle_status.system_type, the parameter MAV_TYPE, or the kind of wings; None without any."""
+    """Returns MAV_TYPE, from vehicle_status.system_type, the parameter MAV_TYPE, or the kind of wings.
+
+    It is None without any.
+    """
     status = _first(topics, "vehicle_status")
     types = [*status.get("system_type", ()), parameters.get("MAV_TYPE", 0)]
     types = [int(kind) for kind in types if 0 < kind < 256] or [
@@ -161,7 +164,7 @@ def _made(make: Callable[..., Fields], *given: Any) -> Fields:
 
 
 def notes(topics: Topics, made: Tables) -> Facts:
-    """A repair where attitude was interpolated between samples, as the body rates were logged clearly more often."""
+    """Returns a repair where attitude was interpolated, as the body rates were logged clearly more often."""
     logged = [topic["time"] for topic in topics.get("vehicle_attitude", {}).values()]
     stamps = made.get("ATTITUDE_QUATERNION", {"time": np.zeros(0)})["time"]
     if len(stamps) <= 1.1 * max(map(len, logged), default=0):

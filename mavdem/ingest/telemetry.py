@@ -77,7 +77,7 @@ class Telemetry:
     earlier: Parameters = field(default_factory=dict)
 
     def called(self, message: str) -> str:
-        """The name of ``message`` in the source: DataFlash's "RCOU" for "SERVO_OUTPUT_RAW"."""
+        """Returns the name of ``message`` in the source: DataFlash's "RCOU" for "SERVO_OUTPUT_RAW"."""
         return self.names.get(message, message)
 
 

@@ -92,7 +92,10 @@ def version_text(number: int) -> str:
 
 
 def heartbeat_fields(vehicle_type: int, autopilot: int, armed: NDArray[Any]) -> Fields:
-    """Fields of HEARTBEAT (N,) for one vehicle, from its MAV_TYPE, its MAV_AUTOPILOT and where it is ``armed`` (N,)."""
+    """Returns fields of HEARTBEAT (N,) for one vehicle.
+
+    They follow from its MAV_TYPE, its MAV_AUTOPILOT and where it is ``armed`` (N,).
+    """
     base = np.where(armed > 0, ARMED, 0).astype(np.uint8)
     return {
         "type": np.full_like(base, vehicle_type),
@@ -110,7 +113,10 @@ WORD = np.dtype(np.uint32).itemsize  # Bytes of such a word, the last byte first
 
 
 def board_number_in_texts(texts: Iterable[str]) -> str:
-    """The number in what ArduPilot says at boot ("CUAVv5Nano 001A002F 30395113 33333539"); empty where it does not."""
+    """Returns the number in what ArduPilot says at boot ("CUAVv5Nano 001A002F 30395113 33333539").
+
+    It is empty where there is none.
+    """
     for text in texts:
         if match := ARDUPILOT_TEXT.match(text.strip()):
             return "".join(match.groups()).lower()
@@ -120,12 +126,15 @@ def board_number_in_texts(texts: Iterable[str]) -> str:
 
 
 def board_name_in_texts(texts: Iterable[str]) -> str:
-    """The kind of board in what ArduPilot says at boot ("CUAVv5Nano"); empty where it does not."""
+    """Returns the kind of board in what ArduPilot says at boot ("CUAVv5Nano"); empty where it does not."""
     return next((text.split()[0] for text in texts if ARDUPILOT_TEXT.match(text.strip())), "")
 
 
 def board_number_in_bytes(uid2: bytes, words: bool) -> str:
-    """The number in AUTOPILOT_VERSION.uid2; with ``words``, as ArduPilot's text has it. Empty where there is none."""
+    """Returns the number in AUTOPILOT_VERSION.uid2; with ``words``, as ArduPilot's text has it.
+
+    It is empty where there is none.
+    """
     if sum(byte > 0 for byte in uid2) < 6:  # simulators number their vehicles in one byte or two
         return ""
     number = uid2.rstrip(b"\0")

@@ -193,11 +193,11 @@ class Phase:
         return Fact(Session.NOT_FLYING if is_shown else Session.FLIGHT_UNKNOWN)
 
     def settled(self, time: float) -> bool:
-        """Whether ``time``, s, is in settled flight, apart from the tilt."""
+        """Returns whether ``time``, s, is in settled flight, apart from the tilt."""
         return self.steady and self._settled_from is not None and time >= self._settled_from
 
     def free(self, time: float) -> bool:
-        """Whether at ``time``, s, the flight is settled, apart from the tilt, or on its way up off the ground."""
+        """Returns whether at ``time``, s, the flight is settled, apart from the tilt, or on its way off the ground."""
         return self.settled(time) or (self.flying and time >= self._risen_from)
 
     @property
@@ -206,11 +206,14 @@ class Phase:
         return self.steady or (self.flying and self._risen_from < inf)
 
     def settled_since(self, now: float) -> float | None:
-        """Since when, s, the flight is settled; None where it is not ``now``."""
+        """Returns since when, s, the flight is settled; None where it is not ``now``."""
         return self._settled_from if self.settled(now) else None
 
     def landing(self) -> float | None:
-        """The time, s, since which samples that counted as settled were of a landing; None if there is no new one."""
+        """Returns the time, s, since which samples that counted as settled were of a landing.
+
+        It is None if there is no new one.
+        """
         since = self._landing
         self._landing = None
         return since

@@ -216,7 +216,7 @@ class LiveHistory:
             waiting.append((ahead, values, width, outputs))
 
     def disown_torque(self, since: float) -> None:
-        """The wind torque from ``since``, s of its time, on was that of a motor: it is unknown."""
+        """Makes the wind torque unknown from ``since``, s of its time, on: it was that of a motor."""
         self._rows = [
             array("d", (*row[:5], nan, nan, *row[7:])) if row[1] >= since else row
             for row in self._rows

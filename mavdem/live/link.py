@@ -93,9 +93,9 @@ class Link:
             self._refuse(error)
 
     def receive(self, timeout: float) -> list[tuple[float, bytes]]:
-        """Up to ``MAX_PIECES`` waiting pieces: UNIX s of arrival, and the bytes as they came; none after ``timeout`` s.
+        """Returns up to ``MAX_PIECES`` waiting pieces: UNIX s of arrival, and the bytes as they came.
 
-        The kernel stamps datagrams. Other pieces arrive when they are read.
+        There are none after ``timeout`` s. The kernel stamps datagrams. Other pieces arrive when they are read.
 
         Raises LinkLost: the connection or the port is lost; ``reopen`` opens it again.
         """
@@ -127,7 +127,7 @@ class Link:
         return received
 
     def events(self) -> list[Fact]:
-        """Facts to report since the last call."""
+        """Returns facts to report since the last call."""
         return [self._events.pop(0) for _ in range(len(self._events))]
 
     def send(self, frame: bytes) -> None:

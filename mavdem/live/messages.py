@@ -141,7 +141,7 @@ class Message(NamedTuple):
 
 @cache
 def message_readers() -> dict[int, tuple[str, np.dtype[Any], float, float]]:
-    """Name, type of the payload, units of the clock in a second (0 for none) and its period, by message id."""
+    """Returns name, type of the payload, units of the clock in a second (0 for none) and its period, by message id."""
     readers = {}
     for definition in definitions().values():
         if definition.name in FIELDS:
@@ -161,7 +161,7 @@ def message_readers() -> dict[int, tuple[str, np.dtype[Any], float, float]]:
 
 
 def message_of(frame: Frame) -> Message | None:
-    """The message in a frame with a correct checksum; None if a model does not need it."""
+    """Returns the message in a frame with a correct checksum; None if a model does not need it."""
     reader = message_readers().get(frame.message_id)
     if reader is None:
         return None
@@ -178,7 +178,7 @@ def message_of(frame: Frame) -> Message | None:
 
 
 def attitude(message: Message) -> Values | None:
-    """Roll, pitch, rad, body rates, rad/s, and yaw, rad; None if not finite or impossible."""
+    """Returns roll, pitch, rad, body rates, rad/s, and yaw, rad; None if not finite or impossible."""
     if message.name == "ATTITUDE":
         roll, pitch, yaw, p, q, r = message.values
     else:
@@ -193,7 +193,7 @@ def attitude(message: Message) -> Values | None:
 
 
 def attitude_asked(message: Message) -> Values:
-    """Roll and pitch, rad, that an ATTITUDE_TARGET asks for; NaN where it asks for none."""
+    """Returns roll and pitch, rad, that an ATTITUDE_TARGET asks for; NaN where it asks for none."""
     mask, quaternion = message.values
     with np.errstate(invalid="ignore"):  # NaN stands for none, too
         roll, pitch, _ = map(float, euler_angles(np.array(quaternion)))
@@ -201,7 +201,7 @@ def attitude_asked(message: Message) -> Values:
 
 
 def outputs(message: Message) -> tuple[int, Values]:
-    """The port of a message of motor outputs, and its channels, unused ones as 0."""
+    """Returns the port of a message of motor outputs, and its channels, unused ones as 0."""
     if not MOTOR_MESSAGES[message.name].is_ported:
         return 0, tuple(message.values[-1].tolist())
     port, *sent = message.values
@@ -209,7 +209,7 @@ def outputs(message: Message) -> tuple[int, Values]:
 
 
 def parameters_of(messages: Iterable[Message], autopilot: str) -> Parameters:
-    """The finite parameters by name, from the PARAM_VALUEs of the named MAV_AUTOPILOT."""
+    """Returns the finite parameters by name, from the PARAM_VALUEs of the named MAV_AUTOPILOT."""
     columns = zip(*(message.values for message in messages), strict=True)
     types = {"param_id": "S16", "param_type": "u1", "param_value": "<f4"}
     parts = {

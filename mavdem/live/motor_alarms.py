@@ -32,7 +32,7 @@ class MotorAlarms:
         self._obstacle: Fact | None = None
 
     def obstacle(self, now: float, is_flying: bool) -> Fact | None:
-        """Why no motor that weakens would be found at ``now``, s; None where one would."""
+        """Returns why no motor that weakens would be found at ``now``, s; None where one would."""
         if not is_flying:
             return Fact(Watch.ON_GROUND_NOW)
         if self._obstacle is not None:
@@ -44,7 +44,7 @@ class MotorAlarms:
         return None
 
     def weak_motors(self, inputs: Array, low: float) -> WeakMotors | None:
-        """What weak motors do with ``inputs`` (k,), whose range begins at ``low``; None where none is weak."""
+        """Returns what weak motors do with ``inputs`` (k,), whose range begins at ``low``; None where none is weak."""
         weak = {} if self._watch is None else self._watch.weak
         if not weak:
             return None
@@ -57,7 +57,7 @@ class MotorAlarms:
     def take(
         self, time: float, boot: int, motors: Motors, commands: list[float], heading: float
     ) -> Iterator[Fact]:
-        """What to report of a sample of ``motors`` in settled flight.
+        """Yields what to report of a sample of ``motors`` in settled flight.
 
         ``commands`` are shares of their range, ``heading`` is as of ``MotorWatch``.
         """

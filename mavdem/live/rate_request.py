@@ -216,7 +216,7 @@ class RateRequest:
                 self._report(latest, RateFact.RATE_REFUSED, result=second)
 
     def restart(self) -> None:
-        """The vehicle may have rebooted, and forgotten all rates: asks for them again at once."""
+        """Asks for all rates again at once: the vehicle may have rebooted, and forgotten them."""
         if any(each.is_set for each in self._intervals):
             self.events.append(Fact(RateFact.RATES_ASKED_AGAIN))
         for each in self._intervals:

@@ -188,24 +188,27 @@ class Samples:
         self._start = nextafter(self.time[-1], inf) if self.time else self._start
 
     def count(self, now: float) -> int:
-        """Samples in the ``DECISION_SECONDS`` before ``now``."""
+        """Returns the number of samples in the ``DECISION_SECONDS`` before ``now``."""
         return len(self.time) - bisect_left(self.time, now - DECISION_SECONDS)
 
     def rate(self, now: float) -> float:
-        """Hz over the ``DECISION_SECONDS`` before ``now``, gaps included; 0 with fewer than two samples."""
+        """Returns the rate, Hz, over the ``DECISION_SECONDS`` before ``now``, gaps included.
+
+        It is 0 with fewer than two samples.
+        """
         return (
             align.mean_rate(np.array(self.time[-count:])) if (count := self.count(now)) > 1 else 0.0
         )
 
     def steady_rate(self) -> float | None:
-        """Hz over the last ``DECISION_SECONDS`` without those before a gap; None with few samples."""
+        """Returns the rate, Hz, over the last ``DECISION_SECONDS``, not those before a gap; None with few samples."""
         last = self.time[
             bisect_left(self.time, max(self.since, self.time[-1] - DECISION_SECONDS)) :
         ]
         return align.mean_rate(np.array(last)) if len(last) > align.MEDIAN_STEPS else None
 
     def nearest(self, time: float) -> Values | None:
-        """The sample nearest to ``time``; None if it is farther than ``STAMP_SECONDS``."""
+        """Returns the sample nearest to ``time``; None if it is farther than ``STAMP_SECONDS``."""
         after = bisect_left(self.time, time)
         rows = [row for row in (after - 1, after) if 0 <= row < len(self.time)]
         row = min(rows, key=lambda row: abs(self.time[row] - time), default=None)
@@ -216,7 +219,7 @@ class Samples:
         )
 
     def weighted(self, time: float, weights: Array, offsets: Array) -> Values:
-        """The values interpolated at ``offsets`` (L,) s from ``time``, summed by ``weights`` (L,)."""
+        """Returns the values interpolated at ``offsets`` (L,) s from ``time``, summed by ``weights`` (L,)."""
         first = max(
             bisect_left(self.time, time + offsets[0]) - 1, bisect_left(self.time, self.since)
         )
@@ -300,7 +303,7 @@ class Grid:
         return True
 
     def points(self) -> Iterator[tuple[float, list[Values]]]:
-        """The points that all streams have passed since the last call: s, and the values of each stream."""
+        """Yields the points that all streams have passed since the last call: s, and the values of each stream."""
         assert self.dt is not None
         while self.running:
             time = self.start + self.dt * self._next
@@ -320,7 +323,7 @@ class Grid:
             yield time, values
 
     def former_rate(self, stream: Samples) -> float | None:
-        """The rate, Hz, of a stream when the step was decided, if it has changed since; else None."""
+        """Returns the rate, Hz, of a stream when the step was decided, if it has changed since; else None."""
         if not self.running or stream not in self._streams:
             return None
         before = self.rates[self._streams.index(stream)]

@@ -131,7 +131,7 @@ class Senders:
         return (sender for _, sender in sorted(self.by_ids.items()))
 
     def of(self, frame: Frame) -> Sender:
-        """The sender of a frame."""
+        """Returns the sender of a frame."""
         ids = frame.system, frame.component
         if ids not in self.by_ids:
             self.by_ids[ids] = Sender(*ids)

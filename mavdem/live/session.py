@@ -153,7 +153,7 @@ class LiveSession:
         return self._waiting[0].arrival if self._waiting else time.monotonic()
 
     def account(self, now: float | None = None) -> dict[Spent, float]:
-        """What the seconds were, second by second of arrival; their sum is the age of the session."""
+        """Returns what the seconds were, second by second of arrival; their sum is the age of the session."""
         now = now or self.now
         stream = self.stream.status()
         (before, learned, owed) = self._accounted

@@ -172,19 +172,19 @@ class LiveStream:
                 )
 
     def landing(self) -> float | None:
-        """The time, s of this boot, since which rows given as settled were of a landing; None if none is new."""
+        """Returns the time, s of this boot, since when rows given as settled were of a landing; None if none is new."""
         return self._phase.landing()
 
     def replies(self) -> list[Message]:
-        """The vehicle's messages of ``REPLIES`` since the last call."""
+        """Returns the vehicle's messages of ``REPLIES`` since the last call."""
         return [self._replies.popleft() for _ in range(len(self._replies))]
 
     def events(self) -> list[Event]:
-        """The events since the last call."""
+        """Returns the events since the last call."""
         return [self._events.popleft() for _ in range(len(self._events))]
 
     def status(self) -> SessionStatus:
-        """The status of the link and the vehicle."""
+        """Returns the status of the link and the vehicle."""
         followed = self.followed
         now = self._clock.now
         return SessionStatus(
@@ -425,7 +425,7 @@ class LiveStream:
         return Motion(self._inputs.motors, dict(zip(TILT_AXES, tilts, strict=True)))
 
     def latest(self) -> tuple[Setup, AlignedRow] | None:
-        """The latest sample of attitude and motors as a row of its own setup, while there are no rows; else None."""
+        """Returns the latest sample of attitude and motors as a row of its own setup; None once there are rows."""
         motion = self._motion()
         if motion is None or self._grid.running or not motion.rate:
             return None

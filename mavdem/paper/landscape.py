@@ -100,7 +100,7 @@ class ScalarSettings:
     spacing: float = 1.8
 
     def samples(self, world: ScalarWorld, seed: int) -> SufficientStatistics:
-        """The data that the engine gets."""
+        """Returns the data that the engine gets."""
         # Inputs are embedded in the order of the outputs, so that the errors of both are of one filter and cancel.
         outputs, inputs = (
             embed(each, self.p, world.step, self.p + 1, self.p // 2) for each in world.signals(seed)
@@ -109,7 +109,7 @@ class ScalarSettings:
         return SufficientStatistics.of(np.hstack([outputs[::every], inputs[::every, : self.d + 1]]))
 
     def model(self) -> GenerativeModel:
-        """The generative model whose F̄ is maximised."""
+        """Returns the generative model whose F̄ is maximised."""
         return GenerativeModel(
             n=1,
             r=1,

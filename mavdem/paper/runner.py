@@ -61,12 +61,12 @@ SKIPPED_HOVER_SECONDS = 3.0
 
 
 def simulated_experiment(number: int) -> Flight:
-    """The simulated flight in place of experiment 1 to 5 of the paper, as its log holds it."""
+    """Returns the simulated flight in place of experiment 1 to 5 of the paper, as its log holds it."""
     return logged(load(f"paper_{number}"), f"paper_{number}")
 
 
 def logged(scenario: Scenario, name: str = "flight") -> Flight:
-    """A simulated flight: flown, written as a telemetry log of this name and read again."""
+    """Returns a simulated flight: flown, written as a telemetry log of this name and read again."""
     motion = fly(scenario)
     with TemporaryDirectory() as folder:
         log = Path(folder) / f"{name}.tlog"
@@ -81,7 +81,7 @@ def write_log(path: PathName, scenario: Scenario, motion: Motion) -> None:
 
 
 def hover(scenario: Scenario, motion: Motion) -> Flight:
-    """The settled hover of a simulated flight as its autopilot estimates it, without a MAVLink link in between.
+    """Returns the settled hover of a simulated flight as its autopilot estimates it, without a MAVLink link in between.
 
     Inputs are the motors. Outputs are y (m), ẏ (m/s), φ (rad) and φ̇ (rad/s). The rate is the scenario's.
     """
@@ -104,7 +104,7 @@ def hover(scenario: Scenario, motion: Motion) -> Flight:
 
 
 def recorded_flights() -> Iterator[tuple[str, Flight]]:
-    """Each recorded flight that a roll model can be trained on, by name; one for each vehicle of a log."""
+    """Yields each recorded flight that a roll model can be trained on, by name; one for each vehicle of a log."""
     for path in sorted(SHARED.glob("sitl_*/*.tlog")):
         vehicles = read_log(path).vehicles
         for vehicle in vehicles:
@@ -119,7 +119,10 @@ def recorded_flights() -> Iterator[tuple[str, Flight]]:
 
 
 def ardrone(path: Path) -> Flight:
-    """TU Delft's AR.Drone 2.0 in wind: roll from motion capture, roll rate from the IMU, four PWM, at 120 Hz."""
+    """Returns TU Delft's AR.Drone 2.0 in wind.
+
+    It has roll from motion capture, roll rate from the IMU and four PWM, at 120 Hz.
+    """
     data = loadmat(path, squeeze_me=True, struct_as_record=False)["expData"].origData
     rate = 120
     # It is airborne from 21.7 s on, and never lands in the recording.

@@ -41,11 +41,11 @@ BAND_OPACITY = 0.22  # also of ``MEASURED`` behind what is held out
 
 
 def distinct(index: int) -> str:
-    """The ``index``-th of the distinct colours."""
+    """Returns the ``index``-th of the distinct colours."""
     return DISTINCT[index % len(DISTINCT)]
 
 
 def channels(colour: str) -> tuple[int, int, int]:
-    """Red, green and blue of a ``colour`` of this palette, 0 to 255."""
+    """Returns red, green and blue of a ``colour`` of this palette, 0 to 255."""
     red, green, blue = bytes.fromhex(colour.removeprefix("#"))
     return red, green, blue

@@ -27,7 +27,7 @@ def plant_response(physical: Physical, motors: Array, frequency: Array, is_angle
 
 
 def plant_of(learned: Learned) -> Physical | None:
-    """The physical parameters, where they are identifiable, and their outputs are those of the model."""
+    """Returns the physical parameters, where they are identifiable, and their outputs are those of the model."""
     physical = learned.physical
     outputs = learned.record.outputs.shape[1]
     return physical if physical is not None and outputs <= 2 and physical.identifiable else None

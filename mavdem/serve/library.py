@@ -189,13 +189,13 @@ class Library:
             yield self._db
 
     def path_of(self, entry: Entry) -> Path:
-        """Where the log is; the server's own are always in its folder, whatever path the index has."""
+        """Returns where the log is; the server's own are always in its folder, whatever path the index has."""
         if entry.digest:
             return self.folder / LOGS / entry.digest / Path(entry.path).name
         return self.folder / entry.path
 
     def results_of(self, entry: Entry) -> Path:
-        """The folder of what was made of a log."""
+        """Returns the folder of what was made of a log."""
         return self.folder / RESULTS / entry.digest
 
     def told(self, entry: Entry) -> Values:
@@ -225,7 +225,7 @@ class Library:
             raise Refusal(Request.DISK_FULL)
 
     def new_part(self, recording: str = "") -> Path:
-        """Where an upload may be written, or a ``recording`` of that name.
+        """Returns where an upload may be written, or a ``recording`` of that name.
 
         Of what a dead server leaves there, uploads are swept, and recordings entered.
         """
@@ -299,7 +299,7 @@ class Library:
         return [_entry(row) for row in rows], total
 
     def vehicles(self) -> list[str]:
-        """Names of all vehicles."""
+        """Returns the names of all vehicles."""
         return [
             name
             for (name,) in self._db.execute(
@@ -401,7 +401,7 @@ class Library:
         return self.store.rows_of(Source(str(self.path_of(entry)), -1, "") for entry in entries)
 
     def dead_servers(self) -> list[str]:
-        """Names of servers of this folder that have ended without saying so."""
+        """Returns the names of servers of this folder that have ended without saying so."""
         places = (self.folder / SERVERS).glob("[0-9a-f]" * 16)
         return [path.name for path in places if path.name != self.name and not _is_held(path)]
 

@@ -62,14 +62,14 @@ class Pose:
         return float(np.hypot(*self.rotors.T).max())
 
     def carries(self) -> Flags:
-        """(N,) where the rotors carry the vehicle; everywhere if they never do."""
+        """Returns where the rotors carry the vehicle, (N,); everywhere if they never do."""
         speed = self.rotor_speeds.mean(axis=1)
         hover = np.median(speed[self.armed]) if self.armed.any() else np.inf
         carried = speed > 0.9 * hover
         return carried if carried.any() else ~carried
 
     def drawn(self) -> Indices:
-        """Rows of the flight, evenly, at about ``MINIMUM_RATE``, and fewer of a long flight."""
+        """Returns rows of the flight, evenly, at about ``MINIMUM_RATE``, and fewer of a long flight."""
         step = np.median(np.diff(self.time))
         count = len(self.time)
         return np.arange(0, count, max(round(1 / MINIMUM_RATE / step), ceil(count / MAX_STROKES)))

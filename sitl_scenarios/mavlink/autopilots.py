@@ -53,7 +53,10 @@ class Autopilot:
     bitwise: bool
 
     def rates(self, rate: float, instead: Mapping[str, float]) -> dict[str, float]:
-        """Hz of every message it sends by itself, or ``instead``; raises ValueError: that has one it does not send."""
+        """Returns the rates, Hz, of every message it sends by itself, or ``instead``.
+
+        Raises ValueError: that has one it does not send.
+        """
         usual = (
             dict.fromkeys(self.fast, rate) | dict.fromkeys(self.quarter, rate / 4) | dict(self.slow)
         )

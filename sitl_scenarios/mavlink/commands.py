@@ -22,7 +22,7 @@ UNDERSTOOD = frozenset(
 
 
 def addressed_messages(datagram: bytes, system: int, component: int) -> list[Any]:
-    """The messages in a datagram, of pymavlink, that are understood and meant for this component, or for all."""
+    """Returns the messages in a datagram, of pymavlink, that are understood and meant for this component, or all."""
     return [
         message
         for message in messages_in(datagram)

@@ -52,7 +52,7 @@ class Ground:
         self._own.close()
 
     def send(self, frame: bytes) -> bool:
-        """Whether a datagram could be sent; one that could not is lost, as on any network."""
+        """Sends a datagram; returns whether it could be sent: one that could not is lost, as on any network."""
         try:
             self._own.send(frame)
         except OSError:
@@ -60,7 +60,7 @@ class Ground:
         return True
 
     def received(self, until: float) -> Iterator[bytes]:
-        """What comes before ``until`` on the monotonic clock; where that is past, one datagram, if one waits.
+        """Yields what comes before ``until`` on the monotonic clock; where that is past, one datagram, if one waits.
 
         What cannot be looked at in time waits in the socket, whose room is limited.
         """

@@ -40,7 +40,7 @@ METRES_PER_DEGREE = 111_195.0
 
 @cache
 def named(name: str) -> MessageDefinition:
-    """The definition of a message."""
+    """Returns the definition of a message."""
     return next(message for message in definitions().values() if message.name == name)
 
 
@@ -48,7 +48,7 @@ CHANNELS: int = named("HIL_ACTUATOR_CONTROLS").wire["controls"].shape[0]  # of a
 
 
 def payload(name: str, count: int = 1, /, **fields: Any) -> Payloads:
-    """Messages, (count,) of their wire type; fields that are not given are zero."""
+    """Returns messages, (count,) of their wire type; fields that are not given are zero."""
     table = np.zeros(count, dtype=named(name).wire)
     for field, values in fields.items():
         table[field] = values
@@ -56,12 +56,12 @@ def payload(name: str, count: int = 1, /, **fields: Any) -> Payloads:
 
 
 def by_column(names: str, values: NDArray[Any]) -> Arrays:
-    """The columns (N,) of ``values`` (N, n) by names between spaces."""
+    """Returns the columns (N,) of ``values`` (N, n) by names between spaces."""
     return dict(zip(names.split(), values.T, strict=True))
 
 
 def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autopilot) -> Payloads:
-    """The payloads (N,) of a message, one for each row of ``motion``, at ``boot`` (N,), µs since boot."""
+    """Returns the payloads (N,) of a message, one for each row of ``motion``, at ``boot`` (N,), µs since boot."""
     fields: dict[str, Any] = {"time_boot_ms": boot // 1000 % 2**32}
     modes = np.array(autopilot.modes)[motion.landed_state - ON_GROUND]
     base = modes[:, 0] + ARMED * motion.armed
@@ -165,14 +165,14 @@ class Parameter(NamedTuple):
     value: float
 
     def encoded(self, bitwise: bool) -> float:
-        """PARAM_VALUE.param_value."""
+        """Returns PARAM_VALUE.param_value."""
         if bitwise and self.kind != REAL32:
             return float(struct.unpack("<f", struct.pack("<i", int(self.value)))[0])
         return self.value
 
 
 def parameters(scenario: Scenario, autopilot: Autopilot, cycle: float) -> list[Parameter]:
-    """An autopilot's parameters in alphabetical order; ``cycle`` of its loop in s."""
+    """Returns an autopilot's parameters in alphabetical order; ``cycle`` of its loop in s."""
     system = scenario.stream.system
     as_x = (scenario.vehicle.mixer or scenario.vehicle.frame) == "x"
     own = {"MAV_SYSID": system, "FRAME_TYPE": int(as_x)}

@@ -35,11 +35,11 @@ class Batch:
         return len(self.time)
 
     def taken(self, rows: Rows, time: Array) -> Batch:
-        """The frames of these rows (M,), in this order, at the times (M,)."""
+        """Returns the frames of these rows (M,), in this order, at the times (M,)."""
         return Batch(time, *gathered([(self.data, self.frames)], rows))
 
     def timed(self) -> Iterator[tuple[float, bytes]]:
-        """The time and the bytes of each frame."""
+        """Yields the time and the bytes of each frame."""
         whole = self.data.tobytes()
         columns = (self.time, self.frames.start, self.frames.end)
         for time, start, end in zip(*(column.tolist() for column in columns), strict=True):
@@ -47,7 +47,7 @@ class Batch:
 
 
 def joined(batches: Sequence[Batch]) -> Batch:
-    """Batches, one at least, one behind the other."""
+    """Joins batches, one at least, one behind the other."""
     time = np.concatenate([batch.time for batch in batches])
     return Batch(time, *gathered([(batch.data, batch.frames) for batch in batches]))
 
@@ -78,7 +78,7 @@ class Schedule:
             self.set(name, interval, first)
 
     def set(self, name: str, interval: float, start: float) -> None:
-        """From ``start`` on, s, sends a message every ``interval`` s; never, when that is infinite."""
+        """Sends a message every ``interval`` s from ``start``, s, on; never, when the interval is infinite."""
         if np.isfinite(interval / self._step):
             # The loop looks once in a cycle: what is due more often is sent once.
             whole_steps = int(interval / self._step + 1e-6) * self._step
@@ -87,11 +87,14 @@ class Schedule:
         self._sent[name] = 0
 
     def interval(self, name: str) -> float:
-        """Seconds between one message and the next; infinite for none."""
+        """Returns the seconds between one message and the next; infinite for none."""
         return self._courses[name][1]
 
     def due(self, name: str, times: Array) -> Rows:
-        """In which of the next cycles, at ``times`` (N,), s, ascending from call to call, a message is sent."""
+        """Returns in which of the next cycles a message is sent.
+
+        The cycles are at ``times`` (N,), s, ascending from call to call.
+        """
         first, interval = self._courses[name]
         if not np.isfinite(interval):
             return np.empty(0, dtype=np.intp)
@@ -135,7 +138,7 @@ class Transmitter:
         self._begin(0.0, 0.01)
 
     def send(self, motion: Motion) -> Batch:
-        """The frames sent during the rows of the next block, one at least, at the times of the motion."""
+        """Returns the frames sent during the rows of the next block, one at least, at the times of the motion."""
         armed = motion.time[motion.armed]
         if len(armed):
             self._armed_at = min(self._armed_at, float(armed[0]))
@@ -264,7 +267,7 @@ class Transmitter:
 
 
 def rows_of_motion(motion: Motion, rows: slice | Rows) -> Motion:
-    """Some rows of a motion."""
+    """Returns some rows of a motion."""
     return Motion(**{field.name: getattr(motion, field.name)[rows] for field in fields(Motion)})
 
 
@@ -290,7 +293,7 @@ class LossyLink:
         self._held: Batch | None = None
 
     def pass_on(self, batch: Batch) -> Batch:
-        """The frames that arrive, at the times they do; one that is to be overtaken waits for the next."""
+        """Returns the frames that arrive, at the times they do; one that is to be overtaken waits for the next."""
         faults = self._faults
         lost, late, overtaken = self._random.random((len(batch), 3)).T
         arrives = (lost >= faults.loss) & ~self.out(batch.time)
@@ -320,13 +323,13 @@ class LossyLink:
         return arriving.taken(np.array(order, np.intp), arriving.time[: len(order)])
 
     def out(self, time: Array | float) -> Flags:
-        """Whether the link is lost at a time, s of the motion."""
+        """Returns whether the link is lost at a time, s of the motion."""
         begin = np.inf if self._faults.outage is None else self._faults.outage
         since = np.asarray(time) - BOOT_SECONDS - begin
         return (since >= 0.0) & (since < self._faults.outage_seconds)
 
     def rest(self) -> list[Batch]:
-        """The frame that is still held, at the end."""
+        """Returns the frame that is still held, at the end."""
         held = self._held
         self._held = None
         return [] if held is None else [held]
@@ -336,7 +339,7 @@ BLOCK = 1 << 14  # Cycles whose frames are made together
 
 
 def recorded(scenario: Scenario, motion: Motion, cycle: float, progress: Progress) -> FrameStream:
-    """The frames of a flight from boot to end that arrive, stamped with the time they do.
+    """Returns the frames of a flight from boot to end that arrive, stamped with the time they do.
 
     ``cycle`` is of the autopilot's loop, s; ``progress`` is called with the fraction done. Raises ValueError: as
     ``Transmitter``.

@@ -112,7 +112,7 @@ def ascend(model: GenerativeModel, samples: SufficientStatistics, iterations: in
 def plain_rounds(
     model: GenerativeModel, samples: SufficientStatistics, number: int
 ) -> list[Belief]:
-    """The belief at the start and after each of so many rounds, without a test of convergence."""
+    """Returns the belief at the start and after each of so many rounds, without a test of convergence."""
     iterates = [started(model, samples)]
     for _ in range(number):
         iterates.append(_round(model, samples, iterates[-1], iterates[-1].belief))
@@ -139,7 +139,7 @@ def started(
     given: Pair | None = None,
     lambda_covariance: Array | None = None,
 ) -> Iterate:
-    """At ``given`` θ (k,) and λ (g,), or the priors' means, with the prior's covariance of λ or another (g, g)."""
+    """Starts at ``given`` θ (k,) and λ (g,), or the priors' means, with λ's prior covariance or another (g, g)."""
     prior = model.prior
     theta, lambda_ = given or (prior.theta_mean, prior.lambda_mean)
     # The first D step takes the parameters for certain: a weak prior's mean-field term would erase the states.
@@ -154,7 +154,7 @@ def started(
 def continued(
     model: GenerativeModel, samples: SufficientStatistics, start: Iterate, iterations: int
 ) -> tuple[list[Iterate], bool]:
-    """The iterates from ``start`` on, after at most so many rounds, and whether F̄ has converged.
+    """Returns the iterates from ``start`` on, after at most so many rounds, and whether F̄ has converged.
 
     Where X and θ are strongly coupled, rounds converge slowly. So each begins ever further along the last one's change
     of θ and λ, as long as F̄ᵒ increases (Salakhutdinov and Roweis, "Adaptive overrelaxed bound optimization", 2003).
@@ -179,7 +179,7 @@ def continued(
 def at_theta(
     model: GenerativeModel, samples: SufficientStatistics, theta: Array, belief: Belief
 ) -> Iterate:
-    """D and M steps in turn with θ fixed at ``theta``, from a belief: the λ and X that belong to that θ."""
+    """Takes D and M steps in turn with θ fixed at ``theta``, from a belief, to the λ and X that belong to that θ."""
     belief, state_map = _d_step(model, samples, belief._replace(theta=theta))
     for _ in range(ROUNDS_AT_FIXED_THETA):
         belief = steps.with_optimal_precisions(model, belief)

@@ -26,7 +26,7 @@ class Belief(NamedTuple):
 def free_energy_action(
     model: GenerativeModel, samples: SufficientStatistics, belief: Belief
 ) -> float:
-    """F̄ = Ū + W + H, Eq. ``free_E`` summed over time; constants in 2π are left out.
+    """Returns F̄ = Ū + W + H, Eq. ``free_E`` summed over time; constants in 2π are left out.
 
     W is the expectation of the curvature, ½ Σ tr(Σ U_ϑϑ): the ½ that Eq. ``F_bar_MF`` has and Eq. ``free_E`` lost.
     """
@@ -53,7 +53,7 @@ def free_energy(
     states: Array,
     belief: Belief,
 ) -> Array:
-    """F(t) = U + W + H, (T,), Eq. ``free_E``, with the ½ that its W has lost, of samples ``data`` [ỹ; η̃] (T, ·).
+    """Returns F(t) = U + W + H, (T,), Eq. ``free_E``, with the ½ that its W has lost, of ``data`` [ỹ; η̃] (T, ·).
 
     ``states`` (T, dim X) are the means of X; moments of the ``belief`` are not used. The priors and entropies of θ and
     λ, which are the same at every sample, are in each F(t) and only once in F̄.
@@ -73,7 +73,7 @@ class SampleEnergy(NamedTuple):
 
     @classmethod
     def of(cls, model: GenerativeModel, belief: Belief) -> SampleEnergy:
-        """That of a model under a belief, whose moments are not used."""
+        """Returns that of a model under a belief, whose moments are not used."""
         theta = belief.theta
         lambda_ = belief.lambda_
         prior = model.prior
@@ -96,7 +96,7 @@ class SampleEnergy(NamedTuple):
         return cls(priors + noise, priors, model.error_operator(theta), precision, uncertainty)
 
     def at(self, data: Array, states: Array) -> Array:
-        """F(t), (T,), of generalized data (T, ·) and states (T, dim X)."""
+        """Returns F(t), (T,), of generalized data (T, ·) and states (T, dim X)."""
         errors = np.hstack([data, states]) @ self.errors.T
         squares = np.sum(errors @ self.precision * errors, axis=1) + np.sum(
             states @ self.uncertainty * states, axis=1
@@ -105,7 +105,10 @@ class SampleEnergy(NamedTuple):
 
 
 def expected_weights(lambda_: Array, lambda_covariance: Array) -> Array:
-    """Noise precisions as the squared errors feel them: e^λ (1 + ½ Σ^λ), the mean-field term of λ included."""
+    """Returns noise precisions as the squared errors feel them: e^λ (1 + ½ Σ^λ).
+
+    The mean-field term of λ is included.
+    """
     return np.exp(lambda_) * (1.0 + 0.5 * lambda_covariance.diagonal())
 
 
@@ -116,7 +119,7 @@ def internal_energy(
     theta: Array,
     lambda_: Array,
 ) -> float:
-    """Ū = Σ_t U(t) with the priors counted once: log likelihood plus log priors at the means."""
+    """Returns Ū = Σ_t U(t) with the priors counted once: log likelihood plus log priors at the means."""
     error = np.sum(model.precision(np.exp(lambda_)) * moments.errors(theta))
     return 0.5 * float(
         samples.number * model.log_precision(lambda_)
@@ -127,13 +130,13 @@ def internal_energy(
 
 
 def state_curvature(model: GenerativeModel, theta: Array, weights: Array) -> Array:
-    """U_XX, the same at every sample, for noise precisions ``weights`` = e^λ."""
+    """Returns U_XX, the same at every sample, for noise precisions ``weights`` = e^λ."""
     of_X = model.error_operator(theta)[:, model.hidden]
     return -of_X.T @ model.precision(weights) @ of_X
 
 
 def theta_curvature(model: GenerativeModel, moments: GeneralizedMoments, weights: Array) -> Array:
-    """Ū_θθ (k, k)."""
+    """Returns Ū_θθ (k, k)."""
     return -model.prior.theta_precision - model.parameter_precision(weights, moments.joint)
 
 
@@ -143,7 +146,7 @@ def lambda_curvature(
     theta: Array,
     lambda_: Array,
 ) -> Array:
-    """Ū_λλ (g, g)."""
+    """Returns Ū_λλ (g, g)."""
     return (
         -np.diag(0.5 * np.exp(lambda_) * moments.squared_errors(theta))
         - model.prior.lambda_precision
@@ -167,7 +170,7 @@ class Term(StrEnum):
 def optimal_terms(
     model: GenerativeModel, samples: SufficientStatistics, belief: Belief
 ) -> Mapping[str, float]:
-    """The named terms of F̄ᵒ, Eq. ``F_action_opt``, of a belief whose precisions are the negative curvatures.
+    """Returns the named terms of F̄ᵒ, Eq. ``F_action_opt``, of a belief whose precisions are the negative curvatures.
 
     They sum to F̄ᵒ, which is :func:`free_energy_action` there plus half the number of everything estimated,
     T·dim X + dim θ + dim λ (the mean-field terms, which the paper drops with the constants).

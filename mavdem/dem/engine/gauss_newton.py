@@ -30,10 +30,10 @@ class Objective(Protocol):
     """A function to maximise."""
 
     def value(self, at: Array) -> tuple[float, Array]:
-        """The value at a point (f,), NaN where there is none, and the residuals that it is made of."""
+        """Returns the value at a point (f,), NaN where there is none, and the residuals that it is made of."""
 
     def quadratic(self, at: Array, residuals: Array) -> Quadratic:
-        """The function to second order about a point whose residuals are known."""
+        """Returns the function to second order about a point whose residuals are known."""
 
 
 class Damping(NamedTuple):
@@ -46,7 +46,7 @@ class Damping(NamedTuple):
     limited: Callable[[Array], Array] = np.asarray  # makes a step (f,) short enough to be trusted
 
     def after(self, damping: float, gained: float, predicted: float) -> float:
-        """The damping of the step after one that increased the function, by how much the quadratic predicted."""
+        """Returns the damping after a step that increased the function, by how much the quadratic predicted."""
         if gained > predicted / 2:
             return max(damping / self.factor, 1e-6)
         return damping if gained > predicted / 5 else 4 * damping

@@ -28,12 +28,12 @@ def taylor_weights(
     window: int,
     at: float,
 ) -> Array:
-    """Weights that turn samples into derivatives: the least-squares polynomial of degree ``order`` over a window.
+    """Returns weights that turn samples into derivatives.
 
-    With ``window = order + 1`` the polynomial interpolates, which is the inverse of the Taylor matrix that the
-    literature embeds with. A wider window averages measurement noise away, at the price of bandwidth. The derivatives
-    are taken ``at`` a place in the window, in samples from its first, of samples ``dt`` s apart; row k of
-    (order + 1, window) gives the k-th.
+    They are of the least-squares polynomial of degree ``order`` over a window. With ``window = order + 1`` the
+    polynomial interpolates, which is the inverse of the Taylor matrix that the literature embeds with. A wider window
+    averages measurement noise away, at the price of bandwidth. The derivatives are taken ``at`` a place in the window,
+    in samples from its first, of samples ``dt`` s apart; row k of (order + 1, window) gives the k-th.
     """
     offsets = np.arange(window) - at
     # The fit is made in steps, where it is well conditioned, and scaled to seconds afterwards.
@@ -49,9 +49,10 @@ def embed(
     window: int,
     at: int,
 ) -> Array:
-    """Generalized vectors of ``samples`` (T, m), one for each place the whole window of :func:`taylor_weights` fits.
+    """Returns generalized vectors of ``samples`` (T, m).
 
-    (T − window + 1, (order + 1)·m): row i belongs to sample ``i + at``. Nothing is padded.
+    There is one for each place the whole window of :func:`taylor_weights` fits, (T − window + 1, (order + 1)·m): row i
+    belongs to sample ``i + at``. Nothing is padded.
     """
     weights = taylor_weights(order, dt, window, at)
     # The filter centres itself on window // 2; what it pads beyond the ends is cut off again.
@@ -60,15 +61,18 @@ def embed(
 
 
 def derivative_operator(order: int, size: int) -> Array:
-    """D, Eq. ``generative_process``, which moves every block of ``size`` up by one order; the last becomes zero."""
+    """Returns D, Eq. ``generative_process``, which moves every block of ``size`` up by one order.
+
+    The last becomes zero.
+    """
     return np.asarray(np.kron(np.eye(order + 1, k=1), np.eye(size)), np.float64)
 
 
 def temporal_covariance(order: int, smoothness: float) -> Array:
-    """Covariance of [w, w′, …] of a noise of unit variance and kernel width s, Eq. ``Smatrix`` before it is inverted.
+    """Returns the covariance of [w, w′, …] of a noise of unit variance and kernel width s.
 
-    (order + 1, order + 1), in powers of 1/s: entry (i, j) is (−1)ⁱ times the (i+j)-th derivative of the autocorrelation
-    at zero, which vanishes where i + j is odd.
+    It is that of Eq. ``Smatrix`` before it is inverted, (order + 1, order + 1), in powers of 1/s: entry (i, j) is (−1)ⁱ
+    times the (i+j)-th derivative of the autocorrelation at zero, which vanishes where i + j is odd.
     """
     covariance = np.zeros((order + 1, order + 1))
     for i in range(order + 1):
@@ -80,7 +84,7 @@ def temporal_covariance(order: int, smoothness: float) -> Array:
 
 
 def temporal_precision(order: int, smoothness: float) -> Array:
-    """S(s²), the inverse of :func:`temporal_covariance`, (order + 1, order + 1).
+    """Returns S(s²), the inverse of :func:`temporal_covariance`, (order + 1, order + 1).
 
     It is inverted in units of s, where its condition does not depend on the unit of time.
     """
@@ -97,7 +101,7 @@ class Prior(NamedTuple):
     lambda_precision: Array  # (g, g)
 
     def squared_errors(self, theta: Array, lambda_: Array) -> tuple[float, float]:
-        """Of θ and of λ, in units of their precision."""
+        """Returns those of θ and of λ, in units of their precision."""
         theta_error = theta - self.theta_mean
         lambda_error = lambda_ - self.lambda_mean
         return (
@@ -114,7 +118,7 @@ class SufficientStatistics(NamedTuple):
 
     @classmethod
     def of(cls, *segments: Array) -> SufficientStatistics:
-        """From generalized data [ỹ; η̃], (T, (p+1)m + (d+1)r) of each segment; their moments add up."""
+        """Returns those of generalized data [ỹ; η̃], (T, (p+1)m + (d+1)r) of each segment; their moments add up."""
         gram = sum((data.T @ data for data in segments[1:]), segments[0].T @ segments[0])
         return cls(sum(map(len, segments)), gram)
 
@@ -174,7 +178,7 @@ class GenerativeModel:
         return slice(self.m * (self.p + 1) + self.r * (self.d + 1), None)
 
     def error_operator(self, theta: Array) -> Array:
-        """E with ε̃ = E [ỹ; η̃; x̃; ṽ]: the three prediction errors below Eq. ``free_E``, stacked."""
+        """Returns E with ε̃ = E [ỹ; η̃; x̃; ṽ]: the three prediction errors below Eq. ``free_E``, stacked."""
         fixed, (rows, columns, parameters) = self._operator_parts
         operator = fixed.copy()
         operator[rows, columns] = -theta[parameters]
@@ -223,17 +227,23 @@ class GenerativeModel:
         return np.eye(len(self.prior.theta_mean))[parameters]
 
     def parameter_precision(self, weights: Array, joint: Array) -> Array:
-        """(k, k) curvature by θ of ½ Σ ε̃ᵀ Π̃ ε̃, for noise precisions e^λ and second moments of [ỹ; η̃; X]."""
+        """Returns (k, k) curvature by θ of ½ Σ ε̃ᵀ Π̃ ε̃.
+
+        It is for noise precisions e^λ and second moments of [ỹ; η̃; X].
+        """
         each = self._pairs(self.precision(weights), joint)
         return self._of_parameters.T @ each @ self._of_parameters
 
     def parameter_slope(self, weights: Array, products: Array) -> Array:
-        """(k,) slope by θ of −½ Σ ε̃ᵀ Π̃ ε̃, for noise precisions e^λ and second moments of ε̃ with [ỹ; η̃; X]."""
+        """Returns (k,) slope by θ of −½ Σ ε̃ᵀ Π̃ ε̃.
+
+        It is for noise precisions e^λ and second moments of ε̃ with [ỹ; η̃; X].
+        """
         _, (rows, columns, _) = self._operator_parts
         return (self.precision(weights) @ products)[rows, columns] @ self._of_parameters
 
     def state_uncertainty(self, weights: Array, theta_covariance: Array) -> Array:
-        """(dim X, dim X) M with −½ XᵀM X the share of W^θ that a sample's X makes."""
+        """Returns (dim X, dim X) M with −½ XᵀM X the share of W^θ that a sample's X makes."""
         _, (rows, columns, parameters) = self._operator_parts
         unit = self.precision(weights)[np.ix_(rows, rows)]
         each = unit * theta_covariance[np.ix_(parameters, parameters)]
@@ -242,14 +252,17 @@ class GenerativeModel:
         return of_states.T @ each @ of_states
 
     def parameter_spread(self, joint: Array, theta_covariance: Array) -> Array:
-        """Σ ε̃ᵀ (S⊗Ω_g) ε̃ that the uncertainty of θ adds for each λ, (g,), for second moments of [ỹ; η̃; X]."""
+        """Returns Σ ε̃ᵀ (S⊗Ω_g) ε̃ that the uncertainty of θ adds for each λ, (g,).
+
+        It is for second moments of [ỹ; η̃; X].
+        """
         unit, groups = self._precision_parts
         _, (rows, _, parameters) = self._operator_parts
         each = self._pairs(unit, joint) * theta_covariance[np.ix_(parameters, parameters)]
         return np.asarray(np.bincount(groups[rows], each.sum(axis=0)), np.float64)
 
     def precision(self, weights: Array) -> Array:
-        """Π̃ = blockdiag(S⊗Πᶻ, P̃ᵛ, S⊗Πʷ) for noise precisions ``weights`` (g,), which are e^λ."""
+        """Returns Π̃ = blockdiag(S⊗Πᶻ, P̃ᵛ, S⊗Πʷ) for noise precisions ``weights`` (g,), which are e^λ."""
         unit, groups = self._precision_parts
         # Ω is diagonal, so each error's column is scaled by its own noise precision; those of inputs by 1.
         return unit * np.append(weights, 1.0)[groups]
@@ -270,7 +283,7 @@ class GenerativeModel:
         return unit, groups
 
     def log_precision(self, lambda_: Array) -> float:
-        """ln|Π̃|."""
+        """Returns ln|Π̃|."""
         return float(self.log_precision_at_zero + self.log_precision_slope @ lambda_)
 
     @cached_property
@@ -290,7 +303,7 @@ class GenerativeModel:
         return logdet(self.prior.theta_precision), logdet(self.prior.lambda_precision)
 
     def squared_errors(self, moments: Array) -> Array:
-        """Σ ε̃ᵀ (S⊗Ω_g) ε̃ for each λ, (g,), of second moments Σ ε̃ε̃ᵀ of the errors."""
+        """Returns Σ ε̃ᵀ (S⊗Ω_g) ε̃ for each λ, (g,), of second moments Σ ε̃ε̃ᵀ of the errors."""
         unit, groups = self._precision_parts
         noisy = groups >= 0
         squares = np.bincount(groups[noisy], (unit * moments).sum(axis=0)[noisy])
@@ -309,7 +322,7 @@ class GeneralizedMoments:
     def of(
         cls, model: GenerativeModel, samples: SufficientStatistics, state_map: Array
     ) -> GeneralizedMoments:
-        """Those of X = L [ỹ; η̃], for L = ``state_map`` (dim X, dim [ỹ; η̃])."""
+        """Returns those of X = L [ỹ; η̃], for L = ``state_map`` (dim X, dim [ỹ; η̃])."""
         return cls(model, samples.gram, np.vstack([np.eye(len(samples.gram)), state_map]))
 
     @cached_property
@@ -318,14 +331,17 @@ class GeneralizedMoments:
         return self.stack @ self.gram @ self.stack.T
 
     def products(self, theta: Array) -> Array:
-        """Σ_t ε̃ [ỹ; η̃; X]ᵀ."""
+        """Returns Σ_t ε̃ [ỹ; η̃; X]ᵀ."""
         return self.model.error_operator(theta) @ self.stack @ self.gram @ self.stack.T
 
     def errors(self, theta: Array) -> Array:
-        """Σ_t ε̃ε̃ᵀ; the errors are taken before the moments, since they are far smaller than what they lie between."""
+        """Returns Σ_t ε̃ε̃ᵀ.
+
+        The errors are taken before the moments, since they are far smaller than what they lie between.
+        """
         errors = self.model.error_operator(theta) @ self.stack
         return errors @ self.gram @ errors.T
 
     def squared_errors(self, theta: Array) -> Array:
-        """Σ_t ε̃ᵀ (S⊗Ω_g) ε̃ for each λ, (g,)."""
+        """Returns Σ_t ε̃ᵀ (S⊗Ω_g) ε̃ for each λ, (g,)."""
         return self.model.squared_errors(self.errors(theta))

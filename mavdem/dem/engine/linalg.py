@@ -79,7 +79,7 @@ ROUNDING = 1e-9
 
 
 def solve(matrix: Array, right: Array) -> Array:
-    """matrix⁻¹ right, for a positive definite matrix (k, k); ``numpy.linalg.LinAlgError`` if it is not."""
+    """Returns matrix⁻¹ right, for a positive definite matrix (k, k); ``numpy.linalg.LinAlgError`` if it is not."""
     unit, scaled = _scaled(matrix)
     _, solution, failed = dposv(scaled, (right.T * unit).T)
     _check(failed)
@@ -87,7 +87,7 @@ def solve(matrix: Array, right: Array) -> Array:
 
 
 def inverse(matrix: Array) -> Array:
-    """matrix⁻¹, symmetric to the last bit; ``numpy.linalg.LinAlgError`` if it is not positive definite."""
+    """Returns matrix⁻¹, symmetric to the last bit; ``numpy.linalg.LinAlgError`` if it is not positive definite."""
     unit, scaled = _scaled(matrix)
     factor, failed = dpotrf(scaled, clean=1)
     _check(failed)
@@ -98,7 +98,7 @@ def inverse(matrix: Array) -> Array:
 
 
 def logdet(matrix: Array) -> float:
-    """ln|matrix|; ``numpy.linalg.LinAlgError`` if it is not positive definite."""
+    """Returns ln|matrix|; ``numpy.linalg.LinAlgError`` if it is not positive definite."""
     unit, scaled = _scaled(matrix)
     factor, failed = dpotrf(scaled)
     _check(failed)
@@ -132,7 +132,7 @@ def normal_draws(mean: Array, covariance: Array, number: int, seed: int) -> Arra
 
 
 def require_positive_definite(matrix: Array, name: str, size: int) -> None:
-    """``ValueError``, which names the argument, unless it is a symmetric positive definite (size, size) matrix."""
+    """Raises ``ValueError``, which names the argument, unless it is symmetric positive definite, (size, size)."""
     if np.shape(matrix) != (size, size):
         raise ValueError(f"{name} must have shape ({size}, {size}), not {np.shape(matrix)}")
     if not np.isfinite(matrix).all():

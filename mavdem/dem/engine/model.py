@@ -34,7 +34,7 @@ class LinearModel:
 
 
 def pack(A: NDArray[Scalar], B: NDArray[Scalar], C: NDArray[Scalar]) -> NDArray[Scalar]:
-    """θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)]: the rows of A, then of B, then of C."""
+    """Returns θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)]: the rows of A, then of B, then of C."""
     return np.concatenate([A.ravel(), B.ravel(), C.ravel()])
 
 
@@ -44,7 +44,7 @@ def unpack(
     r: int,
     m: int,
 ) -> tuple[NDArray[Scalar], NDArray[Scalar], NDArray[Scalar]]:
-    """A (n, n), B (n, r) and C (m, n) out of θ (n² + n·r + m·n,)."""
+    """Returns A (n, n), B (n, r) and C (m, n) out of θ (n² + n·r + m·n,)."""
     a = n * n
     b = n * n + n * r
     return theta[:a].reshape(n, n), theta[a:b].reshape(n, r), theta[b:].reshape(m, n)
@@ -59,7 +59,7 @@ class Transition(NamedTuple):
 
 
 def discretize(A: Array, B: Array, dt: float) -> Transition:
-    """The exact transition over ``dt`` seconds with first-order hold (Franklin, Powell and Workman, sec. 4.3.2).
+    """Returns the exact transition over ``dt`` s with first-order hold (Franklin, Powell and Workman, sec. 4.3.2).
 
     A and B are (..., n, n) and (..., n, r), of one model or of several.
     """
@@ -78,7 +78,7 @@ WORST_MODES = 1 / np.sqrt(np.finfo(np.float64).eps)
 
 
 def recursion(F: Array, pushes: Array, first: Array) -> Array:
-    """x₁ … x_T of x_{t} = F x_{t−1} + push_t from x₀ = ``first``, mode by mode, in which it is vectorized."""
+    """Returns x₁ … x_T of x_{t} = F x_{t−1} + push_t from x₀ = ``first``, mode by mode, in which it is vectorized."""
     from scipy.signal import lfilter  # it takes half a second to import
 
     if not pushes.size:

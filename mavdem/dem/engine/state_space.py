@@ -40,7 +40,7 @@ class StateSpace:
 
     @staticmethod
     def of_transition(transition: Transition, C: Array, gain: Array) -> StateSpace:
-        """The same model as one whose state is corrected by gain · e at each sample: A = Φ, K = Φ gain.
+        """Returns the same model as one whose state is corrected by gain · e at each sample: A = Φ, K = Φ gain.
 
         Inputs run linearly between samples, so that B = Φ Γ₁ + Γ₀ and D = C Γ₁ (Franklin, Powell and Workman, sec.
         4.3.2). The ``transition`` is over one sampling step, C is (m, n), and ``gain`` (n, m) is of the filter.
@@ -62,12 +62,12 @@ class StateSpace:
         return float(abs(np.linalg.eigvals(self.A)).max(initial=0.0))
 
     def second(self, inputs: Array, outputs: Array) -> Array:
-        """(n,) the state of a segment's second sample, from the inputs (r,) and outputs (m,) of its first."""
+        """Returns (n,) state of a segment's second sample, from the inputs (r,) and outputs (m,) of its first."""
         assert self.second_of_outputs is not None and self.second_of_inputs is not None
         return outputs @ self.second_of_outputs.T + inputs @ self.second_of_inputs.T
 
     def filtered(self, start: Array, inputs: Array, outputs: Array) -> Array:
-        """States (T + 1, n): of each sample predicted from those before it, and of the one after the last.
+        """Returns states (T + 1, n): of each sample predicted from those before it, and of the one after the last.
 
         They begin at ``start`` (n,), with ``inputs`` (T, r) and ``outputs`` (T, m).
         """
@@ -75,19 +75,22 @@ class StateSpace:
         return np.vstack([start, recursion(self.A - self.K @ self.C, pushes, start)])
 
     def predicted(self, start: Array, inputs: Array, outputs: Array) -> Array:
-        """(T, m): samples predicted from those before; ``start``, ``inputs``, ``outputs`` as in :meth:`filtered`."""
+        """Returns (T, m) samples predicted from those before.
+
+        ``start``, ``inputs`` and ``outputs`` are as in :meth:`filtered`.
+        """
         return self.outputs(self.filtered(start, inputs, outputs)[:-1], inputs)
 
     def one_step(self, inputs: Array, outputs: Array) -> Array:
-        """(T − 1, m) predictions of ``outputs`` (T, m) but the first, from those before and ``inputs`` (T, r)."""
+        """Predicts ``outputs`` (T, m) but the first, (T − 1, m), from those before and ``inputs`` (T, r)."""
         return self.predicted(self.second(inputs[0], outputs[0]), inputs[1:], outputs[1:])
 
     def at_end(self, inputs: Array, outputs: Array) -> Array:
-        """(n,) the state of the sample after a segment of ``inputs`` (T, r) and ``outputs`` (T, m)."""
+        """Returns (n,) state of the sample after a segment of ``inputs`` (T, r) and ``outputs`` (T, m)."""
         return self.filtered(self.second(inputs[0], outputs[0]), inputs[1:], outputs[1:])[-1]
 
     def simulated(self, start: Array, inputs: Array) -> Array:
-        """(H, m): outputs without noise, the first of state ``start`` (n,), of inputs (H, r).
+        """Returns (H, m) outputs without noise, the first of state ``start`` (n,), of inputs (H, r).
 
         Outputs of an unstable model may overflow to infinity or NaN.
         """
@@ -102,7 +105,7 @@ class StateSpace:
         states: Array,
         inputs: Array,
     ) -> Array:
-        """(S, H, m): outputs without noise, from each of the samples ``begins`` (S,), of ``states`` (S, n), on.
+        """Returns (S, H, m) outputs without noise, from each of the samples ``begins`` (S,), of ``states`` (S, n), on.
 
         The ``horizon`` is H; beyond the last row of ``inputs`` (T, r) they stay as they are there.
         """
@@ -123,9 +126,10 @@ class StateSpace:
         inputs: Array,
         outputs: Array,
     ) -> Array:
-        """(T, m): outputs without noise, from every ``steps``-th sample on of the state predicted from all before it.
+        """Returns (T, m) outputs without noise, from every ``steps``-th sample's state on.
 
-        ``start`` (n,) is the first sample's state, with ``inputs`` (T, r) and ``outputs`` (T, m).
+        That state is predicted from all samples before it. ``start`` (n,) is the first sample's state, with ``inputs``
+        (T, r) and ``outputs`` (T, m).
         """
         begins = np.arange(0, len(inputs), steps)
         steps = min(steps, len(inputs))
@@ -135,11 +139,11 @@ class StateSpace:
         ]
 
     def outputs(self, states: Array, inputs: Array) -> Array:
-        """(T, m) of states (T, n) and inputs (T, r), without noise."""
+        """Returns (T, m) outputs of states (T, n) and inputs (T, r), without noise."""
         return states @ self.C.T + self.direct(inputs)
 
     def direct(self, inputs: Array) -> Array:
-        """(T, m): the part of the outputs that ``inputs`` (T, r) and the trim make, not the state."""
+        """Returns (T, m) part of the outputs that ``inputs`` (T, r) and the trim make, not the state."""
         return (inputs - self.input_trim) @ self.D.T + self.output_trim
 
     def _pushes(self, inputs: Array) -> Array:
@@ -154,7 +158,7 @@ def filter_gain(
     process_noise: Array,
     smoothness: float,
 ) -> Array:
-    """(n, m) gain of the steady-state Kalman filter of a continuous model with coloured noise.
+    """Returns (n, m) gain of the steady-state Kalman filter of a continuous model with coloured noise.
 
     Variances of z are ``measurement_noise`` (m,), the covariance of w is ``process_noise`` (n, n); both have kernel
     width ``smoothness``, s. ``LinAlgError`` where there is no steady filter, as when no output shows an unstable state.

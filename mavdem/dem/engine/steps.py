@@ -31,7 +31,7 @@ SHORTEST_STEP = 1e-6
 
 
 def d_step(model: GenerativeModel, belief: Belief) -> Array:
-    """The D step: every sample's X at the maximum of F under a belief in θ and λ.
+    """Takes the D step: every sample's X at the maximum of F under a belief in θ and λ.
 
     F is quadratic in X with the same curvature at every sample, so X(t) = L [ỹ(t); η̃(t)] with one L (dim X,
     dim [ỹ; η̃]), which is returned.
@@ -41,7 +41,10 @@ def d_step(model: GenerativeModel, belief: Belief) -> Array:
 
 
 def state_slope(model: GenerativeModel, belief: Belief) -> Pair:
-    """G (dim X, dim [ỹ; η̃]) and P (dim X, dim X) with ∂F/∂X = G [ỹ; η̃] − P X, mean-field terms of θ and λ included."""
+    """Returns G (dim X, dim [ỹ; η̃]) and P (dim X, dim X) with ∂F/∂X = G [ỹ; η̃] − P X.
+
+    Mean-field terms of θ and λ are included.
+    """
     E = model.error_operator(belief.theta)
     data = E[:, : model.hidden.start]
     X = E[:, model.hidden]
@@ -52,13 +55,13 @@ def state_slope(model: GenerativeModel, belief: Belief) -> Pair:
 
 
 def e_step(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> Array:
-    """The E step: θ at the maximum of F̄ given the rest."""
+    """Takes the E step: returns θ at the maximum of F̄ given the rest."""
     gradient, precision = theta_slope(model, samples, belief)
     return belief.theta + solve(precision, gradient)
 
 
 def theta_slope(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> Pair:
-    """∂F̄/∂θ (k,) and −∂²F̄/∂θ² (k, k), the mean-field terms of X and of λ included."""
+    """Returns ∂F̄/∂θ (k,) and −∂²F̄/∂θ² (k, k), the mean-field terms of X and of λ included."""
     prior = model.prior
     weights = np.exp(belief.lambda_)
     expected = expected_weights(belief.lambda_, belief.lambda_covariance)
@@ -78,7 +81,7 @@ def theta_slope(model: GenerativeModel, samples: SufficientStatistics, belief: B
 
 
 def m_step(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> Array:
-    """The M step: λ at the maximum of F̄ given the rest, which is concave in λ, by Newton's steps.
+    """Takes the M step: returns λ at the maximum of F̄ given the rest, which is concave in λ, by Newton's steps.
 
     They are shortened until F̄ rises.
     """
@@ -113,7 +116,7 @@ class FreeEnergyOfLambda(NamedTuple):
     def of(
         cls, model: GenerativeModel, samples: SufficientStatistics, belief: Belief
     ) -> FreeEnergyOfLambda:
-        """That of a belief in the rest."""
+        """Returns that of a belief in the rest."""
         of_X = model.error_operator(belief.theta)[:, model.hidden]
         squares = belief.moments.squared_errors(belief.theta)
         spread = samples.number * model.squared_errors(of_X @ belief.state_covariance @ of_X.T)
@@ -126,7 +129,7 @@ class FreeEnergyOfLambda(NamedTuple):
         return cls(cost, gain, model.prior.lambda_mean, model.prior.lambda_precision)
 
     def value(self, lambda_: Array) -> float:
-        """F̄ but for the constant."""
+        """Returns F̄ but for the constant."""
         error = lambda_ - self.mean
         return float(
             -0.5 * self.cost @ np.exp(lambda_)
@@ -135,7 +138,7 @@ class FreeEnergyOfLambda(NamedTuple):
         )
 
     def slope(self, lambda_: Array) -> Pair:
-        """∂F̄/∂λ (g,) and −∂²F̄/∂λ² (g, g), the mean-field terms of X and of θ included."""
+        """Returns ∂F̄/∂λ (g,) and −∂²F̄/∂λ² (g, g), the mean-field terms of X and of θ included."""
         pull = 0.5 * self.cost * np.exp(lambda_)
         return self.gain - pull - self.precision @ (lambda_ - self.mean), np.diag(
             pull
@@ -143,7 +146,7 @@ class FreeEnergyOfLambda(NamedTuple):
 
 
 def with_optimal_precisions(model: GenerativeModel, belief: Belief) -> Belief:
-    """The belief with every covariance at the maximum of F̄, Eq. ``Pi_curvature``."""
+    """Returns the belief with every covariance at the maximum of F̄, Eq. ``Pi_curvature``."""
     weights = np.exp(belief.lambda_)
     return belief._replace(
         state_covariance=inverse(-state_curvature(model, belief.theta, weights)),

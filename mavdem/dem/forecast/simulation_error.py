@@ -55,7 +55,10 @@ def models_of(
     gain: Array,
     dt: float,
 ) -> StateSpace:
-    """Models that differ in θ (b, k) alone, side by side; of n states, r inputs and m outputs, and C of the first."""
+    """Returns models that differ in θ (b, k) alone, side by side.
+
+    They have n states, r inputs and m outputs, and C of the first.
+    """
     A, B, C = (
         np.stack(each) for each in zip(*(unpack(theta, *sizes) for theta in thetas), strict=True)
     )
@@ -100,7 +103,7 @@ class SimulationSegments(NamedTuple):
 
     @classmethod
     def of(cls, segments: Segments, horizon: int) -> SimulationSegments | None:
-        """Pieces of ``horizon`` samples before and ahead, all over segments; ``None`` where none is long enough."""
+        """Returns pieces of ``horizon`` samples before and ahead, all over segments; None where none is long enough."""
         whole = 2 * horizon
         starts = [
             (inputs, outputs, start)
@@ -129,7 +132,10 @@ def _starts(length: int, horizon: int) -> range:
 
 
 def effective_number(lengths: Sequence[int], horizon: int) -> float:
-    """Of pieces of segments of these ``lengths``: as many as follow each other, and at most as many as are used."""
+    """Returns the effective number of pieces of segments of these ``lengths``.
+
+    It is as many as follow each other, and at most as many as are used.
+    """
     samples = sum(length for length in lengths if length > 2 * horizon)
     return min(
         samples / horizon,
@@ -144,10 +150,11 @@ def horizon_of(
     scaling: Scaling,
     record: Record,
 ) -> int | None:
-    """Samples of each simulation: ``settings.horizon``, or less where the effective sample size would be too small.
+    """Returns the number of samples of each simulation: ``settings.horizon`` at most.
 
-    0 where even ``SHORTEST_HORIZON`` is too long for the record. ``None`` where there is to be no fit: the settings ask
-    for none, inputs are unknown, the prior is the paper's, or it leaves no parameter free.
+    It is less where the effective sample size would be too small, 0 where even ``SHORTEST_HORIZON`` is too long for
+    the record. ``None`` where there is to be no fit: the settings ask for none, inputs are unknown, the prior is the
+    paper's, or it leaves no parameter free.
     """
     n, r, m = model.sizes
     free = np.count_nonzero(np.diag(model.prior.theta_precision)[: n * n + n * r] < KINEMATIC)
@@ -179,7 +186,10 @@ class SimulationFit:
         return self.effective_samples - len(self.free)
 
     def theta_covariance(self, held: Array) -> Array:
-        """(k, k) posterior covariance of θ; parameters that were not free have that of the prior, ``held`` (k, k)."""
+        """Returns (k, k) posterior covariance of θ.
+
+        Parameters that were not free have that of the prior, ``held`` (k, k).
+        """
         covariance = np.zeros_like(held)
         fixed = np.setdiff1d(np.arange(len(held)), self.free)
         covariance[np.ix_(fixed, fixed)] = held[np.ix_(fixed, fixed)]
@@ -206,7 +216,7 @@ class SimulationError:
         return self.segments.number * self.sizes[2]
 
     def errors(self, at: Array) -> Array:
-        """(b, H, m, S) of the models whose free parameters are ``at`` (b, f)."""
+        """Returns (b, H, m, S) errors of the models whose free parameters are ``at`` (b, f)."""
         inputs, outputs, settle, _ = self.segments
         thetas = np.repeat(self.theta[None], len(at), axis=0)
         thetas[:, self.free] = at
@@ -216,12 +226,12 @@ class SimulationError:
             return outputs[settle + 1 :] - predicted
 
     def value(self, at: Array) -> tuple[float, Array]:
-        """The log joint up to a constant, with the noise precision at its maximum; and errors (H, m, S)."""
+        """Returns the log joint up to a constant, with the noise precision at its maximum; and errors (H, m, S)."""
         errors = self.errors(at[None])[0]
         return self._value(at, errors), errors
 
     def quadratic(self, at: Array, residuals: Array) -> Quadratic:
-        """Slope and Gauss-Newton curvature, the posterior precision, by differences of the errors ``residuals``."""
+        """Returns slope and Gauss-Newton curvature, the posterior precision, by differences of errors ``residuals``."""
         steps = RELATIVE_STEP * np.maximum(1.0, abs(at))
         beside = self.errors(at + np.diag(steps))
         jacobian = (beside - residuals).reshape(len(at), -1) / steps[:, None]
@@ -234,7 +244,7 @@ class SimulationError:
         return Quadratic(at, self._value(at, residuals), slope, curvature)
 
     def terms(self, joint: Quadratic) -> dict[str, float]:
-        """The named terms of F̄, Eq. ``F_action_opt``; X has no entropy of its own in a simulation."""
+        """Returns the named terms of F̄, Eq. ``F_action_opt``; X has no entropy of its own in a simulation."""
         log_prior = self._log_prior(joint.at)
         return {
             "noise entropy": joint.value - log_prior,
@@ -266,7 +276,7 @@ def fit_simulation(
     gain: Array,
     record: Record,
 ) -> SimulationFit | None:
-    """The fit to a record from θ (k,), with a filter of that gain (n, m), by damped steps that each increase F̄.
+    """Fits the model to a record from θ (k,), with a filter of that gain (n, m), by damped steps that each increase F̄.
 
     Parameters of A and B with a prior precision below ``KINEMATIC`` are free. Under the package's own prior,
     combinations of the motors that are at right angles to the turning one of the joint model hardly turn the vehicle.

@@ -59,14 +59,14 @@ class LogJoint(NamedTuple):
     windows: FlightWindows
 
     def value(self, at: Array) -> tuple[float, Array]:
-        """The value, NaN where there is none; of residuals there is no use."""
+        """Returns the value, NaN where there is none; of residuals there is no use."""
         value = self._log_prior(at)
         for errors, _ in self.innovations(at[None]):
             value += _log_likelihood(errors[0])
         return value, np.empty(0)
 
     def quadratic(self, at: Array, residuals: Array) -> Quadratic:
-        """To second order, by differences, all at once; ``LinAlgError`` where there is no value."""
+        """Returns the value to second order, by differences, all at once; ``LinAlgError`` where there is none."""
         del residuals
         mean, sd = self.parameters.prior
         steps = RELATIVE_STEP * np.maximum(0.01, abs(at))
@@ -86,11 +86,11 @@ class LogJoint(NamedTuple):
         return Quadratic(at, value, slope, curvature)
 
     def limited(self, step: Array) -> Array:
-        """A step that changes no logarithm by more than ``LONGEST_STEP``."""
+        """Returns a step that changes no logarithm by more than ``LONGEST_STEP``."""
         return step * min(1.0, LONGEST_STEP / abs(step[self.parameters.logarithms]).max())
 
     def innovations(self, points: Array) -> Iterator[Pair]:
-        """Those of some windows at a time, as of ``Parameters``."""
+        """Yields those of some windows at a time, as of ``Parameters``."""
         for start in range(0, len(self.windows.rate), MAX_CHUNK):
             with np.errstate(all="ignore"):
                 part = self.windows.some(slice(start, start + MAX_CHUNK))
@@ -109,7 +109,7 @@ def _log_likelihood(errors: Array) -> float:
 def fitted(
     parameters: Parameters, windows: FlightWindows, start: Array, promised: float = 0.0
 ) -> GrayBoxFit:
-    """The most probable parameters, from ``start`` (k,) on; ``LinAlgError`` where there is no likelihood there.
+    """Returns the most probable parameters, from ``start`` (k,) on; ``LinAlgError`` where there is no likelihood there.
 
     It stays at ``start`` where less than the ``promised`` gain, in nats, is expected of the first step.
     """
@@ -127,7 +127,7 @@ def fitted(
 
 
 def directed(windows: FlightWindows, effect_directions: Array | None) -> tuple[Parameters, Array]:
-    """Directions of the motors' effect, and the parameters to begin with.
+    """Returns directions of the motors' effect, and the parameters to begin with.
 
     By linear regression on the innovations at the prior's mean, where there are no ``effect_directions`` (r,).
     """

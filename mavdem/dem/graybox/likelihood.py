@@ -129,31 +129,31 @@ class Parameters(NamedTuple):
         return [0, r + 1, r + 2, *range(r + 4, self.noise_index + 1)]
 
     def effect(self, thetas: Array) -> Array:
-        """(…, r) effect of each motor, rad/s² per unit of ``FlightWindows.inputs``."""
+        """Returns (…, r) effect of each motor, rad/s² per unit of ``FlightWindows.inputs``."""
         return np.exp(thetas[..., :1]) * (self.directions + thetas[..., 1 : self.motors + 1])
 
     def damping(self, thetas: Array) -> Array:
-        """(…) damping, 1/s: less than that of any multirotor's rotors in air, ``MAX_DAMPING``."""
+        """Returns (…) damping, 1/s: less than that of any multirotor's rotors in air, ``MAX_DAMPING``."""
         return 1 / (np.exp(-thetas[..., self.motors + 1]) + 1 / MAX_DAMPING)
 
     def lag(self, thetas: Array, dt: float) -> Array:
-        """(…) lag, s: no shorter than half a step, which a stream cannot tell from a delay."""
+        """Returns (…) lag, s: no shorter than half a step, which a stream cannot tell from a delay."""
         return np.hypot(np.exp(thetas[..., self.motors + 2]), RESOLVED_LAG * dt)
 
     def sizes(self, theta: Array) -> Array:
-        """(…, components) standard deviations of the wind's components, rad/s²."""
+        """Returns (…, components) standard deviations of the wind's components, rad/s²."""
         return np.exp(theta[..., self.motors + 4 : self.noise_index : 2])
 
     def times(self, theta: Array) -> Array:
-        """(…, components) their times, s."""
+        """Returns (…, components) times of the wind's components, s."""
         return np.exp(theta[..., self.motors + 5 : self.noise_index : 2])
 
     def noise(self, theta: Array) -> Array:
-        """(…) standard deviation of the measured rate's white noise, rad/s."""
+        """Returns (…) standard deviation of the measured rate's white noise, rad/s."""
         return np.hypot(np.exp(theta[..., self.noise_index]), self.least_noise)
 
     def driven(self, thetas: Array, windows: FlightWindows) -> Complex:
-        """(b, W, F) the rate that the motors alone would make, for parameters (b, k)."""
+        """Returns (b, W, F) rate that the motors alone would make, for parameters (b, k)."""
         dt = windows.dt
         # A sample later, and as much as the delay is, interpolated between two samples.
         later = np.exp(-1j * windows.turn * dt)
@@ -176,7 +176,7 @@ class Parameters(NamedTuple):
         return np.einsum("cbwf,cbf->bwf", torques, responses)
 
     def density(self, thetas: Array, windows: FlightWindows) -> Array:
-        """(b, F) of the rate that wind and noise make, a sample's variance where it is white."""
+        """Returns (b, F) density of the rate that wind and noise make, a sample's variance where it is white."""
         turn = windows.folded
         components = zip(self.wind, self.sizes(thetas).T, self.times(thetas).T, strict=True)
         wind = [
@@ -187,9 +187,9 @@ class Parameters(NamedTuple):
         return folded.sum(axis=1) / windows.dt + self.noise(thetas)[:, None] ** 2
 
     def innovations(self, thetas: Array, windows: FlightWindows) -> Pair:
-        """(b, W, N′) of all windows but for their beginnings, for parameters (b, k); and their variance (b,).
+        """Returns (b, W, N′) innovations of all windows but for their beginnings, for parameters (b, k).
 
-        They are without their mean in each window, as a constant acceleration explains it.
+        Their variance is (b,). They are without their mean in each window, as a constant acceleration explains it.
         """
         factor, variance = minimum_phase(self.density(thetas, windows), windows.samples)
         left = (windows.rate - self.driven(thetas, windows)) / factor[:, None]

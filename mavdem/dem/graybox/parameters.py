@@ -212,7 +212,7 @@ def windows_of(record: Record) -> FlightWindows:
 
 
 def answers(inputs: Array, rate: Array) -> Array:
-    """(W, N, r) what in ``inputs`` (W, N, r) answers what is new in the ``rate`` (W, N) at the same sample.
+    """Returns what in ``inputs`` (W, N, r) answers what is new in the ``rate`` (W, N) at the same sample, (W, N, r).
 
     New is what a linear regression on the samples before does not predict.
     """

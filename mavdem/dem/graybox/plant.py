@@ -32,7 +32,7 @@ class Coloured(NamedTuple):
 
 
 def step_covariance(A: Array, drive: Array, dt: float) -> Array:
-    """(…, n, n) covariance that white noise of intensity ``drive`` (…, n, n) adds to ẋ = A x in a step of ``dt`` s.
+    """Returns (…, n, n) covariance that white noise of intensity ``drive`` (…, n, n) adds to ẋ = A x in ``dt`` s.
 
     Van Loan, "Computing integrals involving the matrix exponential", 1978.
     """
@@ -76,7 +76,7 @@ GUSTS = smooth(4)
 
 
 def jumping(inputs: Array, sooner: float) -> Array:
-    """(W, N, r) inputs whose jumps between two samples come ``sooner`` than half way, in shares of a step.
+    """Returns (W, N, r) inputs whose jumps between two samples come ``sooner`` than half way, in shares of a step.
 
     A jump is what a change has beyond the one before it, and of it alone where their signs differ.
     """
@@ -88,7 +88,7 @@ def jumping(inputs: Array, sooner: float) -> Array:
 
 
 def delayed(inputs: Array, steps: float) -> Pair:
-    """Commands (T − 1, r) as they act at the beginning and the end of each step, interpolated."""
+    """Returns commands (T − 1, r) as they act at the beginning and the end of each step, interpolated."""
     whole = int(min(max(0.0, steps), len(inputs)))
     share = min(max(0.0, steps) - whole, 1.0)
     later = np.concatenate([np.repeat(inputs[:1], whole + 1, axis=0), inputs])[: len(inputs) + 1]
@@ -136,7 +136,7 @@ def plant(
     dt: float,
     jumps: float = 0.0,
 ) -> Plant:
-    """The plant with ``damping``, 1/s, ``lag``, s, and wind, sampled every ``dt`` seconds.
+    """Returns the plant with ``damping``, 1/s, ``lag``, s, and wind, sampled every ``dt`` seconds.
 
     ``components`` of the wind are colour, standard deviation in rad/s² (…), and time in s (…) of each. Of several (…)
     side by side its arrays have these axes first.

@@ -17,11 +17,12 @@ from mavdem.dem.record import Record, require_usable
 
 
 def simulated(physical: Physical, record: Record, inputs: ArrayLike) -> Forecast:
-    """Mean and variance (H, m) of an angle and its rate under commanded ``inputs`` (H, r), after the training data.
+    """Returns the forecast of an angle and its rate under commanded ``inputs`` (H, r), after the training data.
 
-    It begins with the last measured sample, and with the torque that the last commands left in the motors. The steady
-    disturbance of the training data stays: it balances the mean inputs. The variance is that of the wind, of which
-    nothing else is known, and of motors' effect, damping and lag, to first order.
+    Its mean and variance are (H, m). It begins with the last measured sample, and with the torque that the last
+    commands left in the motors. The steady disturbance of the training data stays: it balances the mean inputs. The
+    variance is that of the wind, of which nothing else is known, and of motors' effect, damping and lag, to first
+    order.
 
     ``ValueError`` for outputs that are not an angle and its rate, and for inputs larger than may be learned from.
     """

@@ -212,12 +212,12 @@ def steady(
     damping: float,
     dt: float,
 ) -> float:
-    """The mean torque, rad/s², that a segment's rate (T,) has besides the ``commanded`` torque (T,)."""
+    """Returns the mean torque, rad/s², that a segment's rate (T,) has besides the ``commanded`` torque (T,)."""
     return float((rate[-1] - rate[0]) / (len(rate) * dt) + damping * rate.mean() - commanded.mean())
 
 
 def balanced(effect: Array, trim: Array, directions: Array | None) -> float:
-    """The wind's torque, rad/s², that inputs ``trim`` (r,) of motors with this ``effect`` (r,) balance.
+    """Returns the wind's torque, rad/s², that inputs ``trim`` (r,) of motors with this ``effect`` (r,) balance.
 
     Of motors that are equal: along the mixer's ``directions`` (r,), or, where these are not known, without what all
     have in common, since the common command lifts the vehicle. A single input is the torque's own command.

@@ -86,7 +86,7 @@ class OnlineJoint:
             self.add(block, fits=False)
 
     def end_segment(self) -> None:
-        """A gap follows: no sample after it is compared with predictions before it."""
+        """Ends a segment, as a gap follows: no sample after it is compared with predictions before it."""
         self._ring[:] = np.nan
 
     def predict(self, memory: Memory) -> Pair:

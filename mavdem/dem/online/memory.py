@@ -74,7 +74,7 @@ class Memory:
         return True
 
     def end_segment(self) -> bool:
-        """A gap follows; returns whether that closed a block."""
+        """Ends a segment, as a gap follows; returns whether that closed a block."""
         closed = self._open > 0
         if closed:
             self._close()

@@ -115,7 +115,7 @@ class Tracker(NamedTuple):
 
     @classmethod
     def of(cls, learned: Learned, fit: Fit, until: float) -> Tracker:
-        """That of a result and the fit that it was made from."""
+        """Returns that of a result and the fit that it was made from."""
         belief = fit.ascent.belief
         energy = SampleEnergy.of(fit.model, belief)
         past = learned.free_energy_of_samples[-round(SURPRISE_SECONDS / learned.dt) :]

@@ -83,7 +83,7 @@ class WindFilter(NamedTuple):
 
 
 def wind_filter(record: Record, prior: Physical | None = None) -> WindFilter:
-    """Fitted to a record, with the ``prior`` of :func:`physical`.
+    """Returns the filter fitted to a record, with the ``prior`` of :func:`physical`.
 
     Raises:
         ValueError: no physical parameters can be fitted to it.
@@ -163,7 +163,7 @@ class OnlineWind:
         return self._coming.popleft() if self._coming else NOTHING
 
     def end_segment(self) -> None:
-        """A gap follows, or a motor has changed."""
+        """Ends a segment, as a gap follows, or a motor has changed."""
         self._coming.clear()
         self._inputs.clear()
 

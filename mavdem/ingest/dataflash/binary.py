@@ -132,7 +132,10 @@ NOT_NUMBERS = ("Message", "Name", "x", "y", "z")
 
 
 def numbers(table: MessageTable) -> MessageTable:
-    """Its fields with one number a message, for in a damaged definition any may be a text or an array, and those."""
+    """Returns a table's fields with one number a message, and those of ``NOT_NUMBERS``.
+
+    In a damaged definition any field may be a text or an array.
+    """
     fields = {
         name: values
         for name, values in table.columns.items()

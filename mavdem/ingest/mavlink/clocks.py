@@ -34,7 +34,10 @@ def far_off(values: Times, window: int, limit: float | Times) -> Flags:
 
 
 def outliers(seconds: Times) -> Flags:
-    """Stamps far from the median of the five around them: one or two messages, not a lasting change of the clock."""
+    """Returns which stamps are far from the median of the five around them.
+
+    These are one or two messages, not a lasting change of the clock.
+    """
     if len(seconds) < 3:
         return np.zeros(len(seconds), dtype=np.bool_)
     return far_off(seconds, 5, MAX_OFFSET + 10 * np.median(abs(np.diff(seconds))))

@@ -99,7 +99,7 @@ def messages_in(data: bytes) -> list[Any]:
 
 
 def enum_name(enum: str, value: int) -> str:
-    """The name of an enum's entry without the enum's own name: ("MAV_TYPE", 2) is "QUADROTOR"; else the number."""
+    """Returns the name of an enum's entry without the enum's own: ("MAV_TYPE", 2) is "QUADROTOR"; else the number."""
     entry = dialect.enums[enum].get(value)
     if entry is None or entry.name.endswith("_ENUM_END"):
         return str(value)
@@ -107,12 +107,12 @@ def enum_name(enum: str, value: int) -> str:
 
 
 def parameter_values(sent: Columns, autopilot: str) -> Parameters:
-    """The last finite value of each parameter by name, of :func:`parameters_sent`."""
+    """Returns the last finite value of each parameter by name, of :func:`parameters_sent`."""
     return {name: value for name, value in parameters_sent(sent, autopilot) if isfinite(value)}
 
 
 def parameters_sent(sent: Columns, autopilot: str) -> list[tuple[str, float]]:
-    """Name and value of each row of PARAM_VALUE's columns, from the MAV_AUTOPILOT of the sender.
+    """Returns name and value of each row of PARAM_VALUE's columns, from the MAV_AUTOPILOT of the sender.
 
     A parameter travels in a float32. ArduPilot casts integers to it; PX4 copies their bits. Source:
     https://mavlink.io/en/services/parameter.html#parameter-encoding.

@@ -138,7 +138,10 @@ def find_frames(data: Bytes, seeds: Seeds, gap: int = 0) -> Iterator[Frames]:
 
 
 def find_in_pieces(data: Bytes, ends: Places, seeds: Seeds) -> tuple[Frames, Places]:
-    """Every frame in pieces of a stream that end at ``ends`` (P,), and the number of the piece in which each begins."""
+    """Returns every frame in pieces of a stream that end at ``ends`` (P,).
+
+    With them comes the number of the piece in which each begins.
+    """
     frames = concatenated(list(find_frames(data, seeds)))
     return frames, np.searchsorted(ends, frames.start, side="right")
 
@@ -284,7 +287,7 @@ def _chain(content: memoryview, offset: int, goal: int, gap: int) -> Sequence[in
 
 
 def announced_length(marker: int, payload: int, flags: int) -> int | None:
-    """Bytes of the frame whose header starts with these three; None if no header does."""
+    """Returns the number of bytes of the frame whose header starts with these three; None if no header does."""
     if marker == MARKER_1:
         return HEADER_1 + payload + CHECKSUM
     if marker == MARKER_2 and flags <= SIGNED:

@@ -205,7 +205,7 @@ class FrameStream:
     repairs: Facts
 
     def stamped_frames(self) -> Iterator[tuple[int, bytes]]:
-        """The stamp and the bytes of each frame; a frame without a stamp has that of the frame before."""
+        """Yields the stamp and the bytes of each frame; a frame without a stamp has that of the frame before."""
         last = np.maximum.accumulate(np.where(self.stamps > 0, np.arange(len(self.stamps)), 0))
         content = self.data.data
         for stamp, start, end in zip(

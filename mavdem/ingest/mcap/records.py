@@ -62,7 +62,7 @@ class McapRecording:
     _allowance: int = 0
 
     def messages(self) -> Iterator[Message]:
-        """Every message whose channel is known, in the order of the file; of damaged chunks none."""
+        """Yields every message whose channel is known, in the order of the file; of damaged chunks none."""
         self._allowance = FREE_BYTES + MAX_RATIO * len(self.content)
         places = list(self._records())
         # The summary at the end repeats channels and schemas, which helps where the first record is damaged.
@@ -75,7 +75,7 @@ class McapRecording:
                 yield record
 
     def repairs(self) -> Facts:
-        """Each kind of damage."""
+        """Returns each kind of damage."""
         return (
             *repair(Repair.CHUNKS_DAMAGED, count=self.damaged),
             *repair(Repair.BYTES_SKIPPED, count=self.skipped, part="recording"),

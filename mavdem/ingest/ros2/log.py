@@ -257,7 +257,10 @@ def vehicle(topics: Mapping[RosTopic, TopicColumns], source: str) -> Telemetry |
 
 
 def numbered(vehicles: Sequence[tuple[str, Telemetry]]) -> Iterator[Telemetry]:
-    """Vehicles with their namespaces, numbered from 1 where some say no system id, or the same; repairs say so."""
+    """Yields vehicles with their namespaces, numbered from 1 where some say no system id, or the same.
+
+    Repairs say so.
+    """
     said = {vehicle.system for _, vehicle in vehicles if vehicle.system}
     for system, (namespace, vehicle) in enumerate(vehicles, 1):
         if len(said) == len(vehicles):
