@@ -221,7 +221,7 @@ NODES = {
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
 ALL_NODES = 419_600
-TEST_NODES = 250_000
+TEST_NODES = 225_000
 NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""
 ALL_CONSTANTS = 700

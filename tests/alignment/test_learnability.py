@@ -403,19 +403,6 @@ def test_values_sent_again_and_again_are_refused_for_the_rate_of_new_ones(
     assert 0.9 * told <= reason.figures["fresh_rate"] <= 1.01 * told
 
 
-def test_held_values_are_seen_through_losses_and_a_rate_that_does_not_divide():
-    telemetry = HOVER.telemetry()
-    random = default_rng(4)
-    table = telemetry.messages["ATTITUDE"]
-    source = np.floor(np.arange(len(table["time"])) / 6.7).astype(int) * 67 // 10
-    kept = np.sort(random.permutation(len(source))[: round(0.9 * len(source))])
-    fields = {
-        name: (column if name == "time" else column[source])[kept] for name, column in table.items()
-    }
-    reason = refused_for(changed(telemetry, "ATTITUDE", **fields))
-    assert reason.code is Reason.VALUES_REPEATED and 10 <= reason.figures["fresh_rate"] < 20
-
-
 def test_motors_that_stand_still_because_they_are_rounded_are_not_held():
     """A command that moves by less than a step from message to message repeats whole rows, and then goes on by one."""
     whole = in_whole_pulses(Hover(command=2.0).telemetry())

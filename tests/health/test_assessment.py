@@ -99,8 +99,8 @@ def test_a_weak_motor_is_found_and_named(motor):
 
 def test_a_fault_among_the_first_flights_is_not_taken_for_healthy():
     vehicle = MadeUpVehicle(3)
-    flights = [*vehicle.flights(2), vehicle.flight(weak(2, 0.4)), *vehicle.flights(3)]
-    flights.append(vehicle.flight(weak(2, 0.4)))
+    cut = weak(2, 0.4)
+    flights = [*vehicle.flights(2), vehicle.flight(cut), *vehicle.flights(3), vehicle.flight(cut)]
     found = assess(flights)
     assert [one.health for one in found] == ["ok", "ok", "fault", "ok", "ok", "ok", "fault"]
     beside = assess(flights, [*flights[:2], flights[3]])

@@ -379,24 +379,6 @@ def test_what_chunks_unpack_to_is_bounded(tmp_path, monkeypatch):
     assert sum(given) < 50 << 23
 
 
-def test_numbers_come_in_other_words(recorder):
-    body = {
-        "time_boot_ms": 5.0,
-        "roll": "NaN",
-        "pitch": "-Infinity",
-        "yaw": "1.5",
-        "rollspeed": 2,
-        "yawspeed": False,
-    }
-    recorder.write("/mavlink/1/1/ATTITUDE", json.dumps(body).encode())
-    recorder.write(
-        "/mavlink/1/1/ATTITUDE", json.dumps({"time_boot_ms": "6", "roll": "level"}).encode()
-    )
-    vehicle = recorder.vehicle()
-    (row,) = zip(*(vehicle.messages["ATTITUDE"][name].tolist() for name in body), strict=True)
-    assert np.array_equal(row, [5, np.nan, -np.inf, 1.5, 2, 0], equal_nan=True)
-
-
 def test_texts_of_json_are_as_on_the_wire(recorder):
     recorder.flight(TIMES[:5])
     for text in ('"hello"', '["h","e","l","l","o","\\u0000"]', "[104,101,108,108,111,0,0]"):
