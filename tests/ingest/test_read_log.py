@@ -9,8 +9,9 @@ import numpy as np
 import ulog_files
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mavlink_streams import flight, frame, heartbeat, message, tlog
+from mavlink_streams import flight, frame, heartbeat, message, read, tlog
 from mcap_files import spoil
+from pymavlink.dialects.v20 import all as dialect
 from pytest import mark, raises
 from refusals import refused
 
@@ -28,30 +29,6 @@ def log_of(content, folder, name="flight.tlog"):
     path = folder / name
     path.write_bytes(content)
     return read_log(path)
-
-
-def test_several_systems_are_kept_apart_and_only_vehicles_listed(tmp_path):
-    one = flight(TIMES, system=2)
-    two = flight([time + 1000 for time in TIMES], system=7)
-    frames = [
-        heartbeat(2),
-        heartbeat(7, kind=13, autopilot=12),
-        heartbeat(255, 190, kind=6, autopilot=8),
-        heartbeat(2, 154, kind=26, autopilot=8),
-        *(each for pair in zip(one, two, strict=True) for each in pair),
-    ]
-    log = log_of(tlog(frames), tmp_path)
-    assert [(v.system, v.component, v.vehicle, v.autopilot) for v in log.vehicles] == [
-        (2, 1, "QUADROTOR", "ARDUPILOTMEGA"),
-        (7, 1, "HEXAROTOR", "PX4"),
-    ]
-    assert np.allclose(log.vehicles[1].messages["ATTITUDE"]["time"], np.array(TIMES) + 1000)
-    assert [speaker.kind for speaker in log.components] == [
-        "QUADROTOR",
-        "GIMBAL",
-        "HEXAROTOR",
-        "GCS",
-    ]
 
 
 def vehicle_of(frames, folder):
@@ -272,9 +249,9 @@ def test_what_cannot_be_read_is_said(tmp_path, name, content, code, figures):
 @mark.parametrize("name", ["a.tlog", "a.mcap", "a.BIN", "a.ulg", "a"])
 def test_a_pointer_of_git_lfs_says_how_to_fetch_the_log(tmp_path, name):
     pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:f878642b\nsize 61497068\n"
-    for read in (read_log, read_stream):
+    for reader in (read_log, read_stream):
         (tmp_path / name).write_bytes(pointer)
-        assert unreadable(tmp_path / name, read).code is Source.GIT_LFS_POINTER
+        assert unreadable(tmp_path / name, reader).code is Source.GIT_LFS_POINTER
 
 
 def test_a_frame_that_chance_makes_in_another_file_is_no_log(tmp_path):
@@ -321,3 +298,16 @@ def test_a_path_may_be_bytes_and_have_any_name(tmp_path):
     path.write_bytes(tlog([heartbeat(), *flight(TIMES)]))
     log = read_log(os.fsencode(path))
     assert log.source == str(path) and len(log.vehicles) == 1
+
+
+def test_ground_stations_radios_and_who_only_beats_are_no_vehicles():
+    senders = [
+        message("HEARTBEAT", 255, type=dialect.MAV_TYPE_GCS),
+        message("SYSTEM_TIME", 255),
+        message("RADIO_STATUS", 51, 68),
+        message("HEARTBEAT", 7, type=dialect.MAV_TYPE_QUADROTOR),
+    ]
+    log = read(tlog([*senders, *flight([20.0, 20.1])]))
+    assert [vehicle.system for vehicle in log.vehicles] == [1]
+    kinds = {sender.system: sender.kind for sender in log.components}
+    assert kinds == {1: "UNKNOWN", 7: "QUADROTOR", 51: "TELEMETRY_RADIO", 255: "GCS"}

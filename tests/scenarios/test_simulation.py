@@ -44,22 +44,6 @@ def test_the_same_seed_gives_the_same_bits_in_pieces_too(flight):
 
 
 @mark.slow
-def test_it_arms_climbs_hovers_lands_and_disarms(flight):
-    assert list(dict.fromkeys(flight.landed_state.tolist())) == [1, 3, 2, 4]
-    assert flight.landed_state[-1] == 1
-    assert flight.time[1:][np.diff(flight.armed.astype(int)) != 0] == approx([2, 22])
-    hovering = (flight.landed_state == 2) & (flight.time > 9)
-    assert abs(flight.position[hovering] - [0, 0, -5]).max() < 0.5
-    assert flight.position[flight.time > 21.5, 2] == approx(0)
-    assert not flight.rotor_speeds[-1].any() or flight.rotor_speeds[-1].max() < 1e-3
-    assert abs(flight.position[-1, :2]).max() < 1
-    standing = flight.landed_state == 1
-    assert not any(
-        columns[standing].any() for columns in (flight.velocity, flight.force, flight.moment)
-    )
-
-
-@mark.slow
 def test_a_second_flight_is_armed_as_long_after_the_end_of_the_first_as_this_was_after_boot():
     twice = fly(brief(duration=15.0, flights=2))
     changes = twice.time[1:][np.diff(twice.armed.astype(int)) != 0]
