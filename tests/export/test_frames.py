@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import control
@@ -10,11 +11,13 @@ from mcap.reader import make_reader
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import fixture, mark, raises, warns
 from recorded_flights import FLIGHT
+from refusals import prose, refused
 from simulated import simulated
 
 import mavdem
 from mavdem.evaluate import held_out_test
-from mavdem.export.conversion import columns, write_channels
+from mavdem.export.conversion import _identified, columns, write_channels
+from mavdem.facts.model import Plant
 from mavdem.flight import Flight
 from mavdem.report.series import series_of
 
@@ -62,6 +65,19 @@ def test_a_system_has_the_names_and_the_matrices_of_the_model(learned):
     model = learned.model
     for own, expected in ((system.A, model.A), (system.B, model.B), (system.C, model.C)):
         assert_array_equal(own, expected)
+
+
+@mark.parametrize(
+    "physical, names, code",
+    [
+        (None, ("roll", "roll rate"), Plant.NO_PLANT),
+        (SimpleNamespace(caution=None), ("roll", "roll rate", "pitch"), Plant.TOO_MANY_OUTPUTS),
+    ],
+)
+def test_a_model_without_a_plant_says_why(physical, names, code):
+    record = SimpleNamespace(output_names=names)
+    model = SimpleNamespace(physical=physical, physical_reason=prose("Why."), record=record)
+    assert refused(_identified, model).code is code
 
 
 @mark.slow

@@ -254,6 +254,11 @@ def test_a_pointer_of_git_lfs_says_how_to_fetch_the_log(tmp_path, name):
         assert unreadable(tmp_path / name, reader).code is Source.GIT_LFS_POINTER
 
 
+def test_a_format_without_frames_has_none_to_give(tmp_path):
+    (tmp_path / "flight.ulg").write_bytes(LOADS)
+    assert unreadable(tmp_path / "flight.ulg", read_stream).code is Source.FORMAT_WITHOUT_FRAMES
+
+
 def test_a_frame_that_chance_makes_in_another_file_is_no_log(tmp_path):
     other = random.Random(0).randbytes(1 << 20)
     (tmp_path / "other").write_bytes(other + heartbeat() + other)
