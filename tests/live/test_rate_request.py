@@ -203,8 +203,8 @@ def test_parameters_of_the_motors_are_asked_for_one_by_one_until_they_come():
     known = {}
     tries = Counter()
     for number in range(150):
-        frames = request.due(0.2 * number, None, known)
-        assert len(frames) <= 1
+        frames = request.due(0.25 * number, None, known)
+        assert len(frames) <= 1 and not request.due(0.25 * number + 0.1, None, known)
         for one in messages_in(b"".join(frames)):
             assert (one.target_system, one.target_component) == VEHICLE
             name = one.param_id.encode()
