@@ -157,7 +157,7 @@ def lines(screen):
     for line in screen.splitlines():
         if "took" not in line:
             words = " ".join(NUMBER.sub("#", line).split())
-            found[words] += map(float, NUMBER.findall(line))
+            found[words] += map(float, filter(None, NUMBER.findall(line)))
     return {words: numbers or ["said"] for words, numbers in found.items()}
 
 
@@ -290,6 +290,11 @@ def test_a_scenario_is_flown_as_before(name, seconds, tmp_path, monkeypatch, cap
     for file in tmp_path.iterdir():
         found |= written(file)
     hold(name, found, request)
+
+
+def test_what_a_scenario_leaves_out_is_as_before(capsys, request):
+    assert run("fly", "calm", "--describe") == 0
+    hold("described", lines(capsys.readouterr().out), request)
 
 
 def hold(name, found, request):
