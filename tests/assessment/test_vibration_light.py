@@ -43,7 +43,7 @@ def test_the_worst_axis_of_the_worst_imu_is_named():
 
 def test_clips_are_counted():
     assert light([1, 1, 1]).figures["clips"] == 0
-    assert light([1, 1, 1], clips=CLIPS.bad).level == "watch"
+    assert {light([1, 1, 1], clips=count).level for count in (1, CLIPS.bad)} == {"watch"}
     many = light([1, 1, 1], clips=CLIPS.bad + 1)
     assert (many.level, many.figures["clips"]) == ("bad", CLIPS.bad + 1)
 
