@@ -207,7 +207,7 @@ NODES = {
     "evaluate": 8110,
     "export": 2_549,
     "facts": 4_180,
-    "fleet": 15_125,
+    "fleet": 15_140,
     "health": 10_644,
     "ingest": 40_695,
     "live": 31_660,

@@ -123,8 +123,8 @@ def pool(workers: int) -> Iterator[Pool]:
         sys.exit(str(Fact(Workers.SCRIPT_IMPORTED_BY_WORKER)))
     context = get_context("spawn")
     stop_pipe, parents_end = context.Pipe(duplex=False)
-    # A signal to the group does not reach the processes begun in here, Python's own for semaphores among them: the
-    # parent decides what it means. Nor may a signal interrupt the start of a process.
+    # Ctrl-C, and a terminal that closes, reach every process of it, but not those begun in here, Python's own for
+    # semaphores among them: the parent decides what it means. Nor may a signal interrupt the start of a process.
     with blocked(*ENDS):
         executor = Pool(workers, context, initializer=_begin, initargs=(stop_pipe,))
     try:
@@ -202,6 +202,8 @@ def _importing_main() -> bool:
 def _begin(stop_pipe: Connection) -> None:
     global _stop_pipe
     _stop_pipe = stop_pipe
+    # Blocked while it began; a worker alone may be ended, and a pool that broke ends its others so.
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     Thread(target=_end_with_parent, daemon=True).start()
 
 

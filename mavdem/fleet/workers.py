@@ -115,15 +115,18 @@ class LogReader:
         for _ in range(ATTEMPTS):
             process = self._process or self._started()
             deadline = time.monotonic() + WAITING * limits.seconds
+            outcome = None
             try:
                 future = self._executor.submit(perform, job, limits, read)
                 outcome = self._result(future, deadline)
-                if outcome is not None or self._is_ending():
-                    return outcome
                 code = -signal.SIGXCPU
             except BrokenExecutor:
                 process.join()
                 code = process.exitcode or 0
+                # A signal that ended it may be the run's, too, which looks as often.
+                time.sleep(2 * LOOK_SECONDS)
+            if outcome is not None or self._is_ending():
+                return outcome
             self.stop()
             if code == -signal.SIGXCPU:
                 late = Fact(Reading.READING_TOO_LONG, time_limit=limits.seconds)
