@@ -29,7 +29,7 @@ def log_blocks(held: Values) -> Blocks:
 
 def vehicle_contents(vehicle: Values) -> Blocks:
     """Returns what a log holds of a ``vehicle``: whether a model can be learned, repairs, settled flight, messages."""
-    verdict = vehicle["verdict"]
+    learnability = vehicle["verdict"]
     names = vehicle["names"]
     # names of the periodic messages by their rounded rate, the fastest first
     streams = dict[str, list[str]]()
@@ -42,9 +42,9 @@ def vehicle_contents(vehicle: Values) -> Blocks:
             streams.setdefault(key, []).append(shown)
     rows = [[rate, ", ".join(group)] for rate, group in streams.items()]
     return [
-        *section("vehicle", **vehicle, is_tilt=verdict.axis in TILT_AXES),
+        *section("vehicle", **vehicle, is_tilt=learnability.axis in TILT_AXES),
         *section("tier", **vehicle),
-        *map(caution, verdict.cautions),
+        *map(caution, learnability.cautions),
         *(Sentence(str(repair), "Noted:") for repair in vehicle["repairs"]),
         *section("settled", **vehicle),
         *([Table(["rate", "messages"], rows, words=True)] if rows else []),
