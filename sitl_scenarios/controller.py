@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from sitl_scenarios.dynamics import Four, State, Three, euler, frame, mix, pulse
 from sitl_scenarios.plan import Reference
-from sitl_scenarios.scenario import VehicleSpec
+from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.vehicles import GRAVITY, airframe
 
 # rad/s: bandwidth of the rate loop that is not exceeded, for the noise that it would put on the motors
@@ -45,22 +45,23 @@ class Gains(NamedTuple):
 
 
 class Controller:
-    """That of one vehicle in flight; ``cycle`` and the ``delay`` of its estimates in s.
+    """That of one vehicle in flight, in a ``cycle`` of s.
 
     ``stiff``: rates that are asked for per error of roll, pitch and yaw, 1/s.
     """
 
-    def __init__(self, vehicle: VehicleSpec, cycle: float, delay: float) -> None:
+    def __init__(self, scenario: Scenario) -> None:
+        vehicle = scenario.vehicle
+        self.cycle = cycle = scenario.cycle
         self._body = body = airframe(vehicle)
-        self._frame = places = frame(vehicle.mixer or vehicle.frame, body.arm)
+        self._frame = places = frame(vehicle.layout, body.arm)
         self._gain = vehicle.rate_gain
         lag = sum(body.lag) / 2
         # A loop with an integrator and a dead time T in all is well damped up to about 0.4/T; a cycle's hold and its
         # computing take about one cycle.
-        dead_time = lag / LEAD + delay + cycle
+        dead_time = lag / LEAD + scenario.sensors.delay + cycle
         self._rate = min(0.4 / dead_time, FASTEST)
         self._attitude = self._rate / 3
-        self._cycle = cycle
         self._forgets = 1.0 - exp(-cycle * LEAD / lag) if lag else 1.0
         # Moments of a demand of 1 about the three axes, N m, by the slope of the rotors' curves in hover.
         hover_command = body.command_for(body.hover_speed)
@@ -85,13 +86,13 @@ class Controller:
         self.stiff = stiff
         self._velocity = min(stiff[0], stiff[1], self._attitude) / 3.5
         self._position = self._velocity / 2.5
-        self._smooths = 1.0 - exp(-self._cycle * LEAD * self._velocity)
+        self._smooths = 1.0 - exp(-self.cycle * LEAD * self._velocity)
 
     @property
     def gains(self) -> tuple[Gains, ...]:
         """About roll, pitch and yaw."""
         # The lead is P and D: P(1 + (LEAD − 1)τs/(1 + τs)); τ as the cycle's exp(−cycle/τ) has it.
-        lag = self._cycle * (1.0 - self._forgets) / self._forgets
+        lag = self.cycle * (1.0 - self._forgets) / self._forgets
         return tuple(
             Gains(p, p * self._rate / 12, p * (LEAD - 1.0) * lag, lag, angle)
             for p, angle in zip(
@@ -123,7 +124,7 @@ class Controller:
         push = self._push
         smooth = self._smooth
         # A fifth of the loop's bandwidth for the integral: wind is found in about two seconds.
-        gain = fast * fast / 5 * self._cycle
+        gain = fast * fast / 5 * self.cycle
         for i in range(3):
             if flying:  # m/s², at most about what ``MAX_TILT`` gives: a storm must not wind it up
                 push[i] = _limited(push[i] + gain * error[i], 7.0)
@@ -143,7 +144,7 @@ class Controller:
         wanted_pitch += more_pitch
         # The heading is held, and turned at the yaw rate that is asked for, as both autopilots do.
         if flying:
-            turned = self._heading + yaw_rate * self._cycle
+            turned = self._heading + yaw_rate * self.cycle
             self._heading = remainder(turned, tau)
         upright = max(cos(roll) * cos(pitch), 0.5)
         thrust = self._body.mass * lift / upright
@@ -185,7 +186,7 @@ class Controller:
         slow = (LEAD - 1.0) * self._slow[axis]
         led = LEAD * rate - slow
         if flying:
-            self._trim[axis] += self._rate / 12 * self._cycle * (wanted - rate)
+            self._trim[axis] += self._rate / 12 * self.cycle * (wanted - rate)
         error = wanted - led + self._trim[axis]
         return self._gain * self._rate * error * self._per_unit[axis]
 

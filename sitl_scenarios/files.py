@@ -11,7 +11,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from sitl_scenarios.gains import check_parameters, cycle_of, parameters_of
+from sitl_scenarios.gains import check_parameters, parameters_of
 from sitl_scenarios.plan import times
 from sitl_scenarios.scenario import Excitation, Moment, Scenario, Wind, shortened
 
@@ -110,7 +110,7 @@ def with_vehicle(scenario: Scenario, other: Scenario) -> Scenario:
 
 def with_parameters(scenario: Scenario, changed: Iterable[str]) -> Scenario:
     """Returns the scenario with parameters of the autopilot ``changed`` to "NAME=VALUE"; raises ValueError."""
-    own = parameters_of(scenario, cycle_of(scenario))
+    own = parameters_of(scenario)
     table = scenario.model_dump(mode="json")
     for name, _, value in (assignment.partition("=") for assignment in changed):
         if name not in own:

@@ -13,7 +13,6 @@ from mavdem.condition.loop.controllers import (
     FASTEST,
     LOOP_RATES,
     SLOWEST,
-    USUAL_RATES,
     controller_of,
 )
 from mavdem.condition.loop.controllers import Controller as AxisController
@@ -25,12 +24,6 @@ from sitl_scenarios.gyro import Gyro
 from sitl_scenarios.motion import Pair
 from sitl_scenarios.scenario import AXES, Scenario, VehicleSpec
 from sitl_scenarios.vehicles import airframe
-
-
-def cycle_of(scenario: Scenario) -> float:
-    """Returns the control cycle of a scenario's autopilot, s."""
-    kind = scenario.stream.autopilot
-    return 1 / scenario.vehicle.parameters.get(LOOP_RATES[kind], USUAL_RATES[kind])
 
 
 def check_parameters(scenario: Scenario) -> None:
@@ -54,48 +47,45 @@ def check_parameters(scenario: Scenario) -> None:
             raise ValueError(
                 f"vehicle.parameters.{name} must be from {low:g} to {high:g}, not {value:g}"
             )
-    controller_for(scenario, cycle_of(scenario))
+    controller_for(scenario)
 
 
-def parameters_of(scenario: Scenario, cycle: float) -> dict[str, float]:
+def parameters_of(scenario: Scenario) -> dict[str, float]:
     """Returns the parameters of control: those that suit the vehicle, and what ``vehicle.parameters`` says instead."""
     kind = scenario.stream.autopilot
-    rate = round(1 / cycle)
-    gains = Controller(scenario.vehicle, cycle, scenario.sensors.delay).gains
     parameters_for = _px4 if kind == "px4" else _ardupilot
-    own = parameters_for(scenario.vehicle, gains)
+    own = parameters_for(scenario.vehicle, Controller(scenario).gains)
     if "RATE_RLL_P" in scenario.vehicle.parameters:  # as gains were called before ArduCopter 3.4
         own = {name: value for name, value in own.items() if not name.startswith("ATC_")}
-    return own | {LOOP_RATES[kind]: rate} | scenario.vehicle.parameters
+    return own | {LOOP_RATES[kind]: round(1 / scenario.cycle)} | scenario.vehicle.parameters
 
 
-def controller_for(scenario: Scenario, cycle: float) -> Controller:
+def controller_for(scenario: Scenario) -> Controller:
     """Returns the controller of a scenario: of its parameters, where it has any; raises NotLearnable: they are none."""
     if scenario.vehicle.parameters:
-        return SetController(scenario, cycle)
-    return Controller(scenario.vehicle, cycle, scenario.sensors.delay)
+        return SetController(scenario)
+    return Controller(scenario)
 
 
-def gyro_for(controller: Controller, cycle: float) -> Gyro:
-    """Returns the gyro of a ``controller``, stepped as the physics in its ``cycle``, s; its own one has no filters."""
+def gyro_for(controller: Controller) -> Gyro:
+    """Returns the gyro of a ``controller``, stepped as the physics in its cycle; its own one has no filters."""
     roll = controller.axes[0] if isinstance(controller, SetController) else None
-    return Gyro(roll, cycle / steps_of(cycle))
+    return Gyro(roll, controller.cycle / steps_of(controller.cycle))
 
 
 class SetController(Controller):
     """Flies an autopilot's parameters; position and velocity control are the simulation's own."""
 
-    def __init__(self, scenario: Scenario, cycle: float) -> None:
-        parameters = parameters_of(scenario, cycle)
+    def __init__(self, scenario: Scenario) -> None:
+        parameters = parameters_of(scenario)
         vehicle = scenario.vehicle
-        layout = vehicle.mixer or vehicle.frame
-        columns = frame(layout, airframe(vehicle).arm)[2:]
+        columns = frame(vehicle.layout, airframe(vehicle).arm)[2:]
         is_px4 = scenario.stream.autopilot == "px4"
         self.axes = axes = [
             controller_of(parameters, axis, () if is_px4 else column)
             for axis, column in zip(AXES, columns, strict=True)
         ]
-        super().__init__(vehicle, cycle, scenario.sensors.delay)
+        super().__init__(scenario)
         self._within(tuple(axis.angle for axis in axes))
         self._columns = np.array([axis.mixer for axis in axes])
         self._mix = mixers.px4 if is_px4 else mixers.ardupilot
@@ -187,8 +177,7 @@ def _px4(vehicle: VehicleSpec, gains: Sequence[Gains]) -> dict[str, float]:
     A torque of 1 adds the column of the mixer's pseudo-inverse to the motors, normalised as in PX4's
     ControlAllocationPseudoInverse.cpp: roll and pitch both by the larger of their norms, yaw by its largest.
     """
-    layout = vehicle.mixer or vehicle.frame
-    rotors = frame(layout, airframe(vehicle).arm)
+    rotors = frame(vehicle.layout, airframe(vehicle).arm)
     (share, slope) = _slope_in_hover(vehicle, 0.0)
     arms = (rotors.right, rotors.forward)
     norms = [sqrt(fsum(part * part for part in arm)) for arm in arms]

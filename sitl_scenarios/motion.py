@@ -1,7 +1,9 @@
 """Motion: states, inputs and disturbances of a simulated flight, row by row."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -57,8 +59,11 @@ class Motion:
     def __len__(self) -> int:
         return len(self.time)
 
+    def __getitem__(self, rows: slice | NDArray[np.intp]) -> Motion:
+        return Motion(*(column[rows] for column in vars(self).values()))
+
 
 def joined(pieces: Sequence[Motion]) -> Motion:
     """Returns one motion, of pieces that follow each other."""
-    columns = ([getattr(piece, field.name) for piece in pieces] for field in fields(Motion))
+    columns = zip(*(vars(piece).values() for piece in pieces), strict=True)
     return Motion(*map(np.concatenate, columns))

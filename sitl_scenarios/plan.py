@@ -84,17 +84,17 @@ def seconds(scenario: Scenario) -> float:
 class Plan:
     """Spin up, climb for 3 s or longer, hover and be excited, descend, wait; raises ValueError: no time to hover."""
 
-    def __init__(self, scenario: Scenario, cycle: float) -> None:
+    def __init__(self, scenario: Scenario) -> None:
         self._times = times(scenario)
         self._height = scenario.height
         self._excitation = scenario.excitation
-        self._cycle = cycle
+        self._cycle = cycle = scenario.cycle
         table = np.zeros((1, 3))
         if isinstance(scenario.excitation, Multisine):
             table = _multisine(scenario.excitation, cycle)
         elif isinstance(scenario.excitation, Sticks):
             samples = round((self._times.landing - self._times.hover) / cycle)
-            table = _sticks(scenario, scenario.excitation, cycle, samples)
+            table = _sticks(scenario, scenario.excitation, samples)
         elif isinstance(scenario.excitation, Course):
             once = _course(scenario.excitation, cycle)
             excited = self._times.landing - self._times.hover - 2 * SETTLE_SECONDS
@@ -198,13 +198,13 @@ def _about(axis: str, value: float) -> Three:
     return tuple(value if axis == name else 0.0 for name in AXES)
 
 
-def _sticks(scenario: Scenario, sticks: Sticks, cycle: float, samples: int) -> Array:
+def _sticks(scenario: Scenario, sticks: Sticks, samples: int) -> Array:
     """(samples, 3) demands; a stick stops at its end."""
     demands = np.zeros((samples, 3))
     for number, (name, full) in enumerate(zip(AXES, FULL_STICK, strict=True)):
         if sticks.axis in (name, "all"):
             noise = scenario.random(STICKS, number)
-            moved = gaussian_noise(sticks.s, cycle, samples, noise)
+            moved = gaussian_noise(sticks.s, scenario.cycle, samples, noise)
             angles = radians(sticks.sd) * moved
             demands[:, number] = np.clip(angles, -full, full)
     return demands

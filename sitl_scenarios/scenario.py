@@ -23,6 +23,7 @@ from pydantic import (
     model_validator,
 )
 
+from mavdem.condition.loop.controllers import LOOP_RATES, USUAL_RATES
 from sitl_scenarios.motion import Array, Pair
 
 
@@ -173,6 +174,11 @@ class VehicleSpec(Section):
     """Seconds into the flight from which it is weak"""
     weak_thrust: Left = 0.65
     """Share of its thrust that is left"""
+
+    @property
+    def layout(self) -> Literal["x", "plus"]:
+        """The frame that the autopilot is set to."""
+        return self.mixer or self.frame
 
 
 class SteadyWind(Section):
@@ -486,6 +492,12 @@ class Scenario(Section):
     faults: Faults = Faults()
     propeller: Propeller = Propeller()
     load: Load = Load()
+
+    @property
+    def cycle(self) -> float:
+        """Of the autopilot's control, s."""
+        kind = self.stream.autopilot
+        return 1 / self.vehicle.parameters.get(LOOP_RATES[kind], USUAL_RATES[kind])
 
     def random(self, *purpose: int) -> Generator:
         """Returns the random numbers for one purpose; what others draw does not change them."""

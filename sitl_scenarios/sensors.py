@@ -6,10 +6,9 @@ from math import cos, exp, pi, radians, sin, sqrt
 from operator import add
 
 import numpy as np
-from numpy.random import Generator
 
 from sitl_scenarios.dynamics import Four, State, Three, turned, unit
-from sitl_scenarios.scenario import SHAKING, Scenario, Sensors
+from sitl_scenarios.scenario import SENSORS, SHAKING, Scenario
 from sitl_scenarios.vehicles import airframe
 
 FRAME_DAMPING = 0.02  # damping ratio of a frame: of carbon and glass fibre 0.01 to 0.03
@@ -64,8 +63,10 @@ class RotorNoise:
 class Sensing:
     """The way from states to what is known: an exact delay, between cycles, and noise, white from cycle to cycle."""
 
-    def __init__(self, sensors: Sensors, cycle: float, noise: Generator) -> None:
-        late = sensors.delay / cycle
+    def __init__(self, scenario: Scenario) -> None:
+        sensors = scenario.sensors
+        noise = scenario.random(SENSORS)
+        late = sensors.delay / scenario.cycle
         self._whole = int(late)
         self._share = late - self._whole
         self._seen: deque[State] = deque(maxlen=self._whole + 2)

@@ -19,11 +19,11 @@ from sitl_scenarios.dynamics import (
     pulse,
     steps_of,
 )
-from sitl_scenarios.gains import controller_for, cycle_of, gyro_for
+from sitl_scenarios.gains import controller_for, gyro_for
 from sitl_scenarios.gyro import STILL
 from sitl_scenarios.motion import Array, Motion, Progress, joined
 from sitl_scenarios.plan import AFTER_SECONDS, BOOT_SECONDS, Plan, seconds
-from sitl_scenarios.scenario import SENSORS, Scenario
+from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.sensors import RotorNoise, Sensing
 from sitl_scenarios.vehicles import GRAVITY, airframe
 from sitl_scenarios.wind import Weather
@@ -41,14 +41,14 @@ class Simulation:
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
-        self.cycle = cycle_of(scenario)
+        self.cycle = scenario.cycle
         self._steps = steps_of(self.cycle)
         self._body = Body(scenario.vehicle, self.cycle / self._steps)
         self._airframe = airframe(scenario.vehicle)
-        self._plan = Plan(scenario, self.cycle)
-        self._controller = controller_for(scenario, self.cycle)
-        self._gyro = gyro_for(self._controller, self.cycle)
-        self._sensing = Sensing(scenario.sensors, self.cycle, scenario.random(SENSORS))
+        self._plan = Plan(scenario)
+        self._controller = controller_for(scenario)
+        self._gyro = gyro_for(self._controller)
+        self._sensing = Sensing(scenario)
         self._boot = round(BOOT_SECONDS / self.cycle)
         self._flight = round(scenario.duration / self.cycle)
         self._end = self._flight + round(AFTER_SECONDS / self.cycle)
@@ -185,7 +185,7 @@ class Simulation:
             self._grounded = True
             self._down = phase == 4 or not self.armed
             self._controller.rest()
-            self._gyro = gyro_for(self._controller, self.cycle)
+            self._gyro = gyro_for(self._controller)
         self._state = state
 
 
@@ -216,13 +216,13 @@ def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> 
     wind's per moment of inertia, rad/s². A mean wind would move the vehicle, not turn it. Raises ValueError: the
     vehicle tumbles.
     """
-    cycle = cycle_of(scenario)
+    cycle = scenario.cycle
     body = airframe(scenario.vehicle)
     steps = steps_of(cycle)
     flown = Body(scenario.vehicle, cycle / steps)
-    controller = controller_for(scenario, cycle)
-    gyro = gyro_for(controller, cycle)
-    sensing = Sensing(scenario.sensors, cycle, scenario.random(SENSORS))
+    controller = controller_for(scenario)
+    gyro = gyro_for(controller)
+    sensing = Sensing(scenario)
     cycles = round(len(torque) * dt / cycle)
     grid = np.arange(cycles) * cycle / dt
     wind_moments = torque * body.inertia

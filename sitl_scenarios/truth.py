@@ -29,7 +29,7 @@ from sitl_scenarios.dynamics import (
     damages,
     dynamics,
 )
-from sitl_scenarios.gains import controller_for, cycle_of, gyro_for
+from sitl_scenarios.gains import controller_for, gyro_for
 from sitl_scenarios.motion import Array, Arrays, Flags, Motion
 from sitl_scenarios.plan import BOOT_SECONDS
 from sitl_scenarios.scenario import AXES, Axis, Scenario, VehicleSpec
@@ -133,7 +133,7 @@ def truth(scenario: Scenario, motion: Motion) -> Arrays:
     begins = [BOOT_SECONDS + begin for begin, _ in damages(scenario)]
     begin = max(begins, default=np.inf)
     arrays["weak"] = motion.time >= begin
-    late = scenario.sensors.delay + cycle_of(scenario) / 2
+    late = scenario.sensors.delay + scenario.cycle / 2
     arrays["delay"] = np.array(late)
     arrays["lag"] = np.array([(up + down) / 2, up, down])
     for number, name in enumerate(AXES):
@@ -152,7 +152,7 @@ def truth(scenario: Scenario, motion: Motion) -> Arrays:
         )
         arrays[f"{name}_disturbance"] = acting
         effect = arrays.get(f"{name}_effect", instant.B[-1])
-        arrays |= loops(scenario, cycle_of(scenario), number, effect)
+        arrays |= loops(scenario, number, effect)
     return arrays
 
 
@@ -161,7 +161,7 @@ LOWEST = 0.05  # Hz of the loops: position control is slower
 STEP = 1e-3, -1e-3  # of a demand, to linearise the mixer
 
 
-def loops(scenario: Scenario, cycle: float, number: int, effect: Array) -> Arrays:
+def loops(scenario: Scenario, number: int, effect: Array) -> Arrays:
     """Returns arrays by name of the loops that fly about the axis ``number``, as docs/scenarios.md explains them.
 
     They are the controller's own impulse response, a hold over one cycle, rotors, body and the estimates' delay.
@@ -169,11 +169,12 @@ def loops(scenario: Scenario, cycle: float, number: int, effect: Array) -> Array
     motor's output, rad/s² per µs.
     """
     name = AXES[number]
-    controller = controller_for(scenario, cycle)
+    controller = controller_for(scenario)
+    cycle = scenario.cycle
     frequency = np.geomspace(LOWEST, 0.499 / cycle, 4000)
     s = np.asarray(2j * pi * frequency, np.complex128)
     feedback, setpoint = (
-        _response(scenario, cycle, number, wanted, s * cycle) for wanted in (False, True)
+        _response(scenario, number, wanted, s * cycle) for wanted in (False, True)
     )
     body = airframe(scenario.vehicle)
     about = np.append(np.eye(3)[number], 0.0)
@@ -192,7 +193,7 @@ def loops(scenario: Scenario, cycle: float, number: int, effect: Array) -> Array
     rotors = sum(body.lag) / 2 * s + 1
     rate = gain * hold * free / rotors
     late = np.exp(-s * scenario.sensors.delay)
-    passed = gyro_for(controller, cycle).response(frequency)
+    passed = gyro_for(controller).response(frequency)
     rate_loop = -feedback * rate * late * passed
     attitude_loop = controller.stiff[number] * setpoint * rate / (1 + rate_loop) * late / s
     return {
@@ -204,11 +205,9 @@ def loops(scenario: Scenario, cycle: float, number: int, effect: Array) -> Array
     }
 
 
-def _response(
-    scenario: Scenario, cycle: float, number: int, wanted: bool, turns: NDArray[Any]
-) -> NDArray[Any]:
+def _response(scenario: Scenario, number: int, wanted: bool, turns: NDArray[Any]) -> NDArray[Any]:
     """(N,) of the rate controller at ``turns``, j times rad a cycle: from the rate that is ``wanted``, or the rate."""
-    controller = controller_for(scenario, cycle)
+    controller = controller_for(scenario)
     impulse = np.eye(1, SETTLED_CYCLES)[0].tolist()
     demands = [
         controller.demand(number, demand * wanted, demand * (not wanted), True)

@@ -210,7 +210,7 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
     with writing(*files), atomic_writes(*files) as unfinished, progress("Writing", measured=False):
         unfinished_of = dict(zip(files, unfinished, strict=True))
         if out is not None and truth is not None:
-            stream = recorded(scenario, motion, Simulation(scenario).cycle, lambda _: None)
+            stream = recorded(scenario, motion)
             with unfinished_of[out].open("wb") as file:
                 report |= {
                     "out": str(out),

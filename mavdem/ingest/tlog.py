@@ -21,7 +21,6 @@ from mavdem.ingest.mavlink.definitions import seeds
 from mavdem.ingest.mavlink.framing import (
     MATCHES,
     Bytes,
-    concatenated,
     find_frames,
     rows_of,
 )
@@ -43,7 +42,7 @@ def tlog_stream(path: PathName) -> FrameStream:
     """Returns the frames of a telemetry log with their stamps, in the order received; raises as ``read_tlog``."""
     source = os.fspath(path)
     data, repairs = _without_carriage_returns(file_bytes(path))
-    frames = concatenated(list(find_frames(data, seeds(), STAMP_BYTES)))
+    frames = find_frames(data, seeds(), STAMP_BYTES)
     space = np.diff(frames.start, prepend=0)
     space[1:] = frames.start[1:] - frames.end[:-1]
     covered = np.minimum(space, STAMP_BYTES) + frames.end - frames.start

@@ -40,7 +40,6 @@ from mavdem.report.blocks import Block
 from mavdem.report.figures.style import Picture
 from sitl_scenarios.dynamics import euler
 from sitl_scenarios.files import load
-from sitl_scenarios.gains import cycle_of
 from sitl_scenarios.mavlink.transmitter import recorded
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
@@ -77,7 +76,7 @@ def logged(scenario: Scenario, name: str = "flight") -> Flight:
 def write_log(path: PathName, scenario: Scenario, motion: Motion) -> None:
     """Writes a telemetry log of a simulated flight."""
     with open(path, "wb") as file:
-        write_tlog(file, recorded(scenario, motion, cycle_of(scenario), lambda _: None))
+        write_tlog(file, recorded(scenario, motion))
 
 
 def hover(scenario: Scenario, motion: Motion) -> Flight:

@@ -10,7 +10,7 @@ from time import monotonic
 
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 from sitl_scenarios.mavlink.commands import CommandHandler, addressed_messages
-from sitl_scenarios.mavlink.transmitter import LossyLink, Transmitter
+from sitl_scenarios.mavlink.transmitter import LossyLink, Timed, Transmitter
 from sitl_scenarios.motion import Progress
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation
@@ -87,7 +87,7 @@ def fly_live(
     It flies ``speed`` seconds in a second. ``progress`` is called with the seconds flown. Raises ValueError: as
     ``Transmitter``; or the vehicle tumbles.
     """
-    transmitter = Transmitter(scenario, simulation.cycle)
+    transmitter = Transmitter(scenario)
     commands = CommandHandler(transmitter, simulation)
     outcome = LiveOutcome()
     link = LossyLink(scenario.faults, scenario.seed)
@@ -114,7 +114,7 @@ def _ticks(
     link: LossyLink, simulation: Simulation, transmitter: Transmitter, speed: float
 ) -> Iterator[tuple[float, list[bytes]]]:
     """Seconds flown, tick by tick, and the frames that arrive by then; after the flight, what is still on its way."""
-    way = deque[tuple[float, bytes]]()
+    way = deque[Timed]()
     # What falls due in 4 ms of wall time is sent together, but at most half a second of the flight.
     cycles = max(round(min(0.004 * speed, 0.5) / simulation.cycle), 1)
     start = None
@@ -123,14 +123,13 @@ def _ticks(
         motion = simulation.advance(cycles)
         start = float(motion.time[0]) if start is None else start
         now = float(motion.time[-1])
-        way.extend(link.pass_on(transmitter.send(motion)).timed())
+        way.extend(link.pass_on(transmitter.send(motion)))
         yield now - start, _due(way, now)
-    for batch in link.rest():
-        way.extend(batch.timed())
+    way.extend(link.rest())
     while way and start is not None:
         now += cycles * simulation.cycle
         yield now - start, _due(way, now)
 
 
-def _due(way: deque[tuple[float, bytes]], now: float) -> list[bytes]:
+def _due(way: deque[Timed], now: float) -> list[bytes]:
     return [way.popleft()[1] for _ in range(len(way)) if way[0][0] <= now]

@@ -6,13 +6,12 @@ https://mavlink.io/en/services/parameter.html#parameter-encoding has it.
 """
 
 import struct
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.mavlink.definitions import MessageDefinition, definitions
+from mavdem.ingest.mavlink.definitions import named
 from mavdem.ingest.vocabulary import ACTIVE, ARMED, ON_GROUND, STANDBY, number_of, quaternion
 from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, SPINS, euler, pulse
 from sitl_scenarios.gains import parameters_of
@@ -38,18 +37,12 @@ HOME = (47.397742, 8.545594, 488.0)
 METRES_PER_DEGREE = 111_195.0
 
 
-@cache
-def named(name: str) -> MessageDefinition:
-    """Returns the definition of a message."""
-    return next(message for message in definitions().values() if message.name == name)
-
-
-CHANNELS: int = named("HIL_ACTUATOR_CONTROLS").wire["controls"].shape[0]  # of all output messages
+CHANNELS: int = named()["HIL_ACTUATOR_CONTROLS"].wire["controls"].shape[0]  # of all output messages
 
 
 def payload(name: str, count: int = 1, /, **fields: Any) -> Payloads:
     """Returns messages, (count,) of their wire type; fields that are not given are zero."""
-    table = np.zeros(count, dtype=named(name).wire)
+    table = np.zeros(count, dtype=named()[name].wire)
     for field, values in fields.items():
         table[field] = values
     return table
@@ -109,7 +102,7 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
             # A stick to the right, or drawn back, which raises the nose, is more than the middle's pulse.
             middle = pulse(0.5)
             moved = middle + np.round((MAX_PULSE - middle) * motion.sticks / FULL_STICK)
-            fields |= {field: UNUSED for field in named(name).fields if field.endswith("_raw")}
+            fields |= {field: UNUSED for field in named()[name].fields if field.endswith("_raw")}
             fields |= {f"chan{n}_raw": moved[:, axis] for n, axis in ((1, 0), (2, 1), (4, 2))}
             fields |= {"chan3_raw": middle, "chancount": 4, "rssi": UNKNOWN_RSSI}
         case "LOCAL_POSITION_NED":
@@ -171,16 +164,16 @@ class Parameter(NamedTuple):
         return self.value
 
 
-def parameters(scenario: Scenario, autopilot: Autopilot, cycle: float) -> list[Parameter]:
-    """Returns an autopilot's parameters in alphabetical order; ``cycle`` of its loop in s."""
+def parameters(scenario: Scenario, autopilot: Autopilot) -> list[Parameter]:
+    """Returns an autopilot's parameters in alphabetical order."""
     system = scenario.stream.system
-    as_x = (scenario.vehicle.mixer or scenario.vehicle.frame) == "x"
+    as_x = scenario.vehicle.layout == "x"
     own = {"MAV_SYSID": system, "FRAME_TYPE": int(as_x)}
     if autopilot.name == "px4":
         own = {"MAV_SYS_ID": system, "SYS_AUTOSTART": 4001 if as_x else 5001}
     kinds = {name: kind for kind, parameters in autopilot.parameters.items() for name in parameters}
     values: dict[str, float] = {}
-    for parameters in (*autopilot.parameters.values(), own, parameters_of(scenario, cycle)):
+    for parameters in (*autopilot.parameters.values(), own, parameters_of(scenario)):
         values |= parameters
     return [
         Parameter(name, kinds.get(name, REAL32), float(values[name])) for name in sorted(values)

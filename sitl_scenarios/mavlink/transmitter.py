@@ -2,56 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterator, Mapping
 from operator import itemgetter
 
 import numpy as np
 from numpy.random import default_rng
 from numpy.typing import NDArray
 
-from mavdem.ingest.mavlink.definitions import FrameSender, composed_frames
-from mavdem.ingest.mavlink.framing import Bytes, Frames, gathered
+from mavdem.ingest.mavlink.definitions import FrameSender, frame_of, named
+from mavdem.ingest.mavlink.framing import frames_at
 from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS
-from sitl_scenarios.mavlink.messages import Payloads, named, parameters, payload, written
-from sitl_scenarios.motion import Array, Flags, Motion, Pair, Progress
+from sitl_scenarios.mavlink.messages import parameters, payload, written
+from sitl_scenarios.motion import Array, Motion, Pair
 from sitl_scenarios.plan import BOOT_SECONDS, seconds
 from sitl_scenarios.scenario import Faults, Scenario
 
 Rows = NDArray[np.intp]
 
 
-@dataclass(frozen=True, eq=False)
-class Batch:
-    """N frames, one behind the other in ``data``."""
-
-    time: Array  # (N,) s of the flight, ascending: when each was sent, or is received
-    data: Bytes  # their bytes
-    frames: Frames  # the table of them
-
-    def __len__(self) -> int:
-        return len(self.time)
-
-    def taken(self, rows: Rows, time: Array) -> Batch:
-        """Returns the frames of these rows (M,), in this order, at the times (M,)."""
-        return Batch(time, *gathered([(self.data, self.frames)], rows))
-
-    def timed(self) -> Iterator[tuple[float, bytes]]:
-        """Yields the time and the bytes of each frame."""
-        whole = self.data.tobytes()
-        columns = (self.time, self.frames.start, self.frames.end)
-        for time, start, end in zip(*(column.tolist() for column in columns), strict=True):
-            yield time, whole[start:end]
-
-
-def joined(batches: Sequence[Batch]) -> Batch:
-    """Joins batches, one at least, one behind the other."""
-    time = np.concatenate([batch.time for batch in batches])
-    return Batch(time, *gathered([(batch.data, batch.frames) for batch in batches]))
-
-
+Timed = tuple[float, bytes]
+"""The time, s of the flight, at which a frame is sent or received, and its bytes."""
 EARLY = 0.5e-6
 """Seconds before it is due that a message may be sent: half of what times are rounded to, so that none is a tie."""
 
@@ -108,8 +80,8 @@ class Schedule:
 
 # From one request for all streams to the next: ``set_stream_rates`` in MAVProxy's mavproxy.py
 MAVPROXY_SECONDS = 15.0
-Placed = tuple[str, Rows, Payloads]
-"""A message by name, the rows (n,) of the block in which it is sent, its payloads (n,)."""
+Placed = tuple[int, str, bytes]
+"""The row of the block in which a message is sent, its name and its payload."""
 
 
 class Transmitter:
@@ -119,8 +91,8 @@ class Transmitter:
     and ``clock``, s at the end of the last block, are on the boot clock; ``system`` is the MAVLink system id.
     """
 
-    def __init__(self, scenario: Scenario, cycle: float) -> None:
-        """Takes the scenario and the loop's cycle, s; raises ValueError: it has rates of a message that is not sent."""
+    def __init__(self, scenario: Scenario) -> None:
+        """Takes the scenario; raises ValueError: it has rates of a message that is not sent."""
         self.autopilot = AUTOPILOTS[scenario.stream.autopilot]
         self.system = scenario.stream.system
         self._rates = self.autopilot.rates(scenario.stream.rate, scenario.stream.rates)
@@ -130,37 +102,33 @@ class Transmitter:
                 name: rate if name in kept else 0.0 for name, rate in self._rates.items()
             }
         self._scenario = scenario
-        self._cycle = cycle
-        self._asked: list[tuple[str, Payloads]] = []
+        self._asked: list[Placed] = []
         self._events = sorted(self._planned(), key=itemgetter(0))
         self._armed_at = np.inf
         # At zero, messages would seem to have no stamp.
         self._begin(0.0, 0.01)
 
-    def send(self, motion: Motion) -> Batch:
+    def send(self, motion: Motion) -> list[Timed]:
         """Returns the frames sent during the rows of the next block, one at least, at the times of the motion."""
         armed = motion.time[motion.armed]
         if len(armed):
             self._armed_at = min(self._armed_at, float(armed[0]))
-        batches = []
+        frames: list[Timed] = []
         done = 0
         while self._events:
             after_arming, happen = self._events[0]
             row = int(np.searchsorted(motion.time, self._armed_at + after_arming))
             if row == len(motion):
                 break
-            if row > done:
-                until_then = rows_of_motion(motion, slice(done, row))
-                batches.append(self._sent(until_then))
+            frames += self._sent(motion[done:row])
             happen(float(motion.time[row]))
             done = row
             del self._events[0]
-        rest = rows_of_motion(motion, slice(done, None))
-        return joined([*batches, self._sent(rest)])
+        return frames + self._sent(motion[done:])
 
     def ask(self, name: str, **values: object) -> None:
         """Sends a message once, with the next block; fields that are not given are zero."""
-        self._asked.append((name, payload(name, **values)))
+        self._asked.append((0, name, payload(name, **values).tobytes()))
 
     def tell_parameters(self, name: str = "") -> None:
         """Sends all parameters, or that of one ``name``, with the next block."""
@@ -207,75 +175,49 @@ class Transmitter:
         self._sequence = 0
         self.clock = first - boot
         self.schedule = self._scheduled(self.clock)
-        self.parameters = parameters(self._scenario, self.autopilot, self._cycle)
+        self.parameters = parameters(self._scenario, self.autopilot)
         if not self._scenario.stream.only_when_asked:
             self.tell_parameters()
-        frame = self._scenario.vehicle.mixer or self._scenario.vehicle.frame
-        text = f"Simulated by mavdem, frame {frame}"
+        text = f"Simulated by mavdem, frame {self._scenario.vehicle.layout}"
         self.ask("STATUSTEXT", severity=6, text=text.encode())  # MAV_SEVERITY_INFO
         self._fresh = True
 
     def _scheduled(self, start: float) -> Schedule:
         return Schedule(
-            self._rates, start, self._cycle, self.autopilot.interval_step, self.autopilot.apart
+            self._rates,
+            start,
+            self._scenario.cycle,
+            self.autopilot.interval_step,
+            self.autopilot.apart,
         )
 
-    def _sent(self, motion: Motion) -> Batch:
-        first = int(np.searchsorted(motion.time, self._first))
-        motion = rows_of_motion(motion, slice(first, None))
+    def _sent(self, motion: Motion) -> list[Timed]:
+        motion = motion[int(np.searchsorted(motion.time, self._first)) :]
         if not len(motion):
-            return _nothing()
+            return []
         clock = motion.time - self._boot
         if self._fresh:
             self.schedule = self._scheduled(float(clock[0]))
             self._fresh = False
         self.clock = float(clock[-1])
-        placed = [(name, np.zeros(1, dtype=np.intp), command) for name, command in self._asked]
+        placed = sorted([*self._asked, *self._streams(motion, clock)], key=itemgetter(0))
         self._asked = []
-        placed += self._streams(motion, clock)
-        if placed:
-            return self._framed(placed, motion.time)
-        return _nothing()
+        sender = FrameSender(self.system, AUTOPILOT_COMPONENT)
+        frames = []
+        for row, name, content in placed:
+            frame = frame_of(content, named()[name], sender, self._sequence)
+            self._sequence = (self._sequence + 1) % 256
+            frames.append((float(motion.time[row]), frame))
+        return frames
 
     def _streams(self, motion: Motion, clock: Array) -> Iterator[Placed]:
         for name in self._rates:
             rows = self.schedule.due(name, clock)
             if len(rows):
                 boot = np.round(clock[rows] * 1e6).astype(np.int64)
-                sampled = rows_of_motion(motion, rows)
-                payloads = written(name, sampled, boot, self.autopilot)
-                yield name, rows, payloads
-
-    def _framed(self, placed: list[Placed], time: Array) -> Batch:
-        rows = np.concatenate([rows for _, rows, _ in placed])
-        order = np.argsort(rows, kind="stable")
-        sequence = np.empty(len(rows), dtype=np.int64)
-        end = self._sequence + len(rows)
-        sequence[order] = np.arange(self._sequence, end)
-        self._sequence = end % 256
-        sender = FrameSender(self.system, AUTOPILOT_COMPONENT)
-        batches = []
-        begin = 0
-        for name, own, payloads in placed:
-            end = begin + len(own)
-            numbers = (sequence[begin:end] % 256).astype(np.uint8)
-            begin = end
-            data, frames = composed_frames(payloads, named(name), sender, numbers)
-            batches.append(Batch(time[own], data, frames))
-        arrival = time[rows[order]]
-        return joined(batches).taken(order, arrival)
-
-
-def rows_of_motion(motion: Motion, rows: slice | Rows) -> Motion:
-    """Returns some rows of a motion."""
-    return Motion(**{field.name: getattr(motion, field.name)[rows] for field in fields(Motion)})
-
-
-def _nothing() -> Batch:
-    none = np.empty(0, dtype=np.uint8)
-    heartbeat = named("HEARTBEAT")
-    data, frames = composed_frames(payload("HEARTBEAT", 0), heartbeat, FrameSender(0, 0), none)
-    return Batch(np.empty(0), data, frames)
+                payloads = written(name, motion[rows], boot, self.autopilot)
+                for row, content in zip(rows.tolist(), payloads, strict=True):
+                    yield row, name, content.tobytes()
 
 
 class LossyLink:
@@ -290,72 +232,54 @@ class LossyLink:
         sequence = np.random.SeedSequence(seed, spawn_key=(0x6C696E6B,))
         self._random = default_rng(sequence)
         self._latest = -np.inf
-        self._held: Batch | None = None
+        self._held: Timed | None = None
 
-    def pass_on(self, batch: Batch) -> Batch:
-        """Returns the frames that arrive, at the times they do; one that is to be overtaken waits for the next."""
+    def pass_on(self, sent: list[Timed]) -> Iterator[Timed]:
+        """Yields the frames that arrive, at the times they do; one that is to be overtaken waits for the next."""
         faults = self._faults
-        lost, late, overtaken = self._random.random((len(batch), 3)).T
-        arrives = (lost >= faults.loss) & ~self.out(batch.time)
-        there = np.flatnonzero(arrives)
-        time = batch.time[there] + faults.delay + faults.jitter * late[there]
-        in_order = np.maximum(time, self._latest)
-        time = np.maximum.accumulate(in_order)
-        self._latest = float(time[-1]) if len(time) else self._latest
-        arriving = batch.taken(there, time)
-        waits = overtaken[there] < faults.reordered
-        if self._held is not None and len(arriving):
-            arriving = joined([self._held, arriving])
-            waits = np.concatenate([[True], waits])
-            self._held = None
-        order = []
-        behind = None  # the row that waits for the next
-        for row, is_late in enumerate(waits.tolist()):
-            if is_late and behind is None:
-                behind = row
+        chances = self._random.random((len(sent), 3)).tolist()
+        for (time, frame), (lost, late, overtaken) in zip(sent, chances, strict=True):
+            if lost < faults.loss or self.out(time):
                 continue
-            order.append(row)
-            if behind is not None:
-                order.append(behind)
-                behind = None
-        if behind is not None:
-            self._held = arriving.taken(np.array([behind]), arriving.time[-1:])
-        return arriving.taken(np.array(order, np.intp), arriving.time[: len(order)])
+            self._latest = max(time + faults.delay + faults.jitter * late, self._latest)
+            if self._held is not None:
+                earlier, held = self._held
+                self._held = None
+                yield earlier, frame
+                yield self._latest, held
+            elif overtaken < faults.reordered:
+                self._held = self._latest, frame
+            else:
+                yield self._latest, frame
 
-    def out(self, time: Array | float) -> Flags:
+    def out(self, time: float) -> bool:
         """Returns whether the link is lost at a time, s of the motion."""
-        begin = np.inf if self._faults.outage is None else self._faults.outage
-        since = np.asarray(time) - BOOT_SECONDS - begin
-        return (since >= 0.0) & (since < self._faults.outage_seconds)
+        begin = self._faults.outage
+        return begin is not None and 0 <= time - BOOT_SECONDS - begin < self._faults.outage_seconds
 
-    def rest(self) -> list[Batch]:
+    def rest(self) -> list[Timed]:
         """Returns the frame that is still held, at the end."""
-        held = self._held
-        self._held = None
-        return [] if held is None else [held]
+        return [] if self._held is None else [self._held]
 
 
 BLOCK = 1 << 14  # Cycles whose frames are made together
 
 
-def recorded(scenario: Scenario, motion: Motion, cycle: float, progress: Progress) -> FrameStream:
+def recorded(scenario: Scenario, motion: Motion) -> FrameStream:
     """Returns the frames of a flight from boot to end that arrive, stamped with the time they do.
 
-    ``cycle`` is of the autopilot's loop, s; ``progress`` is called with the fraction done. Raises ValueError: as
-    ``Transmitter``.
+    Raises ValueError: as ``Transmitter``.
     """
-    transmitter = Transmitter(scenario, cycle)
+    transmitter = Transmitter(scenario)
     link = LossyLink(scenario.faults, scenario.seed)
-    received = []
-    for end in range(BLOCK, len(motion) + BLOCK, BLOCK):
-        block = rows_of_motion(motion, slice(end - BLOCK, end))
-        sent = transmitter.send(block)
-        received.append(link.pass_on(sent))
-        progress(min(end / len(motion), 1.0))
-    whole = joined([*received, *link.rest()])
+    received: list[Timed] = []
+    for begin in range(0, len(motion), BLOCK):
+        received += link.pass_on(transmitter.send(motion[begin : begin + BLOCK]))
+    received += link.rest()
+    data = np.frombuffer(b"".join(frame for _, frame in received), dtype=np.uint8)
+    sizes = np.array([len(frame) for _, frame in received], np.int64)
+    frames = frames_at(data, np.cumsum(sizes) - sizes)
     # The first boot is on 1 January 2026, 0:00 UTC, and a day later with each seed, so that no two are one flight.
     begin = 1_767_225_600_000_000 + scenario.seed % 1000 * 86_400_000_000
-    stamps = begin + np.round(whole.time * 1e6)
-    return FrameStream(
-        "simulation", "simulation", whole.data, whole.frames, stamps.astype(np.uint64), 0, ()
-    )
+    stamps = begin + np.round([1e6 * time for time, _ in received])
+    return FrameStream("simulation", "simulation", data, frames, stamps.astype(np.uint64), 0, ())

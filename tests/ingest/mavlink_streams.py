@@ -10,7 +10,7 @@ from pymavlink.generator.mavcrc import x25crc
 
 from mavdem.ingest import read_log
 from mavdem.ingest.mavlink.definitions import seeds
-from mavdem.ingest.mavlink.framing import concatenated, find_frames
+from mavdem.ingest.mavlink.framing import find_frames
 
 NOW = 1_700_000_000_000_000
 
@@ -114,4 +114,4 @@ def heartbeat(system=1, component=1, kind=2, autopilot=3):
 
 def frames_in(content, gap=0):
     """What the reader finds, as one table."""
-    return concatenated(list(find_frames(np.frombuffer(content, dtype=np.uint8), seeds(), gap)))
+    return find_frames(np.frombuffer(content, dtype=np.uint8), seeds(), gap)

@@ -27,7 +27,7 @@ def batches(instance, first=0):
     }
     values = np.arange(5 * 32).reshape(5, 32)[[1, 0, 2, 3, 4]]
     data = {"N": first + np.array([0, 0, 1, 1, 2]), "seqno": np.array([1, 0, 0, 1, 0])}
-    return header, {**data, **dict.fromkeys("xyz", values)}
+    return header, {**data, "time": data["N"], **dict.fromkeys("xyz", values)}
 
 
 def test_whole_batches_are_samples_before_the_filters_and_behind_them():

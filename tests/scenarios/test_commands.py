@@ -5,7 +5,7 @@ from pymavlink.dialects.v20 import all as dialect
 from pytest import approx, mark
 
 from sitl_scenarios.mavlink.commands import CommandHandler, addressed_messages
-from sitl_scenarios.mavlink.transmitter import Transmitter, rows_of_motion
+from sitl_scenarios.mavlink.transmitter import Transmitter
 from sitl_scenarios.scenario import Scenario, StreamSpec
 
 CYCLES = {"px4": 0.004, "ardupilot": 0.0025}
@@ -17,8 +17,7 @@ class Vehicle:
     """A vehicle that answers, and the part of a simulation that can be armed."""
 
     def __init__(self, autopilot="px4", armable=True):
-        cycle = CYCLES[autopilot]
-        self.transmitter = Transmitter(Scenario(stream=StreamSpec(autopilot=autopilot)), cycle)
+        self.transmitter = Transmitter(Scenario(stream=StreamSpec(autopilot=autopilot)))
         self.commands = CommandHandler(self.transmitter, self)
         self.asked = []
         self._armable = armable
@@ -36,9 +35,9 @@ class Vehicle:
             self._row, self._row + round(seconds / CYCLES[self.transmitter.autopilot.name])
         )
         self._row = rows.stop
-        batch = self.transmitter.send(rows_of_motion(self._motion, rows))
+        sent = b"".join(frame for _, frame in self.transmitter.send(self._motion[rows]))
         said = {}
-        for message in dialect.MAVLink(None).parse_buffer(batch.data.tobytes()) or []:
+        for message in dialect.MAVLink(None).parse_buffer(sent) or []:
             said.setdefault(message.get_type(), []).append(message)
         return said
 

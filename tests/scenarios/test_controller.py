@@ -3,14 +3,13 @@
 from math import radians
 
 import numpy as np
-from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx, mark
 
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from sitl_scenarios.dynamics import IDLE_COMMAND, State, frame, mix
 from sitl_scenarios.files import scenario_of
-from sitl_scenarios.gains import cycle_of, parameters_of
+from sitl_scenarios.gains import parameters_of
 from sitl_scenarios.mixers import px4
 from sitl_scenarios.plan import Plan
 from sitl_scenarios.scenario import Chirp, Doublets, Multisine, Scenario, Sensors, Sticks
@@ -36,7 +35,7 @@ def test_saturation_takes_thrust_first_and_keeps_the_demands_in_proportion():
 
 
 def sensed(sensors, states):
-    sensing = Sensing(sensors, CYCLE, default_rng(0))
+    sensing = Sensing(Scenario(sensors=sensors))
     return [sensing.estimate(state) for state in states]
 
 
@@ -66,7 +65,7 @@ def test_what_is_known_is_as_noisy_as_asked():
 
 
 def excited(excitation, duration=60.0):
-    plan = Plan(Scenario(duration=duration, excitation=excitation), CYCLE)
+    plan = Plan(Scenario(duration=duration, excitation=excitation))
     return [plan.at(k * CYCLE) for k in range(round(duration / CYCLE))]
 
 
@@ -138,9 +137,7 @@ def test_the_parameters_that_are_sent_fly_as_the_own_controller_does(autopilot):
     }
     own = scenario_of(table)
     given = {
-        name: value
-        for name, value in parameters_of(own, cycle_of(own)).items()
-        if CONTROL_PARAMETERS.match(name)
+        name: value for name, value in parameters_of(own).items() if CONTROL_PARAMETERS.match(name)
     }
     other = given | {
         next(name for name in given if name in ("MC_ROLLRATE_P", "ATC_RAT_RLL_P")): 0.05

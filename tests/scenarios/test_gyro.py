@@ -10,7 +10,7 @@ from mavdem.condition.loop.filters import gyro_response
 from sitl_scenarios import mixers
 from sitl_scenarios.dynamics import AirState, State, frame
 from sitl_scenarios.files import scenario_of
-from sitl_scenarios.gains import SetController, cycle_of
+from sitl_scenarios.gains import SetController
 from sitl_scenarios.gyro import Gyro
 
 STEP = 1e-3
@@ -45,7 +45,7 @@ def of(autopilot, **parameters):
 @mark.parametrize("autopilot", GYROS)
 def test_the_gyro_passes_what_its_filters_do(autopilot):
     scenario = of(autopilot, **GYROS[autopilot])
-    controller = SetController(scenario, cycle_of(scenario)).axes[0]
+    controller = SetController(scenario).axes[0]
     gyro = Gyro(controller, STEP)
     sine = np.exp(2j * np.pi * AT * STEP * np.arange(2000))
     felt = [sensed(gyro, one.real, one.imag, 0.0) for one in sine.tolist()]
@@ -59,7 +59,7 @@ def test_the_gyro_passes_what_its_filters_do(autopilot):
 
 def test_a_filter_above_what_the_physics_show_is_off():
     scenario = of("px4", IMU_GYRO_CUTOFF=490.0)
-    gyro = Gyro(SetController(scenario, cycle_of(scenario)).axes[0], STEP)
+    gyro = Gyro(SetController(scenario).axes[0], STEP)
     assert sensed(gyro, 1.0, 2.0, 3.0) == (1.0, 2.0, 3.0)
 
 

@@ -7,7 +7,6 @@ from pymavlink.dialects.v20 import all as dialect
 from pytest import approx
 
 from sitl_scenarios.mavlink.live import Ground, fly_live
-from sitl_scenarios.mavlink.transmitter import rows_of_motion
 from sitl_scenarios.scenario import Faults, Scenario
 
 GROUND = dialect.MAVLink(None, srcSystem=255, srcComponent=190)
@@ -29,7 +28,7 @@ class Played:
     def advance(self, cycles):
         rows = slice(self._row, self._row + cycles)
         self._row += cycles
-        return rows_of_motion(self._motion, rows)
+        return self._motion[rows]
 
     def set_armed(self, armed, force=False):
         self.asked.append(armed)

@@ -35,7 +35,7 @@ def test_a_vehicle_has_the_published_figures(name, mass, inertia, arm, speed, th
 
 
 def told(autopilot, **vehicle):
-    sent = parameters(Scenario(vehicle=VehicleSpec(**vehicle)), autopilot, 0.004)
+    sent = parameters(Scenario(vehicle=VehicleSpec(**vehicle)), autopilot)
     return {one.name: one.value for one in sent}
 
 

@@ -14,7 +14,6 @@ from mavdem.ingest.mavlink.vehicles import assemble
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.report.blocks import Sentence, Table, markdown
 from sitl_scenarios.files import scenario_of
-from sitl_scenarios.gains import cycle_of
 from sitl_scenarios.mavlink.transmitter import recorded
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
@@ -76,8 +75,7 @@ def flight_of(values: Values, *as_fast: str) -> Scenario:
 
 def telemetry_of(scenario: Scenario, motion: Motion) -> Telemetry:
     """What the vehicle of a simulated flight sent."""
-    frames = recorded(scenario, motion, cycle_of(scenario), lambda _: None)
-    return assemble(frames).vehicles[0]
+    return assemble(recorded(scenario, motion)).vehicles[0]
 
 
 def rows_of(judge: Callable[[Any], list[Values]], flights: Iterable[Any], jobs: int) -> Any:

@@ -43,7 +43,7 @@ from mavdem.ingest.vocabulary import IN_AIR
 from mavdem.paper.runner import write_log
 from sitl_scenarios.dynamics import IDLE_COMMAND, MAX_PULSE, frame, pulse
 from sitl_scenarios.files import scenario_of
-from sitl_scenarios.gains import cycle_of, parameters_of
+from sitl_scenarios.gains import parameters_of
 from sitl_scenarios.scenario import AXES, Axis, Scenario
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import axis as linear_axis
@@ -117,7 +117,7 @@ def flown_by(of: Scenario, axis: Axis) -> Controller:
     row = 2 + AXES.index(axis)
     columns = frame(of.vehicle.frame, airframe(of.vehicle).arm)
     weights = columns[row]
-    parameters = parameters_of(of, cycle_of(of))
+    parameters = parameters_of(of)
     return controller_of(parameters, axis, weights)
 
 
@@ -127,7 +127,7 @@ def plant_of(of: Scenario, axis: Axis, effect: Array, shares: Sequence[float]) -
     per_demand = flown_by(of, axis).per_demand(shares)
     gain = 1000 * effect @ per_demand
     lag = sum(airframe(of.vehicle).lag) / 2
-    delay = of.sensors.delay + cycle_of(of) / 2
+    delay = of.sensors.delay + of.cycle / 2
     return [float(gain), float(damping), lag, delay]
 
 

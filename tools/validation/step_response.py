@@ -16,7 +16,7 @@ from mavdem.alignment.signals import Signals
 from mavdem.condition.condition import settled_parts
 from mavdem.condition.step_response import attitude_response, rate_response, step_of
 from mavdem.facts import Fact
-from sitl_scenarios.gains import controller_for, cycle_of
+from sitl_scenarios.gains import controller_for
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 
@@ -32,7 +32,7 @@ def judged(number: int) -> list[Values]:
     parts = settled_parts(signals)
     outer = truths["roll_attitude_loop"]
     frequency = truths["loop_frequency"]
-    stiff = controller_for(flight, cycle_of(flight)).stiff[0]
+    stiff = controller_for(flight).stiff[0]
     rate = outer * 2j * np.pi * frequency / stiff
     closed = {"rate": rate, "attitude": outer / (1 + outer)}
     responses = {

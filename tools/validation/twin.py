@@ -25,7 +25,7 @@ from mavdem.cli.twin import twin_command
 from mavdem.ingest import read_log
 from mavdem.paper.runner import write_log
 from sitl_scenarios.files import load, with_parameters, with_vehicle
-from sitl_scenarios.gains import cycle_of, parameters_of
+from sitl_scenarios.gains import parameters_of
 from sitl_scenarios.motion import Array
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
@@ -54,7 +54,7 @@ def vehicle(seed: int, number: int) -> Scenario:
 
 def with_gains(scenario: Scenario, times: float) -> Scenario:
     """Returns the scenario with ``times`` the gains of roll and pitch."""
-    parameters = parameters_of(scenario, cycle_of(scenario))
+    parameters = parameters_of(scenario)
     raised = [f"{name}={times * value}" for name, value in parameters.items() if GAINS.match(name)]
     return with_parameters(scenario, raised)
 
@@ -85,7 +85,7 @@ def simulated(scenario: Scenario) -> tuple[float, float]:
     hovering = in_hover(scenario, TIMES)
     motion = fly(hovering)
     hover = (motion.time > 8) & (motion.time < 16)
-    return oscillation(motion.known_rates[hover, :2], cycle_of(scenario))
+    return oscillation(motion.known_rates[hover, :2], scenario.cycle)
 
 
 def recorded(path: str) -> tuple[float, float]:

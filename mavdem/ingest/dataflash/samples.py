@@ -8,7 +8,7 @@ filters. Of an autopilot that logs both, instances behind the filters count on f
 import numpy as np
 
 from mavdem.heading import Names
-from mavdem.ingest.dataflash.translation import ACCELEROMETERS, GYROS, count, having, instance
+from mavdem.ingest.dataflash.translation import ACCELEROMETERS, GYROS, having, instance
 from mavdem.ingest.telemetry import Array, Columns, Parameters, Tables, joined, rows_by
 
 FIELDS = {"GYRO": GYROS, "ACCEL": ACCELEROMETERS}
@@ -42,21 +42,21 @@ def raw_samples(tables: Tables, parameters: Parameters) -> dict[str, tuple[str, 
                     if source == "ISBH"
                     else _plain(tables, RAW[sensor], fields, number)
                 )
-                if columns is not None and f"{sensor}_{stage}" not in samples:
+                if columns and f"{sensor}_{stage}" not in samples:
                     name = RAW[sensor] if source == "raw" else source
                     samples[f"{sensor}_{stage}"] = (name, columns)
         if f"{sensor}_AFTER" not in samples:
             columns = _plain(tables, "IMU", fields, 0)
-            if columns is not None:
+            if columns:
                 samples[f"{sensor}_AFTER"] = ("IMU", columns)
     return samples
 
 
-def _plain(tables: Tables, message: str, fields: Names, number: int) -> Columns | None:
+def _plain(tables: Tables, message: str, fields: Names, number: int) -> Columns:
     """Those of one instance, at the stamps of the samples where these are logged."""
     logged = instance(having(tables, message, fields), "I", number)
-    if logged is None or not count(logged):
-        return None
+    if not logged:
+        return {}
     measured = dict(zip("xyz", (logged[field] for field in fields), strict=True))
     sampled = logged.get("SampleUS")
     time = logged["time"] if sampled is None else _on_clock(logged, sampled)
@@ -69,14 +69,13 @@ def _on_clock(logged: Columns, sampled: Array) -> Array:
     return logged["time"] - late / 1e6
 
 
-def _batches(tables: Tables, sensor: str, number: int) -> Columns | None:
+def _batches(tables: Tables, sensor: str, number: int) -> Columns:
     """The samples of all whole batches of an instance."""
-    header = having(tables, "ISBH", ("N", "type", "instance", "mul", "smp_cnt", "smp_rate"))
-    data = tables.get("ISBD", {})
-    if header is None or "SampleUS" not in header or not {"N", "seqno", *"xyz"} <= data.keys():
-        return None
-    if any(data[axis].ndim != 2 for axis in "xyz"):
-        return None
+    fields = ("N", "type", "instance", "mul", "smp_cnt", "smp_rate", "SampleUS")
+    header = having(tables, "ISBH", fields)
+    data = having(tables, "ISBD", ("N", "seqno", *"xyz"))
+    if not header or not data or any(data[axis].ndim != 2 for axis in "xyz"):
+        return {}
     batches = []
     rows_of = rows_by(data["N"].astype(np.int64))
     start = _on_clock(header, header["SampleUS"])
@@ -90,4 +89,4 @@ def _batches(tables: Tables, sensor: str, number: int) -> Columns | None:
             time = start[row] + steps / float(header["smp_rate"][row])
             boot = np.full(len(steps), header["boot"][row])
             batches.append({"time": time, "boot": boot, **samples})
-    return joined(batches) if batches else None
+    return joined(batches) if batches else {}

@@ -43,25 +43,23 @@ from mavdem.ingest.vocabulary import (
 )
 
 
-def having(tables: Tables, name: str, fields: Names) -> Columns | None:
-    """Returns the messages of that name; None where there are none, or one of the fields is not there as numbers."""
+def having(tables: Tables, name: str, fields: Names) -> Columns:
+    """Returns the messages of that name; empty where there are none, or one of the fields is not there."""
     columns = tables.get(name, {})
-    if not all(field in columns and columns[field].dtype.kind in "iuf" for field in fields):
-        return None
-    return columns if len(columns["time"]) else None
+    return columns if columns.keys() >= {*fields} and count(columns) else {}
 
 
-def instance(columns: Columns | None, field: str, number: float) -> Columns | None:
-    """Returns those of one instance (sensor, core); all where the messages have no instances."""
-    if columns is None or field not in columns:
+def instance(columns: Columns, field: str, number: float) -> Columns:
+    """Returns those of one instance (sensor, core), empty without one; all where the messages have no instances."""
+    if field not in columns:
         return columns
     rows = columns[field] == number
-    return selected(columns, rows) if rows.any() else None
+    return selected(columns, rows) if rows.any() else {}
 
 
-def count(columns: Columns | None) -> int:
+def count(columns: Columns) -> int:
     """Returns how many messages there are."""
-    return 0 if columns is None else len(columns["time"])
+    return len(columns.get("time", ()))
 
 
 def values(columns: Columns, fields: Names) -> Array:
@@ -86,36 +84,35 @@ WEEK = timedelta(weeks=1).total_seconds()
 LEAP_SECONDS = 18  # GPS time is ahead of UTC, since 2017; a second or two less before
 
 
-def battery(tables: Tables) -> tuple[Columns | None, str]:
+def battery(tables: Tables) -> tuple[Columns, str]:
     """Returns SYS_STATUS of the first battery, with the decimals the message cuts off, and the name of its message."""
     for name in BATTERIES:
         logged = having(tables, name, ("Volt",))
-        if logged is None:
+        if not logged:
             continue
         for field in ("Inst", "Instance", "I"):
             logged = instance(logged, field, 0) or logged
         volts = values(logged, ("Volt",))[:, 0]
         # No multirotor has more than 200 V, and a battery of one cell has more hundredths.
         hundredths = np.any(volts > 0) and np.nanmedian(volts[volts > 0]) > 200
-        columns = {"voltage_battery": volts * (10.0 if hundredths else 1000.0)}
-        if having(tables, name, ("Curr",)) is not None:
-            columns["current_battery"] = values(logged, ("Curr",))[:, 0] * (
-                1.0 if hundredths else 100.0
-            )
+        unit = 10.0 if hundredths else 1000.0
+        columns = {"voltage_battery": volts * unit}
+        if "Curr" in logged:
+            columns["current_battery"] = values(logged, ("Curr",))[:, 0] * (unit / 10)
         return stamped(logged, columns), name
-    return None, BATTERIES[0]
+    return {}, BATTERIES[0]
 
 
-def vibration(tables: Tables) -> Columns | None:
+def vibration(tables: Tables) -> Columns:
     """Returns VIBRATION: standard deviations of the first IMU's acceleration, m/s², and of all as ``levels`` (N, 3 k).
 
     IMUs that were logged a sample longer than others are cut.
     """
     logged = having(tables, "VIBE", LEVELS)
-    if logged is None:
-        return None
+    if not logged:
+        return {}
     numbers = range(MAX_IMUS if "IMU" in logged else 1)
-    each = [one for number in numbers if (one := instance(logged, "IMU", number)) is not None]
+    each = [one for number in numbers if (one := instance(logged, "IMU", number))]
     least = min(map(count, each))
     imus = [selected(imu, np.arange(least)) for imu in each]
     clips = [np.zeros(least)] * MAX_IMUS
@@ -153,11 +150,11 @@ def under_later_names(name: str, logged: MessageTable) -> MessageTable:
     )
 
 
-def calendar_time(tables: Tables) -> Columns | None:
+def calendar_time(tables: Tables) -> Columns:
     """Returns SYSTEM_TIME, UTC by the receiver, where it has a fix."""
     logged = having(tables, "GPS", ("Status", "GMS", "GWk"))
-    if logged is None:
-        return None
+    if not logged:
+        return {}
     # 3D, by which it knows the time
     logged = selected(logged, (logged["Status"] >= 3) & (logged["GWk"] > 0))
     week, milliseconds = values(logged, ("GWk", "GMS")).T
@@ -166,14 +163,13 @@ def calendar_time(tables: Tables) -> Columns | None:
     return stamped(logged, {"time_unix_usec": unix})
 
 
-def _fixes(tables: Tables) -> Columns | None:
+def _fixes(tables: Tables) -> Columns:
     """GPS_RAW_INT of the first receiver; in 1e-7 degrees, as of the message, 0 where it has no fix."""
-    logged = instance(having(tables, "GPS", ("Status", "NSats", "HDop", "Lat", "Lng")), "I", 0)
-    if logged is None:
-        return None
-    status, satellites, dilution, lat, lon = values(
-        logged, ("Status", "NSats", "HDop", "Lat", "Lng")
-    ).T
+    fields = ("Status", "NSats", "HDop", "Lat", "Lng")
+    logged = instance(having(tables, "GPS", fields), "I", 0)
+    if not logged:
+        return {}
+    status, satellites, dilution, lat, lon = values(logged, fields).T
     scale = np.where(status >= 3, 1e7, 0.0)
     return stamped(
         logged,
@@ -187,20 +183,20 @@ def _fixes(tables: Tables) -> Columns | None:
     )
 
 
-def _position(tables: Tables) -> tuple[str, Columns | None]:
+def _position(tables: Tables) -> tuple[str, Columns]:
     """LOCAL_POSITION_NED; with the first filter's, EKF1, the vertical speed of CTUN: its own is off by 0.3 m/s."""
     name, columns = _renamed(tables, "LOCAL_POSITION_NED")
     _, rising = _renamed(tables, "VFR_HUD")
-    if columns is None or rising is None or name != "EKF1" or not rising["climb"].any():
+    if not columns or not rising or name != "EKF1" or not rising["climb"].any():
         return name, columns
     climb = _onto(columns, rising, rising["climb"][:, None])[:, 0]
     return name, {**columns, "vz": -climb}
 
 
-def _filter_status(tables: Tables) -> tuple[str, Columns | None]:
+def _filter_status(tables: Tables) -> tuple[str, Columns]:
     """EKF_STATUS_REPORT; its flags are the first bits of the filter's own (AP_Nav_Common.h), and the glitch of GPS."""
     name, columns = _renamed(tables, "EKF_STATUS_REPORT")
-    if columns is None or "flags" not in columns:  # before ArduCopter 3.3 there was no status
+    if "flags" not in columns:  # before ArduCopter 3.3 there was no status
         return name, columns
     own = columns["flags"].astype(np.int64)
     alike = own & (dialect.EKF_UNINITIALIZED - 1)
@@ -218,12 +214,12 @@ def texts_of(columns: Columns, field: str) -> list[str]:
     ]
 
 
-def _texts(tables: Tables) -> Columns | None:
+def _texts(tables: Tables) -> Columns:
     """STATUSTEXT of MSG, which has no severity."""
-    logged = tables.get("MSG", {})
-    if "Message" not in logged:
-        return None
-    severity = np.full(len(logged["time"]), NO_SEVERITY, dtype=np.uint8)
+    logged = having(tables, "MSG", ("Message",))
+    if not logged:
+        return {}
+    severity = np.full(count(logged), NO_SEVERITY, dtype=np.uint8)
     texts = np.array(texts_of(logged, "Message"), dtype=np.object_)
     return stamped(logged, {"severity": severity, "text": texts})
 
@@ -313,26 +309,19 @@ def translated(tables: Tables, kind: int) -> tuple[dict[str, Columns], dict[str,
         "HEARTBEAT": ("EV", armed),
         "EXTENDED_SYS_STATE": ("EV", landed),
     }
-    there = {
-        name: made
-        for name, (_, made) in named_columns.items()
-        if made is not None and len(made["time"])
-    }
+    there = {name: made for name, (_, made) in named_columns.items() if count(made)}
     return there, {name: own for name, (own, _) in named_columns.items() if own}, (*notes, *scaled)
 
 
-def _attitude(tables: Tables, per_degree: float) -> tuple[Columns | None, str]:
+def _attitude(tables: Tables, per_degree: float) -> tuple[Columns, str]:
     """At the stamps of the slower of angles and rates; with the name of that message."""
     named = _faster_angles(tables, ANGLES)
     angles = having(tables, named, ANGLES)
     gyros = instance(having(tables, "IMU", GYROS), "I", 0)
     rates = having(tables, "RATE", RATES)
-    if angles is None or (rates is None and gyros is None):
-        return None, named
-    if rates is None or (
-        count(rates) < FREQUENT_ENOUGH * count(angles) and count(rates) < count(gyros)
-    ):
-        assert gyros is not None
+    if not angles or not (rates or gyros):
+        return {}, named
+    if count(rates) < FREQUENT_ENOUGH * count(angles) and count(rates) < count(gyros):
         rates = gyros
         speeds = values(gyros, GYROS)
         source = "IMU"
@@ -359,7 +348,7 @@ def _in_centidegrees(tables: Tables) -> Facts:
     """Why RATE is in centidegrees/s, by the gyro where that turns; or empty."""
     rates = having(tables, "RATE", RATES)
     gyros = instance(having(tables, "IMU", GYROS), "I", 0)
-    if rates is None or gyros is None:
+    if not rates or not gyros:
         return ()
     turning = np.linalg.norm(_onto(rates, gyros, values(gyros, GYROS)), axis=1)
     moving = turning > MOVING_RATE
@@ -371,46 +360,48 @@ def _in_centidegrees(tables: Tables) -> Facts:
     return repair(Repair.CENTIDEGREES_CONVERTED, ratio=ratio) if low < ratio < high else ()
 
 
-def _servos(tables: Tables) -> Columns | None:
+def _servos(tables: Tables) -> Columns:
     logged = tables.get("RCOU", {})
-    outputs = {}
+    pulses = {
+        n: logged[name]
+        for n in range(1, 17)
+        for name in (f"C{n}", f"Ch{n}", f"Chan{n}")
+        if name in logged
+    }
+    if not pulses:
+        return {}
+    none = np.zeros(count(logged))
+    outputs = {"port": none.astype(np.uint8)}
     for n in range(1, 17):
-        for field in (f"C{n}", f"Ch{n}", f"Chan{n}"):
-            if field in logged:
-                pulses = np.nan_to_num(np.asarray(logged[field], dtype=np.float64))
-                outputs[n] = np.clip(pulses, 0, np.iinfo(np.uint16).max).astype(np.uint16)
-    if not outputs:
-        return None
-    none = np.zeros(len(logged["time"]), dtype=np.uint16)
-    named = {f"servo{n}_raw": outputs.get(n, none) for n in range(1, 17)}
-    return stamped(logged, {"port": none.astype(np.uint8), **named})
+        known = np.nan_to_num(np.asarray(pulses.get(n, none), np.float64))
+        outputs[f"servo{n}_raw"] = np.clip(known, 0, np.iinfo(np.uint16).max).astype(np.uint16)
+    return stamped(logged, outputs)
 
 
-def _targets(tables: Tables, per_degree: float) -> tuple[Columns | None, str]:
+def _targets(tables: Tables, per_degree: float) -> tuple[Columns, str]:
     """With the names of its messages."""
     parts = []
     names = []
     named = _faster_angles(tables, DESIRED_ANGLES)
-    if (rates := having(tables, "RATE", DESIRED_RATES)) is not None:
+    if rates := having(tables, "RATE", DESIRED_RATES):
         asked = np.radians(values(rates, DESIRED_RATES)) / per_degree
         parts.append(stamped(rates, attitude_target(rates=asked)))
         names.append("RATE")
-    angles = having(tables, named, DESIRED_ANGLES)
-    if angles is not None:
+    if angles := having(tables, named, DESIRED_ANGLES):
         q = quaternion(*np.radians(values(angles, DESIRED_ANGLES)).T)
         parts.append(stamped(angles, attitude_target(q=q)))
         names.append(named)
     if not parts:
-        return None, "RATE"
+        return {}, "RATE"
     together = joined(parts)
     return selected(together, np.lexsort((together["time"], together["boot"]))), " and ".join(names)
 
 
-def _tuning(tables: Tables, attitude: Columns | None, per_degree: float) -> Columns | None:
+def _tuning(tables: Tables, attitude: Columns, per_degree: float) -> Columns:
     """PID_TUNING, three messages a row of RATE, where that comes faster than the attitude, in degrees/s."""
     logged = having(tables, "RATE", (*DESIRED_RATES, *RATES))
-    if logged is None or count(attitude) >= FREQUENT_ENOUGH * count(logged):
-        return None
+    if count(attitude) >= FREQUENT_ENOUGH * count(logged):
+        return {}
     none = np.zeros(count(logged), np.uint8)
     parts = []
     for axis, (desired, achieved) in enumerate(zip(DESIRED_RATES, RATES, strict=True), 1):
@@ -420,45 +411,44 @@ def _tuning(tables: Tables, attitude: Columns | None, per_degree: float) -> Colu
     return joined(parts)
 
 
-def _derivative_terms(tables: Tables) -> Columns | None:
-    """D_TERM, what the rate controllers of roll, pitch and yaw make of the gyro's slope; None without all three."""
+def _derivative_terms(tables: Tables) -> Columns:
+    """D_TERM, what the rate controllers of roll, pitch and yaw make of the gyro's slope; empty without all three."""
     logged = [having(tables, name, ("D",)) for name in TUNING]
-    found = [terms for terms in logged if terms is not None]
-    if len(found) < len(logged):
-        return None
-    rows = min(map(count, found))
-    terms = {name: message["D"][:rows] for name, message in zip("xyz", found, strict=True)}
-    return stamped(selected(found[0], slice(rows)), terms)
+    rows = min(map(count, logged))
+    if not rows:
+        return {}
+    terms = {name: message["D"][:rows] for name, message in zip("xyz", logged, strict=True)}
+    return stamped(selected(logged[0], slice(rows)), terms)
 
 
-def _parameters_set(tables: Tables) -> Columns | None:
+def _parameters_set(tables: Tables) -> Columns:
     """PARAM_VALUE, when the logger began and when one was set."""
-    logged = having(tables, "PARM", ("Value",))
-    if logged is None or "Name" not in logged:
-        return None
+    logged = having(tables, "PARM", ("Name", "Value"))
+    if not logged:
+        return {}
     value = logged["Value"].astype(np.float32)
     return stamped(logged, {"param_id": logged["Name"], "param_value": value})
 
 
-def _injected(tables: Tables) -> Columns | None:
+def _injected(tables: Tables) -> Columns:
     """SIDD, the signal of the system identification mode, with the axis of its run, SID_AXIS, which SIDS has."""
     runs = having(tables, "SIDS", ("Ax",))
     logged = having(tables, "SIDD", ("Targ",))
-    if runs is None or logged is None:
-        return None
+    if not runs or not logged:
+        return {}
     begun, at = _across_boots(runs), _across_boots(logged)
     last = np.searchsorted(begun, at, side="right") - 1
     axis = np.where(last >= 0, runs["Ax"][last], 0)
     return stamped(logged, {"axis": axis, "target": logged["Targ"]})
 
 
-def _demands(tables: Tables) -> tuple[Columns | None, Facts]:
+def _demands(tables: Tables) -> tuple[Columns, Facts]:
     """The demands, −1 to 1, and thrust, 0 to 1 (NaN where RATE has none); and a repair where they were scaled."""
-    if (logged := having(tables, "RATE", DEMANDS)) is None:
-        return None, ()
+    logged = having(tables, "RATE", DEMANDS)
+    if not logged:
+        return {}, ()
     controls = np.pad(values(logged, DEMANDS), ((0, 0), (0, 8 - len(DEMANDS))))
-    thrust = having(tables, "RATE", ("AOut",))
-    controls[:, 3] = np.nan if thrust is None else thrust["AOut"]
+    controls[:, 3] = logged.get("AOut", np.nan)
     notes: Facts = ()
     demanded = abs(controls[:, :3])
     demanded = demanded[demanded > 0]
@@ -470,7 +460,7 @@ def _demands(tables: Tables) -> tuple[Columns | None, Facts]:
     return stamped(logged, {"group_mlx": group, "controls": controls}), notes
 
 
-def _renamed(tables: Tables, message: str) -> tuple[str, Columns | None]:
+def _renamed(tables: Tables, message: str) -> tuple[str, Columns]:
     """A message of ``translation.toml`` with the name of its own; of the filter's states, of the primary core."""
     chosen = tables.get("XKF4", {}).get("PI", np.zeros(0))
     cores, times = np.unique(chosen[chosen >= 0], return_counts=True)
@@ -478,11 +468,11 @@ def _renamed(tables: Tables, message: str) -> tuple[str, Columns | None]:
     rule = _RENAMED[message]
     for name in rule["messages"]:
         core = primary if name.startswith("XKF") else 0
-        logged = instance(tables.get(name), "C", core)
+        logged = instance(tables.get(name, {}), "C", core)
         with suppress(KeyError):
-            if logged is not None and count(logged):
+            if count(logged):
                 return name, stamped(logged, renamed(logged, rule))
-    return rule["messages"][0], None
+    return rule["messages"][0], {}
 
 
 def _onto(base: Columns, source: Columns, values: Array, turning: bool = False) -> Array:

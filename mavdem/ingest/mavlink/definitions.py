@@ -6,7 +6,7 @@ https://mavlink.io/en/guide/serialization.html.
 """
 
 from collections.abc import Mapping
-from functools import cache, lru_cache
+from functools import cache
 from math import isfinite
 from typing import Any, NamedTuple
 
@@ -22,7 +22,6 @@ from mavdem.ingest.mavlink.framing import (
     MARKER_1,
     MARKER_2,
     Bytes,
-    Frames,
     Seeds,
     rows_of,
 )
@@ -55,12 +54,10 @@ def definitions() -> Mapping[int, MessageDefinition]:
     return {message_id: _definition(message) for message_id, message in dialect.mavlink_map.items()}
 
 
-@lru_cache(maxsize=1 << 12)
-def definition_named(name: str) -> MessageDefinition | None:
-    """Returns the dialect's definition of a message; None without one of that name."""
-    return next(
-        (definition for definition in definitions().values() if definition.name == name), None
-    )
+@cache
+def named() -> Mapping[str, MessageDefinition]:
+    """Returns every message of the dialect by name."""
+    return {definition.name: definition for definition in definitions().values()}
 
 
 @cache
@@ -162,21 +159,3 @@ def frame_of(
     header += definition.message_id.to_bytes(3, "little")
     checksum = framing.frame_checksum(header[1:] + payload, definition.seed)
     return header + payload + checksum.to_bytes(framing.CHECKSUM, "little")
-
-
-def composed_frames(
-    payloads: NDArray[Any],
-    definition: MessageDefinition,
-    sender: FrameSender,
-    sequence: Bytes,
-) -> tuple[Bytes, Frames]:
-    """Returns frames of one message: their bytes, one after the other, and the table of them.
-
-    ``payloads`` (N,) are of ``definition.wire``.
-    """
-    sent = zip(payloads, sequence.tolist(), strict=True)
-    contents = [frame_of(row.tobytes(), definition, sender, number) for row, number in sent]
-    data = np.frombuffer(b"".join(contents), dtype=np.uint8)
-    end = np.cumsum([len(frame) for frame in contents], dtype=np.int64)
-    start = np.concatenate([[0], end])[:-1].astype(np.int64)
-    return data, framing.frames_at(data, start)

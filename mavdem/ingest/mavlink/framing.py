@@ -18,10 +18,9 @@ https://mavlink.io/en/guide/message_signing.html (signature of 13 bytes).
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import IntEnum, auto
-from typing import Any
 
 import numpy as np
 from fastcrc.crc16 import mcrf4xx
@@ -98,27 +97,24 @@ class Frames:
         return len(self.start)
 
     def __getitem__(self, rows: slice | Flags | Places) -> Frames:
-        return Frames(*(getattr(self, column.name)[rows] for column in fields(self)))
+        return Frames(*(column[rows] for column in vars(self).values()))
 
 
 def concatenated(tables: Sequence[Frames]) -> Frames:
     """Returns tables, one at least, one after the other."""
-    return Frames(
-        *(
-            np.concatenate([getattr(table, column.name) for table in tables])
-            for column in fields(Frames)
-        )
-    )
+    columns = zip(*(vars(table).values() for table in tables), strict=True)
+    return Frames(*map(np.concatenate, columns))
 
 
-def find_frames(data: Bytes, seeds: Seeds, gap: int = 0) -> Iterator[Frames]:
-    """Yields every frame in ``data``, also of unknown messages and with failed checksums, table by table.
+def find_frames(data: Bytes, seeds: Seeds, gap: int = 0) -> Frames:
+    """Returns every frame in ``data``, also of unknown messages and with failed checksums.
 
     ``seeds`` is CRC_EXTRA by message id, -1 where the dialect has no such message; ``gap`` the bytes between one frame
     and the next: 8 for the time stamps of a tlog, 0 for a plain stream.
     """
     size = len(data)
     decided = 0
+    found = []
     waiting: list[Frames] = []  # of the third kind, after the decided bytes
     for begin in range(0, max(size, 1), BLOCK):
         end = min(begin + BLOCK, size)
@@ -131,36 +127,11 @@ def find_frames(data: Bytes, seeds: Seeds, gap: int = 0) -> Iterator[Frames]:
                 frames[_fits(frames.start, frames.end, taken, decided, until)] for frames in waiting
             ]
             loose.append(block.loose(_fits(block.start, block.end, taken, decided, until)))
-            yield _merged([taken, _apart(_merged(loose), decided)])
+            found.append(_merged([taken, _apart(_merged(loose), decided)]))
             decided = until
             waiting = []
         waiting.append(block.loose(block.start >= decided))
-
-
-def find_in_pieces(data: Bytes, ends: Places, seeds: Seeds) -> tuple[Frames, Places]:
-    """Returns every frame in pieces of a stream that end at ``ends`` (P,).
-
-    With them comes the number of the piece in which each begins.
-    """
-    frames = concatenated(list(find_frames(data, seeds)))
-    return frames, np.searchsorted(ends, frames.start, side="right")
-
-
-def gathered(
-    parts: Sequence[tuple[Bytes, Frames]], rows: slice | NDArray[Any] = slice(None)
-) -> tuple[Bytes, Frames]:
-    """Returns the frames of these ``rows`` of all parts, in this order, and their bytes, one behind the other."""
-    frames = concatenated([own for _, own in parts])[rows]
-    holding = np.repeat(np.arange(len(parts)), [len(own) for _, own in parts])[rows]
-    contents = [content.data for content, _ in parts]
-    data = bytearray()
-    for number, start, end in zip(
-        holding.tolist(), frames.start.tolist(), frames.end.tolist(), strict=True
-    ):
-        data += contents[number][start:end]
-    moved = np.cumsum(frames.end - frames.start) - frames.end
-    frames = replace(frames, start=frames.start + moved, end=frames.end + moved)
-    return np.frombuffer(data, dtype=np.uint8), frames
+    return concatenated(found)
 
 
 class _FrameBlock:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from mavdem.ingest.mavlink.definitions import (
     enum_name,
     parameter_values,
 )
-from mavdem.ingest.mavlink.framing import MATCHES, UNKNOWN, Bytes, Frames, gathered
+from mavdem.ingest.mavlink.framing import MATCHES, UNKNOWN, Bytes, Frames, concatenated
 from mavdem.ingest.motors import MOTOR_MESSAGES
 from mavdem.ingest.telemetry import (
     Columns,
@@ -233,9 +233,15 @@ def joined(parts: Sequence[RecordingPart]) -> RecordingPart:
     """Returns all parts, one at least, as one, its frames and their bytes in the order of the recording."""
     if len(parts) == 1:
         return parts[0]
-    place, log_time = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in ("place", "log_time")
-    )
+    contents, tables, places, times = zip(*parts, strict=True)
+    place = np.concatenate(places)
     order = np.argsort(place, kind="stable")
-    data, frames = gathered([(part.data, part.frames) for part in parts], order)
-    return RecordingPart(data, frames, place[order], log_time[order])
+    holding = np.repeat(np.arange(len(parts)), [len(table) for table in tables])[order].tolist()
+    frames = concatenated(tables)[order]
+    data = bytearray()
+    for part, start, end in zip(holding, frames.start.tolist(), frames.end.tolist(), strict=True):
+        data += contents[part].data[start:end]
+    end = np.cumsum(frames.size)
+    frames = replace(frames, start=end - frames.size, end=end)
+    joint = np.frombuffer(data, dtype=np.uint8)
+    return RecordingPart(joint, frames, place[order], np.concatenate(times)[order])

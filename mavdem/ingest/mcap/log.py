@@ -37,15 +37,15 @@ from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.definitions import (
     FrameSender,
     MessageDefinition,
-    definition_named,
     frame_of,
+    named,
     seeds,
 )
 from mavdem.ingest.mavlink.framing import (
     MARKER_1,
     MARKER_2,
     MATCHES,
-    find_in_pieces,
+    find_frames,
 )
 from mavdem.ingest.mavlink.vehicles import FrameStream, RecordingPart, assemble, joined
 from mavdem.ingest.mcap.records import McapRecording
@@ -132,7 +132,8 @@ def _carries_frames(channel: Channel, data: bytes) -> bool:
 def _part(pieces: Sequence[_Piece]) -> RecordingPart:
     data = np.frombuffer(b"".join(piece.data for piece in pieces), dtype=np.uint8)
     ends = np.cumsum([len(piece.data) for piece in pieces], dtype=np.int64)
-    frames, holding = find_in_pieces(data, ends, seeds())
+    frames = find_frames(data, seeds())
+    holding = np.searchsorted(ends, frames.start, side="right")
     places = np.array([piece.place for piece in pieces], dtype=np.int64)
     times = np.array([piece.log_time for piece in pieces], dtype=np.uint64)
     return RecordingPart(data, frames, places[holding], times[holding])
@@ -170,7 +171,7 @@ def _json_part(content: bytes, topics: Mapping[int, JsonTopic]) -> tuple[Recordi
         if message.channel_id not in topics:
             continue
         sender, name = topics[message.channel_id]
-        definition = definition_named(name)
+        definition = named().get(name)
         if definition is None:
             unknown[name] += 1
             continue

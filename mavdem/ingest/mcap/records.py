@@ -24,11 +24,10 @@ from typing import Any, BinaryIO
 import lz4.frame
 import numpy as np
 import zstandard
-from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, McapRecord, Message, Schema
-from mcap.stream_reader import breakup_chunk
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
 from pymavlink.dialects.v20 import all as dialect
 
@@ -40,6 +39,7 @@ from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.telemetry import Array, repair
 
 MAGIC = b"\x89MCAP0\r\n"
+READ = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
 RECORD_HEAD = struct.Struct("<BQ")  # Opcode and length before each record
 _LIKELY_HEAD = re.compile(rb"[\x01-\x%02x](?=.{4}\0{4})" % max(Opcode), re.DOTALL)
 """The opcode of a record, none of which is as long as 4 GiB."""
@@ -68,7 +68,7 @@ class McapRecording:
         # The summary at the end repeats channels and schemas, which helps where the first record is damaged.
         for opcode, start, stop in places:
             if opcode in (Opcode.CHANNEL, Opcode.SCHEMA):
-                self._note(self._read(opcode, start, stop))
+                self._note(self._read(start, stop))
         for record in self._whole_records(places):
             self._note(record)
             if isinstance(record, Message) and record.channel_id in self.channels:
@@ -83,7 +83,7 @@ class McapRecording:
         )
 
     def _records(self) -> Iterator[tuple[int, int, int]]:
-        """Opcode, start and end of the content of each record."""
+        """Opcode, start and end of the content of each record that is ``READ``."""
         end = len(self.content)
         offset = opcode = 0
         while offset < end:
@@ -92,7 +92,8 @@ class McapRecording:
                 offset += len(MAGIC)
             elif stop:
                 opcode = self.content[offset]
-                yield opcode, offset + RECORD_HEAD.size, stop
+                if opcode in READ:
+                    yield opcode, offset + RECORD_HEAD.size, stop
                 offset = stop
             else:
                 following = _next_record(self.content, offset + 1)
@@ -100,20 +101,12 @@ class McapRecording:
                 offset = following
         self.cut = opcode != Opcode.FOOTER
 
-    def _read(self, opcode: int, start: int, stop: int) -> McapRecord | None:
-        """The record in these bytes; None where it is damaged."""
-        stream = ReadDataStream(BytesIO(self.content[start:stop]))
-        record = None
+    def _read(self, start: int, stop: int) -> McapRecord | None:
+        """The record with this content; None where it is damaged."""
+        content = BytesIO(self.content[start - RECORD_HEAD.size : stop])
         with suppress(*DAMAGE):
-            if opcode == Opcode.CHANNEL:
-                record = Channel.read(stream)
-            elif opcode == Opcode.SCHEMA:
-                record = Schema.read(stream)
-            elif opcode == Opcode.CHUNK:
-                record = Chunk.read(stream)
-            elif opcode == Opcode.MESSAGE:
-                record = Message.read(stream, stop - start)
-        return record
+            return next(StreamReader(content, skip_magic=True, emit_chunks=True).records)
+        return None
 
     def _whole_records(self, places: list[tuple[int, int, int]]) -> Iterator[McapRecord | None]:
         is_chunked = any(opcode == Opcode.CHUNK for opcode, *_ in places)
@@ -122,11 +115,11 @@ class McapRecording:
                 yield from self._in_chunk(start, stop)
             # After damage, messages outside of chunks are the rest of a chunk that has lost its checksum.
             elif opcode != Opcode.MESSAGE or not is_chunked:
-                yield self._read(opcode, start, stop)
+                yield self._read(start, stop)
 
     def _in_chunk(self, start: int, stop: int) -> list[McapRecord]:
         """The records of a chunk; none where it is damaged."""
-        chunk = self._read(Opcode.CHUNK, start, stop)
+        chunk = self._read(start, stop)
         if isinstance(chunk, Chunk):
             most = min(self._allowance, FREE_BYTES)
             records = _unpacked(chunk.compression, chunk.data, most)
