@@ -276,7 +276,7 @@ def _interval(time: Array) -> float:
         np.rint(np.diff(time) / STAMP_SECONDS).astype(np.int64), return_counts=True
     )
     steps = steps[counts >= USUAL_SHARE * len(time)]
-    cycle = STAMP_SECONDS * float(np.gcd.reduce(steps))
+    cycle = STAMP_SECONDS * np.gcd.reduce(steps)
     usual = cycle * min(round(mean / cycle), MAX_CYCLES) if cycle else mean
     even = (
         np.mean(abs(since - cycle * np.rint(since / (cycle or 1.0))) > STAMP_SECONDS) < USUAL_SHARE

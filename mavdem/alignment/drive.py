@@ -278,7 +278,7 @@ def _banks(message: str, columns: Columns) -> Iterator[_Bank]:
 def _moves(values: Array) -> bool:
     """Whether a channel takes several values beside 0, which stands for "no output yet"."""
     running = values[values != 0]
-    return len(running) > 0 and float(np.ptp(running)) > 0
+    return len(running) > 0 and np.ptp(running) > 0
 
 
 def _interpolated(main: Signal, bank: Signal, values: Array) -> Array:

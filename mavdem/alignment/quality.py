@@ -101,7 +101,7 @@ def of_segment(
     # The motors' combination (T,) that turns the axis, and the standard deviation that rounding alone gives it.
     if (weights := motors.layout.effect(signals.axis)) is not None:
         combination = flight.inputs @ weights
-        rounding = motors.scale.step * float(np.sqrt((weights**2).sum() / 12))
+        rounding = motors.scale.step * np.sqrt((weights**2).sum() / 12)
     else:
         differences = flight.inputs - flight.inputs.mean(axis=1, keepdims=True)
         combination = differences[:, np.argmax(differences.std(axis=0))]
@@ -116,17 +116,17 @@ def of_segment(
         motor_rate=mean_rate(motors.time[there]),
         attitude_fresh=_fresh_rate(time, motion[:, measured], steps[measured]),
         motor_fresh=_fresh_rate(motors.time[there], motors.outputs[there], motors.scale.step),
-        attitude_gap=float(np.diff(time).max()),
-        motor_gap=float(np.diff(motors.time[there]).max()),
-        angle_sd=float(flown_angle.std()),
-        rate_sd=float(flown_rate.std()),
-        angle_step=float(steps[0]),
-        rate_step=float(steps[1]),
+        attitude_gap=np.diff(time).max(),
+        motor_gap=np.diff(motors.time[there]).max(),
+        angle_sd=flown_angle.std(),
+        rate_sd=flown_rate.std(),
+        angle_step=steps[0],
+        rate_step=steps[1],
         output_snr=min((snr for snr in output_snrs if snr is not None), default=None),
-        input_sd=float(combination.std()),
+        input_sd=combination.std(),
         input_step=motors.scale.step,
-        input_snr=float(combination.var() / rounding**2) - 1 if rounding > 0 else None,
-        saturation=float(limited.any(axis=1).mean()),
+        input_snr=(combination.var() / rounding**2) - 1 if rounding > 0 else None,
+        saturation=limited.any(axis=1).mean(),
         consistency=min((share for share in consistencies if share is not None), default=None),
     )
 
@@ -147,7 +147,7 @@ def _snr_of_changes(time: Array, values: Array, step: float) -> float | None:
     starts = time <= time[-1] - CONSISTENCY_SPAN
     change = np.interp(time[starts] + CONSISTENCY_SPAN, time, values) - values[starts]
     rounding = step**2 / 6
-    return float(change.var()) / rounding - 1 if rounding > 0 and len(change) else None
+    return change.var() / rounding - 1 if rounding > 0 and len(change) else None
 
 
 def _fresh_rate(time: Array, rows: Array, step: Array | float) -> float:
@@ -177,5 +177,5 @@ def _consistency(time: Array, angle: Array, slope: Array) -> float | None:
     usual = np.argsort(off)[: max(len(off) - wild, 0)]
     change = change[usual]
     unexplained = unexplained[usual]
-    variance = float(change.var()) if len(change) else 0.0
-    return 1 - float(unexplained.var()) / variance if variance > 0 else None
+    variance = change.var() if len(change) else 0.0
+    return 1 - unexplained.var() / variance if variance > 0 else None

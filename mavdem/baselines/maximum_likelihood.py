@@ -89,25 +89,19 @@ class PredictionErrors(NamedTuple):
         seen = np.concatenate([outputs for _, outputs in segments])
         return seen - np.concatenate(ahead)
 
-    def value(self, at: Array) -> tuple[float, Array]:
-        """Returns the log likelihood up to a constant, NaN where the predictor is not stable; and the errors."""
-        errors = self.errors(at)
+    def value(self, at: Array) -> float:
+        """Returns the log likelihood up to a constant, NaN where the predictor is not stable."""
         model = self.moved(at).model
         predictor = model.A - model.K @ model.C
         radius = abs(np.linalg.eigvals(predictor)).max()
-        if radius < 1:
-            return _likelihood(errors), errors
-        return np.nan, errors
+        return _likelihood(self.errors(at)) if radius < 1 else np.nan
 
-    def slopes(self, at: Array, errors: Array) -> Array:
-        """Returns (f, T, m) slopes of the errors, by differences."""
+    def quadratic(self, at: Array) -> Quadratic:
+        """Returns slope and Gauss-Newton curvature of the likelihood, by differences of the errors."""
+        residuals = self.errors(at)
         steps = RELATIVE_STEP * np.maximum(1.0, abs(at))
         beside = np.array([self.errors(at + step) for step in np.diag(steps)])
-        return (beside - errors) / steps[:, None, None]
-
-    def quadratic(self, at: Array, residuals: Array) -> Quadratic:
-        """Returns slope and Gauss-Newton curvature of the likelihood."""
-        slopes = self.slopes(at, residuals)
+        slopes = (beside - residuals) / steps[:, None, None]
         precision = np.linalg.inv(_covariance(residuals))
         root = np.linalg.cholesky(precision)
         jacobian = (slopes @ root).reshape(len(at), -1)
@@ -132,8 +126,7 @@ def _covariance(errors: Array) -> Array:
 def _minimised(segments: Segments, order: int) -> Fitted:
     found = found_by_projection(segments, order)
     objective = PredictionErrors(found.model, found.starts, segments)
-    errors = objective.errors(objective.at)
-    start = objective.quadratic(objective.at, errors)
+    start = objective.quadratic(objective.at)
     trace, gained = gauss_newton(objective, start, DAMPING, MAX_ITERATIONS)
     best = objective.moved(trace[-1].at)
     iterations = None if gained <= CONVERGED_NATS else len(trace) - 1

@@ -29,7 +29,7 @@ from mavdem.dem.priors import (
 from mavdem.dem.record import Record
 from mavdem.dem.settings import CompleteSettings
 
-KNOWN_INPUT = float(np.exp(12.0))  # precision of the constant input
+KNOWN_INPUT = np.exp(12.0)  # precision of the constant input
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from mavdem.dem.engine.ascent import at_theta
-from mavdem.dem.engine.free_energy import free_energy
+from mavdem.dem.engine.free_energy import SampleEnergy
 from mavdem.dem.engine.generative import SufficientStatistics
 from mavdem.dem.engine.linalg import Array, inverse, one_thread, raise_on_overflow
 from mavdem.dem.fitting import (
@@ -184,8 +184,8 @@ def _learned(fit: Fit, record: Record, data: Array) -> Learned:
         theta_covariance=physical(covariance),
         known=np.diag(precision)[vehicle] >= KINEMATIC,
         free_energy=ascent.free_energy,
-        free_energy_of_samples=free_energy(
-            fit.model, data, data @ ascent.state_map.T, ascent.belief
+        free_energy_of_samples=SampleEnergy.of(fit.model, ascent.belief).at(
+            data, data @ ascent.state_map.T
         ),
         learning=replace(
             ascent.learning,

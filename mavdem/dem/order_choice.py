@@ -67,9 +67,7 @@ class OrderChoice:
         gains = gains[np.isfinite(gains)]
         if not len(gains):
             return np.nan, 0.0
-        return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains))) if len(
-            gains
-        ) > 1 else 0.0
+        return gains.mean(), gains.std(ddof=1) / np.sqrt(len(gains)) if len(gains) > 1 else 0.0
 
     @property
     def chosen(self) -> int:

@@ -108,7 +108,7 @@ class BlackBox:
     @property
     def smoothness(self) -> float:
         """Kernel width of the noise after the filter, s: it is taken to be a sampling step before it."""
-        return float(np.hypot(self.dt, self.width))
+        return np.hypot(self.dt, self.width)
 
     @property
     def counted(self) -> SufficientStatistics:
@@ -187,7 +187,7 @@ def kernel_width(record: Record) -> float:
 
 def _time_of_change(values: Array, rates: Array) -> float:
     """The time in which signals change by their standard deviation."""
-    return float(np.sqrt(values.var(axis=0).mean() / rates.var(axis=0).mean()))
+    return np.sqrt(values.var(axis=0).mean() / rates.var(axis=0).mean())
 
 
 ROUNDS = 200  # at most

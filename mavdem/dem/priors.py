@@ -40,10 +40,10 @@ class Scaling:
         output_scale = np.ones(m)
         trim = np.zeros(len(inputs.mean))
         scale = np.ones(len(inputs.mean))
-        if settings.scaling == "channel":
+        if constant:
             output_trim = outputs.mean
             output_scale = np.sqrt(outputs.variance)
-        if known and settings.scaling == "channel":
+        if known and constant:
             trim[:] = inputs.mean
             # One scale for all inputs: the noise of a motor that hardly moves must not be amplified.
             scale[:] = np.sqrt(inputs.variance.mean())
@@ -76,8 +76,8 @@ class Scaling:
 
     def state_scale(self, order: int) -> Array:
         """Returns (n,) physical size of a unit of each state; a hidden state has the last output's."""
-        extra = max(order - len(self.output_scale), 0)
-        return np.append(self.output_scale, np.repeat(self.output_scale[-1], extra))[:order]
+        outputs = np.minimum(np.arange(order), len(self.output_scale) - 1)
+        return self.output_scale[outputs]
 
     def parameter_scale(self, order: int) -> Array:
         """Returns (k,) physical size of a unit of each parameter, for the engine's θ."""
@@ -100,7 +100,7 @@ class Scaling:
         return LinearModel(A, B[:, :r].copy(), C, offset, self.input_trim, self.output_trim)
 
 
-KNOWN = float(np.exp(20.0))  # precision of a known parameter: its prior standard deviation is 5e-5
+KNOWN = np.exp(20.0)  # precision of a known parameter: its prior standard deviation is 5e-5
 # precision of a kinematic relation: exact on paper, but the two outputs come from different sensors
 KINEMATIC = 1e4
 

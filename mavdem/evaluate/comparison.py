@@ -122,7 +122,7 @@ class Outcome:
             "failure": self.failure,
             "stable": self.stable,
             "cautions": self.cautions,
-            "mspe": {"per_output": errors.tolist(), "total": float(errors.sum())},
+            "mspe": {"per_output": errors.tolist(), "total": errors.sum()},
             "relative": scores.ratio.tolist(),
             "inside_90_percent_band": [_mean([share]) for share in scores.inside.tolist()],
             "seconds": round(self.seconds, 4),
@@ -299,20 +299,20 @@ class Comparison:
             ),
             "unstable": sum(outcome.stable is False for outcome in mine),
             "mspe": errors.tolist(),
-            "mspe_total": float(errors.sum()),
-            "relative": float(np.median(ratios[:, -1])),
-            "worst": float(ratios[:, -1].max()),
+            "mspe_total": errors.sum(),
+            "relative": np.median(ratios[:, -1]),
+            "worst": ratios[:, -1].max(),
             "worse_than_constant": int((ratios[:, -1] > 1).sum()),
             "horizons": [
                 {
                     "steps": steps,
-                    "relative": float(np.median(ratios[:, row])),
+                    "relative": np.median(ratios[:, row]),
                     "reference": paired(reference_ratios[:, row], ratios[:, row], self.windows),
                     "inside": _mean(inside[:, row].tolist()),
                 }
                 for row, steps in enumerate(scores[0].steps)
             ],
-            "seconds": float(np.median([outcome.seconds for outcome in mine])),
+            "seconds": np.median([outcome.seconds for outcome in mine]),
         }
 
     def tests(self, question: Question = KNOWN) -> dict[str, Paired]:
@@ -354,7 +354,7 @@ class Comparison:
                     ],
                     "inside": [_mean(at["inside"] for at in column) for column in columns],
                     **{name: sum(row[name] for row in rows) for name in COUNTS},
-                    "mspe_total": float(np.sum([row["mspe_total"] for row in rows])),
+                    "mspe_total": np.sum([row["mspe_total"] for row in rows]),
                     "reference": paired(ratios, np.ones(len(ratios))),
                 }
             )
@@ -392,7 +392,7 @@ class Comparison:
             "windows": [
                 {
                     "start": window.start,
-                    "time": float(window.train.time[0]),
+                    "time": window.train.time[0],
                     "methods": {
                         outcome.method: outcome.to_dict(question)
                         for outcome in row
@@ -412,4 +412,4 @@ def _mean(shares: Iterable[float | None]) -> float | None:
 
 def _geometric(values: Sequence[float]) -> float:
     with np.errstate(divide="ignore"):
-        return float(np.exp(np.mean(np.log(values))))
+        return np.exp(np.mean(np.log(values)))

@@ -345,7 +345,7 @@ def judged(
     tilt = tilt_of(setup.attitude, time, 0, *flight.outputs.T)
     signals = LiveSignals(telemetry, axis, motors=motors, tilts=(tilt,) * len(TILT_AXES))
     swing = oscillation_of(motors, {axis: tilt}, [Segment(0, 0.0, duration)])
-    lean = {axis: float(np.degrees(flight.outputs[:, 0].mean()))}
+    lean = {axis: np.degrees(flight.outputs[:, 0].mean())}
     hover = hover_figures(setup.layout.names, setup.scale, duration, flight.inputs, lean)
     condition = Condition(duration=duration, settled=duration, hover=hover, oscillation=swing)
     learned = disown_torque(learned, swing is not None)

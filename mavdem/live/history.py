@@ -201,7 +201,7 @@ class LiveHistory:
             torque = estimate.wind_torque, estimate.wind_torque_band
         self._taken += 1
         if self._taken % self._stride == 0:
-            row = segment, time, float(outputs[0]), *predicted, *torque, *beside
+            row = segment, time, outputs[0], *predicted, *torque, *beside
             self._rows.append(array("d", row))
             if len(self._rows) > MAX_ROWS:
                 self._rows = self._rows[::2]
@@ -253,5 +253,5 @@ class LiveHistory:
                 sums[2] += abs(errors[0]) <= band
                 self._sums[seconds] = count + 1, sums
                 if seconds == nearest:
-                    shown = float(predicted[0]), float(band[0])
+                    shown = predicted[0], band[0]
         return shown

@@ -61,7 +61,7 @@ class WindRow(NamedTuple):
         speed, origin, half, turned = (
             float(figure[0]) for figure in by_compass(self.velocity[None], self.band[None])
         )
-        turned = min(float(np.hypot(turned, quantile() * HEADING_SD)), 180.0)
+        turned = min(np.hypot(turned, quantile() * HEADING_SD), 180.0)
         return speed, max(speed - half, 0.0), speed + half, origin, turned
 
     @property

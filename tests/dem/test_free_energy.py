@@ -13,7 +13,7 @@ from simulated import simulated
 from mavdem import Settings
 from mavdem.dem.engine.ascent import ascend, plain_rounds
 from mavdem.dem.engine.free_energy import (
-    free_energy,
+    SampleEnergy,
     free_energy_action,
     internal_energy,
     lambda_curvature,
@@ -70,7 +70,7 @@ def test_the_samples_free_energies_sum_to_the_action(model, seed):
     data = default_rng(seed).standard_normal((6, model.hidden.start))
     samples = SufficientStatistics.of(data)
     state_map, belief = random_belief(seed, model, samples)
-    by_sample = free_energy(model, data, data @ state_map.T, belief)
+    by_sample = SampleEnergy.of(model, belief).at(data, data @ state_map.T)
     # What does not change with time is in every F(t): F of no error at all, less what is a sample's own.
     doubled = GeneralizedMoments(model, 2 * belief.moments.gram, belief.moments.stack)
     twice = free_energy_action(
@@ -93,7 +93,8 @@ def test_gradients_are_those_of_the_free_energy(model, seed):
     states = data @ state_map.T
 
     of_data, precision = state_slope(model, belief)
-    numeric = gradient(lambda X: free_energy(model, data, X, belief).sum(), states)
+    energy = SampleEnergy.of(model, belief)
+    numeric = gradient(lambda X: energy.at(data, X).sum(), states)
     close(data @ of_data.T - states @ precision, numeric)
 
     def action(**changed):

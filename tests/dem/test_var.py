@@ -145,4 +145,3 @@ def test_a_past_shorter_than_the_lags_begins_with_its_first_sample():
     samples = run(model(), 5)
     assert_array_equal(initial_lags(samples, 3), samples[2:])
     assert_array_equal(initial_lags(samples[:2], 4), samples[[0, 0, 0, 1]])
-    assert_array_equal(initial_lags(samples[:0], 2), np.zeros((2, CHANNELS)))

@@ -107,7 +107,7 @@ def gridded(
     wind: Array | None = None,
 ) -> Motion:
     """Returns ``airflow.motion`` in steps of ``step`` s, longer ones where samples are or where there were ``most``."""
-    widest = max(step, np.median(np.diff(time)), float(time[-1] - time[0]) / most)
+    widest = max(step, np.median(np.diff(time)), (time[-1] - time[0]) / most)
     gridded_motion = motion(time, attitude, velocity, widest, wind)
     if gridded_motion.known.sum() * gridded_motion.step < LEAST_SECONDS:
         raise NotLearnable(Airflow.MOTION_TOO_SHORT, duration=LEAST_SECONDS)
@@ -125,7 +125,7 @@ def identified(moved: Motion, drag: Drag) -> tuple[Array, Array, float]:
     precision = block_diag(np.linalg.inv(drag.covariance), np.diag(GUSTS_SD**-2))
     steered = opposing(moved)
     ahead = moved.axes[moved.known, 0, :2]
-    turned = max(1 - float(np.hypot(*(ahead / np.hypot(*ahead.T)[:, None]).mean(axis=0))) ** 2, 0.0)
+    turned = max(1 - np.hypot(*(ahead / np.hypot(*ahead.T)[:, None]).mean(axis=0)) ** 2, 0.0)
     counted = np.repeat([steered**2, turned, 1.0], [4, 2, 4])
     mean = prior
     best = np.nan
@@ -204,7 +204,7 @@ def independent_share(errors: Array) -> float:
     """Returns for how many independent ones each of ``errors`` (T, k) counts, as autoregressions of first order."""
     centred = np.nan_to_num(errors - np.nanmean(errors, axis=0))
     square = max((centred**2).sum(), 1e-12)
-    correlation = min(max(float((centred[1:] * centred[:-1]).sum()) / square, 0.0), 0.99)
+    correlation = min(max((centred[1:] * centred[:-1]).sum() / square, 0.0), 0.99)
     return (1 - correlation) / (1 + correlation)
 
 
@@ -238,7 +238,7 @@ def estimate_drag(
     speeds = real_numbers(velocity, "velocity")
     speeds = np.where(np.isfinite(air).all(axis=1, keepdims=True), speeds, np.nan)
     stamps, angles, speeds, usable = checked(time, attitude, speeds)
-    step = GUST_SECONDS if float(np.ptp(air[usable], axis=0).max()) > 0.1 else STEP
+    step = GUST_SECONDS if np.ptp(air[usable], axis=0).max() > 0.1 else STEP
     moved = gridded(stamps, angles, speeds, step, wind=air[usable])
     prior = Drag.of_parameters()
     moved = moved.at(moved.known)

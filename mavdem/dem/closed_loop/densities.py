@@ -330,7 +330,7 @@ def _unfolded(seen: Array, at: Array, first: Flags, inside: Flags) -> Array:
 
     def cost(values: Array) -> float:
         folded = np.where(inside, law(values), 0.0).sum(axis=1)
-        return float((np.log(folded) + seen / folded).sum())
+        return (np.log(folded) + seen / folded).sum()
 
     start = np.array(
         [np.log(seen[:5].mean()), 0.0, -0.35, np.log(np.median(seen[-5:]) / len(first))]

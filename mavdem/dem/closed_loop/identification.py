@@ -123,13 +123,12 @@ class _LogJoint(NamedTuple):
 
     axis: Axis
 
-    def value(self, at: Array) -> tuple[float, Array]:
-        """The value; of residuals there is no use."""
-        return self.axis.value(at) + self._log_prior(at), at
+    def value(self, at: Array) -> float:
+        """The value."""
+        return self.axis.value(at) + self._log_prior(at)
 
-    def quadratic(self, at: Array, residuals: Array) -> Quadratic:
+    def quadratic(self, at: Array) -> Quadratic:
         """To second order, the information for the curvature."""
-        del residuals
         value, slope, information = self.axis.scores(at)
         precision = self.axis.sd**-2.0
         slope -= precision * (at - self.axis.mean)
@@ -145,11 +144,11 @@ class _LogJoint(NamedTuple):
             return any(_apart(now, maximum) < SAME_NATS for maximum in maxima)
 
         damping = Damping(first=1e-2, factor=5.0, attempts=16, limited=self._limited)
-        trace, _ = gauss_newton(self, self.quadratic(theta, theta), damping, steps, enough)
+        trace, _ = gauss_newton(self, self.quadratic(theta), damping, steps, enough)
         return trace[-1]
 
     def _log_prior(self, at: Array) -> float:
-        return -0.5 * float(np.sum(((at - self.axis.mean) / self.axis.sd) ** 2))
+        return -0.5 * np.sum(((at - self.axis.mean) / self.axis.sd) ** 2)
 
     def _limited(self, step: Array) -> Array:
         """A step that changes no parameter by more than ``LONGEST_STEP``."""

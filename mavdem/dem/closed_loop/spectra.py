@@ -58,7 +58,7 @@ def spectra(streams: Sequence[Messages], starts: Array) -> Spectra:
     """Returns the spectra of ``streams`` in windows that begin at ``starts`` (W,) s, at the rate of the slowest one."""
     slowest = min(streams, key=lambda stream: len(stream.time))
     matched = [_matched(stream, slowest.time) for stream in streams]
-    rate = (len(slowest.time) - 1) / float(np.diff(slowest.time).clip(max=1.0).sum())
+    rate = (len(slowest.time) - 1) / np.diff(slowest.time).clip(max=1.0).sum()
     count = int(min(MAX_SHARE * rate, HIGHEST) * WINDOW_SECONDS)
     frequency = np.arange(1, count + 1) / WINDOW_SECONDS
     transforms = np.array(

@@ -1,6 +1,6 @@
 """Dynamic Expectation Maximization: D, E and M steps in turn until F̄ converges."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -45,9 +45,6 @@ class FreeEnergy:
 
     def __getitem__(self, index: Any) -> Any:
         return self.total[index]
-
-    def __iter__(self) -> Iterator[float]:
-        return iter(self.total.tolist())
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +160,7 @@ def continued(
     reach = 0.0
     while len(iterates) <= iterations:
         now = iterates[-1]
-        before = iterates[max(len(iterates) - 2, 0)].belief
+        before = iterates[-2:][0].belief
         theta = now.belief.theta + reach * (now.belief.theta - before.theta)
         lambda_ = now.belief.lambda_ + reach * (now.belief.lambda_ - before.lambda_)
         then = _round(model, samples, now, now.belief._replace(theta=theta, lambda_=lambda_))

@@ -47,22 +47,12 @@ def free_energy_action(
     return internal_energy(model, samples, moments, belief.theta, lambda_) + mean_field + entropy
 
 
-def free_energy(
-    model: GenerativeModel,
-    data: Array,
-    states: Array,
-    belief: Belief,
-) -> Array:
-    """Returns F(t) = U + W + H, (T,), Eq. ``free_E``, with the ½ that its W has lost, of ``data`` [ỹ; η̃] (T, ·).
+class SampleEnergy(NamedTuple):
+    """F(t) = U + W + H, Eq. ``free_E`` with the ½ that its W has lost, as a function of the sample.
 
-    ``states`` (T, dim X) are the means of X; moments of the ``belief`` are not used. The priors and entropies of θ and
+    It is a constant less half the squares of the sample's errors and of its states. The priors and entropies of θ and
     λ, which are the same at every sample, are in each F(t) and only once in F̄.
     """
-    return SampleEnergy.of(model, belief).at(data, states)
-
-
-class SampleEnergy(NamedTuple):
-    """F(t) as a function of the sample: a constant less half the squares of its errors and of its states."""
 
     constant: float  # F(t) of a sample without errors, at states 0
     # what of it the priors and entropies of θ and λ make up, which are in F̄ only once
@@ -96,7 +86,7 @@ class SampleEnergy(NamedTuple):
         return cls(priors + noise, priors, model.error_operator(theta), precision, uncertainty)
 
     def at(self, data: Array, states: Array) -> Array:
-        """Returns F(t), (T,), of generalized data (T, ·) and states (T, dim X)."""
+        """Returns F(t), (T,), of generalized data [ỹ; η̃] (T, ·) and means of the states X (T, dim X)."""
         errors = np.hstack([data, states]) @ self.errors.T
         squares = np.sum(errors @ self.precision * errors, axis=1) + np.sum(
             states @ self.uncertainty * states, axis=1
@@ -186,9 +176,9 @@ def optimal_terms(
         0.5 * T * logdet(belief.state_covariance),
         0.5 * (logdet(belief.theta_covariance) + of_theta),
         0.5 * (logdet(belief.lambda_covariance) + of_lambda),
-        -0.5 * float(squares[of_y, of_y].sum()),
-        -0.5 * float(squares[of_v, of_v].sum()),
-        -0.5 * float(squares[of_x, of_x].sum()),
+        -0.5 * squares[of_y, of_y].sum(),
+        -0.5 * squares[of_v, of_v].sum(),
+        -0.5 * squares[of_x, of_x].sum(),
         -0.5 * theta_error,
         -0.5 * lambda_error,
     )

@@ -29,11 +29,11 @@ class Quadratic(NamedTuple):
 class Objective(Protocol):
     """A function to maximise."""
 
-    def value(self, at: Array) -> tuple[float, Array]:
-        """Returns the value at a point (f,), NaN where there is none, and the residuals that it is made of."""
+    def value(self, at: Array) -> float:
+        """Returns the value at a point (f,), NaN where there is none."""
 
-    def quadratic(self, at: Array, residuals: Array) -> Quadratic:
-        """Returns the function to second order about a point whose residuals are known."""
+    def quadratic(self, at: Array) -> Quadratic:
+        """Returns the function to second order about a point."""
 
 
 class Damping(NamedTuple):
@@ -76,8 +76,7 @@ def gauss_newton(
         for _ in range(damping.attempts):
             curvature = now.curvature + damped * np.diag(now.curvature.diagonal())
             step = damping.limited(np.asarray(np.linalg.solve(curvature, now.slope), np.float64))
-            value, residuals = objective.value(now.at + step)
-            gained = value - now.value
+            gained = objective.value(now.at + step) - now.value
             if gained > 0:
                 break
             damped *= damping.factor
@@ -86,5 +85,5 @@ def gauss_newton(
         damped = damping.after(
             damped, gained, float(now.slope @ step - 0.5 * step @ now.curvature @ step)
         )
-        trace.append(objective.quadratic(now.at + step, residuals))
+        trace.append(objective.quadratic(now.at + step))
     return trace, gained

@@ -60,14 +60,6 @@ def embed(
     return np.hstack([correlate1d(samples, row, axis=0)[whole] for row in weights])
 
 
-def derivative_operator(order: int, size: int) -> Array:
-    """Returns D, Eq. ``generative_process``, which moves every block of ``size`` up by one order.
-
-    The last becomes zero.
-    """
-    return np.asarray(np.kron(np.eye(order + 1, k=1), np.eye(size)), np.float64)
-
-
 def temporal_covariance(order: int, smoothness: float) -> Array:
     """Returns the covariance of [w, w′, …] of a noise of unit variance and kernel width s.
 
@@ -119,7 +111,7 @@ class SufficientStatistics(NamedTuple):
     @classmethod
     def of(cls, *segments: Array) -> SufficientStatistics:
         """Returns those of generalized data [ỹ; η̃], (T, (p+1)m + (d+1)r) of each segment; their moments add up."""
-        gram = sum((data.T @ data for data in segments[1:]), segments[0].T @ segments[0])
+        gram = np.asarray(sum(data.T @ data for data in segments))
         return cls(sum(map(len, segments)), gram)
 
 
@@ -199,8 +191,9 @@ class GenerativeModel:
         fixed[of_y, :y] = np.eye(y)
         fixed[of_v, y : y + v] = -np.eye(v)
         fixed[of_v, at_v] = np.eye(v)
-        # The highest order's derivative is not modelled: D's last row is zero, or, for q < p, not there.
-        fixed[of_x, at_x] = derivative_operator(self.p, n)[: of_x.stop - of_x.start]
+        # D moves every block up by one order. The highest order's derivative is not modelled: D's last row is zero, or,
+        # for q < p, not there.
+        fixed[of_x, at_x] = np.eye(of_x.stop - of_x.start, x, k=n)
         # Numbered from 1, so that the zeros of the Kronecker products stay no parameter's place.
         A, B, C = (
             part.astype(int) for part in unpack(1.0 + np.arange(n * n + n * r + m * n), n, r, m)
@@ -295,7 +288,7 @@ class GenerativeModel:
     @cached_property
     def log_precision_at_zero(self) -> float:
         """ln|Π̃| at λ = 0."""
-        return float(np.linalg.slogdet(self._precision_parts[0])[1])
+        return np.linalg.slogdet(self._precision_parts[0])[1]
 
     @cached_property
     def log_precision_of_priors(self) -> tuple[float, float]:

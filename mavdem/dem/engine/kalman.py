@@ -70,7 +70,6 @@ class SteadySmoothed(NamedTuple):
 class SteadyFilter(NamedTuple):
     """The steady Kalman filter of x⁺ = Φ x + push + w, whose first state is measured with white noise."""
 
-    transition: Array  # (n, n) Φ
     covariance: Array  # (n, n) P of the predicted state
     gain: Array  # (n,) K
     variance: float  # F of the innovations
@@ -81,7 +80,7 @@ class SteadyFilter(NamedTuple):
         """Returns that for w of covariance ``process`` (n, n) and a measurement of sd ``noise``, or ``LinAlgError``."""
         C = np.eye(1, len(transition))
         gain, P = steady_gain(transition, C, process, np.array([[noise**2]]))
-        return cls(transition, P, gain[:, 0], float(P[0, 0]) + noise**2, transition - gain @ C)
+        return cls(P, gain[:, 0], P[0, 0] + noise**2, transition - gain @ C)
 
     @may_overflow
     def smoothed(
@@ -250,4 +249,4 @@ def smoothed(
         np.linalg.slogdet(weights)[1].sum() - squares - errors.size * np.log(2 * np.pi)
     )
     means, covariances, lagged = filtered.smoothed(states, errors)
-    return Smoothed(means[:-1], covariances[:-1], lagged[:-1], float(log_likelihood))
+    return Smoothed(means[:-1], covariances[:-1], lagged[:-1], log_likelihood)

@@ -102,16 +102,14 @@ class SimulationSegments(NamedTuple):
     number: float
 
     @classmethod
-    def of(cls, segments: Segments, horizon: int) -> SimulationSegments | None:
-        """Returns pieces of ``horizon`` samples before and ahead, all over segments; None where none is long enough."""
+    def of(cls, segments: Segments, horizon: int) -> SimulationSegments:
+        """Returns pieces of ``horizon`` samples before and ahead, all over segments, of which one is long enough."""
         whole = 2 * horizon
         starts = [
             (inputs, outputs, start)
             for inputs, outputs in segments
             for start in _starts(len(outputs), horizon)
         ]
-        if not starts:
-            return None
         kept = np.unique(np.linspace(0, len(starts) - 1, MAX_SEGMENTS).astype(int))
         pieces = [
             (u[at : at + whole + 1], y[at : at + whole + 1])
@@ -190,9 +188,9 @@ class SimulationFit:
 
         Parameters that were not free have that of the prior, ``held`` (k, k).
         """
-        covariance = np.zeros_like(held)
-        fixed = np.setdiff1d(np.arange(len(held)), self.free)
-        covariance[np.ix_(fixed, fixed)] = held[np.ix_(fixed, fixed)]
+        covariance = held.copy()
+        covariance[self.free] = 0.0
+        covariance[:, self.free] = 0.0
         covariance[np.ix_(self.free, self.free)] = self.covariance
         return covariance
 
@@ -225,16 +223,16 @@ class SimulationError:
         with np.errstate(over="ignore", invalid="ignore"):
             return outputs[settle + 1 :] - predicted
 
-    def value(self, at: Array) -> tuple[float, Array]:
-        """Returns the log joint up to a constant, with the noise precision at its maximum; and errors (H, m, S)."""
-        errors = self.errors(at[None])[0]
-        return self._value(at, errors), errors
+    def value(self, at: Array) -> float:
+        """Returns the log joint up to a constant, with the noise precision at its maximum."""
+        return self._value(at, self.errors(at[None]))
 
-    def quadratic(self, at: Array, residuals: Array) -> Quadratic:
-        """Returns slope and Gauss-Newton curvature, the posterior precision, by differences of errors ``residuals``."""
+    def quadratic(self, at: Array) -> Quadratic:
+        """Returns slope and Gauss-Newton curvature, the posterior precision, by differences of errors."""
         steps = RELATIVE_STEP * np.maximum(1.0, abs(at))
-        beside = self.errors(at + np.diag(steps))
-        jacobian = (beside - residuals).reshape(len(at), -1) / steps[:, None]
+        errors = self.errors(np.vstack([at, at + np.diag(steps)]))
+        residuals = errors[0]
+        jacobian = (errors[1:] - residuals).reshape(len(at), -1) / steps[:, None]
         mse = _mean_square(residuals)
         each = self.effective_samples / residuals.size
         slope = -each * jacobian @ residuals.ravel() / mse - self.prior_precision @ (
@@ -265,7 +263,7 @@ class SimulationError:
 
 @may_overflow
 def _mean_square(errors: Array) -> float:
-    return float((errors**2).mean())
+    return (errors**2).mean()
 
 
 def fit_simulation(
@@ -286,7 +284,6 @@ def fit_simulation(
     if not horizon:
         return None
     segments = SimulationSegments.of(scaling.scale_segments(record), horizon)
-    assert segments is not None
     n, r, _ = model.sizes
     precision = model.prior.theta_precision
     is_free = np.diag(precision) < KINEMATIC
@@ -302,11 +299,9 @@ def fit_simulation(
     objective = SimulationError(
         theta, free, mean, precision[np.ix_(free, free)], model.sizes, gain, record.dt, segments
     )
-    _, errors = objective.value(theta[free])
-    if not np.isfinite(_mean_square(errors)):
+    if not np.isfinite(objective.value(theta[free])):
         return None
-    start = objective.quadratic(theta[free], errors)
-    trace, gained = gauss_newton(objective, start, DAMPING)
+    trace, gained = gauss_newton(objective, objective.quadratic(theta[free]), DAMPING)
     best = theta.copy()
     best[free] = trace[-1].at
     samples = objective.effective_samples

@@ -57,11 +57,6 @@ class ChannelUnits(NamedTuple):
         width = channels.shape[-1]
         return (channels - self.center[:width]) / self.scale[:width]
 
-    def scaled_inputs(self, inputs: Array) -> Array:
-        """Returns inputs (…, r), the last channels, in these units."""
-        start = len(self.center) - inputs.shape[-1]
-        return (inputs - self.center[start:]) / self.scale[start:]
-
     def segments(self, record: Record) -> list[Array]:
         """Returns the channels (T, k) of each segment of ``record``, in these units."""
         return [self.scaled(np.hstack([outputs, inputs])) for inputs, outputs in record.segments]
@@ -76,12 +71,9 @@ def lagged(table: Array, lags: int) -> Array:
 
 
 def initial_lags(channels: Array, lags: int) -> Array:
-    """Returns the last ``lags`` samples of ``channels`` (T, k); the first counts for those that would be before it."""
-    filled = np.zeros((lags, channels.shape[1]))
-    if len(channels):
-        filled[:] = channels[0]
-        filled[max(0, lags - len(channels)) :] = channels[-lags:]
-    return filled
+    """Returns the last ``lags`` of ``channels`` (T, k), one at least; the first counts for any before."""
+    rows = np.arange(len(channels) - lags, len(channels))
+    return channels[np.maximum(rows, 0)]
 
 
 class LagStatistics(NamedTuple):
@@ -112,12 +104,9 @@ class LagStatistics(NamedTuple):
             raise NotLearnable(code, samples=lags, longest=record.longest)
         return units, statistics
 
-    def __add__(self, other: LagStatistics) -> LagStatistics:  # type: ignore[override]
-        return LagStatistics(self.rows + other.rows, self.gram + other.gram)
-
-    def forgotten(self, share: float) -> LagStatistics:
-        """Returns what is left of them when each sample counts only this ``share``."""
-        return LagStatistics(share * self.rows, share * self.gram)
+    def after(self, earlier: LagStatistics, share: float) -> LagStatistics:
+        """Returns these with ``earlier`` ones, of which each sample counts only this ``share``."""
+        return LagStatistics(self.rows + share * earlier.rows, self.gram + share * earlier.gram)
 
     def shortened(self, lags: int, fewer: int) -> Array:
         """Returns the ``gram`` of rows with ``fewer`` lags than these ``lags``."""
@@ -184,20 +173,20 @@ def regress(
     # The nearest matrix without negative eigenvalues, which rounding leaves where errors vanish.
     sizes, directions = np.linalg.eigh((left + left.T) / 2)
     left = (directions * np.maximum(sizes, 0.0)) @ directions.T
-    used = q - float(np.sum(precision * (root.T @ root)))
+    used = q - np.sum(precision * (root.T @ root))
     noise = left / rows + least * np.eye(k)
     weight = np.linalg.inv(noise)
-    of_prior = float(np.sum(weight * (change.T @ precision @ change)))
+    of_prior = np.sum(weight * (change.T @ precision @ change))
     determined = (
         2 * (np.log(factor.diagonal()).sum())
         - k * np.linalg.slogdet(prior)[1]
         - np.log(CONSTANT_RIDGE)
     )
     terms = {
-        "prediction errors": -0.5 * (float(np.sum(weight * left)) - of_prior),
-        "noise entropy": -0.5 * rows * float(np.linalg.slogdet(2 * np.pi * noise)[1]),
+        "prediction errors": -0.5 * (np.sum(weight * left) - of_prior),
+        "noise entropy": -0.5 * rows * np.linalg.slogdet(2 * np.pi * noise)[1],
         "parameter errors": -0.5 * of_prior,
-        "parameter entropy": -0.5 * k * float(determined),
+        "parameter entropy": -0.5 * k * determined,
     }
     return Regression(before + change, root, left / max(rows - used, LEAST_FREEDOM), terms)
 
@@ -331,17 +320,15 @@ class Var(NamedTuple):
         With ``smooth`` all inputs count. Overflow is as in :meth:`predict`.
         """
         (lags, k, _) = self.coefficients.shape
-        r = inputs.shape[-1]
-        steps = inputs.shape[-2]
+        steps, r = inputs.shape[-2:]
         m = k - r
-        n = (k - r) * lags
         filtered = self.filter(m, steps)
         across = self.coefficients.swapaxes(0, 1)
         before = self.units.scaled(past)
-        now = self.units.scaled_inputs(inputs)
+        now = (inputs - self.units.center[m:]) / self.units.scale[m:]
         earlier = lagged(np.concatenate([before[..., m:], now], axis=-2), lags)
         drives = earlier @ across[:, :, m:].reshape(k, lags * r).T + self.offset
-        pushes = np.zeros((*drives.shape[:-1], n))
+        pushes = np.zeros((*drives.shape[:-1], m * lags))
         pushes[..., :m] = drives[..., :m]
         states, errors = filtered.states(
             latest_first(before[..., :m]), pushes, now - drives[..., m:]

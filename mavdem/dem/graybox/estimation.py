@@ -154,7 +154,7 @@ def _physical(whole: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) 
         alias_share=_alias_share(parameters, theta, windows),
         sd=dict(zip(PARAMETERS, sd.tolist(), strict=True)),
         spectrum_range=dict(zip(PARAMETERS, spectrum_range.tolist(), strict=True)),
-        lag=float(np.exp(theta[r + 2])),
+        lag=np.exp(theta[r + 2]),
         dt=windows.dt,
     )
     status, reasons = identifiability(figures)
@@ -180,7 +180,7 @@ def _physical(whole: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) 
     ]
     covariance += np.diag(own)
     scale = np.append(np.full(r, 1 / windows.unit), np.ones(3))
-    level = float(np.sqrt(np.mean(whole.levels**2)))
+    level = np.sqrt(np.mean(whole.levels**2))
     sizes = level * parameters.sizes(theta)
     refined = zip(parameters.refinements, theta[parameters.noise_index + 1 :].tolist(), strict=True)
     return Physical(
@@ -224,7 +224,7 @@ def _alias_share(parameters: Parameters, theta: Array, windows: FlightWindows) -
     """The share of the commands' variance above half of the Nyquist frequency, each window without its mean."""
     commands = np.einsum("crwf,r->wf", windows.inputs[:2], parameters.effect(theta))
     power = abs(_tapered(commands)) ** 2
-    return float(power[:, power.shape[1] // 2 :].sum() / power.sum())
+    return power[:, power.shape[1] // 2 :].sum() / power.sum()
 
 
 def _tapered(transform: Complex) -> Complex:

@@ -44,9 +44,7 @@ class GrayBoxFit(NamedTuple):
     def evidence(self) -> float:
         """Laplace's evidence, up to a constant that is the same for all winds."""
         _, sd = self.parameters.prior
-        return (
-            self.value - 0.5 * float(np.linalg.slogdet(self.curvature)[1]) - float(np.log(sd).sum())
-        )
+        return self.value - 0.5 * np.linalg.slogdet(self.curvature)[1] - np.log(sd).sum()
 
 
 class LogJoint(NamedTuple):
@@ -58,16 +56,15 @@ class LogJoint(NamedTuple):
     parameters: Parameters
     windows: FlightWindows
 
-    def value(self, at: Array) -> tuple[float, Array]:
-        """Returns the value, NaN where there is none; of residuals there is no use."""
+    def value(self, at: Array) -> float:
+        """Returns the value, NaN where there is none."""
         value = self._log_prior(at)
         for errors, _ in self.innovations(at[None]):
             value += _log_likelihood(errors[0])
-        return value, np.empty(0)
+        return value
 
-    def quadratic(self, at: Array, residuals: Array) -> Quadratic:
+    def quadratic(self, at: Array) -> Quadratic:
         """Returns the value to second order, by differences, all at once; ``LinAlgError`` where there is none."""
-        del residuals
         mean, sd = self.parameters.prior
         steps = RELATIVE_STEP * np.maximum(0.01, abs(at))
         value = self._log_prior(at)
@@ -98,12 +95,12 @@ class LogJoint(NamedTuple):
 
     def _log_prior(self, at: Array) -> float:
         mean, sd = self.parameters.prior
-        return float(-0.5 * np.sum(((at - mean) / sd) ** 2))
+        return -0.5 * np.sum(((at - mean) / sd) ** 2)
 
 
 def _log_likelihood(errors: Array) -> float:
     """Of the innovations (W, N) of windows, each of a level of its own."""
-    return float(-0.5 * errors.shape[1] * np.log(np.mean(errors**2, axis=1)).sum())
+    return -0.5 * errors.shape[1] * np.log(np.mean(errors**2, axis=1)).sum()
 
 
 def fitted(
@@ -115,7 +112,7 @@ def fitted(
     """
     objective = LogJoint(parameters, windows)
     damping = Damping(first=1e-2, factor=6.0, attempts=12, limited=objective.limited)
-    first = objective.quadratic(start, np.empty(0))
+    first = objective.quadratic(start)
     iterations = MAX_STEPS if first.remaining >= promised else 0
     trace, _ = gauss_newton(objective, first, damping, iterations)
     last = trace[-1]
@@ -133,9 +130,7 @@ def directed(windows: FlightWindows, effect_directions: Array | None) -> tuple[P
     """
     r = windows.inputs.shape[1]
     power = 2 * np.sum(abs(windows.rate) ** 2, axis=1).mean()
-    plain = Parameters(
-        np.ones(r), UNLIKE, WINDS[0], FLOOR * float(np.sqrt(power)) / windows.samples
-    )
+    plain = Parameters(np.ones(r), UNLIKE, WINDS[0], FLOOR * np.sqrt(power) / windows.samples)
     mean, _ = plain.prior
     # Effects 0 and, one after the other, 1: log effect 0 and deviations −1, but for the motor's own.
     points = np.repeat(mean[None], r + 1, axis=0)
@@ -150,7 +145,7 @@ def directed(windows: FlightWindows, effect_directions: Array | None) -> tuple[P
     directions = effect if effect_directions is None else effect_directions
     deviation = UNLIKE if effect_directions is None else ALIKE
     directions = directions / abs(directions).mean()
-    along = float(directions @ gram @ effect) / float(directions @ gram @ directions + ridge[0, 0])
+    along = (directions @ gram @ effect) / (directions @ gram @ directions + ridge[0, 0])
     # The autopilot's parameters may count turns the other way round.
     directions = directions if along >= 0 else -directions
     parameters = plain._replace(directions=directions, deviation=deviation)

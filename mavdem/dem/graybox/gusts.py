@@ -94,12 +94,7 @@ def gusts(
 
 def _stays(torque: Array, start: int, stop: int, beside: int, sd: float, record: Record) -> bool:
     """Whether what begins and ends at these samples leaves the torque at another level, so many samples ``beside``."""
-    first, end = (
-        int(edge)
-        for edge in (
-            record.starts[record.starts <= start].max(),
-            record.starts[record.starts >= stop].min(initial=len(torque)),
-        )
-    )
+    first = record.starts[record.starts <= start].max()
+    end = record.starts[record.starts >= stop].min(initial=len(torque))
     sides = torque[max(start - beside, first) : start], torque[stop : min(stop + beside, end)]
     return all(map(len, sides)) and abs(np.ptp(list(map(np.median, sides)))) > THRESHOLD * sd

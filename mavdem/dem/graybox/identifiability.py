@@ -145,7 +145,7 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
     sd = figures.sd[name]
     yield RELATIVE_SD[name].status(sd), Fact(ParameterDoubt.ESTIMATE_UNCERTAIN, share=sd)
     # the relative change that this logarithm is; none beyond a factor of e
-    change = float(np.expm1(spread)) if spread < 1 else None
+    change = np.expm1(spread) if spread < 1 else None
     changes = Fact(ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM, share=change)
     yield SPECTRUM_RANGE[name].status(spread), changes
     least = RESOLVED_LAG * figures.dt

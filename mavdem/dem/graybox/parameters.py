@@ -202,10 +202,10 @@ def windows_of(record: Record) -> FlightWindows:
     samples = _window_samples(record)
     inputs = record.inputs[samples]
     inputs = inputs - inputs.mean(axis=(0, 1))
-    unit = float(np.sqrt(np.mean(inputs**2)))
+    unit = np.sqrt(np.mean(inputs**2))
     if not unit:
         raise NotLearnable(NoPhysical.MOTORS_STILL)
-    dt = float(samples[0, 1] - samples[0, 0]) * record.dt
+    dt = (samples[0, 1] - samples[0, 0]) * record.dt
     inputs = inputs / unit
     turning = record.outputs[samples, rate]
     return FlightWindows.of(inputs, turning, answers(inputs, turning), dt, unit)
@@ -246,11 +246,8 @@ def _window_samples(record: Record) -> Indices:
         raise NotLearnable(code, least_samples=shortest, samples=record.longest)
     # Up to half as long again, or down to what there is, so that as little as possible is left over.
     usual = min(round(WINDOW_SECONDS / record.dt), record.longest)
-    lengths = [
-        length
-        for length in range(usual, int(1.5 * usual) + 1, max(1, usual // 50))
-        if length <= record.longest
-    ]
+    longest = min(int(1.5 * usual), record.longest)
+    lengths = range(usual, longest + 1, max(1, usual // 50))
     length = max(
         lengths, key=lambda length: sum(whole // length for whole in record.lengths) * length
     )

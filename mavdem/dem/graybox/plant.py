@@ -155,9 +155,9 @@ def plant(
         wind[..., states] = colour.C * np.asarray(size)[..., None]
         start = states.stop
     A[..., 0, :] = wind
-    A[..., 0, 0] = -np.asarray(damping)
+    A[..., 0, 0] = -damping
     A[..., 0, 1] = 1.0
-    B[..., 1, 0] = 1 / np.asarray(lag)
+    B[..., 1, 0] = 1 / lag
     A[..., 1, 1] = -B[..., 1, 0]
     process = step_covariance(A, drive, dt)
     process = (process + process.mT) / 2

@@ -213,7 +213,7 @@ def steady(
     dt: float,
 ) -> float:
     """Returns the mean torque, rad/s², that a segment's rate (T,) has besides the ``commanded`` torque (T,)."""
-    return float((rate[-1] - rate[0]) / (len(rate) * dt) + damping * rate.mean() - commanded.mean())
+    return (rate[-1] - rate[0]) / (len(rate) * dt) + damping * rate.mean() - commanded.mean()
 
 
 def balanced(effect: Array, trim: Array, directions: Array | None) -> float:

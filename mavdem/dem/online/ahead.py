@@ -137,8 +137,8 @@ class OnlineJoint:
             self._uncounted += len(block.outputs)
             new = LagStatistics.of([channels], LAGS[-1])
             if self._statistics is not None:
-                kept = float(np.exp(-new.rows * self._dt / MEMORY_SECONDS))
-                new += self._statistics.forgotten(kept)
+                kept = np.exp(-new.rows * self._dt / MEMORY_SECONDS)
+                new = new.after(self._statistics, kept)
             self._statistics = new
         self._waiting.clear()
         if fits and self._uncounted * self._dt >= REFIT_SECONDS and new.rows >= 1:

@@ -224,8 +224,11 @@ class OnlineLearner:
         self, time: float, inputs: ArrayLike, outputs: ArrayLike
     ) -> tuple[float, Array, Array]:
         r, m = self._sizes
-        given: list[tuple[str, Any, int]]
-        given = [("time", time, 1), ("inputs", inputs, r), ("outputs", outputs, m)]
+        given: list[tuple[str, Any, int]] = [
+            ("time", time, 1),
+            ("inputs", inputs, r),
+            ("outputs", outputs, m),
+        ]
         rows = []
         for name, values, size in given:
             rows.append(table([values], name, size)[0])

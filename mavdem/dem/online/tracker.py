@@ -250,8 +250,8 @@ def _limit(peaks: Array) -> float:
     number = len(peaks)
     if number < MIN_PEAKS:
         return np.inf
-    middle = float(np.median(peaks))
+    middle = np.median(peaks)
     far = np.log(np.log(2)) - np.log(-np.log(1 - PEAK_SECONDS / FALSE_MARK_SECONDS))
     # Gumbel's median deviation is 0.767
-    scale = max(float(np.median(abs(peaks - middle))) / 0.767, MIN_SPREAD)
-    return middle + float(np.sqrt(1 + 1 / number) * far) * scale
+    scale = max(np.median(abs(peaks - middle)) / 0.767, MIN_SPREAD)
+    return middle + np.sqrt(1 + 1 / number) * far * scale

@@ -72,7 +72,7 @@ class WindFilter(NamedTuple):
         unusual = max(1.0, float(np.mean(errors**2)) / self.steady.variance)
         between = sum(each.size**2 for each in plant.components if each.time < self.dt)
         left_out = between + (MODEL_ERRORS.wind * plant.wind) ** 2
-        keeps = float(np.exp(-self.dt / plant.lag))
+        keeps = np.exp(-self.dt / plant.lag)
         answered = lfilter([1 - keeps], [1, -keeps], moved, axis=0)
         change = (commanded - smoothed.states[:, 1]) / plant.lag
         slopes = np.column_stack([self.balance - answered, rate, change, change])
