@@ -16,6 +16,7 @@ from mavdem.downstream import FlightDownstream
 from mavdem.facts import Facts
 from mavdem.forecaster import Floats
 from mavdem.heading import Names, Values
+from mavdem.immutable import ReadOnlyDict
 from mavdem.unit_slips import real_numbers, unit_slip
 
 MAX_VALUE = 1e100  # of any number of a flight: differences and squares of larger ones overflow
@@ -114,7 +115,7 @@ class Flight(FlightDownstream):
             "output_names": _labels(output_names, "output_names", outputs, "output"),
             "input_units": _labels(input_units, "input_units", inputs),
             "output_units": _labels(output_units, "output_units", outputs),
-            "provenance": dict(provenance or {}),
+            "provenance": ReadOnlyDict(provenance or {}),
             "effect_directions": directions,
             "setpoints": None if setpoints is None else asked,
             "setpoint_names": _labels(setpoint_names, "setpoint_names", asked, "setpoint"),
@@ -194,7 +195,6 @@ class Flight(FlightDownstream):
         for name in ("time", "inputs", "outputs", "setpoints"):
             if (values := getattr(self, name)) is not None:
                 object.__setattr__(cut, name, values[part])
-        object.__setattr__(cut, "provenance", dict(self.provenance))
         return cut
 
     def __repr__(self) -> str:

@@ -32,6 +32,7 @@ FLOORS = (
         "forecaster",
         "grouping",
         "heading",
+        "immutable",
         "machine",
         "unit_slips",
         "units",
@@ -91,6 +92,7 @@ USED_BY = {
         "mavdem.confidence",
         "mavdem.downstream",
         "mavdem.heading",
+        "mavdem.immutable",
         "mavdem.errors",
         "mavdem.facts",
         "mavdem.unit_slips",
@@ -100,6 +102,7 @@ USED_BY = {
         "mavdem.confidence",
         "mavdem.facts",
         "mavdem.heading",
+        "mavdem.immutable",
         "mavdem.alignment",
         "mavdem.dem",
         "mavdem.condition",
@@ -198,20 +201,20 @@ def test_a_file_is_not_long():
 NODES = {
     "alignment": 19_227,
     "analysis": 8650,
-    "assessment": 18_574,
+    "assessment": 18_650,
     "baselines": 5198,
     "cli": 17_060,
     "condition": 39_760,
-    "dem": 67_956,
+    "dem": 67_700,
     "documents": 10_248,
     "evaluate": 8074,
     "export": 2_549,
     "facts": 4_180,
-    "fleet": 15_140,
-    "health": 10_644,
+    "fleet": 15_160,
+    "health": 10_660,
     "ingest": 40_695,
     "live": 31_645,
-    "mavdem": 5_595,
+    "mavdem": 5_930,
     "paper": 11_396,
     "report": 32_100,
     "serve": 13_450,
@@ -220,7 +223,7 @@ NODES = {
     "view": 10_820,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 418_908
+ALL_NODES = 418_200
 TEST_NODES = 225_000
 NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""

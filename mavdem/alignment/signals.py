@@ -44,6 +44,7 @@ from mavdem.alignment.drive import (
     table_of,
 )
 from mavdem.errors import NotLearnable
+from mavdem.immutable import read_only
 from mavdem.ingest.flight_modes import mode_name
 from mavdem.ingest.mavlink.clocks import far_off
 from mavdem.ingest.mavlink.definitions import enum_name
@@ -117,10 +118,10 @@ def once(*of: str) -> Callable[[Find], Find]:
         @wraps(find)
         def found(signals: VehicleSignals, *arguments: Hashable, **named: Hashable) -> Any:
             own = (getattr(signals, name) for name in of)
-            key = find, *own, *arguments, *named.items()
+            key = find, signals.telemetry, *own, *arguments, *named.items()
             if key not in signals.known:
                 try:
-                    signals.known[key] = find(signals, *arguments, **named), None
+                    signals.known[key] = read_only(find(signals, *arguments, **named)), None
                 except NotLearnable as error:
                     signals.known[key] = None, error.fact
             known, refusal = signals.known[key]
@@ -199,10 +200,11 @@ class VehicleSignals:
     settled: list[tuple[float, float]] | None = field(default=None, kw_only=True)
     """Settled flight of its one boot, where that is known already; see ``phases.settled``."""
 
-    known: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
+    known: dict[Hashable, Any] = field(default_factory=dict, kw_only=True, repr=False)
     """What was found and why nothing was, by what it is of; see :func:`once`."""
 
-    @cached_property
+    @property
+    @once()
     def attitudes(self) -> tuple[Attitude, ...]:
         """Roll, pitch and yaw; empty where they were not recorded."""
         found = (attitude(self.telemetry, axis) for axis in AXES)
@@ -213,13 +215,15 @@ class VehicleSignals:
         """Roll and pitch, by which a vehicle is upright or not; empty where they were not recorded."""
         return self.attitudes[:2]
 
-    @cached_property
+    @property
+    @once()
     def motors(self) -> Motors | None:
         """Motor outputs."""
         motors = motors_or_obstacle(self.telemetry)
         return motors if isinstance(motors, Motors) else None
 
-    @cached_property
+    @property
+    @once()
     def voltage(self) -> Signal | None:
         """Voltage of the first battery, V; None where it was not measured."""
         columns = self.telemetry.messages.get("SYS_STATUS")
@@ -235,17 +239,20 @@ class VehicleSignals:
         usual = np.count_nonzero(possible) >= max(5, np.count_nonzero(~np.isnan(volts)) / 2)
         return series(columns, volts, possible) if usual else None
 
-    @cached_property
+    @property
+    @once()
     def armed(self) -> Signal | None:
         """Whether the vehicle was armed, from HEARTBEAT; None where no heartbeat is its own."""
         return self._beats and replace(self._beats, values=self._beats.values[:, 0])
 
-    @cached_property
+    @property
+    @once()
     def landing(self) -> Signal | None:
         """Whether the autopilot was in a mode that lands by itself, from HEARTBEAT; None where none is its own."""
         return self._beats and replace(self._beats, values=self._beats.values[:, 1])
 
-    @cached_property
+    @property
+    @once()
     def _beats(self) -> Signal | None:
         """Both (N, 2) of them; a single stray heartbeat is outvoted by its neighbours."""
         if (columns := self.heartbeats) is None:
@@ -258,7 +265,8 @@ class VehicleSignals:
         outvoted = median_filter(state, size=(3, 1), mode="nearest")
         return Signal(columns["time"], columns["boot"], outvoted)
 
-    @cached_property
+    @property
+    @once()
     def heartbeats(self) -> Columns | None:
         """HEARTBEAT of the vehicle itself, in order of time: those that name another type or autopilot are not."""
         telemetry = self.telemetry
@@ -291,17 +299,20 @@ class VehicleSignals:
         ]
         return list(zip(columns["time"][rows[changed]].tolist(), named, strict=True))
 
-    @cached_property
+    @property
+    @once()
     def landed_state(self) -> Signal | None:
         """MAV_LANDED_STATE as the autopilot reported it in EXTENDED_SYS_STATE; 0 where that is undefined."""
         return recorded(self.telemetry, "EXTENDED_SYS_STATE", "landed_state")
 
-    @cached_property
+    @property
+    @once()
     def climb_rate(self) -> Signal | None:
         """Vertical speed, m/s, upwards, from LOCAL_POSITION_NED, GLOBAL_POSITION_INT or VFR_HUD."""
         return self._first_of(CLIMB_FIELDS)
 
-    @cached_property
+    @property
+    @once()
     def position(self) -> Signal | None:
         """The position (N, 3) where it is known, m north, east and down of where the log or the estimator began."""
         if "x" in (columns := self.telemetry.messages.get("LOCAL_POSITION_NED", {})):
@@ -319,7 +330,8 @@ class VehicleSignals:
                 return series(columns, np.column_stack([plane, down]), fixed)
         return None
 
-    @cached_property
+    @property
+    @once()
     def height(self) -> Signal | None:
         """The height, m, above where the estimator or the flight began."""
         return self._first_of(HEIGHT_FIELDS)
@@ -332,7 +344,8 @@ class VehicleSignals:
                 return series(columns, factor * floats(columns, name))
         return None
 
-    @cached_property
+    @property
+    @once()
     def autopilot_wind(self) -> Signal | None:
         """The autopilot's own estimate of the wind, (N, 2) m/s north and east, where the air moves to."""
         if (columns := self.telemetry.messages.get("WIND_COV")) is not None:
@@ -346,7 +359,8 @@ class VehicleSignals:
         # without drag fusion ArduCopter sends 0
         return found if found.values.any() else None
 
-    @cached_property
+    @property
+    @once()
     def collective(self) -> Signal | None:
         """How hard the motors work together, 0 to 1: their mean, or the controller's thrust command."""
         working = self.motors
@@ -377,11 +391,7 @@ class Signals(VehicleSignals):
 
     def about(self, axis: str, inputs: str | None = None) -> Signals:
         """Returns the signals for another ``axis`` or other ``inputs``; those of the vehicle are not read again."""
-        other = replace(self, axis=axis, inputs=inputs)
-        found = vars(self)
-        shared = {name: found[name] for name in found if name in vars(VehicleSignals)}
-        vars(other).update(shared, known=self.known)
-        return other
+        return replace(self, axis=axis, inputs=inputs)
 
     @cached_property
     def attitude(self) -> Attitude | None:

@@ -42,6 +42,7 @@ from mavdem.files import PathName
 from mavdem.flight import Flight, Flights
 from mavdem.health.in_flight import MIN_RATE, MotorAlarm, MotorWatch
 from mavdem.health.trim import trim_of_signals
+from mavdem.immutable import ReadOnlyDict
 from mavdem.ingest import Log
 
 # of squared errors, to a forecast's without a model, up to which one of slow motion is worth it
@@ -148,7 +149,7 @@ def analyse(
                 about = signals.about(other, inputs)
                 axes[other] = axis_figures(about, log.components, analysis.changes)
                 done(len(axes) / len(AXES))
-        analysis = replace(analysis, axes=axes)
+        analysis = replace(analysis, axes=ReadOnlyDict(axes))
     return analysis
 
 

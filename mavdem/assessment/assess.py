@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -44,6 +43,7 @@ from mavdem.files import AnyPath
 from mavdem.flight import boot_of
 from mavdem.heading import Values
 from mavdem.health.in_flight import MotorAlarm, losses_of
+from mavdem.immutable import ReadOnlyDict, read_only
 from mavdem.ingest import Log, read_log
 
 
@@ -67,7 +67,7 @@ class Assessment(AssessmentDownstream):
     log: Log
     judgement: Judgement
     evidence: Evidence | None = None
-    analyses: Mapping[str, LogAnalysis] = field(default_factory=lambda: MappingProxyType({}))
+    analyses: ReadOnlyDict[str, LogAnalysis] = field(default_factory=ReadOnlyDict)
 
     @property
     def analysis(self) -> LogAnalysis | None:
@@ -79,7 +79,7 @@ class Assessment(AssessmentDownstream):
         assert self.evidence is not None
         signals = self.evidence.signals
         analysis = analyse(self.log, signals, axis, other_axis=self.analysis)
-        return replace(self, analyses={**self.analyses, axis: analysis})
+        return replace(self, analyses=ReadOnlyDict(self.analyses | {axis: analysis}))
 
     @property
     def headline(self) -> Fact:
@@ -94,7 +94,7 @@ class Assessment(AssessmentDownstream):
     @property
     def lights(self) -> NamedFacts:
         """The judgement of motors, vibration, tracking, margins, power, estimator, wind and log, by name."""
-        return MappingProxyType(self.judgement.lights)
+        return self.judgement.lights
 
     @property
     def simulated(self) -> Fact | None:
@@ -110,24 +110,24 @@ class Assessment(AssessmentDownstream):
     def loops(self) -> Mapping[str, Loop | NoLoop]:
         """The control loops of "roll", "pitch" and "yaw", or their ``refusal``."""
         loops = dict.fromkeys(AXES, self.headline) if self.evidence is None else self.evidence.loops
-        return MappingProxyType(
+        return ReadOnlyDict(
             {axis: NoLoop(loop) if isinstance(loop, Fact) else loop for axis, loop in loops.items()}
         )
 
     @cached_property
     def responses(self) -> Responses:
         """The measured responses of "rate" and "attitude" of each axis, beside the predicted ones."""
-        return {} if self.evidence is None else responses_of(self.evidence)
+        return {} if self.evidence is None else read_only(responses_of(self.evidence))
 
     @cached_property
     def noise(self) -> Noise:
         """The spectra of gyro and accelerometer, lines in them, and the notch filter to set."""
-        return Noise({}, {}) if self.evidence is None else noise_of(self.evidence)
+        return read_only(Noise({}, {}) if self.evidence is None else noise_of(self.evidence))
 
     @property
     def spectra(self) -> Mapping[str, Spectrum]:
         """The spectra of gyro, accelerometer and demand, by name."""
-        return MappingProxyType(self.noise.spectra)
+        return self.noise.spectra
 
     @property
     def model(self) -> Learned | None:
@@ -241,12 +241,13 @@ def assess_signals(
         air,
         tuple(in_order(events)),
         ending,
-        loops,
+        ReadOnlyDict(loops),
     )
     if evidence.grounds:
         evidence = replace(evidence, air=grounded_air(air))
     judgement = judge(evidence, analysis.findings.purposes)
-    return Assessment(log, judgement, evidence, {analysis.learnability.axis: analysis})
+    analyses = ReadOnlyDict({analysis.learnability.axis: analysis})
+    return Assessment(log, judgement, evidence, analyses)
 
 
 def while_controlled(alarms: Sequence[MotorAlarm], ending: Fact | None) -> list[MotorAlarm]:

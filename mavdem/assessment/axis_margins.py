@@ -13,7 +13,7 @@ from mavdem.condition.loop.loop import TARGETS, Loop, margin_rating, shares_of
 from mavdem.condition.loop.margins import OpenLoop
 from mavdem.condition.resonance import FASTEST_LOOP, Resonance, peak_of, response_of
 from mavdem.confidence import LEVEL
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.margins import MarginsLight
 
 LEAST = TARGETS["sharp"]
@@ -36,7 +36,7 @@ class AxisMargins:
     """The rate loop by system identification, without a model of the vehicle."""
 
     @cached_property
-    def facts(self) -> list[Fact]:
+    def facts(self) -> Facts:
         """What is known of it: of the loops or else of the spectrum, and of the response."""
         found = []
         if self.injected is not None:
@@ -47,7 +47,7 @@ class AxisMargins:
             found.append(_of_resonance(MarginsLight.RATE_STANDS_OUT, Level.WATCH, self.peak))
         if self.response is not None:
             found.append(of_response(self.response))
-        return [fact for fact in found if fact.level is not Level.UNKNOWN]
+        return tuple(fact for fact in found if fact.level is not Level.UNKNOWN)
 
 
 def margins_of(

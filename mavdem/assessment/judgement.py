@@ -18,6 +18,7 @@ from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.events import Reported
 from mavdem.facts.lights import Light, Unjudged
+from mavdem.immutable import read_only
 
 LIGHTS = {
     Light.MOTORS: motors_light,
@@ -62,14 +63,14 @@ def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known: Fact) -
         lights = {name: light.grounded for name, light in lights.items()}
     headline = headline_of(evidence, lights)
     of_model = next_step(purposes) if purposes else None
-    return Judgement(headline, next_step_of(headline, lights, of_model), lights)
+    return read_only(Judgement(headline, next_step_of(headline, lights, of_model), lights))
 
 
 def unjudged(refusal: Fact) -> Judgement:
     """Returns the judgement where there is no evidence, because of the ``refusal``."""
     following = Fact(NextStep.DO_AS_ADVISED, because=refusal)
     unknown = Fact(Unjudged.NOT_JUDGED, because=refusal)
-    return Judgement(refusal, following, dict.fromkeys(map(str, Light), unknown))
+    return read_only(Judgement(refusal, following, dict.fromkeys(map(str, Light), unknown)))
 
 
 def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:

@@ -15,6 +15,7 @@ from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import Loops
 from mavdem.facts.margins import TrackingLight
 from mavdem.grouping import grouped
+from mavdem.immutable import read_only
 from mavdem.ingest.telemetry import Parameters
 
 AdviceByAxis = dict[str, Advice | Fact]
@@ -100,4 +101,4 @@ def tuned(
         judgement = judgement._replace(
             next_step=Fact(NextStep.LOAD_GAINS, judgement.headline.level, is_written=is_written)
         )
-    return Tuning(found, advised, gains, notch, judgement)
+    return read_only(Tuning(found, advised, gains, notch, judgement))

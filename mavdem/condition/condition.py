@@ -34,6 +34,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts.learnability import MotorObstacle
 from mavdem.files import AnyPath
 from mavdem.heading import Names, Numbers
+from mavdem.immutable import Result
 from mavdem.ingest import Component, read_log
 from mavdem.ingest.motors import MULTIROTORS, OutputScale
 from mavdem.ingest.telemetry import Array
@@ -190,7 +191,7 @@ class BatteryFigures:
 
 
 @dataclass(frozen=True)
-class Condition:
+class Condition(Result):
     """Figures that need no fast stream: means, spreads and limits. They hold for any rate from 1 Hz.
 
     All of them are of settled flight, but for the first two, and the battery where there was none. None where a figure

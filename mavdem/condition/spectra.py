@@ -14,7 +14,8 @@ import numpy as np
 from mavdem.alignment.align import Segments, within
 from mavdem.alignment.drive import AXES, Signal, recorded, series
 from mavdem.alignment.signals import Signals
-from mavdem.dem.engine.linalg import Pair, Result
+from mavdem.dem.engine.linalg import Pair
+from mavdem.immutable import Result
 from mavdem.ingest.telemetry import Array
 
 SECONDS = 1.0  # of a window

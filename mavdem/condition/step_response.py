@@ -38,9 +38,10 @@ from mavdem.condition.resonance import (
     spectra_of_pieces,
 )
 from mavdem.confidence import quantile
-from mavdem.dem.engine.linalg import SMALLEST, Array, Result, normal_draws, one_thread
+from mavdem.dem.engine.linalg import SMALLEST, Array, normal_draws, one_thread
 from mavdem.facts import Fact, Level
 from mavdem.facts.loops import StepResponses
+from mavdem.immutable import Result
 
 SECONDS = {"rate": 0.5, "attitude": 2.0}
 """Of a step's response, until it has settled; a window is two of them, and the one before."""

@@ -17,12 +17,13 @@ from mavdem.dem.airflow.identification import (
     identified,
 )
 from mavdem.dem.airflow.model import TOTAL, Drag
-from mavdem.dem.engine.linalg import Result, one_thread
+from mavdem.dem.engine.linalg import one_thread
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.identifiability import Status
 from mavdem.facts.online import DragSource
 from mavdem.facts.wind import WindDoubt, WindShare
 from mavdem.heading import Values
+from mavdem.immutable import Result
 from mavdem.ingest.telemetry import Array
 
 # after which noise is new

@@ -20,9 +20,7 @@ from mavdem.dem.engine.linalg import (
     Array,
     Flags,
     Indices,
-    Result,
     may_overflow,
-    read_only,
 )
 from mavdem.dem.engine.model import LinearModel, unpack
 from mavdem.dem.engine.state_space import StateSpace
@@ -41,6 +39,7 @@ from mavdem.downstream import LearnedDownstream
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.model import ModelCaution, NoPhysical
+from mavdem.immutable import Result
 
 
 def _recorded(text: object) -> Fact:
@@ -136,7 +135,7 @@ class Learned(Result, Forecasting, LearnedDownstream):
 
     @cached_property
     def _gray_box(self) -> Physical | NotIdentifiable:
-        return read_only(physical(self.record))
+        return physical(self.record)
 
     @property
     def wind(self) -> WindTorque | None:
@@ -154,7 +153,7 @@ class Learned(Result, Forecasting, LearnedDownstream):
     def with_physical(self, physical: Physical | NotIdentifiable) -> Learned:
         """Returns the same with other ``physical`` parameters, by which its wind torque will be estimated."""
         changed = copy(self)
-        object.__setattr__(changed, "_gray_box", read_only(physical))
+        object.__setattr__(changed, "_gray_box", physical)
         vars(changed).pop("wind_torque", None)
         return changed
 

@@ -29,6 +29,7 @@ from mavdem.facts import Facts
 from mavdem.facts.forecasts import HeldOutForecast
 from mavdem.flight import Flight
 from mavdem.heading import Values
+from mavdem.immutable import Result
 
 Progress = Callable[[float], None]
 """What is called with the share that is done."""
@@ -41,7 +42,7 @@ BASELINES = CONSTANT_MEAN, HOLD_LAST
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOut:
+class HeldOut(Result):
     """W held-out windows of H samples and m outputs, none used to train its model; angles in rad, rates in rad/s.
 
     Attributes:

@@ -178,7 +178,8 @@ def to_control(learned: Learned, model: str = "physical") -> control.StateSpace:
     if model == "physical":
         draws = _identified(learned).draws(DRAWS).tolist()
         plant, *plants = (_plant(draw, names) for draw in draws)
-        vars(plant).update(delay=draws[0][-1], draws=plants)
+        plant.delay = draws[0][-1]
+        plant.draws = plants
         return plant
     states = [column_name(name, "") for name in state_names(labels.output_names, learned)]
     if states_are_outputs(learned):

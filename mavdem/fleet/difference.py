@@ -37,6 +37,7 @@ from mavdem.fleet.row import (
 )
 from mavdem.heading import Names, Numbers, Values
 from mavdem.health.balance import SCATTER
+from mavdem.immutable import ReadOnlyDict
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
 
@@ -333,7 +334,7 @@ def conditions_of(flights: Flights) -> Conditions:
     means = [mean(getattr(flight[0], column) for flight in flights) for column in columns]
     rows = [row for flight in flights for row in flight]
     torques = {axis: mean(row.wind_torque_sd for row in rows if row.axis == axis) for axis in AXES}
-    present = {axis: torque for axis, torque in torques.items() if torque is not None}
+    present = ReadOnlyDict({axis: torque for axis, torque in torques.items() if torque is not None})
     return Conditions(*means, present)  # type: ignore[call-arg, arg-type]
 
 

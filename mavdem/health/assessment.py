@@ -28,6 +28,7 @@ from mavdem.health.balance import (
     deviation,
     healthy_flights,
 )
+from mavdem.immutable import Result
 
 PROBABLE = 0.5
 """Probability of a fault, and of any change, from which a flight is called one."""
@@ -290,7 +291,7 @@ class Candidates:
 
 
 @dataclass(frozen=True, eq=False)
-class Explanations:
+class Explanations(Result):
     """What may explain a flight's deviation, with probabilities that sum to 1."""
 
     # by the names in ``PRIORS``: that nothing changed but what changes from flight to flight; that a motor or propeller

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from mavdem.confidence import Interval
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.sources import Flaw, Repair
+from mavdem.immutable import Result
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -38,7 +39,7 @@ MAX_FIELDS = 2000
 
 
 @dataclass(frozen=True, eq=False)
-class Telemetry:
+class Telemetry(Result):
     """The messages of one component of one vehicle.
 
     Attributes:
@@ -132,7 +133,7 @@ def renamed(
 
 
 @dataclass(frozen=True, eq=False)
-class Component:
+class Component(Result):
     """One component that sent messages: a vehicle, a ground station, a gimbal, a radio.
 
     Attributes:

@@ -25,6 +25,7 @@ from mavdem.facts.lights import Light
 from mavdem.facts.session import Session
 from mavdem.heading import Names, Numbers
 from mavdem.health.in_flight import MotorAlarm
+from mavdem.immutable import Result, read_only
 from mavdem.live.wind import WindRow
 
 AHEAD = 0.25  # s; how well the model predicts so far ahead is reported
@@ -41,7 +42,7 @@ def horizons(dt: float) -> tuple[int, ...]:
 
 
 @dataclass(frozen=True)
-class SessionStatus:
+class SessionStatus(Result):
     """The status of a live session at one moment.
 
     ``LiveStream`` fills in what concerns the link and the vehicle, ``LiveSession`` the rest.
@@ -115,7 +116,7 @@ class SessionStatus:
             following = next_step_of(headline, lights, None)
         if self.flying and headline.level is Level.BAD:
             following = Fact(NextStep.LAND_NOW, because=headline)
-        return Judgement(headline, following, lights)
+        return read_only(Judgement(headline, following, lights))
 
     @property
     def slow(self) -> Fact | None:

@@ -318,13 +318,14 @@ def with_battery(message, time, **fields):
 def test_without_a_battery_monitor_there_is_none():
     time = HOVER.stamps(1.0)
     for nothing in (0, 65535):
-        silent = with_battery(
-            "SYS_STATUS", time, voltage_battery=np.full(len(time), nothing, dtype=np.uint16)
+        voltages = np.full(len(time), nothing, dtype=np.uint16)
+        assert (
+            Signals(with_battery("SYS_STATUS", time, voltage_battery=voltages.copy())).voltage
+            is None
         )
-        assert Signals(silent).voltage is None
         # of damaged bytes
-        silent.messages["SYS_STATUS"]["voltage_battery"][[3, 30, 31, 40]] = 12_800
-        assert Signals(silent).voltage is None
+        voltages[[3, 30, 31, 40]] = 12_800
+        assert Signals(with_battery("SYS_STATUS", time, voltage_battery=voltages)).voltage is None
     assert (
         Signals(with_battery("SYS_STATUS", time[:4], voltage_battery=np.full(4, 12_800))).voltage
         is None

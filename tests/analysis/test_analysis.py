@@ -68,7 +68,8 @@ def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_i
 def test_a_model_must_beat_the_baselines_by_a_margin_that_is_not_luck(ratio, windows, spread, kept):
     errors = np.sqrt(ratio * np.exp(spread * default_rng(1).standard_normal(windows)))
     judged = held_out(last=1.2, count=windows)
-    judged.forecasts["forecast"] = np.broadcast_to(errors[:, None, None], judged.measured.shape)
+    forecast = np.broadcast_to(errors[:, None, None], judged.measured.shape)
+    judged = replace(judged, forecasts=judged.forecasts | {"forecast": forecast})
     refusal = slow_motion_refusal(judged)
     assert (refusal is None) == kept
     if refusal is not None:

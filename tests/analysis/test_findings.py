@@ -70,9 +70,12 @@ def test_prediction_is_good_only_beside_the_better_baseline_and_with_a_band_that
 )
 def test_a_few_worse_windows_and_a_band_that_holds_most_are_still_good(share, covered, grade):
     windows = held_out(forecast=0.01, last=1.0)
-    windows.forecasts["forecast"][: round(share * 40)] = 1.01
+    forecast = windows.forecasts["forecast"].copy()
+    forecast[: round(share * 40)] = 1.01
     samples = np.arange(windows.band.size).reshape(windows.band.shape)
-    windows.band[:] = np.where(samples < covered * windows.band.size, 2.0, 0.0)
+    band = np.where(samples < covered * windows.band.size, 2.0, 0.0)
+    forecasts = windows.forecasts | {"forecast": forecast}
+    windows = replace(windows, forecasts=forecasts, band=band)
     assert found(PREDICTION, model(physical()), windows).grade is grade
 
 

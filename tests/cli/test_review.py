@@ -4,6 +4,7 @@ import re
 import time
 
 from command_line import document_of, run, strict_json
+from pytest import raises
 from recorded_flights import LOGS, SLOW
 
 import mavdem
@@ -44,7 +45,8 @@ def test_the_library_returns_what_is_printed(tmp_path):
     assert other.model is other.wind is None and other.events == ()
     assert other.loops["roll"].refusal == other.headline and not other.spectra
     assert str(other).count("\n") < 15 and other.lights["log"].level is Level.UNKNOWN
-    assert not hasattr(other.lights, "__setitem__")
+    with raises(TypeError):
+        other.lights["log"] = other.headline
     other.page(tmp_path / "page.html")
     assert other.sentence(other.headline) in (tmp_path / "page.html").read_text()
 

@@ -30,6 +30,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.loops import Gains, Loops
+from mavdem.immutable import Result
 from mavdem.ingest.telemetry import Parameters
 
 GAINS = "p", "i", "d", "angle"
@@ -73,7 +74,7 @@ class Noise(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Advice:
+class Advice(Result):
     """Gains to set, and what to expect of them."""
 
     target: Target

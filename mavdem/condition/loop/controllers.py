@@ -20,6 +20,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.loops import Controllers
 from mavdem.heading import Numbers, Values
+from mavdem.immutable import Result
 from mavdem.ingest.telemetry import Flags, Parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 
@@ -73,7 +74,7 @@ class Notch(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Controller:
+class Controller(Result):
     """The rate and the attitude controller of one axis; cut-offs are in Hz, 0 where there is no filter."""
 
     axis: str  # "roll", "pitch" or "yaw"
@@ -106,6 +107,7 @@ class Controller:
     weights: Numbers = ()
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for name, (low, high) in RANGES.items():
             value = getattr(self, name)
             slow = name.endswith("filter") and 0 < value < 0.1

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_response, notched
 from mavdem.confidence import ENDS, Interval
-from mavdem.dem.engine.linalg import Array, Indices, Result
+from mavdem.dem.engine.linalg import Array, Indices
+from mavdem.immutable import Result, read_only
 from mavdem.ingest.telemetry import Flags
 from mavdem.ingest.vocabulary import wrapped
 
@@ -115,7 +116,7 @@ class OpenLoop(Margins):
         nearest = real.least(np.abs(bears))
         nearest[real.rows[bears == -nearest[real.rows]]] *= -1
         falls = _Zeros.of(np.abs(self.closed) - 2**-0.5)  # half of the power
-        return {
+        figures = {
             "crossover": -crossing.least(-hertz),
             "phase_margin": np.degrees(_or_infinite(crossing.least(margin))),
             "gain_margin": 20 / np.log(10) * _or_infinite(nearest),
@@ -124,6 +125,7 @@ class OpenLoop(Margins):
             "bandwidth": np.exp(falls.least(falls.among(at))),
             "rejection": np.abs(self.disturbance).max(axis=1),
         }
+        return read_only(figures)
 
 
 class _Zeros(NamedTuple):

@@ -20,6 +20,7 @@ from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.identifiability import Status
 from mavdem.facts.loops import Twins
 from mavdem.heading import Numbers
+from mavdem.immutable import Result
 from mavdem.ingest.motors import Position
 from mavdem.ingest.telemetry import Parameters
 
@@ -36,7 +37,7 @@ MOMENT = 0.1  # torque of a common propeller by its thrust, over the arm
 
 
 @dataclass(frozen=True, eq=False)
-class Twin:
+class Twin(Result):
     """A vehicle for simulators, with how sure each of its attributes is as ``notes`` by name."""
 
     autopilot: str  # "px4" or "ardupilot"

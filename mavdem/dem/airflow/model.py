@@ -21,9 +21,10 @@ from scipy.constants import g as GRAVITY  # noqa: N812
 from scipy.spatial.transform import Rotation
 
 from mavdem.confidence import quantile
-from mavdem.dem.engine.linalg import Array, Flags, Pair, Result, require_positive_definite
+from mavdem.dem.engine.linalg import Array, Flags, Pair, require_positive_definite
 from mavdem.facts.online import DragSource
 from mavdem.heading import Values
+from mavdem.immutable import Result
 
 POPULATION = np.log([0.3, 0.014, 1.0, 1.0])
 POPULATION_SD = np.array([0.7, 0.9, 0.2, 0.35])

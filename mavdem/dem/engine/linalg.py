@@ -7,10 +7,9 @@ LAPACK is called directly, since SciPy's wrappers would cost more than the work.
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import is_dataclass
 from functools import cache, partial
 from threading import RLock
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.linalg import LinAlgError
@@ -48,29 +47,6 @@ Indices = Annotated[
     NDArray[np.intp], PlainValidator(partial(_read, np.intp, "iu")), WRITTEN, LISTED
 ]
 Flags = Annotated[NDArray[np.bool_], PlainValidator(partial(_read, np.bool_, "b")), WRITTEN, LISTED]
-
-Kind = TypeVar("Kind")
-
-
-def read_only(result: Kind) -> Kind:
-    """Returns a result whose arrays, and those of the tuples and records in it, can no longer be written."""
-    if isinstance(result, np.ndarray):
-        result.setflags(write=False)
-    elif isinstance(result, tuple) or is_dataclass(result):
-        for part in result if isinstance(result, tuple) else vars(result).values():
-            read_only(part)
-    return result
-
-
-class Result:
-    """A dataclass whose arrays are :func:`read_only`, where it is made and where it is unpickled."""
-
-    __post_init__ = read_only
-
-    def __setstate__(self, values: dict[str, Any]) -> None:
-        vars(self).update(values)
-        read_only(self)
-
 
 # keeps zeros from being divided by, or their logarithms from being taken
 SMALLEST = np.finfo(np.float64).tiny

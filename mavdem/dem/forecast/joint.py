@@ -23,6 +23,7 @@ from mavdem.confidence import half_width
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.forecast import var
 from mavdem.dem.record import FEWEST_MOTORS, Record
+from mavdem.immutable import Result
 
 LAGS = (6, 8, 10, 14, 20)  # that F̄ chooses from, samples
 # likewise, precisions of the prior at lag 1, of channels of deviation 1
@@ -122,7 +123,7 @@ def choose(
 
 
 @dataclass(frozen=True, eq=False)
-class JointModel:
+class JointModel(Result):
     """The learned joint model and its forecasts; all arguments and results are physical.
 
     Attributes:

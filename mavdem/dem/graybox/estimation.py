@@ -27,6 +27,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import NoPhysical
+from mavdem.immutable import read_only
 from mavdem.unit_slips import unit_slip
 
 CHOOSING_WINDOWS = 10  # of which the wind's spectrum and the refinements are chosen
@@ -183,7 +184,7 @@ def _physical(whole: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) 
     level = np.sqrt(np.mean(whole.levels**2))
     sizes = level * parameters.sizes(theta)
     refined = zip(parameters.refinements, theta[parameters.noise_index + 1 :].tolist(), strict=True)
-    return Physical(
+    found = Physical(
         effect=effect / windows.unit,
         damping=damping,
         lag=lag,
@@ -200,6 +201,7 @@ def _physical(whole: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) 
         refinements=dict(refined),
         windows=len(windows.rate),
     )
+    return read_only(found)
 
 
 def _wind_share(

@@ -18,7 +18,7 @@ import numpy as np
 
 from mavdem.confidence import half_width
 from mavdem.dem.closed_loop.spectra import WINDOW_SECONDS
-from mavdem.dem.engine.linalg import Array, Result, one_thread
+from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.graybox.gusts import (
     LEVEL_SECONDS,
     MAX_ERROR_SHARE,
@@ -32,6 +32,7 @@ from mavdem.dem.graybox.plant import plant
 from mavdem.dem.record import Record
 from mavdem.facts import Fact
 from mavdem.facts.model import NoPhysical, Refinement
+from mavdem.immutable import Result
 
 CHANGE_SECONDS = 2.0  # on either side of a step
 STEP_SHARE = 0.5

@@ -1,0 +1,52 @@
+"""Immutable: results whose arrays and dictionaries nobody can change, however deep they stand."""
+
+from dataclasses import is_dataclass
+from operator import is_
+from typing import Any, NoReturn, TypeVar
+
+import numpy as np
+
+Kind = TypeVar("Kind")
+Key = TypeVar("Key")
+Value = TypeVar("Value")
+
+
+class ReadOnlyDict(dict[Key, Value]):
+    """A dictionary of a result: it can be read, merged, pickled and written as JSON, but not changed."""
+
+    def _refuse(self, *_: Any, **__: Any) -> NoReturn:
+        raise TypeError("a result cannot be changed: change a copy, dict(…)")
+
+    __setitem__ = __delitem__ = __ior__ = _refuse
+    clear = pop = popitem = setdefault = update = _refuse
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ReadOnlyDict, (dict(self),)
+
+
+def read_only(result: Kind) -> Kind:
+    """Returns a result whose arrays and dictionaries, and those of the tuples and records in it, cannot be changed."""
+    changed: Any = result
+    if isinstance(result, np.ndarray):
+        result.setflags(write=False)
+    elif isinstance(result, dict) and not isinstance(result, ReadOnlyDict):
+        changed = ReadOnlyDict({key: read_only(value) for key, value in result.items()})
+    elif isinstance(result, tuple):
+        parts = tuple(map(read_only, result))
+        # what can be changed nowhere stays the same object
+        if not all(map(is_, parts, result)):
+            changed = getattr(result, "_make", tuple)(parts)
+    elif is_dataclass(result):
+        for name, value in vars(result).items():
+            object.__setattr__(result, name, read_only(value))
+    return changed
+
+
+class Result:
+    """A dataclass that is :func:`read_only`, where it is made and where it is unpickled."""
+
+    __post_init__ = read_only
+
+    def __setstate__(self, values: dict[str, Any]) -> None:
+        vars(self).update(values)
+        read_only(self)
