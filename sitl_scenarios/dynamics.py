@@ -25,7 +25,9 @@ from math import asin, atan2, ceil, exp, hypot, sqrt
 from operator import mul
 from typing import Literal, NamedTuple
 
-from sitl_scenarios.motion import Pair
+import numpy as np
+
+from sitl_scenarios.motion import Array, Motion, Pair
 from sitl_scenarios.scenario import Scenario, VehicleSpec
 from sitl_scenarios.vehicles import AIR_DENSITY, GRAVITY, airframe
 
@@ -323,6 +325,11 @@ def euler(attitude: Quaternion) -> tuple[float, float, float]:
     pitch = asin(min(max(sine, -1.0), 1.0))
     yaw = atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     return roll, pitch, yaw
+
+
+def known_angles(motion: Motion) -> Array:
+    """Returns (N, 3) roll, pitch and yaw, rad, as the autopilot estimates them."""
+    return np.array([euler(attitude) for attitude in motion.known_attitude.tolist()])
 
 
 class State(NamedTuple):

@@ -125,7 +125,7 @@ def truth(scenario: Scenario, motion: Motion) -> Arrays:
     falling, s; ``roll_disturbance`` (N,), rad/s²; ``roll_effect`` (4,), rad/s² per µs; likewise ``pitch_…``, ``yaw_…``.
     """
     body = airframe(scenario.vehicle)
-    up, down = body.lag
+    tau = sum(body.lag) / 2
     arrays = {field.name: getattr(motion, field.name) for field in fields(motion)}
     arrays["scenario"] = np.array(scenario.model_dump_json())
     arrays["trim"] = np.full(4, 1000 + 1000 * body.command_for(body.hover_speed) / body.full)
@@ -135,11 +135,10 @@ def truth(scenario: Scenario, motion: Motion) -> Arrays:
     arrays["weak"] = motion.time >= begin
     late = scenario.sensors.delay + scenario.cycle / 2
     arrays["delay"] = np.array(late)
-    arrays["lag"] = np.array([(up + down) / 2, up, down])
+    arrays["lag"] = np.array([tau, *body.lag])
     for number, name in enumerate(AXES):
         instant = axis(scenario.vehicle, name)
         arrays |= {f"{name}_A": instant.A, f"{name}_B": instant.B}
-        tau = sum(body.lag) / 2
         if tau:
             last = np.eye(len(instant.A))[:, -1:]
             lag_row = [0 * last.T, -1 / tau]

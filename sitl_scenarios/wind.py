@@ -14,6 +14,8 @@ Both kinds of turbulence have exactly their own variance and autocorrelation at 
 state: Dryden's filters are solved exactly, von Kármán's autocorrelation is embedded in a circle.
 """
 
+from collections.abc import Callable
+from functools import partial
 from math import ceil, cos, exp, fsum, log, pi, sqrt
 from typing import NamedTuple
 
@@ -169,9 +171,13 @@ def across(time: Array) -> Array:
 
 
 def von_karman_noise(
-    transverse: bool, constant: float, dt: float, samples: int, noise: Generator
+    autocorrelation: Callable[[Array], Array],
+    constant: float,
+    dt: float,
+    samples: int,
+    noise: Generator,
 ) -> Array:
-    """Returns (samples,) of von Kármán's turbulence along the wind, or ``transverse``, variance 1; L/V ``constant``, s.
+    """Returns (samples,) of von Kármán's turbulence, ``along`` the wind or ``across``, variance 1; L/V ``constant``, s.
 
     MIL-F-8785C, 3.7.1.1, gives spectra that no rational filter has:
 
@@ -187,7 +193,6 @@ def von_karman_noise(
     size = next_fast_len(2 * (samples + memory), real=True)
     lags = dt / constant * np.arange(memory + 1, dtype=np.float64)
     correlation = np.zeros(size)
-    autocorrelation = across if transverse else along
     correlation[: len(lags)] = autocorrelation(lags)
     mirrored = correlation[1 : len(lags)][::-1]
     correlation[size - len(lags) + 1 :] = mirrored
@@ -314,21 +319,15 @@ def _turbulent(
     turbulent = turbulence(wind, scenario.height, max(places.right) - min(places.right))
     level, gust = turbulent.level
     slow, lift = turbulent.down
-    if wind.kind == "dryden":
-        along = first_order(level, dt, samples, noise)
-        across, down = (second_order(constant, dt, samples, noise) for constant in (level, slow))
-    else:
-        along = von_karman_noise(False, level, dt, samples, noise)
-        across, down = (
-            von_karman_noise(True, constant, dt, samples, noise) for constant in (level, slow)
-        )
+    first, second = first_order, second_order
+    if wind.kind == "von_karman":
+        first, second = partial(von_karman_noise, along), partial(von_karman_noise, across)
+    ahead = wind.speed + gust * first(level, dt, samples, noise)
+    aside = gust * second(level, dt, samples, noise)
+    down = lift * second(slow, dt, samples, noise)
     north, east, _ = towards(wind.direction)
-    ahead = wind.speed + gust * along
-    aside = gust * across
     p, q = (
         turbulent.rotation[1] * first_order(turbulent.rotation[0], dt, samples, noise)
         for _ in range(2)
     )
-    return np.column_stack(
-        [ahead * north - aside * east, ahead * east + aside * north, lift * down, p, q]
-    )
+    return np.column_stack([ahead * north - aside * east, ahead * east + aside * north, down, p, q])

@@ -3,11 +3,9 @@
 Channels and positions come from the autopilot's parameters, or are assumed, which ``MotorGeometry`` reports.
 """
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from importlib.resources import files
 from math import atan2, cos, degrees, radians, sin
 from typing import NamedTuple
 
@@ -16,6 +14,7 @@ import numpy as np
 from mavdem.confidence import Interval
 from mavdem.facts import Fact
 from mavdem.facts.sources import Source
+from mavdem.files import table_beside
 from mavdem.heading import Names, Numbers
 from mavdem.ingest.telemetry import Array, Parameters
 from mavdem.ingest.vocabulary import NAMES
@@ -189,7 +188,7 @@ def motor_geometry(
         for n in range(min(int(parameters.get("CA_ROTOR_COUNT", 0)), 12)):
             x, y, moment = (parameters.get(f"CA_ROTOR{n}_{name}") for name in ("PX", "PY", "KM"))
             if x is not None and y is not None:
-                places[n + 1] = float(x), float(y)
+                places[n + 1] = x, y
             # Torque over thrust is positive for a rotor that turns counterclockwise.
             if moment:
                 turns[n + 1] = 1 if moment > 0 else -1
@@ -213,7 +212,7 @@ def motor_geometry(
             # Before ArduCopter 3.5 the class was compiled in and FRAME was the type.
             frame_class = {"QUADROTOR": 1, "HEXAROTOR": 2, "OCTOROTOR": 3}.get(vehicle, 0)
             frame_type = int(parameters["FRAME"])
-        places, turns = _placed(*_ARDUPILOT_FRAMES.get(frame_class, {}).get(frame_type, ((), "")))
+        places, turns = _placed(*_FRAMES.get(str(frame_class), {}).get(str(frame_type), ((), "")))
         if frame_class == 7:  # a tricopter
             places, turns = _placed((60, -60, 0, 180), "")
             del places[3]  # its servo has another number, and it has no motor of this one
@@ -239,7 +238,7 @@ def motor_geometry(
         # ArduPilot and PX4 number the motors of an X quad, by far the most common frame, the same way.
         is_quad = motors == (1, 2, 3, 4)
         places_by = PlaceBasis.X_QUAD if is_quad else PlaceBasis.UNKNOWN
-        places, turns = _placed(_QUAD_X, _QUAD_X_SPINS) if is_quad else ({}, {})
+        places, turns = _placed(*_FRAMES["1"]["1"]) if is_quad else ({}, {})
     positions = tuple(places[motor] for motor in motors) if places else ()
     spins = tuple(turns[motor] for motor in motors) if turns.keys() >= set(motors) else ()
     places_of = tuple(drivers[channel] for channel in channels if channel in drivers)
@@ -256,17 +255,7 @@ def place_name(position: Position) -> str:
     return f"{along} {across}".strip()
 
 
-_QUAD_X = (45.0, -135.0, -45.0, 135.0)
-_QUAD_X_SPINS = "++--"
-_TABLES = json.loads((files("mavdem.ingest") / "frames.json").read_text("utf-8"))
-_ARDUPILOT_FRAMES = {
-    int(kind): {int(type_): (tuple(bearings), spins) for type_, (bearings, spins) in types.items()}
-    for kind, types in _TABLES.items()
-}
-"""Bearing of each motor, degrees clockwise from the nose, and direction of its propeller, "+" for counterclockwise, by
-FRAME_CLASS (1 quad, 2 hexa, 3 octa, 4 octaquad, 5 Y6) and FRAME_TYPE; frames without control of yaw have no directions.
-Source: ArduPilot's motor order diagrams, https://ardupilot.org/copter/docs/connect-escs-and-motors.html, and
-https://github.com/ArduPilot/ardupilot/blob/master/libraries/AP_Motors/AP_MotorsMatrix.cpp."""
+_FRAMES = table_beside(__file__, "frames.toml")
 
 
 def _placed(bearings: Numbers, directions: str) -> tuple[dict[int, Position], dict[int, int]]:
@@ -362,25 +351,23 @@ def output_scale(
         return OutputScale("UAVCAN" if driver.startswith("UAVCAN") else "0-1000", "", *own, step)
     if least >= 750 and 1000 < most <= 2300:
         throttle = f"RC{parameters['RCMAP_THROTTLE']:.0f}" if "RCMAP_THROTTLE" in parameters else ""
-        named = (
-            ()
-            if drivers
-            else (("MOT_PWM_MIN", "MOT_PWM_MAX"), (f"{throttle}_MIN", f"{throttle}_MAX"))
+        ends = (
+            (parameters.get(f"{name}_MIN", 0.0), parameters.get(f"{name}_MAX", 0.0))
+            for name in (() if drivers else ("MOT_PWM", throttle))
         )
-        for low, high in (
-            own,
-            *((parameters.get(first, 0.0), parameters.get(other, 0.0)) for first, other in named),
-        ):
-            # Pulse widths outside are of disarmed and arming motors, or damaged; 300 µs is a speed controller's range.
-            if (
-                low > 0
+        # Pulse widths outside are of disarmed and arming motors, or damaged; 300 µs is a speed controller's range.
+        low, high = next(
+            (
+                (low, high)
+                for low, high in (own, *ends)
+                if low > 0
                 and high - low >= 300
                 and np.mean((running < low) | (running > high + 1)) <= 0.5
-            ):
-                return OutputScale(
-                    "PWM", "µs", float(low), float(high), step, _ardupilot_stop(parameters)
-                )
-        return OutputScale("PWM", "µs", 1000.0, 2000.0, step, _ardupilot_stop(parameters))
+            ),
+            (1000.0, 2000.0),
+        )
+        stop = _ardupilot_stop(parameters)
+        return OutputScale("PWM", "µs", low, high, step, stop)
     if drivers and 10 < most <= 2047 and "DSHOT_MIN" in parameters:
         return OutputScale(
             "DShot", "", float(round(parameters["DSHOT_MIN"] * MAX_DSHOT)), MAX_DSHOT, step
@@ -431,4 +418,4 @@ def _ardupilot_stop(parameters: Parameters) -> float:
         stop = idle + (1 - idle) * parameters["MOT_THST_MAX"]
     elif parameters.get("MOT_TCRV_ENABLE"):
         stop = parameters.get("MOT_TCRV_MAXPCT", 100.0) / 100
-    return float(stop) if 0.5 <= stop <= 1 else 1.0
+    return stop if 0.5 <= stop <= 1 else 1.0

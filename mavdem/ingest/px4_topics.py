@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -25,6 +26,7 @@ from mavdem.ingest.telemetry import (
     Flags,
     Parameters,
     Tables,
+    held,
     interpolated,
     joined,
     rate_without_gaps,
@@ -423,12 +425,11 @@ def _extended_sys_state(topics: Topics) -> Fields:
     return {"time": time, "landed_state": state.astype(np.uint8)}
 
 
-def _held(topic: Columns, field: str, time: Array) -> Array:
+def _held(topic: Columns, field: str, time: Array) -> NDArray[Any]:
     """The field's last value at each time (N,); 0 before the first, and where it was not logged."""
     if field not in topic:
         return np.zeros(len(time))
-    last = np.searchsorted(topic["time"], time, side="right") - 1
-    return np.where(last >= 0, topic[field][np.maximum(last, 0)].astype(np.float64), 0.0)
+    return held(time, topic["time"], topic[field])
 
 
 def _local_position_ned(topics: Topics) -> Fields:

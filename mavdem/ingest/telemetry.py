@@ -93,6 +93,11 @@ def interpolated(at: Array, time: Array, values: Array) -> Array:
     return np.column_stack([np.interp(at, time, column) for column in values.T])
 
 
+def held(at: Array, time: Array, values: NDArray[Any]) -> NDArray[Any]:
+    """Returns the last of ``values`` (N,), known at ``time`` (N,), at other times ``at`` (T,); 0 before the first."""
+    return np.append(0, values)[np.searchsorted(time, at, side="right")]
+
+
 def rows_by(values: NDArray[np.integer[Any]]) -> dict[int, NDArray[np.intp]]:
     """Returns the rows of each value in ``values`` (N,), both ascending."""
     order = np.argsort(values, kind="stable")

@@ -47,7 +47,7 @@ def tlog_stream(path: PathName) -> FrameStream:
     space[1:] = frames.start[1:] - frames.end[:-1]
     covered = np.minimum(space, STAMP_BYTES) + frames.end - frames.start
     skipped = len(data) - int(covered.sum())
-    good = int(np.count_nonzero(frames.checksum == MATCHES))
+    good = np.count_nonzero(frames.checksum == MATCHES)
     if len(frames) and not good:
         count = len(frames)
         raise Unreadable(Source.DIALECT_UNKNOWN, path=source, count=count, recording=False)

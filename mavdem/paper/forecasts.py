@@ -1,6 +1,6 @@
 """Sections V.E, V.G and V.H: what DEM predicts, what generalized coordinates do for it, and other methods beside it."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
@@ -46,7 +46,7 @@ def prediction(runner: Runner) -> Result:
     """Learns from the sample experiment and forecasts its test data."""
     window = runner.sample
     learned = learn(window.train, PAPER)
-    draws = runner.draws[WITH][runner.shown]
+    draws = runner.draws[WITH, runner.shown]
     ahead = {
         f"from {start}": learned.forecast(window.test.inputs, from_zero=start == ZERO)
         for start in STARTS
@@ -138,10 +138,15 @@ MIN_SHARE = 0.8
 
 def coordinates(runner: Runner) -> Result:
     """Tries DEM with p = 2 and p = 1 on the five experiments, from many random priors, and on the real flight."""
-    drawn = [runner.draws[name].values() for name in (WITH, WITHOUT)]
-    errors = {f"paper’s settings, from {start}": _pair(drawn, start) for start in STARTS}
+    errors = {
+        f"paper’s settings, from {start}": (
+            _errors(runner, WITH, start),
+            _errors(runner, WITHOUT, start),
+        )
+        for start in STARTS
+    }
     middle = {
-        f"p = {p}": median_draw(runner.draws[name][runner.shown], DATA)
+        f"p = {p}": median_draw(runner.draws[name, runner.shown], DATA)
         for p, name in ((2, WITH), (1, WITHOUT))
     }
     ahead = {
@@ -152,8 +157,8 @@ def coordinates(runner: Runner) -> Result:
     }
     real = []
     if runner.recorded:
-        tried = runner.trials[REAL]
-        real = [paired(errors_of(tried[WITH], DATA), errors_of(tried[WITHOUT], DATA))]
+        with_, without = (errors_of(runner.trials[REAL, name], DATA) for name in (WITH, WITHOUT))
+        real = [paired(with_, without)]
     return Result(
         checks=(
             *(coordinates_check(pair, what) for what, pair in errors.items()),
@@ -186,10 +191,9 @@ def coordinates(runner: Runner) -> Result:
     )
 
 
-def _pair(by_method: Iterable[Iterable[list[Outcome]]], start: str) -> Pair:
-    """The errors of trials by method, experiment and prior."""
-    with_, without = (np.array([errors_of(priors, start) for priors in rows]) for rows in by_method)
-    return with_, without
+def _errors(runner: Runner, name: str, start: str) -> Array:
+    """The errors of a method's trials, (experiments, priors)."""
+    return np.array([errors_of(runner.draws[name, i], start) for i in runner.experiments])
 
 
 def coordinates_check(errors: Pair, what: str) -> Check:
@@ -260,7 +264,7 @@ def benchmark(runner: Runner) -> Result:
     ahead = {name: forecasts[KNOWN] for name, forecasts in sample.items() if forecasts}
     outputs = runner.sample.test.outputs
     squares = {name: ((forecast - outputs) ** 2).sum(axis=1) for name, forecast in ahead.items()}
-    real = {name: errors_of(runner.trials[REAL][name], DATA) for name in SHOWN if runner.recorded}
+    real = {name: errors_of(runner.trials[REAL, name], DATA) for name in SHOWN if runner.recorded}
     medians = {name: np.median(errors, keepdims=True) for name, errors in real.items()}
     return Result(
         checks=(
@@ -303,9 +307,9 @@ def benchmark(runner: Runner) -> Result:
 
 def _trial(runner: Runner, name: str, number: int, start: str) -> Outcome:
     return (
-        median_draw(runner.draws[WITH][number], start)
+        median_draw(runner.draws[WITH, number], start)
         if name == WITH
-        else runner.trials[runner.experiments[number].flight][name][0]
+        else runner.trials[runner.experiments[number].flight, name][0]
     )
 
 

@@ -10,7 +10,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property, partial
-from itertools import chain, product
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple, TypeVar
@@ -38,7 +38,7 @@ from mavdem.ingest.tlog import write_tlog
 from mavdem.ingest.vocabulary import IN_AIR
 from mavdem.report.blocks import Block
 from mavdem.report.figures.style import Picture
-from sitl_scenarios.dynamics import euler
+from sitl_scenarios.dynamics import known_angles
 from sitl_scenarios.files import load
 from sitl_scenarios.mavlink.transmitter import recorded
 from sitl_scenarios.motion import Motion
@@ -90,11 +90,10 @@ def hover(scenario: Scenario, motion: Motion) -> Flight:
         np.arange(round((airborne[0] + SKIPPED_HOVER_SECONDS) * rate), int(airborne[-1] * rate))
         / rate
     )
-    roll = np.array([euler(attitude)[0] for attitude in motion.known_attitude.tolist()])
     columns = (
         motion.known_position[:, 1],
         motion.known_velocity[:, 1],
-        roll,
+        known_angles(motion)[:, 0],
         motion.known_rates[:, 0],
     )
     outputs = interpolated(time, motion.time, np.column_stack(columns))
@@ -289,31 +288,28 @@ class Runner:
         return windows(REAL, ardrone(ARDRONE), TRAIN, TEST)
 
     @cached_property
-    def trials(self) -> dict[str, dict[str, list[Outcome]]]:
+    def trials(self) -> dict[tuple[str, str], list[Outcome]]:
         """All methods on windows of all flights: by flight and method, a trial a window."""
-        flights = {cut[0].flight: cut for cut in (*self.windows.values(), self.recorded) if cut}
-        jobs = {
-            (name, method.name): [(method, window) for window in cut]
-            for name, cut in flights.items()
-            for method in METHODS
-        }
-        tried = self.try_all(jobs)
-        return {
-            flight: {method.name: tried[flight, method.name] for method in METHODS}
-            for flight in flights
-        }
+        flights = [cut for cut in (*self.windows.values(), self.recorded) if cut]
+        return self.try_all(
+            {
+                (cut[0].flight, method.name): [(method, window) for window in cut]
+                for cut in flights
+                for method in METHODS
+            }
+        )
 
     @cached_property
-    def draws(self) -> dict[str, dict[int, list[Outcome]]]:
+    def draws(self) -> dict[tuple[str, int], list[Outcome]]:
         """DEM with the paper's settings: by method and experiment, a trial a random prior."""
         methods = {WITH: self.priors(PAPER), WITHOUT: self.priors(PAPER_P1)}
-        pairs = product(methods, self.experiments)
-        tried = self.try_all(
-            {pair: [(fit, self.experiments[pair[1]]) for fit in methods[pair[0]]] for pair in pairs}
+        return self.try_all(
+            {
+                (name, number): [(fit, window) for fit in fits]
+                for name, fits in methods.items()
+                for number, window in self.experiments.items()
+            }
         )
-        return {
-            name: {number: tried[name, number] for number in self.experiments} for name in methods
-        }
 
     def priors(self, settings: Settings) -> list[Method]:
         """Returns DEM with these settings from each random prior."""

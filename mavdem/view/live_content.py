@@ -155,14 +155,27 @@ class LiveWriter:
             )
             for row in rows
         ]
+        name = f"{seconds[h]:.2g} s ahead"
+        ahead = Lines(f"{plot}/2_predicted", (name,), (PREDICTED,), 1.8)
+        self._banded(f"{plot}/0_band", ahead, known, scale, True)
+
+    def _banded(
+        self,
+        band: str,
+        line: Lines,
+        known: list[tuple[int, float, float, float]],
+        scale: float,
+        is_cut: bool = False,
+    ) -> list[Sample]:
+        """Draws a line with its band, of segment, time, value and half width each; returns what the line draws."""
         edges = [
             (part, at, [scale * (y - half), scale * (y + half)]) for part, at, y, half in known
         ]
-        shade = (faint(PREDICTED, BAND_OPACITY),)
-        self._draw(Lines(f"{plot}/0_band", ("90 % band",), shade, filled=True), edges, True)
-        ahead = [(part, at, [scale * y]) for part, at, y, _ in known]
-        name = f"{seconds[h]:.2g} s ahead"
-        self._draw(Lines(f"{plot}/2_predicted", (name,), (PREDICTED,), 1.8), ahead, True)
+        shade = (faint(line.colours[0], BAND_OPACITY),)
+        self._draw(Lines(band, ("90 % band",), shade, filled=True), edges, is_cut)
+        values: list[Sample] = [(part, at, [scale * y]) for part, at, y, _ in known]
+        self._draw(line, values, is_cut)
+        return values
 
     def _poses(self, rows: list[ShownRow]) -> None:
         """Draws the angles with what was asked for, and the rates."""
@@ -187,17 +200,12 @@ class LiveWriter:
     def _estimates(self, rows: Sequence[tuple[ShownRow, Estimate]]) -> None:
         """Draws the wind torque with its band at the times it is of; F(t) and surprise at those of their windows."""
         known = [
-            (now.wind_time + row.shift, now.wind_torque, now.wind_torque_band)
+            (0, now.wind_time + row.shift, now.wind_torque, now.wind_torque_band)
             for row, now in rows
             if np.isfinite(now.wind_time)
         ]
-        scale = TORQUE.scale
-        edges = [(0, at, [scale * (y - half), scale * (y + half)]) for at, y, half in known]
-        shade = (faint(DISTURBANCE, BAND_OPACITY),)
-        self._draw(Lines("wind/0_band", ("90 % band",), shade, filled=True), edges)
-        torques = [(0, at, [scale * y]) for at, y, _ in known]
-        self._torques += torques
-        self._draw(Lines("wind/1_torque", ("torque",), (DISTURBANCE,)), torques)
+        torque = Lines("wind/1_torque", ("torque",), (DISTURBANCE,))
+        self._torques += self._banded("wind/0_band", torque, known, TORQUE.scale)
         seen = [(now.seen + row.shift, now) for row, now in rows if np.isfinite(now.seen)]
         energy = [(0, at, [now.free_energy]) for at, now in seen]
         surprise = [(0, at, [1.0, now.surprise]) for at, now in seen]

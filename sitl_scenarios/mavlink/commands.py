@@ -4,7 +4,6 @@ Sources: https://mavlink.io/en/services/command.html, https://mavlink.io/en/serv
 """
 
 from collections.abc import Iterable
-from enum import IntEnum
 from math import inf, isfinite
 from typing import Any
 
@@ -30,14 +29,6 @@ def addressed_messages(datagram: bytes, system: int, component: int) -> list[Any
         and message.target_system in (system, BROADCAST_ID)
         and message.target_component in (component, BROADCAST_ID)
     ]
-
-
-class Command(IntEnum):
-    """MAV_CMD of those that are obeyed."""
-
-    COMPONENT_ARM_DISARM = number_of("MAV_CMD_COMPONENT_ARM_DISARM")
-    GET_MESSAGE_INTERVAL = number_of("MAV_CMD_GET_MESSAGE_INTERVAL")
-    SET_MESSAGE_INTERVAL = number_of("MAV_CMD_SET_MESSAGE_INTERVAL")
 
 
 # What MAV_CMD_COMPONENT_ARM_DISARM's second parameter must be to stop the motors in the air
@@ -82,17 +73,12 @@ class CommandHandler:
 
     def _result(self, command: int, first: float, second: float) -> int:
         """Obeys a command with its first two parameters; returns the MAV_RESULT."""
-        if command not in set(Command):
+        obey = OBEYED.get(command)
+        if obey is None:
             return Result.UNSUPPORTED
         if not isfinite(first):
             return Result.DENIED
-        match Command(command):
-            case Command.COMPONENT_ARM_DISARM:
-                return self._arm(first, second)
-            case Command.SET_MESSAGE_INTERVAL:
-                return self._set_interval(first, second)
-            case Command.GET_MESSAGE_INTERVAL:
-                return self._tell_interval(first)
+        return obey(self, first, second)
 
     def _arm(self, arm: float, force: float) -> int:
         if round(arm) not in (0, 1):
@@ -114,7 +100,7 @@ class CommandHandler:
         for name in names:
             self._transmitter.schedule.set(name, seconds, self._transmitter.clock)
 
-    def _tell_interval(self, message: float) -> int:
+    def _tell_interval(self, message: float, _: float) -> int:
         """Says at what interval the message of that id is sent: 0 of one that it does not have, -1 of one at rest."""
         if not 0 <= message < 2**16:
             return Result.DENIED
@@ -124,6 +110,14 @@ class CommandHandler:
         microseconds = min(round(interval * 1e6), 2**31 - 1) if isfinite(interval) else -1
         self._transmitter.ask("MESSAGE_INTERVAL", message_id=int(message), interval_us=microseconds)
         return Result.ACCEPTED
+
+
+OBEYED = {
+    number_of("MAV_CMD_COMPONENT_ARM_DISARM"): CommandHandler._arm,
+    number_of("MAV_CMD_GET_MESSAGE_INTERVAL"): CommandHandler._tell_interval,
+    number_of("MAV_CMD_SET_MESSAGE_INTERVAL"): CommandHandler._set_interval,
+}
+"""What is done by MAV_CMD, with its first two parameters."""
 
 
 def _name(message: float) -> str:

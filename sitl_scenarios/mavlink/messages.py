@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mavdem.ingest.mavlink.definitions import named
 from mavdem.ingest.vocabulary import ACTIVE, ARMED, ON_GROUND, STANDBY, number_of, quaternion
-from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, SPINS, euler, pulse
+from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, SPINS, known_angles, pulse
 from sitl_scenarios.gains import parameters_of
 from sitl_scenarios.mavlink.autopilots import Autopilot
 from sitl_scenarios.motion import Arrays, Motion
@@ -83,8 +83,7 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
         case "EXTENDED_SYS_STATE":
             fields = {"landed_state": motion.landed_state}
         case "ATTITUDE":
-            angles = np.array([euler(attitude) for attitude in motion.known_attitude.tolist()])
-            fields |= by_column("roll pitch yaw", angles) | rates
+            fields |= by_column("roll pitch yaw", known_angles(motion)) | rates
         case "ATTITUDE_QUATERNION":
             fields |= by_column("q1 q2 q3 q4", motion.known_attitude) | rates
         case "HIGHRES_IMU":
@@ -120,15 +119,7 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
                 "relative_alt": np.round(-1000 * down),
             }
             fields |= by_column("vx vy vz", np.round(100 * motion.known_velocity))
-            fields["hdg"] = (
-                np.round(
-                    1e2
-                    * np.degrees(
-                        [euler(quaternion)[2] for quaternion in motion.known_attitude.tolist()]
-                    )
-                )
-                % 36000
-            )
+            fields["hdg"] = np.round(100 * np.degrees(known_angles(motion)[:, 2])) % 36000
         case "SERVO_OUTPUT_RAW":
             # The one clock of 32-bit microseconds: it wraps every 71.6 minutes.
             fields = {"time_usec": boot % 2**32}

@@ -13,7 +13,7 @@ from mavdem.ingest.mavlink.definitions import FrameSender, frame_of, named
 from mavdem.ingest.mavlink.framing import frames_at
 from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
-from sitl_scenarios.mavlink.autopilots import AUTOPILOTS
+from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, Autopilot
 from sitl_scenarios.mavlink.messages import parameters, payload, written
 from sitl_scenarios.motion import Array, Motion, Pair
 from sitl_scenarios.plan import BOOT_SECONDS, seconds
@@ -32,21 +32,21 @@ class Schedule:
     """The streams that are being sent. ``usual``: Hz by message that it begins with; 0 for one that is not sent."""
 
     def __init__(
-        self, usual: Mapping[str, float], start: float, cycle: float, step: float, apart: bool
+        self, usual: Mapping[str, float], start: float, cycle: float, autopilot: Autopilot
     ) -> None:
-        """Begins at the time ``start``, s, every stream a ``cycle``, s, after the one before if they are ``apart``.
+        """Begins at the time ``start``, s, where the autopilot has them apart every stream a ``cycle``, s, later.
 
-        Intervals are rounded down to whole numbers of ``step``, s, and none is shorter than a cycle.
+        Intervals are rounded down to whole numbers of the autopilot's step, and none is shorter than a cycle.
         """
         self.usual = dict(usual)
-        self._step = step
+        self._step = autopilot.interval_step
         self._cycle = cycle
         # By message: those due at a first time, s, and every so many s from then on, and how many have been sent.
         self._courses: dict[str, Pair] = {}
         self._sent: dict[str, int] = {}
         for number, (name, rate) in enumerate(usual.items()):
             interval = 1 / rate if rate else np.inf
-            first = start + number * cycle * apart
+            first = start + number * cycle * autopilot.apart
             self.set(name, interval, first)
 
     def set(self, name: str, interval: float, start: float) -> None:
@@ -183,13 +183,7 @@ class Transmitter:
         self._fresh = True
 
     def _scheduled(self, start: float) -> Schedule:
-        return Schedule(
-            self._rates,
-            start,
-            self._scenario.cycle,
-            self.autopilot.interval_step,
-            self.autopilot.apart,
-        )
+        return Schedule(self._rates, start, self._scenario.cycle, self.autopilot)
 
     def _sent(self, motion: Motion) -> list[Timed]:
         motion = motion[int(np.searchsorted(motion.time, self._first)) :]

@@ -163,8 +163,8 @@ MODELS = {
         partial(second_order, T),
         lambda tau: (1 - tau / T / 2) * np.exp(-tau / T),
     ),
-    "von karman along": (partial(von_karman_noise, False, T), lambda tau: along(tau / T)),
-    "von karman across": (partial(von_karman_noise, True, T), lambda tau: across(tau / T)),
+    "von karman along": (partial(von_karman_noise, along, T), lambda tau: along(tau / T)),
+    "von karman across": (partial(von_karman_noise, across, T), lambda tau: across(tau / T)),
 }
 
 

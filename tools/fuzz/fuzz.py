@@ -30,12 +30,18 @@ import click
 import numpy as np
 
 with atheris.instrument_imports(include=["mavdem", "pyulog"]):
-    from pymavlink.dialects.v20 import all as dialect
-    from pymavlink.generator.mavcrc import x25crc
-
     from mavdem.condition.inventory import inventory
     from mavdem.errors import NotLearnable, Unreadable
     from mavdem.ingest import read_log
+    from mavdem.ingest.mavlink.definitions import definitions
+    from mavdem.ingest.mavlink.framing import (
+        CHECKSUM,
+        HEADER,
+        HEADER_1,
+        MARKER_2,
+        announced_length,
+        frame_checksum,
+    )
 
 LOGS = Path(__file__).parents[2] / "logs"
 MEMORY = Path("/dev/shm")
@@ -51,21 +57,19 @@ def with_checksums(stream: bytearray) -> bytes:
     """A telemetry log whose frames all have correct checksums."""
     at = 8
     while at + 8 <= len(stream):
-        second = stream[at] == 0xFD
-        header = 10 if second else 6
-        end = at + header + stream[at + 1]
-        if stream[at] not in (0xFD, 0xFE) or (second and stream[at + 2] > 1):
+        length = announced_length(*stream[at : at + 3])
+        if length is None:
             at += 1
             continue
-        if end + 2 > len(stream):
+        if at + length > len(stream):
             break
-        number = int.from_bytes(stream[at + 7 : at + 10], "little") if second else stream[at + 5]
-        if number in dialect.mavlink_map:
-            seed = dialect.mavlink_map[number].crc_extra
-            checksum = x25crc([*stream[at + 1 : end], seed]).crc
-            stream[end : end + 2] = checksum.to_bytes(2, "little")
-        signature = 13 if second and stream[at + 2] == 1 else 0
-        at = end + 2 + signature + 8
+        frame = bytes(stream[at : at + length])
+        payload = (HEADER if frame[0] == MARKER_2 else HEADER_1) + frame[1]
+        number = int.from_bytes(frame[7:10], "little") if frame[0] == MARKER_2 else frame[5]
+        if number in definitions():
+            checksum = frame_checksum(frame[1:payload], definitions()[number].seed)
+            stream[at + payload : at + payload + CHECKSUM] = checksum.to_bytes(CHECKSUM, "little")
+        at += length + 8
     return bytes(stream)
 
 

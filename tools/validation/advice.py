@@ -5,7 +5,7 @@ The goal is that of --margins, in the rate and the attitude loop of the true pla
 effectiveness, and with 1.2 and 1.44 times that, as by 20 % more volts. The lean is that in the flight's wind, by the
 gains advised over those of the log, in the median: of all loops, and of those that met the goal before and did not.
 
-Usage: tools/validation/advice.py [--half NAME] [--rate HZ] [--margins NAME] [--flights N] [--jobs N]
+Usage: tools/validation/advice.py [--half NAME] [--rate HZ of the messages] [--margins NAME] [--flights N] [--jobs N]
 """
 
 from collections.abc import Mapping
@@ -16,8 +16,8 @@ from pathlib import Path
 import click
 import numpy as np
 import pandas as pd
-from flights import JOBS, Values, rows_of, show
-from loops import HALVES, PLANT, loops_in, simulated
+from flights import Values, command, rows_of, show
+from loops import CACHE, HALF, HALVES, PLANT, loops_in, simulated
 
 from mavdem.assessment.assess import NoLoop
 from mavdem.condition.loop.advice import advise
@@ -62,13 +62,10 @@ def judged(seed: int, rate: float, margins: str, cache: Path) -> list[Values]:
     return rows
 
 
-@click.command(help=__doc__)
-@click.option("--half", type=click.Choice(list(HALVES)), default="choose", show_default=True)
-@click.option("--rate", default=100.0, show_default=True, help="Hz of the messages.")
+@command(__doc__, rate=100.0, flights=24)
 @click.option("--margins", type=click.Choice(list(TARGETS)), default="default", show_default=True)
-@click.option("--flights", default=24, show_default=True, help="How many of the half.")
-@click.option("--cache", default="/tmp/loops", type=Path, help="Folder of the simulated flights.")
-@JOBS
+@HALF
+@CACHE
 def main(half: str, rate: float, margins: str, flights: int, cache: Path, jobs: int) -> None:
     judge = partial(judged, rate=rate, margins=margins, cache=cache)
     rows = rows_of(judge, HALVES[half][:flights], jobs)

@@ -23,16 +23,15 @@ TABLES: Values = table_beside(__file__, "flights.toml")
 SCALED = ("speed", "sd", "wind_at_20_feet")
 """Of winds and moments, with the size of the vehicle."""
 Main = Callable[..., None]
-JOBS = click.option("--jobs", default=2, show_default=True, help="Processes.")
 
 
 def command(usage: str, **defaults: float) -> Callable[[Main], click.Command]:
     """A command with an option for each of the defaults, and for the number of processes."""
 
     def made(main: Main) -> click.Command:
-        for name, default in defaults.items():
+        for name, default in {"jobs": 2, **defaults}.items():
             main = click.option(f"--{name}", default=default, show_default=True)(main)
-        return click.command(help=usage)(JOBS(main))
+        return click.command(help=usage)(main)
 
     return made
 

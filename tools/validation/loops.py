@@ -18,7 +18,7 @@ from typing import Any
 import click
 import numpy as np
 import pandas as pd
-from flights import JOBS, Values, rows_of, share, show
+from flights import Values, command, rows_of, share, show
 from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 from physical import Case, scenario, varied
@@ -284,13 +284,15 @@ def line_of(rows: Any) -> pd.Series:
     return pd.Series(line)
 
 
-@click.command(help=__doc__)
+HALF = click.option("--half", type=click.Choice(list(HALVES)), default="choose", show_default=True)
+CACHE = click.option("--cache", default="/tmp/loops", show_default=True, type=Path)
+
+
+@command(__doc__, flights=24)
 @click.argument("logs", nargs=-1, type=Path)
-@click.option("--half", type=click.Choice(list(HALVES)), default="choose")
 @click.option("--rates", default="400 200 100 50 25 10", help="Hz; inf: as recorded.")
-@click.option("--flights", default=24, show_default=True, help="How many of the half.")
-@click.option("--cache", default="/tmp/loops", type=Path, help="Folder of the simulated flights.")
-@JOBS
+@HALF
+@CACHE
 def main(
     logs: tuple[Path, ...], half: str, rates: str, flights: int, cache: Path, jobs: int
 ) -> None:

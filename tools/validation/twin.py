@@ -5,7 +5,7 @@ Simulated vehicles are drawn with lags, delays, gyro filters, autopilots and rat
 gain margin of 9 dB in the flight that is learned from. Then both are flown with 3.2 times P, I and D of roll and pitch,
 where the vehicle oscillates. A LOG and a HOT flight with 3.2 times its gains are compared instead.
 
-Usage: tools/validation/twin.py [--seed N] [--vehicles N] [--jobs N] [LOG HOT]
+Usage: tools/validation/twin.py [--seed N] [--vehicles N: eight take two minutes] [--jobs N] [LOG HOT]
 """
 
 import re
@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 import click
 import numpy as np
 from click.testing import CliRunner
-from flights import JOBS, TABLES, Values, drawn, flight_of, rows_of, show
+from flights import TABLES, Values, command, drawn, flight_of, rows_of, show
 from numpy.random import default_rng
 from scipy.signal import spectrogram
 
@@ -122,11 +122,8 @@ def judged(number: int, seed: int) -> list[Values]:
         return compared(name, path, simulated(scenario))
 
 
-@click.command(help=__doc__)
+@command(__doc__, seed=0, vehicles=8)
 @click.argument("logs", nargs=-1, metavar="[LOG HOT]")
-@click.option("--seed", default=0, show_default=True)
-@click.option("--vehicles", default=8, show_default=True, help="Eight take two minutes.")
-@JOBS
 def main(logs: tuple[str, ...], seed: int, vehicles: int, jobs: int) -> None:
     if logs:
         log, hot = logs

@@ -178,9 +178,10 @@ class _Scan:
         self.read = 0
         self.repairs: Facts = ()
         self.definitions = {FORMAT_ID: FORMAT}
-        self.lengths = [0] * 256
-        self.lengths[FORMAT_ID] = FORMAT.length
         self._learn_definitions()
+        self.lengths = [0] * 256
+        for kind, definition in self.definitions.items():
+            self.lengths[kind] = definition.length
 
     def run(self) -> None:
         content = self.content
@@ -206,10 +207,7 @@ class _Scan:
 
     def skipped(self) -> int:
         """Bytes that belong to no message, without the fill of a flash chip's last page."""
-        end = (
-            self.starts[-1] + self.lengths[self.content[self.starts[-1] + 2]] if self.starts else 0
-        )
-        tail = self.content[end:]
+        tail = self.content[self._end() :]
         filled = (
             len(tail) if tail.count(tail[:1]) == len(tail) and tail[:1] in (b"\0", b"\xff") else 0
         )
@@ -228,13 +226,13 @@ class _Scan:
                 # A field of a newer type is no damage.
                 sound = definition.wire is None or definition.length == definition.wire_length
                 if sound and definition.length >= HEADER_LENGTH:
-                    self._set(kind, definition)
+                    self.definitions[kind] = definition
                 elif definition.wire_length > HEADER_LENGTH:
                     contradictory.setdefault(kind, definition)
         for kind, definition in contradictory.items():
             if kind not in self.definitions:
                 length = definition.wire_length
-                self._set(kind, replace(definition, length=length))
+                self.definitions[kind] = replace(definition, length=length)
                 self.repairs += repair(
                     Repair.DEFINITION_CONTRADICTED,
                     name=definition.name,
@@ -242,9 +240,11 @@ class _Scan:
                     field_length=length,
                 )
 
-    def _set(self, kind: int, definition: FormatDefinition) -> None:
-        self.definitions[kind] = definition
-        self.lengths[kind] = definition.length
+    def _end(self) -> int:
+        """The place behind the last message."""
+        if not self.starts:
+            return 0
+        return self.starts[-1] + self.lengths[self.content[self.starts[-1] + 2]]
 
     def _is_of_another(self, offset: int) -> bool:
         """Whether a definition differs from the one before it: another log was appended."""
@@ -260,13 +260,10 @@ class _Scan:
     def _after_damage(self, offset: int) -> int:
         """The place to continue from where there is no header; the message that ends there is left out."""
         following = self._next_header(offset)
-        if self.starts and following < len(self.content):
-            previous = self.starts[-1]
-            length = self.lengths[self.content[previous + 2]]
-            if previous + length == offset:
-                self.starts.pop()
-                self.read -= length
-                return self._next_header(previous + 1)
+        if self.starts and following < len(self.content) and self._end() == offset:
+            previous = self.starts.pop()
+            self.read -= offset - previous
+            return self._next_header(previous + 1)
         return following
 
     def _next_header(self, offset: int) -> int:

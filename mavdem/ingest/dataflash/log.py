@@ -13,7 +13,6 @@ from contextlib import suppress
 from math import isfinite
 
 import numpy as np
-from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Facts
@@ -124,8 +123,6 @@ CLOCKS = {"TimeUS": 1e6, "TimeMS": 1e3}  # Fields with the time stamp and their 
 # Without a stamp, as before ArduCopter 3.4, they have the time of the message before them; texts have
 # their own only between their neighbours', for those of the start are older
 EVENTS = ("EV", "ARM", "ERR", "MODE", "MSG", "PARM")
-UNKNOWN: int = dialect.MAV_TYPE_GENERIC
-COPTER: int = dialect.MAV_TYPE_QUADROTOR
 FIRMWARES = {
     "plane": "FIXED_WING",
     "copter": "QUADROTOR",
@@ -199,7 +196,7 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
     # DSF counts the messages that the logger had no room for, anew with each boot.
     counts = numbers(recording.table("DSF")).columns.get("Dp", np.zeros(0)).astype(np.float64)
     dropouts = int(np.nansum(np.maximum(np.diff(counts), 0)))
-    messages, names, notes = translated(tables, kind)
+    messages, names, notes = translated(tables, number_of(f"MAV_TYPE_{kind}"))
     samples = raw_samples(tables, parameters)
     messages |= {name: columns for name, (_, columns) in samples.items()}
     names |= {name: own for name, (own, _) in samples.items()}
@@ -216,7 +213,7 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
             (int(parameters[name]) for name in system_ids if 1 <= parameters.get(name, 0) <= 255), 1
         ),
         component=AUTOPILOT_COMPONENT,
-        vehicle=UNNAMED if kind == UNKNOWN else enum_name("MAV_TYPE", kind),
+        vehicle=UNNAMED if kind == "GENERIC" else kind,
         autopilot=enum_name("MAV_AUTOPILOT", ARDUPILOT),
         messages=messages,
         parameters=parameters,
@@ -236,18 +233,19 @@ def _on_boot_clock(
     tables: Mapping[str, MessageTable],
 ) -> tuple[Tables, Facts]:
     """The tables with stamps, or of ``EVENTS``, with ``time`` (s) and ``boot``, and the repairs."""
-    clocks = {
-        name: field
+    stamps = {
+        name: table.columns[field] / CLOCKS[field]
         for name, table in tables.items()
         for field in CLOCKS
-        if field in table.columns and name not in ("MSG", "PARM")
+        if field in table.columns
     }
+    clocks = [name for name in stamps if name not in ("MSG", "PARM")]
     if not clocks:
         return {}, ()
     place = np.concatenate([tables[name].place for name in clocks])
-    stamps = (tables[name].columns[field] / CLOCKS[field] for name, field in clocks.items())
     order = np.argsort(place, kind="stable")
-    place, seconds = place[order], np.concatenate(list(stamps))[order]
+    place = place[order]
+    seconds = np.concatenate([stamps[name] for name in clocks])[order]
     # As a float, or in text, a damaged stamp may be anything.
     impossible = ~((seconds >= 0) & (seconds <= 2.0**63 / 1e6))
     seconds[impossible] = 0.0  # no stamp, to the boot clock
@@ -265,14 +263,8 @@ def _on_boot_clock(
             after = np.minimum(row, len(place) - 1)
             # Nothing is logged while disarmed: arming ends a gap, what else has no stamp begins one.
             arms = name == "EV" and np.isin(table.columns.get("Id", 0), ARMING)
-            own = next(
-                (
-                    table.columns[clock] / CLOCKS[clock]
-                    for clock in CLOCKS
-                    if clock in table.columns
-                ),
-                np.where(arms & (boot[after] == boot[before]), np.inf, -np.inf),
-            )
+            at_end = np.where(arms & (boot[after] == boot[before]), np.inf, -np.inf)
+            own = stamps.get(name, at_end)
             placed[name] = {
                 **table.columns,
                 "time": np.clip(own, time[before], np.maximum(time[after], time[before])),
@@ -290,26 +282,21 @@ def _parameters(logged: Columns, way: int) -> Parameters:
     return {name: value for name, value in pairs if isfinite(value)}
 
 
-def _mav_type(texts: Sequence[str], parameters: Parameters) -> int:
-    """The vehicle's MAV_TYPE, from the texts of MSG and its parameters; ``UNKNOWN`` (GENERIC) where neither has it."""
+def _mav_type(texts: Sequence[str], parameters: Parameters) -> str:
+    """The vehicle's MAV_TYPE, from the texts of MSG and its parameters; GENERIC where neither has it."""
     firmwares = [match[1].lower() for text in texts if (match := _FIRMWARE.match(text))]
-    only_copters = {"FRAME_CLASS", "ATC_RAT_RLL_P"}  # no other ArduPilot vehicle has both
-    kind = (
-        number_of(f"MAV_TYPE_{FIRMWARES[firmwares[0]]}")
-        if firmwares
-        else COPTER
-        if only_copters <= parameters.keys()
-        else UNKNOWN
-    )
-    if kind != COPTER:
+    kind = "GENERIC"
+    if firmwares:
+        kind = FIRMWARES[firmwares[0]]
+    elif {"FRAME_CLASS", "ATC_RAT_RLL_P"} <= parameters.keys():  # no other vehicle has both
+        kind = FIRMWARES["copter"]
+    if kind != FIRMWARES["copter"]:
         return kind
-    unknown = "GENERIC_MULTIROTOR"
     if "FRAME_CLASS" in parameters:
-        frame = dict(enumerate(FRAME_CLASSES)).get(int(parameters["FRAME_CLASS"]), unknown)
-    else:
-        named = next((match[1] for text in texts if (match := _FRAME.match(text))), "")
-        frame = FRAME_NAMES.get(named, unknown)
-    return number_of(f"MAV_TYPE_{frame}")
+        number = int(parameters["FRAME_CLASS"])
+        return dict(enumerate(FRAME_CLASSES)).get(number, "GENERIC_MULTIROTOR")
+    named = next((match[1] for text in texts if (match := _FRAME.match(text))), "")
+    return FRAME_NAMES.get(named, "GENERIC_MULTIROTOR")
 
 
 def _no_flight(source: str, recording: DataflashRecording) -> Fact:

@@ -29,6 +29,7 @@ from mavdem.ingest.telemetry import (
     Array,
     Columns,
     Tables,
+    held,
     interpolated,
     joined,
     renamed,
@@ -232,10 +233,9 @@ DEMANDS = ("ROut", "POut", "YOut")
 DESIRED_RATES = ("RDes", "PDes", "YDes")
 DESIRED_ANGLES = ("DesRoll", "DesPitch", "DesYaw")
 OF_FLIGHT = ("ATT", "ANG", "RATE", "IMU", "RCOU", "CTUN", "XKF1", "XKF4", "NKF1", "EV", "ARM")
-OWN_GPS_GLITCH = (
-    1 << 14
-)  # bit of the filter's own status, which below EKF_UNINITIALIZED is that of the message
 """DataFlash's messages of the vehicle's motion, motors and state: a log without them is none of a flight."""
+# Bit of the filter's own status, which below EKF_UNINITIALIZED is that of the message
+OWN_GPS_GLITCH = 1 << 14
 TUNING = "PIDR", "PIDP", "PIDY"
 """The rate controllers of roll, pitch and yaw."""
 NEEDED = (
@@ -436,9 +436,7 @@ def _injected(tables: Tables) -> Columns:
     logged = having(tables, "SIDD", ("Targ",))
     if not runs or not logged:
         return {}
-    begun, at = _across_boots(runs), _across_boots(logged)
-    last = np.searchsorted(begun, at, side="right") - 1
-    axis = np.where(last >= 0, runs["Ax"][last], 0)
+    axis = held(_across_boots(logged), _across_boots(runs), runs["Ax"])
     return stamped(logged, {"axis": axis, "target": logged["Targ"]})
 
 

@@ -20,7 +20,6 @@ from __future__ import annotations
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import IntEnum, auto
 
 import numpy as np
 from fastcrc.crc16 import mcrf4xx
@@ -61,15 +60,8 @@ LONGEST_FRAME = HEADER + np.iinfo(np.uint8).max + CHECKSUM + SIGNATURE
 BLOCK = 1 << 18  # Bytes scanned at a time: bounds the memory for hostile input, all markers
 
 
-class Checksum(IntEnum):
-    """Of a frame: the checksum agrees; the message id is not in the dialect; the checksum disagrees."""
-
-    MATCHES = auto()
-    UNKNOWN = auto()
-    FAILED = auto()
-
-
-MATCHES, UNKNOWN, FAILED = Checksum
+MATCHES, UNKNOWN, FAILED = range(1, 4)
+"""Of a frame: the checksum agrees; the message id is not in the dialect; the checksum disagrees."""
 
 
 @dataclass(frozen=True, eq=False)

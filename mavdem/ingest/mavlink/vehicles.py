@@ -77,11 +77,7 @@ def assemble(stream: FrameStream) -> Log:
     frames = stream.frames
     ids_of = frames.system.astype(np.int64) << 8 | frames.component
     sent = _starts(frames, ids_of)
-    lost = {
-        ids: int(missing_between(sequence[:-1], sequence[1:]).sum())
-        for ids, rows in rows_by(ids_of).items()
-        for sequence in (frames.sequence[rows].astype(np.int16),)
-    }
+    rows_of = rows_by(ids_of)
     unread = tuple(_unread(frames, ids_of, sent))
     repairs = stream.repairs
     for cause in (Flaw.DAMAGE, Flaw.ANOTHER_DIALECT):
@@ -97,8 +93,10 @@ def assemble(stream: FrameStream) -> Log:
         counts = {name: len(fields["time"]) for name, fields in messages.items()}
         if counts and RADIO_MESSAGES.issuperset(counts):
             kind = RADIO
-        who = ids >> 8, ids & 0xFF, kind, autopilot
-        heard.append((Component(*who, counts, max(lost[ids], 0)), messages, of_clock))
+        sequence = frames.sequence[rows_of[ids]].astype(np.int16)
+        lost = int(missing_between(sequence[:-1], sequence[1:]).sum())
+        sender = Component(ids >> 8, ids & 0xFF, kind, autopilot, counts, max(lost, 0))
+        heard.append((sender, messages, of_clock))
     stores = {
         sender.system: messages
         for sender, messages, _ in heard

@@ -122,7 +122,12 @@ class MavrosTopic(NamedTuple):
     fields: Mapping[str, Sequence[tuple[float, str]]] = {}
 
 
-MAVROS_STAMP = ("header.stamp.sec", "header.stamp.nanosec")  # Fields of every message
+SECOND = 1_000_000_000  # Nanoseconds
+STAMPS = {
+    PX4_BRIDGE: {"timestamp": 1000},
+    MAVROS: {"header.stamp.sec": SECOND, "header.stamp.nanosec": 1},
+}
+"""Fields with the stamp of every message, and the unit of each, ns; PX4's is when a message was published."""
 _TOPICS = table_beside(__file__, "mavros_topics.toml")
 MAVROS_TOPICS = {name: MavrosTopic(**topic) for name, topic in _TOPICS.items()}
 """By the name after the node's, which is ``mavros`` unless it was started with another."""
@@ -170,8 +175,6 @@ def _quaternion(fields: Fields) -> Array:
         return np.sqrt(0.5) * np.array([w + z, x + y, x - y, w - z])
 
 
-PX4_STAMP = "timestamp"  # µs: when a message was published
-SECOND = 1_000_000_000  # Nanoseconds
 BOOT_APART = 1e9  # Seconds from one boot's clock to the next's while topics are translated: no log is as long
 
 
@@ -227,8 +230,8 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
 
 def _table(topic: RosTopic, messages: Mapping[int, Any]) -> TopicColumns | None:
     if topic.bridge == PX4_BRIDGE:
-        return columns_of(messages, (PX4_STAMP,), px4_topics.NEEDED[topic.name])
-    return columns_of(messages, (*MAVROS_STAMP, *MAVROS_TOPICS[topic.name].numbers), ())
+        return columns_of(messages, [*STAMPS[PX4_BRIDGE]], px4_topics.NEEDED[topic.name])
+    return columns_of(messages, (*STAMPS[MAVROS], *MAVROS_TOPICS[topic.name].numbers), ())
 
 
 def _by_vehicle(
@@ -277,8 +280,7 @@ def numbered(vehicles: Sequence[tuple[str, Telemetry]]) -> Iterator[Telemetry]:
 
 
 def _px4_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry | None:
-    stamps = {name: _nanoseconds(table.columns[PX4_STAMP], 1000) for name, table in tables.items()}
-    topics, repairs = _on_one_clock(tables, stamps)
+    topics, repairs = _on_one_clock(tables, STAMPS[PX4_BRIDGE])
     instances = {}
     for name, columns in topics.items():
         apart = {**columns, "time": columns["time"] + BOOT_APART * columns["boot"]}
@@ -310,14 +312,7 @@ def _px4_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry |
 
 
 def _mavros_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry | None:
-    parts = {
-        name: [table.columns[field] for field in MAVROS_STAMP] for name, table in tables.items()
-    }
-    stamps = {
-        name: _nanoseconds(whole, SECOND) + _nanoseconds(rest, 1)
-        for name, (whole, rest) in parts.items()
-    }
-    placed, repairs = _on_one_clock(tables, stamps)
+    placed, repairs = _on_one_clock(tables, STAMPS[MAVROS])
     states = tables["state"].columns["mode"] if "state" in tables else ()
     autopilot = mavros_autopilot(Counter(states))
     messages = {
@@ -346,12 +341,16 @@ def _mavros_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetr
 
 
 def _on_one_clock(
-    tables: Mapping[str, TopicColumns], stamps: Mapping[str, Integers]
+    tables: Mapping[str, TopicColumns], units: Mapping[str, int]
 ) -> tuple[Tables, Facts]:
-    """Each topic's columns by its ``stamps``, ns, with ``time`` and ``boot``, and the repairs.
+    """Each topic's columns by fields of stamps with their ``units``, with ``time`` and ``boot``, and the repairs.
 
     UNIX time counts from a second before the first stamp: floats of seconds since 1970 do not resolve a microsecond.
     """
+    stamps = {
+        name: np.sum([_nanoseconds(table.columns[field], units[field]) for field in units], axis=0)
+        for name, table in tables.items()
+    }
     every = np.concatenate([*stamps.values(), np.empty(0, dtype=np.int64)])
     start, repairs = _start(every[every > 0])
     seconds = {name: (own - start) / 1e9 for name, own in stamps.items()}
@@ -370,8 +369,7 @@ def _on_one_clock(
     ]
     (stamped, of_clock) = boot_clock(sent)
     placed = dict[str, Columns]()
-    for name, on_clock in stamped.items():
-        time, boot = on_clock
+    for name, (time, boot) in stamped.items():
         # A message whose stamp was ignored has the place of the one before.
         new = np.ones(len(time), dtype=np.bool_)
         new[1:] = (np.diff(time) != 0) | (np.diff(boot) != 0)
