@@ -111,23 +111,13 @@ class Plan:
             done, rate = _smooth((time - SPIN_UP_SECONDS) / climb)
             return Reference(3, self._height * done, self._height * rate / climb, 0.0)
         if time < landing:
-            excited = hover + SETTLE_SECONDS <= time < landing - SETTLE_SECONDS
-            if excited and isinstance(self._excitation, Course):
-                return self._flown(round((time - hover - SETTLE_SECONDS) / self._cycle))
             reference = Reference(2, self._height, 0.0, 0.0)
-            if excited:
+            if hover + SETTLE_SECONDS <= time < landing - SETTLE_SECONDS:
                 return self._excited(reference, time - hover - SETTLE_SECONDS)
             return reference
         done, rate = _smooth(min((time - landing) / descent, 1.0))
         way = self._height + 0.2  # aims below the ground, so as to touch it
         return Reference(4, self._height - way * done, -way * rate / descent, 0.0)
-
-    def _flown(self, row: int) -> Reference:
-        row = min(row, len(self._course) - 1)
-        north, east, up, ahead, aside, climb, turn = self._course[row]
-        return Reference(
-            2, self._height + up, climb, east, (0.0, 0.0, turn), False, north, (ahead, aside)
-        )
 
     def _excited(self, hover: Reference, time: float) -> Reference:
         """The reference of the ``hover``, ``time`` seconds after the excitation began."""
@@ -153,7 +143,13 @@ class Plan:
                 return hover._replace(demand=demand, by_stick=by_stick)
             case Steps(distance=distance, period=period):
                 return hover._replace(aside=0.0 if time // period % 2 else distance)
-            case Course() | None:
+            case Course():
+                row = min(round(time / self._cycle), len(self._course) - 1)
+                north, east, up, ahead, aside, climb, turn = self._course[row]
+                height = self._height + up
+                demand = (0.0, 0.0, turn)
+                return Reference(2, height, climb, east, demand, False, north, (ahead, aside))
+            case None:
                 return hover
 
 

@@ -30,7 +30,7 @@ from sitl_scenarios.dynamics import (
     dynamics,
 )
 from sitl_scenarios.gains import controller_for, gyro_for
-from sitl_scenarios.motion import Array, Arrays, Flags, Motion
+from sitl_scenarios.motion import Array, Arrays, Motion
 from sitl_scenarios.plan import BOOT_SECONDS
 from sitl_scenarios.scenario import AXES, Axis, Scenario, VehicleSpec
 from sitl_scenarios.vehicles import airframe
@@ -130,9 +130,8 @@ def truth(scenario: Scenario, motion: Motion) -> Arrays:
     arrays["scenario"] = np.array(scenario.model_dump_json())
     arrays["trim"] = np.full(4, 1000 + 1000 * body.command_for(body.hover_speed) / body.full)
     arrays |= _effects(scenario, motion)
-    begins = [BOOT_SECONDS + begin for begin, _ in damages(scenario)]
-    begin = max(begins, default=np.inf)
-    arrays["weak"] = motion.time >= begin
+    begins = [begin for begin, _ in damages(scenario)]
+    arrays["weak"] = motion.time >= BOOT_SECONDS + max(begins, default=np.inf)
     late = scenario.sensors.delay + scenario.cycle / 2
     arrays["delay"] = np.array(late)
     arrays["lag"] = np.array([tau, *body.lag])
@@ -235,42 +234,32 @@ def margins(frequency: Array, loop: Complex) -> Array:
 
 
 def _effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
-    """``roll_effect`` and its likes."""
+    """``roll_effect`` and its likes, and those after all damage unless that was there in all of the hover."""
     hover = motion.landed_state == IN_AIR
-    begins = damages(scenario)
-    if not begins:
-        return _effects_in(scenario, motion, hover, UNDAMAGED, "")
-    (first, _) = begins[0]
-    (last, condition) = begins[-1]
-    before = hover & (motion.time < BOOT_SECONDS + first)
-    after = hover & (motion.time >= BOOT_SECONDS + last)
-    # Where it is broken in all of the hover, there is one part of it.
-    if not before.any():
-        return _effects_in(scenario, motion, after, condition, "")
-    sound = _effects_in(scenario, motion, before, UNDAMAGED, "")
-    return sound | _effects_in(scenario, motion, after, condition, "_weak")
+    begins = damages(scenario) or [(np.inf, UNDAMAGED)]
+    last, condition = begins[-1]
+    parts = (
+        (hover & (motion.time < BOOT_SECONDS + begins[0][0]), UNDAMAGED),
+        (hover & (motion.time >= BOOT_SECONDS + last), condition),
+    )
+    flown = [part for part in parts if part[0].any()]
+    effects: dict[str, Array] = {}
+    for (rows, damage), suffix in zip(flown, ("", "_weak"), strict=False):
+        by_axis = zip(AXES, _effects_in(scenario.vehicle, motion[rows], damage), strict=True)
+        effects |= {f"{name}_effect{suffix}": effect for name, effect in by_axis}
+    return effects
 
 
-def _effects_in(
-    scenario: Scenario, motion: Motion, rows: Flags, condition: Damage, suffix: str
-) -> dict[str, Array]:
-    """Those of some rows; none where there are none."""
-    if not rows.any():
-        return {}
-    body = airframe(scenario.vehicle)
-    turned = Rotation.from_quat(motion.attitude[rows], scalar_first=True)
-    relative = motion.wind[rows] - motion.velocity[rows]
-    air = turned.inv().apply(relative).mean(0)
-    speeds = motion.rotor_speeds[rows].mean(0)
-    per_speed = _rotor_effects(scenario.vehicle, speeds, air, condition)
+def _effects_in(vehicle: VehicleSpec, motion: Motion, condition: Damage) -> Array:
+    """(3, 4) mean effects about the axes, rad/s² per µs."""
+    body = airframe(vehicle)
+    turned = Rotation.from_quat(motion.attitude, scalar_first=True)
+    air = turned.inv().apply(motion.wind - motion.velocity).mean(0)
+    per_speed = _rotor_effects(vehicle, motion.rotor_speeds.mean(0), air, condition)
     scale = body.full / (MAX_PULSE - MIN_PULSE)
-    outputs = motion.outputs[rows].mean(0)
-    commands = scale * (outputs - MIN_PULSE)
+    commands = scale * (motion.outputs.mean(0) - MIN_PULSE)
     slopes = np.array([body.speed_slope(command) for command in commands.tolist()])
-    battery = motion.battery[rows].mean()
-    slopes = slopes * condition.speed * battery * scale
-    effects = zip(AXES, per_speed * slopes, strict=True)
-    return {f"{name}_effect{suffix}": effect for name, effect in effects}
+    return per_speed * (slopes * condition.speed * motion.battery.mean() * scale)
 
 
 def write_truth(path: str | os.PathLike[str], scenario: Scenario, motion: Motion) -> None:

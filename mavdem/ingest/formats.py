@@ -8,7 +8,7 @@ from mavdem.errors import Unreadable
 from mavdem.facts.sources import Source
 from mavdem.files import AnyPath
 from mavdem.ingest.contents import file_beginning, is_dataflash_text
-from mavdem.ingest.mavlink.framing import MARKER_1, MARKER_2
+from mavdem.ingest.mavlink.framing import MARKERS
 from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.telemetry import Log
 from mavdem.ingest.tlog import STAMP_BYTES, tlog_stream
@@ -81,12 +81,12 @@ def looks_like_log(path: AnyPath) -> bool:
         beginning = file_beginning(name)
     except Unreadable:
         return False
-    stamped = int.from_bytes(beginning[:STAMP_BYTES], "big") in STAMPS and _has_marker(beginning)
-    return stamped or is_dataflash_text(beginning) or beginning.startswith(tuple(BEGINNINGS))
-
-
-def _has_marker(beginning: bytes) -> bool:
-    return beginning[STAMP_BYTES : STAMP_BYTES + 1] in (bytes([MARKER_1]), bytes([MARKER_2]))
+    stamped = int.from_bytes(beginning[:STAMP_BYTES], "big") in STAMPS
+    return (
+        (stamped and beginning.startswith(MARKERS, STAMP_BYTES))
+        or is_dataflash_text(beginning)
+        or beginning.startswith(tuple(BEGINNINGS))
+    )
 
 
 def read_stream(path: AnyPath) -> FrameStream:
@@ -117,7 +117,7 @@ def format_of(path: AnyPath) -> tuple[str, Format]:
         raise Unreadable(Source.GIT_LFS_POINTER, path=name)
     other = next((other for first, other in ARCHIVES.items() if beginning.startswith(first)), None)
     if other is None:
-        if _has_marker(beginning):
+        if beginning.startswith(MARKERS, STAMP_BYTES):
             return name, Format.TLOG
         kind_by_name = EXTENSIONS.get(Path(name.removesuffix(".xz")).suffix.lower())
         binary = any(

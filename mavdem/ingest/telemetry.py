@@ -95,7 +95,7 @@ def interpolated(at: Array, time: Array, values: Array) -> Array:
 
 def held(at: Array, time: Array, values: NDArray[Any]) -> NDArray[Any]:
     """Returns the last of ``values`` (N,), known at ``time`` (N,), at other times ``at`` (T,); 0 before the first."""
-    return np.append(0, values)[np.searchsorted(time, at, side="right")]
+    return np.insert(values, 0, 0)[np.searchsorted(time, at, side="right")]
 
 
 def rows_by(values: NDArray[np.integer[Any]]) -> dict[int, NDArray[np.intp]]:
@@ -118,9 +118,10 @@ def joined(parts: Sequence[Columns]) -> Fields:
     return {name: np.concatenate([part[name] for part in parts]) for name in names}
 
 
-def renamed(
-    logged: Columns, rule: Mapping[str, Mapping[str, Sequence[tuple[float, str]]]]
-) -> Fields:
+Choices = Mapping[str, Sequence[tuple[float, str]]]  # By field, factors and names
+
+
+def renamed(logged: Columns, rule: Mapping[str, Choices]) -> Fields:
     """Returns the columns of a message by a ``rule`` of another's: by field, factors and names; raises ``KeyError``.
 
     Fields of ``also`` may be lacking, of ``fields`` each must have one of its names.

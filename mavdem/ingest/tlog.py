@@ -45,7 +45,7 @@ def tlog_stream(path: PathName) -> FrameStream:
     frames = find_frames(data, seeds(), STAMP_BYTES)
     space = np.diff(frames.start, prepend=0)
     space[1:] = frames.start[1:] - frames.end[:-1]
-    covered = np.minimum(space, STAMP_BYTES) + frames.end - frames.start
+    covered = np.minimum(space, STAMP_BYTES) + frames.size
     skipped = len(data) - int(covered.sum())
     good = np.count_nonzero(frames.checksum == MATCHES)
     if len(frames) and not good:
@@ -74,8 +74,6 @@ def write_stamped(file: BinaryIO, frames: Iterable[tuple[int, bytes]]) -> int:
 
 def _stamps(data: Bytes, start: Integers) -> NDArray[np.uint64]:
     """Big-endian µs before each frame; undefined for a frame that begins before a stamp fits."""
-    if len(data) < STAMP_BYTES:
-        return np.zeros(len(start), dtype=np.uint64)
     return (
         rows_of(data, np.maximum(start - STAMP_BYTES, 0), STAMP_BYTES)
         .view(">u8")[:, 0]

@@ -19,13 +19,13 @@ from pymavlink.dialects.v20 import all as dialect
 from pyulog import ULog, ULogIncompatibleFlagException
 
 from mavdem.errors import Unreadable
-from mavdem.facts import Fact, Facts
+from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.files import PathName
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.clocks import outliers
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.px4_topics import NEEDED, mav_type, messages, notes
+from mavdem.ingest.px4_topics import NEEDED, Topics, mav_type, messages, notes
 from mavdem.ingest.telemetry import (
     MAX_FIELDS,
     Columns,
@@ -61,7 +61,10 @@ def read_ulog(path: PathName) -> Log:
     vehicle = enum_name("MAV_TYPE", kind) if kind is not None else UNNAMED
     made, names = messages(topics, parameters, vehicle, kind)
     if not made:
-        raise Unreadable(_without_flight(source, log))
+        found = sorted({topic.name for topic in log.data_list})
+        raise Unreadable(
+            Source.ULOG_WITHOUT_FLIGHT, path=source, names=found, damaged=log.file_corruption
+        )
     if texts := log.logged_messages:
         severity, stamps = (
             np.array([getattr(text, name) for text in texts]) for name in ("log_level", "timestamp")
@@ -142,8 +145,7 @@ def _parsed(content: bytes, source: str) -> ULog:
     except ULogIncompatibleFlagException:
         raise Unreadable(Source.ULOG_OF_LATER_FORMAT, path=source) from None
     except Exception:  # the library may raise anything of damaged definitions
-        fact = Fact(Source.ULOG_WITHOUT_FLIGHT, path=source, names=(), damaged=True)
-        raise Unreadable(fact) from None
+        raise Unreadable(Source.ULOG_WITHOUT_FLIGHT, path=source, names=(), damaged=True) from None
 
 
 def _raise_on_huge(formats: Mapping[str, ULog.MessageFormat]) -> None:
@@ -158,12 +160,6 @@ def _raise_on_huge(formats: Mapping[str, ULog.MessageFormat]) -> None:
         raise ValueError
 
 
-def _without_flight(source: str, log: ULog) -> Fact:
-    names = sorted({topic.name for topic in log.data_list})
-    damaged = log.file_corruption
-    return Fact(Source.ULOG_WITHOUT_FLIGHT, path=source, names=names, damaged=damaged)
-
-
 def _parameters(log: ULog) -> list[tuple[int, str, float]]:
     """Time, µs, name and value of each parameter when the logger began, and when one was set."""
     began = [(log.start_timestamp, name, value) for name, value in log.initial_parameters.items()]
@@ -174,7 +170,7 @@ def _parameters(log: ULog) -> list[tuple[int, str, float]]:
     ]
 
 
-def _topics(log: ULog) -> tuple[dict[str, dict[int, Columns]], Facts]:
+def _topics(log: ULog) -> tuple[Topics, Facts]:
     """The topics that are read, by name and number of the instance, and what was left out."""
     parts: dict[tuple[str, int], list[Columns]] = {}
     for topic in log.data_list:

@@ -70,16 +70,18 @@ class Lines:
         recording.send_columns(self.path, [rr.TimeColumn(BOOT_CLOCK, duration=time)], columns)
 
 
+Mark = tuple[str, str, Sequence[float]]
+"""Upright lines: name, colour, and times, s."""
+
+
 def drawn(
     recording: rr.RecordingStream,
     origin: str,
     chart: Chart,
     span: Interval,
-    marks: Sequence[tuple[str, str, Sequence[float]]] = (),
+    marks: Sequence[Mark] = (),
 ) -> rrb.View:
     """Draws a ``chart`` over the boot clock at the entity ``origin``, later lines over earlier ones.
-
-    ``marks`` are upright lines by name and colour at so many times, s.
 
     Returns:
         the view of it from the first to the last time of ``span``, s, with a legend where there is more than one line.

@@ -28,6 +28,7 @@ from mavdem.report.timeline import Timeline, timeline_of
 from mavdem.report.words import headline
 from mavdem.view.plots import (
     BEYOND,
+    Mark,
     Target,
     blueprint,
     drawn,
@@ -187,9 +188,7 @@ class _Page:
         )
         return rrb.Horizontal(bars, details, name="Learning")
 
-    def _drawn(
-        self, folder: str, charts: Sequence[Chart], *marks: tuple[str, str, Sequence[float]]
-    ) -> list[rrb.View]:
+    def _drawn(self, folder: str, charts: Sequence[Chart], *marks: Mark) -> list[rrb.View]:
         """The views of charts, each with ``marks`` and the alarms."""
         known = *marks, ("went wrong", palette.BAD, self._alarms)
         return [

@@ -142,7 +142,7 @@ def over_udp(rate: float, folder: Path) -> Values:
     return row | {"CPU s": usage.ru_utime + usage.ru_stime}
 
 
-def live() -> None:
+def live(_: tuple[Path, ...]) -> None:
     """The cost of `mavdem live`: latency from a datagram's arrival to its estimate, and CPU seconds with its workers.
 
     Arrival is as the kernel stamps it. A simulated flight is sent by another process over UDP for half a minute;
@@ -161,10 +161,7 @@ def show(table: pd.DataFrame) -> None:
 @click.argument("what", type=click.Choice(["read", "fleet", "live"]))
 @click.argument("logs", nargs=-1, type=click.Path(exists=True, dir_okay=False, path_type=Path))
 def main(what: str, logs: tuple[Path, ...]) -> None:
-    if what == "live":
-        live()
-    else:
-        {"read": read, "fleet": fleet}[what](logs)
+    {"read": read, "fleet": fleet, "live": live}[what](logs)
 
 
 if __name__ == "__main__":

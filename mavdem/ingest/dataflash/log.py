@@ -15,7 +15,7 @@ from math import isfinite
 import numpy as np
 
 from mavdem.errors import Unreadable
-from mavdem.facts import Fact, Facts
+from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.files import PathName
 from mavdem.ingest.contents import file_bytes, is_dataflash_text
@@ -190,7 +190,9 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
     tables, repairs = _on_boot_clock(logged)
     texts = texts_of(logged["MSG"].columns, "Message")
     if not any(len(tables[name]["time"]) for name in OF_FLIGHT if name in tables):
-        raise Unreadable(_no_flight(source, recording))
+        named = sorted(recording.counts)
+        code = Source.DATAFLASH_WITHOUT_FLIGHT if named else Source.DATAFLASH_WITHOUT_MESSAGES
+        raise Unreadable(code, path=source, names=named)
     parameters, first = (_parameters(logged["PARM"].columns, way) for way in (1, -1))
     kind = _mav_type(texts, parameters)
     # DSF counts the messages that the logger had no room for, anew with each boot.
@@ -297,9 +299,3 @@ def _mav_type(texts: Sequence[str], parameters: Parameters) -> str:
         return dict(enumerate(FRAME_CLASSES)).get(number, "GENERIC_MULTIROTOR")
     named = next((match[1] for text in texts if (match := _FRAME.match(text))), "")
     return FRAME_NAMES.get(named, "GENERIC_MULTIROTOR")
-
-
-def _no_flight(source: str, recording: DataflashRecording) -> Fact:
-    counts = recording.counts
-    code = Source.DATAFLASH_WITHOUT_FLIGHT if counts else Source.DATAFLASH_WITHOUT_MESSAGES
-    return Fact(code, path=source, names=sorted(counts))

@@ -28,10 +28,6 @@ from mavdem.ingest.mavlink.framing import (
 from mavdem.ingest.telemetry import Columns, Fields, Parameters
 from mavdem.ingest.vocabulary import number_of
 
-WIRE_TYPES = {"char": "S1", "float": "<f4", "double": "<f8"}
-WIRE_TYPES |= {
-    f"{sign}int{8 * size}_t": f"<{sign or 'i'}{size}" for sign in ("", "u") for size in (1, 2, 4, 8)
-}
 INTEGER_TYPES = ("uint8", "int8", "uint16", "int16", "uint32", "int32")  # of parameters
 
 
@@ -133,10 +129,14 @@ def _definition(message: Any) -> MessageDefinition:
     types = dict(zip(message.fieldnames, message.fieldtypes, strict=True))
     wire = []
     for name, count in zip(message.ordered_fieldnames, message.array_lengths, strict=True):
-        array = f"S{count}" if types[name] == "char" else f"({count},){WIRE_TYPES[types[name]]}"
-        wire.append((name, array if count else WIRE_TYPES[types[name]]))
+        kind = types[name].removesuffix("_t").replace("float", "float32")
+        if kind == "char":
+            wire.append((name, f"S{count or 1}"))
+        else:
+            wire.append((name, f"({count},){kind}" if count else kind))
+    layout = np.dtype(wire).newbyteorder("<")
     return MessageDefinition(
-        message.id, message.msgname, tuple(message.fieldnames), np.dtype(wire), message.crc_extra
+        message.id, message.msgname, tuple(message.fieldnames), layout, message.crc_extra
     )
 
 

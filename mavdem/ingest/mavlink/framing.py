@@ -50,6 +50,7 @@ def rows_of(data: Bytes, start: Places, width: int) -> Bytes:
 
 MARKER_1: int = dialect.PROTOCOL_MARKER_V1
 MARKER_2: int = dialect.PROTOCOL_MARKER_V2
+MARKERS = (bytes([MARKER_1]), bytes([MARKER_2]))
 SIGNED: int = dialect.MAVLINK_IFLAG_SIGNED
 # Bytes
 SIGNATURE: int = dialect.MAVLINK_SIGNATURE_BLOCK_LEN
@@ -268,8 +269,5 @@ def _fits(start: Places, end: Places, taken: Frames, decided: int, until: int) -
 
 def _merged(tables: list[Frames]) -> Frames:
     """Tables as one, in stream order."""
-    filled = [table for table in tables if len(table)]
-    if len(filled) <= 1:
-        return filled[0] if filled else tables[0]
-    both = concatenated(filled)
+    both = concatenated(tables)
     return both[np.argsort(both.start, kind="stable")]

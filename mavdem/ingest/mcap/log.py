@@ -42,8 +42,7 @@ from mavdem.ingest.mavlink.definitions import (
     seeds,
 )
 from mavdem.ingest.mavlink.framing import (
-    MARKER_1,
-    MARKER_2,
+    MARKERS,
     MATCHES,
     find_frames,
 )
@@ -62,23 +61,21 @@ def read_mcap(path: PathName) -> Log:
 
     Raises Unreadable: it cannot be opened or contains neither; MissingExtra: the reader of ROS 2 is not installed.
     """
+    source = os.fspath(path)
     recording = McapRecording(file_bytes(path))
-    stream, seen = _stream(os.fspath(path), recording)
-    if stream is None:
+    try:
+        stream = _stream(source, recording)
+    except Unreadable:
         if not flight_topics(recording):
-            raise Unreadable(_nothing_in(path, recording, seen))
-        require("ros2", os.fspath(path))
-        return read_ros2(recording, os.fspath(path))
+            raise
+        require("ros2", source)
+        return read_ros2(recording, source)
     return assemble(stream)
 
 
 def mcap_stream(path: PathName) -> FrameStream:
     """Returns the MAVLink of an MCAP recording, JSON too, as frames; raises ``Unreadable``: no file, or none in it."""
-    recording = McapRecording(file_bytes(path))
-    stream, seen = _stream(os.fspath(path), recording)
-    if stream is None:
-        raise Unreadable(_nothing_in(path, recording, seen))
-    return stream
+    return _stream(os.fspath(path), McapRecording(file_bytes(path)))
 
 
 class _Piece(NamedTuple):
@@ -89,8 +86,8 @@ class _Piece(NamedTuple):
     data: bytes
 
 
-def _stream(source: str, recording: McapRecording) -> tuple[FrameStream | None, int]:
-    """The MAVLink in a recording, or None, and the number of messages that look like MAVLink."""
+def _stream(source: str, recording: McapRecording) -> FrameStream:
+    """The MAVLink in a recording; raises Unreadable: there is none."""
     carried: dict[int, list[_Piece] | None] = {}
     for place, message in enumerate(recording.messages()):
         number = message.channel_id
@@ -114,19 +111,18 @@ def _stream(source: str, recording: McapRecording) -> tuple[FrameStream | None, 
         parts.append(written)
         repairs += left_out
     if not any((part.frames.checksum == MATCHES).any() for part in parts):
-        return None, unread + sum(len(part.frames) for part in parts)
+        like = unread + sum(len(part.frames) for part in parts)
+        raise Unreadable(_nothing_in(source, recording, like))
     part = joined(parts)
     stamps = part.log_time // np.uint64(1000)
     if flight_topics(recording):
         repairs += repair(Repair.TOPICS_NOT_READ, name="ros2")
-    return FrameStream(source, ".mcap", part.data, part.frames, stamps, skipped, repairs), 0
+    return FrameStream(source, ".mcap", part.data, part.frames, stamps, skipped, repairs)
 
 
 def _carries_frames(channel: Channel, data: bytes) -> bool:
     is_bare = channel.schema_id == 0 and channel.message_encoding not in NO_FRAMES
-    return channel.message_encoding == "mavlink" or (
-        is_bare and data.startswith((bytes([MARKER_1]), bytes([MARKER_2])))
-    )
+    return channel.message_encoding == "mavlink" or (is_bare and data.startswith(MARKERS))
 
 
 def _part(pieces: Sequence[_Piece]) -> RecordingPart:
@@ -197,8 +193,8 @@ def _json_part(content: bytes, topics: Mapping[int, JsonTopic]) -> tuple[Recordi
     return _part(written), unknown.total() + wrong.total(), left_out
 
 
-def _nothing_in(path: PathName, recording: McapRecording, messages: int) -> Fact:
-    source = os.fspath(path)
+def _nothing_in(source: str, recording: McapRecording, messages: int) -> Fact:
+    """Why no MAVLink is in a recording, in which so many messages look like it."""
     if messages:
         return Fact(Source.DIALECT_UNKNOWN, path=source, count=messages, recording=True)
     names = {channel.topic for channel in recording.channels.values()}

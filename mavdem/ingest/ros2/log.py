@@ -32,6 +32,7 @@ from mavdem.ingest.px4_topics import NEEDED, SETPOINTS
 from mavdem.ingest.ros2.messages import CDR, TopicColumns, columns_of, decoder
 from mavdem.ingest.telemetry import (
     Array,
+    Choices,
     Columns,
     Integers,
     Log,
@@ -119,7 +120,7 @@ class MavrosTopic(NamedTuple):
     message: str
     schema: str
     numbers: list[str]
-    fields: Mapping[str, Sequence[tuple[float, str]]] = {}
+    fields: Choices = {}
 
 
 SECOND = 1_000_000_000  # Nanoseconds
@@ -185,8 +186,10 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
     and schemas are known; it is read anew. Raises ``Unreadable`` without a message of a flight that can be decoded.
     """
     topics = flight_topics(recording)
-    schemas = {number: recording.channels[number].schema_id for number in topics}
-    decoders = {number: decoder(recording.schemas[number]) for number in set(schemas.values())}
+    decoders = {
+        number: decoder(recording.schemas[recording.channels[number].schema_id])
+        for number in topics
+    }
     read: dict[int, dict[int, Any]] = {number: {} for number in topics}
     undecodable: Counter[str] = Counter()
     log_times = []
@@ -195,7 +198,7 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
         number = message.channel_id
         if number not in topics:
             continue
-        decode = decoders[schemas[number]]
+        decode = decoders[number]
         try:
             assert decode is not None
             read[number][place] = decode(message.data)
