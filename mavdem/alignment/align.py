@@ -237,8 +237,8 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
         setpoints=np.column_stack([held(setpoint, segment.boot, time) for setpoint in asked])
         if asked
         else None,
-        setpoint_names=tuple(setpoint.name for setpoint in asked) or None,
-        setpoint_units=tuple(setpoint.unit for setpoint in asked) or None,
+        setpoint_names=tuple(setpoint.name for setpoint in asked),
+        setpoint_units=tuple(setpoint.unit for setpoint in asked),
     )
 
 

@@ -139,9 +139,8 @@ class Motors:
 
     def shares(self, boot: int) -> Signal:
         """Returns the shares (N, k) of their range in one boot."""
-        here = self.boot == boot
-        shares = self.scale.fraction(self.outputs[here])
-        return Signal(self.time[here], self.boot[here], shares)
+        shares = Signal(self.time, self.boot, self.scale.fraction(self.outputs))
+        return shares.at(self.boot == boot)
 
 
 def motors_or_obstacle(telemetry: Telemetry) -> Motors | Fact:
@@ -152,8 +151,11 @@ def motors_or_obstacle(telemetry: Telemetry) -> Motors | Fact:
         if isinstance(motors, Motors):
             return motors
         obstacles.append(motors)
-    name = telemetry.called(next(iter(MOTOR_MESSAGES)))
-    return obstacles[0] if obstacles else Fact(MotorObstacle.NO_MOTOR_MESSAGE, name=name)
+    return (
+        obstacles[0]
+        if obstacles
+        else Fact(MotorObstacle.NO_MOTOR_MESSAGE, name=telemetry.called(next(iter(MOTOR_MESSAGES))))
+    )
 
 
 def _motors_in(telemetry: Telemetry, message: str) -> Motors | Fact:

@@ -237,13 +237,12 @@ class _Evidence:
                 rate_step=figures.rate_step,
             )
         if figures.consistency is not None and figures.consistency < REFUSED_CONSISTENCY:
-            still = tilts and figures.rate_sd < STILL_RATE
             return Fact(
                 Reason.RATE_CONTRADICTS_ANGLE,
                 axis=axis,
                 consistency=figures.consistency,
                 span=CONSISTENCY_SPAN,
-                still=still,
+                still=tilts and figures.rate_sd < STILL_RATE,
                 remedy=ask_for_rate(self.signals.telemetry, rate=200),
             )
         if figures.input_snr is not None and figures.input_snr < REFUSED_SNR:

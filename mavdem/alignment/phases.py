@@ -145,11 +145,9 @@ def settled(signals: Signals, boot: int) -> Intervals:
     if landing is not None and climb is None and of_boot(signals.landed_state, boot) is None:
         flights = both(flights, where(landing.time, landing.values == 0))
     flights = off_ground(flights, signals, boot)
-    tilts = [
-        (tilt.time[tilt.boot == boot], abs(tilt.angle[tilt.boot == boot])) for tilt in signals.tilts
-    ]
-    for time, tilt in tilts[:1]:  # what lies on its back has crashed
-        flights = both(flights, where(time, tilt < np.pi / 2))
+    tilts = [tilt.angles.at(tilt.boot == boot) for tilt in signals.tilts]
+    for tilt in tilts[:1]:  # what lies on its back has crashed
+        flights = both(flights, where(tilt.time, abs(tilt.values) < np.pi / 2))
     level = [
         between for flight in flights if (between := between_transients(flight, climb)) is not None
     ]
@@ -160,8 +158,8 @@ def settled(signals: Signals, boot: int) -> Intervals:
         level = both(
             level, outside([part for part in climbs if part[1] - part[0] >= TRANSIENT_SECONDS])
         )
-    for time, tilt in tilts:
-        level = both(level, where(time, tilt < MAX_TILT))
+    for tilt in tilts:
+        level = both(level, where(tilt.time, abs(tilt.values) < MAX_TILT))
     return level if tilts else []
 
 
@@ -236,9 +234,9 @@ def grounded(signals: Signals, boot: int) -> Intervals:
     hover = np.median(mean[running & (mean > np.quantile(mean[running], 0.9) / 2)])
     squares = np.zeros(len(mean))
     for tilt in signals.tilts:
-        here = tilt.boot == boot
-        turning = Signal(tilt.time[here], tilt.boot[here], tilt.rate[here] ** 2)
-        squares += np.interp(collective.time, turning.time, average(turning)) if here.any() else 0.0
+        turning = Signal(tilt.time, tilt.boot, tilt.rate**2).at(tilt.boot == boot)
+        if len(turning.time):
+            squares += np.interp(collective.time, turning.time, average(turning))
     lively = np.quantile(squares[running], 0.9)
     moving = running & (squares >= STILL_SHARE * lively)
     fighting = np.zeros(len(mean), dtype=np.bool_)
@@ -329,10 +327,10 @@ def between_transients(flight: Interval, climb: Signal | None) -> Interval | Non
 
 def of_boot(signal: Signal | None, boot: int) -> Signal | None:
     """Returns the samples of ``boot``; None where there are none."""
-    if signal is None or not np.any(signal.boot == boot):
+    if signal is None:
         return None
     here = signal.boot == boot
-    return signal.at(here)
+    return signal.at(here) if here.any() else None
 
 
 def average(signal: Signal) -> Array:

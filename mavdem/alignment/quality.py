@@ -71,9 +71,12 @@ def of_log(signals: Signals, segments: int) -> QualityFigures:
     for boot in np.intersect1d(attitude.boot, drive.boot):
         driven = drive.time[drive.boot == boot]
         airborne += total(both([(driven[0], driven[-1])], phases.flown(signals, int(boot))))
-    figures = QualityFigures(armed, airborne, segments)
-    return replace(
-        figures, attitude_rate=usual_rate(attitude) or None, motor_rate=usual_rate(drive) or None
+    return QualityFigures(
+        armed,
+        airborne,
+        segments,
+        attitude_rate=usual_rate(attitude) or None,
+        motor_rate=usual_rate(drive) or None,
     )
 
 

@@ -72,8 +72,9 @@ def _settings(telemetry: Telemetry, rate: int, asked: bool) -> Fact:
         for port in sorted({match[1] for match in named})
         if min(parameters.get(f"{port}_{of}", 0) for of in ("EXTRA1", "RC_CHAN")) >= MINIMUM_RATE
     ]
-    prefix = "SR" if "SR" in kinds else "".join(kinds)
-    return Fact(code, rate=rate, asked=asked, names=fast, prefix=prefix)
+    return Fact(
+        code, rate=rate, asked=asked, names=fast, prefix="SR" if "SR" in kinds else "".join(kinds)
+    )
 
 
 def _dataflash(telemetry: Telemetry) -> Fact:

@@ -409,10 +409,8 @@ class Signals(VehicleSignals):
         """The model's inputs: the motors, or the demand where that was chosen or only it comes fast enough."""
         if self.inputs is not None:
             return self.demand if self.inputs == "demand" else self.motors
-        rates = (
-            0.0 if stream is None else usual_rate(stream) for stream in (self.motors, self.demand)
-        )
-        return motors_or_demand(self.motors, self.demand, *rates)
+        streams = [stream for stream in (self.motors, self.demand) if stream is not None]
+        return max(streams, key=lambda each: usual_rate(each) >= MINIMUM_RATE, default=None)
 
     @property
     def streams(self) -> tuple[Attitude, Motors]:
@@ -478,13 +476,6 @@ def fixes(columns: Columns) -> tuple[Array, Flags]:
     places = 1e-7 * table_of(columns, ("lat", "lon"))
     valid = places.any(axis=1) & (abs(places) <= [90.0, 180.0]).all(axis=1)
     return places, np.asarray(valid)
-
-
-def motors_or_demand(motors: Any, demand: Any, motor_rate: float, demand_rate: float) -> Any:
-    """Returns the motors, or the demand where only it comes at ``MINIMUM_RATE``; rates in Hz."""
-    if demand is None or motor_rate >= MINIMUM_RATE:
-        return motors
-    return demand if motors is None or demand_rate >= MINIMUM_RATE else motors
 
 
 def usual_rate(stream: Attitude | Motors | Signal) -> float:

@@ -106,9 +106,12 @@ def _horizon(segments: Segments, order: int) -> int:
     if windows_per_column(fewest) < LEAST_WINDOWS:
         subject = f"subspace({order})"
         least = LEAST_WINDOWS * (1 + 2 * fewest * (k + m))
-        code = Forecasts.TOO_FEW_FOR_ORDER
-        samples = int(lengths.sum())
-        raise NotLearnable(code, subject=subject, samples=samples, parameters=least)
+        raise NotLearnable(
+            Forecasts.TOO_FEW_FOR_ORDER,
+            subject=subject,
+            samples=int(lengths.sum()),
+            parameters=least,
+        )
     longer = range(LONGEST_HORIZON, fewest, -1)
     usable = (each for each in longer if windows_per_column(each) >= USUAL_WINDOWS)
     return next(usable, fewest)
@@ -130,8 +133,7 @@ def _state_map(windows: Array, order: int, k: int) -> Array:
     future_basis = _orthonormal(of_future)[1]
     directions = np.linalg.svd(basis.T @ of_future @ future_basis, full_matrices=False)[0]
     if directions.shape[1] < order:
-        states = directions.shape[1]
-        raise NotLearnable(Forecasts.TOO_FEW_STATES, order=order, states=states)
+        raise NotLearnable(Forecasts.TOO_FEW_STATES, order=order, states=directions.shape[1])
     return to_basis @ directions[:, :order] * np.sqrt(number)
 
 

@@ -43,8 +43,11 @@ def from_text(kind: type[Kind], text: str) -> Kind:
     except (ValidationError, TypeError) as error:
         problem = first_problem(error) if isinstance(error, ValidationError) else str(error)
         # before documents said what they are
-        is_old = isinstance(text, str) and text.startswith('{"settings"')
-        fact = Fact(ModelFile.NO_MODEL_DOCUMENT, error=problem, is_old=is_old)
+        fact = Fact(
+            ModelFile.NO_MODEL_DOCUMENT,
+            error=problem,
+            is_old=isinstance(text, str) and text.startswith('{"settings"'),
+        )
         raise Unreadable(fact) from None
 
 

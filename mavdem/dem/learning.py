@@ -100,8 +100,9 @@ def checked(train: Records, settings: Settings | None) -> tuple[Record, Complete
     settings = Settings() if settings is None else settings
     record = Record.of(train)
     if len(record) < FEWEST_SAMPLES:
-        code = ModelRefusal.TOO_FEW_TO_LEARN
-        raise NotLearnable(code, least_samples=FEWEST_SAMPLES, samples=len(record))
+        raise NotLearnable(
+            ModelRefusal.TOO_FEW_TO_LEARN, least_samples=FEWEST_SAMPLES, samples=len(record)
+        )
     record.require_moving(settings.known_inputs)
     return record, complete(settings, record)
 
@@ -146,20 +147,23 @@ def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatist
     """The fit with θ of a simulation-error fit, where the settings ask for one and it succeeds; else as it was."""
     model = fitted.model
     ascent = fitted.ascent
-    settings = fitted.settings
-    scaling = fitted.scaling
-    theta = ascent.belief.theta
     try:
         with raise_on_overflow():
-            refined = fit_simulation(model, settings, scaling, theta, fitted.gain, record)
+            refined = fit_simulation(
+                model, fitted.settings, fitted.scaling, ascent.belief.theta, fitted.gain, record
+            )
             if refined is None:
                 return fitted
             iterate = at_theta(model, samples, refined.theta, ascent.belief)
             predictor = predictor_of(refined.theta, model.sizes, fitted.gain, record.dt)
     except LinAlgError:
         return fitted
-    refined_ascent = replace(ascent, belief=iterate.belief, state_map=iterate.state_map)
-    return replace(fitted, ascent=refined_ascent, predictor=predictor, simulation_fit=refined)
+    return replace(
+        fitted,
+        ascent=replace(ascent, belief=iterate.belief, state_map=iterate.state_map),
+        predictor=predictor,
+        simulation_fit=refined,
+    )
 
 
 def _learned(fit: Fit, record: Record, data: Array) -> Learned:

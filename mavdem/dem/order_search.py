@@ -119,14 +119,13 @@ class BlackBox:
     def model(self, order: int) -> GenerativeModel:
         """Returns the generative model of so many states."""
         n = order
-        r = self.r
         m = self.m
-        mean = pack(np.zeros((n, n)), np.zeros((n, r)), np.zeros((m, n)))
+        mean = pack(np.zeros((n, n)), np.zeros((n, self.r)), np.zeros((m, n)))
         read = self.smoothness / self.unit_of_time
         lambda_mean = np.array([LAMBDA_Z] + [LAMBDA_W] * n)
         lambda_precision = LAMBDA_PRECISION * np.eye(1 + n)
         return GenerativeModel(
-            *(n, r, m, self.p, self.p - 1, self.p - 1),
+            *(n, self.r, m, self.p, self.p - 1, self.p - 1),
             output_correlation=temporal_precision(self.p, read),
             state_correlation=temporal_precision(self.p - 1, read),
             output_groups=np.zeros(m, np.intp),

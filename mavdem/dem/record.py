@@ -225,10 +225,11 @@ class Record:
         ):
             still = np.flatnonzero(constant)
             if len(still):
-                code = ModelRefusal.CHANNEL_CONSTANT
-                subject = f"{name} column {still[0]}"
-                others_vary = name == "inputs" and len(still) < len(constant)
-                raise NotLearnable(code, subject=subject, others_vary=others_vary)
+                raise NotLearnable(
+                    ModelRefusal.CHANNEL_CONSTANT,
+                    subject=f"{name} column {still[0]}",
+                    others_vary=name == "inputs" and len(still) < len(constant),
+                )
 
     @property
     def segments(self) -> Segments:

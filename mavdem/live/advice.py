@@ -58,8 +58,7 @@ class Adviser:
         try:
             self.facts = self._making.result(30.0)  # s: a vehicle's user waits for no more
         except Exception as error:
-            path = str(self._recording)
-            self.facts = (Fact(Gains.ADVICE_FAILED, error=error, path=path),)
+            self.facts = (Fact(Gains.ADVICE_FAILED, error=error, path=str(self._recording)),)
         self.close()
         return self.facts
 
@@ -102,6 +101,9 @@ def advised(recording: Path, vehicle: str, foretell: Foretell) -> Facts:
     name = next(name for name in names if not any(Path(name + end).exists() for end in files))
     for end, text in files.items():
         Path(name + end).write_text(text)
-    path = name + " and ".join(files)
-    because = tuning.judgement.next_step
-    return (*facts, Fact(Gains.GAINS_WRITTEN, path=path, because=because))
+    return (
+        *facts,
+        Fact(
+            Gains.GAINS_WRITTEN, path=name + " and ".join(files), because=tuning.judgement.next_step
+        ),
+    )

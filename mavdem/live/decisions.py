@@ -10,7 +10,7 @@ descended for ``TRANSIENT_SECONDS``. Without a vertical speed only the motors sh
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, isfinite
 from typing import Any, NamedTuple
@@ -44,7 +44,6 @@ from mavdem.facts import Fact
 from mavdem.facts.lights import Unjudged
 from mavdem.facts.motors import Trim
 from mavdem.facts.session import Session
-from mavdem.flight import Flight
 from mavdem.heading import Numbers
 from mavdem.health.in_flight import MotorAlarm, losses_of
 from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry, OutputScale, output_scale
@@ -314,8 +313,12 @@ def tilt_of(message: str, time: Array, boot: int, angle: Array, rate: Array) -> 
 def evidence_of(signals: Signals, condition: Condition, **known: Any) -> Evidence:
     """Returns what a live vehicle is judged by, in flight for as long as its ``condition`` says."""
     unknown = Fact(Unjudged.NOT_JUDGED, because=None)
-    figures = QualityFigures(armed=condition.duration, airborne=condition.duration)
-    learnability = Learnability(signals.axis, True, unknown, figures=figures)
+    learnability = Learnability(
+        signals.axis,
+        True,
+        unknown,
+        figures=QualityFigures(armed=condition.duration, airborne=condition.duration),
+    )
     return Evidence(
         log_of_vehicles((signals.telemetry,), 0, 0), signals, learnability, condition, **known
     )
@@ -327,29 +330,21 @@ def judged(
     """Returns what a model whose inputs are those of ``setup`` is good for, and the judgement of its vehicle."""
     record = learned.record
     inputs, outputs = max(record.segments, key=lambda part: len(part[1]))
-    time: Any = learned.dt * np.arange(len(inputs))
-    flight = Flight(
-        time,
-        inputs,
-        outputs,
-        input_names=setup.layout.names,
-        output_names=record.output_names,
-        provenance={"scale": asdict(setup.scale)},
-    )
     axis = record.output_names[0]
-    duration = flight.duration
+    duration = len(inputs) * learned.dt
+    time: Any = learned.dt * np.arange(len(inputs))
     telemetry = Telemetry(1, 1, UNNAMED, "", {}, record.parameters)
     count = len(time)
     boots = np.zeros(count, np.int64)
-    motors = Motors(setup.motors, time, boots, flight.inputs, setup.layout, setup.scale, count, 0)
-    tilt = tilt_of(setup.attitude, time, 0, *flight.outputs.T)
+    motors = Motors(setup.motors, time, boots, inputs, setup.layout, setup.scale, count, 0)
+    tilt = tilt_of(setup.attitude, time, 0, *outputs.T)
     signals = LiveSignals(telemetry, axis, motors=motors, tilts=(tilt,) * len(TILT_AXES))
     swing = oscillation_of(motors, {axis: tilt}, [Segment(0, 0.0, duration)])
-    lean = {axis: np.degrees(flight.outputs[:, 0].mean())}
-    hover = hover_figures(setup.layout.names, setup.scale, duration, flight.inputs, lean)
+    lean = {axis: np.degrees(outputs[:, 0].mean())}
+    hover = hover_figures(setup.layout.names, setup.scale, duration, inputs, lean)
     condition = Condition(duration=duration, settled=duration, hover=hover, oscillation=swing)
     learned = disown_torque(learned, swing is not None)
-    physical = AxisFigures((flight,), learned.physical, None, learned.physical_reason)
+    physical = AxisFigures((), learned.physical, None, learned.physical_reason)
     unknown = Fact(Unjudged.NOT_JUDGED, because=None)
     loops = dict.fromkeys(AXES, unknown) | {axis: loop_by(physical, record)}
     evidence = evidence_of(signals, condition, events=tuple(losses_of(alarms)), loops=loops)

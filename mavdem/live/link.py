@@ -104,7 +104,7 @@ class Link:
             raise LinkLost(self.name, LinkError.NOT_OPEN)
         received: list[tuple[float, bytes]] = []
         try:
-            if not select.select([waiting_on], [], [], max(timeout, 0.0))[0]:
+            if not select.select([waiting_on], [], [], timeout)[0]:
                 return received
             self._arrival = time.time()
             if self._server is not None and self._socket is None:
@@ -221,10 +221,8 @@ class Link:
                     del self._peers[min(self._peers, key=self._peers.__getitem__)]
                 self._peers[sender], self._from = time.monotonic(), sender
             return piece
-        except (BlockingIOError, ConnectionRefusedError) as error:
-            if isinstance(error, BlockingIOError) or self.datagrams:
-                return None  # a datagram is refused where the last one sent had no receiver
-            raise
+        except (BlockingIOError, ConnectionRefusedError):
+            return None  # a datagram is refused where the last one sent had no receiver
 
     def _admits(self, datagram: bytes) -> bool:
         """Whether the latest datagram is of the first address of its autopilot; other components may have several."""
@@ -243,8 +241,9 @@ class Link:
         if first == self._from and ids in self._rivals and ids not in self._said:
             self._said.add(ids)
             addresses = [f"{host}:{port}" for host, port, *_ in (first, self._rivals[ids])]
-            subject = f"{ids[0]}:{ids[1]}"
-            self._events.append(Fact(LinkFact.TWO_ADDRESSES, subject=subject, names=addresses))
+            self._events.append(
+                Fact(LinkFact.TWO_ADDRESSES, subject=f"{ids[0]}:{ids[1]}", names=addresses)
+            )
         return True
 
     def _lose(self, cause: LinkError, error: OSError | None = None) -> NoReturn:

@@ -25,8 +25,9 @@ class RawRecording:
         except FileExistsError:
             raise Unreadable(LinkFact.STREAM_FILE_EXISTS, path=path) from None
         except OSError as error:
-            why = cause_of(error)
-            raise Unreadable(LinkFact.STREAM_FILE_FAILED, path=path, error=why) from None
+            raise Unreadable(
+                LinkFact.STREAM_FILE_FAILED, path=path, error=cause_of(error)
+            ) from None
         self.frames = 0  # in it; bytes that belong to no frame are not
         self._mcap = started(self._file, 1 << 15) if Path(path).suffix.lower() == ".mcap" else None
         self._channel = 0 if self._mcap is None else raw_channel(self._mcap)

@@ -3,6 +3,7 @@
 What a sender is, its latest HEARTBEAT decides. What is kept of each is bounded.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from math import inf
 
@@ -34,7 +35,7 @@ class Sender:
         self.kind = self.autopilot = UNNAMED
         self.attitudes = self.frames = 0  # messages of attitude, and frames, unread ones included
         # number of messages by id, damaged and unknown ones excluded
-        self.arrived: dict[int, int] = {}
+        self.arrived = Counter[int]()
         self.parameters: dict[bytes, Message] = {}  # the last PARAM_VALUEs
         self._beats = 0
         # by its number the latest frame, and frames so far then
@@ -82,7 +83,8 @@ class Sender:
         self._count_missing(number, now, missing_between(self._last, number))
         self._last = number
         if frame.checksum == MATCHES:
-            self._count_arrived(frame.message_id)
+            self.arrived[frame.message_id] += 1
+            self.attitudes += definitions()[frame.message_id].name in ATTITUDE_MESSAGES
         return True
 
     def _count_missing(self, number: int, now: float, missing: int) -> None:
@@ -95,11 +97,6 @@ class Sender:
         elif self.frames > 1:
             self._missing += missing
         self._interval += (min(gap, 1.0) - self._interval) / 64
-
-    def _count_arrived(self, message_id: int) -> None:
-        """Counts an undamaged message."""
-        self.arrived[message_id] = self.arrived.get(message_id, 0) + 1
-        self.attitudes += definitions()[message_id].name in ATTITUDE_MESSAGES
 
     def take_message(self, message: Message) -> None:
         """Keeps a PARAM_VALUE; takes type and autopilot of a HEARTBEAT."""
@@ -180,5 +177,6 @@ class Senders:
         ):
             return
         self.rivals.add(sender.name)
-        subject = sender.identity
-        self._report(Fact(VehicleFact.OTHER_VEHICLE, subject=subject, name=self.followed.name))
+        self._report(
+            Fact(VehicleFact.OTHER_VEHICLE, subject=sender.identity, name=self.followed.name)
+        )

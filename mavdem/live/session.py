@@ -83,7 +83,6 @@ class LiveSession:
         now = time.monotonic()
         self.learner: OnlineLearner | None = None  # of the latest rows
         self.history = LiveHistory()  # what happened
-        self._key: tuple[float, tuple[str, ...]] | None = None  # step and inputs of its rows
         # with s: when it came
         self._models: deque[tuple[float, Learned]] = deque(maxlen=MAX_MODELS)
         self._newest: Learned | None = None  # that is kept
@@ -419,14 +418,14 @@ class LiveSession:
 
     def _begin(self, setup: Setup) -> None:
         """Takes the learner of a setup's rows, and shows them."""
-        if self._setup is not None and setup.boot != self._setup.boot:
+        before = self._setup
+        if before is not None and setup.boot != before.boot:
             self._models = deque(((-np.inf, learned) for _, learned in self._models), MAX_MODELS)
         self._setup = setup
         layout = setup.layout
         axis = self.stream.axis
         self.history.motors = layout.names
-        if self._key != (setup.dt, layout.names):
-            self._key = setup.dt, layout.names
+        if before is None or (before.dt, before.layout.names) != (setup.dt, layout.names):
             units = (setup.scale.unit,) * len(layout.names)
             prior = self.prior
             if prior is not None and prior.record.input_units != units:

@@ -460,8 +460,7 @@ class LiveStream:
             # With hysteresis: a rate at the limit must not be reported twice a second.
             least = MINIMUM_RATE / STEP_TOLERANCE if self._enough else MINIMUM_RATE
             slow = too_slow(rates, self.axis) if min(rates.values()) < least else None
-            code = Rows.LIVE_RATES_TOO_LOW
-            obstacle = slow and Fact(code, can_ask=self._can_ask, because=slow)
+            obstacle = slow and Fact(Rows.LIVE_RATES_TOO_LOW, can_ask=self._can_ask, because=slow)
         if obstacle is not None and self._enough:
             self._report(obstacle)
         elif obstacle is None and not self._enough:
@@ -514,8 +513,9 @@ class LiveStream:
 
     @property
     def _no_attitude(self) -> Fact:
-        code = Rows.NO_LIVE_ATTITUDE if self._can_ask else Rows.ATTITUDE_ASKED
-        return Fact(code, can_ask=self._can_ask)
+        return Fact(
+            Rows.NO_LIVE_ATTITUDE if self._can_ask else Rows.ATTITUDE_ASKED, can_ask=self._can_ask
+        )
 
     def _report(self, fact: Fact) -> None:
         self._events.append(Event(self._received, fact))

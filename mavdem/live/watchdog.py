@@ -154,11 +154,13 @@ class Watchdog:
         motor = int(limited.argmax())
         # All of them: a climb at full throttle.
         if limited[motor] >= LIMITED_SHARE > limited.min():
-            name = motors.layout.names[motor]
-            share = limited[motor]
             yield (
                 Watched.MOTOR_LIMITS,
-                Fact(MotorsLight.MOTOR_LIMITED, subject=name, share=share),
+                Fact(
+                    MotorsLight.MOTOR_LIMITED,
+                    subject=motors.layout.names[motor],
+                    share=limited[motor],
+                ),
             )
 
     def _changes(self, watched: Mapping[Watched, Fact], now: float) -> Iterator[Fact]:
@@ -176,8 +178,7 @@ class Watchdog:
         for what in [*self.standing]:
             has_landed = self._phases[-1][1] == ON_GROUND
             if has_landed or now - self._seen[what] >= CALM_SECONDS:
-                over = self.standing.pop(what)
-                yield Fact(Watch.ALARM_OVER, time=self._seen[what], because=over)
+                yield Fact(Watch.ALARM_OVER, time=self._seen[what], because=self.standing.pop(what))
 
     def _note(
         self, watched: Mapping[Watched, Fact], motion: Motion | None, is_flying: bool, now: float
@@ -222,8 +223,12 @@ def alarm_of(fact: Fact, time: float) -> Fact:
 
 def not_watched(watched: Fact, because: Fact, time: float) -> Fact:
     """Returns that what was ``watched`` is not any more since ``time``, s."""
-    figures = {**watched.figures, "because": because}
-    return Fact(Watch.NOT_WATCHED, time=time, subject=watched.subject, **figures)
+    return Fact(
+        Watch.NOT_WATCHED,
+        time=time,
+        subject=watched.subject,
+        **{**watched.figures, "because": because},
+    )
 
 
 def _kind(fact: Fact) -> tuple[object, ...]:

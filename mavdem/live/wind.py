@@ -197,8 +197,7 @@ class LiveWind:
         try:
             still = [np.ptp(angles[:, 2]), *np.ptp(speeds[:, :2], axis=0)]
             if 0 in still:
-                name = "velocity" if still[0] else "yaw"
-                raise NotLearnable(NoWind.NOT_MEASURED, name=name)
+                raise NotLearnable(NoWind.NOT_MEASURED, name="velocity" if still[0] else "yaw")
             checked(stamps, angles, speeds)
         except NotLearnable as error:
             self.obstacle = error.fact

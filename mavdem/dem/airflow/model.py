@@ -142,10 +142,9 @@ class Drag(Result):
             return {}
         momentum, ballistic = PARAMETERS[autopilot]
         (low, high) = self.interval("linear").mean(axis=1)
-        q = self.quadratic
         ends = self.interval("quadratic")
         values = {momentum: (float(np.exp(self.mean[0])), float(low), float(high))}
-        bodies = HALF_AIR_DENSITY / np.array([q, ends[1], ends[0]]).T
+        bodies = HALF_AIR_DENSITY / np.array([self.quadratic, *ends[::-1]]).T
         return values | {
             ballistic + axis: tuple(body.tolist()) for axis, body in zip("XY", bodies, strict=True)
         }

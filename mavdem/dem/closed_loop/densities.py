@@ -102,8 +102,7 @@ class Densities:
         self.inside = np.abs(frequency) < highest
         self.frequency = np.where(self.inside, frequency, 1.0)
         size = np.abs(self.frequency)
-        mean = spectra.mean
-        seen = np.einsum("jaa->ja", mean).real
+        seen = np.einsum("jaa->ja", spectra.mean).real
         self.output = np.interp(size, spectra.frequency, seen[:, OUTPUT]) * self.inside
         own = READ_SHARE**2 * seen[:, :ASKED]
         own[:, RATE] = GYRO_NOISE

@@ -23,35 +23,12 @@ class Belief(NamedTuple):
     lambda_covariance: Array
 
 
-def free_energy_action(
-    model: GenerativeModel, samples: SufficientStatistics, belief: Belief
-) -> float:
-    """Returns F̄ = Ū + W + H, Eq. ``free_E`` summed over time; constants in 2π are left out.
-
-    W is the expectation of the curvature, ½ Σ tr(Σ U_ϑϑ): the ½ that Eq. ``F_bar_MF`` has and Eq. ``free_E`` lost.
-    """
-    moments = belief.moments
-    lambda_ = belief.lambda_
-    T = samples.number
-    weights = np.exp(lambda_)
-    mean_field = 0.5 * (
-        T * np.sum(belief.state_covariance * state_curvature(model, belief.theta, weights))
-        + np.sum(belief.theta_covariance * theta_curvature(model, moments, weights))
-        + np.sum(belief.lambda_covariance * lambda_curvature(model, moments, belief.theta, lambda_))
-    )
-    entropy = 0.5 * (
-        T * logdet(belief.state_covariance)
-        + logdet(belief.theta_covariance)
-        + logdet(belief.lambda_covariance)
-    )
-    return internal_energy(model, samples, moments, belief.theta, lambda_) + mean_field + entropy
-
-
 class SampleEnergy(NamedTuple):
-    """F(t) = U + W + H, Eq. ``free_E`` with the ½ that its W has lost, as a function of the sample.
+    """F(t) = U + W + H, Eq. ``free_E``, as a function of the sample; constants in 2π are left out.
 
-    It is a constant less half the squares of the sample's errors and of its states. The priors and entropies of θ and
-    λ, which are the same at every sample, are in each F(t) and only once in F̄.
+    W is the expectation of the curvature, ½ tr(Σ U_ϑϑ): the ½ that Eq. ``F_bar_MF`` has and Eq. ``free_E`` lost. So it
+    is a constant less half the squares of the sample's errors and of its states. The priors and entropies of θ and λ,
+    which are the same at every sample, are in each F(t) and only once in F̄.
     """
 
     constant: float  # F(t) of a sample without errors, at states 0
@@ -93,6 +70,10 @@ class SampleEnergy(NamedTuple):
         )
         return self.constant - 0.5 * squares
 
+    def action(self, data: Array, states: Array) -> float:
+        """Returns F̄, the sum over all samples (T, ·) with the priors counted once."""
+        return self.at(data, states).sum() - (len(data) - 1) * self.priors
+
 
 def expected_weights(lambda_: Array, lambda_covariance: Array) -> Array:
     """Returns noise precisions as the squared errors feel them: e^λ (1 + ½ Σ^λ).
@@ -100,23 +81,6 @@ def expected_weights(lambda_: Array, lambda_covariance: Array) -> Array:
     The mean-field term of λ is included.
     """
     return np.exp(lambda_) * (1.0 + 0.5 * lambda_covariance.diagonal())
-
-
-def internal_energy(
-    model: GenerativeModel,
-    samples: SufficientStatistics,
-    moments: GeneralizedMoments,
-    theta: Array,
-    lambda_: Array,
-) -> float:
-    """Returns Ū = Σ_t U(t) with the priors counted once: log likelihood plus log priors at the means."""
-    error = np.sum(model.precision(np.exp(lambda_)) * moments.errors(theta))
-    return 0.5 * float(
-        samples.number * model.log_precision(lambda_)
-        - error
-        - sum(model.prior.squared_errors(theta, lambda_))
-        + sum(model.log_precision_of_priors)
-    )
 
 
 def state_curvature(model: GenerativeModel, theta: Array, weights: Array) -> Array:
@@ -162,7 +126,7 @@ def optimal_terms(
 ) -> Mapping[str, float]:
     """Returns the named terms of F̄ᵒ, Eq. ``F_action_opt``, of a belief whose precisions are the negative curvatures.
 
-    They sum to F̄ᵒ, which is :func:`free_energy_action` there plus half the number of everything estimated,
+    They sum to F̄ᵒ, which is :meth:`SampleEnergy.action` there plus half the number of everything estimated,
     T·dim X + dim θ + dim λ (the mean-field terms, which the paper drops with the constants).
     """
     of_theta, of_lambda = model.log_precision_of_priors

@@ -232,12 +232,9 @@ def smoothed(
     The first state has mean ``start`` (n,) and the identity as covariance; ``LinAlgError`` where a covariance is not
     positive or not finite.
     """
-    A = model.A
-    C = model.C
-    eye = np.eye(len(model.A))
-    filtered = KalmanFilter.of(
-        A, C, model.Q, model.R, np.zeros((len(A), len(C))), eye, len(outputs)
-    )
+    n = len(model.A)
+    apart = np.zeros((n, len(model.C)))
+    filtered = KalmanFilter.of(model.A, model.C, model.Q, model.R, apart, np.eye(n), len(outputs))
     if not np.isfinite(filtered.covariances).all():
         raise LinAlgError("the filter's covariance overflows")
     pushes = inputs @ model.B.T + model.offset

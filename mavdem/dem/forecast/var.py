@@ -100,8 +100,9 @@ class LagStatistics(NamedTuple):
         units = ChannelUnits.of(record)
         statistics = cls.of(units.segments(record), lags)
         if statistics.rows <= 0:
-            code = ModelRefusal.SEGMENTS_TOO_SHORT_FOR_LAGS
-            raise NotLearnable(code, samples=lags, longest=record.longest)
+            raise NotLearnable(
+                ModelRefusal.SEGMENTS_TOO_SHORT_FOR_LAGS, samples=lags, longest=record.longest
+            )
         return units, statistics
 
     def after(self, earlier: LagStatistics, share: float) -> LagStatistics:

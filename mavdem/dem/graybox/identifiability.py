@@ -145,8 +145,9 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
     sd = figures.sd[name]
     yield RELATIVE_SD[name].status(sd), Fact(ParameterDoubt.ESTIMATE_UNCERTAIN, share=sd)
     # the relative change that this logarithm is; none beyond a factor of e
-    change = np.expm1(spread) if spread < 1 else None
-    changes = Fact(ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM, share=change)
+    changes = Fact(
+        ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM, share=np.expm1(spread) if spread < 1 else None
+    )
     yield SPECTRUM_RANGE[name].status(spread), changes
     least = RESOLVED_LAG * figures.dt
     if name == "effect" and figures.quick:

@@ -177,13 +177,14 @@ class Parameters(NamedTuple):
 
     def density(self, thetas: Array, windows: FlightWindows) -> Array:
         """Returns (b, F) density of the rate that wind and noise make, a sample's variance where it is white."""
-        turn = windows.folded
         components = zip(self.wind, self.sizes(thetas).T, self.times(thetas).T, strict=True)
         wind = [
-            colour.density(turn, size[:, None, None], time[:, None, None])
+            colour.density(windows.folded, size[:, None, None], time[:, None, None])
             for colour, size, time in components
         ]
-        folded = np.sum(wind, axis=0) / (turn**2 + self.damping(thetas)[:, None, None] ** 2)
+        folded = np.sum(wind, axis=0) / (
+            windows.folded**2 + self.damping(thetas)[:, None, None] ** 2
+        )
         return folded.sum(axis=1) / windows.dt + self.noise(thetas)[:, None] ** 2
 
     def innovations(self, thetas: Array, windows: FlightWindows) -> Pair:

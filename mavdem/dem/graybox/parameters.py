@@ -242,8 +242,9 @@ def _window_samples(record: Record) -> Indices:
     step = max(1, int(1 / record.dt / FASTEST_RATE))
     shortest = step * MIN_SAMPLES
     if record.longest < shortest:
-        code = NoPhysical.TOO_FEW_SAMPLES_WITHOUT_GAPS
-        raise NotLearnable(code, least_samples=shortest, samples=record.longest)
+        raise NotLearnable(
+            NoPhysical.TOO_FEW_SAMPLES_WITHOUT_GAPS, least_samples=shortest, samples=record.longest
+        )
     # Up to half as long again, or down to what there is, so that as little as possible is left over.
     usual = min(round(WINDOW_SECONDS / record.dt), record.longest)
     longest = min(int(1.5 * usual), record.longest)

@@ -18,7 +18,7 @@ import numpy as np
 
 from mavdem.confidence import half_width
 from mavdem.dem.closed_loop.spectra import WINDOW_SECONDS
-from mavdem.dem.engine.linalg import Array, one_thread
+from mavdem.dem.engine.linalg import Array, Pair, one_thread
 from mavdem.dem.graybox.gusts import (
     LEVEL_SECONDS,
     MAX_ERROR_SHARE,
@@ -87,13 +87,6 @@ class WindTorque(Result):
     reason: Fact | None
 
 
-class _Torques(NamedTuple):
-    """Of all segments: the wind's torque (T,), and its smoother's variance."""
-
-    mean: Array
-    variance: Array
-
-
 def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> WindTorque:
     """Returns the wind's torque in a record, from all of it; ``LinAlgError`` where no filter is steady.
 
@@ -102,19 +95,19 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
     column = rate_column(record)
     theta = theta_of(physical)
     with one_thread():
-        torques = _torques(theta, physical, record, column)
+        torque, spread = _torques(theta, physical, record, column)
         slopes = slopes_of(
-            lambda theta: _torques(theta, physical, record, column).mean, theta, torques.mean
+            lambda theta: _torques(theta, physical, record, column)[0], theta, torque
         )
     cuts = record.samples_at(changes)
     levels = slopes.mean(axis=1)
     covariance = physical.covariance
-    step = _step(_about_means(torques.mean, cuts), record.dt)
+    step = _step(_about_means(torque, cuts), record.dt)
     cuts = sorted({*cuts, *([] if step is None else step[:1])})
-    moved = _about_means(torques.mean, cuts)
+    moved = _about_means(torque, cuts)
     moving = _about_means(slopes, cuts)
     size = float(np.mean(moved**2))
-    smoother = torques.variance + MODEL_ERRORS.wind**2 * size
+    smoother = spread + MODEL_ERRORS.wind**2 * size
 
     def with_parameters(slopes: Array) -> Array:
         return smoother + np.einsum("it,ij,jt->t", slopes, covariance, slopes)
@@ -136,19 +129,19 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
     added = np.sum((unlike @ unlike.T) * covariance) / (2 * samples * size)
     scale_error = np.sqrt(shares @ covariance @ shares + added**2 + MODEL_ERRORS.wind_sd**2)
     band = half_width(variance)
-    gusty = gusts(torques.mean, band, record, shortest_gust(physical, record.dt))
+    gusty = gusts(torque, band, record, shortest_gust(physical, record.dt))
     return WindTorque(
-        torque=torques.mean,
+        torque=torque,
         band=band,
-        mean=float(torques.mean.mean()),
+        mean=float(torque.mean()),
         mean_band=float(half_width(levels @ covariance @ levels + MODEL_ERRORS.wind_sd**2 * size)),
-        sd=float(np.sqrt(size + torques.variance.mean())),
+        sd=float(np.sqrt(size + spread.mean())),
         scale_error=float(scale_error),
         step=step,
         gusts=gusty.found if resolved else (),
         gust_threshold=gusty.threshold,
         false_gusts_per_minute=gusty.false_per_minute,
-        spectrum=_spectrum(torques.mean, record, physical),
+        spectrum=_spectrum(torque, record, physical),
         resolved=resolved,
         reason=None if resolved else unresolved,
     )
@@ -187,8 +180,11 @@ def _torques(
     physical: Physical,
     record: Record,
     column: int,
-) -> _Torques:
-    """Of all segments, with effect, damping, lag and delay ``theta`` (r + 3,), of the rate in a ``column``."""
+) -> Pair:
+    """The wind's torque in all segments (T,) and its smoother's variance, of the rate in a ``column``.
+
+    With effect, damping, lag and delay ``theta`` (r + 3,).
+    """
     effect = theta[:-3]
     (damping, lag, delay) = theta[-3:].tolist()
     jumps = physical.refinements.get(Refinement.JUMPS, 0.0)
@@ -204,7 +200,8 @@ def _torques(
         constant = steady(rate, commanded, damping, record.dt)
         smoothed = axis.smoothed(filtered, commanded + constant, delay / record.dt, rate)
         parts.append((smoothed.mean + constant + level, smoothed.variance))
-    return _Torques(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+    torque, variance = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    return torque, variance
 
 
 def steady(

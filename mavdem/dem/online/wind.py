@@ -209,14 +209,15 @@ class OnlineWind:
     def _follow(self) -> None:
         """What the samples of the next block bring."""
         self._coming.clear()
-        block = self._memory.block
         number = self._inputs.maxlen or 0
         _, outputs = self._memory.latest(number)
         if self.filter is None or not self.filter.physical.identifiable:
             return
         if min(len(self._inputs), len(outputs)) < number:
             return
-        torques = self.filter.torques(np.array(self._inputs), outputs)[-self._lag :][:block]
+        torques = self.filter.torques(np.array(self._inputs), outputs)[-self._lag :][
+            : self._memory.block
+        ]
         if self._weak is not None:
             unsure = np.linalg.norm(self.filter.physical.effect * self._weak.band)
             torques[:, 1] = np.hypot(torques[:, 1], unsure)
