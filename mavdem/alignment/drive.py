@@ -137,6 +137,11 @@ class Motors:
     # those not used: not finite, or with the stamp of another. Exact copies do not count.
     left_out: int
 
+    @property
+    def collective(self) -> Signal:
+        """How hard they work together, 0 to 1: the mean of their shares (N,)."""
+        return Signal(self.time, self.boot, self.scale.fraction(self.outputs).mean(axis=1))
+
     def shares(self, boot: int) -> Signal:
         """Returns the shares (N, k) of their range in one boot."""
         shares = Signal(self.time, self.boot, self.scale.fraction(self.outputs))

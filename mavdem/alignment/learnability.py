@@ -19,7 +19,7 @@ from mavdem.alignment.drive import (
 from mavdem.alignment.quality import QualityFigures
 from mavdem.alignment.rate_advice import ask_for_rate
 from mavdem.alignment.signals import MINIMUM_RATE, Signals, usual_rate
-from mavdem.facts import Fact, Facts, Level
+from mavdem.facts import Fact, Facts
 from mavdem.facts.learnability import Caution, MotorObstacle, Reason, Remedy
 from mavdem.flight import Flight
 from mavdem.ingest import Component
@@ -353,7 +353,7 @@ def cautions_of(signals: Signals, figures: QualityFigures) -> Iterator[Fact]:
     called = signals.telemetry.called
     if attitude.impossible:
         name = called(attitude.message)
-        yield _impossible(Caution.IMPOSSIBLE_ATTITUDE, attitude, name).but(Level.WATCH)
+        yield _impossible(Caution.IMPOSSIBLE_ATTITUDE, attitude, name)
     for stream in (attitude, drive):
         if stream.left_out > DOUBTFUL_LOSS * stream.sent:
             yield Fact(

@@ -48,8 +48,7 @@ def read_flight(
     See Also:
         :func:`mavdem.read_segments`: all usable segments; :class:`mavdem.Flight`: what it is; :func:`mavdem.learn`.
     """
-    flight, _ = learnable_flight(read_log(path), axis, vehicle, inputs)
-    return flight
+    return learnable_flight(read_log(path), axis, vehicle, inputs)[0]
 
 
 def read_segments(

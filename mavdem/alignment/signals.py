@@ -121,12 +121,12 @@ def once(*of: str) -> Callable[[Find], Find]:
             key = find, signals.telemetry, *own, *arguments, *named.items()
             if key not in signals.known:
                 try:
-                    signals.known[key] = read_only(find(signals, *arguments, **named)), None
+                    signals.known[key] = read_only(find(signals, *arguments, **named))
                 except NotLearnable as error:
-                    signals.known[key] = None, error.fact
-            known, refusal = signals.known[key]
-            if refusal is not None:
-                raise NotLearnable(refusal)
+                    signals.known[key] = NotLearnable(error.fact)
+            known = signals.known[key]
+            if isinstance(known, NotLearnable):
+                raise NotLearnable(known.fact)
             return known
 
         return found
@@ -363,11 +363,8 @@ class VehicleSignals:
     @once()
     def collective(self) -> Signal | None:
         """How hard the motors work together, 0 to 1: their mean, or the controller's thrust command."""
-        working = self.motors
-        if working is not None:
-            return Signal(
-                working.time, working.boot, working.scale.fraction(working.outputs).mean(axis=1)
-            )
+        if self.motors is not None:
+            return self.motors.collective
         thrust = control(self.telemetry, THRUST_COLUMN)
         return thrust if thrust is not None and len(thrust.time) else None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.forecast.forecasting import Forecasting
 from mavdem.dem.forecast.var import Forecast, Var
 from mavdem.dem.record import Record, Records, Segments, required_number
-from mavdem.facts import Fact, Facts, Level
+from mavdem.facts import Fact, Facts
 from mavdem.facts.forecasts import Forecasts, HeldOutForecast, MethodName
 
 # inputs (T, k) and outputs (T, m) of each segment, in a method's units
@@ -46,12 +46,15 @@ class Baseline(Forecasting):
     @property
     def cautions(self) -> Facts:
         """Limitations of the model."""
-        caution = partial(Fact, level=Level.WATCH, subject=self.method)
         cautions = []
         if not self.stable:
-            cautions.append(caution(Forecasts.MODEL_UNSTABLE, growth=self.spectral_radius - 1))
+            cautions.append(
+                Fact(Forecasts.MODEL_UNSTABLE, subject=self.method, growth=self.spectral_radius - 1)
+            )
         if self.iterations is not None:
-            cautions.append(caution(Forecasts.STILL_IMPROVING, iterations=self.iterations))
+            cautions.append(
+                Fact(Forecasts.STILL_IMPROVING, subject=self.method, iterations=self.iterations)
+            )
         return tuple(cautions)
 
 
@@ -213,23 +216,24 @@ class Units(NamedTuple):
 
 def hold(train: Records) -> Identified:
     """Forecasts the last measurement of ``train``; the first sample of a segment is predicted by the mean."""
-    return _without_dynamics("hold", Record.of(train), held=True)
+    return _without_dynamics("hold", train, held=True)
 
 
 def constant_mean(train: Records) -> Identified:
     """Forecasts the mean of the training data ``train``."""
-    return _without_dynamics(HeldOutForecast.CONSTANT_MEAN, Record.of(train))
+    return _without_dynamics(HeldOutForecast.CONSTANT_MEAN, train)
 
 
 def zero(train: Records) -> Identified:
     """Forecasts zero, whatever the training data ``train``."""
-    return _without_dynamics("zero", Record.of(train), about=0.0)
+    return _without_dynamics("zero", train, about=0.0)
 
 
 def _without_dynamics(
-    method: str, record: Record, held: bool = False, about: float = 1.0
+    method: str, train: Records, held: bool = False, about: float = 1.0
 ) -> Identified:
     """The training mean times ``about``; where ``held``, each output has a state, its last deviation from that."""
+    record = Record.of(train)
     r = record.inputs.shape[1]
     m = record.outputs.shape[1]
     n = m * held

@@ -283,6 +283,7 @@ class Comparison:
         mine = self._columns[method]
         scores = [outcome.scores[question] for outcome in mine]
         ratios = np.array([each.ratio for each in scores])
+        whole = ratios[:, -1]
         others = self._columns[reference]
         reference_ratios = np.array([outcome.scores[question].ratio for outcome in others])
         squares = np.array([each.squared_error for each in scores])
@@ -300,9 +301,9 @@ class Comparison:
             "unstable": sum(outcome.stable is False for outcome in mine),
             "mspe": errors.tolist(),
             "mspe_total": errors.sum(),
-            "relative": np.median(ratios[:, -1]),
-            "worst": ratios[:, -1].max(),
-            "worse_than_constant": int((ratios[:, -1] > 1).sum()),
+            "relative": np.median(whole),
+            "worst": whole.max(),
+            "worse_than_constant": int((whole > 1).sum()),
             "horizons": [
                 {
                     "steps": steps,

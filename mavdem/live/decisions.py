@@ -87,7 +87,11 @@ class Inputs:
 
     motors: Motors
     picks: tuple[tuple[int, int], ...]
-    collective: Signal | None  # of the last seconds: how hard the motors worked together
+
+    @property
+    def collective(self) -> Signal | None:
+        """How hard the motors worked together in the last seconds; None where nothing came."""
+        return self.motors.collective if len(self.motors.time) else None
 
     @cached_property
     def ports(self) -> tuple[int, ...]:
@@ -124,10 +128,8 @@ class InputChoice:
 
     def choose(self, messages: dict[str, Fields], vehicle: Telemetry, now: float) -> Inputs | None:
         """Returns the motors as of ``now``, s, by the rule of ``Signals.motors``; None without any in ``messages``."""
-        signals = Signals(replace(vehicle, messages=messages))
-        motors = signals.motors
-        collective = signals.collective
-        if motors is None or collective is None:
+        motors = Signals(replace(vehicle, messages=messages)).motors
+        if motors is None:
             return None
         _, width = drive.outputs_by_port(motors.message, messages[motors.message])
         picks = tuple(divmod(n - 1, width) for n in motors.layout.channels)
@@ -136,8 +138,7 @@ class InputChoice:
         recent = motors.time >= now - KEPT_SECONDS
         parts = {name: getattr(motors, name)[recent] for name in ("time", "boot", "outputs")}
         motors = replace(motors, scale=replace(motors.scale, stop=scale.stop), **parts)
-        recent = collective.time >= now - KEPT_SECONDS
-        return Inputs(motors, picks, collective.at(recent) if recent.any() else None)
+        return Inputs(motors, picks)
 
     def _columns(self, name: str, port: int, stream: Samples) -> Fields:
         """The outputs of one port as columns."""

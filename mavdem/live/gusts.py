@@ -11,6 +11,7 @@ from mavdem.dem.online.wind import MEMORY_SECONDS
 from mavdem.dem.record import Record
 from mavdem.facts import Fact
 from mavdem.facts.session import Session
+from mavdem.heading import Numbers
 
 
 class LiveGusts:
@@ -18,7 +19,7 @@ class LiveGusts:
 
     def __init__(self, dt: float) -> None:
         self._dt = dt
-        self._torques: deque[tuple[float, float, float]] = deque(maxlen=round(MEMORY_SECONDS / dt))
+        self._torques: deque[Numbers] = deque(maxlen=round(MEMORY_SECONDS / dt))
         self._until = -np.inf
 
     def take(self, now: Estimate) -> Iterator[Fact]:

@@ -162,25 +162,24 @@ class Samples:
 
     def add(self, time: float, values: Values) -> bool:
         """Adds a sample; returns False for a copy, a repeated stamp, a late sample and values that are not finite."""
-        row = bisect_left(self.time, time)
-        if not all(map(isfinite, values)) or self.time[row : row + 1] == [time]:
+        stamps = self.time
+        row = bisect_left(stamps, time)
+        if not all(map(isfinite, values)) or stamps[row : row + 1] == [time]:
             return False
-        if row < len(self.time) and time <= max(self.used_until, self.since):
+        if row < len(stamps) and time <= max(self.used_until, self.since):
             self.late += 1
             return False
         self.gap = 0.0
-        if 0 < row == len(self.time) and time - self.time[-1] > MAX_GAP_SECONDS:
-            self.gap = time - self.time[-1]
+        if 0 < row == len(stamps) and time - stamps[-1] > MAX_GAP_SECONDS:
+            self.gap = time - stamps[-1]
             self._start = time
-        self.time.insert(row, time)
+        stamps.insert(row, time)
         self.values.insert(row, values)
         self.added += 1
         # Only now and then: deleting from the front of a list moves all of it.
         if self.added % 64 == 0:
-            drop = max(
-                bisect_left(self.time, self.time[-1] - KEPT_SECONDS), len(self.time) - MAX_SAMPLES
-            )
-            del self.time[:drop], self.values[:drop]
+            drop = max(bisect_left(stamps, stamps[-1] - KEPT_SECONDS), len(stamps) - MAX_SAMPLES)
+            del stamps[:drop], self.values[:drop]
         return True
 
     def break_off(self) -> None:

@@ -395,20 +395,21 @@ class LiveSession:
         latency = time.monotonic() - self._arrival
         self._latencies.append(latency)
         self._largest = max(self._largest, latency)
-        self._learned += estimate is not None
-        if estimate is not None:
+        if estimate is None:
+            self._shown += 1
+        else:
+            self._learned += 1
             if estimate.unusual and not (self._estimate and self._estimate.unusual):
                 self._log(Fact(Session.MOTION_UNEXPECTED, clock=estimate.seen))
             self._estimate = estimate
             for gust in self._gusts.take(estimate):
                 self._log(gust)
-        self._shown += estimate is None
         self.history.advance(row.time, setup.boot)
         wind = self.stream.air.row
         speed, _, high = (np.nan,) * 3 if wind is None else wind.by_compass[:3]
         beside = speed, high - speed, *setup.scale.fraction(row.inputs)
         self.history.take(row.segment, row.time, row.outputs, estimate, beside)
-        self._put(row, estimate=estimate, learned=learner.learned, wind=self.stream.air.row)
+        self._put(row, estimate=estimate, learned=learner.learned, wind=wind)
 
     def _put(self, row: AlignedRow, **latest: Any) -> None:
         """Shows a row, with the ``latest`` estimate, model and wind."""

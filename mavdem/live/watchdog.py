@@ -210,8 +210,7 @@ class Watchdog:
         code = Watch.NOT_WATCHED if obstacle else Watch.WATCHED
         if before is not None and (before.code, before.figures.get("because")) == (code, obstacle):
             return
-        level = Level.UNKNOWN if obstacle else Level.GOOD
-        self.watched[what] = Fact(code, level, time=now, subject=what, because=obstacle)
+        self.watched[what] = Fact(code, time=now, subject=what, because=obstacle)
 
 
 def alarm_of(fact: Fact, time: float) -> Fact:

@@ -12,6 +12,7 @@ from math import inf
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import softmax
 
 from mavdem.condition.wind_of_log import (
     LONGEST_STEP,
@@ -37,6 +38,7 @@ from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.session import Session
 from mavdem.facts.wind import NoWind, WindDoubt, WindLight
+from mavdem.heading import Numbers
 from mavdem.ingest.telemetry import interpolated
 from mavdem.live.link import SILENCE_SECONDS
 
@@ -56,7 +58,7 @@ class WindRow(NamedTuple):
     band: Array  # (2,), which holds it with 90 %
 
     @property
-    def by_compass(self) -> tuple[float, float, float, float, float]:
+    def by_compass(self) -> Numbers:
         """Speed and the ends of its interval, m/s; the direction it comes from and its half width, degrees."""
         speed, origin, half, turned = (
             float(figure[0]) for figure in by_compass(self.velocity[None], self.band[None])
@@ -224,14 +226,13 @@ class LiveWind:
         stamps, angles, speeds = self._table(end - 2 * self._step, end)
         moved = motion(stamps, angles, speeds, self._step) if len(stamps) > 2 else None
         if moved is not None and moved.known[:1].any():
-            run.update(moved.axes[0], moved.velocity[0], moved.force[0], moved.doubt[0])
+            run.update(moved, 0)
             run.total *= 1 - self._step / MEMORY
         logs = (
             run.total.reshape(len(SIZES), -1).mean(axis=1)
             - (((SIZES - GUSTS) / GUSTS_SD) ** 2).sum(axis=1) / 2
         )
-        weights = np.repeat(np.exp(logs - logs.max()), DRAWS)
-        weights /= weights.sum()
+        weights = np.repeat(softmax(logs) / DRAWS, DRAWS)
         winds = run.states @ TOTAL.T
         variances = np.einsum("ai,gij,aj->ga", TOTAL, run.spreads, TOTAL)
         mean = weights @ winds

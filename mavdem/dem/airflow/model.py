@@ -315,24 +315,19 @@ class Filter:
         self.states = self.states * self.decay
         self.spreads = self.spreads * self._fade + self._process
 
-    def update(
-        self,
-        axes: Array,
-        velocity: Array,
-        force: Array,
-        doubt: float = 0.0,
-    ) -> Pair:
-        """Takes what a step of ``Motion`` measured; returns errors (G, 2) and covariances of the predictions."""
+    def update(self, motion: Motion, step: int) -> Pair:
+        """Takes what a ``step`` of the motion measured; returns errors (G, 2) and covariances of the predictions."""
         x = self.states
         P = self.spreads
-        u = axes @ velocity - x @ (axes[:, :2] @ TOTAL).T
+        axes = motion.axes[step]
+        u = axes @ motion.velocity[step] - x @ (axes[:, :2] @ TOTAL).T
         speed = np.sqrt((u * u).sum(axis=1) + 1e-4)[:, None]
         drag = self._linear + self._quadratic * speed
         slope = drag[:, :, None] * PLANE + (self._quadratic / speed * u)[:, :, None] * u[:, None, :]
         A = slope @ axes[:, :2]  # the errors' slope by the wind, gusts and mean alike
-        error = force + drag * u - self._lean
+        error = motion.force[step] + drag * u - self._lean
         HP = A @ TOTAL @ P
-        S = HP @ TOTAL.T @ A.mT + self._noise + doubt**2 * PLANE
+        S = HP @ TOTAL.T @ A.mT + self._noise + motion.doubt[step] ** 2 * PLANE
         S = (S + S.mT) / 2  # else rounding grows
         determinant = (S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] ** 2)[:, None, None]
         inverse = (S.trace(axis1=1, axis2=2)[:, None, None] * PLANE - S) / determinant
@@ -389,9 +384,7 @@ def filtered(parameters: Array, motion: Motion) -> Filtered:
         states[:, t] = run.states
         spreads[:, t] = run.spreads
         if finite[t]:
-            errors[t], expected[t] = run.update(
-                motion.axes[t], motion.velocity[t], motion.force[t], motion.doubt[t]
-            )
+            errors[t], expected[t] = run.update(motion, t)
             states[1, t] = run.states
             spreads[1, t] = run.spreads
     return Filtered(run.total, errors, expected, states, spreads, run.decay)

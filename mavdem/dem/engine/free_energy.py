@@ -57,7 +57,7 @@ class SampleEnergy(NamedTuple):
         )
         noise = 0.5 * float(
             model.log_precision(lambda_)
-            + np.sum(belief.state_covariance * state_curvature(model, theta, np.exp(lambda_)))
+            + np.sum(belief.state_covariance * state_curvature(model, belief))
             + logdet(belief.state_covariance)
         )
         return cls(priors + noise, priors, model.error_operator(theta), precision, uncertainty)
@@ -83,28 +83,22 @@ def expected_weights(lambda_: Array, lambda_covariance: Array) -> Array:
     return np.exp(lambda_) * (1.0 + 0.5 * lambda_covariance.diagonal())
 
 
-def state_curvature(model: GenerativeModel, theta: Array, weights: Array) -> Array:
-    """Returns U_XX, the same at every sample, for noise precisions ``weights`` = e^λ."""
-    of_X = model.error_operator(theta)[:, model.hidden]
-    return -of_X.T @ model.precision(weights) @ of_X
+def state_curvature(model: GenerativeModel, belief: Belief) -> Array:
+    """Returns U_XX, the same at every sample."""
+    of_X = model.error_operator(belief.theta)[:, model.hidden]
+    return -of_X.T @ model.precision(np.exp(belief.lambda_)) @ of_X
 
 
-def theta_curvature(model: GenerativeModel, moments: GeneralizedMoments, weights: Array) -> Array:
+def theta_curvature(model: GenerativeModel, belief: Belief) -> Array:
     """Returns Ū_θθ (k, k)."""
-    return -model.prior.theta_precision - model.parameter_precision(weights, moments.joint)
+    weights = np.exp(belief.lambda_)
+    return -model.prior.theta_precision - model.parameter_precision(weights, belief.moments.joint)
 
 
-def lambda_curvature(
-    model: GenerativeModel,
-    moments: GeneralizedMoments,
-    theta: Array,
-    lambda_: Array,
-) -> Array:
+def lambda_curvature(model: GenerativeModel, belief: Belief) -> Array:
     """Returns Ū_λλ (g, g)."""
-    return (
-        -np.diag(0.5 * np.exp(lambda_) * moments.squared_errors(theta))
-        - model.prior.lambda_precision
-    )
+    squares = belief.moments.squared_errors(belief.theta)
+    return -np.diag(0.5 * np.exp(belief.lambda_) * squares) - model.prior.lambda_precision
 
 
 class Term(StrEnum):

@@ -182,14 +182,15 @@ class GenerativeModel:
         n, r, m = self.sizes
         of_y, of_v, of_x = self.errors
         y = of_y.stop
-        v = of_v.stop - of_v.start
+        data = of_v.stop
+        v = data - y
         x = n * (self.p + 1)
-        at_x = slice(y + v, y + v + x)
-        at_v = slice(y + v + x, None)
-        fixed = np.zeros((self.about_zero.stop, y + v + x + v))
+        at_x = slice(data, data + x)
+        at_v = slice(at_x.stop, None)
+        fixed = np.zeros((self.about_zero.stop, at_x.stop + v))
         fixed[self.about_zero, at_x] = np.eye(self.about_zero.stop - self.about_zero.start, x)
         fixed[of_y, :y] = np.eye(y)
-        fixed[of_v, y : y + v] = -np.eye(v)
+        fixed[of_v, y:data] = -np.eye(v)
         fixed[of_v, at_v] = np.eye(v)
         # D moves every block up by one order. The highest order's derivative is not modelled: D's last row is zero, or,
         # for q < p, not there.

@@ -64,13 +64,14 @@ def discretize(A: Array, B: Array, dt: float) -> Transition:
     A and B are (..., n, n) and (..., n, r), of one model or of several.
     """
     n, r = B.shape[-2:]
-    generator = np.zeros((*B.shape[:-2], n + 2 * r, n + 2 * r))
+    held = n + r
+    generator = np.zeros((*B.shape[:-2], held + r, held + r))
     generator[..., :n, :n] = A * dt
-    generator[..., :n, n : n + r] = B * dt
-    generator[..., n : n + r, n + r :] = np.eye(r)
+    generator[..., :n, n:held] = B * dt
+    generator[..., n:held, held:] = np.eye(r)
     flow = expm(generator)
-    ramp = flow[..., :n, n + r :]
-    return Transition(flow[..., :n, :n], flow[..., :n, n : n + r] - ramp, ramp)
+    ramp = flow[..., :n, held:]
+    return Transition(flow[..., :n, :n], flow[..., :n, n:held] - ramp, ramp)
 
 
 # condition of the eigenvectors that costs half of the digits: it runs sample by sample instead of mode by mode

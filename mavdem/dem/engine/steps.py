@@ -147,11 +147,8 @@ class FreeEnergyOfLambda(NamedTuple):
 
 def with_optimal_precisions(model: GenerativeModel, belief: Belief) -> Belief:
     """Returns the belief with every covariance at the maximum of F̄, Eq. ``Pi_curvature``."""
-    weights = np.exp(belief.lambda_)
     return belief._replace(
-        state_covariance=inverse(-state_curvature(model, belief.theta, weights)),
-        theta_covariance=inverse(-theta_curvature(model, belief.moments, weights)),
-        lambda_covariance=inverse(
-            -lambda_curvature(model, belief.moments, belief.theta, belief.lambda_)
-        ),
+        state_covariance=inverse(-state_curvature(model, belief)),
+        theta_covariance=inverse(-theta_curvature(model, belief)),
+        lambda_covariance=inverse(-lambda_curvature(model, belief)),
     )
