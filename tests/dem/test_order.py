@@ -4,11 +4,13 @@ from unittest.mock import Mock
 
 import numpy as np
 from pytest import approx, mark, raises
+from refusals import refused
 from simulated import simulated
 
+from mavdem import Flight
 from mavdem.dem import order_choice
 from mavdem.dem.order_choice import STANDARD_ERRORS, FlightOrders, OrderChoice, orders_of
-from mavdem.facts.model import OrderFact
+from mavdem.facts.model import ModelRefusal, OrderFact
 
 
 def choice(*flights):
@@ -71,5 +73,11 @@ def test_orders_that_the_data_do_not_allow_or_that_break_down_are_said(monkeypat
     monkeypatch.setattr(order_choice, "fits_by_order", lambda *_: fits)
     (remark,) = orders_of(simulated(samples=200), max_order=2).remarks
     assert (remark.code, remark.figures["order"]) == (OrderFact.ORDER_BROKE_DOWN, 2)
-    with raises(ValueError, match="^40 samples are too few"):
-        orders_of(simulated(samples=40, wind=1.0))
+    few = refused(orders_of, simulated(samples=40, wind=1.0))
+    assert few.code is ModelRefusal.TOO_FEW_TO_CHOOSE_ORDER
+
+
+def test_a_ramp_whose_rate_never_changes_has_no_order():
+    flight = simulated(samples=700)
+    ramp = Flight(flight.time, flight.inputs, flight.time)
+    assert refused(orders_of, ramp, max_order=1).code is ModelRefusal.NO_ORDER_FITTED

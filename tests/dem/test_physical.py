@@ -219,6 +219,7 @@ def test_inputs_that_curve_are_seen_on_unseen_windows_and_straight_ones_are_not(
         (lambda f: replace(f, inputs=0 * f.inputs), NoPhysical.MOTORS_STILL),
         (lambda f: f[:150], NoPhysical.TOO_FEW_SAMPLES_WITHOUT_GAPS),
         (lambda f: Flight(4 * f.time, f.inputs, f.outputs), NoPhysical.SAMPLED_TOO_SLOWLY),
+        (lambda f: Flight(f.time, f.inputs, 0 * f.time), NoPhysical.NO_LIKELIHOOD),
     ],
 )
 def test_what_cannot_be_fitted_is_said(change, reason):

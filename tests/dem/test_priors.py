@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx, mark, raises
+from refusals import refused
 from scipy.linalg import expm
 from simulated import DT, GAIN, RATE, simulated
 
@@ -13,6 +14,7 @@ from mavdem.dem import Gaussian
 from mavdem.dem.engine.model import pack, unpack
 from mavdem.dem.engine.state_space import filter_gain
 from mavdem.dem.priors import explicit_prior
+from mavdem.facts.model import ModelRefusal
 
 KNOWN = 1e8
 
@@ -64,6 +66,14 @@ def test_a_known_parameter_stays_and_coupled_ones_may_be_known_by_their_sum_alon
     assert_allclose(learned.model.C, off * np.eye(2), atol=5e-4)
     A, B, C = unpack(learned.known, 2, 4, 2)
     assert C.all() and A[0].all() and B[0].all() and not A[1].any() and not B[1, 2:].any()
+
+
+def test_a_state_that_no_output_shows_breaks_the_fit_down():
+    A = np.diag([0.0, -RATE])
+    C = np.array([[0.0, 1.0], [0.0, 1.0]])
+    unseen = Gaussian(pack(A, np.array([np.zeros(4), GAIN]), C), KNOWN)
+    fact = refused(learn, simulated(wind=0.1)[:700], replace(SETTINGS, prior=unseen))
+    assert fact.code is ModelRefusal.FIT_BREAKS_DOWN
 
 
 def test_unknown_inputs_are_process_noise_of_the_filter():
