@@ -3,11 +3,13 @@
 from pathlib import Path
 from types import SimpleNamespace
 
-from command_line import document_of, run
+from command_line import document_of, refused, run
 from fleet_rows import WEAK, flight_row
 from pytest import fixture, mark
 from standin_logs import fleet_of
 
+from mavdem.facts import Fact
+from mavdem.facts.command import Place
 from mavdem.fleet.row import FlightRow
 
 
@@ -40,6 +42,12 @@ def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
     changes = document_of(capsys, "diff", *fleets, "--vehicle", "alpha")["changes"]
     changed = [one["quantity"] for one in changes if one["outcome"] == "changed"]
     assert {(one["kind"], one["motor"]) for one in changed} == {("share", 3), ("effect", 3)}
+
+
+def test_a_page_that_something_is_in_the_way_of_is_refused(fleets, capsys):
+    Path("out/diff.html").mkdir(parents=True)
+    said = str(Fact(Place.OUT_FAILED, path=Path("out"), because="it is a folder"))
+    assert said in refused(capsys, 2, "diff", *fleets, "--out", "out")
 
 
 @mark.parametrize(

@@ -17,6 +17,8 @@ from pytest import fixture, mark, raises
 from mavdem import Flight, Learned, Settings, learn, learn_many
 from mavdem.dem.parallel import AHEAD, FEW
 from mavdem.errors import NotLearnable
+from mavdem.facts import Fact
+from mavdem.facts.model import Workers
 
 
 def walk(seed):
@@ -27,6 +29,7 @@ def walk(seed):
 
 
 STILL = Flight(0.01 * np.arange(100), walk(0).inputs, np.zeros((100, 2)))
+PATH = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
 FLIGHTS = [walk(seed) for seed in range(3)]
 JOBS = [
     (
@@ -132,11 +135,19 @@ def test_workers_start_no_workers_of_their_own_and_end_with_a_killed_parent(tmp_
         "    with pool(2) as executor:\n        print(executor.submit(spare_cores).result(), flush=True)\n"
         "        os.kill(os.getpid(), signal.SIGKILL)\n"
     )
-    path = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     ended = subprocess.run(
-        [sys.executable, script], env=path, capture_output=True, text=True, timeout=60
+        [sys.executable, script], env=PATH, capture_output=True, text=True, timeout=60
     )
     assert ended.returncode == -signal.SIGKILL and ended.stdout == "1\n"
+
+
+@mark.slow
+def test_a_script_that_its_workers_import_anew_starts_no_others(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text("from mavdem.dem.parallel import pool\nwith pool(1):\n    pass\n")
+    words = [sys.executable, script]
+    ended = subprocess.run(words, env=PATH, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert str(Fact(Workers.SCRIPT_IMPORTED_BY_WORKER)) in ended.stderr
 
 
 def test_threads_that_learn_take_turns(monkeypatch):

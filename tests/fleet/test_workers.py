@@ -4,6 +4,7 @@ Most of these start processes. And sources: which logs names stand for, here and
 """
 
 import os
+import resource
 import signal
 import socket
 import sqlite3
@@ -33,7 +34,7 @@ from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.sources import fetch, find_logs
 from mavdem.fleet.store import STORE, read_rows
-from mavdem.fleet.workers import Job, Limits, WorkerPool, outcome_of, perform
+from mavdem.fleet.workers import Job, Limits, LogReader, WorkerPool, outcome_of, perform
 
 
 def test_an_outcome_has_the_log_s_name_and_key_and_why_it_has_no_rows(tmp_path):
@@ -88,6 +89,16 @@ def test_no_log_stops_a_run(tmp_path):
         "big_0.bin": Reading.READING_TOO_LARGE,
         "crash_0.bin": Reading.READER_DIED,
     }
+
+
+def test_a_run_that_can_start_no_process_ends_and_says_so(tmp_path):
+    _, most = limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (3, most))  # too few open files for a pipe
+    try:
+        fact = unreadable(LogReader().read, Job(str(tmp_path)), LIMITS, rows_of_log)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+    assert fact.code is Reading.READERS_NOT_STARTED
 
 
 RUN = """

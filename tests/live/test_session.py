@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import all as dialect
 from pytest import approx, fixture, mark
 from recorded_flights import FLIGHT
 from refusals import refused
+from simulated import simulated
 
 import mavdem
 from mavdem.assessment.judgement import unjudged
@@ -161,6 +162,14 @@ def test_why_there_is_no_model_at_the_end_is_a_fact(error, code):
     assert refused(one.final_model).code is Session.NO_LIVE_FLIGHT
     one.learner = Mock(**{"learn_now.side_effect": error})
     assert refused(one.final_model).code is code
+
+
+def test_a_prior_of_other_inputs_is_not_used_and_says_so():
+    other = mavdem.learn(simulated(samples=300, wind=1.0))
+    one, _, said = session_of(batches(5.0), prior=other)
+    run(one)
+    assert [fact.code for fact in said].count(Session.PRIOR_NOT_USED) == 1
+    assert one.learner is not None
 
 
 @mark.slow
@@ -346,6 +355,8 @@ def test_a_computer_that_is_too_slow_says_so_sheds_fits_and_then_plots_but_no_ro
     assert shed.index((True, False)) < shed.index((True, True)), "fits wait first, then pictures"
     assert (False, True) not in shed
     assert one.most_behind - 1 > max(delays) > 3, "estimates wait after pictures, and rows do not"
+    first, *_ = (status.slow for status in screen.statuses if status.slow)
+    assert first.code is Session.ESTIMATES_LATE and first.figures["delay"] == approx(1.5, abs=0.6)
     begin, end = (fact for fact in said if "delay" in fact.figures)
     assert (begin.code, end.code) == (Session.COMPUTER_BEHIND, Session.COMPUTER_KEEPS_UP)
     assert begin.figures["delay"] == approx(1.0, abs=0.05)
