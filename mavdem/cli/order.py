@@ -21,8 +21,7 @@ from mavdem.dem.order_choice import (
 )
 from mavdem.dem.parallel import parallel_map
 from mavdem.documents.comparison import Order
-from mavdem.errors import NotLearnable, fact_of
-from mavdem.facts import Fact
+from mavdem.errors import NotLearnable
 from mavdem.facts.command import Source
 from mavdem.flight import Flight
 from mavdem.heading import Names
@@ -89,9 +88,8 @@ def order_command(
         closing(parallel_map(work, flights.values())) as coming,
     ):
         for number, (name, result) in enumerate(zip(flights, coming, strict=True), 1):
-            if isinstance(result, ValueError):
-                because = Fact(Source.NO_ORDER_OF_FLIGHT, because=fact_of(result))
-                refused[name] = NotLearnable(because)
+            if isinstance(result, NotLearnable):
+                refused[name] = result
             else:
                 orders[name] = result
             done(number / len(flights))
@@ -113,9 +111,9 @@ def order_command(
     say_aside(f"Took {seconds:.1f} s.")
 
 
-def _orders(flight: Flight, most: int, known_inputs: bool) -> FlightOrders | ValueError:
+def _orders(flight: Flight, most: int, known_inputs: bool) -> FlightOrders | NotLearnable:
     """F̄ by order of a flight, or why there is none."""
     try:
         return orders_of(flight, most, known_inputs)
-    except ValueError as error:
+    except NotLearnable as error:
         return error

@@ -18,7 +18,6 @@ class Source(Code):
     STANDARD_INPUT_IS_NO_LOG = "standard_input_is_no_log"
     LINK_IS_NO_LOG = "link_is_no_log"
     AS_MANY_INPUTS_NEEDED = "as_many_inputs_needed"
-    NO_ORDER_OF_FLIGHT = "no_order_of_flight"
 
 
 class End(Code):

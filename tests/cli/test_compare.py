@@ -3,19 +3,13 @@
 import time
 
 from command_line import document_of, run, strict_json
-from hover import Hover
-from live_hover import Flight
-from mavlink_streams import tlog
 from pytest import fixture, mark
 from recorded_flights import FLIGHT, SLOW, shared
-from refusals import refused
 
 from mavdem import baselines
-from mavdem.cli.order import order_command
 from mavdem.evaluate.comparison import Method
 from mavdem.facts import Fact
 from mavdem.facts.command import Source
-from mavdem.facts.model import ModelRefusal
 
 pytestmark = mark.slow
 
@@ -53,21 +47,9 @@ def test_a_flight_too_short_says_what_fits(quick, capsys):
     assert run("compare", FLIGHT, *said.split("`")[1].split()) == 0
 
 
-class Stuck(Hover):
-    """A hover whose first motor does not vary."""
-
-    def motors(self, t):
-        return super().motors(t).clip(max=[1500, 2000, 2000, 2000])
-
-
-def test_flights_of_other_inputs_or_without_an_order_are_left_out(tmp_path, capsys):
+def test_a_flight_of_other_inputs_is_left_out_of_an_order(capsys):
     demand = shared("real/logs/px4_default_rates_learnable.ulg")
     assert run("order", FLIGHT, demand, "--max-order", "1", "--json") == 0
     said = capsys.readouterr()
     assert len(strict_json(said.out)["flights"]) == 1
     assert str(Fact(Source.AS_MANY_INPUTS_NEEDED, count=1, needed=4)) in said.err
-    still = tmp_path / "still.tlog"
-    still.write_bytes(tlog(frame for _, frame in Flight(Stuck(hovering=8.0)).frames()))
-    left = refused(order_command.main, [str(still)], standalone_mode=False)
-    assert left.code is Source.NO_ORDER_OF_FLIGHT
-    assert left.figures["because"].code is ModelRefusal.CHANNEL_CONSTANT
