@@ -247,6 +247,14 @@ def test_the_true_plant_does_what_the_vehicle_does_in_calm_air():
     assert np.ptp(test.outputs, axis=0).min() > 0.4
 
 
+def test_what_turns_steadily_at_its_trim_goes_on_turning():
+    time = DT * np.arange(400)
+    outputs = np.stack([0.5 * time - 1e-3 * np.cos(time), 0.5 + 1e-3 * np.sin(time)], axis=1)
+    turning = Flight(time, np.full((400, 4), 1500.0), outputs)
+    found = simulated(TRUE, Record.of(turning), turning.inputs[:STEPS]).mean
+    assert_allclose(found[:, 1], 0.5, atol=2e-3)
+
+
 def test_the_variance_is_that_of_wind_which_nothing_counteracts():
     """Over many winds, from the same beginning: four standard errors of a variance of so many flights."""
     record = Record.of(in_closed_loop(0, steering=0.5))
@@ -310,6 +318,9 @@ def test_bands_hold_commanded_flights():
         errors.append(mavdem.evaluate.relative_mspe(train, test, ahead))
     assert np.mean(inside) > 0.8
     assert np.median(errors) < 0.1
+    variance = simulated(learned.physical, learned.record, test.inputs).variance
+    # Half of a normal distribution.
+    assert_allclose(learned.simulate_band(test.inputs, 0.5), 0.67449 * np.sqrt(variance), rtol=1e-5)
 
 
 @mark.slow

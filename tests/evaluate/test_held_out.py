@@ -75,6 +75,9 @@ def test_a_model_that_cannot_be_learnt_errs_infinitely_and_says_why(held_out, mo
     none = held_out_windows([FLIGHT], QUICK, STEPS)
     assert [failure.figures["text"] for failure in none.failures] == ["the outputs must vary"]
     assert none.error_ratio() == np.inf and none.coverage == 0.0
+    held_out_windows([FLIGHT, FLIGHT], QUICK, STEPS)
+    trained = [sum(map(len, call.args[0])) for call in learn.call_args_list[-FOLDS:]]
+    assert trained == [approx(2 * len(FLIGHT) * (1 - 1 / FOLDS), abs=1)] * FOLDS
     # The baselines need no model, and the band is judged by what was forecast.
     for name in (CONSTANT_MEAN, HOLD_LAST):
         assert_allclose(none.forecasts[name], held_out.forecasts[name])
