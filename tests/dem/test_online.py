@@ -336,6 +336,10 @@ def test_a_change_is_marked_promptly_and_so_is_the_next(size):
     for at in failures:
         surprise[round(at / DT) : round(at / DT) + 200] += size
     assert_allclose(marked(AnomalyMarks(DT), surprise), failures, atol=0.5)
+    # One that lasts hides nothing, itself included.
+    surprise = surprises(rng, 55.0)
+    surprise[round(20.0 / DT) :] += size
+    assert_allclose(marked(AnomalyMarks(DT), surprise), [20.0, 40.0], atol=0.5)
     # Nothing is marked before there are peaks to compare with.
     surprise = np.full(3000, 1e6)
     assert not len(marked(AnomalyMarks(DT), surprise[: round(3 * PEAK_SECONDS / DT)]))

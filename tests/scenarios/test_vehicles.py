@@ -6,6 +6,8 @@ import numpy as np
 from pytest import approx, mark
 
 from sitl_scenarios.dynamics import AirState, dynamics
+from sitl_scenarios.files import scenario_of
+from sitl_scenarios.gains import controller_for
 from sitl_scenarios.mavlink.autopilots import ARDUPILOT, PX4
 from sitl_scenarios.mavlink.messages import parameters
 from sitl_scenarios.scenario import Scenario, VehicleSpec
@@ -50,8 +52,20 @@ def test_px4_is_told_the_turning_of_each_rotor_as_it_turns(kind):
     assert [values[f"CA_ROTOR{n}_KM"] for n in range(4)] == [0.05, 0.05, -0.05, -0.05]
 
 
+ROLL = (0.1, 0.0, 0.0, 0.5)  # a demand, with thrust
+
+
 def test_an_autopilot_may_take_the_frame_for_another():
-    assert told(ARDUPILOT, frame="x", mixer="plus")["FRAME_TYPE"] == 0
+    taken = {"frame": "x", "mixer": "plus"}
+    assert told(ARDUPILOT, **taken)["FRAME_TYPE"] == 0
+    assert told(PX4, **taken) == approx(told(PX4, frame="plus"))
+    stream = {"autopilot": "ardupilot"}
+    mixed = []
+    for kind in (taken, {"frame": "plus"}):
+        vehicle = {**kind, "parameters": {"ATC_RAT_RLL_P": 0.1}}
+        flown = controller_for(scenario_of({"vehicle": vehicle, "stream": stream}), 0.004)
+        mixed.append(flown.mixed(ROLL))
+    assert mixed[0] == mixed[1]
 
 
 def test_drag_is_linear_and_quadratic_along_each_axis():
