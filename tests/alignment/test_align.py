@@ -108,6 +108,19 @@ def test_signals_of_another_axis_know_what_was_found_and_those_of_another_flight
     assert settled_segments(other) != found
 
 
+def test_each_of_two_boots_whose_clocks_overlap_has_its_segment():
+    once = HOVER.telemetry()
+    parted = only(once, lambda time: (time < 30.0) | (time > 33.0))
+    twice = {}
+    for name, table in once.messages.items():
+        later = parted.messages[name]
+        twice[name] = {field: np.append(table[field], later[field]) for field in table}
+        twice[name]["boot"] = np.repeat([0, 1], [len(table["time"]), len(later["time"])])
+    parts = [replace(part, boot=1) for part in settled_segments(Signals(parted))]
+    found = settled_segments(Signals(replace(once, messages=twice)))
+    assert found == (*settled_segments(Signals(once)), *parts)
+
+
 def test_the_longest_segment_is_the_hover_and_without_climb_rate_its_ends_are_cut_by_the_clock():
     slow = HOVER.telemetry()
     slow = changed(slow, "LOCAL_POSITION_NED", vz=0.56 * slow.messages["LOCAL_POSITION_NED"]["vz"])

@@ -253,12 +253,12 @@ def test_armed_outvotes_strays_and_foreign_heartbeats():
     table["base_mode"][30] = 0
     table["base_mode"][2] = ARMED
     table["type"][33:36] = MAV_TYPES["GCS"]
-    table["autopilot"][33:36] = MAV_AUTOPILOTS["INVALID"]
-    table["base_mode"][33:36] = 0
+    table["autopilot"][36:39] = MAV_AUTOPILOTS["INVALID"]
+    table["base_mode"][33:39] = 0
     state = Signals(changed(telemetry, "HEARTBEAT", **table)).armed
     expected = (state.time >= 5) & (state.time < HOVER.landed + 1)
     assert_array_equal(state.values > 0, expected)
-    assert len(state.time) == len(table["time"]) - 3
+    assert len(state.time) == len(table["time"]) - 6
 
 
 def test_the_demand_on_an_axis_is_one_input_that_turns_it():
