@@ -263,18 +263,18 @@ def test_the_log_is_judged_by_its_rates_and_gaps():
         assert bool(fact.remedy) == (code is not LogLight.RECORDED_FAST)
 
 
-def standing(change):
-    """The hover with a roll rate on the ground before that goes up and down by ``change``, rad/s."""
-    telemetry = HOVER.telemetry(50.0, 50.0)
+def standing(change, rate=50.0):
+    """The hover with a roll rate on the ground before that drifts by ``change``, rad/s, in a fiftieth of a second."""
+    telemetry = HOVER.telemetry(rate, 50.0)
     attitude = telemetry.messages["ATTITUDE"]
-    ground = change * (np.arange(len(attitude["time"])) % 2)
-    rate = np.where(attitude["time"] < 5.0, ground, attitude["rollspeed"])
-    return changed(telemetry, "ATTITUDE", rollspeed=rate)
+    ground = 50.0 * change * attitude["time"]
+    turning = np.where(attitude["time"] < 5.0, ground, attitude["rollspeed"])
+    return changed(telemetry, "ATTITUDE", rollspeed=turning)
 
 
 def test_what_shows_that_a_flight_was_simulated():
     telemetry = HOVER.telemetry(20.0, 20.0)
-    for real in (telemetry, standing(5.1e-5), standing(0.0)):
+    for real in (telemetry, standing(5.1e-5), standing(5.1e-5, 100.0), standing(0.0)):
         assert simulated_of(evidence(real)) is None
     for simulated, kind in (
         (replace(telemetry, parameters={"SYS_HITL": 1.0}), Simulation.HARDWARE),

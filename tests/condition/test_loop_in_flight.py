@@ -170,18 +170,22 @@ def test_a_plant_that_cannot_be_drawn_is_not_found_and_an_unknown_margin_at_most
 ):
     signals, flights = flown(thinned(log, 16))
 
-    def refused_with(share):
+    def plant_with(share):
         def spread(axis):
             found = identified(axis)
             return found._replace(covariance=found.covariance * share)
 
         monkeypatch.setattr(in_flight, "identified", spread)
-        return refused(plant_in_loop, Signals(signals.telemetry), flights)
+        return plant_in_loop(Signals(signals.telemetry), flights)
 
-    assert refused_with(np.nan).code is Loops.LOOP_NOT_FOUND
-    uncertain = refused_with(1e5)
-    assert uncertain.code is Loops.MARGIN_UNCERTAIN
+    assert refused(plant_with, np.nan).code is Loops.LOOP_NOT_FOUND
+    widths = []
+    for share in (14.0, 1e5):
+        uncertain = refused(plant_with, share)
+        assert uncertain.code is Loops.MARGIN_UNCERTAIN
+        widths.append(np.ptp(uncertain.figures["phase_margin_interval"]))
     assert uncertain.figures["phase_margin_interval"][1] == 180.0
+    assert widths[0] == approx(31.5, abs=1.5) and plant_with(10.0), "15° to each side"
 
 
 @mark.parametrize("gain", [0.0, 0.5])

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 import mavdem
 from mavdem.alignment.drive import Signal
 from mavdem.alignment.signals import Signals
-from mavdem.condition.wind_of_log import YAW_JUMP, _jumps, air_of, wind_of
+from mavdem.condition.wind_of_log import YAW_JUMP, _jumps, air_of, is_reset, wind_of
 from mavdem.condition.wind_velocity import (
     coming_from,
     least_speed,
@@ -180,6 +180,9 @@ def test_what_is_no_free_flight_is_refused():
 def test_resets_are_no_motion():
     yaw = np.array([6.2, 0.1, 0.2, 1.4, 1.5])  # past north, then a reset
     assert np.flatnonzero(_jumps(0.1 * np.arange(5.0), yaw, YAW_JUMP, 2 * np.pi)) == [2]
+    # Half a second at 3 m/s is 1.5 m; what is 1 m, and 2 m/s, off that is a reset.
+    ways = np.array([-0.6, -0.4, 3.4, 3.6])
+    assert is_reset(ways, 2.0, 4.0, 0.5).tolist() == [True, False, False, True]
     indoors = shared("real/logs/px4_two_armed_times.ulg")  # its v_xy_valid is 0
     assert refused(mavdem.wind, indoors).code is NoWind.NO_FLIGHT_WITH_VELOCITY
 

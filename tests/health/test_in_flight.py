@@ -114,6 +114,7 @@ def test_every_fault_is_found_and_its_end(faults):
         for motor in np.flatnonzero(np.subtract(rise, before)):
             one = found.pop(0)
             assert one.motor == motor + 1 and begin < one.time - 100.0 < begin + 2.5
+            assert one.since == 100.0 + begin
             assert one.weak == (rise[motor] > 1) and one.size == approx(rise[motor] - 1, abs=0.05)
             code = InFlight.MOTOR_LOST_THRUST if one.weak else InFlight.MOTOR_RECOVERED
             assert one.fact.code is code

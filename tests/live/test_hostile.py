@@ -87,6 +87,7 @@ def test_parameters_and_events_are_bounded():
 
 def test_stamps_however_close_together_take_no_more_memory_than_so_many_samples():
     samples = Samples()
+    assert samples.rate(100.0) == 0.0
     for number in range(3 * MAX_SAMPLES):
         samples.add(100.0 + 1e-6 * number, (0.5,))
     assert len(samples.time) <= MAX_SAMPLES + 64

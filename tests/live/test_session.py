@@ -44,6 +44,7 @@ COMPLETE = Settings(order=3, d=2, window=9, parameter_precision=10.0)
 FRAMES = [(stamp / 1e6, frame) for stamp, frame in read_stream(FLIGHT).stamped_frames()]
 FIRST = next(stamp for stamp, frame in FRAMES if frame[7:10] == bytes([30, 0, 0]))
 """Of ATTITUDE; the parameters come before."""
+TURNING = np.array([-99.0, 99.0, 99.0, -99.0])  # µs of the motors, that turn an X about roll
 
 
 class ScriptedLink:
@@ -261,7 +262,8 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     one, *_ = session_of(batches(8.0))
     run(one)
     late = mavdem.read_flight(FLIGHT)[2000:4000]
-    known = mavdem.learn(late, COMPLETE).physical
+    learned = mavdem.learn(late, COMPLETE)
+    known = learned.physical
     # As fitted in flight, to more than the model's own samples.
     one._estimate = one._estimate._replace(physical=known)
     model = one.final_model()
@@ -281,6 +283,12 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     assert all(str(purpose.reason) in page for purpose in one.judged[0].purposes)
     assert lights["motors"].code is Unjudged.JUDGED_LATER, "no hover in flight would show the trim"
     assert "Not judged in flight." in page and "not logged" not in page
+    swing = np.sin(10 * np.pi * learned.dt * np.arange(len(late)))[:, None]
+    shaken = replace(
+        learned.record, inputs=late.inputs + swing * TURNING, outputs=late.outputs + swing
+    )
+    one.judge(replace(learned, record=shaken))
+    assert one.judged[1].lights["margins"].code is MarginsLight.OSCILLATES
 
 
 @mark.slow
