@@ -17,7 +17,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Facts
 from mavdem.facts.fleet import Folder, Reading
-from mavdem.facts.motors import HealthUnknown, MotorHealth
+from mavdem.facts.motors import HealthUnknown
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.row import SHARED, UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.sources import Source, find_logs
@@ -25,7 +25,7 @@ from mavdem.fleet.store import AssessRows, Store, is_fleet, opened, read_rows
 from mavdem.fleet.workers import Job, MakePage, WorkerPool
 from mavdem.heading import Numbers, Values
 from mavdem.health.assessment import assess
-from mavdem.health.balance import BalanceFigures, HealthFigures, healthy_flights, motor_signatures
+from mavdem.health.balance import BalanceFigures, HealthFigures, motor_signatures
 
 # of the time at its upper stop: with more a motor has nothing left, and the flight is not sound
 SATURATED = 0.01
@@ -63,10 +63,7 @@ def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
     given = {_key(row): judged.get(_key(row)) or health_figures(row) for row in healthy_rows}
     vehicles = assess([*judged.values()], [*given.values()] or None)
     assessments = dict(zip(judged, vehicles, strict=True))
-    sound = [judged[key] for key in judged if assessments[key].health is not MotorHealth.FAULT]
-    names = {flight.name for flight in given.values() or healthy_flights(sound)}
-    figures = given | judged
-    models = [row for row in (*healthy_rows, *flown) if figures[_key(row)].name in names]
+    models = healthy_rows or [row for row in flown if assessments[_key(row)].is_healthy]
     healthy = {(*_key(row), row.axis): row for row in models}.values()
 
     def with_health(row: FlightRow) -> FlightRow:

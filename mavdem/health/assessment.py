@@ -48,6 +48,9 @@ class HealthAssessment(NamedTuple):
     # that anything changed, faults included; None where unknown
     change_probability: float | None = None
     suspect_motor: int | None = None  # from 1, of a fault where one is named
+    is_healthy: bool = (
+        False  # whether it is one of the healthy flights that the others are judged beside
+    )
 
 
 def assess(
@@ -108,7 +111,10 @@ def assess(
         return assess(
             [replace(flight, sound=flight.sound and flight is not worst) for flight in flights]
         )
-    return tuple(assessments[number] for number in range(len(flights)))
+    return tuple(
+        assessments[number]._replace(is_healthy=flight in healthy)
+        for number, flight in enumerate(flights)
+    )
 
 
 def _assessment(

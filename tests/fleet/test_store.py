@@ -316,7 +316,6 @@ def test_health_comes_from_the_vehicle_s_healthy_flights():
         "lean_effect": (0.0,) * 6,
         "lean_effect_error": (0.1,) * 6,
         "duration": 60.0,
-        "mean_inputs": None,
         "positions": ((1, 1), (-1, -1), (1, -1), (-1, 1)),
         "spins": (1, 1, -1, -1),
         "motors": tuple("1234"),
@@ -324,7 +323,7 @@ def test_health_comes_from_the_vehicle_s_healthy_flights():
     rows = [
         flight(
             f"{day}",
-            (),
+            (day, 0),
             vehicle="7",
             vehicle_basis="board",
             date=datetime(2026, 5, day, tzinfo=UTC),
@@ -347,6 +346,7 @@ def test_health_comes_from_the_vehicle_s_healthy_flights():
         first = [replace(rows[0], **unsound), *rows[1:]]
         first = assess_rows(first, [])[0]
         assert first.health_code == MotorsBetween.MOTORS_UNCHANGED
+        assert first.residual_mean == approx(2)
         assert "against 3 of the vehicle's first sound flights" in first.health_reason
     rows[3] = replace(rows[3], balance=(0.08, 0.08, -0.08))
     assert [row.health == "ok" for row in assess_rows(rows, rows[:3])] == [True] * 3 + [False]
