@@ -1,7 +1,6 @@
 """Overrides: what makes a flight itself doubtful, whatever a model of it is good for."""
 
 from collections.abc import Sequence
-from math import radians
 
 from mavdem.alignment.learnability import DOUBTFUL_CONSISTENCY
 from mavdem.condition.condition import Condition, HoverFigures
@@ -51,12 +50,10 @@ def overrides_of(
 def _oscillation(oscillation: Oscillation) -> Fact:
     return Fact(
         Override.OSCILLATION,
-        subject=oscillation.axis,
-        frequency=oscillation.frequency,
-        turn_rate=radians(oscillation.rate),
         duration=oscillation.seconds,
         growing=oscillation.growing,
         share=oscillation.at_limit,
+        **oscillation.figures,
     )
 
 

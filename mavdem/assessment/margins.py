@@ -1,6 +1,6 @@
 """The light on margins: a limit cycle, or the worst of the axes; else what keeps them from being known."""
 
-from math import inf, radians
+from math import inf
 
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.assessment.axis_margins import of_response
@@ -14,16 +14,11 @@ def margins_light(evidence: Evidence) -> Fact:
     """Returns the light on margins: a limit cycle, or the worst of the axes; else what keeps them from being known."""
     oscillation = evidence.condition.oscillation
     if oscillation is not None:
-        return Fact(
-            MarginsLight.OSCILLATES,
-            subject=oscillation.axis,
-            frequency=oscillation.frequency,
-            turn_rate=radians(oscillation.rate),
-        )
+        return Fact(MarginsLight.OSCILLATES, **oscillation.figures)
     found = [fact for axis in evidence.margins for fact in axis.facts]
     found.sort(key=lambda fact: fact.figures.get("share", inf))
     if found and (light := worst(found)).level in (Level.BAD, Level.WATCH):
-        return light
+        return light.but(path=evidence.log.source)
     enough = [fact for fact in found if fact.level is Level.GOOD]
     names = dict.fromkeys(fact.figures["axis"] for fact in enough)
     if names.keys() & set(TILT_AXES):

@@ -4,7 +4,11 @@ Wind spreads over all frequencies. A loop without margin turns to and fro at one
 motors do is then in one narrow band of their spectra.
 """
 
-from collections.abc import Iterator, Mapping
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from math import radians
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +20,7 @@ from mavdem.alignment.quality import at_limits
 from mavdem.alignment.signals import MINIMUM_RATE
 from mavdem.condition.resonance import evenly_sampled, spectra_of, windows_of
 from mavdem.dem.engine.linalg import SMALLEST
+from mavdem.heading import Values
 
 WINDOWS = (4.0, 8.0)
 FEWEST_SAMPLES = 32
@@ -55,6 +60,18 @@ class Oscillation(NamedTuple):
     at_limit: float  # share of that time with a motor at a limit
     growing: bool  # whether the amplitude grew
     seconds: float  # how long it oscillates
+    others: tuple[Oscillation, ...] = ()  # of axes that oscillate too, and turn more slowly
+
+    @property
+    def figures(self) -> Values:
+        """What facts say of it: axis, frequency and rate, rad/s, and the same of all axes that oscillate."""
+        axes = [(each.axis, each.frequency, radians(each.rate)) for each in (self, *self.others)]
+        return {
+            "subject": self.axis,
+            "frequency": self.frequency,
+            "turn_rate": radians(self.rate),
+            "axes": axes,
+        }
 
 
 def oscillation_of(
@@ -73,7 +90,7 @@ def oscillation_of(
         for seconds in WINDOWS
         for cycle in _limit_cycles(axis, tilt, motors, parts, seconds, whole)
     ]
-    return max(cycles, key=lambda cycle: cycle.rate, default=None)
+    return _of_vehicle(cycles)
 
 
 def begun_oscillation(
@@ -88,10 +105,19 @@ def begun_oscillation(
         part = Segment(boot, max(since, now - 2.2 * seconds), now)
         for axis, tilt in tilts.items():
             begun += _limit_cycles(axis, tilt, motors, [part], seconds, np.inf, 1.9 * seconds)
-    strong = [
+    return _of_vehicle(
         cycle for cycle in begun if cycle.at_limit >= LIMITED_SHARE and cycle.rate >= LEAST_RATE
-    ]
-    return max(strong, key=lambda cycle: cycle.rate, default=None)
+    )
+
+
+def _of_vehicle(cycles: Iterable[Oscillation]) -> Oscillation | None:
+    """The strongest of all ``cycles``, with the strongest of each other axis."""
+    rate = attrgetter("rate")
+    of_axes = {cycle.axis: cycle for cycle in sorted(cycles, key=rate)}
+    if not of_axes:
+        return None
+    strongest, *others = sorted(of_axes.values(), key=rate, reverse=True)
+    return strongest._replace(others=tuple(others))
 
 
 def _limit_cycles(

@@ -6,7 +6,7 @@ those of ``assessment`` on the messages so far; a limit cycle is that of ``condi
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from math import inf, radians
+from math import inf
 
 import numpy as np
 
@@ -138,15 +138,7 @@ class Watchdog:
         if upper.any() or lower.any():  # without, there is none; most flights have none
             cycle = begun_oscillation(motors, motion.tilts, self._recent.boot, since, now)
         if cycle is not None:
-            yield (
-                Watched.OSCILLATION,
-                Fact(
-                    MarginsLight.OSCILLATES,
-                    subject=cycle.axis,
-                    frequency=cycle.frequency,
-                    turn_rate=radians(cycle.rate),
-                ),
-            )
+            yield Watched.OSCILLATION, Fact(MarginsLight.OSCILLATES, **cycle.figures)
         latest = motors.time >= now - DECISION_SECONDS
         if now - since < DECISION_SECONDS or not latest.any():
             return

@@ -107,12 +107,14 @@ def test_what_the_autopilot_injects_shows_no_margin():
 def oscillating(found):
     """The same of a vehicle that oscillates."""
     swinging = Oscillation("pitch", 5.0, 40.0, 0.0, False, 20.0)
+    swinging = swinging._replace(others=(swinging._replace(axis="roll", rate=9.0),))
     return replace(found, condition=replace(found.condition, oscillation=swinging))
 
 
 def test_a_limit_cycle_goes_before_all():
     light = margins_light(oscillating(evidence(flight(*closed_loop(60.0)))))
     assert (light.code, light.level) == (MarginsLight.OSCILLATES, "bad")
+    assert light.sentence.startswith("Pitch and roll oscillate: pitch at 5 Hz, by 40 °/s; roll")
     light = tracking_light(oscillating(following(0.1)))
     assert (light.code, light.level) == (TrackingLight.FOLLOWS_SETPOINT, "watch")
 
@@ -141,8 +143,10 @@ def test_the_worst_loop_of_a_flight_is_rated():
     assert list(loops) == ["roll", "pitch", "yaw"] and isinstance(loops["pitch"], Fact)
     tighter = loops["roll"].changed({"ATC_RAT_RLL_P": 1.03 * loops["roll"].controller.p})
     loops["pitch"] = replace(tighter, axis="pitch")
-    light = margins_light(evidence(log.vehicles[0], loops=loops))
+    named = replace(log, source="my flight.tlog")
+    light = margins_light(evidence(log.vehicles[0], loops=loops, log=named))
     assert (light.code, light.level) == (MarginsLight.LOOP_MARGINS, "watch")
+    assert light.remedy == "Set gains of `mavdem tune 'my flight.tlog' --axis all`."
     assert light.figures["axis"] == "pitch"
 
 

@@ -288,9 +288,8 @@ def tuned_by(loops, tracking=TrackingLight.FOLLOWS_SETPOINT, **options):
     evidence = SimpleNamespace(loops=loops, condition=calm, margins=(), grounds=())
     notch = Fact(NotchAdvice.SET_NOTCH, settings=(("INS_HNTCH_FREQ", 80.0),))
     even = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
-    judgement = Judgement(even, even, {})
-    known = SimpleNamespace(judgement=judgement, lights={"motors": even})
-    known.noise = SimpleNamespace(notch=notch)
+    judgement = Judgement(even, even, {"motors": even})
+    known = SimpleNamespace(judgement=judgement, noise=SimpleNamespace(notch=notch))
     with patch("mavdem.assessment.tuning.tracking_of", return_value=followed):
         return tuned(known, evidence, [*loops], is_written=False, **options)
 
@@ -364,6 +363,9 @@ def test_an_oscillating_vehicle_lowers_the_gains_that_act_at_its_frequency(frequ
     lower = [(name, PX4[name], approx(PX4[name] * 2 / 3)) for name in names]
     assert [*fact.figures["changes"]] == lower
     assert all(name in fact.sentence for name in names)
+    both = oscillation._replace(others=(oscillation._replace(axis="pitch"),))
+    pitch = {name.replace("ROLL", "PITCH"): value for name, value in PX4.items()}
+    assert len(lowered(both, PX4 | pitch).figures["changes"]) == 2 * len(names)
     unknown = lowered(oscillation, {})
     assert (unknown.code, unknown.figures["changes"]) == (Gains.LOWER_GAINS, ())
 

@@ -12,7 +12,7 @@ from mavdem.condition.condition import condition_of
 HOVER = Hover(hovering=40.0)
 
 
-def found(rate, command, hertz=100.0, offset=0.0):
+def found(rate, command, hertz=100.0, offset=0.0, pitch=0.0):
     """Of a hover with a roll rate (N,), deg/s, and a roll command (N,), µs, that are functions of time, s."""
     telemetry = HOVER.telemetry(attitude_time=hertz, motor_time=hertz)
     time = HOVER.stamps(hertz)
@@ -20,7 +20,8 @@ def found(rate, command, hertz=100.0, offset=0.0):
     outputs[0] += offset
     is_flying = pulses(telemetry) > 1000
     telemetry = with_pulses(telemetry, np.where(is_flying, outputs.clip(1150.0, 1990.0), 1000.0))
-    turning = changed(telemetry, "ATTITUDE", rollspeed=np.radians(rate(time)))
+    roll_rate = np.radians(rate(time))
+    turning = changed(telemetry, "ATTITUDE", rollspeed=roll_rate, pitchspeed=pitch * roll_rate)
     return condition_of(Signals(turning)).oscillation
 
 
@@ -46,11 +47,14 @@ def test_a_limit_cycle_has_its_frequency_rate_and_time_at_a_limit(hertz):
     one = found(
         lambda time: swinging(hertz, 85.0)(time) + gusts(10.0)(time),
         lambda time: 3 * swinging(hertz, 300.0)(time) + gusts(40.0)(time),
+        pitch=0.5,
     )
     assert one.axis == "roll" and not one.growing
     assert one.frequency == approx(hertz, abs=0.25)
     assert one.rate == approx(np.hypot(85.0 / np.sqrt(2), 10.0), rel=0.05)
     assert one.at_limit > 0.5 and one.seconds > 30
+    (other,) = one.others
+    assert (other.axis, other.rate) == ("pitch", approx(one.rate / 2))
 
 
 @mark.parametrize("seconds, growing", [(12.0, True), (33.0, True), (45.0, False)])

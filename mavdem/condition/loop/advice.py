@@ -216,20 +216,17 @@ def lowered(oscillation: Oscillation, parameters: Parameters) -> Fact:
     They are P and D of the rate or, where it oscillates so slowly that these do little, the gain of the angle or I. No
     values where the parameters have no controller.
     """
-    changes = []
-    with suppress(NotLearnable):
-        controller = controller_of(parameters, oscillation.axis, (1.0,))
-        turning = 2 * np.pi * (oscillation.frequency or np.inf)
-        corners = {"angle": controller.angle, "i": controller.i / controller.p}
-        acting = [gain for gain, corner in corners.items() if corner > turning / 2] or ["p", "d"]
-        names = [controller.names[gain] for gain in acting]
-        changes = [(name, parameters[name], LOWERED * parameters[name]) for name in names]
-    return Fact(
-        Gains.LOWER_GAINS,
-        subject=oscillation.axis,
-        changes=[change for change in changes if change[1]],
-        frequency=oscillation.frequency,
-    )
+    gains = dict[str, float]()
+    for cycle in (oscillation, *oscillation.others):
+        with suppress(NotLearnable):
+            controller = controller_of(parameters, cycle.axis, (1.0,))
+            turning = 2 * np.pi * (cycle.frequency or np.inf)
+            corners = {"angle": controller.angle, "i": controller.i / controller.p}
+            slow = [gain for gain, corner in corners.items() if corner > turning / 2]
+            names = [controller.names[gain] for gain in slow or ("p", "d")]
+            gains |= {name: value for name in names if (value := parameters[name])}
+    changes = [(name, value, LOWERED * value) for name, value in gains.items()]
+    return Fact(Gains.LOWER_GAINS, changes=changes, **oscillation.figures)
 
 
 def _refusals(loop: Loop, changes: bool) -> Facts:
