@@ -29,7 +29,8 @@ class Tuning(NamedTuple):
     advice: Sequence[Advice]  # of those whose loops are known, one at least
     parameters: Parameters  # to set, by the autopilot's name, where they change
     notch: Fact | None  # the filter to set, or why there is none; None where it was not asked for
-    judgement: Judgement  # of the flight; its next step is to load the gains, if there are some
+    # of the flight; its next step is to load the gains, unless something else is bad
+    judgement: Judgement
 
     @property
     def refusal(self) -> Fact | None:
@@ -50,12 +51,15 @@ def tuned(
     """Returns gains of these ``axes`` of an assessed vehicle, with the ``margins`` of that name in ``TARGETS``.
 
     ``more``: also of loops that have enough margin; ``filters``: with a notch filter; ``is_written``: whether a file
-    will have them. Raises NotLearnable: the loops of no axis are known.
+    will have them. Raises NotLearnable: the loops of no axis are known; what is bad of the vehicle it says first.
     """
+    judgement = assessment.judgement
+    headline = judgement.headline
     grounds = evidence.grounds
-    motors = assessment.lights["motors"]
+    motors = judgement.lights["motors"]
     if not grounds and motors.level is Level.BAD:
         grounds = (motors,)
+    first = [headline] if headline.level is Level.BAD and not grounds else []
     if (oscillation := evidence.condition.oscillation) is not None:
         grounds = (*grounds, lowered(oscillation, evidence.signals.telemetry.parameters))
     notch = assessment.noise.notch if filters and not grounds else None
@@ -80,7 +84,7 @@ def tuned(
             if settings and not advice.refusals:
                 advice = advise(loop.changed(settings), margins, more=more)
             found[axis] = advice
-        elif grounds or len(axes) > 1:
+        elif first or grounds or len(axes) > 1:
             found[axis] = Fact(Loops.NO_LOOP, reasons=grounds or (loop,))
         else:
             raise NotLearnable(loop)
@@ -89,16 +93,15 @@ def tuned(
         refused = {axis: fact for axis, fact in found.items() if isinstance(fact, Fact)}
         alike = grouped(refused, refused.__getitem__)
         reasons = [fact.but(names=names) for fact, names in alike.items()]
-        raise NotLearnable(Loops.NO_LOOP, reasons=reasons if len(alike) > 1 else [*alike])
+        first += reasons if len(alike) > 1 else alike
+        raise NotLearnable(Loops.NO_LOOP, reasons=first)
     gains = {
         name: value
         for each in advised
         if each.gains  # a notch costs phase, which is not known to be there otherwise
         for name, value in {**each.parameters, **settings}.items()
     }
-    judgement = assessment.judgement
-    if gains:
-        judgement = judgement._replace(
-            next_step=Fact(NextStep.LOAD_GAINS, judgement.headline.level, is_written=is_written)
-        )
+    if gains and (headline.level is not Level.BAD or headline == judgement.lights["margins"]):
+        following = Fact(NextStep.LOAD_GAINS, headline.level, is_written=is_written)
+        judgement = judgement._replace(next_step=following)
     return read_only(Tuning(found, advised, gains, notch, judgement))

@@ -99,7 +99,7 @@ def print_blocks(blocks: Iterable[Block]) -> None:
 
 
 def print_screen(
-    title: Sentence | None,
+    title: Block | None,
     brief: Iterable[Block],
     more: Iterable[Block],
     conclusion: Iterable[Block],

@@ -1,19 +1,39 @@
 """Results: the folder that review and learn write, with the page, the documents and the recordings of a log."""
 
+import json
+from contextlib import suppress
 from pathlib import Path
 
 from mavdem.assessment import Assessment
 from mavdem.cli.output import files_in, json_text
 from mavdem.heading import Values
-from mavdem.results import RESULT_FILES, result_files, write_result_files
+from mavdem.results import REPORT, RESULT_FILES, result_files, write_result_files
 
 
 def named_after(source: str) -> Path:
-    """Returns the folder named after a log, the ``source``, in the current one; not the log's own name."""
-    name = Path(source).name
-    stem = name.removesuffix(".xz")
-    stem = stem.removesuffix(Path(stem).suffix)
-    return Path(stem if stem.strip(".") and stem != name else f"{name}-learned")
+    """Returns the folder named after a log, the ``source``, in the current one: "flight", or "flight-2" and so on.
+
+    It has not the log's own name, and no results of another log.
+    """
+    log = Path(source)
+    stem = Path(log.name.removesuffix(".xz")).stem
+    first = stem if stem.strip(".") and stem != log.name else f"{log.name}-learned"
+    folder = Path(first)
+    number = 1
+    while not _is_free(folder, log):
+        number += 1
+        folder = Path(f"{first}-{number}")
+    return folder
+
+
+def _is_free(folder: Path, log: Path) -> bool:
+    """Whether there are no results in a ``folder``, or those of this ``log``."""
+    report = folder / REPORT
+    if not report.is_file():
+        return True
+    with suppress(OSError, ValueError, LookupError, TypeError):
+        return Path(json.loads(report.read_text())["source"]).resolve() == log.resolve()
+    return False
 
 
 def files_of(folder: Path, assessment: Assessment) -> dict[str, str]:

@@ -20,7 +20,7 @@ from mavdem.condition.loop.advice import Advice
 from mavdem.condition.loop.filters import gyro_filters
 from mavdem.condition.loop.loop import TARGETS
 from mavdem.documents.loops import AxisAdvice
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.ingest.parameter_file import parameter_files
 from mavdem.report.blocks import Sentence
 from mavdem.report.loops import tune_blocks
@@ -115,7 +115,10 @@ def tune_command(
         blocks = tune_blocks(tuning.axes, verbose)
         blocks += [Sentence(tuning.notch.advised, "Notch filter:")] if tuning.notch else []
         page = [Sentence(f"{out}/tune.html", "Page:")] if out else []
-        print_screen(None, [], lights, [*blocks, above, following, *page], verbose)
+        # What must not fly is said before its gains.
+        is_bad = assessment.headline.level is Level.BAD
+        title, last = (above, []) if is_bad else (None, [above])
+        print_screen(title, [], lights, [*blocks, *last, following, *page], verbose)
     if refusal:
         raise click.exceptions.Exit(1)
 

@@ -1,5 +1,6 @@
 """Review of a log on one screen: what it is of, the headline, eight lights, what happened, and what to do next."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from textwrap import shorten, wrap
@@ -11,6 +12,7 @@ from mavdem.report.words import headline, section
 
 COLUMNS = 80
 """Of a terminal that nobody has widened."""
+HARD_SPACE = "\xa0"
 
 
 def screen_of(assessment: Assessment) -> str:
@@ -20,7 +22,7 @@ def screen_of(assessment: Assessment) -> str:
     lights = [_light(name, fact) for name, fact in assessment.lights.items()]
     # What somebody reads when all has scrolled by is last.
     found = wrap(headline(assessment.headline), COLUMNS, max_lines=2, placeholder=" …")
-    last = [*found, *wrap(f"Next: {assessment.next_step}", COLUMNS)]
+    last = [*found, *_wrapped(f"Next: {assessment.next_step}")]
     room = max(LINES - 3 - len(lights) - len(last), 0)
     alarms = [*_alarms(assessment)][:room]
     return "\n".join([first, *lights, *alarms, *last])
@@ -38,6 +40,13 @@ def title_of(assessment: Assessment) -> Sentence:
         assessment=assessment,
     )
     return Sentence(" ".join(sentence.text for sentence in known), name)
+
+
+def _wrapped(text: str) -> Iterator[str]:
+    """The lines of a ``text``, with each command, as "`mavdem tune LOG`", whole on one, to be pasted."""
+    whole = re.sub("`.*?`", lambda command: command[0].replace(" ", HARD_SPACE), text)
+    for line in wrap(whole, COLUMNS, break_long_words=False, break_on_hyphens=False):
+        yield line.replace(HARD_SPACE, " ")
 
 
 def _light(name: str, fact: Fact) -> str:

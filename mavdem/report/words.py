@@ -12,6 +12,7 @@ from functools import cache
 from importlib.resources import files
 from math import degrees, tau
 from operator import attrgetter
+from shlex import quote
 from typing import Any
 
 from jinja2 import Environment, StrictUndefined, Template
@@ -132,6 +133,7 @@ def _environment() -> Environment:
         "parameter": PARAMETERS.get,
         "percent": lambda share, digits=0: f"{100 * share:.{digits}f} %",
         "plus_minus": plus_minus,
+        "quoted": quote,
         "rounded": rounded,
         "sentence": sentence,
         "short": short,

@@ -1,6 +1,7 @@
 """``mavdem learn``: its three files, its one document, and its refusals."""
 
 import shlex
+from pathlib import Path
 from unittest.mock import Mock
 
 import numpy as np
@@ -68,6 +69,14 @@ def test_people_see_one_screen_and_files_only_where_they_are_wanted(tmp_path, mo
 )
 def test_the_folder_is_named_after_the_log(source, folder):
     assert str(named_after(source)) == folder
+
+
+@mark.parametrize("held, folder", [("a.ulg", "a"), ("b/a.ulg", "a-2")])
+def test_results_of_another_log_stay(held, folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("a").mkdir()
+    Path("a/report.json").write_text(f'{{"source": "{held}"}}')
+    assert str(named_after("a.ulg")) == folder
 
 
 def test_names_do_not_reach_the_terminal_as_what_it_obeys(capsys):

@@ -2,10 +2,12 @@
 
 import re
 import time
+from dataclasses import replace
 
 from command_line import document_of, run, strict_json
 from pytest import raises
 from recorded_flights import LOGS, SLOW
+from refusals import prose
 
 import mavdem
 from mavdem.alignment.drive import AXES
@@ -47,6 +49,10 @@ def test_the_library_returns_what_is_printed(tmp_path):
     assert str(other).count("\n") < 15 and other.lights["log"].level is Level.UNKNOWN
     with raises(TypeError):
         other.lights["log"] = other.headline
+    command = "`mavdem tune 'my flight.tlog' --axis all`"
+    following = prose(f"What to do, in so many words that they do not fit on the line: {command}.")
+    judgement = other.judgement._replace(next_step=following)
+    assert f"\n{command}." in str(replace(other, judgement=judgement))
     other.page(tmp_path / "page.html")
     assert other.sentence(other.headline) in (tmp_path / "page.html").read_text()
 
