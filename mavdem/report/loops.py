@@ -29,7 +29,7 @@ FASTEST = 0.15
 def tune_blocks(found: AdviceByAxis, whole: bool = True) -> Blocks:
     """Returns what is said of the loops by axis; a fact is why nothing is known of them.
 
-    Unless ``whole``, that is a sentence each, the gains to set, and what limits them.
+    Unless ``whole``, that is a sentence each, the gains to set, and what for and what limits them.
     """
     blocks = Blocks()
     is_advised = False
@@ -43,7 +43,7 @@ def tune_blocks(found: AdviceByAxis, whole: bool = True) -> Blocks:
         if whole:
             blocks += [*_loop_blocks(advice), *gain_blocks(advice)]
         else:
-            blocks += gain_blocks(advice)[:1]
+            blocks += gain_blocks(advice)[:2]
     if not whole:
         blocks += limits_of(found)
     return [*blocks, *section("loop_not_checked", named=is_advised and whole)]
