@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from typing import TYPE_CHECKING, Any
 
 from mavdem.extras import require
@@ -12,7 +13,9 @@ if TYPE_CHECKING:
     from mavdem.assessment.assess import Assessment
     from mavdem.condition.loop.advice import Advice
     from mavdem.condition.loop.loop import Loop
+    from mavdem.condition.loop.twin import Twin
     from mavdem.dem import Learned
+    from mavdem.dem.engine.linalg import Array
     from mavdem.flight import Flight
     from mavdem.report.figures import Plots
 
@@ -89,6 +92,16 @@ def advice(loop: Loop) -> Advice:
     from mavdem.condition.loop.advice import advise
 
     return advise(loop)
+
+
+def replayed(twin: Twin, dt: float, setpoints: Array, torque: Array, seed: int) -> Array:
+    """Returns how the simulator flies a ``twin``."""
+    from mavdem.report.vehicle_files import vehicle_text
+    from sitl_scenarios.files import scenario_of
+    from sitl_scenarios.simulation import replayed
+
+    vehicle = tomllib.loads(vehicle_text(twin, ".toml", ""))
+    return replayed(scenario_of(vehicle | {"seed": seed}), dt, setpoints, torque)
 
 
 def assessment_page(assessment: Assessment) -> str:

@@ -75,6 +75,14 @@ class LoopDownstream:
         return _upstairs.advice(self)
 
 
+class TwinDownstream:
+    """What becomes of a vehicle for simulators."""
+
+    def replayed(self, dt: float, setpoints: Any, torque: Any, seed: int = 0) -> Any:
+        """Returns how the simulator flies it, as ``sitl_scenarios.simulation.replayed``; ValueError where it cannot."""
+        return _upstairs.replayed(self, dt, setpoints, torque, seed)
+
+
 class AssessmentDownstream:
     """What becomes of an assessment of a log."""
 

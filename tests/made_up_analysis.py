@@ -145,7 +145,7 @@ def analysis(parameters):
     condition = SimpleNamespace(hover=HOVER, oscillation=None)
     return LogAnalysis(
         learnability,
-        SimpleNamespace(name="a"),
+        SimpleNamespace(tier="a"),
         condition,
         None,
         learned=learned,

@@ -112,7 +112,7 @@ def analyse(
     signals = signals.about(AXES[0] if axis == ALL else axis, inputs)
     segments, learnability = usable_segments(signals, log.components)
     analysis = _without_model(log, signals, learnability, other_axis)
-    slow = analysis.tier.name == "b" and signals.axis in TILT_AXES
+    slow = analysis.tier.tier == "b" and signals.axis in TILT_AXES
     if slow:
         segments, of_slow = usable_segments(signals, log.components, SLOW_MOTION_RATE)
         if not segments:
@@ -159,9 +159,9 @@ def _without_model(
     """What a log says of a vehicle without a model of an axis, and why it allows none."""
     condition = condition_of(signals) if other_axis is None else other_axis.condition
     tier = tier_of(learnability, condition)
-    reason = None if tier.name == "a" else tier.reason
+    reason = None if tier.tier == "a" else tier.tier_reason
     measured = learnability.figures
-    if tier.name is None and measured.airborne and not measured.segments:
+    if tier.tier is None and measured.airborne and not measured.segments:
         reason = Fact(NoModel.NO_SETTLED_FLIGHT, duration=measured.airborne)
     if other_axis is not None:
         return LogAnalysis(

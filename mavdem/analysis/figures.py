@@ -10,14 +10,12 @@ from enum import StrEnum
 from functools import cached_property
 from typing import NamedTuple
 
-import numpy as np
-
 from mavdem.alignment.learnability import Learnability
 from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.findings import Findings, findings_of
 from mavdem.analysis.gains import with_one_set_of_gains
-from mavdem.condition.condition import Condition, or_none
+from mavdem.condition.condition import Condition
 from mavdem.condition.inventory import Identity, Tier
 from mavdem.condition.loop.in_flight import plant_in_loop
 from mavdem.dem import Learned, NotIdentifiable, Physical, WindTorque, physical
@@ -42,21 +40,6 @@ from mavdem.health.in_flight import MotorAlarm, alarm_figures
 from mavdem.ingest import Component
 
 ALL = "all"  # of an axis: roll, pitch and yaw
-
-
-PHYSICAL = (
-    "damping",
-    "lag",
-    "delay",
-    "status",
-    "reasons",
-    "bias",
-    "wind",
-    "wind_share",
-    "refinements",
-    "windows",
-)
-"""What documents have of physical parameters beside the effect and intervals."""
 
 
 class AxisFigures(NamedTuple):
@@ -148,22 +131,15 @@ class LogAnalysis:
             figures = model_figures(self.flights, learned, held_out)
         return {
             **figures,
-            "axes": {
-                name: {
-                    "physical": physical_values(of_axis.physical),
-                    "wind": of_axis.wind,
-                    "reason": of_axis.reason,
-                }
-                for name, of_axis in self.axes.items()
-            },
+            "axes": self.axes,
             "hover": self.condition.hover,
-            **self.tier.as_dict(),
+            **self.tier._asdict(),
             "reason": "" if self.reason is None else str(self.reason),
             "remedy": "" if self.reason is None else self.reason.remedy,
             "condition": self.condition,
             "identity": self.identity,
             **alarm_figures(self.alarms),
-            **self.findings.as_dict(),
+            **self.findings._asdict(),
             "truth": self.truth,
             "settings": None if learned is None else asdict(learned.settings),
             "verdict": self.learnability,
@@ -185,9 +161,7 @@ def model_figures(flights: Flights, learned: Learned, held_out: HeldOut) -> Valu
     joint = learned.joint
     return {
         "flight": first.provenance,
-        "segments": [
-            {"start": float(flight.time[0]), "samples": len(flight)} for flight in flights
-        ],
+        "segments": [{"start": flight.time[0], "samples": len(flight)} for flight in flights],
         "inputs": first.input_names,
         "outputs": first.output_names,
         "dt": first.dt,
@@ -199,15 +173,15 @@ def model_figures(flights: Flights, learned: Learned, held_out: HeldOut) -> Valu
         "model_interval_90_percent": learned.model_interval(),
         "spectral_abscissa": model.spectral_abscissa,
         "free_energy": {
-            "start": float(energy[0]),
-            "end": float(energy[-1]),
+            "start": energy[0],
+            "end": energy[-1],
             "gained": energy.gained,
-            "terms": {name: float(term[-1]) for name, term in energy.terms.items()},
+            "terms": {name: term[-1] for name, term in energy.terms.items()},
         },
         "held_out": held_out.as_dict(),
         "forecast_mspe": ranked,
         "forecast_over_constant_mean": ranked[MethodName.JOINT]["relative"],
-        "expected_error": float((held_out.expected / held_out.variance).mean()),
+        "expected_error": (held_out.expected / held_out.variance).mean(),
         "inside_90_percent_band": held_out.coverage,
         "prediction": {
             "half_explained_seconds": learned.useful_steps * first.dt,
@@ -221,7 +195,7 @@ def model_figures(flights: Flights, learned: Learned, held_out: HeldOut) -> Valu
             "numbers": fit.effective_samples,
             "parameters": len(fit.free),
             "turning": joint.combinations[:, 0],
-            "terms": {name: float(term[-1]) for name, term in fit.terms.items()},
+            "terms": {name: term[-1] for name, term in fit.terms.items()},
         },
         "joint": {
             "lags": joint.choice.lags,
@@ -230,7 +204,7 @@ def model_figures(flights: Flights, learned: Learned, held_out: HeldOut) -> Valu
             "spectral_radius": joint.process.spectral_radius,
             "free_energy": joint.terms,
         },
-        "physical": physical_values(learned.physical),
+        "physical": learned.physical,
         "wind": learned.wind_torque,
         "cautions": learned.cautions,
     }
@@ -243,23 +217,8 @@ def _ranked(errors: Mapping[StrEnum, Array], variance: Array) -> dict[StrEnum, V
         name: float(error_over(share, shares[CONSTANT_MEAN])) for name, share in shares.items()
     }
     return {
-        name: {"per_output": errors[name], "total": float(errors[name].sum()), "relative": ratio}
+        name: {"per_output": errors[name], "total": errors[name].sum(), "relative": ratio}
         for name, ratio in sorted(ratios.items(), key=lambda named: named[1])
-    }
-
-
-def physical_values(physical: Physical | None) -> Values | None:
-    """Returns ``physical`` parameters with status and reason; no interval of what is not identifiable."""
-    if physical is None:
-        return None
-    half = physical.interval()
-    return {
-        "effect": physical.effect.tolist(),
-        **{name: getattr(physical, name) for name in PHYSICAL},
-        "interval_90_percent": {
-            "effect": None if np.isnan(half.effect).any() else half.effect.tolist(),
-            **{name: or_none(getattr(half, name)) for name in ("damping", "lag", "delay")},
-        },
     }
 
 

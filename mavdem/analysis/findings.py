@@ -22,7 +22,6 @@ from mavdem.facts.assessment import (
     BoundTest,
     Caveat,
     Grade,
-    InShort,
     NextStep,
     Override,
     Purpose,
@@ -30,7 +29,6 @@ from mavdem.facts.assessment import (
 from mavdem.facts.forecasts import Forecasts
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import ParameterDoubt
-from mavdem.heading import Values
 from mavdem.health.in_flight import MotorAlarm
 
 HALF_WIDTH = {"effect": 0.15, "damping": 1 / 3, "lag": 1 / 3, "wind": 0.25}
@@ -80,22 +78,6 @@ class Findings(NamedTuple):
     def grade(self, purpose: Purpose) -> Grade | None:
         """Returns how well the model serves a ``purpose``; None where that was not judged."""
         return next((rated.grade for rated in self.purposes if rated.purpose is purpose), None)
-
-    def as_dict(self) -> Values:
-        """Returns the keys of documents, which make sentences of facts; ``findings`` are the graded purposes."""
-        return {
-            "overrides": [
-                {
-                    "kind": override.code,
-                    "headline": Fact(InShort.OVERRIDDEN, because=override),
-                    "sentence": override,
-                    "remedy": override.remedy,
-                }
-                for override in self.overrides
-            ],
-            "findings": [finding._asdict() for finding in self.purposes],
-            "warnings": self.warnings,
-        }
 
 
 def findings_of(

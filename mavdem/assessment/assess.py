@@ -27,6 +27,7 @@ from mavdem.assessment.motion import motion_events
 from mavdem.assessment.noise import Noise, noise_of
 from mavdem.assessment.reported import reported_events
 from mavdem.assessment.responses import Responses, responses_of
+from mavdem.condition.inventory import Seen
 from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.said import in_order
@@ -73,6 +74,14 @@ class Assessment(AssessmentDownstream):
     def analysis(self) -> LogAnalysis | None:
         """What the log says of the first axis that was modelled; None where no vehicle was judged."""
         return next(iter(self.analyses.values()), None)
+
+    @property
+    def seen(self) -> Seen:
+        """What an inventory of the log has of the vehicle."""
+        assert self.analysis is not None and self.evidence is not None
+        telemetry = self.evidence.signals.telemetry
+        known = self.analysis
+        return Seen(telemetry, known.learnability, known.condition, known.identity)
 
     def with_axis(self, axis: str) -> Assessment:
         """Returns the same with an analysis of a further ``axis``."""

@@ -1,5 +1,6 @@
 """``mavdem compare``: DEM and other methods on the same windows of one or several logs."""
 
+from functools import partial
 from time import perf_counter
 
 import click
@@ -11,17 +12,8 @@ from mavdem.cli.options import (
     window_options,
 )
 from mavdem.cli.output import print_result, progress, say_aside
-from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.evaluate.comparison import METHODS, compare
-from mavdem.evaluate.window import (
-    TRAIN_SECONDS,
-    Length,
-    Window,
-    part_samples,
-    too_short,
-    windows,
-)
-from mavdem.flight import Flight
+from mavdem.evaluate.window import TRAIN_SECONDS, Length, windows_as_asked
 from mavdem.heading import Names
 from mavdem.report.comparison import comparison_report
 
@@ -63,13 +55,7 @@ def compare_command(
     1 if none was, 2 if no SOURCE can be read.
     """
     began = perf_counter()
-
-    def windows_of(name: str, flight: Flight) -> tuple[Window, ...]:
-        lengths = part_samples(flight.dt, train, test)
-        if found := windows(name, flight, *lengths, hop):
-            return found
-        raise too_short(flight, 0.0, *lengths, FEWEST_SAMPLES)
-
+    windows_of = partial(windows_as_asked, train=train, test=test, hop=hop)
     cut = of_each(sources, axis, vehicle, inputs, windows_of)
     windowed = [window for windows in cut.values() for window in windows]
     with progress(f"Comparing {len(METHODS)} methods on {len(windowed)} windows") as done:

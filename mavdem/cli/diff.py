@@ -4,21 +4,13 @@ from pathlib import Path
 
 import click
 
-from mavdem.assessment import Assessment
 from mavdem.cli.commands import UNSUPPORTED
 from mavdem.cli.options import file_option, json_option, refuse_link
 from mavdem.cli.output import check_folder, files_in, print_result, progress, say_aside
-from mavdem.errors import NotLearnable
-from mavdem.facts.fleet import Incomparable
-from mavdem.fleet.difference import changed_parameters, vehicle_difference
-from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows, flights_of
-from mavdem.fleet.rows_of_log import rows_of_log
-from mavdem.fleet.store import is_fleet, read_rows
-from mavdem.heading import Values
-from mavdem.ingest import read_log
-from mavdem.ingest.telemetry import Parameters
-from mavdem.report.blocks import Sentence
-from mavdem.report.difference import difference_blocks
+from mavdem.documents.fleet import Diff
+from mavdem.fleet.difference import SIDES, changed_parameters, vehicle_difference
+from mavdem.fleet.state import of_common_vehicle, state_of
+from mavdem.report.difference import difference_blocks, headline_blocks
 from mavdem.report.difference_page import comparison_page
 
 PAGE = "diff.html"
@@ -64,82 +56,24 @@ def diff_command(
     """
     folder = out or Path(f"{Path(before).stem}_and_{Path(after).stem}")
     check_folder(folder)
-    reviews = {"A": Values(), "B": Values()}
-    first, second = (
-        _rows(name, source, vehicle, reviews[name])
-        for name, source in (("A", before), ("B", after))
+    states = []
+    for name, source in zip(SIDES, (before, after), strict=True):
+        refuse_link(source)
+        with progress(f"Reading {source}", measured=False):
+            states.append(state_of(name, Path(source), vehicle))
+    first, second = states if vehicle else of_common_vehicle(*states)
+    difference = vehicle_difference(first.rows, second.rows)
+    parameters = changed_parameters(first.parameters, second.parameters)
+    headlines = {"a": first.headline, "b": second.headline}
+    document = Diff.gather(
+        difference, a=before, b=after, parameters=parameters, headlines=headlines
     )
-    names, others = ({row.vehicle for row in rows if row.is_read} for rows in (first, second))
-    if vehicle is None and max(len(names), len(others)) > 1:
-        both = (names & others) - {UNKNOWN}
-        if len(both) != 1:
-            several = Incomparable.NO_COMMON_VEHICLE
-            raise NotLearnable(several, shared=len(both), names=sorted(names | others))
-        first, second = ([row for row in rows if row.vehicle in both] for rows in (first, second))
-    difference = vehicle_difference(first, second)
-    parameters = changed_parameters(_parameters(before, first[0]), _parameters(after, second[0]))
-    headlines = {"a": latest_headline(first), "b": latest_headline(second)}
-    document = {"a": before, "b": after, "parameters": parameters, **difference.as_dict()}
-    first_said = [Sentence(said, f"{name.upper()}:") for name, said in headlines.items() if said]
-    blocks = difference_blocks(difference, parameters)
     with files_in(folder, [PAGE]) as (path,):
         called = Path(before).name, Path(after).name
-        page = comparison_page(called, (reviews["A"], reviews["B"]), difference, parameters)
+        page = comparison_page(called, (first.review, second.review), difference, parameters)
         path.write_text(page, "utf-8", "replace")
     say_aside(f"The page is {folder / PAGE}.")
-    print_result(document | {"headlines": headlines}, [*first_said, *blocks], as_json)
+    said = headline_blocks(dict(zip(SIDES, headlines.values(), strict=True)))
+    print_result(document, [*said, *difference_blocks(difference, parameters)], as_json)
     if not difference.changes:
         context.exit(UNSUPPORTED)
-
-
-def _parameters(source: str, row: FlightRow) -> Parameters:
-    """Those of the vehicle of a ``row`` in a log; none of other sources."""
-    path = Path(source)
-    if not path.is_file():
-        return {}
-    return next(
-        vehicle.parameters
-        for vehicle in read_log(path).vehicles
-        if (vehicle.system, vehicle.component) == (row.system, row.component)
-    )
-
-
-def latest_headline(rows: FlightRows) -> str | None:
-    """Returns the headline of the latest flight among ``rows`` that has one."""
-    *_, latest = [None, *(row.headline for flight in flights_of(rows) for row in flight)]
-    return latest
-
-
-def _rows(name: str, source: str, vehicle: str | None, review: Values) -> FlightRows:
-    """The flights that A or B names, of one of which ``review`` becomes the document.
-
-    Raises ``NotLearnable`` where there are none of this vehicle.
-    """
-    refuse_link(source)
-    path = Path(source)
-    if is_fleet(path):
-        rows = read_rows(path)
-        chosen = [row for row in rows if vehicle in (None, row.vehicle)]
-        if {row.vehicle for row in chosen if row.is_read} == {UNKNOWN}:
-            raise NotLearnable(Incomparable.VEHICLES_UNKNOWN, subject=name)
-    else:
-        with progress(f"Reading {source}", measured=False):
-
-            def keep(_: str, assessment: Assessment) -> str:
-                review.update(assessment.as_dict())
-                return ""
-
-            rows, _ = rows_of_log(path, source, keep)
-        # In a log it may be named by system and component, of which a row has the first.
-        system = "" if vehicle is None else vehicle.partition(":")[0]
-        chosen = [
-            row for row in rows if vehicle in (None, row.vehicle) or system == str(row.system)
-        ]
-    if not any(row.is_read for row in chosen):
-        names = {row.vehicle for row in rows if row.is_read}
-        if vehicle is not None and names and not chosen:
-            lacks = Incomparable.VEHICLE_MISSING
-            raise NotLearnable(lacks, subject=name, name=vehicle, names=sorted(names))
-        because = min((row.status for row in chosen), default=None)
-        raise NotLearnable(Incomparable.NO_FLIGHT, subject=name, because=because)
-    return chosen

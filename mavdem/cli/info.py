@@ -5,15 +5,13 @@ import click
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.analysis import Options
-from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess_signals
 from mavdem.cli.options import read_source, source_options, verbose_option
 from mavdem.cli.output import complain, print_json, print_screen, say
 from mavdem.condition.inventory import inventory
+from mavdem.documents.inventory import vehicle_document
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Reason
-from mavdem.heading import Values
-from mavdem.health.in_flight import alarm_figures
 from mavdem.report.condition import sender, stream_contents, vehicle_contents
 from mavdem.report.review import title_of
 from mavdem.report.screen import conclusion
@@ -43,24 +41,21 @@ def info_command(
     Exit code: 0 if a model can be learned from at least one vehicle, otherwise 1.
     """
     log = read_source(source)
-    vehicles = []
-    known = {}
-    for telemetry in log.vehicles if vehicle is None else [choose_vehicle(log.vehicles, vehicle)]:
-        options = Options(inputs=inputs, whole=False)
-        found = assess_signals(log, Signals(telemetry, axis, inputs), axis, options)
-        analysis = found.analysis
-        assert analysis is not None
-        vehicles.append((document_of(found), title_of(found), conclusion(found.judgement)))
-        place = telemetry.system, telemetry.component
-        known[place] = (analysis.learnability, analysis.condition, analysis.identity)
-    held = inventory(log, axis, vehicle, inputs, known)
+    vehicles = log.vehicles if vehicle is None else [choose_vehicle(log.vehicles, vehicle)]
+    options = Options(inputs=inputs, whole=False)
+    assessments = [
+        assess_signals(log, Signals(telemetry, axis, inputs), axis, options)
+        for telemetry in vehicles
+    ]
+    held = inventory(log, [found.seen for found in assessments])
     streams = [] if as_json else stream_contents(held)
-    for shown, (document, title, said) in zip(held["vehicles"], vehicles, strict=True):
-        shown |= document
+    for shown, found in zip(held["vehicles"], assessments, strict=True):
+        shown |= vehicle_document(found)
         if not as_json:
-            above, *lights, following = said
+            above, *lights, following = conclusion(found.judgement)
             more = [*lights, *streams]
-            print_screen(title, vehicle_contents(shown), more, [above, following], verbose)
+            contents = vehicle_contents(shown)
+            print_screen(title_of(found), contents, more, [above, following], verbose)
     held["learnable"] = any(vehicle["model"] for vehicle in held["vehicles"])
     if as_json:
         print_json(held)
@@ -74,21 +69,7 @@ def info_command(
                 axis=axis,
                 path=source,
                 names=[sender(shown) for shown in held["vehicles"]],
-                because=next((learnability.reason for learnability, *_ in known.values()), None),
+                because=next((shown["verdict"].reason for shown in held["vehicles"]), None),
             )
             complain(because, as_json=False)
         context.exit(1)
-
-
-def document_of(assessment: Assessment) -> Values:
-    """Returns what the document holds of a vehicle beside its inventory."""
-    analysis = assessment.analysis
-    assert analysis is not None
-    return {
-        **analysis.findings.as_dict(),
-        **assessment.of_documents,
-        **alarm_figures(analysis.alarms),
-        "model": analysis.model,
-        "watched": analysis.watched,
-        "wind_velocity": assessment.wind and assessment.wind.as_dict(),
-    }

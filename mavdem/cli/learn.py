@@ -120,7 +120,7 @@ def learn_command(
     analysis = assessment.analysis
     assert analysis is not None
     learned = analysis.learned
-    if learned is None and analysis.tier.name is None:
+    if learned is None and analysis.tier.tier is None:
         raise assessment.refusal
     files = {} if no_files else files_of(folder, assessment)
     took = perf_counter() - began

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing, nullcontext, suppress
 from dataclasses import replace
@@ -29,14 +28,13 @@ from mavdem.cli.output import (
 )
 from mavdem.dem import Settings
 from mavdem.dem.parallel import LearningProcess
+from mavdem.documents.session import live_document
 from mavdem.errors import Unreadable
 from mavdem.export.conversion import STREAMS
 from mavdem.extras import lacking, require
 from mavdem.facts import Fact, Level, NamedFacts
-from mavdem.facts.session import Session, Spent
+from mavdem.facts.session import Session
 from mavdem.fleet.priors import earlier_drag, earlier_flight
-from mavdem.heading import Values
-from mavdem.health.in_flight import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup
 from mavdem.live.advice import Adviser
 from mavdem.live.history import horizons
@@ -49,8 +47,6 @@ from mavdem.report.live import watching
 from mavdem.report.words import go_on, headline, section
 
 STATUS_SECONDS = 5.0  # between two status lines that are not in one place
-# m/s and degrees, of 90 %
-WIND_FIGURES = "speed", "speed_from", "speed_to", "direction", "direction_interval"
 
 if TYPE_CHECKING:
     from mavdem.view.live_view import LiveView
@@ -234,11 +230,7 @@ def live_command(
             opened, stream, settings, *shown, executor, recording, request_rate, earlier
         )
         if request_rate is not None and record is not None:
-            from mavdem.cli.twin import foretold  # the simulator takes a while to import
-
-            session.adviser = ends.enter_context(
-                closing(Adviser(record, LearningProcess, foretold))
-            )
+            session.adviser = ends.enter_context(closing(Adviser(record, LearningProcess)))
         elif request_rate is not None:
             say_aside("No gains will be advised: record the stream with --record FILE.tlog.")
         restored = ends.enter_context(ExitStack())
@@ -293,7 +285,7 @@ def live_command(
                 "model": str(model) if code == DONE and model is not None else None,
                 "html": str(html) if has_page else None,
             }
-            print_json(_document(session, status, account) | written)
+            print_json(live_document(session, status, account, written))
     lost_page = html is not None and not has_page
     lost = session.recording is not recording or lost_page or (file is not None and file.broken)
     click.get_current_context().exit(UNUSABLE if lost else code)
@@ -311,37 +303,6 @@ def _at_end(
     check_file(model, "--model", (".json",))
     check_file(page, "--html", (".html",))
     return model, page
-
-
-def _document(
-    session: LiveSession, status: SessionStatus, account: Mapping[Spent, float]
-) -> Values:
-    """Returns what ``--json`` prints, but for the files."""
-    return {
-        "link": session.link.name,
-        "vehicle": status.vehicle,
-        "seconds": round(sum(account.values()), 3),
-        "account": {kind: round(spent, 3) for kind, spent in account.items()},
-        "samples": {"learnt": status.learned, "shown": status.shown},
-        "rates": status.rates,
-        "lost": status.lost,
-        "missing": round(status.missing, 3),
-        "behind": {
-            "most": round(session.most_behind, 3),
-            "datagrams_dropped": session.link.dropped,
-        },
-        "latency": dict(zip(("median", "p99", "max"), status.latency, strict=True)),
-        "ahead": dict(zip(("seconds", "half_width_rad"), status.ahead, strict=True)),
-        "useful": dict(zip(("seconds", "error_ratio"), status.useful, strict=True)),
-        "obstacle": status.obstacle.advised if status.obstacle else "",
-        "watched": status.watched,
-        "gains": session.adviser and session.adviser.facts,
-        "wind": status.wind and dict(zip(WIND_FIGURES, status.wind.by_compass, strict=True)),
-        **(status.findings.as_dict() if status.findings else {}),
-        **status.judged._asdict(),
-        **alarm_figures(status.alarms),
-        "events": [event.sentence for event in session.history.events],
-    }
 
 
 def _written(path: Path | None, text: str, what: str) -> bool:

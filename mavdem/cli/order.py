@@ -1,7 +1,5 @@
 """``mavdem order``: the model order by the free energy (extended DEM)."""
 
-from contextlib import closing
-from functools import partial
 from time import perf_counter
 
 import click
@@ -15,11 +13,9 @@ from mavdem.cli.output import print_result, progress, say_aside
 from mavdem.dem.order_choice import (
     DEFAULT_MAX_ORDER,
     LARGEST_ORDER,
-    FlightOrders,
     OrderChoice,
-    orders_of,
+    orders_of_each,
 )
-from mavdem.dem.parallel import parallel_map
 from mavdem.documents.comparison import Order
 from mavdem.errors import NotLearnable
 from mavdem.facts.command import Source
@@ -80,19 +76,9 @@ def order_command(
         return flight
 
     flights = of_each(sources, axis, vehicle, inputs, with_as_many_inputs)
-    orders = {}
-    refused = {}
-    work = partial(_orders, most=max_order, known_inputs=not unknown_inputs)
-    with (
-        progress(f"Learning {counted(len(flights), 'flight')}, 1 to {max_order} states") as done,
-        closing(parallel_map(work, flights.values())) as coming,
-    ):
-        for number, (name, result) in enumerate(zip(flights, coming, strict=True), 1):
-            if isinstance(result, NotLearnable):
-                refused[name] = result
-            else:
-                orders[name] = result
-            done(number / len(flights))
+    title = f"Learning {counted(len(flights), 'flight')}, 1 to {max_order} states"
+    with progress(title) as done:
+        orders, refused = orders_of_each(flights, max_order, not unknown_inputs, done)
     report_refused(orders, refused)
     choice = OrderChoice(tuple(orders.values()))
     seconds = round(perf_counter() - began, 3)
@@ -107,13 +93,5 @@ def order_command(
         samples=[tried.samples for tried in choice.flights],
     )
     blocks = order_report(choice, list(orders), not unknown_inputs)
-    print_result(report.as_dict(), blocks, as_json)
+    print_result(report, blocks, as_json)
     say_aside(f"Took {seconds:.1f} s.")
-
-
-def _orders(flight: Flight, most: int, known_inputs: bool) -> FlightOrders | NotLearnable:
-    """F̄ by order of a flight, or why there is none."""
-    try:
-        return orders_of(flight, most, known_inputs)
-    except NotLearnable as error:
-        return error

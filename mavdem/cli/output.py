@@ -23,7 +23,7 @@ from mavdem.errors import Unreadable, cause_of
 from mavdem.facts import Fact
 from mavdem.facts.command import Place
 from mavdem.files import atomic_write, atomic_writes, is_writable, replaceable
-from mavdem.heading import Names, Values
+from mavdem.heading import Names
 from mavdem.report.blocks import LINES, Block, Sentence, Table, brief
 
 STDERR = Console(stderr=True, highlight=False, markup=False, emoji=False)  # standard error
@@ -43,10 +43,12 @@ def prepare_streams() -> None:
     )
 
 
-def json_text(document: Values) -> str:
-    """Returns a JSON ``document`` of the command that runs, after its header; NaN and infinity become null."""
-    context = click.get_current_context(silent=True)
-    name = "error" if context is None or document.keys() == {"error"} else str(context.command.name)
+def json_text(document: Any, name: str | None = None) -> str:
+    """Returns a JSON ``document`` of the command that runs, or of this ``name``, after its header.
+
+    NaN and infinity become null.
+    """
+    name = name or click.get_current_context().command.name or ""
     # Imported here: `mavdem --help` need not wait for it.
     from mavdem.documents import whole
 
@@ -79,9 +81,9 @@ def _one_line(text: str) -> str:
     return printable(" ".join(text.splitlines()))
 
 
-def print_json(document: Any) -> None:
-    """Prints the one document of ``--json`` on standard output."""
-    click.echo(json_text(document))
+def print_json(document: Any, name: str | None = None) -> None:
+    """Prints the one document of ``--json`` on standard output, as :func:`json_text` makes it."""
+    click.echo(json_text(document, name))
 
 
 def print_result(document: Any, blocks: Iterable[Block], as_json: bool) -> None:
@@ -171,7 +173,7 @@ def complain(fact: Fact, as_json: bool) -> None:
     """Says on standard error what is wrong and what to do, and with ``as_json`` the same as the document."""
     say_aside(_one_line(f"mavdem: {fact.advised}"))
     if as_json:
-        print_json({"error": {"reason": fact, "remedy": fact.remedy, "fact": fact}})
+        print_json({"error": {"reason": fact, "remedy": fact.remedy, "fact": fact}}, "error")
 
 
 @contextmanager

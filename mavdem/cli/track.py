@@ -21,6 +21,7 @@ from mavdem.cli.output import (
     write_text,
 )
 from mavdem.dem.parallel import spare_cores
+from mavdem.documents.fleet import track_document
 from mavdem.extras import lacking
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.difference import since_baseline
@@ -136,22 +137,14 @@ def track_command(
         raise
     rows = read_rows(out)
     index = out / "index.html"
-    counts = {"logs": tracked.logs, "read": tracked.read, **summary(rows)}
+    counts = summary(rows)
     changes = since_baseline(rows, tracked.healthy) if tracked.healthy else {}
     since = {name: baseline_blocks(*change) for name, change in changes.items()}
     write_text(index, fleet_page(rows, since))
     for problem in tracked.problems:
         say_aside(printable(f"mavdem: {problem.advised}"))
     if as_json:
-        found = {
-            name: {
-                "file": latest.file,
-                "date": latest.as_dict()["date"],
-                "found": change and change.as_dict(),
-            }
-            for name, (latest, change) in changes.items()
-        }
-        print_json({"fleet": str(out), "index": str(index), **counts, "since_baseline": found})
+        print_json(track_document(out, index, tracked, counts, changes))
     else:
         say(f"{counted(tracked.logs, 'log')}, {tracked.read} of them read; copies count once.\n")
         print_blocks(fleet_blocks(rows))

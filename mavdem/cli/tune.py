@@ -16,11 +16,9 @@ from mavdem.cli.options import (
     verbose_option,
 )
 from mavdem.cli.output import check_folder, files_in, print_json, print_screen, say_aside
-from mavdem.condition.loop.advice import Advice
-from mavdem.condition.loop.filters import gyro_filters
 from mavdem.condition.loop.loop import TARGETS
-from mavdem.documents.loops import AxisAdvice
-from mavdem.facts import Fact, Level
+from mavdem.documents.loops import tune_document
+from mavdem.facts import Level
 from mavdem.ingest.parameter_file import parameter_files
 from mavdem.report.blocks import Sentence
 from mavdem.report.loops import tune_blocks
@@ -85,16 +83,6 @@ def tune_command(
         assessment, evidence, axes, margins, more=more, filters=filters, is_written=bool(out)
     )
     gains = tuning.parameters
-    refusal = tuning.refusal
-    document = {
-        "source": source,
-        "margins": margins,
-        "axes": {name: axis_document(advised) for name, advised in tuning.axes.items()},
-        "parameters": gains,
-        "notch": tuning.notch,
-        **tuning.judgement._asdict(),
-        **({"error": {"reason": str(refusal), "remedy": ""}} if refusal else {}),
-    }
     if out:
         texts = {"tune.html": tune_page(Path(source).name, tuning.axes)}
         if gains:
@@ -109,7 +97,7 @@ def tune_command(
             (out / stale).unlink(missing_ok=True)
         say_aside(f"Written: {', '.join(texts)}. Nothing was sent to the vehicle.")
     if as_json:
-        print_json(document)
+        print_json(tune_document(source, margins, tuning))
     else:
         above, *lights, following = conclusion(tuning.judgement)
         blocks = tune_blocks(tuning.axes, verbose)
@@ -119,19 +107,5 @@ def tune_command(
         is_bad = assessment.headline.level is Level.BAD
         title, last = (above, []) if is_bad else (None, [above])
         print_screen(title, [], lights, [*blocks, *last, following, *page], verbose)
-    if refusal:
+    if tuning.refusal:
         raise click.exceptions.Exit(1)
-
-
-def axis_document(advice: Advice | Fact) -> AxisAdvice:
-    """Returns what the document holds of an axis: its loops and gains, or why there are none."""
-    if isinstance(advice, Fact):
-        return AxisAdvice.gather(refusal=advice)
-    before = advice.before
-    return AxisAdvice.gather(
-        advice,
-        loop=before,
-        filters=gyro_filters(before.controller, before.crossover),
-        verdict=advice.rating,
-        expected=None if advice.refusals else advice.after,
-    )

@@ -12,20 +12,12 @@ from mavdem.cli.options import (
     verbose_option,
 )
 from mavdem.cli.output import print_json, print_screen
-from mavdem.condition.wind_of_log import wind_of
+from mavdem.condition.wind_of_log import drag_settings, wind_of
+from mavdem.documents.wind import Wind
 from mavdem.errors import NotLearnable
-from mavdem.facts.online import DragSource
 from mavdem.fleet.priors import earlier_drag
-from mavdem.report.blocks import Blocks, Table
-from mavdem.report.condition import wind_blocks
+from mavdem.report.condition import drag_table, wind_blocks, wind_tables
 from mavdem.report.screen import conclusion
-
-SOURCES = {
-    DragSource.POPULATION: "other vehicles",
-    DragSource.PARAMETERS: "the autopilot's parameters",
-    DragSource.FLIGHT: "flight",
-    DragSource.CALIBRATION: "calibration",
-}
 
 
 @click.command("wind")
@@ -53,30 +45,11 @@ def wind_command(
     assert wind is not None
     if prior is not None:
         wind = wind_of(signals, earlier_drag(prior, wind.speed))
-    drag = wind.drag
     above, *lights, following = conclusion(assessment.judgement)
+    settings = drag_settings(wind.drag, signals.telemetry)
     blocks = wind_blocks((wind, signals.autopilot_wind, None))
-    tables = Blocks()
-    for header, name, rows in (
-        ("Time (s)", "start", wind.minutes),
-        ("Height (m)", "height", wind.profile),
-    ):
-        cells = [
-            [f"{row[name]:.0f}", f"{row['speed']:.1f}", f"{row['direction']:.0f}"] for row in rows
-        ]
-        if wind.sized and len(rows) > 1:
-            tables.append(Table([header, "Wind (m/s)", "From (°)"], cells))
-    telemetry = signals.telemetry
-    settings = drag.parameters(telemetry.autopilot)
-    if telemetry.translated_from == "DataFlash":  # which has all that the firmware has
-        settings = {name: ends for name, ends in settings.items() if name in telemetry.parameters}
-    numbers = settings | {
-        "linear drag (1/s)": (drag.linear.mean(), *drag.interval("linear").mean(axis=1))
-    }
-    table = [[name, *(f"{value:.3g}" for value in values)] for name, values in numbers.items()]
-    blocks += [Table([f"Drag, from {SOURCES[drag.source]}", "value", "from", "to"], table)]
-    document = assessment.judgement._asdict() | wind.as_dict() | {"parameters": settings}
+    blocks.append(drag_table(wind.drag, settings))
     if as_json:
-        print_json(document)
+        print_json(Wind.gather(assessment.judgement, wind.identified, parameters=settings))
     else:
-        print_screen(None, blocks, [*tables, *lights], [above, following], verbose)
+        print_screen(None, blocks, [*wind_tables(wind), *lights], [above, following], verbose)

@@ -1,18 +1,16 @@
 """Inventory of a log: senders, rates, damage; of each vehicle identity, learnability, condition and tier."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.alignment.align import settled_segments
 from mavdem.alignment.learnability import Learnability, learnability_of, slower_rate
-from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals, fixes
 from mavdem.condition.condition import Condition, condition_of
 from mavdem.condition.said import SEVERITIES, once, said, texts
@@ -186,81 +184,85 @@ TIERS = {
 }
 
 
+class NextTier(NamedTuple):
+    """A better tier than that of a log."""
+
+    tier: str
+    reason: Fact  # why the log has it not, and what to change
+    is_slow: bool  # whether rates are what is missing
+
+    @property
+    def remedy(self) -> str:
+        """What to change for it."""
+        return self.reason.remedy
+
+    @property
+    def needs(self) -> str:
+        """What the log must have for it."""
+        return TIERS[self.tier].remedy if self.is_slow else self.remedy.rstrip(".")
+
+
 class Tier(NamedTuple):
     """What a log allows."""
 
-    name: str | None  # "a", "b" or "c"; None where there is no settled flight
-    reason: Fact  # what decided; of all but "a", why it is no better, and what to change
-    next_tier: str | None = None  # the next better one; None for "a"
-    is_slow: bool = True  # whether rates are what is missing
-
-    def as_dict(self) -> Values:
-        """Returns plain JSON values: ``tier``, ``tier_reason`` and ``next_tier``."""
-        better = None
-        if self.next_tier:
-            remedy = self.reason.remedy
-            needs = TIERS[self.next_tier].remedy if self.is_slow else remedy.rstrip(".")
-            better = {"tier": self.next_tier, "needs": needs, "remedy": remedy}
-        return {
-            "tier": self.name,
-            "tier_reason": self.reason,
-            "allows": str(TIERS[self.name]) if self.name else "",
-            "next_tier": better,
-        }
+    tier: str | None  # "a", "b" or "c"; None where there is no settled flight
+    tier_reason: Fact  # what decided; of all but "a", why it is no better, and what to change
+    allows: Fact | None  # what it gives
+    next_tier: NextTier | None  # None for "a"
 
 
 def tier_of(learnability: Learnability, condition: Condition) -> Tier:
     """Returns the tier by the rates; in the second a model may be refused: :func:`mavdem.analysis.analyse` says."""
     reason = learnability.reason
     if learnability.learnable:
-        return Tier("a", reason)
+        return Tier("a", reason, TIERS["a"], None)
     slower = slower_rate(learnability.figures)
     is_slow = slower < MINIMUM_RATE
     if not condition.settled or not condition.lean or 0 < slower < SLOWEST_RATE:
-        return Tier(None, reason, "c", is_slow)
+        return Tier(None, reason, None, NextTier("c", reason, is_slow))
     name, following = ("b", "a") if slower >= SLOW_MOTION_RATE else ("c", "b")
-    return Tier(name, reason, following, is_slow)
+    return Tier(name, reason, TIERS[name], NextTier(following, reason, is_slow))
 
 
-def inventory(
-    log: Log,
-    axis: str = "roll",
-    vehicle: str | None = None,
-    inputs: str | None = None,
-    judged: Mapping[tuple[int, int], tuple[Learnability, Condition, Identity]] = MappingProxyType(
-        {}
-    ),
-) -> Values:
-    """Returns everything there is to report of a log before learning, as plain JSON values; times in s, rates in Hz.
+class Seen(NamedTuple):
+    """What a log says of one vehicle before learning."""
+
+    telemetry: Telemetry
+    learnability: Learnability
+    condition: Condition
+    identity: Identity
+
+
+def inventory(log: Log, seen: Sequence[Seen] | None = None) -> Values:
+    """Returns everything there is to report of a log before learning, by keys of documents; times in s, rates in Hz.
 
     Of each component ``lost_share`` is the share of its sequence numbers that do not occur, and of a vehicle
     ``missing_share`` the share of messages missing from a stream by the stream's usual step, the median over its
     streams; None where there are none. A link loses messages of all kinds alike: where ``missing_share`` is near 0, the
     sequence numbers that do not occur are of kinds that the log leaves out. A change of rates raises ``missing_share``
-    but not ``lost_share``; only both together mean a loss. The arguments are as for :func:`mavdem.read_flight`; a
-    ``vehicle`` leaves the others out, and what is ``judged`` of one, by system and component, is not worked out again.
-    Raises NotLearnable: no such vehicle; ValueError: unknown axis or inputs.
+    but not ``lost_share``; only both together mean a loss. Vehicles are those that were ``seen``; all, unless given.
     """
-    vehicles = log.vehicles if vehicle is None else (choose_vehicle(log.vehicles, vehicle),)
+    if seen is None:
+        seen = [_seen(telemetry, log) for telemetry in log.vehicles]
     missing = {
         (vehicle.system, vehicle.component): _missing_share(vehicle) for vehicle in log.vehicles
     }
-    described = [
-        _vehicle(vehicle, axis, inputs, log, judged.get((vehicle.system, vehicle.component)))
-        for vehicle in vehicles
-    ]
+    described = [_vehicle(*vehicle) for vehicle in seen]
     return {
         "source": log.source,
         "frames": log.frames,
         "bytes_skipped": log.bytes_skipped,
-        "receive_time": list(log.receive_time),
+        "receive_time": log.receive_time,
         "unread": [
             {**asdict(unread), "cause": unread.cause.replace("_", " ")} for unread in log.unread
         ],
         "speakers": [
-            {name: getattr(component, name) for name in ("system", "component", "kind")}
-            | {"messages": (sent := sum(component.messages.values())), "lost": component.lost}
-            | {
+            {
+                "system": component.system,
+                "component": component.component,
+                "kind": component.kind,
+                "messages": (sent := sum(component.messages.values())),
+                "lost": component.lost,
                 "lost_share": component.lost / max(component.lost + sent, 1),
                 "missing_share": missing.get((component.system, component.component)),
             }
@@ -271,27 +273,22 @@ def inventory(
     }
 
 
+def _seen(telemetry: Telemetry, log: Log) -> Seen:
+    signals = Signals(telemetry)
+    learnability = learnability_of(signals, log.components)
+    identity = identity_of(signals, log.receive_time[0])
+    return Seen(telemetry, learnability, condition_of(signals), identity)
+
+
 def _vehicle(
-    telemetry: Telemetry,
-    axis: str,
-    inputs: str | None,
-    log: Log,
-    judged: tuple[Learnability, Condition, Identity] | None,
+    telemetry: Telemetry, learnability: Learnability, condition: Condition, identity: Identity
 ) -> Values:
-    if judged is None:
-        signals = Signals(telemetry, axis, inputs)
-        judged = (
-            learnability_of(signals, log.components),
-            condition_of(signals),
-            identity_of(signals, log.receive_time[0]),
-        )
-    learnability, condition, identity = judged
     messages = sorted(telemetry.messages.items())
     return {
-        **{
-            name: getattr(telemetry, name)
-            for name in ("system", "component", "vehicle", "autopilot")
-        },
+        "system": telemetry.system,
+        "component": telemetry.component,
+        "vehicle": telemetry.vehicle,
+        "autopilot": telemetry.autopilot,
         "translated_from": telemetry.translated_from,
         "names": {name: telemetry.names[name] for name, _ in messages if name in telemetry.names},
         "parameters": len(telemetry.parameters),
@@ -303,12 +300,10 @@ def _vehicle(
                 *(np.unique(columns["boot"]).tolist() for columns in telemetry.messages.values())
             )
         ),
-        "segments": [
-            {**asdict(segment), "duration": segment.duration} for segment in learnability.segments
-        ],
-        "repairs": list(map(str, telemetry.repairs)),
+        "segments": learnability.segments,
+        "repairs": telemetry.repairs,
         "verdict": learnability,
-        **tier_of(learnability, condition).as_dict(),
+        **tier_of(learnability, condition)._asdict(),
         "identity": identity,
         "condition": condition,
         "autopilot_alarms": autopilot_alarms(telemetry),

@@ -176,6 +176,14 @@ def air_of(signals: Signals) -> Air:
         return None, None, error.fact
 
 
+def drag_settings(drag: Drag, telemetry: Telemetry) -> dict[str, tuple[float, float, float]]:
+    """Returns the autopilot's parameters to set for a ``drag``, with both ends of 90 % intervals, which it has."""
+    settings = drag.parameters(telemetry.autopilot)
+    if telemetry.translated_from != "DataFlash":  # which has all that the firmware has
+        return settings
+    return {name: ends for name, ends in settings.items() if name in telemetry.parameters}
+
+
 def _flights(signals: Signals, boot: int, time: Array, height: Array) -> phases.Intervals:
     """Settled flight; where neither motors nor landed state were recorded, armed flight above the ground."""
     if signals.collective is not None or signals.landed_state is not None:

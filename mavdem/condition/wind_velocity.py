@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from math import nan
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.random import default_rng
@@ -22,7 +23,6 @@ from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.identifiability import Status
 from mavdem.facts.online import DragSource
 from mavdem.facts.wind import WindDoubt, WindShare
-from mavdem.heading import Values
 from mavdem.immutable import Result
 from mavdem.ingest.telemetry import Array
 
@@ -121,15 +121,13 @@ class WindVelocity(Result):
         """Whether still air is likely, too: the wind is then said to be below the interval's upper end."""
         return self.sized and not self.speed_interval[0]
 
-    def as_dict(self) -> Values:
-        """Returns plain JSON values; no speeds where the flight does not identify the wind's."""
-        names = [name for name in self.__dataclass_fields__ if name != "along"]
-        values = {name: getattr(self, name) for name in names} | {"calm": self.calm}
-        values |= {name: values[name].round(4).tolist() for name in ("time", "velocity", "band")}
-        if not self.sized:
-            values |= dict.fromkeys(("speed", "gust")) | dict.fromkeys(COURSES, [])
-            values["speed_interval"] = [None, None]
-        return values | {"drag": self.drag.as_dict()}
+    @property
+    def identified(self) -> Self:
+        """Itself without speeds, where the flight does not identify them: NaN, and courses without a sample."""
+        if self.sized:
+            return self
+        nothing: Any = dict.fromkeys(COURSES, ())
+        return replace(self, speed=nan, speed_interval=(nan, nan), gust=nan, **nothing)
 
 
 def least_speed(low: float, high: float) -> float:

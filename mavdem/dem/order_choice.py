@@ -1,6 +1,9 @@
 """The order of a model by its free energy (Algorithm ``extended_DEM``), over one or several flights."""
 
+from collections.abc import Callable, Mapping
+from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -8,6 +11,7 @@ import numpy as np
 from mavdem.confidence import STRONG_EVIDENCE_NATS, Interval
 from mavdem.dem.engine.linalg import Array, Indices, one_thread
 from mavdem.dem.order_search import BlackBox, fits_by_order
+from mavdem.dem.parallel import parallel_map
 from mavdem.dem.record import Record, Records, is_whole
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
@@ -152,3 +156,32 @@ def orders_of(
     if allowed < max_order:
         remarks.append(Fact(OrderFact.ORDERS_NOT_FITTED, order=allowed + 1))
     return FlightOrders(values, box.width, box.counted.number, tuple(remarks))
+
+
+def orders_of_each(
+    flights: Mapping[str, Records],
+    max_order: int = DEFAULT_MAX_ORDER,
+    known_inputs: bool = True,
+    progress: Callable[[float], None] = lambda _: None,
+) -> tuple[dict[str, FlightOrders], dict[str, NotLearnable]]:
+    """Returns :func:`orders_of` ``flights`` by name, on several cores, and why others have none."""
+    work = partial(_orders_or_reason, max_order=max_order, known_inputs=known_inputs)
+    orders = {}
+    refused = {}
+    with closing(parallel_map(work, flights.values())) as coming:
+        for number, (name, result) in enumerate(zip(flights, coming, strict=True), 1):
+            if isinstance(result, NotLearnable):
+                refused[name] = result
+            else:
+                orders[name] = result
+            progress(number / len(flights))
+    return orders, refused
+
+
+def _orders_or_reason(
+    flight: Records, max_order: int, known_inputs: bool
+) -> FlightOrders | NotLearnable:
+    try:
+        return orders_of(flight, max_order, known_inputs)
+    except NotLearnable as error:
+        return error

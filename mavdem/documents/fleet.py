@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from mavdem.documents.document import Document, Said, Told
+from mavdem.fleet.difference import SinceBaselines
+from mavdem.fleet.tracking import TrackedLogs
+from mavdem.heading import Values
 from mavdem.units import (
     AngularAcceleration,
     Number,
@@ -165,3 +170,19 @@ class Track(Document):
     """logs without a flight"""
     since_baseline: dict[str, SinceBaseline]
     """latest flight of each vehicle beside the baseline"""
+
+
+def track_document(
+    fleet: Path, page: Path, tracked: TrackedLogs, counts: Values, changes: SinceBaselines
+) -> Track:
+    """Returns the document of a run on a ``fleet``: its ``counts``, and what is not as in the baseline."""
+    return Track.gather(
+        tracked,
+        **counts,
+        fleet=str(fleet),
+        index=str(page),
+        since_baseline={
+            name: SinceBaseline.gather(latest, date=latest.as_dict()["date"], found=change)
+            for name, (latest, change) in changes.items()
+        },
+    )

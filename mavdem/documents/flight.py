@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
+from pydantic import field_validator
+
 from mavdem.assessment import Assessment
+from mavdem.dem.engine.linalg import Array
 from mavdem.dem.settings import CompleteSettings
 from mavdem.documents.document import (
     Advised,
@@ -220,6 +224,11 @@ class Joint(Document):
 
 class PhysicalInterval(Document):
     """Half widths of 90 % intervals."""
+
+    @field_validator("effect", mode="before")
+    @classmethod
+    def _known(cls, effect: Array) -> Array | None:
+        return None if np.isnan(effect).any() else effect
 
     effect: list[Effectiveness] | None
     """half width of each motor's control effectiveness"""
@@ -457,12 +466,11 @@ class Report(LearnedFigures, Tier, MotorHealth, Findings):
 def report_of(assessment: Assessment) -> Values:
     """Returns the values of the report on the modelled axis of an ``assessment``, which took no time and no files."""
     assert assessment.analysis is not None
-    wind = assessment.wind
     report = assessment.analysis.as_dict()
     if assessment.explained is not None:
         share = assessment.explained.figures["share"]
         report["wind"] = WindTorque.gather(report["wind"], explained_by_mean_wind=share)
-    velocity = None if wind is None else wind.as_dict()
+    velocity = assessment.wind and assessment.wind.identified
     return (
         report | assessment.of_documents | {"wind_velocity": velocity, "seconds": None, "files": {}}
     )

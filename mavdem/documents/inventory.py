@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mavdem.assessment import Assessment
 from mavdem.documents.document import Document, Said
 from mavdem.documents.vehicle import (
     Condition,
@@ -13,6 +14,8 @@ from mavdem.documents.vehicle import (
     Verdict,
 )
 from mavdem.documents.wind import WindVelocity
+from mavdem.heading import Values
+from mavdem.health.in_flight import alarm_figures
 from mavdem.units import Hertz, Number, Seconds, UnixSeconds
 
 
@@ -136,3 +139,17 @@ class Inventory(Document):
     """the vehicles among them"""
     learnable: bool
     """whether any model can be learned from the log"""
+
+
+def vehicle_document(assessment: Assessment) -> Values:
+    """Returns what the document holds of the vehicle of an ``assessment`` beside its inventory."""
+    analysis = assessment.analysis
+    assert analysis is not None
+    return {
+        **analysis.findings._asdict(),
+        **assessment.of_documents,
+        **alarm_figures(analysis.alarms),
+        "model": analysis.model,
+        "watched": analysis.watched,
+        "wind_velocity": assessment.wind and assessment.wind.identified,
+    }

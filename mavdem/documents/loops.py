@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from mavdem.assessment.tuning import Tuning
+from mavdem.condition.loop.advice import Advice
+from mavdem.condition.loop.filters import gyro_filters
 from mavdem.documents.document import (
     Document,
     Error,
@@ -11,6 +14,7 @@ from mavdem.documents.document import (
     Told,
 )
 from mavdem.documents.wind import Drag
+from mavdem.facts import Fact
 from mavdem.units import (
     AngularRate,
     Decibels,
@@ -197,6 +201,33 @@ class Tune(Judged):
     """with --filters, the notch filter to set or why there is none"""
     error: Error | None = None
     """why no gains are advised"""
+
+
+def tune_document(source: str, margins: str, tuning: Tuning) -> Tune:
+    """Returns the document of a ``tuning`` of the log ``source`` with the ``margins`` of this name."""
+    refusal = tuning.refusal
+    return Tune.gather(
+        tuning,
+        tuning.judgement,
+        source=source,
+        margins=margins,
+        axes={axis: axis_document(advice) for axis, advice in tuning.axes.items()},
+        **({"error": {"reason": str(refusal), "remedy": ""}} if refusal else {}),
+    )
+
+
+def axis_document(advice: Advice | Fact) -> AxisAdvice:
+    """Returns what the document holds of an axis: its loops and gains, or why there are none."""
+    if isinstance(advice, Fact):
+        return AxisAdvice.gather(refusal=advice)
+    before = advice.before
+    return AxisAdvice.gather(
+        advice,
+        loop=before,
+        filters=gyro_filters(before.controller, before.crossover),
+        verdict=advice.rating,
+        expected=None if advice.refusals else advice.after,
+    )
 
 
 class TwinVehicle(Document):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from pydantic import Field
+
 from mavdem.documents.document import Document, Said
 from mavdem.heading import Values
 from mavdem.units import Seconds
@@ -111,7 +113,7 @@ class Claim(Document):
     """section of the paper"""
     labels: list[str]
     """labels of its figures and tables"""
-    claim: str
+    claim: str = Field(validation_alias="quote")
     """the claim in the paper's words"""
 
 

@@ -201,7 +201,6 @@ class Review(Document):
 def review_document(assessment: Assessment) -> Values:
     """Returns the values of the document of an ``assessment``, which has written no files."""
     analysis = assessment.analysis
-    wind = assessment.wind and assessment.wind.as_dict()
     return {
         "source": assessment.log.source,
         **assessment.of_documents,
@@ -209,7 +208,7 @@ def review_document(assessment: Assessment) -> Values:
         "identity": analysis and analysis.identity,
         "condition": analysis and analysis.condition,
         "axes": axes_of(assessment),
-        "wind": wind,
+        "wind": assessment.wind and assessment.wind.identified,
         "model": None if assessment.model is None else report_of(assessment),
         "spectra": {
             name: _spectrum(spectrum, assessment.noise.peaks[name])
@@ -246,41 +245,33 @@ def axes_of(assessment: Assessment) -> Values:
 def _response(response: LoopResponse) -> Values:
     if isinstance(response.measured, Fact):
         return {"measured": None, "facts": response.facts}
-    names = (name for name in Response.model_fields if hasattr(response.measured, name))
-    drawn = {name: getattr(response.measured, name) for name in names}
-    predicted = {
-        "predicted_step": response.predicted_step,
-        "predicted_gain": response.predicted_gain,
-    }
-    return {"measured": drawn | predicted, "facts": response.facts}
+    return {"measured": Response.gather(response.measured, response), "facts": response.facts}
 
 
-def _spectrum(spectrum: measured.Spectrum, lines: tuple[Peak, ...]) -> Values:
-    """The values of a spectrum, thinned to ``FREQUENCIES`` and ``TIMES`` by the largest."""
+def _spectrum(spectrum: measured.Spectrum, lines: tuple[Peak, ...]) -> Spectrum:
+    """The document of a spectrum, thinned to ``FREQUENCIES`` and ``TIMES`` by the largest."""
     axes = ("forward", "right", "down") if spectrum.unit == "m/s²" else AXES
     fine, mean = thinned(spectrum.frequency, spectrum.mean, FREQUENCIES)
     coarse, over_time = thinned(spectrum.frequency, spectrum.whole, FREQUENCIES // 2)
     size = -(-len(spectrum.time) // TIMES)
     levels, by_throttle = spectrum.by_throttle
     _, by_throttle = thinned(spectrum.frequency, by_throttle, FREQUENCIES // 2)
-    return {
-        "unit": spectrum.unit,
-        "source": spectrum.source,
-        "highest": spectrum.highest,
-        "windows": len(spectrum.time),
-        "frequency": fine,
-        "density": dict(zip(axes, mean, strict=True)),
-        "by_time": {
+    return Spectrum.gather(
+        spectrum,
+        windows=len(spectrum.time),
+        frequency=fine,
+        density=dict(zip(axes, mean, strict=True)),
+        by_time={
             "time": spectrum.time[::size],
             "throttle": spectrum.throttle[::size],
             "frequency": coarse,
             "density": over_time[::size],
         },
-        "by_throttle": {
+        by_throttle={
             "time": None,
             "throttle": levels,
             "frequency": coarse,
             "density": by_throttle,
         },
-        "lines": [line._asdict() for line in lines],
-    }
+        lines=lines,
+    )

@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from pydantic import Field
+
 from mavdem.documents.document import Document, Said, Sentence, Told
 from mavdem.documents.vehicle import Finding, MotorHealth, Override
+from mavdem.facts.session import Spent
+from mavdem.heading import Values
+from mavdem.health.in_flight import alarm_figures
 from mavdem.units import Degrees, Hertz, Number, Seconds, Speed
+
+if TYPE_CHECKING:
+    from mavdem.live import SessionStatus
+    from mavdem.live.session import LiveSession
 
 
 class LiveSamples(Document):
@@ -119,7 +131,7 @@ class Live(MotorHealth):
     """motors, vibration, tracking, margins, power, estimator, wind and log, each with its level"""
     overrides: list[Override] | None = None
     """what makes the flight itself doubtful, the worst first"""
-    findings: list[Finding] | None = None
+    findings: list[Finding] | None = Field(None, validation_alias="purposes")
     """what the model is good for"""
     warnings: list[Said] | None = None
     """what must be known before the model is used"""
@@ -135,3 +147,36 @@ class Live(MotorHealth):
     """file of the model"""
     html: str | None
     """page of the session"""
+
+
+WIND_FIGURES = "speed", "speed_from", "speed_to", "direction", "direction_interval"
+"""What a row of the wind has by the compass."""
+
+
+def live_document(
+    session: LiveSession, status: SessionStatus, account: Mapping[Spent, float], files: Values
+) -> Live:
+    """Returns the document of a ``session`` that has ended, by its last ``status``, with the ``files`` it wrote."""
+    return Live.gather(
+        status.judged,
+        status.findings or (),
+        status,
+        **alarm_figures(status.alarms),
+        **files,
+        link=session.link.name,
+        seconds=round(sum(account.values()), 3),
+        account={kind: round(spent, 3) for kind, spent in account.items()},
+        samples={"learnt": status.learned, "shown": status.shown},
+        missing=round(status.missing, 3),
+        behind={
+            "most": round(session.most_behind, 3),
+            "datagrams_dropped": session.link.dropped,
+        },
+        latency=dict(zip(("median", "p99", "max"), status.latency, strict=True)),
+        ahead=dict(zip(("seconds", "half_width_rad"), status.ahead, strict=True)),
+        useful=dict(zip(("seconds", "error_ratio"), status.useful, strict=True)),
+        obstacle=status.obstacle.advised if status.obstacle else "",
+        gains=session.adviser and session.adviser.facts,
+        wind=status.wind and dict(zip(WIND_FIGURES, status.wind.by_compass, strict=True)),
+        events=[event.sentence for event in session.history.events],
+    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from mavdem.documents.document import (
     Document,
@@ -13,6 +13,9 @@ from mavdem.documents.document import (
     Told,
     beside,
 )
+from mavdem.facts import Fact
+from mavdem.facts.assessment import InShort
+from mavdem.heading import Values
 from mavdem.units import (
     Acceleration,
     Amperes,
@@ -377,6 +380,16 @@ class Verdict(Document):
 class Override(Document):
     """What makes the flight itself doubtful, the worst first."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _of_fact(cls, override: Fact) -> Values:
+        return {
+            "kind": override.code,
+            "headline": Fact(InShort.OVERRIDDEN, because=override),
+            "sentence": override,
+            "remedy": override.remedy,
+        }
+
     kind: str
     """oscillation, motors, saturation, trim or data"""
     headline: Said
@@ -405,7 +418,7 @@ class Findings(Judged):
     """what happened, in order"""
     overrides: list[Override]
     """what makes the flight itself doubtful, the worst first"""
-    findings: list[Finding]
+    findings: list[Finding] = Field(validation_alias="purposes")
     """what the model is good for"""
     warnings: list[Told]
     """what must be known before the model is used"""

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
+from pydantic import field_validator, model_validator
+
+from mavdem.dem.airflow import model as airflow
+from mavdem.dem.engine.linalg import Array
 from mavdem.documents.document import Document, Judged, Said
+from mavdem.heading import Values
 from mavdem.units import Degrees, Metres, Number, OfParameter, PerMetre, PerSecond, Seconds, Speed
 
 
@@ -52,6 +58,11 @@ class Drag(Document):
     source: str
     """what it is known from: flight, parameters, population or an earlier flight"""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _of_drag(cls, drag: airflow.Drag) -> Values:
+        return drag.as_dict()
+
 
 class WindVelocity(Document):
     """Wind in m/s."""
@@ -90,6 +101,11 @@ class WindVelocity(Document):
     """number of the vehicle's boot, from 0"""
     calm: bool
     """whether still air is likely as well"""
+
+    @field_validator("time", "velocity", "band", mode="before")
+    @classmethod
+    def _rounded(cls, values: Array) -> Array:
+        return np.round(values, 4)
 
 
 class Wind(Judged, WindVelocity):

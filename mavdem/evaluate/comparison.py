@@ -122,8 +122,8 @@ class Outcome:
             "failure": self.failure,
             "stable": self.stable,
             "cautions": self.cautions,
-            "mspe": {"per_output": errors.tolist(), "total": errors.sum()},
-            "relative": scores.ratio.tolist(),
+            "mspe": {"per_output": errors, "total": errors.sum()},
+            "relative": scores.ratio,
             "inside_90_percent_band": [_mean([share]) for share in scores.inside.tolist()],
             "seconds": round(self.seconds, 4),
         }
@@ -369,10 +369,10 @@ class Comparison:
         predicted = question != UNKNOWN and self.methods_of(UNKNOWN)
         return {
             "reference": self.methods_of(question)[0],
-            "methods": list(self.methods_of(question)),
+            "methods": self.methods_of(question),
             "start": "zero" if question == FROM_ZERO else "data",
             "verdicts": self.tests(question),
-            "over_flights": list(self.over_flights(question)),
+            "over_flights": self.over_flights(question),
             "flights": [self._flight(flight, question) for flight in self.flights],
             "predictions": self.to_dict(UNKNOWN) if predicted else None,
         }
@@ -385,11 +385,11 @@ class Comparison:
         return {
             "flight": flight,
             "dt": train.dt,
-            "outputs": list(train.output_names),
-            "output_units": list(train.output_units),
+            "outputs": train.output_names,
+            "output_units": train.output_units,
             "training_samples": len(train),
             "forecast_samples": len(test),
-            "standings": list(self.summaries(flight, question)),
+            "standings": self.summaries(flight, question),
             "windows": [
                 {
                     "start": window.start,

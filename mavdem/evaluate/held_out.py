@@ -118,17 +118,17 @@ class HeldOut(Result):
         return float(error_over(self._sizes(FORECAST).mean(), expected))
 
     def as_dict(self) -> Values:
-        """Returns the figures as plain JSON values: without the series."""
+        """Returns the figures by the keys of documents, without the series."""
         ratios = self.error_ratios()
         return {
             "windows": len(self),
             "seconds": self.seconds,
-            "start": self.time[:, 0].tolist(),
+            "start": self.time[:, 0],
             "rmse": {name: self.rmse(name).tolist() for name in self.forecasts},
             "error_ratio": {name: self.error_ratio(name) for name in self.forecasts},
-            "error_ratios": ratios.tolist(),
+            "error_ratios": ratios,
             "median_error_ratio": np.median(ratios),
-            "error_ratio_quartiles": np.percentile(ratios, [25, 75]).tolist(),
+            "error_ratio_quartiles": np.percentile(ratios, [25, 75]),
             "share_worse_than_constant_mean": (ratios > 1).mean(),
             "share_worse_than_hold_last": (self.error_ratios(HOLD_LAST) > 1).mean(),
             "inside_90_percent_band": self.coverage,

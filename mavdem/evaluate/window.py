@@ -8,6 +8,7 @@ import numpy as np
 
 from mavdem.dem.engine.linalg import Indices
 from mavdem.dem.learned import TEST_SECONDS
+from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable
 from mavdem.facts.forecasts import Forecasts
 from mavdem.flight import Flight
@@ -117,6 +118,16 @@ def windows(
         )
         for start in range(0, len(flight) - train - test + 1, hop)
     )
+
+
+def windows_as_asked(
+    name: str, flight: Flight, train: Length | None, test: Length | None, hop: int | None
+) -> tuple[Window, ...]:
+    """Returns the :func:`windows` of these lengths; raises ``TooFewSamples`` where none fits."""
+    lengths = part_samples(flight.dt, train, test)
+    if found := windows(name, flight, *lengths, hop):
+        return found
+    raise too_short(flight, 0.0, *lengths, FEWEST_SAMPLES)
 
 
 def disjoint(windows: Sequence[Window]) -> Indices:

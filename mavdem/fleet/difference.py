@@ -35,7 +35,7 @@ from mavdem.fleet.row import (
     flights_of,
     vehicles_of,
 )
-from mavdem.heading import Names, Numbers, Values
+from mavdem.heading import Names, Numbers
 from mavdem.health.balance import SCATTER
 from mavdem.immutable import ReadOnlyDict
 from mavdem.ingest.telemetry import Parameters
@@ -145,14 +145,16 @@ class VehicleDifference(NamedTuple):
     changes: tuple[QuantityChange, ...]
     incomparable: tuple[Missing, ...]  # what is not known in both
     conditions: tuple[Conditions, Conditions]  # of each state
+    family_error: float = SIGNIFICANCE  # chance that any is called changed when none did
+    level: float = LEVEL  # of the intervals
 
     def of(self, outcome: Outcome) -> list[QuantityChange]:
         """Returns the changes with this outcome."""
         return [change for change in self.changes if change.outcome == outcome]
 
-    def as_dict(self) -> Values:
-        """Returns what a document says of it."""
-        return {**self._asdict(), "family_error": SIGNIFICANCE, "level": LEVEL}
+
+SinceBaselines = dict[str, tuple[FlightRow, VehicleDifference | None]]
+"""The latest flight of each vehicle, and what differs from its baseline, if it has one."""
 
 
 def vehicle_difference(before: FlightRows, after: FlightRows) -> VehicleDifference:
@@ -194,9 +196,7 @@ def changed_parameters(before: Parameters, after: Parameters) -> list[ParameterC
     ]
 
 
-def since_baseline(
-    rows: FlightRows, baseline: FlightRows
-) -> dict[str, tuple[FlightRow, VehicleDifference | None]]:
+def since_baseline(rows: FlightRows, baseline: FlightRows) -> SinceBaselines:
     """Returns the latest flight of each vehicle, and what differs from its flights of a ``baseline``, if it has any.
 
     The latest alone: flights with a fault and without one, taken together, would hide it. Flights of the baseline are

@@ -263,7 +263,7 @@ class FlightRow:
         What is not identifiable has no value, in rows of earlier versions either.
         """
         for name, kind in _kinds().items():
-            status = getattr(self, f"{name}_status", None)
+            status = getattr(self, f"{name.removesuffix('_interval')}_status", None)
             value = None if status == NOT_IDENTIFIABLE else _value(getattr(self, name), kind)
             object.__setattr__(self, name, value)
 
@@ -399,11 +399,11 @@ def _of_report(report: Mapping[str, Any]) -> Values:
         else:
             columns = {"motors": report["inputs"]} | columns
     overrides = report.get("overrides", ())
-    warnings = [*(override["sentence"] for override in overrides), *(cautions or ())]
+    warnings = [*overrides, *(cautions or ())]
     known = {
         "inputs": inputs,
         "input_unit": unit,
-        "overrides": [override["kind"] for override in overrides],
+        "overrides": [override.code for override in overrides],
         "warnings": warnings,
         "warning_codes": [fact.code for fact in warnings],
     }
@@ -416,7 +416,7 @@ def _value_at(report: Mapping[str, Any], path: str) -> Any:
     for key in path.split("."):
         if value is not None:
             value = value.get(key) if isinstance(value, Mapping) else getattr(value, key)
-    return value
+    return value.tolist() if hasattr(value, "tolist") else value
 
 
 Flight = Sequence[FlightRow]

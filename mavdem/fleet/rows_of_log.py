@@ -70,7 +70,7 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
     signals = assessment.evidence.signals.about(AXES[0], "motors")
     columns = {"file": file, "component": signals.telemetry.component}
     judged = assessment.of_documents | {"headline_fact": assessment.headline}
-    if all(analysis.tier.name is None for analysis in assessment.analyses.values()):
+    if all(analysis.tier.tier is None for analysis in assessment.analyses.values()):
         unknown = dict.fromkeys(("axis", "tier", "tier_reason", "attitude_rate"))
         reason = first.reason or assessment.headline
         row = FlightRow.of(

@@ -11,33 +11,28 @@ from pathlib import Path
 
 from mavdem.alignment.drive import AXES
 from mavdem.analysis import Options
-from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess
 from mavdem.assessment.tuning import tuned
+from mavdem.assessment.twin import foretold
 from mavdem.errors import Refusal
 from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import Gains
 from mavdem.ingest import read_log
 from mavdem.ingest.parameter_file import parameter_files
-from mavdem.ingest.telemetry import Parameters
-
-Foretell = Callable[[Assessment, Parameters], Facts]
-"""What a vehicle will do with gains to set, a function of a module: it is called in another process."""
 
 
 class Adviser:
     """Has advice made on a growing ``recording`` by executors that ``start`` starts.
 
     ``facts`` are the latest: which gains, what to expect of them, and the files, or why there are none. ``is_due`` is
-    set where the vehicle has landed, ``foretell`` what adds to the advice.
+    set where the vehicle has landed.
     """
 
-    def __init__(self, recording: Path, start: Callable[[], Executor], foretell: Foretell) -> None:
+    def __init__(self, recording: Path, start: Callable[[], Executor]) -> None:
         self.facts: Facts = ()
         self.is_due = False
         self._recording = recording
         self._start = start
-        self._foretell = foretell
         self._process = ExitStack()
         self._making: Future[Facts] | None = None
 
@@ -52,7 +47,7 @@ class Adviser:
             self.is_due = False
             self.close()
             executor = self._process.enter_context(self._start())
-            self._making = executor.submit(advised, self._recording, vehicle, self._foretell)
+            self._making = executor.submit(advised, self._recording, vehicle)
         if self._making is None or not (at_end or self._making.done()):
             return ()
         try:
@@ -68,7 +63,7 @@ class Adviser:
         self._process.close()
 
 
-def advised(recording: Path, vehicle: str, foretell: Foretell) -> Facts:
+def advised(recording: Path, vehicle: str) -> Facts:
     """Returns the advice on all axes of a ``vehicle`` in a recording, as ``mavdem tune`` makes it, and what it does.
 
     Writes the gains into new files beside the recording, for the ground stations that ``mavdem tune`` writes for.
@@ -95,7 +90,7 @@ def advised(recording: Path, vehicle: str, foretell: Foretell) -> Facts:
     if not facts:
         least = min(tuning.advice, key=lambda advice: advice.sure)
         return (Fact(Gains.GAINS_LEFT, subject=least.before.axis, because=least.sentence),)
-    facts += foretell(assessment, tuning.parameters)
+    facts += foretold(assessment.evidence, tuning.parameters)
     files = parameter_files(tuning.parameters, assessment.evidence.signals.telemetry)
     names = (f"{recording.with_suffix('.gains')}{-number or ''}" for number in count())
     name = next(name for name in names if not any(Path(name + end).exists() for end in files))

@@ -59,10 +59,10 @@ class ItemReport:
         return {
             "name": claim.name,
             "title": claim.title,
-            "paper": {"section": claim.section, "labels": claim.labels, "claim": claim.quote},
+            "paper": claim,
             "verdict": self.status.value,
             "sentence": self.sentence,
-            "checks": [check._asdict() for check in self.result.checks],
+            "checks": self.result.checks,
             "numbers": self.result.numbers,
             "remarks": [*claim.remarks, *self.result.remarks],
         }

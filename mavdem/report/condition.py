@@ -1,11 +1,15 @@
 """The condition of a vehicle, which a log has at any rate, and the contents of the log, in sentences and tables."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.assessment import Assessment
 from mavdem.condition.wind_of_log import Air
-from mavdem.condition.wind_velocity import coming_from
+from mavdem.condition.wind_velocity import WindVelocity, coming_from
+from mavdem.dem.airflow.model import Drag
+from mavdem.facts.online import DragSource
 from mavdem.heading import Values
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.blocks import Blocks, Sentence, Table, caution
@@ -13,6 +17,13 @@ from mavdem.report.words import section
 
 # what a tier is called where it is shown
 TIER_WORDS = {"a": "full model", "b": "slow motion", "c": "condition only"}
+# what a drag is known from, in words
+DRAG_SOURCES = {
+    DragSource.POPULATION: "other vehicles",
+    DragSource.PARAMETERS: "the autopilot's parameters",
+    DragSource.FLIGHT: "flight",
+    DragSource.CALIBRATION: "calibration",
+}
 # messages below this rate are listed together: they are too slow to describe the motion
 SLOW_HZ = 0.95
 # share of missing sequence numbers from which it is reported; less is a radio link in good order
@@ -91,6 +102,31 @@ def wind_blocks(air: Air) -> Blocks:
             estimate = {"size": float(np.hypot(*mean)), "origin": coming_from(*mean)}
     reasons = (Sentence(str(why), f"{what.capitalize()}:") for what, why in wind.reasons.items())
     return [*section("wind", wind=wind, own=estimate), *reasons]
+
+
+def wind_tables(wind: WindVelocity) -> Blocks:
+    """Returns the mean wind of each minute, and of each layer, where its speed is known and there are several."""
+    tables = Blocks()
+    for header, name, rows in (
+        ("Time (s)", "start", wind.minutes),
+        ("Height (m)", "height", wind.profile),
+    ):
+        cells = [
+            [f"{row[name]:.0f}", f"{row['speed']:.1f}", f"{row['direction']:.0f}"] for row in rows
+        ]
+        if wind.sized and len(rows) > 1:
+            tables.append(Table([header, "Wind (m/s)", "From (°)"], cells))
+    return tables
+
+
+def drag_table(drag: Drag, settings: Mapping[str, tuple[float, float, float]]) -> Table:
+    """Returns the linear ``drag`` and the ``settings`` of the autopilot for it, with both ends of 90 % intervals."""
+    numbers = {
+        **settings,
+        "linear drag (1/s)": (drag.linear.mean(), *drag.interval("linear").mean(axis=1)),
+    }
+    rows = [[name, *(f"{value:.3g}" for value in values)] for name, values in numbers.items()]
+    return Table([f"Drag, from {DRAG_SOURCES[drag.source]}", "value", "from", "to"], rows)
 
 
 def air_blocks(assessment: Assessment) -> Blocks:

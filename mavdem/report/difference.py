@@ -1,6 +1,6 @@
 """What changed between two states of a vehicle, what is the same, and what cannot be said."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import degrees, hypot
 from pathlib import PurePath
 
@@ -53,6 +53,11 @@ def difference_blocks(
     )
     anew = section("difference_parameters", parameters=parameters, vehicles=found.vehicles)
     return [*_vehicles(found), *anew, *_changes(found), *missing, conditions, *sure]
+
+
+def headline_blocks(headlines: Mapping[str, str | None]) -> Blocks:
+    """Returns the ``headlines`` that there are, each after the name of its side."""
+    return [Sentence(said, f"{name}:") for name, said in headlines.items() if said]
 
 
 def baseline_blocks(latest: FlightRow, difference: VehicleDifference | None) -> Blocks:

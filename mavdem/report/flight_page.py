@@ -95,12 +95,7 @@ def review_page(assessment: Assessment) -> str:
     analysis = assessment.analysis
     if analysis is None or assessment.evidence is None:
         return log_page(name, assessment, inventory(assessment.log))
-    telemetry = assessment.evidence.signals.telemetry
-    place = telemetry.system, telemetry.component
-    known = {place: (analysis.learnability, analysis.condition, analysis.identity)}
-    held = inventory(
-        assessment.log, analysis.learnability.axis, "{}:{}".format(*place), None, known
-    )
+    held = inventory(assessment.log, [assessment.seen])
     held["vehicles"][0] |= assessment.of_documents | {"model": analysis.model}
     return log_page(name, assessment, held)
 
@@ -280,7 +275,7 @@ def _motors(assessment: Assessment, evidence: Evidence) -> Chapter:
     """What is known of each motor and of the vehicle's condition."""
     analysis = assessment.analysis
     assert analysis is not None
-    is_full = analysis.tier.name == "a"
+    is_full = analysis.tier.tier == "a"
     blocks = motor_blocks(analysis.learned, analysis.condition.hover if is_full else None)
     if analysis.learned is None or not is_full:
         blocks += section("condition", analysis.condition)
@@ -339,7 +334,7 @@ def _models(assessment: Assessment) -> Iterator[Chapter]:
         if analysis.learned is None and analysis.reason is not None:
             blocks.append(Sentence(str(analysis.reason), "No model:"))
         blocks += [*graded(analysis.findings), *map(warning, analysis.findings.warnings)]
-        blocks += section("tier", **analysis.tier.as_dict())
+        blocks += section("tier", analysis.tier)
         blocks += vehicle_blocks(analysis.axes, bool(analysis.findings.overrides))
         groups = []
         if (learned := analysis.learned) is not None:

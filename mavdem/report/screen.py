@@ -116,11 +116,11 @@ def analysis_blocks(assessment: Assessment) -> Blocks:
     if learned is None:
         above += [] if analysis.reason is None else [Sentence(str(analysis.reason), "No model:")]
     else:
-        hover = analysis.condition.hover if analysis.tier.name == "a" else None
+        hover = analysis.condition.hover if analysis.tier.tier == "a" else None
         above += _model_blocks(analysis.findings, learned, analysis.held_out, hover)
     above += [Sentence(str(alarm.fact), "Motors:") for alarm in analysis.alarms if not alarm.weak]
-    if analysis.tier.name != "a" or learned is None:
-        above += section("tier", **analysis.tier.as_dict())
+    if analysis.tier.tier != "a" or learned is None:
+        above += section("tier", analysis.tier)
         above += section("condition", analysis.condition)
     above += vehicle_blocks(analysis.axes, bool(analysis.findings.overrides))
     above += [] if analysis.truth is None else truth_blocks(analysis.truth)

@@ -41,7 +41,7 @@ def slow():
 def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_is_told(slow):
     told = text_of(analysis_blocks(slow))
     slow = slow.analysis
-    assert slow.tier.name == "b" and slow.learned is not None and slow.held_out is not None
+    assert slow.tier.tier == "b" and slow.learned is not None and slow.held_out is not None
     assert slow.held_out.error_ratio() < MAX_SLOW_RATIO and slow.held_out.coverage > 0.75
     assert (slow.learned.physical, slow.learned.wind) == (None, None)
     assert slow.learned.physical_reason.code is NoPhysical.SAMPLED_TOO_SLOWLY
@@ -90,7 +90,7 @@ def test_a_model_must_beat_the_baselines_by_a_margin_that_is_not_luck(ratio, win
 def test_every_log_says_something_or_why_not(name, tier):
     log = read_log(shared(name))
     found = analyse(log, Signals(log.vehicles[0]))
-    assert found.tier.name == tier and found.reason.remedy
+    assert found.tier.tier == tier and found.reason.remedy
     assert (found.learned, found.held_out, found.flights, found.findings.purposes) == (
         None,
         None,

@@ -11,6 +11,7 @@ from refusals import prose
 from mavdem.analysis.findings import Finding, disown_torque, findings_of, next_step, warnings_of
 from mavdem.analysis.residuals import Residuals
 from mavdem.condition.oscillation import Oscillation
+from mavdem.documents import vehicle
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import (
     Because,
@@ -181,8 +182,8 @@ def test_what_overrides_leaves_nothing_good_and_decides_what_to_do(known, code, 
     doubted = findings_of(model(physical()), held_out(), **(free | known))
     (override,) = doubted.overrides  # which explains what else is wrong
     assert (override.code, override.subject) == (code, subject)
-    (shown,) = doubted.as_dict()["overrides"]
-    assert shown["headline"] == Fact(InShort.OVERRIDDEN, because=override)
+    said = str(Fact(InShort.OVERRIDDEN, because=override))
+    assert vehicle.Override.model_validate(override).headline == said
     for before, after in zip(sound.purposes, doubted.purposes, strict=True):
         assert (after.grade, after.reason.code) == (LIMITED, Because.FLIGHT_DOUBTED)
         because = None if code is Override.OSCILLATION else before.reason

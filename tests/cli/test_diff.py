@@ -74,7 +74,7 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
         "b.bin": [FlightRow(file="b.bin", status="It is empty.")],
         "c.bin": flown("alpha", [1], trim_share_interval=(0.2,) * 4),
     }
-    monkeypatch.setattr("mavdem.cli.diff.rows_of_log", lambda path, *_: (rows[path.name], {}))
+    monkeypatch.setattr("mavdem.fleet.state.rows_of_log", lambda path, *_: (rows[path.name], {}))
     assert run("diff", "a.bin", "a.bin", "--vehicle", "4:1") == 0
     assert "Nothing that was compared changed." in capsys.readouterr().out
     assert run("diff", "a.bin", "c.bin", "--vehicle", "alpha") == 0
@@ -92,9 +92,9 @@ def test_a_margin_without_an_upper_end_is_not_called_apart(monkeypatch):
             axis: {"loop": {"rate": {"phase_margin": low, "phase_margin_interval": [low, high]}}}
             for axis, (low, high) in ends.items()
         }
-        keep("", SimpleNamespace(as_dict=lambda: {"axes": axes}))
+        keep("", SimpleNamespace(as_dict=lambda: {"axes": axes}, log=SimpleNamespace(vehicles=())))
         return flown("alpha", [0]), {}
 
-    monkeypatch.setattr("mavdem.cli.diff.rows_of_log", read)
+    monkeypatch.setattr("mavdem.fleet.state.rows_of_log", read)
     assert run("diff", "a.bin", "b.bin") == 0
     assert "The phase margin of roll fell from 70 to 40°." in Path("a_and_b/diff.html").read_text()

@@ -144,8 +144,8 @@ def test_hover_takes_the_drag_of_another_flight():
         alone.status["speed"] = Status.NOT_IDENTIFIABLE
     alone = replace(alone, status=alone.status | {"speed": Status.NOT_IDENTIFIABLE})
     assert "m/s" not in wind_blocks((alone, None, None))[0].text
-    document = alone.as_dict()
-    assert document["speed"] is None and not document["velocity"] and not document["minutes"]
+    shown = alone.identified
+    assert np.isnan(shown.speed) and not shown.velocity
     assert {doubt.code for doubt in alone.reasons.values()} == set(WindDoubt)
     assert alone.drag.source == "population" and all(map(str, alone.reasons.values()))
     assert abs(drag.linear / LINEAR - 1).max() < 0.2

@@ -144,7 +144,7 @@ def test_of_six_flights_each_is_a_pair():
 
 def test_predictions_are_compared_of_the_methods_that_make_them(compared):
     assert compared.methods_of(UNKNOWN) == ("hold", "constant mean")
-    assert compared.to_dict()["predictions"]["methods"] == ["hold", "constant mean"]
+    assert compared.to_dict()["predictions"]["methods"] == ("hold", "constant mean")
     assert compare(WINDOWS[:1], [SUBSPACE]).to_dict()["predictions"] is None
 
 

@@ -7,7 +7,7 @@ from pytest import mark
 from recorded_flights import SLOW
 
 from mavdem.assessment.assess import assess
-from mavdem.cli.twin import foretold
+from mavdem.assessment.twin import foretold
 from mavdem.facts.loops import Gains, Twins
 from mavdem.ingest import read_log
 from mavdem.live.advice import Adviser, advised
@@ -31,7 +31,7 @@ def at_once():
 
 
 def adviser_of(tmp_path):
-    return Adviser(tmp_path / "flight.tlog", Mock(side_effect=at_once), foretold)
+    return Adviser(tmp_path / "flight.tlog", Mock(side_effect=at_once))
 
 
 @mark.slow
@@ -43,12 +43,12 @@ def test_the_files_beside_a_recording_are_new_and_those_that_tune_writes(tmp_pat
     before = tmp_path / "flight.gains.param"
     before.write_text("# of an earlier flight\n")
     capsys.readouterr()
-    roll, *_, twin, written = advised(recording, "1:1", foretold)
+    roll, *_, twin, written = advised(recording, "1:1")
     assert roll.code is Gains.GAINS_ADVISED and roll.figures["expected_error"] > 0
     assert "ATC_ANG_RLL_P 16 → " in roll.sentence
     assert (twin.code, twin.subject) == (Gains.TWIN_FLIES, "roll")
     assert 0 < twin.figures["expected_error"] < 6 and 0 < twin.figures["present_error"] < 6
-    (refused,) = foretold(assess(read_log(recording)), {"ATC_ANG_RLL_P": -1.0})
+    (refused,) = foretold(assess(read_log(recording)).evidence, {"ATC_ANG_RLL_P": -1.0})
     assert refused.code is Twins.CANNOT_FLY
     assert run("tune", recording, "--axis", "all", "--json", "--out", tmp_path) == 0
     told = strict_json(capsys.readouterr().out)
@@ -64,7 +64,7 @@ def test_the_files_beside_a_recording_are_new_and_those_that_tune_writes(tmp_pat
 def test_a_flight_without_a_loop_is_left_alone_in_one_sentence(tmp_path):
     recording = tmp_path / SLOW.name
     recording.write_bytes(SLOW.read_bytes())
-    (left,) = advised(recording, "1:1", foretold)
+    (left,) = advised(recording, "1:1")
     assert left.code is Gains.GAINS_LEFT and "needs 40 Hz" in left.sentence
     assert [*tmp_path.iterdir()] == [recording], "nothing is written"
 

@@ -1,12 +1,14 @@
 """Twin: the vehicle that a log shows, as simulators fly it: an X of four motors, in SI units."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.random import default_rng
 from scipy.constants import g as GRAVITY  # noqa: N812
 
+from mavdem.alignment.drive import AXES
 from mavdem.condition.loop.controllers import FASTEST, LOOP_RATES, USUAL_RATES, controller_of
 from mavdem.condition.loop.loop import Loop, LoopByAxis
 from mavdem.condition.loop.response import evenly
@@ -15,6 +17,7 @@ from mavdem.confidence import Interval, quantile
 from mavdem.dem.airflow.model import Drag
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.parameters import wind_density
+from mavdem.downstream import TwinDownstream
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.identifiability import Status
@@ -37,7 +40,7 @@ MOMENT = 0.1  # torque of a common propeller by its thrust, over the arm
 
 
 @dataclass(frozen=True, eq=False)
-class Twin(Result):
+class Twin(Result, TwinDownstream):
     """A vehicle for simulators, with how sure each of its attributes is as ``notes`` by name."""
 
     autopilot: str  # "px4" or "ardupilot"
@@ -201,6 +204,7 @@ BANDS = (0.3, 0.6, 1.2, 2.4, 4.8, 8.0)  # Hz: octaves, and what is left of the l
 WINDOW = 20.0
 SETTLES = 3.0
 LONGEST = 120.0
+FLIGHTS = 3  # of the twin, each in other wind of the same spectrum
 
 
 class Again(NamedTuple):
@@ -255,6 +259,38 @@ def _again(loop: Loop, segment: slice) -> Again | None:
     if not loop.controller.derivative_of_error or np.argmin(apart):
         rate = rate - corrected
     return Again(outputs, np.column_stack([angles[0], rate]))
+
+
+def flown_again(twin: Twin, loops: LoopByAxis) -> dict[str, dict[str, list[float]]]:
+    """Returns by axis how :func:`alike` the flight of the ``loops`` and the ``twin`` on its setpoints are.
+
+    None without setpoints of roll. Raises NotLearnable: the twin cannot fly.
+    """
+    again = again_of(loops)
+    flown = [flown_on(twin, loops, again, seed) for seed in range(FLIGHTS if again else 0)]
+    return {
+        axis: alike(loops[axis], loop.outputs, [motion[:, AXES.index(axis)] for motion in flown])
+        for axis, loop in again.items()
+    }
+
+
+def flown_on(twin: Twin, loops: LoopByAxis, again: Mapping[str, Again], seed: int = 0) -> Array:
+    """Returns (T, 3, 2) angles and rates of the ``twin`` on the setpoints of a flight, rad, in wind by the ``seed``.
+
+    Raises NotLearnable: it cannot fly.
+    """
+    samples = len(again["roll"].outputs)
+    setpoints = np.zeros((samples, len(AXES), 2))
+    blown = np.zeros((samples, len(AXES)))
+    noise = default_rng(seed)
+    for axis, loop in again.items():
+        setpoints[:, AXES.index(axis)] = loop.setpoints
+        blown[:, AXES.index(axis)] = torque(loops[axis], samples, noise)
+    try:
+        motion: Array = twin.replayed(loops["roll"].record.dt, setpoints, blown, seed)
+    except ValueError as error:
+        raise NotLearnable(Twins.CANNOT_FLY, because=error) from None
+    return motion
 
 
 def torque(loop: Loop, samples: int, noise: np.random.Generator) -> Array:

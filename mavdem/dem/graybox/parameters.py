@@ -123,6 +123,11 @@ class Physical(NamedTuple):
         delay = np.nan if self.status["lag"] == Status.NOT_IDENTIFIABLE else half[-1]
         return PhysicalInterval(effect, float(damping), float(lag), float(delay))
 
+    @property
+    def interval_90_percent(self) -> PhysicalInterval:
+        """The half widths of 90 % intervals."""
+        return self.interval()
+
 
 def theta_of(physical: Physical) -> Array:
     """Returns (r + 3,) effect, damping, lag and delay."""
