@@ -73,7 +73,7 @@ def diff_command(
         page = comparison_page(called, (first.review, second.review), difference, parameters)
         path.write_text(page, "utf-8", "replace")
     say_aside(f"The page is {folder / PAGE}.")
-    said = headline_blocks(dict(zip(SIDES, headlines.values(), strict=True)))
+    said = headline_blocks(headlines)
     print_result(document, [*said, *difference_blocks(difference, parameters)], as_json)
     if not difference.changes:
         context.exit(UNSUPPORTED)

@@ -4,12 +4,10 @@ import re
 import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import fields
 from pathlib import Path
 from time import perf_counter
 
 import click
-import numpy as np
 
 from mavdem.cli.options import Number, file_option, json_option
 from mavdem.cli.output import (
@@ -220,12 +218,11 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
             write_truth(unfinished_of[truth], scenario, motion)
         if rrd is not None:
             # Rerun takes a second to load
-            from mavdem.view import Pose, write_pose
+            from mavdem.view import pose_of, write_pose
 
             rotors = frame(scenario.vehicle.frame, airframe(scenario.vehicle).arm)
-            places = np.column_stack([rotors.forward, rotors.right])
-            shown = {field.name: getattr(motion, field.name, places) for field in fields(Pose)}
-            write_pose(unfinished_of[rrd], name, Pose(**shown))
+            pose = pose_of(motion, (rotors.forward, rotors.right))
+            write_pose(unfinished_of[rrd], name, pose)
             report |= {"rrd": str(rrd)}
     report["took"] = round(perf_counter() - began, 3)
     say_aside(f"Flew {motion.time[-1]:.1f} s in {report['took']:.1f} s.")

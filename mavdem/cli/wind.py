@@ -47,8 +47,8 @@ def wind_command(
         wind = wind_of(signals, earlier_drag(prior, wind.speed))
     above, *lights, following = conclusion(assessment.judgement)
     settings = drag_settings(wind.drag, signals.telemetry)
-    blocks = wind_blocks((wind, signals.autopilot_wind, None))
-    blocks.append(drag_table(wind.drag, settings))
+    air = wind, signals.autopilot_wind, None
+    blocks = [*wind_blocks(air), drag_table(wind.drag, settings)]
     if as_json:
         print_json(Wind.gather(assessment.judgement, wind.identified, parameters=settings))
     else:

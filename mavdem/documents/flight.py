@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pydantic import field_validator
+from pydantic import field_validator, model_validator
 
 from mavdem.assessment import Assessment
 from mavdem.dem.engine.linalg import Array
@@ -30,6 +30,8 @@ from mavdem.documents.vehicle import (
     Verdict,
 )
 from mavdem.documents.wind import WindVelocity
+from mavdem.evaluate import held_out
+from mavdem.evaluate.held_out import HOLD_LAST
 from mavdem.heading import Values
 from mavdem.units import (
     AngularAcceleration,
@@ -141,6 +143,27 @@ class FreeEnergy(Document):
 
 class HeldOut(Document):
     """Forecasts of windows that no model has seen."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_windows(cls, windows: held_out.HeldOut) -> Values:
+        ratios = windows.error_ratios()
+        over_last = windows.error_ratios(HOLD_LAST)
+        return {
+            "windows": len(windows),
+            "seconds": windows.seconds,
+            "start": windows.time[:, 0],
+            "rmse": {name: windows.rmse(name).tolist() for name in windows.forecasts},
+            "error_ratio": {name: windows.error_ratio(name) for name in windows.forecasts},
+            "error_ratios": ratios,
+            "median_error_ratio": np.median(ratios),
+            "error_ratio_quartiles": np.percentile(ratios, [25, 75]),
+            "share_worse_than_constant_mean": (ratios > 1).mean(),
+            "share_worse_than_hold_last": (over_last > 1).mean(),
+            "inside_90_percent_band": windows.coverage,
+            "over_expected_error": windows.over_expected,
+            "failures": [*map(str, windows.failures)],
+        }
 
     windows: int
     """number of windows"""

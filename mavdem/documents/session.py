@@ -175,7 +175,7 @@ def live_document(
         latency=dict(zip(("median", "p99", "max"), status.latency, strict=True)),
         ahead=dict(zip(("seconds", "half_width_rad"), status.ahead, strict=True)),
         useful=dict(zip(("seconds", "error_ratio"), status.useful, strict=True)),
-        obstacle=status.obstacle.advised if status.obstacle else "",
+        obstacle=status.obstacle and status.obstacle.advised,
         gains=session.adviser and session.adviser.facts,
         wind=status.wind and dict(zip(WIND_FIGURES, status.wind.by_compass, strict=True)),
         events=[event.sentence for event in session.history.events],

@@ -28,7 +28,6 @@ from mavdem.evaluate.window import part_samples
 from mavdem.facts import Facts
 from mavdem.facts.forecasts import HeldOutForecast
 from mavdem.flight import Flight
-from mavdem.heading import Values
 from mavdem.immutable import Result
 
 Progress = Callable[[float], None]
@@ -116,25 +115,6 @@ class HeldOut(Result):
         """Mean squared error over the one to expect, each output in units of its training variance."""
         expected = (self.expected / self.variance).sum(axis=-1).mean()
         return float(error_over(self._sizes(FORECAST).mean(), expected))
-
-    def as_dict(self) -> Values:
-        """Returns the figures by the keys of documents, without the series."""
-        ratios = self.error_ratios()
-        return {
-            "windows": len(self),
-            "seconds": self.seconds,
-            "start": self.time[:, 0],
-            "rmse": {name: self.rmse(name).tolist() for name in self.forecasts},
-            "error_ratio": {name: self.error_ratio(name) for name in self.forecasts},
-            "error_ratios": ratios,
-            "median_error_ratio": np.median(ratios),
-            "error_ratio_quartiles": np.percentile(ratios, [25, 75]),
-            "share_worse_than_constant_mean": (ratios > 1).mean(),
-            "share_worse_than_hold_last": (self.error_ratios(HOLD_LAST) > 1).mean(),
-            "inside_90_percent_band": self.coverage,
-            "over_expected_error": self.over_expected,
-            "failures": [str(failure) for failure in self.failures],
-        }
 
 
 def held_out_windows(

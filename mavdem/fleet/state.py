@@ -29,8 +29,7 @@ class State(NamedTuple):
     @property
     def headline(self) -> str | None:
         """That of the latest flight."""
-        *_, latest = [None, *(row.headline for flight in flights_of(self.rows) for row in flight)]
-        return latest
+        return flights_of(self.rows)[-1][-1].headline
 
     @property
     def parameters(self) -> Parameters:
@@ -51,7 +50,7 @@ def state_of(name: str, path: Path, vehicle: str | None = None) -> State:
     is_of_fleet = is_fleet(path)
     state = State(read_rows(path), {}, ()) if is_of_fleet else _state_of_log(path)
     # A row has the system, not the component.
-    system = None if is_of_fleet or vehicle is None else vehicle.partition(":")[0]
+    system = "" if is_of_fleet else (vehicle or "").partition(":")[0]
     chosen = state._replace(
         rows=[
             row for row in state.rows if vehicle in (None, row.vehicle) or system == str(row.system)

@@ -106,17 +106,19 @@ def wind_blocks(air: Air) -> Blocks:
 
 def wind_tables(wind: WindVelocity) -> Blocks:
     """Returns the mean wind of each minute, and of each layer, where its speed is known and there are several."""
-    tables = Blocks()
-    for header, name, rows in (
-        ("Time (s)", "start", wind.minutes),
-        ("Height (m)", "height", wind.profile),
-    ):
-        cells = [
-            [f"{row[name]:.0f}", f"{row['speed']:.1f}", f"{row['direction']:.0f}"] for row in rows
-        ]
-        if wind.sized and len(rows) > 1:
-            tables.append(Table([header, "Wind (m/s)", "From (°)"], cells))
-    return tables
+    wind = wind.identified
+    courses = ("Time (s)", "start", wind.minutes), ("Height (m)", "height", wind.profile)
+    return [
+        Table(
+            [header, "Wind (m/s)", "From (°)"],
+            [
+                [f"{row[name]:.0f}", f"{row['speed']:.1f}", f"{row['direction']:.0f}"]
+                for row in rows
+            ],
+        )
+        for header, name, rows in courses
+        if len(rows) > 1
+    ]
 
 
 def drag_table(drag: Drag, settings: Mapping[str, tuple[float, float, float]]) -> Table:

@@ -57,7 +57,7 @@ def difference_blocks(
 
 def headline_blocks(headlines: Mapping[str, str | None]) -> Blocks:
     """Returns the ``headlines`` that there are, each after the name of its side."""
-    return [Sentence(said, f"{name}:") for name, said in headlines.items() if said]
+    return [Sentence(said, f"{name.upper()}:") for name, said in headlines.items() if said]
 
 
 def baseline_blocks(latest: FlightRow, difference: VehicleDifference | None) -> Blocks:

@@ -9,15 +9,15 @@ os.environ.setdefault(
     "warn,re_log_encoding::rrd::file_sink=off,re_grpc_client=off,re_sdk::recording_stream=off",
 )
 
-from mavdem.view.flown import Pose, write_pose  # noqa: E402
+from mavdem.view.flown import pose_of, write_pose  # noqa: E402
 from mavdem.view.plots import Target, streamed  # noqa: E402
 from mavdem.view.recording import write_recording, write_words  # noqa: E402
 from mavdem.view.sinks import WebServer, show  # noqa: E402
 
 __all__ = [
-    "Pose",
     "Target",
     "WebServer",
+    "pose_of",
     "show",
     "streamed",
     "write_pose",

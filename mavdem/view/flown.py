@@ -1,6 +1,7 @@
 """A simulated flight in 3D as a Rerun file, with its wind and motor outputs."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from math import ceil
 
 import numpy as np
@@ -73,6 +74,13 @@ class Pose:
         step = np.median(np.diff(self.time))
         count = len(self.time)
         return np.arange(0, count, max(round(1 / MINIMUM_RATE / step), ceil(count / MAX_STROKES)))
+
+
+def pose_of(motion: object, rotors: Sequence[Sequence[float]]) -> Pose:
+    """Returns what is shown of a simulated ``motion`` with ``rotors`` so far forward, and right, m."""
+    places = np.column_stack(rotors)
+    shown = {field.name: getattr(motion, field.name, places) for field in fields(Pose)}
+    return Pose(**shown)
 
 
 def write_pose(path: PathName, name: str, pose: Pose) -> None:
