@@ -6,6 +6,7 @@ Channels and positions come from the autopilot's parameters, or are assumed, whi
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import product
 from math import atan2, cos, degrees, radians, sin
 from typing import NamedTuple
 
@@ -279,9 +280,7 @@ def _px4_channels(
         n: ("PWM_MAIN", n) if n <= bank else ("PWM_AUX", n - bank) for n in range(1, 2 * bank + 1)
     }
     banks = [0, bank]
-    for most, driver in [
-        (share, driver) for share in (0.0, 0.5) for driver in NAMES["px4_drivers"]
-    ]:
+    for most, driver in product((0.0, 0.5), NAMES["px4_drivers"]):
         motor_of = {n: int(parameters.get(f"{driver}_FUNC{n}", 0)) - 100 for n in range(1, 17)}
         # A motor on two drivers is on a spare one.
         further = {

@@ -17,6 +17,7 @@ from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
 from mavdem.files import table_beside
 from mavdem.ingest.flight_modes import px4_custom_mode
+from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.motors import MOTOR_COUNTS, motor_geometry
 from mavdem.ingest.telemetry import (
     MAX_GAP_SECONDS,
@@ -43,6 +44,7 @@ from mavdem.ingest.vocabulary import (
     PX4,
     STANDBY,
     TAKING_OFF,
+    UNNAMED,
     Injection,
     attitude_target,
     heartbeat_fields,
@@ -103,13 +105,14 @@ def mav_type(topics: Topics, parameters: Parameters) -> int | None:
 
 
 def messages(
-    topics: Topics, parameters: Parameters, vehicle: str, kind: int | None
-) -> tuple[dict[str, Columns], dict[str, str]]:
-    """Returns the messages that topics make, by name, and the topic of each, also of those that could be made.
+    topics: Topics, parameters: Parameters
+) -> tuple[str, dict[str, Columns], dict[str, str]]:
+    """Returns the MAV_TYPE, messages that topics make by name, and the topic of each, also of those that could be made.
 
-    ``time`` is PX4's own stamp of the topic, ``boot`` 0 throughout. ``vehicle`` is the MAV_TYPE without its prefix,
-    ``kind`` its number, None when unknown.
+    ``time`` is PX4's own stamp of the topic, ``boot`` 0 throughout.
     """
+    kind = mav_type(topics, parameters)
+    vehicle = UNNAMED if kind is None else enum_name("MAV_TYPE", kind)
     old = "actuator_controls_0" in topics and "vehicle_torque_setpoint" not in topics
     demand = "actuator_controls_0" if old else "vehicle_torque_setpoint"
     attitude = _made(_attitude_quaternion, topics)
@@ -150,7 +153,7 @@ def messages(
         named[f"{sensor}_BEFORE"] = topic, _made(_samples, topics, name, field)
     made: dict[str, Columns] = {name: columns for name, (_, columns) in named.items() if columns}
     made = made if OF_FLIGHT & made.keys() else {}
-    return made, {name: topic for name, (topic, _) in named.items()}
+    return vehicle, made, {name: topic for name, (topic, _) in named.items()}
 
 
 def _made(make: Callable[..., Fields], *given: Any) -> Fields:
@@ -288,12 +291,12 @@ def _attitude_target(topics: Topics) -> Fields:
     rates = _first(topics, "vehicle_rates_setpoint")
     if "q_d[3]" in attitude:
         attitude = selected(attitude, _valid(attitude, "q_d_valid"))
-        parts.append({"time": attitude["time"], **attitude_target(q=_array(attitude, "q_d", 4))})
+        parts.append({"time": attitude["time"], **attitude_target(_array(attitude, "q_d", 4))})
     if all(axis in rates for axis in ("roll", "pitch", "yaw")):
         asked = np.column_stack([rates[axis] for axis in ("roll", "pitch", "yaw")]).astype(
             np.float64
         )
-        parts.append({"time": rates["time"], **attitude_target(rates=asked)})
+        parts.append({"time": rates["time"], **attitude_target(asked)})
     return _in_time(parts)
 
 

@@ -24,8 +24,7 @@ from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.files import PathName
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.clocks import outliers
-from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.px4_topics import NEEDED, Topics, mav_type, messages, notes
+from mavdem.ingest.px4_topics import NEEDED, Topics, messages, notes
 from mavdem.ingest.telemetry import (
     MAX_FIELDS,
     Columns,
@@ -36,7 +35,7 @@ from mavdem.ingest.telemetry import (
     repair,
     selected,
 )
-from mavdem.ingest.vocabulary import PX4, UNNAMED, version_text
+from mavdem.ingest.vocabulary import version_text
 
 MAGIC = b"ULog\x01\x12\x35"
 """First bytes of a ULog file."""
@@ -57,9 +56,7 @@ def read_ulog(path: PathName) -> Log:
     sent = _parameters(log)
     parameters = {name: value for _, name, value in sent if isfinite(value)}
     topics, repairs = _topics(log)
-    kind = mav_type(topics, parameters)
-    vehicle = enum_name("MAV_TYPE", kind) if kind is not None else UNNAMED
-    made, names = messages(topics, parameters, vehicle, kind)
+    vehicle, made, names = messages(topics, parameters)
     if not made:
         found = sorted({topic.name for topic in log.data_list})
         raise Unreadable(
@@ -90,7 +87,7 @@ def read_ulog(path: PathName) -> Log:
         system=system,
         component=component,
         vehicle=vehicle,
-        autopilot=enum_name("MAV_AUTOPILOT", PX4),
+        autopilot="PX4",
         messages=made,
         parameters=parameters,
         source=source,

@@ -163,14 +163,14 @@ def quaternion(roll: Array, pitch: Array, yaw: Array) -> Array:
     return turned.as_quat(scalar_first=True)
 
 
-def attitude_target(q: Array | None = None, rates: Array | None = None) -> Fields:
+def attitude_target(asked: Array) -> Fields:
     """Returns the fields of ATTITUDE_TARGET of attitudes (N, 4), or body rates (N, 3), rad/s; the other is masked."""
-    asked = rates if q is None else q
-    unknown = np.full((0 if asked is None else len(asked), 4), np.nan)
-    roll, pitch, yaw = (unknown[:, :3] if rates is None else rates).T
+    is_attitude = asked.shape[1] == 4
+    unknown = np.full((len(asked), 4), np.nan)
+    roll, pitch, yaw = (unknown[:, :3] if is_attitude else asked).T
     return {
-        "type_mask": np.full(len(unknown), 128 if q is None else 1 | 2 | 4, np.uint8),
-        "q": unknown if q is None else q,
+        "type_mask": np.full(len(asked), 1 | 2 | 4 if is_attitude else 128, np.uint8),
+        "q": asked if is_attitude else unknown,
         "body_roll_rate": roll,
         "body_pitch_rate": pitch,
         "body_yaw_rate": yaw,

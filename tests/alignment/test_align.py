@@ -410,7 +410,7 @@ def test_what_neither_rises_nor_leans_as_it_is_asked_is_held(height, asked, lean
     made = hover.telemetry(20.0, 20.0)
     time = made.messages["ATTITUDE"]["time"]
     wave = np.where(np.sin(3 * time) > 0, 1.0, -1.0) * asked * np.radians(10.0)
-    asks = attitude_target(q=quaternion(wave, 0 * time, 0 * time))
+    asks = attitude_target(quaternion(wave, 0 * time, 0 * time))
     made = changed(made, "ATTITUDE_TARGET", **columns(time, **asks))
     leans = wave / asked * leaned / 3
     made = changed(made, "ATTITUDE", roll=leans, pitch=0.0)

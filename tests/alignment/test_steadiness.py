@@ -20,7 +20,7 @@ def steady_seconds(turn=0.0, stray=0.0):
     roll = HOVER.roll(time) + np.radians(stray) * ((time >= 25) & (time < 30))
     asked = quaternion(HOVER.roll(time), 0 * time, 0 * time)
     telemetry = changed(telemetry, "ATTITUDE", yaw=yaw, roll=roll)
-    telemetry = changed(telemetry, "ATTITUDE_TARGET", **columns(time, **attitude_target(q=asked)))
+    telemetry = changed(telemetry, "ATTITUDE_TARGET", **columns(time, **attitude_target(asked)))
     return total(steady(Signals(telemetry, inputs="motors"), 0))
 
 

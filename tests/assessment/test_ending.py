@@ -34,7 +34,7 @@ def flight(rate=10.0):
     made = Hover(sway=0.0).telemetry(rate, rate, parameters=X_QUAD_PARAMETERS)
     time = stamps(made, "ATTITUDE")
     level = quaternion(*3 * [0 * time])
-    made = changed(made, "ATTITUDE_TARGET", **columns(time, **attitude_target(q=level)))
+    made = changed(made, "ATTITUDE_TARGET", **columns(time, **attitude_target(level)))
     at = stamps(made, "LOCAL_POSITION_NED")
     z = np.cumsum(made.messages["LOCAL_POSITION_NED"]["vz"]) * 0.1
     made = changed(made, "LOCAL_POSITION_NED", x=0.0, y=0.0, vx=0.0, vy=0.0, z=z)
@@ -164,7 +164,7 @@ def test_a_setpoint_that_is_followed_is_no_loss():
 def test_where_only_rates_are_asked_for_no_attitude_is_lost():
     made = leaning(flight(), RIGHT, 120.0, 100.0)
     time = stamps(made, "ATTITUDE")
-    rates = attitude_target(rates=np.zeros((len(time), 3)))
+    rates = attitude_target(np.zeros((len(time), 3)))
     assert not judged(changed(made, "ATTITUDE_TARGET", **rates))[0]
 
 

@@ -39,7 +39,6 @@ from mavdem.ingest.dataflash.translation import (
     under_later_names,
 )
 from mavdem.ingest.mavlink.clocks import Sent, boot_clock
-from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.telemetry import (
     Columns,
     Log,
@@ -51,7 +50,6 @@ from mavdem.ingest.telemetry import (
     selected,
 )
 from mavdem.ingest.vocabulary import (
-    ARDUPILOT,
     AUTOPILOT_COMPONENT,
     UNNAMED,
     board_name_in_texts,
@@ -216,7 +214,7 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
         ),
         component=AUTOPILOT_COMPONENT,
         vehicle=UNNAMED if kind == "GENERIC" else kind,
-        autopilot=enum_name("MAV_AUTOPILOT", ARDUPILOT),
+        autopilot="ARDUPILOTMEGA",
         messages=messages,
         parameters=parameters,
         source=source,

@@ -385,11 +385,11 @@ def _targets(tables: Tables, per_degree: float) -> tuple[Columns, str]:
     named = _faster_angles(tables, DESIRED_ANGLES)
     if rates := having(tables, "RATE", DESIRED_RATES):
         asked = np.radians(values(rates, DESIRED_RATES)) / per_degree
-        parts.append(stamped(rates, attitude_target(rates=asked)))
+        parts.append(stamped(rates, attitude_target(asked)))
         names.append("RATE")
     if angles := having(tables, named, DESIRED_ANGLES):
         q = quaternion(*np.radians(values(angles, DESIRED_ANGLES)).T)
-        parts.append(stamped(angles, attitude_target(q=q)))
+        parts.append(stamped(angles, attitude_target(q)))
         names.append(named)
     if not parts:
         return {}, "RATE"

@@ -288,9 +288,7 @@ def _px4_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry |
     for name, columns in topics.items():
         apart = {**columns, "time": columns["time"] + BOOT_APART * columns["boot"]}
         instances[name] = {0: selected(apart, np.argsort(apart["time"], kind="stable"))}
-    kind = px4_topics.mav_type(instances, {})
-    name_of_kind = enum_name("MAV_TYPE", kind) if kind is not None else UNNAMED
-    made, names = px4_topics.messages(instances, {}, name_of_kind, kind)
+    kind, made, names = px4_topics.messages(instances, {})
     if not made:
         return None
     messages = {}
@@ -303,8 +301,8 @@ def _px4_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry |
     return Telemetry(
         system,
         component,
-        name_of_kind,
-        enum_name("MAV_AUTOPILOT", PX4),
+        kind,
+        "PX4",
         messages,
         {},
         source,
