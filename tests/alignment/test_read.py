@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx, mark
 from refusals import refused
 
-from mavdem.alignment.align import Segment, align, settled_segments
+from mavdem.alignment.align import align, settled_segments
 from mavdem.alignment.learnability import learnabilities
 from mavdem.alignment.read import (
     choose_vehicle,
@@ -17,7 +17,6 @@ from mavdem.alignment.read import (
     usable_segments,
 )
 from mavdem.alignment.signals import Signals, setpoints
-from mavdem.dem.record import Record
 from mavdem.facts.learnability import Caution, Reason
 from mavdem.ingest.vocabulary import quaternion
 
@@ -49,23 +48,6 @@ def test_a_flight_carries_the_cautions_of_its_learnability():
 def received(wanted):
     """A hover with the messages of attitude and motors for which ``wanted(time)`` is true."""
     return only(HOVER.telemetry(), wanted, "ATTITUDE", "SERVO_OUTPUT_RAW")
-
-
-def test_segments_are_all_of_settled_flight_and_the_longest_is_the_flight():
-    gaps = received(lambda time: (abs(time - 17.5) >= 0.5) & (abs(time - 33) >= 0.5))
-    log = log_of(gaps)
-    (first, middle, last) = segments_of(log)[0]
-    (flight, learnability) = learnable_flight(log)
-    assert [round(one.time[0], 2) for one in (middle, last)] == [18.0, 33.5]
-    assert_array_equal(last.outputs, flight.outputs)
-    assert_array_equal(last.inputs, flight.inputs)
-    assert (
-        last.provenance == flight.provenance
-        and Segment(**last.provenance["segment"]) == learnability.segment
-    )
-    assert Record.of([first, middle, last]).lengths == (len(first), len(middle), len(last))
-    for one in (first, middle):
-        assert_allclose(one.outputs[:, 0], HOVER.roll(one.time), atol=1e-9)
 
 
 def test_segments_have_one_step_also_where_a_link_lost_messages():

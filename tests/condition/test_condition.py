@@ -13,7 +13,6 @@ from mavdem.alignment.learnability import learnability_of
 from mavdem.alignment.signals import Signals
 from mavdem.condition.condition import condition_of, hover_figures, hover_of, mean_interval
 from mavdem.condition.inventory import autopilot_alarms, identity_of, inventory, tier_of
-from mavdem.documents import vehicle as documents
 from mavdem.facts.learnability import MotorObstacle, Reason
 from mavdem.ingest import Log
 from mavdem.ingest.motors import OutputScale
@@ -42,31 +41,6 @@ def uneven(rate):
     counts = np.where(BEAT > 30, 4, 1) + 1e9 * (BEAT == 20)  # one is damaged
     vibration = columns(BEAT, clipping_0=counts, clipping_2=0.0, **shaken)
     return changed(changed(telemetry, "SYS_STATUS", **battery), "VIBRATION", **vibration)
-
-
-@mark.parametrize("rate", [1.0, 4.0, 10.0, 100.0])
-def test_the_figures_are_those_of_the_flight_at_any_rate(rate):
-    found = condition_of(Signals(uneven(rate)))
-    assert found.settled == approx(HOVER.hovering, abs=3)
-    assert found.collective == approx(0.625, abs=2e-3)
-    assert all(0 < half < 0.01 for half in found.share_interval)
-    hover = found.hover
-    assert hover.unit == "µs" and hover.motors[0] == "motor 1 (front right)"
-    assert hover.trim == approx([1600, 1700, 1600, 1600], abs=2)
-    assert hover.imbalance == approx([-4, 12, -4, -4], abs=0.4)
-    assert hover.headroom == approx([0.39, 0.29, 0.39, 0.39], abs=0.01)
-    assert (hover.roll, hover.pitch) == approx((3, 3), abs=0.5)
-    # Motor 2 is rear left: more of it turns the vehicle to the right, nose down and, as it turns to the left, right.
-    steady = {axis: one.mean for axis, one in found.command.items()}
-    assert steady == approx({"roll": 0.025, "pitch": -0.025, "yaw": 0.025}, abs=2e-3)
-    assert np.degrees(found.lean["roll"].mean) == approx(3, abs=0.5)
-    level = np.radians(3) * 2**0.5
-    assert level < found.tilt_max <= level + 1.5 * HOVER.sway + 1e-6
-    assert found.tilt_mean == approx(level, rel=0.1)
-    assert found.vibration.level == approx((2, 3, 5)) and found.vibration.clips == 3
-    assert found.battery.current_mean == approx(15, abs=0.3)
-    assert found.battery.voltage_end < found.battery.voltage_mean
-    assert documents.Condition.model_validate(found).as_dict()["hover"]["unit"] == "µs"
 
 
 def test_a_vehicle_that_never_armed_has_its_battery_and_how_long_it_stood():

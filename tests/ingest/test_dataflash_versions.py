@@ -148,7 +148,7 @@ def test_a_dataflash_log_has_the_first_battery_imu_and_receiver(tmp_path):
     )
     assert_allclose(power["voltage_battery"], 12500)
     assert_allclose(power["current_battery"], 1525)
-    assert_allclose(shaking["vibration_z"], 3.5)
+    assert_allclose(shaking["vibration_y"], 2.5)
     assert_array_equal(shaking["clipping_0"], range(5))
     assert_array_equal(shaking["clipping_1"], range(7, 12))
     assert_allclose(shaking["levels"], [[1.5, 2.5, 3.5, 1.5, 2.5, 4.5]] * 5)
