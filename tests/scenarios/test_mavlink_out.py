@@ -159,23 +159,10 @@ def test_a_reboot_forgets_what_was_asked_for_and_nothing_but_heartbeats_comes_un
     assert np.sum(kinds == 0) > 15 and later[kinds == 30].max(initial=0.0) < 10.001
 
 
-def test_an_outage_a_jump_of_the_clock_and_mavproxys_resets(tmp_path):
+def test_an_outage_and_a_jump_of_the_clock_are_as_long_as_they_are_asked_to_be(tmp_path):
     faults = Faults(outage=3.0, outage_seconds=2.5, clock_jump=9.0, clock_jump_seconds=100.0)
     (vehicle,) = read(tmp_path, scenario(faults=faults), made_up_motion()).vehicles
     attitude = vehicle.messages["ATTITUDE"]
     gaps = np.diff(attitude["time"])
     assert set(attitude["boot"]) == {0}
     assert_allclose(gaps[gaps > 0.02], [2.5, 100.0], atol=0.02)
-    flown = scenario("ardupilot", Faults(mavproxy_rate=4.0))
-    motion = made_up_motion(autopilot="ardupilot")
-    (vehicle,) = read(tmp_path, flown, motion).vehicles
-    gaps = {
-        name: np.diff(vehicle.messages[name]["time"])
-        for name in ("ATTITUDE", "SERVO_OUTPUT_RAW", "HEARTBEAT")
-    }
-    armed = float(motion.time[motion.armed][0])
-    after = vehicle.messages["ATTITUDE"]["time"][1:] > armed + 0.3
-    assert_allclose(gaps["ATTITUDE"][after], 0.25, atol=0.003)
-    assert_allclose(gaps["ATTITUDE"][~after][:100], 0.01, atol=0.003)
-    assert_allclose(gaps["SERVO_OUTPUT_RAW"][-10:], 0.25, atol=0.003)
-    assert_allclose(gaps["HEARTBEAT"], 1.0, atol=0.01)
