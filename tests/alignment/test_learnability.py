@@ -41,18 +41,6 @@ def codes(facts):
     return {fact.code for fact in facts}
 
 
-def test_a_hover_at_100_hz_is_learnable():
-    learnability = judged(HOVER.telemetry())
-    assert learnability.reason.code is Reason.LEARNABLE
-    figures = learnability.figures
-    assert figures.attitude_rate == approx(100) and figures.motor_rate == approx(100)
-    assert learnability.reason.figures["motor_rate"] == figures.motor_rate
-    assert figures.input_sd == approx(HOVER.command / np.sqrt(2), rel=0.02)
-    assert figures.consistency == approx(1, abs=1e-3)
-    assert figures.armed == approx(HOVER.landed + 1 - 5, abs=1.0)
-    assert figures.airborne == approx(HOVER.landed - 6, abs=2.0)
-
-
 def test_messages_are_called_by_their_names_in_the_log():
     hover = Hover().telemetry(4.0, 4.0)
     names = {"ATTITUDE": "ATT", "SERVO_OUTPUT_RAW": "RCOU", "ACTUATOR_CONTROL_TARGET": "RATE"}
