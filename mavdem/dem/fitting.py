@@ -48,13 +48,6 @@ class Fit:
     predictor: StateSpace
     simulation_fit: SimulationFit | None = None
 
-    @property
-    def converged(self) -> bool:
-        """Whether the last fit has converged: the simulation-error fit, where there was one."""
-        return (
-            self.ascent.converged if self.simulation_fit is None else self.simulation_fit.converged
-        )
-
 
 @raise_on_overflow()
 def fit(record: Record, settings: CompleteSettings) -> Fit:

@@ -9,7 +9,6 @@ from numpy.linalg import LinAlgError
 
 from mavdem.dem.engine.ascent import at_theta
 from mavdem.dem.engine.free_energy import SampleEnergy
-from mavdem.dem.engine.generative import SufficientStatistics
 from mavdem.dem.engine.linalg import Array, inverse, one_thread, raise_on_overflow
 from mavdem.dem.fitting import (
     Fit,
@@ -69,7 +68,7 @@ def learn_with_fit(train: Records, settings: Settings | None = None) -> tuple[Le
         except LinAlgError:
             raise NotLearnable(ModelRefusal.FIT_BREAKS_DOWN) from None
         segments = generalized(settings, fitted.scaling, record)
-        refined = _with_simulation_fit(fitted, record, SufficientStatistics.of(*segments))
+        refined = _with_simulation_fit(fitted, record)
         return _learned(refined, record, np.concatenate(segments)), refined
 
 
@@ -143,7 +142,7 @@ def _odd(samples: float, fewest: int) -> int:
     return window + 1 - window % 2
 
 
-def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatistics) -> Fit:
+def _with_simulation_fit(fitted: Fit, record: Record) -> Fit:
     """The fit with θ of a simulation-error fit, where the settings ask for one and it succeeds; else as it was."""
     model = fitted.model
     ascent = fitted.ascent
@@ -154,13 +153,13 @@ def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatist
             )
             if refined is None:
                 return fitted
-            iterate = at_theta(model, samples, refined.theta, ascent.belief)
+            belief = at_theta(refined.theta, ascent.belief)
             predictor = predictor_of(refined.theta, model.sizes, fitted.gain, record.dt)
     except LinAlgError:
         return fitted
     return replace(
         fitted,
-        ascent=replace(ascent, belief=iterate.belief, state_map=iterate.state_map),
+        ascent=replace(ascent, belief=belief),
         predictor=predictor,
         simulation_fit=refined,
     )
@@ -174,34 +173,30 @@ def _learned(fit: Fit, record: Record, data: Array) -> Learned:
     vehicle = of_vehicle(order, record.inputs.shape[1], fit.model.m, scaling.constant)
     scale = scaling.parameter_scale(order)
     precision = fit.model.prior.theta_precision
-    prior_covariance = inverse(precision)
     covariance = ascent.belief.theta_covariance
     if fit.simulation_fit is not None:
-        covariance = fit.simulation_fit.theta_covariance(prior_covariance)
-
-    def physical(covariance: Array) -> Array:
-        return (covariance * np.outer(scale, scale))[np.ix_(vehicle, vehicle)]
-
+        covariance = fit.simulation_fit.theta_covariance(inverse(precision))
+    covariance = covariance * np.outer(scale, scale)
     return Learned(
         settings=fit.settings,
         model=scaling.physical_model(ascent.belief.theta, order),
-        theta_covariance=physical(covariance),
+        theta_covariance=covariance[np.ix_(vehicle, vehicle)],
         known=np.diag(precision)[vehicle] >= KINEMATIC,
         free_energy=ascent.free_energy,
-        free_energy_of_samples=SampleEnergy.of(fit.model, ascent.belief).at(
-            data, data @ ascent.state_map.T
+        free_energy_of_samples=SampleEnergy.of(ascent.belief).at(
+            data, data @ ascent.belief.state_map.T
         ),
         learning=replace(
             ascent.learning,
             theta=(ascent.learning.theta * scale)[:, vehicle].copy(),
             theta_sd=(ascent.learning.theta_sd * scale)[:, vehicle].copy(),
         ),
-        converged=fit.converged,
+        converged=(fit.simulation_fit or ascent).converged,
         record=record,
         cautions=tuple(_cautions(fit, record)),
         scaling=scaling,
         predictor=fit.predictor,
-        state_map=np.ascontiguousarray(ascent.state_map),
+        state_map=ascent.belief.state_map,
         theta=ascent.belief.theta,
         simulation_fit=fit.simulation_fit,
     )

@@ -211,7 +211,7 @@ def _fitted(box: BlackBox, order: int) -> Iterate:
     prior = model.prior
     given = chain(box, order), prior.lambda_mean
     start = started(model, samples, given, np.zeros_like(prior.lambda_precision))
-    return continued(model, samples, start, ROUNDS)[0][-1]
+    return continued(start, ROUNDS)[0][-1]
 
 
 def chain(box: BlackBox, order: int) -> Array:

@@ -146,17 +146,16 @@ PAPER = ScalarSettings(
 """The paper's section on algorithm settings, with η = (−8, 8) as in its figure."""
 
 
-def value_at(
-    model: GenerativeModel, samples: SufficientStatistics, belief: Belief, a: float, b: float
-) -> float:
+def value_at(model: GenerativeModel, belief: Belief, a: float, b: float) -> float:
     """Returns F̄ᵒ (nats) at A = a, B = b, with the belief's states, λ and C held, and every covariance optimal there."""
-    there = belief._replace(theta=np.array([a, b, belief.theta[2]]))
-    return sum(optimal_terms(model, samples, with_optimal_precisions(model, there)).values())
+    moments = replace(belief.moments, model=model)
+    there = belief._replace(moments=moments, theta=np.array([a, b, belief.theta[2]]))
+    return sum(optimal_terms(with_optimal_precisions(there)).values())
 
 
-def peak(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> float:
+def peak(model: GenerativeModel, belief: Belief) -> float:
     """Returns F̄ᵒ (nats) at the belief's own A and B."""
-    return value_at(model, samples, belief, *belief.theta[:2])
+    return value_at(model, belief, *belief.theta[:2])
 
 
 def curvature(belief: Belief) -> float:
@@ -183,7 +182,7 @@ def run(runner: Runner) -> Result:
     samples = settings.samples(ScalarWorld(), seed=0)
     model = settings.model()
     beliefs = [plain_rounds(model, samples, max(DRAWN))[iteration] for iteration in DRAWN]
-    peaks = [peak(model, samples, belief) for belief in beliefs]
+    peaks = [peak(model, belief) for belief in beliefs]
     sharpness = [curvature(belief) for belief in beliefs]
     paths = {
         "our": ascents(settings, samples),
@@ -217,12 +216,12 @@ def run(runner: Runner) -> Result:
             Picture(
                 "The manifold",
                 "F̄ᵒ over A and B by iteration, from above; cross: the truth, dot: the estimate.",
-                partial(manifold, model, samples, beliefs),
+                partial(manifold, model, beliefs),
             ),
             Picture(
                 "Fifty priors on a circle",
                 "Their ascents, each iteration on its own manifold.",
-                partial(circle, model, samples, paths["our"]),
+                partial(circle, model, paths["our"]),
             ),
         ),
     )
@@ -243,11 +242,9 @@ def ends(paths: list[list[Belief]]) -> Pair:
     )
 
 
-def _from_above(
-    axes: Axes, model: GenerativeModel, samples: SufficientStatistics, belief: Belief
-) -> None:
+def _from_above(axes: Axes, model: GenerativeModel, belief: Belief) -> None:
     """Shades F̄ᵒ by its distance from the peak, with contours at ``LEVELS``, the truth and the estimate."""
-    values = np.array([[value_at(model, samples, belief, a, b) for a in AXIS_A] for b in AXIS_B])
+    values = np.array([[value_at(model, belief, a, b) for a in AXIS_A] for b in AXIS_B])
     # Half a nat keeps the peak's own grid point on the logarithmic scale.
     depth = np.maximum(values.max() - values, 0.5)
     filled = axes.contourf(
@@ -259,26 +256,22 @@ def _from_above(
     axes.set(xlabel="A", aspect="equal")
 
 
-def manifold(
-    model: GenerativeModel, samples: SufficientStatistics, beliefs: list[Belief]
-) -> Figure:
+def manifold(model: GenerativeModel, beliefs: list[Belief]) -> Figure:
     """Draws the manifold at each of the ``DRAWN`` iterations."""
     with picture(1.8) as figure:
         panels = figure.subplots(1, len(beliefs), sharey=True)
         for axes, number, belief in zip(panels, DRAWN, beliefs, strict=True):
-            _from_above(axes, model, samples, belief)
+            _from_above(axes, model, belief)
             axes.set_title(f"iteration {number}" if number else "prior")
         panels[0].set_ylabel("B")
         return figure
 
 
-def circle(
-    model: GenerativeModel, samples: SufficientStatistics, paths: list[list[Belief]]
-) -> Figure:
+def circle(model: GenerativeModel, paths: list[list[Belief]]) -> Figure:
     """Draws ascents on the last manifold of one."""
     with picture(2.8) as figure:
         axes = figure.subplots()
-        _from_above(axes, model, samples, paths[0][-1])
+        _from_above(axes, model, paths[0][-1])
         for beliefs in paths:
             theta = np.array([belief.theta[:2] for belief in beliefs])
             axes.plot(*theta.T, ".-", color="white", linewidth=0.5, markersize=2)

@@ -38,8 +38,8 @@ from mavdem.dem.record import Record
 seeds = st.integers(0, 10**6)
 
 
-def lambda_slope(model, samples, belief):
-    return FreeEnergyOfLambda.of(model, samples, belief).slope(belief.lambda_)
+def lambda_slope(belief):
+    return FreeEnergyOfLambda.of(belief).slope(belief.lambda_)
 
 
 def of_any_model(test):
@@ -74,28 +74,27 @@ def test_gradients_are_those_of_the_free_energy(model, seed):
     state_map, belief = random_belief(seed, model, samples)
     states = data @ state_map.T
 
-    of_data, precision = state_slope(model, belief)
-    energy = SampleEnergy.of(model, belief)
+    of_data, precision = state_slope(belief)
+    energy = SampleEnergy.of(belief)
     numeric = gradient(lambda X: energy.at(data, X).sum(), states)
     close(data @ of_data.T - states @ precision, numeric)
 
     def action(**changed):
-        return SampleEnergy.of(model, belief._replace(**changed)).action(data, states)
+        return SampleEnergy.of(belief._replace(**changed)).action(data, states)
 
-    slope, precision = theta_slope(model, samples, belief)
+    slope, precision = theta_slope(belief)
     close(slope, gradient(lambda at: action(theta=at), belief.theta))
     direction = rng.standard_normal(len(slope))
     ahead, behind = (
-        theta_slope(model, samples, belief._replace(theta=belief.theta + d))
-        for d in (direction, -direction)
+        theta_slope(belief._replace(theta=belief.theta + d)) for d in (direction, -direction)
     )
     close(precision @ direction, (behind[0] - ahead[0]) / 2)
 
-    slope, precision = lambda_slope(model, samples, belief)
+    slope, precision = lambda_slope(belief)
     close(slope, gradient(lambda at: action(lambda_=at), belief.lambda_))
     direction = rng.standard_normal(len(slope))
     along = gradient(
-        lambda at: direction @ lambda_slope(model, samples, belief._replace(lambda_=at))[0],
+        lambda at: direction @ lambda_slope(belief._replace(lambda_=at))[0],
         belief.lambda_,
     )
     close(-precision @ direction, along)
@@ -113,22 +112,22 @@ def test_curvatures_of_the_internal_energy_are_those_of_the_free_energy_at_a_cer
             for name in ("state_covariance", "theta_covariance", "lambda_covariance")
         }
     )
-    of_states = state_slope(model, sure)
-    close(-state_curvature(model, belief), of_states[1])
-    close(-theta_curvature(model, belief), theta_slope(model, samples, sure)[1])
-    close(-lambda_curvature(model, belief), lambda_slope(model, samples, sure)[1])
+    of_states = state_slope(sure)
+    close(-state_curvature(belief), of_states[1])
+    close(-theta_curvature(belief), theta_slope(sure)[1])
+    close(-lambda_curvature(belief), lambda_slope(sure)[1])
 
 
 @of_any_model
 def test_each_step_ends_where_the_gradient_of_the_free_energy_is_zero(model, seed):
     """By the gradients that the test above compares with differences."""
     samples, belief = random_posterior(seed, model)
-    of_data, precision = state_slope(model, belief)
-    close(precision @ d_step(model, belief), of_data)
-    start_slope = abs(theta_slope(model, samples, belief)[0]).max()
-    slope, _ = theta_slope(model, samples, belief._replace(theta=e_step(model, samples, belief)))
+    of_data, precision = state_slope(belief)
+    close(precision @ d_step(belief), of_data)
+    start_slope = abs(theta_slope(belief)[0]).max()
+    slope, _ = theta_slope(belief._replace(theta=e_step(belief)))
     assert abs(slope).max() < 1e-6 * (start_slope + samples.number)
-    slope, _ = lambda_slope(model, samples, belief._replace(lambda_=m_step(model, samples, belief)))
+    slope, _ = lambda_slope(belief._replace(lambda_=m_step(belief)))
     assert abs(slope).max() < 1e-5 * samples.number
 
 
@@ -137,12 +136,12 @@ def test_named_terms_sum_to_the_free_energy_at_optimal_precisions(model, seed):
     data = default_rng(seed).standard_normal((6, model.hidden.start))
     samples = SufficientStatistics.of(data)
     state_map, belief = random_belief(seed, model, samples)
-    belief = with_optimal_precisions(model, belief)
-    terms = optimal_terms(model, samples, belief)
+    belief = with_optimal_precisions(belief)
+    terms = optimal_terms(belief)
     estimated = (
         samples.number * len(belief.state_covariance) + len(belief.theta) + len(belief.lambda_)
     )
-    action = SampleEnergy.of(model, belief).action(data, data @ state_map.T)
+    action = SampleEnergy.of(belief).action(data, data @ state_map.T)
     total = action + estimated / 2
     assert sum(terms.values()) == approx(total, rel=1e-9, abs=1e-6)
 
@@ -183,7 +182,7 @@ def test_the_energy_is_that_of_the_generative_model_written_out(model, seed):
             energy += log_density(states[:n], model.state_precision)
         energy += logdet(belief.state_covariance) / 2
     energy += (logdet(belief.theta_covariance) + logdet(belief.lambda_covariance)) / 2
-    terms = optimal_terms(model, samples, belief)
+    terms = optimal_terms(belief)
     assert sum(terms.values()) == approx(energy, rel=1e-9)
 
 
@@ -213,4 +212,4 @@ def test_a_climb_that_says_it_has_settled_has_nothing_left(settings):
     finished = ascend(model, samples, 300)
     assert finished.converged
     belief = plain_rounds(model, samples, 300)[-1]
-    assert sum(optimal_terms(model, samples, belief).values()) < finished.free_energy[-1] + 1
+    assert sum(optimal_terms(belief).values()) < finished.free_energy[-1] + 1

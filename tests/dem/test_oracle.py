@@ -35,10 +35,7 @@ def test_case_a_ends_near_theirs_and_nearer_the_truth():
     assert np.linalg.norm(beliefs[-1].theta - truth) < np.linalg.norm(published - truth)
     assert beliefs[-1].lambda_[0] == approx(theirs["h"].ravel()[0], abs=0.1)
     heights = [
-        SampleEnergy.of(model, belief).action(
-            samples, samples @ belief.moments.stack[model.hidden].T
-        )
-        for belief in beliefs
+        SampleEnergy.of(belief).action(samples, samples @ belief.state_map.T) for belief in beliefs
     ]
     assert (np.diff(heights) >= 0).all()
 

@@ -68,7 +68,6 @@ class Ascent:
     """The iterations of one fit, in the engine's units."""
 
     belief: Belief  # at the end
-    state_map: Array  # L with X = L [ỹ; η̃], of the last D step's exact limit
     free_energy: FreeEnergy
     learning: Learning
     # whether a round gained less than ``CONVERGED_NATS`` before the iterations ran out
@@ -85,11 +84,10 @@ def ascend(model: GenerativeModel, samples: SufficientStatistics, iterations: in
     After each round the covariances are set to their optimum, so F̄ᵒ increases monotonically. When a round gains less
     than ``CONVERGED_NATS``, F̄ has converged. ``LinAlgError`` where at the start a curvature is not negative definite.
     """
-    iterates, converged = continued(model, samples, started(model, samples), iterations)
+    iterates, converged = continued(started(model, samples), iterations)
     beliefs = [iterate.belief for iterate in iterates]
     return Ascent(
         belief=beliefs[-1],
-        state_map=iterates[-1].state_map,
         free_energy=FreeEnergy(
             {
                 name: np.array([iterate.terms[name] for iterate in iterates])
@@ -112,16 +110,15 @@ def plain_rounds(
     """Returns the belief at the start and after each of so many rounds, without a test of convergence."""
     iterates = [started(model, samples)]
     for _ in range(number):
-        iterates.append(_round(model, samples, iterates[-1], iterates[-1].belief))
+        iterates.append(_round(iterates[-1], iterates[-1].belief))
     return [iterate.belief for iterate in iterates]
 
 
 @dataclass(frozen=True, eq=False)
 class Iterate:
-    """One iterate of the ascent: a belief with optimal precisions, X from the data, and the terms of F̄ᵒ by name."""
+    """One iterate of the ascent: a belief with optimal precisions, and the terms of F̄ᵒ by name."""
 
     belief: Belief
-    state_map: Array
     terms: Mapping[str, float]
 
     @property
@@ -145,12 +142,10 @@ def started(
     none = np.empty(0)
     unstated = GeneralizedMoments.of(model, samples, np.empty((0, len(samples.gram))))
     belief = Belief(unstated, none, theta, certain, lambda_, uncertain)
-    return _iterate(model, samples, *_d_step(model, samples, belief))
+    return _iterate(_d_step(belief))
 
 
-def continued(
-    model: GenerativeModel, samples: SufficientStatistics, start: Iterate, iterations: int
-) -> tuple[list[Iterate], bool]:
+def continued(start: Iterate, iterations: int) -> tuple[list[Iterate], bool]:
     """Returns the iterates from ``start`` on, after at most so many rounds, and whether F̄ has converged.
 
     Where X and θ are strongly coupled, rounds converge slowly. So each begins ever further along the last one's change
@@ -163,7 +158,7 @@ def continued(
         before = iterates[-2:][0].belief
         theta = now.belief.theta + reach * (now.belief.theta - before.theta)
         lambda_ = now.belief.lambda_ + reach * (now.belief.lambda_ - before.lambda_)
-        then = _round(model, samples, now, now.belief._replace(theta=theta, lambda_=lambda_))
+        then = _round(now, now.belief._replace(theta=theta, lambda_=lambda_))
         gains = then.free_energy - now.free_energy > CONVERGED_NATS
         if gains or not reach:
             iterates.append(then)
@@ -173,54 +168,46 @@ def continued(
     return iterates, False
 
 
-def at_theta(
-    model: GenerativeModel, samples: SufficientStatistics, theta: Array, belief: Belief
-) -> Iterate:
+def at_theta(theta: Array, belief: Belief) -> Belief:
     """Takes D and M steps in turn with θ fixed at ``theta``, from a belief, to the λ and X that belong to that θ."""
-    belief, state_map = _d_step(model, samples, belief._replace(theta=theta))
+    belief = _d_step(belief._replace(theta=theta))
     for _ in range(ROUNDS_AT_FIXED_THETA):
-        belief = steps.with_optimal_precisions(model, belief)
-        belief = belief._replace(lambda_=_m_step(model, samples, belief))
-        belief, state_map = _d_step(model, samples, belief)
-    return _iterate(model, samples, belief, state_map)
+        belief = steps.with_optimal_precisions(belief)
+        belief = belief._replace(lambda_=_m_step(belief))
+        belief = _d_step(belief)
+    return steps.with_optimal_precisions(belief)
 
 
-def _round(
-    model: GenerativeModel, samples: SufficientStatistics, now: Iterate, start: Belief
-) -> Iterate:
+def _round(now: Iterate, start: Belief) -> Iterate:
     """D, E and M steps from ``start``; ``now`` again if F̄ᵒ would decrease.
 
     From ``now`` itself only rounding can decrease it; from further on anything can. The covariances are updated at the
     end of the round: updating them after each step as well would raise F̄ hardly more, at twice the cost.
     """
     try:
-        belief, state_map = _d_step(model, samples, start)
-        belief = belief._replace(theta=steps.e_step(model, samples, belief))
-        belief = belief._replace(lambda_=_m_step(model, samples, belief))
-        then = _iterate(model, samples, belief, state_map)
+        belief = _d_step(start)
+        belief = belief._replace(theta=steps.e_step(belief))
+        belief = belief._replace(lambda_=_m_step(belief))
+        then = _iterate(belief)
     except (LinAlgError, FloatingPointError):
         # Noise so small, or a start so far, that the rest is lost in rounding.
         return now
     return then if then.free_energy >= now.free_energy else now
 
 
-def _d_step(
-    model: GenerativeModel, samples: SufficientStatistics, belief: Belief
-) -> tuple[Belief, Array]:
-    """A belief with X at its maximum, and the map of the data to that."""
-    state_map = steps.d_step(model, belief)
-    return belief._replace(moments=GeneralizedMoments.of(model, samples, state_map)), state_map
+def _d_step(belief: Belief) -> Belief:
+    """A belief with X at its maximum."""
+    moments = GeneralizedMoments.of(belief.model, belief.samples, steps.d_step(belief))
+    return belief._replace(moments=moments)
 
 
-def _m_step(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> Array:
-    lambda_ = steps.m_step(model, samples, belief)
+def _m_step(belief: Belief) -> Array:
+    lambda_ = steps.m_step(belief)
     if not abs(lambda_).max() < LARGEST_LAMBDA:
         raise LinAlgError("a noise precision diverges")
     return lambda_
 
 
-def _iterate(
-    model: GenerativeModel, samples: SufficientStatistics, belief: Belief, state_map: Array
-) -> Iterate:
-    belief = steps.with_optimal_precisions(model, belief)
-    return Iterate(belief, state_map, optimal_terms(model, samples, belief))
+def _iterate(belief: Belief) -> Iterate:
+    belief = steps.with_optimal_precisions(belief)
+    return Iterate(belief, optimal_terms(belief))

@@ -22,6 +22,21 @@ class Belief(NamedTuple):
     lambda_: Array
     lambda_covariance: Array
 
+    @property
+    def model(self) -> GenerativeModel:
+        """The generative model that it is about."""
+        return self.moments.model
+
+    @property
+    def samples(self) -> SufficientStatistics:
+        """The data."""
+        return self.moments.samples
+
+    @property
+    def state_map(self) -> Array:
+        """L with X = L [ỹ; η̃], (dim X, dim [ỹ; η̃])."""
+        return self.moments.stack[self.model.hidden]
+
 
 class SampleEnergy(NamedTuple):
     """F(t) = U + W + H, Eq. ``free_E``, as a function of the sample; constants in 2π are left out.
@@ -39,8 +54,9 @@ class SampleEnergy(NamedTuple):
     uncertainty: Array  # of X, which uncertain θ make
 
     @classmethod
-    def of(cls, model: GenerativeModel, belief: Belief) -> SampleEnergy:
-        """Returns that of a model under a belief, whose moments are not used."""
+    def of(cls, belief: Belief) -> SampleEnergy:
+        """Returns that under a belief, whose moments are not used."""
+        model = belief.model
         theta = belief.theta
         lambda_ = belief.lambda_
         prior = model.prior
@@ -57,7 +73,7 @@ class SampleEnergy(NamedTuple):
         )
         noise = 0.5 * float(
             model.log_precision(lambda_)
-            + np.sum(belief.state_covariance * state_curvature(model, belief))
+            + np.sum(belief.state_covariance * state_curvature(belief))
             + logdet(belief.state_covariance)
         )
         return cls(priors + noise, priors, model.error_operator(theta), precision, uncertainty)
@@ -83,22 +99,24 @@ def expected_weights(lambda_: Array, lambda_covariance: Array) -> Array:
     return np.exp(lambda_) * (1.0 + 0.5 * lambda_covariance.diagonal())
 
 
-def state_curvature(model: GenerativeModel, belief: Belief) -> Array:
+def state_curvature(belief: Belief) -> Array:
     """Returns U_XX, the same at every sample."""
+    model = belief.model
     of_X = model.error_operator(belief.theta)[:, model.hidden]
     return -of_X.T @ model.precision(np.exp(belief.lambda_)) @ of_X
 
 
-def theta_curvature(model: GenerativeModel, belief: Belief) -> Array:
+def theta_curvature(belief: Belief) -> Array:
     """Returns Ū_θθ (k, k)."""
     weights = np.exp(belief.lambda_)
-    return -model.prior.theta_precision - model.parameter_precision(weights, belief.moments.joint)
+    of_errors = belief.model.parameter_precision(weights, belief.moments.joint)
+    return -belief.model.prior.theta_precision - of_errors
 
 
-def lambda_curvature(model: GenerativeModel, belief: Belief) -> Array:
+def lambda_curvature(belief: Belief) -> Array:
     """Returns Ū_λλ (g, g)."""
     squares = belief.moments.squared_errors(belief.theta)
-    return -np.diag(0.5 * np.exp(belief.lambda_) * squares) - model.prior.lambda_precision
+    return -np.diag(0.5 * np.exp(belief.lambda_) * squares) - belief.model.prior.lambda_precision
 
 
 class Term(StrEnum):
@@ -115,17 +133,16 @@ class Term(StrEnum):
     PREDICTION_ERROR_OF_HYPERPARAMETERS = "prediction error of hyperparameters"
 
 
-def optimal_terms(
-    model: GenerativeModel, samples: SufficientStatistics, belief: Belief
-) -> Mapping[str, float]:
+def optimal_terms(belief: Belief) -> Mapping[str, float]:
     """Returns the named terms of F̄ᵒ, Eq. ``F_action_opt``, of a belief whose precisions are the negative curvatures.
 
     They sum to F̄ᵒ, which is :meth:`SampleEnergy.action` there plus half the number of everything estimated,
     T·dim X + dim θ + dim λ (the mean-field terms, which the paper drops with the constants).
     """
+    model = belief.model
     of_theta, of_lambda = model.log_precision_of_priors
     theta_error, lambda_error = model.prior.squared_errors(belief.theta, belief.lambda_)
-    T = samples.number
+    T = belief.samples.number
     squares = model.precision(np.exp(belief.lambda_)) * belief.moments.errors(belief.theta)
     of_y, of_v, of_x = model.errors
     of_x = slice(of_x.start, None)  # with x itself, where something is known of it

@@ -309,7 +309,7 @@ class GeneralizedMoments:
     """Second moments of data and means, Σ_t [ỹ; η̃; X][ỹ; η̃; X]ᵀ, and what the steps need of them."""
 
     model: GenerativeModel
-    gram: Array  # Σ_t [ỹ; η̃][ỹ; η̃]ᵀ
+    samples: SufficientStatistics
     stack: Array  # (dim [ỹ; η̃; X], dim [ỹ; η̃]): [ỹ; η̃; X] from [ỹ; η̃]
 
     @classmethod
@@ -317,16 +317,16 @@ class GeneralizedMoments:
         cls, model: GenerativeModel, samples: SufficientStatistics, state_map: Array
     ) -> GeneralizedMoments:
         """Returns those of X = L [ỹ; η̃], for L = ``state_map`` (dim X, dim [ỹ; η̃])."""
-        return cls(model, samples.gram, np.vstack([np.eye(len(samples.gram)), state_map]))
+        return cls(model, samples, np.vstack([np.eye(len(samples.gram)), state_map]))
 
     @cached_property
     def joint(self) -> Array:
         """The matrix of moments."""
-        return self.stack @ self.gram @ self.stack.T
+        return self.stack @ self.samples.gram @ self.stack.T
 
     def products(self, theta: Array) -> Array:
         """Returns Σ_t ε̃ [ỹ; η̃; X]ᵀ."""
-        return self.model.error_operator(theta) @ self.stack @ self.gram @ self.stack.T
+        return self.model.error_operator(theta) @ self.stack @ self.samples.gram @ self.stack.T
 
     def errors(self, theta: Array) -> Array:
         """Returns Σ_t ε̃ε̃ᵀ.
@@ -334,7 +334,7 @@ class GeneralizedMoments:
         The errors are taken before the moments, since they are far smaller than what they lie between.
         """
         errors = self.model.error_operator(theta) @ self.stack
-        return errors @ self.gram @ errors.T
+        return errors @ self.samples.gram @ errors.T
 
     def squared_errors(self, theta: Array) -> Array:
         """Returns Σ_t ε̃ᵀ (S⊗Ω_g) ε̃ for each λ, (g,)."""

@@ -18,10 +18,6 @@ from mavdem.dem.engine.free_energy import (
     theta_curvature,
 )
 from mavdem.dem.engine.gauss_newton import MAX_STEPS
-from mavdem.dem.engine.generative import (
-    GenerativeModel,
-    SufficientStatistics,
-)
 from mavdem.dem.engine.linalg import Array, Pair, inverse, solve
 
 LONGEST_STEP = 4.0
@@ -30,21 +26,22 @@ SHORTEST_STEP = 1e-6
 """A step of λ shorter than this ends the M step: Newton's method has then converged to twice as many digits."""
 
 
-def d_step(model: GenerativeModel, belief: Belief) -> Array:
+def d_step(belief: Belief) -> Array:
     """Takes the D step: every sample's X at the maximum of F under a belief in θ and λ.
 
     F is quadratic in X with the same curvature at every sample, so X(t) = L [ỹ(t); η̃(t)] with one L (dim X,
     dim [ỹ; η̃]), which is returned.
     """
-    of_data, precision = state_slope(model, belief)
+    of_data, precision = state_slope(belief)
     return solve(precision, of_data)
 
 
-def state_slope(model: GenerativeModel, belief: Belief) -> Pair:
+def state_slope(belief: Belief) -> Pair:
     """Returns G (dim X, dim [ỹ; η̃]) and P (dim X, dim X) with ∂F/∂X = G [ỹ; η̃] − P X.
 
     Mean-field terms of θ and λ are included.
     """
+    model = belief.model
     E = model.error_operator(belief.theta)
     data = E[:, : model.hidden.start]
     X = E[:, model.hidden]
@@ -54,19 +51,20 @@ def state_slope(model: GenerativeModel, belief: Belief) -> Pair:
     return -weighted @ data, weighted @ X + uncertainty
 
 
-def e_step(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> Array:
+def e_step(belief: Belief) -> Array:
     """Takes the E step: returns θ at the maximum of F̄ given the rest."""
-    gradient, precision = theta_slope(model, samples, belief)
+    gradient, precision = theta_slope(belief)
     return belief.theta + solve(precision, gradient)
 
 
-def theta_slope(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> Pair:
+def theta_slope(belief: Belief) -> Pair:
     """Returns ∂F̄/∂θ (k,) and −∂²F̄/∂θ² (k, k), the mean-field terms of X and of λ included."""
+    model = belief.model
     prior = model.prior
     weights = np.exp(belief.lambda_)
     expected = expected_weights(belief.lambda_, belief.lambda_covariance)
     spread = np.zeros_like(belief.moments.joint)
-    spread[model.hidden, model.hidden] = samples.number * belief.state_covariance
+    spread[model.hidden, model.hidden] = belief.samples.number * belief.state_covariance
     gradient = (
         prior.theta_precision @ (prior.theta_mean - belief.theta)
         + model.parameter_slope(expected, belief.moments.products(belief.theta))
@@ -80,12 +78,12 @@ def theta_slope(model: GenerativeModel, samples: SufficientStatistics, belief: B
     return gradient, precision
 
 
-def m_step(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> Array:
+def m_step(belief: Belief) -> Array:
     """Takes the M step: returns λ at the maximum of F̄ given the rest, which is concave in λ, by Newton's steps.
 
     They are shortened until F̄ rises.
     """
-    of_lambda = FreeEnergyOfLambda.of(model, samples, belief)
+    of_lambda = FreeEnergyOfLambda.of(belief)
     lambda_ = belief.lambda_
     value = of_lambda.value(lambda_)
     for _ in range(MAX_STEPS):
@@ -113,19 +111,19 @@ class FreeEnergyOfLambda(NamedTuple):
     precision: Array  # (g, g)
 
     @classmethod
-    def of(
-        cls, model: GenerativeModel, samples: SufficientStatistics, belief: Belief
-    ) -> FreeEnergyOfLambda:
+    def of(cls, belief: Belief) -> FreeEnergyOfLambda:
         """Returns that of a belief in the rest."""
+        model = belief.model
+        number = belief.samples.number
         of_X = model.error_operator(belief.theta)[:, model.hidden]
         squares = belief.moments.squared_errors(belief.theta)
-        spread = samples.number * model.squared_errors(of_X @ belief.state_covariance @ of_X.T)
+        spread = number * model.squared_errors(of_X @ belief.state_covariance @ of_X.T)
         cost = (
             squares * (1.0 + 0.5 * belief.lambda_covariance.diagonal())
             + spread
             + model.parameter_spread(belief.moments.joint, belief.theta_covariance)
         )
-        gain = 0.5 * samples.number * model.log_precision_slope
+        gain = 0.5 * number * model.log_precision_slope
         return cls(cost, gain, model.prior.lambda_mean, model.prior.lambda_precision)
 
     def value(self, lambda_: Array) -> float:
@@ -145,10 +143,10 @@ class FreeEnergyOfLambda(NamedTuple):
         ) + self.precision
 
 
-def with_optimal_precisions(model: GenerativeModel, belief: Belief) -> Belief:
+def with_optimal_precisions(belief: Belief) -> Belief:
     """Returns the belief with every covariance at the maximum of F̄, Eq. ``Pi_curvature``."""
     return belief._replace(
-        state_covariance=inverse(-state_curvature(model, belief)),
-        theta_covariance=inverse(-theta_curvature(model, belief)),
-        lambda_covariance=inverse(-lambda_curvature(model, belief)),
+        state_covariance=inverse(-state_curvature(belief)),
+        theta_covariance=inverse(-theta_curvature(belief)),
+        lambda_covariance=inverse(-lambda_curvature(belief)),
     )

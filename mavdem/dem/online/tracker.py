@@ -116,7 +116,7 @@ class Tracker(NamedTuple):
     @classmethod
     def of(cls, learned: Learned, fit: Fit, until: float) -> Tracker:
         """Returns that of a result and the fit that it was made from."""
-        energy = SampleEnergy.of(fit.model, fit.ascent.belief)
+        energy = SampleEnergy.of(fit.ascent.belief)
         past = learned.free_energy_of_samples[-round(SURPRISE_SECONDS / learned.dt) :]
         settings = learned.settings
         outputs, inputs = (
