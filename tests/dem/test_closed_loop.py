@@ -139,11 +139,12 @@ def test_the_slopes_are_those_of_the_value(late):
     begins = 0, 0, late, late
     streams = [sent(one, 4, begin) for begin, one in zip(begins, FLOWN, strict=True)]
     one = Axis(spectra(streams, STARTS), KNOWN, 0.0)
-    _, score, information = one.scores(KNOWN_PLANT)
+    about = one.quadratic(KNOWN_PLANT)
     for k, name in enumerate(NAMES):
         step = np.eye(len(NAMES))[k] * 1e-4 * SD[k]
         slope = (one.value(KNOWN_PLANT + step) - one.value(KNOWN_PLANT - step)) / (2 * step[k])
-        assert score[k] == approx(slope, rel=1e-3, abs=1e-3 * np.sqrt(information[k, k])), name
+        sd = np.sqrt(about.curvature[k, k])
+        assert about.slope[k] == approx(slope, rel=1e-3, abs=1e-3 * sd), name
 
 
 def test_nothing_asked_is_nothing_steered():

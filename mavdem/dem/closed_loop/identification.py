@@ -59,21 +59,20 @@ class Identified(NamedTuple):
 
 def identified(axis: Axis) -> Identified:
     """Returns the parameters of an ``axis`` by its likelihood's maxima; ``LinAlgError`` where there are none."""
-    objective = _LogJoint(axis)
     begun = []
     for crossover, lag, delay in STARTS:
         theta = axis.mean.copy()
         _, back = np.abs(axis.known.transfer(np.array([crossover])))
         effect, _, *late = PLANT
         theta[[effect, *late]] = np.log([2 * np.pi * crossover / back[0], lag, delay])
-        begun.append(objective.ascended(theta, FIRST_STEPS))
+        begun.append(_ascended(axis, theta, FIRST_STEPS))
     times = STEP_TIMES if axis.densities.between else STEP_TIMES[1:2]
     ended: list[Quadratic] = []
     for fit in sorted(begun, key=lambda fit: fit.value)[-2:]:
         for time in times:
             theta = lag_first(fit.at)
             theta[STEP_TIME] = time
-            ended.append(objective.ascended(theta, MAX_STEPS, ended))
+            ended.append(_ascended(axis, theta, MAX_STEPS, ended))
     return _averaged(axis, ended)
 
 
@@ -118,39 +117,21 @@ def _apart(now: Quadratic, maximum: Quadratic) -> float:
     return float(step @ maximum.curvature @ step) / 2
 
 
-class _LogJoint(NamedTuple):
-    """The log joint of an axis's spectra and parameters, an ``Objective`` of Fisher's scoring."""
+def _ascended(axis: Axis, theta: Array, steps: int, maxima: Sequence[Quadratic] = ()) -> Quadratic:
+    """From parameters ``theta`` after so many damped steps, or where there is nothing to gain.
 
-    axis: Axis
+    An ascent that comes to one of the ``maxima`` has no more to find.
+    """
 
-    def value(self, at: Array) -> float:
-        """The value."""
-        return self.axis.value(at) + self._log_prior(at)
+    def enough(now: Quadratic) -> bool:
+        return any(_apart(now, maximum) < SAME_NATS for maximum in maxima)
 
-    def quadratic(self, at: Array) -> Quadratic:
-        """To second order, the information for the curvature."""
-        value, slope, information = self.axis.scores(at)
-        precision = self.axis.sd**-2.0
-        slope -= precision * (at - self.axis.mean)
-        return Quadratic(at, value + self._log_prior(at), slope, information + np.diag(precision))
+    damping = Damping(first=1e-2, factor=5.0, attempts=16, limited=_limited)
+    trace, _ = gauss_newton(axis, axis.quadratic(theta), damping, steps, enough)
+    return trace[-1]
 
-    def ascended(self, theta: Array, steps: int, maxima: Sequence[Quadratic] = ()) -> Quadratic:
-        """From parameters ``theta`` after so many damped steps, or where there is nothing to gain.
 
-        An ascent that comes to one of the ``maxima`` has no more to find.
-        """
-
-        def enough(now: Quadratic) -> bool:
-            return any(_apart(now, maximum) < SAME_NATS for maximum in maxima)
-
-        damping = Damping(first=1e-2, factor=5.0, attempts=16, limited=self._limited)
-        trace, _ = gauss_newton(self, self.quadratic(theta), damping, steps, enough)
-        return trace[-1]
-
-    def _log_prior(self, at: Array) -> float:
-        return -0.5 * np.sum(((at - self.axis.mean) / self.axis.sd) ** 2)
-
-    def _limited(self, step: Array) -> Array:
-        """A step that changes no parameter by more than ``LONGEST_STEP``."""
-        longest = np.minimum(SD, LONGEST_STEP)
-        return step / max(1.0, np.abs(step / longest).max())
+def _limited(step: Array) -> Array:
+    """A step that changes no parameter by more than ``LONGEST_STEP``."""
+    longest = np.minimum(SD, LONGEST_STEP)
+    return step / max(1.0, np.abs(step / longest).max())

@@ -15,6 +15,7 @@ from mavdem.dem.closed_loop.densities import (
 )
 from mavdem.dem.closed_loop.parameters import CONTROLLER, MEAN, NAMES, SD
 from mavdem.dem.closed_loop.spectra import Complex, Spectra
+from mavdem.dem.engine.gauss_newton import Quadratic
 from mavdem.dem.engine.linalg import Array
 
 DEPENDENT = 6.25
@@ -23,7 +24,10 @@ What is known beforehand counts whole, so that slow logs, which leave lag and de
 
 
 class Axis:
-    """The spectra of one axis, their likelihood by parameters in the order of ``NAMES``, and what is known before."""
+    """The log joint of one axis's spectra and parameters in the order of ``NAMES``, up to a constant.
+
+    It is an ``Objective`` of Fisher's scoring.
+    """
 
     def __init__(
         self, spectra: Spectra, controller: KnownController, rounding: float, limited: float = 0.0
@@ -45,22 +49,28 @@ class Axis:
         self.seen = self.spectra.mean
         self.weights = spectra.counts * len(spectra.densities) / DEPENDENT
 
-    def value(self, theta: Array) -> float:
-        """Returns the log likelihood, up to a constant; minus infinity where there is none."""
-        return self._whitened(self.densities.at(theta))[0]
+    def value(self, at: Array) -> float:
+        """Returns the value at parameters (k,); minus infinity where there is none."""
+        return self._whitened(self.densities.at(at))[0] + self._log_prior(at)
 
-    def scores(self, theta: Array) -> tuple[float, Array, Array]:
-        """Returns the log likelihood as ``value`` does, its slope (k,), and Fisher's information (k, k)."""
-        model, slopes = self.densities.with_slopes(theta)
+    def quadratic(self, at: Array) -> Quadratic:
+        """Returns the value to second order, with Fisher's information for the curvature."""
+        model, slopes = self.densities.with_slopes(at)
         value, whitener, seen = self._whitened(model)
         # of two slopes A and B the information is tr(S⁻¹ A S⁻¹ B), in white spectra tr(A B)
         shares = np.sqrt(self.weights)
         white = np.einsum("j,jab,jdc->jbcad", shares, whitener, whitener.conj())
         parts = ASKED**2
-        whitened = slopes.reshape(-1, len(theta), parts) @ white.reshape(-1, parts, parts)
-        flat = whitened.swapaxes(0, 1).reshape(len(theta), -1).view(np.float64)
+        whitened = slopes.reshape(-1, len(at), parts) @ white.reshape(-1, parts, parts)
+        flat = whitened.swapaxes(0, 1).reshape(len(at), -1).view(np.float64)
         unlike = shares[:, None, None] * (seen - np.eye(ASKED))
-        return value, flat @ unlike.reshape(-1).view(np.float64), flat @ flat.T
+        precision = self.sd**-2.0
+        slope = flat @ unlike.reshape(-1).view(np.float64) - precision * (at - self.mean)
+        curvature = flat @ flat.T + np.diag(precision)
+        return Quadratic(at, value + self._log_prior(at), slope, curvature)
+
+    def _log_prior(self, at: Array) -> float:
+        return -0.5 * np.sum(((at - self.mean) / self.sd) ** 2)
 
     def _whitened(self, model: Complex) -> tuple[float, Complex, Complex]:
         """The log likelihood of a model (J, C, C), what makes it white, and what that makes of the spectra."""
