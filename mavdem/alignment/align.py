@@ -117,7 +117,7 @@ def within(
     stream: Attitude | Motors | Signal, *segments: Segment, slack: float = STAMP_SECONDS
 ) -> Flags:
     """Returns which samples (N,) belong to the segments, those up to ``slack``, s, beyond an end included."""
-    inside = np.zeros(len(stream.time), dtype=np.bool_)
+    inside = np.zeros(len(stream.time), dtype=bool)
     for part in segments:
         near = (stream.time >= part.start - slack) & (stream.time <= part.end + slack)
         inside |= near & (stream.boot == part.boot)
@@ -275,7 +275,7 @@ def _interval(time: Array) -> float:
     mean = 1 / mean_rate(time)
     since = time - time[0]
     steps, counts = np.unique(
-        np.rint(np.diff(time) / STAMP_SECONDS).astype(np.int64), return_counts=True
+        np.rint(np.diff(time) / STAMP_SECONDS).astype(int), return_counts=True
     )
     steps = steps[counts >= USUAL_SHARE * len(time)]
     cycle = STAMP_SECONDS * np.gcd.reduce(steps)

@@ -50,7 +50,7 @@ class Signal:
 def floats(columns: Columns, field: str) -> Array:
     """Returns a field of a message as floats; what is no number becomes NaN."""
     with np.errstate(invalid="ignore"):
-        return np.asarray(columns[field], dtype=np.float64)
+        return np.asarray(columns[field], dtype=float)
 
 
 def table_of(columns: Columns, fields: Iterable[str]) -> Array:
@@ -62,7 +62,7 @@ def series(columns: Columns, values: Array, rows: Flags | None = None) -> Signal
     """Returns ``values`` (N,) or (N, k) of all messages, or ``rows`` (N,), in time order, each stamp once, finite."""
     time, boot = columns["time"], columns["boot"]
     table = np.atleast_2d(values.T).T
-    chosen = np.ones(len(time), dtype=np.bool_) if rows is None else rows
+    chosen = np.ones(len(time), dtype=bool) if rows is None else rows
     order = np.flatnonzero(chosen & np.isfinite(table).all(axis=1) & np.isfinite(time))
     finite = len(order)
     order = order[np.lexsort((time[order], boot[order]))]

@@ -223,7 +223,6 @@ def grounded(signals: Signals, boot: int) -> Intervals:
     Or its attitude stands still while its motors fight what holds it.
     """
     collective = of_boot(signals.collective, boot)
-    motors = signals.motors
     if collective is None:
         return []
     mean = average(collective)
@@ -239,9 +238,9 @@ def grounded(signals: Signals, boot: int) -> Intervals:
             squares += np.interp(collective.time, turning.time, average(turning))
     lively = np.quantile(squares[running], 0.9)
     moving = running & (squares >= STILL_SHARE * lively)
-    fighting = np.zeros(len(mean), dtype=np.bool_)
-    if motors is not None:
-        for share in motors.shares(boot).values.T:
+    fighting = np.zeros(len(mean), dtype=bool)
+    if signals.motors is not None:
+        for share in signals.motors.shares(boot).values.T:
             apart = average(Signal(collective.time, collective.boot, share)) - mean
             fighting |= abs(apart - np.median(apart[moving])) > FIGHTING_SHARE * hover
     still = squares < STILL_SHARE**2 * lively

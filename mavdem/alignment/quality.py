@@ -63,9 +63,9 @@ class QualityFigures:
 def of_log(signals: Signals, segments: int) -> QualityFigures:
     """Returns the figures of a whole log with so many ``segments``; its rates are those between outages."""
     attitude, drive = signals.streams
-    parts = recorded_parts(signals)
     armed = sum(
-        total(both([(part.start, part.end)], phases.armed(signals, part.boot))) for part in parts
+        total(both([(part.start, part.end)], phases.armed(signals, part.boot)))
+        for part in recorded_parts(signals)
     )
     airborne = 0.0
     for boot in np.intersect1d(attitude.boot, drive.boot):

@@ -119,11 +119,8 @@ def usable_segments(
             )
         ]
     flights = [_with_cautions(part, *left_out) for part in usable]
-    in_time = sorted(
-        flights,
-        key=lambda flight: (boot_of(flight), float(flight.time[0])),
-    )
-    return tuple(in_time), first
+    flights.sort(key=lambda flight: (boot_of(flight), flight.time[0]))
+    return tuple(flights), first
 
 
 def of_longest_boot(flights: Flights) -> Flights:

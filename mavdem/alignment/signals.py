@@ -153,7 +153,7 @@ def setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
     found = []
     if targets is not None:
         masks = targets.get("type_mask", np.zeros(len(targets["time"])))
-        ignored = np.asarray(masks).astype(np.int64)
+        ignored = np.asarray(masks).astype(int)
         rates = np.where(ignored & IGNORED[axis], np.nan, floats(targets, f"body_{axis}_rate"))
         rates[abs(rates) > MAX_BODY_RATE] = np.nan
         found.append(
@@ -257,11 +257,11 @@ class VehicleSignals:
         """Both (N, 2) of them; a single stray heartbeat is outvoted by its neighbours."""
         if (columns := self.heartbeats) is None:
             return None
-        flags = columns["base_mode"].astype(np.int64)
+        flags = columns["base_mode"].astype(int)
         modes = columns.get("custom_mode", np.zeros(len(columns["time"])))
         number = int(columns["autopilot"][0])
         lands = np.isin(modes, list(LANDING_MODES.get(number, ()))) & (flags & CUSTOM_MODE > 0)
-        state = np.column_stack([flags & ARMED > 0, lands]).astype(np.float64)
+        state = np.column_stack([flags & ARMED > 0, lands]).astype(float)
         outvoted = median_filter(state, size=(3, 1), mode="nearest")
         return Signal(columns["time"], columns["boot"], outvoted)
 
@@ -291,7 +291,7 @@ class VehicleSignals:
         if columns is None or "custom_mode" not in columns:
             return []
         rows = np.flatnonzero((columns["boot"] == boot) & np.isfinite(columns["custom_mode"]))
-        numbers = columns["custom_mode"][rows].astype(np.int64)
+        numbers = columns["custom_mode"][rows].astype(int)
         changed = np.flatnonzero(np.diff(numbers, prepend=-1))
         named = [
             mode_name(self.telemetry.autopilot, self.telemetry.vehicle, int(number))
@@ -316,7 +316,7 @@ class VehicleSignals:
     def position(self) -> Signal | None:
         """The position (N, 3) where it is known, m north, east and down of where the log or the estimator began."""
         if "x" in (columns := self.telemetry.messages.get("LOCAL_POSITION_NED", {})):
-            valid = columns["valid"].astype(np.bool_) if "valid" in columns else None
+            valid = columns["valid"].astype(bool) if "valid" in columns else None
             return series(columns, table_of(columns, "xyz"), valid)
         columns = self.telemetry.messages.get("GLOBAL_POSITION_INT", {})
         if columns and len(columns["time"]):

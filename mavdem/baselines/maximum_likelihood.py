@@ -162,16 +162,14 @@ class EMFit(NamedTuple):
 def iterated(segments: Segments, order: int, iterations: int = MAX_ITERATIONS) -> EMFit:
     """Iterates from the subspace model, with noise, so many ``iterations`` on, or until it has converged."""
     found, starts, _ = found_by_projection(segments, order)
-    C = found.C
-    K = found.K
     pairs = zip(starts, segments, strict=True)
     errors = np.concatenate(
         [segment[1] - found.predicted(start, *segment) for start, segment in pairs]
     )
     R = errors.T @ errors / len(errors)
-    noise = K @ R @ K.T + START_NOISE * np.eye(order)
-    R += ROUNDING * np.eye(len(C))
-    model = GaussianModel(found.A, found.B, found.offset, C, found.output_trim, noise, R)
+    noise = found.K @ R @ found.K.T + START_NOISE * np.eye(order)
+    R += ROUNDING * np.eye(len(R))
+    model = GaussianModel(found.A, found.B, found.offset, found.C, found.output_trim, noise, R)
     likelihoods = []
     for _ in range(iterations):
         expected = [

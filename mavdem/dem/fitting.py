@@ -102,8 +102,8 @@ def generative_model(
         settings.d,
         q,
         *correlations,
-        np.zeros(m, np.intp),
-        np.ones(n, np.intp),
+        np.zeros(m, int),
+        np.ones(n, int),
         np.diag(each.ravel()),
         prior,
     )
@@ -146,7 +146,7 @@ def of_vehicle(
     constant: bool,
 ) -> Indices:
     """Returns indices in the engine's θ of the vehicle's: all but the column of B for the constant input."""
-    A, B, C = (np.ones(shape, np.bool_) for shape in ((n, n), (n, motors + constant), (m, n)))
+    A, B, C = (np.ones(shape, bool) for shape in ((n, n), (n, motors + constant), (m, n)))
     B[:, motors:] = False
     return np.flatnonzero(pack(A, B, C))
 

@@ -128,7 +128,7 @@ class BlackBox:
             *(n, self.r, m, self.p, self.p - 1, self.p - 1),
             output_correlation=temporal_precision(self.p, read),
             state_correlation=temporal_precision(self.p - 1, read),
-            output_groups=np.zeros(m, np.intp),
+            output_groups=np.zeros(m, int),
             state_groups=1 + np.arange(n),
             input_precision=self.input_precision,
             prior=Prior(mean, np.eye(len(mean)), lambda_mean, lambda_precision),

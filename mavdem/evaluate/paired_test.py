@@ -57,8 +57,8 @@ def paired(ours: ArrayLike, theirs: ArrayLike, windows: Sequence[Window] | None 
     Raises:
         ValueError: arrays of different lengths, or errors that are negative or NaN.
     """
-    a = np.asarray(ours, np.float64)
-    b = np.asarray(theirs, np.float64)
+    a = np.asarray(ours, float)
+    b = np.asarray(theirs, float)
     if a.shape != b.shape or a.ndim != 1 or (windows is not None and len(windows) != len(a)):
         raise ValueError(
             f"ours, theirs and windows must be of the same windows, not {a.shape} and {b.shape}"

@@ -138,4 +138,4 @@ def disjoint(windows: Sequence[Window]) -> Indices:
         if window.start >= free.get(window.flight, window.start):
             chosen.append(i)
             free[window.flight] = window.stop
-    return np.array(sorted(chosen), np.intp)
+    return np.array(sorted(chosen), int)

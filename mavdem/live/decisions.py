@@ -147,7 +147,7 @@ class InputChoice:
         recent = zip(stream.time[::every], stream.values[::every], strict=True)
         rows = [*self._extremes.get((name, port), ()), *recent]
         times, values = zip(*rows, strict=True)
-        table = np.array(values, np.float64)
+        table = np.array(values, float)
         sent = (table != 0) & np.isfinite(table)  # 0 is "no output yet"
         lowest = np.where(sent, table, inf).argmin(axis=0)
         highest = np.where(sent, table, -inf).argmax(axis=0)
@@ -336,7 +336,7 @@ def judged(
     time: Any = learned.dt * np.arange(len(inputs))
     telemetry = Telemetry(1, 1, UNNAMED, "", {}, record.parameters)
     count = len(time)
-    boots = np.zeros(count, np.int64)
+    boots = np.zeros(count, int)
     motors = Motors(setup.motors, time, boots, inputs, setup.layout, setup.scale, count, 0)
     tilt = tilt_of(setup.attitude, time, 0, *outputs.T)
     signals = LiveSignals(telemetry, axis, motors=motors, tilts=(tilt,) * len(TILT_AXES))

@@ -64,11 +64,10 @@ class MotorAlarms:
         if self.landed:
             self.standing = ()
             self.landed = False
-        layout = motors.layout
         # balances on two ranges differ
-        watched = boot, layout, motors.scale.low, motors.scale.high
+        watched = boot, motors.layout, motors.scale.low, motors.scale.high
         if self._watch is None or watched != self._watched:
-            self._watch = MotorWatch(layout, boot)
+            self._watch = MotorWatch(motors.layout, boot)
             self._watched = watched
         changes = self._watch.take(time, commands, heading)
         for change in changes:

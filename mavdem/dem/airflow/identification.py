@@ -234,7 +234,7 @@ def estimate_drag(
     velocities = real_numbers(wind, "wind")
     if velocities.shape not in ((2,), (len(time), 2)):
         raise ValueError(f"wind must have shape (2,) or ({len(time)}, 2), not {velocities.shape}")
-    air = np.zeros((len(time), 2)) + velocities
+    air = np.broadcast_to(velocities, (len(time), 2))
     speeds = real_numbers(velocity, "velocity")
     speeds = np.where(np.isfinite(air).all(axis=1, keepdims=True), speeds, np.nan)
     stamps, angles, speeds, usable = checked(time, attitude, speeds)

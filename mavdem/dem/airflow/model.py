@@ -173,7 +173,7 @@ class Drag(Result):
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Drag:
         """Returns the drag whose ``values`` :meth:`as_dict` made; ``ValueError`` or ``KeyError`` for others."""
-        mean, covariance = (np.array(values[name], np.float64) for name in ("mean", "covariance"))
+        mean, covariance = (np.array(values[name], float) for name in ("mean", "covariance"))
         source = DragSource(values["source"])
         return cls(mean.reshape(6), covariance.reshape(6, 6), source).required()
 
@@ -372,18 +372,18 @@ class Filtered(NamedTuple):
 def filtered(parameters: Array, motion: Motion) -> Filtered:
     """Returns what a ``Filter`` leaves of the ``motion``."""
     run = Filter(parameters, motion)
-    finite = motion.known
+    known = motion.known
     size = len(motion.force), len(parameters)
     states = np.empty((2, *size, 4))
     spreads = np.empty((2, *size, 4, 4))
     errors = np.full((*size, 2), np.nan)
     expected = np.full((*size, 2, 2), np.nan)
-    for t in range(len(finite)):
+    for t, is_known in enumerate(known):
         if t:
             run.predict()
         states[:, t] = run.states
         spreads[:, t] = run.spreads
-        if finite[t]:
+        if is_known:
             errors[t], expected[t] = run.update(motion, t)
             states[1, t] = run.states
             spreads[1, t] = run.spreads

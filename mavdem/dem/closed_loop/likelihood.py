@@ -62,10 +62,10 @@ class Axis:
         white = np.einsum("j,jab,jdc->jbcad", shares, whitener, whitener.conj())
         parts = ASKED**2
         whitened = slopes.reshape(-1, len(at), parts) @ white.reshape(-1, parts, parts)
-        flat = whitened.swapaxes(0, 1).reshape(len(at), -1).view(np.float64)
+        flat = whitened.swapaxes(0, 1).reshape(len(at), -1).view(float)
         unlike = shares[:, None, None] * (seen - np.eye(ASKED))
         precision = self.sd**-2.0
-        slope = flat @ unlike.reshape(-1).view(np.float64) - precision * (at - self.mean)
+        slope = flat @ unlike.reshape(-1).view(float) - precision * (at - self.mean)
         curvature = flat @ flat.T + np.diag(precision)
         return Quadratic(at, value + self._log_prior(at), slope, curvature)
 
@@ -79,7 +79,7 @@ class Axis:
         except np.linalg.LinAlgError:
             unknown = np.full_like(model, np.nan)
             return -np.inf, unknown, unknown
-        whitener = np.linalg.inv(factor).astype(np.complex128)
+        whitener = np.linalg.inv(factor).astype(complex)
         seen = whitener @ self.seen @ whitener.mT.conj()
         size = 2 * np.log(np.einsum("jaa->ja", factor).real) + np.einsum("jaa->ja", seen).real
         return -float(self.weights @ size.sum(axis=1)), whitener, seen

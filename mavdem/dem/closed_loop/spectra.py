@@ -77,7 +77,7 @@ def spectra(streams: Sequence[Messages], starts: Array) -> Spectra:
     middle = np.add.reduceat(frequency, begins[:-1]) / counts
     # windows overlap by half
     late = tuple(stream.time - matched[0].time for stream in matched)
-    return Spectra(middle, counts / 2, np.asarray(densities, np.complex128), late, rate)
+    return Spectra(middle, counts / 2, np.asarray(densities, complex), late, rate)
 
 
 def _matched(stream: Messages, stamps: Array) -> Messages:
@@ -102,7 +102,7 @@ def _transform(stream: Messages, start: float) -> Complex:
     weights = np.sqrt(8 / 3 / WINDOW_SECONDS) * np.sin(np.pi * time / WINDOW_SECONDS) ** 2 * steps
     length = round(WINDOW_SECONDS / FINE_SECONDS)
     row, share = np.divmod(time / FINE_SECONDS, 1.0)
-    whole = row.astype(np.intp)
+    whole = row.astype(int)
     fine = np.bincount(whole, weights * values * (1 - share), length)
     fine += np.bincount((whole + 1) % length, weights * values * share, length)
     return np.fft.rfft(fine)

@@ -75,7 +75,7 @@ def gauss_newton(
         now = trace[-1]
         for _ in range(damping.attempts):
             curvature = now.curvature + damped * np.diag(now.curvature.diagonal())
-            step = damping.limited(np.asarray(np.linalg.solve(curvature, now.slope), np.float64))
+            step = damping.limited(np.asarray(np.linalg.solve(curvature, now.slope), float))
             gained = objective.value(now.at + step) - now.value
             if gained > 0:
                 break

@@ -253,7 +253,7 @@ class GenerativeModel:
         unit, groups = self._precision_parts
         _, (rows, _, parameters) = self._operator_parts
         each = self._pairs(unit, joint) * theta_covariance[np.ix_(parameters, parameters)]
-        return np.asarray(np.bincount(groups[rows], each.sum(axis=0)), np.float64)
+        return np.asarray(np.bincount(groups[rows], each.sum(axis=0)), float)
 
     def precision(self, weights: Array) -> Array:
         """Returns Π̃ = blockdiag(S⊗Πᶻ, P̃ᵛ, S⊗Πʷ) for noise precisions ``weights`` (g,), which are e^λ."""
@@ -284,7 +284,7 @@ class GenerativeModel:
     def log_precision_slope(self) -> Array:
         """∂ ln|Π̃| / ∂λ, (g,): ln|Π̃| is linear in λ."""
         _, groups = self._precision_parts
-        return np.bincount(groups[groups >= 0]).astype(np.float64)
+        return np.bincount(groups[groups >= 0]).astype(float)
 
     @cached_property
     def log_precision_at_zero(self) -> float:
@@ -301,7 +301,7 @@ class GenerativeModel:
         unit, groups = self._precision_parts
         noisy = groups >= 0
         squares = np.bincount(groups[noisy], (unit * moments).sum(axis=0)[noisy])
-        return np.asarray(squares, np.float64)
+        return np.asarray(squares, float)
 
 
 @dataclass(frozen=True, eq=False)

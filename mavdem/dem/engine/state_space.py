@@ -94,7 +94,7 @@ class StateSpace:
 
         Outputs of an unstable model may overflow to infinity or NaN.
         """
-        first = np.zeros(1, np.intp)
+        first = np.zeros(1, int)
         return self.simulated_from(first, len(inputs), start[None], inputs)[0]
 
     @may_overflow

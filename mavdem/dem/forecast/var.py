@@ -214,10 +214,10 @@ class Var(NamedTuple):
         )
 
     @classmethod
-    def learn(cls, record: Record, lags: int, ridge: float = RIDGE) -> Var:
+    def learn(cls, record: Record, lags: int) -> Var:
         """Learns from training data; ``ValueError`` where no segment has more than ``lags`` samples."""
         units, statistics = LagStatistics.of_record(record, lags)
-        return cls.of(regress(statistics.gram, statistics.rows, lag_prior(lags, ridge)), units)
+        return cls.of(regress(statistics.gram, statistics.rows, lag_prior(lags, RIDGE)), units)
 
     @property
     def lags(self) -> int:

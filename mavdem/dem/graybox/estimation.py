@@ -14,9 +14,9 @@ from mavdem.dem.engine.linalg import ROUNDING, Array, inverse, one_thread
 from mavdem.dem.forecast.joint import turning_combinations
 from mavdem.dem.graybox.fitting import WINDS, GrayBoxFit, directed, fitted
 from mavdem.dem.graybox.identifiability import (
-    MODEL_ERRORS,
     PARAMETERS,
     IdentifiabilityFigures,
+    ModelErrors,
     NotIdentifiable,
     identifiability,
 )
@@ -88,9 +88,7 @@ def _chosen(
 ) -> tuple[list[GrayBoxFit], GrayBoxFit]:
     """A fit for each wind that has one, and the most probable one with the refinements that it bears out."""
     count = len(windows.rate)
-    some = windows.some(
-        np.linspace(0, count - 1, min(count, CHOOSING_WINDOWS)).round().astype(np.intp)
-    )
+    some = windows.some(np.linspace(0, count - 1, min(count, CHOOSING_WINDOWS)).round().astype(int))
     plain, start = directed(some, directions)
     fits = []
     for wind in WINDS:
@@ -134,7 +132,7 @@ def _physical(whole: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) 
     """In the units of the flight, with what the model leaves out."""
     parameters = whole.parameters
     theta = whole.theta
-    errors = MODEL_ERRORS
+    errors = ModelErrors
 
     def values_at(theta: Array) -> Array:
         return _values(parameters, theta, windows.dt)

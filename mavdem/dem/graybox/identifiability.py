@@ -43,7 +43,7 @@ SLOWEST_RATE = 80.0  # Hz, below which the commands between samples matter
 RESOLVED_LAG = 0.5  # steps of the stream: a shorter lag cannot be told from a delay
 
 
-class ModelErrors(NamedTuple):
+class ModelErrors:
     """Standard deviations of what the model leaves out, by which estimates differ from the truth besides by chance.
 
     By so much simulated flights differ from the same vehicle linearised, sampled at every step of their controller:
@@ -51,26 +51,23 @@ class ModelErrors(NamedTuple):
     """
 
     # times the likelihood's standard deviation: the wind's spectrum is not quite that of the model
-    own: float = 3.0
-    effect: float = 0.02  # of all motors together, as a share of the effect
-    motor: float = 0.015  # of each by itself, likewise
-    damping: float = 0.3  # 1/s
-    lag: float = 0.08  # as a share of the lag
-    delay: float = 0.002  # s
-    unknown_effect: float = 0.4  # of an effect that is not identifiable, as a share of it
+    own = 3.0
+    effect = 0.02  # of all motors together, as a share of the effect
+    motor = 0.015  # of each by itself, likewise
+    damping = 0.3  # 1/s
+    lag = 0.08  # as a share of the lag
+    delay = 0.002  # s
+    unknown_effect = 0.4  # of an effect that is not identifiable, as a share of it
     # of an effect that is biased by wind, as a share: likely, and as uncertain
-    wind_bias: float = -0.15
+    wind_bias = -0.15
     # likewise where the lag is not resolved: what delays the rate, as a filter, adds to it
-    lag_bias: float = 0.1
-    lag_damping: float = 1.2  # 1/s, of damping there
+    lag_bias = 0.1
+    lag_damping = 1.2  # 1/s, of damping there
     # of an effect: by the battery's voltage and the load, as a share of it
-    between_flights: float = 0.1
+    between_flights = 0.1
     # of the wind's torque, as a share of its sd: drag and cross-coupling are not modelled
-    wind: float = 0.15
-    wind_sd: float = 0.1  # of its sd and of its mean, likewise
-
-
-MODEL_ERRORS = ModelErrors()
+    wind = 0.15
+    wind_sd = 0.1  # of its sd and of its mean, likewise
 
 
 class NotIdentifiable(NamedTuple):
@@ -136,7 +133,7 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
             ParameterDoubt.WIND_SHARE_HIGH,
             share=figures.wind_share,
             share_limit=WIND_SHARE.reported,
-            bias=MODEL_ERRORS.wind_bias if is_low else None,
+            bias=ModelErrors.wind_bias if is_low else None,
         ),
     )
     if figures.alias_share > MAX_ALIAS_SHARE:
@@ -153,7 +150,7 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
     if name == "effect" and figures.quick:
         yield (
             Status.BIASED,
-            Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=MODEL_ERRORS.lag_bias),
+            Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=ModelErrors.lag_bias),
         )
     if name == "lag" and figures.lag < least:
         too_short = Fact(ParameterDoubt.LAG_TOO_SHORT, time_step=figures.dt)

@@ -170,7 +170,7 @@ class Parameters(NamedTuple):
         refined = (interpolated * value[:, None] for value in thetas[:, self.noise_index + 1 :].T)
         added = [2 + list(REFINEMENTS).index(name) for name in self.refinements]
         inputs = windows.inputs[[0, 1, *added]]
-        torques = self.effect(thetas).astype(np.complex128) @ inputs.reshape(*inputs.shape[:2], -1)
+        torques = self.effect(thetas).astype(complex) @ inputs.reshape(*inputs.shape[:2], -1)
         torques = torques.reshape(len(inputs), len(thetas), *windows.rate.shape)
         responses = [interpolated, held, *refined]
         return np.einsum("cbwf,cbf->bwf", torques, responses)

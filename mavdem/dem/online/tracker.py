@@ -165,9 +165,7 @@ class ErrorBands:
         sizes = np.sort(abs(self._errors))
         number = np.isfinite(sizes).sum(axis=-1, keepdims=True)
         # The next error is below the k-th of n with probability k/(n + 1).
-        places = (
-            np.clip(np.ceil(LEVEL * (number + 1)).astype(np.intp), 1, np.maximum(number, 1)) - 1
-        )
+        places = np.clip(np.ceil(LEVEL * (number + 1)).astype(int), 1, np.maximum(number, 1)) - 1
         level, median = (
             np.take_along_axis(sizes, place, axis=-1) for place in (places, number // 2)
         )
