@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.random import default_rng
 
 from mavdem.dem.engine.ascent import Ascent, ascend
 from mavdem.dem.engine.free_energy import Belief
@@ -24,7 +25,6 @@ from mavdem.dem.priors import (
     derivative_pairs,
     explicit_prior,
     regulated_prior,
-    uniform_prior,
 )
 from mavdem.dem.record import Record
 from mavdem.dem.settings import CompleteSettings
@@ -119,8 +119,10 @@ def _parameter_prior(
     n = settings.order
     m = record.outputs.shape[1]
     motors = r - scaling.constant
-    if settings.prior == "uniform":
-        return uniform_prior(settings, n, r, m)
+    if settings.prior == "uniform":  # the paper's, ``alg_settings``
+        k = n * n + n * r + m * n
+        uniform = default_rng(settings.seed).uniform(-1, 1, k)
+        return uniform, np.eye(k) * settings.parameter_precision
     if settings.prior == "regulated":
         return regulated_prior(
             settings, n, motors, scaling.constant, scaling.output_scale, derivative_pairs(record)

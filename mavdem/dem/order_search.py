@@ -276,12 +276,6 @@ def _directions(symmetric: Array) -> Array:
     return np.linalg.eigh(symmetric)[1].T[::-1]
 
 
-def _whitening(covariance: Array) -> Array:
-    """W with W covariance Wᵀ = 1."""
-    values, modes = np.linalg.eigh(covariance)
-    return (modes / np.sqrt(np.maximum(values, ROUNDING * values.max()))).T
-
-
 def _theta(box: BlackBox, states: Array, rates: Array) -> Array:
     """θ by regression, in the coordinates in which states have variance 1 and their noises are independent.
 
@@ -289,7 +283,8 @@ def _theta(box: BlackBox, states: Array, rates: Array) -> Array:
     """
     n = len(states)
     y, v = _channels(box)
-    whitening = _whitening(_moments(box, states, states))
+    values, modes = np.linalg.eigh(_moments(box, states, states))
+    whitening = (modes / np.sqrt(np.maximum(values, ROUNDING * values.max()))).T
     states = whitening @ states
     rates = whitening @ rates
     regressors = np.vstack([states, v[0]])

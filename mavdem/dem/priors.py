@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.random import default_rng
 
 from mavdem.dem.engine.linalg import Array, Indices, Pair
 from mavdem.dem.engine.model import LinearModel, pack, unpack
@@ -157,21 +156,6 @@ def explicit_prior(
     mean[indices] = theta / scale[indices]
     precision[np.ix_(indices, indices)] = theta_precision * np.outer(scale[indices], scale[indices])
     return mean, precision
-
-
-def uniform_prior(
-    settings: CompleteSettings,
-    n: int,
-    r: int,
-    m: int,
-) -> Pair:
-    """Returns η drawn from U[−1, 1] and P = ``parameter_precision``·I for every parameter.
-
-    This is the paper's prior, ``alg_settings``.
-    """
-    k = n * n + n * r + m * n
-    mean = default_rng(settings.seed).uniform(-1, 1, k)
-    return mean, np.eye(k) * settings.parameter_precision
 
 
 def regulated_prior(

@@ -49,7 +49,6 @@ from mavdem.health.in_flight import MotorAlarm, losses_of
 from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry, OutputScale, output_scale
 from mavdem.ingest.telemetry import Array, Fields, Telemetry, joined, log_of_vehicles
 from mavdem.ingest.vocabulary import IN_AIR, UNNAMED
-from mavdem.live.messages import Values
 from mavdem.live.recent import MAX_ROWS, Recent
 from mavdem.live.rows import KEPT_SECONDS, Samples
 
@@ -113,7 +112,7 @@ class InputChoice:
 
     def __init__(self, boot: int = 0) -> None:
         self._boot = boot
-        self._extremes: dict[tuple[str, int], list[tuple[float, Values]]] = {}
+        self._extremes: dict[tuple[str, int], list[tuple[float, Numbers]]] = {}
 
     def shown(
         self, streams: Mapping[tuple[str, int], Samples], staying: str | None

@@ -15,15 +15,13 @@ import numpy as np
 
 from mavdem.alignment.drive import MAX_ANGLE, MAX_BODY_RATE, UINT16_UNKNOWN
 from mavdem.alignment.signals import IGNORED
-from mavdem.heading import Names
+from mavdem.heading import Names, Numbers
 from mavdem.ingest.mavlink import framing
 from mavdem.ingest.mavlink.definitions import definitions, parameter_values
 from mavdem.ingest.mavlink.vehicles import CLOCK_UNITS
 from mavdem.ingest.motors import MOTOR_MESSAGES
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import euler_angles
-
-Values = tuple[float, ...]
 
 MAX_UNDECIDED = 32 * framing.LONGEST_FRAME  # Bytes without a good frame that wait for one
 
@@ -177,7 +175,7 @@ def message_of(frame: Frame) -> Message | None:
     )
 
 
-def attitude(message: Message) -> Values | None:
+def attitude(message: Message) -> Numbers | None:
     """Returns roll, pitch, rad, body rates, rad/s, and yaw, rad; None if not finite or impossible."""
     if message.name == "ATTITUDE":
         roll, pitch, yaw, p, q, r = message.values
@@ -192,7 +190,7 @@ def attitude(message: Message) -> Values | None:
     return (roll, pitch, p, q, r, yaw) if possible else None
 
 
-def attitude_asked(message: Message) -> Values:
+def attitude_asked(message: Message) -> Numbers:
     """Returns roll and pitch, rad, that an ATTITUDE_TARGET asks for; NaN where it asks for none."""
     mask, quaternion = message.values
     with np.errstate(invalid="ignore"):  # NaN stands for none, too
@@ -200,7 +198,7 @@ def attitude_asked(message: Message) -> Values:
     return (nan, nan) if mask & IGNORED["attitude"] else (roll, pitch)
 
 
-def outputs(message: Message) -> tuple[int, Values]:
+def outputs(message: Message) -> tuple[int, Numbers]:
     """Returns the port of a message of motor outputs, and its channels, unused ones as 0."""
     if not MOTOR_MESSAGES[message.name].is_ported:
         return 0, tuple(message.values[-1].tolist())

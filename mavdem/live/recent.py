@@ -5,8 +5,9 @@ from math import inf
 
 import numpy as np
 
+from mavdem.heading import Numbers
 from mavdem.ingest.telemetry import Columns
-from mavdem.live.messages import FIELDS, Values
+from mavdem.live.messages import FIELDS
 
 MAX_ROWS = 2048  # Of each message; then every second of the older half is dropped. Of parameters there are up to 1500
 MAX_EVENTS = 256  # Of events, alarms and replies that wait, or are shown
@@ -17,9 +18,9 @@ class Recent:
 
     def __init__(self, boot: int = 0) -> None:
         self.boot = boot
-        self.rows: dict[str, list[tuple[float, Values]]] = {}
+        self.rows: dict[str, list[tuple[float, Numbers]]] = {}
 
-    def take(self, name: str, time: float, values: Values) -> None:
+    def take(self, name: str, time: float, values: Numbers) -> None:
         """Takes a message at ``time``, s."""
         rows = self.rows.setdefault(name, [])
         rows.append((time, values))
@@ -36,7 +37,7 @@ class Recent:
 
 
 def columns_of(
-    fields: Sequence[str], rows: Sequence[tuple[float, Values]], boot: int
+    fields: Sequence[str], rows: Sequence[tuple[float, Numbers]], boot: int
 ) -> dict[str, np.ndarray]:
     """Returns times, s, and values of ``fields`` as columns."""
     time, values = zip(*rows, strict=True)

@@ -30,7 +30,7 @@ from mavdem.ingest.mavlink.clocks import (
     WRAP_GAP,
 )
 from mavdem.ingest.telemetry import MAX_GAP_SECONDS, Array
-from mavdem.live.messages import Message, Values
+from mavdem.live.messages import Message
 
 # Of each stream: enough to decide rates and steps, also of hostile stamps
 KEPT_SECONDS = 4.5
@@ -147,7 +147,7 @@ class Samples:
 
     def __init__(self) -> None:
         self.time: list[float] = []  # s, ascending
-        self.values: list[Values] = []
+        self.values: list[Numbers] = []
         # the step, s, before the latest sample, if longer than MAX_GAP_SECONDS; else 0
         self.gap = 0.0
         # number of samples so far, and of those that came after the row they belong to
@@ -160,7 +160,7 @@ class Samples:
         """The time, s, of the first sample since the last gap; infinite without any."""
         return max(self._start, self.time[0]) if self.time else inf
 
-    def add(self, time: float, values: Values) -> bool:
+    def add(self, time: float, values: Numbers) -> bool:
         """Adds a sample; returns False for a copy, a repeated stamp, a late sample and values that are not finite."""
         stamps = self.time
         row = bisect_left(stamps, time)
@@ -206,7 +206,7 @@ class Samples:
         ]
         return align.mean_rate(np.array(last)) if len(last) > align.MEDIAN_STEPS else None
 
-    def nearest(self, time: float) -> Values | None:
+    def nearest(self, time: float) -> Numbers | None:
         """Returns the sample nearest to ``time``; None if it is farther than ``STAMP_SECONDS``."""
         after = bisect_left(self.time, time)
         rows = [row for row in (after - 1, after) if 0 <= row < len(self.time)]
@@ -217,7 +217,7 @@ class Samples:
             else self.values[row]
         )
 
-    def weighted(self, time: float, weights: Array, offsets: Array) -> Values:
+    def weighted(self, time: float, weights: Array, offsets: Array) -> Numbers:
         """Returns the values interpolated at ``offsets`` (L,) s from ``time``, summed by ``weights`` (L,)."""
         first = max(
             bisect_left(self.time, time + offsets[0]) - 1, bisect_left(self.time, self.since)
@@ -301,7 +301,7 @@ class Grid:
         self.running = True
         return True
 
-    def points(self) -> Iterator[tuple[float, list[Values]]]:
+    def points(self) -> Iterator[tuple[float, list[Numbers]]]:
         """Yields the points that all streams have passed since the last call: s, and the values of each stream."""
         assert self.dt is not None
         while self.running:
@@ -350,7 +350,7 @@ def _sampling(time: Array, grid: Array, dt: float) -> _Sampling:
     return weights, (np.arange(len(weights)) - len(weights) // 2) / rate, False
 
 
-def _value_at(stream: Samples, sampling: _Sampling, time: float, dt: float) -> Values | None:
+def _value_at(stream: Samples, sampling: _Sampling, time: float, dt: float) -> Numbers | None:
     """The stream's values at ``time``; None if they are not known yet."""
     (weights, offsets, kept) = sampling
     last = stream.time[-1]

@@ -264,10 +264,12 @@ class LiveSession:
                 self.judged = findings_of(learned, alarms=status.alarms), None
             else:
                 self.judged = judged(learned, setup, status.alarms)
-                overrides = self.judged[0].overrides
-                bad = {override.code for override in overrides if override.level is Level.BAD}
-                own = bad & {Override.OSCILLATION, Override.MOTORS}
-                learned = disown_torque(learned, bool(own))
+                is_own = any(
+                    override.level is Level.BAD
+                    and override.code in (Override.OSCILLATION, Override.MOTORS)
+                    for override in self.judged[0].overrides
+                )
+                learned = disown_torque(learned, is_own)
         return learned
 
     def advise(self, at_end: bool = False) -> None:

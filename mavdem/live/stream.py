@@ -39,7 +39,6 @@ from mavdem.live.messages import (
     Frame,
     FrameReader,
     Message,
-    Values,
     attitude,
     attitude_asked,
     message_of,
@@ -115,7 +114,7 @@ class LiveStream:
         self._heading = 0.0
         self.pose: Pose | None = None
         # The time, s, and roll and pitch of the latest setpoint
-        self._asked: tuple[float, Values] = -inf, ()
+        self._asked: tuple[float, Numbers] = -inf, ()
         self._inputs: Inputs | None = None
         self._reviewed = self._went_on = -inf
         self._reviewing: Iterator[None] = iter(())  # the rest of the review that has begun
@@ -278,7 +277,7 @@ class LiveStream:
             self._grid.end()
 
     def _add(
-        self, name: str, port: int, time: float, values: Values | None
+        self, name: str, port: int, time: float, values: Numbers | None
     ) -> Iterator[AlignedRow]:
         """Adds a sample to its stream; the rows that it completes."""
         stream = self._streams.setdefault((name, port), Samples())
@@ -316,7 +315,7 @@ class LiveStream:
         keys = [(self._attitude, 0), *((message, port) for port in self._inputs.ports)]
         return tuple(self._streams.setdefault(key, Samples()) for key in keys)
 
-    def _row(self, time: float, point: list[Values], inputs: Inputs) -> AlignedRow:
+    def _row(self, time: float, point: list[Numbers], inputs: Inputs) -> AlignedRow:
         motion = point[0]
         axis = TILT_AXES.index(self.axis)
         ports = dict(zip(inputs.ports, point[1:], strict=True))
@@ -468,7 +467,7 @@ class LiveStream:
         self._enough = obstacle is None
         self._obstacle = obstacle or self._phase.obstacle
 
-    def _look(self, time: float, motion: Values) -> None:
+    def _look(self, time: float, motion: Numbers) -> None:
         """Where the nose points by an attitude, unless roll and pitch stray from the setpoint that holds."""
         *tilts, p, q, r, self._heading = motion
         since, asked = self._asked

@@ -30,10 +30,9 @@ from mavdem.dem.closed_loop.parameters import (
     STEP_TIME,
 )
 from mavdem.dem.closed_loop.spectra import Complex, Spectra
-from mavdem.dem.engine.linalg import Array, Pair
+from mavdem.dem.engine.linalg import Array, Flags, Pair
 from mavdem.dem.graybox.plant import FIRST_ORDER
 
-Flags = NDArray[np.bool_]
 Values = SimpleNamespace
 """Of parameters by name, no longer logarithms."""
 RATE, OUTPUT, SETPOINT, ASKED = range(4)

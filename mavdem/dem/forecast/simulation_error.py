@@ -285,16 +285,18 @@ def fit_simulation(
         return None
     segments = SimulationSegments.of(scaling.scale_segments(record), horizon)
     n, r, _ = model.sizes
+    of_A = n * n
+    varied = of_A + n * r  # of A and B
     precision = model.prior.theta_precision
     is_free = np.diag(precision) < KINEMATIC
     if settings.prior == "regulated":
         weak = WEAK_PRECISION * np.eye(len(is_free))
         precision = np.where(np.outer(is_free, is_free), weak, precision)
         quiet = null_space(turning_combinations(record).T)
-        for row in np.flatnonzero(is_free[n * n : n * n + n * r : r]):
-            places = n * n + row * r + np.arange(len(quiet))
+        for row in np.flatnonzero(is_free[of_A:varied:r]):
+            places = of_A + row * r + np.arange(len(quiet))
             precision[np.ix_(places, places)] += QUIET_PRECISION * quiet @ quiet.T
-    free = np.flatnonzero(is_free[: n * n + n * r])
+    free = np.flatnonzero(is_free[:varied])
     mean = model.prior.theta_mean[free]
     objective = SimulationError(
         theta, free, mean, precision[np.ix_(free, free)], model.sizes, gain, record.dt, segments
