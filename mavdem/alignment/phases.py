@@ -267,9 +267,10 @@ def armed(signals: Signals, boot: int) -> Intervals:
 def highest_collective(signals: Signals) -> float:
     """Returns the highest share of their range at which the motors worked together, averaged."""
     collective = signals.collective
-    boots = () if collective is None else np.unique(collective.boot)
-    known = (of_boot(collective, int(boot)) for boot in boots)
-    return max((average(signal).max() for signal in known if signal is not None), default=0.0)
+    if collective is None:
+        return 0.0
+    boots = np.unique(collective.boot)
+    return max(average(collective.at(collective.boot == boot)).max() for boot in boots)
 
 
 def in_states(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals:

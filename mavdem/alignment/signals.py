@@ -319,7 +319,7 @@ class VehicleSignals:
             valid = columns["valid"].astype(bool) if "valid" in columns else None
             return series(columns, table_of(columns, "xyz"), valid)
         columns = self.telemetry.messages.get("GLOBAL_POSITION_INT", {})
-        if columns and len(columns["time"]):
+        if columns:
             places, fixed = fixes(columns)
             angles = np.radians(places)
             if fixed.any():
