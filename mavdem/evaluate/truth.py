@@ -142,7 +142,13 @@ def truth_of(flights: Sequence[Flight], path: PathName) -> Truth:
 def compare_with_truth(
     learned: Learned, flights: Sequence[Flight], truth: Truth
 ) -> TruthComparison:
-    """Returns the physical parameters and the wind torque of ``learned`` beside the ``truth`` of its ``flights``."""
+    """Returns the physical parameters and the wind torque of ``learned`` beside the ``truth`` of its ``flights``.
+
+    Raises:
+        ValueError: ``flights`` are not what ``learned`` was trained on.
+    """
+    if sum(map(len, flights)) != len(learned.record):
+        raise ValueError("flights must be what the model was trained on")
     time = np.concatenate([segment.time for segment in flights])
     parameters = (
         ()
