@@ -200,9 +200,9 @@ def _px4(vehicle: VehicleSpec, gains: Sequence[Gains]) -> dict[str, float]:
             f"CA_ROTOR{n}_PX": rotors.forward[n],
             f"CA_ROTOR{n}_PY": rotors.right[n],
             f"CA_ROTOR{n}_PZ": 0.0,
+            f"CA_ROTOR{n}_CT": 6.5,
+            f"CA_ROTOR{n}_KM": 0.05 * spin,  # positive counter-clockwise
         }
-        # KM: positive counter-clockwise
-        values |= {f"CA_ROTOR{n}_CT": 6.5, f"CA_ROTOR{n}_KM": 0.05 * spin}
     return values | {"MC_YAW_TQ_CUTOFF": 0.0, "CA_AIRFRAME": 0, "CA_ROTOR_COUNT": len(SPINS)}
 
 

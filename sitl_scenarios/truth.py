@@ -170,7 +170,7 @@ def loops(scenario: Scenario, number: int, effect: Array) -> Arrays:
     controller = controller_for(scenario)
     cycle = scenario.cycle
     frequency = np.geomspace(LOWEST, 0.499 / cycle, 4000)
-    s = np.asarray(2j * pi * frequency, np.complex128)
+    s = 2j * pi * frequency
     feedback, setpoint = (
         _response(scenario, number, wanted, s * cycle) for wanted in (False, True)
     )

@@ -56,8 +56,7 @@ def gaussian_noise(s: float, dt: float, samples: int, noise: Generator) -> Array
     kernel = [exp(-((i * step / s) ** 2) / 2) for i in range(-reach, reach + 1)]
     size = sqrt(fsum(k * k for k in kernel))
     white = noise.standard_normal((samples - 1) * every + len(kernel))
-    coloured = fftconvolve(white, [k / size for k in kernel], "valid")
-    return np.asarray(coloured[::every], dtype=np.float64)
+    return fftconvolve(white, [k / size for k in kernel], "valid")[::every]
 
 
 FOOT = 0.3048  # m
@@ -326,8 +325,6 @@ def _turbulent(
     aside = gust * second(level, dt, samples, noise)
     down = lift * second(slow, dt, samples, noise)
     north, east, _ = towards(wind.direction)
-    p, q = (
-        turbulent.rotation[1] * first_order(turbulent.rotation[0], dt, samples, noise)
-        for _ in range(2)
-    )
+    corner, spin = turbulent.rotation
+    p, q = (spin * first_order(corner, dt, samples, noise) for _ in range(2))
     return np.column_stack([ahead * north - aside * east, ahead * east + aside * north, down, p, q])

@@ -51,14 +51,16 @@ def _content(path: PathName, limit: int | None = None) -> bytes:
             # Not to the end: a file of size 0 may never end (/proc), and one that is being recorded grows.
             size = status.st_size if limit is None else min(status.st_size, limit)
             if size > MAX_BYTES:
-                raise Unreadable(_too_large(path, MAX_BYTES))
+                raise Unreadable(
+                    Source.FILE_TOO_LARGE, path=path, size_limit=MAX_BYTES, archive=False
+                )
             content = file.read(size)
         if content[:6] == b"\xfd7zXZ\x00":
             content = _unpacked(content, path, limit)
     except FileNotFoundError:
         raise Unreadable(Source.FILE_MISSING, path=path) from None
     except MemoryError:
-        raise Unreadable(_too_large(path, None)) from None
+        raise Unreadable(Source.FILE_TOO_LARGE, path=path, size_limit=None, archive=False) from None
     except Unreadable:
         raise
     except (OSError, ValueError) as error:
@@ -66,10 +68,6 @@ def _content(path: PathName, limit: int | None = None) -> bytes:
     if not content.rstrip(b"\0"):
         raise Unreadable(Source.FILE_EMPTY, path=path, zeros=bool(status.st_size))
     return content
-
-
-def _too_large(path: Path, limit: int | None, archive: bool = False) -> Fact:
-    return Fact(Source.FILE_TOO_LARGE, path=path, size_limit=limit, archive=archive)
 
 
 def _folder(path: Path) -> Fact:
@@ -97,5 +95,5 @@ def _unpacked(content: bytes, path: Path, limit: int | None) -> bytes:
     if limit is None and not decompressor.eof:
         if len(unpacked) < most:
             raise Unreadable(Source.ARCHIVE_DAMAGED, path=path, because=None)
-        raise Unreadable(_too_large(path, most, archive=True))
+        raise Unreadable(Source.FILE_TOO_LARGE, path=path, size_limit=most, archive=True)
     return unpacked

@@ -151,13 +151,12 @@ class MotorGeometry:
         nose (positive pitch). On an X quad, roll is (left motors − right motors)/4. A propeller turns the vehicle the
         other way than itself, so one that turns counterclockwise turns the nose to the right (positive yaw).
         """
-        if not (self.spins if axis == "yaw" else self.positions):
-            return None
-        if axis == "yaw":
-            weights = np.array(self.spins, dtype=np.float64)
-        else:
-            forward, right = np.array(self.positions).T
-            weights = -right if axis == "roll" else forward
+        turning = {
+            "roll": [-right for _, right in self.positions],
+            "pitch": [forward for forward, _ in self.positions],
+            "yaw": self.spins,
+        }
+        weights = np.array(turning[axis], np.float64)
         total = abs(weights).sum()
         return weights / total if total > 0 else None
 

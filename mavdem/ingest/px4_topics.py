@@ -239,8 +239,8 @@ def _servo_output_raw(topics: Topics) -> Fields:
 def _outputs(topic: Columns) -> Array:
     """(N, 16), zero beyond the number of outputs in use, unless that is 0."""
     none = np.zeros(len(topic["time"]))
-    outputs = np.column_stack([topic.get(f"output[{n}]", none) for n in range(_OUTPUTS)])
-    outputs = outputs.astype(np.float64)
+    columns = [topic.get(f"output[{n}]", none) for n in range(_OUTPUTS)]
+    outputs = np.column_stack(columns).astype(np.float64)
     used = topic.get("noutputs", none)
     return np.where((used[:, None] > 0) & (np.arange(_OUTPUTS) >= used[:, None]), 0.0, outputs)
 
@@ -423,8 +423,8 @@ def _extended_sys_state(topics: Topics) -> Fields:
     )
     heading_for = _held(target, "current.type", time)
     # SETPOINT_TYPE_TAKEOFF and SETPOINT_TYPE_LAND
-    state[(state == IN_AIR) & automatic & (heading_for == 3)] = TAKING_OFF
-    state[(state == IN_AIR) & automatic & (heading_for == 4)] = LANDING
+    for kind, phase in ((3, TAKING_OFF), (4, LANDING)):
+        state[(state == IN_AIR) & automatic & (heading_for == kind)] = phase
     return {"time": time, "landed_state": state.astype(np.uint8)}
 
 
@@ -451,7 +451,7 @@ def _local_position_ned(topics: Topics) -> Fields:
 
 
 def _valid(topic: Columns, field: str) -> Flags:
-    return np.asarray(topic.get(field, np.ones(len(topic["time"])))).astype(np.bool_)
+    return topic.get(field, np.ones(len(topic["time"]))).astype(np.bool_)
 
 
 def _first(topics: Topics, name: str) -> Columns:

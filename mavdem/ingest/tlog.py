@@ -43,8 +43,7 @@ def tlog_stream(path: PathName) -> FrameStream:
     source = os.fspath(path)
     data, repairs = _without_carriage_returns(file_bytes(path))
     frames = find_frames(data, seeds(), STAMP_BYTES)
-    space = np.diff(frames.start, prepend=0)
-    space[1:] = frames.start[1:] - frames.end[:-1]
+    space = frames.start - np.concatenate([[0], frames.end[:-1]])
     covered = np.minimum(space, STAMP_BYTES) + frames.size
     skipped = len(data) - int(covered.sum())
     good = np.count_nonzero(frames.checksum == MATCHES)

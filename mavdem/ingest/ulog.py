@@ -180,7 +180,8 @@ def _topics(log: ULog) -> tuple[Topics, Facts]:
     for (name, instance), pieces in parts.items():
         fields = joined(pieces)
         # When logging starts, each topic's last message, long past, is logged: what it says held then.
-        wrong = outliers(fields["timestamp"] / 1e6) & (np.arange(len(fields["timestamp"])) > 0)
+        wrong = outliers(fields["timestamp"] / 1e6)
+        wrong[:1] = False
         far += np.count_nonzero(wrong)
         fields = selected(fields, ~wrong)
         fields = selected(fields, np.argsort(fields["timestamp"], kind="stable"))

@@ -16,10 +16,10 @@ References:
 from __future__ import annotations
 
 from functools import partial
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.signal import correlate
 from scipy.stats import chi2, norm
 
@@ -136,27 +136,25 @@ class Noise(NamedTuple):
         }
 
 
-def analyse_noise(values: ArrayLike, overlap: int) -> Noise:
+def analyse_noise(values: Array, overlap: int) -> Noise:
     """Returns the statistics of a series of noise: ``values`` (N,) that vary, in any unit.
 
     ``overlap``: number of neighbouring values that an underlying sample contributes to; 1 if values share none.
     """
-    series = np.asarray(values, np.float64)
-    scaled = (series - series.mean()) / series.std()
+    scaled = (values - values.mean()) / values.std()
     return Noise(
         scaled,
-        autocorrelation=autocovariance(scaled)[: min(MAX_LAGS, len(series) // 4) + 1],
-        bound=WHITE_BOUND / float(np.sqrt(len(series))),
+        autocorrelation=autocovariance(scaled)[: min(MAX_LAGS, len(values) // 4) + 1],
+        bound=WHITE_BOUND / sqrt(len(values)),
         normality=normality(scaled),
-        whiteness=whiteness(series[::overlap]),
+        whiteness=whiteness(values[::overlap]),
         overlap=overlap,
     )
 
 
-def normality(series: ArrayLike) -> Significance:
+def normality(series: Array) -> Significance:
     """Tests whether a stationary series of any colour is Gaussian (Lobato and Velasco's G, χ² of two degrees)."""
-    x = np.asarray(series, np.float64)
-    x = x - x.mean()
+    x = series - series.mean()
     n = len(x)
     variance = x.var()
     covariance = autocovariance(x)
@@ -172,12 +170,11 @@ def normality(series: ArrayLike) -> Significance:
     return Significance(float(statistic), float(chi2.sf(statistic, 2)))
 
 
-def whiteness(series: ArrayLike) -> Significance:
+def whiteness(series: Array) -> Significance:
     """Tests whether a series is white: Ljung and Box's Q of the first ten lags, χ² of as many degrees."""
-    x = np.asarray(series, np.float64)
-    n = len(x)
+    n = len(series)
     lags = np.arange(1, LAGS + 1)
-    covariance = autocovariance(x - x.mean())
+    covariance = autocovariance(series - series.mean())
     statistic = n * (n + 2) * float(((covariance[lags] / covariance[0]) ** 2 / (n - lags)).sum())
     return Significance(statistic, float(chi2.sf(statistic, len(lags))))
 

@@ -44,10 +44,11 @@ def run(runner: Runner) -> Result:
     fits["EM"] = [Method("EM", partial(baselines.em, order=2))]
     trials = runner.try_all({name: [(fit, window) for fit in own] for name, own in fits.items()})
     ours = {start: {name: errors_of(trials[name], start) for name in METHODS} for start in STARTS}
-    cases = [(name, start) for name in METHODS for start in STARTS]
     return Result(
         checks=tuple(
-            check(name, start, ours[start][name], theirs[start][name]) for name, start in cases
+            check(name, start, ours[start][name], theirs[start][name])
+            for name in METHODS
+            for start in STARTS
         ),
         numbers={
             "theirs": {start: plain(errors) for start, errors in theirs.items()},

@@ -212,28 +212,22 @@ def median_draw(trials: list[Outcome], start: str) -> Outcome:
     return trials[np.argsort(errors_of(trials, start), kind="stable")[len(trials) // 2]]
 
 
+@dataclass(eq=False)
 class Runner:
     """Runs jobs on workers, or in this process, and keeps the results that several experiments share.
 
-    ``experiments`` are numbers of simulated flights; ``uses_recorded`` whether to use the real flight, and the authors'
-    results, if on this machine; ``draws_of_prior`` of η^θ. ``progress`` is called with the share of all jobs so far
-    that are done.
+    ``numbers`` are of simulated flights; ``uses_recorded`` whether to use the real flight, and the authors' results,
+    if on this machine; ``draws_of_prior`` of η^θ. ``progress`` is called with the share of all jobs so far that are
+    done.
     """
 
-    def __init__(
-        self,
-        executor: Executor | None = None,
-        experiments: Sequence[int] = EXPERIMENTS,
-        uses_recorded: bool = True,
-        draws_of_prior: int = 40,
-    ) -> None:
-        self.numbers = experiments
-        self.uses_recorded = uses_recorded
-        self.draws_of_prior = draws_of_prior
-        self.progress: Progress = lambda share: None
-        self._executor = executor
-        self._begun = 0
-        self._done = 0
+    executor: Executor | None = None
+    numbers: Sequence[int] = EXPERIMENTS
+    uses_recorded: bool = True
+    draws_of_prior: int = 40
+    progress: Progress = lambda share: None
+    begun: int = 0  # jobs, of which so many are ``done``
+    done: int = 0
 
     @property
     def shown(self) -> int:
@@ -244,13 +238,13 @@ class Runner:
         """Returns ``work`` of each job, done on the workers; both must pickle."""
         todo = list(jobs)
         results = []
-        self._begun += len(todo)
+        self.begun += len(todo)
         for result in (
-            map(work, todo) if self._executor is None else parallel_map(work, todo, self._executor)
+            map(work, todo) if self.executor is None else parallel_map(work, todo, self.executor)
         ):
             results.append(result)
-            self._done += 1
-            self.progress(self._done / self._begun)
+            self.done += 1
+            self.progress(self.done / self.begun)
         return results
 
     def try_all(

@@ -24,7 +24,7 @@ from mavdem.report.numbers import rounded
 BOOT_CLOCK = "boot clock"
 """Timeline of flights, s: the vehicle's boot clock; live that of its first boot, which goes on where another begins."""
 
-LOG_LEVELS = {Level.BAD: "ERROR", Level.WATCH: "WARN", Level.GOOD: "INFO", Level.UNKNOWN: "INFO"}
+LOG_LEVELS = {Level.BAD: "ERROR", Level.WATCH: "WARN"}  # all others are INFO
 # points: the viewer fills nothing, so an area is drawn as upright strokes that touch each other
 FILL_WIDTH = 2.5
 BEYOND = (
@@ -135,7 +135,7 @@ def blueprint(view: rrb.Container, **options: Any) -> rrb.Blueprint:
 def log(recording: rr.RecordingStream, time: float, sentence: str, level: Level) -> None:
     """Writes a sentence into the log at a ``time`` on the timeline, s."""
     recording.set_time(BOOT_CLOCK, duration=time)
-    recording.log("log", rr.TextLog(as_text(sentence), level=LOG_LEVELS[level]))
+    recording.log("log", rr.TextLog(as_text(sentence), level=LOG_LEVELS.get(level, "INFO")))
 
 
 def events_view() -> rrb.View:

@@ -7,24 +7,12 @@ As PX4 1.17 (SIH) and ArduCopter 4.7 (SITL) sent them. Sources: PX4's ``mavlink_
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Literal
 
 from pydantic import TypeAdapter
 
 from mavdem.files import table_beside
-from mavdem.ingest.vocabulary import number_of
 from sitl_scenarios.scenario import shortened
-
-
-class Result(IntEnum):
-    """MAV_RESULT."""
-
-    ACCEPTED = number_of("MAV_RESULT_ACCEPTED")
-    DENIED = number_of("MAV_RESULT_DENIED")
-    UNSUPPORTED = number_of("MAV_RESULT_UNSUPPORTED")
-    FAILED = number_of("MAV_RESULT_FAILED")
-
 
 Mode = tuple[int, int]  # HEARTBEAT's base_mode, but for the armed flag, and its custom_mode
 
@@ -66,7 +54,7 @@ class Autopilot:
                 raise ValueError(
                     f"stream.rates: {self.name} sends no {shortened(name)} here: choose among {names}"
                 )
-        return usual | dict(instead)
+        return {**usual, **instead}
 
 
 # By ``scenario.stream.autopilot``

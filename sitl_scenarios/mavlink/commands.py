@@ -4,15 +4,18 @@ Sources: https://mavlink.io/en/services/command.html, https://mavlink.io/en/serv
 """
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from math import inf, isfinite
 from typing import Any
 
 from mavdem.ingest.mavlink.definitions import definitions, messages_in
 from mavdem.ingest.vocabulary import number_of
-from sitl_scenarios.mavlink.autopilots import Result
 from sitl_scenarios.mavlink.transmitter import Transmitter
 from sitl_scenarios.simulation import Simulation
 
+ACCEPTED, DENIED, UNSUPPORTED, FAILED = (
+    number_of(f"MAV_RESULT_{name}") for name in ("ACCEPTED", "DENIED", "UNSUPPORTED", "FAILED")
+)
 BROADCAST_ID = number_of("MAV_COMP_ID_ALL")  # Target system or component of messages to all
 UNDERSTOOD = frozenset(
     {"COMMAND_LONG", "PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "REQUEST_DATA_STREAM"}
@@ -35,21 +38,21 @@ def addressed_messages(datagram: bytes, system: int, component: int) -> list[Any
 FORCE = 21196
 
 
+@dataclass
 class CommandHandler:
     """Executes a vehicle's commands, ``accepted`` so many."""
 
-    def __init__(self, transmitter: Transmitter, simulation: Simulation) -> None:
-        self._transmitter = transmitter
-        self._simulation = simulation
-        self.accepted = 0
+    transmitter: Transmitter
+    simulation: Simulation
+    accepted: int = 0
 
     def answer(self, received: Any) -> None:
         """Does what a message asks for; the reply goes out with the transmitter's next block."""
         match received.get_type():
             case "COMMAND_LONG":
                 result = self._result(received.command, received.param1, received.param2)
-                self.accepted += result == Result.ACCEPTED
-                self._transmitter.ask(
+                self.accepted += result == ACCEPTED
+                self.transmitter.ask(
                     "COMMAND_ACK",
                     command=received.command,
                     result=result,
@@ -57,12 +60,12 @@ class CommandHandler:
                     target_component=received.get_srcComponent(),
                 )
             case "PARAM_REQUEST_LIST":
-                self._transmitter.tell_parameters()
+                self.transmitter.tell_parameters()
             case "PARAM_REQUEST_READ":
-                self._transmitter.tell_parameters(received.param_id)
+                self.transmitter.tell_parameters(received.param_id)
             case "REQUEST_DATA_STREAM":
                 # The rate, Hz, of a group of messages, or of all groups.
-                groups = self._transmitter.autopilot.groups
+                groups = self.transmitter.autopilot.groups
                 group = int(received.req_stream_id)
                 rate = int(received.req_message_rate) if received.start_stop else 0
                 chosen = list(groups) if group == 0 else [group]
@@ -75,41 +78,41 @@ class CommandHandler:
         """Obeys a command with its first two parameters; returns the MAV_RESULT."""
         obey = OBEYED.get(command)
         if obey is None:
-            return Result.UNSUPPORTED
+            return UNSUPPORTED
         if not isfinite(first):
-            return Result.DENIED
+            return DENIED
         return obey(self, first, second)
 
     def _arm(self, arm: float, force: float) -> int:
         if round(arm) not in (0, 1):
-            return Result.DENIED
-        if self._simulation.set_armed(round(arm) == 1, force == FORCE):
-            return Result.ACCEPTED
-        return Result.FAILED
+            return DENIED
+        if self.simulation.set_armed(round(arm) == 1, force == FORCE):
+            return ACCEPTED
+        return FAILED
 
     def _set_interval(self, message: float, interval: float) -> int:
-        schedule = self._transmitter.schedule
+        schedule = self.transmitter.schedule
         name = _name(message)
         if name not in schedule.usual or not isfinite(interval):
-            return Result.DENIED
+            return DENIED
         usual = 1 / schedule.usual[name] if schedule.usual[name] else inf
         self._set_intervals([name], inf if interval < 0 else interval / 1e6 or usual)
-        return Result.ACCEPTED
+        return ACCEPTED
 
     def _set_intervals(self, names: Iterable[str], seconds: float) -> None:
         for name in names:
-            self._transmitter.schedule.set(name, seconds, self._transmitter.clock)
+            self.transmitter.schedule.set(name, seconds, self.transmitter.clock)
 
     def _tell_interval(self, message: float, _: float) -> int:
         """Says at what interval the message of that id is sent: 0 of one that it does not have, -1 of one at rest."""
         if not 0 <= message < 2**16:
-            return Result.DENIED
-        schedule = self._transmitter.schedule
+            return DENIED
+        schedule = self.transmitter.schedule
         name = _name(message)
         interval = schedule.interval(name) if name in schedule.usual else 0.0
         microseconds = min(round(interval * 1e6), 2**31 - 1) if isfinite(interval) else -1
-        self._transmitter.ask("MESSAGE_INTERVAL", message_id=int(message), interval_us=microseconds)
-        return Result.ACCEPTED
+        self.transmitter.ask("MESSAGE_INTERVAL", message_id=int(message), interval_us=microseconds)
+        return ACCEPTED
 
 
 OBEYED = {

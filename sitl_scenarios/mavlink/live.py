@@ -90,7 +90,7 @@ def fly_live(
     transmitter = Transmitter(scenario)
     commands = CommandHandler(transmitter, simulation)
     outcome = LiveOutcome()
-    link = LossyLink(scenario.faults, scenario.seed)
+    link = LossyLink(scenario)
     began = monotonic()
     try:
         for now, due in _ticks(link, simulation, transmitter, speed):

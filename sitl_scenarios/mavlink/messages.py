@@ -70,8 +70,9 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
                 "autopilot": autopilot.number,
                 "base_mode": base,
                 "custom_mode": custom,
+                "system_status": status,
+                "mavlink_version": 3,
             }
-            fields |= {"system_status": status, "mavlink_version": 3}
         case "SYS_STATUS":
             sensors = {"present": SENSORS, "enabled": SENSORS, "health": SENSORS | FENCE}
             fields = {f"onboard_control_sensors_{kind}": bits for kind, bits in sensors.items()}
@@ -88,8 +89,8 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
             fields |= by_column("q1 q2 q3 q4", motion.known_attitude) | rates
         case "HIGHRES_IMU":
             # What hover feels: the simulation has no accelerometer.
-            fields = {"time_usec": boot, "zacc": -GRAVITY}
-            fields |= by_column("xgyro ygyro zgyro", motion.gyro)
+            turning = by_column("xgyro ygyro zgyro", motion.gyro)
+            fields = {"time_usec": boot, "zacc": -GRAVITY, **turning}
         case "ATTITUDE_TARGET":
             # No bit of type_mask is set: both autopilots say all of it is meant (PX4's streams/ATTITUDE_TARGET.hpp,
             # ArduCopter's send_attitude_target).
@@ -114,16 +115,14 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
             fields["lon"] = np.round(
                 1e7 * (longitude + east / METRES_PER_DEGREE / np.cos(np.radians(latitude)))
             )
-            fields |= {
-                "alt": np.round(1000 * (altitude - down)),
-                "relative_alt": np.round(-1000 * down),
-            }
+            fields["alt"] = np.round(1000 * (altitude - down))
+            fields["relative_alt"] = np.round(-1000 * down)
             fields |= by_column("vx vy vz", np.round(100 * motion.known_velocity))
             fields["hdg"] = np.round(100 * np.degrees(known_angles(motion)[:, 2])) % 36000
         case "SERVO_OUTPUT_RAW":
             # The one clock of 32-bit microseconds: it wraps every 71.6 minutes.
-            fields = {"time_usec": boot % 2**32}
-            fields |= {f"servo{n + 1}_raw": np.round(outputs[:, n]) for n in range(CHANNELS)}
+            fields = {f"servo{n + 1}_raw": np.round(outputs[:, n]) for n in range(CHANNELS)}
+            fields["time_usec"] = boot % 2**32
         case "ACTUATOR_OUTPUT_STATUS":
             fields = {
                 "time_usec": boot,

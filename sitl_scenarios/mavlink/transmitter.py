@@ -17,7 +17,7 @@ from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, Autopilot
 from sitl_scenarios.mavlink.messages import parameters, payload, written
 from sitl_scenarios.motion import Array, Motion, Pair
 from sitl_scenarios.plan import BOOT_SECONDS, seconds
-from sitl_scenarios.scenario import Faults, Scenario
+from sitl_scenarios.scenario import Scenario
 
 Rows = NDArray[np.intp]
 
@@ -215,15 +215,15 @@ class Transmitter:
 
 
 class LossyLink:
-    """A link with ``faults``. What it does to a frame depends on the seed and on how many came before, nothing else.
+    """A link with a scenario's faults. What it does to a frame depends on the seed and how many came before alone.
 
     A frame that is late delays those behind it: only what is ``reordered`` is overtaken.
     """
 
-    def __init__(self, faults: Faults, seed: int) -> None:
-        self._faults = faults
+    def __init__(self, scenario: Scenario) -> None:
+        self._faults = scenario.faults
         # The key sets it apart from everything else that begins with the seed of the flight.
-        sequence = np.random.SeedSequence(seed, spawn_key=(0x6C696E6B,))
+        sequence = np.random.SeedSequence(scenario.seed, spawn_key=(0x6C696E6B,))
         self._random = default_rng(sequence)
         self._latest = -np.inf
         self._held: Timed | None = None
@@ -265,7 +265,7 @@ def recorded(scenario: Scenario, motion: Motion) -> FrameStream:
     Raises ValueError: as ``Transmitter``.
     """
     transmitter = Transmitter(scenario)
-    link = LossyLink(scenario.faults, scenario.seed)
+    link = LossyLink(scenario)
     received: list[Timed] = []
     for begin in range(0, len(motion), BLOCK):
         received += link.pass_on(transmitter.send(motion[begin : begin + BLOCK]))

@@ -156,7 +156,7 @@ def test_all_items_make_one_report(tmp_path, monkeypatch, request):
     # a report needs no more of them
     monkeypatch.setattr(maximum_likelihood.iterated, "__defaults__", (5,))
     # Pictures of the demonstrations take ten seconds, and have tests of their own.
-    runner = Runner(experiments=(2,), uses_recorded=False, draws_of_prior=2)
+    runner = Runner(numbers=(2,), uses_recorded=False, draws_of_prior=2)
     chosen = [claim for claim in ITEMS if claim.name != "demonstrations"]
     reports = [ItemReport(claim, ITEMS[claim](runner)) for claim in chosen]
     write(tmp_path, reports, 1.0)

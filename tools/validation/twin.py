@@ -130,11 +130,11 @@ def main(logs: tuple[str, ...], seed: int, vehicles: int, jobs: int) -> None:
         show("Recorded", compared(Path(log).name, log, recorded(hot)))
         return
     rows = rows_of(partial(judged, seed=seed), range(vehicles), jobs)
-    frequency_error = abs(np.log(rows["Hz of the twin"] / rows["Hz"]))
-    close = frequency_error <= np.log(1.05)
-    size_error = abs(np.log(rows["°/s of the twin"] / rows["°/s"]))
-    like = size_error <= np.log(1.5)
-    under = f"{close.sum()} within 5 % of frequency, {like.sum()} within 1.5 of size."
+    close, like = (
+        (abs(np.log(rows[f"{unit} of the twin"] / rows[unit])) <= np.log(factor)).sum()
+        for unit, factor in (("Hz", 1.05), ("°/s", 1.5))
+    )
+    under = f"{close} within 5 % of frequency, {like} within 1.5 of size."
     show(f"{vehicles} vehicles, seed {seed}", rows, under)
 
 

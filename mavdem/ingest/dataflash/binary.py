@@ -157,15 +157,15 @@ def read_binary(content: bytes) -> DataflashRecording:
     # Padded, so that the last message may be read with any definition.
     data = np.pad(np.frombuffer(content, dtype=np.uint8), (0, MAX_MESSAGE_BYTES))
     starts = np.array(scan.starts, dtype=np.int64)
-    places = {
-        scan.definitions[kind]: starts[rows] for kind, rows in rows_by(data[starts + 2]).items()
-    }
-    named = {definition.name: definition for definition in places}
+    named = {}
+    for kind, rows in rows_by(data[starts + 2]).items():
+        definition = scan.definitions[kind]
+        named[definition.name] = definition, starts[rows]
 
     def table(name: str) -> MessageTable:
-        return _decoded(data, named[name], places[named[name]]) if name in named else EMPTY
+        return _decoded(data, *named[name]) if name in named else EMPTY
 
-    counts = {name: len(places[definition]) for name, definition in named.items()}
+    counts = {name: len(places) for name, (_, places) in named.items()}
     return DataflashRecording(counts, table, scan.skipped(), scan.repairs)
 
 

@@ -65,7 +65,7 @@ def count(columns: Columns) -> int:
 
 def values(columns: Columns, fields: Names) -> Array:
     """Returns the fields as columns (N, k); NaN where not finite."""
-    values = np.column_stack([np.asarray(columns[field], dtype=np.float64) for field in fields])
+    values = np.column_stack([columns[field] for field in fields]).astype(np.float64)
     values[~np.isfinite(values)] = np.nan
     return values
 
@@ -373,7 +373,7 @@ def _servos(tables: Tables) -> Columns:
     none = np.zeros(count(logged))
     outputs = {"port": none.astype(np.uint8)}
     for n in range(1, 17):
-        known = np.nan_to_num(np.asarray(pulses.get(n, none), np.float64))
+        known = np.nan_to_num(pulses.get(n, none).astype(np.float64))
         outputs[f"servo{n}_raw"] = np.clip(known, 0, np.iinfo(np.uint16).max).astype(np.uint16)
     return stamped(logged, outputs)
 

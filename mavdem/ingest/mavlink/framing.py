@@ -193,13 +193,14 @@ def _headed(start: Places, header: Bytes) -> Frames:
     """The frames that begin at ``start`` with these headers (N, ``HEADER``)."""
     second = header[:, 0] == MARKER_2
     low, middle, high = (header[:, 7 + byte].astype(np.int64) for byte in range(3))
+    sequence, system, component = np.where(second[:, None], header[:, 4:7], header[:, 2:5]).T
     return Frames(
         start=start,
         end=start + _lengths(header),
         message_id=np.where(second, low | middle << 8 | high << 16, header[:, 5]),
-        sequence=np.where(second, header[:, 4], header[:, 2]),
-        system=np.where(second, header[:, 5], header[:, 3]),
-        component=np.where(second, header[:, 6], header[:, 4]),
+        sequence=sequence,
+        system=system,
+        component=component,
         checksum=np.full(len(start), MATCHES, dtype=np.uint8),
     )
 

@@ -253,8 +253,10 @@ def vehicle(topics: Mapping[RosTopic, TopicColumns], source: str) -> Telemetry |
     """Returns the vehicle of a namespace's topics, PX4's or else MAVROS's, ``system`` 0 if unsaid; None without."""
     # Topics to the autopilot are used where there is none from it.
     in_turn = sorted(topics.items(), key=lambda item: not item[0].incoming)
-    px4 = {topic.name: table for topic, table in in_turn if topic.bridge == PX4_BRIDGE}
-    mavros = {topic.name: table for topic, table in in_turn if topic.bridge == MAVROS}
+    px4, mavros = (
+        {topic.name: table for topic, table in in_turn if topic.bridge == bridge}
+        for bridge in (PX4_BRIDGE, MAVROS)
+    )
     made = _px4_vehicle(px4, source)
     if made is None:
         return _mavros_vehicle(mavros, source)
