@@ -508,12 +508,16 @@ class Scenario(Section):
         """What no key can be wrong in by itself."""
         match self.excitation:
             case Doublets(width=width, period=period) if 2 * width > period:
-                half = f"at most half of excitation.period, {period / 2:g} s"
-                raise ValueError(f"excitation.width must be {half}, not {width:g}")
+                raise ValueError(
+                    "excitation.width must be at most half of excitation.period, "
+                    f"{period / 2:g} s, not {width:g}"
+                )
             case Chirp(lowest=lowest, highest=highest) | Multisine(lowest=lowest, highest=highest):
                 if lowest > highest:
-                    most = f"at most excitation.highest, {highest:g} Hz"
-                    raise ValueError(f"excitation.lowest must be {most}, not {lowest:g}")
+                    raise ValueError(
+                        "excitation.lowest must be at most excitation.highest, "
+                        f"{highest:g} Hz, not {lowest:g}"
+                    )
             case Course(moves=moves):
                 legs = [(move.north, move.east, move.up) for move in moves]
                 at = np.cumsum(legs, axis=0)

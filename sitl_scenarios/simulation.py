@@ -170,9 +170,9 @@ class Simulation:
         state = self._gyro.fly(self._body, state, targets, air, self._steps, self._shaking)
         # Not a number is not less either.
         if not hypot(*state.rates) < MAX_BODY_RATE:
-            fast = f"{self._now * self.cycle:.1f} s after boot, turning at more than {MAX_BODY_RATE:g} rad/s"
             raise ValueError(
-                f"the vehicle is out of control {fast}: it needs less wind, or smaller moments"
+                f"the vehicle is out of control {self._now * self.cycle:.1f} s after boot, turning at "
+                f"more than {MAX_BODY_RATE:g} rad/s: it needs less wind, or smaller moments"
             )
         north, east, down = state.position
         if down >= 0.0 and state.velocity[2] > 0.0:

@@ -170,10 +170,10 @@ class Viewer(Sink):
         self.url = self.name = url
         address = re.fullmatch(r"rerun(?:\+https?)?://\[?([^/@\]]+?)\]?:(\d{1,5})/proxy", url)
         if address is None or not 0 < int(address[2]) < 65536:
-            form = (
-                "the address of a Rerun viewer, which looks like rerun+http://127.0.0.1:9876/proxy"
+            raise ValueError(
+                f"{url!r} is not the address of a Rerun viewer, which looks like "
+                "rerun+http://127.0.0.1:9876/proxy"
             )
-            raise ValueError(f"{url!r} is not {form}")
         self._address = address[1], int(address[2])
 
     def open(self, recording: rr.RecordingStream) -> bool:
@@ -199,8 +199,9 @@ class WebServer(Viewer):
             try:
                 socket.create_server((LOOPBACK, number)).close()
             except OSError as error:
-                taken = f"port {number} of {LOOPBACK} is taken: end the program that uses it, perhaps another view"
-                raise OSError(taken) from error
+                raise OSError(
+                    f"port {number} of {LOOPBACK} is taken: end the program that uses it, perhaps another view"
+                ) from error
         # Rerun's page reports its use to Rerun, unless it is in a notebook: https://github.com/rerun-io/rerun/pull/3166.
         self.page = f"http://{LOOPBACK}:{page_port}?url={quote(self.url, safe='')}&notebook=1"
         self.process = _start(

@@ -270,5 +270,8 @@ def _fits(start: Places, end: Places, taken: Frames, decided: int, until: int) -
 
 def _merged(tables: list[Frames]) -> Frames:
     """Tables as one, in stream order."""
-    both = concatenated(tables)
+    filled = [table for table in tables if len(table)] or tables[:1]
+    if len(filled) == 1:
+        return filled[0]
+    both = concatenated(filled)
     return both[np.argsort(both.start, kind="stable")]
