@@ -238,7 +238,7 @@ def assess_signals(
         loops = loops_of_axes(log, about, options.start, analysis.axis_figures)
     events = [*reported_events(signals), *motion_events(signals)]
     tuned = [autotuned(about.about(axis), loop) for axis, loop in loops.items()]
-    ending = ending_of(signals, events)
+    ending = ending_of(signals, events, analysis.condition.collective)
     changes = while_controlled(analysis.alarms, ending)
     events += [*losses_of(changes), *(change.fact for change in changes if not change.weak)]
     events += filter(None, [ending, *tuned])

@@ -63,10 +63,12 @@ MOVED_SHARE = 0.05
 FROZEN_ROWS = 3  # At least: two samples may be the same by chance
 
 
-def ending_of(signals: Signals, events: Sequence[Fact]) -> Fact | None:
+def ending_of(
+    signals: Signals, events: Sequence[Fact], collective: float | None = None
+) -> Fact | None:
     """Returns how the last flight that was lost was lost, with what failed first; None where none was.
 
-    ``events`` are those of ``motion_events`` and ``reported_events``.
+    ``events`` are those of ``motion_events`` and ``reported_events``, ``collective`` is the mean output in a hover.
     """
     bad = in_order(event for event in events if event.level is Level.BAD)
     shown = [event for event in bad if event.code in ENDINGS]
@@ -74,7 +76,7 @@ def ending_of(signals: Signals, events: Sequence[Fact]) -> Fact | None:
     if not shown and not reported:
         return None
     event = (shown or reported)[-1]
-    cause = _first(signals, events, event) if shown else event
+    cause = _first(signals, events, event, collective) if shown else event
     if event.code is MotionEvent.TIPPED:
         cause = None
     word = _word(signals, bad, event.figures["boot"])
@@ -107,7 +109,9 @@ def _word(signals: Signals, bad: Sequence[Fact], boot: int) -> Fact | None:
     return words[-1] if words else None
 
 
-def _first(signals: Signals, events: Sequence[Fact], lost: Fact) -> Fact | None:
+def _first(
+    signals: Signals, events: Sequence[Fact], lost: Fact, collective: float | None
+) -> Fact | None:
     """What failed first: a motor that was off, or what commands show while the attitude left or the vehicle fell."""
     boot = lost.figures["boot"]
     onset = lost.time
@@ -143,7 +147,10 @@ def _first(signals: Signals, events: Sequence[Fact], lost: Fact) -> Fact | None:
     own = signals.telemetry.parameters
     if _seemed_landed(signals, boot, onset):
         settings = [(name, own[name]) for name in LANDING_THRUSTS if name in own]
-        return Fact(FailedFirst.LANDING_ASSUMED_FIRST, time=cause.time, settings=settings)
+        # Thrust is the output unless THR_MDL_FAC bends it.
+        hover = None if own.get("THR_MDL_FAC") else collective
+        code = FailedFirst.LANDING_ASSUMED_FIRST
+        return Fact(code, time=cause.time, settings=settings, collective=hover)
     return cause
 
 

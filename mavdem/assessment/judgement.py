@@ -110,10 +110,13 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
 def next_step_of(headline: Fact, lights: NamedFacts, of_model: Fact | None) -> Fact:
     """Returns what to do next: what the headline asks for or, where nothing is wrong, what would show more.
 
-    Of a vehicle that is sound and fully judged it is what its model is worth (``of_model``).
+    What a bad power asks for is beside it: no other light explains that. Of a vehicle that is sound and fully judged it
+    is what its model is worth (``of_model``).
     """
     if headline.code is not Headline.NOTHING_WRONG:
-        return Fact(NextStep.DO_AS_ADVISED, headline.level, because=headline)
+        power = lights[Light.POWER]
+        also = power if power.level is Level.BAD else None
+        return Fact(NextStep.DO_AS_ADVISED, headline.level, because=headline, also=also)
     for light in (Light.LOG, *OF_VEHICLE):
         if lights[light].level is not Level.GOOD:
             return Fact(NextStep.DO_AS_ADVISED, because=lights[light])

@@ -35,7 +35,7 @@ def motors_light(evidence: Evidence) -> Fact:
     # Of several losses the largest is named, and of several stops the longest, not the earliest.
     weak.sort(key=lambda event: (-event.figures.get("rise", inf), -_lasted(event)))
     if hover is None:
-        weak.append(Fact(MotorsLight.MOTORS_NOT_SEEN, least_duration=LEAST_SECONDS))
+        weak.append(Fact(MotorsLight.MOTORS_NOT_SEEN, names=names, least_duration=LEAST_SECONDS))
     else:
         limited = limited_motor(hover)
         if limited is not None and hover.seconds >= LEAST_SECONDS:

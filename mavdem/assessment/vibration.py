@@ -33,7 +33,8 @@ def vibration_light(evidence: Evidence) -> Fact:
         for boot in np.unique(levels.boot).tolist()
         for span in phases.flying(signals, boot)
     )
-    here = within(levels, *(settled_parts(signals) or flown))
+    settled = settled_parts(signals)
+    here = within(levels, *(settled or flown))
     if not here.any():
         return unknown
     mean = levels.values[here].mean(axis=0)
@@ -49,4 +50,5 @@ def vibration_light(evidence: Evidence) -> Fact:
         vibration=mean[most],
         acceptable_vibration=limits.bad if mean[most] > limits.bad else limits.watch,
         clips=clips,
+        is_settled=bool(settled),
     )

@@ -358,7 +358,7 @@ class TrueParameter(Document):
     """Parameters beside their truth."""
 
     name: str
-    """name of the parameter"""
+    """name of the parameter; lag of the motors: motor time constant"""
     unit: str
     """unit of estimate, half_width and truth"""
     estimate: SeeUnit

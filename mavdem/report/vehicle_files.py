@@ -17,7 +17,7 @@ from mavdem.facts import NamedFacts
 from mavdem.report.blocks import Blocks, Sentence, Table
 
 LEFT_OUT = {  # what a format has no place for
-    ".json": "motor lag, delay, damping of pitch and yaw apart from roll's, battery and controller gains",
+    ".json": "motor time constant, delay, damping of pitch and yaw apart from roll's, battery and controller gains",
     ".params": "delay, quadratic drag and damping of pitch and yaw apart from roll's",
     ".sdf": "delay, damping, quadratic drag and controller gains",
 }

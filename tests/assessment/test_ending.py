@@ -77,7 +77,7 @@ def judged(made, *reported):
     signals = Signals(made, inputs="motors")
     events = *motion_events(signals), *reported
     assert all(event.sentence for event in events)
-    return {event.code: event for event in events}, ending_of(signals, events)
+    return {event.code: event for event in events}, ending_of(signals, events, 0.14)
 
 
 @mark.parametrize("rate", [10.0, 50.0])
@@ -244,8 +244,10 @@ def test_a_landing_that_was_only_assumed_is_what_came_first():
     made = driven(falling(leaning(flight(), ASIDE, 120.0, 100.0)), ALL, 1100.0)
     time = np.arange(0.0, 40.0, 0.2)
     state = np.where((time < 6.0) | (abs(time - FAILS + 0.3) < 0.15), ON_GROUND, IN_AIR)
-    _, ending = judged(changed(made, "EXTENDED_SYS_STATE", **columns(time, landed_state=state)))
+    made = changed(made, "EXTENDED_SYS_STATE", **columns(time, landed_state=state))
+    _, ending = judged(replace(made, parameters={"MPC_THR_HOVER": 0.35}))
     assert ending.figures["cause"].code is FailedFirst.LANDING_ASSUMED_FIRST
+    assert "now MPC_THR_HOVER 0.35. Set MPC_THR_HOVER to 0.14" in ending.remedy
 
 
 def felt(made, time, most=100.0):

@@ -52,6 +52,7 @@ WARNING = prose("A warning.").but(Level.WATCH)
         ({"motors": "bad", "margins": "bad"}, {"events": (WARNING,)}, "The motors."),
         ({"motors": "bad", "margins": "bad"}, {"oscillation": 5.0}, "The margins."),
         ({"motors": "watch", "power": "bad"}, {}, "The power."),
+        ({"motors": "bad", "power": "bad"}, {}, "The motors."),
         ({"log": "bad", "estimator": "watch"}, {}, "The log."),
         ({"power": "bad"}, {"airborne": 0.0}, "The power."),
         ({"vibration": "watch", "log": "watch"}, {}, "The vibration."),
@@ -68,6 +69,8 @@ def test_the_headline_is_the_worst_that_was_found(levels, more, said):
     following = next_step_of(worst, known, Fact(NextStep.KEEP_MODEL))
     assert following.code is NextStep.DO_AS_ADVISED
     assert following.figures["because"] == worst
+    power = known[Light.POWER]
+    assert following.figures["also"] == (power if power.level is Level.BAD else None)
 
 
 def test_without_a_flight_it_says_why():

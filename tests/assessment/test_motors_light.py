@@ -85,6 +85,7 @@ def test_without_settled_flight_or_outputs_it_is_not_known():
     bare = replace(flight, condition=replace(flight.condition, hover=None), events=())
     found = motors_light(bare)
     assert (found.code, found.level) == (MotorsLight.MOTORS_NOT_SEEN, "unknown")
+    assert "10 s" in found.sentence and found.grounded.remedy.startswith("Check motors")
     stop, shorter, longer = (
         Fact(MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH, subject=FRONT_LEFT, boot=0, **times)
         for times in ({"time": 50.0}, {"time": 40.0, "until": 40.3}, {"time": 60.0, "until": 62.0})
