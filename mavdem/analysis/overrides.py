@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from mavdem.alignment.learnability import DOUBTFUL_CONSISTENCY
 from mavdem.condition.condition import Condition, HoverFigures
-from mavdem.condition.oscillation import LIMITED_SHARE, Oscillation
+from mavdem.condition.oscillation import LIMITED_SHARE
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import Override
 from mavdem.heading import Values
@@ -35,7 +35,16 @@ def overrides_of(
         for lost in losses_of(alarms)
     ]
     if condition is not None and condition.oscillation is not None:
-        overrides = [_oscillation(condition.oscillation)]
+        cycle = condition.oscillation
+        overrides = [
+            Fact(
+                Override.OSCILLATION,
+                duration=cycle.seconds,
+                growing=cycle.growing,
+                share=cycle.at_limit,
+                **cycle.figures,
+            )
+        ]
     elif condition is not None and condition.hover is not None and not overrides:
         limited = limited_motor(condition.hover)
         if limited is not None:
@@ -45,16 +54,6 @@ def overrides_of(
     if consistency is not None and consistency < DOUBTFUL_CONSISTENCY:
         overrides.append(Fact(Override.DATA, consistency=consistency))
     return tuple(overrides)
-
-
-def _oscillation(oscillation: Oscillation) -> Fact:
-    return Fact(
-        Override.OSCILLATION,
-        duration=oscillation.seconds,
-        growing=oscillation.growing,
-        share=oscillation.at_limit,
-        **oscillation.figures,
-    )
 
 
 def limited_motor(hover: HoverFigures) -> Values | None:

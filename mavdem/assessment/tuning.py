@@ -67,6 +67,8 @@ def tuned(
     measured = {margin.axis: margin.facts[0] for margin in evidence.margins if margin.injected}
     tracking = tracking_of(evidence)
     found = AdviceByAxis()
+    advised = list[Advice]()
+    refused = dict[str, Fact]()
     for axis in axes:
         loop = evidence.loops[axis]
         if isinstance(loop, Fact) and axis in measured:
@@ -84,13 +86,12 @@ def tuned(
             if settings and not advice.refusals:
                 advice = advise(loop.changed(settings), margins, more=more)
             found[axis] = advice
+            advised.append(advice)
         elif first or grounds or len(axes) > 1:
-            found[axis] = Fact(Loops.NO_LOOP, reasons=grounds or (loop,))
+            found[axis] = refused[axis] = Fact(Loops.NO_LOOP, reasons=grounds or (loop,))
         else:
             raise NotLearnable(loop)
-    advised = [each for each in found.values() if isinstance(each, Advice)]
     if not advised:
-        refused = {axis: fact for axis, fact in found.items() if isinstance(fact, Fact)}
         alike = grouped(refused, refused.__getitem__)
         reasons = [fact.but(names=names) for fact, names in alike.items()]
         first += reasons if len(alike) > 1 else alike

@@ -65,18 +65,21 @@ def test_people_see_one_screen_and_files_only_where_they_are_wanted(tmp_path, mo
 
 @mark.parametrize(
     "source, folder",
-    [("a/flight.tlog", "flight"), ("f.ulg.xz", "f"), ("...tlog", "...tlog-learned")],
+    [
+        ("a/flight.tlog", "flight"),
+        ("f.ulg.xz", "f"),
+        ("...tlog", "...tlog-learned"),
+        ("g.ulg", "g"),
+        ("b/g.ulg", "g-2"),
+    ],
 )
-def test_the_folder_is_named_after_the_log(source, folder):
-    assert str(named_after(source)) == folder
-
-
-@mark.parametrize("held, folder", [("a.ulg", "a"), ("b/a.ulg", "a-2")])
-def test_results_of_another_log_stay(held, folder, tmp_path, monkeypatch):
+def test_the_folder_is_named_after_the_log_and_has_no_results_of_another(
+    source, folder, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
-    Path("a").mkdir()
-    Path("a/report.json").write_text(f'{{"source": "{held}"}}')
-    assert str(named_after("a.ulg")) == folder
+    Path("g").mkdir()
+    Path("g/report.json").write_text('{"source": "g.ulg"}')
+    assert str(named_after(source)) == folder
 
 
 def test_names_do_not_reach_the_terminal_as_what_it_obeys(capsys):
