@@ -134,8 +134,7 @@ def learn_command(
         heading = title(analysis.flights)
         details = detail_blocks(learned)
     if not no_files:
-        with progress("Drawing and writing the files", measured=False):
-            write_results(folder, report, assessment)
+        write_results(folder, report, assessment)
         if learned is not None and (
             hint := lacking("view", f"{RECORDING} was not written, since it")
         ):

@@ -101,7 +101,7 @@ def print_blocks(blocks: Iterable[Block]) -> None:
 
 
 def print_screen(
-    title: Block | None,
+    title: Sentence | None,
     brief: Iterable[Block],
     more: Iterable[Block],
     conclusion: Iterable[Block],
@@ -209,12 +209,17 @@ def write_text(path: Path, text: str) -> None:
 
 
 @contextmanager
-def files_in(folder: Path, names: Sequence[str]) -> Iterator[tuple[Path, ...]]:
-    """Yields paths to write instead of these files, which then replace them; raises ``Unreadable`` if not."""
+def files_in(folder: Path, names: Sequence[str], stale: Names = ()) -> Iterator[tuple[Path, ...]]:
+    """Yields paths to write instead of these files, which then replace them; raises ``Unreadable`` if not.
+
+    Of a run before, files of ``stale`` names then go.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with atomic_writes(*(folder / name for name in names)) as files:
             yield files
+        for name in set(stale) - set(names):
+            (folder / name).unlink(missing_ok=True)
     except OSError as error:
         raise Unreadable(Place.OUT_FAILED, path=folder, because=cause_of(error)) from None
 

@@ -5,7 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from mavdem.assessment import Assessment
-from mavdem.cli.output import files_in, json_text
+from mavdem.cli.output import files_in, json_text, progress
 from mavdem.heading import Values
 from mavdem.results import REPORT, RESULT_FILES, result_files, write_result_files
 
@@ -27,13 +27,10 @@ def named_after(source: str) -> Path:
 
 
 def _is_free(folder: Path, log: Path) -> bool:
-    """Whether there are no results in a ``folder``, or those of this ``log``."""
-    report = folder / REPORT
-    if not report.is_file():
-        return True
+    """Whether there is no report in a ``folder``, or that of this ``log``."""
     with suppress(OSError, ValueError, LookupError, TypeError):
-        return Path(json.loads(report.read_text())["source"]).resolve() == log.resolve()
-    return False
+        return Path(json.loads((folder / REPORT).read_text())["source"]).resolve() == log.resolve()
+    return True
 
 
 def files_of(folder: Path, assessment: Assessment) -> dict[str, str]:
@@ -42,9 +39,10 @@ def files_of(folder: Path, assessment: Assessment) -> dict[str, str]:
 
 
 def write_results(folder: Path, document: Values, assessment: Assessment) -> None:
-    """Writes the result files, as :func:`files_in` does, with this report. Those of a run before go."""
+    """Draws and writes the result files, as :func:`files_in` does, with this report. Those of a run before go."""
     names = result_files(assessment)
-    with files_in(folder, names) as paths:
+    with (
+        progress("Drawing and writing the files", measured=False),
+        files_in(folder, names, RESULT_FILES) as paths,
+    ):
         write_result_files(dict(zip(names, paths, strict=True)), json_text(document), assessment)
-    for name in set(RESULT_FILES) - set(names):
-        (folder / name).unlink(missing_ok=True)

@@ -51,8 +51,7 @@ def review_command(
     began = perf_counter()
     assessment = assess(read_source(source, params), vehicle, progress=progress)
     document = review_document(assessment) | {"files": files_of(folder, assessment)}
-    with progress("Drawing and writing the files", measured=False):
-        write_results(folder, document, assessment)
+    write_results(folder, document, assessment)
     if as_json:
         print_json(document)
     else:

@@ -90,11 +90,9 @@ def tune_command(
                 f"gains{ending}": text
                 for ending, text in parameter_files(gains, evidence.signals.telemetry).items()
             }
-        with files_in(out, [*texts]) as paths:
+        with files_in(out, [*texts], ("gains.params", "gains.param")) as paths:
             for path, text in zip(paths, texts.values(), strict=True):
                 path.write_text(text, "utf-8", "replace")
-        for stale in {"gains.params", "gains.param"} - texts.keys():
-            (out / stale).unlink(missing_ok=True)
         say_aside(f"Written: {', '.join(texts)}. Nothing was sent to the vehicle.")
     if as_json:
         print_json(tune_document(source, margins, tuning))
@@ -104,8 +102,7 @@ def tune_command(
         blocks += [Sentence(tuning.notch.advised, "Notch filter:")] if tuning.notch else []
         page = [Sentence(f"{out}/tune.html", "Page:")] if out else []
         # What must not fly is said before its gains.
-        is_bad = assessment.headline.level is Level.BAD
-        title, last = (above, []) if is_bad else (None, [above])
-        print_screen(title, [], lights, [*blocks, *last, following, *page], verbose)
+        blocks.insert(0 if assessment.headline.level is Level.BAD else len(blocks), above)
+        print_screen(None, [], lights, [*blocks, following, *page], verbose)
     if tuning.refusal:
         raise click.exceptions.Exit(1)

@@ -112,11 +112,12 @@ def begun_oscillation(
 
 def _of_vehicle(cycles: Iterable[Oscillation]) -> Oscillation | None:
     """The strongest of all ``cycles``, with the strongest of each other axis."""
-    rate = attrgetter("rate")
-    of_axes = {cycle.axis: cycle for cycle in sorted(cycles, key=rate)}
+    of_axes = dict[str, Oscillation]()
+    for cycle in sorted(cycles, key=attrgetter("rate"), reverse=True):
+        of_axes.setdefault(cycle.axis, cycle)
     if not of_axes:
         return None
-    strongest, *others = sorted(of_axes.values(), key=rate, reverse=True)
+    strongest, *others = of_axes.values()
     return strongest._replace(others=tuple(others))
 
 

@@ -216,7 +216,7 @@ def lowered(oscillation: Oscillation, parameters: Parameters) -> Fact:
     They are P and D of the rate or, where it oscillates so slowly that these do little, the gain of the angle or I. No
     values where the parameters have no controller.
     """
-    gains = dict[str, float]()
+    changes = []
     for cycle in (oscillation, *oscillation.others):
         with suppress(NotLearnable):
             controller = controller_of(parameters, cycle.axis, (1.0,))
@@ -224,8 +224,8 @@ def lowered(oscillation: Oscillation, parameters: Parameters) -> Fact:
             corners = {"angle": controller.angle, "i": controller.i / controller.p}
             slow = [gain for gain, corner in corners.items() if corner > turning / 2]
             names = [controller.names[gain] for gain in slow or ("p", "d")]
-            gains |= {name: value for name in names if (value := parameters[name])}
-    changes = [(name, value, LOWERED * value) for name, value in gains.items()]
+            values = [(name, parameters[name]) for name in names]
+            changes += [(name, value, LOWERED * value) for name, value in values if value]
     return Fact(Gains.LOWER_GAINS, changes=changes, **oscillation.figures)
 
 
