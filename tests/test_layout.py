@@ -78,7 +78,7 @@ ROOMS_OF_LIBRARIES = {
     "rich": {"cli"},
     "matplotlib": {"paper", "report"},
     "jinja2": {"report"},
-    "sitl_scenarios": {"cli", "paper"},
+    "sitl_scenarios": {"api", "cli", "paper"},
     "starlette": {"serve"},
     "uvicorn": {"serve"},
     "python_multipart": {"serve"},
@@ -199,31 +199,31 @@ def test_a_file_is_not_long():
 
 
 NODES = {
-    "alignment": 19_070,
-    "analysis": 8260,
-    "assessment": 19_330,
+    "alignment": 19_010,
+    "analysis": 8250,
+    "assessment": 19_400,
     "baselines": 5120,
-    "cli": 14_160,
-    "condition": 40_110,
-    "dem": 67_500,
+    "cli": 14_100,
+    "condition": 40_100,
+    "dem": 67_090,
     "documents": 11_050,
-    "evaluate": 7950,
+    "evaluate": 7970,
     "export": 2510,
     "facts": 4180,
     "fleet": 15_740,
     "health": 10_680,
-    "ingest": 39_340,
-    "live": 31_270,
+    "ingest": 39_270,
+    "live": 31_240,
     "mavdem": 6020,
-    "paper": 11_110,
+    "paper": 11_010,
     "report": 32_580,
     "serve": 13_450,
-    "sitl_scenarios": 30_310,
-    "tools": 15_660,
-    "view": 10_830,
+    "sitl_scenarios": 30_200,
+    "tools": 15_650,
+    "view": 10_810,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 416_000
+ALL_NODES = 415_200
 TEST_NODES = 225_000
 NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""

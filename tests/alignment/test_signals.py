@@ -311,28 +311,23 @@ def test_a_position_is_in_metres_north_east_and_down_of_the_first_also_across_th
     assert_allclose(Signals(made).position.values, [[0, 0, -5], [11.119, 11.119, -5]], atol=1e-3)
 
 
-def with_battery(message, time, **fields):
-    return changed(HOVER.telemetry(), message, **columns(time, **fields))
+def measured_voltage(time, millivolts):
+    measured = columns(time, voltage_battery=millivolts)
+    return Signals(changed(HOVER.telemetry(), "SYS_STATUS", **measured)).voltage
 
 
 def test_without_a_battery_monitor_there_is_none():
     time = HOVER.stamps(1.0)
     for nothing in (0, 65535):
         voltages = np.full(len(time), nothing, dtype=np.uint16)
-        assert (
-            Signals(with_battery("SYS_STATUS", time, voltage_battery=voltages.copy())).voltage
-            is None
-        )
+        assert measured_voltage(time, voltages.copy()) is None
         # of damaged bytes
         voltages[[3, 30, 31, 40]] = 12_800
-        assert Signals(with_battery("SYS_STATUS", time, voltage_battery=voltages)).voltage is None
-    assert (
-        Signals(with_battery("SYS_STATUS", time[:4], voltage_battery=np.full(4, 12_800))).voltage
-        is None
-    )
+        assert measured_voltage(time, voltages) is None
+    assert measured_voltage(time[:4], np.full(4, 12_800)) is None
     falling = np.linspace(16000, 14000, len(time))
     falling[[0, 30, 31]] = 65_000, 33_000, 6_000  # of damaged bytes
-    damaged = Signals(with_battery("SYS_STATUS", time, voltage_battery=falling)).voltage.values
+    damaged = measured_voltage(time, falling).values
     assert len(damaged) == len(time) - 3 and 14 <= damaged.min() <= damaged.max() <= 16
     assert Signals(HOVER.telemetry()).voltage is None
 

@@ -63,7 +63,7 @@ def test_an_autopilot_may_take_the_frame_for_another():
     mixed = []
     for kind in (taken, {"frame": "plus"}):
         vehicle = {**kind, "parameters": {"ATC_RAT_RLL_P": 0.1}}
-        flown = controller_for(scenario_of({"vehicle": vehicle, "stream": stream}), 0.004)
+        flown = controller_for(scenario_of({"vehicle": vehicle, "stream": stream}))
         mixed.append(flown.mixed(ROLL))
     assert mixed[0] == mixed[1]
 
