@@ -12,12 +12,18 @@ PATIENCE = 300.0
 
 
 def strict_json(text):
-    """A document without NaN and infinity."""
+    """A document without NaN and infinity, with each sentence's fact beside it."""
 
     def unknown(name):
         raise AssertionError(f"{name} is not JSON")
 
-    return json.loads(text, parse_constant=unknown)
+    def with_facts(values):
+        for name, fact in values.items():
+            sentence, is_fact, _ = name.partition("_fact")
+            assert fact or not (is_fact and values[sentence]), f"{name} is missing"
+        return values
+
+    return json.loads(text, parse_constant=unknown, object_hook=with_facts)
 
 
 def run(*words):

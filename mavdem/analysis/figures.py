@@ -134,7 +134,7 @@ class LogAnalysis:
             "axes": self.axes,
             "hover": self.condition.hover,
             **self.tier._asdict(),
-            "reason": self.reason and str(self.reason),
+            "reason": self.reason,
             "remedy": self.reason and self.reason.remedy,
             "condition": self.condition,
             "identity": self.identity,

@@ -33,6 +33,7 @@ Advised = Annotated[str, BeforeValidator(_advised)]
 
 
 Told = Said
+ToldWithRemedy = Advised
 """The same, and beside it, in ``…_fact`` or ``…_facts``, what it is the sentence of, where that is a fact."""
 
 
@@ -62,7 +63,7 @@ class Document(BaseModel):
             if is_partial and name not in vars(cls):
                 kinds[name] = f"{kind} | None"
                 setattr(cls, name, None)
-            if "list[Told]" in kind:
+            if "list[Told" in kind:
                 kinds[f"{name}_facts"] = Facts
                 setattr(cls, f"{name}_facts", beside(name, f"{name} as facts"))
             elif "Told" in kind:

@@ -162,7 +162,7 @@ class HeldOut(Document):
             "share_worse_than_hold_last": (over_last > 1).mean(),
             "inside_90_percent_band": windows.coverage,
             "over_expected_error": windows.over_expected,
-            "failures": [*map(str, windows.failures)],
+            "failures": windows.failures,
         }
 
     windows: int

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import Field
 
-from mavdem.documents.document import Document, Said, Sentence, Told
+from mavdem.documents.document import Document, Said, Sentence, Told, ToldWithRemedy
 from mavdem.documents.vehicle import Finding, MotorHealth, Override
 from mavdem.facts.session import Spent
 from mavdem.heading import Values
@@ -117,7 +117,7 @@ class Live(MotorHealth):
     """band of a prediction"""
     useful: Useful
     """longest useful horizon of predictions"""
-    obstacle: Told
+    obstacle: ToldWithRemedy
     """why there are no rows or no model"""
     watched: list[Told]
     """what is watched without a model since when, or why it is not, one sentence each"""
@@ -137,7 +137,7 @@ class Live(MotorHealth):
     """what must be known before the model is used"""
     next_step: Said | None = None
     """what to do next, one sentence"""
-    events: list[Told]
+    events: list[ToldWithRemedy]
     """what was said in flight, one sentence each"""
     rrd: str | None
     """recording for Rerun"""
@@ -175,8 +175,8 @@ def live_document(
         latency=dict(zip(("median", "p99", "max"), status.latency, strict=True)),
         ahead=dict(zip(("seconds", "half_width_rad"), status.ahead, strict=True)),
         useful=dict(zip(("seconds", "error_ratio"), status.useful, strict=True)),
-        obstacle=status.obstacle and status.obstacle.advised,
+        obstacle=status.obstacle,
         gains=session.adviser and session.adviser.facts,
         wind=status.wind and dict(zip(WIND_FIGURES, status.wind.by_compass, strict=True)),
-        events=[event.sentence for event in session.history.events],
+        events=[event.fact for event in session.history.events],
     )

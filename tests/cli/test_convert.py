@@ -1,10 +1,9 @@
 """``mavdem convert``: what comes out is what went in, and nothing is overwritten that should not be."""
 
 import csv
-import json
 
 import numpy as np
-from command_line import refused, run
+from command_line import refused, run, strict_json
 from pytest import approx, mark
 from recorded_flights import FLIGHT, LOGS
 
@@ -15,7 +14,7 @@ def convert(capsys, *words):
     assert run("convert", *words, "--json") == 0
     said = capsys.readouterr()
     assert said.err == ""
-    return json.loads(said.out)
+    return strict_json(said.out)
 
 
 @mark.slow

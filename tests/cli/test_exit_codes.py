@@ -1,6 +1,5 @@
 """What the command line answers to good, poor and broken input: an exit code, one sentence, and never a traceback."""
 
-import json
 import os
 import shlex
 import signal
@@ -9,7 +8,7 @@ from pathlib import Path
 from unittest.mock import Mock
 
 import click
-from command_line import MAVDEM, PATIENCE, refused, run
+from command_line import MAVDEM, PATIENCE, refused, run, strict_json
 from pytest import mark
 from recorded_flights import FLIGHT, LOGS, SLOW
 
@@ -38,7 +37,7 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
     words = {"learn": ["--out", str(out)], "convert": [f"{out}.csv"]}.get(command, [])
     assert run(command, source, "--json", *words) == 2
     said = capsys.readouterr()
-    assert json.loads(said.out)["error"]["reason"]
+    assert strict_json(said.out)["error"]["reason"]
     assert said.err.startswith("mavdem: ")
     assert said.err.count("\n") == 1
     assert str(source) in said.err

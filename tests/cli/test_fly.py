@@ -1,11 +1,10 @@
 """``mavdem fly``: what is flown is written whole or not at all, can be read and learnt from, and is the same again."""
 
-import json
 import tomllib
 from contextlib import nullcontext
 from unittest.mock import Mock
 
-from command_line import document_of, refused, run
+from command_line import document_of, refused, run, strict_json
 from pytest import fail, mark
 
 from mavdem.cli.commands import main
@@ -68,7 +67,7 @@ def test_a_live_flight_says_how_it_went_and_if_the_machine_is_too_slow(
     assert run(*words, "--json") == 0
     said = capsys.readouterr()
     assert ("This machine is too slow" in said.err) is slow
-    told = json.loads(said.out)
+    told = strict_json(said.out)
     assert (told["flown"], told["took"]) == (round(flown, 3), 10.0)
     assert 0 < shown[0] <= 0.25 and shown[1] == 1.0
 

@@ -1,8 +1,6 @@
 """``mavdem info``: what it says of the sample flights, and when it says no."""
 
-import json
-
-from command_line import run
+from command_line import run, strict_json
 from pytest import approx
 from recorded_flights import LOGS
 
@@ -14,6 +12,6 @@ def test_the_rates_a_ground_station_asks_for_are_too_slow(capsys):
     assert said.err.startswith(
         f"mavdem: No roll model can be learned from {path}; 1:1: ATTITUDE comes at 4 Hz"
     )
-    held = json.loads(said.out)
+    held = strict_json(said.out)
     (vehicle,) = held["vehicles"]
     assert not held["learnable"] and vehicle["messages"]["ATTITUDE"]["rate"] == approx(4, rel=0.1)

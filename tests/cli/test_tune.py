@@ -18,8 +18,8 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(tmp_pat
     assert run("fly", "iris_identification", "--duration", "50", "--out", log) == 0
     capsys.readouterr()
     assert "smaller --start" in refused(capsys, 1, "tune", log, "--start", "45", "--out", out)
-    assert run("tune", FLIGHT, "--axis", "pitch", "--out", out, "--json") == 1
-    assert "no rate setpoint" in strict_json(capsys.readouterr().out)["error"]["reason"]
+    told = document_of(capsys, "tune", FLIGHT, "--axis", "pitch", "--out", out, code=1)
+    assert "no rate setpoint" in told["error"]["reason"]
     assert not out.exists()
     words = ["tune", log, "--margins", "soft", "--start", "5", "--out", out]
     found = document_of(capsys, *words, "--more")

@@ -1,12 +1,11 @@
 """The report on the paper's experiments: verdicts follow from their rules, either way, and the report is whole."""
 
-import json
 import re
 from types import SimpleNamespace
 
 import numpy as np
 from click import Command, Context
-from command_line import run, strict_json
+from command_line import document_of, run, strict_json
 from numpy.random import default_rng
 from pytest import fail, mark
 from scipy.ndimage import gaussian_filter1d
@@ -165,7 +164,7 @@ def test_all_items_make_one_report(tmp_path, monkeypatch, request):
         numbers = json_text(document(reports, 1.0))
     # It shows what is there and asks for nothing else.
     assert "<svg" in page and not re.findall(r'(?:src|srcset)="', page)
-    told = {one["name"]: one for one in json.loads(numbers, parse_constant=fail)["items"]}
+    told = {one["name"]: one for one in strict_json(numbers)["items"]}
     # What has not converged after so few iterations is by the processor.
     kept = {key: found for key, found in figures(told).items() if "order" not in key}
     hold("paper", kept, request)
@@ -191,11 +190,10 @@ def test_what_cannot_be_done_is_one_document_and_no_work(tmp_path, capsys):
         (["everything"], "everything"),
         (["noise", "--out", str(tmp_path / "file")], "--out"),
     ):
-        assert main(["reproduce", *words, "--json"]) == 2
-        assert named in json.loads(capsys.readouterr().out)["error"]["reason"]
+        assert named in document_of(capsys, "reproduce", *words, code=2)["error"]["reason"]
     # All claims are listed.
     names = [claim.name for claim in CLAIMS]
     assert main(["reproduce", "--list"]) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == names
-    assert main(["reproduce", "--list", "--json"]) == 0
-    assert [one["name"] for one in json.loads(capsys.readouterr().out)["claims"]] == names
+    told = document_of(capsys, "reproduce", "--list")
+    assert [claim["name"] for claim in told["claims"]] == names
