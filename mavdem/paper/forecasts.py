@@ -133,8 +133,6 @@ MSPE_WITHOUT_COORDINATES = (0.1197, 0.0640, 0.1647, 0.0518, 0.0951)
 # share of the experiments on which p = 2 must have the lower error, as on four of the paper's five
 MIN_SHARE = 0.8
 
-"""MSPE with and without generalized coordinates, summed over outputs, (experiments, priors) each."""
-
 
 def coordinates(runner: Runner) -> Result:
     """Tries DEM with p = 2 and p = 1 on the five experiments, from many random priors, and on the real flight."""

@@ -26,7 +26,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Override
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.learnability import Reason
-from mavdem.facts.loops import Loops
+from mavdem.facts.loops import Gains, Loops
 from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.facts.wind import NoWind
 from mavdem.ingest import read_log
@@ -114,6 +114,7 @@ def oscillating(found):
 def test_a_limit_cycle_goes_before_all():
     light = margins_light(oscillating(evidence(flight(*closed_loop(60.0)))))
     assert (light.code, light.level) == (MarginsLight.OSCILLATES, "bad")
+    assert light.figures["because"].code is Gains.LOWER_GAINS
     assert light.sentence.startswith("Pitch and roll oscillate: pitch at 5 Hz, by 40 °/s; roll")
     light = tracking_light(oscillating(following(0.1)))
     assert (light.code, light.level) == (TrackingLight.FOLLOWS_SETPOINT, "watch")

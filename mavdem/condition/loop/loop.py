@@ -1,9 +1,6 @@
-"""Loop: rate and attitude loop of one axis, whether they have enough margin, and gains that reach stated margins.
+"""Loop: rate and attitude loop of one axis, whether they have enough margin, and the same loop by other gains.
 
-The gains hold in the worst case of the plant's posterior, and change one bounded step at a time. P, I and D of the rate
-controller change by one factor, so that they keep their proportions: those of the autopilot's defaults or of whoever
-tuned it. The gain of the attitude controller follows, with the rate loop of the new gains. Nothing is
-sent to a vehicle.
+Margins are of the estimated plant and of draws from its posterior; ``advice`` looks for gains that keep them.
 """
 
 from __future__ import annotations
