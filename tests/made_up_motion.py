@@ -29,8 +29,9 @@ def made_up_motion(seconds=20.0, begin=0.0, autopilot="px4"):
         1,
     ).astype(np.uint8)
     angle = 2 * np.pi * 0.7 * since
+    sine = np.sin(angle)
     flying = (state != 1).astype(float)
-    roll = flying * ROLL * np.sin(angle)
+    roll = flying * ROLL * sine
     pitch = 0.05 + 0 * angle
     yaw = 0.3 + 0 * angle
     rates = np.column_stack(
@@ -41,8 +42,8 @@ def made_up_motion(seconds=20.0, begin=0.0, autopilot="px4"):
         ]
     )
     attitude = quaternion(roll, pitch, yaw)
-    position = np.column_stack([np.sin(angle), np.cos(angle), -5 * flying])
-    velocity = np.column_stack([np.cos(angle), -np.sin(angle), 0 * angle])
+    position = np.column_stack([sine, np.cos(angle), -5 * flying])
+    velocity = np.column_stack([np.cos(angle), -sine, 0 * angle])
     swing = 60 * flying * np.sin(angle + 1.0)
     signs = np.array([-1, 1, 1, -1])
     outputs = np.round(
@@ -64,7 +65,7 @@ def made_up_motion(seconds=20.0, begin=0.0, autopilot="px4"):
         demands=np.column_stack([swing / 400, 0 * swing, 0 * swing, 0.5 * flying]),
         attitude_setpoint=np.column_stack([1.2 * roll, 1.1 * pitch, yaw]),
         rates_setpoint=1.3 * rates,
-        sticks=np.column_stack([0.5 * roll, 0.1 * np.sin(angle), 0.2 * np.cos(angle)]),
+        sticks=np.column_stack([0.5 * roll, 0.1 * sine, 0.2 * np.cos(angle)]),
         rotor_speeds=outputs,
         battery=1.0 - 0.1 * since / seconds,
         wind=np.tile([0.0, -5.0, 0.0], (count, 1)),

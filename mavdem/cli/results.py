@@ -28,8 +28,10 @@ def named_after(source: str) -> Path:
 
 def _is_free(folder: Path, log: Path) -> bool:
     """Whether there is no report in a ``folder``, or that of this ``log``."""
-    with suppress(OSError, ValueError, LookupError, TypeError):
-        return Path(json.loads((folder / REPORT).read_text())["source"]).resolve() == log.resolve()
+    with suppress(OSError, ValueError, LookupError, TypeError, AttributeError):
+        report = json.loads((folder / REPORT).read_bytes())
+        own = report.get("flight", report)["source"]  # of learn, or of review
+        return Path(own).resolve() == log.resolve()
     return True
 
 

@@ -60,8 +60,12 @@ def state_of(name: str, path: Path, vehicle: str | None = None) -> State:
         raise NotLearnable(Incomparable.VEHICLES_UNKNOWN, subject=name)
     if not chosen.names:
         if vehicle is not None and state.names and not chosen.rows:
-            lacks = Incomparable.VEHICLE_MISSING
-            raise NotLearnable(lacks, subject=name, name=vehicle, names=sorted(state.names))
+            raise NotLearnable(
+                Incomparable.VEHICLE_MISSING,
+                subject=name,
+                name=vehicle,
+                names=sorted(state.names),
+            )
         because = min((row.status for row in chosen.rows), default=None)
         raise NotLearnable(Incomparable.NO_FLIGHT, subject=name, because=because)
     return chosen
@@ -89,9 +93,11 @@ def of_common_vehicle(before: State, after: State) -> tuple[State, State]:
         return before, after
     both = (before.names & after.names) - {UNKNOWN}
     if len(both) != 1:
-        several = Incomparable.NO_COMMON_VEHICLE
-        names = sorted(before.names | after.names)
-        raise NotLearnable(several, shared=len(both), names=names)
+        raise NotLearnable(
+            Incomparable.NO_COMMON_VEHICLE,
+            shared=len(both),
+            names=sorted(before.names | after.names),
+        )
     first, second = (
         state._replace(rows=[row for row in state.rows if row.vehicle in both])
         for state in (before, after)
