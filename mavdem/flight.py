@@ -16,7 +16,7 @@ from mavdem.downstream import FlightDownstream
 from mavdem.facts import Facts
 from mavdem.forecaster import Floats
 from mavdem.heading import Names, Values
-from mavdem.immutable import ReadOnlyDict
+from mavdem.immutable import read_only
 from mavdem.unit_slips import real_numbers, unit_slip
 
 MAX_VALUE = 1e100  # of any number of a flight: differences and squares of larger ones overflow
@@ -115,7 +115,7 @@ class Flight(FlightDownstream):
             "output_names": _labels(output_names, "output_names", outputs, "output"),
             "input_units": _labels(input_units, "input_units", inputs),
             "output_units": _labels(output_units, "output_units", outputs),
-            "provenance": ReadOnlyDict(provenance or {}),
+            "provenance": read_only(dict(provenance or {})),
             "effect_directions": directions,
             "setpoints": None if setpoints is None else asked,
             "setpoint_names": _labels(setpoint_names, "setpoint_names", asked, "setpoint"),

@@ -89,17 +89,14 @@ def test_setpoints_may_be_missing_at_some_samples_and_are_cut_with_the_flight():
 
 
 def test_a_flight_its_slices_and_its_copies_cannot_be_changed():
-    flight = Flight(TIME, INPUTS, OUTPUTS, provenance={"source": "here"})
+    flight = Flight(TIME, INPUTS, OUTPUTS, provenance={"rates": {}})
     part = flight[1:3]
-    again = [
-        pickle.loads(pickle.dumps(flight, protocol)) for protocol in (2, pickle.HIGHEST_PROTOCOL)
-    ]
     for one in (flight, part):
         with raises(ValueError, match="read-only"):
             one.inputs[0, 0] = 1
-    assert_array_equal(again[0].outputs, flight.outputs)
+    assert_array_equal(pickle.loads(pickle.dumps(flight)).outputs, flight.outputs)
     with raises(TypeError):
-        part.provenance["source"] = "elsewhere"
+        part.provenance["rates"]["motors"] = 50.0
     with raises(AttributeError):
         flight.dt = 1.0
     INPUTS[0, 0] += 1

@@ -493,7 +493,10 @@ def report_of(assessment: Assessment) -> Values:
     if assessment.explained is not None:
         share = assessment.explained.figures["share"]
         report["wind"] = WindTorque.gather(report["wind"], explained_by_mean_wind=share)
-    velocity = assessment.wind and assessment.wind.identified
-    return (
-        report | assessment.of_documents | {"wind_velocity": velocity, "seconds": None, "files": {}}
-    )
+    return {
+        **report,
+        **assessment.of_documents,
+        "wind_velocity": assessment.wind and assessment.wind.identified,
+        "seconds": None,
+        "files": {},
+    }

@@ -219,7 +219,8 @@ def test_a_setpoint_with_the_correction_of_the_angle_in_it_is_taken_as_it_is():
     assert loop.measured is not None and loop.measured.agreement > 90
     # results cannot be written, in another process either
     again = pickle.loads(pickle.dumps(learned))
-    for array in (again.model.A, learned.physical.effect, learned.wind_torque.band, loop.gains):
+    torque = learned.wind_torque.band
+    for array in (again.model.A, learned.physical.effect, torque, loop.gains, loop.rate.stable):
         assert not array.flags.writeable
 
 

@@ -299,14 +299,12 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
     for _ in range(4 * 600):
         now[0] += 0.25
         one.step(0.0)
-    assert set(screen.statuses[-1].rates.values()) == {0.0}
-    assert screen.statuses[-1].obstacle == Fact(
-        Rows.NOTHING_RECEIVED, subject=Missing.MESSAGES, duration=3.0
-    )
-    assert said.count(screen.statuses[-1].obstacle) == 1
-    watched = screen.statuses[-1].watched
-    assert {fact.code for fact in watched} == {Watch.NOT_WATCHED}
-    assert {fact.figures["because"].code for fact in watched} == {Rows.NOTHING_RECEIVED}
+    last = screen.statuses[-1]
+    assert set(last.rates.values()) == {0.0}
+    silent = Fact(Rows.NOTHING_RECEIVED, subject=Missing.MESSAGES, duration=3.0)
+    assert last.obstacle == silent and said.count(silent) == 1
+    assert {fact.code for fact in last.watched} == {Watch.NOT_WATCHED}
+    assert {fact.figures["because"].code for fact in last.watched} == {Rows.NOTHING_RECEIVED}
     # A vehicle that sends nothing else says only that it is there.
     heartbeat = next(frame for _, frame in FRAMES if frame[7:10] == bytes(3))
     for batch in [batches(0.05, start=9.0)[0], *40 * [[(FIRST + 10.0, heartbeat)]]]:

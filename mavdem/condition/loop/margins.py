@@ -98,7 +98,7 @@ class OpenLoop(Margins):
         steps = wrapped(np.diff(np.angle(1 + self.response), axis=1))
         quarters = -np.angle(self.response[:, 0]) / (np.pi / 2)
         besides = steps.sum(axis=1) - np.round(quarters).clip(0, 2) * np.pi / 2
-        return np.abs(besides) < np.pi
+        return read_only(np.abs(besides) < np.pi)
 
     @cached_property
     def figures(self) -> Mapping[str, Array]:
