@@ -22,7 +22,7 @@ _held = []
 def rows_of_log(path, key, page):
     """Two rows of one of seven vehicles, by the log's size."""
     name = path.name
-    if (gate := path.parents[1] / "gate").is_fifo():
+    if (gate := path.absolute().parents[1] / "gate").is_fifo():
         # It ends when the last process that reads logs has ended.
         _held.append(gate.open("a", buffering=1))
         _held[-1].write(f"{name}\n")

@@ -16,7 +16,7 @@ import tempfile
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ThreadPoolExecutor, wait
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, chdir, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import metadata
@@ -286,7 +286,7 @@ def _as_file(path: str) -> Iterator[Path]:
             raise Unreadable(Reading.NO_PLAIN_FILE)  # opening one may wait for ever
         yield Path(path)
         return
-    with tempfile.TemporaryDirectory(prefix=f"mavdem-{os.getpid()}-") as folder:
-        copy = Path(folder) / (urlsplit(path).path.rpartition("/")[2][-100:] or "log")
+    with tempfile.TemporaryDirectory(prefix=f"mavdem-{os.getpid()}-") as folder, chdir(folder):
+        copy = Path(urlsplit(path).path.rpartition("/")[2][-100:] or "log")
         fetch(path, copy)
         yield copy

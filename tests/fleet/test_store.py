@@ -206,16 +206,17 @@ def test_a_log_that_cannot_be_reached_for_a_while_keeps_its_rows(tmp_path):
 
 
 def test_what_failed_is_tried_again_where_that_may_help(tmp_path, monkeypatch):
-    make_logs(tmp_path / "logs", 1, "bug")
-    make_logs(tmp_path / "logs", 1, "damaged")
+    logs = tmp_path / "logs"
+    make_logs(logs, 1, "bug")
+    make_logs(logs, 1, "damaged")
     out = tmp_path / "fleet"
-    assert track(out, tmp_path / "logs").read == 2 and track(out, tmp_path / "logs").read == 0
+    assert track(out, logs).read == 2 and track(out, logs).read == 0
     assert {Path(row.file).name: row.status_code for row in read_rows(out)} == {
         "bug_0.bin": Reading.READING_FAILED,
         "damaged_0.bin": "failed",
     }
     monkeypatch.setattr(store.metadata, "version", lambda name: "99.0")
-    assert track(out, tmp_path / "logs").read == 1
+    assert track(out, logs).read == 1
 
 
 @mark.parametrize("limits, read", [(Limits(2, 600), 0), (Limits(3, 600), 1), (Limits(2, 700), 1)])

@@ -38,24 +38,22 @@ from mavdem.fleet.workers import Job, Limits, LogReader, WorkerPool, outcome_of,
 
 
 def test_an_outcome_has_the_log_s_name_and_key_and_why_it_has_no_rows(tmp_path):
-    (path,) = make_logs(tmp_path, 1)
+    (path,) = map(str, make_logs(tmp_path, 1))
     memory = Unreadable(prose("It does not fit."))
     memory.__context__ = MemoryError()
 
-    found = outcome_of(Job(str(path)), lambda path, key, page: ([FlightRow(file="copy")], {}))
-    assert (
-        found.rows[0].file == str(path)
-        and found.rows[0].key == found.key
-        and found.rows[0].mavdem_version
-    )
-    assert outcome_of(Job(str(path), (found.key,)), None).ended == "known"
-    cut = Unreadable(Fact(Source.FORMAT_UNKNOWN, path=str(path), name="text"))
-    damaged = outcome_of(Job(str(path)), Mock(side_effect=cut))
-    assert damaged.ended == "read" and damaged.rows[0].status_code == Source.FORMAT_UNKNOWN
-    assert str(path) not in damaged.rows[0].status
-    assert (damaged.rows[0].file, damaged.rows[0].key) == (str(path), found.key)
+    found = outcome_of(Job(path), lambda path, key, page: ([FlightRow(file="copy")], {}))
+    (row,) = found.rows
+    assert (row.file, row.key) == (path, found.key) and row.mavdem_version
+    assert outcome_of(Job(path, (found.key,)), None).ended == "known"
+    cut = Unreadable(Fact(Source.FORMAT_UNKNOWN, path=path, name="text"))
+    damaged = outcome_of(Job(path), Mock(side_effect=cut))
+    (row,) = damaged.rows
+    assert damaged.ended == "read" and row.status_code == Source.FORMAT_UNKNOWN
+    assert path not in row.status
+    assert (row.file, row.key) == (path, found.key)
     with raises(MemoryError):  # with a higher limit it may be read
-        outcome_of(Job(str(path)), Mock(side_effect=memory))
+        outcome_of(Job(path), Mock(side_effect=memory))
 
 
 def test_what_is_no_plain_file_is_not_opened(tmp_path):
@@ -327,6 +325,10 @@ def test_logs_behind_urls_are_read_and_known(served, tmp_path):
     (problem,) = track(out, f"{url}/log_0.bin", f"{url}/gone.bin").problems
     assert problem.code is Folder.URL_UNREADABLE and not problem.figures["fetched"]
     assert [row.file for row in read_rows(out)] == [f"{url}/log_0.bin"] * 2
+    # Where it is fetched to is nobody's business.
+    read = Mock(return_value=([], {}))
+    outcome_of(Job(f"{url}/log_0.bin"), read)
+    assert read.call_args.args[0] == Path("log_0.bin")
     # The same content from a disk is known.
     assert track(out, folder / "log_0.bin").read == 1 and len(read_rows(out)) == 2
 
