@@ -118,7 +118,14 @@ def once(*of: str) -> Callable[[Find], Find]:
         @wraps(find)
         def found(signals: VehicleSignals, *arguments: Hashable, **named: Hashable) -> Any:
             own = (getattr(signals, name) for name in of)
-            key = find, signals.telemetry, *own, *arguments, *named.items()
+            key = (
+                find.__module__,
+                find.__qualname__,
+                signals.telemetry,
+                *own,
+                *arguments,
+                *named.items(),
+            )
             if key not in signals.known:
                 try:
                     signals.known[key] = read_only(find(signals, *arguments, **named))

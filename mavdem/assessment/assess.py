@@ -79,9 +79,10 @@ class Assessment(AssessmentDownstream):
     def seen(self) -> Seen:
         """What an inventory of the log has of the vehicle."""
         assert self.analysis is not None and self.evidence is not None
-        telemetry = self.evidence.signals.telemetry
         known = self.analysis
-        return Seen(telemetry, known.learnability, known.condition, known.identity)
+        return Seen(
+            self.evidence.signals.telemetry, known.learnability, known.condition, known.identity
+        )
 
     def with_axis(self, axis: str) -> Assessment:
         """Returns the same with an analysis of a further ``axis``."""

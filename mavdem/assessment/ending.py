@@ -149,8 +149,12 @@ def _first(
         settings = [(name, own[name]) for name in LANDING_THRUSTS if name in own]
         # Thrust is the output unless THR_MDL_FAC bends it.
         hover = None if own.get("THR_MDL_FAC") else collective
-        code = FailedFirst.LANDING_ASSUMED_FIRST
-        return Fact(code, time=cause.time, settings=settings, collective=hover)
+        return Fact(
+            FailedFirst.LANDING_ASSUMED_FIRST,
+            time=cause.time,
+            settings=settings,
+            collective=hover,
+        )
     return cause
 
 

@@ -103,6 +103,7 @@ def tuned(
         for name, value in {**each.parameters, **settings}.items()
     }
     if gains and (headline.level is not Level.BAD or headline == judgement.lights["margins"]):
-        following = Fact(NextStep.LOAD_GAINS, headline.level, is_written=is_written)
-        judgement = judgement._replace(next_step=following)
+        judgement = judgement._replace(
+            next_step=Fact(NextStep.LOAD_GAINS, headline.level, is_written=is_written)
+        )
     return read_only(Tuning(found, advised, gains, notch, judgement))

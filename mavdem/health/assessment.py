@@ -48,9 +48,8 @@ class HealthAssessment(NamedTuple):
     # that anything changed, faults included; None where unknown
     change_probability: float | None = None
     suspect_motor: int | None = None  # from 1, of a fault where one is named
-    is_healthy: bool = (
-        False  # whether it is one of the healthy flights that the others are judged beside
-    )
+    # whether it is one of the healthy flights that the others are judged beside
+    is_healthy: bool = False
 
 
 def assess(

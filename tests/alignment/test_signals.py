@@ -1,5 +1,6 @@
 """Which message means what: attitude, motors, their order and scale, armed and airborne."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -370,3 +371,4 @@ def test_what_is_sought_once_is_known_of_its_axis_and_so_is_why_nothing_was_foun
     assert [find(each, 0) for each in (roll, yaw, roll)] == ["roll", "yaw", "roll"]
     assert {refused(find, yaw, 1).code for _ in range(2)} == {Reason.NO_ATTITUDE}
     assert sought == [("roll", 0), ("yaw", 0), ("yaw", 1)]
+    assert len(pickle.loads(pickle.dumps(roll)).known) == 3

@@ -207,10 +207,9 @@ def test_what_is_not_in_the_log_is_unknown():
 
 def test_rates_that_are_flown_by_hand_have_no_angle_to_follow():
     steered = following(0.02, late=0.0, error=0.3).signals.telemetry
-    acro = columns([8.0, 30.0], custom_mode=[1, 2])
-    assert tracking_light(evidence(changed(steered, "CURRENT_MODE", **acro))).level == "bad"
-    acro = columns([8.0], custom_mode=[1])
-    assert tracking_light(evidence(changed(steered, "CURRENT_MODE", **acro))).level == "unknown"
+    for modes, level in (([1, 2], "bad"), ([1], "unknown")):
+        acro = columns([8.0, 30.0][: len(modes)], custom_mode=modes)
+        assert tracking_light(evidence(changed(steered, "CURRENT_MODE", **acro))).level == level
 
 
 def test_nothing_after_the_vehicle_was_lost_counts():
