@@ -9,7 +9,7 @@ from mavdem.alignment.align import Segments, recorded_parts
 from mavdem.alignment.drive import AXES
 from mavdem.alignment.signals import Signals
 from mavdem.condition.injected import injected_loop
-from mavdem.condition.loop.loop import TARGETS, Loop, margin_rating, shares_of
+from mavdem.condition.loop.loop import TARGETS, Loop, known_loops, margin_rating, shares_of
 from mavdem.condition.loop.margins import OpenLoop
 from mavdem.condition.resonance import FASTEST_LOOP, Resonance, peak_of, response_of
 from mavdem.confidence import LEVEL
@@ -27,7 +27,7 @@ class AxisMargins:
 
     axis: str
     loop: Loop | Fact | None
-    """Identified, or why not."""
+    """Identified and not refuted by what was measured, or why not."""
     response: Resonance | None
     """The largest response of the rate to its setpoint."""
     peak: Resonance | None
@@ -41,7 +41,7 @@ class AxisMargins:
         found = []
         if self.injected is not None:
             found.append(_of_injected(self.axis, self.injected))
-        elif isinstance(self.loop, Loop) and self.loop.agrees is not False:
+        elif isinstance(self.loop, Loop):
             found.append(_of_loop(self.loop))
         elif self.peak is not None:
             found.append(_of_resonance(MarginsLight.RATE_STANDS_OUT, Level.WATCH, self.peak))
@@ -53,11 +53,27 @@ class AxisMargins:
 def margins_of(
     signals: Signals, parts: Segments, loops: Mapping[str, Loop | Fact]
 ) -> tuple[AxisMargins, ...]:
-    """Returns what is known of the margins of roll, pitch and yaw, by ``parts`` of settled flight and the ``loops``."""
+    """Returns what is known of the margins of roll, pitch and yaw, by ``parts`` of settled flight and the ``loops``.
+
+    Where the response of an axis is not the predicted one, a loop counts only if its own response confirms it:
+    gains or a mixer that are not those of the parameters are so for all axes.
+    """
+    refuted = {
+        axis: loop.measured.reason
+        for axis, loop in known_loops(loops).items()
+        if loop.measured and loop.agrees is False
+    }
+
+    def confirmed(axis: str) -> Loop | Fact | None:
+        loop = loops.get(axis)
+        if isinstance(loop, Loop) and not loop.agrees and refuted:
+            return refuted.get(axis) or next(iter(refuted.values()))
+        return loop
+
     return tuple(
         AxisMargins(
             about.axis,
-            loops.get(about.axis),
+            confirmed(about.axis),
             response_of(about, parts),
             peak_of(about, parts),
             injected_loop(about, recorded_parts(about)),

@@ -41,7 +41,6 @@ OF_VEHICLE = (
     Light.ESTIMATOR,
 )
 """What a vehicle is judged by, the most urgent first: a weak motor explains bad tracking."""
-OF_MOTION = {Light.MOTORS, Light.MARGINS, Light.TRACKING, Light.VIBRATION}
 OF_LOG = (Light.LOG, Light.WIND)
 
 
@@ -101,8 +100,8 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
         # A log that has all that is needed is no reason.
         reason = unknown[0] if lights[Light.LOG].level is Level.GOOD else Light.LOG
         return Fact(Headline.NOTHING_CHECKED, because=lights[reason])
-    # Battery and estimator alone say nothing of how it flies.
-    level = Level.GOOD if OF_MOTION.intersection(checked) else Level.UNKNOWN
+    # Nothing else shows a motor or propeller that is about to fail.
+    level = Level.GOOD if Light.MOTORS in checked else Level.UNKNOWN
     loss = lights[Light.MOTORS].figures.get("most_loss")
     return Fact(Headline.NOTHING_WRONG, level, names=checked, missing=unknown, most_loss=loss)
 

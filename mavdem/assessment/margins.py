@@ -25,7 +25,7 @@ def margins_light(evidence: Evidence) -> Fact:
     names = dict.fromkeys(fact.figures["axis"] for fact in enough)
     if names.keys() & set(TILT_AXES):
         return enough[0].but(names=tuple(names))
-    refusals = [fact for fact in evidence.loops.values() if isinstance(fact, Fact)]
+    refusals = [axis.loop for axis in evidence.margins if isinstance(axis.loop, Fact)]
     because = refusals[0] if refusals else evidence.learnability.reason
     seen = [of_response(axis.response) for axis in evidence.margins if axis.response]
     quiet = [fact.figures["rate"] for fact in seen if fact.code is MarginsLight.NO_RESONANCE]

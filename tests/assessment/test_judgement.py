@@ -88,7 +88,7 @@ def test_nothing_wrong_is_said_of_what_was_checked_only():
     assert sound.figures["missing"] == (Light.MARGINS,)
     assert next_step_of(sound, known, None).figures["because"] == known[Light.LOG]
     dark = dict.fromkeys(Light, "unknown")
-    little = headline(lights(**dark | {"power": "good"}))
+    little = headline(lights(**dark | {"tracking": "good"}))
     assert (little.code, little.level) == (Headline.NOTHING_WRONG, "unknown")
     nothing = headline(lights(**dark | {"log": "good"}))
     assert nothing.code is Headline.NOTHING_CHECKED

@@ -21,12 +21,13 @@ from mavdem.analysis.loops import loops_of_axes
 from mavdem.assessment.assess import grounded_air
 from mavdem.assessment.margins import margins_light
 from mavdem.assessment.tracking import ERROR, tracking_light, tracking_of
+from mavdem.condition.loop.response import MeasuredResponse
 from mavdem.condition.oscillation import Oscillation
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Override
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.learnability import Reason
-from mavdem.facts.loops import Gains, Loops
+from mavdem.facts.loops import Gains, Loops, Responses
 from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.facts.wind import NoWind
 from mavdem.ingest import read_log
@@ -149,6 +150,11 @@ def test_the_worst_loop_of_a_flight_is_rated():
     assert (light.code, light.level) == (MarginsLight.LOOP_MARGINS, "watch")
     assert light.remedy == "Set gains of `mavdem tune 'my flight.tlog' --axis all`."
     assert light.figures["axis"] == "pitch"
+    disagrees = Fact(Responses.RESPONSE_DISAGREES, share=0.3, needed=0.8)
+    measured = MeasuredResponse((0.5, 9.0), 30.0, 30.0, 1.0, disagrees)
+    loops["roll"] = replace(loops["roll"], measured=measured)
+    light = margins_light(evidence(log.vehicles[0], loops=loops, log=named))
+    assert light.figures["because"] is disagrees  # pitch, which nothing confirms, does not count
 
 
 def following(size, late=0.2, error=0.0):
@@ -198,11 +204,6 @@ def test_overshoot_is_that_of_a_step(damping, level):
     light = tracking_light(found)
     assert light.level == level
     assert level == "good" or light.code is TrackingLight.OVERSHOOTS_SETPOINT
-
-
-def test_what_is_not_in_the_log_is_unknown():
-    light = tracking_light(evidence(HOVER.telemetry()))
-    assert (light.code, light.level) == (TrackingLight.TRACKING_UNKNOWN, "unknown")
 
 
 def test_rates_that_are_flown_by_hand_have_no_angle_to_follow():
