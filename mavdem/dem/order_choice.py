@@ -13,7 +13,7 @@ from mavdem.dem.engine.linalg import Array, Indices, one_thread
 from mavdem.dem.order_search import BlackBox, fits_by_order
 from mavdem.dem.parallel import parallel_map
 from mavdem.dem.record import Record, Records, is_whole
-from mavdem.errors import NotLearnable
+from mavdem.errors import NotLearnable, fact_of
 from mavdem.facts import Fact, Facts
 from mavdem.facts.model import ModelRefusal, OrderFact
 
@@ -183,5 +183,5 @@ def _orders_or_reason(
 ) -> FlightOrders | NotLearnable:
     try:
         return orders_of(flight, max_order, known_inputs)
-    except NotLearnable as error:
-        return error
+    except ValueError as error:
+        return NotLearnable(fact_of(error))
