@@ -199,14 +199,14 @@ def test_a_file_is_not_long():
 
 
 NODES = {
-    "alignment": 19_010,
+    "alignment": 19_020,
     "analysis": 8240,
-    "assessment": 19_430,
+    "assessment": 19_510,
     "baselines": 5120,
-    "cli": 14_110,
+    "cli": 14_120,
     "condition": 40_100,
-    "dem": 67_090,
-    "documents": 11_040,
+    "dem": 67_100,
+    "documents": 11_030,
     "evaluate": 7970,
     "export": 2510,
     "facts": 4180,
@@ -223,7 +223,7 @@ NODES = {
     "view": 10_810,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 415_200
+ALL_NODES = 415_300
 TEST_NODES = 225_000
 NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""

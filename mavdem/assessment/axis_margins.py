@@ -11,6 +11,7 @@ from mavdem.alignment.signals import Signals
 from mavdem.condition.injected import injected_loop
 from mavdem.condition.loop.loop import TARGETS, Loop, known_loops, margin_rating, shares_of
 from mavdem.condition.loop.margins import OpenLoop
+from mavdem.condition.loop.response import LEAST_FIT
 from mavdem.condition.resonance import FASTEST_LOOP, Resonance, peak_of, response_of
 from mavdem.confidence import LEVEL
 from mavdem.facts import Fact, Facts, Level
@@ -55,19 +56,22 @@ def margins_of(
 ) -> tuple[AxisMargins, ...]:
     """Returns what is known of the margins of roll, pitch and yaw, by ``parts`` of settled flight and the ``loops``.
 
-    Where the response of an axis is not the predicted one, a loop counts only if its own response confirms it:
-    gains or a mixer that are not those of the parameters are so for all axes.
+    A loop does not count whose predicted response is not the measured one. Where that is so by far, no loop does that
+    its own response does not confirm: gains or a mixer that are not those of the parameters are so for all axes.
     """
     refuted = {
-        axis: loop.measured.reason
+        axis: loop.measured
         for axis, loop in known_loops(loops).items()
         if loop.measured and loop.agrees is False
     }
+    by_far = [each.reason for each in refuted.values() if 2 * each.agreement < LEAST_FIT]
 
     def confirmed(axis: str) -> Loop | Fact | None:
+        if axis in refuted:
+            return refuted[axis].reason
         loop = loops.get(axis)
-        if isinstance(loop, Loop) and not loop.agrees and refuted:
-            return refuted.get(axis) or next(iter(refuted.values()))
+        if isinstance(loop, Loop) and not loop.agrees and by_far:
+            return by_far[0]
         return loop
 
     return tuple(
