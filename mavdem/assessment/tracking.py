@@ -35,6 +35,9 @@ def tracking_light(evidence: Evidence) -> Fact:
     light = worst(
         sorted(rated or tilts[:1], key=lambda fact: -fact.figures.get("angle_error", 0.0))
     )
+    if light.code is TrackingLight.OVERSHOOTS_SETPOINT:
+        alike = [fact.figures["axis"] for fact in rated if fact.code is light.code]
+        return light.but(names=alike)
     if evidence.condition.oscillation is not None and light.level is Level.GOOD:
         return light.but(Level.WATCH)
     return light
