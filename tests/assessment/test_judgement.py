@@ -84,7 +84,6 @@ def test_nothing_wrong_is_said_of_what_was_checked_only():
     sound = headline(known)
     assert "found: motors (losses over 36 %), tracking" in sound.sentence
     assert (sound.code, sound.level) == (Headline.NOTHING_WRONG, "good")
-    assert Light.MARGINS not in sound.figures["names"]
     assert sound.figures["missing"] == (Light.MARGINS,)
     assert next_step_of(sound, known, None).figures["because"] == known[Light.LOG]
     dark = dict.fromkeys(Light, "unknown")

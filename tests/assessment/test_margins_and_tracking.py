@@ -145,15 +145,15 @@ def test_the_worst_loop_of_a_flight_is_rated():
     assert list(loops) == ["roll", "pitch", "yaw"] and isinstance(loops["pitch"], Fact)
     tighter = loops["roll"].changed({"ATC_RAT_RLL_P": 1.03 * loops["roll"].controller.p})
     loops["pitch"] = replace(tighter, axis="pitch")
-    named = replace(log, source="my flight.tlog")
-    light = margins_light(evidence(log.vehicles[0], loops=loops, log=named))
+    found = evidence(log.vehicles[0], loops=loops, log=replace(log, source="my flight.tlog"))
+    light = margins_light(found)
     assert (light.code, light.level) == (MarginsLight.LOOP_MARGINS, "watch")
     assert light.remedy == "Set gains of `mavdem tune 'my flight.tlog' --axis all`."
     assert light.figures["axis"] == "pitch"
     disagrees = Fact(Responses.RESPONSE_DISAGREES, share=0.3, needed=0.8)
     measured = MeasuredResponse((0.5, 9.0), 30.0, 30.0, 1.0, disagrees)
     loops["roll"] = replace(loops["roll"], measured=measured)
-    light = margins_light(evidence(log.vehicles[0], loops=loops, log=named))
+    light = margins_light(replace(found, loops=loops))
     assert light.figures["because"] is disagrees  # pitch, which nothing confirms, does not count
 
 

@@ -57,14 +57,19 @@ def after(time, rise):
     return np.outer(time >= 100.0 + BREAKS, rise)
 
 
+def only_change(seed, rise):
+    """The one change that is found in a flight whose commands rise from the break on."""
+    time, commands = flight(seed)
+    (change,) = changes(time, commands + after(time, rise))
+    return change
+
+
 @mark.slow
 @mark.parametrize("seed", range(3))
 @mark.parametrize("motor", range(4))
 def test_a_motor_that_works_an_eighth_harder_is_named_within_five_seconds(motor, seed):
-    time, commands = flight(seed)
-    rise = 0.125 * 0.6 * np.eye(4)[motor]
-    [first, *rest] = changes(time, commands + after(time, rise))
-    assert first.motor == motor + 1 and not rest
+    first = only_change(seed, 0.125 * 0.6 * np.eye(4)[motor])
+    assert first.motor == motor + 1
     assert BREAKS < first.time - 100.0 <= BREAKS + 5.0
     assert first.since == approx(100.0 + BREAKS, abs=2.0)
     assert first.size == approx(0.125, abs=0.04) and first.loss[0] < 1 - 1.125**-1.5 < first.loss[1]
@@ -124,10 +129,8 @@ def test_every_fault_is_found_and_its_end(faults):
 
 @mark.parametrize("shift", [(0.05, 0.0), (0.0, -0.06), (-0.05, 0.05), (0.03, 0.06)])
 def test_a_shifted_load_is_called_that_once_it_has_lasted(shift):
-    time, commands = flight(7)
-    rise = 0.6 * quad(0.0, *shift, 0.0)
-    [first, *rest] = changes(time, commands + after(time, rise))
-    assert first.motor is None and not rest
+    first = only_change(7, 0.6 * quad(0.0, *shift, 0.0))
+    assert first.motor is None
     assert BREAKS + 8.0 <= first.time - 100.0 < BREAKS + 15.0
     assert first.size == approx(np.hypot(*shift), abs=0.015)
     assert first.fact.code is InFlight.STEADY_TORQUE_CHANGED
