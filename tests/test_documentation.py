@@ -38,12 +38,12 @@ PAGES |= {
 @mark.slow
 @mark.parametrize(
     "page, printed",
-    [
-        ("docs/engine.md", "True "),
-        ("docs/comparison.md", "\nconstant mean 1.0\n"),
-        ("docs/scenarios.md", "[[0. 1.]"),
-        ("docs/python.md", "(2, 2)\n(3, 3)\n(4, 4)\n"),
-    ],
+    {
+        "docs/engine.md": "True ",
+        "docs/comparison.md": "\nconstant mean 1.0\n",
+        "docs/scenarios.md": "[[0. 1.]",
+        "docs/python.md": "(2, 2)\n(3, 3)\n(4, 4)\n",
+    }.items(),
 )
 def test_examples_run(page, printed, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

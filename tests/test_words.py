@@ -97,12 +97,12 @@ def test_each_code_has_its_sentence_and_each_sentence_its_code():
 
 @mark.parametrize(
     "columns, shown",
-    [
-        (80, "Deviation small (largest: 0 ± 8 %); headroom 12 %."),
-        (40, "Deviation small; headroom 12 %."),
-        (20, "Deviation small."),
-        (12, "Deviation …"),
-    ],
+    {
+        80: "Deviation small (largest: 0 ± 8 %); headroom 12 %.",
+        40: "Deviation small; headroom 12 %.",
+        20: "Deviation small.",
+        12: "Deviation …",
+    }.items(),
 )
 def test_a_text_for_one_line_ends_with_a_whole_clause(columns, shown):
     assert brief("Deviation small (largest: 0 ± 8 %); headroom 12 %.", columns) == shown

@@ -18,7 +18,6 @@ from mavdem.cli.output import (
     complain,
     ending_at_once,
     prepare_streams,
-    printable,
     say_aside,
 )
 from mavdem.errors import NotLearnable, Unreadable, cause_of
@@ -91,7 +90,7 @@ class _Commands(click.Group):
             if command.name == "review":
                 for before, word in pairwise(["", *rest]):
                     if is_log(word) and not before.startswith("-"):
-                        say_aside(f"Reviewing {printable(word)} …")
+                        say_aside(f"Reviewing {word} …")
             with ending_at_once():
                 command = imported_command(str(command.name))
         return name, command, rest
@@ -167,7 +166,7 @@ def _run(words: list[str], as_json: bool) -> int:
     except click.exceptions.Exit as end:
         return end.exit_code
     except click.exceptions.NoArgsIsHelpError as error:
-        say_aside(error.format_message())
+        error.show(sys.stderr)
     except click.ClickException as error:
         where = (
             error.ctx.command_path
@@ -175,10 +174,10 @@ def _run(words: list[str], as_json: bool) -> int:
             else "mavdem"
         )
         complain(Fact(End.BAD_USAGE, text=error.format_message(), name=where), as_json)
-    except (NotLearnable, Unreadable) as error:
+    except NotLearnable as error:
         complain(error.fact, as_json)
-        return UNSUPPORTED if isinstance(error, NotLearnable) else UNUSABLE
-    except MissingExtra as error:
+        return UNSUPPORTED
+    except (Unreadable, MissingExtra) as error:
         complain(error.fact, as_json)
     except KeyboardInterrupt:
         complain(Fact(End.INTERRUPTED), as_json)

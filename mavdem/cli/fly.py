@@ -13,7 +13,6 @@ from mavdem.cli.options import Number, file_option, json_option
 from mavdem.cli.output import (
     check_file,
     print_json,
-    printable,
     progress,
     say,
     say_aside,
@@ -176,7 +175,7 @@ def _chosen(
     with _refusing("SCENARIO"):
         scenario = load(named)
     if scenario == Scenario():
-        say_aside(f"{printable(Path(named).name)} sets no value: every value is the default.")
+        say_aside(f"{Path(named).name} sets no value: every value is the default.")
     for key, value in (("seed", seed), ("duration", duration)):
         if value is not None:
             with _refusing(f"--{key}"):
@@ -200,7 +199,7 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
     if rrd is not None:
         require("view", "--rrd")
     # The log appears last, with its companions in place.
-    files = [path for path in (truth, rrd, out) if path is not None]
+    files = [*filter(None, (truth, rrd, out))]
     began = perf_counter()
     with _refusing(), progress(f"Flying {name}") as done:
         motion = fly_through(scenario, done)
@@ -227,14 +226,10 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
     report["took"] = round(perf_counter() - began, 3)
     say_aside(f"Flew {motion.time[-1]:.1f} s in {report['took']:.1f} s.")
     if out is not None:
-        say_aside(
-            f"Wrote {report['frames']} frames to {printable(out)}, and the true states to {printable(truth)}."
-        )
-        say_aside(
-            f"Learn: {printable(shlex.join(['mavdem', 'learn', str(out), '--truth', str(truth)]))}"
-        )
+        say_aside(f"Wrote {report['frames']} frames to {out}, and the true states to {truth}.")
+        say_aside(f"Learn: {shlex.join(['mavdem', 'learn', str(out), '--truth', str(truth)])}")
     if rrd is not None:
-        say_aside(f"Wrote {printable(rrd)}; open it with `rerun {printable(rrd)}`.")
+        say_aside(f"Wrote {rrd}; open it with `rerun {rrd}`.")
     return report
 
 
@@ -246,9 +241,7 @@ def _live(name: str, scenario: Scenario, udp: str, speed: float) -> Values:
         )
     whole = seconds(scenario)
     with _refusing(), closing(Ground(match[1], int(match[2]))) as ground:
-        say_aside(
-            f"Flying {printable(name)} for {whole:g} s, sending to {printable(udp)}; Ctrl-C ends it."
-        )
+        say_aside(f"Flying {name} for {whole:g} s, sending to {udp}; Ctrl-C ends it.")
         with progress(f"Flying {name}") as done:
             simulation = Simulation(scenario)
             outcome = fly_live(

@@ -28,7 +28,7 @@ from mavdem.cli.output import (
     progress,
     say_aside,
 )
-from mavdem.cli.results import files_of, named_after, write_results
+from mavdem.cli.results import named_after, write_results
 from mavdem.dem import Settings
 from mavdem.documents.flight import report_of
 from mavdem.evaluate.window import Length
@@ -36,7 +36,7 @@ from mavdem.extras import lacking
 from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.review import title_of
 from mavdem.report.screen import analysis_blocks, detail_blocks, title
-from mavdem.results import PAGE, RECORDING
+from mavdem.results import PAGE, RECORDING, RESULT_FILES
 
 start_option = click.option(
     "--start",
@@ -111,7 +111,7 @@ def learn_command(
     """
     folder = out or named_after(source)
     if not no_files:
-        check_folder(folder)
+        check_folder(folder, RESULT_FILES, source)
     began = perf_counter()
     log = read_source(source)
     signals = Signals(choose_vehicle(log.vehicles, vehicle))
@@ -122,9 +122,8 @@ def learn_command(
     learned = analysis.learned
     if learned is None and analysis.tier.tier is None:
         raise assessment.refusal
-    files = {} if no_files else files_of(folder, assessment)
     took = perf_counter() - began
-    report = report_of(assessment) | {"seconds": round(took, 3), "files": files}
+    report = report_of(assessment) | {"seconds": round(took, 3), "files": {}}
     if learned is None:
         heading = title_of(assessment)
         details = Blocks()
@@ -138,7 +137,7 @@ def learn_command(
         if learned is not None and (
             hint := lacking("view", f"{RECORDING} was not written, since it")
         ):
-            say_aside(str(hint))
+            say_aside(hint)
     if as_json:
         print_json(report)
         if learned is None:  # else the screen has said it

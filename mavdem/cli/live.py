@@ -315,7 +315,7 @@ def _written(path: Path | None, text: str, what: str) -> bool:
     except Unreadable as error:
         say_aside(f"The {what} is lost: {error}")
         return False
-    say_aside(f"Wrote the {what} to {printable(path)}.")
+    say_aside(f"Wrote the {what} to {path}.")
     return True
 
 

@@ -65,7 +65,7 @@ def load(arguments: list[str]) -> int:
     if not path.is_file() or not looks_like_log(path):
         return INCOMPATIBLE
     if hint := lacking("view", "The dashboard"):
-        say_aside(str(hint))
+        say_aside(hint)
         return UNUSABLE
     read: Log | Unreadable
     try:

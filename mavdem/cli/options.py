@@ -90,9 +90,7 @@ def source_options(
     axes: Sequence[str] = AXES, text: str = "Axis of the vehicle."
 ) -> Callable[[Command], Command]:
     """Adds SOURCE and the same options to a command."""
-    return lambda command: click.argument("source", type=click.Path())(
-        motion_options(axes, text)(command)
-    )
+    return _adding(click.argument("source", type=click.Path()), motion_options(axes, text))
 
 
 def model_options(command: Command) -> Command:
@@ -227,4 +225,4 @@ def report_refused(results: Sized, refused: Mapping[str, NotLearnable | Unreadab
     for name, error in refused.items():
         if not results:
             raise error
-        say_aside(printable(f"mavdem: {name} is left out: {error}"))
+        say_aside(f"mavdem: {name} is left out: {error}")

@@ -71,8 +71,8 @@ def order_command(
     def with_as_many_inputs(_: str, flight: Flight) -> Flight:
         channels.append(flight.inputs.shape[1])
         if channels[-1] != channels[0]:
-            other = channels.pop()
-            raise NotLearnable(Source.AS_MANY_INPUTS_NEEDED, count=other, needed=channels[0])
+            count = channels[-1]
+            raise NotLearnable(Source.AS_MANY_INPUTS_NEEDED, count=count, needed=channels[0])
         return flight
 
     flights = of_each(sources, axis, vehicle, inputs, with_as_many_inputs)

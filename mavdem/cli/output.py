@@ -22,7 +22,7 @@ from rich.table import Table as Grid
 from mavdem.errors import Unreadable, cause_of
 from mavdem.facts import Fact
 from mavdem.facts.command import Place
-from mavdem.files import atomic_write, atomic_writes, is_writable, replaceable
+from mavdem.files import PathName, atomic_write, atomic_writes, is_writable, replaceable
 from mavdem.heading import Names
 from mavdem.report.blocks import LINES, Block, Sentence, Table, brief
 
@@ -38,9 +38,7 @@ def prepare_streams() -> None:
             stream.reconfigure(errors="replace")
     # A cache that it cannot write, and faults of a matplotlibrc, matter to nothing that is written here.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
-    warnings.showwarning = lambda message, *_, **__: say_aside(
-        _one_line(f"mavdem: warning: {message}")
-    )
+    warnings.showwarning = lambda message, *_, **__: say_aside(f"mavdem: warning: {message}")
 
 
 def json_text(document: Any, name: str | None = None) -> str:
@@ -60,10 +58,10 @@ def say(text: str) -> None:
     click.echo(text, file=sys.stdout)
 
 
-def say_aside(text: str) -> None:
-    """Prints on standard error; a failure is ignored: the exit code reports it."""
+def say_aside(text: object) -> None:
+    """Prints a line on standard error; a failure is ignored: the exit code reports it."""
     with suppress(OSError):
-        click.echo(text, file=sys.stderr)
+        click.echo(printable(" ".join(str(text).splitlines())), file=sys.stderr)
 
 
 def printable(text: object) -> str:
@@ -75,10 +73,6 @@ def printable(text: object) -> str:
         letter if letter.isprintable() else letter.encode("unicode_escape").decode()
         for letter in str(text)
     )
-
-
-def _one_line(text: str) -> str:
-    return printable(" ".join(text.splitlines()))
 
 
 def print_json(document: Any, name: str | None = None) -> None:
@@ -171,7 +165,7 @@ def _grids(table: Table, width: int, is_cut: bool) -> Iterator[Grid]:
 
 def complain(fact: Fact, as_json: bool) -> None:
     """Says on standard error what is wrong and what to do, and with ``as_json`` the same as the document."""
-    say_aside(_one_line(f"mavdem: {fact.advised}"))
+    say_aside(f"mavdem: {fact.advised}")
     if as_json:
         print_json({"error": {"reason": fact, "remedy": fact.remedy, "fact": fact}}, "error")
 
@@ -193,13 +187,20 @@ def progress(title: str, measured: bool = True) -> Iterator[Callable[[float], No
         yield lambda fraction: bar.update(task, completed=fraction)
 
 
-def check_folder(folder: Path) -> None:
-    """Raises ``Unreadable``, before the work, for a folder that cannot be written to; it makes nothing."""
+def check_folder(folder: Path, names: Names = (), *inputs: PathName | None) -> None:
+    """Raises ``Unreadable``, before the work, for a folder that cannot be written to; it makes nothing.
+
+    Nor may a file of these ``names`` in it be one of the ``inputs``.
+    """
     existing = next(filter(os.path.lexists, (folder, *folder.absolute().parents)))
     if not existing.is_dir():
         raise Unreadable(Place.OUT_IS_A_FILE, path=folder, existing=existing)
     if not is_writable(existing):
         raise Unreadable(Place.OUT_NOT_WRITABLE, path=folder, existing=existing)
+    written = {os.path.realpath(folder / name) for name in names}
+    for path in inputs:
+        if path and os.path.realpath(path) in written:
+            raise Unreadable(Place.OUT_REPLACES_INPUT, path=folder, existing=path)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -1,6 +1,7 @@
 """Results: the folder that review and learn write, with the page, the documents and the recordings of a log."""
 
 import json
+import os
 from contextlib import suppress
 from pathlib import Path
 
@@ -20,29 +21,31 @@ def named_after(source: str) -> Path:
     first = stem if stem.strip(".") and stem != log.name else f"{log.name}-learned"
     folder = Path(first)
     number = 1
-    while not _is_free(folder, log):
+    while not _is_free(folder / REPORT, log):
         number += 1
         folder = Path(f"{first}-{number}")
     return folder
 
 
-def _is_free(folder: Path, log: Path) -> bool:
-    """Whether there is no report in a ``folder``, or that of this ``log``."""
-    with suppress(OSError, ValueError, LookupError, TypeError, AttributeError):
-        report = json.loads((folder / REPORT).read_bytes())
-        own = report.get("flight", report)["source"]  # of learn, or of review
-        return Path(own).resolve() == log.resolve()
-    return True
-
-
-def files_of(folder: Path, assessment: Assessment) -> dict[str, str]:
-    """Returns the paths of the result files in a ``folder``, by name."""
-    return {name: str(folder / name) for name in result_files(assessment)}
+def _is_free(report: Path, log: Path) -> bool:
+    """Whether there is no ``report``, or that of this ``log``."""
+    if not os.path.isfile(report):
+        return True
+    with suppress(Exception):  # it may be anything, of another program
+        found = json.loads(report.read_text())
+        if found["document"] == "learn":  # which names a log only if it has settled flight
+            found = found.get("flight", {"source": log})
+        return os.path.realpath(found["source"]) == os.path.realpath(log)
+    return False
 
 
 def write_results(folder: Path, document: Values, assessment: Assessment) -> None:
-    """Draws and writes the result files, as :func:`files_in` does, with this report. Those of a run before go."""
+    """Draws and writes the result files, as :func:`files_in` does, with this report, which then names them.
+
+    Those of a run before go.
+    """
     names = result_files(assessment)
+    document["files"] = {name: str(folder / name) for name in names}
     with (
         progress("Drawing and writing the files", measured=False),
         files_in(folder, names, RESULT_FILES) as paths,

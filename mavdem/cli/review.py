@@ -8,11 +8,11 @@ import click
 from mavdem.assessment.assess import assess
 from mavdem.cli.options import file_option, json_option, params_option, read_source, vehicle_option
 from mavdem.cli.output import check_folder, print_blocks, print_json, printable, progress, say
-from mavdem.cli.results import files_of, named_after, write_results
+from mavdem.cli.results import named_after, write_results
 from mavdem.documents.review import review_document
 from mavdem.report.review import screen_of
 from mavdem.report.screen import analysis_blocks
-from mavdem.results import PAGE
+from mavdem.results import PAGE, RESULT_FILES
 
 
 @click.command("review")
@@ -47,10 +47,10 @@ def review_command(
       mavdem flight.bin --params vehicle.param --out results
     """
     folder = out or named_after(source)
-    check_folder(folder)
+    check_folder(folder, RESULT_FILES, source, params)
     began = perf_counter()
     assessment = assess(read_source(source, params), vehicle, progress=progress)
-    document = review_document(assessment) | {"files": files_of(folder, assessment)}
+    document = review_document(assessment)
     write_results(folder, document, assessment)
     if as_json:
         print_json(document)

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from mavdem.cli.options import Number, jobs_option
-from mavdem.cli.output import printable, say_aside
+from mavdem.cli.output import say_aside
 from mavdem.cli.track import MOST
 from mavdem.dem.parallel import spare_cores
 from mavdem.extras import require
@@ -97,9 +97,9 @@ def serve_command(
     )
 
     def say(address: str) -> None:
-        say_aside(f"Serving {printable(folder)} at {address}; Ctrl-C ends it.")
+        say_aside(f"Serving {folder} at {address}; Ctrl-C ends it.")
 
     def warn(fact: Fact) -> None:
-        say_aside(printable(f"mavdem: {fact.advised}"))
+        say_aside(f"mavdem: {fact.advised}")
 
     serve(options, say, warn, is_shown=has_screen() and not no_browser)

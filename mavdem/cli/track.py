@@ -14,7 +14,6 @@ from mavdem.cli.options import (
 from mavdem.cli.output import (
     print_blocks,
     print_json,
-    printable,
     progress,
     say,
     say_aside,
@@ -142,7 +141,7 @@ def track_command(
     since = {name: baseline_blocks(*change) for name, change in changes.items()}
     write_text(index, fleet_page(rows, since))
     for problem in tracked.problems:
-        say_aside(printable(f"mavdem: {problem.advised}"))
+        say_aside(f"mavdem: {problem.advised}")
     if as_json:
         print_json(track_document(out, index, tracked, counts, changes))
     else:
@@ -150,10 +149,10 @@ def track_command(
         print_blocks(fleet_blocks(rows))
         for name, blocks in since.items():
             print_blocks([Sentence("", f"{name}:"), *blocks])
-        say_aside(printable(f"Look: {index}"))
+        say_aside(f"Look: {index}")
         table = f"{out}/flights/**/*.parquet".replace("'", "''")  # as SQL quotes it
         hint = lacking("parquet", f"{out}/flights/, the table for DuckDB, Polars and pandas,")
-        say_aside(printable(str(hint or f"Query, for example in DuckDB: from '{table}'")))
+        say_aside(hint or f"Query, for example in DuckDB: from '{table}'")
     if tracked.problems:
         context.exit(UNUSABLE)
     if not counts["flights"]:

@@ -25,6 +25,8 @@ from mavdem.report.loops import tune_blocks
 from mavdem.report.page import tune_page
 from mavdem.report.screen import conclusion
 
+GAINS = ("gains.params", "gains.param")
+
 
 @click.command("tune")
 @source_options((*AXES, ALL), "Axis of the loops; all: roll, pitch and yaw.")
@@ -76,7 +78,7 @@ def tune_command(
       mavdem tune flight.bin --params vehicle.param --filters
     """
     if out:
-        check_folder(out)
+        check_folder(out, GAINS, params)
     assessment, evidence = assessed(source, vehicle, params, inputs=inputs, start=start)
     axes = AXES if axis == ALL else (axis,)
     tuning = tuned(
@@ -90,7 +92,7 @@ def tune_command(
                 f"gains{ending}": text
                 for ending, text in parameter_files(gains, evidence.signals.telemetry).items()
             }
-        with files_in(out, [*texts], ("gains.params", "gains.param")) as paths:
+        with files_in(out, [*texts], GAINS) as paths:
             for path, text in zip(paths, texts.values(), strict=True):
                 path.write_text(text, "utf-8", "replace")
         say_aside(f"Written: {', '.join(texts)}. Nothing was sent to the vehicle.")

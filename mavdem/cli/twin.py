@@ -12,7 +12,7 @@ from mavdem.cli.options import (
     params_option,
     vehicle_option,
 )
-from mavdem.cli.output import check_file, print_result, printable, say_aside, write_text
+from mavdem.cli.output import check_file, print_result, say_aside, write_text
 from mavdem.condition.loop.twin import flown_again
 from mavdem.report.vehicle_files import LEFT_OUT, twin_blocks, unlearned, vehicle_text
 
@@ -69,6 +69,4 @@ def twin_command(
     }
     print_result(document, [*missing, *twin_blocks(twin, compared)], as_json)
     if out:
-        say_aside(
-            f"Written: {', '.join(printable(path) for path in out)}. Nothing was sent to a vehicle."
-        )
+        say_aside(f"Written: {', '.join(map(str, out))}. Nothing was sent to a vehicle.")

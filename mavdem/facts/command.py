@@ -8,6 +8,7 @@ class Place(Code):
 
     OUT_IS_A_FILE = "out_is_a_file"
     OUT_NOT_WRITABLE = "out_not_writable"
+    OUT_REPLACES_INPUT = "out_replaces_input"
     OUT_FAILED = "out_failed"
     FILE_FAILED = "file_failed"
 

@@ -134,7 +134,13 @@ def test_a_flight_has_the_last_setpoint_until_its_sample_and_none_of_the_future(
 
 @mark.parametrize(
     "mask, units",
-    [(1, ["rad"]), (2, ["rad/s", "rad"]), (64, ["rad/s", "rad"]), (128, ["rad/s"]), (129, [])],
+    {
+        1: ["rad"],
+        2: ["rad/s", "rad"],
+        64: ["rad/s", "rad"],
+        128: ["rad/s"],
+        129: [],
+    }.items(),
 )
 def test_masked_fields_are_no_setpoints(mask, units):
     assert [one.unit for one in setpoints(with_targets(type_mask=mask), "roll")] == units

@@ -16,7 +16,7 @@ from mavdem.alignment.read import read_flight
 from mavdem.analysis import Options
 from mavdem.assessment.assess import assess
 from mavdem.cli.learn import named_after
-from mavdem.cli.output import LINES, print_blocks
+from mavdem.cli.output import LINES, print_blocks, say_aside
 from mavdem.facts import Level
 from mavdem.facts.session import Spent
 from mavdem.fleet.row import FlightRow
@@ -65,21 +65,26 @@ def test_people_see_one_screen_and_files_only_where_they_are_wanted(tmp_path, mo
 
 @mark.parametrize(
     "source, folder",
-    [
-        ("a/flight.tlog", "flight"),
-        ("f.ulg.xz", "f-2"),
-        ("...tlog", "...tlog-learned"),
-        ("g.ulg", "g"),
-        ("b/g.ulg", "g-2"),
-    ],
+    {
+        "a/flight.tlog": "flight",
+        "f.ulg.xz": "f-2",
+        "...tlog": "...tlog-learned",
+        "g.ulg": "g",
+        "b/g.ulg": "g-2",
+        "deep.ulg": "deep-2",
+    }.items(),
 )
 def test_the_folder_is_named_after_the_log_and_has_no_results_of_another(
     source, folder, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
-    for name, own in (("f", '{"flight": {"source": "f.ulg"}}'), ("g", '{"source": "g.ulg"}')):
+    for name, report in (
+        ("f", '{"document": "review", "source": "f.ulg"}'),
+        ("g", '{"document": "learn", "flight": {"source": "g.ulg"}}'),
+        ("deep", "[" * 9999),
+    ):
         Path(name).mkdir()
-        Path(name, "report.json").write_text(own)
+        Path(name, "report.json").write_text(report)
     assert str(named_after(source)) == folder
 
 
@@ -87,7 +92,8 @@ def test_names_do_not_reach_the_terminal_as_what_it_obeys(capsys):
     print_blocks(
         [Sentence("\x1b[31m", "\u202e.tlog:"), Table(["\x9b", "\u2066"], [["\x1b]0;", "\n"]])]
     )
-    said = capsys.readouterr().out
+    say_aside("\x1b[0m")
+    said = "".join(capsys.readouterr())
     assert "\\x1b[31m" in said and "\\x1b]0;" in said and "\\u202e.tlog:" in said
     assert said.replace("\n", "").isprintable()
 

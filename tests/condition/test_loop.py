@@ -228,7 +228,13 @@ def made_up(factor=1.0):
 
 @mark.slow
 @mark.parametrize(
-    "factor, tune", [(0.5, "soft"), (1.0, "sharp"), (2.5, "default"), (4.5, "default")]
+    "factor, tune",
+    {
+        0.5: "soft",
+        1.0: "sharp",
+        2.5: "default",
+        4.5: "default",
+    }.items(),
 )
 def test_advised_gains_have_the_margins_in_95_of_100_plants_and_let_wind_move_it_least(
     factor, tune
@@ -350,12 +356,12 @@ def test_gains_after_px4s_autotune_are_rated_like_those_before():
 
 @mark.parametrize(
     "frequency, names",
-    [
-        (23.0, ["MC_ROLLRATE_P", "MC_ROLLRATE_D"]),
-        (None, ["MC_ROLLRATE_P", "MC_ROLLRATE_D"]),
-        (1.5, ["MC_ROLL_P"]),
-        (0.4, ["MC_ROLL_P", "MC_ROLLRATE_I"]),
-    ],
+    {
+        23.0: ["MC_ROLLRATE_P", "MC_ROLLRATE_D"],
+        None: ["MC_ROLLRATE_P", "MC_ROLLRATE_D"],
+        1.5: ["MC_ROLL_P"],
+        0.4: ["MC_ROLL_P", "MC_ROLLRATE_I"],
+    }.items(),
 )
 def test_an_oscillating_vehicle_lowers_the_gains_that_act_at_its_frequency(frequency, names):
     oscillation = Oscillation("roll", frequency, 40.0, 0.9, False, 20.0)

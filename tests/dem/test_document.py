@@ -63,12 +63,12 @@ def test_every_field_of_a_document_is_needed_and_checked(document):
         for junk in (None, "junk", {"a": 1}):
             with raises(ValueError, match="must"):
                 Learned.from_json(json.dumps({**values, name: junk}))
-    for name, other in (
-        ("inputs", kept["inputs"][:-1]),
-        ("outputs", []),
-        ("lengths", []),
-        ("effect_directions", [1.0]),
-    ):
+    for name, other in {
+        "inputs": kept["inputs"][:-1],
+        "outputs": [],
+        "lengths": [],
+        "effect_directions": [1.0],
+    }.items():
         with raises(ValueError, match="must"):
             Learned.from_json(json.dumps({**values, "record": {**kept, name: other}}))
 

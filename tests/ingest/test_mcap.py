@@ -152,8 +152,7 @@ def test_frames_may_come_in_pieces(encoding, recorder):
         recorder.write("noise", b"\xfe\x01\x02 something else", "x", schema=False)
     log = recorder.log()
     assert log.components[0].messages == {"HEARTBEAT": 1, "ATTITUDE": 300, "SERVO_OUTPUT_RAW": 300}
-    first, last = log.receive_time
-    assert (first, last) == approx(
+    assert log.receive_time == approx(
         (NOW / 1e6 + 0.01, NOW / 1e6 + 0.02 * (len(content) // size) + 0.01)
     )
 
@@ -182,7 +181,7 @@ def test_the_library_reads_the_same_messages(compression, chunked, tmp_path):
     with path.open("rb") as file:
         read = NonSeekingReader(file).iter_messages(log_time_order=False)
         assert ours == [one for *_, one in read]
-    assert recording.repairs() == ()
+    assert not recording.repairs()
 
 
 @mark.parametrize("topic", ["two\nlines", "\x1b[2Jcleared", "\u202etnorf ot kcab", "long" * 10_000])

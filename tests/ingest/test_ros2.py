@@ -90,13 +90,13 @@ def test_what_else_mavros_tells(recorder):
 
 @mark.parametrize(
     "mode, autopilot",
-    [
-        ("OFFBOARD", "PX4"),
-        ("AUTO.LOITER", "PX4"),
-        ("ALT_HOLD", "ARDUPILOTMEGA"),
-        ("CMODE(3)", "GENERIC"),
-        ("", "GENERIC"),
-    ],
+    {
+        "OFFBOARD": "PX4",
+        "AUTO.LOITER": "PX4",
+        "ALT_HOLD": "ARDUPILOTMEGA",
+        "CMODE(3)": "GENERIC",
+        "": "GENERIC",
+    }.items(),
 )
 def test_modes_tell_the_autopilot(mode, autopilot, recorder):
     mavros_flight(recorder, mode=mode)
@@ -117,7 +117,7 @@ def test_wherever_px4s_topics_lie(prefix, recorder):
         "QUADROTOR",
         "uXRCE-DDS",
     )
-    assert vehicle.repairs == ()
+    assert not vehicle.repairs
     assert len(vehicle.messages["ATTITUDE_QUATERNION"]["time"]) == len(TIMES)
     seen = signals.attitude(vehicle, "roll")
     assert np.allclose(seen.angle, roll(TIMES)[0], atol=1e-6)
@@ -228,6 +228,7 @@ HOSTILE = {
     + "===\nMSG: px4_msgs/A30\nuint8[1] a\n",
     "deep": "uint64 timestamp\nA0 q\n"
     + "".join(f"===\nMSG: px4_msgs/A{n}\nA{n + 1} a\n" for n in range(2000)),
+    "many fields": "uint64 timestamp\n" + "uint8 a\n" * 1000,
     "wide text": "uint64 timestamp\nwstring q\n",
     "bell": "uint64 timestamp\nfloat32[4] \x1b[31mq\x07\n",
     "twice": "uint64 timestamp\nuint64 timestamp\nfloat32[4] q\n",
@@ -236,6 +237,7 @@ HOSTILE = {
 ODD = {
     "spaces": "uint64 timestamp\nfloat32[4] q\n#" + " " * 60_000 + "[\n",
     "no stamp": "float32[4] q\n",
+    "a text for a stamp": "string timestamp\nfloat32[4] q\n",
     "a message for a stamp": "A timestamp\nfloat32[4] q\n===\nMSG: px4_msgs/A\nuint64 a\n",
 }
 """Definitions that are whole, of something else."""
@@ -249,7 +251,7 @@ def test_hostile_definitions_are_harmless(name, tmp_path, capfd, monkeypatch):
     write_raw(
         path,
         {**HOSTILE, **ODD}[name].replace("===", "=" * 80),
-        [bytes(range(200))] * 100 + [b"\xff" * 200] * 100,
+        [b"\1" + bytes(199)] * 100 + [b"\xff" * 200] * 100,
     )
     begun = time.thread_time()
     log = read_log(path)
@@ -269,6 +271,8 @@ ATTITUDE = "px4_msgs/msg/VehicleAttitude"
 def channel_of(writer, definition, language="ros2msg"):
     """A channel ``/fmu/out/vehicle_attitude`` whose messages have a definition of their own."""
     number = writer.register_schema(ATTITUDE, language, definition.encode())
+    for other in range(99):
+        writer.register_channel(f"/{other}/fmu/out/vehicle_attitude", "cdr", number)
     return writer.register_channel("/fmu/out/vehicle_attitude", "cdr", number)
 
 

@@ -102,7 +102,7 @@ def test_stamps_that_repeat_have_no_rate():
 def test_motors_are_put_on_their_channels(tmp_path):
     swapped = b"".join(
         parameter(f"PWM_MAIN_FUNC{n}", motor)
-        for n, motor in ((1, 103), (2, 101), (5, 104), (6, 102))
+        for n, motor in {1: 103, 2: 101, 5: 104, 6: 102}.items()
     )
     pieces = [
         data("actuator_motors", 20 + 0.01 * row, 0.1, 0.2, 0.3, 0.4 + row / 1e3, *OFF)

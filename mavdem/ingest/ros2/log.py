@@ -186,10 +186,8 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
     and schemas are known; it is read anew. Raises ``Unreadable`` without a message of a flight that can be decoded.
     """
     topics = flight_topics(recording)
-    decoders = {
-        number: decoder(recording.schemas[recording.channels[number].schema_id])
-        for number in topics
-    }
+    schemas = {number: recording.channels[number].schema_id for number in topics}
+    decoders = {number: decoder(recording.schemas[number]) for number in set(schemas.values())}
     read: dict[int, dict[int, Any]] = {number: {} for number in topics}
     undecodable: Counter[str] = Counter()
     log_times = []
@@ -198,7 +196,7 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
         number = message.channel_id
         if number not in topics:
             continue
-        decode = decoders[number]
+        decode = decoders[schemas[number]]
         try:
             assert decode is not None
             read[number][place] = decode(message.data)
@@ -317,7 +315,7 @@ def _px4_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry |
 def _mavros_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry | None:
     placed, repairs = _on_one_clock(tables, STAMPS[MAVROS])
     states = tables["state"].columns["mode"] if "state" in tables else ()
-    autopilot = mavros_autopilot(Counter(states))
+    autopilot = mavros_autopilot(Counter(map(str, states)))
     messages = {
         MAVROS_TOPICS[name].message: {
             "time": columns["time"],

@@ -18,6 +18,7 @@ from mavdem.ingest.telemetry import MAX_FIELDS, Fields, Integers
 
 CDR = "cdr"  # Message encoding of rosbag2 (https://mcap.dev/spec/registry)
 DEFINITION = "ros2msg"  # Schema encoding of rosbag2 (https://mcap.dev/spec/registry)
+TEXTS = ("mode",)  # fields that are no numbers
 Decoder = Callable[[bytes], Any]
 
 
@@ -64,11 +65,11 @@ def columns_of(
     """
     columns: Fields = {}
     found = set()
-    for field in (*needed, *wanted) if messages else ():
+    for field in (*needed, *wanted):
         with suppress(AttributeError, TypeError, ValueError):
             columns |= _columns(list(messages.values()), field)
             found.add(field)
-    if found.issuperset(needed) and (found.intersection(wanted) or (messages and not wanted)):
+    if messages and found.issuperset(needed) and (found.intersection(wanted) or not wanted):
         return TopicColumns(columns, np.array(list(messages), dtype=np.int64))
     return None
 
@@ -77,8 +78,8 @@ def _columns(messages: Sequence[Any], field: str) -> Fields:
     name, _, length = field.removesuffix("]").partition("[")
     values = [attrgetter(name)(message) for message in messages]
     if not length:
-        kind = np.object_ if isinstance(values[0], str) else np.float64
-        return {name: np.array(values, dtype=kind)}
+        # A number that is a text or an array raises.
+        return {name: np.fromiter(values, np.object_ if name in TEXTS else np.float64)}
     table = np.zeros((len(values), int(length)))
     for row, value in zip(table, values, strict=True):
         row[: len(value)] = value[: int(length)]
