@@ -46,6 +46,6 @@ def convert_command(
         return
     for said in section("converted", **written):
         say(printable(said.text))
-    for key, word in (("repairs", "Noted"), ("cautions", "Caution")):
+    for key, word in {"repairs": "Noted", "cautions": "Caution"}.items():
         for sentence in written.get(key, ()):
             say(f"{word}: {sentence}")

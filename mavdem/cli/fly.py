@@ -176,7 +176,7 @@ def _chosen(
         scenario = load(named)
     if scenario == Scenario():
         say_aside(f"{Path(named).name} sets no value: every value is the default.")
-    for key, value in (("seed", seed), ("duration", duration)):
+    for key, value in {"seed": seed, "duration": duration}.items():
         if value is not None:
             with _refusing(f"--{key}"):
                 scenario = scenario_of(scenario.model_dump(mode="json") | {key: value})
@@ -199,7 +199,7 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
     if rrd is not None:
         require("view", "--rrd")
     # The log appears last, with its companions in place.
-    files = [*filter(None, (truth, rrd, out))]
+    files = list(filter(None, (truth, rrd, out)))
     began = perf_counter()
     with _refusing(), progress(f"Flying {name}") as done:
         motion = fly_through(scenario, done)

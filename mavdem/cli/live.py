@@ -274,7 +274,7 @@ def live_command(
         file = dashboard.file
         if file is not None and not file.whole and not file.broken:
             say_aside(f"There was nothing to show, so {rrd} was not written.")
-        has_page = False
+        has_page = html is None
         if html is not None:
             known = session.link.name, axis, session.history, status, account, learned
             has_page = _written(html, live_page(*known), "page")
@@ -283,11 +283,10 @@ def live_command(
                 "rrd": str(rrd) if file is not None and file.whole else None,
                 "record": recording and {"file": str(record), "frames": recording.frames},
                 "model": str(model) if code == DONE and model is not None else None,
-                "html": str(html) if has_page else None,
+                "html": str(html) if html and has_page else None,
             }
             print_json(live_document(session, status, account, written))
-    lost_page = html is not None and not has_page
-    lost = session.recording is not recording or lost_page or (file is not None and file.broken)
+    lost = session.recording is not recording or not has_page or (file is not None and file.broken)
     click.get_current_context().exit(UNUSABLE if lost else code)
 
 

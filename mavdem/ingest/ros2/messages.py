@@ -5,7 +5,7 @@ Layout of messages: https://www.omg.org/spec/DDSI-RTPS, section 10 (CDR; the fou
 """
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from operator import attrgetter
@@ -67,16 +67,16 @@ def columns_of(
     found = set()
     for field in (*needed, *wanted):
         with suppress(AttributeError, TypeError, ValueError):
-            columns |= _columns(list(messages.values()), field)
+            columns |= _columns(messages.values(), field)
             found.add(field)
     if messages and found.issuperset(needed) and (found.intersection(wanted) or not wanted):
-        return TopicColumns(columns, np.array(list(messages), dtype=np.int64))
+        return TopicColumns(columns, np.fromiter(messages, np.int64))
     return None
 
 
-def _columns(messages: Sequence[Any], field: str) -> Fields:
+def _columns(messages: Iterable[Any], field: str) -> Fields:
     name, _, length = field.removesuffix("]").partition("[")
-    values = [attrgetter(name)(message) for message in messages]
+    values = list(map(attrgetter(name), messages))
     if not length:
         # A number that is a text or an array raises.
         return {name: np.fromiter(values, np.object_ if name in TEXTS else np.float64)}
