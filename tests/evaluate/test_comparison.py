@@ -154,6 +154,12 @@ def predicted():
 
 
 @mark.slow
+def test_most_samples_are_inside_the_band_of_90_percent(predicted):
+    inside = [row[0].scores[KNOWN].inside[-1] for row in predicted.outcomes]
+    assert 0.7 < np.mean(inside) < 1
+
+
+@mark.slow
 def test_a_band_that_failed_is_cautioned_against(predicted):
     def cautions(comparison):
         return [
