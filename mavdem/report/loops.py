@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from operator import attrgetter
 
 from mavdem.assessment.tuning import AdviceByAxis
-from mavdem.condition.loop.advice import Advice
+from mavdem.condition.loop.advice import LARGEST_ANGLE, STEP, Advice
 from mavdem.condition.loop.filters import gyro_filters
 from mavdem.condition.loop.loop import LoopByAxis
 from mavdem.condition.loop.margins import OpenLoop
@@ -98,10 +98,25 @@ def _interval(loop: OpenLoop, name: str, scale: float) -> str:
 
 def gain_blocks(advice: Advice) -> Blocks:
     """Returns the gains to set, where they change, and what to expect of them."""
-    rows = [
-        [name, f"{gain.now:.4g}", f"{gain.set:.4g}", f"{gain.set / gain.now:.2f}"]
+    factors = {
+        name: gain.set / gain.now
         for name, gain in advice.gains.items()
         if f"{gain.now:.4g}" != f"{gain.set:.4g}"
+    }
+    rows = [
+        [name, *(f"{value:.4g}" for value in advice.gains[name]), f"{factor:.2f}"]
+        for name, factor in factors.items()
     ]
     tables = [Table(["gain", "now", "set", "times"], rows)] if rows else []
-    return [*tables, *section("loop_gains", advice=advice)]
+    why = section(
+        "loop_gains",
+        advice=advice,
+        names=advice.before.controller.names,
+        falling=[name for name, factor in factors.items() if factor < 1],
+        rising=[name for name, factor in factors.items() if factor > 1],
+        farthest=[
+            name for name, factor in factors.items() if max(factor, 1 / factor) > 0.999 * STEP
+        ],
+        largest=LARGEST_ANGLE[advice.before.axis],
+    )
+    return [*tables, *why]
