@@ -18,7 +18,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.vehicle import Allowed, Basis
 from mavdem.heading import Values
 from mavdem.ingest import Log
-from mavdem.ingest.telemetry import Columns, Telemetry, selected
+from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps, selected
 from mavdem.ingest.vocabulary import (
     board_name_in_texts,
     board_number_in_bytes,
@@ -311,16 +311,18 @@ def _vehicle(
 
 
 def _rate(columns: Columns) -> float | None:
-    """Messages a second between the first and the last of each boot, of the port or group that has most."""
+    """Messages a second of the port or group that has most; without pauses, but of what comes in bursts with them."""
     for field in columns.keys() & {"port", "group_mlx"}:
         instances, of = np.unique(columns[field], return_inverse=True)
         if len(instances) > 1:
             columns = selected(columns, of == np.bincount(of).argmax())
-    boots = [columns["time"][columns["boot"] == boot] for boot in np.unique(columns["boot"])]
-    seconds = sum(float(np.ptp(time)) for time in boots)
-    if seconds > 0:
-        return sum(len(time) - 1 for time in boots) / seconds
-    return None
+    steps = np.diff(columns["time"])[np.diff(columns["boot"]) == 0]
+    apart = steps[steps > 0]  # sensors of a kind are sent at once
+    if not len(apart):
+        return None
+    rate = rate_without_gaps(apart)
+    mean = 1 / float(apart.mean())
+    return rate if mean > rate / 4 else mean
 
 
 def _missing_share(telemetry: Telemetry) -> float | None:

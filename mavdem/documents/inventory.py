@@ -61,7 +61,7 @@ class Stream(Document):
     count: int
     """number of messages"""
     rate: Hertz
-    """mean rate"""
+    """mean rate without pauses"""
 
 
 class AutopilotAlarm(Document):
