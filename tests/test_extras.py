@@ -7,7 +7,7 @@ import sys
 import tomllib
 from pathlib import Path
 
-from pytest import fixture, mark, raises
+from pytest import mark, raises
 from recorded_flights import short_flight
 
 from mavdem.cli.commands import main
@@ -21,11 +21,6 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 LOG = ROOT / "logs" / "ardupilot_wind5_steps.tlog"
 QUICK = ["--preset", "paper", "--train", "200", "--test", "20"]
 INSTALL = "pip install 'mavdem[view]'."
-
-
-@fixture
-def without_rerun(monkeypatch):
-    monkeypatch.setitem(sys.modules, "rerun", None)
 
 
 def test_every_extra_of_the_package_is_named_and_all_has_them_all():
@@ -53,8 +48,9 @@ def test_every_file_that_is_no_python_is_installed():
     ],
 )
 def test_without_rerun_a_dashboard_that_is_asked_for_is_refused(
-    words, without_rerun, tmp_path, monkeypatch, capsys
+    words, tmp_path, monkeypatch, capsys
 ):
+    monkeypatch.setitem(sys.modules, "rerun", None)
     monkeypatch.chdir(tmp_path)
     assert main(list(words)) == 2
     out, said = capsys.readouterr()

@@ -88,8 +88,8 @@ def _events(signals: Signals, boot: int) -> Iterator[Fact]:
     if error is None:
         return
     flights = flights_of(signals, boot)
-    yield from _of_motors(signals, boot, flights)
     yield from _clipped(signals, boot, flights)
+    out_of_control: Intervals = []
     for flight in flights:
         lost = None
         for span in _losses(error, flight, of_boot(signals.climb_rate, boot)):
@@ -100,6 +100,14 @@ def _events(signals: Signals, boot: int) -> Iterator[Fact]:
                 break
         fall = [*_fall(signals, boot, flight, lost)]
         yield from fall
+        for event in filter(None, (lost, *fall)):
+            if event.level is Level.BAD:
+                out_of_control.append(((event.time or 0.0) + LOST_SECONDS, flight[1]))
+    for event in _of_motors(signals, boot, flights):
+        # What lies on its back, or falls, drives motors to their stop whatever it weighs.
+        is_explained = during(np.array([event.time]), out_of_control).any()
+        if event.code is not MotionEvent.MOTOR_AT_ITS_STOP or not is_explained:
+            yield event
     last = error.time[-1]
     if (
         flights

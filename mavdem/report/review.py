@@ -19,7 +19,7 @@ def screen_of(assessment: Assessment) -> str:
     """Returns the screen of an ``assessment``: of ``COLUMNS``, ``LINES``; a long next step takes more."""
     lead = title_of(assessment)
     first = shorten(f"{lead.lead} {lead.text}", COLUMNS, placeholder=" …")
-    lights = [_light(name, fact) for name, fact in assessment.lights.items()]
+    lights = [_row(name, fact) for name, fact in assessment.lights.items()]
     # What somebody reads when all has scrolled by is last.
     found = wrap(headline(assessment.headline), COLUMNS, max_lines=2, placeholder=" …")
     last = [*found, *_wrapped(f"Next: {assessment.next_step}")]
@@ -49,7 +49,8 @@ def _wrapped(text: str) -> Iterator[str]:
         yield line.replace(HARD_SPACE, " ")
 
 
-def _light(name: str, fact: Fact) -> str:
+def _row(name: str, fact: Fact) -> str:
+    """A light by its name, or an event by its time."""
     mark = fact.level.upper() if fact.level is Level.BAD else fact.level
     beginning = f"{name:<11}{mark:<9}"
     return f"{beginning}{brief(headline(fact), COLUMNS - len(beginning))}"
@@ -59,4 +60,4 @@ def _alarms(assessment: Assessment) -> Iterator[str]:
     """What happened that may have lost the vehicle, but for what the headline says."""
     for event in assessment.events:
         if event.level is Level.BAD and event.time != assessment.headline.time:
-            yield brief(headline(event), COLUMNS)
+            yield _row("event" if event.time is None else f"{event.time:.0f} s", event)

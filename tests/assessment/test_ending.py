@@ -67,9 +67,10 @@ def driven(made, motor, output, since=FAILS):
 
 
 def lost(motor, rate=10.0):
-    """Motor ``motor``, from 0, loses its thrust in flight, and its autopilot fights."""
+    """Motor ``motor``, from 0, loses its thrust in flight, and its autopilot fights; what lies there drives another."""
     made = falling(leaning(flight(rate), QUAD[motor], 120.0, 100.0))
-    return driven(driven(made, motor, 2000.0), OPPOSITE[motor], 1100.0)
+    made = driven(driven(made, motor, 2000.0), OPPOSITE[motor], 1100.0)
+    return driven(made, OPPOSITE[motor], 2000.0, FAILS + 3.0)
 
 
 def judged(made, *reported):
