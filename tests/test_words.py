@@ -25,7 +25,7 @@ PROSE = {
     "condition": 6,
     "dem": 25,
     "evaluate": 1,
-    "fleet": 43,
+    "fleet": 45,
     "mavdem": 17,
     "serve": 34,
 }

@@ -10,7 +10,7 @@ from mavdem.cli.output import check_folder, files_in, print_result, progress, sa
 from mavdem.documents.fleet import Diff
 from mavdem.fleet.difference import SIDES, changed_parameters, vehicle_difference
 from mavdem.fleet.state import of_common_vehicle, state_of
-from mavdem.report.difference import difference_blocks, headline_blocks
+from mavdem.report.difference import difference_blocks, headline_blocks, next_blocks
 from mavdem.report.difference_page import comparison_page
 
 PAGE = "diff.html"
@@ -73,7 +73,7 @@ def diff_command(
         page = comparison_page(called, (first.review, second.review), difference, parameters)
         path.write_text(page, "utf-8", "replace")
     say_aside(f"The page is {folder / PAGE}.")
-    said = headline_blocks(headlines)
-    print_result(document, [*said, *difference_blocks(difference, parameters)], as_json)
+    said = [*headline_blocks(headlines), *difference_blocks(difference, parameters)]
+    print_result(document, [*said, *next_blocks(difference)], as_json)
     if not difference.changes:
         context.exit(UNSUPPORTED)

@@ -229,6 +229,7 @@ def live_command(
         session = LiveSession(
             opened, stream, settings, *shown, executor, recording, request_rate, earlier
         )
+        session.recorded = None if record is None else str(record)
         if request_rate is not None and record is not None:
             session.adviser = ends.enter_context(closing(Adviser(record, LearningProcess)))
         elif request_rate is not None:

@@ -210,6 +210,16 @@ class Store:
             self.db.execute("delete from logs where path = ?", [as_text(source.path)])
             self._delete_rows()
 
+    def forget_lost_pages(self) -> None:
+        """Has logs read again of whose flights a page is there no more."""
+        pages = self.db.execute(
+            """select distinct log, json_extract(row, '$.page') as page from flights
+            where json_valid(row) and page glob ?""",
+            [f"{PAGES}/*"],
+        )
+        lost = [[log] for log, page in pages if not (self.folder / page).is_file()]
+        self.db.executemany("update logs set ended = 'source' where log = ?", lost)
+
     def track(self, sources: Iterable[Source]) -> None:
         """Puts the flights of these logs, as far as they are known, into the table."""
         with self.transaction():

@@ -162,6 +162,8 @@ def track(
     if not logs and not is_fleet(folder):
         raise Unreadable(problems[0])
     with opened(folder) as store:
+        if page is not None:
+            store.forget_lost_pages()
         if len(baseline) == 1 and is_fleet(Path(baseline[0])):
             store.healthy = _with_flight(read_rows(Path(baseline[0])))
         elif baseline:

@@ -325,9 +325,12 @@ def evidence_of(signals: Signals, condition: Condition, **known: Any) -> Evidenc
 
 
 def judged(
-    learned: Learned, setup: Setup, alarms: Sequence[MotorAlarm]
+    learned: Learned, setup: Setup, alarms: Sequence[MotorAlarm], recorded: str | None
 ) -> tuple[Findings, Judgement]:
-    """Returns what a model whose inputs are those of ``setup`` is good for, and the judgement of its vehicle."""
+    """Returns what a model whose inputs are those of ``setup`` is good for, and the judgement of its vehicle.
+
+    ``recorded`` is the file that shows more, as ``LiveSession`` has it.
+    """
     record = learned.record
     inputs, outputs = max(record.segments, key=lambda part: len(part[1]))
     axis = record.output_names[0]
@@ -349,7 +352,8 @@ def judged(
     loops = dict.fromkeys(AXES, unknown) | {axis: loop_by(physical, record)}
     evidence = evidence_of(signals, condition, events=tuple(losses_of(alarms)), loops=loops)
     findings = findings_of(learned, None, condition, alarms)
-    later = Fact(Unjudged.JUDGED_LATER)  # by messages that nothing in flight looks at
+    # by messages that nothing in flight looks at
+    later = Fact(Unjudged.JUDGED_LATER, path=recorded)
     light = motors_light(evidence)
     if light.code is Trim.TRIM_UNKNOWN:
         light = later  # the trim is of all axes, the model of one

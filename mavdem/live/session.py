@@ -77,6 +77,8 @@ class LiveSession:
     rate: float | None = None  # Hz to ask the vehicle for; ``None`` to send nothing at all
     prior: Learned | None = None  # of an earlier flight of the vehicle
     adviser: Adviser | None = None  # of gains, after a landing and at the end
+    # file in which the user has the recording; empty if that is known later, None without one
+    recorded: str | None = None
 
     def __post_init__(self) -> None:
         """Begins now, without a model."""
@@ -263,7 +265,7 @@ class LiveSession:
             if learned is None or setup is None or learned.record.input_names != setup.layout.names:
                 self.judged = findings_of(learned, alarms=status.alarms), None
             else:
-                self.judged = judged(learned, setup, status.alarms)
+                self.judged = judged(learned, setup, status.alarms, self.recorded)
                 is_own = any(
                     override.level is Level.BAD
                     and override.code in (Override.OSCILLATION, Override.MOTORS)
@@ -524,7 +526,9 @@ class LiveSession:
                 return
             with suppress(RuntimeError):  # the executor's processes are gone
                 alarms = self.stream.status().alarms
-                self._judging = self.executor.submit(judged, named, self._setup, alarms)
+                self._judging = self.executor.submit(
+                    judged, named, self._setup, alarms, self.recorded
+                )
 
     def _request_rates(self) -> None:
         """Asks for rates if the user wants that and the vehicle is known; sends a HEARTBEAT if needed before."""

@@ -1,6 +1,7 @@
 """What changed between two states of a vehicle, what is the same, and what cannot be said."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 from math import degrees, hypot
 from pathlib import PurePath
 
@@ -56,8 +57,10 @@ def difference_blocks(
 
 
 def headline_blocks(headlines: Mapping[str, str | None]) -> Blocks:
-    """Returns the ``headlines`` that there are, each after the name of its side."""
-    return [Sentence(said, f"{name.upper()}:") for name, said in headlines.items() if said]
+    """Returns the ``headlines`` that there are, of each side by itself."""
+    return [
+        Sentence(said, f"{name.upper()} by itself:") for name, said in headlines.items() if said
+    ]
 
 
 def baseline_blocks(latest: FlightRow, difference: VehicleDifference | None) -> Blocks:
@@ -86,14 +89,34 @@ def surest_change(difference: VehicleDifference) -> str:
     return _change(changes[0], difference) if changes else ""
 
 
+def next_blocks(difference: VehicleDifference) -> list[Sentence]:
+    """Returns the part to check where something changed: of motors that seem weaker the surest; of one vehicle."""
+    changes = difference.of(Outcome.CHANGED)
+    if not changes or len({*chain(*difference.vehicles)} - {UNKNOWN}) > 1:
+        return []
+    change = min(changes, key=lambda change: (not _is_weaker(change), change.p))
+    motor = _motor(change, difference) if change.quantity.motor else ""
+    return section("difference_next", motor=motor, is_weaker=_is_weaker(change))
+
+
+def _is_weaker(change: QuantityChange) -> bool:
+    """Whether a motor works harder, or its work has less effect."""
+    (kind, motor, _) = change.quantity
+    return motor > 0 and (kind == difference.SHARE) == (change.difference > 0)
+
+
+def _motor(change: QuantityChange, difference: VehicleDifference) -> str:
+    """The name of its motor, where it is of one."""
+    motors = difference.motors
+    motor = change.quantity.motor
+    return short(motors[motor - 1]) if motor <= len(motors) else f"motor {motor}"
+
+
 def _change(change: QuantityChange, difference: VehicleDifference) -> str:
     """As in "motor 3's share −18 % ± 6 %"."""
     (kind, motor, axis) = change.quantity
-    motors = difference.motors
     noun, scale, unit = QUANTITIES[kind]
-    name = f"{noun} on {axis}"
-    if motor:
-        name = f"{short(motors[motor - 1]) if motor <= len(motors) else f'motor {motor}'}'s {noun}"
+    name = f"{_motor(change, difference)}'s {noun}" if motor else f"{noun} on {axis}"
     more = scale * change.difference
     half = scale * change.half_width
     if change.before is None or change.after is None:

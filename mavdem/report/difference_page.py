@@ -11,7 +11,7 @@ from mavdem.fleet.row import NOT_IDENTIFIABLE, UNKNOWN
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.charts import AFTER, Axis, Chart, Group, Kind, Line
-from mavdem.report.difference import difference_blocks, headline_blocks, surest_change
+from mavdem.report.difference import difference_blocks, headline_blocks, next_blocks, surest_change
 from mavdem.report.flight_charts import SHARE
 from mavdem.report.loops import FIGURES
 from mavdem.report.numbers import counted, rounded
@@ -59,7 +59,7 @@ def comparison_page(
     ]
     first = _headline(both, difference, parameters)
     headlines = {name: _known(review, "headline", "sentence") for name, review in both.items()}
-    first += headline_blocks(headlines)
+    first += [*headline_blocks(headlines), *next_blocks(difference)]
     return document(" and ".join(names), "A and B over each other.", first, chapters, back)
 
 

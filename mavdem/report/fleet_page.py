@@ -1,5 +1,6 @@
 """The index of a fleet: what was found in words, each vehicle's figures over its flights, and all flights."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from math import degrees
 from pathlib import PurePath
@@ -14,6 +15,7 @@ from mavdem.facts.motors import MotorHealth
 from mavdem.fleet.row import (
     HEALTHS,
     Flight,
+    FlightRow,
     FlightRows,
     flights_of,
     vehicles_of,
@@ -33,19 +35,20 @@ MAX_DRAWN = 20
 FIRST_SHOWN = 50
 MAX_NOTE = 320  # letters of what is said of a flight: its page has all
 NOT_USED = "not used"  # in the place of the health of a log without a flight
+TOP = re.compile(r'(?<=<main>\n)(<p class="said [^<]*</p>\n)?')
+"""Of a flight's page: what is said there of the flight beside others, if anything."""
 
 
 def fleet_page(rows: FlightRows, changes: Mapping[str, Sequence[Block]] | None = None) -> str:
     """Returns the HTML of a fleet's index, the same for the same rows; ``changes`` since a baseline by vehicle."""
     since = dict(changes or {})
     # Flights that do not say whose they are may be those of several vehicles.
-    vehicles = {
-        name: flights
+    ranked = sorted(
+        (urgency(flights), name, flights)
         for name, flights in vehicles_of(rows).items()
         if words.is_one_vehicle(name, flights)
-    }
-    ranked = sorted(vehicles, key=lambda name: (urgency(vehicles[name]), name))
-    drawn = [name for name in ranked if len(vehicles[name]) > 1][:MAX_DRAWN]
+    )
+    drawn = [name for _, name, flights in ranked if len(flights) > 1][:MAX_DRAWN]
     parts = [
         {
             "name": name,
@@ -58,7 +61,7 @@ def fleet_page(rows: FlightRows, changes: Mapping[str, Sequence[Block]] | None =
             "group": vehicle_group(flights) if name in drawn else None,
             "is_open": rank < MOST_NAMED and (health in TROUBLE or bool(doubt(flights))),
         }
-        for rank, (name, flights) in enumerate((name, vehicles[name]) for name in ranked)
+        for rank, (_, name, flights) in enumerate(ranked)
     ]
     flights = flights_of(rows)
     dated = [flight for flight in flights if flight[0].date is not None]
@@ -83,6 +86,16 @@ def fleet_page(rows: FlightRows, changes: Mapping[str, Sequence[Block]] | None =
             "healths": (*TROUBLE, NOT_USED, *HEALTHS[len(TROUBLE) :]),
         },
     )
+
+
+def beside_others(row: FlightRow) -> str:
+    """Returns the HTML of how a flight differs from others of its vehicle, by its worst row; empty if it does not."""
+    return page_of(environment().get_template("beside.html"), trouble=row, healths=words.LEVELS)
+
+
+def with_top(page: str, top: str) -> str:
+    """Returns the ``page`` of a flight with this HTML above it, in place of what was said there of it beside others."""
+    return TOP.sub(lambda _: top, page, count=1)
 
 
 def _health(flight: Flight) -> str:

@@ -21,11 +21,10 @@ from mavdem.fleet.row import Flight
 from mavdem.heading import Names
 from mavdem.report.blocks import Block
 from mavdem.report.fleet import LEVELS, vehicle_words
+from mavdem.report.fleet_page import with_top
 from mavdem.report.page import environment, page_of
 from mavdem.report.vehicle_charts import vehicle_group
 
-PLACE = "<main>\n"
-"""Of the bar in a flight's page."""
 POLICY = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
 SCRIPTS = ("sharp.js", "uplot/uPlot.iife.min.js", "charts.js")
 """Those that draw the charts within a page."""
@@ -70,7 +69,7 @@ def served(name: str, /, **known: Any) -> str:
 
 def with_bar(page: str, **known: Any) -> str:
     """Returns the ``page`` of a flight with a bar above it, for a server whose policy takes the place of its own."""
-    return without_policy(page, **known).replace(PLACE, PLACE + served("bar", **known), 1)
+    return with_top(without_policy(page, **known), served("bar", **known))
 
 
 def without_policy(page: str, **known: Any) -> str:
@@ -83,7 +82,7 @@ def vehicle_page(flights: Sequence[Flight], changes: Iterable[Block], **known: A
     """Returns the HTML of one vehicle: its flights over time, and what differs from the baseline."""
     said = vehicle_words(flights)[1] if flights else ""
     group = vehicle_group(flights) if len(flights) > 1 else None
-    groups = [] if group is None else [group]
+    groups = [group] if group else []
     return served("vehicle", words=said, changes=[*changes], groups=groups, **known)
 
 

@@ -102,6 +102,7 @@ class Attached:
             executor,
             recording,
         )
+        session.recorded = ""  # it is in the library when it has ended
         self._silent = self._frames = 0
         try:
             try:

@@ -3,7 +3,7 @@
 import time
 from pathlib import Path
 
-from command_line import document_of, run, strict_json
+from command_line import document_of, refused, run, strict_json
 from pytest import fixture, mark
 from recorded_flights import FLIGHT, SLOW, shared
 
@@ -42,8 +42,7 @@ def test_what_cannot_be_compared_is_reported_and_the_others_are_compared(quick, 
 
 
 def test_a_flight_too_short_says_what_fits(quick, capsys):
-    assert run("compare", FLIGHT, "--train", "5900") == 1
-    said = capsys.readouterr().err
+    said = refused(capsys, 1, "compare", FLIGHT, "--train", "5900")
     assert "5900 training and 150 test samples were asked for" in said
     assert run("compare", FLIGHT, *said.split("`")[1].split()) == 0
 

@@ -38,6 +38,7 @@ def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
     assert run("diff", *fleets) == 0
     said = capsys.readouterr().out
     assert "Changed: motor 3's share +12" in said and "4 flights of A and 4 flights of B" in said
+    assert said.endswith("Next: Inspect motor 3 and its propeller before the next flight.\n\n")
     assert "Motor 3&#39;s " in Path("old_and_new/diff.html").read_text()
     changes = document_of(capsys, "diff", *fleets, "--vehicle", "alpha")["changes"]
     changed = [one["quantity"] for one in changes if one["outcome"] == "changed"]
@@ -64,8 +65,7 @@ def test_a_vehicle_that_cannot_be_chosen_is_refused_with_those_that_can(
 ):
     monkeypatch.chdir(Path(fleets[0]).parent)
     fleet_of(Path("nobody"), flown("unknown", range(3)))
-    assert run("diff", *line.split()) == 1
-    assert reason in capsys.readouterr().err
+    assert reason in refused(capsys, 1, "diff", *line.split())
 
 
 def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path, capsys):
@@ -79,8 +79,8 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
     assert "Nothing that was compared changed." in capsys.readouterr().out
     assert run("diff", "a.bin", "c.bin", "--vehicle", "alpha") == 0
     assert "No single change is certain." in capsys.readouterr().out
-    assert run("diff", "a.bin", "b.bin") == 1
-    assert "B has no flight with figures. It is empty." in capsys.readouterr().err
+    said = refused(capsys, 1, "diff", "a.bin", "b.bin")
+    assert "B has no flight with figures. It is empty." in said
 
 
 def test_a_margin_without_an_upper_end_is_not_called_apart(monkeypatch):

@@ -5,7 +5,7 @@ from pathlib import Path
 from unittest.mock import Mock
 
 import numpy as np
-from command_line import document_of, run, strict_json
+from command_line import document_of, refused, run, strict_json
 from numpy.testing import assert_allclose
 from pytest import approx, mark
 from recorded_flights import FLIGHT, SLOW, short_flight
@@ -167,8 +167,8 @@ def test_an_out_that_cannot_be_made_or_a_truth_file_that_is_none_is_refused_befo
     tmp_path, capsys
 ):
     (tmp_path / "file").write_text("mine")
-    assert run("learn", "missing.tlog", "--out", tmp_path / "file" / "below") == 2
-    assert "--out" in capsys.readouterr().err
+    out = tmp_path / "file" / "below"
+    assert "--out" in refused(capsys, 2, "learn", "missing.tlog", "--out", out)
     assert run("learn", FLIGHT, "--out", tmp_path / "out", "--truth", FLIGHT) == 2
     said = capsys.readouterr()
     assert (

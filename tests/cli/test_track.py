@@ -4,9 +4,12 @@ import shutil
 from pathlib import Path
 
 import polars
-from command_line import document_of, run
+from command_line import document_of, refused, run
+from fleet_rows import fleet_rows
 from pytest import mark
 from recorded_flights import LOGS
+
+from mavdem.cli.track import judge_pages
 
 
 @mark.slow
@@ -14,31 +17,40 @@ def test_a_fleet_in_one_command(tmp_path, capsys):
     flights = tmp_path / "flights"
     flights.mkdir()
     shutil.copy(LOGS / "ardupilot_default_rates.tlog", flights)
-    (flights / "damaged.ulg").write_bytes(b"ULog\x01\x12\x35\x01" + bytes(99))
+    damaged = flights / "damaged.ulg"
+    damaged.write_bytes(b"ULog\x01\x12\x35\x01" + bytes(99))
     out = tmp_path / "fleet"
     found = document_of(capsys, "track", flights, "--out", out, "--jobs", "1")
-    assert (found["logs"], found["read"], found["flights"], found["tiers"]) == (2, 2, 1, {"c": 1})
+    assert {"logs": 2, "read": 2, "flights": 1, "tiers": {"c": 1}}.items() <= found.items()
     assert [Path(one["file"]).name for one in found["failed"]] == ["damaged.ulg"]
     rows = polars.read_parquet(out / "flights" / "**" / "*.parquet").sort("axis")
     assert rows.filter(polars.col("status") == "ok")["axis"].to_list() == ["pitch", "roll"]
-    assert (out / rows["page"].drop_nulls()[0]).is_file() and (out / "index.html").is_file()
-    # Again, in words.
+    page = out / rows["page"].drop_nulls()[0]
+    page.unlink()
+    # Again, in words; a page that is gone is made again.
     assert run("track", flights, "--out", out) == 0
     written = capsys.readouterr()
-    assert (
-        written.out.startswith("2 logs, 0 of them read; copies count once.")
-        and "index.html" in written.err
-    )
+    assert written.out.startswith("2 logs, 1 of them read; copies count once.")
+    assert page.is_file() and "index.html" in written.err
     # Logs without a flight are no success.
-    assert run("track", flights / "damaged.ulg", "--out", tmp_path / "none", "--jobs", "1") == 1
+    assert run("track", damaged, "--out", tmp_path / "none", "--jobs", "1") == 1
     assert "without the topics of a flight" in capsys.readouterr().out
+
+
+def test_a_page_says_what_its_row_says_now(tmp_path):
+    page = tmp_path / "pages" / "quad-1-1.html"
+    page.parent.mkdir()
+    page.write_text("<main>\n<h1>")
+    judge_pages(tmp_path, fleet_rows(7))
+    assert 'class="said bad">Beside the vehicle’s other flights: motor 3' in page.read_text()
+    judge_pages(tmp_path, fleet_rows(10))
+    assert page.read_text() == "<main>\n<h1>", "its fault is that of a later flight"
 
 
 @mark.parametrize(
     "line, sentence",
     {
         "none.bin --out fleet": "none.bin names no log. Check the name.",
-        "x.bin": "Missing option '--out'",
         "x.bin --out x.bin": "x.bin' is a file.",
         "x.bin --out fleet --jobs 2 --scheduler tcp://127.0.0.1:9": "--jobs",
         "x.bin --out fleet --memory-limit 3": "--memory-limit",
@@ -49,5 +61,5 @@ def test_a_fleet_in_one_command(tmp_path, capsys):
 def test_what_cannot_be_tracked_is_said(tmp_path, monkeypatch, capsys, line, sentence):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "x.bin").write_bytes(b"?")
-    assert run("track", *line.split()) == 2
-    assert sentence in capsys.readouterr().err and not (tmp_path / "fleet").exists()
+    assert sentence in refused(capsys, 2, "track", *line.split())
+    assert not (tmp_path / "fleet").exists()

@@ -23,27 +23,25 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     legs = legs.model_copy(update={"height": 6.0, "excitation": course})
     (tmp_path / "legs.toml").write_text(in_toml(legs).replace("\nrate = 20.0", "\nrate = 50"))
     assert run("fly", tmp_path / "legs.toml", "--duration", "62", "--out", log) == 0
+    learnt = tmp_path / "learnt"
     found = wind(log)
-    assert run("learn", log, "--out", tmp_path / "learnt", "--train", "5s", "--test", "25") == 0
+    assert run("learn", log, "--out", learnt, "--train", "5s", "--test", "25") == 0
     said = capsys.readouterr().out
     (low, high) = found.speed_interval
     assert (
         f"Wind: {found.speed:.1f} m/s ({low:.1f} to {high:.1f}) from {from_point(found.direction)}"
         in said
     )
-    assert (
-        json.loads((tmp_path / "learnt" / "report.json").read_text())["wind_velocity"]["speed"]
-        == found.speed
-    )
-    assert b"wind/velocity" in (tmp_path / "learnt" / "flight.mcap").read_bytes()
+    assert json.loads((learnt / "report.json").read_text())["wind_velocity"]["speed"] == found.speed
+    assert b"wind/velocity" in (learnt / "flight.mcap").read_bytes()
     assert run("convert", log, tmp_path / "legs.csv") == 0
     table = np.genfromtxt(tmp_path / "legs.csv", delimiter=",", names=True)
     off = np.interp(found.time, table["time_s"], table["wind_north_m_s"]) - found.velocity[:, 0]
     assert np.nanmax(abs(off)) < 0.02 and np.isnan(table["wind_east_band_m_s"][0])
     (row, *_), _ = rows_of_log(log)
-    earlier = earlier_drag(tmp_path / "learnt" / "model.json")
+    earlier = earlier_drag(learnt / "model.json")
     assert earlier.linear == approx(row.drag[:2]) and earlier.relative_sd(5) < 0.2
     assert (row.wind_speed, degrees(row.wind_direction)) == approx((found.speed, found.direction))
     assert from_point(found.direction) in fleet_page([row])
-    assert run("wind", log, "--prior", tmp_path / "learnt") == 2
+    assert run("wind", log, "--prior", learnt) == 2
     assert "of this very flight" in capsys.readouterr().err

@@ -23,7 +23,6 @@ from mavdem.dem.online.learner import TOO_FEW
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.forecasts import Forecasts
-from mavdem.facts.lights import Unjudged
 from mavdem.facts.loops import Gains
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import InFlight
@@ -261,6 +260,7 @@ def test_a_landing_never_replaces_the_last_model_before_it():
 def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     one, *_ = session_of(batches(8.0))
     run(one)
+    one.recorded = "my flight.tlog"
     late = mavdem.read_flight(FLIGHT)[2000:4000]
     learned = mavdem.learn(late, COMPLETE)
     known = learned.physical
@@ -281,7 +281,7 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     ).replace("\u00a0", " ")
     assert plus_minus(*np.degrees([known.effect[0], known.interval().effect[0]])) in page
     assert all(str(purpose.reason) in page for purpose in one.judged[0].purposes)
-    assert lights["motors"].code is Unjudged.JUDGED_LATER, "no hover in flight would show the trim"
+    assert "`mavdem 'my flight.tlog'`" in lights["motors"].remedy, "no hover shows the trim"
     assert "Not judged in flight." in page and "not logged" not in page
     swing = np.sin(10 * np.pi * learned.dt * np.arange(len(late)))[:, None]
     shaken = replace(
