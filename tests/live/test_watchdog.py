@@ -195,13 +195,13 @@ def test_every_vehicle_on_a_link_is_watched():
     flights = (Flight(Hot(hovering=12.0), system=system) for system in (1, 2))
     frames = by_time(*(flight.frames(end=18.0) for flight in flights))
     made = replay(frames)
-    found = [fact for fact in made.facts if fact.code is Watch.OTHER_VEHICLE_ALARM]
+    found = said(made, Watch.OTHER_VEHICLE_ALARM)
     assert {fact.subject for fact in found} == {"1:1", "2:1"}
     assert {fact.figures["because"].code for fact in found} >= {Session.ALARM}
     assert "vehicle 2:1 watched: " in watching(made.stream.status().watched)
     # One that was chosen is reported as itself.
     made = replay(frames, vehicle="1:1")
-    found = [fact for fact in made.facts if fact.code is Watch.OTHER_VEHICLE_ALARM]
+    found = said(made, Watch.OTHER_VEHICLE_ALARM)
     assert {fact.subject for fact in found} == {"2:1"} and said(made, MarginsLight.OSCILLATES)
 
 
