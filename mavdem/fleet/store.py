@@ -213,8 +213,8 @@ class Store:
     def forget_lost_pages(self) -> None:
         """Has logs read again of whose flights a page is there no more."""
         pages = self.db.execute(
-            """select distinct log, json_extract(row, '$.page') as page from flights
-            where json_valid(row) and page glob ?""",
+            """select distinct log, json_extract(iif(json_valid(row), row, '{}'), '$.page') as page from flights
+            where page glob ?""",
             [f"{PAGES}/*"],
         )
         lost = [[log] for log, page in pages if not (self.folder / page).is_file()]
