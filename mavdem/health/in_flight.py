@@ -226,7 +226,8 @@ class MotorAlarm(NamedTuple):
 def losses_of(changes: Sequence[MotorAlarm]) -> list[Fact]:
     """Returns the thrust that motors lost, the worst first: BAD while it lasts, WATCH with its end where it ended.
 
-    Of what a motor lost until it recovered, the largest; it is BAD, too, where another still lacks less.
+    Of what a motor lost until it recovered, the largest; it is BAD, too, where another still lacks less. Each has the
+    ``names`` of all motors whose loss is BAD.
     """
     ended = []
     lasting = dict[tuple[int, str], MotorAlarm]()
@@ -241,7 +242,9 @@ def losses_of(changes: Sequence[MotorAlarm]) -> list[Fact]:
     found = [_lost(loss, None, Level.BAD) for loss in lasting.values()]
     for loss, until in ended:
         found.append(_lost(loss, until, Level.BAD if loss.size > least else Level.WATCH))
-    return sorted(found, key=lambda loss: (loss.level is Level.WATCH, -loss.figures["rise"]))
+    found.sort(key=lambda loss: (loss.level is Level.WATCH, -loss.figures["rise"]))
+    names = dict.fromkeys(loss.subject for loss in found if loss.level is Level.BAD)
+    return [loss.but(names=tuple(names)) for loss in found]
 
 
 def _lost(worst: MotorAlarm, until: float | None, level: Level) -> Fact:
