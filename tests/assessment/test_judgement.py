@@ -37,7 +37,9 @@ def test_a_larger_loss_that_recovered_is_not_hidden_by_a_smaller_that_lasts():
     large = MotorAlarm(10, 10, 2, "motor 2", 0.5, 1, loss=(0.3, 0.5))
     small = large._replace(motor=4, name="motor 4", size=0.1)
     found = losses_of([large, large._replace(since=30.0, size=0.0), small])
-    assert headline(lights(), events=found[::-1]).remedy.startswith("Do not fly before motor 2 and motor 4")
+    assert headline(lights(), events=found[::-1]).remedy.startswith(
+        "Do not fly before motor 2 and motor 4"
+    )
 
 
 ALARM = prose("An alarm.").but(Level.BAD)
