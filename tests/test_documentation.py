@@ -26,6 +26,7 @@ import mavdem.evaluate
 import sitl_scenarios
 from mavdem.cli.commands import imported_command
 from mavdem.cli.commands import mavdem as mavdem_command
+from mavdem.condition.loop.loop import TARGETS
 from sitl_scenarios.files import names as scenarios
 
 ROOT = Path(__file__).parents[1]
@@ -110,6 +111,12 @@ def test_all_pages_can_be_read_in_two_hours():
     pages = [text for page, text in PAGES.items() if page != "CONTRIBUTING.md"]
     assert len(PAGES["README.md"].splitlines()) <= 90
     assert sum(len(text.split()) for text in pages) <= 32_000
+
+
+def test_the_goals_of_tune_are_those_of_its_page():
+    for name, goal in TARGETS.items():
+        row = f"- `{name}`: {goal.phase_margin:g}°, {goal.gain_margin:g} dB, {goal.ms}\n"
+        assert row in PAGES["docs/tune.md"]
 
 
 def test_the_citation_names_the_version_of_the_package():

@@ -97,10 +97,11 @@ def log(*pieces, first=b"", parameters=b""):
 
 def roll(time):
     """A motion: angle, rad, and its derivative, rad/s."""
-    waves = [(0.1, 0.7), (0.05, 1.9), (0.01, 4.3)]
-    angle = sum(size * np.sin(2 * np.pi * hz * time + hz) for size, hz in waves)
-    rate = sum(size * 2 * np.pi * hz * np.cos(2 * np.pi * hz * time + hz) for size, hz in waves)
-    return np.asarray(angle), np.asarray(rate)
+    size = np.array([0.1, 0.05, 0.01])
+    hertz = np.array([0.7, 1.9, 4.3])
+    turning = 2 * np.pi * hertz
+    phase = np.multiply.outer(time, turning) + hertz
+    return np.sin(phase) @ size, np.cos(phase) @ (size * turning)
 
 
 def flight(times):
