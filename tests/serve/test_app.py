@@ -182,7 +182,7 @@ def test_two_flights_are_compared_and_a_vehicle_has_its_page_and_baseline(served
     assert served.ask("PUT", "/api/baseline", {"flights": [a]}).status == 200
     assert {row.headline for row in served.library.store.healthy} == {"One."}
     page = served.get("/vehicle?name=quad%207").text
-    assert "One." in page and "Two." in page and "lost thrust" not in page
+    assert "One." in page and "the latest flight, Two." in page and "lost thrust" not in page
     weak = served.add("weak.ulg", "A weak motor.")
     for place in ("/vehicle?name=quad%207", "/"):
         page = served.get(place).text
