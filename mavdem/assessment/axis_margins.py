@@ -59,19 +59,16 @@ def margins_of(
     A loop does not count whose predicted response is not the measured one. Where that is so by far, no loop does that
     its own response does not confirm: gains or a mixer that are not those of the parameters are so for all axes.
     """
-    refuted = {
-        axis: loop.measured
-        for axis, loop in known_loops(loops).items()
-        if loop.measured and loop.agrees is False
-    }
-    by_far = [each.reason for each in refuted.values() if 2 * each.agreement < LEAST_FIT]
+    by_far = [
+        loop.refutation
+        for loop in known_loops(loops).values()
+        if loop.refutation and loop.measured and 2 * loop.measured.agreement < LEAST_FIT
+    ]
 
     def confirmed(axis: str) -> Loop | Fact | None:
-        if axis in refuted:
-            return refuted[axis].reason
         loop = loops.get(axis)
-        if isinstance(loop, Loop) and not loop.agrees and by_far:
-            return by_far[0]
+        if isinstance(loop, Loop) and not loop.agrees:
+            return next(filter(None, [loop.refutation, *by_far]), loop)
         return loop
 
     return tuple(

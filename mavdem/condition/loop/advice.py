@@ -243,8 +243,8 @@ def _refusals(loop: Loop, changes: bool) -> Facts:
         return (Fact(Gains.MOTOR_AT_LIMIT, share=limited),)
     if not (loop.rate.stable[0] and loop.attitude.stable[0]):
         return (Fact(Gains.LOOP_UNSTABLE),)
-    if loop.measured and loop.measured.reason and loop.agrees is False:
-        return (loop.measured.reason,)
+    if loop.refutation:
+        return (loop.refutation,)
     if not changes or loop.plant.bias >= 0 or loop.sure_of(TARGETS["sharp"]) <= 1 - LEVEL:
         return ()
     return tuple(doubt for doubt in loop.cautions if doubt.code is Loops.EFFECT_BIASED)

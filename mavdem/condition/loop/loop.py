@@ -111,6 +111,11 @@ class Loop(Margins, LoopDownstream):
             return None
         return reason is None
 
+    @property
+    def refutation(self) -> Fact | None:
+        """Why the flight's response is not the predicted one; None where it is, or where too little was measured."""
+        return self.measured.reason if self.measured and self.agrees is False else None
+
     def sure_of(self, target: Target) -> float:
         """Returns the share of the draws in which both loops have the margins of ``target``."""
         return float(np.mean(scores_of(target, self.rate, self.attitude) >= 1))
