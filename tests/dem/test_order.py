@@ -11,6 +11,7 @@ from mavdem import Flight
 from mavdem.dem import order_choice
 from mavdem.dem.order_choice import STANDARD_ERRORS, FlightOrders, OrderChoice, orders_of
 from mavdem.facts.model import ModelRefusal, OrderFact
+from mavdem.report.comparison import order_report
 
 
 def choice(*flights):
@@ -53,6 +54,8 @@ def test_a_choice_says_why():
     assert rising.spread == approx([0.0, np.sqrt(50)])
     assert np.isnan(told.spread).all()
     assert (rising.mean.tolist(), rising.chosen) == ([0.0, 105.0], 2)
+    table = order_report(rising, "ab", True)[1]
+    assert table.rows[0] == ["1", "-100.0", "-110.0", "-105.0", "0.0"]
 
 
 @mark.parametrize("arguments", [{"max_order": 0}, {"max_order": 9}])

@@ -75,6 +75,7 @@ def clock(monkeypatch):
 def test_datagrams_come_whole_and_in_order_with_their_stamps_in_a_bounded_number():
     sent = [bytes([number % 256]) * 10 for number in range(MAX_PIECES + 5)]
     with listening() as (link, address), udp() as vehicle:
+        began = time.time()
         for datagram in sent:
             vehicle.sendto(datagram, address)
         pieces = []
@@ -83,6 +84,7 @@ def test_datagrams_come_whole_and_in_order_with_their_stamps_in_a_bounded_number
             assert 0 < len(batch) <= MAX_PIECES
         stamps, received = zip(*pieces, strict=True)
         assert list(received) == sent and link.receive(0.0) == []
+        assert began <= min(stamps) <= max(stamps) <= time.time()
         assert len({*stamps[:MAX_PIECES]}) > 1, (
             "when they arrived, not when they are read: those of one call would be equal"
         )
