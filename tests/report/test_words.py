@@ -106,17 +106,17 @@ def test_every_text_is_escaped():
     assert "<script" not in flight._repr_html_()
 
 
-def test_markdown_aligns_numbers_to_the_right():
+def test_markdown_aligns_numbers_to_the_right_and_sets_commands_apart():
     said = markdown(
         [
-            Sentence("Text.", "Lead:"),
+            Sentence("Run `mavdem tune a.bin`.", "Lead:"),
             Table(["a", "b"], [["x", "1"]]),
             Table(["a", "b"], [], words=True),
         ]
     )
     assert (
         said
-        == "**Lead:** Text.\n\n| a | b |\n| --- | ---: |\n| x | 1 |\n\n| a | b |\n| --- | --- |"
+        == "**Lead:** Run\n\n```\nmavdem tune a.bin\n```\n\n| a | b |\n| --- | ---: |\n| x | 1 |\n\n| a | b |\n| --- | --- |"
     )
 
 
