@@ -13,6 +13,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO
 
+from mavdem.errors import Unreadable, cause_of
+from mavdem.facts.command import Place
+
 PathName = str | os.PathLike[str]
 AnyPath = PathName | bytes
 
@@ -62,6 +65,22 @@ def atomic_writes(*paths: PathName, scratch: Path | None = None) -> Iterator[tup
                 shutil.copymode(target, new)
         for target, new in unfinished.items():
             os.replace(new, target)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes a file, whole or not at all; raises ``Unreadable`` where it cannot be written."""
+    with writing(path), atomic_write(path) as file:
+        file.write(text.encode(errors="replace"))  # the name of a file in it need not be UTF-8
+
+
+@contextmanager
+def writing(*files: Path) -> Iterator[None]:
+    """Raises ``Unreadable`` for an ``OSError``: files that cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        names = " or ".join(str(path) for path in files)
+        raise Unreadable(Place.FILE_FAILED, path=names, because=cause_of(error)) from None
 
 
 def replaceable(path: PathName) -> Path:

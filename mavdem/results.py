@@ -1,15 +1,20 @@
-"""Results: the files that say what is known of a log, in one folder: page, documents, model and recordings."""
+"""Results: the files of a folder that say what is known of a log, or of a fleet: pages, documents and recordings."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mavdem.assessment import Assessment
 from mavdem.export.conversion import write_channels
 from mavdem.extras import missing
+from mavdem.files import write_text
+from mavdem.fleet.row import FlightRows, flights_of, worst_row
+from mavdem.fleet.workers import PAGES
 from mavdem.heading import Names
+from mavdem.report.blocks import Block
+from mavdem.report.fleet_page import beside_others, fleet_page, with_top
 from mavdem.report.flight_page import review_page
 
 if TYPE_CHECKING:
@@ -52,3 +57,24 @@ def write_dashboard(target: Target, assessment: Assessment) -> None:
     from mavdem.view import write_recording
 
     write_recording(target, assessment)
+
+
+def write_fleet_pages(
+    folder: Path, rows: FlightRows, changes: Mapping[str, Sequence[Block]]
+) -> Path:
+    """Writes and returns the index of a fleet, with ``changes`` since a baseline by vehicle.
+
+    Each flight's page says how the flight differs from the vehicle's others, as the rows say it now. Raises
+    ``Unreadable`` where a page cannot be written.
+    """
+    for flight in flights_of(rows):
+        path = folder / PAGES / Path(flight[0].page or "").name
+        if path.is_file():
+            with path.open(encoding="utf-8", errors="replace") as file:
+                start = file.read(1 << 16)  # of what may be long: the headline is in it
+                judged = with_top(start, beside_others(worst_row(flight)))
+                if judged != start:
+                    write_text(path, judged + file.read())
+    index = folder / "index.html"
+    write_text(index, fleet_page(rows, changes))
+    return index

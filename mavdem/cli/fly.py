@@ -16,11 +16,10 @@ from mavdem.cli.output import (
     progress,
     say,
     say_aside,
-    writing,
 )
 from mavdem.export.conversion import STREAMS
 from mavdem.extras import require
-from mavdem.files import atomic_writes
+from mavdem.files import atomic_writes, writing
 from mavdem.heading import Names, Values
 from mavdem.ingest.parameter_file import read_parameters
 from sitl_scenarios.dynamics import frame

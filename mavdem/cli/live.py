@@ -24,7 +24,6 @@ from mavdem.cli.output import (
     print_json,
     printable,
     say_aside,
-    write_text,
 )
 from mavdem.dem import Settings
 from mavdem.dem.parallel import LearningProcess
@@ -34,6 +33,7 @@ from mavdem.export.conversion import STREAMS
 from mavdem.extras import lacking, require
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.session import Session
+from mavdem.files import write_text
 from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.live import LiveStream, SessionStatus, Setup
 from mavdem.live.advice import Adviser

@@ -22,7 +22,7 @@ from rich.table import Table as Grid
 from mavdem.errors import Unreadable, cause_of
 from mavdem.facts import Fact
 from mavdem.facts.command import Place
-from mavdem.files import PathName, atomic_write, atomic_writes, is_writable, replaceable
+from mavdem.files import PathName, atomic_writes, is_writable, replaceable, writing
 from mavdem.heading import Names
 from mavdem.report.blocks import LINES, Block, Sentence, Table, brief
 
@@ -203,12 +203,6 @@ def check_folder(folder: Path, names: Names = (), *inputs: PathName | None) -> N
             raise Unreadable(Place.OUT_REPLACES_INPUT, path=folder, existing=path)
 
 
-def write_text(path: Path, text: str) -> None:
-    """Writes a file, whole or not at all; raises ``Unreadable`` where it cannot be written."""
-    with writing(path), atomic_write(path) as file:
-        file.write(text.encode(errors="replace"))  # the name of a file in it need not be UTF-8
-
-
 @contextmanager
 def files_in(folder: Path, names: Sequence[str], stale: Names = ()) -> Iterator[tuple[Path, ...]]:
     """Yields paths to write instead of these files, which then replace them; raises ``Unreadable`` if not.
@@ -234,16 +228,6 @@ def check_file(path: Path | None, option: str, endings: Names) -> None:
             )
         with writing(path):
             replaceable(path)
-
-
-@contextmanager
-def writing(*files: Path) -> Iterator[None]:
-    """Raises ``Unreadable`` for an ``OSError``: files that cannot be written."""
-    try:
-        yield
-    except OSError as error:
-        names = " or ".join(str(path) for path in files)
-        raise Unreadable(Place.FILE_FAILED, path=names, because=cause_of(error)) from None
 
 
 # exit codes as a shell reports them: of any signal, less its number; of SIGINT

@@ -12,10 +12,10 @@ from mavdem.cli.output import (
     print_result,
     progress,
     say,
-    writing,
 )
 from mavdem.dem.parallel import pool, spare_cores
 from mavdem.extras import require
+from mavdem.files import writing
 from mavdem.heading import Names
 from mavdem.paper import CLAIMS
 from mavdem.report.blocks import Table

@@ -17,25 +17,24 @@ from mavdem.cli.output import (
     progress,
     say,
     say_aside,
-    write_text,
 )
 from mavdem.dem.parallel import spare_cores
 from mavdem.documents.fleet import track_document
 from mavdem.extras import lacking
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.difference import since_baseline
-from mavdem.fleet.row import FlightRows, flights_of, summary, worst_row
+from mavdem.fleet.row import summary
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.fleet.store import read_rows
 from mavdem.fleet.tracking import track
-from mavdem.fleet.workers import PAGES, Limits, WorkerPool
+from mavdem.fleet.workers import Limits, WorkerPool
 from mavdem.heading import Names
 from mavdem.report.blocks import Sentence
 from mavdem.report.difference import baseline_blocks
 from mavdem.report.fleet import fleet_blocks
-from mavdem.report.fleet_page import beside_others, fleet_page, with_top
 from mavdem.report.flight_page import flight_page
 from mavdem.report.numbers import counted
+from mavdem.results import write_fleet_pages
 
 MOST = 1_000_000  # seconds and megabytes that may be asked for: days, and a terabyte
 
@@ -135,12 +134,10 @@ def track_command(
         say_aside("What was read is kept: the same command goes on.")
         raise
     rows = read_rows(out)
-    index = out / "index.html"
     counts = summary(rows)
     changes = since_baseline(rows, tracked.healthy) if tracked.healthy else {}
     since = {name: baseline_blocks(*change) for name, change in changes.items()}
-    judge_pages(out, rows)
-    write_text(index, fleet_page(rows, since))
+    index = write_fleet_pages(out, rows, since)
     for problem in tracked.problems:
         say_aside(f"mavdem: {problem.advised}")
     if as_json:
@@ -158,15 +155,3 @@ def track_command(
         context.exit(UNUSABLE)
     if not counts["flights"]:
         context.exit(UNSUPPORTED)
-
-
-def judge_pages(folder: Path, rows: FlightRows) -> None:
-    """Puts on each flight's page how the flight differs from the vehicle's others, as the rows say it now."""
-    for flight in flights_of(rows):
-        path = folder / PAGES / Path(flight[0].page or "").name
-        if path.is_file():
-            with path.open(encoding="utf-8", errors="replace") as file:
-                start = file.read(1 << 16)  # of what may be long: the headline is in it
-                judged = with_top(start, beside_others(worst_row(flight)))
-                if judged != start:
-                    write_text(path, judged + file.read())

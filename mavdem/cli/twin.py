@@ -12,8 +12,9 @@ from mavdem.cli.options import (
     params_option,
     vehicle_option,
 )
-from mavdem.cli.output import check_file, print_result, say_aside, write_text
+from mavdem.cli.output import check_file, print_result, say_aside
 from mavdem.condition.loop.twin import flown_again
+from mavdem.files import write_text
 from mavdem.report.vehicle_files import LEFT_OUT, twin_blocks, unlearned, vehicle_text
 
 

@@ -22,13 +22,12 @@ from mavdem.condition.wind_of_log import air_of
 from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.dem import Learned, Physical
 from mavdem.dem.engine.linalg import Array
-from mavdem.errors import NotLearnable, Unreadable, cause_of
+from mavdem.errors import NotLearnable
 from mavdem.evaluate.held_out import HeldOut
 from mavdem.extras import require
-from mavdem.facts.command import Place
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import Plant
-from mavdem.files import PathName, atomic_write
+from mavdem.files import PathName, atomic_write, writing
 from mavdem.flight import Flight, Flights, boot_of
 from mavdem.heading import Names, Values
 from mavdem.ingest import read_log
@@ -266,13 +265,11 @@ def convert(
         raise ValueError(f"{out} is the input: name another file")
     if out.suffix.lower() == ".parquet":
         require("parquet", f"{out}")
-    try:
+    with writing(out):
         if out.suffix.lower() in TABLES:
             written = _convert_to_table(source, out, axis, vehicle, inputs)
         else:
             written = _convert_stream(source, out)
-    except OSError as error:
-        raise Unreadable(Place.FILE_FAILED, path=out, because=cause_of(error)) from None
     return {"source": str(source), "out": str(out), **written}
 
 

@@ -9,7 +9,7 @@ from fleet_rows import fleet_rows
 from pytest import mark
 from recorded_flights import LOGS
 
-from mavdem.cli.track import judge_pages
+from mavdem.results import write_fleet_pages
 
 
 @mark.slow
@@ -38,12 +38,12 @@ def test_a_fleet_in_one_command(tmp_path, capsys):
 
 
 def test_a_page_says_what_its_row_says_now(tmp_path):
-    page = tmp_path / "pages" / "quad-1-1.html"
+    page = tmp_path / "pages/quad-1-1.html"
     page.parent.mkdir()
     page.write_text("<main>\n<h1>")
-    judge_pages(tmp_path, fleet_rows(7))
+    write_fleet_pages(tmp_path, fleet_rows(7), {})
     assert 'class="said bad">Beside the vehicle’s other flights: motor 3' in page.read_text()
-    judge_pages(tmp_path, fleet_rows(10))
+    write_fleet_pages(tmp_path, fleet_rows(10), {})
     assert page.read_text() == "<main>\n<h1>", "its fault is that of a later flight"
 
 
