@@ -1,10 +1,14 @@
-"""Series of a learned flight over the boot clock, in the units of the flight: for Rerun, for MCAP, and for the page."""
+"""Series of a learned flight: what the model was learned from and makes of it, on its samples and in their units.
+
+For Rerun and for MCAP. What was recorded beside it, over the whole boot and for eyes, is a ``Timeline``.
+"""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.analysis.findings import known_wind
 from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
@@ -84,6 +88,6 @@ def _learned(names: Sequence[str], time: Array, learned: Learned) -> Iterator[tu
     yield PROCESS_NOISE, Series(time[samples], state_names(names, learned), noise)
     yield FREE_ENERGY, Series(time[samples], ("free_energy",), energy)
     yield COMMAND, Series(time, (command.name,), commands)
-    if (wind := learned.wind_torque) is not None:
+    if (wind := known_wind(learned.wind_torque, learned.physical)) is not None:
         torque = np.stack([wind.torque, wind.band], axis=1)
         yield WIND_TORQUE, Series(time, ("torque", "band"), torque)

@@ -8,6 +8,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from mavdem.alignment.drive import AXES
+from mavdem.analysis.findings import known_wind
 from mavdem.assessment import Assessment
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.step_response import StepResponse
@@ -15,7 +16,6 @@ from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.held_out import FORECAST, HeldOut
 from mavdem.fleet.row import as_text
-from mavdem.flight import Flights
 from mavdem.report import palette
 from mavdem.report.blocks import Block, Sentence, markdown
 from mavdem.report.charts import Chart, Line, over_time
@@ -53,12 +53,13 @@ def write_recording(target: Target, assessment: Assessment) -> None:
     assert learned is not None and held_out is not None
     with recorded(target, Path(assessment.log.source).name) as recording:
         page = _Page(recording, assessment, timeline)
+        series = series_of(flights, learned)
         words = [title(flights), *analysis_blocks(assessment)]
         tabs: list[rrb.Container | rrb.View] = [
             page.flight(),
-            *page.air(learned, flights),
+            *page.air(learned, series[OUTPUTS].time),
             *page.loops(),
-            page.forecasts(learned, held_out, series_of(flights, learned)),
+            page.forecasts(learned, held_out, series),
             page.learning(learned),
             _text(recording, "report", "Report", words),
         ]
@@ -112,13 +113,12 @@ class _Page:
         below = rrb.Horizontal(plots, beside, column_shares=[75, 25])
         return rrb.Vertical(above, below, row_shares=[9, 91], name="Flight")
 
-    def air(self, learned: Learned, flights: Flights) -> list[rrb.Container]:
+    def air(self, learned: Learned, clock: Array) -> list[rrb.Container]:
         """The wind, and its torque, with marks where gusts begin; nothing where neither is known."""
         if not self._timeline.wind:
             return []
-        torque = learned.wind_torque
-        gusts = () if torque is None or torque.reason is not None else torque.gusts
-        clock = np.concatenate([flight.time for flight in flights])
+        torque = known_wind(learned.wind_torque, learned.physical)
+        gusts = torque.gusts if torque else ()
         begins = [float(clock[gust.sample]) for gust in gusts]
         marks = f"gust ({len(begins)})", palette.GUST, begins
         return [rrb.Vertical(*self._drawn("air", self._timeline.wind, marks), name="Wind")]
