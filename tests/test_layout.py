@@ -200,7 +200,7 @@ def test_a_file_is_not_long():
 NODES = {
     "alignment": 19_020,
     "analysis": 8240,
-    "assessment": 19_630,
+    "assessment": 19_640,
     "baselines": 5120,
     "cli": 14_010,
     "condition": 40_120,
@@ -215,14 +215,14 @@ NODES = {
     "live": 31_260,
     "mavdem": 6280,
     "paper": 11_010,
-    "report": 32_950,
+    "report": 32_945,
     "serve": 13_460,
     "sitl_scenarios": 30_200,
-    "tools": 15_650,
+    "tools": 15_400,
     "view": 10_810,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 416_100
+ALL_NODES = 415_900
 TEST_NODES = 225_000
 NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""

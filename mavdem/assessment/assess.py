@@ -177,7 +177,7 @@ class Assessment(AssessmentDownstream):
     @property
     def of_documents(self) -> Values:
         """What every document says of a flight."""
-        return {**self.judgement._asdict(), "events": self.events}
+        return {**vars(self.judgement), "events": self.events}
 
     def sentence(self, fact: Fact) -> str:
         """Returns a ``fact`` in words."""

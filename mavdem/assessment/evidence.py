@@ -19,6 +19,7 @@ from mavdem.alignment.signals import Signals
 from mavdem.analysis.overrides import overrides_of
 from mavdem.assessment.axis_margins import AxisMargins, margins_of
 from mavdem.condition.condition import Condition, settled_parts
+from mavdem.condition.loop.advice import lowered
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.wind_of_log import Air
 from mavdem.facts import Code, Fact, Facts, Level
@@ -70,6 +71,14 @@ class Evidence:
         if self.condition.hover is None:
             found += self.reported([MotionEvent.MOTOR_AT_ITS_STOP])
         return tuple(filter(None, found))
+
+    @cached_property
+    def lowered(self) -> Fact | None:
+        """Which gains to lower; None where nothing oscillates."""
+        oscillation = self.condition.oscillation
+        if oscillation is None:
+            return None
+        return lowered(oscillation, self.signals.telemetry.parameters)
 
     def flights(self, boot: int) -> phases.Intervals:
         """Returns where the vehicle flew in a ``boot``."""

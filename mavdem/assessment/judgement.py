@@ -1,7 +1,7 @@
 """Judgement: the headline of what was found of a vehicle, and the one next step that fits its reason."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
 
 from mavdem.analysis.findings import Finding, next_step
 from mavdem.assessment.estimator import estimator_light
@@ -18,7 +18,7 @@ from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.events import Reported
 from mavdem.facts.lights import Light, Unjudged
-from mavdem.immutable import read_only
+from mavdem.immutable import Result
 
 LIGHTS = {
     Light.MOTORS: motors_light,
@@ -44,7 +44,8 @@ OF_VEHICLE = (
 OF_LOG = (Light.LOG, Light.WIND)
 
 
-class Judgement(NamedTuple):
+@dataclass(frozen=True)
+class Judgement(Result):
     """The ``headline``, the ``next_step`` that fits its reason, and the eight ``lights`` by name."""
 
     headline: Fact
@@ -62,14 +63,14 @@ def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known: Fact) -
         lights = {name: light.grounded for name, light in lights.items()}
     headline = headline_of(evidence, lights)
     of_model = next_step(purposes) if purposes else None
-    return read_only(Judgement(headline, next_step_of(headline, lights, of_model), lights))
+    return Judgement(headline, next_step_of(headline, lights, of_model), lights)
 
 
 def unjudged(refusal: Fact) -> Judgement:
     """Returns the judgement where there is no evidence, because of the ``refusal``."""
     following = Fact(NextStep.DO_AS_ADVISED, because=refusal)
     unknown = Fact(Unjudged.NOT_JUDGED, because=refusal)
-    return read_only(Judgement(refusal, following, dict.fromkeys(map(str, Light), unknown)))
+    return Judgement(refusal, following, dict.fromkeys(map(str, Light), unknown))
 
 
 def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:

@@ -6,7 +6,6 @@ from mavdem.alignment.drive import TILT_AXES
 from mavdem.assessment.axis_margins import of_response
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst
-from mavdem.condition.loop.advice import lowered
 from mavdem.facts import Fact, Level
 from mavdem.facts.margins import MarginsLight
 
@@ -15,8 +14,7 @@ def margins_light(evidence: Evidence) -> Fact:
     """Returns the light on margins: a limit cycle, or the worst of the axes; else what keeps them from being known."""
     oscillation = evidence.condition.oscillation
     if oscillation is not None:
-        gains = lowered(oscillation, evidence.signals.telemetry.parameters)
-        return Fact(MarginsLight.OSCILLATES, because=gains, **oscillation.figures)
+        return Fact(MarginsLight.OSCILLATES, because=evidence.lowered, **oscillation.figures)
     found = [fact for axis in evidence.margins for fact in axis.facts]
     found.sort(key=lambda fact: fact.figures.get("share", inf))
     if found and (light := worst(found)).level in (Level.BAD, Level.WATCH):

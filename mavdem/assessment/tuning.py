@@ -1,13 +1,14 @@
 """Tuning: gains to set of the axes of a flight, and what to do with them."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from mavdem.assessment.assess import Assessment
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.tracking import tracking_of
-from mavdem.condition.loop.advice import Advice, advise, lowered
+from mavdem.condition.loop.advice import Advice, advise
 from mavdem.condition.loop.loop import TARGETS, Loop, margin_rating
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
@@ -60,8 +61,8 @@ def tuned(
     if not grounds and motors.level is Level.BAD:
         grounds = (motors,)
     first = [headline] if headline.level is Level.BAD and not grounds else []
-    if (oscillation := evidence.condition.oscillation) is not None:
-        grounds = (*grounds, lowered(oscillation, evidence.signals.telemetry.parameters))
+    if evidence.lowered:
+        grounds = (*grounds, evidence.lowered)
     notch = assessment.noise.notch if filters and not grounds else None
     settings = dict(notch.figures.get("settings", ())) if notch else {}
     measured = {margin.axis: margin.facts[0] for margin in evidence.margins if margin.injected}
@@ -103,7 +104,6 @@ def tuned(
         for name, value in {**each.parameters, **settings}.items()
     }
     if gains and (headline.level is not Level.BAD or headline == judgement.lights["margins"]):
-        judgement = judgement._replace(
-            next_step=Fact(NextStep.LOAD_GAINS, headline.level, is_written=is_written)
-        )
+        following = Fact(NextStep.LOAD_GAINS, headline.level, is_written=is_written)
+        judgement = replace(judgement, next_step=following)
     return read_only(Tuning(found, advised, gains, notch, judgement))

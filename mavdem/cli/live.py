@@ -227,9 +227,16 @@ def live_command(
         executor = ends.enter_context(LearningProcess())
         shown = dashboard.open, dashboard.report, _say
         session = LiveSession(
-            opened, stream, settings, *shown, executor, recording, request_rate, earlier
+            opened,
+            stream,
+            settings,
+            *shown,
+            executor,
+            recording,
+            request_rate,
+            earlier,
+            recorded=None if record is None else str(record),
         )
-        session.recorded = None if record is None else str(record)
         if request_rate is not None and record is not None:
             session.adviser = ends.enter_context(closing(Adviser(record, LearningProcess)))
         elif request_rate is not None:

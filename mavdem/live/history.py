@@ -25,7 +25,7 @@ from mavdem.facts.lights import Light
 from mavdem.facts.session import Session
 from mavdem.heading import Names, Numbers
 from mavdem.health.in_flight import MotorAlarm
-from mavdem.immutable import Result, read_only
+from mavdem.immutable import Result
 from mavdem.live.wind import WindRow
 
 AHEAD = 0.25  # s; how well the model predicts so far ahead is reported
@@ -109,14 +109,15 @@ class SessionStatus(Result):
         lights = {
             name: worst([seen.get(name, fact), fact]) for name, fact in judgement.lights.items()
         }
-        headline, following, _ = judgement
+        headline = judgement.headline
+        following = judgement.next_step
         bad = [fact for fact in lights.values() if fact.level is Level.BAD]
         if bad and headline.level is not Level.BAD:
             headline = bad[0]
             following = next_step_of(headline, lights, None)
         if self.flying and headline.level is Level.BAD:
             following = Fact(NextStep.LAND_NOW, because=headline)
-        return read_only(Judgement(headline, following, lights))
+        return Judgement(headline, following, lights)
 
     @property
     def slow(self) -> Fact | None:

@@ -284,7 +284,7 @@ class LiveSession:
         findings, judgement = self.judged
         for fact in self.adviser.facts[-1:]:
             if judgement is not None and fact.code is Gains.GAINS_WRITTEN:
-                self.judged = findings, judgement._replace(next_step=fact.figures["because"])
+                self.judged = findings, replace(judgement, next_step=fact.figures["because"])
 
     def end(self) -> None:
         """Restores the vehicle's rates, which it must confirm, and ends the recording."""

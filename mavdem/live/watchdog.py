@@ -41,7 +41,7 @@ LIGHTS = {
     Watched.VIBRATION: Light.VIBRATION,
     Watched.BATTERY: Light.POWER,
 }
-LIMITED_SHARE = 0.7
+ALARMING_SHARE = 0.7
 """So much of the last seconds a motor is at its upper limit: sound vehicles that yaw or climb do half of it."""
 CALM_SECONDS = 10.0  # Without what an alarm was about, after which it is over
 
@@ -145,7 +145,7 @@ class Watchdog:
         limited = upper[latest].mean(axis=0)
         motor = int(limited.argmax())
         # All of them: a climb at full throttle.
-        if limited[motor] >= LIMITED_SHARE > limited.min():
+        if limited[motor] >= ALARMING_SHARE > limited.min():
             yield (
                 Watched.MOTOR_LIMITS,
                 Fact(

@@ -101,8 +101,8 @@ class Attached:
             check,
             executor,
             recording,
+            recorded="",  # it is in the library when it has ended
         )
-        session.recorded = ""  # it is in the library when it has ended
         self._silent = self._frames = 0
         try:
             try:

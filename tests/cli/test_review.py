@@ -51,7 +51,7 @@ def test_the_library_returns_what_is_printed(tmp_path):
         other.lights["log"] = other.headline
     command = "`mavdem tune 'my flight.tlog' --axis all`"
     following = prose(f"What to do, in so many words that they do not fit on the line: {command}.")
-    judgement = other.judgement._replace(next_step=following)
+    judgement = replace(other.judgement, next_step=following)
     assert f"\n{command}." in str(replace(other, judgement=judgement))
     other.page(tmp_path / "page.html")
     assert other.sentence(other.headline) in (tmp_path / "page.html").read_text()

@@ -290,8 +290,7 @@ def test_an_effectiveness_that_seems_low_changes_nothing_unless_margins_surely_l
 def tuned_by(loops, tracking=TrackingLight.FOLLOWS_SETPOINT, **options):
     """Of a vehicle with nothing else to say, with a notch."""
     followed = dict.fromkeys(AXES, Fact(tracking))
-    calm = SimpleNamespace(oscillation=None)
-    evidence = SimpleNamespace(loops=loops, condition=calm, margins=(), grounds=())
+    evidence = SimpleNamespace(loops=loops, lowered=None, margins=(), grounds=())
     notch = Fact(NotchAdvice.SET_NOTCH, settings=(("INS_HNTCH_FREQ", 80.0),))
     even = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
     judgement = Judgement(even, even, {"motors": even})

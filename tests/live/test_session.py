@@ -258,9 +258,8 @@ def test_a_landing_never_replaces_the_last_model_before_it():
 
 @mark.slow
 def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
-    one, *_ = session_of(batches(8.0))
+    one, *_ = session_of(batches(8.0), recorded="my flight.tlog")
     run(one)
-    one.recorded = "my flight.tlog"
     late = mavdem.read_flight(FLIGHT)[2000:4000]
     learned = mavdem.learn(late, COMPLETE)
     known = learned.physical

@@ -25,7 +25,7 @@ from mavdem.facts.watch import Watch, Watched
 from mavdem.live import LiveStream
 from mavdem.live.history import SessionStatus
 from mavdem.live.recent import Recent
-from mavdem.live.watchdog import CALM_SECONDS, DECISION_SECONDS, LIMITED_SHARE
+from mavdem.live.watchdog import ALARMING_SHARE, CALM_SECONDS, DECISION_SECONDS
 from mavdem.live.wind import WindRow
 from mavdem.report.live import watching
 
@@ -93,7 +93,7 @@ def test_what_was_wrong_is_the_headline_of_the_session(hot):
 def test_a_motor_at_its_limit_is_named(hot):
     [alarm, _] = said(hot, MotorsLight.MOTOR_LIMITED)
     assert alarm.subject == "motor 1 (front right)" and alarm.code is Session.ALARM
-    begun = 22.0 + LIMITED_SHARE * DECISION_SECONDS
+    begun = 22.0 + ALARMING_SHARE * DECISION_SECONDS
     assert begun <= alarm.time <= begun + 0.6
 
 

@@ -2,9 +2,8 @@
 """Forecasts of windows of recorded flights against the constant mean; prints a table by flight, and what is over all.
 
 A window is 7 s to learn from and 1.5 s to forecast at every rate. The error ratio is the squared forecast error over
-that of the constant mean; the table has the median over windows. Below, errors are beside those of joint
-autoregressions: of forecasts over VAR(10)'s, of predictions without the motors over VAR(4)'s, geometric means over
-flights of the medians over windows, as `mavdem compare` has them.
+that of the constant mean; the table has the median over windows. Below is the report of `mavdem compare` beside joint
+autoregressions, whose ratios over flights are geometric means.
 
 Usage: tools/bench/forecasts.py [--windows N] [--preset paper] [--settings JSON]
 """
@@ -18,10 +17,10 @@ import click
 import numpy as np
 
 import mavdem
-from mavdem.evaluate import HORIZONS, METHODS, Comparison, Method, Window, compare, windows
-from mavdem.evaluate.scores import KNOWN, UNKNOWN, Question
+from mavdem.evaluate import METHODS, Comparison, Method, Window, compare, windows
 from mavdem.paper.runner import SHARED, recorded_flights
 from mavdem.report.blocks import Table, markdown
+from mavdem.report.comparison import comparison_report
 
 COLUMNS = ["flight", "windows", "median ratio", "worst", "below 1", "in the 90 % band"]
 
@@ -49,16 +48,6 @@ def by_flight(compared: Comparison) -> Table:
     return Table(COLUMNS, rows)
 
 
-def beside(compared: Comparison, question: Question, theirs: Method) -> str:
-    """Our errors over those of a method, by horizon."""
-    rows = compared.over_flights(question)
-    by_name = {row["method"]: np.array(row["horizons"]) for row in rows}
-    ratios = by_name["ours"] / by_name[theirs.name]
-    over = zip(ratios, HORIZONS, strict=False)
-    at = ", ".join(f"{ratio:.2f} at {step}" for ratio, step in over)
-    return f"Motors {question}, over {theirs.name}: {at} steps."
-
-
 @click.command(help=__doc__)
 @click.option(
     "--windows",
@@ -72,22 +61,14 @@ def main(most: int | None, preset: str, settings: str) -> None:
     base = mavdem.Settings.paper() if preset == "paper" else mavdem.Settings()
     chosen = replace(base, **json.loads(settings))
     ours = Method("ours", partial(mavdem.learn, settings=chosen), predicts=True)
-    four, ten = (method for method in METHODS if method.name.startswith("joint VAR"))
+    joint = [method for method in METHODS if method.name.startswith("joint VAR")]
     parts = [window for named in recorded_flights() for window in cut(*named, most)]
     if not parts:
         sys.exit(
             f"There are no recorded flights in {SHARED}; name their folder in MAVDEM_SHARED_DATA."
         )
-    compared = compare(parts, [ours, four, ten])
-    print(markdown([by_flight(compared)]))
-    (all_of_ours,) = (row for row in compared.over_flights() if row["method"] == "ours")
-    print(f"\nGeometric mean of the medians: {all_of_ours['relative']:.3g}.")
-    worse = all_of_ours["worse_than_constant"]
-    windows_tried = all_of_ours["windows"]
-    print(f"Worse than the constant mean: {worse} of {windows_tried} windows.")
-    print(beside(compared, KNOWN, ten))
-    print(beside(compared, UNKNOWN, four))
-    print(f"In the 90 % band: {all_of_ours['inside'][-1]:.2f} of the samples.")
+    compared = compare(parts, [ours, *joint])
+    print(markdown([by_flight(compared), *comparison_report(compared)]))
 
 
 if __name__ == "__main__":

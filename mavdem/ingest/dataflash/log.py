@@ -130,9 +130,7 @@ FIRMWARES = {
     "sub": "SUBMARINE",
 }
 """MAV_TYPE by what follows "Ardu", "APM:" or "Antenna" in MSG ("ArduCopter V4.5.7", "APM:Copter V3.5")."""
-_FIRMWARE = re.compile(
-    r"^(?:Ardu|APM:|Antenna)?(plane|copter|tracker|blimp|rover|sub)\b", re.IGNORECASE
-)
+_FIRMWARE = re.compile(rf"^(?:Ardu|APM:|Antenna)?({'|'.join(FIRMWARES)})\b", re.IGNORECASE)
 FRAME_CLASSES = (
     "QUADROTOR",
     "QUADROTOR",
