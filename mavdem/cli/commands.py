@@ -13,8 +13,11 @@ import click
 from click.shell_completion import shell_complete
 
 from mavdem.cli.output import (
+    DONE,
     INTERRUPTED,
     OF_SIGNAL,
+    UNSUPPORTED,
+    UNUSABLE,
     complain,
     ending_at_once,
     prepare_streams,
@@ -25,12 +28,7 @@ from mavdem.extras import MissingExtra
 from mavdem.facts import Fact
 from mavdem.facts.command import End
 
-DONE = 0
-UNSUPPORTED = 1
-UNUSABLE = 2
-PIPE_CLOSED = OF_SIGNAL + signal.SIGPIPE
-"""Exit codes: done; the data cannot support the request; bad usage, unreadable input or output that fails; and as a
-shell reports SIGPIPE."""
+PIPE_CLOSED = OF_SIGNAL + signal.SIGPIPE  # the exit code, as a shell reports SIGPIPE
 LOGS = (".tlog", ".mcap", ".bin", ".log", ".ulg")
 HELP = {
     "review": "Reports all that a log says: what happened, lights, next step.",

@@ -4,9 +4,8 @@ from pathlib import Path
 
 import click
 
-from mavdem.cli.commands import UNSUPPORTED
 from mavdem.cli.options import file_option, json_option, refuse_link
-from mavdem.cli.output import check_folder, files_in, print_result, progress, say_aside
+from mavdem.cli.output import UNSUPPORTED, check_folder, files_in, print_result, progress, say_aside
 from mavdem.documents.fleet import Diff
 from mavdem.fleet.difference import SIDES, changed_parameters, vehicle_difference
 from mavdem.fleet.state import of_common_vehicle, state_of

@@ -15,10 +15,12 @@ from rich.text import Text
 
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.alignment.signals import axis_outputs
-from mavdem.cli.commands import DONE, UNSUPPORTED, UNUSABLE
 from mavdem.cli.options import Number, file_option, json_option, model_options, vehicle_option
 from mavdem.cli.output import (
+    DONE,
     STDERR,
+    UNSUPPORTED,
+    UNUSABLE,
     asked_to_end,
     check_file,
     print_json,

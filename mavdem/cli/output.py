@@ -230,6 +230,10 @@ def check_file(path: Path | None, option: str, endings: Names) -> None:
             replaceable(path)
 
 
+DONE = 0
+UNSUPPORTED = 1
+UNUSABLE = 2
+"""Exit codes: done; the data cannot support the request; bad usage, unreadable input or output that fails."""
 # exit codes as a shell reports them: of any signal, less its number; of SIGINT
 OF_SIGNAL = 128
 INTERRUPTED = OF_SIGNAL + signal.SIGINT

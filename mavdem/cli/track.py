@@ -4,7 +4,6 @@ from pathlib import Path
 
 import click
 
-from mavdem.cli.commands import UNSUPPORTED, UNUSABLE
 from mavdem.cli.options import (
     Number,
     jobs_option,
@@ -12,6 +11,8 @@ from mavdem.cli.options import (
     refuse_link,
 )
 from mavdem.cli.output import (
+    UNSUPPORTED,
+    UNUSABLE,
     print_blocks,
     print_json,
     progress,
