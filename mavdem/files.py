@@ -93,8 +93,8 @@ def replaceable(path: PathName) -> Path:
     with suppress(FileNotFoundError):
         mode = target.stat().st_mode
         if not stat.S_ISREG(mode):  # a device must not be replaced
-            what = "it is a folder" if stat.S_ISDIR(mode) else "it is there and no plain file"
-            raise FileExistsError(None, what, str(path))
+            obstacle = "it is a folder" if stat.S_ISDIR(mode) else "it is there and no plain file"
+            raise FileExistsError(None, obstacle, str(path))
     for folder in (Path(path).parent, target.parent):
         if not folder.is_dir():
             raise FileNotFoundError(None, f"there is no folder {folder}", str(path))

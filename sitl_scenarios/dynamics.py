@@ -268,9 +268,9 @@ def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
     return change
 
 
-def dot(one: Three, other: Three) -> float:
+def dot(vector: Three, other: Three) -> float:
     """Returns the inner product."""
-    x, y, z = one
+    x, y, z = vector
     u, v, w = other
     return x * u + y * v + z * w
 

@@ -230,11 +230,11 @@ def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> 
     samples = np.arange(len(torque))
     columns = np.column_stack([np.interp(grid, samples, column) for column in given.T])
     state = State(rotors=(body.hover_speed,) * 4)
-    known = []
+    states = []
     for wanted_roll, wanted_pitch, _, p, q, r, *moments in columns.tolist():
         estimate = sensing.estimate(state._replace(rates=gyro.rates))
         roll, pitch, yaw = angles = euler(estimate.attitude)
-        known.append((angles, estimate.rates))
+        states.append((angles, estimate.rates))
         held = GRAVITY + CLIMB * state.velocity[2] + HEIGHT * state.position[2]
         lift = max(held, GRAVITY / 5)
         upright = max(cos(roll) * cos(pitch), 0.5)
@@ -246,6 +246,6 @@ def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> 
         state = gyro.fly(flown, state, targets, air, steps)
         if not hypot(*state.rates) < MAX_BODY_RATE:
             raise ValueError("the vehicle is out of control: it needs other gains")
-    last = len(known) - 1
+    last = len(states) - 1
     rows = np.searchsorted(grid, samples - 1e-6).clip(max=last)
-    return np.array(known)[rows].mT
+    return np.array(states)[rows].mT

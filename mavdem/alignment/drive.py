@@ -79,8 +79,8 @@ def recorded(telemetry: Telemetry, message: str, *fields: str) -> Signal | None:
     if not all(field in columns for field in fields):
         return None
     table = table_of(columns, fields)
-    found = series(columns, table if len(fields) > 1 else table[:, 0])
-    return found if len(found.time) else None
+    signal = series(columns, table if len(fields) > 1 else table[:, 0])
+    return signal if len(signal.time) else None
 
 
 def message_counts(telemetry: Telemetry, names: Names) -> dict[str, int]:

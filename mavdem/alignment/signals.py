@@ -131,10 +131,10 @@ def once(*of: str) -> Callable[[Find], Find]:
                     signals.known[key] = read_only(find(signals, *arguments, **named))
                 except NotLearnable as error:
                     signals.known[key] = NotLearnable(error.fact)
-            known = signals.known[key]
-            if isinstance(known, NotLearnable):
-                raise NotLearnable(known.fact)
-            return known
+            result = signals.known[key]
+            if isinstance(result, NotLearnable):
+                raise NotLearnable(result.fact)
+            return result
 
         return found
 
@@ -157,13 +157,13 @@ def setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
     "roll rate setpoint" (rad/s) and, not of yaw, "roll setpoint" (rad).
     """
     targets = telemetry.messages.get(TARGET_MESSAGE)
-    found = []
+    logged = []
     if targets is not None:
         masks = targets.get("type_mask", np.zeros(len(targets["time"])))
         ignored = np.asarray(masks).astype(int)
         rates = np.where(ignored & IGNORED[axis], np.nan, floats(targets, f"body_{axis}_rate"))
         rates[abs(rates) > MAX_BODY_RATE] = np.nan
-        found.append(
+        logged.append(
             Setpoint(f"{axis} rate setpoint", "rad/s", TARGET_MESSAGE, series(targets, rates))
         )
         if axis != "yaw":
@@ -173,10 +173,10 @@ def setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
                     TILT_AXES.index(axis)
                 ]
             angles = np.where(ignored & IGNORED["attitude"], np.nan, angles)
-            found.append(
+            logged.append(
                 Setpoint(f"{axis} setpoint", "rad", TARGET_MESSAGE, series(targets, angles))
             )
-    return tuple(setpoint for setpoint in found if len(setpoint.signal.time))
+    return tuple(setpoint for setpoint in logged if len(setpoint.signal.time))
 
 
 def held(setpoint: Setpoint, boot: int, time: Array) -> Array:
@@ -214,8 +214,8 @@ class VehicleSignals:
     @once()
     def attitudes(self) -> tuple[Attitude, ...]:
         """Roll, pitch and yaw; empty where they were not recorded."""
-        found = (attitude(self.telemetry, axis) for axis in AXES)
-        return tuple(each for each in found if each is not None)
+        attitudes = (attitude(self.telemetry, axis) for axis in AXES)
+        return tuple(each for each in attitudes if each is not None)
 
     @property
     def tilts(self) -> tuple[Attitude, ...]:
@@ -362,9 +362,9 @@ class VehicleSignals:
             moving = [-floats(columns, "speed") * part for part in (np.cos(angle), np.sin(angle))]
         else:
             return None
-        found = series(columns, np.column_stack(moving))
+        wind = series(columns, np.column_stack(moving))
         # without drag fusion ArduCopter sends 0
-        return found if found.values.any() else None
+        return wind if wind.values.any() else None
 
     @property
     @once()
@@ -400,8 +400,8 @@ class Signals(VehicleSignals):
     @cached_property
     def attitude(self) -> Attitude | None:
         """Angle and rate of the axis."""
-        known = self.tilts if self.axis in TILT_AXES else self.attitudes
-        return known[AXES.index(self.axis)] if known else None
+        attitudes = self.tilts if self.axis in TILT_AXES else self.attitudes
+        return attitudes[AXES.index(self.axis)] if attitudes else None
 
     @cached_property
     def demand(self) -> Motors | None:
@@ -448,14 +448,14 @@ class Signals(VehicleSignals):
         columns = self.telemetry.messages.get("SIDD")
         if columns is None:
             return ()
-        found = []
+        injected = []
         for where in Injection:
             own = columns["axis"] == where + AXES.index(self.axis)
             scale = 1.0 if where is Injection.DEMAND else np.radians(1.0)
             signal = series(columns, scale * floats(columns, "target"), own)
             if signal.values.any():
-                found.append(Injected(where, signal))
-        return tuple(found)
+                injected.append(Injected(where, signal))
+        return tuple(injected)
 
     @cached_property
     def rates(self) -> tuple[Signal, Signal] | None:

@@ -52,8 +52,8 @@ def loops_of_log(
         raise NotLearnable(learnability.reason)
     flights, caution = with_one_set_of_gains(signals, flown_after(segments, start))
     # With parts of other gains among them all flights may refuse what these allow.
-    known = figures.physical if figures is not None and caution is None else None
-    plant = _plant(signals, flights, known)
+    fitted = figures.physical if figures is not None and caution is None else None
+    plant = _plant(signals, flights, fitted)
     loop = loop_of(plant, Record.of(flights))
     if caution is not None:
         other_gains = (dict(values) for _, values in caution.figures["parts"])
@@ -62,12 +62,12 @@ def loops_of_log(
     return replace(loop, cautions=(*own, *loop.cautions))
 
 
-def _plant(signals: Signals, flights: Flights, known: Physical | None) -> Physical:
-    """The plant in its loop, else the one that inputs and outputs alone tell, which may be ``known``."""
+def _plant(signals: Signals, flights: Flights, fitted: Physical | None) -> Physical:
+    """The plant in its loop, else the one that inputs and outputs alone tell, which may be ``fitted`` already."""
     try:
         return plant_in_loop(signals, flights)
     except NotLearnable as error:
-        plant = (known or physical(flights))._replace(refusal=error.fact)
+        plant = (fitted or physical(flights))._replace(refusal=error.fact)
     if isinstance(plant, Physical) and plant.identifiable:
         return plant
     assert plant.refusal is not None

@@ -56,21 +56,21 @@ def residuals(learned: Learned, output: int = -1) -> Residuals:
     return Residuals(errors, lag, auto, correlation(driven, centred, lags), (width, width * joint))
 
 
-def correlation(one: Array, other: Array, lags: int) -> Array:
-    """Returns (lags + 1,) of ``one`` at a time with ``other`` 0, 1, … samples later."""
-    size = 2 * len(one)
-    products = np.fft.irfft(np.conj(np.fft.rfft(one, size)) * np.fft.rfft(other, size), size)[
+def correlation(first: Array, other: Array, lags: int) -> Array:
+    """Returns (lags + 1,) of ``first`` at a time with ``other`` 0, 1, … samples later."""
+    size = 2 * len(first)
+    products = np.fft.irfft(np.conj(np.fft.rfft(first, size)) * np.fft.rfft(other, size), size)[
         : lags + 1
     ]
-    scale = np.sqrt(float(one @ one) * float(other @ other))
+    scale = np.sqrt(float(first @ first) * float(other @ other))
     return products / scale if scale else np.zeros(lags + 1)
 
 
 def directions(learned: Learned) -> Array:
     """Returns (r,) how each input turns the vehicle, relative to the others: by the mixer, or else as estimated."""
-    known = learned.record.effect_directions
-    if known is not None:
-        return known
+    fitted = learned.record.effect_directions
+    if fitted is not None:
+        return fitted
     if learned.record.inputs.shape[1] == 1:  # the controller's demand
         return np.ones(1)
     effect = learned.model.B[-1] if learned.physical is None else learned.physical.effect

@@ -79,9 +79,12 @@ class Assessment(AssessmentDownstream):
     def seen(self) -> Seen:
         """What an inventory of the log has of the vehicle."""
         assert self.analysis is not None and self.evidence is not None
-        known = self.analysis
+        analysis = self.analysis
         return Seen(
-            self.evidence.signals.telemetry, known.learnability, known.condition, known.identity
+            self.evidence.signals.telemetry,
+            analysis.learnability,
+            analysis.condition,
+            analysis.identity,
         )
 
     def with_axis(self, axis: str) -> Assessment:

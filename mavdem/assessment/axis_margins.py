@@ -39,16 +39,16 @@ class AxisMargins:
     @cached_property
     def facts(self) -> Facts:
         """What is known of it: of the loops or else of the spectrum, and of the response."""
-        found = []
+        facts = []
         if self.injected is not None:
-            found.append(_of_injected(self.axis, self.injected))
+            facts.append(_of_injected(self.axis, self.injected))
         elif isinstance(self.loop, Loop):
-            found.append(_of_loop(self.loop))
+            facts.append(_of_loop(self.loop))
         elif self.peak is not None:
-            found.append(_of_resonance(MarginsLight.RATE_STANDS_OUT, Level.WATCH, self.peak))
+            facts.append(_of_resonance(MarginsLight.RATE_STANDS_OUT, Level.WATCH, self.peak))
         if self.response is not None:
-            found.append(of_response(self.response))
-        return tuple(fact for fact in found if fact.level is not Level.UNKNOWN)
+            facts.append(of_response(self.response))
+        return tuple(fact for fact in facts if fact.level is not Level.UNKNOWN)
 
 
 def margins_of(

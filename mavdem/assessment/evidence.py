@@ -67,10 +67,10 @@ class Evidence:
         A moment at the limit counts only where there was no hover, which shows for what share of the time.
         Facts about such a vehicle are shown :attr:`~mavdem.facts.Fact.grounded`.
         """
-        found = [self.ending, *overrides_of(self.condition, ())]
+        grounds = [self.ending, *overrides_of(self.condition, ())]
         if self.condition.hover is None:
-            found += self.reported([MotionEvent.MOTOR_AT_ITS_STOP])
-        return tuple(filter(None, found))
+            grounds += self.reported([MotionEvent.MOTOR_AT_ITS_STOP])
+        return tuple(filter(None, grounds))
 
     @cached_property
     def lowered(self) -> Fact | None:
@@ -102,13 +102,13 @@ class Evidence:
 
     def settled(self, without: frozenset[str]) -> Segments:
         """Returns settled flight in other modes than those."""
-        found = []
+        segments = []
         for part in settled_parts(self.signals):
             left_out = phases.in_modes(self.signals, part.boot, without)
             spans = phases.both([(part.start, part.end)], phases.outside(left_out))
             spans = phases.both(spans, self._before_loss(part.boot))
-            found += [Segment(part.boot, *span) for span in spans]
-        return tuple(found)
+            segments += [Segment(part.boot, *span) for span in spans]
+        return tuple(segments)
 
     def reported(self, codes: Container[Code]) -> Iterator[Fact]:
         """Yields what the autopilot warned of in flight, of these kinds."""

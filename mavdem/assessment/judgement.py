@@ -53,12 +53,12 @@ class Judgement(Result):
     lights: NamedFacts
 
 
-def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known: Fact) -> Judgement:
-    """Returns the judgement by the ``evidence``, but for lights that are ``known`` by name.
+def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **given: Fact) -> Judgement:
+    """Returns the judgement by the ``evidence``, but for lights that are ``given`` by name.
 
     ``purposes`` are those of a model, graded.
     """
-    lights = {str(light): known.get(light) or LIGHTS[light](evidence) for light in Light}
+    lights = {str(light): given.get(light) or LIGHTS[light](evidence) for light in Light}
     if evidence.grounds:
         lights = {name: light.grounded for name, light in lights.items()}
     headline = headline_of(evidence, lights)
@@ -84,8 +84,8 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     oscillates = evidence.condition.oscillation is not None
     judged = [lights[light] for light in [*[Light.MARGINS] * oscillates, *OF_VEHICLE]]
     of_log = [lights[light] for light in OF_LOG]
-    found = filter(None, [evidence.ending, *evidence.events, *judged, *of_log])
-    bad = [fact for fact in found if fact.level is Level.BAD]
+    facts = filter(None, [evidence.ending, *evidence.events, *judged, *of_log])
+    bad = [fact for fact in facts if fact.level is Level.BAD]
     if bad:
         alike = [fact for fact in bad if fact.code is bad[0].code]
         return max(alike, key=lambda fact: fact.figures.get("rise", 0.0))

@@ -15,11 +15,11 @@ def margins_light(evidence: Evidence) -> Fact:
     oscillation = evidence.condition.oscillation
     if oscillation is not None:
         return Fact(MarginsLight.OSCILLATES, because=evidence.lowered, **oscillation.figures)
-    found = [fact for axis in evidence.margins for fact in axis.facts]
-    found.sort(key=lambda fact: fact.figures.get("share", inf))
-    if found and (light := worst(found)).level in (Level.BAD, Level.WATCH):
+    facts = [fact for axis in evidence.margins for fact in axis.facts]
+    facts.sort(key=lambda fact: fact.figures.get("share", inf))
+    if facts and (light := worst(facts)).level in (Level.BAD, Level.WATCH):
         return light.but(path=evidence.log.source)
-    enough = [fact for fact in found if fact.level is Level.GOOD]
+    enough = [fact for fact in facts if fact.level is Level.GOOD]
     names = dict.fromkeys(fact.figures["axis"] for fact in enough)
     if names.keys() & set(TILT_AXES):
         return enough[0].but(names=tuple(names))

@@ -45,7 +45,7 @@ class Noise(NamedTuple):
         shown = self.spectra.get(BEFORE, self.spectra.get(GYRO))
         if shown is None:
             return (Fact(Codes.NO_SPECTRUM),)
-        found = [
+        facts = [
             Fact(
                 Codes.SPECTRUM_SEEN,
                 name=shown.name,
@@ -54,15 +54,15 @@ class Noise(NamedTuple):
                 windows=len(shown.time),
             )
         ]
-        found += [_of_line(peak) for peak in self.lines]
+        facts += [_of_line(peak) for peak in self.lines]
         behind = self.spectra.get(GYRO)
         if shown.name == BEFORE and behind is not None:
-            found += [
+            facts += [
                 _left(peak, shown, behind)
                 for peak in self.lines
                 if peak.kind is PeakKind.MOTOR and peak.frequency < behind.highest
             ]
-        return tuple(filter(None, (*found, self.notch)))
+        return tuple(filter(None, (*facts, self.notch)))
 
 
 def noise_of(evidence: Evidence) -> Noise:

@@ -33,9 +33,9 @@ OF_POWER = {Reported.BATTERY_WARNED, Reported.BATTERY_ALARMED, Reported.BOARD_VO
 
 def power_light(evidence: Evidence) -> Fact:
     """Returns the worse of battery and supply in flight; unknown where neither was measured."""
-    found = [*_battery(evidence), *_supply(evidence), *evidence.reported(OF_POWER)]
-    if found:
-        return worst(found)
+    facts = [*_battery(evidence), *_supply(evidence), *evidence.reported(OF_POWER)]
+    if facts:
+        return worst(facts)
     voltage = evidence.signals.voltage
     return Fact(
         PowerLight.POWER_UNMEASURED,
@@ -90,9 +90,9 @@ def _battery(evidence: Evidence) -> Iterator[Fact]:
 def _supply(evidence: Evidence) -> Iterator[Fact]:
     """Of the board's voltage; one that never changes is not measured."""
     messages = ("POWER_STATUS", "HWSTATUS")
-    found = (recorded(evidence.signals.telemetry, name, "Vcc") for name in messages)
+    signals = (recorded(evidence.signals.telemetry, name, "Vcc") for name in messages)
     measured = next(
-        (signal for signal in found if signal is not None and np.ptp(signal.values) > 0), None
+        (signal for signal in signals if signal is not None and np.ptp(signal.values) > 0), None
     )
     volts = evidence.averaged(measured) / 1000
     if not len(volts):
@@ -130,11 +130,12 @@ def _resistance(load: list[Signal]) -> tuple[float | None, float | None]:
     most = 0.0
     for part in load:
         rows = part.values[:, 1] > 0
-        known = part.values[rows] * (1e-3, 1e-2)
+        volts_and_amperes = part.values[rows] * (1e-3, 1e-2)
         means = [
-            phases.average(Signal(part.time[rows], part.boot[rows], column)) for column in known.T
+            phases.average(Signal(part.time[rows], part.boot[rows], column))
+            for column in volts_and_amperes.T
         ]
-        apart.append(known.T - means)
+        apart.append(volts_and_amperes.T - means)
         most = max(most, means[1].max(initial=0.0))
     if not most:
         return None, None

@@ -103,11 +103,11 @@ def _event(
     code: Reported,
     time: float,
     level: Level = Level.GOOD,
-    **known: Any,
+    **figures: Any,
 ) -> Fact:
     """A fact of one boot, by the message ``source``."""
     basis = (signals.telemetry.called(source),)
-    return Fact(code, level, time=time, boot=part.boot, basis=basis, **known)
+    return Fact(code, level, time=time, boot=part.boot, basis=basis, **figures)
 
 
 def _arming(signals: Signals, part: Segment) -> Iterator[Fact]:

@@ -110,17 +110,17 @@ def _errors(asked: Signal, seen: Signal, parts: Segments, delays: Array) -> tupl
         if np.count_nonzero(there) > 1:
             setpoints.append(asked.values[rows])
             later = asked.time[rows] + delays[:, None]
-            found = np.interp(later, seen.time[there], seen.values[there])
-            errors.append(found - setpoints[-1])
+            delayed = np.interp(later, seen.time[there], seen.values[there])
+            errors.append(delayed - setpoints[-1])
     return np.concatenate(setpoints), np.concatenate(errors, axis=1)
 
 
 def _overshoot(asked: Signal, angle: Signal, parts: Segments) -> float | None:
     """That of the second-order system whose response has as large a peak as the measured one; None where none shows."""
-    found = spectra((asked, angle), parts, 2 * WINDOW_SECONDS, SLOW_MOTION_RATE)
-    if found is None or not (coherent := found.coherence >= LEAST_COHERENCE).any():
+    estimate = spectra((asked, angle), parts, 2 * WINDOW_SECONDS, SLOW_MOTION_RATE)
+    if estimate is None or not (coherent := estimate.coherence >= LEAST_COHERENCE).any():
         return None
-    peak = abs(found.response[coherent]).max()
+    peak = abs(estimate.response[coherent]).max()
     if peak <= 1:
         return 0.0
     damping = np.sqrt((1 - np.sqrt(1 - peak**-2)) / 2)

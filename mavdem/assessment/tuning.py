@@ -67,7 +67,7 @@ def tuned(
     settings = dict(notch.figures.get("settings", ())) if notch else {}
     measured = {margin.axis: margin.facts[0] for margin in evidence.margins if margin.injected}
     tracking = tracking_of(evidence)
-    found = AdviceByAxis()
+    by_axis = AdviceByAxis()
     advised = list[Advice]()
     refused = dict[str, Fact]()
     for axis in axes:
@@ -86,10 +86,10 @@ def tuned(
             advice = advise(loop, margins, doubts, more=more)
             if settings and not advice.refusals:
                 advice = advise(loop.changed(settings), margins, more=more)
-            found[axis] = advice
+            by_axis[axis] = advice
             advised.append(advice)
         elif first or grounds or len(axes) > 1:
-            found[axis] = refused[axis] = Fact(Loops.NO_LOOP, reasons=grounds or (loop,))
+            by_axis[axis] = refused[axis] = Fact(Loops.NO_LOOP, reasons=grounds or (loop,))
         else:
             raise NotLearnable(loop)
     if not advised:
@@ -106,4 +106,4 @@ def tuned(
     if gains and (headline.level is not Level.BAD or headline == judgement.lights["margins"]):
         following = Fact(NextStep.LOAD_GAINS, headline.level, is_written=is_written)
         judgement = replace(judgement, next_step=following)
-    return read_only(Tuning(found, advised, gains, notch, judgement))
+    return read_only(Tuning(by_axis, advised, gains, notch, judgement))

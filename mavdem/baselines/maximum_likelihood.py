@@ -124,8 +124,8 @@ def _covariance(errors: Array) -> Array:
 
 
 def _minimised(segments: Segments, order: int) -> Fitted:
-    found = found_by_projection(segments, order)
-    objective = PredictionErrors(found.model, found.starts, segments)
+    projected = found_by_projection(segments, order)
+    objective = PredictionErrors(projected.model, projected.starts, segments)
     start = objective.quadratic(objective.at)
     trace, gained = gauss_newton(objective, start, DAMPING, MAX_ITERATIONS)
     best = objective.moved(trace[-1].at)
@@ -161,15 +161,17 @@ class EMFit(NamedTuple):
 
 def iterated(segments: Segments, order: int, iterations: int = MAX_ITERATIONS) -> EMFit:
     """Iterates from the subspace model, with noise, so many ``iterations`` on, or until it has converged."""
-    found, starts, _ = found_by_projection(segments, order)
+    projected, starts, _ = found_by_projection(segments, order)
     pairs = zip(starts, segments, strict=True)
     errors = np.concatenate(
-        [segment[1] - found.predicted(start, *segment) for start, segment in pairs]
+        [segment[1] - projected.predicted(start, *segment) for start, segment in pairs]
     )
     R = errors.T @ errors / len(errors)
-    noise = found.K @ R @ found.K.T + START_NOISE * np.eye(order)
+    noise = projected.K @ R @ projected.K.T + START_NOISE * np.eye(order)
     R += ROUNDING * np.eye(len(R))
-    model = GaussianModel(found.A, found.B, found.offset, found.C, found.output_trim, noise, R)
+    model = GaussianModel(
+        projected.A, projected.B, projected.offset, projected.C, projected.output_trim, noise, R
+    )
     likelihoods = []
     for _ in range(iterations):
         expected = [

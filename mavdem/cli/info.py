@@ -47,15 +47,15 @@ def info_command(
         assess_signals(log, Signals(telemetry, axis, inputs), axis, options)
         for telemetry in vehicles
     ]
-    held = inventory(log, [found.seen for found in assessments])
+    held = inventory(log, [assessment.seen for assessment in assessments])
     streams = [] if as_json else stream_contents(held)
-    for shown, found in zip(held["vehicles"], assessments, strict=True):
-        shown |= vehicle_document(found)
+    for shown, assessment in zip(held["vehicles"], assessments, strict=True):
+        shown |= vehicle_document(assessment)
         if not as_json:
-            above, *lights, following = conclusion(found.judgement)
+            above, *lights, following = conclusion(assessment.judgement)
             more = [*lights, *streams]
             contents = vehicle_contents(shown)
-            print_screen(title_of(found), contents, more, [above, following], verbose)
+            print_screen(title_of(assessment), contents, more, [above, following], verbose)
     held["learnable"] = any(vehicle["model"] for vehicle in held["vehicles"])
     if as_json:
         print_json(held)

@@ -286,8 +286,8 @@ def live_command(
             say_aside(f"There was nothing to show, so {rrd} was not written.")
         has_page = html is None
         if html is not None:
-            known = session.link.name, axis, session.history, status, account, learned
-            has_page = _written(html, live_page(*known), "page")
+            shown_of_flight = session.link.name, axis, session.history, status, account, learned
+            has_page = _written(html, live_page(*shown_of_flight), "page")
         if as_json:
             written = {
                 "rrd": str(rrd) if file is not None and file.whole else None,
@@ -314,17 +314,17 @@ def _at_end(
     return model, page
 
 
-def _written(path: Path | None, text: str, what: str) -> bool:
+def _written(path: Path | None, text: str, document: str) -> bool:
     """Writes the model or the page; returns whether nothing was lost."""
     if path is None:
-        say_aside(f"The {what} was not written.")
+        say_aside(f"The {document} was not written.")
         return True
     try:
         write_text(path, text)
     except Unreadable as error:
-        say_aside(f"The {what} is lost: {error}")
+        say_aside(f"The {document} is lost: {error}")
         return False
-    say_aside(f"Wrote the {what} to {path}.")
+    say_aside(f"Wrote the {document} to {path}.")
     return True
 
 
@@ -359,14 +359,14 @@ class StatusLines:
         changed = [fact for said, fact in self._watched.items() if said not in before]
         if changed:
             say_aside(watching(changed))
-        known = [printable(said.text) for said in section("live_status", status=status)]
+        sentences = [printable(said.text) for said in section("live_status", status=status)]
         if self._place is None:
-            new = [said for said in known if said not in self._said]
-            self._said = known
+            new = [said for said in sentences if said not in self._said]
+            self._said = sentences
             if new:
                 say_aside(" ".join(new))
             return
-        line, *wrong = known
+        line, *wrong = sentences
         rest = Text(" ".join([*wrong, watching(status.watched)]), _style(*status.alarm))
         rest.truncate(STDERR.width, overflow="ellipsis")
         self._place.update(Group(line, rest), refresh=True)

@@ -118,8 +118,8 @@ def model_options(command: Command) -> Command:
 def _settings(context: click.Context, parameter: click.Parameter, order: int | None) -> Settings:
     preset = context.params.pop("preset")
     if order is not None and order not in ORDERS[preset]:
-        what = f"{order} is not in {SPOKEN[preset]}, the numbers of states of --preset {preset}."
-        raise click.BadParameter(what, param_hint="--order")
+        refusal = f"{order} is not in {SPOKEN[preset]}, the numbers of states of --preset {preset}."
+        raise click.BadParameter(refusal, param_hint="--order")
     settings = Settings.paper() if preset == "paper" else Settings()
     return settings if order is None else replace(settings, order=order)
 

@@ -32,10 +32,10 @@ def _is_free(report: Path, log: Path) -> bool:
     if not os.path.isfile(report):
         return True
     with suppress(Exception):  # it may be anything, of another program
-        found = json.loads(report.read_text())
-        if found["document"] == "learn":  # which names a log only if it has settled flight
-            found = found.get("flight", {"source": log})
-        return os.path.realpath(found["source"]) == os.path.realpath(log)
+        document = json.loads(report.read_text())
+        if document["document"] == "learn":  # which names a log only if it has settled flight
+            document = document.get("flight", {"source": log})
+        return os.path.realpath(document["source"]) == os.path.realpath(log)
     return False
 
 

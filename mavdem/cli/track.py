@@ -117,8 +117,8 @@ def track_command(
         refuse_link(name)
     limits = Limits(time_limit, memory_limit)
     if scheduler is not None and jobs:
-        what = "it is of this machine; with --scheduler the cluster has its own."
-        raise click.BadParameter(what, param_hint="--jobs")
+        refusal = "it is of this machine; with --scheduler the cluster has its own."
+        raise click.BadParameter(refusal, param_hint="--jobs")
     reader = (
         Cluster(scheduler, limits, rows_of_log)
         if scheduler is not None

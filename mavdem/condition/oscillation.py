@@ -138,10 +138,10 @@ def _limit_cycles(
     limited = np.any(np.logical_or(*at_limits(shares, motors.scale)), axis=1)
     columns = [*(shares - shares.mean(axis=1, keepdims=True)).T, limited]
     outputs = [Signal(motors.time, motors.boot, column) for column in columns]
-    found = evenly_sampled([tilt.rates, *outputs], parts, seconds, FEWEST_SAMPLES / seconds)
-    if found is None:
+    grid = evenly_sampled([tilt.rates, *outputs], parts, seconds, FEWEST_SAMPLES / seconds)
+    if grid is None:
         return
-    sampled, pieces = found
+    sampled, pieces = grid
     size = round(seconds * sampled)
     bins = np.fft.rfftfreq(size, 1 / sampled)
     for piece in pieces:

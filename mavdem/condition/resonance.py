@@ -217,12 +217,12 @@ def spectra_of_pieces(
     windows = [spectra_of(piece, size) for piece in pieces if piece.shape[1] >= size]
     if sum(window.shape[1] for window in windows) < FEWEST_WINDOWS:
         return None
-    found = np.concatenate(windows, axis=1)
+    transforms = np.concatenate(windows, axis=1)
     return Spectra(
         frequency=np.asarray(np.fft.rfftfreq(size, 1 / sampled), np.float64),
-        windows=found.shape[1],
-        power=np.einsum("iwf,jwf->ijf", found.conj(), found),
-        usual=np.median(np.square(abs(found[1])), axis=0),
+        windows=transforms.shape[1],
+        power=np.einsum("iwf,jwf->ijf", transforms.conj(), transforms),
+        usual=np.median(np.square(abs(transforms[1])), axis=0),
     )
 
 

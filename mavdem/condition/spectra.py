@@ -77,8 +77,8 @@ class Spectrum(Result):
     @cached_property
     def by_throttle(self) -> Pair:
         """(L,) throttle, and (L, F) mean density of all axes there, in windows of even number; empty without it."""
-        known = np.count_nonzero(np.isfinite(self.throttle))
-        order = np.argsort(self.throttle)[:known]
+        windows = np.count_nonzero(np.isfinite(self.throttle))
+        order = np.argsort(self.throttle)[:windows]
         if not len(order):
             return np.zeros(0), np.zeros((0, len(self.frequency)))
         count = min(LEVELS, len(order))

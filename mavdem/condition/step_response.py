@@ -188,10 +188,10 @@ def _response(
     seconds = SECONDS[loop]
     if min(map(usual_rate, used)) < least:
         return Fact(StepResponses.TOO_SLOW, subject=subject, least_rate=least)
-    found = evenly_sampled(used, parts, 4 * seconds, least, TAPS / seconds)
-    if found is None:
+    grid = evenly_sampled(used, parts, 4 * seconds, least, TAPS / seconds)
+    if grid is None:
         return Fact(StepResponses.TOO_LITTLE_FLIGHT, subject=subject, least_duration=4 * seconds)
-    sampled, pieces = found
+    sampled, pieces = grid
     pieces = [piece for piece in pieces if np.ptp(piece[0])]
     samples = sum(piece.shape[1] for piece in pieces)
     least_samples = 2 * FEWEST_WINDOWS * seconds * sampled
@@ -313,11 +313,11 @@ def _step(asked: Array, seen: Array, driver: Array, taps: int) -> _Fit:
     )
     moment = np.tensordot(instruments, target, axes=((0, 1), (0, 1)))
     steady = np.full(taps, 1 / STEADY)
-    known = np.outer(steady, steady)
-    precision = normal + known
+    constraint = np.outer(steady, steady)
+    precision = normal + constraint
     pulled = moment + steady / STEADY
     prior = _prior(precision, pulled)
-    informed = own + known
+    informed = own + constraint
     identity = np.eye(taps)
     inverse = np.linalg.solve(identity + prior @ informed, prior)
     weights = inverse @ pulled

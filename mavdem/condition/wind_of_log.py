@@ -158,10 +158,10 @@ def _longest_stuck(position: Signal | None, boot: int, flown: Array) -> float:
     if position is None or not np.any(here := position.boot == boot):
         return 0.0
     time, roll, pitch = flown[:, :3].T
-    place = [
+    positions = [
         np.interp([time - 1.0, time], position.time[here], axis) for axis in position.values[here].T
     ]
-    way = np.diff(place, axis=1)[:, 0]
+    way = np.diff(positions, axis=1)[:, 0]
     moved = np.linalg.norm(way, axis=0)
     lean = np.arccos(np.cos(roll) * np.cos(pitch))
     stuck = (lean >= STUCK_LEAN) & (moved < STUCK_METRES)

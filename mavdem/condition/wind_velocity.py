@@ -206,7 +206,7 @@ def estimate_wind(
         coarse, fine = (gridded(stamps, angles, speeds, most=most) for most in (STEPS // 2, STEPS))
         mean, covariance, steered = identified(coarse, prior)
         states, spreads = courses(fine, mean, covariance)
-    found = Drag(mean[:6], covariance[:6, :6])
+    drag_in_flight = Drag(mean[:6], covariance[:6, :6])
     winds = states @ TOTAL.T
     variances = np.einsum("ai,tnij,aj->tna", TOTAL, spreads, TOTAL)
     whole = _mean(winds, variances, fine.step)
@@ -222,9 +222,9 @@ def estimate_wind(
         minutes.append({**minute, "start": start, "end": end})
     layers = []
     heights = np.interp(fine.time, stamps, high_up[usable])
-    place = np.floor(heights / LAYER)
-    for n in np.unique(place):
-        sensed = air[place == n]
+    layer_of_sample = np.floor(heights / LAYER)
+    for n in np.unique(layer_of_sample):
+        sensed = air[layer_of_sample == n]
         if len(sensed) * fine.step >= INDEPENDENT_SECONDS:
             north, east = sensed.mean(axis=0).tolist()
             layers.append(
@@ -236,9 +236,11 @@ def estimate_wind(
             )
     through_air = fine.velocity[:, :2] - air
     moved = np.nanmean(np.hypot(*through_air.T))
-    sd = found.relative_sd(moved)
+    sd = drag_in_flight.relative_sd(moved)
     relative_sd = sd / prior.relative_sd(moved)
-    found = replace(found, source=prior.source if relative_sd > DRAG_LEFT else DragSource.FLIGHT)
+    drag_in_flight = replace(
+        drag_in_flight, source=prior.source if relative_sd > DRAG_LEFT else DragSource.FLIGHT
+    )
     doubts = list(_doubts(whole, sd, relative_sd, steered, prior.source))
     gusts = np.convolve(np.hypot(*air.T), np.ones(width) / width, mode="valid")
     mean_square = max(float(mean @ mean), 1e-9)
@@ -258,7 +260,7 @@ def estimate_wind(
         along=np.einsum("tij,tj->ti", fine.axes, fine.velocity - [*mean, 0.0]),
         minutes=tuple(minutes),
         profile=tuple(layers if len(layers) > 1 else ()),
-        drag=found,
+        drag=drag_in_flight,
         status=status,
         reasons={name: doubt for name, _, doubt in doubts},
     )

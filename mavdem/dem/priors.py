@@ -31,8 +31,8 @@ class Scaling:
         Raises ``ValueError`` where an output or all inputs are constant.
         """
         inputs, outputs = record.spread
-        known = settings.known_inputs
-        record.require_moving(known and not inputs.moving.any())
+        has_inputs = settings.known_inputs
+        record.require_moving(has_inputs and not inputs.moving.any())
         m = len(outputs.mean)
         constant = settings.scaling == "channel"
         output_trim = np.zeros(m)
@@ -42,14 +42,14 @@ class Scaling:
         if constant:
             output_trim = outputs.mean
             output_scale = np.sqrt(outputs.variance)
-        if known and constant:
+        if has_inputs and constant:
             trim[:] = inputs.mean
             # One scale for all inputs: the noise of a motor that hardly moves must not be amplified.
             scale[:] = np.sqrt(inputs.variance.mean())
-        if known and settings.scaling == "paper":
+        if has_inputs and settings.scaling == "paper":
             trim[:] = inputs.mean.mean()
             scale[:] = inputs.highest.max() - inputs.lowest.min()
-        return cls(trim, scale, output_trim, output_scale, constant, known)
+        return cls(trim, scale, output_trim, output_scale, constant, has_inputs)
 
     def scale_inputs(self, inputs: Array) -> Array:
         """Brings (T, r) inputs in the unit of the stream to (T, r or r + 1) in the engine's."""

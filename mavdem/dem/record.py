@@ -332,13 +332,13 @@ def _controlled(flights: Sequence[UniformRecord]) -> Values:
     provenance = getattr(flights[0], "provenance", {})
     names = getattr(flights[0], "setpoint_names", ())
     scale = provenance.get("scale", {})
-    found = Values()
-    found |= {name: dict(provenance.get(name, {})) for name in ("parameters", "earlier")}
-    found["input_range"] = (scale["low"], scale["high"]) if scale else ()
+    fields = Values()
+    fields |= {name: dict(provenance.get(name, {})) for name in ("parameters", "earlier")}
+    fields["input_range"] = (scale["low"], scale["high"]) if scale else ()
     if names and all(getattr(flight, "setpoint_names", ()) == names for flight in flights):
         asked = [getattr(flight, "setpoints") for flight in flights]  # noqa: B009
-        found |= {"setpoints": np.concatenate(asked), "setpoint_names": names}
-    return found
+        fields |= {"setpoints": np.concatenate(asked), "setpoint_names": names}
+    return fields
 
 
 def _checked(train: UniformRecord) -> tuple[Array, Array, float]:

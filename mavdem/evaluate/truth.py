@@ -170,8 +170,10 @@ def _parameters(
         names = [f"{Compared.EFFECT_OF} {name.split(' (')[0]}" for name in flight.input_names]
         rows = [*zip(names, physical.effect.tolist(), effect.tolist(), true.tolist(), strict=True)]
         rows.append((Compared.MEAN_EFFECT, *physical.mean_effect(), float(abs(true).mean())))
-        for name, estimate, half, known in rows:
-            yield ComparedParameter(name, "rad/s² per µs", estimate, half, known, status["effect"])
+        for name, estimate, half, true_value in rows:
+            yield ComparedParameter(
+                name, "rad/s² per µs", estimate, half, true_value, status["effect"]
+            )
     for (name, unit, key), half in zip(PLANT, halves, strict=True):
         state = status.get(key, status["lag"])
         yield ComparedParameter(

@@ -125,8 +125,8 @@ def windows_as_asked(
 ) -> tuple[Window, ...]:
     """Returns the :func:`windows` of these lengths; raises ``TooFewSamples`` where none fits."""
     lengths = part_samples(flight.dt, train, test)
-    if found := windows(name, flight, *lengths, hop):
-        return found
+    if cut := windows(name, flight, *lengths, hop):
+        return cut
     raise too_short(flight, 0.0, *lengths, FEWEST_SAMPLES)
 
 

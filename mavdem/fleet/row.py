@@ -400,14 +400,14 @@ def _of_report(report: Mapping[str, Any]) -> Values:
             columns = {"motors": report["inputs"]} | columns
     overrides = report.get("overrides", ())
     warnings = [*overrides, *(cautions or ())]
-    known = {
+    figures = {
         "inputs": inputs,
         "input_unit": unit,
         "overrides": [override.code for override in overrides],
         "warnings": warnings,
         "warning_codes": [fact.code for fact in warnings],
     }
-    return columns | known
+    return columns | figures
 
 
 def _value_at(report: Mapping[str, Any], path: str) -> Any:

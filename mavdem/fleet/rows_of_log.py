@@ -40,7 +40,7 @@ def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogR
     for telemetry in log.vehicles:
         try:
             assessment = assess_signals(log, Signals(telemetry)).with_axis("pitch")
-            found = rows_of_assessment(assessment, str(path))
+            judged = rows_of_assessment(assessment, str(path))
         except (MemoryError, OSError, Unreadable):
             raise  # of the whole log
         except Exception as error:  # others in the log keep their rows
@@ -52,11 +52,11 @@ def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogR
                 )
             )
             continue
-        if found[0].has_flight and page is not None:
+        if judged[0].has_flight and page is not None:
             name = f"{key[:16]}-{telemetry.system}-{telemetry.component}.html"
             pages[name] = page(path.name, assessment)
-            found = [replace(row, page=f"{PAGES}/{name}") for row in found]
-        rows += found
+            judged = [replace(row, page=f"{PAGES}/{name}") for row in judged]
+        rows += judged
     return rows or [FlightRow.without_flight(str(path), Fact(Reading.NO_VEHICLE))], pages
 
 

@@ -66,8 +66,8 @@ def read_rows(folder: Path) -> FlightRows:
     uri = f"{path.absolute().as_uri()}?{access}"
     try:
         with closing(sqlite3.connect(uri, timeout=BUSY_SECONDS, uri=True)) as db:
-            known = db.execute("select row, file from flights where file is not null")
-            rows = [_row(*values) for values in known]
+            stored = db.execute("select row, file from flights where file is not null")
+            rows = [_row(*values) for values in stored]
     except sqlite3.Error as error:
         raise Unreadable(_damaged(path, error)) from None
     return sorted(rows, key=lambda row: row.order)

@@ -242,9 +242,11 @@ def perform(job: Job, limits: Limits, read: ReadLog) -> Outcome:
     return replace(outcome, seconds=time.perf_counter() - began, megabytes=kilobytes / 1024)
 
 
-def _limit(what: int, soft: int) -> None:
-    hard = resource.getrlimit(what)[1]
-    resource.setrlimit(what, (soft if hard == resource.RLIM_INFINITY else min(soft, hard), hard))
+def _limit(resource_number: int, soft: int) -> None:
+    hard = resource.getrlimit(resource_number)[1]
+    resource.setrlimit(
+        resource_number, (soft if hard == resource.RLIM_INFINITY else min(soft, hard), hard)
+    )
 
 
 def outcome_of(job: Job, read: ReadLog) -> Outcome:

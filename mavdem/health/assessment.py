@@ -128,7 +128,7 @@ def _assessment(
     balance = 1 - weighed.healthy
     same_effort = 1.0 if effort is None else 1 - effort.probability
     change = 1 - weighed.healthy * same_effort
-    known = weighed.fault, change
+    probabilities = weighed.fault, change
     if weighed.fault >= PROBABLE:
         suspect = int(weighed.faults.argmax())
         likely = weighed.faults[suspect]
@@ -144,11 +144,11 @@ def _assessment(
             **reference,
         )
         motor = suspect + 1 if is_named else None
-        return HealthAssessment(MotorHealth.FAULT, weak, *known, motor)
+        return HealthAssessment(MotorHealth.FAULT, weak, *probabilities, motor)
     # Whatever the weights of the explanations are, what healthy flights do not show is a change.
     if change < PROBABLE and not away.beyond:
         same = Fact(MotorsBetween.MOTORS_UNCHANGED, probability=change, **reference)
-        return HealthAssessment(MotorHealth.OK, same, *known)
+        return HealthAssessment(MotorHealth.OK, same, *probabilities)
     differs = {"shift": away.change, "usual": away.usual, **reference}
     drift = Fact(MotorsBetween.BALANCE_OUTSIDE, **differs)
     if change >= PROBABLE and effort is not None and effort.probability > balance:
@@ -172,7 +172,7 @@ def _assessment(
             rise=weighed.harder[:, motor],
             **differs,
         )
-    return HealthAssessment(MotorHealth.DRIFT, drift, *known)
+    return HealthAssessment(MotorHealth.DRIFT, drift, *probabilities)
 
 
 PRIORS = {"healthy": 0.76, "motor": 0.10, "load": 0.08, "yaw": 0.04, "other": 0.02}

@@ -234,17 +234,17 @@ def losses_of(changes: Sequence[MotorAlarm]) -> list[Fact]:
     for change in changes:
         motor = change.boot, change.name
         if change.weak:
-            known = lasting.get(motor, change)
-            lasting[motor] = max(known, change, key=lambda loss: loss.size)
+            largest = lasting.get(motor, change)
+            lasting[motor] = max(largest, change, key=lambda loss: loss.size)
         elif motor in lasting:
             ended.append((lasting.pop(motor), change.since))
     least = min((loss.size for loss in lasting.values()), default=inf)
-    found = [_lost(loss, None, Level.BAD) for loss in lasting.values()]
+    losses = [_lost(loss, None, Level.BAD) for loss in lasting.values()]
     for loss, until in ended:
-        found.append(_lost(loss, until, Level.BAD if loss.size > least else Level.WATCH))
-    found.sort(key=lambda loss: (loss.level is Level.WATCH, -loss.figures["rise"]))
-    names = dict.fromkeys(loss.subject for loss in found if loss.level is Level.BAD)
-    return [loss.but(names=tuple(names)) for loss in found]
+        losses.append(_lost(loss, until, Level.BAD if loss.size > least else Level.WATCH))
+    losses.sort(key=lambda loss: (loss.level is Level.WATCH, -loss.figures["rise"]))
+    names = dict.fromkeys(loss.subject for loss in losses if loss.level is Level.BAD)
+    return [loss.but(names=tuple(names)) for loss in losses]
 
 
 def _lost(worst: MotorAlarm, until: float | None, level: Level) -> Fact:
@@ -480,16 +480,16 @@ class MotorWatch:
         return len(after) > 1 and is_before and min(after.values()) > -SHOWN_SHARE
 
     def _motors_changed(
-        self, rises: Array, n: int, changes: _Changes, place: int, odds: float
+        self, rises: Array, n: int, changes: _Changes, window: int, odds: float
     ) -> None:
         """What a change in proportion to ``rises`` (k,) says, which began ``n`` blocks ago."""
         since = np.mean(self._blocks[-n:], axis=0)
-        before = since - changes.moved[place]
+        before = since - changes.moved[window]
         after = np.mean(self._blocks[1 - n :], axis=0)  # Without the block that it began in
         # The balance is in shares of the mean command, which rises too.
         mean_rise = (rises / self._own).mean()
         signature = rises @ self._signatures - mean_rise * after
-        weighted = signature / changes.variance[place]
+        weighted = signature / changes.variance[window]
         power = weighted @ signature
         commands = self._mixer @ [1.0, *before]
         own = rises / commands  # Of the motors' own commands
@@ -515,8 +515,8 @@ class MotorWatch:
             self.weak[motor] = self._found(motor, n, odds, rise, *loss)
         # What comes is compared with what is now, once the vehicle has settled.
         self._keep(n - SETTLING_BLOCKS)
-        self._noise = changes.noise[place]
-        self._freedom = min(changes.freedom[place], MOST_FREEDOM)
+        self._noise = changes.noise[window]
+        self._freedom = min(changes.freedom[window], MOST_FREEDOM)
 
     def _found(
         self, motor: int | None, n: int, odds: float, size: float, *loss: float

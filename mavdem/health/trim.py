@@ -54,14 +54,14 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
     half = quantile() * np.sqrt(mixer**2 @ variance)
     sure = abs(apart) - half
     most = int(np.argmax(sure))
-    known = {"shift": level, "deviation": apart[most], "half": half[most]}
-    known["assumed"] = layout.positions_assumed
+    figures = {"shift": level, "deviation": apart[most], "half": half[most]}
+    figures["assumed"] = layout.positions_assumed
     if sure[most] <= FAULT_RISE:
         if half.max() > FAULT_RISE:
-            return Fact(Trim.TRIM_UNSURE, **known)
+            return Fact(Trim.TRIM_UNSURE, **figures)
         # the vehicle's own trim may have hidden as much as is even
         hidden = (FAULT_RISE + apart + half) / np.diag(mixer @ signatures.weights[1:])
-        return Fact(Trim.TRIM_EVEN, most_loss=lost_thrust(hidden.max()), **known)
+        return Fact(Trim.TRIM_EVEN, most_loss=lost_thrust(hidden.max()), **figures)
     scale = np.sqrt(SCATTER**2 + variance)
     lean = float(np.linalg.norm(balance.lean))
     away = Deviation(level, scale, SCATTER_FREEDOM, lean)
@@ -75,19 +75,19 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
             probability=weighed.motors[motor],
             rise=rise,
             loss=lost_thrust(rise),
-            **known,
+            **figures,
         )
     roll, pitch, yaw = level.tolist()
     by_yaw = weighed.shares["yaw"]
     by_load = weighed.shares["load"]
     if by_yaw >= PROBABLE:
-        return Fact(Trim.TRIM_OF_YAW, share=yaw, probability=by_yaw, **known)
+        return Fact(Trim.TRIM_OF_YAW, share=yaw, probability=by_yaw, **figures)
     if by_load >= PROBABLE:
         return Fact(
             Trim.TRIM_OF_CENTRE,
             place=place_name((pitch, -roll)),
             share=np.hypot(roll, pitch),
             probability=by_load,
-            **known,
+            **figures,
         )
-    return Fact(Trim.TRIM_OF_SEVERAL, **known)
+    return Fact(Trim.TRIM_OF_SEVERAL, **figures)

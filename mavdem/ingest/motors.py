@@ -178,12 +178,12 @@ def motor_geometry(
     whose outputs change, ``bank`` how many channels a bank has (PX4 numbers those of each driver, and bank, from 1).
     """
     drivers: dict[int, Driver] = {}
-    known: dict[int, int] = {}
+    channel_of: dict[int, int] = {}
     places = {}
     turns = {}
     others = set()
     if autopilot == "PX4":
-        known, drivers = _px4_channels(parameters, moving, bank)
+        channel_of, drivers = _px4_channels(parameters, moving, bank)
         # n of the control allocation is motor n + 1
         for n in range(min(int(parameters.get("CA_ROTOR_COUNT", 0)), 12)):
             x, y, moment = (parameters.get(f"CA_ROTOR{n}_{name}") for name in ("PX", "PY", "KM"))
@@ -199,13 +199,13 @@ def motor_geometry(
         for channel in range(32, 0, -1):
             function = int(parameters.get(f"SERVO{channel}_FUNCTION", 0))
             if function in motor_of:
-                known[motor_of[function]] = channel
+                channel_of[motor_of[function]] = channel
             # Before ArduCopter 3.5 motors have no function, and gimbals have RCn_FUNCTION.
             if parameters.get(f"RC{channel}_FUNCTION", function) not in (0, *motor_of):
                 others.add(channel)
         moving = [channel for channel in moving if channel not in others]
         if vehicle == "TRICOPTER":
-            known.pop(7, None)  # the servo that tilts the rear motor
+            channel_of.pop(7, None)  # the servo that tilts the rear motor
         frame_class = int(parameters.get("FRAME_CLASS", 0))
         frame_type = int(parameters.get("FRAME_TYPE", -1))
         if "FRAME_CLASS" not in parameters and "FRAME" in parameters:
@@ -218,7 +218,7 @@ def motor_geometry(
             del places[3]  # its servo has another number, and it has no motor of this one
         channels_by = ChannelBasis.SERVO_FUNCTIONS
     # some of the parameters did not come
-    if len(known) < MOTOR_COUNTS.get(vehicle, 1):
+    if len(channel_of) < MOTOR_COUNTS.get(vehicle, 1):
         count = MOTOR_COUNTS.get(vehicle, len(moving))
         moved = sorted(moving)[:count]
         channels_by = ChannelBasis.MOVING_CHANNELS
@@ -228,9 +228,9 @@ def motor_geometry(
         if count / 2 <= len(moved) < count and set(moved) <= set(usual) and vehicle != "TRICOPTER":
             moved = usual
             channels_by = ChannelBasis.FIRST_CHANNELS
-        known = dict(enumerate(moved, 1))
-    motors = tuple(sorted(known))
-    channels = tuple(known[motor] for motor in sorted(known))
+        channel_of = dict(enumerate(moved, 1))
+    motors = tuple(sorted(channel_of))
+    channels = tuple(channel_of[motor] for motor in sorted(channel_of))
     if not channels:
         return None
     places_by = PlaceBasis.PARAMETERS

@@ -58,9 +58,9 @@ def read_ulog(path: PathName) -> Log:
     topics, repairs = _topics(log)
     vehicle, made, names = messages(topics, parameters)
     if not made:
-        found = sorted({topic.name for topic in log.data_list})
+        topic_names = sorted({topic.name for topic in log.data_list})
         raise Unreadable(
-            Source.ULOG_WITHOUT_FLIGHT, path=source, names=found, damaged=log.file_corruption
+            Source.ULOG_WITHOUT_FLIGHT, path=source, names=topic_names, damaged=log.file_corruption
         )
     if texts := log.logged_messages:
         severity, stamps = (

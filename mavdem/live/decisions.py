@@ -310,7 +310,7 @@ def tilt_of(message: str, time: Array, boot: int, angle: Array, rate: Array) -> 
     return Attitude(message, time, np.full(count, boot), angle, rate, rate, count, 0, 0)
 
 
-def evidence_of(signals: Signals, condition: Condition, **known: Any) -> Evidence:
+def evidence_of(signals: Signals, condition: Condition, **fields: Any) -> Evidence:
     """Returns what a live vehicle is judged by, in flight for as long as its ``condition`` says."""
     unknown = Fact(Unjudged.NOT_JUDGED, because=None)
     learnability = Learnability(
@@ -320,7 +320,7 @@ def evidence_of(signals: Signals, condition: Condition, **known: Any) -> Evidenc
         figures=QualityFigures(armed=condition.duration, airborne=condition.duration),
     )
     return Evidence(
-        log_of_vehicles((signals.telemetry,), 0, 0), signals, learnability, condition, **known
+        log_of_vehicles((signals.telemetry,), 0, 0), signals, learnability, condition, **fields
     )
 
 

@@ -181,7 +181,7 @@ class LiveSession:
         now = time.monotonic()
         behind = now - self.now
         self._shed = {
-            what for what, limit in SHED.items() if behind >= limit / (1 + (what in self._shed))
+            task for task, limit in SHED.items() if behind >= limit / (1 + (task in self._shed))
         }
         if self._display is not None:
             self._display.hold(Task.PLOTS in self._shed)
@@ -229,9 +229,9 @@ class LiveSession:
             resumed[Missing.MOTION] = self._heard - self._sampled
             self._samples = self.stream.samples
             self._sampled = self._heard
-        for what, after in resumed.items():
+        for stream, after in resumed.items():
             if SILENCE_SECONDS < after < np.inf:
-                self._log(Fact(Rows.MESSAGES_RESUMED, subject=what, duration=after))
+                self._log(Fact(Rows.MESSAGES_RESUMED, subject=stream, duration=after))
         is_new = self.stream.boot != boot or resumed[Missing.MESSAGES] > SILENCE_SECONDS
         if is_new and self.request is not None:
             self._arrivals = Arrivals()

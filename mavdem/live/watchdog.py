@@ -157,20 +157,20 @@ class Watchdog:
 
     def _changes(self, watched: Mapping[Watched, Fact], now: float) -> Iterator[Fact]:
         """What became wrong, or worse, and what no longer is."""
-        for what, fact in watched.items():
-            light = str(LIGHTS[what])
+        for kind, fact in watched.items():
+            light = str(LIGHTS[kind])
             self.lights[light] = worst([fact, self.lights.get(light, fact)])
             if fact.level not in (Level.WATCH, Level.BAD):
                 continue
-            before = self.standing.get(what)
-            self._seen[what] = now
+            before = self.standing.get(kind)
+            self._seen[kind] = now
             if before is None or (before.level, before.code) != (fact.level, fact.code):
-                self.standing[what] = fact
+                self.standing[kind] = fact
                 yield alarm_of(fact, now)
-        for what in [*self.standing]:
+        for kind in [*self.standing]:
             has_landed = self._phases[-1][1] == ON_GROUND
-            if has_landed or now - self._seen[what] >= CALM_SECONDS:
-                yield Fact(Watch.ALARM_OVER, time=self._seen[what], because=self.standing.pop(what))
+            if has_landed or now - self._seen[kind] >= CALM_SECONDS:
+                yield Fact(Watch.ALARM_OVER, time=self._seen[kind], because=self.standing.pop(kind))
 
     def _note(
         self, watched: Mapping[Watched, Fact], motion: Motion | None, is_flying: bool, now: float
@@ -185,24 +185,24 @@ class Watchdog:
         elif motion.rate < MINIMUM_RATE / 2:
             slow = Fact(Watch.MESSAGE_MISSING, name=motion.motors.message, rate=motion.rate)
             missing[Watched.OSCILLATION] = slow
-        for what, names in {
+        for kind, names in {
             Watched.VIBRATION: ["VIBRATION"],
             Watched.BATTERY: BATTERY_MESSAGES,
             Watched.WARNINGS: ["HEARTBEAT"],
         }.items():
             if not sent.intersection(names):
-                missing[what] = Fact(Watch.MESSAGE_MISSING, name=names[0], rate=None)
-        for what in [*Watched][1:]:
-            waits = None if is_flying or what is Watched.WARNINGS else Fact(Watch.ON_GROUND_NOW)
-            self.watches(what, missing.get(what) or waits, now)
+                missing[kind] = Fact(Watch.MESSAGE_MISSING, name=names[0], rate=None)
+        for kind in [*Watched][1:]:
+            waits = None if is_flying or kind is Watched.WARNINGS else Fact(Watch.ON_GROUND_NOW)
+            self.watches(kind, missing.get(kind) or waits, now)
 
-    def watches(self, what: Watched, obstacle: Fact | None, now: float) -> None:
+    def watches(self, kind: Watched, obstacle: Fact | None, now: float) -> None:
         """Notes that it is watched, or not because of an ``obstacle``, as of ``now``, s."""
-        before = self.watched.get(what)
+        before = self.watched.get(kind)
         code = Watch.NOT_WATCHED if obstacle else Watch.WATCHED
         if before is not None and (before.code, before.figures.get("because")) == (code, obstacle):
             return
-        self.watched[what] = Fact(code, time=now, subject=what, because=obstacle)
+        self.watched[kind] = Fact(code, time=now, subject=kind, because=obstacle)
 
 
 def alarm_of(fact: Fact, time: float) -> Fact:

@@ -159,7 +159,7 @@ def coordinates(runner: Runner) -> Result:
         real = [paired(with_, without)]
     return Result(
         checks=(
-            *(coordinates_check(pair, what) for what, pair in errors.items()),
+            *(coordinates_check(pair, data) for data, pair in errors.items()),
             *(
                 Check(
                     f"{REAL}, from {DATA}: the median over windows of the error with p = 2 over that with p = 1 is "
@@ -194,15 +194,15 @@ def _errors(runner: Runner, name: str, start: str) -> Array:
     return np.array([errors_of(runner.draws[name, i], start) for i in runner.experiments])
 
 
-def coordinates_check(errors: Pair, what: str) -> Check:
-    """Returns whether p = 2 has the lower error in total, and on most experiments; ``what`` names the settings."""
+def coordinates_check(errors: Pair, data: str) -> Check:
+    """Returns whether p = 2 has the lower error in total, and on most experiments; ``data`` names the settings."""
     with_, without = (np.median(priors, axis=1) for priors in errors)
     less = int((with_ < without).sum())
     return Check(
-        f"{what}: the total MSPE over experiments is lower with p = 2 than with p = 1, and also on at least "
+        f"{data}: the total MSPE over experiments is lower with p = 2 than with p = 1, and also on at least "
         f"{percent(MIN_SHARE)} of them (median over random priors)",
         bool(with_.sum() < without.sum() and less >= MIN_SHARE * len(with_)),
-        f"{what}: the total MSPE is {rounded(with_.sum(), 3)} with p = 2 and {rounded(without.sum(), 3)} with p = 1, "
+        f"{data}: the total MSPE is {rounded(with_.sum(), 3)} with p = 2 and {rounded(without.sum(), 3)} with p = 1, "
         f"lower with p = 2 on {less} of {len(with_)}",
     )
 
@@ -221,7 +221,7 @@ def _coordinates_table(runner: Runner, errors: dict[str, Pair]) -> tuple[Block, 
     return title, _by_experiment("DEM", rows, numbers)
 
 
-def _by_experiment(what: str, errors: Mapping[str, Array], numbers: list[int]) -> Table:
+def _by_experiment(heading: str, errors: Mapping[str, Array], numbers: list[int]) -> Table:
     """A row of each (experiments, priors): medians with, of several priors, their range; and the sum of the medians."""
     rows = []
     for name, by_prior in errors.items():
@@ -231,7 +231,7 @@ def _by_experiment(what: str, errors: Mapping[str, Array], numbers: list[int]) -
             for middle, row in zip(medians, by_prior, strict=True)
         ]
         rows.append([name, *cells, rounded(medians.sum(), 3)])
-    return Table([what, *(f"expt {number}" for number in numbers), "total"], rows)
+    return Table([heading, *(f"expt {number}" for number in numbers), "total"], rows)
 
 
 def _range(priors: Array) -> str:

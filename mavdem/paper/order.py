@@ -53,9 +53,9 @@ def fit_order(job: tuple[int, str, int, Flight]) -> tuple[float, str]:
 
 def saturates_at(free_energy: Array) -> int:
     """Returns the lowest order, from 1, beyond which none gains more than ``SATURATED`` of the range of F̄."""
-    known = np.where(np.isnan(free_energy), -np.inf, free_energy)
-    finite = known[np.isfinite(known)]
-    enough = known >= finite.max() - SATURATED * np.ptp(finite)
+    energy = np.where(np.isnan(free_energy), -np.inf, free_energy)
+    finite = energy[np.isfinite(energy)]
+    enough = energy >= finite.max() - SATURATED * np.ptp(finite)
     return int(np.flatnonzero(enough)[0]) + 1
 
 
@@ -117,8 +117,8 @@ def checks(saturation: dict[str, list[int]]) -> tuple[Check, ...]:
     """Returns whether F̄ saturates at each system's own order, given where it does by inputs and by system."""
     checks_made = []
     for system, *orders in zip(SYSTEMS, *saturation.values(), strict=True):
-        known = listed(saturation)
-        rule = f"system {system}: F̄, averaged over the flights, saturates at order {system}, with {known} inputs"
+        kinds = listed(saturation)
+        rule = f"system {system}: F̄, averaged over the flights, saturates at order {system}, with {kinds} inputs"
         by_inputs = [
             f"{order} with {inputs} inputs"
             for order, inputs in zip(orders, saturation, strict=True)

@@ -81,8 +81,10 @@ def _errors(comparison: Comparison, question: Question) -> Blocks:
             ]
         )
         if test is None and share is not None and share < PREDICTION_LIMITS.coverage:
-            what = f"the 90 % band of {reference} holds {inside} of the samples: it is too narrow."
-            blocks.append(caution(what))
+            sentence = (
+                f"the 90 % band of {reference} holds {inside} of the samples: it is too narrow."
+            )
+            blocks.append(caution(sentence))
     header = ["method", *_shared_horizons(comparison)]
     header += ["above 1", "unstable", f"{reference} / method", "p", "in 90 % band"]
     return [*blocks, Table(header, table)]

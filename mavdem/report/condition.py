@@ -100,7 +100,9 @@ def wind_blocks(air: Air) -> Blocks:
         if rows.any():
             mean = own.values[rows].mean(axis=0)
             estimate = {"size": float(np.hypot(*mean)), "origin": coming_from(*mean)}
-    reasons = (Sentence(str(why), f"{what.capitalize()}:") for what, why in wind.reasons.items())
+    reasons = (
+        Sentence(str(why), f"{quantity.capitalize()}:") for quantity, why in wind.reasons.items()
+    )
     return [*section("wind", wind=wind, own=estimate), *reasons]
 
 

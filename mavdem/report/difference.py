@@ -31,7 +31,7 @@ QUANTITIES = {  # what a kind of quantity is called, and the scale and unit that
 
 
 def difference_blocks(
-    found: VehicleDifference, parameters: Sequence[ParameterChange] = ()
+    of_vehicle: VehicleDifference, parameters: Sequence[ParameterChange] = ()
 ) -> Blocks:
     """Returns in sentences what changed of two vehicles or one, and how sure that is.
 
@@ -40,20 +40,22 @@ def difference_blocks(
     """
     missing = [
         Sentence(f"{listed(missing.quantity for missing in lacking)}: {reason}", "Not compared:")
-        for reason, lacking in grouped(found.incomparable, lambda missing: missing.reason).items()
+        for reason, lacking in grouped(
+            of_vehicle.incomparable, lambda missing: missing.reason
+        ).items()
     ]
     conditions, *sure = section(
         "difference",
-        **_of_conditions(*found.conditions),
-        is_allowed=any(change.allowance for change in found.changes),
-        changes=len(found.changes),
+        **_of_conditions(*of_vehicle.conditions),
+        is_allowed=any(change.allowance for change in of_vehicle.changes),
+        changes=len(of_vehicle.changes),
         family_error=SIGNIFICANCE,
-        flights=found.flights,
+        flights=of_vehicle.flights,
         share=BETWEEN[difference.SHARE],
         effect=BETWEEN[difference.EFFECT],
     )
-    anew = section("difference_parameters", parameters=parameters, vehicles=found.vehicles)
-    return [*_vehicles(found), *anew, *_changes(found), *missing, conditions, *sure]
+    anew = section("difference_parameters", parameters=parameters, vehicles=of_vehicle.vehicles)
+    return [*_vehicles(of_vehicle), *anew, *_changes(of_vehicle), *missing, conditions, *sure]
 
 
 def headline_blocks(headlines: Mapping[str, str | None]) -> Blocks:

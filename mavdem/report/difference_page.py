@@ -134,9 +134,9 @@ def _steps(both: Reviews, axis: str) -> Iterator[Chart]:
             yield Chart(f"{axis.capitalize()} {loop}: step", AFTER, SHARE, tuple(lines), (1.0,))
 
 
-def _cell(known: Review, key: str, scale: float = 1.0) -> str:
+def _cell(response: Review, key: str, scale: float = 1.0) -> str:
     """A figure with the ends of its interval."""
-    figures = [known.get(key), *(known.get(f"{key}_interval") or ())]
+    figures = [response.get(key), *(response.get(f"{key}_interval") or ())]
     if None in figures:
         return "-"
     value, low, high = (rounded(scale * figure) for figure in figures)

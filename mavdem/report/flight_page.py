@@ -394,5 +394,5 @@ def live_page(
         blocks = [*graded(findings), *torque_blocks(learned)]
         chapters.insert(0, Chapter("Motors", motor_blocks(learned, None)))
         chapters.append(Chapter(f"Model of {axis}", blocks))
-    what = f"What {axis} did, learned and predicted while it flew."
-    return document(f"Flight over {link}", what, [above, following], chapters, back, head)
+    subtitle = f"What {axis} did, learned and predicted while it flew."
+    return document(f"Flight over {link}", subtitle, [above, following], chapters, back, head)

@@ -55,37 +55,37 @@ def _environment() -> Environment:
     """Jinja's environment, with all templates compiled: whoever asks first should not wait for that."""
     made = environment().overlay()
     made.filters["brief"] = lambda name: name if len(name) < 20 else f"{name[:4]}…{name[-4:]}"
-    known = {"lights": [str(light) for light in Light], "healths": LEVELS}
-    made.globals = {**made.globals, **words(), **known}
+    choices = {"lights": [str(light) for light in Light], "healths": LEVELS}
+    made.globals = {**made.globals, **words(), **choices}
     for name in made.list_templates(["html"]):
         made.get_template(name)
     return made
 
 
-def served(name: str, /, **known: Any) -> str:
-    """Returns the HTML of the page of this ``name``, of what is ``known``."""
-    return page_of(_environment().get_template(f"serve/{name}.html"), **known)
+def served(name: str, /, **values: Any) -> str:
+    """Returns the HTML of the page of this ``name``, with these ``values``."""
+    return page_of(_environment().get_template(f"serve/{name}.html"), **values)
 
 
-def with_bar(page: str, **known: Any) -> str:
+def with_bar(page: str, **values: Any) -> str:
     """Returns the ``page`` of a flight with a bar above it, for a server whose policy takes the place of its own."""
-    return with_top(without_policy(page, **known), served("bar", **known))
+    return with_top(without_policy(page, **values), served("bar", **values))
 
 
-def without_policy(page: str, **known: Any) -> str:
+def without_policy(page: str, **values: Any) -> str:
     """Returns a ``page`` for a server whose policy takes the place of its own."""
-    key = served("key", **known)
+    key = served("key", **values)
     return POLICY.sub(lambda _: key, page, count=1)
 
 
-def vehicle_page(flights: Sequence[Flight], changes: Iterable[Block], **known: Any) -> str:
+def vehicle_page(flights: Sequence[Flight], changes: Iterable[Block], **values: Any) -> str:
     """Returns the HTML of one vehicle: its flights over time, and what differs from the baseline."""
     said = vehicle_words(flights)[1] if flights else ""
     group = vehicle_group(flights) if len(flights) > 1 else None
     groups = [group] if group else []
-    return served("vehicle", words=said, changes=[*changes], groups=groups, **known)
+    return served("vehicle", words=said, changes=[*changes], groups=groups, **values)
 
 
-def refusal_page(fact: Fact, asks: bool, **known: Any) -> str:
+def refusal_page(fact: Fact, asks: bool, **values: Any) -> str:
     """Returns the HTML of why there is no other page; it ``asks`` for the token."""
-    return served("message", sentence=fact.sentence, remedy=fact.remedy, asks=asks, **known)
+    return served("message", sentence=fact.sentence, remedy=fact.remedy, asks=asks, **values)

@@ -26,14 +26,14 @@ FIGURES = {  # header, and what makes the unit shown, by name of the figure
 FASTEST = 0.15
 
 
-def tune_blocks(found: AdviceByAxis, whole: bool = True) -> Blocks:
+def tune_blocks(advised: AdviceByAxis, whole: bool = True) -> Blocks:
     """Returns what is said of the loops by axis; a fact is why nothing is known of them.
 
     Unless ``whole``, that is a sentence each, the gains to set, and what for and what limits them.
     """
     blocks = Blocks()
     is_advised = False
-    for axis, advice in found.items():
+    for axis, advice in advised.items():
         lead = f"{axis.capitalize()}:"
         if isinstance(advice, Fact):
             blocks.append(Sentence(str(advice), lead))
@@ -45,15 +45,15 @@ def tune_blocks(found: AdviceByAxis, whole: bool = True) -> Blocks:
         else:
             blocks += gain_blocks(advice)[:2]
     if not whole:
-        blocks += limits_of(found)
+        blocks += limits_of(advised)
     return [*blocks, *section("loop_not_checked", named=is_advised and whole)]
 
 
-def limits_of(found: AdviceByAxis) -> Blocks:
+def limits_of(advised: AdviceByAxis) -> Blocks:
     """Returns what limits gains that change, of the loops that they were found by."""
     cautions = [
         (axis, caution)
-        for axis, advice in found.items()
+        for axis, advice in advised.items()
         if isinstance(advice, Advice) and advice.parameters
         for caution in advice.before.cautions
     ]

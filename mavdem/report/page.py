@@ -158,5 +158,5 @@ def flight_html(flight: Flight) -> str:
 def learned_html(learned: Learned) -> str:
     """Returns, for notebooks, the screen's report of what the model alone knows."""
     record = learned.record
-    what = f"{len(learned.model.A)} states, from {len(record) * record.dt:.0f} s at {1 / record.dt:.0f} Hz."
-    return notebook_html([Sentence(what, "Learned model:"), *screen(learned)])
+    sentence = f"{len(learned.model.A)} states, from {len(record) * record.dt:.0f} s at {1 / record.dt:.0f} Hz."
+    return notebook_html([Sentence(sentence, "Learned model:"), *screen(learned)])

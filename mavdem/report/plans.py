@@ -121,6 +121,6 @@ def flown_path(timeline: Timeline | None) -> Plan | None:
     return Plan("Flown path", said, drawing)
 
 
-def _drawn(name: str, **known: Any) -> Markup:
+def _drawn(name: str, **values: Any) -> Markup:
     made = environment().get_template("plans.html").module
-    return Markup(getattr(made, name)(**known))
+    return Markup(getattr(made, name)(**values))

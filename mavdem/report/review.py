@@ -21,8 +21,8 @@ def screen_of(assessment: Assessment) -> str:
     first = shorten(f"{lead.lead} {lead.text}", COLUMNS, placeholder=" …")
     lights = [_row(name, fact) for name, fact in assessment.lights.items()]
     # What somebody reads when all has scrolled by is last.
-    found = wrap(headline(assessment.headline), COLUMNS, max_lines=2, placeholder=" …")
-    last = [*found, *_wrapped(f"Next: {assessment.next_step}")]
+    headlines = wrap(headline(assessment.headline), COLUMNS, max_lines=2, placeholder=" …")
+    last = [*headlines, *_wrapped(f"Next: {assessment.next_step}")]
     room = max(LINES - 3 - len(lights) - len(last), 0)
     alarms = [*_alarms(assessment)][:room]
     return "\n".join([first, *lights, *alarms, *last])
@@ -34,12 +34,12 @@ def title_of(assessment: Assessment) -> Sentence:
     name = f"{Path(assessment.log.source).name}:"
     if analysis is None:
         return Sentence("no vehicle judged.", name)
-    known = section(
+    sentences = section(
         "review",
         analysis.identity,
         assessment=assessment,
     )
-    return Sentence(" ".join(sentence.text for sentence in known), name)
+    return Sentence(" ".join(sentence.text for sentence in sentences), name)
 
 
 def _wrapped(text: str) -> Iterator[str]:

@@ -278,8 +278,8 @@ def parameter_reasons(physical: Physical | None, doubted: bool = False) -> list[
         reasons = {"effect": reasons["effect"]}
     for name, reason in reasons.items():
         if reason is not None:
-            what = f"{PARAMETERS[name]} {physical.status[name]}"
-            parameters.setdefault(says(reason), []).append(what)
+            parameter = f"{PARAMETERS[name]} {physical.status[name]}"
+            parameters.setdefault(says(reason), []).append(parameter)
     return [f"{listed(names).capitalize()}: {reason}" for reason, names in parameters.items()]
 
 

@@ -46,14 +46,14 @@ def unlearned(missing: NamedFacts) -> list[Sentence]:
 
 def twin_blocks(twin: Twin, compared: Mapping[str, Mapping[str, list[float]]]) -> Blocks:
     """Returns the figures of a ``twin`` and how sure they are, and how alike it flies, ``compared`` by axis."""
-    known = {name: attrgetter(name)(twin) for name in SHOWN}
+    attributes = {name: attrgetter(name)(twin) for name in SHOWN}
     rows = [
         [
             SHOWN[name],
             ", ".join(f"{each:.3g}" for each in np.ravel(value)),
             str(twin.notes.get(name.replace(".", "_"), "")),
         ]
-        for name, value in known.items()
+        for name, value in attributes.items()
         if value is not None
     ]
     blocks: Blocks = [Table(["Vehicle", "value", "how sure (90 %)"], rows, words=True)]

@@ -91,16 +91,16 @@ def _paragraphs(section: str) -> list[dict[str, Template]]:
     return [{part: make(str(text)) for part, text in paragraph.items()} for paragraph in told]
 
 
-def section(name: str, record: object = None, /, **known: Any) -> list[Sentence]:
+def section(name: str, record: object = None, /, **values: Any) -> list[Sentence]:
     """Returns the paragraphs of the section of this ``name`` that say something, in order.
 
-    They say it of the attributes of a ``record``, and of what else is ``known``.
+    They say it of the attributes of a ``record``, and of further ``values``.
     """
     sentences = []
     if record is not None:
-        known |= {key: getattr(record, key) for key in dir(record) if not key.startswith("_")}
+        values |= {key: getattr(record, key) for key in dir(record) if not key.startswith("_")}
     for paragraph in _paragraphs(name):
-        parts = {part: template.render(known).strip() for part, template in paragraph.items()}
+        parts = {part: template.render(values).strip() for part, template in paragraph.items()}
         if parts.get("text") or "text" not in parts or "always" in parts:
             sentences.append(Sentence(parts.get("text", ""), parts.get("lead", "")))
     return sentences

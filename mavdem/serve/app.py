@@ -233,7 +233,7 @@ class Server:
 
     def _list_page(self, request: HttpRequest) -> Response:
         entries, total, query, offset = self._found(request, PAGE_LENGTH, PAGE_LENGTH)
-        known = self._known(request)
+        visitor = self._known(request)
         return HTMLResponse(
             served(
                 "library",
@@ -245,31 +245,31 @@ class Server:
                 is_empty=not entries and not query and not offset,
                 sample=self._sample,
                 is_live=self._live is not None,
-                vehicles=self.library.vehicles() if known["may_read"] else [],
-                troubles=self._troubles(entries) if known["may_read"] else {},
-                **known,
+                vehicles=self.library.vehicles() if visitor["may_read"] else [],
+                troubles=self._troubles(entries) if visitor["may_read"] else {},
+                **visitor,
             )
         )
 
     def _flight_page(self, request: HttpRequest) -> Response:
         entry = self._seen(request)
-        known = self._known(request) | {"one": entry}
+        values = self._known(request) | {"one": entry}
         wanted = request.query_params.get("vehicle", "")
         other = f"vehicle_{wanted}.html"
         own = self.library.results_of(entry) / (other if other in entry.file_names else PAGE)
         path = own if entry.digest else self.library.folder / PAGES / Path(entry.files).name
         if entry.stage != Stage.DONE or not (entry.digest or path.is_file()):
-            return HTMLResponse(served("flight", **known))
-        if known["may_read"] and not wanted:
-            known["trouble"] = self._troubles([entry]).get(entry.id)
+            return HTMLResponse(served("flight", **values))
+        if values["may_read"] and not wanted:
+            values["trouble"] = self._troubles([entry]).get(entry.id)
         with gone_refused():
             page = path.read_text("utf-8")
         return HTMLResponse(
             with_bar(
                 page,
                 files=entry.file_names if entry.digest else [],
-                can_open=self._show and RECORDING in entry.file_names and known["may_read"],
-                **known,
+                can_open=self._show and RECORDING in entry.file_names and values["may_read"],
+                **values,
             )
         )
 

@@ -125,5 +125,5 @@ class Attached:
         frames = session.recording.frames
         self._silent = self._silent + 1 if frames == self._frames > 0 else 0
         self._frames = frames
-        known = AXIS, session.history, session.status, session.account(), None
-        self._page = live_page(session.link.name, *known, ("Flights", "/"))
+        shown = AXIS, session.history, session.status, session.account(), None
+        self._page = live_page(session.link.name, *shown, ("Flights", "/"))

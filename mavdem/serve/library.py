@@ -439,7 +439,7 @@ class Library:
             for path in (self.folder / LOGS).glob(f"{DIGEST}/*"):
                 digest = path.parent.name
                 if digest not in used:
-                    place = f"{LOGS}/{digest}/{path.name}"
+                    stored_name = f"{LOGS}/{digest}/{path.name}"
                     there = path.stat()
                     insert(
                         db,
@@ -447,7 +447,7 @@ class Library:
                             new_id(),
                             path.name,
                             digest,
-                            place,
+                            stored_name,
                             there.st_size,
                             received=there.st_mtime,
                             sorted_by=datetime.fromtimestamp(there.st_mtime, UTC).isoformat(),
@@ -468,8 +468,8 @@ class Library:
         query = f"""select row, file from flights where file is not null and log not in ({entered})
         and not exists (select 1 from entries where path = file) order by rowid"""
         with self._transaction() as db:
-            found = self.store.sound_rows(query, [f"{self.folder}/"])
-            for file, rows in grouped(found, lambda row: row.file).items():
+            rows_of_folder = self.store.sound_rows(query, [f"{self.folder}/"])
+            for file, rows in grouped(rows_of_folder, lambda row: row.file).items():
                 insert(db, _of_rows(file, rows))
         self._local.adopted = version
 

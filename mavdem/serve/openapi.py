@@ -66,8 +66,13 @@ def _described(operation: Operation) -> Values:
         "operationId": operation.name,
         "summary": summary,
         "parameters": [
-            {"name": name, "in": place, "required": place == "path", "schema": {"type": "string"}}
-            for name, place in places.items()
+            {
+                "name": name,
+                "in": location,
+                "required": location == "path",
+                "schema": {"type": "string"},
+            }
+            for name, location in places.items()
         ],
         "responses": {
             operation.status: {"description": summary, "content": answer},

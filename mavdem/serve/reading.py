@@ -61,8 +61,8 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
         tell(Stage.JUDGING)
         assessment = assess_signals(log, Signals(telemetry))
         tell(Stage.LEARNING, **_judgement(assessment))
-        found = rows_of_assessment(assessment.with_axis("pitch"), log.source)
-        judged.append((assessment, found))
+        flown = rows_of_assessment(assessment.with_axis("pitch"), log.source)
+        judged.append((assessment, flown))
     # Of several vehicles the page is of the worst that flew; those of the others are beside it.
     judged.sort(
         key=lambda both: (both[1][0].has_flight, SEVERITY.index(both[0].headline.level)),
@@ -70,7 +70,7 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
     )
     (assessment, _), *others = judged
     rows = [row for _, rows_of_vehicle in judged for row in rows_of_vehicle]
-    place = f"{RESULTS}/{digest}/{PAGE}"
+    page_name = f"{RESULTS}/{digest}/{PAGE}"
     tell(Stage.DRAWING, **_told(assessment, rows))
     names = result_files(assessment)
     files = {name: name for name in names}
@@ -83,7 +83,7 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
     write_result_files(places, json.dumps(document, indent=1, allow_nan=False), assessment)
     shutil.rmtree(results / digest, ignore_errors=True)  # of an earlier time
     os.replace(made, results / digest)
-    return [replace(row, page=place) for row in rows], {}
+    return [replace(row, page=page_name) for row in rows], {}
 
 
 def _judgement(assessment: Assessment) -> dict[str, str]:

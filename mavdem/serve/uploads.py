@@ -34,8 +34,8 @@ class _Part:
         with self._path.open("ab") as file:
             return file.write(piece)
 
-    def seek(self, place: int) -> int:
-        return place
+    def seek(self, offset: int) -> int:
+        return offset
 
     def close(self) -> None:
         pass

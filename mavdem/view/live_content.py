@@ -144,7 +144,7 @@ class LiveWriter:
         plot = f"axes/{self.channels.output_names[0]}"
         line = Lines(f"{plot}/1_measured", ("measured",), (MEASURED,), 1.2)
         self._draw(line, [(row.segment, row.clock, scale * row.outputs[:1]) for row in rows])
-        known = [
+        predictions = [
             (row.segment, row.clock + seconds[h], np.nan, np.nan)
             if (now := row.estimate) is None
             else (
@@ -157,23 +157,23 @@ class LiveWriter:
         ]
         name = f"{seconds[h]:.2g} s ahead"
         ahead = Lines(f"{plot}/2_predicted", (name,), (PREDICTED,), 1.8)
-        self._banded(f"{plot}/0_band", ahead, known, scale, True)
+        self._banded(f"{plot}/0_band", ahead, predictions, scale, True)
 
     def _banded(
         self,
         band: str,
         line: Lines,
-        known: list[tuple[int, float, float, float]],
+        estimates: list[tuple[int, float, float, float]],
         scale: float,
         is_cut: bool = False,
     ) -> list[Sample]:
         """Draws a line with its band, of segment, time, value and half width each; returns what the line draws."""
         edges = [
-            (part, at, [scale * (y - half), scale * (y + half)]) for part, at, y, half in known
+            (part, at, [scale * (y - half), scale * (y + half)]) for part, at, y, half in estimates
         ]
         shade = (faint(line.colours[0], BAND_OPACITY),)
         self._draw(Lines(band, ("90 % band",), shade, filled=True), edges, is_cut)
-        values: list[Sample] = [(part, at, [scale * y]) for part, at, y, _ in known]
+        values: list[Sample] = [(part, at, [scale * y]) for part, at, y, _ in estimates]
         self._draw(line, values, is_cut)
         return values
 
@@ -199,13 +199,13 @@ class LiveWriter:
 
     def _estimates(self, rows: Sequence[tuple[ShownRow, Estimate]]) -> None:
         """Draws the wind torque with its band at the times it is of; F(t) and surprise at those of their windows."""
-        known = [
+        estimates = [
             (0, now.wind_time + row.shift, now.wind_torque, now.wind_torque_band)
             for row, now in rows
             if np.isfinite(now.wind_time)
         ]
         torque = Lines("wind/1_torque", ("torque",), (DISTURBANCE,))
-        self._torques += self._banded("wind/0_band", torque, known, TORQUE.scale)
+        self._torques += self._banded("wind/0_band", torque, estimates, TORQUE.scale)
         seen = [(now.seen + row.shift, now) for row, now in rows if np.isfinite(now.seen)]
         energy = [(0, at, [now.free_energy]) for at, now in seen]
         surprise = [(0, at, [1.0, now.surprise]) for at, now in seen]

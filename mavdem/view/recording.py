@@ -190,9 +190,9 @@ class _Page:
 
     def _drawn(self, folder: str, charts: Sequence[Chart], *marks: Mark) -> list[rrb.View]:
         """The views of charts, each with ``marks`` and the alarms."""
-        known = *marks, ("went wrong", palette.BAD, self._alarms)
+        all_marks = *marks, ("went wrong", palette.BAD, self._alarms)
         return [
-            drawn(self._recording, f"{folder}/{number}", chart, self._timeline.span, known)
+            drawn(self._recording, f"{folder}/{number}", chart, self._timeline.span, all_marks)
             for number, chart in enumerate(charts)
         ]
 

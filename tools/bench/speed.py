@@ -158,10 +158,10 @@ def show(table: pd.DataFrame) -> None:
 
 
 @click.command(help=__doc__)
-@click.argument("what", type=click.Choice(["read", "fleet", "live"]))
+@click.argument("benchmark", type=click.Choice(["read", "fleet", "live"]))
 @click.argument("logs", nargs=-1, type=click.Path(exists=True, dir_okay=False, path_type=Path))
-def main(what: str, logs: tuple[Path, ...]) -> None:
-    {"read": read, "fleet": fleet, "live": live}[what](logs)
+def main(benchmark: str, logs: tuple[Path, ...]) -> None:
+    {"read": read, "fleet": fleet, "live": live}[benchmark](logs)
 
 
 if __name__ == "__main__":

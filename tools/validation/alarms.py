@@ -112,8 +112,8 @@ def line_of(flights: pd.DataFrame) -> pd.Series:
     delays = flights["delay"]
     finite = delays[np.isfinite(delays)]
     line = {"number": len(flights), "hours settled": f"{flights['hours'].sum():.2f}"}
-    found = (delays <= 5.0).sum()
-    line |= {"found in 5 s": found, "longest, s": f"{finite.max():.1f}"}
+    early = (delays <= 5.0).sum()
+    line |= {"found in 5 s": early, "longest, s": f"{finite.max():.1f}"}
     line["named right, of found"] = f"{flights['right'].sum()} of {len(finite)}"
     line["median delay, s"] = f"{delays.median():.1f}"
     line["alarms on a motor"] = flights["on a motor"].sum()

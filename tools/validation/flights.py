@@ -81,9 +81,9 @@ def rows_of(judge: Callable[[Any], list[Values]], flights: Iterable[Any], jobs: 
     """What is found of each of the flights, rows of one frame; how many are done goes to standard error."""
     rows = []
     with ProcessPoolExecutor(jobs) as pool:
-        for number, found in enumerate(pool.map(judge, flights), start=1):
+        for number, judged in enumerate(pool.map(judge, flights), start=1):
             click.echo(f"{number} flights", err=True)
-            rows += found
+            rows += judged
     return pd.DataFrame(rows)
 
 

@@ -141,10 +141,10 @@ def figures_of(gains: Array, draws: Array, *loops: OpenLoop) -> dict[str, Array]
 
 def truth_of(controller: Controller, plant: Sequence[float]) -> dict[str, float]:
     """Likewise, of a known plant."""
-    known = np.array(plant[:1]), np.array([plant[1:]])
-    rate = rate_loop(controller, *known)
+    plants = np.array(plant[:1]), np.array([plant[1:]])
+    rate = rate_loop(controller, *plants)
     attitude = attitude_loop(controller, rate)
-    figures = figures_of(*known, rate, attitude)
+    figures = figures_of(*plants, rate, attitude)
     return {name: float(figure[0]) for name, figure in figures.items()}
 
 
@@ -166,12 +166,12 @@ def flown(seed: int, cache: Path) -> Path:
             limited = (full | idle).any(axis=1)
     shares = (outputs.mean(axis=0) / 1000 - 1).tolist()
     effects = truth(of, motion)
-    known = {}
+    truths = {}
     for axis in AXES:
         plant = plant_of(of, axis, effects[f"{axis}_effect"], shares)
-        known[axis] = truth_of(flown_by(of, axis), plant)
+        truths[axis] = truth_of(flown_by(of, axis), plant)
     write_log(folder / "flight.tlog", of, motion)
-    (folder / "truth.json").write_text(json.dumps(known, indent=1), "utf-8")
+    (folder / "truth.json").write_text(json.dumps(truths, indent=1), "utf-8")
     return folder
 
 
@@ -199,8 +199,8 @@ def thinned(vehicle: Telemetry, rate: float) -> Telemetry:
     """The vehicle's messages, fewer of those that come faster than ``rate``, Hz."""
     kept = {}
     for name, columns in vehicle.messages.items():
-        known = (columns[key] for key in KINDS if key in columns)
-        kinds = next(known, columns["boot"])
+        recorded = (columns[key] for key in KINDS if key in columns)
+        kinds = next(recorded, columns["boot"])
         rows = [np.flatnonzero(kinds == kind) for kind in np.unique(kinds)]
         rates = (rate_without_gaps(np.diff(columns["time"][part])) for part in rows)
         parts = [part[:: max(1, round(own / rate))] for part, own in zip(rows, rates, strict=True)]

@@ -41,11 +41,11 @@ def vehicle(seed: int, number: int) -> Scenario:
     """Returns a flight of a vehicle of its own, all axes excited."""
     rng = default_rng([seed, number])
     values = drawn(TABLES["twin"], rng) | {"seed": number}
-    known = load("iris_identification").model_dump(mode="json")
+    defaults = load("iris_identification").model_dump(mode="json")
     name = FILTERS[values["stream"]["autopilot"]]
     values["vehicle"]["parameters"] = {name: values.pop("cutoff")}
-    sections = {key: known[key] | values[key] for key in ("vehicle", "sensors", "stream")}
-    scenario = flight_of(known | values | sections)
+    sections = {key: defaults[key] | values[key] for key in ("vehicle", "sensors", "stream")}
+    scenario = flight_of(defaults | values | sections)
     hover = in_hover(scenario, 1.0)
     margin = truth(hover, fly(hover))["roll_rate_margins"][2]
     excess = margin - MARGIN

@@ -112,8 +112,8 @@ class Controller(Result):
             value = getattr(self, name)
             slow = name.endswith("filter") and 0 < value < 0.1
             if slow or not low <= value <= high:
-                what = self.names.get(name, name.replace("_", " "))
-                raise NotLearnable(Controllers.PARAMETER_IMPOSSIBLE, name=what, value=value)
+                parameter = self.names.get(name, name.replace("_", " "))
+                raise NotLearnable(Controllers.PARAMETER_IMPOSSIBLE, name=parameter, value=value)
 
     @property
     def cautions(self) -> Facts:

@@ -61,14 +61,14 @@ def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
     ``NotLearnable``: no controller, no setpoints that change several times a second, too few seconds, too little was
     asked of it, or the phase margin stays unknown.
     """
-    found = _in_loop(signals, tuple(of_longest_boot(flights)))
+    identified = _in_loop(signals, tuple(of_longest_boot(flights)))
     with one_thread(), np.errstate(all="ignore"):
-        plant = _physical(found.fit, found.directions)
+        plant = _physical(identified.fit, identified.directions)
         try:
-            _check(plant, found.directions, found.controller)
+            _check(plant, identified.directions, identified.controller)
         except np.linalg.LinAlgError:
             raise NotLearnable(Loops.LOOP_NOT_FOUND) from None
-    return plant._replace(delay=plant.delay + gyro_delay(found.controller))
+    return plant._replace(delay=plant.delay + gyro_delay(identified.controller))
 
 
 class _InLoop(NamedTuple):
@@ -95,7 +95,7 @@ def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
         least_duration = (FEWEST_WINDOWS + 1) * WINDOW_SECONDS / 2
         raise NotLearnable(Loops.LOOP_TOO_SHORT, least_duration=least_duration)
     limited_share = _limited_share(streams[OUTPUT], limited, starts)
-    known = KnownController(
+    logged_controller = KnownController(
         partial(transfer, controller),
         partial(gyro_response, controller),
         controller.angle,
@@ -116,7 +116,7 @@ def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
                 command_step=scale.step,
                 unit=scale.unit,
             )
-        used = _used(seen, known)
+        used = _used(seen, logged_controller)
         # Folding takes up to half from what is coherent with what was asked.
         rate, asked = (used.mean[:, of, of].real for of in (RATE, ASKED))
         coherent = np.abs(used.mean[:, RATE, ASKED]) ** 2 / asked
@@ -124,7 +124,7 @@ def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
         share = (width @ coherent) / (width @ rate)
         if not share + limited_share >= LEAST_STEERED / 2:
             raise NotLearnable(Loops.NOT_STEERED, share=share)
-        axis = Axis(used, known, rounding, limited_share)
+        axis = Axis(used, logged_controller, rounding, limited_share)
         try:
             fit = identified(axis)
             steered = fit.steered

@@ -139,9 +139,9 @@ class Loop(Margins, LoopDownstream):
 LoopByAxis = dict[str, Loop]
 
 
-def known_loops(found: Mapping[str, object]) -> LoopByAxis:
-    """Returns what was ``found`` without the axes of which there is only why they are not known."""
-    return {axis: loop for axis, loop in found.items() if isinstance(loop, Loop)}
+def known_loops(loops: Mapping[str, object]) -> LoopByAxis:
+    """Returns the ``loops`` without the axes of which there is only why they are not known."""
+    return {axis: loop for axis, loop in loops.items() if isinstance(loop, Loop)}
 
 
 def margin_rating(loop: Loop, target: Target = TARGETS["default"]) -> Fact:

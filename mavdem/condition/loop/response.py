@@ -46,13 +46,13 @@ def measured_response(
     correction of the rate, its RATE has it: of both that setpoint counts which predicts the rate better.
     """
     setpoints = () if record.setpoints is None else record.setpoints.T
-    known = dict(zip(record.setpoint_names, setpoints, strict=False))
-    setpoint = known.get(f"{controller.axis} rate setpoint")
+    by_name = dict(zip(record.setpoint_names, setpoints, strict=False))
+    setpoint = by_name.get(f"{controller.axis} rate setpoint")
     if setpoint is None:
         return None
     demand = record.inputs @ per_demand / (per_demand @ per_demand)
     table = [setpoint, record.outputs[:, rate_column(record)], demand]
-    wanted = known.get(f"{controller.axis} setpoint")
+    wanted = by_name.get(f"{controller.axis} setpoint")
     if controller.derivative_of_error and wanted is not None:
         table += [wanted, record.outputs[:, 0]]
     given = np.isfinite(table).all(axis=0)

@@ -177,7 +177,7 @@ def _notes(loops: LoopByAxis, is_given: bool, is_measured: bool, drag: Drag) -> 
         for axis, loop in loops.items()
     }
     plant = loops["roll"].plant
-    known = {
+    attributes = {
         name: None
         if plant.status[name] is Status.NOT_IDENTIFIABLE
         else getattr(plant.interval(), name)
@@ -188,8 +188,8 @@ def _notes(loops: LoopByAxis, is_given: bool, is_measured: bool, drag: Drag) -> 
         "arm": Fact(Twins.ARM_NOTE, is_given=is_measured),
         "inertia": Fact(Twins.INERTIA_NOTE, roll=effects["roll"], pitch=effects.get("pitch")),
         "moment": effects.get("yaw", Fact(Twins.MOMENT_NOTE)),
-        "damping": Fact(Twins.DAMPING_NOTE, damping=known["damping"]),
-        "lag": Fact(Twins.LAG_NOTE, lag=known["lag"]),
+        "damping": Fact(Twins.DAMPING_NOTE, damping=attributes["damping"]),
+        "lag": Fact(Twins.LAG_NOTE, lag=attributes["lag"]),
     }
     names = "linear", "quadratic"
     ends = {f"drag_{name}_interval": drag.interval(name).mean(axis=1).tolist() for name in names}
@@ -223,7 +223,7 @@ def again_of(loops: LoopByAxis) -> dict[str, Again]:
 
     Pitch and yaw are there where they were learned from the segments of roll; yaw where it was steered.
     """
-    found = dict[str, Again]()
+    by_axis = dict[str, Again]()
     roll = loops["roll"].record
     longest = int(np.argmax(roll.lengths))
     start = int(roll.starts[longest])
@@ -231,8 +231,8 @@ def again_of(loops: LoopByAxis) -> dict[str, Again]:
     for axis, loop in loops.items():
         is_alike = loop.record.lengths == roll.lengths and loop.record.begins == roll.begins
         if is_alike and (again := _again(loop, segment)) is not None:
-            found[axis] = again
-    return found if "roll" in found else {}
+            by_axis[axis] = again
+    return by_axis if "roll" in by_axis else {}
 
 
 def _again(loop: Loop, segment: slice) -> Again | None:

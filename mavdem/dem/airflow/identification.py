@@ -162,12 +162,12 @@ def identified(moved: Motion, drag: Drag) -> tuple[Array, Array, float]:
         value = tracked.log_likelihood[0] - away @ precision @ away / 2
         if value > best or np.isnan(best):
             best = value
-            found = mean, (covariance + covariance.T) / 2, steered
+            estimate = mean, (covariance + covariance.T) / 2, steered
         step = covariance @ (kept @ (counted * slope) + expected - precision @ away)
         mean = np.clip(mean + np.clip(step, -LARGEST, LARGEST), prior - farthest, prior + farthest)
         if np.all(abs(step) < CONVERGED * np.sqrt(np.diag(covariance))):
             break
-    return found
+    return estimate
 
 
 def opposing(moved: Motion) -> float:

@@ -301,13 +301,13 @@ class Filter:
         self._fade = self.decay[:, :, None] * self.decay[:, None, :]
         self._noise = (noise**2)[:, None, None] * PLANE
         self.total = np.zeros(len(parameters))
-        known = start.known
-        axes = start.axes[known][:, :, :2]
-        force = np.median(np.einsum("tij,ti->tj", axes, start.force[known]), axis=0)
+        measured = start.known
+        axes = start.axes[measured][:, :, :2]
+        force = np.median(np.einsum("tij,ti->tj", axes, start.force[measured]), axis=0)
         size = np.hypot(*force)
         speed = air_speed(self._linear.mean(axis=1), self._quadratic.mean(axis=1), size)
         against = force / max(size, 1e-9) * speed[:, None]
-        mean = np.median(start.velocity[known, :2], axis=0) + against
+        mean = np.median(start.velocity[measured, :2], axis=0) + against
         self.states = np.hstack([np.zeros_like(mean), mean])
 
     def predict(self) -> None:
@@ -372,13 +372,13 @@ class Filtered(NamedTuple):
 def filtered(parameters: Array, motion: Motion) -> Filtered:
     """Returns what a ``Filter`` leaves of the ``motion``."""
     run = Filter(parameters, motion)
-    known = motion.known
+    measured = motion.known
     size = len(motion.force), len(parameters)
     states = np.empty((2, *size, 4))
     spreads = np.empty((2, *size, 4, 4))
     errors = np.full((*size, 2), np.nan)
     expected = np.full((*size, 2, 2), np.nan)
-    for t, is_known in enumerate(known):
+    for t, is_known in enumerate(measured):
         if t:
             run.predict()
         states[:, t] = run.states

@@ -102,8 +102,10 @@ class SteadyFilter(NamedTuple):
         toward = self.covariance @ read
         # Each sample is known by the innovations of those from it on.
         following = recursion(self.closed, np.zeros_like(pushes), toward)[:, 0]
-        known = np.cumsum(np.append(toward[0], following) ** 2)[::-1] / self.variance
-        return SteadySmoothed(predicted @ read + later @ toward, read @ toward - known, predicted)
+        information = np.cumsum(np.append(toward[0], following) ** 2)[::-1] / self.variance
+        return SteadySmoothed(
+            predicted @ read + later @ toward, read @ toward - information, predicted
+        )
 
 
 class KalmanFilter(NamedTuple):

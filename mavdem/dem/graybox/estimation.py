@@ -182,7 +182,7 @@ def _physical(whole: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) 
     level = np.sqrt(np.mean(whole.levels**2))
     sizes = level * parameters.sizes(theta)
     refined = zip(parameters.refinements, theta[parameters.noise_index + 1 :].tolist(), strict=True)
-    found = Physical(
+    estimate = Physical(
         effect=effect / windows.unit,
         damping=damping,
         lag=lag,
@@ -199,7 +199,7 @@ def _physical(whole: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) 
         refinements=dict(refined),
         windows=len(windows.rate),
     )
-    return read_only(found)
+    return read_only(estimate)
 
 
 def _wind_share(

@@ -106,11 +106,11 @@ class OnlineJoint:
         expected = self._unknown
         ahead = np.tile(latest, (len(self._horizons), 1))
         if self._prediction is not None:
-            found = self._prediction.of(inputs, outputs)
+            predicted = self._prediction.of(inputs, outputs)
             if len(outputs) > 1:
-                expected = found[-1]
+                expected = predicted[-1]
             if len(outputs) >= LAGS[-1]:  # soon after a gap the lags are not known
-                ahead = np.where(np.isfinite(found[:-1]), found[:-1], latest)
+                ahead = np.where(np.isfinite(predicted[:-1]), predicted[:-1], latest)
         row = self._ring[self._place]
         row[0] = ahead
         row[1] = latest

@@ -89,22 +89,22 @@ def wind_filter(record: Record, prior: Physical | None = None) -> WindFilter:
         ValueError: no physical parameters can be fitted to it.
         numpy.linalg.LinAlgError: there is no steady filter for them.
     """
-    found = physical(record, prior)
-    if isinstance(found, NotIdentifiable):
-        raise ValueError(found.reason)
+    fitted = physical(record, prior)
+    if isinstance(fitted, NotIdentifiable):
+        raise ValueError(fitted.reason)
     column = rate_column(record)
     dt = record.dt
-    jumps = found.refinements.get(Refinement.JUMPS, 0.0)
-    axis = plant(found.damping, found.lag, found.components, dt, jumps)
+    jumps = fitted.refinements.get(Refinement.JUMPS, 0.0)
+    axis = plant(fitted.damping, fitted.lag, fitted.components, dt, jumps)
     inputs, outputs = record.segments[-1]
     trim = record.inputs.mean(axis=0)
     balance = [balanced(unit, trim, record.effect_directions) for unit in np.eye(len(trim))]
     return WindFilter(
-        physical=found,
+        physical=fitted,
         axis=axis,
-        steady=axis.filter(found.noise),
+        steady=axis.filter(fitted.noise),
         trim=trim,
-        constant=steady(outputs[:, column], (inputs - trim) @ found.effect, found.damping, dt),
+        constant=steady(outputs[:, column], (inputs - trim) @ fitted.effect, fitted.damping, dt),
         balance=np.array(balance),
         column=column,
         dt=dt,

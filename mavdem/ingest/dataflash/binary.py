@@ -220,9 +220,9 @@ class _Scan:
         """
         contradictory: dict[int, FormatDefinition] = {}
         for begun in _FORMAT_BEGUN.finditer(self.content):
-            found = self._defined_at(begun.start())
-            if found is not None and found[0] not in self.definitions:
-                kind, definition = found
+            defined = self._defined_at(begun.start())
+            if defined is not None and defined[0] not in self.definitions:
+                kind, definition = defined
                 # A field of a newer type is no damage.
                 sound = definition.wire is None or definition.length == definition.wire_length
                 if sound and definition.length >= HEADER_LENGTH:

@@ -240,25 +240,25 @@ def _on_boot_clock(
     clocks = [name for name in stamps if name not in ("MSG", "PARM")]
     if not clocks:
         return {}, ()
-    place = np.concatenate([tables[name].place for name in clocks])
-    order = np.argsort(place, kind="stable")
-    place = place[order]
+    offsets = np.concatenate([tables[name].place for name in clocks])
+    order = np.argsort(offsets, kind="stable")
+    offsets = offsets[order]
     seconds = np.concatenate([stamps[name] for name in clocks])[order]
     # As a float, or in text, a damaged stamp may be anything.
     impossible = ~((seconds >= 0) & (seconds <= 2.0**63 / 1e6))
     seconds[impossible] = 0.0  # no stamp, to the boot clock
-    on_clock, repairs = boot_clock([Sent("", np.arange(len(place)), seconds)])
+    on_clock, repairs = boot_clock([Sent("", np.arange(len(offsets)), seconds)])
     time, boot = on_clock[""]
     placed: dict[str, Columns] = {}
     for name, table in tables.items():
-        row = np.searchsorted(place, table.place)
+        row = np.searchsorted(offsets, table.place)
         if name in clocks:
             # A message whose stamp was ignored has the time of the one before it: it is not to be trusted either.
             on_boot = {**table.columns, "time": time[row], "boot": boot[row]}
             placed[name] = selected(on_boot, time[row] == seconds[row])
         elif name in EVENTS and len(row):
             before = np.maximum(row - 1, 0)
-            after = np.minimum(row, len(place) - 1)
+            after = np.minimum(row, len(offsets) - 1)
             # Nothing is logged while disarmed: arming ends a gap, what else has no stamp begins one.
             arms = name == "EV" and np.isin(table.columns.get("Id", 0), ARMING)
             at_end = np.where(arms & (boot[after] == boot[before]), np.inf, -np.inf)

@@ -113,7 +113,7 @@ def vibration(tables: Tables) -> Columns:
     if not logged:
         return {}
     numbers = range(MAX_IMUS if "IMU" in logged else 1)
-    each = [one for number in numbers if (one := instance(logged, "IMU", number))]
+    each = [sensor for number in numbers if (sensor := instance(logged, "IMU", number))]
     least = min(map(count, each))
     imus = [selected(imu, np.arange(least)) for imu in each]
     clips = [np.zeros(least)] * MAX_IMUS
@@ -373,8 +373,8 @@ def _servos(tables: Tables) -> Columns:
     none = np.zeros(count(logged))
     outputs = {"port": none.astype(np.uint8)}
     for n in range(1, 17):
-        known = np.nan_to_num(pulses.get(n, none).astype(np.float64))
-        outputs[f"servo{n}_raw"] = np.clip(known, 0, np.iinfo(np.uint16).max).astype(np.uint16)
+        pulse = np.nan_to_num(pulses.get(n, none).astype(np.float64))
+        outputs[f"servo{n}_raw"] = np.clip(pulse, 0, np.iinfo(np.uint16).max).astype(np.uint16)
     return stamped(logged, outputs)
 
 

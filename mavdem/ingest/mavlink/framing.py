@@ -107,7 +107,7 @@ def find_frames(data: Bytes, seeds: Seeds, gap: int = 0) -> Frames:
     """
     size = len(data)
     decided = 0
-    found = []
+    blocks = []
     waiting: list[Frames] = []  # of the third kind, after the decided bytes
     for begin in range(0, max(size, 1), BLOCK):
         end = min(begin + BLOCK, size)
@@ -120,11 +120,11 @@ def find_frames(data: Bytes, seeds: Seeds, gap: int = 0) -> Frames:
                 frames[_fits(frames.start, frames.end, taken, decided, until)] for frames in waiting
             ]
             loose.append(block.loose(_fits(block.start, block.end, taken, decided, until)))
-            found.append(_merged([taken, _apart(_merged(loose), decided)]))
+            blocks.append(_merged([taken, _apart(_merged(loose), decided)]))
             decided = until
             waiting = []
         waiting.append(block.loose(block.start >= decided))
-    return concatenated(found)
+    return concatenated(blocks)
 
 
 class _FrameBlock:

@@ -116,8 +116,8 @@ def assemble(stream: FrameStream) -> Log:
                 if "PARAM_VALUE" in own:
                     parameters |= parameter_values(own["PARAM_VALUE"], sender.autopilot)
             who = (sender.system, sender.component, sender.kind, sender.autopilot)
-            found = repairs + of_clock
-            vehicles.append(Telemetry(*who, messages, parameters, stream.source, found))
+            all_repairs = repairs + of_clock
+            vehicles.append(Telemetry(*who, messages, parameters, stream.source, all_repairs))
     stamps = stream.stamps[stream.stamps > 0] / 1e6
     stamps = stamps[~far_off(stamps, STAMP_WINDOW, MAX_STAMP_JUMP)]
     span = (float(stamps.min()), float(stamps.max())) if len(stamps) else (np.nan, np.nan)
@@ -232,8 +232,8 @@ def joined(parts: Sequence[RecordingPart]) -> RecordingPart:
     if len(parts) == 1:
         return parts[0]
     contents, tables, places, times = zip(*parts, strict=True)
-    place = np.concatenate(places)
-    order = np.argsort(place, kind="stable")
+    offsets = np.concatenate(places)
+    order = np.argsort(offsets, kind="stable")
     holding = np.repeat(np.arange(len(parts)), [len(table) for table in tables])[order].tolist()
     frames = concatenated(tables)[order]
     data = bytearray()
@@ -242,4 +242,4 @@ def joined(parts: Sequence[RecordingPart]) -> RecordingPart:
     end = np.cumsum(frames.size)
     frames = replace(frames, start=end - frames.size, end=end)
     joint = np.frombuffer(data, dtype=np.uint8)
-    return RecordingPart(joint, frames, place[order], np.concatenate(times)[order])
+    return RecordingPart(joint, frames, offsets[order], np.concatenate(times)[order])

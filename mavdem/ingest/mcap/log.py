@@ -89,13 +89,13 @@ class _Piece(NamedTuple):
 def _stream(source: str, recording: McapRecording) -> FrameStream:
     """The MAVLink in a recording; raises Unreadable: there is none."""
     carried: dict[int, list[_Piece] | None] = {}
-    for place, message in enumerate(recording.messages()):
+    for position, message in enumerate(recording.messages()):
         number = message.channel_id
         if number not in carried:
             carries_frames = _carries_frames(recording.channels[number], message.data)
             carried[number] = [] if carries_frames else None
         if (pieces := carried[number]) is not None:
-            pieces.append(_Piece(place, message.log_time, message.data))
+            pieces.append(_Piece(position, message.log_time, message.data))
     parts = [_part(pieces) for pieces in carried.values() if pieces is not None]
     skipped = sum(len(part.data) - int(part.frames.size.sum()) for part in parts)
     heard = set()
@@ -163,7 +163,7 @@ def _json_part(content: bytes, topics: Mapping[int, JsonTopic]) -> tuple[Recordi
     unknown: Counter[str] = Counter()
     wrong: Counter[str] = Counter()
     recording = McapRecording(content)
-    for place, message in enumerate(recording.messages()):
+    for position, message in enumerate(recording.messages()):
         if message.channel_id not in topics:
             continue
         sender, name = topics[message.channel_id]
@@ -178,7 +178,7 @@ def _json_part(content: bytes, topics: Mapping[int, JsonTopic]) -> tuple[Recordi
             wrong[recording.channels[message.channel_id].topic] += 1
         else:
             frame = frame_of(payload, definition, sender, last[sender])
-            written.append(_Piece(place, message.log_time, frame))
+            written.append(_Piece(position, message.log_time, frame))
     names = [name for name, _ in unknown.most_common(5)]
     more = len(unknown) - len(names)
     left_out = (

@@ -138,8 +138,10 @@ MAVROS_PERIODS = {"rc/out": 2**32 / 1e6}
 
 def mavros_autopilot(modes: Counter[str]) -> int:
     """Returns MAV_AUTOPILOT by the names of the flight modes and how often each occurs."""
-    known = NAMES["mavros_modes"]
-    px4, ardupilot = (sum(modes[mode] for mode in known[name]) for name in ("PX4", "ARDUPILOTMEGA"))
+    modes_of = NAMES["mavros_modes"]
+    px4, ardupilot = (
+        sum(modes[mode] for mode in modes_of[name]) for name in ("PX4", "ARDUPILOTMEGA")
+    )
     px4 += sum(count for mode, count in modes.items() if mode.startswith("AUTO."))
     if px4 == ardupilot:
         return GENERIC
@@ -192,14 +194,14 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
     undecodable: Counter[str] = Counter()
     log_times = []
     anew = McapRecording(recording.content)
-    for place, message in enumerate(anew.messages()):
+    for index, message in enumerate(anew.messages()):
         number = message.channel_id
         if number not in topics:
             continue
         decode = decoders[schemas[number]]
         try:
             assert decode is not None
-            read[number][place] = decode(message.data)
+            read[number][index] = decode(message.data)
             log_times.append(message.log_time / 1e9)
         except Exception:  # cut short, or of another type: the library may raise anything
             undecodable[anew.channels[number].topic] += 1

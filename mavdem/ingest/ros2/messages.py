@@ -64,12 +64,12 @@ def columns_of(
     zeros to that length.
     """
     columns: Fields = {}
-    found = set()
+    fields = set()
     for field in (*needed, *wanted):
         with suppress(AttributeError, TypeError, ValueError):
             columns |= _columns(messages.values(), field)
-            found.add(field)
-    if messages and found.issuperset(needed) and (found.intersection(wanted) or not wanted):
+            fields.add(field)
+    if messages and fields.issuperset(needed) and (fields.intersection(wanted) or not wanted):
         return TopicColumns(columns, np.fromiter(messages, np.int64))
     return None
 

@@ -135,14 +135,14 @@ def _label(axes: Axes, axis: Axis) -> None:
 
 def _draw_line(axes: Axes, line: Line) -> None:
     x, y = line.x, line.y
-    known: Values = {"color": line.colour, "label": line.name}
+    style: Values = {"color": line.colour, "label": line.name}
     if line.kind is Kind.STEMS:
-        axes.vlines(x, 0, y, linewidth=1.3, **known)
+        axes.vlines(x, 0, y, linewidth=1.3, **style)
     elif line.kind is Kind.DOTS:
         ends = None if line.low is None or line.high is None else (y - line.low, line.high - y)
-        axes.errorbar(x, y, ends, fmt="o", markersize=3.5, linewidth=1.1, **known)
+        axes.errorbar(x, y, ends, fmt="o", markersize=3.5, linewidth=1.1, **style)
     else:
-        axes.plot(x, y, linewidth=1.1, dashes=(4, 2) if line.kind is Kind.DASHES else (), **known)
+        axes.plot(x, y, linewidth=1.1, dashes=(4, 2) if line.kind is Kind.DASHES else (), **style)
         if line.low is not None and line.high is not None:
             shade: Values = {"alpha": BAND_OPACITY, "linewidth": 0}
             axes.fill_between(x, line.low, line.high, color=line.colour, **shade)
