@@ -33,7 +33,7 @@ class ControlOutput(NamedTuple):
     rates: Three = (0.0, 0.0, 0.0)  # setpoints of the body rates, rad/s
 
 
-class Gains(NamedTuple):
+class LoopGains(NamedTuple):
     """Of the loops about one axis; the rate loop's output is the mixer's demand, −1 to 1."""
 
     p: float  # per rad/s
@@ -44,7 +44,7 @@ class Gains(NamedTuple):
     angle: float  # rad/s per rad
 
 
-class Controller:
+class FlightController:
     """That of one vehicle in flight, in a ``cycle`` of s.
 
     ``stiff``: rates that are asked for per error of roll, pitch and yaw, 1/s.
@@ -89,12 +89,12 @@ class Controller:
         self._smooths = 1.0 - exp(-self.cycle * LEAD * self._velocity)
 
     @property
-    def gains(self) -> tuple[Gains, ...]:
+    def gains(self) -> tuple[LoopGains, ...]:
         """About roll, pitch and yaw."""
         # The lead is P and D: P(1 + (LEAD − 1)τs/(1 + τs)); τ as the cycle's exp(−cycle/τ) has it.
         lag = self.cycle * (1.0 - self._forgets) / self._forgets
         return tuple(
-            Gains(p, p * self._rate / 12, p * (LEAD - 1.0) * lag, lag, angle)
+            LoopGains(p, p * self._rate / 12, p * (LEAD - 1.0) * lag, lag, angle)
             for p, angle in zip(
                 (self._gain * self._rate * share for share in self._per_unit),
                 self.stiff,

@@ -18,7 +18,7 @@ from mavdem.condition.loop.controllers import (
 from mavdem.condition.loop.controllers import Controller as AxisController
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from sitl_scenarios import mixers
-from sitl_scenarios.controller import LEAD, Controller, Gains
+from sitl_scenarios.controller import LEAD, FlightController, LoopGains
 from sitl_scenarios.dynamics import IDLE_COMMAND, SPINS, Four, frame, steps_of
 from sitl_scenarios.gyro import Gyro
 from sitl_scenarios.motion import Pair
@@ -54,26 +54,26 @@ def parameters_of(scenario: Scenario) -> dict[str, float]:
     """Returns the parameters of control: those that suit the vehicle, and what ``vehicle.parameters`` says instead."""
     kind = scenario.stream.autopilot
     parameters_for = _px4 if kind == "px4" else _ardupilot
-    own = parameters_for(scenario.vehicle, Controller(scenario).gains)
+    own = parameters_for(scenario.vehicle, FlightController(scenario).gains)
     if "RATE_RLL_P" in scenario.vehicle.parameters:  # as gains were called before ArduCopter 3.4
         own = {name: value for name, value in own.items() if not name.startswith("ATC_")}
     return own | {LOOP_RATES[kind]: round(1 / scenario.cycle)} | scenario.vehicle.parameters
 
 
-def controller_for(scenario: Scenario) -> Controller:
+def controller_for(scenario: Scenario) -> FlightController:
     """Returns the controller of a scenario: of its parameters, where it has any; raises NotLearnable: they are none."""
     if scenario.vehicle.parameters:
         return SetController(scenario)
-    return Controller(scenario)
+    return FlightController(scenario)
 
 
-def gyro_for(controller: Controller) -> Gyro:
+def gyro_for(controller: FlightController) -> Gyro:
     """Returns the gyro of a ``controller``, stepped as the physics in its cycle; its own one has no filters."""
     roll = controller.axes[0] if isinstance(controller, SetController) else None
     return Gyro(roll, controller.cycle / steps_of(controller.cycle))
 
 
-class SetController(Controller):
+class SetController(FlightController):
     """Flies an autopilot's parameters; position and velocity control are the simulation's own."""
 
     def __init__(self, scenario: Scenario) -> None:
@@ -171,7 +171,7 @@ def _slope_in_hover(vehicle: VehicleSpec, low: float) -> Pair:
     return share, (1.0 - low) / slope
 
 
-def _px4(vehicle: VehicleSpec, gains: Sequence[Gains]) -> dict[str, float]:
+def _px4(vehicle: VehicleSpec, gains: Sequence[LoopGains]) -> dict[str, float]:
     """Gains of a normalised torque.
 
     A torque of 1 adds the column of the mixer's pseudo-inverse to the motors, normalised as in PX4's
@@ -206,7 +206,7 @@ def _px4(vehicle: VehicleSpec, gains: Sequence[Gains]) -> dict[str, float]:
     return values | {"MC_YAW_TQ_CUTOFF": 0.0, "CA_AIRFRAME": 0, "CA_ROTOR_COUNT": len(SPINS)}
 
 
-def _ardupilot(vehicle: VehicleSpec, gains: Sequence[Gains]) -> dict[str, float]:
+def _ardupilot(vehicle: VehicleSpec, gains: Sequence[LoopGains]) -> dict[str, float]:
     """Gains of shares of the motors' range, of which the mixer gives a half to each motor.
 
     ArduPilot's derivative is of the error. The filter of the target makes up for it: (1 + LEAD τs)/(1 + τs) behind

@@ -81,7 +81,7 @@ def seconds(scenario: Scenario) -> float:
     return scenario.flights * (BOOT_SECONDS + scenario.duration + AFTER_SECONDS)
 
 
-class Plan:
+class FlightPlan:
     """Spin up, climb for 3 s or longer, hover and be excited, descend, wait; raises ValueError: no time to hover."""
 
     def __init__(self, scenario: Scenario) -> None:

@@ -22,7 +22,7 @@ from sitl_scenarios.dynamics import (
 from sitl_scenarios.gains import controller_for, gyro_for
 from sitl_scenarios.gyro import STILL
 from sitl_scenarios.motion import Array, Motion, Progress, joined
-from sitl_scenarios.plan import AFTER_SECONDS, BOOT_SECONDS, Plan, seconds
+from sitl_scenarios.plan import AFTER_SECONDS, BOOT_SECONDS, FlightPlan, seconds
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.sensors import RotorNoise, Sensing
 from sitl_scenarios.vehicles import GRAVITY, airframe
@@ -45,7 +45,7 @@ class Simulation:
         self._steps = steps_of(self.cycle)
         self._body = Body(scenario.vehicle, self.cycle / self._steps)
         self._airframe = airframe(scenario.vehicle)
-        self._plan = Plan(scenario)
+        self._plan = FlightPlan(scenario)
         self._controller = controller_for(scenario)
         self._gyro = gyro_for(self._controller)
         self._sensing = Sensing(scenario)

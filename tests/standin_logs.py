@@ -13,9 +13,9 @@ from refusals import prose
 from mavdem.dem.parallel import spare_cores
 from mavdem.errors import Unreadable
 from mavdem.fleet.row import FlightRow
-from mavdem.fleet.workers import Limits, Outcome, outcome_of
+from mavdem.fleet.workers import JobLimits, JobOutcome, outcome_of
 
-LIMITS = Limits(seconds=2, megabytes=600)
+LIMITS = JobLimits(seconds=2, megabytes=600)
 _held = []
 
 
@@ -90,14 +90,16 @@ def table_of(out):
 
 def fleet_of(out, rows):
     """Makes a fleet of these rows, none of them judged."""
-    from mavdem.fleet.sources import Source
+    from mavdem.fleet.sources import LogSource
     from mavdem.fleet.store import opened
 
     with opened(out) as fleet:
         for file in dict.fromkeys(row.file for row in rows):
             of_log = tuple(row for row in rows if row.file == file)
-            fleet.add(Source(file, 1, "now"), Outcome(file, "read", of_log, of_log[0].key), LIMITS)
-        fleet.track([Source(row.file, 1, "now") for row in rows])
+            fleet.add(
+                LogSource(file, 1, "now"), JobOutcome(file, "read", of_log, of_log[0].key), LIMITS
+            )
+        fleet.track([LogSource(row.file, 1, "now") for row in rows])
         fleet.publish(lambda rows, _: rows)
 
 

@@ -24,7 +24,7 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement, judge, unjudged
 from mavdem.assessment.log import simulated_of
 from mavdem.assessment.motion import motion_events
-from mavdem.assessment.noise import Noise, noise_of
+from mavdem.assessment.noise import MeasuredNoise, noise_of
 from mavdem.assessment.reported import reported_events
 from mavdem.assessment.responses import Responses, responses_of
 from mavdem.condition.inventory import Seen
@@ -133,9 +133,11 @@ class Assessment(AssessmentDownstream):
         return {} if self.evidence is None else read_only(responses_of(self.evidence))
 
     @cached_property
-    def noise(self) -> Noise:
+    def noise(self) -> MeasuredNoise:
         """The spectra of gyro and accelerometer, lines in them, and the notch filter to set."""
-        return read_only(Noise({}, {}) if self.evidence is None else noise_of(self.evidence))
+        return read_only(
+            MeasuredNoise({}, {}) if self.evidence is None else noise_of(self.evidence)
+        )
 
     @property
     def spectra(self) -> Mapping[str, Spectrum]:

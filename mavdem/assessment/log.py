@@ -10,7 +10,7 @@ from mavdem.alignment.signals import MINIMUM_RATE, Signals, usual_rate
 from mavdem.assessment.evidence import Evidence
 from mavdem.confidence import ENOUGH_SAMPLES
 from mavdem.facts import Fact, Level
-from mavdem.facts.log import LogLight, Simulation
+from mavdem.facts.log import LogLight, Simulator
 
 LONG_GAP = 1.0  # s without attitude: longer than a fall from 5 m
 SIH_AIRFRAMES = range(
@@ -56,13 +56,13 @@ def simulated_of(evidence: Evidence) -> Fact | None:
     parameters = telemetry.parameters
     kind = None
     if parameters.get("SYS_HITL", 0) > 0:
-        kind = Simulation.HARDWARE
+        kind = Simulator.HARDWARE
     elif (
         any(name.startswith("SIM_") for name in parameters)
         or parameters.get("SYS_AUTOSTART") in SIH_AIRFRAMES
         or _is_still(evidence.signals)
     ):
-        kind = Simulation.SOFTWARE
+        kind = Simulator.SOFTWARE
     return Fact(LogLight.SIMULATED, kind=kind) if kind else None
 
 

@@ -26,7 +26,7 @@ GYRO = "gyro"
 BEFORE = "gyro_before"
 
 
-class Noise(NamedTuple):
+class MeasuredNoise(NamedTuple):
     """The spectra by name, and the lines of each."""
 
     spectra: Mapping[str, Spectrum]
@@ -65,15 +65,15 @@ class Noise(NamedTuple):
         return tuple(filter(None, (*facts, self.notch)))
 
 
-def noise_of(evidence: Evidence) -> Noise:
+def noise_of(evidence: Evidence) -> MeasuredNoise:
     """Returns the spectra and lines of all that was flown, and a notch with what it costs the identified loops."""
     signals = evidence.signals
     if signals.attitude is None:
-        return Noise({}, {})
+        return MeasuredNoise({}, {})
     boots = np.unique(signals.attitude.boot).tolist()
     spans = [Segment(boot, *span) for boot in boots for span in evidence.flights(boot)]
     spectra = spectra_of_flight(signals, spans)
-    noise = Noise(spectra, {name: peaks_of(spectrum) for name, spectrum in spectra.items()})
+    noise = MeasuredNoise(spectra, {name: peaks_of(spectrum) for name, spectrum in spectra.items()})
     controller = known_controller_of(signals.about("roll"))
     if controller is None:
         return noise

@@ -22,7 +22,7 @@ from mavdem.dem import Settings
 from mavdem.dem.learned import TEST_SECONDS
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.evaluate.window import Length
-from mavdem.facts.command import Source
+from mavdem.facts.command import NamedSource
 from mavdem.flight import Flight
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.parameter_file import with_parameters
@@ -155,10 +155,10 @@ LINK_PATTERN = re.compile(r"(udp|tcp|mcast|ws)\w*:|/dev/(tty|cu|serial)|COM\d", 
 def refuse_link(source: str) -> None:
     """Raises ``Unreadable`` for a link and for standard input, where a log is needed."""
     if source == "-":
-        raise Unreadable(Source.STANDARD_INPUT_IS_NO_LOG)
+        raise Unreadable(NamedSource.STANDARD_INPUT_IS_NO_LOG)
     if LINK_PATTERN.match(source) and not os.path.isfile(source):
         attach = shlex.join(["mavdem", "live", source])
-        raise Unreadable(Source.LINK_IS_NO_LOG, path=source, name=attach)
+        raise Unreadable(NamedSource.LINK_IS_NO_LOG, path=source, name=attach)
 
 
 def read_source(source: str, params: Path | None = None) -> Log:

@@ -18,7 +18,7 @@ from mavdem.dem.order_choice import (
 )
 from mavdem.documents.comparison import Order
 from mavdem.errors import NotLearnable
-from mavdem.facts.command import Source
+from mavdem.facts.command import NamedSource
 from mavdem.flight import Flight
 from mavdem.heading import Names
 from mavdem.report.comparison import order_advice, order_report
@@ -72,7 +72,7 @@ def order_command(
         channels.append(flight.inputs.shape[1])
         if channels[-1] != channels[0]:
             count = channels[-1]
-            raise NotLearnable(Source.AS_MANY_INPUTS_NEEDED, count=count, needed=channels[0])
+            raise NotLearnable(NamedSource.AS_MANY_INPUTS_NEEDED, count=count, needed=channels[0])
         return flight
 
     flights = of_each(sources, axis, vehicle, inputs, with_as_many_inputs)

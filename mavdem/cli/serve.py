@@ -10,7 +10,7 @@ from mavdem.cli.track import MOST
 from mavdem.dem.parallel import spare_cores
 from mavdem.extras import require
 from mavdem.facts import Fact
-from mavdem.fleet.workers import Limits
+from mavdem.fleet.workers import JobLimits
 from mavdem.machine import has_screen
 
 SAMPLE = Path(__file__).parents[1] / "serve" / "sample_flight.tlog"
@@ -80,9 +80,9 @@ def serve_command(
     that the first page shows. The interface for programs is described at /api/openapi.json.
     """
     require("serve", "`mavdem serve`")
-    from mavdem.serve.run import Options, serve
+    from mavdem.serve.run import ServerOptions, serve
 
-    options = Options(
+    options = ServerOptions(
         folder,
         host,
         port,
@@ -90,7 +90,7 @@ def serve_command(
         behind_proxy,
         None if quota is None else int(quota * 1e9),
         jobs or spare_cores(),
-        Limits(megabytes=1000),  # the page and the recording need more than rows
+        JobLimits(megabytes=1000),  # the page and the recording need more than rows
         scheduler,
         SAMPLE,
         link,

@@ -28,7 +28,7 @@ from mavdem.fleet.row import summary
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.fleet.store import read_rows
 from mavdem.fleet.tracking import track
-from mavdem.fleet.workers import Limits, WorkerPool
+from mavdem.fleet.workers import JobLimits, WorkerPool
 from mavdem.heading import Names
 from mavdem.report.blocks import Sentence
 from mavdem.report.difference import baseline_blocks
@@ -66,14 +66,14 @@ MOST = 1_000_000  # seconds and megabytes that may be asked for: days, and a ter
 @click.option(
     "--time-limit",
     type=Number(1, MOST),
-    default=Limits().seconds,
+    default=JobLimits().seconds,
     show_default=True,
     help="Seconds of the processor that one log may take.",
 )
 @click.option(
     "--memory-limit",
     type=click.IntRange(256, MOST),
-    default=Limits().megabytes,
+    default=JobLimits().megabytes,
     show_default=True,
     help="Memory in MB that the reading of one log may take.",
 )
@@ -115,7 +115,7 @@ def track_command(
     """
     for name in logs:
         refuse_link(name)
-    limits = Limits(time_limit, memory_limit)
+    limits = JobLimits(time_limit, memory_limit)
     if scheduler is not None and jobs:
         refusal = "it is of this machine; with --scheduler the cluster has its own."
         raise click.BadParameter(refusal, param_hint="--jobs")

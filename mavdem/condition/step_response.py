@@ -71,7 +71,7 @@ DISAGREES = 0.3
 FIGURES = ("overshoot", "rise_time", "settling", "delay", "peak", "peak_frequency")
 
 
-class Estimate(NamedTuple):
+class IntervalEstimate(NamedTuple):
     """A figure with its 90 % interval."""
 
     value: float
@@ -107,12 +107,12 @@ class StepResponse(Result):
     gain_half: Array
     highest: float
     windows: int
-    overshoot: Estimate
-    rise_time: Estimate
-    settling: Estimate
-    delay: Estimate
-    peak: Estimate
-    peak_frequency: Estimate
+    overshoot: IntervalEstimate
+    rise_time: IntervalEstimate
+    settling: IntervalEstimate
+    delay: IntervalEstimate
+    peak: IntervalEstimate
+    peak_frequency: IntervalEstimate
     coherence: float
 
     @property
@@ -457,8 +457,8 @@ def step_of(frequency: Array, closed: Complex, time: Array) -> Array:
     return waves @ real * STEP_HERTZ * 2 / np.pi
 
 
-def _estimate(values: Array) -> Estimate:
+def _estimate(values: Array) -> IntervalEstimate:
     """The first of values (N,), and the interval of the others, widened to hold it."""
     low, high = np.quantile(values[1:], [0.05, 0.95]).tolist()
     value = float(values[0])
-    return Estimate(value, min(low, value), max(high, value))
+    return IntervalEstimate(value, min(low, value), max(high, value))

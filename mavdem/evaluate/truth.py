@@ -13,7 +13,7 @@ from mavdem.alignment.drive import AXES
 from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import Unreadable, cause_of
-from mavdem.facts.forecasts import Compared, Forecasts
+from mavdem.facts.forecasts import ComparedWithTruth, Forecasts
 from mavdem.facts.identifiability import Status
 from mavdem.files import PathName
 from mavdem.flight import Flight
@@ -167,9 +167,13 @@ def _parameters(
     if flight.input_units == ("µs",) * truth.effect.size:
         weak = np.interp(time, truth.time, truth.weak) >= 0.5
         true = truth.weak_effect if weak.mean() >= 0.5 else truth.effect
-        names = [f"{Compared.EFFECT_OF} {name.split(' (')[0]}" for name in flight.input_names]
+        names = [
+            f"{ComparedWithTruth.EFFECT_OF} {name.split(' (')[0]}" for name in flight.input_names
+        ]
         rows = [*zip(names, physical.effect.tolist(), effect.tolist(), true.tolist(), strict=True)]
-        rows.append((Compared.MEAN_EFFECT, *physical.mean_effect(), float(abs(true).mean())))
+        rows.append(
+            (ComparedWithTruth.MEAN_EFFECT, *physical.mean_effect(), float(abs(true).mean()))
+        )
         for name, estimate, half, true_value in rows:
             yield ComparedParameter(
                 name, "rad/s² per µs", estimate, half, true_value, status["effect"]
@@ -182,9 +186,9 @@ def _parameters(
 
 
 PLANT = (
-    (Compared.DAMPING, "1/s", "damping"),
-    (Compared.LAG_OF_THE_MOTORS, "s", "lag"),
-    (Compared.DELAY, "s", "delay"),
+    (ComparedWithTruth.DAMPING, "1/s", "damping"),
+    (ComparedWithTruth.LAG_OF_THE_MOTORS, "s", "lag"),
+    (ComparedWithTruth.DELAY, "s", "delay"),
 )
 """Names, units and attributes of what the rotation is made of."""
 
@@ -199,5 +203,7 @@ def _wind(wind: WindTorque, truth: Truth, time: Array) -> ComparedWind:
         true_sd=float(true.std()),
         inside=float(np.mean(abs(wind.torque - true) <= wind.band)),
         resolved=wind.resolved,
-        mean=ComparedParameter(Compared.STEADY_PART, "rad/s²", wind.mean, wind.mean_band, mean),
+        mean=ComparedParameter(
+            ComparedWithTruth.STEADY_PART, "rad/s²", wind.mean, wind.mean_band, mean
+        ),
     )

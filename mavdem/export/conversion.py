@@ -26,7 +26,7 @@ from mavdem.errors import NotLearnable
 from mavdem.evaluate.held_out import HeldOut
 from mavdem.extras import require
 from mavdem.facts.identifiability import Status
-from mavdem.facts.model import Plant
+from mavdem.facts.model import NoPlant
 from mavdem.files import PathName, atomic_write, writing
 from mavdem.flight import Flight, Flights, boot_of
 from mavdem.heading import Names, Values
@@ -193,9 +193,9 @@ def _identified(learned: Learned) -> Physical:
     count = len(learned.record.output_names)
     if physical is None or physical.caution is not None:
         reason = learned.physical_reason if physical is None else physical.caution
-        raise NotLearnable(Plant.NO_PLANT, because=reason)
+        raise NotLearnable(NoPlant.NO_PLANT, because=reason)
     if count > 2:
-        raise NotLearnable(Plant.TOO_MANY_OUTPUTS, count=count)
+        raise NotLearnable(NoPlant.TOO_MANY_OUTPUTS, count=count)
     if doubtful := [
         f"{name} {status}"
         for name, status in physical.status.items()

@@ -13,7 +13,7 @@ class Place(Code):
     FILE_FAILED = "file_failed"
 
 
-class Source(Code):
+class NamedSource(Code):
     """Why what was named cannot be used."""
 
     STANDARD_INPUT_IS_NO_LOG = "standard_input_is_no_log"

@@ -37,7 +37,7 @@ class Folder(Code):
     BASELINE_WITHOUT_FLIGHT = "baseline_without_flight"
 
 
-class Prior(Code):
+class NoPrior(Code):
     """Why an earlier flight says nothing of the next."""
 
     MODEL_UNREADABLE = "model_unreadable"
@@ -47,7 +47,7 @@ class Prior(Code):
     DRAG_OF_THIS_FLIGHT = "drag_of_this_flight"
 
 
-class Outcome(StrEnum):
+class QuantityOutcome(StrEnum):
     """What becomes of a quantity that is compared; uncertain where neither changed nor the same can be said."""
 
     CHANGED = "changed"

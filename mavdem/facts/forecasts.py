@@ -44,7 +44,7 @@ class MethodName(StrEnum):
     JOINT_VAR = "joint VAR"
 
 
-class Compared(StrEnum):
+class ComparedWithTruth(StrEnum):
     """What is compared with the truth, by the names that documents have."""
 
     EFFECT_OF = "effect of"

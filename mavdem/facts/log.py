@@ -15,7 +15,7 @@ class LogLight(Code):
     SIMULATED = "simulated"
 
 
-class Simulation(StrEnum):
+class Simulator(StrEnum):
     """What flew instead of a vehicle."""
 
     SOFTWARE = "software"

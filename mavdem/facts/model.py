@@ -83,7 +83,7 @@ class Workers(Code):
     SCRIPT_IMPORTED_BY_WORKER = "script_imported_by_worker"
 
 
-class Plant(Code):
+class NoPlant(Code):
     """Why a model has no plant for other programs."""
 
     NO_PLANT = "no_plant"

@@ -20,9 +20,9 @@ from mavdem.fleet.row import SCHEMA_VERSION
 from mavdem.fleet.workers import (
     ATTEMPTS,
     Job,
-    Limits,
+    JobLimits,
+    JobOutcome,
     LogReader,
-    Outcome,
     ReadLog,
     failed,
     side_by_side,
@@ -37,7 +37,7 @@ _idle = list[LogReader]()
 class Cluster:
     """Reads logs on the Dask cluster at ``address``, as ``WorkerPool`` does; others take what a dead worker had."""
 
-    def __init__(self, address: str, limits: Limits, read: ReadLog) -> None:
+    def __init__(self, address: str, limits: JobLimits, read: ReadLog) -> None:
         require("dask")
         if not re.fullmatch(r"\w+://\S+:\d{1,5}", address):
             raise Unreadable(Reading.NO_ADDRESS, address=address)
@@ -47,14 +47,14 @@ class Cluster:
         self._client: Any = None
         self._lock = Lock()
 
-    def outcomes(self, jobs: Iterator[Job]) -> Generator[Outcome]:
+    def outcomes(self, jobs: Iterator[Job]) -> Generator[JobOutcome]:
         """Yields outcomes as ``WorkerPool`` does; raises ``Unreadable``, as :meth:`read` does."""
         threads = sum(self._connected().nthreads().values())
         read = partial(self.read, limits=self.limits, read=self._read)
         # One is on its way while another is read.
         yield from side_by_side([read] * 2 * threads, jobs, self.stop)
 
-    def read(self, job: Job, limits: Limits, read: ReadLog) -> Outcome:
+    def read(self, job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome:
         """Returns what becomes of a log that the function ``read`` reads.
 
         Raises ``Unreadable``: there is no such cluster, it has no worker, or one of its workers has another version of
@@ -121,7 +121,7 @@ class Cluster:
                 raise self._refusal(code, name=name, there=there, here=here)
 
 
-def read_on_worker(job: Job, limits: Limits, read: ReadLog) -> Outcome:
+def read_on_worker(job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome:
     """Reads a log, in a worker of the cluster, in a process that outlives it."""
     # Dask's workers are daemons, which may have no children; these end with their worker.
     current_process().daemon = False

@@ -24,7 +24,7 @@ from mavdem.confidence import LEVEL, quantile
 from mavdem.dem.record import FEWEST_MOTORS
 from mavdem.evaluate.paired_test import SIGNIFICANCE
 from mavdem.facts import Fact
-from mavdem.facts.fleet import Compared, Incomparable, Outcome
+from mavdem.facts.fleet import Compared, Incomparable, QuantityOutcome
 from mavdem.facts.identifiability import Status
 from mavdem.fleet.row import (
     SHARED,
@@ -101,7 +101,7 @@ class QuantityChange(NamedTuple):
     # standard deviation of what other conditions may do to it, which is in the half width
     allowance: float
     # uncertain where the interval has both what is called the same and what is not
-    outcome: Outcome = Outcome.SAME
+    outcome: QuantityOutcome = QuantityOutcome.SAME
 
 
 class Conditions(NamedTuple):
@@ -119,7 +119,7 @@ class Conditions(NamedTuple):
     wind_torque: dict[str, float]
 
 
-class Missing(NamedTuple):
+class MissingQuantity(NamedTuple):
     """What cannot be compared, and the reason."""
 
     quantity: Fact
@@ -143,12 +143,12 @@ class VehicleDifference(NamedTuple):
     flights: tuple[int, int]  # how many each has
     # quantities known in both, in the order of kinds, motors and axes
     changes: tuple[QuantityChange, ...]
-    incomparable: tuple[Missing, ...]  # what is not known in both
+    incomparable: tuple[MissingQuantity, ...]  # what is not known in both
     conditions: tuple[Conditions, Conditions]  # of each state
     family_error: float = SIGNIFICANCE  # chance that any is called changed when none did
     level: float = LEVEL  # of the intervals
 
-    def of(self, outcome: Outcome) -> list[QuantityChange]:
+    def of(self, outcome: QuantityOutcome) -> list[QuantityChange]:
         """Returns the changes with this outcome."""
         return [change for change in self.changes if change.outcome == outcome]
 
@@ -298,11 +298,11 @@ def _compared(
 def _tested(judged: Sequence[QuantityChange]) -> list[QuantityChange]:
     """Each with its outcome, in order, by Holm's procedure over all."""
     tested = []
-    outcome = Outcome.CHANGED
+    outcome = QuantityOutcome.CHANGED
     for rank, change in enumerate(sorted(judged, key=lambda change: change.p)):
-        if outcome is not Outcome.CHANGED or change.p > SIGNIFICANCE / (len(judged) - rank):
+        if outcome is not QuantityOutcome.CHANGED or change.p > SIGNIFICANCE / (len(judged) - rank):
             within = abs(change.difference) + change.half_width <= RESOLUTION[change.quantity.kind]
-            outcome = Outcome.SAME if within else Outcome.UNCERTAIN
+            outcome = QuantityOutcome.SAME if within else QuantityOutcome.UNCERTAIN
         tested.append(change._replace(outcome=outcome))
     order = [*BETWEEN]
     return sorted(tested, key=lambda change: (order.index(change.quantity.kind), change.quantity))
@@ -364,16 +364,16 @@ def _incomparable(
     sides: Sequence[Flights],
     estimates: Sequence[Sequence[Iterable[Quantity]]],
     unlike: Fact | None,
-) -> Iterator[Missing]:
+) -> Iterator[MissingQuantity]:
     """What is missing on either side, each with its reason."""
     wanted = [Quantity(SHARE)]
     if unlike is None:
         of_axes = [Quantity(kind, axis=axis) for kind in (DAMPING, LAG) for axis in TILT_AXES]
         wanted += [Quantity(EFFECT), *of_axes]
     elif unlike.code is Incomparable.OTHER_INPUTS:
-        yield Missing(Fact(Compared.OF_MODELS), unlike)
+        yield MissingQuantity(Fact(Compared.OF_MODELS), unlike)
     else:
-        yield Missing(Fact(Compared.EVERYTHING), unlike)
+        yield MissingQuantity(Fact(Compared.EVERYTHING), unlike)
         return
     for quantity in wanted:
         reasons = [
@@ -387,7 +387,7 @@ def _incomparable(
         ]
         if reasons:
             name = Fact(Compared.QUANTITY, subject=quantity.axis, name=quantity.kind)
-            yield Missing(name, Fact(Incomparable.NOT_IN_BOTH, reasons=reasons))
+            yield MissingQuantity(name, Fact(Incomparable.NOT_IN_BOTH, reasons=reasons))
 
 
 def _reason(quantity: Quantity, side: str, flights: Flights) -> Fact:

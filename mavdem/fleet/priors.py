@@ -5,7 +5,7 @@ from pathlib import Path
 
 from mavdem.dem import Drag, Learned
 from mavdem.errors import Unreadable
-from mavdem.facts.fleet import Prior
+from mavdem.facts.fleet import NoPrior
 from mavdem.fleet.rows_of_log import MODEL, REPORT, text_of
 
 
@@ -17,11 +17,11 @@ def earlier_flight(path: Path, axis: str) -> Learned:
     try:
         learned = Learned.from_json(text_of(path / MODEL if path.is_dir() else path))
     except (OSError, ValueError) as error:
-        raise Unreadable(Prior.MODEL_UNREADABLE, path=path, because=error) from None
+        raise Unreadable(NoPrior.MODEL_UNREADABLE, path=path, because=error) from None
     if learned.record.output_names[:1] != (axis,):
-        raise Unreadable(Prior.MODEL_OF_OTHER_AXIS, path=path, name=axis)
+        raise Unreadable(NoPrior.MODEL_OF_OTHER_AXIS, path=path, name=axis)
     if learned.physical is None or not learned.physical.identifiable:
-        raise Unreadable(Prior.MODEL_WITHOUT_EFFECT, path=path, name=axis)
+        raise Unreadable(NoPrior.MODEL_WITHOUT_EFFECT, path=path, name=axis)
     return learned
 
 
@@ -43,7 +43,7 @@ def earlier_drag(path: Path, speed: float | None = None) -> Drag:
         drag = Drag.from_dict(wind["drag"]).of_next_flight()
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         because = error.strerror if isinstance(error, OSError) else None
-        raise Unreadable(Prior.DRAG_UNREADABLE, path=file, because=because) from error
+        raise Unreadable(NoPrior.DRAG_UNREADABLE, path=file, because=because) from error
     if wind.get("speed") == speed is not None:
-        raise Unreadable(Prior.DRAG_OF_THIS_FLIGHT, path=file)
+        raise Unreadable(NoPrior.DRAG_OF_THIS_FLIGHT, path=file)
     return drag

@@ -32,7 +32,7 @@ VERSIONS = (
 """What file systems call that which changes with a file's content, the surest first."""
 
 
-class Source(NamedTuple):
+class LogSource(NamedTuple):
     """One log."""
 
     path: str  # absolute path, or URL
@@ -48,14 +48,14 @@ def is_url(name: str) -> bool:
 
 def find_logs(
     names: Sequence[str], apart_from: Path | None = None
-) -> tuple[list[Source], list[Fact]]:
+) -> tuple[list[LogSource], list[Fact]]:
     """Finds the logs that names stand for: a file is one, whatever it holds; of a folder, those that look like logs.
 
     ``names``: files, folders with all folders in them, patterns such as ``logs/**/*.bin``, URLs of all these. The
     folder ``apart_from``, of the results, is left out wherever it lies. Returns the logs, each once and by path, and a
     fact for each name that names none.
     """
-    logs: dict[str, Source] = {}
+    logs: dict[str, LogSource] = {}
     problems = []
     left_out = os.path.realpath(apart_from) if apart_from else ""
     for name in names:
@@ -72,7 +72,7 @@ def find_logs(
     return [logs[path] for path in sorted(logs)], problems
 
 
-def _local(name: str, left_out: str) -> Iterator[Source]:
+def _local(name: str, left_out: str) -> Iterator[LogSource]:
     """Logs of this machine: a file, what looks like a log in a folder and those below it, or what a pattern names."""
     if os.path.isdir(name):
         paths = [
@@ -92,17 +92,17 @@ def _local(name: str, left_out: str) -> Iterator[Source]:
             yield source_of(path)
 
 
-def source_of(path: str) -> Source:
+def source_of(path: str) -> LogSource:
     """Returns a file of this machine, whether it is there or not."""
     try:
         status = os.stat(path)
     except OSError:
-        return Source(os.path.abspath(path), -1, "")
+        return LogSource(os.path.abspath(path), -1, "")
     size = status.st_size if stat.S_ISREG(status.st_mode) else -1
-    return Source(os.path.abspath(path), size, str(status.st_mtime_ns))
+    return LogSource(os.path.abspath(path), size, str(status.st_mtime_ns))
 
 
-def _remote(url: str) -> Iterator[Source]:
+def _remote(url: str) -> Iterator[LogSource]:
     require("urls")
     import fsspec  # type: ignore[import-untyped]
 
@@ -123,7 +123,9 @@ def _remote(url: str) -> Iterator[Source]:
         if details.get("type", "file") != "directory":
             size = details.get("size")
             version = next((str(details[name]) for name in VERSIONS if details.get(name)), "")
-            yield Source(system.unstrip_protocol(name), -1 if size is None else int(size), version)
+            yield LogSource(
+                system.unstrip_protocol(name), -1 if size is None else int(size), version
+            )
 
 
 def _unreadable(url: str, error: Exception, fetched: bool) -> Unreadable:

@@ -14,7 +14,7 @@ from mavdem.heading import Values
 from mavdem.ingest.telemetry import Parameters, Telemetry
 
 
-class State(NamedTuple):
+class VehicleState(NamedTuple):
     """Flights of a vehicle, or of several where none was chosen."""
 
     rows: FlightRows
@@ -41,14 +41,14 @@ class State(NamedTuple):
         return {}
 
 
-def state_of(name: str, path: Path, vehicle: str | None = None) -> State:
+def state_of(name: str, path: Path, vehicle: str | None = None) -> VehicleState:
     """Returns the flights of a ``vehicle`` in a log or a fleet, which is called ``name``.
 
     A vehicle has the name that a fleet has for it; in a log it may be system and component. Raises NotLearnable: there
     are no flights of it; Unreadable: the log or the fleet cannot be read.
     """
     is_of_fleet = is_fleet(path)
-    state = State(read_rows(path), {}, ()) if is_of_fleet else _state_of_log(path)
+    state = VehicleState(read_rows(path), {}, ()) if is_of_fleet else _state_of_log(path)
     # A row has the system, not the component.
     system = "" if is_of_fleet else (vehicle or "").partition(":")[0]
     chosen = state._replace(
@@ -71,7 +71,7 @@ def state_of(name: str, path: Path, vehicle: str | None = None) -> State:
     return chosen
 
 
-def _state_of_log(path: Path) -> State:
+def _state_of_log(path: Path) -> VehicleState:
     review = Values()
     vehicles = list[Telemetry]()
 
@@ -81,10 +81,12 @@ def _state_of_log(path: Path) -> State:
         return ""
 
     rows, _ = rows_of_log(path, str(path), keep)
-    return State(rows, review, vehicles)
+    return VehicleState(rows, review, vehicles)
 
 
-def of_common_vehicle(before: State, after: State) -> tuple[State, State]:
+def of_common_vehicle(
+    before: VehicleState, after: VehicleState
+) -> tuple[VehicleState, VehicleState]:
     """Returns the flights of the one vehicle that both have; all, where neither has several.
 
     Raises NotLearnable: both have none, or several.

@@ -27,8 +27,8 @@ from mavdem.facts.fleet import Folder
 from mavdem.facts.motors import HealthUnknown
 from mavdem.files import atomic_write
 from mavdem.fleet.row import SCHEMA_VERSION, FlightRow, FlightRows, as_text, row_schema
-from mavdem.fleet.sources import Source, is_url
-from mavdem.fleet.workers import PAGES, Limits, Outcome
+from mavdem.fleet.sources import LogSource, is_url
+from mavdem.fleet.workers import PAGES, JobLimits, JobOutcome
 from mavdem.heading import Names, Values
 
 STORE = "fleet.sqlite"
@@ -143,18 +143,18 @@ class Store:
             self.db.execute("begin immediate")
             yield
 
-    def knows(self, source: Source, limits: Limits) -> bool:
+    def knows(self, source: LogSource, limits: JobLimits) -> bool:
         """Returns whether a log is as it was, and another reading would end as the last one did."""
         query = f"""select 1 from logs where path = :path and version = :version and version <> '' and
             :size in (-1, size) and {ENDED_FOR_GOOD}"""
         return self.db.execute(query, _values(source, limits)).fetchone() is not None
 
-    def keys_to_try(self, source: Source, limits: Limits) -> Names:
+    def keys_to_try(self, source: LogSource, limits: JobLimits) -> Names:
         """Returns keys of known logs that this one may be a copy of."""
         query = f"select distinct key from logs where size = :size and key <> '' and {ENDED_FOR_GOOD} order by key"
         return tuple(key for (key,) in self.db.execute(query, _values(source, limits)))
 
-    def keeps(self, source: Source, outcome: Outcome) -> bool:
+    def keeps(self, source: LogSource, outcome: JobOutcome) -> bool:
         """Returns whether what it has of a log stays, as this outcome says nothing of the content.
 
         A source that cannot be reached now may be as it was; so may one that ended its reading, unless it has changed.
@@ -163,7 +163,7 @@ class Store:
         entry = None if outcome.key else self.db.execute(query, [as_text(source.path)]).fetchone()
         return entry is not None and (outcome.ended == "source" or source.version in ("", entry[0]))
 
-    def add(self, source: Source, outcome: Outcome, limits: Limits) -> None:
+    def add(self, source: LogSource, outcome: JobOutcome, limits: JobLimits) -> None:
         """Adds what was read of a log, with its pages, in place of what was known by its name and its content."""
         for name, html in outcome.pages.items():
             (self.folder / PAGES).mkdir(exist_ok=True)
@@ -204,7 +204,7 @@ class Store:
             rows = [(log, row.vehicle, json.dumps(row.as_dict())) for row in outcome.rows]
             self.db.executemany("insert into flights (log, vehicle, row) values (?, ?, ?)", rows)
 
-    def remove(self, source: Source) -> None:
+    def remove(self, source: LogSource) -> None:
         """Removes what is known of a log by this name, and its rows where it has no other."""
         with self.transaction():
             self.db.execute("delete from logs where path = ?", [as_text(source.path)])
@@ -220,7 +220,7 @@ class Store:
         lost = [[log] for log, page in pages if not (self.folder / page).is_file()]
         self.db.executemany("update logs set ended = 'source' where log = ?", lost)
 
-    def track(self, sources: Iterable[Source]) -> None:
+    def track(self, sources: Iterable[LogSource]) -> None:
         """Puts the flights of these logs, as far as they are known, into the table."""
         with self.transaction():
             paths = [(as_text(source.path),) for source in sources]
@@ -236,7 +236,7 @@ class Store:
             with suppress(sqlite3.DatabaseError):
                 yield _row(*row)
 
-    def rows_of(self, sources: Iterable[Source]) -> FlightRows:
+    def rows_of(self, sources: Iterable[LogSource]) -> FlightRows:
         """Returns the rows of these logs, without those that are damaged."""
         query = """select row, path from flights join logs using (log)
         where path in (select value from json_each(?)) order by flights.rowid"""
@@ -320,7 +320,7 @@ def _assessed(rows: FlightRows, assess: AssessRows, healthy: FlightRows) -> Flig
         return [replace(row, health_reason=str(why), health_code=why.code) for row in rows]
 
 
-def _values(source: Source, limits: Limits) -> Values:
+def _values(source: LogSource, limits: JobLimits) -> Values:
     return {
         **source._asdict(),
         **limits._asdict(),

@@ -20,7 +20,7 @@ from mavdem.facts.fleet import Folder, Reading
 from mavdem.facts.motors import HealthUnknown
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.row import SHARED, UNKNOWN, FlightRow, FlightRows
-from mavdem.fleet.sources import Source, find_logs
+from mavdem.fleet.sources import LogSource, find_logs
 from mavdem.fleet.store import AssessRows, Store, is_fleet, opened, read_rows
 from mavdem.fleet.workers import Job, MakePage, WorkerPool
 from mavdem.heading import Numbers, Values
@@ -188,7 +188,7 @@ def _with_flight(rows: FlightRows) -> FlightRows:
 
 def _read(
     store: Store,
-    logs: Sequence[Source],
+    logs: Sequence[LogSource],
     reader: WorkerPool | Cluster,
     page: MakePage | None,
     progress: Progress,

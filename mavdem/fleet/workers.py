@@ -1,8 +1,8 @@
 """Workers: processes that read logs, each log within limits of time and memory, so that no log stops a run.
 
 A log that hangs, crashes its reader or wants too much memory ends the process that reads it, and nothing else: another
-takes its place. What is asked of a process is a ``Job``, what comes back an ``Outcome``. The processes are supervised
-by the thread that waits for outcomes, and killed when it waits no longer, whatever ends it.
+takes its place. What is asked of a process is a ``Job``, what comes back a ``JobOutcome``. The processes are
+supervised by the thread that waits for outcomes, and killed when it waits no longer, whatever ends it.
 """
 
 import errno
@@ -53,7 +53,7 @@ ReadLog = Callable[[Path, str, MakePage | None], LogRows]
 """Makes rows of a log of path and key, and pages by what makes one; a function of a module."""
 
 
-class Limits(NamedTuple):
+class JobLimits(NamedTuple):
     """What one log may cost: ``seconds`` of the processor, and ``megabytes`` of memory of the process that reads it."""
 
     seconds: float = 300.0
@@ -70,7 +70,7 @@ class Job(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Outcome:
+class JobOutcome:
     """What became of a job."""
 
     path: str  # of the log
@@ -83,10 +83,10 @@ class Outcome:
     megabytes: float = 0.0
 
 
-def failed(job: Job, ended: Ended, status: Fact, key: str = "") -> Outcome:
+def failed(job: Job, ended: Ended, status: Fact, key: str = "") -> JobOutcome:
     """Returns the outcome of a log of which only ``status`` can be said."""
     row = FlightRow.without_flight(status=status, **_of_job(job, key))
-    return Outcome(job.path, ended, (row,), key)
+    return JobOutcome(job.path, ended, (row,), key)
 
 
 def _of_job(job: Job, key: str) -> Values:
@@ -106,7 +106,7 @@ class LogReader:
         self._process: BaseProcess | None = None
         self._executor: Pool
 
-    def read(self, job: Job, limits: Limits, read: ReadLog) -> Outcome | None:
+    def read(self, job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome | None:
         """Returns what became of a log that the function ``read`` reads; None where that was given up.
 
         Raises ``Unreadable``: no process can be started.
@@ -173,12 +173,12 @@ class LogReader:
 class WorkerPool:
     """Reads logs with so many ``processes`` at a time, each log within ``limits``, by the function ``read``."""
 
-    def __init__(self, processes: int, limits: Limits, read: ReadLog) -> None:
+    def __init__(self, processes: int, limits: JobLimits, read: ReadLog) -> None:
         self.limits = limits
         self._processes = processes
         self._read = read
 
-    def outcomes(self, jobs: Iterator[Job]) -> Generator[Outcome]:
+    def outcomes(self, jobs: Iterator[Job]) -> Generator[JobOutcome]:
         """Yields outcomes in the order in which they come; a job is taken when its turn has come.
 
         Raises ``Unreadable`` if no process can be started.
@@ -195,8 +195,10 @@ class WorkerPool:
 
 
 def side_by_side(
-    reads: Iterable[Callable[[Job], Outcome | None]], jobs: Iterator[Job], end: Callable[[], None]
-) -> Generator[Outcome]:
+    reads: Iterable[Callable[[Job], JobOutcome | None]],
+    jobs: Iterator[Job],
+    end: Callable[[], None],
+) -> Generator[JobOutcome]:
     """Yields outcomes in the order in which they come; each of ``reads`` reads one log at a time, in a thread.
 
     When no more are wanted, ``end`` is called, upon which they return soon.
@@ -218,7 +220,7 @@ def side_by_side(
             executor.shutdown()
 
 
-def perform(job: Job, limits: Limits, read: ReadLog) -> Outcome:
+def perform(job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome:
     """Reads one log within ``limits``; ends the process where memory is wanting, which is in pieces."""
     began = time.perf_counter()
     if not os.environ.get("MAVDEM_TRACEBACK"):
@@ -249,7 +251,7 @@ def _limit(resource_number: int, soft: int) -> None:
     )
 
 
-def outcome_of(job: Job, read: ReadLog) -> Outcome:
+def outcome_of(job: Job, read: ReadLog) -> JobOutcome:
     """Returns what becomes of a job here, by ``read`` of path, key and page maker or None; raises ``MemoryError``."""
     key = ""
     try:
@@ -257,10 +259,10 @@ def outcome_of(job: Job, read: ReadLog) -> Outcome:
             with path.open("rb") as file:
                 key = f"{hashlib.file_digest(file, 'sha256').hexdigest()[:32]}-{file.tell()}"
             if key in job.known:
-                return Outcome(job.path, "known", key=key)
+                return JobOutcome(job.path, "known", key=key)
             rows, pages = read(path, key, job.page)
             own = tuple(replace(row, **_of_job(job, key)) for row in rows)
-            return Outcome(job.path, "read", own, key, pages)
+            return JobOutcome(job.path, "read", own, key, pages)
     except Unreadable as error:
         if isinstance(error.__context__, MemoryError):
             raise MemoryError from None  # with a higher limit it may be read

@@ -291,7 +291,7 @@ class Phase:
         self._landing = since if self._landing is None else min(since, self._landing)
 
 
-class Motion(NamedTuple):
+class RecentMotion(NamedTuple):
     """The ``motors`` of some seconds, and the attitude by axis."""
 
     motors: Motors

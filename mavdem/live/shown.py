@@ -5,7 +5,7 @@ from typing import NamedTuple, Protocol
 from mavdem.dem import Estimate, Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts.event import Event
-from mavdem.live.stream import Pose
+from mavdem.live.stream import LatestPose
 from mavdem.live.wind import WindRow
 
 
@@ -22,7 +22,7 @@ class ShownRow(NamedTuple):
     estimate: Estimate | None = None  # of this sample; ``None`` without a learner
     learned: Learned | None = None  # the learner's last batch result
     wind: WindRow | None = None  # the latest, in m/s
-    pose: Pose | None = None  # the latest attitude
+    pose: LatestPose | None = None  # the latest attitude
 
     @property
     def clock(self) -> float:

@@ -32,7 +32,7 @@ from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE
 from mavdem.ingest.motors import MOTOR_MESSAGES, MULTIROTORS
 from mavdem.ingest.telemetry import Parameters, Telemetry
 from mavdem.ingest.vocabulary import UNNAMED
-from mavdem.live.decisions import PHASES, InputChoice, Inputs, Motion, Phase, Setup, tilt_of
+from mavdem.live.decisions import PHASES, InputChoice, Inputs, Phase, RecentMotion, Setup, tilt_of
 from mavdem.live.history import SessionStatus
 from mavdem.live.messages import (
     OF_ITSELF,
@@ -50,7 +50,7 @@ from mavdem.live.recent import MAX_EVENTS, Recent
 from mavdem.live.rows import DECISION_SECONDS, AlignedRow, BootClock, Grid, PlacedMessage, Samples
 from mavdem.live.senders import Sender, Senders
 from mavdem.live.watchdog import Watchdog
-from mavdem.live.wind import LiveWind
+from mavdem.live.wind import WindRows
 
 REVIEW_SECONDS = 0.5  # Of the boot clock, between two reviews of phase and inputs
 REPLIES = ("MESSAGE_INTERVAL", "COMMAND_ACK")  # What a vehicle sends when it is asked for rates
@@ -62,7 +62,7 @@ OF_ANY_VEHICLE = Session.ALARM, Watch.ALARM_OVER, InFlight.MOTOR_RECOVERED
 """What is reported of vehicles that are not followed, beside what their autopilots say."""
 
 
-class Pose(NamedTuple):
+class LatestPose(NamedTuple):
     """The latest attitude that came, at ``time``, s of the boot clock."""
 
     time: float
@@ -107,12 +107,12 @@ class LiveStream:
         self._settings: Parameters = {}  # of the autopilot, as of the last choice
         self._grid = Grid()
         self.alarms = MotorAlarms()
-        self.air = LiveWind()
+        self.air = WindRows()
         self._watchdog = Watchdog(self._recent)
         self.beside: dict[str, LiveStream] = {}  # of other vehicles, by name: watched, too
         self._attitude: str | None = None
         self._heading = 0.0
-        self.pose: Pose | None = None
+        self.pose: LatestPose | None = None
         # The time, s, and roll and pitch of the latest setpoint
         self._asked: tuple[float, Numbers] = -inf, ()
         self._inputs: Inputs | None = None
@@ -413,7 +413,7 @@ class LiveStream:
         ids = sender.system, sender.component
         return Telemetry(*ids, sender.kind, sender.autopilot, {}, self._settings)
 
-    def _motion(self) -> Motion | None:
+    def _motion(self) -> RecentMotion | None:
         """The last seconds of attitude and motors; None without."""
         attitude, *_ = self._row_streams() or [Samples()]
         if self._inputs is None or not attitude.time:
@@ -421,7 +421,7 @@ class LiveStream:
         roll, pitch, p, q = np.array(attitude.values).T
         motion = self._attitude or "", np.array(attitude.time), self.boot
         tilts = tilt_of(*motion, roll, p), tilt_of(*motion, pitch, q)
-        return Motion(self._inputs.motors, dict(zip(TILT_AXES, tilts, strict=True)))
+        return RecentMotion(self._inputs.motors, dict(zip(TILT_AXES, tilts, strict=True)))
 
     def latest(self) -> tuple[Setup, AlignedRow] | None:
         """Returns the latest sample of attitude and motors as a row of its own setup; None once there are rows."""
@@ -473,7 +473,7 @@ class LiveStream:
         since, asked = self._asked
         is_asked = abs(time - since) <= HOLD_SECONDS
         angles = (*tilts, self._heading)
-        self.pose = Pose(time, angles, (p, q, r), asked if is_asked else (nan, nan))
+        self.pose = LatestPose(time, angles, (p, q, r), asked if is_asked else (nan, nan))
         strayed = is_asked and strays(np.array(tilts), np.array(asked))
         if strayed or max(map(abs, tilts)) >= MAX_TILT:
             self._heading = nan

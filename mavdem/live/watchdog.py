@@ -30,7 +30,7 @@ from mavdem.facts.session import Rows, Session
 from mavdem.facts.watch import Watch, Watched
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
-from mavdem.live.decisions import LiveSignals, Motion, evidence_of
+from mavdem.live.decisions import LiveSignals, RecentMotion, evidence_of
 from mavdem.live.messages import OF_ITSELF
 from mavdem.live.recent import Recent
 from mavdem.live.rows import DECISION_SECONDS
@@ -76,7 +76,7 @@ class Watchdog:
         vehicle: Telemetry,
         is_flying: bool,
         settled_since: float | None,
-        motion: Motion | None,
+        motion: RecentMotion | None,
     ) -> Iterator[Fact | None]:
         """Yields what is new at ``now``, s, of a ``vehicle`` without messages, and of its last ``motion``.
 
@@ -126,7 +126,7 @@ class Watchdog:
                 yield fact.but(height=None)
 
     def _of_motion(
-        self, motion: Motion | None, since: float, now: float
+        self, motion: RecentMotion | None, since: float, now: float
     ) -> Iterator[tuple[Watched, Fact]]:
         """A limit cycle, and the motor most at its upper limit."""
         if motion is None:
@@ -173,7 +173,11 @@ class Watchdog:
                 yield Fact(Watch.ALARM_OVER, time=self._seen[kind], because=self.standing.pop(kind))
 
     def _note(
-        self, watched: Mapping[Watched, Fact], motion: Motion | None, is_flying: bool, now: float
+        self,
+        watched: Mapping[Watched, Fact],
+        motion: RecentMotion | None,
+        is_flying: bool,
+        now: float,
     ) -> None:
         """Keeps since when each is watched, and why it is not."""
         sent = set(self._recent.columns(OF_ITSELF, now - MEMORY_SECONDS))

@@ -112,7 +112,7 @@ class WindRow(NamedTuple):
         )
 
 
-class LiveWind:
+class WindRows:
     """Makes rows of a flight's attitude and velocity: the latest ``row``, their ``mean``, or the ``obstacle``.
 
     The ``drag`` is from another flight, else ``set_drag`` by the parameters; ``flags`` are the estimator's.

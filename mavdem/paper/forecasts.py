@@ -23,7 +23,7 @@ from mavdem.paper.runner import (
     WITHOUT,
     ZERO,
     Check,
-    Result,
+    ExperimentResult,
     Runner,
     errors_of,
     median_draw,
@@ -42,7 +42,7 @@ CONVERGED_SHARE = 0.05
 MAX_PRIOR_RATIO = 2.0
 
 
-def prediction(runner: Runner) -> Result:
+def prediction(runner: Runner) -> ExperimentResult:
     """Learns from the sample experiment and forecasts its test data."""
     window = runner.sample
     learned = learn(window.train, PAPER)
@@ -51,7 +51,7 @@ def prediction(runner: Runner) -> Result:
         f"from {start}": learned.forecast(window.test.inputs, from_zero=start == ZERO)
         for start in STARTS
     }
-    return Result(
+    return ExperimentResult(
         checks=prediction_checks(window, learned, errors_of(draws, DATA)),
         numbers={
             "free_energy": learned.free_energy.total.tolist(),
@@ -134,7 +134,7 @@ MSPE_WITHOUT_COORDINATES = (0.1197, 0.0640, 0.1647, 0.0518, 0.0951)
 MIN_SHARE = 0.8
 
 
-def coordinates(runner: Runner) -> Result:
+def coordinates(runner: Runner) -> ExperimentResult:
     """Tries DEM with p = 2 and p = 1 on the five experiments, from many random priors, and on the real flight."""
     errors = {
         f"paper’s settings, from {start}": (
@@ -157,7 +157,7 @@ def coordinates(runner: Runner) -> Result:
     if runner.recorded:
         with_, without = (errors_of(runner.trials[REAL, name], DATA) for name in (WITH, WITHOUT))
         real = [paired(with_, without)]
-    return Result(
+    return ExperimentResult(
         checks=(
             *(coordinates_check(pair, data) for data, pair in errors.items()),
             *(
@@ -248,7 +248,7 @@ SHOWN = (WITH, *PEERS, MEAN)
 Errors = dict[str, Array]  # The error (flights,) of each method
 
 
-def benchmark(runner: Runner) -> Result:
+def benchmark(runner: Runner) -> ExperimentResult:
     """Tries each method on the five experiments, and on the windows of the real flight."""
     numbers = list(runner.experiments)
     experiments = {
@@ -264,7 +264,7 @@ def benchmark(runner: Runner) -> Result:
     squares = {name: ((forecast - outputs) ** 2).sum(axis=1) for name, forecast in ahead.items()}
     real = {name: errors_of(runner.trials[REAL, name], DATA) for name in SHOWN if runner.recorded}
     medians = {name: np.median(errors, keepdims=True) for name, errors in real.items()}
-    return Result(
+    return ExperimentResult(
         checks=(
             *(least(experiments[start], f"from {start}") for start in STARTS),
             _most_steps(squares, runner.sample.flight),

@@ -26,7 +26,7 @@ from mavdem.dem.engine.generative import (
 )
 from mavdem.dem.engine.linalg import Array, Pair
 from mavdem.dem.engine.steps import with_optimal_precisions
-from mavdem.paper.runner import Check, Result, Runner
+from mavdem.paper.runner import Check, ExperimentResult, Runner
 from mavdem.report.figures.style import Picture, picture
 from mavdem.report.numbers import rounded
 from mavdem.report.palette import INK_ON_LIGHT, TRUTH
@@ -176,7 +176,7 @@ ROUNDS = 40
 CENTRE = np.array([-3.0, 3.0])  # not the truth, or the mean of the priors would be the solution
 
 
-def run(runner: Runner) -> Result:
+def run(runner: Runner) -> ExperimentResult:
     """Maximises F̄ᵒ of the scalar system and draws it; the runner is not needed."""
     settings = ScalarSettings()
     samples = settings.samples(ScalarWorld(), seed=0)
@@ -192,7 +192,7 @@ def run(runner: Runner) -> Result:
     scatter = {
         name: float((points.std(axis=0) / sd).max()) for name, (points, sd) in reached.items()
     }
-    return Result(
+    return ExperimentResult(
         checks=(
             Check(
                 "the peak of F̄ᵒ rises and sharpens from iteration to iteration",

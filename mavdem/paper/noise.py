@@ -28,13 +28,13 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.window import Window
 from mavdem.heading import Values
 from mavdem.paper import figures
-from mavdem.paper.runner import PAPER, Check, Result, Runner
+from mavdem.paper.runner import PAPER, Check, ExperimentResult, Runner
 from mavdem.report.figures.style import Picture
 
 LEVEL = 0.01  # of each test; with five tests, one report in twenty rejects a true hypothesis
 
 
-def run(runner: Runner) -> Result:
+def run(runner: Runner) -> ExperimentResult:
     """Tests the process noise of the learned models."""
     named = {f"experiment {number}": window for number, window in runner.experiments.items()}
     # Every other window: those next to each other share a half.
@@ -46,7 +46,7 @@ def run(runner: Runner) -> Result:
     shown = learned | ({"real AR.Drone": by_p[len(by_p) // 2]} if by_p else {})
     bound = max(noise.bound for noise in shown.values())
     correlations = {name: noise.autocorrelation[:60] for name, noise in shown.items()}
-    return Result(
+    return ExperimentResult(
         checks=(
             *checks(list(learned.values()), "w^φ̇ of the learned models", "flights"),
             *(checks(real, "w^φ̇ of the real AR.Drone", "windows") if real else ()),
@@ -72,7 +72,7 @@ def run(runner: Runner) -> Result:
     )
 
 
-def noise_of_model(window: Window) -> Noise:
+def noise_of_model(window: Window) -> NoiseSeries:
     """Returns w^φ̇ = (C(x′ − Ax − Bv))^φ̇, rad/s², under DEM with the paper's settings, as the D step estimates it."""
     learned = learn(window.train, PAPER)
     _, noise = learned.process_noise()
@@ -81,7 +81,7 @@ def noise_of_model(window: Window) -> Noise:
     return analyse_noise(noise @ learned.model.C[-1], overlap)
 
 
-def checks(noises: list[Noise], whose: str, pieces: str) -> tuple[Check, ...]:
+def checks(noises: list[NoiseSeries], whose: str, pieces: str) -> tuple[Check, ...]:
     """Returns whether each is Gaussian, and whether coloured; ``whose`` and ``pieces`` are for the sentences."""
     gaussian = sum(noise.normality.p_value >= LEVEL for noise in noises)
     coloured = sum(
@@ -116,7 +116,7 @@ class Significance(NamedTuple):
     p_value: float
 
 
-class Noise(NamedTuple):
+class NoiseSeries(NamedTuple):
     """One series of noise."""
 
     values: Array  # (N,) about their mean, in units of their standard deviation
@@ -136,13 +136,13 @@ class Noise(NamedTuple):
         }
 
 
-def analyse_noise(values: Array, overlap: int) -> Noise:
+def analyse_noise(values: Array, overlap: int) -> NoiseSeries:
     """Returns the statistics of a series of noise: ``values`` (N,) that vary, in any unit.
 
     ``overlap``: number of neighbouring values that an underlying sample contributes to; 1 if values share none.
     """
     scaled = (values - values.mean()) / values.std()
-    return Noise(
+    return NoiseSeries(
         scaled,
         autocorrelation=autocovariance(scaled)[: min(MAX_LAGS, len(values) // 4) + 1],
         bound=WHITE_BOUND / sqrt(len(values)),

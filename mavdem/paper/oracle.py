@@ -17,7 +17,7 @@ from mavdem.paper.runner import (
     STARTS,
     TRAIN,
     Check,
-    Result,
+    ExperimentResult,
     Runner,
     errors_of,
     percent,
@@ -30,10 +30,10 @@ TRUE_MODEL = 0.0033  # MSPE of the true model's forecast, from the data
 METHODS = ("DEM p=2", "DEM p=1", "EM")
 
 
-def run(runner: Runner) -> Result:
+def run(runner: Runner) -> ExperimentResult:
     """Fits the authors' data with our DEM and EM, from several priors."""
     if not runner.uses_recorded or not FOLDER.is_dir():
-        return Result(
+        return ExperimentResult(
             remarks=(
                 f"The authors’ results are not in {FOLDER}, so there is nothing to compare with.",
             )
@@ -44,7 +44,7 @@ def run(runner: Runner) -> Result:
     fits["EM"] = [Method("EM", partial(baselines.em, order=2))]
     trials = runner.try_all({name: [(fit, window) for fit in own] for name, own in fits.items()})
     ours = {start: {name: errors_of(trials[name], start) for name in METHODS} for start in STARTS}
-    return Result(
+    return ExperimentResult(
         checks=tuple(
             check(name, start, ours[start][name], theirs[start][name])
             for name in METHODS

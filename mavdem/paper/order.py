@@ -12,7 +12,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.order_choice import DEFAULT_MAX_ORDER
 from mavdem.flight import Flight
 from mavdem.paper import figures
-from mavdem.paper.runner import PAPER, TRAIN, Check, Result, Runner, hover, percent
+from mavdem.paper.runner import PAPER, TRAIN, Check, ExperimentResult, Runner, hover, percent
 from mavdem.report.figures.style import Picture
 from mavdem.report.numbers import listed
 from sitl_scenarios.files import load
@@ -59,7 +59,7 @@ def saturates_at(free_energy: Array) -> int:
     return int(np.flatnonzero(enough)[0]) + 1
 
 
-def run(runner: Runner) -> Result:
+def run(runner: Runner) -> ExperimentResult:
     """Fits models of each order to each system and finds where F̄ saturates."""
     numbers = runner.numbers
     flights = runner.each(lateral_flight, numbers)
@@ -79,7 +79,7 @@ def run(runner: Runner) -> Result:
         f"inputs {inputs}": dict(zip(systems, map(_below_maximum, table), strict=True))
         for inputs, table in by_inputs.items()
     }
-    return Result(
+    return ExperimentResult(
         checks=checks(saturation),
         numbers={
             "orders": list(ORDERS),

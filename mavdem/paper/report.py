@@ -9,7 +9,7 @@ from pathlib import Path
 from mavdem.facts import Level
 from mavdem.heading import Values
 from mavdem.paper import CLAIMS, INTRODUCTION, Claim, forecasts, landscape, noise, oracle, order
-from mavdem.paper.runner import ClaimStatus, Result, findings
+from mavdem.paper.runner import ClaimStatus, ExperimentResult, findings
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table
 from mavdem.report.page import Chapter
 from mavdem.report.page import document as page
@@ -30,7 +30,7 @@ class ItemReport:
     """A claim and the result of its experiment."""
 
     claim: Claim
-    result: Result
+    result: ExperimentResult
 
     @property
     def status(self) -> ClaimStatus:

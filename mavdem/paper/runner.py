@@ -174,7 +174,7 @@ def plain(errors: dict[str, Array]) -> dict[str, list[float]]:
 
 
 @dataclass(frozen=True)
-class Result:
+class ExperimentResult:
     """What running an experiment gave."""
 
     # these decide the status; without any, ``remarks`` has the reason

@@ -6,7 +6,7 @@ from math import degrees, hypot
 from pathlib import PurePath
 
 from mavdem.evaluate.paired_test import SIGNIFICANCE
-from mavdem.facts.fleet import Outcome
+from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet import difference
 from mavdem.fleet.difference import (
     BETWEEN,
@@ -79,21 +79,21 @@ def _changes(difference: VehicleDifference) -> Blocks:
     """What changed, what is the same, and what was compared without a result."""
     changed, unknown = (
         [_change(change, difference) for change in difference.of(kind)]
-        for kind in (Outcome.CHANGED, Outcome.UNCERTAIN)
+        for kind in (QuantityOutcome.CHANGED, QuantityOutcome.UNCERTAIN)
     )
-    same = [*_grouped(difference.of(Outcome.SAME))]
+    same = [*_grouped(difference.of(QuantityOutcome.SAME))]
     return [*section("difference_changes", changed=changed, same=same, unknown=unknown)]
 
 
 def surest_change(difference: VehicleDifference) -> str:
     """Returns what changed most surely; empty where nothing did."""
-    changes = sorted(difference.of(Outcome.CHANGED), key=lambda change: change.p)
+    changes = sorted(difference.of(QuantityOutcome.CHANGED), key=lambda change: change.p)
     return _change(changes[0], difference) if changes else ""
 
 
 def next_blocks(difference: VehicleDifference) -> list[Sentence]:
     """Returns the part to check where something changed: of motors that seem weaker the surest; of one vehicle."""
-    changes = difference.of(Outcome.CHANGED)
+    changes = difference.of(QuantityOutcome.CHANGED)
     if not changes or len({*chain(*difference.vehicles)} - {UNKNOWN}) > 1:
         return []
     change = min(changes, key=lambda change: (not _is_weaker(change), change.p))

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from mavdem.assessment.noise import GYRO, Noise
+from mavdem.assessment.noise import GYRO, MeasuredNoise
 from mavdem.assessment.responses import LoopResponse, Responses
 from mavdem.condition.loop.filters import gyro_response
 from mavdem.condition.loop.loop import TARGETS, Loop
@@ -90,7 +90,7 @@ def loop_charts(loops: Mapping[str, Loop], which: str = "rate") -> Charts:
     )
 
 
-def spectrum_chart(noise: Noise, loop: Loop | None = None, name: str = GYRO) -> Chart:
+def spectrum_chart(noise: MeasuredNoise, loop: Loop | None = None, name: str = GYRO) -> Chart:
     """Returns the spectra of the gyro, or what ``name`` says, with their lines.
 
     With those of the gyro is what the filters of a ``loop`` pass.

@@ -14,7 +14,7 @@ from mavdem.alignment.drive import AXES
 from mavdem.analysis.findings import findings_of
 from mavdem.assessment import Assessment
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.noise import GYRO, Noise
+from mavdem.assessment.noise import GYRO, MeasuredNoise
 from mavdem.assessment.responses import Responses
 from mavdem.assessment.tracking import tracking_of
 from mavdem.assessment.tuning import AdviceByAxis, tuned
@@ -22,7 +22,7 @@ from mavdem.condition.inventory import inventory
 from mavdem.condition.loop.advice import Advice
 from mavdem.condition.loop.filters import gyro_filters
 from mavdem.condition.loop.loop import Loop, known_loops
-from mavdem.condition.step_response import Estimate, StepResponse
+from mavdem.condition.step_response import IntervalEstimate, StepResponse
 from mavdem.dem import Learned
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level, NamedFacts
@@ -202,7 +202,7 @@ def responses_chapter(responses: Responses) -> Chapter:
 
 
 def _estimate(response: StepResponse, key: str) -> str:
-    estimate: Estimate = getattr(response, key)
+    estimate: IntervalEstimate = getattr(response, key)
     _, scale = FIGURES[key]
     last = float(response.time[-1]) if key in DURATIONS else inf
     value, low, high = ("over " * (figure >= last) + rounded(scale * figure) for figure in estimate)
@@ -257,7 +257,11 @@ def _noise(assessment: Assessment, timeline: Timeline | None, whole: bool) -> Ch
 
 
 def _spectra(
-    noise: Noise, name: str, timeline: Timeline | None, whole: bool, loop: Loop | None = None
+    noise: MeasuredNoise,
+    name: str,
+    timeline: Timeline | None,
+    whole: bool,
+    loop: Loop | None = None,
 ) -> Iterator[Group]:
     """Yields the spectrum of a sensor, before its filters and behind them, and if ``whole`` its spectrograms."""
     shown = noise.spectra.get(f"{name}_before", noise.spectra.get(name))

@@ -57,7 +57,7 @@ from mavdem.serve.attached import PAGE_SECONDS, Attached
 from mavdem.serve.library import Entry, Library
 from mavdem.serve.openapi import TABLE, openapi
 from mavdem.serve.rights import COOKIE, Rights
-from mavdem.serve.search import WORKING, Condition, condition_of
+from mavdem.serve.search import WORKING, SqlCondition, condition_of
 from mavdem.serve.uploads import MOST_FILES, MOST_TEXT, Form, pieces, received
 from mavdem.serve.work import Work
 
@@ -489,16 +489,16 @@ class Server:
         id = request.query_params.get("id")
         if id is None:
             self.rights.need(request, Use.READ)
-            condition = Condition(WORKING)
+            condition = SqlCondition(WORKING)
         else:
             request.path_params["id"] = id
             await run_in_threadpool(self._seen, request)
-            condition = Condition("id = ?", (id,))
+            condition = SqlCondition("id = ?", (id,))
         if self._watchers >= MOST_WATCHERS:
             raise Refusal(Request.UPLOADS_TOO_MANY, count=self._watchers, name=Crowd.WATCHERS)
         return StreamingResponse(self._told(request, condition), media_type="text/event-stream")
 
-    async def _told(self, request: HttpRequest, condition: Condition) -> AsyncIterator[str]:
+    async def _told(self, request: HttpRequest, condition: SqlCondition) -> AsyncIterator[str]:
         """Events while flights are being read, those that were done meanwhile too."""
         watched = list[str]()
         before = []

@@ -29,9 +29,9 @@ from mavdem.facts import Fact
 from mavdem.facts.lights import Light
 from mavdem.facts.serve import Request, Sharing, Stage, Start
 from mavdem.fleet.row import FlightRows
-from mavdem.fleet.sources import Source, source_of
+from mavdem.fleet.sources import LogSource, source_of
 from mavdem.fleet.store import Store
-from mavdem.fleet.workers import Limits, Outcome
+from mavdem.fleet.workers import JobLimits, JobOutcome
 from mavdem.grouping import grouped
 from mavdem.heading import Values
 from mavdem.results import PAGE
@@ -334,7 +334,7 @@ class Library:
             ).fetchone()
         return row and _entry(row)
 
-    def finish(self, entry: Entry, outcome: Outcome, limits: Limits) -> None:
+    def finish(self, entry: Entry, outcome: JobOutcome, limits: JobLimits) -> None:
         """Enters what became of a log: its rows into the fleet, and what is known of it into the index.
 
         A log that cannot be read goes, unless its entry says that it is to be kept.
@@ -398,7 +398,7 @@ class Library:
 
     def rows_of(self, entries: Iterable[Entry]) -> FlightRows:
         """Returns the fleet's rows of these logs."""
-        return self.store.rows_of(Source(str(self.path_of(entry)), -1, "") for entry in entries)
+        return self.store.rows_of(LogSource(str(self.path_of(entry)), -1, "") for entry in entries)
 
     def dead_servers(self) -> list[str]:
         """Returns the names of servers of this folder that have ended without saying so."""

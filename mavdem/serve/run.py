@@ -19,7 +19,7 @@ from mavdem.extras import missing
 from mavdem.facts import Fact
 from mavdem.facts.serve import Start
 from mavdem.fleet.cluster import Cluster
-from mavdem.fleet.workers import Limits
+from mavdem.fleet.workers import JobLimits
 from mavdem.serve.app import Server
 from mavdem.serve.attached import Attached
 from mavdem.serve.library import Library
@@ -63,7 +63,7 @@ def _most_connections() -> int:
     return min(MOST_CONNECTIONS, resource.getrlimit(resource.RLIMIT_NOFILE)[0] // 2)
 
 
-class Options(NamedTuple):
+class ServerOptions(NamedTuple):
     """How a server runs.
 
     ``processes`` read logs, each within ``limits``, or the Dask cluster at ``scheduler`` does. ``quota`` is in bytes.
@@ -77,14 +77,14 @@ class Options(NamedTuple):
     is_behind_proxy: bool
     quota: int | None
     processes: int
-    limits: Limits
+    limits: JobLimits
     scheduler: str | None
     sample: Path | None
     link: str | None = None
 
 
 def serve(
-    options: Options, say: Callable[[str], None], warn: Callable[[Fact], None], is_shown: bool
+    options: ServerOptions, say: Callable[[str], None], warn: Callable[[Fact], None], is_shown: bool
 ) -> None:
     """Runs a server until it is asked to end.
 

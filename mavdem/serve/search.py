@@ -18,24 +18,24 @@ SAID = " || ' ' || ".join(
 WORKING = f"stage not in ('{Stage.DONE}', '{Stage.FAILED}')"
 
 
-class Condition(NamedTuple):
+class SqlCondition(NamedTuple):
     """A condition of SQL, and its values."""
 
     where: str
     values: tuple[Any, ...] = ()
 
 
-def condition_of(text: str) -> Condition:
+def condition_of(text: str) -> SqlCondition:
     """Returns the condition that all words of a search hold; a word that is no term is found in what is said."""
-    parts = [Condition("1")]
+    parts = [SqlCondition("1")]
     for word in text.split()[:20]:
         term = TERM.fullmatch(word)
         parts.append((term and _term(*term.groups())) or _contains(SAID, word))
     values = tuple(value for part in parts for value in part.values)
-    return Condition(" and ".join(part.where for part in parts), values)
+    return SqlCondition(" and ".join(part.where for part in parts), values)
 
 
-def _term(name: str, sign: str, value: str) -> Condition | None:
+def _term(name: str, sign: str, value: str) -> SqlCondition | None:
     column = name.lower()
     sign = sign.replace(":", "=")
     if column in LISTS:
@@ -45,20 +45,20 @@ def _term(name: str, sign: str, value: str) -> Condition | None:
         if (column, sign) == ("motor", "="):
             # the one that is suspect, and those that the headline names
             named = f"*motor {number:g}[^0-9]*"
-            return Condition("((motor=?)or(lower(headline)glob(?)))", (number, named))
+            return SqlCondition("((motor=?)or(lower(headline)glob(?)))", (number, named))
         if column in NUMBERS:
-            return Condition(f"{NUMBERS[column]} {sign} ?", (number,))
+            return SqlCondition(f"{NUMBERS[column]} {sign} ?", (number,))
         if name.isupper():
             # an autopilot's parameter; \w has no quote in it
-            return Condition(
+            return SqlCondition(
                 f"json_extract(iif(json_valid(gains),gains,'{{}}'), ?) {sign} ?",
                 (f'$."{name}"', number),
             )
     if column in TEXTS:
-        return Condition(f"{column} {sign} ? collate nocase", (value,))
+        return SqlCondition(f"{column} {sign} ? collate nocase", (value,))
     return None
 
 
-def _contains(column: str, text: str) -> Condition:
+def _contains(column: str, text: str) -> SqlCondition:
     escaped = re.sub(r"([\\%_])", r"\\\1", text)
-    return Condition(f"{column} like ? escape '\\'", (f"%{escaped}%",))
+    return SqlCondition(f"{column} like ? escape '\\'", (f"%{escaped}%",))

@@ -23,7 +23,7 @@ MOST_TEXT = 1 << 16  # bytes of a field of a form
 CHECKED_BYTES = 1 << 24  # after which the room is looked at again: others upload too
 
 
-class _Part:
+class _UploadedFile:
     """A file on the disk at ``path`` that is open only while it is written to: a form may have many."""
 
     def __init__(self, path: Path) -> None:
@@ -72,7 +72,7 @@ class Form(MultiPartParser):
         if file is not None:
             file.file.close()
             path = self._library.new_part()
-            file.file = cast(BinaryIO, _Part(path))
+            file.file = cast(BinaryIO, _UploadedFile(path))
             self.files[path] = file
 
     def on_end(self) -> None:

@@ -6,7 +6,7 @@ import threading
 from mavdem.errors import Refusal
 from mavdem.facts.serve import Stage
 from mavdem.fleet.cluster import Cluster
-from mavdem.fleet.workers import Job, Limits, LogReader, ReadLog, outcome_of
+from mavdem.fleet.workers import Job, JobLimits, LogReader, ReadLog, outcome_of
 from mavdem.live.link import PAUSE_SECONDS
 from mavdem.serve.library import SERVERS, Entry, Library
 from mavdem.serve.reading import publish, read_for_library
@@ -23,7 +23,7 @@ class Work:
         self,
         library: Library,
         processes: int,
-        limits: Limits,
+        limits: JobLimits,
         cluster: Cluster | None = None,
         read: ReadLog = read_for_library,
     ) -> None:

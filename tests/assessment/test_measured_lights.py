@@ -30,7 +30,7 @@ from mavdem.condition.wind_of_log import air_of
 from mavdem.facts import Fact, Level
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import Reported
-from mavdem.facts.log import LogLight, Simulation
+from mavdem.facts.log import LogLight, Simulator
 from mavdem.facts.power import PowerLight
 
 HOVER = Hover()
@@ -265,10 +265,10 @@ def test_what_shows_that_a_flight_was_simulated():
     for real in (telemetry, standing(5.1e-5), standing(5.1e-5, 100.0), standing(0.0)):
         assert simulated_of(evidence(real)) is None
     for simulated, kind in (
-        (replace(telemetry, parameters={"SYS_HITL": 1.0}), Simulation.HARDWARE),
-        (replace(telemetry, parameters={"SIM_WIND_SPD": 5.0}), Simulation.SOFTWARE),
-        (replace(telemetry, parameters={"SYS_AUTOSTART": 10040.0}), Simulation.SOFTWARE),
-        (standing(STILL_CHANGE / 2), Simulation.SOFTWARE),
+        (replace(telemetry, parameters={"SYS_HITL": 1.0}), Simulator.HARDWARE),
+        (replace(telemetry, parameters={"SIM_WIND_SPD": 5.0}), Simulator.SOFTWARE),
+        (replace(telemetry, parameters={"SYS_AUTOSTART": 10040.0}), Simulator.SOFTWARE),
+        (standing(STILL_CHANGE / 2), Simulator.SOFTWARE),
     ):
         fact = simulated_of(evidence(simulated))
         assert (fact.code, fact.figures["kind"]) == (LogLight.SIMULATED, kind)

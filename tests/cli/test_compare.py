@@ -10,7 +10,7 @@ from recorded_flights import FLIGHT, SLOW, shared
 from mavdem import baselines
 from mavdem.evaluate.comparison import Method
 from mavdem.facts import Fact
-from mavdem.facts.command import Source
+from mavdem.facts.command import NamedSource
 
 pytestmark = mark.slow
 
@@ -52,4 +52,4 @@ def test_a_flight_of_other_inputs_is_left_out_of_an_order(capsys):
     assert run("order", FLIGHT, demand, "--max-order", "1", "--json") == 0
     said = capsys.readouterr()
     assert len(strict_json(said.out)["flights"]) == 1
-    assert str(Fact(Source.AS_MANY_INPUTS_NEEDED, count=1, needed=4)) in said.err
+    assert str(Fact(NamedSource.AS_MANY_INPUTS_NEEDED, count=1, needed=4)) in said.err

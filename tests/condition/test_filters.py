@@ -10,7 +10,7 @@ from recorded_flights import recorded
 
 from mavdem.alignment.align import settled_segments
 from mavdem.alignment.signals import Signals
-from mavdem.assessment.noise import Noise
+from mavdem.assessment.noise import MeasuredNoise
 from mavdem.condition.loop.controllers import Notch, controller_of
 from mavdem.condition.loop.filters import gyro_delay, gyro_filters, gyro_response
 from mavdem.condition.peaks import peaks_of
@@ -94,7 +94,7 @@ def test_the_raw_gyro_through_the_filters_is_the_filtered_one():
     for low, high, decibels in ((4, 15, 1.5), (15, 40, 1.5), (125, 145, 4.0)):
         band = (frequency > low) & (frequency < high)
         assert abs(10 * np.log10(filtered[band].sum() / predicted[band].sum())) < decibels
-    seen = Noise(found, {name: peaks_of(spectrum) for name, spectrum in found.items()})
+    seen = MeasuredNoise(found, {name: peaks_of(spectrum) for name, spectrum in found.items()})
     (removed,) = (fact for fact in seen.facts if fact.code is Codes.FILTERS_REMOVE)
     left = behind.power(104, 188) / before.power(104, 188)
     assert removed.figures["frequency"] == approx(139.0, rel=0.02)

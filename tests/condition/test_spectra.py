@@ -8,7 +8,7 @@ from pytest import approx, mark
 
 from mavdem.alignment.align import Segment
 from mavdem.alignment.signals import Signals
-from mavdem.assessment.noise import Noise
+from mavdem.assessment.noise import MeasuredNoise
 from mavdem.condition.loop.controllers import controller_of
 from mavdem.condition.loop.filters import gyro_filters
 from mavdem.condition.notches import notch_advice
@@ -83,7 +83,7 @@ def lined(*lines, wide=1.0, highest=500.0, spread=0.08):
         off = frequency - hertz * (level[:, None] / 0.5) ** exponent
         density += power * np.exp(-((off / wide) ** 2) / 2)
     seen = Spectrum("gyro", "1", "", frequency, level, density[:, None], level, level * np.nan)
-    return Noise({"gyro": seen}, {"gyro": peaks_of(seen)})
+    return MeasuredNoise({"gyro": seen}, {"gyro": peaks_of(seen)})
 
 
 @mark.parametrize(
@@ -110,7 +110,7 @@ def test_how_a_line_moves_with_the_throttle_names_it(kind, code, exponents):
 def test_without_a_throttle_that_moves_there_is_no_name_and_without_a_spectrum_that_is_said():
     (still,) = lined((100.3, 1000.0, 0.0), wide=3.0, spread=0.0).lines
     assert still.kind is PeakKind.UNNAMED
-    assert [fact.code for fact in Noise({}, {}).facts] == [Codes.NO_SPECTRUM]
+    assert [fact.code for fact in MeasuredNoise({}, {}).facts] == [Codes.NO_SPECTRUM]
 
 
 def test_the_eight_strongest_lines_over_six_times_the_noise_are_kept_that_are_8_percent_apart():

@@ -28,7 +28,7 @@ from mavdem.dem.airflow.model import Drag
 from mavdem.facts.identifiability import Status
 from mavdem.facts.online import Airflow
 from mavdem.facts.wind import NoWind, WindDoubt, WindShare
-from mavdem.live.wind import LiveWind
+from mavdem.live.wind import WindRows
 from mavdem.report.condition import wind_blocks
 
 LINEAR = np.array([0.3, 0.24])
@@ -211,7 +211,7 @@ def test_solo_beside_an_anemometer():
 )
 def test_live_rows_are_of_free_flight_only(scale, why):
     time, attitude, velocity, air = flight(seed=7, jump=1.0)
-    live = LiveWind()
+    live = WindRows()
     live.drag = mavdem.estimate_drag(time, attitude, velocity, air)
     inside = []
     downs_first = np.roll(scale * velocity, 1, axis=1)

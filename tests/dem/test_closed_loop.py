@@ -10,12 +10,12 @@ from scipy.signal import cont2discrete, lfilter
 
 from mavdem.dem.closed_loop.densities import KnownController
 from mavdem.dem.closed_loop.identification import (
-    Identified,
+    IdentifiedAxis,
     _averaged,
     identified,
     lag_first,
 )
-from mavdem.dem.closed_loop.likelihood import Axis
+from mavdem.dem.closed_loop.likelihood import AxisPosterior
 from mavdem.dem.closed_loop.parameters import MEAN, NAMES, PLANT, SD, STEP_TIME
 from mavdem.dem.closed_loop.spectra import WINDOW_SECONDS, Messages, spectra
 from mavdem.dem.engine.gauss_newton import Quadratic
@@ -85,7 +85,7 @@ def sent(one, every, begin=0):
 
 def axis(flown, every=1):
     """As spectra, of every so many messages."""
-    return Axis(spectra([sent(one, every) for one in flown], STARTS), KNOWN, 0.0)
+    return AxisPosterior(spectra([sent(one, every) for one in flown], STARTS), KNOWN, 0.0)
 
 
 FLOWN = fly(3)
@@ -138,7 +138,7 @@ def test_the_slopes_are_those_of_the_value(late):
     """Also of setpoints of another cycle, in which the angle has noise of its own."""
     begins = 0, 0, late, late
     streams = [sent(one, 4, begin) for begin, one in zip(begins, FLOWN, strict=True)]
-    one = Axis(spectra(streams, STARTS), KNOWN, 0.0)
+    one = AxisPosterior(spectra(streams, STARTS), KNOWN, 0.0)
     about = one.quadratic(KNOWN_PLANT)
     for k, name in enumerate(NAMES):
         step = np.eye(len(NAMES))[k] * 1e-4 * SD[k]
@@ -199,7 +199,7 @@ def test_limits_explain_a_controller_of_less_gain_and_none_of_more():
 
     def of(gain, limited, likeliest=1.0):
         theta, best = (MEAN + np.log(each) * row for each in (gain, gain * likeliest))
-        return Identified(SimpleNamespace(limited=limited), theta, np.eye(len(theta)), best)
+        return IdentifiedAxis(SimpleNamespace(limited=limited), theta, np.eye(len(theta)), best)
 
     assert of(0.5, 0.6).explains and of(0.5, 0.6).cut_off == approx(0.5)
     assert of(0.5, 0.3).cut_off == 0.3

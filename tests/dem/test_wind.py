@@ -15,7 +15,7 @@ from mavdem.confidence import quantile
 from mavdem.dem import physical
 from mavdem.dem.engine.kalman import GaussianModel
 from mavdem.dem.graybox.gusts import gusts
-from mavdem.dem.graybox.identifiability import ModelErrors
+from mavdem.dem.graybox.identifiability import OmissionErrors
 from mavdem.dem.graybox.parameters import Physical, updated
 from mavdem.dem.graybox.plant import FIRST_ORDER, delayed, plant, smooth
 from mavdem.dem.graybox.wind import _step, wind
@@ -243,7 +243,7 @@ def test_an_earlier_flight_counts_by_its_precision():
     earlier, now = vehicle(-20.0, 2.0, 0.05), vehicle(-22.0, 2.6, 0.1)
     updates = updated(now, earlier)
     changed = earlier.covariance.copy()
-    changed[0, 0] += (20.0 * ModelErrors.between_flights) ** 2
+    changed[0, 0] += (20.0 * OmissionErrors.between_flights) ** 2
     weights = np.linalg.inv([changed, now.covariance])
     thetas = [[*of.effect, of.damping, of.lag, of.delay] for of in (earlier, now, updates)]
     mean = np.linalg.solve(weights.sum(axis=0), np.einsum("nij,nj->i", weights, thetas[:2]))

@@ -17,7 +17,7 @@ from simulated import simulated
 import mavdem
 from mavdem.evaluate import held_out_test
 from mavdem.export.conversion import _identified, columns, write_channels
-from mavdem.facts.model import Plant
+from mavdem.facts.model import NoPlant
 from mavdem.flight import Flight
 from mavdem.report.series import series_of
 
@@ -70,8 +70,8 @@ def test_a_system_has_the_names_and_the_matrices_of_the_model(learned):
 @mark.parametrize(
     "physical, names, code",
     [
-        (None, ("roll", "roll rate"), Plant.NO_PLANT),
-        (SimpleNamespace(caution=None), ("roll", "roll rate", "pitch"), Plant.TOO_MANY_OUTPUTS),
+        (None, ("roll", "roll rate"), NoPlant.NO_PLANT),
+        (SimpleNamespace(caution=None), ("roll", "roll rate", "pitch"), NoPlant.TOO_MANY_OUTPUTS),
     ],
 )
 def test_a_model_without_a_plant_says_why(physical, names, code):

@@ -12,7 +12,7 @@ from scipy.stats import t
 from mavdem.confidence import quantile
 from mavdem.documents import whole
 from mavdem.evaluate.paired_test import SIGNIFICANCE
-from mavdem.facts.fleet import Compared, Incomparable, Outcome
+from mavdem.facts.fleet import Compared, Incomparable, QuantityOutcome
 from mavdem.fleet.difference import (
     BETWEEN,
     DAMPING,
@@ -79,7 +79,7 @@ def test_of_many_pairs_of_flights_of_the_same_vehicle_few_have_any_change():
     rng = default_rng(4)
     pairs = 150
     changed = sum(
-        bool(vehicle_difference(flight(0, rng), flight(1, rng)).of(Outcome.CHANGED))
+        bool(vehicle_difference(flight(0, rng), flight(1, rng)).of(QuantityOutcome.CHANGED))
         for _ in range(pairs)
     )
     # Twice the family's error would be beyond chance in 150 pairs.
@@ -90,7 +90,9 @@ def test_what_changes_all_motors_changes_their_mean_and_none_beside_the_others()
     before = state(range(8))
     after = state(range(8, 16), 1)
     weaker = [replace(row, effect=tuple(0.5 * value for value in row.effect)) for row in after]
-    kinds = {one.quantity.kind for one in vehicle_difference(before, weaker).of(Outcome.CHANGED)}
+    kinds = {
+        one.quantity.kind for one in vehicle_difference(before, weaker).of(QuantityOutcome.CHANGED)
+    }
     assert kinds == {MEAN_EFFECT}
 
 
@@ -143,7 +145,7 @@ def test_other_conditions_widen_what_they_can_change(changed, kind, allowance):
         assert one.quantity == two.quantity
         assert (two.half_width > one.half_width) == (one.quantity.kind == kind)
         assert two.allowance == approx(allowance * (one.quantity.kind == kind))
-    assert not other.of(Outcome.CHANGED)
+    assert not other.of(QuantityOutcome.CHANGED)
 
 
 NO_MODEL = dict.fromkeys(

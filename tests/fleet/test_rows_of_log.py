@@ -12,7 +12,7 @@ from refusals import unreadable
 import mavdem
 from mavdem.assessment.assess import assess_signals
 from mavdem.dem import Drag
-from mavdem.facts.fleet import Prior
+from mavdem.facts.fleet import NoPrior
 from mavdem.fleet import priors
 from mavdem.fleet import rows_of_log as module
 from mavdem.fleet.priors import earlier_drag, earlier_flight
@@ -96,9 +96,9 @@ def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(monkeypatch):
 @mark.parametrize(
     "read, text, code",
     [
-        (earlier_drag, "{}", Prior.DRAG_UNREADABLE),
-        (lambda path: earlier_drag(path, 4.0), DRAG, Prior.DRAG_OF_THIS_FLIGHT),
-        (lambda path: earlier_flight(path, "roll"), "{}", Prior.MODEL_UNREADABLE),
+        (earlier_drag, "{}", NoPrior.DRAG_UNREADABLE),
+        (lambda path: earlier_drag(path, 4.0), DRAG, NoPrior.DRAG_OF_THIS_FLIGHT),
+        (lambda path: earlier_flight(path, "roll"), "{}", NoPrior.MODEL_UNREADABLE),
     ],
 )
 def test_what_says_nothing_of_the_next_flight_is_refused(tmp_path, read, text, code):
@@ -114,6 +114,6 @@ def test_a_model_of_the_axis_whose_effect_is_known_is_a_prior_and_no_other(tmp_p
     monkeypatch.setattr(priors.Learned, "from_json", lambda _: learned)
     (tmp_path / "model.json").write_text("")
     assert earlier_flight(tmp_path, "pitch") is learned
-    assert unreadable(earlier_flight, tmp_path, "roll").code is Prior.MODEL_OF_OTHER_AXIS
+    assert unreadable(earlier_flight, tmp_path, "roll").code is NoPrior.MODEL_OF_OTHER_AXIS
     physical.identifiable = False
-    assert unreadable(earlier_flight, tmp_path, "pitch").code is Prior.MODEL_WITHOUT_EFFECT
+    assert unreadable(earlier_flight, tmp_path, "pitch").code is NoPrior.MODEL_WITHOUT_EFFECT

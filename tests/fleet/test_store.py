@@ -24,7 +24,7 @@ from mavdem.fleet import store
 from mavdem.fleet.row import FlightRow, row_schema
 from mavdem.fleet.store import STORE, TABLE, opened, read_rows, write_rows
 from mavdem.fleet.tracking import assess_rows, residual_mean
-from mavdem.fleet.workers import Limits
+from mavdem.fleet.workers import JobLimits
 
 PAGE = (Path(__file__).parents[2] / "docs" / "fleet.md").read_text()
 FULL = FlightRow(
@@ -219,7 +219,9 @@ def test_what_failed_is_tried_again_where_that_may_help(tmp_path, monkeypatch):
     assert track(out, logs).read == 1
 
 
-@mark.parametrize("limits, read", [(Limits(2, 600), 0), (Limits(3, 600), 1), (Limits(2, 700), 1)])
+@mark.parametrize(
+    "limits, read", [(JobLimits(2, 600), 0), (JobLimits(3, 600), 1), (JobLimits(2, 700), 1)]
+)
 def test_more_time_or_memory_is_another_try(tmp_path, monkeypatch, limits, read):
     class TooSlow(InThisProcess):
         def outcomes(self, jobs):

@@ -34,7 +34,7 @@ from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.sources import fetch, find_logs
 from mavdem.fleet.store import STORE, read_rows
-from mavdem.fleet.workers import Job, Limits, LogReader, WorkerPool, outcome_of, perform
+from mavdem.fleet.workers import Job, JobLimits, LogReader, WorkerPool, outcome_of, perform
 
 
 def test_an_outcome_has_the_log_s_name_and_key_and_why_it_has_no_rows(tmp_path):
@@ -247,7 +247,7 @@ def test_what_a_log_costs_is_bounded_and_told(monkeypatch, tmp_path):
     usage = Mock(getrlimit=lambda _: (5, 1 << 30), RLIM_INFINITY=-1)
     usage.getrusage.return_value.ru_maxrss = 2048 if sys.platform == "linux" else 2 << 20
     monkeypatch.setattr(workers, "resource", usage)
-    outcome = perform(Job(str(tmp_path / "none")), Limits(300.0, 600), None)
+    outcome = perform(Job(str(tmp_path / "none")), JobLimits(300.0, 600), None)
     assert (outcome.seconds, outcome.megabytes) == (2.5, 2.0)
     set_to = [call.args for call in usage.setrlimit.call_args_list]
     assert set_to == [

@@ -24,7 +24,7 @@ from mavdem.paper.runner import (
     WITH,
     Check,
     ClaimStatus,
-    Result,
+    ExperimentResult,
     Runner,
 )
 
@@ -33,18 +33,18 @@ FAILED = Check("a rule", False, "that is not")
 
 
 def test_what_fails_is_said_first():
-    report = ItemReport(CLAIMS[0], Result(checks=(HELD, FAILED)))
+    report = ItemReport(CLAIMS[0], ExperimentResult(checks=(HELD, FAILED)))
     assert report.status is ClaimStatus.PARTLY
     assert report.sentence == "Partly: that is not; but this is so."
-    held = ItemReport(CLAIMS[0], Result(checks=(HELD,)))
+    held = ItemReport(CLAIMS[0], ExperimentResult(checks=(HELD,)))
     assert held.status is ClaimStatus.REPRODUCED and held.sentence == "Reproduced: this is so."
-    untried = ItemReport(CLAIMS[0], Result(remarks=("Nothing is there.",)))
+    untried = ItemReport(CLAIMS[0], ExperimentResult(remarks=("Nothing is there.",)))
     assert untried.sentence == "Not tried: Nothing is there."
-    assert ItemReport(CLAIMS[0], Result(checks=(FAILED,))).status is ClaimStatus.NOT
+    assert ItemReport(CLAIMS[0], ExperimentResult(checks=(FAILED,))).status is ClaimStatus.NOT
 
 
 def test_the_command_writes_the_page_and_the_numbers_that_it_prints(monkeypatch, tmp_path, capsys):
-    items = {CLAIMS[0]: lambda _: Result(checks=(HELD,)), CLAIMS[1]: lambda _: fail()}
+    items = {CLAIMS[0]: lambda _: ExperimentResult(checks=(HELD,)), CLAIMS[1]: lambda _: fail()}
     monkeypatch.setattr("mavdem.paper.report.ITEMS", items)
     assert run("reproduce", CLAIMS[0].name, "--out", tmp_path, "--json") == 0
     printed = strict_json(capsys.readouterr().out)

@@ -14,12 +14,12 @@ from recorded_flights import FLIGHT
 
 import mavdem
 from mavdem.analysis.residuals import correlation
-from mavdem.assessment.noise import Noise
+from mavdem.assessment.noise import MeasuredNoise
 from mavdem.assessment.responses import LoopResponse
 from mavdem.condition.loop.controllers import controller_of
 from mavdem.condition.peaks import Peak, PeakKind
 from mavdem.condition.spectra import Spectrum
-from mavdem.condition.step_response import Estimate, StepResponse
+from mavdem.condition.step_response import IntervalEstimate, StepResponse
 from mavdem.evaluate import held_out_test, held_out_windows
 from mavdem.facts import Fact
 from mavdem.facts.loops import StepResponses
@@ -81,7 +81,7 @@ def test_a_chart_says_in_words_what_it_shows():
 def response():
     time = np.arange(1, 101) / 200
     frequency = np.linspace(0.5, 80, 200)
-    one = Estimate(0.1, 0.05, 0.15)
+    one = IntervalEstimate(0.1, 0.05, 0.15)
     names = ("overshoot", "rise_time", "settling", "delay", "peak", "peak_frequency")
     return StepResponse(
         axis="roll",
@@ -115,7 +115,9 @@ def test_steps_of_known_loops_have_band_and_prediction():
     assert_allclose(seen.high - seen.low, 0.1)
     assert predicted.kind is Kind.DASHES and gain.y.log and (gain.lines[0].low > 0).all()
     assert step_charts({"yaw": {"rate": none}}) == ()
-    never = replace(measured, settling=Estimate(0.5, 0.5, 0.5), delay=Estimate(0.1, 0.05, 0.5))
+    never = replace(
+        measured, settling=IntervalEstimate(0.5, 0.5, 0.5), delay=IntervalEstimate(0.1, 0.05, 0.5)
+    )
     figures, _ = responses_chapter({"roll": {"rate": LoopResponse(never), "attitude": none}}).blocks
     assert figures.rows[0][3:5] == ["over 0.50", "100 (50 to over 500)"]
 
@@ -124,7 +126,7 @@ def test_spectra_have_their_lines_and_the_filters_over_them():
     line = Peak(PeakKind.MOTOR, 140.0, 100.0, 1.0, 5.0, 0.5)
     shown = {name: spectrum(name) for name in ("gyro_before", "gyro")}
     loop = SimpleNamespace(controller=controller_of(GAINS, "roll", (1.0,)), crossover=12.0)
-    chart = spectrum_chart(Noise(shown, {"gyro_before": (line,)}), loop)
+    chart = spectrum_chart(MeasuredNoise(shown, {"gyro_before": (line,)}), loop)
     assert [mark.name for mark in chart.marks] == ["motor", "crossover"]
     assert [one.name for one in chart.lines] == [
         "before the filters",

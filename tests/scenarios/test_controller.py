@@ -11,7 +11,7 @@ from sitl_scenarios.dynamics import IDLE_COMMAND, State, frame, mix
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.gains import parameters_of
 from sitl_scenarios.mixers import px4
-from sitl_scenarios.plan import Plan
+from sitl_scenarios.plan import FlightPlan
 from sitl_scenarios.scenario import Chirp, Doublets, Multisine, Scenario, Sensors, Sticks
 from sitl_scenarios.sensors import Sensing
 from sitl_scenarios.simulation import fly
@@ -65,7 +65,7 @@ def test_what_is_known_is_as_noisy_as_asked():
 
 
 def excited(excitation, duration=60.0):
-    plan = Plan(Scenario(duration=duration, excitation=excitation))
+    plan = FlightPlan(Scenario(duration=duration, excitation=excitation))
     return [plan.at(k * CYCLE) for k in range(round(duration / CYCLE))]
 
 

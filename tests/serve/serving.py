@@ -13,7 +13,7 @@ from mavdem.facts import Fact
 from mavdem.facts.fleet import Reading
 from mavdem.facts.lights import Light
 from mavdem.fleet.row import FlightRow
-from mavdem.fleet.workers import Job, Limits, outcome_of
+from mavdem.fleet.workers import Job, JobLimits, outcome_of
 from mavdem.report.blocks import Sentence
 from mavdem.report.page import document
 from mavdem.results import PAGE, REPORT
@@ -23,7 +23,7 @@ from mavdem.serve.rights import Rights
 from mavdem.serve.run import Connection
 
 TOKEN = "0123456789abcdef"
-LIMITS = Limits(1, 256)
+LIMITS = JobLimits(1, 256)
 BEGINNING = b"ULog\x01\x12\x35"
 """Of a log, by which it is known as one."""
 BOUNDARY = "----WebKitFormBoundary7MA4YWxkTrZu0gW"

@@ -20,12 +20,12 @@ from mavdem.facts.fleet import Reading
 from mavdem.facts.serve import Stage, Start
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.store import read_rows
-from mavdem.fleet.workers import Job, Limits, outcome_of
+from mavdem.fleet.workers import Job, JobLimits, outcome_of
 from mavdem.ingest import read_log
 from mavdem.results import PAGE, REPORT
 from mavdem.serve.library import Library, file_name
 from mavdem.serve.reading import read_for_library
-from mavdem.serve.run import Options, serve
+from mavdem.serve.run import ServerOptions, serve
 from mavdem.serve.search import condition_of
 from mavdem.serve.work import Work
 
@@ -262,7 +262,7 @@ def test_a_folder_that_cannot_be_written_to_is_refused(tmp_path):
 
 def test_an_address_that_is_taken_is_refused(tmp_path):
     with serving(tmp_path / "one") as server, raises(Unreadable) as refused:
-        given = Options(
+        given = ServerOptions(
             tmp_path / "two", "127.0.0.1", server.port, "", False, None, 1, LIMITS, None, None
         )
         serve(given, print, print, is_shown=False)
@@ -324,7 +324,7 @@ def test_processes_read_logs_within_limits_and_go_on_after_a_hostile_one(tmp_pat
     names = ("crash.ulg", "sound.ulg")
     for name in names:
         received(library, name, name, keep=1)
-    work = Work(library, 1, Limits(1, 600), read=rows_of_log)
+    work = Work(library, 1, JobLimits(1, 600), read=rows_of_log)
     work.start()
     work.notify()
     while library.find(*condition_of("stage:failed"), 10)[1] < len(names):

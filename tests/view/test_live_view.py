@@ -28,7 +28,7 @@ from mavdem.health.in_flight import MotorAlarm
 from mavdem.live import Event as Occurrence
 from mavdem.live import SessionStatus
 from mavdem.live.shown import ShownRow
-from mavdem.live.stream import Pose
+from mavdem.live.stream import LatestPose
 from mavdem.live.wind import WindRow
 from mavdem.view.live_content import Channels, figures, status_document
 from mavdem.view.live_view import LiveView, SinkThread
@@ -135,7 +135,7 @@ def recording(tmp_path_factory):
             )
         )
         for t, y, u, known in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
-            pose = Pose(t, (y[0], 0.1, 0.2), (y[1], 0.3, 0.4), (0.5, np.nan))
+            pose = LatestPose(t, (y[0], 0.1, 0.2), (y[1], 0.3, 0.4), (0.5, np.nan))
             wind = WIND._replace(time=round(t, 1))
             view.put(ShownRow(t, 0.0, 0, y, u, known, None, wind, pose))
         view.log(Occurrence(TIME[-1], prose("link lost")))

@@ -62,7 +62,7 @@ class Gain(NamedTuple):
     set: float
 
 
-class Noise(NamedTuple):
+class DemandNoise(NamedTuple):
     """What noise of the gyro makes of the demand, standard deviations of the demand, 1 being all the mixer takes."""
 
     lowest: float  # Hz, from which on
@@ -91,7 +91,7 @@ class Advice(Result):
     """By the autopilot's name; those that there are, changed or not."""
     sure: float
     """Share of the draws, each with all ``EFFECTS``, in which both loops have the margins."""
-    noise: Noise | None
+    noise: DemandNoise | None
     """Of the gyro in the demand; None where the log is too slow to show it."""
 
     @property
@@ -250,7 +250,7 @@ def _refusals(loop: Loop, changes: bool) -> Facts:
     return tuple(doubt for doubt in loop.cautions if doubt.code is Loops.EFFECT_BIASED)
 
 
-def _noise(loop: Loop, after: Controller) -> Noise | None:
+def _noise(loop: Loop, after: Controller) -> DemandNoise | None:
     """Of the gyro, by the controllers of the ``loop`` and ``after``; None where the log does not show it."""
     frequency, density = _gyro(loop)
     if density is None:
@@ -258,7 +258,7 @@ def _noise(loop: Loop, after: Controller) -> Noise | None:
     now = loop.controller
     size, new = (_demand(chain, frequency, density) for chain in (now, after))
     by_d = _demand(now, frequency, density, replace(now, d=0.0))
-    return Noise(frequency[0], frequency[-1], size, new, by_d, (new / size) ** 2)
+    return DemandNoise(frequency[0], frequency[-1], size, new, by_d, (new / size) ** 2)
 
 
 def _gyro(loop: Loop) -> tuple[Array, Array | None]:

@@ -16,10 +16,10 @@ from mavdem.condition.loop.filters import gyro_delay, gyro_response
 from mavdem.condition.loop.from_flight import demand_directions, known_controller
 from mavdem.condition.loop.margins import rate_loop, transfer
 from mavdem.dem.closed_loop.densities import ASKED, OUTPUT, RATE, KnownController
-from mavdem.dem.closed_loop.identification import Identified, identified
-from mavdem.dem.closed_loop.likelihood import Axis
+from mavdem.dem.closed_loop.identification import IdentifiedAxis, identified
+from mavdem.dem.closed_loop.likelihood import AxisPosterior
 from mavdem.dem.closed_loop.parameters import NAMES, PLANT
-from mavdem.dem.closed_loop.spectra import WINDOW_SECONDS, Messages, Spectra, spectra
+from mavdem.dem.closed_loop.spectra import WINDOW_SECONDS, CrossSpectra, Messages, spectra
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.graybox import Physical
 from mavdem.dem.graybox.estimation import BAND_HZ
@@ -74,7 +74,7 @@ def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
 class _InLoop(NamedTuple):
     """The identified parameters of one axis with its controller, and the inputs of a demand of 1."""
 
-    fit: Identified
+    fit: IdentifiedAxis
     controller: Controller
     directions: Array
 
@@ -124,7 +124,7 @@ def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
         share = (width @ coherent) / (width @ rate)
         if not share + limited_share >= LEAST_STEERED / 2:
             raise NotLearnable(Loops.NOT_STEERED, share=share)
-        axis = Axis(used, logged_controller, rounding, limited_share)
+        axis = AxisPosterior(used, logged_controller, rounding, limited_share)
         try:
             fit = identified(axis)
             steered = fit.steered
@@ -207,7 +207,7 @@ def _limited_share(output: Messages, limited: Messages, starts: Array) -> float:
     return at_limit / power if power else 0.0
 
 
-def _used(spectra: Spectra, controller: KnownController) -> Spectra:
+def _used(spectra: CrossSpectra, controller: KnownController) -> CrossSpectra:
     """Of rate, output and that setpoint which explains the output better by the controller."""
     slow = spectra.frequency < SLOW
     forward, back = controller.transfer(spectra.frequency[slow])
@@ -233,7 +233,7 @@ def _check(plant: Physical, directions: Array, controller: Controller) -> None:
         raise NotLearnable(Loops.MARGIN_UNCERTAIN, phase_margin_interval=within)
 
 
-def _physical(fit: Identified, directions: Array) -> Physical:
+def _physical(fit: IdentifiedAxis, directions: Array) -> Physical:
     """Without the gyro's filters, and with what the model lacks."""
     values = dict(zip(NAMES, np.exp(fit.theta).tolist(), strict=True))
     effect, damping, lag, delay = (values[name] for name in MODEL_ERRORS)

@@ -12,7 +12,7 @@ from mavdem.dem.airflow.model import (
     FREEDOM,
     WIND_SD,
     Drag,
-    Motion,
+    MotionGrid,
     air_speed,
     coefficients,
     filtered,
@@ -105,7 +105,7 @@ def gridded(
     step: float = STEP,
     most: int = STEPS,
     wind: Array | None = None,
-) -> Motion:
+) -> MotionGrid:
     """Returns ``airflow.motion`` in steps of ``step`` s, longer ones where samples are or where there were ``most``."""
     widest = max(step, np.median(np.diff(time)), (time[-1] - time[0]) / most)
     gridded_motion = motion(time, attitude, velocity, widest, wind)
@@ -114,7 +114,7 @@ def gridded(
     return gridded_motion
 
 
-def identified(moved: Motion, drag: Drag) -> tuple[Array, Array, float]:
+def identified(moved: MotionGrid, drag: Drag) -> tuple[Array, Array, float]:
     """Returns mean (10,) and covariance of what ``filtered`` takes, and how much of the flight :func:`opposing` is.
 
     Sizes of the wind are times the drag, m/s². By a prior ``drag``, and Fisher scoring of the filter's likelihood. What
@@ -170,7 +170,7 @@ def identified(moved: Motion, drag: Drag) -> tuple[Array, Array, float]:
     return estimate
 
 
-def opposing(moved: Motion) -> float:
+def opposing(moved: MotionGrid) -> float:
     """Returns which share of the force's variance opposes the velocity, as drag does; of gusts, both go one way."""
     steps = max(round(STEERED_SECONDS / moved.step), 1)
     force = np.einsum("tij,ti->tj", moved.axes, moved.force)[:, :2]
@@ -185,7 +185,7 @@ def opposing(moved: Motion) -> float:
     return max(float(against), 0.0) ** 2
 
 
-def in_air(places: Array, moved: Motion) -> Array:
+def in_air(places: Array, moved: MotionGrid) -> Array:
     """Returns what ``filtered`` takes, of ``places`` (N, 10) with sizes of the wind times the drag."""
     (c, q) = np.exp(places[:, :2]).T
     moved_places = places.copy()
@@ -193,7 +193,7 @@ def in_air(places: Array, moved: Motion) -> Array:
     return moved_places
 
 
-def mean_speed(places: Array, moved: Motion) -> Array:
+def mean_speed(places: Array, moved: MotionGrid) -> Array:
     """Returns (N,) air speed, m/s, at which the drag of ``places`` (N, 10) makes the mean force."""
     force = np.einsum("tij,ti->tj", moved.axes, moved.force)[moved.known, :2].mean(axis=0)
     c, q = np.exp(places[:, :2]).T
@@ -208,7 +208,7 @@ def independent_share(errors: Array) -> float:
     return (1 - correlation) / (1 + correlation)
 
 
-def courses(moved: Motion, mean: Array, covariance: Array) -> Pair:
+def courses(moved: MotionGrid, mean: Array, covariance: Array) -> Pair:
     """Returns states (T, N, 4) of the airflow and their covariances, by draws of what is :func:`identified`."""
     places = in_air(normal_draws(mean, covariance, COURSES, seed=1), moved)
     return filtered(places, moved).smoothed()

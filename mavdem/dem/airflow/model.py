@@ -202,7 +202,7 @@ PLANE = np.eye(2)
 TOTAL = np.kron([[1.0, 1.0]], PLANE)
 
 
-class Motion(NamedTuple):
+class MotionGrid(NamedTuple):
     """Attitude, velocity and specific force on a grid of ``step`` s; NaN where a step has no samples."""
 
     time: Array  # (T,) s, of each step's middle
@@ -219,10 +219,10 @@ class Motion(NamedTuple):
             np.isfinite(self.force).all(axis=1) & np.isfinite(self.velocity).all(axis=1)
         )
 
-    def at(self, rows: Flags | slice) -> Motion:
+    def at(self, rows: Flags | slice) -> MotionGrid:
         """Returns those steps."""
         columns = {name: part[rows] for name, part in self._asdict().items() if name != "step"}
-        return Motion(**columns, step=self.step)
+        return MotionGrid(**columns, step=self.step)
 
 
 def motion(
@@ -231,7 +231,7 @@ def motion(
     velocity: Array,
     step: float,
     wind: Array | None = None,
-) -> Motion:
+) -> MotionGrid:
     """Returns the motion on a grid, all of it in means over two steps that weigh their middle most.
 
     These means of the acceleration are the difference between each step's means of the ``velocity``: of one kernel,
@@ -269,7 +269,7 @@ def motion(
         ((LAG * GRAVITY * change[:, 7:9]) ** 2 + (SCALE_ERROR * faster[:, :2]) ** 2).sum(axis=1)
     )
     speed[:, :2] -= middle[:, 9:11]
-    grid = Motion(start + step * np.arange(1, count), axes, speed, force, doubt, step)
+    grid = MotionGrid(start + step * np.arange(1, count), axes, speed, force, doubt, step)
     reach = int(BRIDGED / step)
     return grid.at(
         np.convolve([*grid.known, False], np.ones(2 * reach + 1))[reach : reach + len(force)] > 0
@@ -289,7 +289,7 @@ class Filter:
         decay: (G, 4) of the states in a step.
     """
 
-    def __init__(self, parameters: Array, start: Motion) -> None:
+    def __init__(self, parameters: Array, start: MotionGrid) -> None:
         self._linear, self._quadratic = coefficients(parameters)
         self._lean = parameters[:, 4:6]
         wind_sd, wind_seconds, walk, noise = np.exp(parameters[:, 6:]).T
@@ -315,7 +315,7 @@ class Filter:
         self.states = self.states * self.decay
         self.spreads = self.spreads * self._fade + self._process
 
-    def update(self, motion: Motion, step: int) -> Pair:
+    def update(self, motion: MotionGrid, step: int) -> Pair:
         """Takes what a ``step`` of the motion measured; returns errors (G, 2) and covariances of the predictions."""
         x = self.states
         P = self.spreads
@@ -369,7 +369,7 @@ class Filtered(NamedTuple):
         return states, spreads
 
 
-def filtered(parameters: Array, motion: Motion) -> Filtered:
+def filtered(parameters: Array, motion: MotionGrid) -> Filtered:
     """Returns what a ``Filter`` leaves of the ``motion``."""
     run = Filter(parameters, motion)
     measured = motion.known

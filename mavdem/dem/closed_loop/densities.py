@@ -29,7 +29,7 @@ from mavdem.dem.closed_loop.parameters import (
     NAMES,
     STEP_TIME,
 )
-from mavdem.dem.closed_loop.spectra import Complex, Spectra
+from mavdem.dem.closed_loop.spectra import Complex, CrossSpectra
 from mavdem.dem.engine.linalg import Array, Flags, Pair
 from mavdem.dem.graybox.plant import FIRST_ORDER
 
@@ -70,7 +70,7 @@ class _Loop(NamedTuple):
     seen: Complex  # (S, C, J, F) the quantities by each source
 
 
-class _Part(NamedTuple):
+class _DensityPart(NamedTuple):
     """A part of a source's density, and the slopes of its logarithm by parameters."""
 
     source: int
@@ -90,7 +90,7 @@ class _Steps(NamedTuple):
 class Densities:
     """Densities of one axis's spectra by its controller and parameters in the order of ``NAMES``."""
 
-    def __init__(self, spectra: Spectra, controller: KnownController, rounding: float) -> None:
+    def __init__(self, spectra: CrossSpectra, controller: KnownController, rounding: float) -> None:
         """Prepares for the spectra of all four quantities; ``rounding`` is the output's step, as a demand."""
         self.known = controller
         self.rate = spectra.rate
@@ -183,42 +183,42 @@ class Densities:
         seen[ACTUATION, OUTPUT] += 1.0
         return _Loop(turned, lagged, left, by_rate, rates, seen)
 
-    def _parts(self, values: Values, loop: _Loop, is_asked: bool = True) -> list[_Part]:
+    def _parts(self, values: Values, loop: _Loop, is_asked: bool = True) -> list[_DensityPart]:
         share = _share(values.steps)
         asked, by_noise = _without(self.asked, self._angle_noise(values) * self.known.cycle)
         lagged = np.abs(loop.lagged) ** 2
         left_out = (MODEL_SHARE * values.effect) ** 2 * lagged * self.output
         white = self.white
         return [
-            _Part(
+            _DensityPart(
                 ASKING,
                 asked * self.inside * (is_asked * (1 - share)),
                 {"steps": -share, "angle_noise": by_noise},
             ),
-            _Part(
+            _DensityPart(
                 ASKING, (self.known.angle * values.angle_noise) ** 2 * white, {"angle_noise": 2.0}
             ),
-            _Part(NOISE, (values.noise * np.abs(self.gyro)) ** 2 * white, {"noise": 2.0}),
-            _Part(NOISE, values.unfiltered**2 * white, {"unfiltered": 2.0}),
-            _Part(ACTUATION, values.actuation**2 * self.output, {"actuation": 2.0}),
-            _Part(WIND, left_out, {"effect": 2.0, "lag": 2 * (lagged - 1)}),
+            _DensityPart(NOISE, (values.noise * np.abs(self.gyro)) ** 2 * white, {"noise": 2.0}),
+            _DensityPart(NOISE, values.unfiltered**2 * white, {"unfiltered": 2.0}),
+            _DensityPart(ACTUATION, values.actuation**2 * self.output, {"actuation": 2.0}),
+            _DensityPart(WIND, left_out, {"effect": 2.0, "lag": 2 * (lagged - 1)}),
             self._drift("drift", values.drift_size, values.drift_time),
             self._drift("eddy", values.eddy_size, values.eddy_time),
             self._gusts(values.gust_size, values.gust_time),
         ]
 
-    def _drift(self, name: str, size: float, time: float) -> _Part:
+    def _drift(self, name: str, size: float, time: float) -> _DensityPart:
         """Wind of first order."""
         square = (self.turn * time) ** 2
         density = FIRST_ORDER.density(self.turn, size, time) * self.inside
         by_time = (1 - square) / (1 + square)
-        return _Part(WIND, density, {f"{name}_size": 2.0, f"{name}_time": by_time})
+        return _DensityPart(WIND, density, {f"{name}_size": 2.0, f"{name}_time": by_time})
 
-    def _gusts(self, size: float, time: float) -> _Part:
+    def _gusts(self, size: float, time: float) -> _DensityPart:
         """Smooth wind, with the autocorrelation exp(−τ²/4 time²)."""
         square = (self.turn * time) ** 2
         density = 2 * np.sqrt(np.pi) * size**2 * time * self.inside * np.exp(-square)
-        return _Part(WIND, density, {"gust_size": 2.0, "gust_time": 1 - 2 * square})
+        return _DensityPart(WIND, density, {"gust_size": 2.0, "gust_time": 1 - 2 * square})
 
     def _steps(self, values: Values, loop: _Loop, is_asked: bool = True) -> _Steps:
         share = _share(values.steps)
@@ -291,7 +291,7 @@ def _share(odds: float) -> float:
     return odds / (1 + odds)
 
 
-def _by_source(parts: Sequence[_Part]) -> Array:
+def _by_source(parts: Sequence[_DensityPart]) -> Array:
     """(S, J, F)."""
     sources = np.zeros((WIND + 1, *parts[0].density.shape))
     for part in parts:

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import softmax
 
 from mavdem.confidence import SURE_DEVIATIONS
-from mavdem.dem.closed_loop.likelihood import Axis
+from mavdem.dem.closed_loop.likelihood import AxisPosterior
 from mavdem.dem.closed_loop.parameters import CONTROLLER, PLANT, SD, STEP_TIME
 from mavdem.dem.engine.gauss_newton import (
     MAX_STEPS,
@@ -30,10 +30,10 @@ SAME_NATS = 4.0  # below a maximum, an ascent ends there
 LONGEST_STEP = 1.5  # of any parameter, and a standard deviation beforehand at most
 
 
-class Identified(NamedTuple):
+class IdentifiedAxis(NamedTuple):
     """The parameters of an axis, as probable as its spectra and what is known beforehand make them."""
 
-    axis: Axis
+    axis: AxisPosterior
     theta: Array  # (k,) in the order of ``parameters.NAMES``
     covariance: Array  # (k, k)
     likeliest: Array  # (k,) of the ascent's end that has the largest share in them
@@ -57,7 +57,7 @@ class Identified(NamedTuple):
         return min(map(self.axis.steered_share, (self.theta, self.likeliest)))
 
 
-def identified(axis: Axis) -> Identified:
+def identified(axis: AxisPosterior) -> IdentifiedAxis:
     """Returns the parameters of an ``axis`` by its likelihood's maxima; ``LinAlgError`` where there are none."""
     begun = []
     for crossover, lag, delay in STARTS:
@@ -76,7 +76,7 @@ def identified(axis: Axis) -> Identified:
     return _averaged(axis, ended)
 
 
-def _averaged(axis: Axis, ended: Sequence[Quadratic]) -> Identified:
+def _averaged(axis: AxisPosterior, ended: Sequence[Quadratic]) -> IdentifiedAxis:
     """The mean over ends at different times of steps, each as probable as by Laplace's approximation."""
     finite = (fit for fit in ended if np.isfinite(fit.value))
     ascending = sorted(finite, key=lambda fit: fit.value)
@@ -91,10 +91,10 @@ def _averaged(axis: Axis, ended: Sequence[Quadratic]) -> Identified:
         share * _covariance(axis, fit.curvature) for share, fit in zip(shares, maxima, strict=True)
     )
     between = (thetas - theta).T * shares @ (thetas - theta)
-    return Identified(axis, theta, within + between, thetas[np.argmax(shares)])
+    return IdentifiedAxis(axis, theta, within + between, thetas[np.argmax(shares)])
 
 
-def _covariance(axis: Axis, curvature: Array) -> Array:
+def _covariance(axis: AxisPosterior, curvature: Array) -> Array:
     """At a maximum of this ``curvature``: the sandwich of the prior and ``SCATTER`` of what the spectra say."""
     whole = inverse(curvature)
     prior = np.diag(axis.sd**-2.0)
@@ -117,7 +117,9 @@ def _apart(now: Quadratic, maximum: Quadratic) -> float:
     return float(step @ maximum.curvature @ step) / 2
 
 
-def _ascended(axis: Axis, theta: Array, steps: int, maxima: Sequence[Quadratic] = ()) -> Quadratic:
+def _ascended(
+    axis: AxisPosterior, theta: Array, steps: int, maxima: Sequence[Quadratic] = ()
+) -> Quadratic:
     """From parameters ``theta`` after so many damped steps, or where there is nothing to gain.
 
     An ascent that comes to one of the ``maxima`` has no more to find.

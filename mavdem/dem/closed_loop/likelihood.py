@@ -14,7 +14,7 @@ from mavdem.dem.closed_loop.densities import (
     KnownController,
 )
 from mavdem.dem.closed_loop.parameters import CONTROLLER, MEAN, NAMES, SD
-from mavdem.dem.closed_loop.spectra import Complex, Spectra
+from mavdem.dem.closed_loop.spectra import Complex, CrossSpectra
 from mavdem.dem.engine.gauss_newton import Quadratic
 from mavdem.dem.engine.linalg import Array
 
@@ -23,14 +23,18 @@ DEPENDENT = 6.25
 What is known beforehand counts whole, so that slow logs, which leave lag and delay open, keep to it."""
 
 
-class Axis:
+class AxisPosterior:
     """The log joint of one axis's spectra and parameters in the order of ``NAMES``, up to a constant.
 
     It is an ``Objective`` of Fisher's scoring.
     """
 
     def __init__(
-        self, spectra: Spectra, controller: KnownController, rounding: float, limited: float = 0.0
+        self,
+        spectra: CrossSpectra,
+        controller: KnownController,
+        rounding: float,
+        limited: float = 0.0,
     ) -> None:
         """Takes the spectra of all four quantities; ``rounding`` is the output's step, as a demand.
 

@@ -34,7 +34,7 @@ class Messages(NamedTuple):
     values: Array  # (N,)
 
 
-class Spectra(NamedTuple):
+class CrossSpectra(NamedTuple):
     """Averaged cross-spectral densities of C quantities in J bands of W windows."""
 
     frequency: Array  # (J,) Hz
@@ -48,13 +48,13 @@ class Spectra(NamedTuple):
         """(J, C, C) of all windows."""
         return self.densities.mean(axis=0)
 
-    def of(self, some: Sequence[int]) -> Spectra:
+    def of(self, some: Sequence[int]) -> CrossSpectra:
         """Returns the spectra of some of the quantities."""
         densities = self.densities[:, :, some][:, :, :, some]
         return self._replace(densities=densities, late=tuple(self.late[row] for row in some))
 
 
-def spectra(streams: Sequence[Messages], starts: Array) -> Spectra:
+def spectra(streams: Sequence[Messages], starts: Array) -> CrossSpectra:
     """Returns the spectra of ``streams`` in windows that begin at ``starts`` (W,) s, at the rate of the slowest one."""
     slowest = min(streams, key=lambda stream: len(stream.time))
     matched = [_matched(stream, slowest.time) for stream in streams]
@@ -77,7 +77,7 @@ def spectra(streams: Sequence[Messages], starts: Array) -> Spectra:
     middle = np.add.reduceat(frequency, begins[:-1]) / counts
     # windows overlap by half
     late = tuple(stream.time - matched[0].time for stream in matched)
-    return Spectra(middle, counts / 2, np.asarray(densities, complex), late, rate)
+    return CrossSpectra(middle, counts / 2, np.asarray(densities, complex), late, rate)
 
 
 def _matched(stream: Messages, stamps: Array) -> Messages:

@@ -16,8 +16,8 @@ from mavdem.dem.graybox.fitting import WINDS, GrayBoxFit, directed, fitted
 from mavdem.dem.graybox.identifiability import (
     PARAMETERS,
     IdentifiabilityFigures,
-    ModelErrors,
     NotIdentifiable,
+    OmissionErrors,
     identifiability,
 )
 from mavdem.dem.graybox.likelihood import REFINEMENTS, FlightWindows, Parameters
@@ -132,7 +132,7 @@ def _physical(whole: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) 
     """In the units of the flight, with what the model leaves out."""
     parameters = whole.parameters
     theta = whole.theta
-    errors = ModelErrors
+    errors = OmissionErrors
 
     def values_at(theta: Array) -> Array:
         return _values(parameters, theta, windows.dt)

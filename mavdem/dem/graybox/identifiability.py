@@ -43,7 +43,7 @@ SLOWEST_RATE = 80.0  # Hz, below which the commands between samples matter
 RESOLVED_LAG = 0.5  # steps of the stream: a shorter lag cannot be told from a delay
 
 
-class ModelErrors:
+class OmissionErrors:
     """Standard deviations of what the model leaves out, by which estimates differ from the truth besides by chance.
 
     By so much simulated flights differ from the same vehicle linearised, sampled at every step of their controller:
@@ -133,7 +133,7 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
             ParameterDoubt.WIND_SHARE_HIGH,
             share=figures.wind_share,
             share_limit=WIND_SHARE.reported,
-            bias=ModelErrors.wind_bias if is_low else None,
+            bias=OmissionErrors.wind_bias if is_low else None,
         ),
     )
     if figures.alias_share > MAX_ALIAS_SHARE:
@@ -150,7 +150,7 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
     if name == "effect" and figures.quick:
         yield (
             Status.BIASED,
-            Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=ModelErrors.lag_bias),
+            Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=OmissionErrors.lag_bias),
         )
     if name == "lag" and figures.lag < least:
         too_short = Fact(ParameterDoubt.LAG_TOO_SHORT, time_step=figures.dt)

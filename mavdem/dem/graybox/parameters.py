@@ -8,7 +8,7 @@ import numpy as np
 from mavdem.confidence import LEVEL, SURE_DEVIATIONS, Interval, half_width
 from mavdem.dem.engine.gauss_newton import RELATIVE_STEP
 from mavdem.dem.engine.linalg import Array, Indices, normal_draws
-from mavdem.dem.graybox.identifiability import PARAMETERS, ModelErrors
+from mavdem.dem.graybox.identifiability import PARAMETERS, OmissionErrors
 from mavdem.dem.graybox.likelihood import FlightWindows
 from mavdem.dem.graybox.plant import Coloured
 from mavdem.dem.priors import derivative_pairs
@@ -161,7 +161,7 @@ def updated(plant: Physical, prior: Physical) -> Physical:
     if len(theta) != len(now) or not prior.identifiable:
         return plant
     alike = np.append(theta[:-3], np.zeros(3))
-    covariance = prior.covariance + np.outer(alike, alike) * ModelErrors.between_flights**2
+    covariance = prior.covariance + np.outer(alike, alike) * OmissionErrors.between_flights**2
     earlier = Fact(ParameterDoubt.KNOWN_FROM_EARLIER_FLIGHT)
     reasons = {
         name: prior.reasons[name] if prior.status[name] == Status.NOT_IDENTIFIABLE else earlier

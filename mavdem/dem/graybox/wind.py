@@ -26,7 +26,7 @@ from mavdem.dem.graybox.gusts import (
     gusts,
     shortest_gust,
 )
-from mavdem.dem.graybox.identifiability import ModelErrors
+from mavdem.dem.graybox.identifiability import OmissionErrors
 from mavdem.dem.graybox.parameters import Physical, rate_column, slopes_of, theta_of, wind_density
 from mavdem.dem.graybox.plant import plant
 from mavdem.dem.record import Record
@@ -107,7 +107,7 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
     moved = _about_means(torque, cuts)
     moving = _about_means(slopes, cuts)
     size = float(np.mean(moved**2))
-    smoother = spread + ModelErrors.wind**2 * size
+    smoother = spread + OmissionErrors.wind**2 * size
 
     def with_parameters(slopes: Array) -> Array:
         return smoother + np.einsum("it,ij,jt->t", slopes, covariance, slopes)
@@ -127,14 +127,16 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
     # An error of the parameters adds to the size in proportion, and by the square of what is not like the wind.
     unlike = moving - np.outer(shares, moved)
     added = np.sum((unlike @ unlike.T) * covariance) / (2 * samples * size)
-    scale_error = np.sqrt(shares @ covariance @ shares + added**2 + ModelErrors.wind_sd**2)
+    scale_error = np.sqrt(shares @ covariance @ shares + added**2 + OmissionErrors.wind_sd**2)
     band = half_width(variance)
     gusty = gusts(torque, band, record, shortest_gust(physical, record.dt))
     return WindTorque(
         torque=torque,
         band=band,
         mean=float(torque.mean()),
-        mean_band=float(half_width(levels @ covariance @ levels + ModelErrors.wind_sd**2 * size)),
+        mean_band=float(
+            half_width(levels @ covariance @ levels + OmissionErrors.wind_sd**2 * size)
+        ),
         sd=float(np.sqrt(size + spread.mean())),
         scale_error=float(scale_error),
         step=step,

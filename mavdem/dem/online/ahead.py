@@ -25,7 +25,7 @@ ERROR_SECONDS = 10.0
 """Time constant of the squared errors of what was shown, the last sample and the mean, which are compared."""
 
 
-class Prediction(NamedTuple):
+class PredictionMaps(NamedTuple):
     """A fitted model as linear maps of the latest samples."""
 
     combinations: Array  # (r, c) of the inputs, that are channels of the model
@@ -59,7 +59,7 @@ class OnlineJoint:
         """
         self._dt, self._horizons, self._outputs = dt, np.array(horizons), outputs
         self._rows = np.arange(len(horizons))
-        self._prediction: Prediction | None = None
+        self._prediction: PredictionMaps | None = None
         # What was predicted, in a ring: a sample is compared with what was predicted of it horizons ago.
         self._ring = np.full((horizons[-1] + 1, 3, len(horizons), outputs), np.nan)
         self._place = 0
@@ -170,7 +170,7 @@ class OnlineJoint:
         weights = np.zeros((len(maps) + 1, m, (LAGS[-1] + 1) * len(units.center)))
         weights[:-1, :, : maps.shape[2]] = maps
         weights[-1, :, : latest.shape[1]] = latest
-        self._prediction = Prediction(
+        self._prediction = PredictionMaps(
             combinations, units, weights, np.vstack([constants, constant[None]])
         )
 

@@ -18,7 +18,7 @@ from mavdem.confidence import Interval, half_width
 from mavdem.dem.engine.kalman import SteadyFilter
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.estimation import physical
-from mavdem.dem.graybox.identifiability import ModelErrors, NotIdentifiable
+from mavdem.dem.graybox.identifiability import NotIdentifiable, OmissionErrors
 from mavdem.dem.graybox.parameters import Physical, rate_column
 from mavdem.dem.graybox.plant import Plant, plant
 from mavdem.dem.graybox.wind import balanced, steady
@@ -71,7 +71,7 @@ class WindFilter(NamedTuple):
         errors = (rate - smoothed.states[:, 0])[-round(DELAY_SECONDS / self.dt) :]
         unusual = max(1.0, float(np.mean(errors**2)) / self.steady.variance)
         between = sum(each.size**2 for each in plant.components if each.time < self.dt)
-        left_out = between + (ModelErrors.wind * plant.wind) ** 2
+        left_out = between + (OmissionErrors.wind * plant.wind) ** 2
         keeps = np.exp(-self.dt / plant.lag)
         answered = lfilter([1 - keeps], [1, -keeps], moved, axis=0)
         change = (commanded - smoothed.states[:, 1]) / plant.lag
