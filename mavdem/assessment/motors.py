@@ -6,6 +6,7 @@ from mavdem.analysis.overrides import limited_motor
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst
 from mavdem.condition.condition import HoverFigures
+from mavdem.condition.oscillation import LIMITED_SHARE
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import Reported
@@ -34,6 +35,9 @@ def motors_light(evidence: Evidence) -> Fact:
     weak = [event for event in events if event.subject in names]
     # Of several losses the largest is named, and of several stops the longest, not the earliest.
     weak.sort(key=lambda event: (-event.figures.get("rise", inf), -_lasted(event)))
+    cycle = evidence.condition.oscillation
+    if cycle is not None and cycle.at_limit > LIMITED_SHARE:
+        weak.append(Fact(MotorsLight.MOTORS_SWING, share=cycle.at_limit))
     if hover is None:
         weak.append(Fact(MotorsLight.MOTORS_NOT_SEEN, names=names, least_duration=LEAST_SECONDS))
     else:

@@ -30,6 +30,7 @@ class MotorsLight(Code):
 
     MOTORS_EVEN = "motors_even"
     MOTOR_LIMITED = "motor_limited"
+    MOTORS_SWING = "motors_swing"
     HEADROOM_LITTLE = "headroom_little"
     MOTORS_NOT_SEEN = "motors_not_seen"
 

@@ -152,7 +152,10 @@ def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
             trim: [f"{output:.4g}" for output in hover.trim],
             "trim deviation (%)": [f"{round(more, 1) + 0.0:+.1f}" for more in hover.imbalance],
             "headroom (%)": [f"{100 * left:.0f}" for left in hover.headroom],
-            "saturated (% of time)": [f"{100 * share:.1f}" for share in hover.at_upper_limit],
+            "at upper, lower limit (% of time)": [
+                f"{100 * upper:.1f}, {100 * lower:.1f}"
+                for upper, lower in zip(hover.at_upper_limit, hover.at_lower_limit, strict=True)
+            ],
         }
     physical = None if learned is None else learned.physical
     half = None

@@ -20,6 +20,7 @@ from mavdem.alignment.signals import Signals
 from mavdem.analysis.loops import loops_of_axes
 from mavdem.assessment.assess import grounded_air
 from mavdem.assessment.margins import margins_light
+from mavdem.assessment.motors import motors_light
 from mavdem.assessment.tracking import ERROR, tracking_light, tracking_of
 from mavdem.condition.loop.response import MeasuredResponse
 from mavdem.condition.oscillation import Oscillation
@@ -107,13 +108,15 @@ def test_what_the_autopilot_injects_shows_no_margin():
 
 def oscillating(found):
     """The same of a vehicle that oscillates."""
-    swinging = Oscillation("pitch", 5.0, 40.0, 0.0, False, 20.0)
+    swinging = Oscillation("pitch", 5.0, 40.0, 0.98, False, 20.0)
     swinging = swinging._replace(others=(swinging._replace(axis="roll", rate=9.0),))
     return replace(found, condition=replace(found.condition, oscillation=swinging))
 
 
 def test_a_limit_cycle_goes_before_all():
-    light = margins_light(oscillating(evidence(flight(*closed_loop(60.0)))))
+    swinging = oscillating(evidence(flight(*closed_loop(60.0))))
+    assert motors_light(swinging).sentence.endswith("upper or lower limit 98 % of the time.")
+    light = margins_light(swinging)
     assert (light.code, light.level) == (MarginsLight.OSCILLATES, "bad")
     assert light.figures["because"].code is Gains.LOWER_GAINS
     assert light.sentence.startswith("Pitch and roll oscillate: pitch at 5 Hz, by 40 °/s; roll")
