@@ -86,7 +86,7 @@ def tune_command(
     )
     gains = tuning.parameters
     if out:
-        texts = {"tune.html": tune_page(Path(source).name, tuning.axes)}
+        texts = {"tune.html": tune_page(Path(source).name, tuning)}
         if gains:
             texts |= {
                 f"gains{ending}": text

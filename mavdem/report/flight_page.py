@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from itertools import chain
@@ -25,8 +26,9 @@ from mavdem.condition.loop.loop import Loop, known_loops
 from mavdem.condition.step_response import IntervalEstimate, StepResponse
 from mavdem.dem import Learned
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Level, NamedFacts
+from mavdem.facts import Fact, Facts, Level, NamedFacts
 from mavdem.facts.assessment import Grade, Purpose
+from mavdem.facts.ending import MotionEvent
 from mavdem.facts.event import Event
 from mavdem.facts.loops import Gains
 from mavdem.facts.session import Spent
@@ -118,7 +120,8 @@ def log_page(
     """
     whole = held is not None
     timeline = timeline_of(assessment)
-    events = [Event(nan if fact.time is None else fact.time, fact) for fact in assessment.events]
+    happened = _stops_counted(assessment.events)
+    events = [Event(nan if fact.time is None else fact.time, fact) for fact in happened]
     level = assessment.headline.level
     head = Head(level, assessment.lights, events, timeline, assessment.analysis)
     chapters = [*_measured(assessment, timeline, whole), *_models(assessment)]
@@ -130,6 +133,17 @@ def log_page(
     subtitle = begin(title_of(assessment).text)
     points = POINTS if whole else FEW_POINTS
     return document(name, subtitle, [above, following], chapters, back, head, points)
+
+
+def _stops_counted(events: Facts) -> Iterator[Fact]:
+    """Yields the ``events``, but of a motor that was often at its limit only the first time, with how often."""
+    stop = MotionEvent.MOTOR_AT_ITS_STOP
+    counts = Counter(event.subject for event in events if event.code is stop)
+    for event in events:
+        if event.code is not stop:
+            yield event
+        elif count := counts.pop(event.subject, 0):
+            yield event.but(count=count)
 
 
 def _measured(assessment: Assessment, timeline: Timeline | None, whole: bool) -> Iterator[Chapter]:

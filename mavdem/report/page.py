@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, Template
 from markupsafe import Markup, escape
 
 from mavdem.analysis import LogAnalysis
-from mavdem.assessment.tuning import AdviceByAxis
+from mavdem.assessment.tuning import Tuning
 from mavdem.condition.loop.advice import Advice
 from mavdem.dem import Learned
 from mavdem.facts import Level, NamedFacts
@@ -26,7 +26,7 @@ from mavdem.report.flight_charts import loop_charts
 from mavdem.report.loops import loops_of, tune_blocks
 from mavdem.report.numbers import named, readable, rounded
 from mavdem.report.palette import DISTURBANCE, INK_ON_LIGHT, PREDICTED
-from mavdem.report.screen import screen, title
+from mavdem.report.screen import conclusion, screen, title
 from mavdem.report.timeline import Timeline
 
 _UNSEEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
@@ -118,17 +118,21 @@ def _prose(text: str) -> Markup:
     return Markup(text if text.count("`") % 2 else re.sub("`([^`]*)`", r"<code>\1</code>", text))
 
 
-def tune_page(name: str, results: AdviceByAxis) -> str:
+def tune_page(name: str, tuning: Tuning) -> str:
     """Returns the HTML of ``mavdem tune`` of the log ``name``, by axis."""
     said = "Gain, phase and sensitivity of the open loops, with 90 % bands; dashed, where the gain is 1."
     chapters = []
-    for axis, advice in results.items():
+    for axis, advice in tuning.axes.items():
         if isinstance(advice, Advice):
             loops = loops_of(advice)
             columns = (loop_charts(loops, "rate"), loop_charts(loops, "attitude"))
             chapters.append(Chapter(f"Loops of {axis}", (), [Group(columns, said)]))
     subtitle = "Margins of the loops, and gains to set. Nothing was sent to the vehicle."
-    return document(name, subtitle, tune_blocks(results), chapters)
+    judgement = tuning.judgement
+    above, *_, following = conclusion(judgement)
+    head = Head(judgement.headline.level, judgement.lights)
+    chapters.insert(0, Chapter("Margins and gains", tune_blocks(tuning.axes)))
+    return document(name, subtitle, [above, following], chapters, head=head)
 
 
 def notebook_html(blocks: Sequence[Block]) -> str:

@@ -53,6 +53,8 @@ def test_a_line_that_is_thinned_keeps_its_peaks_and_its_gaps():
     found = Line("x", "", time, values).at(np.linspace(0, 100, 501)).y
     assert np.nanmax(found) == 9.0 and np.nanmin(found) == -9.0 and np.isnan(found[205:295]).all()
     assert_allclose(found[:50], np.sin(np.linspace(0, 100, 501)[:50]), atol=0.2)
+    few = Line("x", "", time[::50], values[::50])
+    assert np.isnan(Chart("", TIME, TIME, (few,)).thinned(12_000).lines[0].y).any()
 
 
 @mark.parametrize("log", [False, True])

@@ -19,6 +19,7 @@ from mavdem.assessment.assess import assess
 from mavdem.condition.inventory import inventory
 from mavdem.condition.oscillation import Oscillation
 from mavdem.facts import Fact
+from mavdem.facts.ending import MotionEvent
 from mavdem.facts.event import Event
 from mavdem.facts.session import Rows, Spent, VehicleFact
 from mavdem.ingest import read_log
@@ -79,7 +80,10 @@ def analysed():
 @mark.slow
 def test_two_axes_of_a_flight_of_a_fleet_fit_into_a_small_page_that_leads_back(analysed):
     two = dict.fromkeys(("roll", "pitch"), analysed.analysis)
-    text = flight_page("flight.tlog", replace(analysed, analyses=two))
+    stop = Fact(MotionEvent.MOTOR_AT_ITS_STOP, time=1.0, share=0.5, subject="motor 2")
+    evidence = replace(analysed.evidence, events=(stop, stop))
+    text = flight_page("flight.tlog", replace(analysed, analyses=two, evidence=evidence))
+    assert text.count("at its limit") == text.count("limit 2 times, first 50") == 1
     assert len(text.encode()) < 500_000
     assert '<a href="../index.html">' in text and "Model of pitch" in text
     assert Balanced(text).ids
