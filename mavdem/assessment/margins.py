@@ -8,6 +8,7 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst
 from mavdem.facts import Fact, Level
 from mavdem.facts.margins import MarginsLight
+from mavdem.facts.sources import Repair
 
 
 def margins_light(evidence: Evidence) -> Fact:
@@ -18,7 +19,7 @@ def margins_light(evidence: Evidence) -> Fact:
     facts = [fact for axis in evidence.margins for fact in axis.facts]
     facts.sort(key=lambda fact: fact.figures.get("share", inf))
     if facts and (light := worst(facts)).level in (Level.BAD, Level.WATCH):
-        return light.but(path=evidence.log.source)
+        return light.but(arguments=_arguments(evidence))
     enough = [fact for fact in facts if fact.level is Level.GOOD]
     names = dict.fromkeys(fact.figures["axis"] for fact in enough)
     if names.keys() & set(TILT_AXES):
@@ -28,3 +29,15 @@ def margins_light(evidence: Evidence) -> Fact:
     seen = [of_response(axis.response) for axis in evidence.margins if axis.response]
     quiet = [fact.figures["rate"] for fact in seen if fact.code is MarginsLight.NO_RESONANCE]
     return Fact(MarginsLight.MARGINS_UNKNOWN, because=because, rate=max(quiet, default=None))
+
+
+def _arguments(evidence: Evidence) -> tuple[str, ...]:
+    """What a command reads the same vehicle by: the log and, where it has several, which; and a file of parameters."""
+    vehicle = evidence.signals.telemetry
+    given = [evidence.log.source]
+    if len(evidence.log.vehicles) > 1:
+        given += ["--vehicle", f"{vehicle.system}:{vehicle.component}"]
+    for repair in vehicle.repairs:
+        if repair.code is Repair.PARAMETERS_ADDED:
+            given += ["--params", repair.figures["path"]]
+    return tuple(given)

@@ -6,12 +6,14 @@ from mavdem.assessment.tuning import Tuning
 from mavdem.condition.loop.advice import Advice
 from mavdem.condition.loop.filters import gyro_filters
 from mavdem.documents.document import (
+    Advised,
     Document,
     Error,
     Judged,
     OneFact,
     Said,
     Told,
+    ToldWithRemedy,
 )
 from mavdem.documents.wind import Drag
 from mavdem.facts import Fact
@@ -164,7 +166,7 @@ class Noise(Document):
 class AxisAdvice(Document, is_partial=True):
     """Loops and gains of each axis."""
 
-    refusal: Told
+    refusal: ToldWithRemedy
     """why there are no loops; no other key is there then"""
     loop: Loop
     """the loops with the gains of the log"""
@@ -174,7 +176,7 @@ class AxisAdvice(Document, is_partial=True):
     """the margins asked for"""
     verdict: Told
     """whether the loops have these margins, one sentence"""
-    sentence: Said
+    sentence: Advised
     """what to do, one or two sentences"""
     sure: float
     """share of the plants that fit the flight in which both loops have the margins"""

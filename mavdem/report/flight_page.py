@@ -244,11 +244,11 @@ def _loops(evidence: Evidence, advice: AdviceByAxis) -> Chapter:
     shown = {axis: {"now": loop} for axis, loop in loops.items()}
     for axis, gains in advice.items():
         if isinstance(gains, Advice):
-            blocks.append(Sentence(gains.sentence.sentence, f"Gains of {axis}:"))
+            blocks.append(Sentence(gains.sentence.advised, f"Gains of {axis}:"))
             blocks += gain_blocks(gains)
             shown[axis] = loops_of(gains)
         elif not loops:
-            blocks.append(Sentence(gains.sentence, f"Gains of {axis}:"))
+            blocks.append(Sentence(gains.advised, f"Gains of {axis}:"))
     blocks += limits_of(advice)
     if not loops:
         return Chapter("Control loops", blocks)

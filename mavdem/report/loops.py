@@ -26,20 +26,23 @@ FIGURES = {  # header, and what makes the unit shown, by name of the figure
 FASTEST = 0.15
 
 
-def tune_blocks(advised: AdviceByAxis, whole: bool = True) -> Blocks:
+def tune_blocks(advised: AdviceByAxis, whole: bool = True, said: str = "") -> Blocks:
     """Returns what is said of the loops by axis; a fact is why nothing is known of them.
 
-    Unless ``whole``, that is a sentence each, the gains to set, and what for and what limits them.
+    Unless ``whole``, that is a sentence each, the gains to set, and what for and what limits them. What to do is said
+    once, and not where it is ``said`` beside.
     """
     blocks = Blocks()
     is_advised = False
     for axis, advice in advised.items():
-        lead = f"{axis.capitalize()}:"
+        facts = [advice] if isinstance(advice, Fact) else [advice.rating, advice.sentence]
+        remedy = facts[-1].remedy
+        told = [*map(str, facts), *([] if remedy in said else [remedy])]
+        said += remedy
+        blocks.append(Sentence(" ".join(told), f"{axis.capitalize()}:"))
         if isinstance(advice, Fact):
-            blocks.append(Sentence(str(advice), lead))
             continue
         is_advised |= bool(advice.gains)
-        blocks.append(Sentence(f"{advice.rating} {advice.sentence}", lead))
         if whole:
             blocks += [*_loop_blocks(advice), *gain_blocks(advice)]
         else:

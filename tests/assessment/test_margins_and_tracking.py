@@ -30,6 +30,7 @@ from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.learnability import Reason
 from mavdem.facts.loops import Gains, Loops, Responses
 from mavdem.facts.margins import MarginsLight, TrackingLight
+from mavdem.facts.sources import Repair
 from mavdem.facts.wind import NoWind
 from mavdem.ingest import read_log
 
@@ -148,10 +149,15 @@ def test_the_worst_loop_of_a_flight_is_rated():
     assert list(loops) == ["roll", "pitch", "yaw"] and isinstance(loops["pitch"], Fact)
     tighter = loops["roll"].changed({"ATC_RAT_RLL_P": 1.03 * loops["roll"].controller.p})
     loops["pitch"] = replace(tighter, axis="pitch")
-    found = evidence(log.vehicles[0], loops=loops, log=replace(log, source="my flight.tlog"))
+    added = Fact(Repair.PARAMETERS_ADDED, count=1, path="my.param")
+    vehicle = replace(log.vehicles[0], repairs=(added,))
+    log = replace(log, source="my flight.tlog", vehicles=2 * log.vehicles)
+    found = evidence(vehicle, loops=loops, log=log)
     light = margins_light(found)
     assert (light.code, light.level) == (MarginsLight.LOOP_MARGINS, "watch")
-    assert light.remedy == "Set gains of `mavdem tune 'my flight.tlog' --axis all`."
+    assert light.remedy == (
+        "Set gains of `mavdem tune 'my flight.tlog' --vehicle 1:1 --params my.param --axis all`."
+    )
     assert light.figures["axis"] == "pitch"
     disagrees = Fact(Responses.RESPONSE_DISAGREES, share=0.3, needed=0.8)
     measured = MeasuredResponse((0.5, 9.0), 30.0, 30.0, 1.0, disagrees)

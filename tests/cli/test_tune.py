@@ -78,6 +78,8 @@ def test_what_must_not_fly_is_said_before_its_gains(capsys):
     said = capsys.readouterr().out
     assert said.startswith("The filter rejected the velocity") and "STB_RLL_P" in said
     assert "Next: Check GPS" in said
+    lacking = shared("real/logs/yaw_twist_16_percent.BIN")
+    assert refused(capsys, 1, "tune", lacking, "--axis", "all").count("--params FILE") == 1
 
 
 def test_without_a_plant_the_measured_margins_or_what_is_bad_are_shown(capsys, monkeypatch):
