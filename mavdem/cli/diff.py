@@ -7,7 +7,7 @@ import click
 from mavdem.cli.options import file_option, json_option, refuse_link
 from mavdem.cli.output import UNSUPPORTED, check_folder, files_in, print_result, progress, say_aside
 from mavdem.documents.fleet import Diff
-from mavdem.fleet.difference import SIDES, changed_parameters, vehicle_difference
+from mavdem.fleet.difference import SIDES, changed_parameters, vehicle_difference, without_gains
 from mavdem.fleet.state import of_common_vehicle, state_of
 from mavdem.report.difference import difference_blocks, headline_blocks, next_blocks
 from mavdem.report.difference_page import comparison_page
@@ -63,16 +63,18 @@ def diff_command(
     first, second = states if vehicle else of_common_vehicle(*states)
     difference = vehicle_difference(first.rows, second.rows)
     parameters = changed_parameters(first.parameters, second.parameters)
+    lacking = without_gains(first.parameters, second.parameters)
     headlines = {"a": first.headline, "b": second.headline}
     document = Diff.gather(
         difference, a=before, b=after, parameters=parameters, headlines=headlines
     )
     with files_in(folder, [PAGE]) as (path,):
         called = Path(before).name, Path(after).name
-        page = comparison_page(called, (first.review, second.review), difference, parameters)
+        reviews = first.review, second.review
+        page = comparison_page(called, reviews, difference, parameters, lacking)
         path.write_text(page, "utf-8", "replace")
     say_aside(f"The page is {folder / PAGE}.")
-    said = [*headline_blocks(headlines), *difference_blocks(difference, parameters)]
+    said = [*headline_blocks(headlines), *difference_blocks(difference, parameters, lacking)]
     print_result(document, [*said, *next_blocks(difference)], as_json)
     if not difference.changes:
         context.exit(UNSUPPORTED)

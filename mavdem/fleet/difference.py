@@ -39,7 +39,7 @@ from mavdem.heading import Names, Numbers
 from mavdem.health.balance import SCATTER
 from mavdem.immutable import ReadOnlyDict
 from mavdem.ingest.telemetry import Parameters
-from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
+from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS, RATE_GAIN
 
 SHARE = "share"
 EFFECT = "effect"
@@ -194,6 +194,12 @@ def changed_parameters(before: Parameters, after: Parameters) -> list[ParameterC
         for name in both
         if not OWN_PARAMETERS.search(name) and not isclose(before[name], after[name], rel_tol=1e-6)
     ]
+
+
+def without_gains(before: Parameters, after: Parameters) -> Names:
+    """Returns which of the two sides have no gains of rate control, so that it is not known if these changed."""
+    sides = zip(SIDES, (before, after), strict=True)
+    return tuple(side for side, known in sides if not any(map(RATE_GAIN.match, known)))
 
 
 def since_baseline(rows: FlightRows, baseline: FlightRows) -> SinceBaselines:

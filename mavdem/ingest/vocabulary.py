@@ -63,11 +63,13 @@ CONTROL_PARAMETERS = re.compile(
     r"RATE_(RLL|PIT|YAW)_|STB_(RLL|PIT|YAW)_P$|FRAME$|THR_MIN$|MOT_THST_MAX$|FILT[1-8]_(TYPE$|NOTCH_)"
 )
 """Names of ArduPilot's and PX4's parameters that rate and attitude control depend on."""
+RATE_GAIN = re.compile(r"(ATC_RAT|RATE)_RLL_P$|MC_ROLLRATE_P$")
+"""Names of the gain P of roll's rate, which each controller has."""
 OWN_PARAMETERS = re.compile(
     r"^(STAT_|CAL_|TC_|_HASH_CHECK|LND_FLIGHT_T|COM_FLIGHT_UUID|MOT_THST_HOVER|RC\d+_(MIN|MAX|TRIM))|"
-    r"_(PRESS|TEMP|CALTEMP|DEC)$|(OFFS?|OFS\d?|SCAL|DIA|ODI|MOT|AHRS_TRIM)_[XYZ]$"
+    r"_(PRESS|TEMP|CALTEMP|DEC|TOTAL|LASTFILE|RESETS)$|(OFFS?|OFS\d?|SCAL|DIA|ODI|MOT|AHRS_TRIM)_[XYZ]$"
 )
-"""Names of parameters that autopilots set by themselves, in flight, at their start, and when sensors are calibrated."""
+"""Names of parameters that autopilots set by themselves: counters, and in flight, at their start and by calibration."""
 
 
 class Injection(IntEnum):

@@ -17,6 +17,7 @@ from mavdem.fleet.difference import (
 )
 from mavdem.fleet.row import UNKNOWN, FlightRow
 from mavdem.grouping import grouped
+from mavdem.heading import Names
 from mavdem.report.blocks import Blocks, Sentence, caution
 from mavdem.report.numbers import counted, listed, plus_minus, rounded, short
 from mavdem.report.words import section
@@ -31,12 +32,14 @@ QUANTITIES = {  # what a kind of quantity is called, and the scale and unit that
 
 
 def difference_blocks(
-    of_vehicle: VehicleDifference, parameters: Sequence[ParameterChange] = ()
+    of_vehicle: VehicleDifference,
+    parameters: Sequence[ParameterChange] = (),
+    lacking: Names = (),
 ) -> Blocks:
     """Returns in sentences what changed of two vehicles or one, and how sure that is.
 
-    Which vehicles come first, then ``parameters`` that were set anew, what changed, is the same, uncertain or not
-    comparable, and the conditions.
+    Which vehicles come first, then ``parameters`` that were set anew and sides whose gains are ``lacking``, what
+    changed, is the same, uncertain or not comparable, and the conditions.
     """
     missing = [
         Sentence(f"{listed(missing.quantity for missing in lacking)}: {reason}", "Not compared:")
@@ -54,7 +57,7 @@ def difference_blocks(
         share=BETWEEN[difference.SHARE],
         effect=BETWEEN[difference.EFFECT],
     )
-    anew = section("difference_parameters", parameters=parameters, vehicles=of_vehicle.vehicles)
+    anew = section("difference_parameters", of_vehicle, parameters=parameters, lacking=lacking)
     return [*_vehicles(of_vehicle), *anew, *_changes(of_vehicle), *missing, conditions, *sure]
 
 

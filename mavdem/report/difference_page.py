@@ -8,6 +8,7 @@ import numpy as np
 from mavdem.alignment.drive import AXES
 from mavdem.fleet.difference import ParameterChange, VehicleDifference
 from mavdem.fleet.row import NOT_IDENTIFIABLE, UNKNOWN
+from mavdem.heading import Names
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.charts import AFTER, Axis, Chart, Group, Kind, Line
@@ -30,12 +31,13 @@ def comparison_page(
     reviews: tuple[Review, Review],
     difference: VehicleDifference,
     parameters: Sequence[ParameterChange] = (),
+    lacking: Names = (),
     back: tuple[str, str] | None = None,
 ) -> str:
     """Returns the HTML of two flights, called ``names``, by documents as ``report.json`` has them.
 
-    ``difference`` is what differs, and ``parameters`` those that changed; ``back`` is name and address of the page that
-    leads here.
+    ``difference`` is what differs, ``parameters`` those that changed, and ``lacking`` the sides whose gains are not
+    known; ``back`` is name and address of the page that leads here.
     """
     both = dict(zip(COLOURS, reviews, strict=True))
     steps = tuple(filter(None, (tuple(_steps(both, axis)) for axis in AXES)))
@@ -49,7 +51,7 @@ def comparison_page(
         for key, (name, scale) in FIGURES.items()
     ]
     chapters = [
-        Chapter("What differs", difference_blocks(difference, parameters)),
+        Chapter("What differs", difference_blocks(difference, parameters, lacking)),
         Chapter("Step response", (), [Group(steps)] if steps else []),
         _table("Margins", "rate loop (90 % interval)", margins),
         Chapter("Spectra", (), _group(_spectra(both))),
@@ -57,7 +59,7 @@ def comparison_page(
         _table("Wind", "90 % interval", _wind(both)),
         _table("Parameters", f"{counted(len(changed), 'parameter')} changed", changed),
     ]
-    first = _headline(both, difference, parameters)
+    first = _headline(both, difference, parameters, lacking)
     headlines = {name: _known(review, "headline", "sentence") for name, review in both.items()}
     first += [*headline_blocks(headlines), *next_blocks(difference)]
     return document(" and ".join(names), "A and B over each other.", first, chapters, back)
@@ -77,7 +79,10 @@ def _table(title: str, head: str, rows: list[list[str]]) -> Chapter:
 
 
 def _headline(
-    both: Reviews, difference: VehicleDifference, parameters: Sequence[ParameterChange]
+    both: Reviews,
+    difference: VehicleDifference,
+    parameters: Sequence[ParameterChange],
+    lacking: Names,
 ) -> Blocks:
     """What matters most: two vehicles, or what surely changed most, of quantities, gains and margins."""
     vehicles = [_known(review, "identity", "name") or UNKNOWN for review in both.values()]
@@ -109,6 +114,7 @@ def _headline(
         ),
         margin=max(apart, key=lambda margins: abs(margins[1] - margins[2]), default=None),
         has_margins=bool(margins),
+        lacking=lacking,
     )
     return [Sentence("", text.text) for text in said]
 

@@ -33,7 +33,12 @@ from mavdem.documents.library import Added, Baseline, Change, Flight, Flights, P
 from mavdem.errors import Refusal
 from mavdem.facts import Fact
 from mavdem.facts.serve import Crowd, Request, Sharing, Stage, Use
-from mavdem.fleet.difference import changed_parameters, since_baseline, vehicle_difference
+from mavdem.fleet.difference import (
+    changed_parameters,
+    since_baseline,
+    vehicle_difference,
+    without_gains,
+)
 from mavdem.fleet.row import FlightRow, vehicles_of, worst_row
 from mavdem.fleet.workers import LOOK_SECONDS, PAGES
 from mavdem.grouping import grouped
@@ -329,11 +334,13 @@ class Server:
             for entry in (a, b)
         )
         difference = vehicle_difference(before, after)
+        gains = json.loads(a.gains), json.loads(b.gains)
         page = comparison_page(
             (a.name, b.name),
             (self._review(a) or {}, self._review(b) or {}),
             difference,
-            changed_parameters(json.loads(a.gains), json.loads(b.gains)),
+            changed_parameters(*gains),
+            without_gains(*gains),
             ("Flights", "/"),
         )
         return HTMLResponse(without_policy(page, **self._known(request)))

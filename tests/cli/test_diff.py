@@ -70,13 +70,13 @@ def test_a_vehicle_that_cannot_be_chosen_is_refused_with_those_that_can(
 
 def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path, capsys):
     rows = {
-        "a.bin": flown("alpha", [0], system=4),
+        "a.bin": flown("alpha", [0], system=4, collective=0.4),
         "b.bin": [FlightRow(file="b.bin", status="It is empty.")],
         "c.bin": flown("alpha", [1], trim_share_interval=(0.2,) * 4),
     }
     monkeypatch.setattr("mavdem.fleet.state.rows_of_log", lambda path, *_: (rows[path.name], {}))
     assert run("diff", "a.bin", "a.bin", "--vehicle", "4:1") == 0
-    assert "Nothing that was compared changed." in capsys.readouterr().out
+    assert "A and B are the same flight: name another" in capsys.readouterr().out
     assert run("diff", "a.bin", "c.bin", "--vehicle", "alpha") == 0
     assert "No single change is certain." in capsys.readouterr().out
     said = refused(capsys, 1, "diff", "a.bin", "b.bin")

@@ -25,6 +25,7 @@ from mavdem.fleet.difference import (
     _tested,
     changed_parameters,
     vehicle_difference,
+    without_gains,
 )
 
 Z90 = 1.645
@@ -191,9 +192,10 @@ def test_parameters_that_somebody_set_are_told_and_those_of_control_first():
     before = {
         "ANGLE_MAX": 3000.0,
         "ATC_RAT_RLL_P": 0.135,
-        "STAT_BOOTCNT": 1.0,
+        "MIS_TOTAL": 1.0,
         "INS_GYROFFS_X": 0.1,
     }
-    after = {"ANGLE_MAX": 4500.0, "ATC_RAT_RLL_P": 0.2, "STAT_BOOTCNT": 2.0, "INS_GYROFFS_X": 0.2}
+    after = {"ANGLE_MAX": 4500.0, "ATC_RAT_RLL_P": 0.2, "MIS_TOTAL": 2.0, "INS_GYROFFS_X": 0.2}
     changes = changed_parameters(before, after | {"ANGLE_NEW": 1.0})
     assert changes == [("ATC_RAT_RLL_P", 0.135, 0.2), ("ANGLE_MAX", 3000.0, 4500.0)]
+    assert without_gains(before, {"MIS_TOTAL": 1.0}) == ("B",)
