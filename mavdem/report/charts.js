@@ -124,9 +124,11 @@
     }
     ctx.font = `${10 * ratio}px system-ui, sans-serif`; ctx.textAlign = "left"; ctx.textBaseline = "top";
     ctx.strokeStyle = colour("--card"); ctx.lineWidth = 3 * ratio;
+    if (apart) ctx.textAlign = "center";
     for (const [i, [x, name, fill]] of data.marks.entries()) {
-      // one below the other, as they may stand close
-      const place = [name, chart.valToPos(x, "x", true) + 3 * ratio, bbox.top + (3 + 12 * i) * ratio];
+      // one below the other, as they may stand close; of what is counted none does
+      const [beside, below] = apart ? [0, 0] : [3, 12 * i];
+      const place = [name, chart.valToPos(x, "x", true) + beside * ratio, bbox.top + (3 + below) * ratio];
       ctx.strokeText(...place); ctx.fillStyle = fill; ctx.fillText(...place);
     }
     ctx.restore();

@@ -8,9 +8,17 @@ from mavdem.facts import Level
 from mavdem.facts.motors import MotorHealth
 from mavdem.fleet import row as fleet_row
 from mavdem.fleet.difference import Flights
-from mavdem.fleet.row import HEALTHS, UNKNOWN, FlightRows, is_shared, worst_health, worst_row
+from mavdem.fleet.row import (
+    HEALTHS,
+    UNKNOWN,
+    Flight,
+    FlightRows,
+    is_shared,
+    worst_health,
+    worst_row,
+)
 from mavdem.grouping import grouped
-from mavdem.report.blocks import Blocks, Table
+from mavdem.report.blocks import Blocks, Rated, Table
 from mavdem.report.condition import TIER_WORDS
 from mavdem.report.numbers import few, listed
 from mavdem.report.words import begin, go_on, section
@@ -73,6 +81,14 @@ def doubt(flights: Flights) -> str:
     """Returns the headline of a vehicle's latest flight where that is bad, else nothing."""
     bad = (row.headline or "" for row in flights[-1] if row.headline_level == Level.BAD)
     return next(bad, "")
+
+
+def badge(health: str, latest: Flight) -> Rated:
+    """Returns how it stands at a glance: the ``health`` of motors in trouble, else how the ``latest`` flight went."""
+    level = latest[0].headline_level
+    if health in TROUBLE or level is None:
+        return Rated(health, LEVELS[MotorHealth(health)])
+    return Rated(level, Level(level))
 
 
 def urgency(flights: Flights) -> tuple[float, float]:

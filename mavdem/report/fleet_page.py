@@ -13,7 +13,6 @@ from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
 from mavdem.fleet.row import (
-    HEALTHS,
     Flight,
     FlightRow,
     FlightRows,
@@ -22,7 +21,7 @@ from mavdem.fleet.row import (
     worst_health,
 )
 from mavdem.report import fleet as words
-from mavdem.report.blocks import Block, Rated, Table
+from mavdem.report.blocks import Block, Table
 from mavdem.report.fleet import TROUBLE, cut, doubt, urgency, vehicle_health
 from mavdem.report.numbers import MOST_NAMED, listed, rounded
 from mavdem.report.page import environment, page_of
@@ -35,6 +34,8 @@ MAX_DRAWN = 20
 FIRST_SHOWN = 50
 MAX_NOTE = 320  # letters of what is said of a flight: its page has all
 NOT_USED = "not used"  # in the place of the health of a log without a flight
+BADGES = "fault", "bad", "drift", "watch", NOT_USED, "unknown", "ok", "good"
+"""What stands in the place of the health, the most urgent first."""
 TOP = re.compile(r'(?<=<main>\n)(<p class="said [^<]*</p>\n)?')
 """Of a flight's page: what is said there of the flight beside others, if anything."""
 
@@ -54,8 +55,7 @@ def fleet_page(rows: FlightRows, changes: Mapping[str, Sequence[Block]] | None =
             "name": name,
             "last": flights[-1][0],
             "flights": len(flights),
-            "health": (health := vehicle_health(flights)),
-            "level": words.LEVELS[MotorHealth(health)],
+            "badge": words.badge(health := vehicle_health(flights), flights[-1]),
             "words": words.vehicle_words(flights),
             "changes": since.get(name, ()),
             "group": vehicle_group(flights) if name in drawn else None,
@@ -83,7 +83,7 @@ def fleet_page(rows: FlightRows, changes: Mapping[str, Sequence[Block]] | None =
             "kinds": [kind for kind, _ in COLUMNS.values()],
             "rows": [[*link, *line] for link, line in zip(links, lines, strict=True)],
             "first": FIRST_SHOWN,
-            "healths": (*TROUBLE, NOT_USED, *HEALTHS[len(TROUBLE) :]),
+            "healths": BADGES,
         },
     )
 
@@ -101,8 +101,7 @@ def with_top(page: str, top: str) -> str:
 def _health(flight: Flight) -> str:
     if not flight[0].has_flight:
         return NOT_USED
-    health = MotorHealth(worst_health(flight))
-    return Rated(health, words.LEVELS[health])
+    return words.badge(worst_health(flight), flight)
 
 
 def _lights(flight: Flight) -> str:

@@ -12,8 +12,8 @@ from mavdem.report.charts import Axis, Chart, Group, Kind, Line, Mark
 from mavdem.report.numbers import TORQUE, short
 from mavdem.report.palette import BAD, LIMITED, distinct
 
-MARKS = {"fault": BAD, "drift": LIMITED}
-"""Colours of the flights in which they were found."""
+MARKS = {"fault": ("●", BAD), "drift": ("▲", LIMITED)}
+"""How flights are marked in which they were found."""
 COLUMNS = 3
 QUANTITIES = (
     ("Phase margin (°)", "phase_margin", degrees(1)),
@@ -34,7 +34,7 @@ def vehicle_group(flights: Sequence[Flight]) -> Group | None:
     between = [""] * (len(flights) - 2)
     axis = Axis("flight", names=(days[0] or "first", *between, days[-1] or "last"))
     marks = tuple(
-        Mark(float(number), health, MARKS[health])
+        Mark(float(number), *MARKS[health])
         for number, flight in enumerate(flights)
         if (health := worst_health(flight)) in MARKS
     )

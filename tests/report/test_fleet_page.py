@@ -73,7 +73,7 @@ def test_a_lost_flight_without_figures_needs_a_look_and_reasons_of_several_logs_
     text = fleet_page([flight_row("quad", 0, health="unknown", **lost), rarer, *unused])
     assert text.index("Never airborne</td>") < text.index("No inputs.</td>")
     assert "1 of 1 vehicle needs a look: quad (lost at 70.9 s)." in text
-    assert "pages/quad-0.html" in text
+    assert '<span class="badge bad">bad<' in text and "pages/quad-0.html" in text
 
 
 def test_a_fault_that_only_the_fleet_shows_is_the_note_of_its_flight():
@@ -110,7 +110,7 @@ def test_a_fault_is_marked_and_what_is_unknown_of_one_flight_is_a_gap_and_of_all
     ]
     drawn = panels(rows)
     chart = drawn["Rate damping (1/s)"]
-    assert [(mark.x, mark.name, mark.colour) for mark in chart.marks] == [(2.0, "fault", BAD)]
+    assert [(mark.x, mark.name, mark.colour) for mark in chart.marks] == [(2.0, "●", BAD)]
     line = chart.lines[0]
     ends = [line.y, line.low, line.high]
     assert_allclose(np.transpose(ends), [[0.5, 0.3, 0.7], [np.nan] * 3, [0.6, 0.4, 0.8]])
