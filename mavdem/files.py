@@ -74,13 +74,13 @@ def write_text(path: Path, text: str) -> None:
 
 
 @contextmanager
-def writing(*files: Path) -> Iterator[None]:
-    """Raises ``Unreadable`` for an ``OSError``: files that cannot be written."""
+def writing(*files: Path, code: Place = Place.FILE_FAILED) -> Iterator[None]:
+    """Raises ``Unreadable`` with this ``code`` for an ``OSError``: files, or a folder, that cannot be written."""
     try:
         yield
     except OSError as error:
         names = " or ".join(str(path) for path in files)
-        raise Unreadable(Place.FILE_FAILED, path=names, because=cause_of(error)) from None
+        raise Unreadable(code, path=names, because=cause_of(error)) from None
 
 
 def replaceable(path: PathName) -> Path:

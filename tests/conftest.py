@@ -48,6 +48,13 @@ def pytest_runtest_protocol():
         faulthandler.cancel_dump_traceback_later()
 
 
+@fixture
+def here(tmp_path, monkeypatch):
+    """An empty folder, which is the current one."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
 @fixture(scope="module")
 def without_wind_fits():
     """For tests of other things: a learner that follows the wind spends half its time on physical parameters."""

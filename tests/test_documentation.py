@@ -46,10 +46,9 @@ PAGES |= {
         "docs/python.md": "(2, 2)\n(3, 3)\n(4, 4)\n",
     }.items(),
 )
-def test_examples_run(page, printed, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "logs").symlink_to(ROOT / "logs")
-    (tmp_path / "flight.tlog").symlink_to(ROOT / "logs" / "ardupilot_wind5_steps.tlog")
+def test_examples_run(page, printed, here, monkeypatch, capsys):
+    (here / "logs").symlink_to(ROOT / "logs")
+    (here / "flight.tlog").symlink_to(ROOT / "logs" / "ardupilot_wind5_steps.tlog")
     # All methods, on all cores, are in tests/cli/test_compare.py.
     monkeypatch.setattr("mavdem.dem.parallel.spare_cores", lambda: 1)
     monkeypatch.setattr(mavdem.evaluate, "METHODS", mavdem.evaluate.METHODS[-3:])
@@ -235,9 +234,8 @@ def learned():
 
 @mark.slow
 @mark.parametrize("name", EXAMPLES)
-def test_an_example_does_what_it_says(name, tmp_path, monkeypatch, request):
+def test_an_example_does_what_it_says(name, here, request):
     """In a folder with a log, ``flight.tlog``; of a method of ``Learned``, on ``learned``, of 700 samples."""
-    monkeypatch.chdir(tmp_path)
     os.symlink(FLIGHT, "flight.tlog")
     test = EXAMPLES[name]
     if any("train" in example.source for example in test.examples):

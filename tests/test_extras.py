@@ -47,15 +47,12 @@ def test_every_file_that_is_no_python_is_installed():
         ("open", str(LOG)),
     ],
 )
-def test_without_rerun_a_dashboard_that_is_asked_for_is_refused(
-    words, tmp_path, monkeypatch, capsys
-):
+def test_without_rerun_a_dashboard_that_is_asked_for_is_refused(words, here, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "rerun", None)
-    monkeypatch.chdir(tmp_path)
     assert main(list(words)) == 2
     out, said = capsys.readouterr()
     assert not out and said.count("\n") == 1 and said.endswith(f" needs rerun: {INSTALL}\n")
-    assert list(tmp_path.iterdir()) == []
+    assert list(here.iterdir()) == []
     assert (
         load([str(LOG)]) == 2
         and capsys.readouterr().err == f"The dashboard needs rerun: {INSTALL}\n"

@@ -255,9 +255,8 @@ def summary(values):
 
 @mark.slow
 @mark.parametrize("log", FLIGHTS)
-def test_the_figures_of_a_flight_are_those_of_before(log, tmp_path, monkeypatch, capsys, request):
+def test_the_figures_of_a_flight_are_those_of_before(log, here, monkeypatch, capsys, request):
     here = LOGS / log  # where the repository has it
-    monkeypatch.chdir(tmp_path)
     flights = [log]
     if here.is_file():
         Path(log).symlink_to(here)  # a command in a next step has its name
@@ -277,7 +276,7 @@ def test_the_figures_of_a_flight_are_those_of_before(log, tmp_path, monkeypatch,
             found |= {command + key: values for key, values in figures(document).items()}
         else:
             found |= {f"{command} shows {words}": numbers for words, numbers in lines(said).items()}
-    for file in tmp_path.rglob("*.*"):
+    for file in here.rglob("*.*"):
         if file.suffix in FILES and not file.is_symlink() or file.name == "twin.json":
             found |= written(file)
     hold(Path(log).stem, found, request)
@@ -285,11 +284,10 @@ def test_the_figures_of_a_flight_are_those_of_before(log, tmp_path, monkeypatch,
 
 @mark.slow
 @mark.parametrize("name, seconds", SCENARIOS.items())
-def test_a_scenario_is_flown_as_before(name, seconds, tmp_path, monkeypatch, capsys, request):
-    monkeypatch.chdir(tmp_path)
+def test_a_scenario_is_flown_as_before(name, seconds, here, capsys, request):
     assert run("fly", name, "--duration", str(seconds), "--out", FLOWN, "--json") == 0
     found = figures(strict_json(capsys.readouterr().out))
-    for file in tmp_path.iterdir():
+    for file in here.iterdir():
         found |= written(file)
     hold(name, found, request)
 

@@ -119,10 +119,9 @@ class Terminal(io.StringIO):
 
 @mark.slow
 @mark.parametrize("page", ["README.md", "docs/tutorial.md"])
-def test_a_page_shows_what_its_commands_print(page, tmp_path, monkeypatch, request):
+def test_a_page_shows_what_its_commands_print(page, here, monkeypatch, request):
     """On a terminal of 80 columns: what the commands of the block before print."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "logs").symlink_to(ROOT / "logs")
+    (here / "logs").symlink_to(ROOT / "logs")
     for name, value in {"COLUMNS": "80", "TERM": "dumb", "NO_COLOR": "1"}.items():
         monkeypatch.setenv(name, value)
     text = (ROOT / page).read_text()

@@ -127,6 +127,7 @@ def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
     )
 
 
+@np.errstate(all="ignore")  # rows that are not finite are left out at the end
 def sent_attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
     """Returns that of ATTITUDE or, where it is clearly faster, ATTITUDE_QUATERNION."""
     message = preferred_message(message_counts(telemetry, ATTITUDE_MESSAGES))
@@ -143,15 +144,13 @@ def sent_attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
     sizes = np.abs([roll, pitch, yaw, p, q, r])
     limits = np.repeat([MAX_ANGLE, MAX_BODY_RATE], 3)
     impossible = (np.isfinite(sizes) & (sizes > limits[:, None])).any(axis=0)
-    # rows that are not finite are left out below
-    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-        # Z-Y-X Euler kinematics (any flight dynamics text, e.g. Stevens and Lewis, chapter 1).
-        turning = q * np.sin(roll) + r * np.cos(roll)
-        motion = {
-            "roll": (roll, p, p + turning * np.tan(pitch)),
-            "pitch": (pitch, q, q * np.cos(roll) - r * np.sin(roll)),
-            "yaw": (yaw, r, turning / np.cos(pitch)),
-        }
+    # Z-Y-X Euler kinematics (any flight dynamics text, e.g. Stevens and Lewis, chapter 1).
+    turning = q * np.sin(roll) + r * np.cos(roll)
+    motion = {
+        "roll": (roll, p, p + turning * np.tan(pitch)),
+        "pitch": (pitch, q, q * np.cos(roll) - r * np.sin(roll)),
+        "yaw": (yaw, r, turning / np.cos(pitch)),
+    }
     table = np.column_stack(motion[axis])
     table[impossible] = np.nan
     kept = series(columns, table)

@@ -227,6 +227,7 @@ def assess(
     return assess_signals(log, signals, axis, options, progress=progress)
 
 
+@np.errstate(all="ignore")  # of a message's numbers, some are none
 def assess_signals(
     log: Log,
     signals: Signals,

@@ -1,7 +1,5 @@
 """``mavdem convert``: from one file format to another."""
 
-import os
-
 import click
 
 from mavdem.cli.options import refuse_link, source_options
@@ -31,8 +29,6 @@ def convert_command(
       mavdem convert flight.mcap roll.csv --axis roll
     """
     refuse_link(source)
-    if not os.path.isdir(os.path.dirname(out) or "."):
-        raise click.BadParameter(f"there is no folder {os.path.dirname(out)}.", param_hint="OUT")
     try:
         with progress(f"Converting {source}", measured=False):
             written = convert_file(source, out, axis, vehicle, inputs)

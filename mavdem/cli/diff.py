@@ -5,7 +5,16 @@ from pathlib import Path
 import click
 
 from mavdem.cli.options import file_option, json_option, refuse_link
-from mavdem.cli.output import UNSUPPORTED, check_folder, files_in, print_result, progress, say_aside
+from mavdem.cli.output import (
+    UNSUPPORTED,
+    check_folder,
+    files_in,
+    json_text,
+    print_result,
+    progress,
+    say_aside,
+)
+from mavdem.cli.results import free_folder
 from mavdem.documents.fleet import Diff
 from mavdem.fleet.difference import SIDES, changed_parameters, vehicle_difference, without_gains
 from mavdem.fleet.state import of_common_vehicle, state_of
@@ -13,6 +22,7 @@ from mavdem.report.difference import difference_blocks, headline_blocks, next_bl
 from mavdem.report.difference_page import comparison_page
 
 PAGE = "diff.html"
+DOCUMENT = "diff.json"
 
 
 @click.command("diff")
@@ -23,7 +33,7 @@ PAGE = "diff.html"
     metavar="NAME",
     help="Which vehicle, by its name in the fleet or, in a log with several, SYSTEM:COMPONENT.",
 )
-@file_option("--out", "Folder for the page diff.html.  [default: named after A and B]")
+@file_option("--out", "Folder for diff.html and diff.json. [default: named after A and B]")
 @json_option
 @click.pass_context
 def diff_command(
@@ -53,8 +63,9 @@ def diff_command(
 
     Exit codes: 0 compared, whatever changed; 1 nothing can be compared; 2 bad usage, or unreadable input.
     """
-    folder = out or Path(f"{Path(before).stem}_and_{Path(after).stem}")
-    check_folder(folder)
+    stems = f"{Path(before).stem}_and_{Path(after).stem}"
+    folder = out or free_folder(stems, DOCUMENT, {"a": before, "b": after})
+    check_folder(folder, (PAGE, DOCUMENT), before, after)
     states = []
     for name, source in zip(SIDES, (before, after), strict=True):
         refuse_link(source)
@@ -68,7 +79,8 @@ def diff_command(
     document = Diff.gather(
         difference, a=before, b=after, parameters=parameters, headlines=headlines
     )
-    with files_in(folder, [PAGE]) as (path,):
+    with files_in(folder, [PAGE, DOCUMENT]) as (path, place):
+        place.write_text(json_text(document))
         called = Path(before).name, Path(after).name
         reviews = first.review, second.review
         page = comparison_page(called, reviews, difference, parameters, lacking)

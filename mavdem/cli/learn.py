@@ -123,7 +123,7 @@ def learn_command(
     if learned is None and analysis.tier.tier is None:
         raise assessment.refusal
     took = perf_counter() - began
-    report = report_of(assessment) | {"seconds": round(took, 3), "files": {}}
+    report = report_of(assessment) | {"source": source, "seconds": round(took, 3)}
     if learned is None:
         heading = title_of(assessment)
         details = Blocks()

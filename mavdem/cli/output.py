@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table as Grid
 
-from mavdem.errors import Unreadable, cause_of
+from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.command import Place
 from mavdem.files import PathName, atomic_writes, is_writable, replaceable, writing
@@ -36,6 +36,8 @@ def prepare_streams() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
+    # What is no number is left out where it is used.
+    warnings.simplefilter("ignore", RuntimeWarning)
     # A cache that it cannot write, and faults of a matplotlibrc, matter to nothing that is written here.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     warnings.showwarning = lambda message, *_, **__: say_aside(f"mavdem: warning: {message}")
@@ -197,6 +199,13 @@ def check_folder(folder: Path, names: Names = (), *inputs: PathName | None) -> N
         raise Unreadable(Place.OUT_IS_A_FILE, path=folder, existing=existing)
     if not is_writable(existing):
         raise Unreadable(Place.OUT_NOT_WRITABLE, path=folder, existing=existing)
+    with writing(folder, code=Place.OUT_FAILED):
+        for named in (folder, *(existing / part for part in folder.parts)):
+            with suppress(FileNotFoundError):
+                named.lstat()  # its name may be too long
+        if folder.is_dir():
+            for name in names:
+                replaceable(folder / name)
     written = {os.path.realpath(folder / name) for name in names}
     for path in inputs:
         if path and os.path.realpath(path) in written:
@@ -209,14 +218,12 @@ def files_in(folder: Path, names: Sequence[str], stale: Names = ()) -> Iterator[
 
     Of a run before, files of ``stale`` names then go.
     """
-    try:
+    with writing(folder, code=Place.OUT_FAILED):
         folder.mkdir(parents=True, exist_ok=True)
         with atomic_writes(*(folder / name for name in names)) as files:
             yield files
         for name in set(stale) - set(names):
             (folder / name).unlink(missing_ok=True)
-    except OSError as error:
-        raise Unreadable(Place.OUT_FAILED, path=folder, because=cause_of(error)) from None
 
 
 def check_file(path: Path | None, option: str, endings: Names) -> None:

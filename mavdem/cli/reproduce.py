@@ -60,7 +60,7 @@ def reproduce_command(names: Names, out: Path, as_json: bool, as_list: bool) -> 
     from mavdem.paper.report import ITEMS, NUMBERS, PAGE, ItemReport, document, write
     from mavdem.paper.runner import Runner
 
-    check_folder(out)
+    check_folder(out, (PAGE, NUMBERS))
     began = perf_counter()
     reports = []
     with pool(spare_cores()) as executor:

@@ -1,7 +1,8 @@
-"""Results: the folder that review and learn write, with the page, the documents and the recordings of a log."""
+"""Results: the folder that a command names itself; page, documents and recordings that review and learn write."""
 
 import json
 import os
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -12,30 +13,41 @@ from mavdem.results import REPORT, RESULT_FILES, result_files, write_result_file
 
 
 def named_after(source: str) -> Path:
-    """Returns the folder named after a log, the ``source``, in the current one: "flight", or "flight-2" and so on.
+    """Returns the folder named after a log, the ``source``, in the current one, as :func:`free_folder` does.
 
-    It has not the log's own name, and no results of another log.
+    It has not the log's own name.
     """
     log = Path(source)
     stem = Path(log.name.removesuffix(".xz")).stem
     first = stem if stem.strip(".") and stem != log.name else f"{log.name}-learned"
+    return free_folder(first, REPORT, {"source": source})
+
+
+def free_folder(first: str, document: str, sources: Mapping[str, str]) -> Path:
+    """Returns the ``first`` of folders, "flight", "flight-2" and so on, without results of others than ``sources``.
+
+    Those are named by the ``document`` in it, with these keys.
+    """
     folder = Path(first)
     number = 1
-    while not _is_free(folder / REPORT, log):
+    while not _is_free(folder / document, sources):
         number += 1
         folder = Path(f"{first}-{number}")
     return folder
 
 
-def _is_free(report: Path, log: Path) -> bool:
-    """Whether there is no ``report``, or that of this ``log``."""
-    if not os.path.isfile(report):
+def _is_free(path: Path, sources: Mapping[str, str]) -> bool:
+    """Whether there is no ``path``, or that of these ``sources``."""
+    if not os.path.isfile(path):
         return True
     with suppress(Exception):  # it may be anything, of another program
-        document = json.loads(report.read_text())
-        if document["document"] == "learn":  # which names a log only if it has settled flight
-            document = document.get("flight", {"source": log})
-        return os.path.realpath(document["source"]) == os.path.realpath(log)
+        document = json.loads(path.read_text())
+        # `learn` of earlier versions names the log there.
+        document = document.get("flight", {}) | document
+        return all(
+            os.path.realpath(document[name]) == os.path.realpath(source)
+            for name, source in sources.items()
+        )
     return False
 
 

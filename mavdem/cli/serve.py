@@ -90,7 +90,8 @@ def serve_command(
         behind_proxy,
         None if quota is None else int(quota * 1e9),
         jobs or spare_cores(),
-        JobLimits(megabytes=1000),  # the page and the recording need more than rows
+        # The page and the recording need more than rows, and Rerun leaves 20 MB and four threads of each recording.
+        JobLimits(megabytes=1000, logs=8),
         scheduler,
         SAMPLE,
         link,

@@ -25,6 +25,7 @@ from mavdem.report.loops import tune_blocks
 from mavdem.report.page import tune_page
 from mavdem.report.screen import conclusion
 
+PAGE = "tune.html"
 GAINS = ("gains.params", "gains.param")
 
 
@@ -78,7 +79,7 @@ def tune_command(
       mavdem tune flight.bin --params vehicle.param --filters
     """
     if out:
-        check_folder(out, GAINS, params)
+        check_folder(out, (PAGE, *GAINS), params)
     assessment, evidence = assessed(source, vehicle, params, inputs=inputs, start=start)
     axes = AXES if axis == ALL else (axis,)
     tuning = tuned(
@@ -86,7 +87,7 @@ def tune_command(
     )
     gains = tuning.parameters
     if out:
-        texts = {"tune.html": tune_page(Path(source).name, tuning)}
+        texts = {PAGE: tune_page(Path(source).name, tuning)}
         if gains:
             texts |= {
                 f"gains{ending}": text
@@ -100,9 +101,9 @@ def tune_command(
         print_json(tune_document(source, margins, tuning))
     else:
         above, *lights, following = conclusion(tuning.judgement)
-        blocks = tune_blocks(tuning.axes, verbose, following.text)
+        blocks = tune_blocks(tuning.axes, verbose, str(tuning.judgement.next_step))
         blocks += [Sentence(tuning.notch.advised, "Notch filter:")] if tuning.notch else []
-        page = [Sentence(f"{out}/tune.html", "Page:")] if out else []
+        page = [Sentence(str(out / PAGE), "Page:")] if out else []
         # What must not fly is said before its gains.
         blocks.insert(0 if assessment.headline.level is Level.BAD else len(blocks), above)
         print_screen(None, [], lights, [*blocks, following, *page], verbose)

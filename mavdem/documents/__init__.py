@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from mavdem.documents.comparison import CompareReport, Order
 from mavdem.documents.document import Document, Failure, units_of
 from mavdem.documents.fleet import Diff, Track
-from mavdem.documents.flight import Report
+from mavdem.documents.flight import LearnReport
 from mavdem.documents.inventory import Inventory
 from mavdem.documents.loops import Tune, Twin
 from mavdem.documents.others import Convert, Fly, Reproduce
@@ -26,7 +26,7 @@ class Published(NamedTuple):
 
 DOCUMENTS = {
     "review": Published(Review, 7, "report.json of review, and `--json` of review"),
-    "learn": Published(Report, 7, "report.json, and `--json` of learn and open"),
+    "learn": Published(LearnReport, 8, "report.json, and `--json` of learn and open"),
     "info": Published(Inventory, 3, "`--json` of info"),
     "wind": Published(Wind, 3, "`--json` of wind"),
     "tune": Published(Tune, 4, "`--json` of tune"),

@@ -456,7 +456,7 @@ class LearnedFigures(Document, is_partial=True):
 
 
 class Report(LearnedFigures, Tier, MotorHealth, Findings):
-    """Report.json, and `--json` of learn and open."""
+    """What is known of a vehicle and axis."""
 
     axes: dict[str, AxisFigures]
     """with --axis all: roll, pitch and yaw"""
@@ -484,6 +484,13 @@ class Report(LearnedFigures, Tier, MotorHealth, Findings):
     """the files written, by name"""
     error: Error | None = None
     """why there is no model"""
+
+
+class LearnReport(Report):
+    """Report.json, and `--json` of learn and open."""
+
+    source: str
+    """the log"""
 
 
 def report_of(assessment: Assessment) -> Values:

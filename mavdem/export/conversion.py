@@ -27,7 +27,7 @@ from mavdem.evaluate.held_out import HeldOut
 from mavdem.extras import require
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import NoPlant
-from mavdem.files import PathName, atomic_write, writing
+from mavdem.files import PathName, atomic_write, replaceable, writing
 from mavdem.flight import Flight, Flights, boot_of
 from mavdem.heading import Names, Values
 from mavdem.ingest import read_log
@@ -261,11 +261,12 @@ def convert(
         raise ValueError(
             f"{out} must end in {', '.join([*STREAMS, *TABLES])}: the ending chooses the format"
         )
-    if out.exists() and source.exists() and out.samefile(source):
-        raise ValueError(f"{out} is the input: name another file")
     if out.suffix.lower() == ".parquet":
         require("parquet", f"{out}")
     with writing(out):
+        replaceable(out)  # before the work
+        if out.exists() and source.exists() and out.samefile(source):
+            raise ValueError(f"{out} is the input: name another file")
         if out.suffix.lower() in TABLES:
             written = _convert_to_table(source, out, axis, vehicle, inputs)
         else:

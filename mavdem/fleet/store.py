@@ -194,7 +194,8 @@ class Store:
                 outcome.ended,
                 outcome.seconds,
                 outcome.megabytes,
-                *limits,
+                limits.seconds,
+                limits.megabytes,
                 metadata.version("mavdem"),
                 tracked,
             )

@@ -54,10 +54,14 @@ ReadLog = Callable[[Path, str, MakePage | None], LogRows]
 
 
 class JobLimits(NamedTuple):
-    """What one log may cost: ``seconds`` of the processor, and ``megabytes`` of memory of the process that reads it."""
+    """What one log may cost: ``seconds`` of the processor, and ``megabytes`` of memory of the process that reads it.
+
+    That is renewed after so many ``logs``.
+    """
 
     seconds: float = 300.0
     megabytes: int = 600
+    logs: int = sys.maxsize
 
 
 class Job(NamedTuple):
@@ -105,6 +109,7 @@ class LogReader:
         self._exits = ExitStack()
         self._process: BaseProcess | None = None
         self._executor: Pool
+        self._logs = 0  # that the process was given
 
     def read(self, job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome | None:
         """Returns what became of a log that the function ``read`` reads; None where that was given up.
@@ -112,8 +117,11 @@ class LogReader:
         Raises ``Unreadable``: no process can be started.
         """
         code = 0
+        if self._logs >= limits.logs:
+            self.stop()
         for _ in range(ATTEMPTS):
             process = self._process or self._started()
+            self._logs += 1
             deadline = time.monotonic() + WAITING * limits.seconds
             outcome = None
             try:
@@ -127,11 +135,12 @@ class LogReader:
                 time.sleep(2 * LOOK_SECONDS)
             if outcome is not None or self._is_ending():
                 return outcome
+            is_first = self._logs == 1
             self.stop()
             if code == -signal.SIGXCPU:
                 late = Fact(Reading.READING_TOO_LONG, time_limit=limits.seconds)
                 return replace(failed(job, "time", late), seconds=limits.seconds)
-            if code == errno.ENOMEM:
+            if code == errno.ENOMEM and is_first:  # no log before has left anything
                 big = Fact(Reading.READING_TOO_LARGE, memory_limit=limits.megabytes)
                 return replace(failed(job, "memory", big), megabytes=limits.megabytes)
         because = signal.Signals(-code).name if code < 0 else f"exit code {code}"
@@ -161,6 +170,7 @@ class LogReader:
     def stop(self) -> None:
         """Ends the process, whatever it does, and removes what it leaves."""
         process, self._process = self._process, None
+        self._logs = 0
         if process is not None:
             process.kill()
         self._exits.close()

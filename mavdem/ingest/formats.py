@@ -4,6 +4,8 @@ import os
 from enum import StrEnum
 from pathlib import Path
 
+import numpy as np
+
 from mavdem.errors import Unreadable
 from mavdem.facts.sources import Source
 from mavdem.files import AnyPath
@@ -38,6 +40,8 @@ ARCHIVES = {b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"PAR1": "parquet", b"tim
 STAMPS = range(946_684_800_000_000, 4_102_444_800_000_000)
 
 
+# Damage makes numbers that are none; who uses a message leaves them out.
+@np.errstate(all="ignore")
 def read_log(path: AnyPath) -> Log:
     """Reads a recorded flight.
 

@@ -159,9 +159,7 @@ def messages(
 def _made(make: Callable[..., Fields], *given: Any) -> Fields:
     """A message by one of the functions below; nothing where a topic, or a field of it, was not logged."""
     try:
-        # damage makes values that are not finite; their readers leave them out
-        with np.errstate(all="ignore"):
-            columns = make(*given)
+        columns = make(*given)
     except KeyError:
         return {}
     time = columns.get("time", np.zeros(0))

@@ -131,7 +131,9 @@ def tune_page(name: str, tuning: Tuning) -> str:
     judgement = tuning.judgement
     above, *_, following = conclusion(judgement)
     head = Head(judgement.headline.level, judgement.lights)
-    chapters.insert(0, Chapter("Margins and gains", tune_blocks(tuning.axes, said=following.text)))
+    chapters.insert(
+        0, Chapter("Margins and gains", tune_blocks(tuning.axes, said=str(judgement.next_step)))
+    )
     return document(name, subtitle, [above, following], chapters, head=head)
 
 

@@ -150,7 +150,9 @@ def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
         trim = f"trim ({hover.unit})" if hover.unit else "trim"
         columns = {
             trim: [f"{output:.4g}" for output in hover.trim],
-            "trim deviation (% of mean)": [f"{round(more, 1) + 0.0:+.1f}" for more in hover.imbalance],
+            "trim deviation (% of mean)": [
+                f"{round(more, 1) + 0.0:+.1f}" for more in hover.imbalance
+            ],
             "headroom (%)": [f"{100 * left:.0f}" for left in hover.headroom],
             "at upper, lower limit (% of time)": [
                 f"{100 * upper:.1f}, {100 * lower:.1f}"

@@ -21,10 +21,7 @@ def flown(vehicle, numbers, **changed):
     ]
 
 
-@fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    """Where pages are written."""
-    monkeypatch.chdir(tmp_path)
+pytestmark = mark.usefixtures("here")
 
 
 @fixture
@@ -79,6 +76,10 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
     assert "A and B are the same flight: name another" in capsys.readouterr().out
     assert run("diff", "a.bin", "c.bin", "--vehicle", "alpha") == 0
     assert "No single change is certain." in capsys.readouterr().out
+    for _ in range(2):
+        assert run("diff", "a.bin", "other/c.bin", "--vehicle", "alpha") == 0
+        assert "a_and_c-2/diff.html" in capsys.readouterr().err
+    assert {path.name for path in Path().iterdir()} == {"a_and_a", "a_and_c", "a_and_c-2"}
     said = refused(capsys, 1, "diff", "a.bin", "b.bin")
     assert "B has no flight with figures. It is empty." in said
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from unittest.mock import Mock
 
 import click
+import numpy as np
 from command_line import MAVDEM, PATIENCE, refused, run, strict_json
 from pytest import mark
 from recorded_flights import FLIGHT, LOGS, SLOW
@@ -57,6 +58,7 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         "learn {flight} --out x --vehicle --verbose": "--verbose is an option",
         "learn {flight} --out ''": "An argument is empty",
         "learn flight.mcap --out .": "--out . would replace flight.mcap. Name another folder.",
+        "learn {flight} --out new/" + "x" * 300: "cannot be written (File name too long)",
         "review x/model.json --out x": "--out x would replace x/model.json",
         "tune {flight} --params ./gains.param --out .": "--out . would replace gains.param",
         "fly hover_blower --params /dev/null": "/dev/null is not a plain file. Name another",
@@ -67,6 +69,7 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         "info {logs}": f"{LOGS} is a folder, with 3 logs in it. Name a file, such as {LOGS}/ardupilot_default",
         "info .": "is a folder, with no log in it. Name a file that ends in .tlog, ",
         "convert {flight} flight.txt": ".parquet",
+        "convert {flight} " + "x" * 300 + ".csv": "cannot be written (File name too long)",
         "convert {flight} again.tlog": ".tlog already",
         "compare {flight} {flight}": "named twice",
         "track {logs} --out f --time-limit 1000001": "1<=x<=1000000",
@@ -84,11 +87,10 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         "fly hover_blower --udp 127.0.0.1:14550 --out f.tlog": "choose one",
     }.items(),
 )
-def test_bad_usage_names_what_is_wrong(line, named, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_bad_usage_names_what_is_wrong(line, named, here, capsys):
     words = shlex.split(line.format(flight=FLIGHT, logs=LOGS))
     assert named in refused(capsys, 2, *words)
-    assert list(tmp_path.iterdir()) == []
+    assert list(here.iterdir()) == []
 
 
 def test_a_result_is_distinguished_from_a_log(tmp_path, capsys):
@@ -139,8 +141,7 @@ def test_the_help_says_of_each_command_what_it_says_itself():
 
 
 @mark.slow
-def test_a_file_named_like_a_link_is_a_file(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_a_file_named_like_a_link_is_a_file(here, capsys):
     Path("COM3").write_bytes(SLOW.read_bytes())
     assert run("info", "COM3") == 1  # It is read, and too slow for a model.
     capsys.readouterr()
@@ -207,3 +208,9 @@ def test_a_fault_and_an_interrupt_are_one_sentence(fault, code, told, monkeypatc
     monkeypatch.setenv("MAVDEM_TRACEBACK", "1")
     assert run("info", FLIGHT) == code
     assert ("Traceback" in capsys.readouterr().err) == isinstance(fault, RuntimeError)
+
+
+def test_no_warning_about_numbers_reaches_the_terminal(monkeypatch, capsys, recwarn):
+    monkeypatch.setattr(command_line.mavdem, "invoke", lambda _: np.inf - np.full(1, np.inf))
+    assert run("info", FLIGHT) == 0
+    assert capsys.readouterr().err == "" and not recwarn.list

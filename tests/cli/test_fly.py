@@ -82,10 +82,8 @@ def test_files_that_fail_to_be_written_leave_those_that_were_there(tmp_path, cap
 
 
 @mark.parametrize("words", ["fly hover_blower --out none.tlog", "reproduce noise --out none"])
-def test_a_place_that_takes_no_file_is_refused_before_the_work(
-    words, tmp_path, capsys, monkeypatch
-):
-    monkeypatch.chdir(tmp_path)  # it takes none, as /proc does, though its mode says that it would
+def test_a_place_that_takes_no_file_is_refused_before_the_work(words, here, capsys, monkeypatch):
+    # It takes none, as /proc does, though its mode says that it would.
     monkeypatch.setattr("mavdem.files.TemporaryDirectory", Mock(side_effect=FileNotFoundError))
     for work in ("fly.progress", "reproduce.pool"):
         monkeypatch.setattr(f"mavdem.cli.{work}", lambda *_: fail("it works"))

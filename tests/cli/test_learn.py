@@ -51,16 +51,15 @@ def test_the_document_is_the_report_of_the_library(tmp_path, capsys):
 
 
 @mark.slow
-def test_people_see_one_screen_and_files_only_where_they_are_wanted(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    words = ["learn", short_flight(tmp_path), "--order", "2", "--train", "400", "--test", "100"]
+def test_people_see_one_screen_and_files_only_where_they_are_wanted(here, capsys):
+    words = ["learn", short_flight(here), "--order", "2", "--train", "400", "--test", "100"]
     assert run(*words, "--no-files") == 0
     screen = capsys.readouterr().out.splitlines()
     assert len(screen) < LINES and screen[-1].startswith("Next:")
-    assert names(tmp_path) == {"ardupilot_wind5_steps.tlog"}
+    assert names(here) == {"ardupilot_wind5_steps.tlog"}
     assert run(*words) == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith("Page:")
-    assert names(tmp_path / "ardupilot_wind5_steps") == FILES
+    assert names(here / "ardupilot_wind5_steps") == FILES
 
 
 @mark.parametrize(
@@ -72,15 +71,14 @@ def test_people_see_one_screen_and_files_only_where_they_are_wanted(tmp_path, mo
         "g.ulg": "g",
         "b/g.ulg": "g-2",
         "deep.ulg": "deep-2",
+        "h.ulg": "h-2",
     }.items(),
 )
-def test_the_folder_is_named_after_the_log_and_has_no_results_of_another(
-    source, folder, tmp_path, monkeypatch
-):
-    monkeypatch.chdir(tmp_path)
+def test_the_folder_is_named_after_the_log_and_has_no_results_of_another(source, folder, here):
     for name, report in (
         ("f", '{"document": "review", "source": "f.ulg"}'),
         ("g", '{"document": "learn", "flight": {"source": "g.ulg"}}'),
+        ("h", '{"document": "learn"}'),
         ("deep", "[" * 9999),
     ):
         Path(name).mkdir()
@@ -152,14 +150,13 @@ def test_a_model_that_breaks_down_is_the_data_s_doing(tmp_path, monkeypatch, cap
 
 
 @mark.slow
-def test_the_truth_of_a_simulated_flight_stands_beside_the_estimates(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_the_truth_of_a_simulated_flight_stands_beside_the_estimates(here, capsys):
     assert run("fly", "iris_multisine", "--duration", "30", "--out", "f.tlog") == 0
     (advised,) = (line for line in capsys.readouterr().err.splitlines() if "--truth" in line)
     _, *command = shlex.split(advised)
     assert command == ["mavdem", "learn", "f.tlog", "--truth", "f.truth.npz"]
     assert run(*command[1:], "--train", "7s", "--preset", "paper") == 0
-    assert "f.truth.npz" in (tmp_path / "f" / "report.html").read_text()
+    assert "f.truth.npz" in (here / "f" / "report.html").read_text()
 
 
 @mark.slow

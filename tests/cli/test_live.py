@@ -39,10 +39,9 @@ from sitl_scenarios.simulation import Simulation
         "udpout:127.0.0.1:14550": "nothing is sent without --request-rate",
     }.items(),
 )
-def test_what_cannot_be_is_refused_in_a_sentence(line, said, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_what_cannot_be_is_refused_in_a_sentence(line, said, capsys, here):
     assert said in refused(capsys, 2, "live", *line.split())
-    assert list(tmp_path.iterdir()) == []
+    assert list(here.iterdir()) == []
 
 
 def test_a_view_that_is_served_already_is_said_in_a_sentence(capsys):
@@ -85,8 +84,7 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
 
 
 @mark.slow
-def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_without_a_vehicle_it_ends_with_nothing_kept(here, capsys, monkeypatch):
     port = free_port()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
         stranger.bind(("127.0.0.1", 0))
@@ -110,9 +108,8 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path, capsys, monkeypat
 
 
 @mark.slow
-def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path, capsys, monkeypatch):
+def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(here, capsys, monkeypatch):
     """Over a real link, but on the clock of the flight: however busy the machine is."""
-    monkeypatch.chdir(tmp_path)
     port = free_port()
     now = [100.0]
     clock = SimpleNamespace(monotonic=lambda: now[0], time=lambda: 1.7e9 + now[0])
@@ -177,8 +174,8 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path, cap
     assert told["rates"]["ATTITUDE"] == approx(100, rel=0.1), (
         "what comes faster already is not lowered"
     )
-    learned = mavdem.Learned.from_json((tmp_path / told["model"]).read_text())
+    learned = mavdem.Learned.from_json((here / told["model"]).read_text())
     assert (learned.settings.prior, learned.settings.order) == ("uniform", 4)
     assert len(learned.model.B.T) == 4 and len(learned.record) >= 2 * FEWEST_SAMPLES
-    assert {*drawn(tmp_path / "f.rrd")} >= {"motors", "axes/pitch/1_measured"}
-    assert read_log(tmp_path / "f.tlog").vehicles[0].messages["ATTITUDE"]["time"].size > 300
+    assert {*drawn(here / "f.rrd")} >= {"motors", "axes/pitch/1_measured"}
+    assert read_log(here / "f.tlog").vehicles[0].messages["ATTITUDE"]["time"].size > 300

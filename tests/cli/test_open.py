@@ -42,7 +42,6 @@ def test_a_file_of_others_is_left_to_them(name, content, tmp_path, capfdbinary):
     assert load([str(tmp_path / name)]) == INCOMPATIBLE and not capfdbinary.readouterr().out
 
 
-def test_a_log_is_learned_from_and_shown(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_log_is_learned_from_and_shown(here, monkeypatch):
     monkeypatch.setattr("mavdem.view.show", lambda path: path.unlink())
-    assert run("open", short_flight(tmp_path), "--axis", "pitch") == 0
+    assert run("open", short_flight(here), "--axis", "pitch") == 0

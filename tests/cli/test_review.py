@@ -16,8 +16,7 @@ from mavdem.facts.learnability import Reason
 from mavdem.facts.lights import Light, Unjudged
 
 
-def test_a_log_alone_is_reviewed(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_a_log_alone_is_reviewed(here, capsys):
     assert run(SLOW) == 0
     screen = capsys.readouterr().out.splitlines()
     (following,) = (row for row, line in enumerate(screen) if line.startswith("Next: "))
@@ -26,10 +25,10 @@ def test_a_log_alone_is_reviewed(tmp_path, monkeypatch, capsys):
     assert "…" not in "".join(screen[following:])
     assert screen[0].startswith("ardupilot_default_rates.tlog: ")
     assert 0 <= float(re.search(r"took ([0-9.]+) s", screen[-1])[1]) < time.perf_counter()
-    folder = tmp_path / "ardupilot_default_rates"
+    folder = here / "ardupilot_default_rates"
     assert {path.name for path in folder.iterdir()} == {"report.html", "report.json"}
     document = document_of(capsys, "review", SLOW, "--out", "other")
-    assert strict_json((tmp_path / "other" / "report.json").read_text()) == document
+    assert strict_json((here / "other" / "report.json").read_text()) == document
     assert [*document["lights"]] == [*Light] and document["model"] is None
     assert {axis: one["loop"] for axis, one in document["axes"].items()} == dict.fromkeys(AXES)
 

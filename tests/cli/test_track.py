@@ -58,8 +58,7 @@ def test_a_page_says_what_its_row_says_now(tmp_path):
         "x.bin --out fleet --scheduler tcp://foo:port": "no address",
     }.items(),
 )
-def test_what_cannot_be_tracked_is_said(tmp_path, monkeypatch, capsys, line, sentence):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "x.bin").write_bytes(b"?")
+def test_what_cannot_be_tracked_is_said(here, capsys, line, sentence):
+    (here / "x.bin").write_bytes(b"?")
     assert sentence in refused(capsys, 2, "track", *line.split())
-    assert not (tmp_path / "fleet").exists()
+    assert not (here / "fleet").exists()

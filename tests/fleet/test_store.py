@@ -51,9 +51,9 @@ def test_rows_come_back_as_they_were(tmp_path):
     assert FULL.effect_interval == (0.02, None) and rows[2].file == "odd\\udcff\n.bin"
 
 
-def test_the_examples_of_the_documentation_answer(tmp_path, monkeypatch, capsys):
-    make_logs(tmp_path / "logs", 1, "damaged")
-    track(tmp_path / "fleet", tmp_path / "logs")
+def test_the_examples_of_the_documentation_answer(here, capsys):
+    make_logs(here / "logs", 1, "damaged")
+    track(here / "fleet", here / "logs")
     known = {"vehicle": "7", "axis": "roll", "motors": ("1", "2"), "trim_share": (1.1, 0.9)}
     known["health_reason"] = "Motor 1."
     days = ((1, "ok"), (2, "fault"))
@@ -61,8 +61,7 @@ def test_the_examples_of_the_documentation_answer(tmp_path, monkeypatch, capsys)
         FlightRow(file=f"{day}.bin", date=f"2026-11-0{day}", health=health, **known)
         for day, health in days
     ]
-    write_rows(tmp_path / "fleet", [*flown, *read_rows(tmp_path / "fleet")])
-    monkeypatch.chdir(tmp_path)
+    write_rows(here / "fleet", [*flown, *read_rows(here / "fleet")])
     names = {}
     examples = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     for code in examples:

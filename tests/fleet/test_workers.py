@@ -14,6 +14,7 @@ import threading
 from contextlib import closing
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from multiprocessing import active_children
 from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import MagicMock, Mock
@@ -97,6 +98,18 @@ def test_a_run_that_can_start_no_process_ends_and_says_so(tmp_path):
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, limits)
     assert fact.code is Reading.READERS_NOT_STARTED
+
+
+@mark.slow
+def test_a_process_is_renewed_after_so_many_logs(tmp_path):
+    (path,) = make_logs(tmp_path, 1)
+    reader = LogReader()
+    processes = set()
+    for _ in range(3):
+        reader.read(Job(str(path)), LIMITS._replace(logs=2), rows_of_log)
+        processes |= {child.pid for child in active_children()}
+    reader.stop()
+    assert len(processes) == 2
 
 
 RUN = """

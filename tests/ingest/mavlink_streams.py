@@ -112,6 +112,10 @@ def heartbeat(system=1, component=1, kind=2, autopilot=3):
     return message("HEARTBEAT", system, component, type=kind, autopilot=autopilot)
 
 
+TIMES = [20 + 0.01 * row for row in range(300)]
+HOVER = (heartbeat(), *flight(TIMES))
+
+
 def frames_in(content, gap=0):
     """What the reader finds, as one table."""
     return find_frames(np.frombuffer(content, dtype=np.uint8), seeds(), gap)

@@ -28,6 +28,10 @@ def vehicle_of(content, folder):
     return vehicle
 
 
+def vehicle_in(folder, *pieces):
+    return vehicle_of(made.log(*pieces), folder)
+
+
 @fixture
 def steps(tmp_path):
     """The beginning of a flight, which DFReader reads for long."""
@@ -98,10 +102,10 @@ def test_the_translation_holds_dfreaders_values_in_mavlinks_units(log, steps):
 
 def test_a_log_that_begins_in_the_air_says_so(tmp_path):
     landed = made.message("EV", 21_990_000, 18) + made.message("EV", 21_991_000, 11)
-    vehicle = vehicle_of(made.log(*made.flight(TIMES), landed), tmp_path)
+    vehicle = vehicle_in(tmp_path, *made.flight(TIMES), landed)
     assert vehicle.messages["HEARTBEAT"]["base_mode"].tolist() == 8 * [128] + [0, 0]
     assert vehicle.messages["EXTENDED_SYS_STATE"]["landed_state"].tolist() == [2, 2, 1]
-    silent = vehicle_of(made.log(*made.flight(TIMES)), tmp_path)
+    silent = vehicle_in(tmp_path, *made.flight(TIMES))
     assert "HEARTBEAT" not in silent.messages and "EXTENDED_SYS_STATE" not in silent.messages
 
 
@@ -110,7 +114,7 @@ def test_between_events_that_contradict_each_other_nothing_is_reported(tmp_path)
     rows = made.flight(SLOW)
     for row, stamp in ((13, 26_100_000), (5, 22_100_000)):
         rows.insert(row, made.message("EV", stamp, 28))
-    states = vehicle_of(made.log(*rows), tmp_path).messages["EXTENDED_SYS_STATE"]
+    states = vehicle_in(tmp_path, *rows).messages["EXTENDED_SYS_STATE"]
     told = dict(
         zip(np.floor(states["time"]).tolist(), states["landed_state"].tolist(), strict=False)
     )
@@ -121,7 +125,7 @@ def test_between_events_that_contradict_each_other_nothing_is_reported(tmp_path)
 def test_between_two_armings_the_vehicle_was_disarmed_when_the_log_stopped(tmp_path):
     flights = [made.flight([start + 0.5 * row for row in range(20)]) for start in (20, 50)]
     armings = [[made.message("EV", stamp, 10)] for stamp in (20_100_000, 50_000_000)]
-    vehicle = vehicle_of(made.log(*armings[0], *flights[0], *armings[1], *flights[1]), tmp_path)
+    vehicle = vehicle_in(tmp_path, *armings[0], *flights[0], *armings[1], *flights[1])
     (first, second) = armed(Signals(vehicle), 0)
     assert first == approx((20.1, 29.5)) and second[0] == approx(50.0)
 
@@ -129,7 +133,7 @@ def test_between_two_armings_the_vehicle_was_disarmed_when_the_log_stopped(tmp_p
 def test_two_armings_with_the_first_message_and_events_of_no_kind_change_no_time(tmp_path):
     rows = made.flight(SLOW)
     twice = [made.message("EV", 20_000_000, 10)] * 2
-    vehicle = vehicle_of(made.log(*twice, *rows), tmp_path)
+    vehicle = vehicle_in(tmp_path, *twice, *rows)
     assert (np.diff(vehicle.messages["HEARTBEAT"]["time"]) >= 0).all()
     assert {begin for begin, _ in armed(Signals(vehicle), 0)} == {20.0}
     lines = "FMT, 129, 0, ATT, Qccc, TimeUS,Roll,Pitch,Yaw\nFMT, 133, 0, EV, B, Other\n"
@@ -257,7 +261,7 @@ def test_who_flies(tmp_path, said, parameters, expected):
 
 
 def test_setpoints_of_rate_and_att_are_in_order(tmp_path):
-    vehicle = vehicle_of(made.log(*made.flight(TIMES)), tmp_path)
+    vehicle = vehicle_in(tmp_path, *made.flight(TIMES))
     assert_allclose(vehicle.messages["ATTITUDE_TARGET"]["time"], np.repeat(TIMES, 2))
     assert vehicle.called("ATTITUDE_TARGET") == "RATE and ATT"
 
@@ -271,7 +275,7 @@ def test_what_system_identification_injects_is_known_by_its_axis(tmp_path):
         for step in range(3):
             stamp = 20_504_000 + 200_000 * row + 2500 * step
             pieces[20 * row] += made.message("SIDD", stamp, 0.0, size * step)
-    vehicle = vehicle_of(made.log(*pieces), tmp_path)
+    vehicle = vehicle_in(tmp_path, *pieces)
     injected = Signals(vehicle).injected
     found = {one.where: one.signal.values[1] for one in injected}
     assert found == {
@@ -290,7 +294,7 @@ def test_d_terms_are_those_of_all_axes_or_not_known(names, tmp_path):
     pieces = made.flight(TIMES)
     for row, name in enumerate(names * 2):
         pieces[20 * row] += made.message(f"PID{name}", 20_503_000 + 200_000 * row, 0.1 * row)
-    messages = vehicle_of(made.log(*pieces), tmp_path).messages
+    messages = vehicle_in(tmp_path, *pieces).messages
     assert ("D_TERM" in messages) == (names == "RPY")
     if names == "RPY":
         assert messages["D_TERM"]["z"] == approx([0.2, 0.5])
@@ -302,7 +306,7 @@ def test_the_firmware_and_what_the_logger_lost_are_known(tmp_path):
         for i, count in enumerate((7, 7, 12, 0, 3))
     ]
     changed = made.message("PARM", 20_050_000, "SYSID_THISMAV", 8.0, 1.0)
-    vehicle = vehicle_of(made.log(*made.flight([20.0, 20.1]), *lost, changed), tmp_path)
+    vehicle = vehicle_in(tmp_path, *made.flight([20.0, 20.1]), *lost, changed)
     assert vehicle.earlier == {"SYSID_THISMAV": 7.0} and vehicle.system == 8
     assert (vehicle.firmware, vehicle.dropouts) == ("ArduCopter V4.5.7 (2a3dc4b7)", 8)
     assert {Repair.LOGGER_WITHOUT_ROOM: 8}.items() <= counts(vehicle).items()

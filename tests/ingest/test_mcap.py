@@ -8,7 +8,7 @@ import numpy as np
 import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mavlink_streams import NOW, flight, heartbeat, tlog
+from mavlink_streams import HOVER, NOW, TIMES, flight, heartbeat, tlog
 from mcap.reader import NonSeekingReader
 from mcap.writer import CompressionType
 from mcap_files import Recorder, converted, json_only, spoil
@@ -28,7 +28,6 @@ from mavdem.ingest.mcap.log import mcap_stream, read_mcap
 from mavdem.ingest.mcap.records import MAGIC, McapRecording
 from mavdem.ingest.tlog import write_tlog
 
-TIMES = [20 + 0.01 * row for row in range(300)]
 COMPRESSIONS = list(CompressionType)
 SAMPLE_LOGS = sorted(LOGS.glob("*.tlog"))
 
@@ -63,7 +62,7 @@ def test_json_alone_tells_the_same(log, tmp_path):
 
 
 def test_a_stamp_that_mcap_cannot_hold_becomes_the_one_before(tmp_path):
-    content = bytearray(tlog([heartbeat(), *flight(TIMES)]))
+    content = bytearray(tlog(HOVER))
     second = 8 + len(heartbeat())
     content[second : second + 8] = struct.pack(">Q", 2**63)
     log = tmp_path / "future.tlog"
@@ -147,7 +146,7 @@ def test_two_bridges_in_one_recording_count_once(recorder):
 
 @mark.parametrize("encoding", ["mavlink", ""])
 def test_frames_may_come_in_pieces(encoding, recorder):
-    frames = [heartbeat(), *flight(TIMES)]
+    frames = HOVER
     content = b"".join(frames)
     size = 100
     for begin in range(0, len(content), size):

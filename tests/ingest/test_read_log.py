@@ -9,7 +9,7 @@ import numpy as np
 import ulog_files
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mavlink_streams import flight, frame, heartbeat, message, read, tlog
+from mavlink_streams import HOVER, TIMES, flight, frame, heartbeat, message, read, tlog
 from mcap_files import spoil
 from pymavlink.dialects.v20 import all as dialect
 from pytest import mark, raises
@@ -21,8 +21,6 @@ from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 from mavdem.ingest.mavlink.vehicles import missing_between
-
-TIMES = [20 + 0.01 * row for row in range(300)]
 
 
 def log_of(content, folder, name="flight.tlog"):
@@ -99,7 +97,7 @@ def test_parameters_are_what_the_autopilot_sent_or_a_ground_station_noted(
 
 
 def test_failures_are_distinguished(tmp_path):
-    frames = [heartbeat(), *flight(TIMES)]
+    frames = [*HOVER]
     damaged = bytearray(frames[11])
     damaged[15] ^= 0xFF
     frames[11] = bytes(damaged)
@@ -129,7 +127,7 @@ def test_what_is_overtaken_or_comes_twice_is_not_lost(tmp_path):
 
 
 def test_a_file_transferred_as_text_is_restored(tmp_path):
-    content = tlog([heartbeat(), *flight(TIMES)])
+    content = tlog(HOVER)
     (intact,) = log_of(content, tmp_path).vehicles
     (restored,) = log_of(content.replace(b"\n", b"\r\n"), tmp_path).vehicles
     for name in intact.messages:
@@ -300,7 +298,7 @@ def test_a_signalling_nan_is_no_number_and_no_warning(tmp_path):
 
 def test_a_path_may_be_bytes_and_have_any_name(tmp_path):
     path = tmp_path / "flight.bin"
-    path.write_bytes(tlog([heartbeat(), *flight(TIMES)]))
+    path.write_bytes(tlog(HOVER))
     log = read_log(os.fsencode(path))
     assert log.source == str(path) and len(log.vehicles) == 1
 

@@ -23,6 +23,7 @@ from ulog_files import (
     message,
     parameter,
     subscription,
+    vehicle_in,
     vehicle_of,
 )
 
@@ -76,7 +77,7 @@ def test_attitude_is_moved_to_the_stamps_of_the_rates(tmp_path):
         for time, angle in zip(slow, half, strict=True)
     ]
     pieces += [data("vehicle_angular_velocity", 20 + time, 0.5, 0.0, 0.1) for time in fast]
-    vehicle = vehicle_of(log(*pieces), tmp_path)
+    vehicle = vehicle_in(tmp_path, *pieces)
     messages = vehicle.messages["ATTITUDE_QUATERNION"]
     time = messages["time"] - 20
     assert vehicle.repairs[0].code is Repair.ATTITUDE_INTERPOLATED
@@ -90,7 +91,7 @@ def test_attitude_is_moved_to_the_stamps_of_the_rates(tmp_path):
     pieces += [
         data("vehicle_angular_velocity", 20 + 0.01 * row, 0.01 * row, 0, 0) for row in range(1000)
     ]
-    messages = vehicle_of(log(*pieces), tmp_path).messages["ATTITUDE_QUATERNION"]
+    messages = vehicle_in(tmp_path, *pieces).messages["ATTITUDE_QUATERNION"]
     assert_allclose(messages["time"], 20 + 0.5 * np.arange(20))
     assert_allclose(messages["rollspeed"], 0.5 * np.arange(20), atol=1e-6)
 
@@ -108,7 +109,7 @@ def test_motors_are_put_on_their_channels(tmp_path):
         data("actuator_motors", 20 + 0.01 * row, 0.1, 0.2, 0.3, 0.4 + row / 1e3, *OFF)
         for row in range(50)
     ]
-    vehicle = vehicle_of(log(*pieces, parameters=swapped), tmp_path)
+    vehicle = vehicle_in(tmp_path, *pieces, parameters=swapped)
     controls = vehicle.messages["HIL_ACTUATOR_CONTROLS"]["controls"]
     assert np.allclose(controls[0], [0.3, 0.1, 0, 0, 0.4, 0.2] + [0] * 10)
 
@@ -122,7 +123,7 @@ def test_instances_of_outputs_are_ports(tmp_path):
         subscription("actuator_outputs", 1),
         *(outputs(row, port) for row in range(10) for port in (0, 1)),
     ]
-    sent = vehicle_of(log(*pieces), tmp_path).messages["SERVO_OUTPUT_RAW"]
+    sent = vehicle_in(tmp_path, *pieces).messages["SERVO_OUTPUT_RAW"]
     for port in (0, 1):
         assert np.array_equal(
             sent["servo1_raw"][sent["port"] == port], 1000 * (port + 1) + np.arange(10) + 0.5
@@ -134,7 +135,7 @@ def test_a_topic_subscribed_to_twice_is_one(tmp_path):
     again = subscription("actuator_controls_0", number=900)
     first = [data("actuator_controls_0", 20 + row, *[row] * 8) for row in range(5)]
     then = [data("actuator_controls_0", 25 + row, *[5 + row] * 8, number=900) for row in range(5)]
-    controls = vehicle_of(log(*first, again, *then), tmp_path).messages["ACTUATOR_CONTROL_TARGET"][
+    controls = vehicle_in(tmp_path, *first, again, *then).messages["ACTUATOR_CONTROL_TARGET"][
         "controls"
     ]
     assert controls[:, 0].tolist() == list(range(10))
@@ -148,7 +149,7 @@ def test_setpoints_are_in_order_and_without_attitudes_that_are_not_valid(tmp_pat
             data("vehicle_attitude_setpoint", at, 0, 1, 0, 0, 0, row != 2),
             data("vehicle_rates_setpoint", at + 0.1, row, 0, 0),
         ]
-    target = vehicle_of(log(*pieces), tmp_path).messages["ATTITUDE_TARGET"]
+    target = vehicle_in(tmp_path, *pieces).messages["ATTITUDE_TARGET"]
     assert_allclose(target["time"], [20, 20.1, 20.5, 20.6, 21.1, 21.5, 21.6])
 
 
@@ -157,7 +158,7 @@ def test_what_the_autotune_adds_to_the_rates_is_injected(tmp_path):
     pieces += [
         data("autotune_attitude_control_status", 20 + row / 2, row, 0, 0) for row in range(4)
     ]
-    vehicle = vehicle_of(log(*pieces), tmp_path)
+    vehicle = vehicle_in(tmp_path, *pieces)
     (injected,) = Signals(vehicle).injected
     assert injected.where is Injection.RATE_SETPOINT
     assert_allclose(injected.signal.time, 20 + np.arange(4) / 2)
@@ -174,7 +175,7 @@ def test_drivers_that_publish_outputs_in_turn_are_told_apart_by_their_number_of_
         data("actuator_outputs", 20 + 0.1 * row, used, *four, *[0.0] * 12)
         for row, (used, four) in enumerate(rows)
     ]
-    servos = vehicle_of(log(subscription("actuator_outputs"), *pieces), tmp_path).messages[
+    servos = vehicle_in(tmp_path, subscription("actuator_outputs"), *pieces).messages[
         "SERVO_OUTPUT_RAW"
     ]
     moving = servos["servo4_raw"][servos["port"] == 0]
@@ -198,7 +199,7 @@ def test_landed_states(tmp_path):
         data("vehicle_control_mode", 33, False),
         data("vehicle_land_detected", 40, True),
     ]
-    states = vehicle_of(log(*pieces), tmp_path).messages["EXTENDED_SYS_STATE"]
+    states = vehicle_in(tmp_path, *pieces).messages["EXTENDED_SYS_STATE"]
     told = dict(zip(states["time"].tolist(), states["landed_state"].tolist(), strict=True))
     assert told == {10: 1, 10.5: 1, 11: 1, 12: 3, 20: 2, 30: 4, 31: 2, 32: 4, 33: 2, 40: 1}
     # A vertical speed that is not valid is left out.
@@ -206,7 +207,7 @@ def test_landed_states(tmp_path):
         data("vehicle_local_position", 20 + row, 0, 0, 0, 0, 0, row, row % 2 == 0)
         for row in range(6)
     ]
-    climb = Signals(vehicle_of(log(*pieces), tmp_path)).climb_rate
+    climb = Signals(vehicle_in(tmp_path, *pieces)).climb_rate
     assert climb.values.tolist() == [0, -2, -4]
 
 
@@ -222,7 +223,7 @@ def test_landed_states(tmp_path):
 )
 def test_what_the_vehicle_is(tmp_path, status, parameters, expected):
     pieces = [data("vehicle_status", 20 + row, *status) for row in range(4)]
-    vehicle = vehicle_of(log(*pieces, parameters=parameters), tmp_path)
+    vehicle = vehicle_in(tmp_path, *pieces, parameters=parameters)
     assert vehicle.vehicle == expected
     if expected != "UNKNOWN":
         armed = Signals(vehicle).armed
@@ -236,7 +237,7 @@ def test_parameters_are_the_last_that_were_set(tmp_path):
         + parameter("BAD", float("nan"), "float")
     )
     changed = [parameter("GAIN", 0.25, "float"), parameter("GAIN", float("inf"), "float")]
-    vehicle = vehicle_of(log(*flight(TIMES[:9]), *changed, parameters=initial), tmp_path)
+    vehicle = vehicle_in(tmp_path, *flight(TIMES[:9]), *changed, parameters=initial)
     assert vehicle.parameters == {"MAV_SYS_ID": 7.0, "GAIN": 0.25} and vehicle.system == 7
     assert vehicle.earlier == {"GAIN": 0.5}
 
@@ -255,7 +256,7 @@ def test_bytes_that_nobody_wrote_are_skipped_at_once(tmp_path, monkeypatch):
     headers = Mock(wraps=ULog._MessageHeader.initialize)
     monkeypatch.setattr(ULog._MessageHeader, "initialize", lambda *given: headers(*given))
     for fill in (b"\0", b"\xff"):
-        assert stamps_of(vehicle_of(log(*flight(TIMES), 100_000 * fill), tmp_path)) == INTACT
+        assert stamps_of(vehicle_in(tmp_path, *flight(TIMES), 100_000 * fill)) == INTACT
     assert headers.call_count < 10_000
 
 
@@ -275,7 +276,7 @@ def test_damage_costs_no_more_than_one_message_can_hold(tmp_path, damage, capfd)
     pieces = flight(times)
     lost = 300 * 0xFFFF // len(b"".join(pieces[: 5 * 300]))
     pieces.insert(600, damage)
-    vehicle = vehicle_of(log(*pieces), tmp_path)
+    vehicle = vehicle_in(tmp_path, *pieces)
     stamps = stamps_of(vehicle)
     assert set(stamps) <= set(np.rint(times * 1e6)) and len(stamps) >= len(times) - lost - 50
     assert Repair.ULOG_DAMAGED in [fact.code for fact in vehicle.repairs]
@@ -306,7 +307,7 @@ def test_stamps_that_cannot_be_are_left_out(tmp_path):
         pieces[row] = pieces[row][:5] + struct.pack("<Q", round(wrong * 1e6)) + pieces[row][13:]
     # A topic's last message from long before the log began is none of them.
     pieces.insert(0, data("vehicle_land_detected", 2.2, True))
-    vehicle = vehicle_of(log(*pieces), tmp_path)
+    vehicle = vehicle_in(tmp_path, *pieces)
     assert set(stamps_of(vehicle)) < set(INTACT) and len(stamps_of(vehicle)) == len(INTACT) - 3
     assert {"count": 3, "flaw": Flaw.FAR_STAMP} in [fact.figures for fact in vehicle.repairs]
     assert vehicle.messages["EXTENDED_SYS_STATE"]["time"][0] == 2.2
@@ -324,7 +325,7 @@ def test_what_held_when_logging_started_has_that_time(tmp_path):
 
 def test_a_dropout_is_reported(tmp_path):
     dropout = message("O", struct.pack("<H", 1500))
-    vehicle = vehicle_of(log(*flight(TIMES), dropout), tmp_path)
+    vehicle = vehicle_in(tmp_path, *flight(TIMES), dropout)
     assert vehicle.repairs[0].code is Repair.LOGGER_DROPPED_OUT
     assert dict(vehicle.repairs[0].figures) == {"count": 1, "duration": 1.5, "longest_gap": 1.5}
 

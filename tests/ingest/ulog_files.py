@@ -127,3 +127,8 @@ def vehicle_of(content, folder):
     path.write_bytes(content)
     (vehicle,) = read_log(path).vehicles
     return vehicle
+
+
+def vehicle_in(folder, *pieces, **more):
+    """The vehicle that is read of a file of the :func:`log` of these."""
+    return vehicle_of(log(*pieces, **more), folder)

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from unittest.mock import Mock
 
-from pytest import approx, mark, raises
+from pytest import approx, fixture, mark, raises
 from recorded_flights import SLOW
 from refusals import unreadable
 from serving import LIMITS, AtOnce, log, read_made_up, serving
@@ -38,13 +38,18 @@ def received(library, said="One.", name="a.ulg", **columns):
     return library.receive(part, said.encode().hex().zfill(64), name, **columns)
 
 
+@fixture
+def library(tmp_path):
+    """A new one."""
+    return Library(tmp_path)
+
+
 def killed(library):
     """Leaves a library as a process does that was killed: its lock is gone, and nothing else."""
     library._lock.close()
 
 
-def test_what_was_acknowledged_outlives_a_killed_server_and_half_uploads_do_not(tmp_path):
-    library = Library(tmp_path)
+def test_what_was_acknowledged_outlives_a_killed_server_and_half_uploads_do_not(library, tmp_path):
     waiting, working = received(library), received(library, "Two.")
     library.change(waiting.id, stage=Stage.READING, claimed=library.name)
     library.new_part().write_bytes(b"half of a log")
@@ -77,9 +82,8 @@ def test_what_was_acknowledged_outlives_a_killed_server_and_half_uploads_do_not(
 
 @mark.parametrize("moment", ["os.replace", "_sync", "insert"])
 def test_an_upload_that_breaks_off_at_any_moment_is_whole_or_not_there(
-    tmp_path, monkeypatch, moment
+    library, tmp_path, monkeypatch, moment
 ):
-    library = Library(tmp_path)
     part = library.new_part()
     part.write_bytes(log())
 
@@ -123,8 +127,7 @@ def test_servers_that_share_a_folder_leave_each_other_alone(tmp_path):
 
 
 @mark.slow
-def test_a_log_that_comes_again_while_it_is_deleted_stays(tmp_path, monkeypatch):
-    library = Library(tmp_path)
+def test_a_log_that_comes_again_while_it_is_deleted_stays(library, monkeypatch):
     first = received(library)
     claimed = library.claim()
     outcome = outcome_of(Job(str(library.path_of(claimed))), read_made_up)
@@ -204,9 +207,8 @@ def test_an_altered_index_removes_and_shows_nothing_outside(tmp_path):
         assert server.get(f"/compare?a={page.id}&b={lost.id}").status == 200
 
 
-def test_ten_thousand_flights_are_searched_by_their_index(tmp_path):
+def test_ten_thousand_flights_are_searched_by_their_index(library):
     """In time, tools/bench/serve.py has it; here is what takes it: no row is read that is not shown."""
-    library = Library(tmp_path)
     received(library)
     assert (
         "by_order"
@@ -216,8 +218,7 @@ def test_ten_thousand_flights_are_searched_by_their_index(tmp_path):
     )
 
 
-def test_a_library_of_an_earlier_version_opens_and_what_is_new_stands_first(tmp_path):
-    library = Library(tmp_path)
+def test_a_library_of_an_earlier_version_opens_and_what_is_new_stands_first(library, tmp_path):
     first = received(library)
     AtOnce(library).run()
     library._db.execute("alter table entries drop column next_step")
@@ -270,10 +271,9 @@ def test_an_address_that_is_taken_is_refused(tmp_path):
     assert not (tmp_path / "two").exists()
 
 
-def test_a_log_is_read_with_its_page_rows_and_index(tmp_path, monkeypatch):
+def test_a_log_is_read_with_its_page_rows_and_index(library, tmp_path, monkeypatch):
     """A real one, in this process."""
     monkeypatch.setattr("os.setpriority", lambda *_: None)
-    library = Library(tmp_path)
     entry = library.entered(Path(shutil.copy(SLOW, library.new_part())), SLOW.name)
     one = read_log(SLOW)
     other = replace(one.vehicles[0], system=2)
@@ -294,9 +294,8 @@ def test_a_log_is_read_with_its_page_rows_and_index(tmp_path, monkeypatch):
     assert library.told(entry) == {}
 
 
-def test_a_log_waits_for_a_cluster_that_has_gone(tmp_path, monkeypatch):
+def test_a_log_waits_for_a_cluster_that_has_gone(library, tmp_path, monkeypatch):
     monkeypatch.setattr("mavdem.serve.work.PAUSE_SECONDS", 0.01)
-    library = Library(tmp_path)
     received(library)
     tries = []
 
@@ -319,8 +318,7 @@ def test_a_log_waits_for_a_cluster_that_has_gone(tmp_path, monkeypatch):
 
 
 @mark.slow
-def test_processes_read_logs_within_limits_and_go_on_after_a_hostile_one(tmp_path):
-    library = Library(tmp_path)
+def test_processes_read_logs_within_limits_and_go_on_after_a_hostile_one(library):
     names = ("crash.ulg", "sound.ulg")
     for name in names:
         received(library, name, name, keep=1)

@@ -173,9 +173,7 @@ def _quaternion(fields: Fields) -> Array:
     inverses but for the sign, which an attitude does not have: q_NED,FRD = q_n q_ENU,FLU q_b, multiplied out here.
     """
     w, x, y, z = (fields[f"orientation.{n}"] for n in "wxyz")
-    # infinities of a broken estimator: their readers leave them out
-    with np.errstate(invalid="ignore"):
-        return np.sqrt(0.5) * np.array([w + z, x + y, x - y, w - z])
+    return np.sqrt(0.5) * np.array([w + z, x + y, x - y, w - z])
 
 
 BOOT_APART = 1e9  # Seconds from one boot's clock to the next's while topics are translated: no log is as long
