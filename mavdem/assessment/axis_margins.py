@@ -45,7 +45,7 @@ class AxisMargins:
         elif isinstance(self.loop, Loop):
             facts.append(_of_loop(self.loop))
         elif self.peak is not None:
-            facts.append(_of_resonance(MarginsLight.RATE_STANDS_OUT, Level.WATCH, self.peak))
+            facts.append(_of_resonance(MarginsLight.RATE_STANDS_OUT, None, self.peak))
         if self.response is not None:
             facts.append(of_response(self.response))
         return tuple(fact for fact in facts if fact.level is not Level.UNKNOWN)
@@ -131,7 +131,7 @@ def of_response(resonance: Resonance) -> Fact:
     return _of_resonance(code, level, resonance)
 
 
-def _of_resonance(code: MarginsLight, level: Level, resonance: Resonance) -> Fact:
+def _of_resonance(code: MarginsLight, level: Level | None, resonance: Resonance) -> Fact:
     return Fact(
         code,
         level,

@@ -84,7 +84,6 @@ def ending_of(
     is_clear = len(names) == 1 and (cause is None or cause.code not in TOGETHER)
     return Fact(
         ENDINGS.get(event.code, Ending.LOSS_REPORTED),
-        Level.BAD,
         time=event.time,
         until=event.until,
         subject=names.pop() if is_clear else "",
@@ -120,9 +119,8 @@ def _first(
         names = tuple(event.subject for event in off)
         subject = names[0] if len(names) == 1 else ""
         anew = [name for name in signals.telemetry.earlier if name.endswith("_FUNCTION")]
-        code = FailedFirst.MOTOR_OFF_FIRST
-        time = off[0].time
-        return Fact(code, Level.BAD, time=time, subject=subject, names=names, settings=anew)
+        first = FailedFirst.MOTOR_OFF_FIRST
+        return Fact(first, time=off[0].time, subject=subject, names=names, settings=anew)
     error = attitude_error(signals, boot)
     if error is None:
         return None

@@ -76,14 +76,10 @@ def _filter(evidence: Evidence) -> Iterator[Fact]:
         failed = longest(part.time, doubts >= 2)
         lasting = [longest(part.time, column) for column in beyond.T]
         most = int(np.argmax(lasting)) if max(lasting) else int(ratios.max(axis=0).argmax())
-        level = Level.GOOD
-        if max(lasting) >= DOUBT_SECONDS:
-            level = Level.BAD if failed >= DOUBT_SECONDS else Level.WATCH
+        is_doubted = max(lasting) >= DOUBT_SECONDS
         yield Fact(
-            EstimatorLight.FILTER_DOUBTED
-            if level is not Level.GOOD
-            else EstimatorLight.FILTER_AGREED,
-            level,
+            EstimatorLight.FILTER_DOUBTED if is_doubted else EstimatorLight.FILTER_AGREED,
+            Level.BAD if is_doubted and failed >= DOUBT_SECONDS else None,
             time=part.time[ratios[:, most].argmax()],
             name=MEASURED[most],
             ratio=ratios[:, most].max() / limit,

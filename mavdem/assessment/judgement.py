@@ -120,4 +120,4 @@ def next_step_of(headline: Fact, lights: NamedFacts, of_model: Fact | None) -> F
     for light in (Light.LOG, *OF_VEHICLE):
         if lights[light].level is not Level.GOOD:
             return Fact(NextStep.DO_AS_ADVISED, because=lights[light])
-    return of_model or Fact(NextStep.KEEP_MODEL, Level.GOOD)
+    return of_model or Fact(NextStep.KEEP_MODEL)

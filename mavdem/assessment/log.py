@@ -9,7 +9,7 @@ from mavdem.alignment.rate_advice import ask_for_rate
 from mavdem.alignment.signals import MINIMUM_RATE, Signals, usual_rate
 from mavdem.assessment.evidence import Evidence
 from mavdem.confidence import ENOUGH_SAMPLES
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.facts.log import LogLight, Simulator
 
 LONG_GAP = 1.0  # s without attitude: longer than a fall from 5 m
@@ -40,7 +40,6 @@ def log_light(evidence: Evidence) -> Fact:
         code = LogLight.RECORDED_WITH_GAPS
     return Fact(
         code,
-        Level.GOOD if code is LogLight.RECORDED_FAST else Level.WATCH,
         attitude_rate=rates[0],
         motor_rate=rates[1],
         longest_gap=longest,

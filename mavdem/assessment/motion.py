@@ -118,7 +118,7 @@ def _events(signals: Signals, boot: int) -> Iterator[Fact]:
         height = height_above(signals, boot, flights[-1], last)
         if height is not None and height > GROUND_HEIGHT:
             code = MotionEvent.LOG_ENDED_IN_AIR
-            yield Fact(code, Level.WATCH, time=last, height=height, boot=boot)
+            yield Fact(code, time=last, height=height, boot=boot)
 
 
 def flights_of(signals: Signals, boot: int) -> Intervals:
@@ -214,7 +214,7 @@ def _loss(
     speed = _fastest(of_boot(signals.climb_rate, boot), onset, end + CAUGHT_SECONDS) or 0.0
     hit = _hit(signals, boot, onset - ASKED_SECONDS, start)
     code = MotionEvent.ATTITUDE_LOST
-    level = Level.BAD
+    level = None
     up = rose(signals, boot, (flight[0], onset))
     if not (onset - flight[0] > CAUGHT_SECONDS if up is None else up):
         code = MotionEvent.TIPPED
@@ -226,7 +226,7 @@ def _loss(
     harm = max(speed / FALL_SPEED, angle / most, lasts / CAUGHT_SECONDS)
     if harm < 1 or _is_caught(signals, boot, flight, end):
         code = MotionEvent.ATTITUDE_CAUGHT
-        level = Level.WATCH if asked else Level.UNKNOWN
+        level = None if asked else Level.UNKNOWN
     trusted = _trusted(signals, boot, flight)
     if height is not None and height < -GROUND_HEIGHT:
         trusted = None  # it had run away before
@@ -327,7 +327,7 @@ def _fall(signals: Signals, boot: int, flight: Interval, lost: Fact | None) -> I
     near = (time > span[0]) & (time < span[1])
     for at in np.flatnonzero(near & braked & (climb.values < -HIT_SPEED))[:1]:
         speed = -climb.values[at]
-        yield Fact(MotionEvent.HIT, Level.BAD, height=None, time=time[at], speed=speed, boot=boot)
+        yield Fact(MotionEvent.HIT, height=None, time=time[at], speed=speed, boot=boot)
 
 
 def _of_motors(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
@@ -346,9 +346,9 @@ def _of_motors(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact
     off &= (others > least) & (shares.max(axis=0) > least)  # what never ran is no motor
     flown = during(time, flights)
     # A mixer may stop one for a moment.
-    for code, level, held, shortest in (
-        (MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH, at_stop, 0.0),
-        (MotionEvent.MOTOR_OFF, Level.BAD, off, ASKED_SECONDS),
+    for code, held, shortest in (
+        (MotionEvent.MOTOR_AT_ITS_STOP, at_stop, 0.0),
+        (MotionEvent.MOTOR_OFF, off, ASKED_SECONDS),
     ):
         for name, true in zip(motors.layout.names, held.T, strict=True):
             for start, end in _lasting(time, true & flown, CAUGHT_SECONDS):
@@ -356,7 +356,6 @@ def _of_motors(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact
                     continue
                 yield Fact(
                     code,
-                    level,
                     time=start,
                     until=_seen(end),
                     subject=name,

@@ -65,13 +65,12 @@ def _battery(evidence: Evidence) -> Iterator[Fact]:
     load = recorded(signals.telemetry, "SYS_STATUS", "voltage_battery", "current_battery")
     resistance, current = _resistance([*evidence.flown(load)])
     code = PowerLight.CELLS_UNKNOWN
-    level = Level.UNKNOWN
+    level = None
     if lasting < low:
         code = PowerLight.BATTERY_LOW
-        level = Level.BAD if lasting < critical else Level.WATCH
+        level = Level.BAD if lasting < critical else None
     elif low > 0:
         code = PowerLight.BATTERY_HELD
-        level = Level.GOOD
     yield Fact(
         code,
         level,
@@ -100,14 +99,13 @@ def _supply(evidence: Evidence) -> Iterator[Fact]:
     least = volts.min()
     usual = np.median(volts)
     code = PowerLight.SUPPLY_HELD
-    level = Level.UNKNOWN
+    level = None
     if least < SUPPLY.watch:
         # where it is always so low, the vehicle flies, and the scale may be wrong
         code = PowerLight.SUPPLY_LOW
-        level = Level.BAD if least < SUPPLY.bad <= usual else Level.WATCH
+        level = Level.BAD if least < SUPPLY.bad <= usual else None
     elif usual - least > SUPPLY_FALL:
         code = PowerLight.SUPPLY_FELL
-        level = Level.WATCH
     yield Fact(code, level, voltage=least, voltage_usual=usual, voltage_limit=SUPPLY.watch)
 
 

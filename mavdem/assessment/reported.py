@@ -31,11 +31,11 @@ FIX_3D = number_of("GPS_FIX_TYPE_3D_FIX")
 LOW_CHARGE = number_of("MAV_BATTERY_CHARGE_STATE_LOW")  # what is more is worse
 SENSOR_BITS = ("health", "present", "enabled")
 DETECTED = {
-    "fd_roll": (Reported.ATTITUDE_FAILED, Level.BAD, "roll"),
-    "fd_pitch": (Reported.ATTITUDE_FAILED, Level.BAD, "pitch"),
-    "fd_alt": (Reported.ALTITUDE_FAILED, Level.BAD, ""),
-    "fd_motor": (Reported.MOTOR_FAILED, Level.BAD, ""),
-    "fd_imbalanced_prop": (Reported.PROPELLER_IMBALANCED, Level.WATCH, ""),
+    "fd_roll": (Reported.ATTITUDE_FAILED, "roll"),
+    "fd_pitch": (Reported.ATTITUDE_FAILED, "pitch"),
+    "fd_alt": (Reported.ALTITUDE_FAILED, ""),
+    "fd_motor": (Reported.MOTOR_FAILED, ""),
+    "fd_imbalanced_prop": (Reported.PROPELLER_IMBALANCED, ""),
 }
 HEALTH = {
     "SENSOR_3D_GYRO": (Reported.SENSOR_FAILED, "gyro"),
@@ -48,14 +48,8 @@ HEALTH = {
 }
 """By what follows MAV_SYS_STATUS in the name of its bit (MAV_SYS_STATUS_SENSOR)."""
 COUNTED = (
-    (
-        "estimator_selector_status",
-        "primary_instance",
-        Reported.ESTIMATOR_SWITCHED,
-        Level.WATCH,
-        "lane {}",
-    ),
-    ("LOCAL_POSITION_NED", "resets", Reported.ESTIMATOR_RESET, Level.GOOD, "position"),
+    ("estimator_selector_status", "primary_instance", Reported.ESTIMATOR_SWITCHED, "lane {}"),
+    ("LOCAL_POSITION_NED", "resets", Reported.ESTIMATOR_RESET, "position"),
 )
 """Message and field, and what a change of it means."""
 
@@ -66,7 +60,6 @@ class Complaint(NamedTuple):
     message: str
     holds: Flags
     code: Reported
-    level: Level = Level.WATCH
     subject: str = ""
 
 
@@ -102,7 +95,7 @@ def _event(
     source: str,
     code: Reported,
     time: float,
-    level: Level = Level.GOOD,
+    level: Level | None = None,
     **figures: Any,
 ) -> Fact:
     """A fact of one boot, by the message ``source``."""
@@ -152,12 +145,12 @@ def _modes(signals: Signals, part: Segment) -> Iterator[Fact]:
 
 def _restarts(signals: Signals, part: Segment) -> Iterator[Fact]:
     if part.boot > 0:
-        yield _event(signals, part, "ATTITUDE", Reported.RESTARTED, part.start, Level.WATCH)
+        yield _event(signals, part, "ATTITUDE", Reported.RESTARTED, part.start)
 
 
 def _changes(signals: Signals, part: Segment) -> Iterator[Fact]:
     """Changes of the estimator's primary lane, and of the counter of its resets."""
-    for name, field, code, level, subject in COUNTED:
+    for name, field, code, subject in COUNTED:
         columns = signals.telemetry.messages.get(name, {})
         if field not in columns:
             continue
@@ -166,20 +159,20 @@ def _changes(signals: Signals, part: Segment) -> Iterator[Fact]:
         for row in 1 + np.flatnonzero(values[1:] != values[:-1]):
             time = columns["time"][here][row]
             about = subject.format(int(values[row]))
-            yield _event(signals, part, name, code, time, level, subject=about)
+            yield _event(signals, part, name, code, time, subject=about)
 
 
 def _lasting(signals: Signals, part: Segment) -> Iterator[Fact]:
     """What a message says for a time while armed."""
     inside = both(armed(signals, part.boot), [(part.start, part.end)])
-    for name, true, code, level, subject in _complaints(signals):
+    for name, true, code, subject in _complaints(signals):
         if not len(true):
             continue
         columns = signals.telemetry.messages[name]
         here = columns["boot"] == part.boot
         for start, end in both(where(columns["time"][here], true[here]), inside):
             until = end if end < part.end else None
-            yield _event(signals, part, name, code, start, level, until=until, subject=subject)
+            yield _event(signals, part, name, code, start, until=until, subject=subject)
 
 
 def _complaints(signals: Signals) -> Iterator[Complaint]:
@@ -208,14 +201,14 @@ def _complaints(signals: Signals) -> Iterator[Complaint]:
     failed = np.bitwise_and.reduce([~health, *used])
     for sensor, (code, subject) in HEALTH.items():
         bit = number_of(f"MAV_SYS_STATUS_{sensor}")
-        yield Complaint("SYS_STATUS", failed & bit > 0, code, subject=subject)
+        yield Complaint("SYS_STATUS", failed & bit > 0, code, subject)
     name = "failure_detector_status"
     for field, meant in DETECTED.items():
         yield Complaint(name, values(name, field) > 0, *meant)
     motors = values(name, "motor_failure_mask").astype(np.int64)
     for motor in np.flatnonzero(np.bitwise_or.reduce(motors) >> np.arange(16) & 1).tolist():
         subject = f"motor {motor + 1}"
-        yield Complaint(name, motors >> motor & 1 > 0, Reported.MOTOR_FAILED, Level.BAD, subject)
+        yield Complaint(name, motors >> motor & 1 > 0, Reported.MOTOR_FAILED, subject)
 
 
 STATES = (_arming, _in_the_air, _modes)

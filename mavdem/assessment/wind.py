@@ -26,7 +26,7 @@ def wind_light(evidence: Evidence) -> Fact:
     doubted = doubt.level is Level.BAD
     return Fact(
         WindLight.WIND_BLEW,
-        Level.WATCH if doubted or share > MUCH_LEAN and not wind.calm else Level.GOOD,
+        Level.WATCH if doubted or share > MUCH_LEAN and not wind.calm else None,
         calm=wind.calm,
         speed=wind.speed,
         low=low,

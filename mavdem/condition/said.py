@@ -84,7 +84,7 @@ def _of_texts(telemetry: Telemetry) -> Iterator[Fact]:
 
 def _meant(message: Text, warns: bool) -> Fact | None:
     """What a text means; None where something is over, or where no pattern knows it and it ``warns`` of nothing."""
-    for pattern, code, level in PATTERNS:
+    for pattern, code, *level in PATTERNS:
         match = pattern.search(message.text)
         if match:
             if not code:
@@ -94,8 +94,9 @@ def _meant(message: Text, warns: bool) -> Fact | None:
                 (f"{name} {groups[name]}" for name in ("motor", "lane") if groups.get(name)), ""
             )
             text = groups.get("text", message.text)
+            subject = subject.lower()
             return Fact(
-                Reported(code), Level(level), time=message.time, subject=subject.lower(), text=text
+                Reported(code), *map(Level, level), time=message.time, subject=subject, text=text
             )
     said = Fact(Reported.AUTOPILOT_SAID, time=message.time, text=message.text)
     return said if warns else None
@@ -110,12 +111,9 @@ def _of_errors(telemetry: Telemetry) -> Iterator[Fact]:
             continue
         ends = [ended for ended, *of in rows if of == [boot, number, 0] and ended > time]
         names = _SAID["subsystems"][number - 1 : number]
-        name, level, subject = next(
-            iter(names), (Reported.AUTOPILOT_ERROR, Level.WATCH, f"{number}")
-        )
+        name, subject = next(iter(names), (Reported.AUTOPILOT_ERROR, f"{number}"))
         yield Fact(
             Reported(name),
-            Level(level),
             time=time,
             until=min(ends) if ends and not has_lane else None,
             subject=f"lane {code}" if has_lane else subject,
@@ -130,10 +128,8 @@ def _of_events(telemetry: Telemetry) -> Iterator[Fact]:
     for time, boot, number in _rows(telemetry, "EV", "Id"):
         meant = _SAID["events"].get(str(number))
         if meant:
-            name, level, subject = meant
-            yield Fact(Reported(name), Level(level), time=time, subject=subject).but(
-                boot=boot, basis=("EV",)
-            )
+            name, subject = meant
+            yield Fact(Reported(name), time=time, subject=subject).but(boot=boot, basis=("EV",))
 
 
 def reason(number: float | None) -> tuple[str, Level]:

@@ -39,7 +39,7 @@ from mavdem.condition.resonance import (
 )
 from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import SMALLEST, Array, normal_draws, one_thread
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.facts.loops import StepResponses
 from mavdem.immutable import Result
 
@@ -148,7 +148,7 @@ class StepResponse(Result):
         peak = frequency[np.argmax(abs(closed))]
         if share <= DISAGREES:
             agrees = StepResponses.PREDICTION_AGREES
-            return Fact(agrees, Level.GOOD, subject=subject, highest=self.highest)
+            return Fact(agrees, subject=subject, highest=self.highest)
         code = StepResponses.PREDICTION_DOUBTED
         highest_peak = abs(closed).max()
         known_peak = abs(closed[visible]).max(initial=0.0)

@@ -19,7 +19,7 @@ from mavdem.dem.airflow.identification import (
 )
 from mavdem.dem.airflow.model import TOTAL, Drag
 from mavdem.dem.engine.linalg import one_thread
-from mavdem.facts import Fact, Level, NamedFacts
+from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.identifiability import Status
 from mavdem.facts.online import DragSource
 from mavdem.facts.wind import WindDoubt, WindShare
@@ -344,7 +344,6 @@ def _doubts(
         low = least_speed(mean.low, mean.high)
         doubt = Fact(
             WindDoubt.SPEED_UNSURE,
-            Level.WATCH,
             status=status,
             low=low,
             high=mean.high,

@@ -197,14 +197,13 @@ class MotorAlarm(NamedTuple):
     @property
     def fact(self) -> Fact:
         """What changed since when, and what that means: bad where a motor lost thrust."""
-        code, level = InFlight.MOTOR_RECOVERED, Level.GOOD
+        code = InFlight.MOTOR_RECOVERED
         if self.motor is None:
-            code, level = InFlight.STEADY_TORQUE_CHANGED, Level.WATCH
+            code = InFlight.STEADY_TORQUE_CHANGED
         elif self.weak:
-            code, level = InFlight.MOTOR_LOST_THRUST, Level.BAD
+            code = InFlight.MOTOR_LOST_THRUST
         return Fact(
             code,
-            level,
             time=self.since,
             subject=self.name,
             rise=self.size,

@@ -34,7 +34,7 @@ from mavdem.dem.airflow.model import TOTAL, Drag, Filter, motion
 from mavdem.dem.engine.linalg import Array, normal_draws
 from mavdem.dem.online.wind import FIRST_FIT_SECONDS
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Facts, Level
+from mavdem.facts import Fact, Facts
 from mavdem.facts.identifiability import Status
 from mavdem.facts.session import Session
 from mavdem.facts.wind import NoWind, WindDoubt, WindLight
@@ -102,7 +102,6 @@ class WindRow(NamedTuple):
             return Fact(WindLight.WIND_NOT_KNOWN, because=unsure)
         return Fact(
             WindLight.WIND_BLEW,
-            Level.GOOD,
             calm=not low,
             speed=self.by_compass[0],
             low=low,

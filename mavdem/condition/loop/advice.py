@@ -111,7 +111,6 @@ class Advice(Result):
             code = Gains.SET_GAINS
         return Fact(
             code,
-            Level.GOOD if code is Gains.KEEP_GAINS else Level.WATCH,
             share=self.sure,
             has_room=self.rating.level is Level.GOOD,
             **self.target._asdict(),

@@ -17,7 +17,7 @@ import numpy as np
 from mavdem.dem.closed_loop.parameters import USUAL
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Facts, Level
+from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import Controllers
 from mavdem.heading import Numbers, Values
 from mavdem.immutable import Result
@@ -125,9 +125,7 @@ class Controller(Result):
             # it is on and follows what parameters do not have: motors' speeds, or peaks of a spectrum
             if own.get(f"{prefix}ENABLE") and own.get(f"{prefix}MODE", 0.0) > 1:
                 names[f"{prefix}MODE"] = Controllers.NOTCHES_MOVING
-        return tuple(
-            Fact(code, Level.WATCH, name=name) for name, code in names.items() if own.get(name)
-        )
+        return tuple(Fact(code, name=name) for name, code in names.items() if own.get(name))
 
     def per_demand(self, shares: Sequence[float]) -> Numbers:
         """Returns (4,) how far a demand of 1 moves outputs that are at ``shares`` of their range, as such shares."""
