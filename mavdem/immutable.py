@@ -1,4 +1,4 @@
-"""Immutable: results whose arrays and dictionaries nobody can change, however deep they stand."""
+"""Immutable: results of Python's numbers, whose arrays and dictionaries nobody can change, however deep they stand."""
 
 from dataclasses import is_dataclass
 from operator import is_
@@ -25,10 +25,12 @@ class ReadOnlyDict(dict[Key, Value]):
 
 
 def read_only(result: Kind) -> Kind:
-    """Returns a result whose arrays and dictionaries, and those of the tuples and records in it, cannot be changed."""
+    """Returns a result of Python's numbers; arrays and dictionaries in it, tuples and records too, stay as they are."""
     changed: Any = result
     if isinstance(result, np.ndarray):
         result.setflags(write=False)
+    elif isinstance(result, np.generic):
+        changed = result.item()
     elif isinstance(result, dict) and not isinstance(result, ReadOnlyDict):
         changed = ReadOnlyDict({key: read_only(value) for key, value in result.items()})
     elif isinstance(result, tuple):

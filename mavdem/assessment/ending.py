@@ -162,7 +162,7 @@ def _seemed_landed(signals: Signals, boot: int, onset: float) -> bool:
     if landed is None:
         return False
     soon = during(landed.time, [(onset - ASKED_SECONDS, onset)])
-    return bool((landed.values[soon] == ON_GROUND).any())
+    return (landed.values[soon] == ON_GROUND).any()
 
 
 def _during(events: Sequence[Fact], code: Code, boot: int, time: float) -> list[Fact]:

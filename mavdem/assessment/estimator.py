@@ -75,7 +75,7 @@ def _filter(evidence: Evidence) -> Iterator[Fact]:
         doubts = 1.0 * velocity + (ratios[:, 0] >= 2 * limit) + position + compass
         failed = longest(part.time, doubts >= 2)
         lasting = [longest(part.time, column) for column in beyond.T]
-        most = int(np.argmax(lasting)) if max(lasting) else int(ratios.max(axis=0).argmax())
+        most = np.argmax(lasting) if max(lasting) else ratios.max(axis=0).argmax()
         is_doubted = max(lasting) >= DOUBT_SECONDS
         yield Fact(
             EstimatorLight.FILTER_DOUBTED if is_doubted else EstimatorLight.FILTER_AGREED,
@@ -133,7 +133,7 @@ def _compass(evidence: Evidence) -> Iterator[Fact]:
             usual = _size(field.values[before])
             if len(usual) < ENOUGH_SAMPLES:
                 return
-            change = float(np.median(_size(flight.values)) / np.median(usual)) - 1
+            change = np.median(_size(flight.values)) / np.median(usual) - 1
             if abs(change) > FIELD_CHANGE:
                 yield Fact(EstimatorLight.COMPASS_DISTURBED, change=change)
             return

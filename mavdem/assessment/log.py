@@ -75,7 +75,7 @@ def _is_still(signals: Signals) -> bool:
     rows = np.flatnonzero((roll.boot == boot) & (roll.time < armed))
     if len(rows) < 2:
         return False
-    each = max(round(STILL_STEP / float(np.median(np.diff(roll.time[rows])))), 1)
+    each = max(round(STILL_STEP / np.median(np.diff(roll.time[rows]))), 1)
     changes = abs(np.diff(roll.rate[rows][::each]))
     changes = changes[changes > 0]  # a value that is sent again is no measurement
     return len(changes) >= ENOUGH_SAMPLES and float(np.median(changes)) < STILL_CHANGE

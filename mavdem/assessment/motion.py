@@ -220,7 +220,7 @@ def _loss(
         code = MotionEvent.TIPPED
     elif hit is not None or (height is not None and height < GROUND_HEIGHT):
         code = MotionEvent.HIT
-    asked = bool(error.asked[here].all())
+    asked = error.asked[here].all()
     most = 2 * LOST_ANGLE if asked else FAR_ANGLE
     lasts = min(end, time[-1]) - start
     harm = max(speed / FALL_SPEED, angle / most, lasts / CAUGHT_SECONDS)
@@ -375,5 +375,5 @@ def _clipped(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
         return
     clipped = (counted.values > 0) & during(counted.time, flights)
     for start, end in merged([(at, at) for at in counted.time[clipped].tolist()], CAUGHT_SECONDS):
-        count = int(counted.values[during(counted.time, [(start, end)])].sum())
+        count = counted.values[during(counted.time, [(start, end)])].sum()
         yield Fact(MotionEvent.CLIPPED, time=start, until=end, count=count, boot=boot)

@@ -116,7 +116,7 @@ def _cells(signals: Signals, full: float) -> int | None:
             return count
     each = full / CELL_COUNTS
     possible = CELL_COUNTS[(each >= FULL_CELL[0]) & (each <= FULL_CELL[1])]
-    return int(possible[0]) if len(possible) == 1 else None
+    return possible[0] if len(possible) == 1 else None
 
 
 def _resistance(load: list[Signal]) -> tuple[float | None, float | None]:
@@ -138,8 +138,8 @@ def _resistance(load: list[Signal]) -> tuple[float | None, float | None]:
     if not most:
         return None, None
     volts, amperes = np.hstack(apart)
-    spread = float(volts @ volts * (amperes @ amperes))
-    together = float(volts @ amperes)
+    spread = volts @ volts * (amperes @ amperes)
+    together = volts @ amperes
     if spread == 0 or together > RESISTANCE_CORRELATION * spread**0.5:
         return None, most
-    return -together / float(amperes @ amperes), most
+    return -together / (amperes @ amperes), most

@@ -38,9 +38,9 @@ def vibration_light(evidence: Evidence) -> Fact:
     if not here.any():
         return unknown
     mean = levels.values[here].mean(axis=0)
-    most = int(mean.argmax())
+    most = mean.argmax()
     imu, axis = divmod(most, len(measured.axes))
-    clips = int(measured.clips[here].sum(axis=0).max())
+    clips = measured.clips[here].sum(axis=0).max()
     levels_of_both = limits.level(mean[most]), CLIPS.level(clips)
     return Fact(
         VibrationLight.VIBRATION_MEASURED,

@@ -249,9 +249,9 @@ def condition_of(signals: Signals) -> Condition:
         share_interval=intervals,
         command=command,
         lean=lean,
-        tilt_mean=float(tilt.mean()) if len(tilt) else None,
-        tilt_sd=float(tilt.std()) if len(tilt) else None,
-        tilt_max=float(tilt.max()) if len(tilt) else None,
+        tilt_mean=tilt.mean() if len(tilt) else None,
+        tilt_sd=tilt.std() if len(tilt) else None,
+        tilt_max=tilt.max() if len(tilt) else None,
         vibration=_vibration(signals, settled),
         battery=_battery(signals, settled or span),
         oscillation=oscillation,
@@ -328,9 +328,9 @@ def _leaning(signals: Signals, settled: Segments) -> tuple[dict[str, Steady], Ar
 
 def _steady(values: Array, seconds: float) -> Steady:
     return Steady(
-        float(values.mean()),
+        values.mean(),
         or_none(mean_interval(values[:, None], seconds)[0]),
-        float(values.std()),
+        values.std(),
     )
 
 
@@ -383,7 +383,7 @@ def _vibration(signals: Signals, settled: Segments) -> VibrationFigures | None:
     if not here.any():
         return None
     levels = measured.levels.values[here, : len(measured.axes)]
-    return VibrationFigures(tuple(levels.mean(axis=0).tolist()), int(measured.clips[here].sum()))
+    return VibrationFigures(tuple(levels.mean(axis=0).tolist()), measured.clips[here].sum())
 
 
 def _battery(signals: Signals, parts: Segments) -> BatteryFigures | None:

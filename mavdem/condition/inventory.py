@@ -161,9 +161,9 @@ def _date(signals: Signals, received: float) -> datetime | None:
         unix = np.asarray(columns["time_unix_usec"], dtype=np.float64) / 1e6
         plausible = unix > FIRST_SECOND
         if flight is not None and (own := plausible & (columns["boot"] == flight.boot)).any():
-            return _utc(float(unix[own][0] + flight.start - columns["time"][own][0]))
+            return _utc(unix[own][0] + flight.start - columns["time"][own][0])
         if plausible.any():
-            return _utc(float(unix[plausible][0]))
+            return _utc(unix[plausible][0])
     if received > FIRST_SECOND:
         return _utc(received)
     return None
@@ -321,7 +321,7 @@ def _rate(columns: Columns) -> float | None:
     if not len(apart):
         return None
     rate = rate_without_gaps(apart)
-    mean = 1 / float(apart.mean())
+    mean = 1 / apart.mean()
     return rate if mean > rate / 4 else mean
 
 
@@ -338,8 +338,8 @@ def _missing_share(telemetry: Telemetry) -> float | None:
         if usual > 0:
             # A quarter of a step is jitter.
             gaps = np.rint(steps / usual - 0.25) - 1
-            missing = float(np.maximum(gaps, 0).sum())
+            missing = np.maximum(gaps, 0).sum()
             shares.append(missing / (missing + len(time)))
     if shares:
-        return float(np.median(shares))
+        return np.median(shares)
     return None

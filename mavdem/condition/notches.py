@@ -57,7 +57,7 @@ def notch_advice(
         left = left * abs(gyro_response(controller, shown.frequency)) ** 2
     low, high = AROUND
     of_line = (shown.frequency > low * frequency) & (shown.frequency < high * frequency)
-    share = float(left[of_line].sum() / left[shown.frequency > FASTEST_LOOP].sum())
+    share = left[of_line].sum() / left[shown.frequency > FASTEST_LOOP].sum()
     if share < NEEDED:
         return Fact(NotchAdvice.NOTCH_NOT_NEEDED, frequency=frequency, share=share)
     # the notch moves as it would have in each window
@@ -75,7 +75,7 @@ def notch_advice(
             static = _static_of_px4(line, settings["IMU_GYRO_DNF_BW"])
         changed = controller.changed(static)
         kept = abs(gyro_response(changed, at) / gyro_response(controller, at)) ** 2
-        removed = 1 - float((power * kept).sum() / power.sum())
+        removed = 1 - (power * kept).sum() / power.sum()
         if removed >= ENOUGH:
             break
     cost = None

@@ -163,7 +163,7 @@ def _limit_cycles(
         ends = np.flatnonzero(~same) + 1
         for run in np.split(np.arange(len(lines)), ends):
             lasted = (len(run) + 1) / 2 * seconds
-            frequency = float(np.median(peak[run]))
+            frequency = np.median(peak[run])
             drift = abs(peak[run] - frequency).max()
             is_sure = len(run) > 2 or share[run].min() >= SURE_SHARE
             drifts = drift > MAX_DRIFT * frequency
@@ -173,9 +173,9 @@ def _limit_cycles(
             last = rate[run[-third:]].mean()
             first = rate[run[:third]].mean()
             growth = last / first
-            growing = bool(len(run) > 2 and growth >= GROWTH)
-            strength = float(np.sqrt(np.mean(rate[run] ** 2)))
-            limit = float(at_limit[run].mean())
+            growing = len(run) > 2 and growth >= GROWTH
+            strength = np.sqrt(np.mean(rate[run] ** 2))
+            limit = at_limit[run].mean()
             is_fast = sampled >= MINIMUM_RATE
             # Lines of an alias may be of any frequency.
             lasting = lasted >= LASTING_SHARE * whole and (frequency >= STEERED or not is_fast)

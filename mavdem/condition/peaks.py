@@ -119,29 +119,29 @@ def _tracked(logarithms: Array, frequency: Array, drive: Array, exponent: float)
 def _peak(spectrum: Spectrum, logarithms: Array, drive: Array, row: int) -> Peak:
     """The line at a ``row`` of a mean spectrum."""
     frequency = spectrum.frequency
-    at = float(frequency[row])
+    at = frequency[row]
     # Once more about the place that the best exponent gives.
     for _ in range(2):
         places = at * drive ** EXPONENTS[:, None]
         scores = _along(logarithms, frequency, places)
         means = scores.mean(axis=1)
-        best = float(EXPONENTS[np.argmax(means)])
+        best = EXPONENTS[np.argmax(means)]
         tracked = _tracked(logarithms, frequency, drive, best)
         middle = round(at / frequency[1])
         first = max(middle - 3, 1)
         last = min(middle + 4, len(frequency) - 1)
         rows = np.arange(first, last)
-        top = int(rows[np.argmax(tracked[rows])])
+        top = rows[np.argmax(tracked[rows])]
         before, here, after = tracked[top - 1 : top + 2].tolist()
         bend = before - 2 * here + after
         beside_top = 0.5 * (before - after) / bend if bend < 0 else 0.0
-        at = float((top + beside_top) * frequency[1])
+        at = (top + beside_top) * frequency[1]
     kind = _kind(scores, best, at)
     if kind is PeakKind.MOTOR and best > STEEPEST and spectrum.highest < FOLDING:
         kind = PeakKind.UNNAMED
     beside = max(FEWEST_BINS, round(AROUND * top))
     around = tracked[max(top - beside, 0) : top + beside + 1]
-    base = float(np.median(around))
+    base = np.median(around)
     along = _along(logarithms, frequency, at * drive**best)
     present = np.mean(along > base + np.log(OVER) / 2)
     half = (here + base) / 2
@@ -149,16 +149,16 @@ def _peak(spectrum: Spectrum, logarithms: Array, drive: Array, row: int) -> Peak
     low = np.flatnonzero(is_below).max(initial=0)
     upwards = np.append(tracked[low + 1 :], -np.inf)
     wide = np.argmax(upwards <= half)
-    ratio = float(np.exp(here - base)) if present >= LASTING else 0.0
+    ratio = np.exp(here - base) if present >= LASTING else 0.0
     order = None
     if np.isfinite(spectrum.speed).all() and kind is PeakKind.MOTOR:
-        order = at / float(np.median(spectrum.speed))
+        order = at / np.median(spectrum.speed)
     return Peak(
         kind=kind,
         frequency=at,
         ratio=ratio,
-        density=float(np.exp(here)),
-        width=float(wide * frequency[1]),
+        density=np.exp(here),
+        width=wide * frequency[1],
         exponent=None if kind is PeakKind.UNNAMED else best,
         order=order,
     )

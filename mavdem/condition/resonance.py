@@ -147,12 +147,12 @@ def response_of(signals: Signals, parts: Segments) -> Resonance | None:
     half = quantile() * error * complementary
     return Resonance(
         axis=signals.axis,
-        peak=float(abs(response[at])),
-        frequency=float(hertz[at]),
-        coherence=float(coherence[at]),
-        highest=float(hertz[rows[-1]]),
-        ms_interval=(float((sensitivity - half).max()), float((sensitivity + half).max())),
-        whole=bool(complementary.max() > 2**-0.5 > complementary[-1]),  # half of the power
+        peak=abs(response[at]),
+        frequency=hertz[at],
+        coherence=coherence[at],
+        highest=hertz[rows[-1]],
+        ms_interval=((sensitivity - half).max(), (sensitivity + half).max()),
+        whole=complementary.max() > 2**-0.5 > complementary[-1],  # half of the power
     )
 
 
@@ -181,15 +181,15 @@ def peak_of(signals: Signals, parts: Segments) -> Resonance | None:
     beside = (np.interp(side, cross.frequency, size) for side in (hertz * SIDES, hertz / SIDES))
     over = np.exp(size[rows] - sum(beside) / 2)
     best = np.argmax(over)
-    coherence = float(cross.coherence[rows[best]])
+    coherence = cross.coherence[rows[best]]
     if not (over[best] >= PROMINENT and coherence >= LEAST_COHERENCE):
         return None
     return Resonance(
         axis=signals.axis,
-        peak=float(over[best]),
-        frequency=float(hertz[best]),
+        peak=over[best],
+        frequency=hertz[best],
         coherence=coherence,
-        highest=float(top),
+        highest=top,
     )
 
 

@@ -62,7 +62,7 @@ class Spectrum(Result):
     @property
     def highest(self) -> float:
         """Hz up to which there is anything: half of the samples' rate."""
-        return float(self.frequency[-1])
+        return self.frequency[-1]
 
     @property
     def mean(self) -> Array:
@@ -91,7 +91,7 @@ class Spectrum(Result):
         """Returns the mean power of all axes between two frequencies, Hz, unit²."""
         rows = (self.frequency >= low) & (self.frequency <= high)
         density = self.whole[:, rows].mean(axis=0).sum()
-        return float(density * self.frequency[1])
+        return density * self.frequency[1]
 
 
 def thinned(frequency: Array, density: Array, most: int) -> Pair:
@@ -143,7 +143,7 @@ def _spectrum(
     from scipy.signal import spectrogram  # it takes half a second to import
 
     steps = np.diff(sampled.time)
-    usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else np.inf
+    usual = np.median(steps[steps > 0]) if np.any(steps > 0) else np.inf
     if usual > 1 / SLOWEST or len(sampled.time) * usual < SECONDS / 2:
         return None
     octaves = np.log2(SECONDS / usual)

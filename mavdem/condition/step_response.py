@@ -216,7 +216,7 @@ def _is_corrected(sampled: float, pieces: Sequence[Array], gain: float) -> bool:
     turning = sampled * np.gradient(wanted)
     terms = np.column_stack([turning, gain * (wanted - angle)])
     fitted = np.linalg.lstsq(terms, asked)[0]
-    return bool(fitted[1] > 0.5)
+    return fitted[1] > 0.5
 
 
 class _Fit(NamedTuple):
@@ -323,7 +323,7 @@ def _step(asked: Array, seen: Array, driver: Array, taps: int) -> _Fit:
     weights = inverse @ pulled
     left = target - measured @ weights
     scores = np.einsum("wbk,wb->wk", instruments, left) @ inverse.T
-    used = float(np.trace(inverse @ own))
+    used = np.trace(inverse @ own)
     windows = len(seen)
     # As a jackknife has it: each window draws the estimate towards itself.
     free_windows = max(windows - used, windows / 4)
@@ -418,9 +418,9 @@ def _described(
         frequency=hertz,
         response=responses[0, :unknown],
         gain_half=quantile() * gains[1:, :unknown].std(axis=0),
-        highest=float(hertz[-1]),
+        highest=hertz[-1],
         windows=fit.windows,
-        coherence=float(np.interp(figures["peak_frequency"].value, spectra.frequency, coherence)),
+        coherence=np.interp(figures["peak_frequency"].value, spectra.frequency, coherence),
         **figures,
     )
 
@@ -460,5 +460,5 @@ def step_of(frequency: Array, closed: Complex, time: Array) -> Array:
 def _estimate(values: Array) -> IntervalEstimate:
     """The first of values (N,), and the interval of the others, widened to hold it."""
     low, high = np.quantile(values[1:], [0.05, 0.95]).tolist()
-    value = float(values[0])
+    value = values[0]
     return IntervalEstimate(value, min(low, value), max(high, value))

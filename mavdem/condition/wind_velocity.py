@@ -148,7 +148,7 @@ def speed_status(speed: float, low: float, high: float) -> Status:
 
 def coming_from(north: float, east: float) -> float:
     """Returns the direction that air moving ``north`` and ``east`` comes from, degrees, 0 to 360."""
-    return float(np.degrees(np.arctan2(-east, -north)) % 360)
+    return np.degrees(np.arctan2(-east, -north)) % 360
 
 
 def from_point(direction: float) -> str:
@@ -229,8 +229,8 @@ def estimate_wind(
             north, east = sensed.mean(axis=0).tolist()
             layers.append(
                 {
-                    "height": float(LAYER * (n + 0.5)),
-                    "speed": float(np.hypot(north, east)),
+                    "height": LAYER * (n + 0.5),
+                    "speed": np.hypot(north, east),
                     "direction": coming_from(north, east),
                 }
             )
@@ -243,7 +243,7 @@ def estimate_wind(
     )
     doubts = list(_doubts(whole, sd, relative_sd, steered, prior.source))
     gusts = np.convolve(np.hypot(*air.T), np.ones(width) / width, mode="valid")
-    mean_square = max(float(mean @ mean), 1e-9)
+    mean_square = max(mean @ mean, 1e-9)
     status = dict.fromkeys(("speed", "direction", "drag"), Status.REPORTED)
     status |= {name: doubted for name, doubted, _ in doubts}
     return WindVelocity(
@@ -251,9 +251,9 @@ def estimate_wind(
         speed_interval=(least_speed(whole.low, whole.high), whole.high),
         direction=whole.direction,
         direction_interval=whole.turned,
-        gust=float(gusts.max()),
+        gust=gusts.max(),
         gust_seconds=width * fine.step,
-        turbulence_intensity=float((air @ mean).std() / mean_square),
+        turbulence_intensity=(air @ mean).std() / mean_square,
         time=fine.time,
         velocity=air,
         band=quantile() * np.sqrt(variances.mean(axis=1) + winds.var(axis=1)),
@@ -290,7 +290,7 @@ def torque_explained(wind: WindVelocity, time: Array, torque: Array) -> Fact:
     for tried in (is_even, ~is_even):
         fitted = np.linalg.lstsq(table[~tried], slow[~tried])[0]
         left[tried] -= table[tried] @ fitted
-    unexplained = float(left.var() / slow.var())
+    unexplained = left.var() / slow.var()
     share = max(1 - unexplained, 0.0)
     return Fact(WindShare.SHARE_KNOWN, share=share, span=GUST_SECONDS)
 
@@ -318,10 +318,10 @@ def _mean(winds: Array, variances: Array, step: float) -> _Mean:
     north, east = means.mean(axis=0)
     along = np.median(means @ [north, east])
     speed = along / max(np.hypot(north, east), 1e-9)
-    speed = max(float(speed), 0.0)
+    speed = max(speed, 0.0)
     apart = np.angle((samples @ [1, 1j]) / (north + 1j * east or 1.0))
     turned = np.degrees(np.quantile(abs(apart), 0.9))
-    turned = float(np.hypot(turned, quantile() * HEADING_SD))
+    turned = np.hypot(turned, quantile() * HEADING_SD)
     return _Mean(speed, min(low, speed), high, coming_from(north, east), turned)
 
 
@@ -352,6 +352,6 @@ def _doubts(
         yield "speed", status, doubt
     if mean.turned > DIRECTION_ERROR:
         roughly = mean.turned <= DIRECTION_LIMIT
-        half = float(np.radians(mean.turned))
+        half = np.radians(mean.turned)
         doubt = Fact(WindDoubt.DIRECTION_UNSURE, direction_interval=half)
         yield "direction", Status.BIASED if roughly else Status.NOT_IDENTIFIABLE, doubt

@@ -268,7 +268,7 @@ class Candidates:
         posterior = prior * np.exp(likelihood - likelihood.max())
         posterior /= posterior.sum()
 
-        by_name = {name: float(posterior[rows].sum()) for name, rows in self.groups.items()}
+        by_name = {name: posterior[rows].sum() for name, rows in self.groups.items()}
         joint = posterior[self.groups["motor"]].reshape(-1, len(RISES))
         motors = joint.sum(axis=1)
         # Of more than four motors the weak one's neighbours help it.
@@ -318,7 +318,7 @@ class Explanations(Result):
     @property
     def fault(self) -> float:
         """That some motor must work 8 % harder or more, for it or its propeller is weak."""
-        return float(self.faults.sum())
+        return self.faults.sum()
 
 
 EFFORT_SCATTER = 0.02
@@ -352,7 +352,7 @@ def effort_change(
     spread = ((efforts - centre) ** 2).sum()
     scatter = (SCATTER_FREEDOM * EFFORT_SCATTER**2 + spread) / freedom
     variance = scatter * (1 + 1 / len(efforts))
-    more = float(np.log(flight.effort) - centre)
+    more = np.log(flight.effort) - centre
     sizes, weights = shift_sizes(EFFORT_SHIFT)
     prior = np.append(1 - EFFORT_CHANGED, EFFORT_CHANGED * weights)
     if before is not None:
@@ -364,5 +364,5 @@ def effort_change(
     likelihood = student.pdf(more / scale, freedom)
     posterior = prior * likelihood / scale
     posterior /= posterior.sum()
-    share = float(np.expm1(more))
-    return EffortChange(share, float(1 - posterior[0]), posterior)
+    share = np.expm1(more)
+    return EffortChange(share, 1 - posterior[0], posterior)

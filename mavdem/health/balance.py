@@ -69,7 +69,7 @@ class MotorSignatures:
         length = np.linalg.norm(signatures, axis=1, keepdims=True)
         unit = signatures / length
         likeness = np.triu(unit @ unit.T, 1)
-        return bool(likeness.max() < 0.99)
+        return likeness.max() < 0.99
 
 
 def motor_signatures(layout: MotorGeometry) -> MotorSignatures:
@@ -272,7 +272,7 @@ class Deviation(NamedTuple):
     def beyond(self) -> bool:
         """Whether it is farther off on some axis than 999 healthy flights in 1000 are."""
         widest = quantile(0.999, self.freedom) * self.scale
-        return bool((abs(self.change) > widest).any())
+        return (abs(self.change) > widest).any()
 
 
 def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = None) -> HealthFlights:

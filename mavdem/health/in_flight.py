@@ -408,14 +408,14 @@ class MotorWatch:
         motors = _log_sum(by_window.T) - log(len(sound))
         motors[len(sound) :] += log(ENDS_BESIDE_FAULTS)
         others = _log_sum([_log_sum(factors) for factors in rest])
-        best = int(np.argmax(motors))
+        best = np.argmax(motors)
         other_motors = np.delete(motors, best)
         stranger = others + log(OTHERS_BESIDE_MOTORS)
         rivals = [*other_motors, _log_sum(load), stranger, 0.0]
-        odds = float(motors[best] - _log_sum(rivals))
+        odds = motors[best] - _log_sum(rivals)
         if motors[best] >= self._enough and odds >= STRONG_EVIDENCE_NATS:
             window = int(np.argmax(by_window[best]))
-            blocks_since = int(windows[window])
+            blocks_since = windows[window]
             if self._is_of_no_turn(blocks_since, changes, window):
                 largest = rises[best, -1]
                 self._motors_changed(largest, blocks_since, changes, window, odds)
@@ -426,16 +426,16 @@ class MotorWatch:
         loaded = _log_sum(lasting_load)
         strange = long + _log_sum([*rest, load, *by_window])
         stranger = others + log(OTHERS_BESIDE_LOADS)
-        odds = float(loaded - _log_sum([*motors, stranger, 0.0]))
+        odds = loaded - _log_sum([*motors, stranger, 0.0])
         if loaded >= self._enough and odds >= STRONG_EVIDENCE_NATS:
             window = int(np.argmax(lasting_load))
-            blocks_since = int(windows[window])
+            blocks_since = windows[window]
             leant = changes.moved[window] * self._flat
             size = float(np.linalg.norm(leant))
             if self._is_of_no_turn(blocks_since, changes, window):
                 self._found(None, blocks_since, odds, size)
         elif strange.max() >= self._enough:
-            blocks_since = int(windows[np.argmax(strange)])
+            blocks_since = windows[np.argmax(strange)]
         else:
             return
         # What comes is compared with what is now.
@@ -507,9 +507,7 @@ class MotorWatch:
                 self._found(motor, n, odds, 0.0)
                 continue
             ends = zip((max(low, 0.0), high), THRUST_EXPONENTS, strict=True)
-            loss = (
-                min(float(lost_thrust(rise, power) / self._own[motor]), 1.0) for rise, power in ends
-            )
+            loss = (min(lost_thrust(rise, power) / self._own[motor], 1.0) for rise, power in ends)
             rise = max(size, SIZES[0])
             self.weak[motor] = self._found(motor, n, odds, rise, *loss)
         # What comes is compared with what is now, once the vehicle has settled.
@@ -526,8 +524,8 @@ class MotorWatch:
             self._times[-n] - BLOCK_SECONDS,
             None if motor is None else layout.motors[motor],
             "" if motor is None else layout.names[motor],
-            float(size),
-            float(1 / (1 + np.exp(-odds))),
+            size,
+            1 / (1 + np.exp(-odds)),
             layout.positions_assumed,
             self._boot,
             loss,

@@ -53,7 +53,7 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
     apart = mixer @ level
     half = quantile() * np.sqrt(mixer**2 @ variance)
     sure = abs(apart) - half
-    most = int(np.argmax(sure))
+    most = np.argmax(sure)
     figures = {"shift": level, "deviation": apart[most], "half": half[most]}
     figures["assumed"] = layout.positions_assumed
     if sure[most] <= FAULT_RISE:
@@ -66,7 +66,7 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
     lean = float(np.linalg.norm(balance.lean))
     away = Deviation(level, scale, SCATTER_FREEDOM, lean)
     weighed = Candidates(signatures, UNEVEN_QUADROTORS).after(away)
-    motor = int(weighed.motors.argmax())
+    motor = weighed.motors.argmax()
     if weighed.motors[motor] >= NAMED:
         rise = weighed.harder[:, motor]
         return Fact(

@@ -131,10 +131,10 @@ class SessionStatus(Result):
         useful = self.useful
         nearest = abs(seconds - AHEAD).argmin()
         if longest is not None:
-            useful = float(seconds[longest]), float(estimate.ahead_ratio[longest].mean())
+            useful = seconds[longest], estimate.ahead_ratio[longest].mean()
         return replace(
             self,
-            ahead=(float(seconds[nearest]), float(estimate.ahead_band[nearest, 0])),
+            ahead=(seconds[nearest], estimate.ahead_band[nearest, 0]),
             useful=useful,
         )
 

@@ -431,7 +431,7 @@ class LiveStream:
         motors = motion.motors
         tilt = motion.tilts[self.axis]
         names = tilt.message, motors.message
-        time = float(tilt.time[-1])
+        time = tilt.time[-1]
         rates = (motion.rate,) * 2
         setup = Setup(self.boot, 1 / motion.rate, *names, motors.layout, motors.scale, rates, time)
         outputs = np.array([tilt.angle[-1], tilt.rate[-1]])

@@ -143,7 +143,7 @@ class Watchdog:
         if now - since < DECISION_SECONDS or not latest.any():
             return
         limited = upper[latest].mean(axis=0)
-        motor = int(limited.argmax())
+        motor = limited.argmax()
         # All of them: a climb at full throttle.
         if limited[motor] >= ALARMING_SHARE > limited.min():
             yield (

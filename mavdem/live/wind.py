@@ -61,7 +61,7 @@ class WindRow(NamedTuple):
     def by_compass(self) -> Numbers:
         """Speed and the ends of its interval, m/s; the direction it comes from and its half width, degrees."""
         speed, origin, half, turned = (
-            float(figure[0]) for figure in by_compass(self.velocity[None], self.band[None])
+            figure[0] for figure in by_compass(self.velocity[None], self.band[None])
         )
         turned = min(np.hypot(turned, quantile() * HEADING_SD), 180.0)
         return speed, max(speed - half, 0.0), speed + half, origin, turned

@@ -99,7 +99,7 @@ def wind_blocks(air: Air) -> Blocks:
         rows = (own.boot == wind.boot) & (own.time >= first) & (own.time <= last)
         if rows.any():
             mean = own.values[rows].mean(axis=0)
-            estimate = {"size": float(np.hypot(*mean)), "origin": coming_from(*mean)}
+            estimate = {"size": np.hypot(*mean), "origin": coming_from(*mean)}
     reasons = (
         Sentence(str(why), f"{quantity.capitalize()}:") for quantity, why in wind.reasons.items()
     )

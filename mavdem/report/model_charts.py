@@ -102,7 +102,7 @@ def disturbance(learned: Learned) -> Charts:
     if wind is None or line is None:
         raise ValueError("there is no wind torque to show: it is not identifiable in this flight")
     clock = sample_times(learned.record)
-    starts = [(float(clock[gust.sample]), gust.length) for gust in wind.gusts]
+    starts = [(clock[gust.sample], gust.length) for gust in wind.gusts]
     gusts = tuple((start, start + length, "gust") for start, length in starts)
     shown = (wind.spectrum[0] > 0) & (wind.spectrum[0] <= FASTEST_WIND)
     frequency, density, model = (values[shown] for values in wind.spectrum)

@@ -97,8 +97,8 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
     if len(time) < 2:
         return None
     armed = phases.armed(signals, boot) or [(-np.inf, np.inf)]
-    first = max(float(time[0]), armed[0][0] - AROUND)
-    last = min(float(time[-1]), armed[-1][1] + AROUND)
+    first = max(time[0], armed[0][0] - AROUND)
+    last = min(time[-1], armed[-1][1] + AROUND)
     part = Segment(boot, first, last)
     torques = (
         torque_line(analysis.learned, f"on {axis}", DISTURBANCE if axis == AXES[0] else COMMAND)
@@ -119,7 +119,7 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
         tuple(row for row in _driven(signals, part) if row.lines),
         (first, last),
         {axis: tuple(_of_axis(signals.about(axis), part)) for axis in AXES},
-        tuple((float(flight.time[0]), float(flight.time[-1])) for flight in analysis.flights),
+        tuple((flight.time[0], flight.time[-1]) for flight in analysis.flights),
         tuple(mode for mode in modes if mode[0] < mode[1]),
         tuple(events),
         position and _of(position, part),
@@ -262,7 +262,7 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
     charts_drawn = tuple(
         chart for chart in charts if any(np.isfinite(line.y).any() for line in chart.lines)
     )
-    span = float(time[0]), float(time[-1])
+    span = time[0], time[-1]
     return Timeline(
         charts_drawn, span, trained=tuple(history.learned), events=tuple(history.events)
     )

@@ -173,7 +173,7 @@ def _best(loop: Loop, target: Target) -> Parameters:
 
     def margins(now: Loop) -> float:
         scores = scores_of(target, now.rate, now.attitude)
-        return float(np.quantile(scores.clip(-1.0), SHORT))
+        return np.quantile(scores.clip(-1.0), SHORT)
 
     def cost(steps: Array, aim: float) -> float:
         now = few.changed(stepped(steps))
@@ -181,7 +181,7 @@ def _best(loop: Loop, target: Target) -> Parameters:
         faster = np.array([now.rate.bandwidth, now.attitude.bandwidth]) / slowest
         too_slow = 1 - np.nan_to_num(faster, nan=1.0)
         crossed = [1 - margins(now) / aim, noise - 1, *too_slow]
-        return float(np.log(now.lean_in(few.wind)) + np.maximum(crossed, 0.0) @ PRICES)
+        return np.log(now.lean_in(few.wind)) + np.maximum(crossed, 0.0) @ PRICES
 
     # there are several minima: less I, or more of it with less P
     begun = map(np.array, product((-1.0, -0.4, 0.6), repeat=len(gains)))
@@ -237,7 +237,7 @@ def _refusals(loop: Loop, changes: bool) -> Facts:
     if len(record.input_range) == 2:
         low, high = record.input_range
         # within 0.5 % of a limit
-        limited = float(loop.controller.limited((record.inputs - low) / (high - low)).mean())
+        limited = loop.controller.limited((record.inputs - low) / (high - low)).mean()
     if limited > LIMITED_SHARE:
         return (Fact(Gains.MOTOR_AT_LIMIT, share=limited),)
     if not (loop.rate.stable[0] and loop.attitude.stable[0]):

@@ -57,7 +57,7 @@ def gyro_delay(controller: Controller) -> float:
     """Returns by how much the gyro's filters delay slow motion, s."""
     slow = 0.1  # Hz, far below all
     response = gyro_response(controller, np.array([slow]))
-    phase = float(np.angle(response)[0])
+    phase = np.angle(response)[0]
     return -phase / (2 * np.pi * slow)
 
 
@@ -67,5 +67,5 @@ def gyro_filters(controller: Controller, frequency: float) -> GyroFilters:
     upwards = np.linspace(0.0, frequency, 100)
     response = gyro_response(controller, upwards)
     phase = np.unwrap(np.angle(response))
-    lag = float(-np.degrees(phase[-1]))
+    lag = -np.degrees(phase[-1])
     return GyroFilters(controller.gyro_filter, controller.notches, lag)

@@ -216,7 +216,7 @@ def _used(spectra: CrossSpectra, controller: KnownController) -> CrossSpectra:
     def left(setpoint: int) -> float:
         power = spectra.of((RATE, OUTPUT, setpoint)).mean[slow]
         counts = spectra.counts[slow]
-        return float(np.einsum("j,aj,jab,bj->", counts, unlike, power, unlike.conj()).real)
+        return np.einsum("j,aj,jab,bj->", counts, unlike, power, unlike.conj()).real
 
     best = min(range(2, len(spectra.late), 2), key=left)
     return spectra.of((RATE, OUTPUT, best, best + 1))
@@ -256,7 +256,7 @@ def _physical(fit: IdentifiedAxis, directions: Array) -> Physical:
             WindComponent(FIRST_ORDER, values["eddy_size"], values["eddy_time"]),
             WindComponent(GUSTS, values["gust_size"], values["gust_time"]),
         ),
-        noise=float(np.hypot(values["noise"], values["unfiltered"])),
+        noise=np.hypot(values["noise"], values["unfiltered"]),
         refinements={},
         windows=len(seen.densities),
         filtered=False,
@@ -266,7 +266,7 @@ def _physical(fit: IdentifiedAxis, directions: Array) -> Physical:
     width = np.gradient(at)
     by_wind = width @ wind_density(plant, at)
     by_motors = 2 * width @ (motor * seen.mean[: len(at), OUTPUT, OUTPUT].real)
-    wind_share = float(by_wind / (by_wind + by_motors))
+    wind_share = by_wind / (by_wind + by_motors)
     slopes[-2:, 0] = lag, -SHORTER * lag
     # a longer lag with a shorter delay is made up for by more effect
     slopes[:, 2] += np.concatenate([motors, [0.0, 0.0, -lag]]) / 2

@@ -90,7 +90,7 @@ def _compared(
     coherence = cross.coherence
     is_unclear = (hertz > LOWEST) & ~(coherence >= LEAST_COHERENCE)
     unclear = hertz[is_unclear]
-    highest = float(min([*unclear, at[-1], hertz[-1]]))
+    highest = min([*unclear, at[-1], hertz[-1]])
     inside = (hertz >= LOWEST) & (hertz < highest)
     predicted = np.interp(hertz, at, closed)
     unlike = np.abs(cross.response - predicted) ** 2 * cross.driver
@@ -99,8 +99,7 @@ def _compared(
     if inside.any():
         power = of_rate[inside].sum()
         fit, agreement = (
-            float(100 * (1 - (error[inside].sum() / power) ** 0.5))
-            for error in (unlike + by_wind, unlike)
+            100 * (1 - (error[inside].sum() / power) ** 0.5) for error in (unlike + by_wind, unlike)
         )
     # What the controller should have asked for, by its parameters, and what it did.
     positive = np.maximum(hertz, hertz[1])
@@ -114,7 +113,7 @@ def _compared(
     gain = np.nan
     if dt < 1 / SLOWEST_RATE and sure.sum() > 5:
         ratios = np.abs(likewise / asked)[sure]
-        gain = float(np.median(ratios))
+        gain = np.median(ratios)
     reason = None
     if abs(np.log(gain)) > GAIN_ERROR:
         reason = Fact(Responses.CONTROLLER_GAIN_DIFFERS, ratio=gain)

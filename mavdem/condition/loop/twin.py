@@ -163,7 +163,7 @@ def _inertia(body: Twin, axis: str, loop: Loop) -> float:
     controller = controller_of({**body.parameters, **square}, axis, COLUMNS[axis])
     moved = np.abs(controller.per_demand([body.hover] * 4)).sum()
     lever = {"roll": aside, "pitch": ahead, "yaw": 1.0}[axis]
-    return float(lever * body.slope * moved / loop.gains[0])
+    return lever * body.slope * moved / loop.gains[0]
 
 
 def _notes(loops: LoopByAxis, is_given: bool, is_measured: bool, drag: Drag) -> dict[str, Fact]:
@@ -225,8 +225,8 @@ def again_of(loops: LoopByAxis) -> dict[str, Again]:
     """
     by_axis = dict[str, Again]()
     roll = loops["roll"].record
-    longest = int(np.argmax(roll.lengths))
-    start = int(roll.starts[longest])
+    longest = np.argmax(roll.lengths)
+    start = roll.starts[longest]
     segment = slice(start, start + min(roll.lengths[longest], round(LONGEST / roll.dt)))
     for axis, loop in loops.items():
         is_alike = loop.record.lengths == roll.lengths and loop.record.begins == roll.begins
@@ -322,8 +322,5 @@ def alike(loop: Loop, outputs: Array, flown: Sequence[Array]) -> dict[str, list[
     if loop.axis != "yaw":
         angles = np.degrees(every[..., 0])
         values |= {"lean": angles.mean(axis=1), "sway": angles.std(axis=1)}
-    shares = {
-        name: [float(of_flights[0]), float(of_flights[1:].mean())]
-        for name, of_flights in values.items()
-    }
+    shares = {name: [of_flights[0], of_flights[1:].mean()] for name, of_flights in values.items()}
     return {"levels": (10 * np.log10(ratio)).tolist(), **shares}
