@@ -59,6 +59,9 @@ def simulated_of(evidence: Evidence) -> Fact | None:
     elif (
         any(name.startswith("SIM_") for name in parameters)
         or parameters.get("SYS_AUTOSTART") in SIH_AIRFRAMES
+        # the bus of PX4's simulated sensors: src/lib/drivers/device/Device.hpp
+        or parameters.get("CAL_GYRO0_ID", 0) % 8 == 4
+        or "SITL" in telemetry.hardware
         or _is_still(evidence.signals)
     ):
         kind = Simulator.SOFTWARE

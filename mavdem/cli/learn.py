@@ -130,7 +130,7 @@ def learn_command(
         refusal = assessment.refusal
         report["error"] = {"reason": refusal.reason, "remedy": refusal.remedy}
     else:
-        heading = title(analysis.flights)
+        heading = title(analysis.flights, assessment.simulated)
         details = detail_blocks(learned)
     if not no_files:
         write_results(folder, report, assessment)

@@ -18,7 +18,7 @@ from mavdem.condition.condition import HoverFigures
 from mavdem.dem import Learned, Physical
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
-from mavdem.facts import Level
+from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
 from mavdem.flight import Flights
 from mavdem.report.blocks import (
@@ -127,10 +127,10 @@ def analysis_blocks(assessment: Assessment) -> Blocks:
     return [*above, *air_blocks(assessment), following]
 
 
-def title(flights: Flights) -> Sentence:
-    """Returns which log and axis the ``flights`` are of, and how much there is of it."""
+def title(flights: Flights, simulated: Fact | None = None) -> Sentence:
+    """Returns which log and axis the ``flights`` are of, that they are ``simulated``, and how much there is of it."""
     path = flights[0].provenance.get("source") or "Arrays"
-    (said,) = section("title", flights=flights, name=Path(str(path)).name)
+    (said,) = section("title", flights=flights, name=Path(str(path)).name, simulated=simulated)
     return said
 
 

@@ -268,6 +268,8 @@ def test_what_shows_that_a_flight_was_simulated():
         (replace(telemetry, parameters={"SYS_HITL": 1.0}), Simulator.HARDWARE),
         (replace(telemetry, parameters={"SIM_WIND_SPD": 5.0}), Simulator.SOFTWARE),
         (replace(telemetry, parameters={"SYS_AUTOSTART": 10040.0}), Simulator.SOFTWARE),
+        (replace(telemetry, parameters={"CAL_GYRO0_ID": 1310988.0}), Simulator.SOFTWARE),
+        (replace(telemetry, hardware="PX4_SITL"), Simulator.SOFTWARE),
         (standing(STILL_CHANGE / 2), Simulator.SOFTWARE),
     ):
         fact = simulated_of(evidence(simulated))
