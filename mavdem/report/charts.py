@@ -82,11 +82,6 @@ class Line(NamedTuple):
         """The usual distance between two samples."""
         return float(np.median(np.diff(self.x))) if len(self.x) > 1 else np.inf
 
-    @property
-    def has_gap(self) -> bool:
-        """Whether it breaks where no samples are."""
-        return bool(np.diff(self.x).max(initial=0.0) > GAP_STEPS * self.step)
-
     def at(self, grid: Array) -> Line:
         """Returns the line at an even ``grid`` (M,).
 
@@ -164,8 +159,9 @@ class Chart(NamedTuple):
         longest = max(self.lines, key=lambda line: len(line.x))
         alike = all(np.array_equal(line.x, longest.x) for line in self.lines)
         # Over time, what is far from its neighbours is apart; a line of frequencies grows apart by itself.
-        breaks = self.x.label == TIME.label and longest.has_gap
-        if alike and not breaks and len(longest.x) <= points:
+        widest = np.diff(longest.x).max(initial=0.0) if self.x.label == TIME.label else 0.0
+        is_whole = widest <= GAP_STEPS * longest.step
+        if alike and is_whole and len(longest.x) <= points:
             return self
         first = min(line.x[0] for line in self.lines)
         last = max(line.x[-1] for line in self.lines)

@@ -2,15 +2,12 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
-from math import degrees, hypot
 from pathlib import PurePath
 
-from mavdem.evaluate.paired_test import SIGNIFICANCE
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet import difference
 from mavdem.fleet.difference import (
     BETWEEN,
-    Conditions,
     ParameterChange,
     QuantityChange,
     VehicleDifference,
@@ -47,16 +44,7 @@ def difference_blocks(
             of_vehicle.incomparable, lambda missing: missing.reason
         ).items()
     ]
-    conditions, *sure = section(
-        "difference",
-        **_of_conditions(*of_vehicle.conditions),
-        is_allowed=any(change.allowance for change in of_vehicle.changes),
-        changes=len(of_vehicle.changes),
-        family_error=SIGNIFICANCE,
-        flights=of_vehicle.flights,
-        share=BETWEEN[difference.SHARE],
-        effect=BETWEEN[difference.EFFECT],
-    )
+    conditions, *sure = section("difference", of_vehicle, between=BETWEEN)
     anew = section("difference_parameters", of_vehicle, parameters=parameters, lacking=lacking)
     return [*_vehicles(of_vehicle), *anew, *_changes(of_vehicle), *missing, conditions, *sure]
 
@@ -145,16 +133,6 @@ def _grouped(changes: Sequence[QuantityChange]) -> Iterator[str]:
 
 def _signed(number: str) -> str:
     return number.replace("-", "−") if number.startswith(("-", "(-")) else f"+{number}"
-
-
-def _of_conditions(before: Conditions, after: Conditions) -> dict[str, object]:
-    """What the words about two states' conditions take: lean in degrees, and the axes whose wind torque is known."""
-    leans = (before.lean_roll, after.lean_roll), (before.lean_pitch, after.lean_pitch)
-    roll, pitch = (None if a is None or b is None else degrees(b - a) for a, b in leans)
-    lean = None if roll is None or pitch is None else (roll, pitch, hypot(roll, pitch))
-    # roll first
-    axes = sorted(before.wind_torque.keys() & after.wind_torque.keys(), reverse=True)
-    return {"before": before, "after": after, "lean": lean, "axes": axes}
 
 
 def _vehicles(difference: VehicleDifference) -> Blocks:

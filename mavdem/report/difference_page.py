@@ -59,7 +59,7 @@ def comparison_page(
         _table("Wind", "90 % interval", _wind(both)),
         _table("Parameters", f"{counted(len(changed), 'parameter')} changed", changed),
     ]
-    first = _headline(both, difference, parameters, lacking)
+    first = _headline(both, difference, parameters)
     headlines = {name: _known(review, "headline", "sentence") for name, review in both.items()}
     first += [*headline_blocks(headlines), *next_blocks(difference)]
     return document(" and ".join(names), "A and B over each other.", first, chapters, back)
@@ -79,10 +79,7 @@ def _table(title: str, head: str, rows: list[list[str]]) -> Chapter:
 
 
 def _headline(
-    both: Reviews,
-    difference: VehicleDifference,
-    parameters: Sequence[ParameterChange],
-    lacking: Names,
+    both: Reviews, difference: VehicleDifference, parameters: Sequence[ParameterChange]
 ) -> Blocks:
     """What matters most: two vehicles, or what surely changed most, of quantities, gains and margins."""
     vehicles = [_known(review, "identity", "name") or UNKNOWN for review in both.values()]
@@ -114,7 +111,6 @@ def _headline(
         ),
         margin=max(apart, key=lambda margins: abs(margins[1] - margins[2]), default=None),
         has_margins=bool(margins),
-        lacking=lacking,
     )
     return [Sentence("", text.text) for text in said]
 

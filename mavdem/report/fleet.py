@@ -11,7 +11,6 @@ from mavdem.fleet.difference import Flights
 from mavdem.fleet.row import (
     HEALTHS,
     UNKNOWN,
-    Flight,
     FlightRows,
     is_shared,
     worst_health,
@@ -31,6 +30,7 @@ LEVELS = {
     MotorHealth.UNKNOWN: Level.UNKNOWN,
 }
 """The level by which the health of motors is shown."""
+NOT_USED = "not used"  # in the place of the health of a log without a flight
 MAX_REASONS = 8  # why logs could not be used, the most frequent ones
 
 
@@ -79,16 +79,19 @@ def vehicle_health(flights: Flights) -> str:
 
 def doubt(flights: Flights) -> str:
     """Returns the headline of a vehicle's latest flight where that is bad, else nothing."""
-    bad = (row.headline or "" for row in flights[-1] if row.headline_level == Level.BAD)
-    return next(bad, "")
+    latest = flights[-1][0]
+    return (latest.headline or "") if latest.headline_level == Level.BAD else ""
 
 
-def badge(health: str, latest: Flight) -> Rated:
-    """Returns how it stands at a glance: the ``health`` of motors in trouble, else how the ``latest`` flight went."""
-    level = latest[0].headline_level
-    if health in TROUBLE or level is None:
+def badge(flights: Flights) -> str:
+    """Returns how the latest of the ``flights`` went, at a glance; motors in trouble go first."""
+    health = vehicle_health(flights)
+    latest = flights[-1][0]
+    if not latest.has_flight:
+        return NOT_USED
+    if health in TROUBLE or latest.headline_level is None:
         return Rated(health, LEVELS[MotorHealth(health)])
-    return Rated(level, Level(level))
+    return Rated(latest.headline_level, Level(latest.headline_level))
 
 
 def urgency(flights: Flights) -> tuple[float, float]:
@@ -103,18 +106,18 @@ def vehicle_words(flights: Flights) -> tuple[str, str]:
     health = vehicle_health(flights)
     counts = Counter(map(worst_health, flights))
     reasons = (row.health_reason for flight in reversed(flights) for row in flight)
-    latest = [flight for flight in reversed(flights) if worst_health(flight) in TROUBLE]
+    troubled = (flight for flight in reversed(flights) if worst_health(flight) in TROUBLE)
     conclusion, difference = section(
         "fleet_vehicle",
         health=health,
         in_trouble=health in TROUBLE,
         doubt=doubt(flights),
-        headline=next((row.headline for row in flights[-1] if row.headline), None),
+        headline=flights[-1][0].headline,
         flights=len(flights),
         counts=counts,
         kinds=[kind for kind in TROUBLE if counts[kind]],
         reason=next(filter(None, reasons), ""),
-        row=worst_row(latest[0]) if latest else None,
+        row=next(map(worst_row, troubled), None),
         is_shared=is_shared(flights),
     )
     return conclusion.text, difference.text
@@ -122,23 +125,19 @@ def vehicle_words(flights: Flights) -> tuple[str, str]:
 
 def _needs_a_look(named: Mapping[str, Flights]) -> dict[str, object]:
     """The vehicles that need a look, the worst first, those that recovered, and how many show nothing."""
-    healths = {name: vehicle_health(flights) for name, flights in named.items()}
+    sound = [name for name in named if vehicle_health(named[name]) == MotorHealth.OK]
     urgent = sorted((urgency(flights), name) for name, flights in named.items())
     ill = [
         f"{name} ({go_on(vehicle_words(named[name])[0])})"
         for (level, _), name in urgent
         if level < 2
     ]
-    recovered = [
-        name
-        for name, flights in named.items()
-        if healths[name] == MotorHealth.OK and {*TROUBLE} & {*map(worst_health, flights)}
-    ]
+    recovered = [name for name in sound if {*TROUBLE} & {*map(worst_health, named[name])}]
     return {
         "ill": len(ill),
         "named": few(ill),
         "recovered": few(sorted(recovered)),
-        "judged": sum(health == MotorHealth.OK for health in healths.values()),
+        "judged": len(sound),
     }
 
 

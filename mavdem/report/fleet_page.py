@@ -22,7 +22,7 @@ from mavdem.fleet.row import (
 )
 from mavdem.report import fleet as words
 from mavdem.report.blocks import Block, Table
-from mavdem.report.fleet import TROUBLE, cut, doubt, urgency, vehicle_health
+from mavdem.report.fleet import TROUBLE, cut, urgency
 from mavdem.report.numbers import MOST_NAMED, listed, rounded
 from mavdem.report.page import environment, page_of
 from mavdem.report.plans import rose_of_flights
@@ -33,8 +33,7 @@ MAX_DRAWN = 20
 # lines of the table until more are asked for: a browser lays out so many while one types
 FIRST_SHOWN = 50
 MAX_NOTE = 320  # letters of what is said of a flight: its page has all
-NOT_USED = "not used"  # in the place of the health of a log without a flight
-BADGES = "fault", "bad", "drift", "watch", NOT_USED, "unknown", "ok", "good"
+BADGES = "fault", "bad", "drift", "watch", words.NOT_USED, "unknown", "ok", "good"
 """What stands in the place of the health, the most urgent first."""
 TOP = re.compile(r'(?<=<main>\n)(<p class="said [^<]*</p>\n)?')
 """Of a flight's page: what is said there of the flight beside others, if anything."""
@@ -55,13 +54,13 @@ def fleet_page(rows: FlightRows, changes: Mapping[str, Sequence[Block]] | None =
             "name": name,
             "last": flights[-1][0],
             "flights": len(flights),
-            "badge": words.badge(health := vehicle_health(flights), flights[-1]),
+            "badge": words.badge(flights),
             "words": words.vehicle_words(flights),
             "changes": since.get(name, ()),
             "group": vehicle_group(flights) if name in drawn else None,
-            "is_open": rank < MOST_NAMED and (health in TROUBLE or bool(doubt(flights))),
+            "is_open": rank < MOST_NAMED and urgent < 2,  # those that need a look
         }
-        for rank, (_, name, flights) in enumerate(ranked)
+        for rank, ((urgent, _), name, flights) in enumerate(ranked)
     ]
     flights = flights_of(rows)
     dated = [flight for flight in flights if flight[0].date is not None]
@@ -96,12 +95,6 @@ def beside_others(row: FlightRow) -> str:
 def with_top(page: str, top: str) -> str:
     """Returns the ``page`` of a flight with this HTML above it, in place of what was said there of it beside others."""
     return TOP.sub(lambda _: top, page, count=1)
-
-
-def _health(flight: Flight) -> str:
-    if not flight[0].has_flight:
-        return NOT_USED
-    return words.badge(worst_health(flight), flight)
 
 
 def _lights(flight: Flight) -> str:
@@ -147,7 +140,7 @@ COLUMNS: dict[str, tuple[str, Callable[[Flight], str]]] = {
     "vehicle": ("text", lambda flight: flight[0].vehicle),
     "date": ("text", lambda flight: f"{flight[0].date or ''}"[:16]),
     "tier": ("text", lambda flight: flight[0].tier or ""),
-    "health": ("health", _health),
+    "health": ("health", lambda flight: words.badge([flight])),
     "lights": ("text", _lights),
     "motor": ("text", _motors),
     "notes": ("notes", _notes),

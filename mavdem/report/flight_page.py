@@ -304,7 +304,7 @@ def _motors(assessment: Assessment, evidence: Evidence) -> Chapter:
 def _wind(assessment: Assessment, timeline: Timeline | None) -> Chapter:
     """The wind in m/s and as a torque, its rose, and the path that was flown."""
     analysis = assessment.analysis
-    learned = None if analysis is None else analysis.learned
+    learned = assessment.model
     blocks = air_blocks(assessment)
     wind = assessment.wind
     panels = [

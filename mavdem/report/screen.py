@@ -171,12 +171,9 @@ def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
             columns = effects | columns
         else:
             blocks.append(_by_motor(labels.input_names, effects))
-    lean = {}
     if hover is not None:
         blocks.append(_by_motor(hover.motors, columns))
-        angles = {"roll": hover.roll, "pitch": hover.pitch}
-        lean = {name: angle for name, angle in angles.items() if angle is not None}
-    return [*blocks, *section("motion", physical=physical, half=half, lean=lean)]
+    return [*blocks, *section("motion", physical=physical, half=half, hover=hover)]
 
 
 def _by_motor(motors: Sequence[str], columns: dict[str, list[str]]) -> Table:

@@ -129,9 +129,9 @@ def test_what_hides_the_margins_is_said_at_any_rate():
     for refusal, said in (
         (
             Fact(Loops.NOT_STEERED, share=0.3),
-            "No margins: only 30 % of the rate's motion was asked for.",
+            "No margins: only 30 % of the rate's motion was commanded.",
         ),
-        (Fact(Loops.CROSSOVER_UNSEEN, crossover=9.0, rate=30.0), " a quarter of their rate."),
+        (Fact(Loops.CROSSOVER_UNSEEN, crossover=9.0, rate=30.0), " a quarter of that."),
         (
             too_slow({"ATTITUDE": 10.0}, "roll"),
             "Margins do not show at 10 Hz: attitude and motors need 40 Hz.",
