@@ -88,7 +88,7 @@ def _of_loop(loop: Loop) -> Fact:
     rating = margin_rating(loop)
     sure = loop.sure_of(LEAST)
     level = Level.BAD if sure <= 1 - LEVEL else Level.WATCH
-    if sure >= LEVEL and rating.level is not Level.BAD:
+    if sure >= LEVEL and not rating.is_bad:
         level = Level.GOOD
     return Fact(
         MarginsLight.LOOP_MARGINS,

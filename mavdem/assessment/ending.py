@@ -30,7 +30,7 @@ from mavdem.assessment.motion import (
 )
 from mavdem.condition.said import in_order
 from mavdem.confidence import Interval
-from mavdem.facts import Code, Fact, Level
+from mavdem.facts import Code, Fact
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.ingest.telemetry import Array
@@ -70,7 +70,7 @@ def ending_of(
 
     ``events`` are those of ``motion_events`` and ``reported_events``, ``collective`` is the mean output in a hover.
     """
-    bad = in_order(event for event in events if event.level is Level.BAD)
+    bad = in_order(event for event in events if event.is_bad)
     shown = [event for event in bad if event.code in ENDINGS]
     reported = [event for event in bad if event.code in REPORTS]
     if not shown and not reported:

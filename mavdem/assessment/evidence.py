@@ -22,7 +22,7 @@ from mavdem.condition.condition import Condition, settled_parts
 from mavdem.condition.loop.advice import lowered
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.wind_of_log import Air
-from mavdem.facts import Code, Fact, Facts, Level
+from mavdem.facts import Code, Fact, Facts
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.lights import Unjudged
 from mavdem.ingest import Log
@@ -113,7 +113,7 @@ class Evidence:
     def reported(self, codes: Container[Code]) -> Iterator[Fact]:
         """Yields what the autopilot warned of in flight, of these kinds."""
         for event in self.events:
-            if event.code in codes and event.level in (Level.WATCH, Level.BAD):
+            if event.code in codes and event.warns:
                 time = np.array([event.time])
                 if phases.during(time, self.flights(event.figures["boot"])).any():
                     yield event

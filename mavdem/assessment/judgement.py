@@ -85,7 +85,7 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     judged = [lights[light] for light in [*[Light.MARGINS] * oscillates, *OF_VEHICLE]]
     of_log = [lights[light] for light in OF_LOG]
     facts = filter(None, [evidence.ending, *evidence.events, *judged, *of_log])
-    bad = [fact for fact in facts if fact.level is Level.BAD]
+    bad = [fact for fact in facts if fact.is_bad]
     if bad:
         alike = [fact for fact in bad if fact.code is bad[0].code]
         return max(alike, key=lambda fact: fact.figures.get("rise", 0.0))
@@ -95,11 +95,11 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     for fact in [*far, *judged, *evidence.reported(tuple(Reported))]:
         if fact.level is Level.WATCH:
             return fact
-    checked = [light for light in OF_VEHICLE if lights[light].level is Level.GOOD]
+    checked = [light for light in OF_VEHICLE if lights[light].is_good]
     unknown = [light for light in OF_VEHICLE if light not in checked]
     if not checked:
         # A log that has all that is needed is no reason.
-        reason = unknown[0] if lights[Light.LOG].level is Level.GOOD else Light.LOG
+        reason = unknown[0] if lights[Light.LOG].is_good else Light.LOG
         return Fact(Headline.NOTHING_CHECKED, because=lights[reason])
     # Nothing else shows a motor or propeller that is about to fail.
     level = Level.GOOD if Light.MOTORS in checked else Level.UNKNOWN
@@ -115,9 +115,9 @@ def next_step_of(headline: Fact, lights: NamedFacts, of_model: Fact | None) -> F
     """
     if headline.code is not Headline.NOTHING_WRONG:
         power = lights[Light.POWER]
-        also = power if power.level is Level.BAD else None
+        also = power if power.is_bad else None
         return Fact(NextStep.DO_AS_ADVISED, headline.level, because=headline, also=also)
     for light in (Light.LOG, *OF_VEHICLE):
-        if lights[light].level is not Level.GOOD:
+        if not lights[light].is_good:
             return Fact(NextStep.DO_AS_ADVISED, because=lights[light])
     return of_model or Fact(NextStep.KEEP_MODEL)

@@ -6,7 +6,7 @@ from mavdem.alignment.drive import TILT_AXES
 from mavdem.assessment.axis_margins import of_response
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.sources import Repair
 
@@ -18,9 +18,9 @@ def margins_light(evidence: Evidence) -> Fact:
         return Fact(MarginsLight.OSCILLATES, because=evidence.lowered, **oscillation.figures)
     facts = [fact for axis in evidence.margins for fact in axis.facts]
     facts.sort(key=lambda fact: fact.figures.get("share", inf))
-    if facts and (light := worst(facts)).level in (Level.BAD, Level.WATCH):
+    if facts and (light := worst(facts)).warns:
         return light.but(arguments=_arguments(evidence))
-    enough = [fact for fact in facts if fact.level is Level.GOOD]
+    enough = [fact for fact in facts if fact.is_good]
     names = dict.fromkeys(fact.figures["axis"] for fact in enough)
     if names.keys() & set(TILT_AXES):
         return enough[0].but(names=tuple(names))

@@ -95,13 +95,13 @@ def _events(signals: Signals, boot: int) -> Iterator[Fact]:
         for span in _losses(error, flight, of_boot(signals.climb_rate, boot)):
             loss = _loss(signals, boot, error, flight, span)
             yield loss
-            if loss.level is Level.BAD:
+            if loss.is_bad:
                 lost = loss
                 break
         fall = [*_fall(signals, boot, flight, lost)]
         yield from fall
         for event in filter(None, (lost, *fall)):
-            if event.level is Level.BAD:
+            if event.is_bad:
                 out_of_control.append(((event.time or 0.0) + LOST_SECONDS, flight[1]))
     for event in _of_motors(signals, boot, flights):
         # What lies on its back, or falls, drives motors to their stop whatever it weighs.

@@ -63,6 +63,6 @@ def _trim(evidence: Evidence, hover: HoverFigures) -> Fact:
             share=headroom,
             trim=max(hover.trim_of_range),
         )
-    if trim.level is Level.GOOD:
+    if trim.is_good:
         return Fact(MotorsLight.MOTORS_EVEN, headroom=headroom, **trim.figures)
     return trim

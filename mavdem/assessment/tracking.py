@@ -38,7 +38,7 @@ def tracking_light(evidence: Evidence) -> Fact:
     if light.code is TrackingLight.OVERSHOOTS_SETPOINT:
         alike = [fact.figures["axis"] for fact in rated if fact.code is light.code]
         return light.but(names=alike)
-    if evidence.condition.oscillation is not None and light.level is Level.GOOD:
+    if evidence.condition.oscillation is not None and light.is_good:
         return light.but(Level.WATCH)
     return light
 

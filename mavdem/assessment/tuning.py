@@ -11,7 +11,7 @@ from mavdem.assessment.tracking import tracking_of
 from mavdem.condition.loop.advice import Advice, advise
 from mavdem.condition.loop.loop import TARGETS, Loop, margin_rating
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import Loops
 from mavdem.facts.margins import TrackingLight
@@ -58,9 +58,9 @@ def tuned(
     headline = judgement.headline
     grounds = evidence.grounds
     motors = judgement.lights["motors"]
-    if not grounds and motors.level is Level.BAD:
+    if not grounds and motors.is_bad:
         grounds = (motors,)
-    first = [headline] if headline.level is Level.BAD and not grounds else []
+    first = [headline] if headline.is_bad and not grounds else []
     if evidence.lowered:
         grounds = (*grounds, evidence.lowered)
     notch = assessment.noise.notch if filters and not grounds else None
@@ -80,7 +80,7 @@ def tuned(
             # No loop with enough margin overshoots.
             if (
                 followed.code is TrackingLight.OVERSHOOTS_SETPOINT
-                and margin_rating(loop, TARGETS[margins]).level is not Level.BAD
+                and not margin_rating(loop, TARGETS[margins]).is_bad
             ):
                 doubts = (*grounds, followed)
             advice = advise(loop, margins, doubts, more=more)
@@ -103,7 +103,7 @@ def tuned(
         if each.gains  # a notch costs phase, which is not known to be there otherwise
         for name, value in {**each.parameters, **settings}.items()
     }
-    if gains and (headline.level is not Level.BAD or headline == judgement.lights["margins"]):
+    if gains and (not headline.is_bad or headline == judgement.lights["margins"]):
         following = Fact(NextStep.LOAD_GAINS, headline.level, is_written=is_written)
         judgement = replace(judgement, next_step=following)
     return read_only(Tuning(by_axis, advised, gains, notch, judgement))

@@ -23,7 +23,7 @@ def wind_light(evidence: Evidence) -> Fact:
     low, high = wind.speed_interval
     share = _share_of_lean(evidence.condition, evidence.signals.telemetry)
     doubt = estimator_light(evidence)
-    doubted = doubt.level is Level.BAD
+    doubted = doubt.is_bad
     return Fact(
         WindLight.WIND_BLEW,
         Level.WATCH if doubted or share > MUCH_LEAN and not wind.calm else None,

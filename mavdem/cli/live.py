@@ -33,7 +33,7 @@ from mavdem.documents.session import live_document
 from mavdem.errors import Unreadable
 from mavdem.export.conversion import STREAMS
 from mavdem.extras import lacking, require
-from mavdem.facts import Fact, Level, NamedFacts
+from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.session import Session
 from mavdem.files import write_text
 from mavdem.fleet.priors import earlier_drag, earlier_flight
@@ -330,7 +330,7 @@ def _written(path: Path | None, text: str, document: str) -> bool:
 
 def _style(*facts: Fact) -> str:
     """Red where any is bad."""
-    return "bold red" if Level.BAD in [fact.level for fact in facts] else ""
+    return "bold red" if any(fact.is_bad for fact in facts) else ""
 
 
 def _say(fact: Fact) -> None:

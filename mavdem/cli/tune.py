@@ -18,7 +18,6 @@ from mavdem.cli.options import (
 from mavdem.cli.output import check_folder, files_in, print_json, print_screen, say_aside
 from mavdem.condition.loop.loop import TARGETS
 from mavdem.documents.loops import tune_document
-from mavdem.facts import Level
 from mavdem.ingest.parameter_file import parameter_files
 from mavdem.report.blocks import Sentence
 from mavdem.report.loops import tune_blocks
@@ -105,7 +104,7 @@ def tune_command(
         blocks += [Sentence(tuning.notch.advised, "Notch filter:")] if tuning.notch else []
         page = [Sentence(str(out / PAGE), "Page:")] if out else []
         # What must not fly is said before its gains.
-        blocks.insert(0 if assessment.headline.level is Level.BAD else len(blocks), above)
+        blocks.insert(0 if assessment.headline.is_bad else len(blocks), above)
         print_screen(None, [], lights, [*blocks, following, *page], verbose)
     if tuning.refusal:
         raise click.exceptions.Exit(1)

@@ -14,7 +14,7 @@ from mavdem.alignment.learnability import Learnability, learnability_of, slower_
 from mavdem.alignment.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals, fixes
 from mavdem.condition.condition import Condition, condition_of
 from mavdem.condition.said import SEVERITIES, once, said, texts
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.facts.vehicle import Allowed, Basis
 from mavdem.heading import Values
 from mavdem.ingest import Log
@@ -125,7 +125,7 @@ def autopilot_alarms(telemetry: Telemetry) -> list[Values]:
             "count": fact.figures["count"],
         }
         for fact in once(said(telemetry))
-        if fact.level is not Level.GOOD
+        if not fact.is_good
     ]
     return sorted(alarms, key=lambda alarm: SEVERITIES.index(alarm["severity"]))
 

@@ -129,7 +129,7 @@ def _of_events(telemetry: Telemetry) -> Iterator[Fact]:
         meant = _SAID["events"].get(str(number))
         if meant:
             name, subject = meant
-            yield Fact(Reported(name), time=time, subject=subject).but(boot=boot, basis=("EV",))
+            yield Fact(Reported(name), time=time, subject=subject, boot=boot, basis=("EV",))
 
 
 def reason(number: float | None) -> tuple[str, Level]:
@@ -180,10 +180,8 @@ def _joined(first: Fact, fact: Fact) -> Fact:
     """The first, with what the next of its kind adds."""
     last = max(_last(first), _last(fact))
     basis = dict.fromkeys((*first.figures["basis"], *fact.figures["basis"]))
-    return Fact(
-        first.code,
+    return first.but(
         max(first.level, fact.level, key=list(Level).index),
-        time=first.time,
         until=None if last == first.time else last,
         subject=first.subject or fact.subject,
         **{

@@ -3,7 +3,7 @@
 from math import nan
 from typing import NamedTuple
 
-from mavdem.facts.fact import Fact, Level
+from mavdem.facts.fact import Fact
 
 
 class Event(NamedTuple):
@@ -27,4 +27,4 @@ class Event(NamedTuple):
     @property
     def is_alarm(self) -> bool:
         """Whether it is bad."""
-        return self.fact.level is Level.BAD
+        return self.fact.is_bad

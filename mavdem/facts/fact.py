@@ -107,16 +107,25 @@ class Fact:
         """The unit of each figure."""
         return MappingProxyType({name: UNITS[name] for name, _ in self._figures})
 
-    def but(self, level: Level | None = None, **figures: Figure) -> Fact:
-        """Returns the same fact of another ``level``, with these ``figures`` added or replaced."""
-        return Fact(
-            self.code,
-            level or self.level,
-            time=self.time,
-            until=self.until,
-            subject=self.subject,
-            **{**self.figures, **figures},
-        )
+    def but(self, level: Level | None = None, **changes: Figure) -> Fact:
+        """Returns the same fact of another ``level``, with these figures, or another time, end or subject."""
+        known = {"time": self.time, "until": self.until, "subject": self.subject, **self.figures}
+        return Fact(self.code, level or self.level, **known | changes)
+
+    @property
+    def is_good(self) -> bool:
+        """Whether it is good."""
+        return self.level is Level.GOOD
+
+    @property
+    def is_bad(self) -> bool:
+        """Whether it is bad."""
+        return self.level is Level.BAD
+
+    @property
+    def warns(self) -> bool:
+        """Whether it is bad, or to be watched."""
+        return self.level in (Level.WATCH, Level.BAD)
 
     @property
     def grounded(self) -> Fact:

@@ -216,10 +216,14 @@ class MotorAlarm(NamedTuple):
     @property
     def announced(self) -> Fact:
         """The fact, as an alarm where a motor lost thrust."""
-        fact = self.fact
-        if not self.weak:
-            return fact
-        return Fact(Session.ALARM, time=fact.time, subject=fact.subject, because=fact)
+        return alarm_of(self.fact, self.since)
+
+
+def alarm_of(fact: Fact, time: float) -> Fact:
+    """Returns a ``fact`` that was found at ``time``, s, as an event: an alarm where it is bad."""
+    if fact.is_bad:
+        return Fact(Session.ALARM, time=time, subject=fact.subject, because=fact)
+    return fact.but(time=time, until=None)
 
 
 def losses_of(changes: Sequence[MotorAlarm]) -> list[Fact]:
@@ -238,23 +242,13 @@ def losses_of(changes: Sequence[MotorAlarm]) -> list[Fact]:
         elif motor in lasting:
             ended.append((lasting.pop(motor), change.since))
     least = min((loss.size for loss in lasting.values()), default=inf)
-    losses = [_lost(loss, None, Level.BAD) for loss in lasting.values()]
+    losses = [loss.fact for loss in lasting.values()]
     for loss, until in ended:
-        losses.append(_lost(loss, until, Level.BAD if loss.size > least else Level.WATCH))
+        level = Level.BAD if loss.size > least else Level.WATCH
+        losses.append(loss.fact.but(level, until=until))
     losses.sort(key=lambda loss: (loss.level is Level.WATCH, -loss.figures["rise"]))
-    names = dict.fromkeys(loss.subject for loss in losses if loss.level is Level.BAD)
+    names = dict.fromkeys(loss.subject for loss in losses if loss.is_bad)
     return [loss.but(names=tuple(names)) for loss in losses]
-
-
-def _lost(worst: MotorAlarm, until: float | None, level: Level) -> Fact:
-    return Fact(
-        InFlight.MOTOR_LOST_THRUST,
-        level,
-        time=worst.since,
-        until=until,
-        subject=worst.name,
-        **worst.fact.figures,
-    )
 
 
 def alarm_figures(changes: Sequence[MotorAlarm]) -> Values:

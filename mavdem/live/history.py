@@ -18,7 +18,7 @@ from mavdem.assessment.limits import worst
 from mavdem.confidence import Interval
 from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
-from mavdem.facts import Fact, Facts, Level, NamedFacts
+from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.event import Event
 from mavdem.facts.lights import Light
@@ -111,11 +111,11 @@ class SessionStatus(Result):
         }
         headline = judgement.headline
         following = judgement.next_step
-        bad = [fact for fact in lights.values() if fact.level is Level.BAD]
-        if bad and headline.level is not Level.BAD:
+        bad = [fact for fact in lights.values() if fact.is_bad]
+        if bad and not headline.is_bad:
             headline = bad[0]
             following = next_step_of(headline, lights, None)
-        if self.flying and headline.level is Level.BAD:
+        if self.flying and headline.is_bad:
             following = Fact(NextStep.LAND_NOW, because=headline)
         return Judgement(headline, following, lights)
 

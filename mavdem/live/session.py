@@ -267,8 +267,7 @@ class LiveSession:
             else:
                 self.judged = judged(learned, setup, status.alarms, self.recorded)
                 is_own = any(
-                    override.level is Level.BAD
-                    and override.code in (Override.OSCILLATION, Override.MOTORS)
+                    override.is_bad and override.code in (Override.OSCILLATION, Override.MOTORS)
                     for override in self.judged[0].overrides
                 )
                 learned = disown_torque(learned, is_own)

@@ -20,7 +20,7 @@ from mavdem.alignment.signals import HOLD_SECONDS, MINIMUM_RATE, TARGET_MESSAGE
 from mavdem.alignment.steadiness import strays
 from mavdem.condition.wind_of_log import FLAGS, VELOCITIES
 from mavdem.dem.airflow.model import Drag
-from mavdem.facts import Fact, Facts, Level
+from mavdem.facts import Fact, Facts
 from mavdem.facts.event import Event
 from mavdem.facts.events import Reported
 from mavdem.facts.motors import InFlight
@@ -164,7 +164,7 @@ class LiveStream:
         deque(other._take(frame), maxlen=0)
         for event in other.events():
             fact = event.fact
-            warns = isinstance(fact.code, Reported) and fact.level is not Level.GOOD
+            warns = isinstance(fact.code, Reported) and not fact.is_good
             if warns or fact.code in OF_ANY_VEHICLE:
                 self._report(
                     Fact(Watch.OTHER_VEHICLE_ALARM, fact.level, subject=name, because=fact)

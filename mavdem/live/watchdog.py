@@ -21,13 +21,14 @@ from mavdem.assessment.vibration import vibration_light
 from mavdem.condition.condition import Condition
 from mavdem.condition.oscillation import begun_oscillation
 from mavdem.dem.online.wind import MEMORY_SECONDS
-from mavdem.facts import Fact, Facts, Level
+from mavdem.facts import Fact, Facts
 from mavdem.facts.events import Reported
 from mavdem.facts.lights import Light
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorsLight
-from mavdem.facts.session import Rows, Session
+from mavdem.facts.session import Rows
 from mavdem.facts.watch import Watch, Watched
+from mavdem.health.in_flight import alarm_of
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
 from mavdem.live.decisions import LiveSignals, RecentMotion, evidence_of
@@ -68,7 +69,7 @@ class Watchdog:
     @property
     def alarms(self) -> Facts:
         """What is bad as of the last review."""
-        return tuple(fact for fact in self.standing.values() if fact.level is Level.BAD)
+        return tuple(fact for fact in self.standing.values() if fact.is_bad)
 
     def review(
         self,
@@ -160,7 +161,7 @@ class Watchdog:
         for kind, fact in watched.items():
             light = str(LIGHTS[kind])
             self.lights[light] = worst([fact, self.lights.get(light, fact)])
-            if fact.level not in (Level.WATCH, Level.BAD):
+            if not fact.warns:
                 continue
             before = self.standing.get(kind)
             self._seen[kind] = now
@@ -207,13 +208,6 @@ class Watchdog:
         if before is not None and (before.code, before.figures.get("because")) == (code, obstacle):
             return
         self.watched[kind] = Fact(code, time=now, subject=kind, because=obstacle)
-
-
-def alarm_of(fact: Fact, time: float) -> Fact:
-    """Returns a ``fact`` that was found at ``time``, s, as an event: an alarm where it is bad."""
-    if fact.level is Level.BAD:
-        return Fact(Session.ALARM, time=time, subject=fact.subject, because=fact)
-    return Fact(fact.code, fact.level, time=time, subject=fact.subject, **fact.figures)
 
 
 def not_watched(watched: Fact, because: Fact, time: float) -> Fact:

@@ -26,7 +26,7 @@ from mavdem.condition.loop.loop import Loop, known_loops
 from mavdem.condition.step_response import IntervalEstimate, StepResponse
 from mavdem.dem import Learned
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Facts, Level, NamedFacts
+from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.assessment import Grade, Purpose
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.event import Event
@@ -198,15 +198,13 @@ def responses_chapter(responses: Responses) -> Chapter:
             name = f"{axis} {loop}"
             seen = response.measured
             if isinstance(seen, Fact):
-                same = Fact(seen.code, seen.level, **seen.figures)
-                refusals.setdefault(same, []).append(name)
+                refusals.setdefault(seen.but(subject=""), []).append(name)
             else:
                 rows.append([name, *(_estimate(seen, key) for key in FIGURES)])
-            if response.compared is not None and response.compared.level is not Level.GOOD:
+            if response.compared is not None and not response.compared.is_good:
                 blocks.append(caution(response.compared))
     for fact, names in refusals.items():
-        said = Fact(fact.code, fact.level, subject=listed(names), **fact.figures)
-        blocks.append(Sentence(str(said)))
+        blocks.append(Sentence(str(fact.but(subject=listed(names)))))
     if rows:
         header = ["step response (90 % interval)", *(name for name, _ in FIGURES.values())]
         blocks.insert(0, Table(header, rows))

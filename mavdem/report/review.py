@@ -6,7 +6,7 @@ from pathlib import Path
 from textwrap import shorten, wrap
 
 from mavdem.assessment import Assessment
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.report.blocks import LINES, Sentence, brief
 from mavdem.report.words import headline, section
 
@@ -51,7 +51,7 @@ def _wrapped(text: str) -> Iterator[str]:
 
 def _row(name: str, fact: Fact) -> str:
     """A light by its name, or an event by its time."""
-    mark = fact.level.upper() if fact.level is Level.BAD else fact.level
+    mark = fact.level.upper() if fact.is_bad else fact.level
     beginning = f"{name:<11}{mark:<9}"
     return f"{beginning}{brief(headline(fact), COLUMNS - len(beginning))}"
 
@@ -59,5 +59,5 @@ def _row(name: str, fact: Fact) -> str:
 def _alarms(assessment: Assessment) -> Iterator[str]:
     """What happened that may have lost the vehicle, but for what the headline says."""
     for event in assessment.events:
-        if event.level is Level.BAD and event.time != assessment.headline.time:
+        if event.is_bad and event.time != assessment.headline.time:
             yield _row("event" if event.time is None else f"{event.time:.0f} s", event)

@@ -18,7 +18,7 @@ from mavdem.condition.condition import HoverFigures
 from mavdem.dem import Learned, Physical
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
 from mavdem.flight import Flights
 from mavdem.report.blocks import (
@@ -90,7 +90,7 @@ def conclusion(judgement: Judgement) -> Blocks:
     lights = [
         Sentence(str(fact), f"{name.capitalize()}:")
         for name, fact in judgement.lights.items()
-        if fact.level in (Level.BAD, Level.WATCH) and fact != judgement.headline
+        if fact.warns and fact != judgement.headline
     ]
     above = Sentence("", headline(judgement.headline))
     return [above, *lights, Sentence(str(judgement.next_step), "Next:")]

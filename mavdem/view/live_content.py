@@ -14,7 +14,6 @@ from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.online.learner import TOO_FEW
 from mavdem.dem.online.tracker import FALSE_MARK_SECONDS
-from mavdem.facts import Level
 from mavdem.heading import Names
 from mavdem.live import SessionStatus
 from mavdem.live.history import AHEAD
@@ -269,7 +268,7 @@ def figures(status: SessionStatus, row: ShownRow, channels: Channels, until: flo
         channels=channels,
         until=until,
         reason=_reason(status, until),
-        is_bad=judged is not None and judged.headline.level is Level.BAD,
+        is_bad=judged is not None and judged.headline.is_bad,
         now=now,
         physical=None if now is None else now.physical,
         level=LEVEL,

@@ -28,7 +28,7 @@ from mavdem.condition.oscillation import LIMITED_SHARE, Oscillation
 from mavdem.confidence import ENDS, LEVEL
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Facts, Level
+from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import Gains, Loops
 from mavdem.immutable import Result
 from mavdem.ingest.telemetry import Parameters
@@ -112,7 +112,7 @@ class Advice(Result):
         return Fact(
             code,
             share=self.sure,
-            has_room=self.rating.level is Level.GOOD,
+            has_room=self.rating.is_good,
             **self.target._asdict(),
         )
 
@@ -130,7 +130,7 @@ def advise(
     """
     target = TARGETS[tune]
     rating = margin_rating(loop, target)
-    changes = more or rating.level is Level.BAD
+    changes = more or rating.is_bad
     refusals = tuple(doubts) or _refusals(loop, changes)
     chosen = {} if refusals else dict(_gains_of(loop))
     if chosen and changes:
