@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mavdem.alignment.drive import AXES
+from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import findings_of
 from mavdem.assessment import Assessment
 from mavdem.assessment.evidence import Evidence
@@ -149,7 +150,8 @@ def _stops_counted(events: Facts) -> Iterator[Fact]:
 def _measured(assessment: Assessment, timeline: Timeline | None, whole: bool) -> Iterator[Chapter]:
     """What the flight shows without a model."""
     evidence = assessment.evidence
-    if evidence is None:
+    analysis = assessment.analysis
+    if evidence is None or analysis is None:
         return
     if timeline is not None:
         columns = tuple(
@@ -167,8 +169,8 @@ def _measured(assessment: Assessment, timeline: Timeline | None, whole: bool) ->
     yield Chapter(
         "Spectra of accelerometer, motors' demand and D term", (), [*chain(*others)], folded=True
     )
-    yield _motors(assessment, evidence)
-    yield _wind(assessment, timeline)
+    yield _motors(analysis, evidence)
+    yield _wind(assessment, analysis, timeline)
     yield _parameters(evidence.signals.telemetry)
 
 
@@ -287,10 +289,8 @@ def _spectra(
         yield Group.of([over_time, *over_throttle], "More blue: more power.")
 
 
-def _motors(assessment: Assessment, evidence: Evidence) -> Chapter:
+def _motors(analysis: LogAnalysis, evidence: Evidence) -> Chapter:
     """What is known of each motor and of the vehicle's condition."""
-    analysis = assessment.analysis
-    assert analysis is not None
     is_full = analysis.tier.tier == "a"
     blocks = motor_blocks(analysis.learned, analysis.condition.hover if is_full else None)
     if analysis.learned is None or not is_full:
@@ -299,20 +299,17 @@ def _motors(assessment: Assessment, evidence: Evidence) -> Chapter:
     return Chapter("Motors", blocks, [] if plan is None else [Group.of([plan])], beside=True)
 
 
-def _wind(assessment: Assessment, timeline: Timeline | None) -> Chapter:
+def _wind(assessment: Assessment, analysis: LogAnalysis, timeline: Timeline | None) -> Chapter:
     """The wind in m/s and as a torque, its rose, and the path that was flown."""
-    analysis = assessment.analysis
-    learned = assessment.model
     blocks = air_blocks(assessment)
     wind = assessment.wind
     panels = [
         rose_of_wind(wind) if wind is not None and wind.directed and wind.sized else None,
         flown_path(timeline),
     ]
-    if learned is not None:
-        blocks += torque_blocks(learned)
-    truth = None if analysis is None else analysis.truth
-    blocks += truth_blocks(truth) if truth else []
+    if analysis.learned is not None:
+        blocks += torque_blocks(analysis.learned)
+    blocks += truth_blocks(analysis.truth) if analysis.truth else []
     return Chapter("Wind and path", blocks, [Group.of(panels)] if any(panels) else [], beside=True)
 
 

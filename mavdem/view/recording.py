@@ -10,7 +10,7 @@ import rerun.blueprint as rrb
 from mavdem.alignment.drive import AXES
 from mavdem.analysis.findings import known_wind
 from mavdem.assessment import Assessment
-from mavdem.condition.loop.loop import Loop
+from mavdem.condition.loop.loop import known_loops
 from mavdem.condition.step_response import StepResponse
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
@@ -131,9 +131,7 @@ class _Page:
             for name, response in responses.items()
             if isinstance(each := response.measured, StepResponse)
         ]
-        evidence = self._assessment.evidence
-        loops = {} if evidence is None else evidence.loops
-        identified = {axis: loop for axis, loop in loops.items() if isinstance(loop, Loop)}
+        identified = known_loops(self._assessment.loops)
         hertz = np.linspace(0.5, 30.0, 60)
         pictures = [
             self._bars(
