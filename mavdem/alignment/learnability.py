@@ -23,7 +23,7 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.learnability import Caution, MotorObstacle, Reason, Remedy
 from mavdem.flight import Flight
 from mavdem.ingest import Component
-from mavdem.ingest.motors import MULTIROTORS
+from mavdem.ingest.motors import MULTIROTORS, POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Parameters
 from mavdem.unit_slips import CONSISTENCY_SPAN
 
@@ -126,7 +126,7 @@ def _unusable(signals: Signals, components: Sequence[Component]) -> Fact | None:
     telemetry = signals.telemetry
     attitude = signals.attitude
     recorder = telemetry.translated_from
-    if telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
+    if telemetry.vehicle not in POSSIBLE_MULTIROTORS:
         other = next((each for each in components if each.kind in MULTIROTORS), None)
         return Fact(
             Reason.NO_MULTIROTOR,

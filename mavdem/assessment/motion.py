@@ -35,7 +35,7 @@ from mavdem.condition.loop.margins import Complex
 from mavdem.confidence import Interval
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
-from mavdem.ingest.motors import MULTIROTORS
+from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Array, Flags, rate_without_gaps
 from mavdem.ingest.vocabulary import wrapped
 
@@ -73,7 +73,7 @@ class AttitudeError:
 
 def motion_events(signals: Signals) -> Facts:
     """Returns what the motion shows, in order of boot and time; nothing of vehicles that are no multirotors."""
-    if signals.telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN") or not signals.tilts:
+    if signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS or not signals.tilts:
         return ()
     boots = np.unique(signals.tilts[0].boot).tolist()
     return tuple(

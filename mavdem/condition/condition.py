@@ -36,7 +36,7 @@ from mavdem.files import AnyPath
 from mavdem.heading import Names, Numbers
 from mavdem.immutable import Result
 from mavdem.ingest import Component, read_log
-from mavdem.ingest.motors import MULTIROTORS, OutputScale
+from mavdem.ingest.motors import POSSIBLE_MULTIROTORS, OutputScale
 from mavdem.ingest.telemetry import Array
 
 
@@ -103,7 +103,7 @@ def hover_of(signals: Signals, components: Sequence[Component] = ()) -> HoverFig
     """Returns the figures of ``signals`` with the motors as inputs, as :func:`hover` gives them."""
     segments = settled_segments(signals)
     motors = signals.motors
-    if not segments or motors is None or signals.telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
+    if not segments or motors is None or signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
         learnability = learnability_of(signals, components)
         raise NotLearnable(learnability.reason)
     rows = within(motors, *segments)
@@ -260,7 +260,7 @@ def condition_of(signals: Signals) -> Condition:
 
 def settled_parts(signals: Signals) -> Segments:
     """Returns settled flight with attitude and motor outputs or, where there are no motor outputs, with attitude."""
-    if signals.telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
+    if signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
         return ()
     if signals.motors is not None:
         return tuple(sorted(settled_segments(signals)))

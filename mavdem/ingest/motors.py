@@ -18,7 +18,7 @@ from mavdem.facts.sources import Source
 from mavdem.files import table_beside
 from mavdem.heading import Names, Numbers
 from mavdem.ingest.telemetry import Array, Parameters
-from mavdem.ingest.vocabulary import NAMES
+from mavdem.ingest.vocabulary import NAMES, UNNAMED
 
 
 class ChannelBasis(StrEnum):
@@ -52,6 +52,7 @@ MOTOR_COUNTS = {
 }
 """Number of motors of each MAV_TYPE that has one."""
 MULTIROTORS = (*MOTOR_COUNTS, "GENERIC_MULTIROTOR")  # The MAV_TYPEs of vehicles with fixed rotors
+POSSIBLE_MULTIROTORS = (*MULTIROTORS, UNNAMED)
 
 
 class MotorMessage(NamedTuple):

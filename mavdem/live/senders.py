@@ -13,7 +13,7 @@ from mavdem.facts.session import VehicleFact
 from mavdem.ingest.mavlink.definitions import definitions, enum_name
 from mavdem.ingest.mavlink.framing import MATCHES
 from mavdem.ingest.mavlink.vehicles import missing_between
-from mavdem.ingest.motors import MULTIROTORS
+from mavdem.ingest.motors import MULTIROTORS, POSSIBLE_MULTIROTORS
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.live.messages import Frame, Message
 from mavdem.live.recent import MAX_ROWS
@@ -59,7 +59,7 @@ class Sender:
     @property
     def flies(self) -> bool:
         """Whether it sends attitude and is, as far as known, a multirotor."""
-        return self.kind in (*MULTIROTORS, UNNAMED) and self.attitudes >= ENOUGH_MESSAGES
+        return self.kind in POSSIBLE_MULTIROTORS and self.attitudes >= ENOUGH_MESSAGES
 
     @property
     def can_be_followed(self) -> bool:

@@ -29,9 +29,8 @@ from mavdem.facts.watch import Watch, Watched
 from mavdem.heading import Numbers
 from mavdem.ingest.mavlink.framing import MATCHES
 from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE
-from mavdem.ingest.motors import MOTOR_MESSAGES, MULTIROTORS
+from mavdem.ingest.motors import MOTOR_MESSAGES, POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Parameters, Telemetry
-from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.live.decisions import PHASES, InputChoice, Inputs, Phase, RecentMotion, Setup, tilt_of
 from mavdem.live.history import SessionStatus
 from mavdem.live.messages import (
@@ -385,7 +384,7 @@ class LiveStream:
 
     def _choose_inputs(self, sender: Sender) -> Iterator[None]:
         """Chooses the inputs again, by the rates of messages and by what moves, in two parts."""
-        if sender.kind not in (*MULTIROTORS, UNNAMED):
+        if sender.kind not in POSSIBLE_MULTIROTORS:
             self._inputs = None
             return
         self._settings = parameters = self.parameters
@@ -448,7 +447,7 @@ class LiveStream:
             else max(outputs, key=outputs.__getitem__, default=None)
         )
         obstacle: Fact | None
-        if sender.kind not in (*MULTIROTORS, UNNAMED):
+        if sender.kind not in POSSIBLE_MULTIROTORS:
             obstacle = Fact(VehicleFact.NOT_A_MULTIROTOR, vehicle_type=sender.kind, axis=self.axis)
         elif self._attitude is None:
             obstacle = self._no_attitude
