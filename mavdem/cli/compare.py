@@ -9,6 +9,7 @@ from mavdem.cli.options import (
     motion_options,
     names_of,
     of_each,
+    sources_argument,
     window_options,
 )
 from mavdem.cli.output import print_result, progress, say_aside
@@ -20,7 +21,7 @@ from mavdem.report.comparison import comparison_report
 
 @click.command("compare")
 @motion_options()
-@click.argument("sources", metavar="SOURCE...", type=click.Path(), nargs=-1, required=True)
+@sources_argument
 @window_options(f"{TRAIN_SECONDS:g}s", "Held-out test data after them: seconds or samples.")
 @click.option(
     "--hop",

@@ -56,6 +56,10 @@ def _adding(*options: Callable[[Command], Command]) -> Callable[[Command], Comma
 jobs_option = click.option(
     "--jobs", type=click.IntRange(1, 1024), help="Logs read at a time. [default: one for each core]"
 )
+source_argument = click.argument("source", type=click.Path())
+sources_argument = click.argument(
+    "sources", metavar="SOURCE...", type=click.Path(), nargs=-1, required=True
+)
 vehicle_option = click.option("--vehicle", metavar="SYSTEM[:COMPONENT]", help="Which, of several.")
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON document and nothing else."
@@ -90,7 +94,7 @@ def source_options(
     axes: Sequence[str] = AXES, text: str = "Axis of the vehicle."
 ) -> Callable[[Command], Command]:
     """Adds SOURCE and the same options to a command."""
-    return _adding(click.argument("source", type=click.Path()), motion_options(axes, text))
+    return _adding(source_argument, motion_options(axes, text))
 
 
 def model_options(command: Command) -> Command:

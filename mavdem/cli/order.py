@@ -8,6 +8,7 @@ from mavdem.cli.options import (
     motion_options,
     of_each,
     report_refused,
+    sources_argument,
 )
 from mavdem.cli.output import print_result, progress, say_aside
 from mavdem.dem.order_choice import (
@@ -27,7 +28,7 @@ from mavdem.report.numbers import counted
 
 @click.command("order")
 @motion_options()
-@click.argument("sources", metavar="SOURCE...", type=click.Path(), nargs=-1, required=True)
+@sources_argument
 @click.option(
     "--max-order",
     type=click.IntRange(1, LARGEST_ORDER),

@@ -6,7 +6,14 @@ from time import perf_counter
 import click
 
 from mavdem.assessment.assess import assess
-from mavdem.cli.options import file_option, json_option, params_option, read_source, vehicle_option
+from mavdem.cli.options import (
+    file_option,
+    json_option,
+    params_option,
+    read_source,
+    source_argument,
+    vehicle_option,
+)
 from mavdem.cli.output import check_folder, print_blocks, print_json, printable, progress, say
 from mavdem.cli.results import named_after, write_results
 from mavdem.documents.review import review_document
@@ -16,7 +23,7 @@ from mavdem.results import PAGE, RESULT_FILES
 
 
 @click.command("review")
-@click.argument("source", type=click.Path())
+@source_argument
 @vehicle_option
 @params_option
 @file_option("--out", "Folder for the results. [default: named after the log]")

@@ -10,6 +10,7 @@ from mavdem.cli.options import (
     assessed,
     json_option,
     params_option,
+    source_argument,
     vehicle_option,
 )
 from mavdem.cli.output import check_file, print_result, say_aside
@@ -19,7 +20,7 @@ from mavdem.report.vehicle_files import LEFT_OUT, twin_blocks, unlearned, vehicl
 
 
 @click.command("twin")
-@click.argument("source", type=click.Path())
+@source_argument
 @click.option(
     "--out",
     multiple=True,

@@ -8,6 +8,7 @@ from mavdem.cli.options import (
     assessed,
     file_option,
     json_option,
+    source_argument,
     vehicle_option,
     verbose_option,
 )
@@ -21,7 +22,7 @@ from mavdem.report.screen import conclusion
 
 
 @click.command("wind")
-@click.argument("source", type=click.Path())
+@source_argument
 @vehicle_option
 @file_option(
     "--prior",
