@@ -103,7 +103,7 @@ class Dashboard:
 
         layout = setup.layout
         (outputs, units) = zip(*axis_outputs(self._axis), strict=True)
-        motors = layout.names, outputs, (setup.scale.unit,) * len(layout.names), units
+        motors = layout.names, outputs, setup.units, units
         self.view.change(Channels(self._link, setup.dt, horizons(setup.dt), *motors))
         return self.view
 

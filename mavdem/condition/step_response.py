@@ -37,7 +37,7 @@ from mavdem.condition.resonance import (
     known_controller_of,
     spectra_of_pieces,
 )
-from mavdem.confidence import quantile
+from mavdem.confidence import ENDS, quantile
 from mavdem.dem.engine.linalg import SMALLEST, Array, normal_draws, one_thread
 from mavdem.facts import Fact
 from mavdem.facts.loops import StepResponses
@@ -459,6 +459,6 @@ def step_of(frequency: Array, closed: Complex, time: Array) -> Array:
 
 def _estimate(values: Array) -> IntervalEstimate:
     """The first of values (N,), and the interval of the others, widened to hold it."""
-    low, high = np.quantile(values[1:], [0.05, 0.95]).tolist()
+    low, high = np.quantile(values[1:], ENDS).tolist()
     value = values[0]
     return IntervalEstimate(value, min(low, value), max(high, value))

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.random import default_rng
 
-from mavdem.confidence import ENOUGH_SAMPLES, Interval, quantile
+from mavdem.confidence import ENDS, ENOUGH_SAMPLES, Interval, half_width, quantile
 from mavdem.dem.airflow.identification import (
     GUST_SECONDS,
     STEPS,
@@ -256,7 +256,7 @@ def estimate_wind(
         turbulence_intensity=(air @ mean).std() / mean_square,
         time=fine.time,
         velocity=air,
-        band=quantile() * np.sqrt(variances.mean(axis=1) + winds.var(axis=1)),
+        band=half_width(variances.mean(axis=1) + winds.var(axis=1)),
         along=np.einsum("tij,tj->ti", fine.axes, fine.velocity - [*mean, 0.0]),
         minutes=tuple(minutes),
         profile=tuple(layers if len(layers) > 1 else ()),
@@ -314,7 +314,7 @@ def _mean(winds: Array, variances: Array, step: float) -> _Mean:
     spread = np.sqrt(variances.mean(axis=0) / count)
     samples = (means + noise * spread).reshape(-1, 2)
     speeds = np.hypot(*samples.T)
-    low, high = np.quantile(speeds, [0.05, 0.95]).tolist()
+    low, high = np.quantile(speeds, ENDS).tolist()
     north, east = means.mean(axis=0)
     along = np.median(means @ [north, east])
     speed = along / max(np.hypot(north, east), 1e-9)

@@ -227,11 +227,11 @@ class Store:
             paths = [(as_text(source.path),) for source in sources]
             self.db.executemany("update logs set tracked = 1 where path = ?", paths)
 
-    def rows(self, query: str, values: Sequence[Any] = ()) -> Iterator[FlightRow]:
+    def rows(self, query: str) -> Iterator[FlightRow]:
         """Yields the rows that a ``query`` for row and, in the table, file finds."""
-        return (_row(*row) for row in self.db.execute(query, values))
+        return (_row(*row) for row in self.db.execute(query))
 
-    def sound_rows(self, query: str, values: Sequence[Any] = ()) -> Iterator[FlightRow]:
+    def sound_rows(self, query: str, values: Sequence[Any]) -> Iterator[FlightRow]:
         """Yields them without those that are damaged, which keep back no others."""
         for row in self.db.execute(query, values):
             with suppress(sqlite3.DatabaseError):

@@ -10,7 +10,7 @@ import numpy as np
 
 from mavdem.alignment.drive import MotorGeometry, place_name
 from mavdem.alignment.signals import Signals
-from mavdem.confidence import quantile
+from mavdem.confidence import half_width
 from mavdem.facts import Fact
 from mavdem.facts.motors import Trim
 from mavdem.health.assessment import FAULT_RISE, NAMED, PROBABLE, Candidates, lost_thrust
@@ -51,7 +51,7 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
     (level,), (variance,) = level_balances([balance])
     mixer = np.linalg.pinv(signatures.weights)[:, 1:]
     apart = mixer @ level
-    half = quantile() * np.sqrt(mixer**2 @ variance)
+    half = half_width(mixer**2 @ variance)
     sure = abs(apart) - half
     most = np.argmax(sure)
     figures = {"shift": level, "deviation": apart[most], "half": half[most]}

@@ -44,7 +44,7 @@ from mavdem.facts import Fact
 from mavdem.facts.lights import Unjudged
 from mavdem.facts.motors import Trim
 from mavdem.facts.session import Session
-from mavdem.heading import Numbers
+from mavdem.heading import Names, Numbers
 from mavdem.health.in_flight import MotorAlarm, losses_of
 from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry, OutputScale, output_scale
 from mavdem.ingest.telemetry import Array, Fields, Telemetry, joined, log_of_vehicles
@@ -78,6 +78,11 @@ class Setup:
     scale: OutputScale
     rates: Numbers
     start: float
+
+    @property
+    def units(self) -> Names:
+        """The unit of each input."""
+        return (self.scale.unit,) * len(self.layout.names)
 
 
 @dataclass(frozen=True, eq=False)

@@ -430,9 +430,8 @@ class LiveSession:
         axis = self.stream.axis
         self.history.motors = layout.names
         if before is None or (before.dt, before.layout.names) != (setup.dt, layout.names):
-            units = (setup.scale.unit,) * len(layout.names)
             prior = self.prior
-            if prior is not None and prior.record.input_units != units:
+            if prior is not None and prior.record.input_units != setup.units:
                 prior = None
                 self._log(Fact(Session.PRIOR_NOT_USED))
             self.learner = OnlineLearner(
@@ -494,7 +493,7 @@ class LiveSession:
             learned.record,
             input_names=setup.layout.names,
             output_names=names,
-            input_units=(setup.scale.unit,) * len(setup.layout.names),
+            input_units=setup.units,
             output_units=units,
             parameters=gains,
             input_range=(setup.scale.low, setup.scale.high),

@@ -28,7 +28,7 @@ from mavdem.condition.wind_velocity import (
     least_speed,
     speed_status,
 )
-from mavdem.confidence import quantile
+from mavdem.confidence import half_width, quantile
 from mavdem.dem.airflow.identification import GUSTS, GUSTS_SD, STEP, checked, in_air
 from mavdem.dem.airflow.model import TOTAL, Drag, Filter, motion
 from mavdem.dem.engine.linalg import Array, normal_draws
@@ -235,7 +235,7 @@ class WindRows:
         winds = run.states @ TOTAL.T
         variances = np.einsum("ai,gij,aj->ga", TOTAL, run.spreads, TOTAL)
         mean = weights @ winds
-        band = quantile() * np.sqrt(weights @ (variances + (winds - mean) ** 2))
+        band = half_width(weights @ (variances + (winds - mean) ** 2))
         self.row = row = WindRow(end - self._step, mean, band)
         # Drag and lean err alike in all rows, so the mean is known no better than they are.
         self._rows += 1
