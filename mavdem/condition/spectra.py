@@ -16,7 +16,7 @@ from mavdem.alignment.drive import AXES, Signal, recorded, series
 from mavdem.alignment.signals import Signals
 from mavdem.dem.engine.linalg import Pair
 from mavdem.immutable import Result
-from mavdem.ingest.telemetry import Array
+from mavdem.ingest.telemetry import Array, interpolated
 
 SECONDS = 1.0  # of a window
 FEWEST_WINDOWS = 6
@@ -158,9 +158,9 @@ def _spectrum(
             if len(run) >= size:
                 time = sampled.time[run]
                 even = np.linspace(time[0], time[-1], len(run))
-                columns = [np.interp(even, time, column) for column in sampled.values[run].T]
+                columns = interpolated(even, time, sampled.values[run])
                 frequency, middle, density = spectrogram(
-                    np.array(columns), 1 / usual, "hann", size, size // 2
+                    columns.T, 1 / usual, "hann", size, size // 2
                 )
                 times.append(even[0] + middle)
                 powers.append(density)

@@ -75,12 +75,7 @@ def _rose(
     arrow: float | None = None,
 ) -> Plan:
     sector = np.rint(origin / 22.5).astype(int) % 16
-    counts = np.array(
-        [
-            each * np.bincount(sector[(low <= speed) & (speed < high)], minlength=16)
-            for low, high in pairwise(CLASSES)
-        ]
-    )
+    counts = each * np.histogram2d(speed, sector, (CLASSES, np.arange(17)))[0]
     edges = np.vstack([np.zeros(16), counts.cumsum(axis=0)])
     scale = REACH / max(edges.max(), 1e-9)
     petals = [
