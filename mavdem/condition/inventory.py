@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.alignment.align import settled_segments
+from mavdem.alignment.drive import floats
 from mavdem.alignment.learnability import Learnability, learnability_of, slower_rate
 from mavdem.alignment.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals, fixes
 from mavdem.condition.condition import Condition, condition_of
@@ -158,7 +159,7 @@ def _date(signals: Signals, received: float) -> datetime | None:
     columns = signals.telemetry.messages.get("SYSTEM_TIME", {})
     flight = min(settled_segments(signals), default=None)
     if "time_unix_usec" in columns:
-        unix = np.asarray(columns["time_unix_usec"], dtype=np.float64) / 1e6
+        unix = floats(columns, "time_unix_usec") / 1e6
         plausible = unix > FIRST_SECOND
         if flight is not None and (own := plausible & (columns["boot"] == flight.boot)).any():
             return _utc(unix[own][0] + flight.start - columns["time"][own][0])

@@ -380,21 +380,21 @@ def _of_report(report: Mapping[str, Any]) -> Values:
     columns = {
         name: value
         for name, path in places.items()
-        if (value := _value_at(report, path)) not in (None, "", [], ())
+        if (value := value_at(report, path)) not in (None, "", [], ())
     }
-    if _value_at(report, "wind.reason") or columns.get("effect_status") in (None, NOT_IDENTIFIABLE):
+    if value_at(report, "wind.reason") or columns.get("effect_status") in (None, NOT_IDENTIFIABLE):
         # It is not resolved, or what it is computed with is not identifiable.
         columns = {
             name: value for name, value in columns.items() if not name.startswith("wind_torque")
         }
-    cautions = _value_at(report, "verdict.cautions")
+    cautions = value_at(report, "verdict.cautions")
     unit = columns.get("trim_unit")
     inputs = None if unit is None else MOTORS
     if "flight" in report:  # a model
         cautions = report["cautions"]
-        unit = _value_at(report, "flight.scale.unit")
+        unit = value_at(report, "flight.scale.unit")
         inputs = MOTORS
-        if _value_at(report, "flight.scale.name") == DEMAND:
+        if value_at(report, "flight.scale.name") == DEMAND:
             inputs = DEMAND
         else:
             columns = {"motors": report["inputs"]} | columns
@@ -410,12 +410,11 @@ def _of_report(report: Mapping[str, Any]) -> Values:
     return columns | figures
 
 
-def _value_at(report: Mapping[str, Any], path: str) -> Any:
-    """What a document of records has at a place; None of what is not known."""
+def value_at(report: Mapping[str, Any], path: str) -> Any:
+    """Returns what a document, also of records, has at a place; None of what is not known."""
     value: Any = report
     for key in path.split("."):
-        if value is not None:
-            value = value.get(key) if isinstance(value, Mapping) else getattr(value, key)
+        value = value.get(key) if isinstance(value, Mapping) else getattr(value, key, None)
     return value.tolist() if hasattr(value, "tolist") else value
 
 

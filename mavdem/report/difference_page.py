@@ -7,7 +7,7 @@ import numpy as np
 
 from mavdem.alignment.drive import AXES
 from mavdem.fleet.difference import ParameterChange, VehicleDifference
-from mavdem.fleet.row import NOT_IDENTIFIABLE, UNKNOWN
+from mavdem.fleet.row import NOT_IDENTIFIABLE, UNKNOWN, value_at
 from mavdem.heading import Names
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.blocks import Blocks, Sentence, Table
@@ -60,17 +60,9 @@ def comparison_page(
         _table("Parameters", f"{counted(len(changed), 'parameter')} changed", changed),
     ]
     first = _headline(both, difference, parameters)
-    headlines = {name: _known(review, "headline", "sentence") for name, review in both.items()}
+    headlines = {name: value_at(review, "headline.sentence") for name, review in both.items()}
     first += [*headline_blocks(headlines), *next_blocks(difference)]
     return document(" and ".join(names), "A and B over each other.", first, chapters, back)
-
-
-def _known(review: Review, *keys: str) -> Any:
-    """What a document has at a place; None of what is not known."""
-    value: Any = review
-    for key in keys:
-        value = value.get(key) if isinstance(value, Mapping) else None
-    return value
 
 
 def _table(title: str, head: str, rows: list[list[str]]) -> Chapter:
@@ -82,7 +74,7 @@ def _headline(
     both: Reviews, difference: VehicleDifference, parameters: Sequence[ParameterChange]
 ) -> Blocks:
     """What matters most: two vehicles, or what surely changed most, of quantities, gains and margins."""
-    vehicles = [_known(review, "identity", "name") or UNKNOWN for review in both.values()]
+    vehicles = [value_at(review, "identity.name") or UNKNOWN for review in both.values()]
     gains = [
         parameter
         for parameter in parameters
@@ -117,9 +109,7 @@ def _headline(
 
 def _loops(both: Reviews, axis: str) -> dict[str, Review]:
     """The figures of the rate loops of an axis; nothing of one that is not known."""
-    return {
-        name: _known(review, "axes", axis, "loop", "rate") or {} for name, review in both.items()
-    }
+    return {name: value_at(review, f"axes.{axis}.loop.rate") or {} for name, review in both.items()}
 
 
 def _steps(both: Reviews, axis: str) -> Iterator[Chart]:
@@ -127,7 +117,7 @@ def _steps(both: Reviews, axis: str) -> Iterator[Chart]:
     for loop in ("rate", "attitude"):
         lines = []
         for name, review in both.items():
-            if response := _known(review, "axes", axis, loop, "measured"):
+            if response := value_at(review, f"axes.{axis}.{loop}.measured"):
                 time, step, half = (
                     np.array(response[key]) for key in ("time", "step", "step_half")
                 )
@@ -167,9 +157,9 @@ def _motors(both: Reviews) -> Chart:
     lines = []
     names = [str(number) for number in range(1, 13)]
     for name, review in both.items():
-        if shares := _known(review, "condition", "hover", "trim_share"):
+        if shares := value_at(review, "condition.hover.trim_share"):
             deviation = 100 * (np.array(shares) - 1)
-            ends = _known(review, "condition", "share_interval") or [0.0] * len(shares)
+            ends = value_at(review, "condition.share_interval") or [0.0] * len(shares)
             half = 100 * np.array(ends, np.float64)
             names = names[: len(shares)]
             at = np.arange(float(len(shares)))

@@ -7,7 +7,7 @@ import numpy as np
 
 from mavdem.analysis.findings import known_wind
 from mavdem.analysis.residuals import residuals as residuals_of
-from mavdem.confidence import LEVEL
+from mavdem.confidence import ENDS
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.record import Record
@@ -32,7 +32,7 @@ def banded(name: str, colour: str, x: Array, values: Array) -> Line:
     """Returns the estimate ``values`` (N, T)[0] with the band of the others; dashed where there are none."""
     if len(values) == 1:
         return Line(name, colour, x, values[0], kind=Kind.DASHES)
-    low, high = np.percentile(values[1:], (50 * (1 - LEVEL), 50 * (1 + LEVEL)), axis=0)
+    low, high = np.quantile(values[1:], ENDS, axis=0)
     return Line(name, colour, x, values[0], low, high)
 
 

@@ -9,12 +9,12 @@ from itertools import pairwise
 from operator import attrgetter
 
 import numpy as np
-from jinja2 import Environment, PackageLoader
 from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.condition.loop.twin import BANDS, Twin
 from mavdem.facts import NamedFacts
 from mavdem.report.blocks import Blocks, Sentence, Table
+from mavdem.report.page import environment
 
 LEFT_OUT = {  # what a format has no place for
     ".json": "motor time constant, delay, damping of pitch and yaw apart from roll's, battery and controller gains",
@@ -77,9 +77,7 @@ def twin_blocks(twin: Twin, compared: Mapping[str, Mapping[str, list[float]]]) -
 
 def vehicle_text(twin: Twin, ending: str, source: str) -> str:
     """Returns the file of a vehicle that ``source`` showed, by its ``ending``: .toml, .json, .params or .sdf."""
-    made = Environment(
-        loader=PackageLoader("mavdem.report", ""), trim_blocks=True, lstrip_blocks=True
-    )  # noqa: S701
+    made = environment().overlay(autoescape=False)
     made.filters["g"] = lambda given: (
         str([float(f"{x:.5g}") for x in given]) if np.ndim(given) else f"{given:.5g}"
     )
