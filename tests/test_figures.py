@@ -39,6 +39,7 @@ FLIGHTS = {
     "real/logs/crash_motor4_at_its_limit.BIN": ["review"],
     "real/logs/crash_errors_without_time.BIN": ["review"],
     "real/logs/ardupilot_motor2_at_its_limit.BIN": ["review"],
+    "ardupilot_default_rates.tlog": ["info", "> convert"],
     "ardupilot_wind5_steps.tlog": [
         "review",
         "tune",
@@ -76,6 +77,9 @@ FLIGHTS = {
     "real/logs/px4_pwm_1200_1950.ulg": ["info"],
     "real/logs/px4_two_armed_times.ulg": ["info"],
     "real/propeller/straight_cut25mm_1.BIN": ["info", "wind"],
+    "logs/dronekit_flight.tlog": ["review"],
+    "logs/pyulog_sample.ulg": ["review"],
+    "logs/wlichon_baseline.BIN": ["review"],
     "sitl_events/ap_motor.tlog": ["info"],
     "sitl_events/ap_quiet10.BIN": ["info"],
     "sitl_events/px4_windjump.ulg.xz": ["info", "wind", "> wind --verbose"],

@@ -7,16 +7,14 @@ from made_up_analysis import held_out
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import fixture, mark, raises
-from recorded_flights import FLIGHT, LOGS, shared
+from recorded_flights import FLIGHT, LOGS
 
 import mavdem
-from mavdem.alignment.signals import Signals
-from mavdem.analysis import analyse
 from mavdem.analysis.analysis import MAX_SLOW_RATIO, slow_motion_refusal
 from mavdem.analysis.figures import model_figures
 from mavdem.assessment.assess import assess
 from mavdem.dem import physical
-from mavdem.facts.assessment import Caveat, NoModel, Override
+from mavdem.facts.assessment import Caveat, NoModel
 from mavdem.facts.model import NoPhysical
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import selected
@@ -75,32 +73,6 @@ def test_a_model_must_beat_the_baselines_by_a_margin_that_is_not_luck(ratio, win
     if refusal is not None:
         assert refusal.code is NoModel.SLOW_MODEL_TOO_WEAK
         assert (refusal.figures["p_value"] is None) == (ratio != 0.8)
-
-
-@mark.slow
-@mark.parametrize(
-    "name, tier",
-    [
-        ("real/propeller/hover_good_1.BIN", "b"),
-        ("logs/wlichon_baseline.BIN", "b"),  # an alias, however well it is predicted
-        ("logs/dronekit_flight.tlog", "c"),
-        ("logs/pyulog_sample.ulg", None),
-    ],
-)
-def test_every_log_says_something_or_why_not(name, tier):
-    log = read_log(shared(name))
-    found = analyse(log, Signals(log.vehicles[0]))
-    assert found.tier.tier == tier and found.reason.remedy
-    assert (found.learned, found.held_out, found.flights, found.findings.purposes) == (
-        None,
-        None,
-        (),
-        (),
-    )
-    if found.condition.oscillation is not None:
-        assert found.findings.overrides[0].code is Override.OSCILLATION
-    assert found.condition.duration > 0 and found.identity.name
-    assert (found.condition.hover is not None) == (tier is not None)
 
 
 PX4 = LOGS / "px4_wind5_steps.tlog"

@@ -4,7 +4,7 @@ import csv
 
 import numpy as np
 from command_line import refused, run, strict_json
-from pytest import approx, mark
+from pytest import mark
 from recorded_flights import FLIGHT, LOGS
 
 from mavdem import read_flight
@@ -66,11 +66,3 @@ def table_of(path):
     with path.open(newline="", encoding="utf-8") as file:
         head, *rows = csv.reader(file)
     return head, np.array(rows, dtype=np.float64)
-
-
-def test_a_log_that_no_model_can_be_learnt_from_is_a_table_with_a_caution(tmp_path, capsys):
-    told = convert(capsys, LOGS / "ardupilot_default_rates.tlog", tmp_path / "slow.csv")
-    head, values = table_of(tmp_path / "slow.csv")
-    assert not told["learnable"] and "ATTITUDE comes at 4 Hz" in told["cautions"][-1]
-    assert head == told["columns"] and len(head) == 7 and len(values) == told["samples"] > 100
-    assert told["dt"] == approx(0.25, abs=0.01) and np.isfinite(values).all()
