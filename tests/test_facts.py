@@ -9,8 +9,6 @@ from pytest import raises
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.forecasts import Forecasts
-from mavdem.facts.learnability import Reason, Remedy
-from mavdem.facts.loops import Loops
 from mavdem.facts.model import ParameterDoubt
 from mavdem.report.words import sentence, words
 
@@ -54,19 +52,6 @@ def test_words_are_those_of_the_table_and_errors_say_them():
     assert words(fact) == ("Too slow.", "Log faster.")
     assert sentence(fact) == str(fact) == "Too slow."
     assert fact.advised == str(NotLearnable(fact)) == "Too slow. Log faster."
-
-
-def test_a_grounded_fact_says_nothing_that_is_to_be_flown():
-    doubt = Fact(ParameterDoubt.WIND_SHARE_HIGH, share=0.4, share_limit=0.25, bias=None)
-    fact = Fact(Loops.NO_MARGINS, because=doubt)
-    assert fact.remedy and fact.sentence == fact.grounded.sentence and not fact.grounded.remedy
-    flight = Fact(Reason.NEVER_ARMED, remedy=Fact(Remedy.RECORD_A_FLIGHT))
-    assert flight.remedy and not flight.grounded.remedy
-    listed = Fact(Loops.NO_LOOP, reasons=[fact])
-    assert "Fly" in listed.remedy and "Fly" not in listed.grounded.remedy
-    faster = Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=0.1)
-    assert faster.grounded.remedy == faster.remedy
-    assert faster.grounded.grounded == faster.grounded
 
 
 def test_several_doubts_have_one_remedy_and_a_slow_log_is_first_to_be_mended():
