@@ -8,7 +8,7 @@ import json
 import re
 from collections import Counter, namedtuple
 from functools import cache
-from inspect import getdoc, getsource
+from inspect import getsource
 from itertools import pairwise
 from pathlib import Path
 
@@ -20,7 +20,6 @@ from mavdem.cli.commands import imported_command, mavdem
 from mavdem.dem import Learned, document
 from mavdem.documents import DOCUMENTS
 from mavdem.fleet.row import SCHEMA_VERSION, FlightRow
-from mavdem.heading import heading
 
 FOLDER = Path(__file__).parents[1] / "docs" / "reference"
 BREAK = "\\\n"  # ends a line within a paragraph
@@ -55,26 +54,22 @@ def published():
 
 def _headed(name, schema, version):
     """A document's ``schema`` with the keys of its header."""
-    types = {str: "string", int: "integer", dict: "object"}
-    keys = {
-        key: {"description": meaning, "type": types[type(value)]}
-        for (key, value), meaning in zip(heading(name, version, {}).items(), HEADER, strict=True)
-    }
+    keys = {key: {"description": meaning, "type": "string"} for key, meaning in HEADER.items()}
     keys["document"]["const"] = name
-    keys["schema_version"]["const"] = version
-    keys["units"]["additionalProperties"] = {"type": "string"}
+    keys["schema_version"] |= {"type": "integer", "const": version}
+    keys["units"] |= {"type": "object", "additionalProperties": {"type": "string"}}
     return schema | {
         "properties": keys | schema["properties"],
         "required": [*keys, *schema.get("required", [])],
     }
 
 
-HEADER = (
-    "which document this is: the command that makes it, model or error",
-    "version of its schema",
-    "version of the program that wrote it",
-    "units by key; * stands for any key or place in a list",
-)
+HEADER = {
+    "document": "which document this is: the command that makes it, model or error",
+    "schema_version": "version of its schema",
+    "mavdem_version": "version of the program that wrote it",
+    "units": "units by key; * stands for any key or place in a list",
+}
 
 
 def structure(schema):
@@ -136,14 +131,13 @@ def file_page():
     """Returns the page of all documents: their keys with unit and meaning, each described once."""
     records = {}
     described = {}
-    header = [f"`{key}`: {text}" for key, text in zip(heading("", 0, {}), HEADER, strict=True)]
+    header = [f"`{key}`: {text}" for key, text in HEADER.items()]
     parts = ["# Files and JSON", INTRODUCTION, "## Every document", BREAK.join(header)]
     for name, one in published().items():
         link = f"Version {one.version}: [`{name}` schema](schemas/{name}-{one.version}.json)."
         parts += [f"## {one.title}", link]
         if name == "model":
             parts += ["The attributes of [Learned](../api.md#learning); arrays are nested lists."]
-            parts += [_attributes(Learned)]
         else:
             records |= one.schema.get("$defs", {})
             anchor = re.sub(r"[^\w -]", "", one.title.lower()).replace(" ", "-")
@@ -156,17 +150,6 @@ def file_page():
     return "\n\n".join(parts) + "\n"
 
 
-def _attributes(record):
-    """The attributes of a ``record`` that its docstring lists."""
-    listed = re.findall(
-        r"^    (\w+(?:, \w+)*): (.*(?:\n {8}.*)*)", getdoc(record) or "", re.MULTILINE
-    )
-    return BREAK.join(
-        f"`{keys}`: " + re.sub(r"\n +|:\w+:(?=`)", lambda one: " " * (one[0][0] == "\n"), text)
-        for keys, text in listed
-    )
-
-
 INTRODUCTION = """Every document begins with its name, the version of its schema, that of mavdem, and its units.
 A version keeps its keys with name, type, unit and meaning; its schema stays here and has every type. A number is null
 where it is unknown or not finite. Keys in *italics* are not in every document. What means the same in two records is
@@ -177,7 +160,7 @@ def _keys(record, place, described):
     """The keys of a ``record`` at a ``place``, but for those that are ``described`` elsewhere, which are named."""
     facts, here, elsewhere = [], {}, {}
     for name, key in record["properties"].items():
-        if name in heading("", 0, {}) and "$defs" in record:
+        if name in HEADER and "$defs" in record:
             continue
         shown = f"`{name}`" if name in record.get("required", ()) else f"*`{name}`*"
         meaning = key.get("description", "")
