@@ -108,7 +108,7 @@ class Fact:
         return MappingProxyType({name: UNITS[name] for name, _ in self._figures})
 
     def but(self, level: Level | None = None, **changes: Figure) -> Fact:
-        """Returns the same fact of another ``level``, with these figures, or another time, end or subject."""
+        """Returns the same fact of another ``level``, with ``changes`` of figures, time, end or subject."""
         known = {"time": self.time, "until": self.until, "subject": self.subject, **self.figures}
         return Fact(self.code, level or self.level, **known | changes)
 
