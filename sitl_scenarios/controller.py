@@ -15,7 +15,7 @@ from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.vehicles import GRAVITY, airframe
 
 # rad/s: bandwidth of the rate loop that is not exceeded, for the noise that it would put on the motors
-FASTEST = 25.0
+MAX_BANDWIDTH = 25.0
 LEAD = 4.0
 """The rotors' lag is made so many times shorter by a lead in the rate loop, and the noise above it as much larger."""
 # Most that is asked for: rad, rad/s and m/s
@@ -60,7 +60,7 @@ class FlightController:
         # A loop with an integrator and a dead time T in all is well damped up to about 0.4/T; a cycle's hold and its
         # computing take about one cycle.
         dead_time = lag / LEAD + scenario.sensors.delay + cycle
-        self._rate = min(0.4 / dead_time, FASTEST)
+        self._rate = min(0.4 / dead_time, MAX_BANDWIDTH)
         self._attitude = self._rate / 3
         self._forgets = 1.0 - exp(-cycle * LEAD / lag) if lag else 1.0
         # Moments of a demand of 1 about the three axes, N m, by the slope of the rotors' curves in hover.

@@ -10,9 +10,9 @@ from math import fsum, pi, sqrt
 import numpy as np
 
 from mavdem.condition.loop.controllers import (
-    FASTEST,
+    FASTEST_LOOP_RATE,
     LOOP_RATES,
-    SLOWEST,
+    SLOWEST_LOOP_RATE,
     controller_of,
 )
 from mavdem.condition.loop.controllers import Controller as AxisController
@@ -41,7 +41,11 @@ def check_parameters(scenario: Scenario) -> None:
                 f"vehicle.parameters.{name} is not flown by {scenario.stream.autopilot} here"
             )
         low, high = (
-            (SLOWEST, FASTEST) if name == loop else (0.0, 1.0) if "_SPIN_" in name else (0.0, 1e4)
+            (SLOWEST_LOOP_RATE, FASTEST_LOOP_RATE)
+            if name == loop
+            else (0.0, 1.0)
+            if "_SPIN_" in name
+            else (0.0, 1e4)
         )
         if not low <= value <= high and not name.startswith("CA_"):
             raise ValueError(

@@ -12,26 +12,26 @@ from numpy.typing import ArrayLike
 from scipy.signal import bilinear, butter, sosfreqz
 
 from mavdem.condition.loop.controllers import Controller
-from mavdem.condition.loop.filters import HIGHEST
+from mavdem.condition.loop.filters import NOTCH_OFF_SHARE
 from mavdem.condition.loop.margins import Complex
 from sitl_scenarios.dynamics import AirState, Body, Four, State, Three
 from sitl_scenarios.motion import Array
 from sitl_scenarios.sensors import RotorNoise
 
-STILL = (0.0, 0.0, 0.0)
+NO_ROTATION = (0.0, 0.0, 0.0)  # rad/s
 
 
 class Gyro:
     """The gyro of a vehicle with a ``controller``, or without filters; ``rates``: rad/s, behind the filters."""
 
     def __init__(self, controller: Controller | None, step: float) -> None:
-        self.rates: Three = STILL
-        self.felt: Three = STILL  # before the filters
+        self.rates: Three = NO_ROTATION
+        self.felt: Three = NO_ROTATION  # before the filters
         sections: list[ArrayLike] = [[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]]  # passes all
-        if controller and 0 < controller.gyro_filter * step < HIGHEST:
+        if controller and 0 < controller.gyro_filter * step < NOTCH_OFF_SHARE:
             sections += butter(2, controller.gyro_filter, fs=1 / step, output="sos").tolist()
         for notch in controller.notches if controller else ():
-            if notch.frequency * step < HIGHEST:
+            if notch.frequency * step < NOTCH_OFF_SHARE:
                 k = tan(pi * notch.frequency * step)
                 damping = k * notch.bandwidth / notch.frequency
                 kept = damping * 10 ** (-notch.attenuation / 20)
@@ -41,7 +41,7 @@ class Gyro:
                 sections.append(np.hstack(section))
         self._sections = np.array(sections)
         self._filters = self._sections[1:].tolist()
-        self._pasts = [[[0.0, 0.0] for _ in self._filters] for _ in STILL]
+        self._pasts = [[[0.0, 0.0] for _ in self._filters] for _ in NO_ROTATION]
         self._step = step
 
     def response(self, frequency: Array) -> Complex:
@@ -61,7 +61,7 @@ class Gyro:
         """Returns the state after some steps of the ``body`` (``Body.moved``), whose rates it senses with ``noise``."""
         for _ in range(steps):
             state = body.moved(state, targets, air)
-            shaken = noise.at(state.rotors) if noise else STILL
+            shaken = noise.at(state.rotors) if noise else NO_ROTATION
             self.felt = self.rates = tuple(map(add, state.rates, shaken))
             if self._filters:
                 self.rates = tuple(map(self._filtered, self._pasts, self.felt))

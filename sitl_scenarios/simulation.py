@@ -20,7 +20,7 @@ from sitl_scenarios.dynamics import (
     steps_of,
 )
 from sitl_scenarios.gains import controller_for, gyro_for
-from sitl_scenarios.gyro import STILL
+from sitl_scenarios.gyro import NO_ROTATION
 from sitl_scenarios.motion import Array, Motion, Progress, joined
 from sitl_scenarios.plan import AFTER_SECONDS, BOOT_SECONDS, FlightPlan, seconds
 from sitl_scenarios.scenario import Scenario
@@ -127,7 +127,7 @@ class Simulation:
             control = ControlOutput((still,) * 4, (0.0,) * 4)
         elif reference.landed_state == 1 or self._down:
             idle = pulse(IDLE_COMMAND)
-            control = ControlOutput((idle,) * 4, (*STILL, IDLE_COMMAND))
+            control = ControlOutput((idle,) * 4, (*NO_ROTATION, IDLE_COMMAND))
         else:
             control = self._controller.control(estimate, reference, not self._grounded)
         acting: Change = (0.0,) * 12
@@ -135,7 +135,7 @@ class Simulation:
             acting = self._body.dynamics(
                 state.attitude, state.velocity, state.rates, state.rotors, air
             )
-        sticks = reference.demand if reference.by_stick and self.armed else STILL
+        sticks = reference.demand if reference.by_stick and self.armed else NO_ROTATION
         row = (
             self._now * self.cycle,
             *state[:4],

@@ -155,8 +155,8 @@ def truth(scenario: Scenario, motion: Motion) -> Arrays:
 
 
 SETTLED_CYCLES = 4096  # after which the rate controller's response to an impulse no longer changes
-LOWEST = 0.05  # Hz of the loops: position control is slower
-STEP = 1e-3, -1e-3  # of a demand, to linearise the mixer
+LOWEST_LOOP_FREQUENCY = 0.05  # Hz of the loops: position control is slower
+DEMAND_STEP = 1e-3, -1e-3  # of a demand, to linearise the mixer
 
 
 def loops(scenario: Scenario, number: int, effect: Array) -> Arrays:
@@ -169,7 +169,7 @@ def loops(scenario: Scenario, number: int, effect: Array) -> Arrays:
     name = AXES[number]
     controller = controller_for(scenario)
     cycle = scenario.cycle
-    frequency = np.geomspace(LOWEST, 0.499 / cycle, 4000)
+    frequency = np.geomspace(LOWEST_LOOP_FREQUENCY, 0.499 / cycle, 4000)
     s = 2j * pi * frequency
     feedback, setpoint = (
         _response(scenario, number, wanted, s * cycle) for wanted in (False, True)
@@ -178,10 +178,10 @@ def loops(scenario: Scenario, number: int, effect: Array) -> Arrays:
     about = np.append(np.eye(3)[number], 0.0)
     collective = body.command_for(body.hover_speed) / body.full
     hover = np.append(np.zeros(3), collective)
-    more, less = (controller.mixed((hover + step * about).tolist()) for step in STEP)
+    more, less = (controller.mixed((hover + step * about).tolist()) for step in DEMAND_STEP)
     spread = np.subtract(more, less)
     per_demand = float(effect @ spread) * (MAX_PULSE - MIN_PULSE)
-    gain = per_demand / (STEP[0] - STEP[1])
+    gain = per_demand / (DEMAND_STEP[0] - DEMAND_STEP[1])
     hold = (1 - np.exp(-s * cycle)) / (s * cycle)
     turning = STATES.index(f"{name} rate")
     identity = np.eye(len(STATES))

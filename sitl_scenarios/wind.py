@@ -8,7 +8,7 @@ Turbulence near the ground is that of MIL-F-8785C, 3.7.3.4 and figures 10 and 11
 
 MIL-HDBK-1797B halves L_v and L_w and writes 2L in their spectra, so that the spectra are the same; it is 8785C's L
 here. The spectra are in space, and an aircraft meets them at its airspeed V. A hovering vehicle has none but the
-wind's: V is the mean wind, and ``SLOWEST`` at least, where the standard is silent.
+wind's: V is the mean wind, and ``LEAST_SPEED`` at least, where the standard is silent.
 
 Both kinds of turbulence have exactly their own variance and autocorrelation at any step, and begin in their stationary
 state: Dryden's filters are solved exactly, von Kármán's autocorrelation is embedded in a circle.
@@ -60,7 +60,7 @@ def gaussian_noise(s: float, dt: float, samples: int, noise: Generator) -> Array
 
 
 FOOT = 0.3048  # m
-SLOWEST = 1.0  # m/s: V in less wind
+LEAST_SPEED = 1.0  # m/s: V in less wind
 
 
 class Turbulence(NamedTuple):
@@ -87,7 +87,7 @@ def turbulence(wind: TurbulentWind, height: float, span: float) -> Turbulence:
     # The standard's model begins at 10 feet, and holds below as it is there.
     feet = max(height / FOOT, 10.0)
     slope = 0.177 + 0.000823 * feet
-    airspeed = max(wind.speed, SLOWEST)
+    airspeed = max(wind.speed, LEAST_SPEED)
     low = feet * FOOT
     wide = feet / slope**1.2 * FOOT
     vertical = 0.1 * wind.wind_at_20_feet

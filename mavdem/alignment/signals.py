@@ -100,7 +100,7 @@ IGNORED = {
 }
 """Bits of ATTITUDE_TARGET.type_mask: a field with its bit set is no setpoint."""
 # s: stamps have no more digits, and the sum of steps that a grid point is may fall just before one
-ROUNDING = 1e-6
+STAMP_ROUNDING = 1e-6
 HOLD_SECONDS = 2.0
 """Age beyond which a setpoint is unknown: in flight modes that have no such setpoint its messages end."""
 
@@ -184,8 +184,8 @@ def held(setpoint: Setpoint, boot: int, time: Array) -> Array:
     here = setpoint.signal.boot == boot
     stamps = np.append(-np.inf, setpoint.signal.time[here])
     values = np.append(np.nan, setpoint.signal.values[here])
-    last = np.searchsorted(stamps, time + ROUNDING, side="right") - 1
-    return np.where(time - stamps[last] <= HOLD_SECONDS + ROUNDING, values[last], np.nan)
+    last = np.searchsorted(stamps, time + STAMP_ROUNDING, side="right") - 1
+    return np.where(time - stamps[last] <= HOLD_SECONDS + STAMP_ROUNDING, values[last], np.nan)
 
 
 class Injected(NamedTuple):

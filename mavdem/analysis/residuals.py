@@ -10,7 +10,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.facts.assessment import BoundTest
 
 BOUND_LEVEL = 0.99  # of the bounds that chance alone keeps to
-LAG_SECONDS = 0.5
+LAG_SECONDS = 0.5  # s, up to which residuals are correlated
 
 
 class Residuals(NamedTuple):

@@ -7,8 +7,8 @@ from mavdem.alignment.drive import AXES, TILT_AXES, Signal
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.assessment.evidence import INJECTED, Evidence
 from mavdem.assessment.limits import Limits, worst
-from mavdem.condition.loop.response import LEAST_COHERENCE
-from mavdem.condition.resonance import WINDOW_SECONDS, spectra
+from mavdem.condition.loop.response import COMPARED_COHERENCE
+from mavdem.condition.resonance import WELCH_SECONDS, spectra
 from mavdem.confidence import ENOUGH_SAMPLES
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.margins import TrackingLight
@@ -117,8 +117,8 @@ def _errors(asked: Signal, seen: Signal, parts: Segments, delays: Array) -> tupl
 
 def _overshoot(asked: Signal, angle: Signal, parts: Segments) -> float | None:
     """That of the second-order system whose response has as large a peak as the measured one; None where none shows."""
-    estimate = spectra((asked, angle), parts, 2 * WINDOW_SECONDS, SLOW_MOTION_RATE)
-    if estimate is None or not (coherent := estimate.coherence >= LEAST_COHERENCE).any():
+    estimate = spectra((asked, angle), parts, 2 * WELCH_SECONDS, SLOW_MOTION_RATE)
+    if estimate is None or not (coherent := estimate.coherence >= COMPARED_COHERENCE).any():
         return None
     peak = abs(estimate.response[coherent]).max()
     if peak <= 1:

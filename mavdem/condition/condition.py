@@ -146,7 +146,7 @@ def hover_figures(
     )
 
 
-FASTEST = 0.05
+FASTEST_COSINE = 0.05
 """Hz, of the fastest cosine: slower than gusts and the position loop, whose seconds are no mean of a flight."""
 # Cosines; fewer than 4 make intervals that are mostly chance, more than 32 hardly change them
 COSINES = (4, 32)
@@ -279,7 +279,7 @@ def _parts(signals: Signals, wanted: Callable[[Signals, int], Intervals]) -> Seg
 def mean_interval(values: Array, seconds: float) -> Array:
     """Returns half widths (k,) of the means of ``values`` (N, k), uniform over ``seconds``: 90 %, inf if too short."""
     length = len(values)
-    cosines = int(np.clip(round(2 * FASTEST * seconds), *COSINES))
+    cosines = int(np.clip(round(2 * FASTEST_COSINE * seconds), *COSINES))
     if length <= 2 * cosines:
         return np.full(values.shape[1], np.inf)
     projections = dct(values - values.mean(axis=0), axis=0)[1 : cosines + 1] / (

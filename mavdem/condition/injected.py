@@ -14,7 +14,12 @@ import numpy as np
 from mavdem.alignment.align import Segments
 from mavdem.alignment.signals import Signals
 from mavdem.condition.loop.margins import OpenLoop, transfer
-from mavdem.condition.resonance import LEAST_COHERENCE, LOWEST, known_controller_of, spectra
+from mavdem.condition.resonance import (
+    LEAST_COHERENCE,
+    LOWEST_RESPONSE,
+    known_controller_of,
+    spectra,
+)
 
 
 def injected_loop(signals: Signals, parts: Segments) -> OpenLoop | None:
@@ -33,7 +38,7 @@ def injected_loop(signals: Signals, parts: Segments) -> OpenLoop | None:
     cross = spectra((injected, signals.rates[0], acted), parts)
     if cross is None:
         return None
-    coherent = (cross.coherence >= LEAST_COHERENCE) & (cross.frequency >= LOWEST)
+    coherent = (cross.coherence >= LEAST_COHERENCE) & (cross.frequency >= LOWEST_RESPONSE)
     if np.count_nonzero(coherent) < 2:
         return None
     frequency = cross.frequency[coherent]

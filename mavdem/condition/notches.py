@@ -25,7 +25,7 @@ NEEDED = (
     0.2  # share of the noise above the loop behind the filters, from which a line is worth a notch
 )
 ATTENUATION = 40.0  # dB, as ArduPilot has it by default
-AROUND = 0.75, 1.35
+LINE_BAND = 0.75, 1.35
 """Of a line's frequency, from and to: what counts as its power."""
 BY_THROTTLE = 1.0
 BY_SPEED = 3.0
@@ -55,7 +55,7 @@ def notch_advice(
     left = shown.whole.mean(axis=0)
     if before is not None:
         left = left * abs(gyro_response(controller, shown.frequency)) ** 2
-    low, high = AROUND
+    low, high = LINE_BAND
     of_line = (shown.frequency > low * frequency) & (shown.frequency < high * frequency)
     share = left[of_line].sum() / left[shown.frequency > FASTEST_LOOP].sum()
     if share < NEEDED:

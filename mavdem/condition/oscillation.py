@@ -22,7 +22,7 @@ from mavdem.condition.resonance import evenly_sampled, spectra_of, windows_of
 from mavdem.dem.engine.linalg import SMALLEST
 from mavdem.heading import Values
 
-WINDOWS = (4.0, 8.0)
+WINDOW_LENGTHS = (4.0, 8.0)
 FEWEST_SAMPLES = 32
 PERIODS = 8
 """Of one spectrum: seconds, samples, and periods of the slowest line that can be told from what is merely slow."""
@@ -87,7 +87,7 @@ def oscillation_of(
     cycles = [
         cycle
         for axis, tilt in tilts.items()
-        for seconds in WINDOWS
+        for seconds in WINDOW_LENGTHS
         for cycle in _limit_cycles(axis, tilt, motors, parts, seconds, whole)
     ]
     return _of_vehicle(cycles)

@@ -17,9 +17,9 @@ from mavdem.condition.spectra import Spectrum
 from mavdem.confidence import SURE_DEVIATIONS
 from mavdem.dem.engine.linalg import SMALLEST, Array
 
-LOWEST = 15.0  # Hz: below, vehicles are steered
+LOWEST_LINE = 15.0  # Hz: below, vehicles are steered
 OVER = 6.0  # times what is around it, in power: a line elsewhere, smeared, makes at most 5
-AROUND = 0.2
+SURROUNDINGS = 0.2
 FEWEST_BINS = 7
 """What is around a line: so much of its frequency to each side, and so many bins at least."""
 NEAR = 0.08  # of a frequency: two lines closer than this are one
@@ -36,8 +36,8 @@ STEEPEST = 1.2
 LASTING = 0.7  # of the windows, in which a line must be: others cross it
 SMEARED = 0.01  # of the strongest line that has a name: what else has none is of it
 HARMONIC = 0.02  # of a multiple of the frequency
-MOST = 8  # peaks that are kept, the strongest
-MOST_HARMONICS = 6
+MOST_PEAKS = 8  # peaks that are kept, the strongest
+MOST_HARMONICS = 6  # multiples of a frequency that are looked for
 
 
 class PeakKind(StrEnum):
@@ -75,7 +75,7 @@ def peaks_of(spectrum: Spectrum) -> tuple[Peak, ...]:
         tracked = _tracked(logarithms, frequency, drive, exponent)
         rows = find_peaks(tracked, prominence=np.log(OVER) / 2)[0].tolist()
         for row in rows:
-            if frequency[row] >= LOWEST:
+            if frequency[row] >= LOWEST_LINE:
                 peaks.append(_peak(spectrum, logarithms, drive, row))
     kept = list[Peak]()
     for peak in sorted(peaks, key=lambda peak: -peak.ratio):
@@ -86,7 +86,7 @@ def peaks_of(spectrum: Spectrum) -> tuple[Peak, ...]:
     highest = max((peak.ratio for peak in named), default=0.0)
     # Lines that move are smeared along others.
     clear = [peak for peak in kept if peak in named or peak.ratio > SMEARED * highest]
-    return _with_harmonics(clear)[:MOST]
+    return _with_harmonics(clear)[:MOST_PEAKS]
 
 
 def _drive(spectrum: Spectrum) -> Array:
@@ -139,7 +139,7 @@ def _peak(spectrum: Spectrum, logarithms: Array, drive: Array, row: int) -> Peak
     kind = _kind(scores, best, at)
     if kind is PeakKind.MOTOR and best > STEEPEST and spectrum.highest < FOLDING:
         kind = PeakKind.UNNAMED
-    beside = max(FEWEST_BINS, round(AROUND * top))
+    beside = max(FEWEST_BINS, round(SURROUNDINGS * top))
     around = tracked[max(top - beside, 0) : top + beside + 1]
     base = np.median(around)
     along = _along(logarithms, frequency, at * drive**best)

@@ -26,13 +26,13 @@ from mavdem.dem.engine.linalg import SMALLEST
 from mavdem.errors import NotLearnable
 from mavdem.ingest.telemetry import Array
 
-WINDOW_SECONDS = 2.0
+WELCH_SECONDS = 2.0
 FEWEST_WINDOWS = 10
 """Of the spectra, by Welch, half over each other: so the error of T where the coherence is a half is a fifth."""
 LEAST_COHERENCE = 0.5  # of the rate with its setpoint, or with the motors
 # times the lowest frequency, up to which T is known without a gap between
 LEAST_BAND = 2.0
-STILL = 2.0  # |T| at the lowest frequency, over which the setpoint does not move the rate
+STILL_RESPONSE = 2.0  # |T| at the lowest frequency, over which the setpoint does not move the rate
 PROMINENT = 3.0
 SIDES = 1.5
 """Times the straight line between the frequencies so many times lower and higher: a maximum sensitivity of up to 2.3
@@ -41,10 +41,10 @@ makes at most 2.5 of it, one of 4.9 makes 5 and more."""
 FASTEST_LOOP = 40.0
 USUAL_ANGLE_GAIN = 4.5
 """1/s, ArduCopter's default, where the log has none; PX4's is 6.5."""
-LOWEST = 1.0  # Hz, of T: below, the vehicle is moved to another place
+LOWEST_RESPONSE = 1.0  # Hz, of T: below, the vehicle is moved to another place
 SLOWEST_PEAK = 6.0  # Hz, of the rate's own spectrum: below, it is steered, also by sines, and moved by the wind
 # of the highest frequency: above, interpolation between messages has lost a fifth of the power
-HIGHEST = 0.8
+HIGHEST_SHARE = 0.8
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def response_of(signals: Signals, parts: Segments) -> Resonance | None:
     by_wind = whole - abs(response) ** 2
     own += abs(back_by_angle) ** 2 * by_wind
     coherent = (coherence >= LEAST_COHERENCE) & (own >= 0.5)
-    coherent &= (hertz >= LOWEST) & (hertz <= HIGHEST * hertz[-1])
+    coherent &= (hertz >= LOWEST_RESPONSE) & (hertz <= HIGHEST_SHARE * hertz[-1])
     rows = np.flatnonzero(coherent)
     # the run of frequencies that reaches over most octaves
     ends = np.flatnonzero(np.diff(rows) > 1) + 1
@@ -137,7 +137,7 @@ def response_of(signals: Signals, parts: Segments) -> Resonance | None:
     rows = max(runs, key=lambda run: hertz[run[-1]] / hertz[run[0]], default=rows)
     size = abs(response[rows])
     # A setpoint that does not move the rate, as of a heading that is held, gives far more than 1.
-    if not len(rows) or hertz[rows[-1]] < LEAST_BAND * hertz[rows[0]] or size[0] > STILL:
+    if not len(rows) or hertz[rows[-1]] < LEAST_BAND * hertz[rows[0]] or size[0] > STILL_RESPONSE:
         return None
     at = rows[np.argmax(size)]
     seen = coherence[rows]
@@ -171,7 +171,7 @@ def peak_of(signals: Signals, parts: Segments) -> Resonance | None:
     cross = spectra((Signal(drive.time, drive.boot, command), attitude.rates), parts)
     if cross is None or not cross.usual.all():
         return None
-    top = min(HIGHEST * cross.frequency[-1], FASTEST_LOOP)
+    top = min(HIGHEST_SHARE * cross.frequency[-1], FASTEST_LOOP)
     inside = (cross.frequency >= SLOWEST_PEAK) & (cross.frequency <= top / SIDES)
     rows = np.flatnonzero(inside)
     if not len(rows):
@@ -196,7 +196,7 @@ def peak_of(signals: Signals, parts: Segments) -> Resonance | None:
 def spectra(
     signals: Sequence[Signal],
     parts: Segments,
-    seconds: float = WINDOW_SECONDS,
+    seconds: float = WELCH_SECONDS,
     least_rate: float = MINIMUM_RATE,
 ) -> Spectra | None:
     """Returns those of all windows of so many ``seconds`` without gaps in ``parts`` of a flight.
@@ -210,7 +210,7 @@ def spectra(
 
 
 def spectra_of_pieces(
-    sampled: float, pieces: Sequence[Array], seconds: float = WINDOW_SECONDS
+    sampled: float, pieces: Sequence[Array], seconds: float = WELCH_SECONDS
 ) -> Spectra | None:
     """Returns those of ``pieces`` (k, N) of series at so many Hz, as :func:`spectra` does."""
     size = round(seconds * sampled)

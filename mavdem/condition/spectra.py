@@ -20,8 +20,8 @@ from mavdem.ingest.telemetry import Array, interpolated
 
 SECONDS = 1.0  # of a window
 FEWEST_WINDOWS = 6
-SLOWEST = 20.0  # Hz of samples: there is nothing to see below half of that
-LEVELS = 12  # of the throttle, with as many windows each
+SLOWEST_SENSOR = 20.0  # Hz of samples: there is nothing to see below half of that
+THROTTLE_LEVELS = 12  # of the throttle, with as many windows each
 SAMPLES = (
     ("gyro_before", "GYRO_BEFORE", ("x", "y", "z")),
     ("gyro_before", "HIGHRES_IMU", ("xgyro", "ygyro", "zgyro")),
@@ -81,7 +81,7 @@ class Spectrum(Result):
         order = np.argsort(self.throttle)[:windows]
         if not len(order):
             return np.zeros(0), np.zeros((0, len(self.frequency)))
-        count = min(LEVELS, len(order))
+        count = min(THROTTLE_LEVELS, len(order))
         parts = np.array_split(order, count)
         levels = np.array([self.throttle[part].mean() for part in parts])
         densities = np.array([self.whole[part].mean(axis=0) for part in parts])
@@ -144,7 +144,7 @@ def _spectrum(
 
     steps = np.diff(sampled.time)
     usual = np.median(steps[steps > 0]) if np.any(steps > 0) else np.inf
-    if usual > 1 / SLOWEST or len(sampled.time) * usual < SECONDS / 2:
+    if usual > 1 / SLOWEST_SENSOR or len(sampled.time) * usual < SECONDS / 2:
         return None
     octaves = np.log2(SECONDS / usual)
     size = int(2 ** np.round(octaves))

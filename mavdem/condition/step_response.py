@@ -29,7 +29,7 @@ from mavdem.alignment.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals, us
 from mavdem.condition.loop.margins import Complex
 from mavdem.condition.resonance import (
     FEWEST_WINDOWS,
-    HIGHEST,
+    HIGHEST_SHARE,
     LEAST_COHERENCE,
     USUAL_ANGLE_GAIN,
     Spectra,
@@ -47,10 +47,10 @@ SECONDS = {"rate": 0.5, "attitude": 2.0}
 """Of a step's response, until it has settled; a window is two of them, and the one before."""
 TAPS = 100  # of it at most: of rates up to 200 Hz, for resonances of up to half of that
 MOST_WINDOWS = 300
-PASSES = 4
+NOISE_PASSES = 4
 ORDER = 12  # of the autoregression of the residuals
 SMOOTH = 0.04
-SLOW = 0.2, 2.0
+SLOW_TAIL = 0.2, 2.0
 SLOW_SHARE = 0.03
 """Of the prior, in shares of the step: lengths over which it is alike, and of the slow tail that an integrator leaves
 that length, its decay, and its share of the variance."""
@@ -62,7 +62,7 @@ LEAST_POWER = (
 )
 LEAST_KNOWN = 0.25  # standard deviation of |T| beyond which it is not known
 SETTLED = 0.05  # of the step: the band of the settling time
-DRAWS = 300
+RESPONSE_DRAWS = 300
 STEP_HERTZ = 0.05  # of the sum over a predicted response
 DISAGREES = 0.3
 """Of the frequencies, at which prediction and band lie apart, where a tenth does by chance alone."""
@@ -236,7 +236,7 @@ def _fitted(sampled: float, pieces: Sequence[Array], angle_gain: float, seconds:
     weights = decay / decay.sum()
     asked, seen = (_windows([piece[row] for piece in pieces], taps, size) for row in range(2))
     with one_thread():
-        for _ in range(PASSES):
+        for _ in range(NOISE_PASSES):
             driver = asked
             if angle_gain:
                 clean = [_without_feedback(piece, angle_gain, weights, sampled) for piece in pieces]
@@ -342,7 +342,7 @@ def _prior(precision: Array, moment: Array) -> Array:
     shapes = []
     evidence = []
     for decay in DECAYS:
-        slow = SLOW_SHARE * _matern(after, *SLOW)
+        slow = SLOW_SHARE * _matern(after, *SLOW_TAIL)
         shape = _matern(after, SMOOTH, decay) + slow
         # The response begins at 0.
         from_zero = shape - np.outer(shape[0], shape[0]) / shape[0, 0]
@@ -380,9 +380,9 @@ def _described(
     taps = len(fit.weights)
     time = np.arange(1, taps + 1) / sampled
     # Setpoints of the angle may come without stamps of their own.
-    highest = HIGHEST * sampled / (2 if loop == "rate" else 4)
+    highest = HIGHEST_SHARE * sampled / (2 if loop == "rate" else 4)
     hertz = np.linspace(0.5, highest, 2 * taps)
-    drawn = normal_draws(fit.weights, fit.covariance, DRAWS, seed=31)
+    drawn = normal_draws(fit.weights, fit.covariance, RESPONSE_DRAWS, seed=31)
     every = np.vstack([fit.weights, drawn])
     # By Euler and Maclaurin: between two values the response is not straight.
     slopes = np.eye(taps, k=-1) - np.eye(taps, k=1)

@@ -316,7 +316,7 @@ class Learned(Result, Forecasting, LearnedDownstream):
 
 
 TEST_SECONDS = 1.5  # of a forecast whose errors are looked at: a few periods of the motion, as in the paper at 100 Hz
-MOST_STARTS = 200
+MOST_STARTS = 200  # of forecasts at most, evenly over the flight
 
 
 @dataclass(frozen=True, eq=False)

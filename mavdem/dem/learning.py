@@ -34,7 +34,7 @@ Job = tuple[Records, Settings | None]
 
 FEWEST_SAMPLES = 50  # that a model is fitted to
 
-WINDOW_SECONDS = 0.09
+EMBEDDING_SECONDS = 0.09
 """Embedding window: wide enough to average measurement noise, short beside the motion of a vehicle."""
 
 PARAMETER_PRECISION = 10.0  # prior precision of each free parameter, in the units of ``scaling``
@@ -109,7 +109,7 @@ def checked(train: Records, settings: Settings | None) -> tuple[Record, Complete
 def complete(settings: Settings, record: Record) -> CompleteSettings:
     """Returns the settings with order, d, window and prior precision.
 
-    A window that is not given lasts ``WINDOW_SECONDS``, or is the shortest possible where segments are too short.
+    A window that is not given lasts ``EMBEDDING_SECONDS``, or is the shortest possible where segments are too short.
     """
     # One state more than outputs: the lag between motor output and torque.
     order = settings.order or record.outputs.shape[1] + 1
@@ -119,7 +119,7 @@ def complete(settings: Settings, record: Record) -> CompleteSettings:
     windows = (
         [settings.window]
         if settings.window
-        else [_odd(WINDOW_SECONDS / record.dt, fewest), _odd(0, fewest)]
+        else [_odd(EMBEDDING_SECONDS / record.dt, fewest), _odd(0, fewest)]
     )
     for window in windows:
         # Half of the samples must have a whole window, or the derivatives come from too few of them.

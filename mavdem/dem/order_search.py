@@ -34,7 +34,7 @@ from mavdem.dem.settings import Settings
 from mavdem.errors import NotLearnable
 from mavdem.facts.model import ModelRefusal
 
-WIDTH = 0.6
+KERNEL_WIDTH = 0.6
 """Of the kernel, over the time in which the outputs change by their standard deviation: wide enough to average noise,
 narrow enough to keep fast states visible."""
 
@@ -180,7 +180,7 @@ def kernel_width(record: Record) -> float:
     )
     widest = len(record) * record.dt / (_repeated(1.0, 1.0) * KERNEL_SAMPLES)
     if len(read):
-        widest = min(widest, WIDTH * _time_of_change(read[:, :m], read[:, m:]))
+        widest = min(widest, KERNEL_WIDTH * _time_of_change(read[:, :m], read[:, m:]))
     return max(NARROWEST_STEPS * record.dt, widest)
 
 

@@ -27,7 +27,7 @@ Result = TypeVar("Result")
 # up to this many jobs are sooner done in this process than by workers, which take about a second to start
 FEW = 8
 
-AHEAD = 256  # jobs that are sent ahead of the result that is waited for: a given executor may have many workers
+JOBS_AHEAD = 256  # jobs that are sent ahead of the result that is waited for: a given executor may have many workers
 # niceness, 0 to 19, of a process that learns beside samples: they do not wait for a core
 LOW_PRIORITY = 10
 ENDS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP  # signals that end a program from outside
@@ -63,12 +63,12 @@ def _map_on(
     work: Callable[[Job], Result],
     jobs: Iterable[Job],
 ) -> Generator[Result, None, None]:
-    """At most ``AHEAD`` jobs are on their way."""
+    """At most ``JOBS_AHEAD`` jobs are on their way."""
     sent: deque[Future[Result]] = deque()
     try:
         for job in jobs:
             sent.append(executor.submit(partial(_unless_stopped, work), job))
-            while sent and (len(sent) >= AHEAD or sent[0].done()):
+            while sent and (len(sent) >= JOBS_AHEAD or sent[0].done()):
                 yield sent[0].result()
                 sent.popleft()
         while sent:

@@ -78,7 +78,7 @@ def is_whole(value: object) -> TypeGuard[int]:
 
 MOST_STEPS = 100_000  # ahead: of as many predictions take a fraction of a gigabyte, and seconds
 SHORTEST_STEP = 1e-9
-LARGEST = 1e50
+LARGEST_VALUE = 1e50
 """Seconds between samples, and size of one: beyond, squares and derivatives overflow; of its inverse they underflow."""
 
 # how far the sampling steps of segments may differ, relative to the first: by rounding only
@@ -109,7 +109,7 @@ class Spread(NamedTuple):
     def moving(self) -> Flags:
         """(k,) which columns vary by more than rounding."""
         size = np.maximum(abs(self.lowest), abs(self.highest))
-        return self.highest - self.lowest > np.maximum(ROUNDING * size, 1 / LARGEST)
+        return self.highest - self.lowest > np.maximum(ROUNDING * size, 1 / LARGEST_VALUE)
 
 
 class UniformRecord(Protocol):
@@ -311,8 +311,8 @@ def require_usable(samples: Array, name: str) -> None:
     """Raises ``ValueError`` for samples to learn from that are not finite, or too large to square."""
     if not np.isfinite(samples).all():
         raise ValueError(f"{name} must be finite")
-    if abs(samples).max(initial=0.0) > LARGEST:
-        raise ValueError(f"{name} must not be larger than {LARGEST:g}")
+    if abs(samples).max(initial=0.0) > LARGEST_VALUE:
+        raise ValueError(f"{name} must not be larger than {LARGEST_VALUE:g}")
 
 
 def _directions(flights: Sequence[UniformRecord], motors: int) -> Array | None:

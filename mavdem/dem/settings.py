@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from mavdem.dem.engine.linalg import Pair, require_positive_definite
-from mavdem.dem.record import LARGEST, checked_values
+from mavdem.dem.record import LARGEST_VALUE, checked_values
 from mavdem.facts.fact import plain
 from mavdem.heading import Numbers, Values
 from mavdem.unit_slips import real_numbers
@@ -66,7 +66,7 @@ Whole = Annotated[int, Field(ge=0, le=2**63 - 1)]
 Natural = Annotated[int, Field(ge=1, le=2**63 - 1)]
 # of a model: its fit takes memory of order n⁴, and no flight shows as many states
 LARGEST_ORDER = 12
-Positive = Annotated[float, Field(ge=1e-50, le=LARGEST)]
+Positive = Annotated[float, Field(ge=1e-50, le=LARGEST_VALUE)]
 Log = Annotated[float, Field(ge=-LARGEST_LOG, le=LARGEST_LOG)]
 
 

@@ -19,7 +19,7 @@ from mavdem.heading import Values
 from mavdem.units import DensityOfUnit, Hertz, Number, Seconds
 
 FREQUENCIES = 240
-TIMES = 80
+MOST_TIMES = 80
 """At most, of a spectrum and of a spectrogram."""
 
 
@@ -249,11 +249,11 @@ def _response(response: LoopResponse) -> Values:
 
 
 def _spectrum(spectrum: measured.Spectrum, lines: tuple[Peak, ...]) -> Spectrum:
-    """The document of a spectrum, thinned to ``FREQUENCIES`` and ``TIMES`` by the largest."""
+    """The document of a spectrum, thinned to ``FREQUENCIES`` and ``MOST_TIMES`` by the largest."""
     axes = ("forward", "right", "down") if spectrum.unit == "m/s²" else AXES
     fine, mean = thinned(spectrum.frequency, spectrum.mean, FREQUENCIES)
     coarse, over_time = thinned(spectrum.frequency, spectrum.whole, FREQUENCIES // 2)
-    size = -(-len(spectrum.time) // TIMES)
+    size = -(-len(spectrum.time) // MOST_TIMES)
     levels, by_throttle = spectrum.by_throttle
     _, by_throttle = thinned(spectrum.frequency, by_throttle, FREQUENCIES // 2)
     return Spectrum.gather(

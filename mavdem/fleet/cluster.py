@@ -28,7 +28,7 @@ from mavdem.fleet.workers import (
     side_by_side,
 )
 
-SECONDS_TO_CONNECT = 10.0
+SECONDS_TO_CONNECT = 10.0  # s, in which the scheduler must answer
 
 # in a worker of the cluster: processes that wait for a log
 _idle = list[LogReader]()

@@ -28,7 +28,7 @@ from mavdem.health.assessment import assess
 from mavdem.health.balance import BalanceFigures, HealthFigures, motor_signatures
 
 # of the time at its upper stop: with more a motor has nothing left, and the flight is not sound
-SATURATED = 0.01
+SATURATED_SHARE = 0.01
 OF_ASSESSMENT = ("health", "fault_probability", "change_probability", "suspect_motor")
 BESIDE_OTHERS = ("health_reason", "health_code", "residual_mean")
 
@@ -98,7 +98,7 @@ def health_figures(row: FlightRow) -> HealthFigures:
         layout = MotorGeometry(numbers, numbers, row.positions or (), spins=row.spins or ())
         signatures = motor_signatures(layout)
     name = f"{row.file} {row.system} {row.component}"
-    sound = row.oscillation is None and max(row.saturated or (0.0,)) < SATURATED
+    sound = row.oscillation is None and max(row.saturated or (0.0,)) < SATURATED_SHARE
     return HealthFigures(
         name, motors, signatures, balance, row.date, row.collective, row.voltage_mean, sound
     )

@@ -54,7 +54,7 @@ MEMORY_SECONDS = 60.0
 KEPT_SECONDS = 150.0
 # Without settled flight, after which what was before is no reference: no landing and take-off is shorter
 LONGEST_GAP = TRANSIENT_SECONDS
-WINDOWS = (2, 3, 4, 6, 8, 10, 14, 20, 30, 40)  # Blocks since the change began
+CHANGE_BLOCKS = (2, 3, 4, 6, 8, 10, 14, 20, 30, 40)  # Blocks since the change began
 BATCHES = (1, 2, 4, 8)  # Blocks whose mean shows the long-run variance
 HOURS_TO_FALSE_ALARM = 10.0  # By design
 # Of the rise of a motor's own command, as a share of the mean command
@@ -368,7 +368,7 @@ class MotorWatch:
             return
         reference = NEXT_REFERENCE_SECONDS if self._freedom > PRIOR_FREEDOM else REFERENCE_SECONDS
         windows = np.array(
-            [n for n in WINDOWS if len(self._blocks) >= n + reference / BLOCK_SECONDS], int
+            [n for n in CHANGE_BLOCKS if len(self._blocks) >= n + reference / BLOCK_SECONDS], int
         )
         if len(windows):
             self.since = self.since or time

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.signals import ROUNDING
+from mavdem.alignment.signals import STAMP_ROUNDING
 from mavdem.analysis.findings import Findings
 from mavdem.assessment.judgement import Judgement, next_step_of, unjudged
 from mavdem.assessment.limits import worst
@@ -245,9 +245,9 @@ class LiveHistory:
         shown = (nan, nan)
         nearest = min(self._pending, key=lambda seconds: abs(seconds - AHEAD), default=nan)
         for seconds, waiting in self._pending.items():
-            while waiting and waiting[0][0] < time + ROUNDING:
+            while waiting and waiting[0][0] < time + STAMP_ROUNDING:
                 ahead, predicted, band, last = waiting.popleft()
-                if ahead < time - ROUNDING or not np.isfinite(predicted + band).all():
+                if ahead < time - STAMP_ROUNDING or not np.isfinite(predicted + band).all():
                     continue
                 errors = outputs - np.array([predicted, last])
                 count, sums = self._sums.get(seconds) or (0, np.zeros((3, len(outputs))))

@@ -47,15 +47,15 @@ EVIDENCE_RATE = 4.0  # Hz; those that come faster already stay as they are
 # Between two requests for parameters: a slow radio has other things to send
 PARAMETER_SECONDS = 0.2
 # Of arrival time, over which rates are measured
-WINDOW_SECONDS = 5.0
-SLOW = 0.7  # Share of the rate reached before, below which a message is asked for again
+MEASURED_SECONDS = 5.0
+AGAIN_SHARE = 0.7  # Share of the rate reached before, below which a message is asked for again
 PAUSE_SECONDS = 10.0
 """Between two requests of one message that was reached. Another ground station that sets rates back, MAVProxy every
 15 s, costs as long each time as it takes to ask again."""
 
 
 class Arrivals:
-    """Rates over the last ``WINDOW_SECONDS`` of the caller's clock: the vehicle's stops when nothing comes."""
+    """Rates over the last ``MEASURED_SECONDS`` of the caller's clock: the vehicle's stops when nothing comes."""
 
     def __init__(self) -> None:
         self._window: deque[tuple[float, dict[int, int]]] = deque()
@@ -64,7 +64,7 @@ class Arrivals:
         """Returns Hz by message id from the number of messages so far by id; None while the window is too short."""
         if not self._window or now - self._window[-1][0] >= DECISION_SECONDS / 4:
             self._window.append((now, dict(arrived)))
-        while len(self._window) > 1 and self._window[1][0] <= now - WINDOW_SECONDS:
+        while len(self._window) > 1 and self._window[1][0] <= now - MEASURED_SECONDS:
             self._window.popleft()
         start, before = self._window[0]
         if now - start < DECISION_SECONDS:
@@ -121,7 +121,7 @@ class RateRequest:
         self._intervals = [_Interval(id, names[id], rate, rate, True) for id in messages]
         for id in evidence:
             wanted = min(rate, max(50.0, rate / 2)) if id == SETPOINTS else EVIDENCE_RATE
-            self._intervals.append(_Interval(id, names[id], wanted, SLOW * wanted, False))
+            self._intervals.append(_Interval(id, names[id], wanted, AGAIN_SHARE * wanted, False))
         self._restoring = False
         self.unconfirmed: deque[_Interval] = deque()  # whose restoring awaits a reply
 
@@ -157,18 +157,18 @@ class RateRequest:
             interval.settings = 0
             interval.reached = interval.is_set
             return []
-        pause = PAUSE_SECONDS if interval.reached else WINDOW_SECONDS
+        pause = PAUSE_SECONDS if interval.reached else MEASURED_SECONDS
         if interval.is_set and now - interval.last < pause:
             return []
         if interval.settings == MAX_TRIES:
-            interval.needed = SLOW * rate
+            interval.needed = AGAIN_SHARE * rate
             self._report(interval, RateFact.RATE_BELOW_ASKED, rate=rate, needed_rate=interval.rate)
             return []
         if interval.reached:
             self._report_fall(interval, rate)
         if interval.before is None:
             interval.before = round(1e6 / rate) if rate else STOPPED
-        interval.needed = SLOW * interval.rate
+        interval.needed = AGAIN_SHARE * interval.rate
         interval.reached = False
         interval.settings += 1
         interval.is_set = True
@@ -223,7 +223,7 @@ class RateRequest:
             each.settings = 0
             each.reached = False
             each.last = -np.inf
-            each.needed = SLOW * each.rate
+            each.needed = AGAIN_SHARE * each.rate
 
     def restore(self) -> list[bytes]:
         """Returns frames that restore each former interval that may have changed and is not confirmed as before yet."""

@@ -19,7 +19,7 @@ import numpy as np
 from mavdem.alignment import align
 from mavdem.alignment.attitude import ATTITUDE_MESSAGES
 from mavdem.alignment.learnability import MAX_STEP_RATIO
-from mavdem.alignment.signals import MINIMUM_RATE, ROUNDING
+from mavdem.alignment.signals import MINIMUM_RATE, STAMP_ROUNDING
 from mavdem.facts import Fact
 from mavdem.facts.session import VehicleFact
 from mavdem.heading import Numbers
@@ -265,7 +265,7 @@ class Grid:
         """Starts a segment if the streams, attitude first, are long enough; returns whether it did."""
         first = max(stream.since for stream in streams)
         last = min((stream.time[-1] if stream.time else -inf) for stream in streams)
-        first = max(first, self._latest + ROUNDING, self._steady_from)
+        first = max(first, self._latest + STAMP_ROUNDING, self._steady_from)
         if last < self._try_from or last - first < (
             DECISION_SECONDS if self.dt is None else RESUME_SECONDS
         ):
@@ -296,7 +296,7 @@ class Grid:
         self._streams = tuple(streams)
         self.start = float(grid[0])
         # Only the end of the deciding seconds becomes rows: a learner must not start with seconds to catch up on.
-        self._next = int(np.searchsorted(grid, last - RESUME_SECONDS - ROUNDING))
+        self._next = int(np.searchsorted(grid, last - RESUME_SECONDS - STAMP_ROUNDING))
         self.segment += 1
         self.running = True
         return True
@@ -358,5 +358,7 @@ def _value_at(stream: Samples, sampling: _Sampling, time: float, dt: float) -> N
     until = time - align.STAMP_SECONDS if dt >= 3 * align.STAMP_SECONDS else time
     if kept and last >= until and (near := stream.nearest(time)) is not None:
         return near
-    ahead = align.FILTER_EDGE_STEPS * dt - align.STAMP_SECONDS if len(weights) > 1 else -ROUNDING
+    ahead = (
+        align.FILTER_EDGE_STEPS * dt - align.STAMP_SECONDS if len(weights) > 1 else -STAMP_ROUNDING
+    )
     return stream.weighted(time, weights, offsets) if last >= time + ahead else None

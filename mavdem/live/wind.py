@@ -29,7 +29,7 @@ from mavdem.condition.wind_velocity import (
     speed_status,
 )
 from mavdem.confidence import half_width, quantile
-from mavdem.dem.airflow.identification import GUSTS, GUSTS_SD, STEP, checked, in_air
+from mavdem.dem.airflow.identification import DRAG_STEP, GUSTS, GUSTS_SD, checked, in_air
 from mavdem.dem.airflow.model import TOTAL, Drag, Filter, motion
 from mavdem.dem.engine.linalg import Array, normal_draws
 from mavdem.dem.online.wind import FIRST_FIT_SECONDS
@@ -42,11 +42,11 @@ from mavdem.heading import Numbers
 from mavdem.ingest.telemetry import interpolated
 from mavdem.live.link import SILENCE_SECONDS
 
-SAMPLE = 0.05  # s between samples that are kept, at least
+SAMPLE_SECONDS = 0.05  # s between samples that are kept, at least
 MEMORY = 300.0  # s, of weighing sizes of gusts
 # of drag and lean; m/s: what is faster is damaged
-DRAWS = 16
-FASTEST = 100.0
+WIND_DRAWS = 16
+DAMAGED_SPEED = 100.0
 SIZES = np.log([*product([0.15, 0.6], [5.0], [0.02, 0.06], [0.02, 0.06, 0.2])])  # as GUSTS
 
 
@@ -132,18 +132,18 @@ class WindRows:
         self._rows = 0  # in the mean
         self._said = False
         self._last = -inf
-        kept = round(2 * FIRST_FIT_SECONDS / SAMPLE)
+        kept = round(2 * FIRST_FIT_SECONDS / SAMPLE_SECONDS)
         self._attitudes = deque[Sequence[float]](maxlen=kept)
         self._velocities = deque[Sequence[float]](maxlen=kept)
         self._filter: Filter | None = None
-        self._step = STEP
+        self._step = DRAG_STEP
         self._end = inf  # s, of the step that comes next
         self._next_check = -inf
         self._local = -inf
 
     def attitude(self, time: float, angles: Sequence[float]) -> None:
         """Takes roll, pitch and yaw, rad."""
-        if not self._attitudes or time - self._attitudes[-1][0] >= SAMPLE - 1e-3:
+        if not self._attitudes or time - self._attitudes[-1][0] >= SAMPLE_SECONDS - 1e-3:
             self._attitudes.append((time, *angles))
 
     def velocity(self, name: str, time: float, values: Sequence[float]) -> Fact | None:
@@ -151,12 +151,14 @@ class WindRows:
         self._local = time if name == "LOCAL_POSITION_NED" else self._local
         # Of several messages that one alone
         is_other = name != "LOCAL_POSITION_NED" and time - self._local < SILENCE_SECONDS
-        if is_other or time - self._last < SAMPLE - 1e-3:
+        if is_other or time - self._last < SAMPLE_SECONDS - 1e-3:
             return None
         self._last = time
         down, *level = (VELOCITIES[name] * value for value in values)
         sure = velocity_known(self.flags)
-        if not (sure and self._attitudes and all(abs(part) < FASTEST for part in (down, *level))):
+        if not (
+            sure and self._attitudes and all(abs(part) < DAMAGED_SPEED for part in (down, *level))
+        ):
             return None
         if self._velocities and time - self._velocities[-1][0] > SILENCE_SECONDS:
             self._filter = None
@@ -166,7 +168,7 @@ class WindRows:
         if time >= self._next_check:
             self._next_check = time + FIRST_FIT_SECONDS
             self._check(time)
-        while self._end <= min(time, self._attitudes[-1][0] + SAMPLE):
+        while self._end <= min(time, self._attitudes[-1][0] + SAMPLE_SECONDS):
             self._take(self._end)
             self._end += self._step
         news = self.row is not None and not self._said
@@ -207,12 +209,14 @@ class WindRows:
             self._filter = None
             return
         self.obstacle = None
-        start = motion(stamps, angles, speeds, max(STEP, np.median(np.diff(stamps))))
+        start = motion(stamps, angles, speeds, max(DRAG_STEP, np.median(np.diff(stamps))))
         if self._filter is None and start.known.any():
             self._step = start.step
             drag = self.drag or self.set_drag
-            places = normal_draws(drag.mean, drag.covariance, DRAWS, seed=1)
-            places = np.hstack([np.tile(places, (len(SIZES), 1)), np.repeat(SIZES, DRAWS, axis=0)])
+            places = normal_draws(drag.mean, drag.covariance, WIND_DRAWS, seed=1)
+            places = np.hstack(
+                [np.tile(places, (len(SIZES), 1)), np.repeat(SIZES, WIND_DRAWS, axis=0)]
+            )
             self._filter = Filter(in_air(places, start), start)
             self._end = time
 
@@ -231,7 +235,7 @@ class WindRows:
             run.total.reshape(len(SIZES), -1).mean(axis=1)
             - (((SIZES - GUSTS) / GUSTS_SD) ** 2).sum(axis=1) / 2
         )
-        weights = np.repeat(softmax(logs) / DRAWS, DRAWS)
+        weights = np.repeat(softmax(logs) / WIND_DRAWS, WIND_DRAWS)
         winds = run.states @ TOTAL.T
         variances = np.einsum("ai,gij,aj->ga", TOTAL, run.spreads, TOTAL)
         mean = weights @ winds

@@ -38,7 +38,9 @@ B = 2.0
 INPUT_FREQUENCIES = np.array([0.7, 1.9, 3.1])
 INPUT_HARMONICS = np.array([1.0, -1.0j, 0.6])
 
-CERTAIN = e**32  # precision of a parameter that is known: C, in the authors' own examples too
+CERTAIN_PRECISION = (
+    e**32
+)  # precision of a parameter that is known: C, in the authors' own examples too
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,7 @@ class ScalarSettings:
     lambda_mean: tuple[float, float] = (6.0, 1.0)  # prior of [λᶻ, λʷ]
     lambda_precision: tuple[float, float] = (e**25, 1.0)
     theta_mean: tuple[float, float, float] = (-8.0, 8.0, 1.0)  # prior of A, B and C
-    theta_precision: tuple[float, float, float] = (e**-4, e**-4, CERTAIN)  # for each
+    theta_precision: tuple[float, float, float] = (e**-4, e**-4, CERTAIN_PRECISION)  # for each
     input_precision: float = e**16  # of the input and of its derivatives
     # s between the samples that are used; noise is uncorrelated after 3.5 kernel widths
     spacing: float = 1.8
@@ -140,7 +142,7 @@ PAPER = ScalarSettings(
     smoothness=0.1,
     lambda_mean=(20.0, 3.0),
     lambda_precision=(e**25, e**20),
-    theta_precision=(e**4, e**4, CERTAIN),
+    theta_precision=(e**4, e**4, CERTAIN_PRECISION),
     spacing=0.1,
 )
 """The paper's section on algorithm settings, with η = (−8, 8) as in its figure."""
@@ -167,10 +169,10 @@ SAME_POINT = 0.1  # posterior standard deviations: ascents whose ends scatter le
 DRAWN = (0, 1, 2, 3, 10)  # iterations
 AXIS_A = np.linspace(-10, 4, 71)
 AXIS_B = np.linspace(-4, 10, 71)
-LEVELS = [1e3, 1e4, 1e5, 1e6]  # contours, nats below the peak
+CONTOUR_LEVELS = [1e3, 1e4, 1e5, 1e6]  # contours, nats below the peak
 
 # of the circle; iterations from each
-PRIORS = 50
+PRIOR_COUNT = 50
 RADIUS = 5.0
 ROUNDS = 40
 CENTRE = np.array([-3.0, 3.0])  # not the truth, or the mean of the priors would be the solution
@@ -229,7 +231,7 @@ def run(runner: Runner) -> ExperimentResult:
 
 def ascents(settings: ScalarSettings, samples: SufficientStatistics) -> list[list[Belief]]:
     """Returns the beliefs after each iteration, from each prior of the circle."""
-    angles = default_rng(0).uniform(0, 2 * np.pi, PRIORS)
+    angles = default_rng(0).uniform(0, 2 * np.pi, PRIOR_COUNT)
     priors = CENTRE + RADIUS * np.column_stack([np.cos(angles), np.sin(angles)])
     models = [replace(settings, theta_mean=(a, b, 1.0)).model() for a, b in priors.tolist()]
     return [plain_rounds(model, samples, ROUNDS) for model in models]
@@ -243,12 +245,12 @@ def ends(paths: list[list[Belief]]) -> Pair:
 
 
 def _from_above(axes: Axes, model: GenerativeModel, belief: Belief) -> None:
-    """Shades F̄ᵒ by its distance from the peak, with contours at ``LEVELS``, the truth and the estimate."""
+    """Shades F̄ᵒ by its distance from the peak, with contours at ``CONTOUR_LEVELS``, the truth and the estimate."""
     values = np.array([[value_at(model, belief, a, b) for a in AXIS_A] for b in AXIS_B])
     # Half a nat keeps the peak's own grid point on the logarithmic scale.
     depth = np.maximum(values.max() - values, 0.5)
     filled = axes.contourf(
-        AXIS_A, AXIS_B, depth, [0.4, *LEVELS, 1e8], cmap="viridis_r", norm=LogNorm(1e2, 1e7)
+        AXIS_A, AXIS_B, depth, [0.4, *CONTOUR_LEVELS, 1e8], cmap="viridis_r", norm=LogNorm(1e2, 1e7)
     )
     filled.set_rasterized(True)
     axes.plot(A, B, "+", color=TRUTH, markersize=9)

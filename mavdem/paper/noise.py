@@ -31,7 +31,7 @@ from mavdem.paper import figures
 from mavdem.paper.runner import PAPER, Check, ExperimentResult, Runner
 from mavdem.report.figures.style import Picture
 
-LEVEL = 0.01  # of each test; with five tests, one report in twenty rejects a true hypothesis
+TEST_LEVEL = 0.01  # of each test; with five tests, one report in twenty rejects a true hypothesis
 
 
 def run(runner: Runner) -> ExperimentResult:
@@ -83,20 +83,20 @@ def noise_of_model(window: Window) -> NoiseSeries:
 
 def checks(noises: list[NoiseSeries], whose: str, pieces: str) -> tuple[Check, ...]:
     """Returns whether each is Gaussian, and whether coloured; ``whose`` and ``pieces`` are for the sentences."""
-    gaussian = sum(noise.normality.p_value >= LEVEL for noise in noises)
+    gaussian = sum(noise.normality.p_value >= TEST_LEVEL for noise in noises)
     coloured = sum(
-        noise.autocorrelation[noise.overlap] > noise.bound and noise.whiteness.p_value < LEVEL
+        noise.autocorrelation[noise.overlap] > noise.bound and noise.whiteness.p_value < TEST_LEVEL
         for noise in noises
     )
     return (
         Check(
-            f"{whose}: the test for Gaussian noise of any colour has p ≥ {LEVEL} every time",
+            f"{whose}: the test for Gaussian noise of any colour has p ≥ {TEST_LEVEL} every time",
             gaussian == len(noises),
             f"{whose} is Gaussian in {gaussian} of {len(noises)} {pieces}",
         ),
         Check(
             f"{whose}: its autocorrelation lies above the 95 % bound at the first lag that shares no samples, and the "
-            f"test for white noise of values that share none has p < {LEVEL}, every time",
+            f"test for white noise of values that share none has p < {TEST_LEVEL}, every time",
             coloured == len(noises),
             f"{whose} is coloured in {coloured} of {len(noises)}",
         ),

@@ -27,7 +27,7 @@ INPUTS = {"unknown": replace(PAPER, known_inputs=False, input_precision=e**2), "
 """The prior η = 0 with P = e², as in the paper, and the recorded inputs."""
 
 # share of the range of F̄ over all orders: smaller gains of higher orders do not count
-SATURATED = 0.01
+NEGLIGIBLE_SHARE = 0.01
 
 
 def lateral_flight(experiment: int) -> Flight:
@@ -52,10 +52,10 @@ def fit_order(job: tuple[int, str, int, Flight]) -> tuple[float, str]:
 
 
 def saturates_at(free_energy: Array) -> int:
-    """Returns the lowest order, from 1, beyond which none gains more than ``SATURATED`` of the range of F̄."""
+    """Returns the lowest order, from 1, beyond which none gains more than ``NEGLIGIBLE_SHARE`` of the range of F̄."""
     energy = np.where(np.isnan(free_energy), -np.inf, free_energy)
     finite = energy[np.isfinite(energy)]
-    enough = energy >= finite.max() - SATURATED * np.ptp(finite)
+    enough = energy >= finite.max() - NEGLIGIBLE_SHARE * np.ptp(finite)
     return int(np.flatnonzero(enough)[0]) + 1
 
 
@@ -100,8 +100,8 @@ def run(runner: Runner) -> ExperimentResult:
             ),
         ),
         remarks=(
-            f"An order counts as saturated when no higher one up to {ORDERS[-1]} gains more than {percent(SATURATED)} "
-            f"of the range of F̄ over all orders. The rule is relative to the scale of the curve: in nats, higher "
+            f"An order counts as saturated when no higher one up to {ORDERS[-1]} gains more than "
+            f"{percent(NEGLIGIBLE_SHARE)} of the range of F̄ over all orders. The rule is relative to the scale of the curve: in nats, higher "
             f"orders may still gain tens of thousands. A system of order 1 has no lower order to set the scale.",
         ),
     )

@@ -46,7 +46,7 @@ from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 
 EXPERIMENTS = (1, 2, 3, 4, 5)
-SAMPLE = 2  # the experiment that the paper's figures of one flight show
+SHOWN_EXPERIMENT = 2  # the experiment that the paper's figures of one flight show
 
 SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", "shared/data"))
 """The folder of the recorded flights, which are no part of the product: unless named, one in the working directory."""
@@ -232,7 +232,7 @@ class Runner:
     @property
     def shown(self) -> int:
         """The experiment in the figures of one flight."""
-        return SAMPLE if SAMPLE in self.numbers else self.numbers[0]
+        return SHOWN_EXPERIMENT if SHOWN_EXPERIMENT in self.numbers else self.numbers[0]
 
     def each(self, work: Callable[[Job], JobResult], jobs: Iterable[Job]) -> list[JobResult]:
         """Returns ``work`` of each job, done on the workers; both must pickle."""

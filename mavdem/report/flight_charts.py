@@ -9,7 +9,7 @@ from mavdem.assessment.responses import LoopResponse, Responses
 from mavdem.condition.loop.filters import gyro_response
 from mavdem.condition.loop.loop import TARGETS, Loop
 from mavdem.condition.loop.margins import OpenLoop
-from mavdem.condition.loop.response import LOWEST
+from mavdem.condition.loop.response import LOWEST_COMPARED
 from mavdem.condition.peaks import PeakKind
 from mavdem.condition.spectra import Spectrum, thinned
 from mavdem.condition.step_response import StepResponse
@@ -56,6 +56,7 @@ def _of_response(title: str, response: LoopResponse, seen: StepResponse) -> Iter
 
 
 COLOURS = PREDICTED, PHYSICAL
+# Levels of the sensitivity: of no loop, and the most that is allowed
 MOST_SENSITIVE = 1.0, TARGETS["default"].ms
 
 
@@ -75,7 +76,7 @@ def loop_charts(loops: Mapping[str, Loop], which: str = "rate") -> Charts:
     marks = []
     for (name, loop), colour in zip(loops.items(), COLOURS, strict=False):
         opened: OpenLoop = getattr(loop, which)
-        shown = opened.frequency >= LOWEST
+        shown = opened.frequency >= LOWEST_COMPARED
         response = opened.response[:, shown]
         turned = np.unwrap(np.angle(response), axis=1)
         turned -= 2 * np.pi * (turned[:, :1] > 0)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from operator import attrgetter
 
 from mavdem.assessment.tuning import AdviceByAxis
-from mavdem.condition.loop.advice import LARGEST_ANGLE, STEP, Advice
+from mavdem.condition.loop.advice import LARGEST_ANGLE, MAX_GAIN_STEP, Advice
 from mavdem.condition.loop.filters import gyro_filters
 from mavdem.condition.loop.loop import LoopByAxis
 from mavdem.condition.loop.margins import OpenLoop
@@ -23,7 +23,7 @@ FIGURES = {  # header, and what makes the unit shown, by name of the figure
     "rejection": ("motion per 100 °/s² torque (°/s, °)", 100.0),
 }
 # of the log's rate: the crossover up to which delay and time constant are known well enough
-FASTEST = 0.15
+KNOWN_CROSSOVER_SHARE = 0.15
 
 
 def tune_blocks(advised: AdviceByAxis, whole: bool = True, said: str = "") -> Blocks:
@@ -73,7 +73,7 @@ def _loop_blocks(advice: Advice) -> Blocks:
     """The margins, now and as advised, and what they rest on."""
     loop = advice.before
     blocks: Blocks = [*margin_tables(loops_of(advice))]
-    if loop.crossover * loop.record.dt > FASTEST:
+    if loop.crossover * loop.record.dt > KNOWN_CROSSOVER_SHARE:
         (slow,) = section("loop_too_fast", crossover=loop.crossover, rate=1 / loop.record.dt)
         blocks.append(caution(slow.text))
     filters = gyro_filters(loop.controller, loop.crossover)
@@ -118,7 +118,9 @@ def gain_blocks(advice: Advice) -> Blocks:
         falling=[name for name, factor in factors.items() if factor < 1],
         rising=[name for name, factor in factors.items() if factor > 1],
         farthest=[
-            name for name, factor in factors.items() if max(factor, 1 / factor) > 0.999 * STEP
+            name
+            for name, factor in factors.items()
+            if max(factor, 1 / factor) > 0.999 * MAX_GAIN_STEP
         ],
         largest=LARGEST_ANGLE[advice.before.axis],
     )

@@ -24,7 +24,7 @@ from mavdem.report.palette import (
 )
 from mavdem.report.systems import model_response, plant_of, plant_response
 
-SHOWN_WINDOWS = 8
+SHOWN_WINDOWS = 8  # held-out windows that are drawn in full, the first ones
 FASTEST_WIND = 10.0  # Hz: what is faster is noise of sensors
 
 

@@ -10,18 +10,18 @@ from mavdem.facts import Fact
 from mavdem.report.blocks import LINES, Sentence, brief
 from mavdem.report.words import headline, section
 
-COLUMNS = 80
+SCREEN_COLUMNS = 80
 """Of a terminal that nobody has widened."""
 HARD_SPACE = "\xa0"
 
 
 def screen_of(assessment: Assessment) -> str:
-    """Returns the screen of an ``assessment``: of ``COLUMNS``, ``LINES``; a long next step takes more."""
+    """Returns the screen of an ``assessment``: of ``SCREEN_COLUMNS``, ``LINES``; a long next step takes more."""
     lead = title_of(assessment)
-    first = shorten(f"{lead.lead} {lead.text}", COLUMNS, placeholder=" …")
+    first = shorten(f"{lead.lead} {lead.text}", SCREEN_COLUMNS, placeholder=" …")
     lights = [_row(name, fact) for name, fact in assessment.lights.items()]
     # What somebody reads when all has scrolled by is last.
-    headlines = wrap(headline(assessment.headline), COLUMNS, max_lines=2, placeholder=" …")
+    headlines = wrap(headline(assessment.headline), SCREEN_COLUMNS, max_lines=2, placeholder=" …")
     last = [*headlines, *_wrapped(f"Next: {assessment.next_step}")]
     room = max(LINES - 3 - len(lights) - len(last), 0)
     alarms = [*_alarms(assessment)][:room]
@@ -45,7 +45,7 @@ def title_of(assessment: Assessment) -> Sentence:
 def _wrapped(text: str) -> Iterator[str]:
     """The lines of a ``text``, with each command, as "`mavdem tune LOG`", whole on one, to be pasted."""
     whole = re.sub("`.*?`", lambda command: command[0].replace(" ", HARD_SPACE), text)
-    for line in wrap(whole, COLUMNS, break_long_words=False, break_on_hyphens=False):
+    for line in wrap(whole, SCREEN_COLUMNS, break_long_words=False, break_on_hyphens=False):
         yield line.replace(HARD_SPACE, " ")
 
 
@@ -53,7 +53,7 @@ def _row(name: str, fact: Fact) -> str:
     """A light by its name, or an event by its time."""
     mark = fact.level.upper() if fact.is_bad else fact.level
     beginning = f"{name:<11}{mark:<9}"
-    return f"{beginning}{brief(headline(fact), COLUMNS - len(beginning))}"
+    return f"{beginning}{brief(headline(fact), SCREEN_COLUMNS - len(beginning))}"
 
 
 def _alarms(assessment: Assessment) -> Iterator[str]:

@@ -36,7 +36,7 @@ from mavdem.report.palette import (
 if TYPE_CHECKING:
     from mavdem.live.history import LiveHistory
 
-AROUND = 5.0  # s shown before arming and after disarming
+AROUND_SECONDS = 5.0  # s shown before arming and after disarming
 ANGLE = readable("rad")
 
 
@@ -97,8 +97,8 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
     if len(time) < 2:
         return None
     armed = phases.armed(signals, boot) or [(-np.inf, np.inf)]
-    first = max(time[0], armed[0][0] - AROUND)
-    last = min(time[-1], armed[-1][1] + AROUND)
+    first = max(time[0], armed[0][0] - AROUND_SECONDS)
+    last = min(time[-1], armed[-1][1] + AROUND_SECONDS)
     part = Segment(boot, first, last)
     torques = (
         torque_line(analysis.learned, f"on {axis}", DISTURBANCE if axis == AXES[0] else COMMAND)

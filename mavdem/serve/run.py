@@ -29,7 +29,7 @@ from mavdem.serve.uploads import PATIENCE_SECONDS
 from mavdem.serve.viewers import Viewers
 from mavdem.serve.work import Work
 
-MOST_CONNECTIONS = 1000
+MOST_CONNECTIONS = 1000  # open at once; further ones are refused
 REQUEST_SECONDS = 10  # until a request of a connection is there
 
 

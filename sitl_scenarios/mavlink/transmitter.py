@@ -24,7 +24,7 @@ Rows = NDArray[np.intp]
 
 Timed = tuple[float, bytes]
 """The time, s of the flight, at which a frame is sent or received, and its bytes."""
-EARLY = 0.5e-6
+EARLY_SECONDS = 0.5e-6
 """Seconds before it is due that a message may be sent: half of what times are rounded to, so that none is a tie."""
 
 
@@ -70,7 +70,7 @@ class Schedule:
         first, interval = self._courses[name]
         if not np.isfinite(interval):
             return np.empty(0, dtype=np.intp)
-        periods = np.floor((times + EARLY - first) / interval)
+        periods = np.floor((times + EARLY_SECONDS - first) / interval)
         until_now = np.maximum(periods + 1, 0)
         sent = np.diff(until_now, prepend=self._sent[name])
         rows = np.flatnonzero(sent)
@@ -256,7 +256,7 @@ class LossyLink:
         return [] if self._held is None else [self._held]
 
 
-BLOCK = 1 << 14  # Cycles whose frames are made together
+BLOCK_CYCLES = 1 << 14  # Cycles whose frames are made together
 
 
 def recorded(scenario: Scenario, motion: Motion) -> FrameStream:
@@ -267,8 +267,8 @@ def recorded(scenario: Scenario, motion: Motion) -> FrameStream:
     transmitter = Transmitter(scenario)
     link = LossyLink(scenario)
     received: list[Timed] = []
-    for begin in range(0, len(motion), BLOCK):
-        received += link.pass_on(transmitter.send(motion[begin : begin + BLOCK]))
+    for begin in range(0, len(motion), BLOCK_CYCLES):
+        received += link.pass_on(transmitter.send(motion[begin : begin + BLOCK_CYCLES]))
     received += link.rest()
     data = np.frombuffer(b"".join(frame for _, frame in received), dtype=np.uint8)
     sizes = np.array([len(frame) for _, frame in received], np.int64)

@@ -25,8 +25,8 @@ from mavdem.condition.loop.advice import (
     EFFECTS,
     LARGEST_ANGLE,
     LOUDER,
+    MAX_GAIN_STEP,
     SLOWER,
-    STEP,
     advise,
     lowered,
 )
@@ -255,7 +255,7 @@ def test_advised_gains_have_the_margins_in_95_of_100_plants_and_let_wind_move_it
     have &= of_all["gain_margin"] + 0.02 >= least_gain
     assert (found.sure >= 0.95) == (factor < 4) and np.mean(have) >= found.sure - 0.01
     for gain in found.gains.values():
-        assert abs(np.log(gain.set / gain.now)) <= np.log(STEP) + 1e-3
+        assert abs(np.log(gain.set / gain.now)) <= np.log(MAX_GAIN_STEP) + 1e-3
         assert gain.set == float(f"{gain.set:.4g}")
     assert found.gains["MC_ROLL_P"].set <= LARGEST_ANGLE["roll"]
     code = Gains.SET_GAINS if factor < 4 else Gains.STEP_TOWARDS_MARGINS

@@ -15,7 +15,7 @@ from numpy.random import default_rng
 from pytest import fixture, mark, raises
 
 from mavdem import Flight, Learned, Settings, learn, learn_many
-from mavdem.dem.parallel import AHEAD, FEW
+from mavdem.dem.parallel import FEW, JOBS_AHEAD
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.model import Workers
@@ -120,7 +120,7 @@ def test_a_bounded_number_is_on_its_way_and_cancelled_at_the_end():
     answers = learn_many(repeat(JOBS[0]), executor)
     for taken in range(3):
         assert isinstance(next(answers), Learned)
-        assert len(executor.futures) == AHEAD + taken
+        assert len(executor.futures) == JOBS_AHEAD + taken
     answers.close()
     # The first two jobs are over, and the third has been asked for.
     assert all(future.cancelled() for future in executor.futures[3:])

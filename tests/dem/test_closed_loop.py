@@ -17,7 +17,7 @@ from mavdem.dem.closed_loop.identification import (
 )
 from mavdem.dem.closed_loop.likelihood import AxisPosterior
 from mavdem.dem.closed_loop.parameters import MEAN, NAMES, PLANT, SD, STEP_TIME
-from mavdem.dem.closed_loop.spectra import WINDOW_SECONDS, Messages, spectra
+from mavdem.dem.closed_loop.spectra import SPECTRUM_SECONDS, Messages, spectra
 from mavdem.dem.engine.gauss_newton import Quadratic
 
 CYCLE = 0.0025
@@ -75,7 +75,7 @@ KNOWN = KnownController(
     CYCLE,
 )
 STAMPS = 7.0 + CYCLE * np.arange(round(SECONDS / CYCLE))
-STARTS = np.arange(STAMPS[0], STAMPS[-1] - WINDOW_SECONDS, WINDOW_SECONDS / 2)
+STARTS = np.arange(STAMPS[0], STAMPS[-1] - SPECTRUM_SECONDS, SPECTRUM_SECONDS / 2)
 
 
 def sent(one, every, begin=0):

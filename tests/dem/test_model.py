@@ -231,7 +231,7 @@ def joint(model, start, inputs, outputs, spread=None):
 )
 def test_it_is_the_joint_gaussian_given_the_outputs(seed, n, k, m, samples, radius, stands_still):
     with MonkeyPatch.context() as patched:
-        patched.setattr(kalman, "STEADY", stands_still)
+        patched.setattr(kalman, "STEADY_CHANGE", stands_still)
         rng = default_rng(seed)
         model = random_gaussian_model(seed, n, k, m, radius)
         start, inputs, outputs = (

@@ -112,7 +112,7 @@ def test_the_same_seed_is_the_same_file_however_it_is_cut(monkeypatch):
     motion = made_up_motion()
     flown = scenario(faults=faults)
     whole = written(flown, motion)
-    monkeypatch.setattr(recorded_module, "BLOCK", 37)
+    monkeypatch.setattr(recorded_module, "BLOCK_CYCLES", 37)
     assert written(flown, motion) == whole
     assert written(flown.model_copy(update={"seed": 1}), motion) != whole
 

@@ -29,7 +29,7 @@ from mavdem.machine import free_port
 from mavdem.report.blocks import Table, markdown
 from mavdem.serve.library import Entry, Library, insert
 
-PATIENCE_SECONDS = 600.0
+PATIENCE_SECONDS = 600.0  # s, in which a log that was dropped must have its page
 get = partial(requests.get, timeout=60)
 
 

@@ -23,6 +23,7 @@ from mavdem.assessment.assess import NoLoop
 from mavdem.condition.loop.advice import advise
 from mavdem.condition.loop.loop import TARGETS, Loop, Target, scores_of
 
+# Times the control effectiveness of the flight
 EFFECTS = {"after": 1.0, "1.2 times": 1.2, "1.44 times": 1.44}
 GOALS = ["goal met before", *EFFECTS]
 LEANS = {"lean": (True, False), "lean, goal met before": (True,), "lean, not met": (False,)}

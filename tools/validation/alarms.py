@@ -45,7 +45,7 @@ SHIFTED = "shifted load"
 SECOND = "chipped while another is weak"
 KINDS = {SOUND: 72, HOVER: 100, WIND: 100, CHIPPED: 40, SHIFTED: 120, SECOND: 40}
 """Flights of each kind; the sound ones of ten minutes, which makes twelve hours with about ten of them settled."""
-BROKEN = {"thrust": 0.8, "torque": 0.76}
+BROKEN = {"thrust": 0.8, "torque": 0.76}  # times those of a sound propeller
 ARMS = {"iris": 250.0, "ardrone2": 178.0, "crazyflie": 43.0}  # mm
 SHIFT = (0.05, 0.14)  # of the arm
 

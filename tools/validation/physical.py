@@ -46,6 +46,7 @@ STATUSES = {Status.REPORTED: "", Status.BIASED: " (biased)", Status.NOT_IDENTIFI
 FLOWN = table_beside(__file__, "physical.toml")
 RATES = (50.0, 100.0, 200.0)  # Hz
 *_, RATE = RATES  # of the Crazyflie
+# Column of the gyro, and the sign of each motor's torque
 AXES = {"roll": ("gyro.x", [-1.0, -1.0, 1.0, 1.0]), "pitch": ("gyro.y", [-1.0, 1.0, 1.0, -1.0])}
 
 

@@ -34,7 +34,7 @@ from mavdem.immutable import Result
 from mavdem.ingest.telemetry import Parameters
 
 GAINS = "p", "i", "d", "angle"
-STEP = 3.0
+MAX_GAIN_STEP = 3.0
 """Times, that a gain grows or falls at most at once: with 2, wind leans simulated vehicles a tenth more."""
 EFFECTS = 1.0, 0.8, 1.2
 """Of the flight's control effectiveness: a full battery raises it by up to a fifth, an empty one or load lowers it."""
@@ -167,7 +167,7 @@ def _best(loop: Loop, target: Target) -> Parameters:
     slowest = [SLOWER * margins_now.bandwidth for margins_now in (few.rate, few.attitude)]
 
     def stepped(steps: Array) -> Parameters:
-        factors = np.exp(steps).clip(1 / STEP, STEP)
+        factors = np.exp(steps).clip(1 / MAX_GAIN_STEP, MAX_GAIN_STEP)
         new = np.minimum(factors * list(gains.values()), most)
         return {name: float(f"{value:.4g}") for name, value in zip(gains, new, strict=True)}
 

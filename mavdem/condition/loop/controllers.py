@@ -26,8 +26,8 @@ from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 
 MOTORS = 4  # of the frames whose mixer is known
 # Hz of a rate loop
-SLOWEST = 50.0
-FASTEST = 1000.0
+SLOWEST_LOOP_RATE = 50.0
+FASTEST_LOOP_RATE = 1000.0
 USUAL_RATES = {"px4": 250.0, "ardupilot": 400.0}
 """Hz of the rate loop where nobody says it: PX4's in its simulators, ArduCopter's SCHED_LOOP_RATE by default."""
 LOOP_RATES = {"px4": "IMU_GYRO_RATEMAX", "ardupilot": "SCHED_LOOP_RATE"}
@@ -39,7 +39,7 @@ RANGES = {
         ("target_filter", "error_filter", "derivative_filter", "output_filter", "gyro_filter"),
         (0.0, 1e4),
     ),
-    "cycle": (1e-5, 1 / SLOWEST),
+    "cycle": (1e-5, 1 / SLOWEST_LOOP_RATE),
     "expo": (-1.0, 1.0),
 }
 """From the least to the most that each figure of a controller can be; a filter that is on has at least 0.1 Hz."""
@@ -231,7 +231,7 @@ def _ardupilot(own: Parameters, axis: str, weights: Numbers) -> Values:
         "target_notches": tuple(_pid_notches(own, f"{rate}NTF")),
         "error_notches": tuple(_pid_notches(own, f"{rate}NEF")),
         "derivative_of_error": True,
-        "cycle": 1 / max(own.get("SCHED_LOOP_RATE", 400.0), SLOWEST),
+        "cycle": 1 / max(own.get("SCHED_LOOP_RATE", 400.0), SLOWEST_LOOP_RATE),
         "mixer": (1.0,),
     }
     if len(weights) != 1:
@@ -320,7 +320,7 @@ def _px4(own: Parameters, axis: str, is_demand: bool) -> Values:
         "output_filter": own.get("MC_YAW_TQ_CUTOFF", 0.0) if axis == "yaw" else 0.0,
         "gyro_filter": own.get("IMU_GYRO_CUTOFF", 0.0),
         "derivative_of_error": False,
-        "cycle": 1 / max(own.get("IMU_GYRO_RATEMAX", 400.0), SLOWEST),
+        "cycle": 1 / max(own.get("IMU_GYRO_RATEMAX", 400.0), SLOWEST_LOOP_RATE),
         "mixer": (1.0,) if is_demand else _allocation(own)[axis],
     }
 

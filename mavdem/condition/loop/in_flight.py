@@ -19,7 +19,7 @@ from mavdem.dem.closed_loop.densities import ASKED, OUTPUT, RATE, KnownControlle
 from mavdem.dem.closed_loop.identification import IdentifiedAxis, identified
 from mavdem.dem.closed_loop.likelihood import AxisPosterior
 from mavdem.dem.closed_loop.parameters import NAMES, PLANT
-from mavdem.dem.closed_loop.spectra import WINDOW_SECONDS, CrossSpectra, Messages, spectra
+from mavdem.dem.closed_loop.spectra import SPECTRUM_SECONDS, CrossSpectra, Messages, spectra
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.graybox import Physical
 from mavdem.dem.graybox.estimation import BAND_HZ
@@ -51,7 +51,7 @@ MOST_ROUNDED = 0.2
 LEAST_STEERED = 0.6
 """Of the rate's variance, by what was asked: below, wind that the controller answers is half of what there is to learn
 from, and on half of the flights of ``tools/validation/loops.py`` phases erred by 14° (above by 3°)."""
-SLOW = 4.0  # Hz, up to which a setpoint must explain the output
+EXPLAINED_FREQUENCY = 4.0  # Hz, up to which a setpoint must explain the output
 
 
 def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
@@ -92,7 +92,7 @@ def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
     streams, limited, rounding = _streams(signals, boot, controller, directions)
     starts = np.array(list(_windows(flights, streams)))
     if len(starts) < FEWEST_WINDOWS:
-        least_duration = (FEWEST_WINDOWS + 1) * WINDOW_SECONDS / 2
+        least_duration = (FEWEST_WINDOWS + 1) * SPECTRUM_SECONDS / 2
         raise NotLearnable(Loops.LOOP_TOO_SHORT, least_duration=least_duration)
     limited_share = _limited_share(streams[OUTPUT], limited, starts)
     logged_controller = KnownController(
@@ -182,9 +182,9 @@ def _windows(flights: Sequence[Flight], streams: Sequence[Messages]) -> Iterator
     end = min(stream.time[-1] for stream in streams)
     for flight in flights:
         first = max(flight.time[0], begin)
-        last = min(flight.time[-1], end) - WINDOW_SECONDS
-        for start in np.arange(first, last + 1e-6, WINDOW_SECONDS / 2):
-            edges = {"prepend": start, "append": start + WINDOW_SECONDS}
+        last = min(flight.time[-1], end) - SPECTRUM_SECONDS
+        for start in np.arange(first, last + 1e-6, SPECTRUM_SECONDS / 2):
+            edges = {"prepend": start, "append": start + SPECTRUM_SECONDS}
             if all(
                 np.diff(stream.time[_inside(stream, start)], **edges).max() < 1
                 for stream in streams
@@ -193,7 +193,7 @@ def _windows(flights: Sequence[Flight], streams: Sequence[Messages]) -> Iterator
 
 
 def _inside(stream: Messages, start: float) -> slice:
-    return slice(*np.searchsorted(stream.time, [start, start + WINDOW_SECONDS]).tolist())
+    return slice(*np.searchsorted(stream.time, [start, start + SPECTRUM_SECONDS]).tolist())
 
 
 def _limited_share(output: Messages, limited: Messages, starts: Array) -> float:
@@ -209,7 +209,7 @@ def _limited_share(output: Messages, limited: Messages, starts: Array) -> float:
 
 def _used(spectra: CrossSpectra, controller: KnownController) -> CrossSpectra:
     """Of rate, output and that setpoint which explains the output better by the controller."""
-    slow = spectra.frequency < SLOW
+    slow = spectra.frequency < EXPLAINED_FREQUENCY
     forward, back = controller.transfer(spectra.frequency[slow])
     unlike = np.stack([back, np.ones(len(back)), -forward])
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.margins import Complex, transfer
-from mavdem.condition.resonance import WINDOW_SECONDS, Spectra, spectra_of_pieces
+from mavdem.condition.resonance import WELCH_SECONDS, Spectra, spectra_of_pieces
 from mavdem.confidence import Interval
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.identifiability import SLOWEST_RATE
@@ -16,9 +16,9 @@ from mavdem.facts import Fact
 from mavdem.facts.loops import Responses
 
 # Hz, Hz and share: of the band that is compared
-LOWEST = 0.3
-LEAST_BAND = 1.0
-LEAST_COHERENCE = 0.8
+LOWEST_COMPARED = 0.3
+LEAST_COMPARED_BAND = 1.0
+COMPARED_COHERENCE = 0.8
 LEAST_FIT = 80.0  # %, from which the two agree
 # of the demand and the parameters', where compared; of their ratio's logarithm
 SURE_COHERENCE = 0.9
@@ -70,8 +70,7 @@ def measured_response(
                 turn = controller.angle * error
                 corrected.append(np.array([asked + turn, rate, moved]))
     spectra = [
-        spectra_of_pieces(1 / record.dt, pieces, 2 * WINDOW_SECONDS)
-        for pieces in (plain, corrected)
+        spectra_of_pieces(1 / record.dt, pieces, 2 * WELCH_SECONDS) for pieces in (plain, corrected)
     ]
     ways = [
         _compared(cross, record.dt, controller, at, closed)
@@ -88,10 +87,10 @@ def _compared(
     hertz = cross.frequency
     of_rate = cross.power[1, 1].real
     coherence = cross.coherence
-    is_unclear = (hertz > LOWEST) & ~(coherence >= LEAST_COHERENCE)
+    is_unclear = (hertz > LOWEST_COMPARED) & ~(coherence >= COMPARED_COHERENCE)
     unclear = hertz[is_unclear]
     highest = min([*unclear, at[-1], hertz[-1]])
-    inside = (hertz >= LOWEST) & (hertz < highest)
+    inside = (hertz >= LOWEST_COMPARED) & (hertz < highest)
     predicted = np.interp(hertz, at, closed)
     unlike = np.abs(cross.response - predicted) ** 2 * cross.driver
     by_wind = (1 - coherence) * of_rate
@@ -109,7 +108,7 @@ def _compared(
     asked = np.einsum("if,ijf,jf->f", asks.conj(), cross.power[:2, :2], asks).real
     least = SURE_COHERENCE * asked * cross.power[2, 2].real
     sure = np.abs(likewise) ** 2 > least
-    sure &= (hertz > LOWEST) & (hertz < 0.25 / dt)
+    sure &= (hertz > LOWEST_COMPARED) & (hertz < 0.25 / dt)
     gain = np.nan
     if dt < 1 / SLOWEST_RATE and sure.sum() > 5:
         ratios = np.abs(likewise / asked)[sure]
@@ -117,13 +116,13 @@ def _compared(
     reason = None
     if abs(np.log(gain)) > GAIN_ERROR:
         reason = Fact(Responses.CONTROLLER_GAIN_DIFFERS, ratio=gain)
-    elif highest < LEAST_BAND:
+    elif highest < LEAST_COMPARED_BAND:
         reason = Fact(Responses.RESPONSE_UNEXPLAINED, rate=highest)
     elif agreement < LEAST_FIT:
         share = agreement / 100
         needed = LEAST_FIT / 100
         reason = Fact(Responses.RESPONSE_DISAGREES, share=share, needed=needed)
-    return MeasuredResponse((LOWEST, highest), fit, agreement, gain, reason)
+    return MeasuredResponse((LOWEST_COMPARED, highest), fit, agreement, gain, reason)
 
 
 def evenly(asked: Array) -> Array:

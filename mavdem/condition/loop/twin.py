@@ -9,7 +9,12 @@ from numpy.random import default_rng
 from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.alignment.drive import AXES
-from mavdem.condition.loop.controllers import FASTEST, LOOP_RATES, USUAL_RATES, controller_of
+from mavdem.condition.loop.controllers import (
+    FASTEST_LOOP_RATE,
+    LOOP_RATES,
+    USUAL_RATES,
+    controller_of,
+)
 from mavdem.condition.loop.loop import Loop, LoopByAxis
 from mavdem.condition.loop.response import evenly
 from mavdem.condition.wind_velocity import WindVelocity
@@ -27,7 +32,7 @@ from mavdem.immutable import Result
 from mavdem.ingest.motors import Position
 from mavdem.ingest.telemetry import Parameters
 
-COLUMNS = {
+TORQUE_SIGNS = {
     "roll": (-1.0, 1.0, 1.0, -1.0),
     "pitch": (1.0, -1.0, 1.0, -1.0),
     "yaw": (1.0, 1.0, -1.0, -1.0),
@@ -114,7 +119,7 @@ def twin_of(
         spin=controller.spin,
         expo=min(max(controller.expo, 0.0), 1.0),
         moment=MOMENT * arm[1],
-        damping=tuple(damping[axis] for axis in COLUMNS),
+        damping=tuple(damping[axis] for axis in TORQUE_SIGNS),
         lag=max(lag + min(late, 0.0), 0.0),
         delay=max(late, 0.0),
         noise=roll.plant.noise,
@@ -148,7 +153,7 @@ def _arm(parameters: Parameters, mass: float) -> tuple[Position, bool]:
 def _parameters(logged: Parameters, autopilot: str) -> tuple[Parameters, float]:
     """The parameters that the simulation flies, and the control cycle, s."""
     name = LOOP_RATES[autopilot]
-    rate = min(logged.get(name, 0.0) or USUAL_RATES[autopilot], FASTEST)
+    rate = min(logged.get(name, 0.0) or USUAL_RATES[autopilot], FASTEST_LOOP_RATE)
     kept = {name: value for name, value in logged.items() if not name.startswith("CA_")}
     return kept | {name: rate}, 1 / rate
 
@@ -157,10 +162,10 @@ def _inertia(body: Twin, axis: str, loop: Loop) -> float:
     """Of the axis, kg m², by what a demand turns and what it changes of the motors' thrust; of yaw, over its moment."""
     ahead, aside = body.arm
     square = {"CA_ROTOR_COUNT": 4.0, "FRAME_CLASS": 1.0}
-    for n, (left, front, spin) in enumerate(zip(*COLUMNS.values(), strict=True)):
+    for n, (left, front, spin) in enumerate(zip(*TORQUE_SIGNS.values(), strict=True)):
         rotor = f"CA_ROTOR{n}_P"
         square |= {f"{rotor}X": ahead * front, f"{rotor}Y": -aside * left, f"CA_ROTOR{n}_KM": spin}
-    controller = controller_of({**body.parameters, **square}, axis, COLUMNS[axis])
+    controller = controller_of({**body.parameters, **square}, axis, TORQUE_SIGNS[axis])
     moved = np.abs(controller.per_demand([body.hover] * 4)).sum()
     lever = {"roll": aside, "pitch": ahead, "yaw": 1.0}[axis]
     return lever * body.slope * moved / loop.gains[0]

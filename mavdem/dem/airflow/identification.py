@@ -27,7 +27,7 @@ from mavdem.unit_slips import real_numbers
 LONGEST_SECONDS = 1e5
 LEAST_SECONDS = 15.0  # of motion with attitude and velocity
 # s, or the samples' own step; longer flights have so many longer steps, half of them to identify the drag
-STEP = 0.5
+DRAG_STEP = 0.5
 STEPS = 1200
 GUST_SECONDS = 3.0
 """Of a gust's mean (WMO-No. 8, vol. I, ch. 5); and of means where the wind was measured beside the vehicle: only its
@@ -48,10 +48,10 @@ SPLIT_SD = 0.2
 UNSAID = np.vstack([[[MODEL_SD, -0.3 * SPLIT_SD], [MODEL_SD, SPLIT_SD]], np.zeros((8, 2))])
 # of parameters; their steps; and sd at which these end
 DIFFERENCE = 0.05
-LARGEST = 0.5
+LARGEST_STEP = 0.5
 CONVERGED = 0.1
-COURSES = 64
-ITERATIONS = 12
+COURSES = 64  # draws of what is identified, each with its course of the air
+ITERATIONS = 12  # at most, of Gauss and Newton
 WEIGHTINGS = 5  # of a known wind's errors, by those that the drag leaves
 
 
@@ -102,7 +102,7 @@ def gridded(
     time: Array,
     attitude: Array,
     velocity: Array,
-    step: float = STEP,
+    step: float = DRAG_STEP,
     most: int = STEPS,
     wind: Array | None = None,
 ) -> MotionGrid:
@@ -164,7 +164,9 @@ def identified(moved: MotionGrid, drag: Drag) -> tuple[Array, Array, float]:
             best = value
             estimate = mean, (covariance + covariance.T) / 2, steered
         step = covariance @ (kept @ (counted * slope) + expected - precision @ away)
-        mean = np.clip(mean + np.clip(step, -LARGEST, LARGEST), prior - farthest, prior + farthest)
+        mean = np.clip(
+            mean + np.clip(step, -LARGEST_STEP, LARGEST_STEP), prior - farthest, prior + farthest
+        )
         if np.all(abs(step) < CONVERGED * np.sqrt(np.diag(covariance))):
             break
     return estimate
@@ -238,7 +240,7 @@ def estimate_drag(
     speeds = real_numbers(velocity, "velocity")
     speeds = np.where(np.isfinite(air).all(axis=1, keepdims=True), speeds, np.nan)
     stamps, angles, speeds, usable = checked(time, attitude, speeds)
-    step = GUST_SECONDS if np.ptp(air[usable], axis=0).max() > 0.1 else STEP
+    step = GUST_SECONDS if np.ptp(air[usable], axis=0).max() > 0.1 else DRAG_STEP
     moved = gridded(stamps, angles, speeds, step, wind=air[usable])
     prior = Drag.of_parameters()
     moved = moved.at(moved.known)

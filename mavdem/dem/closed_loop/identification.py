@@ -27,7 +27,7 @@ SCATTER = 0.6
 """Of the variance by ``DEPENDENT`` values that count as one, which keeps slow logs to their priors: that of estimates
 from flight to flight. Chosen on half of the flights of ``tools/validation/loops.py``."""
 SAME_NATS = 4.0  # below a maximum, an ascent ends there
-LONGEST_STEP = 1.5  # of any parameter, and a standard deviation beforehand at most
+LONGEST_PARAMETER_STEP = 1.5  # of any parameter, and a standard deviation beforehand at most
 
 
 class IdentifiedAxis(NamedTuple):
@@ -134,6 +134,6 @@ def _ascended(
 
 
 def _limited(step: Array) -> Array:
-    """A step that changes no parameter by more than ``LONGEST_STEP``."""
-    longest = np.minimum(SD, LONGEST_STEP)
+    """A step that changes no parameter by more than ``LONGEST_PARAMETER_STEP``."""
+    longest = np.minimum(SD, LONGEST_PARAMETER_STEP)
     return step / max(1.0, np.abs(step / longest).max())

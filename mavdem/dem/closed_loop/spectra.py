@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from mavdem.dem.engine.linalg import Array
 
 Complex = NDArray[np.complex128]
-WINDOW_SECONDS = 8.0
+SPECTRUM_SECONDS = 8.0
 FINE_SECONDS = 2.5e-4
 """To which stamps are split between two neighbours: a tenth of a control cycle, so that 100 Hz lose 0.2 %."""
-LOWEST = 0.8
+LOWEST_FREQUENCY = 0.8
 """Hz: what is slower is of position control and drag, which the model of one axis does not have."""
-HIGHEST = 100.0  # Hz
+HIGHEST_FREQUENCY = 100.0  # Hz
 BAND = 0.04  # of a frequency, over which densities are averaged
 MAX_SHARE = 0.48  # of the messages' rate
-EARLY = 0.37  # of a step, that a message may come before the one it is matched with: no whole share of it
+EARLY_SHARE = 0.37  # of a step, that a message may come before the one it is matched with: no whole share of it
 
 
 class Messages(NamedTuple):
@@ -59,17 +59,17 @@ def spectra(streams: Sequence[Messages], starts: Array) -> CrossSpectra:
     slowest = min(streams, key=lambda stream: len(stream.time))
     matched = [_matched(stream, slowest.time) for stream in streams]
     rate = (len(slowest.time) - 1) / np.diff(slowest.time).clip(max=1.0).sum()
-    count = int(min(MAX_SHARE * rate, HIGHEST) * WINDOW_SECONDS)
-    frequency = np.arange(1, count + 1) / WINDOW_SECONDS
+    count = int(min(MAX_SHARE * rate, HIGHEST_FREQUENCY) * SPECTRUM_SECONDS)
+    frequency = np.arange(1, count + 1) / SPECTRUM_SECONDS
     transforms = np.array(
         [[_transform(stream, start)[1 : count + 1] for stream in matched] for start in starts]
     )
-    kept = frequency >= LOWEST
+    kept = frequency >= LOWEST_FREQUENCY
     frequency = frequency[kept]
     transforms = transforms[:, :, kept]
     begins = [0]
     while begins[-1] < len(frequency):
-        width = max(1, round(BAND * frequency[begins[-1]] * WINDOW_SECONDS))
+        width = max(1, round(BAND * frequency[begins[-1]] * SPECTRUM_SECONDS))
         begins.append(min(begins[-1] + width, len(frequency)))
     counts = np.diff(begins)
     products = np.einsum("wcf,wdf->wfcd", transforms, transforms.conj())
@@ -85,22 +85,24 @@ def _matched(stream: Messages, stamps: Array) -> Messages:
 
     Neither the nearest nor the next: of two streams that keep half a step apart these would be now one, now the other.
     """
-    early = EARLY * np.median(np.diff(stream.time))
+    early = EARLY_SHARE * np.median(np.diff(stream.time))
     rows = np.searchsorted(stream.time, stamps - early).clip(max=len(stream.time) - 1)
     return Messages(stream.time[rows], stream.values[rows])
 
 
 def _transform(stream: Messages, start: float) -> Complex:
     """Of a window from ``start`` on, s, without its trend, such that its square's mean is the density."""
-    rows = slice(*np.searchsorted(stream.time, [start, start + WINDOW_SECONDS]))
+    rows = slice(*np.searchsorted(stream.time, [start, start + SPECTRUM_SECONDS]))
     time = stream.time[rows] - start
     steps = np.gradient(time)
     # what is lost counts no more than what came
     steps = steps.clip(max=2.5 * np.median(steps))
     values = stream.values[rows]
     values = values - np.polyval(np.polyfit(time, values, 1), time)
-    weights = np.sqrt(8 / 3 / WINDOW_SECONDS) * np.sin(np.pi * time / WINDOW_SECONDS) ** 2 * steps
-    length = round(WINDOW_SECONDS / FINE_SECONDS)
+    weights = (
+        np.sqrt(8 / 3 / SPECTRUM_SECONDS) * np.sin(np.pi * time / SPECTRUM_SECONDS) ** 2 * steps
+    )
+    length = round(SPECTRUM_SECONDS / FINE_SECONDS)
     row, share = np.divmod(time / FINE_SECONDS, 1.0)
     whole = row.astype(int)
     fine = np.bincount(whole, weights * values * (1 - share), length)

@@ -9,7 +9,7 @@ from mavdem.dem.engine.linalg import Array
 
 RELATIVE_STEP = 1e-4  # of a parameter, for slopes by differences: between rounding and curvature
 CONVERGED_NATS = 5e-3  # that the last step gains: so little does not separate two models
-MAX_STEPS = 40
+MAX_STEPS = 40  # of one search, at most
 
 
 class Quadratic(NamedTuple):

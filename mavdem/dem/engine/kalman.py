@@ -18,7 +18,9 @@ from numpy.linalg import LinAlgError
 from mavdem.dem.engine.linalg import Array, Pair, may_overflow
 from mavdem.dem.engine.model import recursion
 
-STEADY = 1e-11  # change of a covariance, relative to its largest entry, below which it is steady
+STEADY_CHANGE = (
+    1e-11  # change of a covariance, relative to its largest entry, below which it is steady
+)
 MOST_DOUBLINGS = 60  # of steps: a covariance that then still changes has no bound
 
 
@@ -53,7 +55,7 @@ def steady_gain(
             step = step @ solved[..., :n]
             P = P + more
             sizes = (abs(part).max(axis=(-1, -2)) for part in (more, P))
-            if np.all(np.divide(*sizes) <= STEADY):
+            if np.all(np.divide(*sizes) <= STEADY_CHANGE):
                 gain = A @ P @ C.mT + crossed
                 return gain @ np.linalg.inv(C @ P @ C.mT + R), P
     raise LinAlgError("there is no steady filter: an unstable state may not be seen")
@@ -148,7 +150,7 @@ class KalmanFilter(NamedTuple):
                 kept = A - gain @ C
                 after = kept @ P @ kept.T + Q + (gain @ R - 2 * S) @ gain.T
                 covariances.append((after + after.T) / 2)
-                if abs(covariances[-1] - P).max() <= STEADY * abs(P).max():
+                if abs(covariances[-1] - P).max() <= STEADY_CHANGE * abs(P).max():
                     break
         return cls(A, C, np.array(covariances), np.array(gains), np.array(weights))
 

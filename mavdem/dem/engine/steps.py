@@ -20,9 +20,9 @@ from mavdem.dem.engine.free_energy import (
 from mavdem.dem.engine.gauss_newton import MAX_STEPS
 from mavdem.dem.engine.linalg import Array, Pair, inverse, solve
 
-LONGEST_STEP = 4.0
+LONGEST_PRECISION_STEP = 4.0
 """A step of λ changes a noise precision at most by e⁴: far from the maximum the curvature says little."""
-SHORTEST_STEP = 1e-6
+SHORTEST_PRECISION_STEP = 1e-6
 """A step of λ shorter than this ends the M step: Newton's method has then converged to twice as many digits."""
 
 
@@ -88,16 +88,16 @@ def m_step(belief: Belief) -> Array:
     value = of_lambda.value(lambda_)
     for _ in range(MAX_STEPS):
         gradient, precision = of_lambda.slope(lambda_)
-        step = np.clip(solve(precision, gradient), -LONGEST_STEP, LONGEST_STEP)
+        step = np.clip(solve(precision, gradient), -LONGEST_PRECISION_STEP, LONGEST_PRECISION_STEP)
         while (raised := of_lambda.value(lambda_ + step)) < value and abs(
             step
-        ).max() > SHORTEST_STEP:
+        ).max() > SHORTEST_PRECISION_STEP:
             step = step / 2
         if raised < value:
             break
         lambda_ = lambda_ + step
         value = raised
-        if abs(step).max() <= SHORTEST_STEP:
+        if abs(step).max() <= SHORTEST_PRECISION_STEP:
             break
     return lambda_
 

@@ -20,8 +20,8 @@ from mavdem.dem.graybox.plant import FIRST_ORDER, GUSTS
 WINDS = ((FIRST_ORDER,), (FIRST_ORDER, GUSTS), (GUSTS, GUSTS))
 """Winds to choose from: turbulence, turbulence with smooth gusts, two kinds of smooth gusts, the slow ones first."""
 
-LONGEST_STEP = 0.7  # of any logarithm, in one step
-ALIKE = 0.05
+LONGEST_LOG_STEP = 0.7  # of any logarithm, in one step
+EFFECT_SD = 0.05
 UNLIKE = 1.0
 """Standard deviation of a motor's effect from the mixer's direction, relative to the mean effect, beforehand: where the
 mixer is known or recognised, and where it is neither."""
@@ -83,8 +83,8 @@ class LogJoint(NamedTuple):
         return Quadratic(at, value, slope, curvature)
 
     def limited(self, step: Array) -> Array:
-        """Returns a step that changes no logarithm by more than ``LONGEST_STEP``."""
-        return step * min(1.0, LONGEST_STEP / abs(step[self.parameters.logarithms]).max())
+        """Returns a step that changes no logarithm by more than ``LONGEST_LOG_STEP``."""
+        return step * min(1.0, LONGEST_LOG_STEP / abs(step[self.parameters.logarithms]).max())
 
     def innovations(self, points: Array) -> Iterator[Pair]:
         """Yields those of some windows at a time, as of ``Parameters``."""
@@ -143,7 +143,7 @@ def directed(windows: FlightWindows, effect_directions: Array | None) -> tuple[P
     ridge = 1e-9 * np.trace(gram) / r * np.eye(r)
     effect = np.linalg.solve(gram + ridge, slopes.T @ target)
     directions = effect if effect_directions is None else effect_directions
-    deviation = UNLIKE if effect_directions is None else ALIKE
+    deviation = UNLIKE if effect_directions is None else EFFECT_SD
     directions = directions / abs(directions).mean()
     along = (directions @ gram @ effect) / (directions @ gram @ directions + ridge[0, 0])
     # The autopilot's parameters may count turns the other way round.

@@ -20,7 +20,7 @@ LEVEL_SECONDS = 10.0  # of the running median, which a gust stands out from
 THRESHOLD = 4.0  # standard deviations from it, by the median absolute deviation
 END = 0.5  # of the threshold, within which a gust begins and ends
 # half widths of the band, which a gust exceeds: errors in quick manoeuvres are no gusts
-CERTAIN = 2.0
+CERTAIN_BANDS = 2.0
 
 
 class DetectedGust(NamedTuple):
@@ -86,7 +86,7 @@ def gusts(
     for start, stop in pairwise(edges):
         peak = start + int(np.argmax(abs(away[start:stop])))
         length = (stop - start) * record.dt
-        high = abs(away[peak]) > max(THRESHOLD * sd, CERTAIN * band[peak])
+        high = abs(away[peak]) > max(THRESHOLD * sd, CERTAIN_BANDS * band[peak])
         if high and length >= shortest and not _stays(torque, start, stop, width // 2, sd, record):
             detected.append(DetectedGust(start, start * record.dt, length, float(away[peak])))
     return Gusts(tuple(detected), THRESHOLD * sd, false)

@@ -190,8 +190,10 @@ def updated(plant: Physical, prior: Physical) -> Physical:
     )
 
 
-WINDOW_SECONDS = 7.0
-MIN_SAMPLES = 200
+WINDOW_SECONDS = (
+    7.0  # of a window; up to half as long again, so that little of a flight is left over
+)
+MIN_SAMPLES = 200  # of a window at the least
 PAST = 4  # samples that tell what is new in the next
 FEWEST_RATE = 39.0
 """Hz: of fewer samples, a lag and damping of tens of milliseconds are no more than a guess. A grid of 40 Hz may have a

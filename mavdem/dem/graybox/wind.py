@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.confidence import half_width
-from mavdem.dem.closed_loop.spectra import WINDOW_SECONDS
+from mavdem.dem.closed_loop.spectra import SPECTRUM_SECONDS
 from mavdem.dem.engine.linalg import Array, Pair, one_thread
 from mavdem.dem.graybox.gusts import (
     LEVEL_SECONDS,
@@ -230,10 +230,10 @@ def balanced(effect: Array, trim: Array, directions: Array | None) -> float:
 
 
 def _spectrum(torque: Array, record: Record, physical: Physical) -> WindSpectrum:
-    """By Welch's method, of windows of ``WINDOW_SECONDS``, or as long as the longest segment."""
+    """By Welch's method, of windows of ``SPECTRUM_SECONDS``, or as long as the longest segment."""
     from scipy.signal import detrend, welch  # it takes half a second to import
 
-    length = min(round(WINDOW_SECONDS / record.dt), record.longest)
+    length = min(round(SPECTRUM_SECONDS / record.dt), record.longest)
     parts = [part for part in np.split(torque, record.starts[1:]) if len(part) >= length]
     densities = [welch(part, 1 / record.dt, nperseg=length, detrend=detrend) for part in parts]
     weights = [2 * len(part) // length - 1 for part in parts]

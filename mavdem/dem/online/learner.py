@@ -41,12 +41,12 @@ from mavdem.errors import NotLearnable, fact_of
 from mavdem.facts import Fact
 from mavdem.facts.online import Online
 
-BLOCK_SECONDS = 0.1  # of samples, which are remembered and forgotten together
+MEMORY_BLOCK_SECONDS = 0.1  # of samples, which are remembered and forgotten together
 LEARNING_SECONDS = 2.0  # of samples, before the first call of ``learn``, and between two
 # In the memory, up to which a call takes a tenth of that at most: of more, calls come as many times farther apart
 MOST_SAMPLES = 2000
 HORIZONS = (1, 5, 10, 25, 50)  # default steps ahead
-ALIKE = 0.9  # cosine of the angle between turning combinations that differ by chance
+ALIKE_COSINE = 0.9  # cosine of the angle between turning combinations that differ by chance
 MAX_GAPS = 5  # in a row, after which ``dt`` is wrong rather than samples missing
 TOO_FEW = Fact(Online.TOO_FEW_SAMPLES_YET)
 FIRST_RUNS = Fact(Online.FIRST_LEARNING)
@@ -103,7 +103,7 @@ class OnlineLearner:
         self.horizons = tuple(required_number(steps, "horizons", MOST_STEPS) for steps in given)
         if not self.horizons or list(self.horizons) != sorted(set(self.horizons)):
             raise ValueError(f"horizons must be steps, increasing, not {horizons!r}")
-        block = max(1, round(BLOCK_SECONDS / dt))
+        block = max(1, round(MEMORY_BLOCK_SECONDS / dt))
         most = round(memory / dt / block) if is_number(memory) and np.isfinite(memory / dt) else 0
         if most * block < 2 * FEWEST_SAMPLES:
             raise ValueError(
@@ -324,7 +324,7 @@ class OnlineLearner:
         self._tracker = tracker
         before = self._ahead.combinations
         now = tracker.learned.joint.combinations
-        if before is None or abs(np.sum(before * now, axis=0)).min() < ALIKE:
+        if before is None or abs(np.sum(before * now, axis=0)).min() < ALIKE_COSINE:
             self._ahead.begin_with(self._memory.blocks, now)
 
     def _put_off(self, error: BaseException) -> None:

@@ -36,10 +36,10 @@ MIN_PAST = 100  # values of F(t) before a surprise is reported; errors kept, at 
 
 FALSE_MARK_SECONDS = 300.0
 """Mean time between marks in a flight that goes on as before, manoeuvres included."""
-EVIDENCE_SECONDS = 1.0
-PEAK_SECONDS = 5.0
+EVIDENCE_SECONDS = 1.0  # s, over which the evidence is averaged
+PEAK_SECONDS = 5.0  # s, of which the largest evidence is one peak
 PEAKS = round(FALSE_MARK_SECONDS / PEAK_SECONDS)  # the latest that the limit is computed of
-MIN_PEAKS = 3
+MIN_PEAKS = 3  # of fewer the limit is not computed
 # scale of Gumbel's distribution of peaks, which a few that happen to be equal do not show
 MIN_SPREAD = 0.09
 # of no other mark: as long as the learner's memory holds what came before the change

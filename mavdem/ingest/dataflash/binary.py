@@ -83,7 +83,7 @@ class FormatDefinition:
         return HEADER_LENGTH + self.wire.itemsize if self.wire is not None else 0
 
 
-FORMAT_ID = 0x80
+FORMAT_ID = 0x80  # of the message FMT, which defines all others (AP_Logger)
 FORMAT = FormatDefinition("FMT", 89, "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))
 
 

@@ -58,7 +58,7 @@ HEADER_1: int = dialect.HEADER_LEN_V1
 HEADER: int = dialect.HEADER_LEN_V2
 CHECKSUM = np.uint16().itemsize
 LONGEST_FRAME = HEADER + np.iinfo(np.uint8).max + CHECKSUM + SIGNATURE
-BLOCK = 1 << 18  # Bytes scanned at a time: bounds the memory for hostile input, all markers
+SCANNED_BYTES = 1 << 18  # Bytes scanned at a time: bounds the memory for hostile input, all markers
 
 
 MATCHES, UNKNOWN, FAILED = range(1, 4)
@@ -109,8 +109,8 @@ def find_frames(data: Bytes, seeds: Seeds, gap: int = 0) -> Frames:
     decided = 0
     blocks = []
     waiting: list[Frames] = []  # of the third kind, after the decided bytes
-    for begin in range(0, max(size, 1), BLOCK):
-        end = min(begin + BLOCK, size)
+    for begin in range(0, max(size, 1), SCANNED_BYTES):
+        end = min(begin + SCANNED_BYTES, size)
         block = _FrameBlock(data, begin, end, gap, seeds)
         linked = _apart(block.linked(), decided)
         if len(linked) or end == size:

@@ -23,7 +23,9 @@ from mavdem.heading import Values
 from mavdem.report.charts import Axis, Chart, Group, Kind, Line, Plan
 from mavdem.report.palette import BAND_OPACITY, DISTINCT, INK_ON_LIGHT, MEASURED, PAPER_LIGHT
 
-WIDTH = 5.2  # inches: letters are read at 500 pixels, and two figures stand side by side at 1600
+FIGURE_WIDTH = (
+    5.2  # inches: letters are read at 500 pixels, and two figures stand side by side at 1600
+)
 PIXELS_PER_INCH = 200  # of figures that a notebook shows: twice what a page shows
 INKED = (
     "text.color",
@@ -76,7 +78,7 @@ def picture(height: float = 3.2) -> Iterator[BareFigure]:
     """Yields a new figure of this ``height``, inches, in the common style, to be drawn in the block."""
     with matplotlib.rc_context(STYLE):
         layout = ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03, hspace=0.04, wspace=0.05)
-        yield BareFigure(figsize=(WIDTH, height), layout=layout, facecolor="none")
+        yield BareFigure(figsize=(FIGURE_WIDTH, height), layout=layout, facecolor="none")
 
 
 def svg(figure: Figure, name: str) -> Markup:
