@@ -101,7 +101,8 @@ def run(runner: Runner) -> ExperimentResult:
         ),
         remarks=(
             f"An order counts as saturated when no higher one up to {ORDERS[-1]} gains more than "
-            f"{percent(NEGLIGIBLE_SHARE)} of the range of F̄ over all orders. The rule is relative to the scale of the curve: in nats, higher "
+            f"{percent(NEGLIGIBLE_SHARE)} of the range of F̄ over all orders. "
+            f"The rule is relative to the scale of the curve: in nats, higher "
             f"orders may still gain tens of thousands. A system of order 1 has no lower order to set the scale.",
         ),
     )
