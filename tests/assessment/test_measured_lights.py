@@ -264,13 +264,13 @@ def test_what_shows_that_a_flight_was_simulated():
     telemetry = HOVER.telemetry(20.0, 20.0)
     for real in (telemetry, standing(5.1e-5), standing(5.1e-5, 100.0), standing(0.0)):
         assert simulated_of(evidence(real)) is None
-    for simulated, kind in (
-        (replace(telemetry, parameters={"SYS_HITL": 1.0}), Simulator.HARDWARE),
-        (replace(telemetry, parameters={"SIM_WIND_SPD": 5.0}), Simulator.SOFTWARE),
-        (replace(telemetry, parameters={"SYS_AUTOSTART": 10040.0}), Simulator.SOFTWARE),
-        (replace(telemetry, parameters={"CAL_GYRO0_ID": 1310988.0}), Simulator.SOFTWARE),
-        (replace(telemetry, hardware="PX4_SITL"), Simulator.SOFTWARE),
-        (standing(STILL_CHANGE / 2), Simulator.SOFTWARE),
+    for known, kind in (
+        ({"parameters": {"SYS_HITL": 1.0}}, Simulator.HARDWARE),
+        ({"parameters": {"SIM_WIND_SPD": 5.0}}, Simulator.SOFTWARE),
+        ({"parameters": {"SYS_AUTOSTART": 10040.0}}, Simulator.SOFTWARE),
+        ({"parameters": {"CAL_GYRO0_ID": 1310988.0}}, Simulator.SOFTWARE),
+        ({"hardware": "PX4_SITL"}, Simulator.SOFTWARE),
+        ({"messages": standing(STILL_CHANGE / 2).messages}, Simulator.SOFTWARE),
     ):
-        fact = simulated_of(evidence(simulated))
+        fact = simulated_of(evidence(replace(telemetry, **known)))
         assert (fact.code, fact.figures["kind"]) == (LogLight.SIMULATED, kind)

@@ -55,8 +55,8 @@ def test_who_is_in_trouble_stands_first_and_open_and_others_are_folded():
 
 
 def test_a_fleet_without_a_flight_and_one_with_a_single_flight_have_a_page():
-    assert "No log holds a flight" in fleet_page([FlightRow(file="a.bin", status="It is empty.")])
-    assert "No log holds a flight" in fleet_page([])
+    for rows in ([], [FlightRow(file="a.bin", status="It is empty.")]):
+        assert "No log holds a flight" in fleet_page(rows)
     alone = fleet_page([flight_row("quad", 0)])
     assert "<figure" not in alone and list(parts(alone)) == ["quad"]
     # Flights that do not say whose they are are drawn as nobody's.
