@@ -231,7 +231,7 @@ class Store:
         """Yields the rows that a ``query`` for row and, in the table, file finds."""
         return (_row(*row) for row in self.db.execute(query))
 
-    def sound_rows(self, query: str, values: Sequence[Any]) -> Iterator[FlightRow]:
+    def sound_rows(self, query: str, values: Sequence[Any] = ()) -> Iterator[FlightRow]:
         """Yields them without those that are damaged, which keep back no others."""
         for row in self.db.execute(query, values):
             with suppress(sqlite3.DatabaseError):
