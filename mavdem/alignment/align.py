@@ -15,13 +15,13 @@ from mavdem.alignment.signals import MINIMUM_RATE, Signals, axis_outputs, held, 
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Resampling
 from mavdem.flight import Flight
-from mavdem.ingest.mavlink.definitions import parameter_values
+from mavdem.ingest.mavlink.definitions import parameter_values, parameters_sent
 from mavdem.ingest.telemetry import (
     MAX_GAP_SECONDS,
     Array,
+    Columns,
     Flags,
     Parameters,
-    Telemetry,
     interpolated,
     selected,
 )
@@ -233,7 +233,7 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
                 for name, value in telemetry.parameters.items()
                 if CONTROL_PARAMETERS.match(name)
             },
-            "earlier": _earlier(telemetry, segment),
+            "earlier": _earlier(signals, segment),
         },
         effect_directions=None if layout.positions_assumed else layout.effect(axis),
         setpoints=np.column_stack([held(setpoint, segment.boot, time) for setpoint in asked])
@@ -244,11 +244,22 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
     )
 
 
-def _earlier(telemetry: Telemetry, segment: Segment) -> Parameters:
+@once()
+def _changed(signals: Signals) -> Columns:
+    """The messages of parameters that had other values than the last: few, where many boots send all again."""
+    telemetry = signals.telemetry
+    sent = telemetry.messages["PARAM_VALUE"]
+    named = parameters_sent(sent, telemetry.autopilot)
+    changed = {name for name, value in named if value != telemetry.parameters.get(name)}
+    return selected(sent, np.array([name in changed for name, _ in named], dtype=bool))
+
+
+def _earlier(signals: Signals, segment: Segment) -> Parameters:
     """The controller's parameters that changed after the segment began, or sometime, with their values before."""
+    telemetry = signals.telemetry
     before = telemetry.earlier
-    sent = telemetry.messages.get("PARAM_VALUE")
-    if sent is not None:
+    if "PARAM_VALUE" in telemetry.messages:
+        sent = _changed(signals)
         rows = (sent["boot"] < segment.boot) | (
             (sent["boot"] == segment.boot) & (sent["time"] <= segment.start)
         )

@@ -132,15 +132,19 @@ class Fitted(NamedTuple):
 def identified(
     method: str,
     train: Records,
-    fit: Callable[[Segments], Fitted],
+    order: int,
+    fit: Callable[[Segments, int], Fitted],
 ) -> Identified:
-    """Returns the result of ``fit``."""
+    """Returns the result of ``fit`` of the segments and the ``order``, called ``method(order)``."""
+    order = required_number(order, "order")
     record = Record.of(train)
     with one_thread():
         units = Units.of(record)
-        fitted = fit(units.segments(record))
+        fitted = fit(units.segments(record), order)
     model = units.physical(fitted.model)
-    return Identified(method, model, record, fitted.starts, iterations=fitted.iterations)
+    return Identified(
+        f"{method}({order})", model, record, fitted.starts, iterations=fitted.iterations
+    )
 
 
 RANK_TOLERANCE = np.sqrt(np.finfo(np.float64).eps)

@@ -27,7 +27,7 @@ from mavdem.dem.engine.gauss_newton import (
 from mavdem.dem.engine.kalman import GaussianModel, Smoothed, smoothed
 from mavdem.dem.engine.linalg import ROUNDING, Array, Pair
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.record import Records, Segments, required_number
+from mavdem.dem.record import Records, Segments
 from mavdem.errors import NotLearnable
 from mavdem.facts.forecasts import Forecasts
 
@@ -45,8 +45,7 @@ def pem(train: Records, order: int = 2) -> Identified:
 
     ``train``, ``order`` and errors are as for :func:`mavdem.baselines.subspace`.
     """
-    order = required_number(order, "order")
-    return identified(f"PEM({order})", train, lambda segments: _minimised(segments, order))
+    return identified("PEM", train, order, _minimised)
 
 
 class PredictionErrors(NamedTuple):
@@ -147,8 +146,7 @@ def em(train: Records, order: int = 2) -> Identified:
     Kalman gain. Consistent in closed loop, as far as order and noises are right. ``train``, ``order`` and errors are as
     for :func:`mavdem.baselines.subspace`; ``ValueError`` too where EM breaks down.
     """
-    order = required_number(order, "order")
-    return identified(f"EM({order})", train, lambda segments: _fitted(segments, order))
+    return identified("EM", train, order, _fitted)
 
 
 class EMFit(NamedTuple):

@@ -16,7 +16,7 @@ from mavdem.baselines.identified import (
 from mavdem.dem.engine.kalman import steady_gain
 from mavdem.dem.engine.linalg import Array, Pair
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.record import Records, Segments, required_number
+from mavdem.dem.record import Records, Segments
 from mavdem.errors import NotLearnable
 from mavdem.facts.forecasts import Forecasts
 
@@ -47,10 +47,7 @@ def subspace(train: Records, order: int = 2) -> Identified:
         ValueError: too few samples for the order, values that are not finite, an output that does not vary, or an order
             that is none.
     """
-    order = required_number(order, "order")
-    return identified(
-        f"subspace({order})", train, lambda segments: found_by_projection(segments, order)
-    )
+    return identified("subspace", train, order, found_by_projection)
 
 
 def found_by_projection(segments: Segments, order: int) -> Fitted:

@@ -200,11 +200,11 @@ def check_folder(folder: Path, names: Names = (), *inputs: PathName | None) -> N
     if not is_writable(existing):
         raise Unreadable(Place.OUT_NOT_WRITABLE, path=folder, existing=existing)
     with writing(folder, code=Place.OUT_FAILED):
-        for named in (folder, *(existing / part for part in folder.parts)):
+        for part in folder.parts:
             with suppress(FileNotFoundError):
-                named.lstat()  # its name may be too long
-        if folder.is_dir():
-            for name in names:
+                (existing / part).lstat()  # its name may be too long
+        for name in names:
+            with suppress(FileNotFoundError):
                 replaceable(folder / name)
     written = {os.path.realpath(folder / name) for name in names}
     for path in inputs:

@@ -5,6 +5,7 @@ from time import perf_counter
 
 import click
 
+from mavdem.cli.options import json_option
 from mavdem.cli.output import (
     check_folder,
     json_text,
@@ -32,12 +33,7 @@ from mavdem.report.blocks import Table
     show_default=True,
     help="Folder for the report.",
 )
-@click.option(
-    "--json",
-    "as_json",
-    is_flag=True,
-    help="Print the numbers as one JSON document and nothing else.",
-)
+@json_option
 @click.option("--list", "as_list", is_flag=True, help="List the items, one a line, the name first.")
 def reproduce_command(names: Names, out: Path, as_json: bool, as_list: bool) -> None:
     """Runs the paper's experiments again and checks its claims.

@@ -42,8 +42,6 @@ def _is_free(path: Path, sources: Mapping[str, str]) -> bool:
         return True
     with suppress(Exception):  # it may be anything, of another program
         document = json.loads(path.read_text())
-        # `learn` of earlier versions names the log there.
-        document = document.get("flight", {}) | document
         return all(
             os.path.realpath(document[name]) == os.path.realpath(source)
             for name, source in sources.items()

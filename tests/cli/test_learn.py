@@ -77,7 +77,7 @@ def test_people_see_one_screen_and_files_only_where_they_are_wanted(here, capsys
 def test_the_folder_is_named_after_the_log_and_has_no_results_of_another(source, folder, here):
     for name, report in (
         ("f", '{"document": "review", "source": "f.ulg"}'),
-        ("g", '{"document": "learn", "flight": {"source": "g.ulg"}}'),
+        ("g", '{"document": "learn", "source": "g.ulg"}'),
         ("h", '{"document": "learn"}'),
         ("deep", "[" * 9999),
     ):

@@ -1,6 +1,7 @@
 """``mavdem review`` and ``mavdem LOG``: one screen, one document and a page for every log that can be read."""
 
 import re
+import time
 from dataclasses import replace
 
 from command_line import document_of, run, strict_json

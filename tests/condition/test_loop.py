@@ -3,7 +3,7 @@
 import tomllib
 from dataclasses import replace
 from types import SimpleNamespace
-from unittest.mock import patch
+from unittest.mock import Mock, patch
 
 import numpy as np
 from hover import Hover, changed, columns
@@ -48,6 +48,7 @@ from mavdem.facts.loops import Controllers, Gains, Loops, Responses, Twins
 from mavdem.facts.margins import TrackingLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.noise import NotchAdvice
+from mavdem.ingest.mavlink.definitions import parameters_sent
 from mavdem.ingest.vocabulary import Injection
 from mavdem.report.flight_charts import loop_charts
 from mavdem.report.vehicle_files import vehicle_text
@@ -163,13 +164,18 @@ def test_what_the_controllers_model_leaves_out_is_said_of_the_parameters_that_ha
     assert {one.level for one in theirs} == {"watch"}
 
 
-def test_gains_that_change_in_flight_come_with_it():
+def test_gains_that_change_in_flight_come_with_it(monkeypatch):
+    read = Mock(wraps=parameters_sent)
+    monkeypatch.setattr("mavdem.alignment.align.parameters_sent", read)
     telemetry = HOVER.telemetry(parameters={"ATC_RAT_RLL_P": 0.25, "ATC_RAT_RLL_D": 0.125})
     names = np.repeat([b"ATC_RAT_RLL_P", b"ATC_RAT_RLL_D"], 2)
     sent = columns([1.0, 40.0, 1.0, 2.0], param_id=names, param_value=[0.5, 0.25, 0.5, 0.125])
     signals = Signals(changed(telemetry, "PARAM_VALUE", **sent))
-    found = align(signals, settled_segments(signals)[0])
-    assert found.provenance["earlier"] == {"ATC_RAT_RLL_P": 0.5}
+    (segment,) = settled_segments(signals)
+    for start, earlier in ((segment.start, {"ATC_RAT_RLL_P": 0.5}), (41.0, {})):
+        found = align(signals, replace(segment, start=start))
+        assert found.provenance["earlier"] == earlier
+    assert read.call_count == 1  # of a log with many boots each segment would read all
 
 
 def ac_pid(controller, frequency):
