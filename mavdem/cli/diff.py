@@ -63,8 +63,9 @@ def diff_command(
 
     Exit codes: 0 compared, whatever changed; 1 nothing can be compared; 2 bad usage, or unreadable input.
     """
-    stems = f"{Path(before).stem}_and_{Path(after).stem}"
-    folder = out or free_folder(stems, DOCUMENT, {"a": before, "b": after})
+    folder = out or free_folder(
+        f"{Path(before).stem}_and_{Path(after).stem}", DOCUMENT, {"a": before, "b": after}
+    )
     check_folder(folder, (PAGE, DOCUMENT), before, after)
     states = []
     for name, source in zip(SIDES, (before, after), strict=True):
