@@ -45,7 +45,8 @@ class AxisMargins:
         elif isinstance(self.loop, Loop):
             facts.append(_of_loop(self.loop))
         elif self.peak is not None:
-            facts.append(_of_resonance(MarginsLight.RATE_STANDS_OUT, None, self.peak))
+            peak = _of_resonance(MarginsLight.RATE_STANDS_OUT, None, self.peak)
+            facts.append(peak.but(because=self.loop))
         if self.response is not None:
             facts.append(of_response(self.response))
         return tuple(fact for fact in facts if fact.level is not Level.UNKNOWN)

@@ -116,7 +116,8 @@ def _events(signals: Signals, boot: int) -> Iterator[Fact]:
         and all(event.code is not MotionEvent.HIT for event in fall)
     ):
         height = height_above(signals, boot, flights[-1], last)
-        if height is not None and height > GROUND_HEIGHT:
+        is_last = boot == signals.tilts[0].boot[-1]  # after a restart the log goes on
+        if is_last and height is not None and height > GROUND_HEIGHT:
             code = MotionEvent.LOG_ENDED_IN_AIR
             yield Fact(code, time=last, height=height, boot=boot)
 
@@ -325,9 +326,13 @@ def _fall(signals: Signals, boot: int, flight: Interval, lost: Fact | None) -> I
         return
     braked = np.interp(time + LOST_SECONDS, time, climb.values) - climb.values > HIT_SPEED
     near = (time > span[0]) & (time < span[1])
-    for at in np.flatnonzero(near & braked & (climb.values < -HIT_SPEED))[:1]:
-        speed = -climb.values[at]
-        yield Fact(MotionEvent.HIT, height=None, time=time[at], speed=speed, boot=boot)
+    rises = np.diff(climb.values, append=climb.values[-1])
+    for at in time[near & braked & (climb.values < -HIT_SPEED)][:1]:
+        # before the ground does, the vehicle may brake
+        last = np.argmax(np.where(during(time, [(at, at + LOST_SECONDS)]), rises, -inf))
+        speed = -climb.values[last]
+        if speed > HIT_SPEED:
+            yield Fact(MotionEvent.HIT, height=None, time=time[last], speed=speed, boot=boot)
 
 
 def _of_motors(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:

@@ -9,7 +9,7 @@ from mavdem.alignment.align import Segment
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.assessment.evidence import Evidence
 from mavdem.condition.loop.loop import Loop
-from mavdem.condition.notches import AROUND, notch_advice
+from mavdem.condition.notches import LINE_BAND, notch_advice
 from mavdem.condition.peaks import Peak, PeakKind, peaks_of
 from mavdem.condition.resonance import known_controller_of
 from mavdem.condition.spectra import Spectrum, spectra_of_flight
@@ -97,6 +97,6 @@ def _of_line(peak: Peak) -> Fact:
 
 def _left(peak: Peak, before: Spectrum, behind: Spectrum) -> Fact:
     """What the filters leave of a line."""
-    sides = np.multiply(AROUND, peak.frequency)
+    sides = np.multiply(LINE_BAND, peak.frequency)
     share = behind.power(*sides) / before.power(*sides)
     return Fact(Codes.FILTERS_REMOVE, frequency=peak.frequency, share=1 - share)

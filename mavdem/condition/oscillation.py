@@ -132,11 +132,12 @@ def _limit_cycles(
 ) -> Iterator[Oscillation]:
     """Those of ``least`` s or more in ``parts`` of a flight of ``whole`` s.
 
-    Successive windows of so many ``seconds``, half over each other, show one line.
+    Successive windows of so many ``seconds``, half over each other, show one line. Motors that go from stop to stop for
+    ``LASTING_SHARE`` of a window leave the rate to whatever else turns the vehicle: then the line is theirs alone.
     """
     shares = motors.scale.fraction(motors.outputs)
-    limited = np.any(np.logical_or(*at_limits(shares, motors.scale)), axis=1)
-    columns = [*(shares - shares.mean(axis=1, keepdims=True)).T, limited]
+    upper, lower = (limit.any(axis=1) for limit in at_limits(shares, motors.scale))
+    columns = [*(shares - shares.mean(axis=1, keepdims=True)).T, upper & lower, upper | lower]
     outputs = [Signal(motors.time, motors.boot, column) for column in columns]
     grid = evenly_sampled([tilt.rates, *outputs], parts, seconds, FEWEST_SAMPLES / seconds)
     if grid is None:
@@ -145,16 +146,19 @@ def _limit_cycles(
     size = round(seconds * sampled)
     bins = np.fft.rfftfreq(size, 1 / sampled)
     for piece in pieces:
-        powers = np.square(abs(spectra_of(piece[:-1], size)))
+        powers = np.square(abs(spectra_of(piece[:-2], size)))
         power = np.array([powers[0], powers[1:].sum(axis=0)])
-        seen = np.where(bins >= PERIODS * bins[1], power[0], 0.0)
+        slammed = windows_of(piece[-2], size).mean(axis=1) >= LASTING_SHARE
+        telling = np.where(slammed[:, None], power[1], power[0])
+        seen = np.where(bins >= PERIODS * bins[1], telling, 0.0)
         peak = bins[np.argmax(seen, axis=1)]
         width = np.maximum(2.01 * bins[1], LINE_WIDTH * peak)
         line = abs(bins - peak[:, None]) <= width[:, None]
         whole_power = np.maximum(power.sum(axis=-1), SMALLEST)
         shown = (power * line).sum(axis=-1) / whole_power
-        share = shown.min(axis=0)
+        share = np.where(slammed, shown[1], shown.min(axis=0))
         rate = np.degrees(windows_of(piece[0], size).std(axis=1))
+        rate *= np.where(slammed, np.sqrt(shown[0]), 1.0)
         at_limit = windows_of(piece[-1], size).mean(axis=1)
         sure = np.where(peak < 2 * PERIODS * bins[1], SURE_SHARE, LINE_SHARE)
         lines = (share >= sure) & (rate >= SLIGHT_RATE)

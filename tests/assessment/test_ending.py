@@ -35,10 +35,10 @@ def flight(rate=10.0):
     time = stamps(made, "ATTITUDE")
     level = quaternion(*3 * [0 * time])
     made = changed(made, "ATTITUDE_TARGET", **columns(time, **attitude_target(level)))
-    at = stamps(made, "LOCAL_POSITION_NED")
-    z = np.cumsum(made.messages["LOCAL_POSITION_NED"]["vz"]) * 0.1
+    place = made.messages["LOCAL_POSITION_NED"]
+    z = np.cumsum(place["vz"]) * 0.1
     made = changed(made, "LOCAL_POSITION_NED", x=0.0, y=0.0, vx=0.0, vy=0.0, z=z)
-    return changed(made, "VIBRATION", **columns(at, **dict.fromkeys(CLIPS, 0.0)))
+    return changed(made, "VIBRATION", **columns(place["time"], **dict.fromkeys(CLIPS, 0.0)))
 
 
 def leaning(made, towards, angle, seconds):
@@ -49,12 +49,17 @@ def leaning(made, towards, angle, seconds):
     return changed(made, "ATTITUDE", roll=lean * towards[1], pitch=-lean * towards[0])
 
 
-def falling(made, speed=9.0):
-    """It falls from ``FAILS`` on, at so many m/s in the end, and stops."""
+def falling(made, speed=9.0, braked=9.0):
+    """It falls from ``FAILS`` on, at so many m/s, in the end at no more than it ``braked`` to, and stops."""
     columns = made.messages["LOCAL_POSITION_NED"]
     since = columns["time"] - FAILS
-    vz = np.where(since > 2.0, 0.0, np.clip(since, 0, None) * speed / 2)
+    vz = np.interp(since, [0, 1.8, 2, 2.01], [0, 0.9 * speed, min(speed, braked), 0])
     return changed(made, "LOCAL_POSITION_NED", vz=vz, z=columns["z"] + np.cumsum(vz) * 0.1)
+
+
+def until(made, seconds):
+    """The log ends so many seconds after ``FAILS``."""
+    return only(made, lambda time: time < FAILS + seconds)
 
 
 def driven(made, motor, output, since=FAILS):
@@ -123,8 +128,8 @@ def test_names_motors_without_output():
 
 def test_names_a_motor_whose_output_stands_still():
     made = falling(leaning(flight(50.0), QUAD[0], 120.0, 100.0))
-    time = stamps(made, "SERVO_OUTPUT_RAW")
-    made = with_pulses(made, pulses(made) + 100.0 * np.sin(40.0 * time))
+    swings = 100.0 * np.sin(40.0 * stamps(made, "SERVO_OUTPUT_RAW"))
+    made = with_pulses(made, pulses(made) + swings)
     _, ending = judged(driven(made, 0, 1500.0))
     assert ending.figures["cause"].code is FailedFirst.OUTPUT_FROZE_FIRST
     assert ending.subject == NAMES[0]
@@ -155,17 +160,15 @@ def test_an_attitude_is_lost_beyond_30_degrees_for_three_tenths_of_a_second():
 def test_a_setpoint_that_is_followed_is_no_loss():
     made = flight()
     time = stamps(made, "ATTITUDE")
-    turn = np.clip((time - FAILS) / 2.0, 0, 1) * 2 * np.pi
-    roll = np.angle(np.exp(1j * turn))
-    asked = quaternion(roll, 0 * time, 0 * time)
-    made = changed(made, "ATTITUDE_TARGET", q=asked)
+    turns = np.clip((time - FAILS) / 2.0, 0, 1)
+    roll = np.angle(np.exp(2j * np.pi * turns))
+    made = changed(made, "ATTITUDE_TARGET", q=quaternion(roll, 0 * time, 0 * time))
     assert not judged(changed(made, "ATTITUDE", roll=np.roll(roll, 3)))[0]
 
 
 def test_where_only_rates_are_asked_for_no_attitude_is_lost():
     made = leaning(flight(), RIGHT, 120.0, 100.0)
-    time = stamps(made, "ATTITUDE")
-    rates = attitude_target(np.zeros((len(time), 3)))
+    rates = attitude_target(np.zeros((len(stamps(made, "ATTITUDE")), 3)))
     assert not judged(changed(made, "ATTITUDE_TARGET", **rates))[0]
 
 
@@ -208,8 +211,8 @@ def test_a_motor_is_named_within_two_thirds_of_half_the_way_to_the_next(angle, n
 
 
 def test_of_two_motors_at_one_place_none_is_named():
-    motors = Mock(**{"layout.positions": 2 * [(1, 1)] + 2 * [(-1, -1)]})
-    assert _weak_motor(motors, np.array([2.0, 1.0, -1.0, -2.0]), None) is None
+    places = {"layout.positions": 2 * [(1, 1)] + 2 * [(-1, -1)]}
+    assert _weak_motor(Mock(**places), np.array([2.0, 1.0, -1.0, -2.0]), None) is None
 
 
 @mark.parametrize("force, hit", [(29.0, False), (31.0, True)])
@@ -229,16 +232,16 @@ def test_faster_than_five_metres_a_second_it_falls(speed):
 @mark.parametrize("seconds, caught", [(4.0, False), (6.0, True)])
 def test_an_attitude_is_caught_by_five_seconds_of_flight(seconds, caught):
     made = leaning(flight(50.0), RIGHT, 70.0, 1.0)
-    _, ending = judged(only(made, lambda time: time < FAILS + 1.3 + seconds))
+    _, ending = judged(until(made, 1.3 + seconds))
     assert (ending is None) is caught
 
 
 def test_a_fall_that_stops_at_once_is_a_crash_also_with_the_attitude_held():
-    made = only(falling(flight()), lambda time: time < FAILS + 4.0)
-    events, ending = judged(made)
+    events, ending = judged(until(falling(flight()), 4.0))
     assert events[MotionEvent.HIT].time == approx(FAILS + 2.0, abs=0.4)
     assert ending.code is Ending.CRASHED
     assert ending.figures["speed"] == approx(9.0, abs=1.5)
+    assert MotionEvent.HIT not in judged(until(falling(flight(), 3.6, 2.8), 4.0))[0]
 
 
 def test_a_landing_that_was_only_assumed_is_what_came_first():
@@ -266,8 +269,7 @@ def test_what_hits_something_first_is_not_said_to_have_lost_a_motor():
 
 
 def thrust_lost(motor):
-    subject = f"motor {motor}"
-    return Fact(Reported.THRUST_LOST, Level.BAD, time=FAILS + 1.0, subject=subject, boot=0)
+    return Fact(Reported.THRUST_LOST, Level.BAD, time=FAILS + 1.0, subject=f"motor {motor}", boot=0)
 
 
 def test_the_autopilots_own_word_names_a_motor_or_is_said_beside_another():
@@ -291,14 +293,16 @@ def test_a_crash_that_only_the_autopilot_reports_is_an_ending():
 
 
 def test_a_log_that_ends_in_the_air_and_clips_are_events_and_no_ending():
-    made = only(flight(), lambda time: time < FAILS)
+    made = until(flight(), 0.0)
     time = stamps(made, "VIBRATION")
     counts = 3.0 * (time > 20.0) + 4.0 * (time > 22.0)
-    known = dict.fromkeys((*LEVELS, *CLIPS), counts)
-    events, ending = judged(changed(made, "VIBRATION", **known))
+    clipped = changed(made, "VIBRATION", **dict.fromkeys((*LEVELS, *CLIPS), counts))
+    events, ending = judged(clipped)
     assert ending is None
     assert events[MotionEvent.LOG_ENDED_IN_AIR].figures["height"] == approx(10.0, abs=0.5)
     assert events[MotionEvent.CLIPPED].figures["count"] == 3 * 7
+    restarted = changed(made, "ATTITUDE", boot=1 * (stamps(made, "ATTITUDE") > 29.8))
+    assert MotionEvent.LOG_ENDED_IN_AIR not in judged(restarted)[0]
 
 
 @mark.parametrize("at_end", [True, False])
@@ -306,8 +310,8 @@ def test_what_falls_on_its_back_is_lost_whatever_is_asked(at_end):
     """Its setpoint follows it, as in rate modes."""
     made = falling(leaning(flight(), RIGHT, 120.0, 100.0 if at_end else 1.0))
     roll = made.messages["ATTITUDE"]["roll"]
-    asked = quaternion(roll, 0 * roll, 0 * roll)
-    events, ending = judged(changed(made, "ATTITUDE_TARGET", q=asked))
+    made = changed(made, "ATTITUDE_TARGET", q=quaternion(roll, 0 * roll, 0 * roll))
+    events, ending = judged(made)
     assert (MotionEvent.ATTITUDE_LOST in events) == at_end
     assert not at_end or (ending.code is Ending.CONTROL_LOST and abs(ending.time - FAILS) < 0.5)
 

@@ -19,11 +19,13 @@ from mavdem.alignment.learnability import too_slow
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.loops import loops_of_axes
 from mavdem.assessment.assess import grounded_air
+from mavdem.assessment.axis_margins import AxisMargins
 from mavdem.assessment.margins import margins_light
 from mavdem.assessment.motors import motors_light
 from mavdem.assessment.tracking import ERROR, tracking_light, tracking_of
 from mavdem.condition.loop.response import MeasuredResponse
 from mavdem.condition.oscillation import Oscillation
+from mavdem.condition.resonance import Resonance
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Override
 from mavdem.facts.ending import Ending, MotionEvent
@@ -79,7 +81,7 @@ def test_a_resonance_is_seen_by_the_response_to_the_setpoint():
     assert (light.code, light.level) == (MarginsLight.RESONATES, "bad")
     seen = found.margins[0].response
     assert seen.frequency == approx(10.0, abs=1.0) and seen.coherence > 0.9
-    assert seen.peak == approx(1 / (2 * np.sin(np.radians(6.0))), rel=0.2)
+    assert seen.peak == approx(0.5 / np.sin(np.radians(6.0)), rel=0.2)
 
 
 def test_where_no_resonance_shows_it_is_said_up_to_which_frequency():
@@ -87,24 +89,30 @@ def test_where_no_resonance_shows_it_is_said_up_to_which_frequency():
     light = margins_light(found)
     assert (light.code, light.level) == (MarginsLight.NO_RESONANCE, "good")
     margins = found.margins[0]
-    slow = replace(margins, response=replace(margins.response, highest=19.0))
-    vars(found)["margins"] = (slow,)
+    slow = replace(margins.response, highest=19.0)
+    vars(found)["margins"] = (replace(margins, response=slow),)
     assert margins_light(found).sentence.endswith("No resonance shows up to 19 Hz.")
+
+
+def test_a_peak_asks_for_no_setpoint_where_one_was_logged():
+    peak = Resonance("roll", 4.9, 19.0, 0.9, 40.0)
+    (light,) = AxisMargins("roll", Fact(Loops.LOOP_NOT_FOUND), None, peak).facts
+    assert light.remedy.startswith("Check")
 
 
 def test_a_setpoint_that_only_answers_the_rate_shows_no_response():
     """In wind the attitude's controller asks for −K times the angle: the ratio of both rises with the frequency."""
     rate = noise()
     angle = np.cumsum(rate) * 0.01
-    answer = -4.5 * (angle - lfilter([0.01], [1, -0.99], angle))
-    light = margins_light(evidence(flight(rate, answer)))
+    answer = lfilter([0.01], [1, -0.99], angle) - angle
+    light = margins_light(evidence(flight(rate, 4.5 * answer)))
     assert light.code is MarginsLight.MARGINS_UNKNOWN and light.level == "unknown"
 
 
 def test_what_the_autopilot_injects_shows_no_margin():
-    autotune = columns([8.0], custom_mode=[15])
-    telemetry = changed(flight(*closed_loop(12.0)), "CURRENT_MODE", **autotune)
-    assert margins_light(evidence(telemetry)).level == "unknown"
+    made = flight(*closed_loop(12.0))
+    autotune = changed(made, "CURRENT_MODE", **columns([8.0], custom_mode=[15]))
+    assert margins_light(evidence(autotune)).level == "unknown"
 
 
 def oscillating(found):

@@ -18,8 +18,8 @@ def found(rate, command, hertz=100.0, offset=0.0, pitch=0.0):
     time = HOVER.stamps(hertz)
     outputs = 1500.0 + np.outer(X_QUAD, command(time))
     outputs[0] += offset
-    is_flying = pulses(telemetry) > 1000
-    telemetry = with_pulses(telemetry, np.where(is_flying, outputs.clip(1150.0, 1990.0), 1000.0))
+    limited = np.where(pulses(telemetry) > 1000, outputs.clip(1150.0, 1990.0), 1000.0)
+    telemetry = with_pulses(telemetry, limited)
     roll_rate = np.radians(rate(time))
     turning = changed(telemetry, "ATTITUDE", rollspeed=roll_rate, pitchspeed=pitch * roll_rate)
     return condition_of(Signals(turning)).oscillation
@@ -33,7 +33,7 @@ def gusts(size):
     """A rate in wind: white noise through the attitude loop's resonance, at 1.5 Hz with a damping of 0.4."""
 
     def series(time):
-        omega = 2 * np.pi * 1.5
+        omega = 3 * np.pi
         continuous = [1, 0], [1, 0.8 * omega, omega**2]
         (numerator,), denominator, _ = cont2discrete(continuous, time[1] - time[0])
         values = lfilter(numerator, denominator, default_rng(1).standard_normal(len(time)))
@@ -46,7 +46,7 @@ def gusts(size):
 def test_a_limit_cycle_has_its_frequency_rate_and_time_at_a_limit(hertz):
     one = found(
         lambda time: swinging(hertz, 85.0)(time) + gusts(10.0)(time),
-        lambda time: 3 * swinging(hertz, 300.0)(time) + gusts(40.0)(time),
+        lambda time: swinging(hertz, 900.0)(time) + gusts(40.0)(time),
         pitch=0.5,
     )
     assert one.axis == "roll" and not one.growing
@@ -82,6 +82,11 @@ def test_what_is_steered_to_identify_is_none(phase):
         return lambda time: size * np.sin(2 * np.pi * phase(time))
 
     assert found(swept(30.0), swept(60.0)) is None
+
+
+def test_motors_from_stop_to_stop_show_it_though_the_vehicle_sways_besides():
+    one = found(gusts(100.0), swinging(17.0, 900.0))
+    assert round(one.frequency) == 17 and one.rate < 20.0
 
 
 def test_where_messages_come_too_slowly_the_frequency_is_not_told():
