@@ -15,11 +15,15 @@ from mavdem.condition.loop.response import LEAST_FIT
 from mavdem.condition.resonance import FASTEST_LOOP, Resonance, peak_of, response_of
 from mavdem.confidence import LEVEL
 from mavdem.facts import Fact, Facts, Level
+from mavdem.facts.loops import Loops
 from mavdem.facts.margins import MarginsLight
 
 LEAST = TARGETS["sharp"]
 USUAL = TARGETS["default"]
 """The least margins that are advised, surely below which a loop is bad; and the usual ones."""
+
+WITH_SETPOINT = (Loops.CROSSOVER_UNSEEN, Loops.LOOP_NOT_FOUND, Loops.MARGIN_UNCERTAIN)
+"""Why a loop is not identified though the rate's setpoint was logged, and steered."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +50,9 @@ class AxisMargins:
             facts.append(_of_loop(self.loop))
         elif self.peak is not None:
             peak = _of_resonance(MarginsLight.RATE_STANDS_OUT, None, self.peak)
-            facts.append(peak.but(because=self.loop))
+            if isinstance(self.loop, Fact) and self.loop.code in WITH_SETPOINT:
+                peak = peak.but(because=self.loop)
+            facts.append(peak)
         if self.response is not None:
             facts.append(of_response(self.response))
         return tuple(fact for fact in facts if fact.level is not Level.UNKNOWN)
