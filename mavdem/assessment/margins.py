@@ -31,7 +31,7 @@ def margins_light(evidence: Evidence) -> Fact:
     return Fact(MarginsLight.MARGINS_UNKNOWN, because=because, rate=max(quiet, default=None))
 
 
-def _arguments(evidence: Evidence) -> tuple[str, ...]:
+def _arguments(evidence: Evidence) -> list[str]:
     """What a command reads the same vehicle by: the log and, where it has several, which; and a file of parameters."""
     vehicle = evidence.signals.telemetry
     given = [evidence.log.source]
@@ -40,4 +40,4 @@ def _arguments(evidence: Evidence) -> tuple[str, ...]:
     for repair in vehicle.repairs:
         if repair.code is Repair.PARAMETERS_ADDED:
             given += ["--params", repair.figures["path"]]
-    return tuple(given)
+    return given

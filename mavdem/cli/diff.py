@@ -83,8 +83,9 @@ def diff_command(
     with files_in(folder, [PAGE, DOCUMENT]) as (path, place):
         place.write_text(json_text(document))
         called = Path(before).name, Path(after).name
-        reviews = first.review, second.review
-        page = comparison_page(called, reviews, difference, parameters, lacking)
+        page = comparison_page(
+            called, (first.review, second.review), difference, parameters, lacking
+        )
         path.write_text(page, "utf-8", "replace")
     say_aside(f"The page is {folder / PAGE}.")
     said = [*headline_blocks(headlines), *difference_blocks(difference, parameters, lacking)]

@@ -159,9 +159,9 @@ class Chart(NamedTuple):
         longest = max(self.lines, key=lambda line: len(line.x))
         alike = all(np.array_equal(line.x, longest.x) for line in self.lines)
         # Over time, what is far from its neighbours is apart; a line of frequencies grows apart by itself.
-        widest = np.diff(longest.x).max(initial=0.0) if self.x.label == TIME.label else 0.0
-        is_whole = widest <= GAP_STEPS * longest.step
-        if alike and is_whole and len(longest.x) <= points:
+        steps = np.diff(longest.x)
+        breaks = self.x.label == TIME.label and (steps > GAP_STEPS * longest.step).any()
+        if alike and not breaks and len(longest.x) <= points:
             return self
         first = min(line.x[0] for line in self.lines)
         last = max(line.x[-1] for line in self.lines)

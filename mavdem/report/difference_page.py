@@ -41,10 +41,7 @@ def comparison_page(
     """
     both = dict(zip(COLOURS, reviews, strict=True))
     steps = tuple(filter(None, (tuple(_steps(both, axis)) for axis in AXES)))
-    changed = [
-        [parameter.name, f"{parameter.before:.4g}", f"{parameter.after:.4g}"]
-        for parameter in parameters
-    ]
+    changed = [[name, f"{before:.4g}", f"{after:.4g}"] for name, before, after in parameters]
     margins = [
         [f"{axis} {name}", *(_cell(rate, key, scale) for rate in _loops(both, axis).values())]
         for axis in AXES

@@ -145,10 +145,10 @@ def _flown(flown: Flights) -> dict[str, object] | None:
     """How much was flown, when, and at which tiers."""
     if not flown:
         return None
-    seconds = (max((row.duration or 0.0 for row in flight), default=0.0) for flight in flown)
+    seconds = (max(row.duration or 0.0 for row in flight) for flight in flown)
     tiers = Counter(map(fleet_row.best_tier, flown))
     kinds = listed(f"{tiers[tier]} {words}" for tier, words in TIER_WORDS.items() if tiers[tier])
-    dates = sorted(flight[0].date for flight in flown if flight[0].date is not None)
+    dates = sorted(filter(None, (flight[0].date for flight in flown)))
     return {"flights": len(flown), "hours": sum(seconds) / 3600, "dates": dates, "kinds": kinds}
 
 

@@ -121,8 +121,10 @@ def log_page(
     """
     whole = held is not None
     timeline = timeline_of(assessment)
-    happened = _stops_counted(assessment.events)
-    events = [Event(nan if fact.time is None else fact.time, fact) for fact in happened]
+    events = [
+        Event(nan if fact.time is None else fact.time, fact)
+        for fact in _stops_counted(assessment.events)
+    ]
     level = assessment.headline.level
     head = Head(level, assessment.lights, events, timeline, assessment.analysis)
     chapters = [*_measured(assessment, timeline, whole), *_models(assessment)]
@@ -179,10 +181,10 @@ def _tracking(light: Fact, axes: NamedFacts) -> Iterator[Block]:
     yield Sentence(str(light), "Tracking:")
     rows = []
     for axis, fact in axes.items():
-        values = {key: fact.figures.get(key) for key in ERRORS}
+        known = fact.figures
         shown = [
-            "" if value is None else with_unit(value, readable(fact.units[key]))
-            for key, value in values.items()
+            with_unit(known[key], readable(fact.units[key])) if known.get(key) is not None else ""
+            for key in ERRORS
         ]
         if any(shown):
             rows.append([axis, *shown])
