@@ -244,18 +244,6 @@ def test_gaps_and_tumbles_end_a_segment():
     assert ends[1:3] == [(20.2, 29.5), (30.5, 34.5)]
 
 
-def test_boots_are_never_joined():
-    telemetry = HOVER.telemetry()
-    for message, table in telemetry.messages.items():
-        twice = {name: np.tile(column, 2) for name, column in table.items()}
-        twice["boot"] = np.repeat([0, 1], len(table["time"]))
-        telemetry = changed(telemetry, message, **twice)
-    segments = sorted(settled_segments(Signals(telemetry)))
-    assert [segment.boot for segment in segments] == [0, 1]
-    flight = align(Signals(telemetry), segments[1])
-    assert_allclose(flight.outputs[:, 0], HOVER.roll(flight.time), atol=1e-9)
-
-
 def test_a_uniform_source_keeps_its_samples():
     telemetry = HOVER.telemetry(motor_time=HOVER.stamps(100.0) + 0.0004)
     flight = align(Signals(telemetry), settled_segments(Signals(telemetry))[0])

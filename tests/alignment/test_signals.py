@@ -145,14 +145,9 @@ def test_yaw_is_by_the_direction_of_the_propellers():
         found = motor_geometry("QUADROTOR", "ARDUPILOTMEGA", frame, moving=range(1, 5), bank=8)
         assert_array_equal(4 * found.effect("yaw"), signs)
     rotors = {f"PWM_MAIN_FUNC{n}": 100.0 + n for n in range(1, 5)}
-    rotors |= px4_rotors((1, 1, 0.05), (-1, -1, 0.04), (1, -1, -0.05), (-1, 1, -0.04))
+    rotors |= px4_rotors((1, 1, 0.05), (-1, -1, 0.04), (1, -1, 0.0), (-1, 1, -0.04))
     found = motor_geometry("QUADROTOR", "PX4", rotors, moving=range(1, 5), bank=16)
-    assert_array_equal(4 * found.effect("yaw"), [1, 1, -1, -1])
-    del rotors["CA_ROTOR2_KM"]
-    assert (
-        motor_geometry("QUADROTOR", "PX4", rotors, moving=range(1, 5), bank=16).effect("yaw")
-        is None
-    )
+    assert found.effect("yaw") is None, "it is not known how the third one turns"
 
 
 def test_without_parameters_the_moving_channels_are_assumed_and_said():

@@ -33,8 +33,6 @@ MESSAGES = {
     "DSF": (136, "QIHIIII", "TimeUS,Dp,Blk,Bytes,FMn,FMx,FAv"),
     "RCIN": (137, *PULSES),
     "CTUN": (135, "Qfhh", "TimeUS,ThI,DCRt,CRt"),
-    "BAT": (138, "QBfff", "TimeUS,Inst,Volt,VoltR,Curr"),
-    "VIBE": (139, "QBfffI", "TimeUS,IMU,VibeX,VibeY,VibeZ,Clip"),
     "GPS": (140, "QBBIH", "TimeUS,I,Status,GMS,GWk"),
     "ERR": (141, "QBB", "TimeUS,Subsys,ECode"),
     "SIDS": (142, "QBf", "TimeUS,Ax,Mag"),
