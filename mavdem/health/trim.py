@@ -43,11 +43,11 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
 
     UNKNOWN where that would not show.
     """
-    if not (layout.positions and layout.spins):
+    signatures = motor_signatures(layout)
+    if len(signatures.axes) < 4:  # thrust, roll, pitch and yaw
         return Fact(Trim.TRIM_OF_UNKNOWN_PLACES)
     if balance is None:
         return Fact(Trim.TRIM_UNKNOWN, least_duration=FEWEST_BLOCKS * BLOCK_SECONDS)
-    signatures = motor_signatures(layout)
     (level,), (variance,) = level_balances([balance])
     mixer = np.linalg.pinv(signatures.weights)[:, 1:]
     apart = mixer @ level

@@ -68,11 +68,9 @@ def test_what_cannot_be_told_from_even_is_no_alarm():
 
 
 def test_nothing_is_said_of_little_flight_or_without_the_places():
-    for plan, code in (
-        (geometry(), Trim.TRIM_UNKNOWN),
-        (geometry(spins=()), Trim.TRIM_OF_UNKNOWN_PLACES),
-    ):
-        fact = trim_of(None, plan)
-        assert (fact.code, fact.level) == (code, "unknown")
+    assert trim_of(None, geometry()).code is Trim.TRIM_UNKNOWN
+    for spins in ((), (0, 0)):  # not known, or turning nothing
+        fact = trim_of(None, geometry(spins=spins))
+        assert (fact.code, fact.level) == (Trim.TRIM_OF_UNKNOWN_PLACES, "unknown")
     assumed = geometry(places_by=PlaceBasis.X_QUAD)
     assert trim((0.0, 0.0, 0.16), assumed).figures["assumed"]
