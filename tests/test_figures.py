@@ -260,11 +260,11 @@ def summary(values):
 @mark.slow
 @mark.parametrize("log", FLIGHTS)
 def test_the_figures_of_a_flight_are_those_of_before(log, here, monkeypatch, capsys, request):
-    here = LOGS / log  # where the repository has it
+    sample = LOGS / log  # where the repository has it
     flights = [log]
-    if here.is_file():
-        Path(log).symlink_to(here)  # a command in a next step has its name
-    elif here.suffix:
+    if sample.is_file():
+        Path(log).symlink_to(sample)  # a command in a next step has its name
+    elif sample.suffix:
         flights = [shared(name) for name in log.split()]
     if "live" in FLIGHTS[log]:
         by_the_log(monkeypatch)
