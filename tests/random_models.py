@@ -84,9 +84,10 @@ def random_belief(seed, model, samples):
     )
 
 
+seeds = st.integers(0, 10**6)
 models = st.builds(
     random_model,
-    seed=st.integers(0, 10**6),
+    seed=seeds,
     n=st.integers(1, 3),
     r=st.integers(1, 3),
     m=st.integers(1, 3),

@@ -39,7 +39,7 @@ FLIGHTS = {
     "real/logs/crash_motor4_at_its_limit.BIN": ["review"],
     "real/logs/crash_errors_without_time.BIN": ["review"],
     "real/logs/ardupilot_motor2_at_its_limit.BIN": ["review"],
-    "ardupilot_default_rates.tlog": ["info", "> convert"],
+    "ardupilot_default_rates.tlog": ["info", "review", "> convert"],
     "ardupilot_wind5_steps.tlog": [
         "review",
         "tune",

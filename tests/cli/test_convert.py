@@ -37,7 +37,9 @@ def test_a_table_is_the_flight(axis, tmp_path, capsys):
     out = tmp_path / "flight.csv"
     told = convert(capsys, FLIGHT, out, "--axis", axis, "--vehicle", "1")
     flight = read_flight(FLIGHT, axis)
-    head, values = table_of(out)
+    with out.open(newline="", encoding="utf-8") as file:
+        head, *rows = csv.reader(file)
+    values = np.array(rows, dtype=np.float64)
     assert head == told["columns"]
     steps = {"time_s": 1e-6, **{f"motor_{number}_us": 0.01 for number in range(1, 5)}}
     steps |= {"roll_rad": 1e-6} if axis == "roll" else {}
@@ -60,9 +62,3 @@ def test_the_input_is_never_overwritten(how, tmp_path, capsys):
         out.hardlink_to(source)
     assert "is the input" in refused(capsys, 2, "convert", source, out)
     assert source.read_bytes() == FLIGHT.read_bytes()
-
-
-def table_of(path):
-    with path.open(newline="", encoding="utf-8") as file:
-        head, *rows = csv.reader(file)
-    return head, np.array(rows, dtype=np.float64)

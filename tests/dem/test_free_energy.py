@@ -2,11 +2,10 @@
 
 import numpy as np
 from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx, mark
-from random_models import models, random_belief, random_samples
+from random_models import models, random_belief, random_samples, seeds
 from scipy.linalg import block_diag
 from simulated import simulated
 
@@ -34,8 +33,6 @@ from mavdem.dem.engine.steps import (
 from mavdem.dem.fitting import generalized, generative_model
 from mavdem.dem.priors import Scaling
 from mavdem.dem.record import Record
-
-seeds = st.integers(0, 10**6)
 
 
 def lambda_slope(belief):
