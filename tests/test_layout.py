@@ -202,31 +202,31 @@ def test_a_file_is_not_long():
 
 
 NODES = {
-    "alignment": 19_020,
+    "alignment": 19_120,
     "analysis": 8240,
     "assessment": 19_640,
-    "baselines": 5120,
-    "cli": 14_010,
-    "condition": 40_120,
-    "dem": 67_100,
-    "documents": 11_030,
+    "baselines": 5080,
+    "cli": 14_090,
+    "condition": 39_900,
+    "dem": 67_170,
+    "documents": 11_040,
     "evaluate": 7970,
-    "export": 2490,
-    "facts": 4190,
-    "fleet": 15_800,
-    "health": 10_730,
-    "ingest": 39_280,
-    "live": 31_260,
-    "mavdem": 6280,
+    "export": 2500,
+    "facts": 4260,
+    "fleet": 15_910,
+    "health": 10_600,
+    "ingest": 39_300,
+    "live": 31_100,
+    "mavdem": 6310,
     "paper": 11_010,
-    "report": 32_945,
-    "serve": 13_460,
+    "report": 32_800,
+    "serve": 13_470,
     "sitl_scenarios": 30_200,
-    "tools": 15_400,
-    "view": 10_810,
+    "tools": 15_410,
+    "view": 10_750,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 415_900
+ALL_NODES = 415_600
 TEST_NODES = 225_000
 NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""
