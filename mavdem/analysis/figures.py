@@ -34,6 +34,7 @@ from mavdem.evaluate.scores import error_over
 from mavdem.evaluate.truth import TruthComparison
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
+from mavdem.facts.identifiability import Status
 from mavdem.flight import Flights
 from mavdem.heading import Values
 from mavdem.health.in_flight import MotorAlarm, alarm_figures
@@ -226,15 +227,15 @@ def physical_of(signals: Signals, flights: Flights) -> Physical | NotIdentifiabl
     """Returns the physical parameters of the axis of ``signals`` in ``flights``, or why there are none.
 
     They are those that inputs and outputs alone tell where they tell them without a bias, by motor and in narrower
-    intervals; else those of the plant in its loop where it is found.
+    intervals; else, or where its loop makes them doubtful, those of the plant in its loop where it is found.
     """
     alone = physical(flights)
-    if isinstance(alone, Physical) and alone.identifiable and not alone.bias:
-        return alone
+    is_sure = isinstance(alone, Physical) and alone.identifiable and not alone.bias
     try:
-        return plant_in_loop(signals, with_one_set_of_gains(signals, flights)[0])
+        in_loop = plant_in_loop(signals, with_one_set_of_gains(signals, flights)[0])
     except NotLearnable as error:
-        return alone._replace(refusal=error.fact)
+        return alone if is_sure else alone._replace(refusal=error.fact)
+    return alone if is_sure and in_loop.status["effect"] is Status.REPORTED else in_loop
 
 
 def axis_figures(

@@ -23,6 +23,7 @@ class ParameterDoubt(Code):
     LAG_TOO_SHORT = "lag_too_short"
     MIXED_WITH_DELAY = "mixed_with_delay"
     FOLLOWS_FROM_EFFECT = "follows_from_effect"
+    LOOP_RINGS = "loop_rings"
     KNOWN_FROM_EARLIER_FLIGHT = "known_from_earlier_flight"
     SEVERAL_DOUBTS = "several_doubts"
 

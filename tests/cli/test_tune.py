@@ -33,7 +33,7 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(tmp_pat
     assert written.read_text().count("\t9\n1\t1\t") == len(gains) - 1
     page = (out / "tune.html").read_text()
     assert page.count('<figure class="chart"') == 6 and 'class="headline"' in page
-    assert "MC_ROLLRATE_P and MC_ROLL_P rise against wind." in page
+    assert "and MC_ROLL_P rise against wind." in page
     assert run(*words) == 0
     assert [file.name for file in out.iterdir()] == ["tune.html"]  # no gains of the run before
 

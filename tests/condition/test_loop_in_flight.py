@@ -22,6 +22,7 @@ from mavdem.condition.loop.in_flight import _streams, plant_in_loop
 from mavdem.dem import physical
 from mavdem.dem.closed_loop.identification import identified
 from mavdem.dem.record import Record
+from mavdem.facts.identifiability import Status
 from mavdem.facts.learnability import Reason
 from mavdem.facts.loops import Loops, Responses
 from mavdem.ingest import read_log
@@ -186,6 +187,25 @@ def test_a_plant_that_cannot_be_drawn_is_not_found_and_an_unknown_margin_at_most
         widths.append(np.ptp(uncertain.figures["phase_margin_interval"]))
     assert uncertain.figures["phase_margin_interval"][1] == 180.0
     assert widths[0] == approx(31.5, abs=1.5) and plant_with(10.0), "15° to each side"
+
+
+@mark.parametrize(
+    "more, change, status",
+    [
+        (3.0, {}, Status.REPORTED),  # a phase margin of 31°
+        (4.0, {}, Status.BIASED),  # of 19°
+        (0.9, {"lag": 0.002, "delay": 0.03}, Status.REPORTED),  # of 20°, for the delay's sake
+    ],
+)
+def test_of_a_loop_that_rings_beyond_its_motors_effect_and_lag_are_biased(
+    log, more, change, status
+):
+    signals, flights = flown(thinned(log, 16))
+    plant = plant_in_loop(signals, flights)
+    _, controller, directions = in_flight._in_loop(signals, tuple(flights))
+    sure = plant._replace(effect=more * plant.effect, covariance=1e-4 * plant.covariance)
+    checked = in_flight._checked(sure._replace(**change), directions, controller)
+    assert set(checked.status.values()) == {status}
 
 
 @mark.parametrize("gain", [0.0, 0.5])

@@ -14,6 +14,7 @@ from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals, once
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_delay, gyro_response
 from mavdem.condition.loop.from_flight import demand_directions, known_controller
+from mavdem.condition.loop.loop import TARGETS
 from mavdem.condition.loop.margins import rate_loop, transfer
 from mavdem.dem.closed_loop.densities import ASKED, OUTPUT, RATE, KnownController
 from mavdem.dem.closed_loop.identification import IdentifiedAxis, identified
@@ -28,9 +29,11 @@ from mavdem.dem.graybox.parameters import LEAST, WindComponent, wind_density
 from mavdem.dem.graybox.plant import FIRST_ORDER, GUSTS
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
+from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.learnability import Reason
 from mavdem.facts.loops import Loops
+from mavdem.facts.model import ParameterDoubt
 from mavdem.flight import Flight, boot_of
 
 FEWEST_WINDOWS = 4
@@ -65,7 +68,7 @@ def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
     with one_thread(), np.errstate(all="ignore"):
         plant = _physical(identified.fit, identified.directions)
         try:
-            _check(plant, identified.directions, identified.controller)
+            plant = _checked(plant, identified.directions, identified.controller)
         except np.linalg.LinAlgError:
             raise NotLearnable(Loops.LOOP_NOT_FOUND) from None
     return plant._replace(delay=plant.delay + gyro_delay(identified.controller))
@@ -222,8 +225,8 @@ def _used(spectra: CrossSpectra, controller: KnownController) -> CrossSpectra:
     return spectra.of((RATE, OUTPUT, best, best + 1))
 
 
-def _check(plant: Physical, directions: Array, controller: Controller) -> None:
-    """Raises ``NotLearnable`` where the phase margin stays unknown."""
+def _checked(plant: Physical, directions: Array, controller: Controller) -> Physical:
+    """The ``plant``, biased where its loop rings; raises ``NotLearnable`` where the phase margin stays unknown."""
     drawn = plant.draws(100)
     rate = rate_loop(controller, drawn[:, :-3] @ directions, np.maximum(drawn[:, -3:], LEAST))
     low, high = rate.phase_margin_interval
@@ -231,6 +234,13 @@ def _check(plant: Physical, directions: Array, controller: Controller) -> None:
     if not (high - low <= 2 * WIDEST and rate.stable[0]):
         within = np.clip([low, high], -180.0, 180.0)  # infinite where nothing crosses over
         raise NotLearnable(Loops.MARGIN_UNCERTAIN, phase_margin_interval=within)
+    # Most of the motion is then beyond the motors' corner frequency, where only the effect over the lag counts.
+    is_beyond = 2 * np.pi * rate.crossover * plant.lag > 1
+    if is_beyond and rate.phase_margin < TARGETS["default"].phase_margin / 2:
+        rings = Fact(ParameterDoubt.LOOP_RINGS, Level.WATCH, frequency=rate.crossover)
+        status = dict.fromkeys(PARAMETERS, Status.BIASED)
+        return plant._replace(status=status, reasons=dict.fromkeys(PARAMETERS, rings))
+    return plant
 
 
 def _physical(fit: IdentifiedAxis, directions: Array) -> Physical:
