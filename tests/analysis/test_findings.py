@@ -97,7 +97,9 @@ def test_parameters_are_good_up_to_a_width_of_their_intervals(share, expected):
 def test_parameters_doubted_for_one_reason_are_named_together_and_a_reason_is_given_once():
     known = physical(damping=Status.BIASED, lag=Status.BIASED)
     known.reasons |= dict.fromkeys(("damping", "lag"), prose("Why."))
-    (doubt,) = found(MOTION, model(known)).reason.figures["doubts"]
+    doubted = found(MOTION, model(known))
+    assert doubted.grade is LIMITED
+    (doubt,) = doubted.reason.figures["doubts"]
     assert (doubt.code, doubt.figures["names"]) == (Because.PARAMETERS_DOUBTED, ("damping", "lag"))
     known = physical(**dict.fromkeys(("effect", "damping", "lag"), Status.NOT_IDENTIFIABLE))
     known.reasons["damping"] = known.reasons["effect"]
