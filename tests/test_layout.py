@@ -203,11 +203,11 @@ def test_a_file_is_not_long():
 
 NODES = {
     "alignment": 19_120,
-    "analysis": 8240,
+    "analysis": 8280,
     "assessment": 19_640,
     "baselines": 5080,
     "cli": 14_090,
-    "condition": 39_900,
+    "condition": 40_010,
     "dem": 67_170,
     "documents": 11_040,
     "evaluate": 7970,
@@ -226,7 +226,7 @@ NODES = {
     "view": 10_750,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 415_600
+ALL_NODES = 415_700
 TEST_NODES = 225_000
 NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""
