@@ -380,5 +380,5 @@ def _clipped(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
         return
     clipped = (counted.values > 0) & during(counted.time, flights)
     for start, end in merged([(at, at) for at in counted.time[clipped].tolist()], CAUGHT_SECONDS):
-        count = counted.values[during(counted.time, [(start, end)])].sum()
+        count = int(counted.values[during(counted.time, [(start, end)])].sum())
         yield Fact(MotionEvent.CLIPPED, time=start, until=end, count=count, boot=boot)

@@ -38,17 +38,17 @@ def vibration_light(evidence: Evidence) -> Fact:
     if not here.any():
         return unknown
     mean = levels.values[here].mean(axis=0)
-    most = mean.argmax()
-    imu, axis = divmod(most, len(measured.axes))
-    clips = measured.clips[here].sum(axis=0).max()
-    levels_of_both = limits.level(mean[most]), CLIPS.level(clips)
+    largest = mean.max()
+    imu, axis = divmod(mean.argmax(), len(measured.axes))
+    clips = int(measured.clips[here].sum(axis=0).max())
+    levels_of_both = limits.level(largest), CLIPS.level(clips)
     return Fact(
         VibrationLight.VIBRATION_MEASURED,
         max(levels_of_both, key=SEVERITY.index),
         subject=f"IMU {imu + 1}",
         axis=measured.axes[axis],
-        vibration=mean[most],
-        acceptable_vibration=limits.bad if mean[most] > limits.bad else limits.watch,
+        vibration=largest,
+        acceptable_vibration=limits.bad if largest > limits.bad else limits.watch,
         clips=clips,
         is_settled=bool(settled),
     )

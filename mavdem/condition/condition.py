@@ -383,7 +383,7 @@ def _vibration(signals: Signals, settled: Segments) -> VibrationFigures | None:
     if not here.any():
         return None
     levels = measured.levels.values[here, : len(measured.axes)]
-    return VibrationFigures(tuple(levels.mean(axis=0).tolist()), measured.clips[here].sum())
+    return VibrationFigures(tuple(levels.mean(axis=0)), int(measured.clips[here].sum()))
 
 
 def _battery(signals: Signals, parts: Segments) -> BatteryFigures | None:
@@ -402,4 +402,4 @@ def _battery(signals: Signals, parts: Segments) -> BatteryFigures | None:
         # A negative current stands for none; a sensor that is not there, or not calibrated, reads 0 at times.
         if amperes.min(initial=np.inf) > 0 and len(amperes):
             figures += [amperes.mean(), amperes.max()]
-    return BatteryFigures(*map(float, figures))
+    return BatteryFigures(*figures)

@@ -88,7 +88,7 @@ def gusts(
         length = (stop - start) * record.dt
         high = abs(away[peak]) > max(THRESHOLD * sd, CERTAIN_BANDS * band[peak])
         if high and length >= shortest and not _stays(torque, start, stop, width // 2, sd, record):
-            detected.append(DetectedGust(start, start * record.dt, length, float(away[peak])))
+            detected.append(DetectedGust(start, start * record.dt, length, away[peak]))
     return Gusts(tuple(detected), THRESHOLD * sd, false)
 
 

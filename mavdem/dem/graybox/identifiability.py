@@ -84,7 +84,7 @@ class IdentifiabilityFigures(NamedTuple):
     wind_share: float
     # share of the commands' variance that is above half of the Nyquist frequency
     alias_share: float
-    sd: dict[str, float]  # relative standard deviation of the estimate, by ``ModelErrors.own``
+    sd: dict[str, float]  # relative standard deviation of the estimate, by ``OmissionErrors.own``
     spectrum_range: dict[str, float]  # of the logarithm, over the wind's possible spectra
     lag: float  # estimate beyond the shortest that a stream can hold, s
     dt: float  # step of the stream, s

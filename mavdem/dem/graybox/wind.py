@@ -133,11 +133,11 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
     return WindTorque(
         torque=torque,
         band=band,
-        mean=float(torque.mean()),
+        mean=torque.mean(),
         mean_band=float(
             half_width(levels @ covariance @ levels + OmissionErrors.wind_sd**2 * size)
         ),
-        sd=float(np.sqrt(size + spread.mean())),
+        sd=np.sqrt(size + spread.mean()),
         scale_error=float(scale_error),
         step=step,
         gusts=gusty.found if resolved else (),
