@@ -80,8 +80,9 @@ def markdown(blocks: Iterable[Block]) -> str:
 def _markdown(block: Block) -> str:
     if isinstance(block, Sentence):
         # A viewer breaks no path within a line, and hides what stands around it.
-        text = re.sub(r" `(mavdem [^`]*)`\.", r"\n\n```\n\1\n```", block.text)
-        return f"**{block.lead}** {text}".rstrip() if block.lead else text
+        text = re.sub(r" `(mavdem [^`]*)`\. ?", r"\n\n```\n\1\n```\n\n", block.text)
+        lead = f"**{block.lead}** " if block.lead else ""
+        return f"{lead}{text}".rstrip()
     rule = ["---", *["---" if block.words else "---:"] * (len(block.header) - 1)]
     return "\n".join("| " + " | ".join(row) + " |" for row in [block.header, rule, *block.rows])
 

@@ -54,7 +54,7 @@ def write_recording(target: Target, assessment: Assessment) -> None:
     with recorded(target, Path(assessment.log.source).name) as recording:
         page = _Page(recording, assessment, timeline)
         series = series_of(flights, learned)
-        words = [title(flights), *analysis_blocks(assessment)]
+        words = [title(flights, assessment.simulated), *analysis_blocks(assessment)]
         tabs: list[rrb.Container | rrb.View] = [
             page.flight(),
             *page.air(learned, series[OUTPUTS].time),

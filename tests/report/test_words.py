@@ -109,13 +109,13 @@ def test_every_text_is_escaped():
 def test_markdown_aligns_numbers_to_the_right_and_sets_commands_apart():
     said = markdown(
         [
-            Sentence("Run `mavdem tune a.bin`.", "Lead:"),
+            Sentence("Run `mavdem tune a.bin`. Then fly.", "Lead:"),
             Table(["a", "b"], [["x", "1"]]),
             Table(["a", "b"], [], words=True),
         ]
     )
-    lead, command, *tables = said.split("\n\n")
-    assert (lead, command) == ("**Lead:** Run", "```\nmavdem tune a.bin\n```")
+    lead, command, after, *tables = said.split("\n\n")
+    assert (lead, command, after) == ("**Lead:** Run", "```\nmavdem tune a.bin\n```", "Then fly.")
     assert tables == ["| a | b |\n| --- | ---: |\n| x | 1 |", "| a | b |\n| --- | --- |"]
 
 
