@@ -167,6 +167,8 @@ def test_the_worst_loop_of_a_flight_is_rated():
         "Set gains of `mavdem tune 'my flight.tlog' --vehicle 1:1 --params my.param --axis all`."
     )
     assert light.figures["axis"] == "pitch"
+    alive = replace(found, log=replace(log, source="", vehicles=log.vehicles[:1]))
+    assert "`mavdem tune --params my.param --axis all`" in margins_light(alive).remedy
     disagrees = Fact(Responses.RESPONSE_DISAGREES, share=0.3, needed=0.8)
     measured = MeasuredResponse((0.5, 9.0), 30.0, 30.0, 1.0, disagrees)
     loops["roll"] = replace(loops["roll"], measured=measured)
