@@ -203,9 +203,9 @@ def check_folder(folder: Path, names: Names = (), *inputs: PathName | None) -> N
         for part in folder.parts:
             with suppress(FileNotFoundError):
                 (existing / part).lstat()  # its name may be too long
-        for name in names:
-            with suppress(FileNotFoundError):
-                replaceable(folder / name)
+    for name in names:
+        with writing(folder / name), suppress(FileNotFoundError):
+            replaceable(folder / name)
     written = {os.path.realpath(folder / name) for name in names}
     for path in inputs:
         if path and os.path.realpath(path) in written:

@@ -43,7 +43,8 @@ def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
 
 def test_a_page_that_something_is_in_the_way_of_is_refused(fleets, capsys):
     Path("out/diff.html").mkdir(parents=True)
-    assert "written (it is a folder)" in refused(capsys, 2, "diff", *fleets, "--out", "out")
+    said = refused(capsys, 2, "diff", *fleets, "--out", "out")
+    assert "out/diff.html cannot be written (it is a folder)" in said
 
 
 @mark.parametrize(
