@@ -339,10 +339,10 @@ def judged(
     record = learned.record
     inputs, outputs = max(record.segments, key=lambda part: len(part[1]))
     axis = record.output_names[0]
-    duration = len(inputs) * learned.dt
-    time: Any = learned.dt * np.arange(len(inputs))
-    telemetry = Telemetry(1, 1, UNNAMED, "", {}, record.parameters)
-    count = len(time)
+    count = len(inputs)
+    duration = count * learned.dt
+    time: Any = learned.dt * np.arange(count)
+    telemetry = Telemetry(1, 1, UNNAMED, "", {}, record.parameters, recorded or "")
     boots = np.zeros(count, int)
     motors = Motors(setup.motors, time, boots, inputs, setup.layout, setup.scale, count, 0)
     tilt = tilt_of(setup.attitude, time, 0, *outputs.T)

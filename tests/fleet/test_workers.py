@@ -101,15 +101,19 @@ def test_a_run_that_can_start_no_process_ends_and_says_so(tmp_path):
 
 
 @mark.slow
-def test_a_process_is_renewed_after_so_many_logs(tmp_path):
-    (path,) = make_logs(tmp_path, 1)
+@mark.parametrize("name, logs, started", [("log", 2, 2), ("leaves", 9, 3)])
+def test_a_process_is_renewed_after_so_many_logs_or_where_memory_does_not_last(
+    name, logs, started, tmp_path
+):
+    (path,) = make_logs(tmp_path, 1, name)
     reader = LogReader()
     processes = set()
     for _ in range(3):
-        reader.read(Job(str(path)), LIMITS._replace(logs=2), rows_of_log)
+        outcome = reader.read(Job(str(path)), LIMITS._replace(logs=logs), rows_of_log)
+        assert outcome.ended == "read"
         processes |= {child.pid for child in active_children()}
     reader.stop()
-    assert len(processes) == 2
+    assert len(processes) == started
 
 
 RUN = """

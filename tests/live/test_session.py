@@ -277,6 +277,7 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     lights = one.status.judged.lights
     assert one.status.findings == one.judged[0]
     assert lights["log"].level is Level.GOOD and lights["margins"].code is MarginsLight.LOOP_MARGINS
+    assert "`mavdem tune 'my flight.tlog' --axis all`" in lights["margins"].remedy
     page = html.unescape(
         live_page("udp", "roll", one.history, one.status, one.account(), model)
     ).replace("\u00a0", " ")
