@@ -62,7 +62,7 @@ def tune_command(
 ) -> None:
     """Reports margins of the rate and attitude loops, and gains.
 
-    SOURCE is a log with the autopilot's parameters. Advised gains have the --margins in 95 % of the plants that fit the
+    SOURCE is a log with the autopilot's parameters. Advised gains have the --margins in 95 % of the models that fit the
     flight, at 0.8 to 1.2 times the control effectiveness; of such gains, wind moves the vehicle least with these. Loops
     with enough margin keep their gains, unless --more is asked. With --filters a notch filter is advised on the motors'
     line in the gyro's spectrum, and gains have the margins with it. With --verbose it prints all margins, and what they

@@ -179,7 +179,7 @@ class AxisAdvice(Document, is_partial=True):
     sentence: Advised
     """what to do, one or two sentences"""
     sure: float
-    """share of the plants that fit the flight in which both loops have the margins"""
+    """share of the models that fit the flight in which both loops have the margins"""
     gains: dict[str, Gain]
     """gains by the autopilot's name"""
     expected: Loop
