@@ -154,11 +154,11 @@ def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
                 f"{round(more, 1) + 0.0:+.1f}" for more in hover.imbalance
             ],
             "headroom (%)": [f"{100 * left:.0f}" for left in hover.headroom],
-            "at upper, lower limit (% of time)": [
-                f"{100 * upper:.1f}, {100 * lower:.1f}"
-                for upper, lower in zip(hover.at_upper_limit, hover.at_lower_limit, strict=True)
-            ],
         }
+        limits = {"upper": hover.at_upper_limit, "lower": hover.at_lower_limit}
+        for limit, shares in limits.items():
+            if limit == "upper" or any(shares):
+                columns[f"at {limit} limit (%)"] = [f"{100 * share:.1f}" for share in shares]
     physical = None if learned is None else learned.physical
     half = None
     if learned is not None and physical is not None:
