@@ -204,11 +204,11 @@ def test_a_file_is_not_long():
 NODES = {
     "alignment": 19_120,
     "analysis": 8280,
-    "assessment": 19_640,
+    "assessment": 19_630,
     "baselines": 5080,
-    "cli": 14_090,
-    "condition": 40_010,
-    "dem": 67_170,
+    "cli": 14_100,
+    "condition": 40_000,
+    "dem": 67_160,
     "documents": 11_040,
     "evaluate": 7970,
     "export": 2500,
@@ -219,14 +219,14 @@ NODES = {
     "live": 31_100,
     "mavdem": 6310,
     "paper": 11_010,
-    "report": 32_800,
+    "report": 32_830,
     "serve": 13_470,
     "sitl_scenarios": 30_200,
     "tools": 15_410,
     "view": 10_750,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 415_700
+ALL_NODES = 415_800
 TEST_NODES = 225_000
 NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""

@@ -97,7 +97,7 @@ def test_the_one_blueprint_in_the_file_shows_what_is_there_in_the_screen_s_words
     assert {"forecast/0", "flight/0", "air/0", "loops/roll", "learning/gap"} <= set(shown)
     for origin in shown:
         assert any(f"{entity}/".startswith(f"/{origin.strip('/')}/") for entity in entities), origin
-    report = [title(analysis.flights), *analysis_blocks(assessed)]
+    report = [title(analysis.flights, assessed.simulated), *analysis_blocks(assessed)]
     assert found["/report"] == markdown(report)
     assert str(assessed.headline) in found["/headline"]
     assert assessed.next_step.sentence in found["/headline"]
