@@ -321,4 +321,5 @@ def near(now, before):
     if isinstance(before[0], str):
         return now == before
     spread = before[4] if len(before) > MANY else 1e-5
-    return now == approx(before, rel=PRECISION, abs=PRECISION * spread)
+    is_alike = [*map(type, now)] == [*map(type, before)]  # whole numbers stay whole
+    return is_alike and now == approx(before, rel=PRECISION, abs=PRECISION * spread)
