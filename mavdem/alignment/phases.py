@@ -119,11 +119,10 @@ def total(intervals: Intervals) -> float:
     return sum(end - start for start, end in intervals)
 
 
-def during(time: Array, intervals: Intervals) -> Flags:
-    """Returns which stamps (N,) are in the intervals."""
-    return np.any(
-        [(time >= start) & (time <= end) for start, end in [(inf, inf), *intervals]], axis=0
-    )
+def during(time: Array | float, intervals: Intervals) -> Flags:
+    """Returns which stamps (N,) are in the intervals, or whether one is."""
+    at = np.asarray(time)
+    return np.any([(at >= start) & (at <= end) for start, end in [(inf, inf), *intervals]], axis=0)
 
 
 def airborne_collective(parameters: Parameters) -> float:

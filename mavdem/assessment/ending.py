@@ -118,9 +118,13 @@ def _first(
     if off := _during(events, MotionEvent.MOTOR_OFF, boot, onset):
         names = tuple(event.subject for event in off)
         subject = names[0] if len(names) == 1 else ""
-        anew = [name for name in signals.telemetry.earlier if name.endswith("_FUNCTION")]
-        first = FailedFirst.MOTOR_OFF_FIRST
-        return Fact(first, time=off[0].time, subject=subject, names=names, settings=anew)
+        return Fact(
+            FailedFirst.MOTOR_OFF_FIRST,
+            time=off[0].time,
+            subject=subject,
+            names=names,
+            settings=_set_anew(signals, names),
+        )
     error = attitude_error(signals, boot)
     if error is None:
         return None
@@ -133,8 +137,8 @@ def _first(
             for event in _during(events, MotionEvent.MOTOR_AT_ITS_STOP, boot, onset)
             if (event.time or 0.0) < onset - ASKED_SECONDS
         ]
-        began = at_stop or _during(events, MotionEvent.FELL, boot, onset)
-        span = (min((event.time or 0.0 for event in began), default=onset), onset)
+        began = [*at_stop, *_during(events, MotionEvent.FELL, boot, onset), lost][0]
+        span = (began.time or onset, onset)
     else:
         at = np.argmax((error.time >= onset) & (error.size > LOST_ANGLE))
         span = (onset, error.time[at])
@@ -207,7 +211,7 @@ def _by_commands(
     idle = airborne_collective(signals.telemetry.parameters)
     weak = _weak_motor(motors, change, fell)
     if weak is None:
-        return _frozen(motors, now, idle)
+        return _frozen(signals, motors, now, idle)
     motor, opposite = weak
     name = motors.layout.names[motor]
     stopped = np.flatnonzero(at_limits(now[:, motor], motors.scale)[0] | (now[:, opposite] < idle))
@@ -218,7 +222,16 @@ def _by_commands(
     return Fact(FailedFirst.LIMIT_FIRST, time=time[stopped[0]], subject=name)
 
 
-def _frozen(motors: Motors, now: Array, idle: float) -> Fact | None:
+def _set_anew(signals: Signals, names: Sequence[str]) -> list[str]:
+    """The functions of these motors' outputs that were set anew; those of other outputs explain nothing."""
+    assert signals.motors is not None
+    layout = signals.motors.layout
+    channels = dict(zip(layout.names, layout.channels, strict=True))
+    functions = [f"SERVO{channels[name]}_FUNCTION" for name in names]
+    return [name for name in functions if name in signals.telemetry.earlier]
+
+
+def _frozen(signals: Signals, motors: Motors, now: Array, idle: float) -> Fact | None:
     """The one motor whose output stood still, between idle and its stop, while the others fought."""
     moved = np.ptp(now, axis=0)
     between = (now[0] > idle) & (now[0] < motors.scale.stop - MOVED_SHARE)
@@ -226,7 +239,7 @@ def _frozen(motors: Motors, now: Array, idle: float) -> Fact | None:
     if len(now) < FROZEN_ROWS or len(frozen) != 1 or moved.mean() < MOVED_SHARE:
         return None
     name = motors.layout.names[frozen[0]]
-    return Fact(FailedFirst.OUTPUT_FROZE_FIRST, subject=name)
+    return Fact(FailedFirst.OUTPUT_FROZE_FIRST, subject=name, settings=_set_anew(signals, [name]))
 
 
 def _weak_motor(motors: Motors, change: Array, fell: complex | None) -> tuple[int, int] | None:

@@ -113,10 +113,10 @@ class Evidence:
     def reported(self, codes: Container[Code]) -> Iterator[Fact]:
         """Yields what the autopilot warned of in flight, of these kinds."""
         for event in self.events:
-            if event.code in codes and event.warns:
-                time = np.array([event.time])
-                if phases.during(time, self.flights(event.figures["boot"])).any():
-                    yield event
+            if not (event.code in codes and event.warns):
+                continue
+            if phases.during(event.time or 0.0, self.flights(event.figures["boot"])):
+                yield event
 
     def _before_loss(self, boot: int) -> phases.Intervals:
         ending = self.ending

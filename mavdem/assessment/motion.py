@@ -32,6 +32,7 @@ from mavdem.alignment.signals import Signals
 from mavdem.alignment.steadiness import followed
 from mavdem.condition.condition import vibration_of
 from mavdem.condition.loop.margins import Complex
+from mavdem.condition.said import in_order
 from mavdem.confidence import Interval
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
@@ -76,11 +77,7 @@ def motion_events(signals: Signals) -> Facts:
     if signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS or not signals.tilts:
         return ()
     boots = np.unique(signals.tilts[0].boot).tolist()
-    return tuple(
-        event
-        for boot in boots
-        for event in sorted(_events(signals, boot), key=lambda event: event.time or 0.0)
-    )
+    return tuple(in_order(event for boot in boots for event in _events(signals, boot)))
 
 
 def _events(signals: Signals, boot: int) -> Iterator[Fact]:
@@ -105,7 +102,7 @@ def _events(signals: Signals, boot: int) -> Iterator[Fact]:
                 out_of_control.append(((event.time or 0.0) + LOST_SECONDS, flight[1]))
     for event in _of_motors(signals, boot, flights):
         # What lies on its back, or falls, drives motors to their stop whatever it weighs.
-        is_explained = during(np.array([event.time]), out_of_control).any()
+        is_explained = during(event.time or 0.0, out_of_control)
         if event.code is not MotionEvent.MOTOR_AT_ITS_STOP or not is_explained:
             yield event
     last = error.time[-1]
@@ -209,7 +206,7 @@ def _loss(
     time = error.time
     settled = time[(time < start) & (error.size < ONSET_ANGLE)]
     onset = max(settled[-1] if len(settled) else start, start - CAUGHT_SECONDS)
-    here = (time >= start) & (time <= end)
+    here = during(time, [lost])
     angle = error.size[here].max()
     height = height_above(signals, boot, flight, onset)
     speed = _fastest(of_boot(signals.climb_rate, boot), onset, end + CAUGHT_SECONDS) or 0.0
@@ -325,9 +322,8 @@ def _fall(signals: Signals, boot: int, flight: Interval, lost: Fact | None) -> I
             yield Fact(MotionEvent.HIT, Level.WATCH, height=None, time=hit, boot=boot)
         return
     braked = np.interp(time + LOST_SECONDS, time, climb.values) - climb.values > HIT_SPEED
-    near = (time > span[0]) & (time < span[1])
     rises = np.diff(climb.values, append=climb.values[-1])
-    for at in time[near & braked & (climb.values < -HIT_SPEED)][:1]:
+    for at in time[during(time, [span]) & braked & (climb.values < -HIT_SPEED)][:1]:
         # before the ground does, the vehicle may brake
         last = np.argmax(np.where(during(time, [(at, at + LOST_SECONDS)]), rises, -inf))
         speed = -climb.values[last]

@@ -54,7 +54,17 @@ class MeasuredNoise(NamedTuple):
                 windows=len(shown.time),
             )
         ]
-        facts += [_of_line(peak) for peak in self.lines]
+        facts += [
+            Fact(
+                KINDS[peak.kind],
+                frequency=peak.frequency,
+                ratio=peak.ratio,
+                harmonics=peak.harmonics,
+                exponent=peak.exponent,
+                order=peak.order,
+            )
+            for peak in self.lines
+        ]
         behind = self.spectra.get(GYRO)
         if shown.name == BEFORE and behind is not None:
             facts += [
@@ -82,17 +92,6 @@ def noise_of(evidence: Evidence) -> MeasuredNoise:
     crossovers = (loop.crossover for loop in loops if isinstance(loop, Loop))
     crossover = max(crossovers, default=None)
     return noise._replace(notch=notch_advice(controller, noise.lines, before, behind, crossover))
-
-
-def _of_line(peak: Peak) -> Fact:
-    return Fact(
-        KINDS[peak.kind],
-        frequency=peak.frequency,
-        ratio=peak.ratio,
-        harmonics=peak.harmonics,
-        exponent=peak.exponent,
-        order=peak.order,
-    )
 
 
 def _left(peak: Peak, before: Spectrum, behind: Spectrum) -> Fact:

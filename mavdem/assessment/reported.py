@@ -82,7 +82,7 @@ def reported_events(signals: Signals) -> Facts:
         ]
         for fact in in_order([*states, *once(faults)]):
             time = fact.time or 0.0
-            if fact.is_bad and not during(np.array([time]), on).any():
+            if fact.is_bad and not during(time, on):
                 fact = fact.but(Level.WATCH)
             begun = max((flight for flight in flights if flight[0] <= time), default=(time, inf))
             events.append(fact.but(height=height_above(signals, part.boot, begun, time)))

@@ -41,10 +41,9 @@ def vibration_light(evidence: Evidence) -> Fact:
     largest = mean.max()
     imu, axis = divmod(mean.argmax(), len(measured.axes))
     clips = int(measured.clips[here].sum(axis=0).max())
-    levels_of_both = limits.level(largest), CLIPS.level(clips)
     return Fact(
         VibrationLight.VIBRATION_MEASURED,
-        max(levels_of_both, key=SEVERITY.index),
+        max(limits.level(largest), CLIPS.level(clips), key=SEVERITY.index),
         subject=f"IMU {imu + 1}",
         axis=measured.axes[axis],
         vibration=largest,
