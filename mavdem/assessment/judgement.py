@@ -16,6 +16,7 @@ from mavdem.assessment.vibration import vibration_light
 from mavdem.assessment.wind import wind_light
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.assessment import Headline, NextStep
+from mavdem.facts.ending import Ending
 from mavdem.facts.events import Reported
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.immutable import Result
@@ -32,14 +33,14 @@ LIGHTS = {
 }
 """What judges by each light."""
 
-OF_VEHICLE = (
+OF_VEHICLE = [
     Light.MOTORS,
     Light.MARGINS,
     Light.TRACKING,
     Light.VIBRATION,
     Light.POWER,
     Light.ESTIMATOR,
-)
+]
 """What a vehicle is judged by, the most urgent first: a weak motor explains bad tracking."""
 OF_LOG = (Light.LOG, Light.WIND)
 
@@ -110,12 +111,18 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
 def next_step_of(headline: Fact, lights: NamedFacts, of_model: Fact | None) -> Fact:
     """Returns what to do next: what the headline asks for or, where nothing is wrong, what would show more.
 
-    What a bad power asks for is beside it: no other light explains that. Of a vehicle that is sound and fully judged it
-    is what its model is worth (``of_model``).
+    What a bad power asks for is beside it: no other light explains that. After a loss so is what any bad light asks
+    for, and the motor of a bad light is the ``suspect`` where the loss names none. Of a vehicle that is sound and fully
+    judged it is what its model is worth (``of_model``).
     """
     if headline.code is not Headline.NOTHING_WRONG:
-        power = lights[Light.POWER]
-        also = power if power.is_bad else None
+        beside = [Light.POWER]
+        if isinstance(headline.code, Ending):
+            beside = OF_VEHICLE
+            motors = lights[Light.MOTORS]
+            if motors.is_bad and not headline.subject:
+                headline = headline.but(suspect=motors.subject)
+        also = [lights[light] for light in beside if lights[light].is_bad]
         return Fact(NextStep.DO_AS_ADVISED, headline.level, because=headline, also=also)
     for light in (Light.LOG, *OF_VEHICLE):
         if not lights[light].is_good:

@@ -177,9 +177,9 @@ def _losses(error: AttitudeError, flight: Interval, climb: Signal | None) -> Int
         if event[1] >= flight[1]
         and (_fastest(climb, event[0], event[0] + CAUGHT_SECONDS) or 0.0) > FALL_SPEED
     ]
-    lost = either(lost, fallen)
     latest = flight[1] + ASKED_SECONDS
-    return [span for span in merged(lost, CAUGHT_SECONDS) if flight[0] < span[0] <= latest]
+    spans = merged(either(lost, fallen), CAUGHT_SECONDS)
+    return [span for span in spans if flight[0] < span[0] <= latest]
 
 
 def _lasting(time: Array, true: Flags, gap: float) -> Intervals:
@@ -269,7 +269,7 @@ def _is_caught(signals: Signals, boot: int, flight: Interval, end: float) -> boo
     collective = of_boot(signals.collective, boot)
     if collective is None or min(flight[1], collective.time[-1]) < end + CAUGHT_SECONDS:
         return False
-    after = collective.values[(collective.time > end) & (collective.time < end + CAUGHT_SECONDS)]
+    after = collective.values[during(collective.time, [(end, end + CAUGHT_SECONDS)])]
     if not len(after):
         return False
     usual = np.median(collective.values[during(collective.time, [flight])])
@@ -298,12 +298,12 @@ def _fall(signals: Signals, boot: int, flight: Interval, lost: Fact | None) -> I
     time = climb.time
     end = min(flight[1], time[-1])
     since, until = end - CAUGHT_SECONDS, end + CAUGHT_SECONDS
-    if lost is not None and lost.time is not None:
-        since = lost.time
+    if lost is not None:
+        since = lost.time or since
         if lost.code is MotionEvent.HIT:
-            since -= CAUGHT_SECONDS
             if (lost.figures["height"] or 0.0) < GROUND_HEIGHT:  # on the ground nothing falls
-                until = lost.time
+                until = since
+            since -= CAUGHT_SECONDS
     span = (max(flight[0], since), until)
     trusted = _trusted(signals, boot, flight)
     assert trusted is not None

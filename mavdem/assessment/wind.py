@@ -23,17 +23,16 @@ def wind_light(evidence: Evidence) -> Fact:
     low, high = wind.speed_interval
     share = _share_of_lean(evidence.condition, evidence.signals.telemetry)
     doubt = estimator_light(evidence)
-    doubted = doubt.is_bad
     return Fact(
         WindLight.WIND_BLEW,
-        Level.WATCH if doubted or share > MUCH_LEAN and not wind.calm else None,
+        Level.WATCH if doubt.is_bad or share > MUCH_LEAN and not wind.calm else None,
         calm=wind.calm,
         speed=wind.speed,
         low=low,
         high=high,
         direction=wind.direction if wind.directed else None,
         share=share,
-        because=doubt if doubted else None,
+        because=doubt if doubt.is_bad else None,
     )
 
 

@@ -8,8 +8,10 @@ from refusals import prose
 from mavdem.assessment.judgement import headline_of, next_step_of
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
+from mavdem.facts.ending import Ending
 from mavdem.facts.learnability import Reason
 from mavdem.facts.lights import Light
+from mavdem.facts.motors import MotorsLight
 from mavdem.health.in_flight import MotorAlarm, losses_of
 
 GROUNDED = Fact(Reason.NEVER_ARMED)
@@ -71,7 +73,17 @@ def test_the_headline_is_the_worst_that_was_found(levels, more, said):
     following = next_step_of(worst, known, Fact(NextStep.KEEP_MODEL))
     assert following.code is NextStep.DO_AS_ADVISED
     assert following.figures["because"] == worst
-    assert (following.figures["also"] is None) == (levels.get("power") != "bad")
+    assert (Light.POWER in levels) == (known[Light.POWER] in following.figures["also"])
+
+
+@mark.parametrize("code", [Ending.CONTROL_LOST, Ending.CRASHED])
+def test_after_a_loss_each_bad_light_is_in_the_next_step_and_a_bad_motor_first(code):
+    known = lights(vibration="bad")
+    known[Light.MOTORS] = Fact(MotorsLight.MOTOR_LIMITED, subject="motor 2 (left)", share=0.1)
+    lost = Fact(code, cause=None)
+    following = next_step_of(lost, known, None)
+    assert known[Light.VIBRATION] in following.figures["also"]
+    assert "motor 2 first" in str(following) and str(following).count("motor 2") == 1
 
 
 def test_without_a_flight_it_says_why():
