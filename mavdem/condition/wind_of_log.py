@@ -31,7 +31,7 @@ STANDSTILL_ASSUMED = number_of("ESTIMATOR_CONST_POS_MODE")
 """Messages with the estimator's flags: it knows the horizontal velocity; it assumes to stand still."""
 VELOCITY_JUMP = (1.0, 15.0)
 YAW_JUMP = (0.35, 6.0)
-"""m/s, rad, and m/s², rad/s: a change beyond both is a reset. Before one of the yaw it was not known."""
+"""m/s, rad, and m/s², rad/s: a change beyond both is a reset. Before one of the yaw, in flight, it was not known."""
 # m beyond what the velocity covers, of a reset
 POSITION_JUMP = 1.0
 # m above the lowest height, without motors; s between velocities, and around a reset that are left out
@@ -133,7 +133,9 @@ def _flown(signals: Signals, angles: Sequence[Attitude], moving: Signal, boot: i
         jumps |= is_reset(way, speed[:-1], speed[1:], np.diff(time))
     doubted = [(t - LONGEST_STEP, t + LONGEST_STEP) for t in time[1:][jumps]]
     kept &= ~phases.during(at, doubted)
-    turns = _jumps(at, turned[2] % (2 * np.pi), YAW_JUMP, 2 * np.pi)
+    turns = _jumps(at, turned[2], YAW_JUMP, 2 * np.pi)
+    # after flight it is a fall or a spin
+    turns &= at[1:] < np.max(flights, initial=0)
     resets = at[1:][turns]
     last_reset = np.max(resets, initial=-np.inf)
     kept &= at > last_reset + LONGEST_STEP
@@ -203,7 +205,7 @@ def is_reset(moved: Any, before: Any, after: Any, dt: Any) -> Any:
 
 def _jumps(time: Array, values: Array, limits: Interval, turn: float = np.inf) -> Flags:
     """(N - 1,) where ``values`` change by more than the first of ``limits`` and the second a second."""
-    steps = abs(np.diff(values))
+    steps = abs(np.diff(values)) % turn
     shorter = np.minimum(steps, turn - steps)
     allowed = limits[0] + limits[1] * np.diff(time)
     return shorter > allowed

@@ -244,7 +244,7 @@ def test_a_vehicle_that_something_holds_shows_no_wind(lean, seconds, refused):
     assert (reason is not None and reason.code is NoWind.STUCK) == refused
 
 
-def test_a_message_without_a_yaw_is_left_out_and_a_clock_that_jumps_by_days_refused():
+def test_a_message_without_a_yaw_and_a_spin_after_flight_are_left_out_and_a_clock_that_jumps_by_days_refused():
     telemetry = recorded("sitl_events/ap_short_with_climb.tlog")
     columns = telemetry.messages["ATTITUDE"]
 
@@ -254,6 +254,10 @@ def test_a_message_without_a_yaw_is_left_out_and_a_clock_that_jumps_by_days_refu
     yaw = np.where(np.arange(len(columns["yaw"])) % 50, columns["yaw"], 1e30)
     assert found(yaw=yaw).speed == approx(found().speed, abs=0.1)
     middle = np.median(columns["time"])
+    spun = columns["yaw"] + 2.0 * (columns["time"] > 120)
+    reset = columns["yaw"] + 2.0 * (columns["time"] < 60)
+    assert found(yaw=spun).speed == found().speed
+    assert found(yaw=reset).time[0] > 60 > found().time[0]
     late = {
         name: table | {"time": table["time"] + 2e6 * (table["time"] > middle)}
         for name, table in telemetry.messages.items()
