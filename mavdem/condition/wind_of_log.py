@@ -71,7 +71,12 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     moving = _moving(telemetry)
     if len(angles) < len(AXES) or moving is None:
         missing = AXES[len(angles) :]
-        raise NotLearnable(NoWind.NO_VELOCITY, missing=missing)
+        raise NotLearnable(
+            NoWind.NO_VELOCITY,
+            missing=missing,
+            name=telemetry.called("LOCAL_POSITION_NED"),
+            recorder=telemetry.translated_from,
+        )
     boots = np.unique(moving.boot).tolist()
     flown = [(_flown(signals, angles, moving, boot), boot) for boot in boots]
     nothing = (np.zeros((0, 8)), 0)

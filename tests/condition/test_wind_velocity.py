@@ -185,6 +185,11 @@ def test_resets_are_no_motion():
     assert refused(mavdem.wind, indoors).code is NoWind.NO_FLIGHT_WITH_VELOCITY
 
 
+def test_velocity_of_another_core_is_not_the_primary_s():
+    fact = refused(mavdem.wind, shared("sitl_events/ap_quiet10.BIN"))
+    assert "(XKF1[0], of the primary core)" in str(fact) and fact.remedy == "Log XKF1[0]."
+
+
 @mark.slow
 def test_solo_beside_an_anemometer():
     path = shared("real/wind/solo_sonic_1hz.csv")

@@ -459,10 +459,13 @@ def _demands(tables: Tables) -> tuple[Columns, Facts]:
 
 
 def _renamed(tables: Tables, message: str) -> tuple[str, Columns]:
-    """A message of ``translation.toml`` with the name of its own; of the filter's states, of the primary core."""
+    """A message of ``translation.toml`` with the name of its own; of the filter's states, of the primary core.
+
+    The name is "XKF1[0]" where other cores were logged, but not the primary one, 0.
+    """
     chosen = tables.get("XKF4", {}).get("PI", np.zeros(0))
     cores, times = np.unique(chosen[chosen >= 0], return_counts=True)
-    primary = float(cores[times.argmax()]) if len(cores) else 0
+    primary = int(cores[times.argmax()]) if len(cores) else 0
     rule = _RENAMED[message]
     for name in rule["messages"]:
         core = primary if name.startswith("XKF") else 0
@@ -470,7 +473,10 @@ def _renamed(tables: Tables, message: str) -> tuple[str, Columns]:
         with suppress(KeyError):
             if count(logged):
                 return name, stamped(logged, renamed(logged, rule))
-    return rule["messages"][0], {}
+    first = rule["messages"][0]
+    if first in tables and not instance(tables[first], "C", primary):
+        first += f"[{primary}]"
+    return first, {}
 
 
 def _onto(base: Columns, source: Columns, values: Array, turning: bool = False) -> Array:
