@@ -17,6 +17,7 @@ from mavdem.dem.airflow.identification import LONGEST_SECONDS
 from mavdem.dem.airflow.model import Drag
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
+from mavdem.facts.online import DragSource
 from mavdem.facts.wind import NoWind
 from mavdem.files import AnyPath
 from mavdem.ingest import read_log
@@ -141,8 +142,7 @@ def _flown(signals: Signals, angles: Sequence[Attitude], moving: Signal, boot: i
     turns = _jumps(at, turned[2], YAW_JUMP, 2 * np.pi)
     # after flight it is a fall or a spin
     turns &= at[1:] < np.max(flights, initial=0)
-    resets = at[1:][turns]
-    last_reset = np.max(resets, initial=-np.inf)
+    last_reset = np.max(at[1:][turns], initial=-np.inf)
     kept &= at > last_reset + LONGEST_STEP
     for name in FLAGS:
         flags = recorded(signals.telemetry, name, "flags")
@@ -184,7 +184,12 @@ def air_of(signals: Signals) -> Air:
 
 
 def drag_settings(drag: Drag, telemetry: Telemetry) -> dict[str, tuple[float, float, float]]:
-    """Returns the autopilot's parameters to set for a ``drag``, with both ends of 90 % intervals, which it has."""
+    """Returns the autopilot's parameters to set for a ``drag``, with both ends of 90 % intervals, which it has.
+
+    None for a typical drag: nobody knows it of this vehicle.
+    """
+    if drag.source is DragSource.POPULATION:
+        return {}
     settings = drag.parameters(telemetry.autopilot)
     if telemetry.translated_from != "DataFlash":  # which has all that the firmware has
         return settings

@@ -19,7 +19,7 @@ from mavdem.report.words import section
 TIER_WORDS = {"a": "full model", "b": "slow motion", "c": "condition only"}
 # what a drag is known from, in words
 DRAG_SOURCES = {
-    DragSource.POPULATION: "other vehicles",
+    DragSource.POPULATION: "typical vehicles",
     DragSource.PARAMETERS: "the autopilot's parameters",
     DragSource.FLIGHT: "flight",
     DragSource.CALIBRATION: "calibration",

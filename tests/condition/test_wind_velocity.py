@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 import mavdem
 from mavdem.alignment.drive import Signal
 from mavdem.alignment.signals import Signals
-from mavdem.condition.wind_of_log import YAW_JUMP, _jumps, air_of, is_reset, wind_of
+from mavdem.condition.wind_of_log import YAW_JUMP, _jumps, air_of, drag_settings, is_reset, wind_of
 from mavdem.condition.wind_velocity import (
     coming_from,
     least_speed,
@@ -261,6 +261,7 @@ def test_a_message_without_a_yaw_and_a_spin_after_flight_are_left_out_and_a_cloc
     middle = np.median(columns["time"])
     spun = columns["yaw"] + 2.0 * (columns["time"] > 120)
     reset = columns["yaw"] + 2.0 * (columns["time"] < 60)
+    assert drag_settings(found().drag, telemetry) and not drag_settings(Drag.given(None), telemetry)
     assert found(yaw=spun).speed == found().speed
     assert found(yaw=reset).time[0] > 60 > found().time[0]
     late = {
