@@ -16,7 +16,12 @@ from mavdem.report.blocks import Blocks, Sentence, Table, caution
 from mavdem.report.words import section
 
 # what a tier is called where it is shown
-TIER_WORDS = {"a": "full model", "b": "slow motion", "c": "condition only"}
+TIER_WORDS = {
+    "a": "full model",
+    "b": "slow motion",
+    "c": "condition only",
+    "": "of unknown tier",
+}
 # what a drag is known from, in words
 DRAG_SOURCES = {
     DragSource.POPULATION: "typical vehicles",

@@ -105,7 +105,11 @@ def vehicle_words(flights: Flights) -> tuple[str, str]:
     """Returns what one vehicle's latest flight that was judged shows, in a sentence, and what was found in all."""
     health = vehicle_health(flights)
     counts = Counter(map(worst_health, flights))
-    reasons = (row.health_reason for flight in reversed(flights) for row in flight)
+    reasons = (
+        row.health_reason if row.is_read else row.status
+        for flight in reversed(flights)
+        for row in flight
+    )
     troubled = (flight for flight in reversed(flights) if worst_health(flight) in TROUBLE)
     conclusion, difference = section(
         "fleet_vehicle",

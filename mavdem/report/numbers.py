@@ -53,9 +53,9 @@ MOST_NAMED = 4  # in a sentence
 
 
 def few(names: Sequence[str]) -> str:
-    """Returns the first ``names`` as in a sentence, and how many more there are."""
+    """Returns the first ``names`` as in a sentence, and how many more there are: a single one is named, too."""
     more = len(names) - MOST_NAMED
-    return listed([*names[:MOST_NAMED], f"{more} more"] if more > 0 else names)
+    return listed([*names[:MOST_NAMED], f"{more} more"] if more > 1 else names)
 
 
 def counted(number: int, noun: str) -> str:

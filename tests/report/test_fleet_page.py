@@ -66,6 +66,7 @@ def test_a_fleet_without_a_flight_and_one_with_a_single_flight_have_a_page():
 
 def test_a_lost_flight_without_figures_needs_a_look_and_reasons_of_several_logs_have_no_figures():
     lost = {"status": "No settled flight.", "headline": "Lost at 70.9 s.", "headline_level": "bad"}
+    lost |= {"tier": None}
     unused = [
         FlightRow(file=at, status=f"Armed for {at} s.", status_code="never_airborne") for at in "12"
     ]
@@ -73,6 +74,7 @@ def test_a_lost_flight_without_figures_needs_a_look_and_reasons_of_several_logs_
     text = fleet_page([flight_row("quad", 0, health="unknown", **lost), rarer, *unused])
     assert text.index("Never airborne</td>") < text.index("No inputs.</td>")
     assert "1 of 1 vehicle needs a look: quad (lost at 70.9 s)." in text
+    assert "Not judged: No settled flight." in text and "1 of unknown tier." in text
     assert '<span class="badge bad">bad<' in text and "pages/quad-0.html" in text
 
 

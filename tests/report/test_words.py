@@ -154,7 +154,7 @@ def test_numbers_without_an_interval_have_two_digits(value, shown):
 
 
 def test_of_many_names_the_first_are_said():
-    assert (few("abcde"), few("abcd")) == ("a, b, c, d and 1 more", "a, b, c and d")
+    assert (few("abcdef"), few("abcde")) == ("a, b, c, d and 2 more", "a, b, c, d and e")
     assert in_one_line([*"fedcb", "a" * 81]) == f"{'a' * 80}…, b, c, d, e, …"
 
 
