@@ -119,7 +119,7 @@ class FlightRow:
     tilt_max: Radians = at("condition.tilt_max")
     """largest angle from level"""
     vibration: Annotated[Numbers, unit("m/s²")] | None = at("condition.vibration.level")
-    """mean vibration, x, y and z or one level"""
+    """mean vibration of the first IMU, x, y and z or one level"""
     clips: Whole = at("condition.vibration.clips")
     """times that an accelerometer was out of range"""
     motors: Names | None = at("condition.hover.motors")

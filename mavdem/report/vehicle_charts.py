@@ -61,8 +61,14 @@ def _panels(flights: Sequence[Flight]) -> Iterator[tuple[str, Lines]]:
     motors = next((row.motors for flight in reversed(flights) for row in flight if row.motors), ())
     shares = _estimates(flights, "trim_share", len(motors))
     yield ("Motor shares (mean 1)", dict(zip(map(short, motors), shares, strict=True)))
-    yield ("Vibration (m/s²)", dict(zip("xyz", _estimates(flights, "vibration", 3), strict=True)))
-    yield ("Vibration level (m/s²)", {"level": _estimates(flights, "vibration", 1)[0]})
+    yield (
+        "Vibration, first IMU (m/s²)",
+        dict(zip("xyz", _estimates(flights, "vibration", 3), strict=True)),
+    )
+    yield (
+        "Vibration level, first IMU (m/s²)",
+        {"level": _estimates(flights, "vibration", 1)[0]},
+    )
     inputs = sorted({row.per_input for flight in flights for row in flight if row.damping})
     for title, name, scale in QUANTITIES:
         # With the demand as its input the time constant has the mixer's in it.

@@ -105,7 +105,7 @@ def panels(rows):
 
 def test_a_fault_is_marked_and_what_is_unknown_of_one_flight_is_a_gap_and_of_all_no_panel():
     known = zip(("ok", "ok", "fault"), (0.5, None, 0.6), strict=True)
-    unknown = {"lag": None, "effect_status": "not identifiable"}
+    unknown = {"lag": None, "effect_status": "not identifiable", "vibration": (1.0, 2.0, 3.0)}
     rows = [
         flight_row("quad", number, health=health, damping=damping, **unknown)
         for number, (health, damping) in enumerate(known)
@@ -117,6 +117,7 @@ def test_a_fault_is_marked_and_what_is_unknown_of_one_flight_is_a_gap_and_of_all
     ends = [line.y, line.low, line.high]
     assert_allclose(np.transpose(ends), [[0.5, 0.3, 0.7], [np.nan] * 3, [0.6, 0.4, 0.8]])
     assert "Motor time constant (ms)" not in drawn
+    assert [line.name for line in drawn["Vibration, first IMU (m/s²)"].lines] == ["x", "y", "z"]
 
 
 def test_time_constants_of_motors_and_of_the_demand_are_not_one_line():
