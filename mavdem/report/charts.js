@@ -73,7 +73,7 @@
       ctx.save();
       ctx.beginPath(); ctx.rect(left, bbox.top, width - 2 * ratio, bbox.height); ctx.clip();
       ctx.fillStyle = colour("--ink"); ctx.font = `${11 * ratio}px system-ui, sans-serif`; ctx.textBaseline = "middle";
-      ctx.fillText(name, left + 4 * ratio, bbox.top + bbox.height / 2);
+      if (ctx.measureText(name).width <= width - 6 * ratio) ctx.fillText(name, left + 4 * ratio, bbox.top + bbox.height / 2);
       ctx.restore();
     }
     if (data.picture) {
@@ -183,15 +183,17 @@
       drawn.push(series(line, data.lines.length));
     }
     const grid = { stroke: () => colour("--line"), width: 1 }, none = (_, splits) => splits.map(() => "");
-    const space = () => root.classList.contains("printing") ? 10 : figure.dataset.flat != null ? 20 : 30;
+    const space = () => root.classList.contains("printing") ? 10 : figure.dataset.flat != null ? 16 : 30;
     const width = (_, texts) => Math.max(50, ...(texts ?? []).filter(text => text?.length > 6).map(text => 14 + 7.2 * text.length));
     const base = { stroke: () => colour("--ink"), font: font(), grid, ticks: grid, labelFont: font(), labelSize: 16, labelGap: 0 };
     const shown = axis => axis.names.length
       ? { splits: () => axis.names.map((_, i) => i), values: (_, splits) => splits.map(i => axis.names[i]) }
       : axis.log ? { splits: multiples, filter: plain, grid: { ...grid, filter: plain }, ticks: { ...grid, filter: plain }, values: (_, splits) => splits.map(value => value == null ? null : digits(value)) } : { values: (_, splits, axis, space, step) => splits.map(value => digits(value, step)) };
+    // The last name stands about its tick, half of it beyond.
+    const beyond = data.beside ? 0 : edge + 2 * (data.x.names.at(-1)?.length ?? 0);
     const options = {
       width: figure.clientWidth, height: height(figure, data), series: drawn, bands,
-      padding: [strip ? 2 : 6, data.beside ? 0 : edge, bare ? (strip ? 0 : 6) : 0, 0],
+      padding: [strip ? 2 : 6, beyond, bare ? (strip ? 0 : 6) : 0, 0],
       scales: { x: scale(data.x, false), y: scale(data.y, true), ...(data.beside ? { beside: scale(data.beside, true) } : {}) },
       axes: [
         { ...base, ...shown(data.x), size: bare ? 0 : 40, show: !strip, label: bare ? undefined : data.x.label, ...(bare ? { values: none } : {}) },
