@@ -80,7 +80,7 @@ def test_the_headline_is_the_worst_that_was_found(levels, more, said):
 def test_after_a_loss_each_bad_light_is_in_the_next_step_and_a_bad_motor_first(code):
     known = lights(vibration="bad")
     known[Light.MOTORS] = Fact(MotorsLight.MOTOR_LIMITED, subject="motor 2 (left)", share=0.1)
-    lost = Fact(code, cause=None)
+    lost = Fact(code, time=9.0, height=2.0, cause=None, word=None)
     following = next_step_of(lost, known, None)
     assert known[Light.VIBRATION] in following.figures["also"]
     assert "motor 2 first" in str(following) and str(following).count("motor 2") == 1
