@@ -112,17 +112,21 @@ def next_step_of(headline: Fact, lights: NamedFacts, of_model: Fact | None) -> F
     """Returns what to do next: what the headline asks for or, where nothing is wrong, what would show more.
 
     What a bad power asks for is beside it: no other light explains that. After a loss so is what any bad light asks
-    for, and the motor of a bad light is the ``suspect`` where the loss names none. Of a vehicle that is sound and fully
-    judged it is what its model is worth (``of_model``).
+    for, and the motor of a bad light is the ``suspect``. Of a vehicle that is sound and fully judged it is what its
+    model is worth (``of_model``).
     """
     if headline.code is not Headline.NOTHING_WRONG:
         beside = [Light.POWER]
-        if isinstance(headline.code, Ending):
+        if headline.code in Ending:
             beside = OF_VEHICLE
             motors = lights[Light.MOTORS]
-            if motors.is_bad and not headline.subject:
+            if motors.is_bad:
                 headline = headline.but(suspect=motors.subject)
-        also = [lights[light] for light in beside if lights[light].is_bad]
+        also = [
+            lights[light]
+            for light in beside
+            if lights[light].is_bad and lights[light].code not in Ending  # as the headline
+        ]
         return Fact(NextStep.DO_AS_ADVISED, headline.level, because=headline, also=also)
     for light in (Light.LOG, *OF_VEHICLE):
         if not lights[light].is_good:

@@ -178,8 +178,11 @@ def _losses(error: AttitudeError, flight: Interval, climb: Signal | None) -> Int
         and (_fastest(climb, event[0], event[0] + CAUGHT_SECONDS) or 0.0) > FALL_SPEED
     ]
     latest = flight[1] + ASKED_SECONDS
-    spans = merged(either(lost, fallen), CAUGHT_SECONDS)
-    return [span for span in spans if flight[0] < span[0] <= latest]
+    return [
+        span
+        for span in merged(either(lost, fallen), CAUGHT_SECONDS)
+        if flight[0] < span[0] <= latest
+    ]
 
 
 def _lasting(time: Array, true: Flags, gap: float) -> Intervals:
