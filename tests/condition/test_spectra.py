@@ -136,9 +136,13 @@ def test_motors_speeds_that_are_logged_name_their_order():
     telemetry = shaken(speed=140.0, steady=0.5)
     time = HOVER.stamps(10.0)
     turns = 70.0 * np.sqrt(throttle(time) / 0.5)
-    _, found = lines(changed(telemetry, "ESC", **columns(time, RPM=60 * turns)))
+    timed = changed(telemetry, "ESC", **columns(time, RPM=60 * turns))
+    _, found = lines(timed)
     assert found[0].kind is PeakKind.MOTOR and found[0].exponent == approx(1.0, abs=0.15)
     assert found[0].order == approx(2.0, rel=0.02)
+    settings = dict(advice(timed)[0].figures["settings"])
+    by_speed = settings["INS_HNTCH_MODE"], settings["INS_HNTCH_REF"]
+    assert by_speed == (3.0, 1.0), "ArduPilot follows the speed that the controllers report"
 
 
 def advice(telemetry, crossover=12.0, **parameters):
