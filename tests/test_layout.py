@@ -204,7 +204,7 @@ def test_a_file_is_not_long():
 NODES = {
     "alignment": 19_130,
     "analysis": 8280,
-    "assessment": 19_700,
+    "assessment": 19_710,
     "baselines": 5080,
     "cli": 14_100,
     "condition": 40_040,
@@ -226,7 +226,7 @@ NODES = {
     "view": 10_750,
 }
 """Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 415_900
+ALL_NODES = 416_000
 TEST_NODES = 225_000
 NODES_A_LINE = 11.0  # condition, health and tools
 """Of code: more is packed, not short."""

@@ -75,14 +75,15 @@ def tuned(
         if isinstance(loop, Fact) and axis in measured:
             loop = Fact(Loops.NO_LOOP, reasons=(measured[axis], loop))
         if isinstance(loop, Loop):
-            doubts = grounds
+            # What a flight injects is no answer of the controller.
+            doubts = (*grounds, measured[axis]) if axis in measured else grounds
             followed = tracking[axis]
             # No loop with enough margin overshoots.
             if (
                 followed.code is TrackingLight.OVERSHOOTS_SETPOINT
                 and not margin_rating(loop, TARGETS[margins]).is_bad
             ):
-                doubts = (*grounds, followed)
+                doubts = (*doubts, followed)
             advice = advise(loop, margins, doubts, more=more)
             if settings and not advice.refusals:
                 advice = advise(loop.changed(settings), margins, more=more)
