@@ -29,7 +29,7 @@ from mavdem.dem.graybox.parameters import LEAST, WindComponent, wind_density
 from mavdem.dem.graybox.plant import FIRST_ORDER, GUSTS
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
 from mavdem.facts.learnability import Reason
 from mavdem.facts.loops import Loops
@@ -237,7 +237,7 @@ def _checked(plant: Physical, directions: Array, controller: Controller) -> Phys
     # Most of the motion is then beyond the motors' corner frequency, where only the effect over the lag counts.
     is_beyond = 2 * np.pi * rate.crossover * plant.lag > 1
     if is_beyond and rate.phase_margin < TARGETS["default"].phase_margin / 2:
-        rings = Fact(ParameterDoubt.LOOP_RINGS, Level.WATCH, frequency=rate.crossover)
+        rings = Fact(ParameterDoubt.LOOP_RINGS, frequency=rate.crossover)
         status = dict.fromkeys(PARAMETERS, Status.BIASED)
         return plant._replace(status=status, reasons=dict.fromkeys(PARAMETERS, rings))
     return plant
