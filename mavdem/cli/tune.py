@@ -100,7 +100,7 @@ def tune_command(
         print_json(tune_document(source, margins, tuning))
     else:
         above, *lights, following = conclusion(tuning.judgement)
-        blocks = tune_blocks(tuning.axes, verbose, str(tuning.judgement.next_step))
+        blocks = tune_blocks(tuning, verbose)
         blocks += [Sentence(tuning.notch.advised, "Notch filter:")] if tuning.notch else []
         page = [Sentence(str(out / PAGE), "Page:")] if out else []
         # What must not fly is said before its gains.

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from operator import attrgetter
 
-from mavdem.assessment.tuning import AdviceByAxis
+from mavdem.assessment.tuning import AdviceByAxis, Tuning
 from mavdem.condition.loop.advice import LARGEST_ANGLE, MAX_GAIN_STEP, Advice
 from mavdem.condition.loop.filters import gyro_filters
 from mavdem.condition.loop.loop import LoopByAxis
@@ -26,20 +26,23 @@ FIGURES = {  # header, and what makes the unit shown, by name of the figure
 KNOWN_CROSSOVER_SHARE = 0.15
 
 
-def tune_blocks(advised: AdviceByAxis, whole: bool = True, said: str = "") -> Blocks:
+def tune_blocks(tuning: Tuning, whole: bool = True) -> Blocks:
     """Returns what is said of the loops by axis; a fact is why nothing is known of them.
 
     Unless ``whole``, that is a sentence each, the gains to set, and what for and what limits them. What to do is said
-    once, and not where it is ``said`` beside.
+    once, and not where the next step says it, which stands beside.
     """
     blocks = Blocks()
     is_advised = False
+    advised = tuning.axes
+    following = tuning.judgement.next_step
+    asked = [following.figures.get("because"), *following.figures.get("also", ())]
+    said = {"", following.sentence, *(fact.remedy for fact in asked if fact)}
     for axis, advice in advised.items():
         facts = [advice] if isinstance(advice, Fact) else [advice.rating, advice.sentence]
-        remedy = facts[-1].remedy
-        told = [*map(str, facts), *([] if remedy in said else [remedy])]
-        said += remedy
-        blocks.append(Sentence(" ".join(told), f"{axis.capitalize()}:"))
+        remedies = {facts[-1].remedy} - said
+        said |= remedies
+        blocks.append(Sentence(" ".join([*map(str, facts), *remedies]), f"{axis.capitalize()}:"))
         if isinstance(advice, Fact):
             continue
         is_advised |= bool(advice.gains)

@@ -131,9 +131,7 @@ def tune_page(name: str, tuning: Tuning) -> str:
     judgement = tuning.judgement
     above, *_, following = conclusion(judgement)
     head = Head(judgement.headline.level, judgement.lights)
-    chapters.insert(
-        0, Chapter("Margins and gains", tune_blocks(tuning.axes, said=str(judgement.next_step)))
-    )
+    chapters.insert(0, Chapter("Margins and gains", tune_blocks(tuning)))
     return document(name, subtitle, [above, following], chapters, head=head)
 
 
