@@ -10,11 +10,11 @@ from mavdem.facts import speak
 
 if TYPE_CHECKING:
     from mavdem import baselines, evaluate
-    from mavdem.alignment import read_flight, read_segments
     from mavdem.assessment import Assessment, review
     from mavdem.condition.condition import HoverFigures, hover
     from mavdem.condition.wind_of_log import wind
     from mavdem.condition.wind_velocity import WindVelocity, estimate_wind
+    from mavdem.dataset import read_flight, read_segments
     from mavdem.dem import Drag, Learned, OnlineLearner, Settings, estimate_drag, learn, learn_many
     from mavdem.errors import NotLearnable, Unreadable
     from mavdem.flight import Flight
@@ -68,8 +68,8 @@ _ROOMS = {
     "hover": "condition.condition",
     "learn": "dem",
     "learn_many": "dem",
-    "read_flight": "alignment",
-    "read_segments": "alignment",
+    "read_flight": "dataset",
+    "read_segments": "dataset",
     "review": "assessment",
     "wind": "condition.wind_of_log",
 }

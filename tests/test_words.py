@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[1]
 ABOVE = {"report", "documents", "view", "export", "paper", "cli"}
 """Rooms that may put results in words."""
 PROSE = {
-    "alignment": 1,
+    "dataset": 1,
     "analysis": 3,
     "assessment": 1,
     "baselines": 1,

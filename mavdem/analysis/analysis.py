@@ -10,16 +10,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mavdem.alignment.drive import AXES, TILT_AXES
-from mavdem.alignment.learnability import Learnability
-from mavdem.alignment.phases import during, settled
-from mavdem.alignment.read import of_longest_boot, usable_segments
-from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals, usual_rate
-from mavdem.alignment.steadiness import headings
 from mavdem.analysis.figures import ALL, LogAnalysis, axis_figures, physical_of
 from mavdem.analysis.findings import disown_torque
 from mavdem.condition.condition import condition_of
 from mavdem.condition.inventory import identity_of, tier_of
+from mavdem.dataset.drive import AXES, TILT_AXES
+from mavdem.dataset.learnability import Learnability
+from mavdem.dataset.phases import during, settled
+from mavdem.dataset.read import of_longest_boot, usable_segments
+from mavdem.dataset.signals import SLOW_MOTION_RATE, Signals, usual_rate
+from mavdem.dataset.steadiness import headings
 from mavdem.dem import Learned, Settings, learn
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.learning import FEWEST_SAMPLES, checked

@@ -10,14 +10,14 @@ from enum import StrEnum
 from functools import cached_property
 from typing import NamedTuple
 
-from mavdem.alignment.learnability import Learnability
-from mavdem.alignment.read import usable_segments
-from mavdem.alignment.signals import Signals
 from mavdem.analysis.findings import Findings, findings_of
 from mavdem.analysis.gains import with_one_set_of_gains
 from mavdem.condition.condition import Condition
 from mavdem.condition.inventory import Identity, Tier
 from mavdem.condition.loop.in_flight import plant_in_loop
+from mavdem.dataset.learnability import Learnability
+from mavdem.dataset.read import usable_segments
+from mavdem.dataset.signals import Signals
 from mavdem.dem import Learned, NotIdentifiable, Physical, WindTorque, physical
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.wind import wind

@@ -9,10 +9,10 @@ from math import inf, isfinite
 
 import numpy as np
 
-from mavdem.alignment.phases import in_modes
-from mavdem.alignment.signals import Signals, once
 from mavdem.condition.loop.loop import Loop, margin_rating
 from mavdem.condition.said import texts
+from mavdem.dataset.phases import in_modes
+from mavdem.dataset.signals import Signals, once
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, Level

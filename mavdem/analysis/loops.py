@@ -4,15 +4,15 @@ from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
-from mavdem.alignment.drive import AXES
-from mavdem.alignment.read import usable_segments
-from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.analysis.analysis import flown_after
 from mavdem.analysis.figures import AxisFigures
 from mavdem.analysis.gains import autotuned, ratings_of, with_one_set_of_gains
 from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.in_flight import plant_in_loop
 from mavdem.condition.loop.loop import Loop
+from mavdem.dataset.drive import AXES
+from mavdem.dataset.read import usable_segments
+from mavdem.dataset.signals import SLOW_MOTION_RATE, Signals
 from mavdem.dem import Physical, physical
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable

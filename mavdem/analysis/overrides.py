@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from mavdem.alignment.learnability import DOUBTFUL_CONSISTENCY
 from mavdem.condition.condition import Condition, HoverFigures
 from mavdem.condition.oscillation import LIMITED_SHARE
+from mavdem.dataset.learnability import DOUBTFUL_CONSISTENCY
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import Override
 from mavdem.heading import Values

@@ -10,9 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.drive import AXES
-from mavdem.alignment.read import choose_vehicle
-from mavdem.alignment.signals import Signals
 from mavdem.analysis import AxisFigures, LogAnalysis, Options, analyse
 from mavdem.analysis.analysis import StepProgress, silent
 from mavdem.analysis.figures import ALL
@@ -34,6 +31,9 @@ from mavdem.condition.said import in_order
 from mavdem.condition.spectra import Spectrum
 from mavdem.condition.wind_of_log import Air, air_of
 from mavdem.condition.wind_velocity import WindVelocity, torque_explained
+from mavdem.dataset.drive import AXES
+from mavdem.dataset.read import choose_vehicle
+from mavdem.dataset.signals import Signals
 from mavdem.dem import Learned
 from mavdem.dem.record import Record
 from mavdem.downstream import AssessmentDownstream

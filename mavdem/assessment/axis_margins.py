@@ -5,15 +5,15 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
 
-from mavdem.alignment.align import Segments, recorded_parts
-from mavdem.alignment.drive import AXES
-from mavdem.alignment.signals import Signals
 from mavdem.condition.injected import injected_loop
 from mavdem.condition.loop.loop import TARGETS, Loop, known_loops, margin_rating, shares_of
 from mavdem.condition.loop.margins import OpenLoop
 from mavdem.condition.loop.response import LEAST_FIT
 from mavdem.condition.resonance import FASTEST_LOOP, Resonance, peak_of, response_of
 from mavdem.confidence import LEVEL
+from mavdem.dataset.align import Segments, recorded_parts
+from mavdem.dataset.drive import AXES
+from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.loops import Loops
 from mavdem.facts.margins import MarginsLight

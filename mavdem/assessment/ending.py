@@ -12,16 +12,6 @@ from math import inf, pi
 
 import numpy as np
 
-from mavdem.alignment.drive import Motors
-from mavdem.alignment.phases import (
-    ASKED_SECONDS,
-    AVERAGING_SECONDS,
-    airborne_collective,
-    during,
-    of_boot,
-)
-from mavdem.alignment.quality import at_limits
-from mavdem.alignment.signals import Signals
 from mavdem.assessment.motion import (
     CAUGHT_SECONDS,
     LOST_ANGLE,
@@ -30,6 +20,16 @@ from mavdem.assessment.motion import (
 )
 from mavdem.condition.said import in_order
 from mavdem.confidence import Interval
+from mavdem.dataset.drive import Motors
+from mavdem.dataset.phases import (
+    ASKED_SECONDS,
+    AVERAGING_SECONDS,
+    airborne_collective,
+    during,
+    of_boot,
+)
+from mavdem.dataset.quality import at_limits
+from mavdem.dataset.signals import Signals
 from mavdem.facts import Code, Fact
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import Reported

@@ -4,12 +4,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mavdem.alignment.drive import Signal, floats, recorded, series, table_of
-from mavdem.alignment.phases import longest
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst
 from mavdem.assessment.reported import FIX_3D
 from mavdem.confidence import ENOUGH_SAMPLES
+from mavdem.dataset.drive import Signal, floats, recorded, series, table_of
+from mavdem.dataset.phases import longest
 from mavdem.facts import Fact, Level
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import Reported

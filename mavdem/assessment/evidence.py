@@ -11,17 +11,17 @@ from math import inf
 
 import numpy as np
 
-from mavdem.alignment import phases
-from mavdem.alignment.align import Segment, Segments
-from mavdem.alignment.drive import Signal
-from mavdem.alignment.learnability import Learnability
-from mavdem.alignment.signals import Signals
 from mavdem.analysis.overrides import overrides_of
 from mavdem.assessment.axis_margins import AxisMargins, margins_of
 from mavdem.condition.condition import Condition, settled_parts
 from mavdem.condition.loop.advice import lowered
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.wind_of_log import Air
+from mavdem.dataset import phases
+from mavdem.dataset.align import Segment, Segments
+from mavdem.dataset.drive import Signal
+from mavdem.dataset.learnability import Learnability
+from mavdem.dataset.signals import Signals
 from mavdem.facts import Code, Fact, Facts
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.lights import Unjudged

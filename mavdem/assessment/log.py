@@ -4,11 +4,11 @@ from math import inf
 
 import numpy as np
 
-from mavdem.alignment import phases
-from mavdem.alignment.rate_advice import ask_for_rate
-from mavdem.alignment.signals import MINIMUM_RATE, Signals, usual_rate
 from mavdem.assessment.evidence import Evidence
 from mavdem.confidence import ENOUGH_SAMPLES
+from mavdem.dataset import phases
+from mavdem.dataset.rate_advice import ask_for_rate
+from mavdem.dataset.signals import MINIMUM_RATE, Signals, usual_rate
 from mavdem.facts import Fact
 from mavdem.facts.log import LogLight, Simulator
 

@@ -2,10 +2,10 @@
 
 from math import inf
 
-from mavdem.alignment.drive import TILT_AXES
 from mavdem.assessment.axis_margins import of_response
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst
+from mavdem.dataset.drive import TILT_AXES
 from mavdem.facts import Fact
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.sources import Repair

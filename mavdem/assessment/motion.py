@@ -12,8 +12,12 @@ from math import inf
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from mavdem.alignment.drive import Signal, recorded
-from mavdem.alignment.phases import (
+from mavdem.condition.condition import vibration_of
+from mavdem.condition.loop.margins import Complex
+from mavdem.condition.said import in_order
+from mavdem.confidence import Interval
+from mavdem.dataset.drive import Signal, recorded
+from mavdem.dataset.phases import (
     ASKED_SECONDS,
     GROUND_HEIGHT,
     MAX_TILT,
@@ -27,13 +31,9 @@ from mavdem.alignment.phases import (
     rose,
     where,
 )
-from mavdem.alignment.quality import STOP_MARGIN, at_limits
-from mavdem.alignment.signals import Signals
-from mavdem.alignment.steadiness import followed
-from mavdem.condition.condition import vibration_of
-from mavdem.condition.loop.margins import Complex
-from mavdem.condition.said import in_order
-from mavdem.confidence import Interval
+from mavdem.dataset.quality import STOP_MARGIN, at_limits
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.steadiness import followed
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS

@@ -5,14 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.align import Segment
-from mavdem.alignment.drive import TILT_AXES
 from mavdem.assessment.evidence import Evidence
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.notches import LINE_BAND, notch_advice
 from mavdem.condition.peaks import Peak, PeakKind, peaks_of
 from mavdem.condition.resonance import known_controller_of
 from mavdem.condition.spectra import Spectrum, spectra_of_flight
+from mavdem.dataset.align import Segment
+from mavdem.dataset.drive import TILT_AXES
 from mavdem.facts import Fact, Facts
 from mavdem.facts.noise import Noise as Codes
 

@@ -4,11 +4,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mavdem.alignment import phases
-from mavdem.alignment.drive import Signal, recorded
-from mavdem.alignment.signals import Signals
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import Limits, worst
+from mavdem.dataset import phases
+from mavdem.dataset.drive import Signal, recorded
+from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import Reported
 from mavdem.facts.power import PowerLight

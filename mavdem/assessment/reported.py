@@ -7,9 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.alignment.align import Segment, recorded_parts
-from mavdem.alignment.drive import DEMAND_MESSAGE
-from mavdem.alignment.phases import (
+from mavdem.assessment.motion import flights_of, height_above
+from mavdem.assessment.power import SUPPLY
+from mavdem.condition.said import in_order, once, reason, said
+from mavdem.dataset.align import Segment, recorded_parts
+from mavdem.dataset.drive import DEMAND_MESSAGE
+from mavdem.dataset.phases import (
     AVERAGING_SECONDS,
     armed,
     both,
@@ -18,10 +21,7 @@ from mavdem.alignment.phases import (
     off_ground,
     where,
 )
-from mavdem.alignment.signals import BATTERY_MESSAGES, Signals
-from mavdem.assessment.motion import flights_of, height_above
-from mavdem.assessment.power import SUPPLY
-from mavdem.condition.said import in_order, once, reason, said
+from mavdem.dataset.signals import BATTERY_MESSAGES, Signals
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.events import Reported
 from mavdem.ingest.telemetry import Flags

@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.drive import AXES
 from mavdem.assessment.evidence import INJECTED, Evidence
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.loop.margins import Complex, OpenLoop
@@ -15,6 +14,7 @@ from mavdem.condition.step_response import (
     rate_response,
     step_of,
 )
+from mavdem.dataset.drive import AXES
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Fact, Facts
 

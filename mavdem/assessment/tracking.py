@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from mavdem.alignment.align import Segments, within
-from mavdem.alignment.drive import AXES, TILT_AXES, Signal
-from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.assessment.evidence import INJECTED, Evidence
 from mavdem.assessment.limits import Limits, worst
 from mavdem.condition.loop.response import COMPARED_COHERENCE
 from mavdem.condition.resonance import WELCH_SECONDS, spectra
 from mavdem.confidence import ENOUGH_SAMPLES
+from mavdem.dataset.align import Segments, within
+from mavdem.dataset.drive import AXES, TILT_AXES, Signal
+from mavdem.dataset.signals import SLOW_MOTION_RATE, Signals
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.margins import TrackingLight
 from mavdem.ingest.telemetry import Array

@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.assessment.evidence import Evidence
 from mavdem.condition.condition import hover_of
 from mavdem.condition.loop.loop import LoopByAxis, known_loops
 from mavdem.condition.loop.twin import SETTLES, Again, Twin, again_of, flown_on, twin_of
+from mavdem.dataset.drive import AXES, TILT_AXES
 from mavdem.dem.airflow.model import Drag
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, NamedFacts

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from mavdem.alignment import phases
-from mavdem.alignment.align import Segment, within
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import SEVERITY, Limits
 from mavdem.condition.condition import settled_parts, vibration_of
+from mavdem.dataset import phases
+from mavdem.dataset.align import Segment, within
 from mavdem.facts import Fact
 from mavdem.facts.vibration import VibrationLight
 

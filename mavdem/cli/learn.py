@@ -5,9 +5,6 @@ from time import perf_counter
 
 import click
 
-from mavdem.alignment.drive import TILT_AXES
-from mavdem.alignment.read import choose_vehicle
-from mavdem.alignment.signals import Signals
 from mavdem.analysis import Options
 from mavdem.analysis.figures import ALL
 from mavdem.assessment.assess import assess_signals
@@ -29,6 +26,9 @@ from mavdem.cli.output import (
     say_aside,
 )
 from mavdem.cli.results import named_after, write_results
+from mavdem.dataset.drive import TILT_AXES
+from mavdem.dataset.read import choose_vehicle
+from mavdem.dataset.signals import Signals
 from mavdem.dem import Settings
 from mavdem.documents.flight import report_of
 from mavdem.evaluate.window import Length

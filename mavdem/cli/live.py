@@ -13,8 +13,6 @@ from rich.console import Group
 from rich.live import Live as Place
 from rich.text import Text
 
-from mavdem.alignment.drive import TILT_AXES
-from mavdem.alignment.signals import axis_outputs
 from mavdem.cli.options import Number, file_option, json_option, model_options, vehicle_option
 from mavdem.cli.output import (
     DONE,
@@ -27,6 +25,8 @@ from mavdem.cli.output import (
     printable,
     say_aside,
 )
+from mavdem.dataset.drive import TILT_AXES
+from mavdem.dataset.signals import axis_outputs
 from mavdem.dem import Settings
 from mavdem.dem.parallel import LearningProcess
 from mavdem.documents.session import live_document

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import click
 
-from mavdem.alignment.drive import TILT_AXES
-from mavdem.alignment.read import choose_vehicle
-from mavdem.alignment.signals import Signals
 from mavdem.assessment.assess import assess_signals
 from mavdem.cli.learn import learn_command
 from mavdem.cli.options import source_options
 from mavdem.cli.output import UNUSABLE, say_aside
 from mavdem.cli.results import named_after
+from mavdem.dataset.drive import TILT_AXES
+from mavdem.dataset.read import choose_vehicle
+from mavdem.dataset.signals import Signals
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.extras import lacking, require
 from mavdem.ingest import Log, read_log

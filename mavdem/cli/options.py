@@ -11,13 +11,13 @@ from typing import Any, TypeVar
 
 import click
 
-from mavdem.alignment.drive import AXES, TILT_AXES
-from mavdem.alignment.read import choose_vehicle, learnable_flight
-from mavdem.alignment.signals import Signals
 from mavdem.analysis import Options
 from mavdem.assessment.assess import Assessment, assess_signals
 from mavdem.assessment.evidence import Evidence
 from mavdem.cli.output import printable, progress, say_aside
+from mavdem.dataset.drive import AXES, TILT_AXES
+from mavdem.dataset.read import choose_vehicle, learnable_flight
+from mavdem.dataset.signals import Signals
 from mavdem.dem import Settings
 from mavdem.dem.learned import TEST_SECONDS
 from mavdem.errors import NotLearnable, Unreadable

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import click
 
-from mavdem.alignment.drive import AXES
 from mavdem.analysis.figures import ALL
 from mavdem.assessment.tuning import tuned
 from mavdem.cli.learn import start_option
@@ -17,6 +16,7 @@ from mavdem.cli.options import (
 )
 from mavdem.cli.output import check_folder, files_in, print_json, print_screen, say_aside
 from mavdem.condition.loop.loop import TARGETS
+from mavdem.dataset.drive import AXES
 from mavdem.documents.loops import tune_document
 from mavdem.ingest.parameter_file import parameter_files
 from mavdem.report.blocks import Sentence

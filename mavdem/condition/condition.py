@@ -20,16 +20,16 @@ import numpy as np
 from scipy.fft import dct
 from scipy.ndimage import median_filter
 
-from mavdem.alignment import phases
-from mavdem.alignment.align import Segment, Segments, recorded_parts, settled_segments, within
-from mavdem.alignment.drive import AXES, TILT_AXES, Signal, recorded, series, table_of
-from mavdem.alignment.learnability import learnability_of
-from mavdem.alignment.phases import AVERAGING_SECONDS, Intervals, both
-from mavdem.alignment.quality import at_limits
-from mavdem.alignment.read import choose_vehicle
-from mavdem.alignment.signals import Signals
 from mavdem.condition.oscillation import Oscillation, oscillation_of
 from mavdem.confidence import half_width
+from mavdem.dataset import phases
+from mavdem.dataset.align import Segment, Segments, recorded_parts, settled_segments, within
+from mavdem.dataset.drive import AXES, TILT_AXES, Signal, recorded, series, table_of
+from mavdem.dataset.learnability import learnability_of
+from mavdem.dataset.phases import AVERAGING_SECONDS, Intervals, both
+from mavdem.dataset.quality import at_limits
+from mavdem.dataset.read import choose_vehicle
+from mavdem.dataset.signals import Signals
 from mavdem.errors import NotLearnable
 from mavdem.facts.learnability import MotorObstacle
 from mavdem.files import AnyPath

@@ -11,8 +11,6 @@ from math import isfinite
 
 import numpy as np
 
-from mavdem.alignment.align import Segments
-from mavdem.alignment.signals import Signals
 from mavdem.condition.loop.margins import OpenLoop, transfer
 from mavdem.condition.resonance import (
     LEAST_COHERENCE,
@@ -20,6 +18,8 @@ from mavdem.condition.resonance import (
     known_controller_of,
     spectra,
 )
+from mavdem.dataset.align import Segments
+from mavdem.dataset.signals import Signals
 
 
 def injected_loop(signals: Signals, parts: Segments) -> OpenLoop | None:

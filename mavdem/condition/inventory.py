@@ -9,12 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.align import settled_segments
-from mavdem.alignment.drive import floats
-from mavdem.alignment.learnability import Learnability, learnability_of, slower_rate
-from mavdem.alignment.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals, fixes
 from mavdem.condition.condition import Condition, condition_of
 from mavdem.condition.said import SEVERITIES, once, said, texts
+from mavdem.dataset.align import settled_segments
+from mavdem.dataset.drive import floats
+from mavdem.dataset.learnability import Learnability, learnability_of, slower_rate
+from mavdem.dataset.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals, fixes
 from mavdem.facts import Fact
 from mavdem.facts.vehicle import Allowed, Basis
 from mavdem.heading import Values

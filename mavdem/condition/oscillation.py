@@ -13,12 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.align import Segment, Segments
-from mavdem.alignment.attitude import Attitude
-from mavdem.alignment.drive import Motors, Signal
-from mavdem.alignment.quality import at_limits
-from mavdem.alignment.signals import MINIMUM_RATE
 from mavdem.condition.resonance import evenly_sampled, spectra_of, windows_of
+from mavdem.dataset.align import Segment, Segments
+from mavdem.dataset.attitude import Attitude
+from mavdem.dataset.drive import Motors, Signal
+from mavdem.dataset.quality import at_limits
+from mavdem.dataset.signals import MINIMUM_RATE
 from mavdem.dem.engine.linalg import SMALLEST
 from mavdem.heading import Values
 

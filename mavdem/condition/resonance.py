@@ -15,13 +15,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.align import Segments, within
-from mavdem.alignment.drive import Signal
-from mavdem.alignment.phases import both, unbroken
-from mavdem.alignment.signals import MINIMUM_RATE, Signals, usual_rate
 from mavdem.condition.loop.controllers import Controller, controller_of
 from mavdem.condition.loop.margins import Complex, transfer
 from mavdem.confidence import Interval, quantile
+from mavdem.dataset.align import Segments, within
+from mavdem.dataset.drive import Signal
+from mavdem.dataset.phases import both, unbroken
+from mavdem.dataset.signals import MINIMUM_RATE, Signals, usual_rate
 from mavdem.dem.engine.linalg import SMALLEST
 from mavdem.errors import NotLearnable
 from mavdem.ingest.telemetry import Array

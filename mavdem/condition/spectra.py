@@ -11,9 +11,9 @@ from functools import cached_property
 
 import numpy as np
 
-from mavdem.alignment.align import Segments, within
-from mavdem.alignment.drive import AXES, Signal, recorded, series
-from mavdem.alignment.signals import Signals
+from mavdem.dataset.align import Segments, within
+from mavdem.dataset.drive import AXES, Signal, recorded, series
+from mavdem.dataset.signals import Signals
 from mavdem.dem.engine.linalg import Pair
 from mavdem.immutable import Result
 from mavdem.ingest.telemetry import Array, interpolated

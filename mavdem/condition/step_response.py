@@ -23,9 +23,6 @@ import numpy as np
 from scipy.linalg import solve_toeplitz
 from scipy.special import softmax
 
-from mavdem.alignment.align import Segments
-from mavdem.alignment.drive import Signal
-from mavdem.alignment.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals, usual_rate
 from mavdem.condition.loop.margins import Complex
 from mavdem.condition.resonance import (
     FEWEST_WINDOWS,
@@ -38,6 +35,9 @@ from mavdem.condition.resonance import (
     spectra_of_pieces,
 )
 from mavdem.confidence import ENDS, quantile
+from mavdem.dataset.align import Segments
+from mavdem.dataset.drive import Signal
+from mavdem.dataset.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals, usual_rate
 from mavdem.dem.engine.linalg import SMALLEST, Array, normal_draws, one_thread
 from mavdem.facts import Fact
 from mavdem.facts.loops import StepResponses

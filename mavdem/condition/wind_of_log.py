@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from mavdem.alignment import phases
-from mavdem.alignment.attitude import Attitude, sent_attitude
-from mavdem.alignment.drive import AXES, Signal, floats, recorded, series
-from mavdem.alignment.read import choose_vehicle
-from mavdem.alignment.signals import CLIMB_FIELDS, Signals
 from mavdem.condition.wind_velocity import WindVelocity, estimate_wind
 from mavdem.confidence import Interval
+from mavdem.dataset import phases
+from mavdem.dataset.attitude import Attitude, sent_attitude
+from mavdem.dataset.drive import AXES, Signal, floats, recorded, series
+from mavdem.dataset.read import choose_vehicle
+from mavdem.dataset.signals import CLIMB_FIELDS, Signals
 from mavdem.dem.airflow.identification import LONGEST_SECONDS
 from mavdem.dem.airflow.model import Drag
 from mavdem.errors import NotLearnable

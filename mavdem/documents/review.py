@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from mavdem.alignment.drive import AXES
 from mavdem.assessment import Assessment
 from mavdem.assessment.responses import LoopResponse
 from mavdem.assessment.tracking import tracking_of
 from mavdem.condition import spectra as measured
 from mavdem.condition.peaks import Peak
 from mavdem.condition.spectra import thinned
+from mavdem.dataset.drive import AXES
 from mavdem.documents.document import Document, OneFact, Sentence
 from mavdem.documents.flight import Report, report_of
 from mavdem.documents.loops import Loop

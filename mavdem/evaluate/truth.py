@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.drive import AXES
+from mavdem.dataset.drive import AXES
 from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import Unreadable, cause_of

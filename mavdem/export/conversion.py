@@ -13,13 +13,13 @@ from warnings import warn
 
 import numpy as np
 
-from mavdem.alignment.align import align, longest_recorded
-from mavdem.alignment.learnability import learnability_of
-from mavdem.alignment.read import choose_vehicle
-from mavdem.alignment.signals import Signals
 from mavdem.condition.loop.from_flight import DRAWS
 from mavdem.condition.wind_of_log import air_of
 from mavdem.condition.wind_velocity import WindVelocity
+from mavdem.dataset.align import align, longest_recorded
+from mavdem.dataset.learnability import learnability_of
+from mavdem.dataset.read import choose_vehicle
+from mavdem.dataset.signals import Signals
 from mavdem.dem import Learned, Physical
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import NotLearnable

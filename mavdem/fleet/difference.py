@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import stdtr
 
-from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.confidence import LEVEL, quantile
+from mavdem.dataset.drive import AXES, TILT_AXES
 from mavdem.dem.record import FEWEST_MOTORS
 from mavdem.evaluate.paired_test import SIGNIFICANCE
 from mavdem.facts import Fact

@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 from functools import cache
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
-from mavdem.alignment.drive import AXES, INPUTS
+from mavdem.dataset.drive import AXES, INPUTS
 from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.motors import MotorHealth

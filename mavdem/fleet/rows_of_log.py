@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from mavdem.alignment.drive import AXES
-from mavdem.alignment.signals import Signals
 from mavdem.analysis import LogAnalysis
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import NoLoop, assess_signals
 from mavdem.condition.loop.loop import Loop
 from mavdem.condition.wind_velocity import WindVelocity
+from mavdem.dataset.drive import AXES
+from mavdem.dataset.signals import Signals
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Reading

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.drive import MotorGeometry
+from mavdem.dataset.drive import MotorGeometry
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Facts

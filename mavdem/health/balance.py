@@ -17,12 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.align import Segment, settled_segments, within
-from mavdem.alignment.drive import AXES, MotorGeometry
-from mavdem.alignment.phases import both, total
-from mavdem.alignment.signals import Signals, once
-from mavdem.alignment.steadiness import steady
 from mavdem.confidence import quantile
+from mavdem.dataset.align import Segment, settled_segments, within
+from mavdem.dataset.drive import AXES, MotorGeometry
+from mavdem.dataset.phases import both, total
+from mavdem.dataset.signals import Signals, once
+from mavdem.dataset.steadiness import steady
 from mavdem.dem.engine.linalg import Array, Pair
 from mavdem.facts import Fact
 from mavdem.facts.motors import HealthUnknown

@@ -24,10 +24,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.alignment.drive import MotorGeometry
-from mavdem.alignment.phases import TRANSIENT_SECONDS
-from mavdem.alignment.steadiness import MAX_TURN
 from mavdem.confidence import STRONG_EVIDENCE_NATS, Interval, quantile
+from mavdem.dataset.drive import MotorGeometry
+from mavdem.dataset.phases import TRANSIENT_SECONDS
+from mavdem.dataset.steadiness import MAX_TURN
 from mavdem.dem.engine.linalg import Array, Flags
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import InFlight

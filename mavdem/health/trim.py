@@ -8,9 +8,9 @@ what it may explain widens the intervals (``mavdem.health.balance``).
 
 import numpy as np
 
-from mavdem.alignment.drive import MotorGeometry, place_name
-from mavdem.alignment.signals import Signals
 from mavdem.confidence import half_width
+from mavdem.dataset.drive import MotorGeometry, place_name
+from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.facts.motors import Trim
 from mavdem.health.assessment import FAULT_RISE, NAMED, PROBABLE, Candidates, lost_thrust

@@ -9,11 +9,11 @@ from contextlib import ExitStack
 from itertools import count
 from pathlib import Path
 
-from mavdem.alignment.drive import AXES
 from mavdem.analysis import Options
 from mavdem.assessment.assess import assess
 from mavdem.assessment.tuning import tuned
 from mavdem.assessment.twin import foretold
+from mavdem.dataset.drive import AXES
 from mavdem.errors import Refusal
 from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import Gains

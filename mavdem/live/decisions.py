@@ -17,20 +17,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mavdem.alignment import drive, phases
-from mavdem.alignment.align import Segment, mean_rate
-from mavdem.alignment.attitude import Attitude
-from mavdem.alignment.drive import AXES, TILT_AXES, Motors, Signal, recorded
-from mavdem.alignment.learnability import Learnability
-from mavdem.alignment.phases import (
-    AVERAGING_SECONDS,
-    CLIMB_OUT_SPEED,
-    REPORT_SECONDS,
-    TRANSIENT_SECONDS,
-    both,
-)
-from mavdem.alignment.quality import QualityFigures
-from mavdem.alignment.signals import CLIMB_FIELDS, Signals
 from mavdem.analysis import AxisFigures
 from mavdem.analysis.findings import Findings, disown_torque, findings_of
 from mavdem.assessment.assess import loop_by
@@ -39,6 +25,20 @@ from mavdem.assessment.judgement import Judgement, judge
 from mavdem.assessment.motors import motors_light
 from mavdem.condition.condition import Condition, hover_figures
 from mavdem.condition.oscillation import oscillation_of
+from mavdem.dataset import drive, phases
+from mavdem.dataset.align import Segment, mean_rate
+from mavdem.dataset.attitude import Attitude
+from mavdem.dataset.drive import AXES, TILT_AXES, Motors, Signal, recorded
+from mavdem.dataset.learnability import Learnability
+from mavdem.dataset.phases import (
+    AVERAGING_SECONDS,
+    CLIMB_OUT_SPEED,
+    REPORT_SECONDS,
+    TRANSIENT_SECONDS,
+    both,
+)
+from mavdem.dataset.quality import QualityFigures
+from mavdem.dataset.signals import CLIMB_FIELDS, Signals
 from mavdem.dem import Learned
 from mavdem.facts import Fact
 from mavdem.facts.lights import Unjudged

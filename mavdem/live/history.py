@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.signals import STAMP_ROUNDING
 from mavdem.analysis.findings import Findings
 from mavdem.assessment.judgement import Judgement, next_step_of, unjudged
 from mavdem.assessment.limits import worst
 from mavdem.confidence import Interval
+from mavdem.dataset.signals import STAMP_ROUNDING
 from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Fact, Facts, NamedFacts

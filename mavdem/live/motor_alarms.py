@@ -6,7 +6,7 @@ from math import nan
 
 import numpy as np
 
-from mavdem.alignment.drive import Motors
+from mavdem.dataset.drive import Motors
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.online.wind import WeakMotors
 from mavdem.facts import Fact, Facts

@@ -16,10 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.alignment import align
-from mavdem.alignment.attitude import ATTITUDE_MESSAGES
-from mavdem.alignment.learnability import MAX_STEP_RATIO
-from mavdem.alignment.signals import MINIMUM_RATE, STAMP_ROUNDING
+from mavdem.dataset import align
+from mavdem.dataset.attitude import ATTITUDE_MESSAGES
+from mavdem.dataset.learnability import MAX_STEP_RATIO
+from mavdem.dataset.signals import MINIMUM_RATE, STAMP_ROUNDING
 from mavdem.facts import Fact
 from mavdem.facts.session import VehicleFact
 from mavdem.heading import Numbers

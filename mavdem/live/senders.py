@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from math import inf
 
-from mavdem.alignment.attitude import ATTITUDE_MESSAGES
+from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.facts import Fact
 from mavdem.facts.session import VehicleFact
 from mavdem.ingest.mavlink.definitions import definitions, enum_name

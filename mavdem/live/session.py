@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from mavdem.alignment.signals import axis_outputs
 from mavdem.analysis.findings import Findings, disown_torque, findings_of
 from mavdem.assessment.judgement import Judgement
 from mavdem.condition.said import AGAIN_SECONDS
+from mavdem.dataset.signals import axis_outputs
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.errors import NotLearnable, fact_of, failure
 from mavdem.facts import Fact, Level

@@ -8,17 +8,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.align import STEP_TOLERANCE
-from mavdem.alignment.attitude import ATTITUDE_MESSAGES
-from mavdem.alignment.drive import (
+from mavdem.condition.wind_of_log import FLAGS, VELOCITIES
+from mavdem.dataset.align import STEP_TOLERANCE
+from mavdem.dataset.attitude import ATTITUDE_MESSAGES
+from mavdem.dataset.drive import (
     TILT_AXES,
     preferred_message,
 )
-from mavdem.alignment.learnability import too_slow
-from mavdem.alignment.phases import AVERAGING_SECONDS, MAX_TILT
-from mavdem.alignment.signals import HOLD_SECONDS, MINIMUM_RATE, TARGET_MESSAGE
-from mavdem.alignment.steadiness import strays
-from mavdem.condition.wind_of_log import FLAGS, VELOCITIES
+from mavdem.dataset.learnability import too_slow
+from mavdem.dataset.phases import AVERAGING_SECONDS, MAX_TILT
+from mavdem.dataset.signals import HOLD_SECONDS, MINIMUM_RATE, TARGET_MESSAGE
+from mavdem.dataset.steadiness import strays
 from mavdem.dem.airflow.model import Drag
 from mavdem.facts import Fact, Facts
 from mavdem.facts.event import Event

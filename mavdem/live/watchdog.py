@@ -10,16 +10,16 @@ from math import inf
 
 import numpy as np
 
-from mavdem.alignment.drive import Signal
-from mavdem.alignment.phases import Intervals
-from mavdem.alignment.quality import at_limits
-from mavdem.alignment.signals import BATTERY_MESSAGES, MINIMUM_RATE, Signals
 from mavdem.assessment.limits import worst
 from mavdem.assessment.power import power_light
 from mavdem.assessment.reported import reported_events
 from mavdem.assessment.vibration import vibration_light
 from mavdem.condition.condition import Condition
 from mavdem.condition.oscillation import begun_oscillation
+from mavdem.dataset.drive import Signal
+from mavdem.dataset.phases import Intervals
+from mavdem.dataset.quality import at_limits
+from mavdem.dataset.signals import BATTERY_MESSAGES, MINIMUM_RATE, Signals
 from mavdem.dem.online.wind import MEMORY_SECONDS
 from mavdem.facts import Fact, Facts
 from mavdem.facts.events import Reported

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.io import loadmat
 
 from mavdem import evaluate
-from mavdem.alignment import read_flight
+from mavdem.dataset import read_flight
 from mavdem.dem import Settings, learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.parallel import parallel_map

@@ -4,10 +4,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mavdem.alignment.drive import TILT_AXES
 from mavdem.assessment import Assessment
 from mavdem.condition.wind_of_log import Air
 from mavdem.condition.wind_velocity import WindVelocity, coming_from
+from mavdem.dataset.drive import TILT_AXES
 from mavdem.dem.airflow.model import Drag
 from mavdem.facts.online import DragSource
 from mavdem.heading import Values

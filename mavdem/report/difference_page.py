@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from mavdem.alignment.drive import AXES
+from mavdem.dataset.drive import AXES
 from mavdem.fleet.difference import ParameterChange, VehicleDifference
 from mavdem.fleet.row import NOT_IDENTIFIABLE, UNKNOWN, value_at
 from mavdem.heading import Names

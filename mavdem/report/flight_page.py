@@ -11,7 +11,6 @@ from math import inf, nan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mavdem.alignment.drive import AXES
 from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import findings_of
 from mavdem.assessment import Assessment
@@ -25,6 +24,7 @@ from mavdem.condition.loop.advice import Advice
 from mavdem.condition.loop.filters import gyro_filters
 from mavdem.condition.loop.loop import Loop, known_loops
 from mavdem.condition.step_response import IntervalEstimate, StepResponse
+from mavdem.dataset.drive import AXES
 from mavdem.dem import Learned
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, NamedFacts

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from mavdem.alignment.drive import Motors
 from mavdem.condition.condition import Condition
 from mavdem.condition.wind_velocity import WindVelocity, by_compass, from_point
+from mavdem.dataset.drive import Motors
 from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Level
 from mavdem.health.assessment import FAULT_RISE

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from mavdem.alignment import phases
-from mavdem.alignment.align import Segment, within
-from mavdem.alignment.drive import AXES, Signal
-from mavdem.alignment.signals import Setpoint, Signals, held
 from mavdem.assessment import Assessment
 from mavdem.condition.wind_of_log import Air
 from mavdem.condition.wind_velocity import by_compass, from_point
 from mavdem.confidence import Interval
+from mavdem.dataset import phases
+from mavdem.dataset.align import Segment, within
+from mavdem.dataset.drive import AXES, Signal
+from mavdem.dataset.signals import Setpoint, Signals, held
 from mavdem.facts.event import Event
 from mavdem.report.charts import TIME, Axis, Chart, Charts, Line, Mark, over_time
 from mavdem.report.model_charts import torque_line

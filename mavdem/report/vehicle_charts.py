@@ -5,7 +5,7 @@ from math import degrees
 
 import numpy as np
 
-from mavdem.alignment.drive import TILT_AXES
+from mavdem.dataset.drive import TILT_AXES
 from mavdem.dem.engine.linalg import Array
 from mavdem.fleet.row import Flight, worst_health
 from mavdem.report.charts import Axis, Chart, Group, Kind, Line, Mark

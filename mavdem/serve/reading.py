@@ -12,10 +12,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from mavdem.alignment.signals import Signals
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.limits import SEVERITY
+from mavdem.dataset.signals import Signals
 from mavdem.documents import whole
 from mavdem.documents.review import review_document
 from mavdem.errors import Unreadable

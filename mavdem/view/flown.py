@@ -8,8 +8,8 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mavdem.alignment.drive import AXES
-from mavdem.alignment.signals import MINIMUM_RATE
+from mavdem.dataset.drive import AXES
+from mavdem.dataset.signals import MINIMUM_RATE
 from mavdem.dem.engine.linalg import Array, Indices
 from mavdem.files import PathName
 from mavdem.heading import Names, Values

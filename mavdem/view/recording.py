@@ -7,11 +7,11 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mavdem.alignment.drive import AXES
 from mavdem.analysis.findings import known_wind
 from mavdem.assessment import Assessment
 from mavdem.condition.loop.loop import known_loops
 from mavdem.condition.step_response import StepResponse
+from mavdem.dataset.drive import AXES
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.held_out import FORECAST, HeldOut

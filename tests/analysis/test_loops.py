@@ -6,9 +6,9 @@ from pytest import approx, mark
 from recorded_flights import recorded
 from refusals import refused
 
-from mavdem.alignment.align import align, settled_segments
-from mavdem.alignment.signals import Signals
 from mavdem.analysis.gains import autotuned, with_one_set_of_gains
+from mavdem.dataset.align import align, settled_segments
+from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.facts.loops import Loops
 

@@ -15,8 +15,6 @@ from pytest import approx, mark
 from recorded_flights import LOGS
 from scipy.signal import lfilter
 
-from mavdem.alignment.learnability import too_slow
-from mavdem.alignment.signals import Signals
 from mavdem.analysis.loops import loops_of_axes
 from mavdem.assessment.assess import grounded_air
 from mavdem.assessment.axis_margins import AxisMargins
@@ -26,6 +24,8 @@ from mavdem.assessment.tracking import ERROR, tracking_light, tracking_of
 from mavdem.condition.loop.response import MeasuredResponse
 from mavdem.condition.oscillation import Oscillation
 from mavdem.condition.resonance import Resonance
+from mavdem.dataset.learnability import too_slow
+from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Override
 from mavdem.facts.ending import Ending, MotionEvent

@@ -7,7 +7,6 @@ from hover import Hover, changed, columns, evidence_of
 from pytest import approx, mark
 from recorded_flights import recorded
 
-from mavdem.alignment.signals import Signals
 from mavdem.assessment.estimator import (
     DOUBT_SECONDS,
     EKF_THRESHOLD,
@@ -27,6 +26,7 @@ from mavdem.assessment.power import (
 from mavdem.assessment.wind import wind_light
 from mavdem.condition.condition import Steady
 from mavdem.condition.wind_of_log import air_of
+from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import Reported

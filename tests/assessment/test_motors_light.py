@@ -8,10 +8,10 @@ from hover import pulses as outputs_of
 from numpy.random import default_rng
 from pytest import approx, mark
 
-from mavdem.alignment.signals import Signals
 from mavdem.analysis.analysis import motor_alarms
 from mavdem.assessment.assess import while_controlled
 from mavdem.assessment.motors import motors_light
+from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import Reported

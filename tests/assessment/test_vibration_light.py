@@ -6,8 +6,8 @@ import numpy as np
 from hover import Hover, changed, columns
 from pytest import approx, mark
 
-from mavdem.alignment.signals import Signals
 from mavdem.assessment.vibration import ARDUPILOT, CLIPS, PX4, vibration_light
+from mavdem.dataset.signals import Signals
 from mavdem.facts.vibration import VibrationLight
 
 HOVER = Hover()

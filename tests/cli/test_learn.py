@@ -12,11 +12,11 @@ from recorded_flights import FLIGHT, SLOW, short_flight
 
 from mavdem import Learned, Settings
 from mavdem import learn as learn_model
-from mavdem.alignment.read import read_flight
 from mavdem.analysis import Options
 from mavdem.assessment.assess import assess
 from mavdem.cli.learn import named_after
 from mavdem.cli.output import LINES, print_blocks, say_aside
+from mavdem.dataset.read import read_flight
 from mavdem.facts import Level
 from mavdem.facts.session import Spent
 from mavdem.fleet.row import FlightRow

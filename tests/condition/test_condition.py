@@ -9,10 +9,10 @@ from numpy.random import default_rng
 from pytest import approx, mark
 from refusals import refused
 
-from mavdem.alignment.learnability import learnability_of
-from mavdem.alignment.signals import Signals
 from mavdem.condition.condition import condition_of, hover_figures, hover_of, mean_interval
 from mavdem.condition.inventory import autopilot_alarms, identity_of, inventory, tier_of
+from mavdem.dataset.learnability import learnability_of
+from mavdem.dataset.signals import Signals
 from mavdem.facts.learnability import MotorObstacle, Reason
 from mavdem.ingest import Log
 from mavdem.ingest.motors import OutputScale

@@ -8,13 +8,13 @@ from numpy.testing import assert_allclose
 from pytest import approx, mark
 from recorded_flights import recorded
 
-from mavdem.alignment.align import settled_segments
-from mavdem.alignment.signals import Signals
 from mavdem.assessment.noise import MeasuredNoise
 from mavdem.condition.loop.controllers import Notch, controller_of
 from mavdem.condition.loop.filters import gyro_delay, gyro_filters, gyro_response
 from mavdem.condition.peaks import peaks_of
 from mavdem.condition.spectra import spectra_of_flight
+from mavdem.dataset.align import settled_segments
+from mavdem.dataset.signals import Signals
 from mavdem.facts.noise import Noise as Codes
 
 FREQUENCY = np.array([1.0, 20.0, 80.0, 130.0, 180.0])

@@ -5,11 +5,11 @@ from numpy.testing import assert_allclose
 from pytest import approx, mark
 from recorded_flights import recorded
 
-from mavdem.alignment.align import recorded_parts
-from mavdem.alignment.signals import Signals
 from mavdem.assessment.axis_margins import AxisMargins
 from mavdem.condition.injected import injected_loop
 from mavdem.condition.loop.margins import OpenLoop
+from mavdem.dataset.align import recorded_parts
+from mavdem.dataset.signals import Signals
 from mavdem.facts.margins import MarginsLight
 
 

@@ -14,9 +14,6 @@ from pytest import approx, mark
 from refusals import refused
 from scipy.signal import lfilter
 
-from mavdem.alignment.align import align, settled_segments
-from mavdem.alignment.drive import AXES
-from mavdem.alignment.signals import Signals
 from mavdem.analysis.gains import autotuned
 from mavdem.assessment.axis_margins import AxisMargins
 from mavdem.assessment.judgement import Judgement
@@ -37,6 +34,9 @@ from mavdem.condition.loop.margins import OpenLoop, transfer
 from mavdem.condition.loop.response import measured_response
 from mavdem.condition.loop.twin import again_of, twin_of
 from mavdem.condition.oscillation import Oscillation
+from mavdem.dataset.align import align, settled_segments
+from mavdem.dataset.drive import AXES
+from mavdem.dataset.signals import Signals
 from mavdem.dem.airflow.model import Drag
 from mavdem.dem.graybox import Physical
 from mavdem.dem.graybox.parameters import WindComponent
@@ -166,7 +166,7 @@ def test_what_the_controllers_model_leaves_out_is_said_of_the_parameters_that_ha
 
 def test_gains_that_change_in_flight_come_with_it(monkeypatch):
     read = Mock(wraps=parameters_sent)
-    monkeypatch.setattr("mavdem.alignment.align.parameters_sent", read)
+    monkeypatch.setattr("mavdem.dataset.align.parameters_sent", read)
     telemetry = HOVER.telemetry(parameters={"ATC_RAT_RLL_P": 0.25, "ATC_RAT_RLL_D": 0.125})
     names = np.repeat([b"ATC_RAT_RLL_P", b"ATC_RAT_RLL_D"], 2)
     sent = columns([1.0, 40.0, 1.0, 2.0], param_id=names, param_value=[0.5, 0.25, 0.5, 0.125])

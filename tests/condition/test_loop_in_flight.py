@@ -12,13 +12,13 @@ from recorded_flights import shared
 from refusals import refused
 
 import mavdem
-from mavdem.alignment.read import usable_segments
-from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.analysis.loops import loops_of_log
 from mavdem.condition.loop import in_flight
 from mavdem.condition.loop.controllers import controller_of
 from mavdem.condition.loop.from_flight import loop_of
 from mavdem.condition.loop.in_flight import _streams, plant_in_loop
+from mavdem.dataset.read import usable_segments
+from mavdem.dataset.signals import SLOW_MOTION_RATE, Signals
 from mavdem.dem import physical
 from mavdem.dem.closed_loop.identification import identified
 from mavdem.dem.record import Record

@@ -6,8 +6,8 @@ from numpy.random import default_rng
 from pytest import approx, mark
 from scipy.signal import cont2discrete, lfilter
 
-from mavdem.alignment.signals import Signals
 from mavdem.condition.condition import condition_of
+from mavdem.dataset.signals import Signals
 
 HOVER = Hover(hovering=40.0)
 

@@ -6,14 +6,14 @@ from known_gains import ARDUPILOT
 from numpy.random import default_rng
 from pytest import approx, mark
 
-from mavdem.alignment.align import Segment
-from mavdem.alignment.signals import Signals
 from mavdem.assessment.noise import MeasuredNoise
 from mavdem.condition.loop.controllers import controller_of
 from mavdem.condition.loop.filters import gyro_filters
 from mavdem.condition.notches import notch_advice
 from mavdem.condition.peaks import PeakKind, peaks_of
 from mavdem.condition.spectra import Spectrum, spectra_of_flight, thinned
+from mavdem.dataset.align import Segment
+from mavdem.dataset.signals import Signals
 from mavdem.facts.noise import Noise as Codes
 from mavdem.facts.noise import NotchAdvice
 

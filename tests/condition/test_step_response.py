@@ -9,7 +9,6 @@ from numpy.testing import assert_allclose
 from pytest import approx, mark
 from scipy.signal import cont2discrete, freqz, lfilter
 
-from mavdem.alignment.signals import Signals
 from mavdem.assessment.responses import predicted_attitude
 from mavdem.condition.condition import settled_parts
 from mavdem.condition.step_response import (
@@ -17,6 +16,7 @@ from mavdem.condition.step_response import (
     rate_response,
     step_of,
 )
+from mavdem.dataset.signals import Signals
 from mavdem.facts.loops import StepResponses
 
 HOVER = Hover(hovering=60.0)

@@ -15,8 +15,6 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 import mavdem
-from mavdem.alignment.drive import Signal
-from mavdem.alignment.signals import Signals
 from mavdem.condition.wind_of_log import YAW_JUMP, _jumps, air_of, drag_settings, is_reset, wind_of
 from mavdem.condition.wind_velocity import (
     coming_from,
@@ -24,6 +22,8 @@ from mavdem.condition.wind_velocity import (
     speed_status,
     torque_explained,
 )
+from mavdem.dataset.drive import Signal
+from mavdem.dataset.signals import Signals
 from mavdem.dem.airflow.model import Drag
 from mavdem.facts.identifiability import Status
 from mavdem.facts.online import Airflow

@@ -11,8 +11,8 @@ from pytest import approx, fixture, mark
 from recorded_flights import shared
 from scipy.ndimage import convolve1d
 
-from mavdem.alignment.signals import Signals
 from mavdem.condition.condition import condition_of
+from mavdem.dataset.signals import Signals
 from mavdem.health.assessment import assess
 from mavdem.health.balance import (
     HealthFigures,

@@ -10,8 +10,8 @@ from pymavlink import DFReader
 from pytest import approx, fixture, mark
 from recorded_flights import shared
 
-from mavdem.alignment.phases import armed
-from mavdem.alignment.signals import Signals
+from mavdem.dataset.phases import armed
+from mavdem.dataset.signals import Signals
 from mavdem.facts.sources import Repair
 from mavdem.ingest.dataflash.log import read_dataflash
 from mavdem.ingest.vocabulary import Injection

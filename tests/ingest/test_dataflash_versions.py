@@ -7,7 +7,7 @@ import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import mark
 
-from mavdem.alignment.signals import Signals, setpoints
+from mavdem.dataset.signals import Signals, setpoints
 from mavdem.facts.sources import Repair
 from mavdem.ingest.dataflash.log import read_dataflash
 

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import all as dialect
 from pytest import mark, raises
 from refusals import refused
 
-from mavdem.alignment.attitude import attitude
+from mavdem.dataset.attitude import attitude
 from mavdem.errors import Unreadable
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import read_log

@@ -24,8 +24,8 @@ from scipy.spatial.transform import Rotation
 from ulog_files import roll
 
 import mavdem
-from mavdem.alignment import signals
-from mavdem.alignment.signals import Signals, setpoints
+from mavdem.dataset import signals
+from mavdem.dataset.signals import Signals, setpoints
 from mavdem.errors import NotLearnable
 from mavdem.extras import MissingExtra
 from mavdem.facts.sources import Flaw, Repair, Source

@@ -27,9 +27,9 @@ from ulog_files import (
     vehicle_of,
 )
 
-from mavdem.alignment.align import recorded_parts
-from mavdem.alignment.signals import Signals
 from mavdem.condition.said import said
+from mavdem.dataset.align import recorded_parts
+from mavdem.dataset.signals import Signals
 from mavdem.errors import Unreadable
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import contents as files

@@ -8,9 +8,9 @@ from hover import ARMED, MAV_AUTOPILOTS, MAV_TYPES, Hover
 from mavlink_streams import message, read, tlog
 from numpy.testing import assert_allclose
 
-from mavdem.alignment import signals
-from mavdem.alignment.align import FILTER_EDGE_STEPS, LOW_PASS_RATIO, STAMP_SECONDS, Segment, align
-from mavdem.alignment.signals import Signals
+from mavdem.dataset import signals
+from mavdem.dataset.align import FILTER_EDGE_STEPS, LOW_PASS_RATIO, STAMP_SECONDS, Segment, align
+from mavdem.dataset.signals import Signals
 from mavdem.live import LiveStream
 
 NOW = 1_700_000_000.0

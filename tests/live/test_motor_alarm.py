@@ -10,8 +10,8 @@ from mavlink_streams import message
 from numpy.testing import assert_allclose
 from pytest import approx, fixture, mark
 
-from mavdem.alignment.signals import Signals
 from mavdem.analysis.analysis import motor_alarms
+from mavdem.dataset.signals import Signals
 from mavdem.facts.session import Session, Spent
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream

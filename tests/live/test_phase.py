@@ -5,8 +5,8 @@ from hover import Hover
 from live_hover import Flight, replay
 from pytest import approx, mark
 
-from mavdem.alignment.drive import Signal
-from mavdem.alignment.phases import TRANSIENT_SECONDS
+from mavdem.dataset.drive import Signal
+from mavdem.dataset.phases import TRANSIENT_SECONDS
 from mavdem.facts.session import Session
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import ARMED, IN_AIR, LANDING, ON_GROUND

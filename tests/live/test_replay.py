@@ -8,10 +8,10 @@ from numpy.testing import assert_array_equal
 from pytest import mark
 from recorded_flights import LOGS, SHARED
 
-from mavdem.alignment.align import settled_segments
-from mavdem.alignment.phases import AVERAGING_SECONDS, TRANSIENT_SECONDS
-from mavdem.alignment.read import choose_vehicle
-from mavdem.alignment.signals import MINIMUM_RATE, Signals
+from mavdem.dataset.align import settled_segments
+from mavdem.dataset.phases import AVERAGING_SECONDS, TRANSIENT_SECONDS
+from mavdem.dataset.read import choose_vehicle
+from mavdem.dataset.signals import MINIMUM_RATE, Signals
 from mavdem.facts.session import Rows
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream

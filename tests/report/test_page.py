@@ -14,10 +14,10 @@ from numpy.testing import assert_allclose
 from pytest import fixture, mark
 from recorded_flights import FLIGHT
 
-from mavdem.alignment.signals import Signals
 from mavdem.assessment.assess import assess
 from mavdem.condition.inventory import inventory
 from mavdem.condition.oscillation import Oscillation
+from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.event import Event

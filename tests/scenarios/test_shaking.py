@@ -4,12 +4,12 @@ import numpy as np
 from pytest import approx, mark
 from scipy.signal import periodogram, welch
 
-from mavdem.alignment.align import Segment
-from mavdem.alignment.signals import Signals
 from mavdem.condition.loop.controllers import controller_of
 from mavdem.condition.notches import notch_advice
 from mavdem.condition.peaks import PeakKind, peaks_of
 from mavdem.condition.spectra import spectra_of_flight
+from mavdem.dataset.align import Segment
+from mavdem.dataset.signals import Signals
 from mavdem.facts.noise import NotchAdvice
 from mavdem.ingest import read_log
 from mavdem.paper.runner import write_log

@@ -21,7 +21,7 @@ import click
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from mavdem.alignment import attitude, drive
+from mavdem.dataset import attitude, drive
 from mavdem.dem.parallel import stay_in_this_process
 from mavdem.errors import Unreadable
 from mavdem.fleet.row import best_tier

@@ -25,9 +25,9 @@ from flights import TABLES, Values, command, drawn, flight_of, rows_of, share, s
 from numpy.random import default_rng
 
 import mavdem.live.session
-from mavdem.alignment.phases import settled
-from mavdem.alignment.signals import Signals
 from mavdem.analysis.analysis import motor_alarms
+from mavdem.dataset.phases import settled
+from mavdem.dataset.signals import Signals
 from mavdem.dem import Settings
 from mavdem.facts.session import Session
 from mavdem.health.in_flight import MotorAlarm

@@ -12,9 +12,9 @@ import numpy as np
 from flights import TABLES, Values, command, drawn, flight_of, rows_of, show, telemetry_of
 from numpy.random import default_rng
 
-from mavdem.alignment.signals import Signals
 from mavdem.condition.condition import settled_parts
 from mavdem.condition.step_response import attitude_response, rate_response, step_of
+from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from sitl_scenarios.gains import controller_for
 from sitl_scenarios.simulation import fly

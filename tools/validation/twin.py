@@ -20,8 +20,8 @@ from flights import TABLES, Values, command, drawn, flight_of, rows_of, show
 from numpy.random import default_rng
 from scipy.signal import spectrogram
 
-from mavdem.alignment.read import choose_vehicle
 from mavdem.cli.twin import twin_command
+from mavdem.dataset.read import choose_vehicle
 from mavdem.ingest import read_log
 from mavdem.paper.runner import write_log
 from sitl_scenarios.files import load, with_parameters, with_vehicle

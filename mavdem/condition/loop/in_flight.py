@@ -7,15 +7,15 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import block_diag
 
-from mavdem.alignment.attitude import Attitude
-from mavdem.alignment.drive import Signal
-from mavdem.alignment.read import of_longest_boot
-from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals, once
 from mavdem.condition.loop.controllers import Controller
 from mavdem.condition.loop.filters import gyro_delay, gyro_response
 from mavdem.condition.loop.from_flight import demand_directions, known_controller
 from mavdem.condition.loop.loop import TARGETS
 from mavdem.condition.loop.margins import rate_loop, transfer
+from mavdem.dataset.attitude import Attitude
+from mavdem.dataset.drive import Signal
+from mavdem.dataset.read import of_longest_boot
+from mavdem.dataset.signals import SLOW_MOTION_RATE, Signals, once
 from mavdem.dem.closed_loop.densities import ASKED, OUTPUT, RATE, KnownController
 from mavdem.dem.closed_loop.identification import IdentifiedAxis, identified
 from mavdem.dem.closed_loop.likelihood import AxisPosterior

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.random import default_rng
 from scipy.constants import g as GRAVITY  # noqa: N812
 
-from mavdem.alignment.drive import AXES
 from mavdem.condition.loop.controllers import (
     FASTEST_LOOP_RATE,
     LOOP_RATES,
@@ -19,6 +18,7 @@ from mavdem.condition.loop.loop import Loop, LoopByAxis
 from mavdem.condition.loop.response import evenly
 from mavdem.condition.wind_velocity import WindVelocity
 from mavdem.confidence import Interval, quantile
+from mavdem.dataset.drive import AXES
 from mavdem.dem.airflow.model import Drag
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.parameters import wind_density

@@ -8,15 +8,15 @@ from hover import X_QUAD, Hover, changed, columns, disarmed, only, pulses, with_
 from numpy.random import default_rng
 from pytest import approx, mark
 
-from mavdem.alignment.align import align, settled_segments
-from mavdem.alignment.drive import DEMAND_MESSAGE
-from mavdem.alignment.learnability import (
+from mavdem.dataset.align import align, settled_segments
+from mavdem.dataset.drive import DEMAND_MESSAGE
+from mavdem.dataset.learnability import (
     cautions_of,
     learnability_of,
     too_slow,
 )
-from mavdem.alignment.rate_advice import ask_for_rate
-from mavdem.alignment.signals import Signals
+from mavdem.dataset.rate_advice import ask_for_rate
+from mavdem.dataset.signals import Signals
 from mavdem.documents.vehicle import Verdict
 from mavdem.facts.learnability import Caution, MotorObstacle, Reason, Remedy
 from mavdem.ingest import Component

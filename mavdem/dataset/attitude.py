@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mavdem.alignment.drive import (
+from mavdem.dataset.drive import (
     AXES,
     MAX_ANGLE,
     MAX_BODY_RATE,

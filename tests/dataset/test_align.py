@@ -18,8 +18,8 @@ from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx, mark, raises
 
-from mavdem.alignment import phases
-from mavdem.alignment.align import (
+from mavdem.dataset import phases
+from mavdem.dataset.align import (
     align,
     grid_of,
     impulse_response,
@@ -28,9 +28,9 @@ from mavdem.alignment.align import (
     step,
     usually_slow,
 )
-from mavdem.alignment.learnability import learnability_of
-from mavdem.alignment.phases import TRANSIENT_SECONDS
-from mavdem.alignment.signals import MINIMUM_RATE, Signals
+from mavdem.dataset.learnability import learnability_of
+from mavdem.dataset.phases import TRANSIENT_SECONDS
+from mavdem.dataset.signals import MINIMUM_RATE, Signals
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Caution, Reason, Remedy, Resampling
 from mavdem.ingest.telemetry import MAX_GAP_SECONDS

@@ -22,9 +22,9 @@ from pytest import approx, mark
 from refusals import refused
 from scipy.spatial.transform import Rotation
 
-from mavdem.alignment import attitude, drive
-from mavdem.alignment.phases import airborne_collective
-from mavdem.alignment.signals import Signals, once
+from mavdem.dataset import attitude, drive
+from mavdem.dataset.phases import airborne_collective
+from mavdem.dataset.signals import Signals, once
 from mavdem.errors import NotLearnable
 from mavdem.facts.learnability import MotorObstacle, Reason
 from mavdem.ingest.motors import ChannelBasis, PlaceBasis, motor_geometry, output_scale

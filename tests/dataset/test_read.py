@@ -9,14 +9,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx, mark
 from refusals import refused
 
-from mavdem.alignment.align import align, settled_segments
-from mavdem.alignment.learnability import learnabilities
-from mavdem.alignment.read import (
+from mavdem.dataset.align import align, settled_segments
+from mavdem.dataset.learnability import learnabilities
+from mavdem.dataset.read import (
     choose_vehicle,
     learnable_flight,
     usable_segments,
 )
-from mavdem.alignment.signals import Signals, setpoints
+from mavdem.dataset.signals import Signals, setpoints
 from mavdem.facts.learnability import Caution, Reason
 from mavdem.ingest.vocabulary import quaternion
 

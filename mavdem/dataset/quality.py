@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mavdem.alignment import phases
-from mavdem.alignment.align import Segment, mean_rate, recorded_parts, sample, within
-from mavdem.alignment.phases import both, total
-from mavdem.alignment.signals import Signals, usual_rate
+from mavdem.dataset import phases
+from mavdem.dataset.align import Segment, mean_rate, recorded_parts, sample, within
+from mavdem.dataset.phases import both, total
+from mavdem.dataset.signals import Signals, usual_rate
 from mavdem.flight import Flight
 from mavdem.ingest.motors import OutputScale
 from mavdem.ingest.telemetry import Array, Flags

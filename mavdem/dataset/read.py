@@ -3,15 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from mavdem.alignment.attitude import ATTITUDE_MESSAGES
-from mavdem.alignment.drive import message_counts
-from mavdem.alignment.learnability import (
+from mavdem.dataset.attitude import ATTITUDE_MESSAGES
+from mavdem.dataset.drive import message_counts
+from mavdem.dataset.learnability import (
     MINIMUM_DURATION,
     Learnability,
     learnabilities,
     learnability_of,
 )
-from mavdem.alignment.signals import MINIMUM_RATE, Signals, once
+from mavdem.dataset.signals import MINIMUM_RATE, Signals, once
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Caution, Reason

@@ -24,8 +24,8 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from scipy.ndimage import median_filter
 
-from mavdem.alignment.attitude import TUNING_MESSAGE, Attitude, attitude, tuning_rates
-from mavdem.alignment.drive import (
+from mavdem.dataset.attitude import TUNING_MESSAGE, Attitude, attitude, tuning_rates
+from mavdem.dataset.drive import (
     AXES,
     INPUTS,
     MAX_ANGLE,

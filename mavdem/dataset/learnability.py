@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mavdem.alignment import phases, quality
-from mavdem.alignment.align import Segment, Segments, align, settled_segments
-from mavdem.alignment.attitude import Attitude
-from mavdem.alignment.drive import (
+from mavdem.dataset import phases, quality
+from mavdem.dataset.align import Segment, Segments, align, settled_segments
+from mavdem.dataset.attitude import Attitude
+from mavdem.dataset.drive import (
     DEMAND_MESSAGE,
     MAX_BODY_RATE,
     RECORD_A_FLIGHT,
@@ -16,9 +16,9 @@ from mavdem.alignment.drive import (
     Motors,
     motors_or_obstacle,
 )
-from mavdem.alignment.quality import QualityFigures
-from mavdem.alignment.rate_advice import ask_for_rate
-from mavdem.alignment.signals import MINIMUM_RATE, Signals, usual_rate
+from mavdem.dataset.quality import QualityFigures
+from mavdem.dataset.rate_advice import ask_for_rate
+from mavdem.dataset.signals import MINIMUM_RATE, Signals, usual_rate
 from mavdem.facts import Fact, Facts
 from mavdem.facts.learnability import Caution, MotorObstacle, Reason, Remedy
 from mavdem.flight import Flight

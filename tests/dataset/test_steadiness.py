@@ -4,9 +4,9 @@ import numpy as np
 from hover import Hover, changed, columns
 from pytest import approx
 
-from mavdem.alignment.phases import total
-from mavdem.alignment.signals import Signals
-from mavdem.alignment.steadiness import steady
+from mavdem.dataset.phases import total
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.steadiness import steady
 from mavdem.ingest.vocabulary import attitude_target, quaternion
 
 HOVER = Hover(hovering=40.0)

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from mavdem.alignment import phases
-from mavdem.alignment.attitude import Attitude
-from mavdem.alignment.drive import Motors, Signal
-from mavdem.alignment.phases import Intervals, both, unbroken
-from mavdem.alignment.signals import MINIMUM_RATE, Signals, axis_outputs, held, once
+from mavdem.dataset import phases
+from mavdem.dataset.attitude import Attitude
+from mavdem.dataset.drive import Motors, Signal
+from mavdem.dataset.phases import Intervals, both, unbroken
+from mavdem.dataset.signals import MINIMUM_RATE, Signals, axis_outputs, held, once
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Resampling
 from mavdem.flight import Flight

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.drive import AXES, TILT_AXES
-from mavdem.alignment.phases import Intervals, both, of_boot, settled, where
-from mavdem.alignment.signals import Signals, held, once
+from mavdem.dataset.drive import AXES, TILT_AXES
+from mavdem.dataset.phases import Intervals, both, of_boot, settled, where
+from mavdem.dataset.signals import Signals, held, once
 from mavdem.ingest.telemetry import Array, Flags
 
 TURN_SECONDS = 1.0

@@ -3,8 +3,8 @@
 import re
 from collections.abc import Sequence
 
-from mavdem.alignment.drive import DEMAND_MESSAGE
-from mavdem.alignment.signals import MINIMUM_RATE
+from mavdem.dataset.drive import DEMAND_MESSAGE
+from mavdem.dataset.signals import MINIMUM_RATE
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Remedy
 from mavdem.ingest import Component
