@@ -4,26 +4,21 @@ from importlib import import_module
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
-from mavdem import api
-from mavdem.downstream import install
-from mavdem.facts import speak
-
 if TYPE_CHECKING:
     from mavdem import baselines, evaluate
     from mavdem.assessment import Assessment, review
-    from mavdem.condition.condition import HoverFigures, hover
-    from mavdem.condition.wind_of_log import wind
-    from mavdem.condition.wind_velocity import WindVelocity, estimate_wind
+    from mavdem.assessment.condition import HoverFigures, hover
     from mavdem.dataset import read_flight, read_segments
-    from mavdem.dem import Drag, Learned, OnlineLearner, Settings, estimate_drag, learn, learn_many
+    from mavdem.dem import Learned, OnlineLearner, Settings, learn, learn_many
     from mavdem.errors import NotLearnable, Unreadable
     from mavdem.flight import Flight
     from mavdem.forecaster import Forecaster
     from mavdem.ingest import Telemetry
+    from mavdem.wind_velocity.airflow import Drag
+    from mavdem.wind_velocity.drag import estimate_drag
+    from mavdem.wind_velocity.estimation import WindVelocity, estimate_wind
+    from mavdem.wind_velocity.from_log import wind
 
-
-install(api)
-speak(api.words)
 
 __all__ = [
     "Assessment",
@@ -52,26 +47,26 @@ __all__ = [
 ]
 _ROOMS = {
     "Assessment": "assessment",
-    "Drag": "dem",
+    "Drag": "wind_velocity.airflow",
     "Flight": "flight",
     "Forecaster": "forecaster",
-    "HoverFigures": "condition.condition",
+    "HoverFigures": "assessment.condition",
     "Learned": "dem",
     "NotLearnable": "errors",
     "OnlineLearner": "dem",
     "Settings": "dem",
     "Telemetry": "ingest",
     "Unreadable": "errors",
-    "WindVelocity": "condition.wind_velocity",
-    "estimate_drag": "dem",
-    "estimate_wind": "condition.wind_velocity",
-    "hover": "condition.condition",
+    "WindVelocity": "wind_velocity.estimation",
+    "estimate_drag": "wind_velocity.drag",
+    "estimate_wind": "wind_velocity.estimation",
+    "hover": "assessment.condition",
     "learn": "dem",
     "learn_many": "dem",
     "read_flight": "dataset",
     "read_segments": "dataset",
     "review": "assessment",
-    "wind": "condition.wind_of_log",
+    "wind": "wind_velocity.from_log",
 }
 
 

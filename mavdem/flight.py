@@ -6,24 +6,28 @@ from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from warnings import warn
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mavdem.downstream import FlightDownstream
+from mavdem.arrays import Array
+from mavdem.extras import require
 from mavdem.facts import Facts
-from mavdem.forecaster import Floats
 from mavdem.heading import Names, Values
 from mavdem.immutable import read_only
 from mavdem.unit_slips import real_numbers, unit_slip
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import Dataset
 
 MAX_VALUE = 1e100  # of any number of a flight: differences and squares of larger ones overflow
 
 
 @dataclass(frozen=True, eq=False)
-class Flight(FlightDownstream):
+class Flight:
     """Uniformly sampled inputs and outputs of one segment of flight; immutable. Slicing gives a ``Flight``.
 
     >>> import numpy as np
@@ -58,17 +62,17 @@ class Flight(FlightDownstream):
         :func:`mavdem.read_flight`: a flight from a log; :meth:`segments`: from arrays with gaps.
     """
 
-    time: Floats
-    inputs: Floats
-    outputs: Floats
+    time: Array
+    inputs: Array
+    outputs: Array
     dt: float
     input_names: Names
     output_names: Names
     input_units: Names
     output_units: Names
     provenance: Mapping[str, Any]
-    effect_directions: Floats | None
-    setpoints: Floats | None
+    effect_directions: Array | None
+    setpoints: Array | None
     setpoint_names: Names
     setpoint_units: Names
     cautions: Facts
@@ -197,6 +201,33 @@ class Flight(FlightDownstream):
                 object.__setattr__(cut, name, values[part])
         return cut
 
+    def to_pandas(self) -> DataFrame:
+        """Returns a ``pandas.DataFrame``: a row a sample, by time in s; columns with units as in ``flight.csv``.
+
+        Raises:
+            ImportError: ``pandas`` is not installed.
+        """
+        require("pandas", "Flight.to_pandas()")
+        from mavdem.export.conversion import to_pandas
+
+        return to_pandas(self)
+
+    def to_xarray(self) -> Dataset:
+        """Returns an ``xarray.Dataset``: inputs and outputs by time in s and name, their units beside them.
+
+        Raises:
+            ImportError: ``xarray`` is not installed.
+        """
+        require("xarray", "Flight.to_xarray()")
+        from mavdem.export.conversion import to_xarray
+
+        return to_xarray(self)
+
+    def _repr_html_(self) -> str:
+        from mavdem.report.page import flight_html
+
+        return flight_html(self)
+
     def __repr__(self) -> str:
         names = f"{', '.join(self.input_names)} -> {', '.join(self.output_names)}"
         source = self.provenance.get("source")
@@ -218,14 +249,14 @@ def boot_of(flight: Flight) -> int:
     return int(flight.provenance["segment"]["boot"])
 
 
-def _stamps(values: ArrayLike) -> Floats:
+def _stamps(values: ArrayLike) -> Array:
     time = _frozen(values, "time")
     if time.ndim != 1 or not len(time):
         raise ValueError(f"time must be a non-empty array of shape (T,), not {time.shape}")
     return time
 
 
-def _table(values: ArrayLike, name: str, length: int, missing: bool = False) -> Floats:
+def _table(values: ArrayLike, name: str, length: int, missing: bool = False) -> Array:
     array = _frozen(values, name, missing)
     if array.ndim == 1:
         array = array[:, None]
@@ -236,7 +267,7 @@ def _table(values: ArrayLike, name: str, length: int, missing: bool = False) -> 
     return array
 
 
-def _frozen(values: ArrayLike, name: str, missing: bool = False) -> Floats:
+def _frozen(values: ArrayLike, name: str, missing: bool = False) -> Array:
     """A copy that cannot be written; NaN stands for what is ``missing`` where that may be."""
     array = real_numbers(values, name)
     wrong = ~(abs(array) <= MAX_VALUE) & ~(missing & np.isnan(array))
@@ -248,7 +279,7 @@ def _frozen(values: ArrayLike, name: str, missing: bool = False) -> Floats:
     return array
 
 
-def _uniform_step(time: Floats, dt: float | None) -> float:
+def _uniform_step(time: Array, dt: float | None) -> float:
     if dt is None:
         steps = len(time) - 1
         if not steps:
@@ -268,7 +299,7 @@ def _uniform_step(time: Floats, dt: float | None) -> float:
     return float(dt)
 
 
-def _labels(labels: Names | None, name: str, table: Floats, prefix: str = "") -> Names:
+def _labels(labels: Names | None, name: str, table: Array, prefix: str = "") -> Names:
     columns = table.shape[1]
     if labels is None:
         return tuple(f"{prefix} {i + 1}" if prefix else "" for i in range(columns))

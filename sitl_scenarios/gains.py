@@ -1,6 +1,6 @@
 """Gains as the autopilots' parameters: those of the simulation's own controller, and a controller that flies any.
 
-Parameters act as ``mavdem.condition.loop.controllers`` has them: filters once a cycle of its loop, and between the rate
+Parameters act as ``mavdem.loops.controllers`` has them: filters once a cycle of its loop, and between the rate
 loop's demand and the motors the autopilot's mixer, thrust curve and range.
 """
 
@@ -9,14 +9,14 @@ from math import fsum, pi, sqrt
 
 import numpy as np
 
-from mavdem.condition.loop.controllers import (
+from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
+from mavdem.loops.controllers import (
     FASTEST_LOOP_RATE,
     LOOP_RATES,
     SLOWEST_LOOP_RATE,
     controller_of,
 )
-from mavdem.condition.loop.controllers import Controller as AxisController
-from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
+from mavdem.loops.controllers import Controller as AxisController
 from sitl_scenarios import mixers
 from sitl_scenarios.controller import LEAD, FlightController, LoopGains
 from sitl_scenarios.dynamics import IDLE_COMMAND, SPINS, Four, frame, steps_of

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import bilinear, butter, sosfreqz
 
-from mavdem.condition.loop.controllers import Controller
-from mavdem.condition.loop.filters import NOTCH_OFF_SHARE
-from mavdem.condition.loop.margins import Complex
+from mavdem.loops.controllers import Controller
+from mavdem.loops.filters import NOTCH_OFF_SHARE
+from mavdem.loops.margins import Complex
 from sitl_scenarios.dynamics import AirState, Body, Four, State, Three
 from sitl_scenarios.motion import Array
 from sitl_scenarios.sensors import RotorNoise

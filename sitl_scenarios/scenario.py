@@ -23,7 +23,7 @@ from pydantic import (
     model_validator,
 )
 
-from mavdem.condition.loop.controllers import LOOP_RATES, USUAL_RATES
+from mavdem.loops.controllers import LOOP_RATES, USUAL_RATES
 from sitl_scenarios.motion import Array, Pair
 
 

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mavdem.condition.loop.margins import Complex, OpenLoop
 from mavdem.files import atomic_write
 from mavdem.ingest.vocabulary import IN_AIR
+from mavdem.loops.margins import Complex, OpenLoop
 from sitl_scenarios.dynamics import (
     MAX_PULSE,
     MIN_PULSE,

@@ -59,7 +59,7 @@ def here(tmp_path, monkeypatch):
 def without_wind_fits():
     """For tests of other things: a learner that follows the wind spends half its time on physical parameters."""
     with MonkeyPatch.context() as patch:
-        patch.setattr("mavdem.dem.online.wind.FIRST_FIT_SECONDS", 1e9)
+        patch.setattr("mavdem.plant.online_wind_torque.FIRST_FIT_SECONDS", 1e9)
         yield
 
 
@@ -79,8 +79,8 @@ def once(fit):
 @fixture(scope="session", autouse=True)
 def fits_once():
     """Many tests, and many commands of a test, ask for the parameters and loops of the same flight."""
-    from mavdem.condition.loop import in_flight
-    from mavdem.dem.graybox import estimation
+    from mavdem.loops import identification as in_flight
+    from mavdem.plant import estimation
 
     with MonkeyPatch.context() as patch:
         for module, name in ((estimation, "_estimated"), (in_flight, "identified")):

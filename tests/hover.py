@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mavdem.assessment.condition import condition_of
 from mavdem.assessment.evidence import Evidence
-from mavdem.condition.condition import condition_of
 from mavdem.dataset.learnability import learnability_of
 from mavdem.ingest.telemetry import Log, Telemetry, selected
 

@@ -7,17 +7,17 @@ from frames import geometry
 from numpy.random import default_rng
 from refusals import prose
 
-from mavdem.analysis.figures import LogAnalysis
 from mavdem.assessment import Assessment
+from mavdem.assessment.axis.figures import LogAnalysis
+from mavdem.assessment.condition import HoverFigures
 from mavdem.assessment.judgement import OF_VEHICLE, Judgement
-from mavdem.condition.condition import HoverFigures
-from mavdem.dem.graybox import DetectedGust
 from mavdem.evaluate import HeldOut
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light
 from mavdem.ingest import Log
+from mavdem.plant import DetectedGust
 
 MOTORS = geometry().names
 NAN = float("nan")

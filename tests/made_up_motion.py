@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from mavdem.condition.loop.controllers import USUAL_RATES
 from mavdem.ingest.vocabulary import quaternion
+from mavdem.loops.controllers import USUAL_RATES
 from sitl_scenarios.dynamics import DISARMED_PULSE
 from sitl_scenarios.motion import Motion
 

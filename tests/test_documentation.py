@@ -24,7 +24,7 @@ import mavdem.evaluate
 import sitl_scenarios
 from mavdem.cli.commands import imported_command
 from mavdem.cli.commands import mavdem as mavdem_command
-from mavdem.condition.loop.loop import TARGETS
+from mavdem.loops.axis_loops import TARGETS
 from sitl_scenarios.files import names as scenarios
 
 ROOT = Path(__file__).parents[1]

@@ -6,7 +6,7 @@ from numpy.testing import assert_array_equal
 from pytest import approx, mark, raises, warns
 
 from mavdem import Flight
-from mavdem.dem import physical
+from mavdem.plant import physical
 from mavdem.unit_slips import Arrays, Slip, unit_slip
 
 TIME = 10 + 0.01 * np.arange(6)

@@ -6,46 +6,47 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf
+from os import PathLike
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.analysis import AxisFigures, LogAnalysis, Options, analyse
-from mavdem.analysis.analysis import StepProgress, silent
-from mavdem.analysis.figures import ALL
-from mavdem.analysis.findings import known_wind
-from mavdem.analysis.gains import autotuned
-from mavdem.analysis.loops import loops_of_axes
+from mavdem.assessment.autopilot_messages import in_order
+from mavdem.assessment.axis import AxisFigures, LogAnalysis, Options, analyse
+from mavdem.assessment.axis.analysis import StepProgress, silent
+from mavdem.assessment.axis.figures import ALL
+from mavdem.assessment.axis.findings import known_wind
+from mavdem.assessment.axis.gains import autotuned
+from mavdem.assessment.axis.loops import loops_of_axes
+from mavdem.assessment.axis.responses import Responses, responses_of
 from mavdem.assessment.ending import ending_of
 from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.inventory import Seen
 from mavdem.assessment.judgement import Judgement, judge, unjudged
-from mavdem.assessment.log import simulated_of
+from mavdem.assessment.lights.log import simulated_of
 from mavdem.assessment.motion import motion_events
-from mavdem.assessment.noise import MeasuredNoise, noise_of
+from mavdem.assessment.noise_spectra import MeasuredNoise, noise_of
 from mavdem.assessment.reported import reported_events
-from mavdem.assessment.responses import Responses, responses_of
-from mavdem.condition.inventory import Seen
-from mavdem.condition.loop.from_flight import loop_of
-from mavdem.condition.loop.loop import Loop
-from mavdem.condition.said import in_order
-from mavdem.condition.spectra import Spectrum
-from mavdem.condition.wind_of_log import Air, air_of
-from mavdem.condition.wind_velocity import WindVelocity, torque_explained
 from mavdem.dataset.drive import AXES
 from mavdem.dataset.read import choose_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.dem import Learned
 from mavdem.dem.record import Record
-from mavdem.downstream import AssessmentDownstream
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.assessment import NoModel
 from mavdem.files import AnyPath
 from mavdem.flight import boot_of
 from mavdem.heading import Values
-from mavdem.health.in_flight import MotorAlarm, losses_of
 from mavdem.immutable import ReadOnlyDict, read_only
 from mavdem.ingest import Log, read_log
+from mavdem.loops.axis_loops import Loop
+from mavdem.loops.from_flight import loop_of
+from mavdem.motors.loss_detection import MotorAlarm, losses_of
+from mavdem.vibration.spectra import Spectrum
+from mavdem.wind_velocity.estimation import WindVelocity, torque_explained
+from mavdem.wind_velocity.from_log import Air, air_of
 
 
 class NoLoop(NamedTuple):
@@ -55,7 +56,7 @@ class NoLoop(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Assessment(AssessmentDownstream):
+class Assessment:
     """What happened in a log, what its vehicle is, and what the figures are good for; ``str`` is the screen.
 
     Attributes:
@@ -188,6 +189,24 @@ class Assessment(AssessmentDownstream):
         """Returns a ``fact`` in words."""
         return fact.sentence
 
+    def page(self, path: str | PathLike[str]) -> None:
+        """Writes its page to ``path``: one HTML file with pictures, to be read without a network."""
+        from mavdem.report.flight_page import review_page
+
+        Path(path).write_text(review_page(self), "utf-8", "replace")
+
+    def as_dict(self) -> Values:
+        """Returns the document of ``mavdem review --json``, plain JSON values."""
+        from mavdem.documents import whole
+        from mavdem.documents.review import review_document
+
+        return whole("review", review_document(self))
+
+    def __str__(self) -> str:
+        from mavdem.report.review import screen_of
+
+        return screen_of(self)
+
 
 def review(path: AnyPath, vehicle: str | None = None) -> Assessment:
     """Returns the assessment of a log: what happened, what its vehicle is, and what the figures are good for.
@@ -217,8 +236,8 @@ def assess(
 ) -> Assessment:
     """Returns the assessment of a ``vehicle`` of a ``log`` with a model of an ``axis``, as :func:`mavdem.review` does.
 
-    Its ``analysis`` is that of :func:`mavdem.analysis.analyse`, which raises what it raises and shows its ``progress``.
-    Of ``options`` without ``whole`` there is no model.
+    Its ``analysis`` is that of :func:`mavdem.assessment.axis.analyse`, which raises what it
+    raises and shows its ``progress``. Of ``options`` without ``whole`` there is no model.
     """
     try:
         signals = Signals(choose_vehicle(log.vehicles, vehicle))

@@ -12,13 +12,14 @@ from math import inf, pi
 
 import numpy as np
 
+from mavdem.arrays import Array
+from mavdem.assessment.autopilot_messages import in_order
 from mavdem.assessment.motion import (
     CAUGHT_SECONDS,
     LOST_ANGLE,
     LOST_SECONDS,
     attitude_error,
 )
-from mavdem.condition.said import in_order
 from mavdem.confidence import Interval
 from mavdem.dataset.drive import Motors
 from mavdem.dataset.phases import (
@@ -33,7 +34,6 @@ from mavdem.dataset.signals import Signals
 from mavdem.facts import Code, Fact
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import Reported
-from mavdem.ingest.telemetry import Array
 from mavdem.ingest.vocabulary import ON_GROUND
 
 ENDINGS: dict[Code, Ending] = {

@@ -11,12 +11,10 @@ from math import inf
 
 import numpy as np
 
-from mavdem.analysis.overrides import overrides_of
-from mavdem.assessment.axis_margins import AxisMargins, margins_of
-from mavdem.condition.condition import Condition, settled_parts
-from mavdem.condition.loop.advice import lowered
-from mavdem.condition.loop.loop import Loop
-from mavdem.condition.wind_of_log import Air
+from mavdem.arrays import Array
+from mavdem.assessment.axis.margins import AxisMargins, margins_of
+from mavdem.assessment.axis.overrides import overrides_of
+from mavdem.assessment.condition import Condition, settled_parts
 from mavdem.dataset import phases
 from mavdem.dataset.align import Segment, Segments
 from mavdem.dataset.drive import Signal
@@ -26,7 +24,9 @@ from mavdem.facts import Code, Fact, Facts
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.lights import Unjudged
 from mavdem.ingest import Log
-from mavdem.ingest.telemetry import Array
+from mavdem.loops.advice import lowered
+from mavdem.loops.axis_loops import Loop
+from mavdem.wind_velocity.from_log import Air
 
 INJECTED = frozenset({"Autotune", "Systemid"})
 """ArduPilot's modes that move the vehicle themselves, to and over what its gains allow."""

@@ -3,17 +3,17 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mavdem.analysis.findings import Finding, next_step
-from mavdem.assessment.estimator import estimator_light
+from mavdem.assessment.axis.findings import Finding, next_step
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.log import log_light
-from mavdem.assessment.margins import margins_light
+from mavdem.assessment.lights.estimator import estimator_light
+from mavdem.assessment.lights.log import log_light
+from mavdem.assessment.lights.margins import margins_light
+from mavdem.assessment.lights.motors import motors_light
+from mavdem.assessment.lights.power import power_light
+from mavdem.assessment.lights.tracking import tracking_light
+from mavdem.assessment.lights.vibration import vibration_light
+from mavdem.assessment.lights.wind import wind_light
 from mavdem.assessment.motion import FAR_ANGLE
-from mavdem.assessment.motors import motors_light
-from mavdem.assessment.power import power_light
-from mavdem.assessment.tracking import tracking_light
-from mavdem.assessment.vibration import vibration_light
-from mavdem.assessment.wind import wind_light
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.ending import Ending

@@ -12,9 +12,9 @@ from math import inf
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from mavdem.condition.condition import vibration_of
-from mavdem.condition.loop.margins import Complex
-from mavdem.condition.said import in_order
+from mavdem.arrays import Array, Flags
+from mavdem.assessment.autopilot_messages import in_order
+from mavdem.assessment.condition import vibration_of
 from mavdem.confidence import Interval
 from mavdem.dataset.drive import Signal, recorded
 from mavdem.dataset.phases import (
@@ -37,8 +37,9 @@ from mavdem.dataset.steadiness import followed
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
-from mavdem.ingest.telemetry import Array, Flags, rate_without_gaps
+from mavdem.ingest.telemetry import rate_without_gaps
 from mavdem.ingest.vocabulary import wrapped
+from mavdem.loops.margins import Complex
 
 FAR_ANGLE = np.pi / 4  # rad from the setpoint: a vehicle is on its side, by half of the lean
 LOST_ANGLE = np.radians(30.0)

@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.arrays import Flags
+from mavdem.assessment.autopilot_messages import in_order, once, reason, said
+from mavdem.assessment.lights.power import SUPPLY
 from mavdem.assessment.motion import flights_of, height_above
-from mavdem.assessment.power import SUPPLY
-from mavdem.condition.said import in_order, once, reason, said
 from mavdem.dataset.align import Segment, recorded_parts
 from mavdem.dataset.drive import DEMAND_MESSAGE
 from mavdem.dataset.phases import (
@@ -24,7 +25,6 @@ from mavdem.dataset.phases import (
 from mavdem.dataset.signals import BATTERY_MESSAGES, Signals
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.events import Reported
-from mavdem.ingest.telemetry import Flags
 from mavdem.ingest.vocabulary import CRITICAL, OFF_GROUND, number_of
 
 FIX_3D = number_of("GPS_FIX_TYPE_3D_FIX")

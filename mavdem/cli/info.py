@@ -2,11 +2,11 @@
 
 import click
 
-from mavdem.analysis import Options
 from mavdem.assessment.assess import assess_signals
+from mavdem.assessment.axis import Options
+from mavdem.assessment.inventory import inventory
 from mavdem.cli.options import read_source, source_options, verbose_option
 from mavdem.cli.output import complain, print_json, print_screen, say
-from mavdem.condition.inventory import inventory
 from mavdem.dataset.read import choose_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.documents.inventory import vehicle_document

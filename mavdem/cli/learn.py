@@ -5,9 +5,9 @@ from time import perf_counter
 
 import click
 
-from mavdem.analysis import Options
-from mavdem.analysis.figures import ALL
 from mavdem.assessment.assess import assess_signals
+from mavdem.assessment.axis import Options
+from mavdem.assessment.axis.figures import ALL
 from mavdem.cli.options import (
     Number,
     file_option,
@@ -31,7 +31,7 @@ from mavdem.dataset.read import choose_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.dem import Settings
 from mavdem.documents.flight import report_of
-from mavdem.evaluate.window import Length
+from mavdem.experiments.window import Length
 from mavdem.extras import lacking
 from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.review import title_of

@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 
 import click
 
-from mavdem.analysis import Options
 from mavdem.assessment.assess import Assessment, assess_signals
+from mavdem.assessment.axis import Options
 from mavdem.assessment.evidence import Evidence
 from mavdem.cli.output import printable, progress, say_aside
 from mavdem.dataset.drive import AXES, TILT_AXES
@@ -21,7 +21,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.dem import Settings
 from mavdem.dem.learned import TEST_SECONDS
 from mavdem.errors import NotLearnable, Unreadable
-from mavdem.evaluate.window import Length
+from mavdem.experiments.window import Length
 from mavdem.facts.command import NamedSource
 from mavdem.flight import Flight
 from mavdem.ingest import Log, read_log

@@ -15,10 +15,10 @@ from mavdem.cli.output import (
     say,
 )
 from mavdem.dem.parallel import pool, spare_cores
+from mavdem.experiments.paper import CLAIMS
 from mavdem.extras import require
 from mavdem.files import writing
 from mavdem.heading import Names
-from mavdem.paper import CLAIMS
 from mavdem.report.blocks import Table
 
 
@@ -53,8 +53,8 @@ def reproduce_command(names: Names, out: Path, as_json: bool, as_list: bool) -> 
             "\n".join(f"{claim.name:14}  {claim.title} ({claim.section})" for claim in CLAIMS)
         )
     require("plot", "`mavdem reproduce`")
-    from mavdem.paper.report import ITEMS, NUMBERS, PAGE, ItemReport, document, write
-    from mavdem.paper.runner import Runner
+    from mavdem.experiments.paper.report import ITEMS, NUMBERS, PAGE, ItemReport, document, write
+    from mavdem.experiments.paper.runner import Runner
 
     check_folder(out, (PAGE, NUMBERS))
     began = perf_counter()

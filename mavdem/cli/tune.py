@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from mavdem.analysis.figures import ALL
-from mavdem.assessment.tuning import tuned
+from mavdem.assessment.axis.figures import ALL
+from mavdem.assessment.axis.tuning import tuned
 from mavdem.cli.learn import start_option
 from mavdem.cli.options import (
     assessed,
@@ -15,10 +15,10 @@ from mavdem.cli.options import (
     verbose_option,
 )
 from mavdem.cli.output import check_folder, files_in, print_json, print_screen, say_aside
-from mavdem.condition.loop.loop import TARGETS
 from mavdem.dataset.drive import AXES
 from mavdem.documents.loops import tune_document
 from mavdem.ingest.parameter_file import parameter_files
+from mavdem.loops.axis_loops import TARGETS
 from mavdem.report.blocks import Sentence
 from mavdem.report.loops import tune_blocks
 from mavdem.report.page import tune_page

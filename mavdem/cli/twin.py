@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from mavdem.assessment.twin import assessed_twin
+from mavdem.assessment.axis.twin import assessed_twin
 from mavdem.cli.options import (
     Number,
     assessed,
@@ -14,8 +14,8 @@ from mavdem.cli.options import (
     vehicle_option,
 )
 from mavdem.cli.output import check_file, print_result, say_aside
-from mavdem.condition.loop.twin import flown_again
 from mavdem.files import write_text
+from mavdem.loops.twin import flown_again
 from mavdem.report.vehicle_files import LEFT_OUT, twin_blocks, unlearned, vehicle_text
 
 

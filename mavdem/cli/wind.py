@@ -13,12 +13,12 @@ from mavdem.cli.options import (
     verbose_option,
 )
 from mavdem.cli.output import print_json, print_screen
-from mavdem.condition.wind_of_log import drag_settings, wind_of
 from mavdem.documents.wind import Wind
 from mavdem.errors import NotLearnable
 from mavdem.fleet.priors import earlier_drag
 from mavdem.report.condition import drag_table, wind_blocks, wind_tables
 from mavdem.report.screen import conclusion
+from mavdem.wind_velocity.from_log import drag_settings, wind_of
 
 
 @click.command("wind")

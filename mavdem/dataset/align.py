@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from mavdem.arrays import Array, Flags
 from mavdem.dataset import phases
 from mavdem.dataset.attitude import Attitude
 from mavdem.dataset.drive import Motors, Signal
@@ -16,15 +17,7 @@ from mavdem.facts import Fact
 from mavdem.facts.learnability import Resampling
 from mavdem.flight import Flight
 from mavdem.ingest.mavlink.definitions import parameter_values, parameters_sent
-from mavdem.ingest.telemetry import (
-    MAX_GAP_SECONDS,
-    Array,
-    Columns,
-    Flags,
-    Parameters,
-    interpolated,
-    selected,
-)
+from mavdem.ingest.telemetry import MAX_GAP_SECONDS, Columns, Parameters, interpolated, selected
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
 
 MEDIAN_STEPS = 41

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mavdem.arrays import Array, Integers
 from mavdem.dataset.drive import (
     AXES,
     MAX_ANGLE,
@@ -15,13 +16,7 @@ from mavdem.dataset.drive import (
     series,
     table_of,
 )
-from mavdem.ingest.telemetry import (
-    FREQUENT_ENOUGH,
-    Array,
-    Integers,
-    Telemetry,
-    rows_by,
-)
+from mavdem.ingest.telemetry import FREQUENT_ENOUGH, Telemetry, rows_by
 from mavdem.ingest.vocabulary import euler_angles
 
 # Messages with the attitude, the preferred first

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.arrays import Array, Flags, Integers
 from mavdem.facts import Fact
 from mavdem.facts.learnability import MotorObstacle, Remedy
 from mavdem.heading import Names
@@ -22,7 +23,7 @@ from mavdem.ingest.motors import (
 )
 from mavdem.ingest.motors import MotorGeometry as MotorGeometry
 from mavdem.ingest.motors import place_name as place_name
-from mavdem.ingest.telemetry import FREQUENT_ENOUGH, Array, Columns, Flags, Integers, Telemetry
+from mavdem.ingest.telemetry import FREQUENT_ENOUGH, Columns, Telemetry
 
 MAX_ANGLE = tau  # rad: no Euler angle lies beyond, whatever the convention
 MAX_BODY_RATE = np.radians(4000.0)

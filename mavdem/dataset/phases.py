@@ -9,10 +9,11 @@ from math import inf, isinf
 
 import numpy as np
 
+from mavdem.arrays import Array, Flags
 from mavdem.confidence import Interval
 from mavdem.dataset.drive import TILT_AXES, Signal
 from mavdem.dataset.signals import Signals, held, once
-from mavdem.ingest.telemetry import Array, Flags, Parameters
+from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import IN_AIR, OFF_GROUND
 
 Intervals = list[Interval]

@@ -4,13 +4,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mavdem.arrays import Array, Flags
 from mavdem.dataset import phases
 from mavdem.dataset.align import Segment, mean_rate, recorded_parts, sample, within
 from mavdem.dataset.phases import both, total
 from mavdem.dataset.signals import Signals, usual_rate
 from mavdem.flight import Flight
 from mavdem.ingest.motors import OutputScale
-from mavdem.ingest.telemetry import Array, Flags
 from mavdem.unit_slips import CONSISTENCY_SPAN
 
 OUTLIER_SHARE = 0.01

@@ -24,6 +24,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from scipy.ndimage import median_filter
 
+from mavdem.arrays import Array, Flags
 from mavdem.dataset.attitude import TUNING_MESSAGE, Attitude, attitude, tuning_rates
 from mavdem.dataset.drive import (
     AXES,
@@ -48,14 +49,7 @@ from mavdem.immutable import read_only
 from mavdem.ingest.flight_modes import mode_name
 from mavdem.ingest.mavlink.clocks import far_off
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.telemetry import (
-    Array,
-    Columns,
-    Flags,
-    Telemetry,
-    rate_without_gaps,
-    selected,
-)
+from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps, selected
 from mavdem.ingest.vocabulary import (
     ARMED,
     CUSTOM_MODE,

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.arrays import Array, Flags
 from mavdem.dataset.drive import AXES, TILT_AXES
 from mavdem.dataset.phases import Intervals, both, of_boot, settled, where
 from mavdem.dataset.signals import Signals, held, once
-from mavdem.ingest.telemetry import Array, Flags
 
 TURN_SECONDS = 1.0
 MAX_TURN = np.radians(10.0)

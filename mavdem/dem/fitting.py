@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import default_rng
 
+from mavdem.arrays import Array, Indices, Pair
 from mavdem.dem.engine.ascent import Ascent, ascend
 from mavdem.dem.engine.free_energy import Belief
 from mavdem.dem.engine.generative import (
@@ -15,7 +16,7 @@ from mavdem.dem.engine.generative import (
     embed,
     temporal_precision,
 )
-from mavdem.dem.engine.linalg import Array, Indices, Pair, raise_on_overflow
+from mavdem.dem.engine.linalg import raise_on_overflow
 from mavdem.dem.engine.model import discretize, pack, unpack
 from mavdem.dem.engine.state_space import StateSpace, filter_gain
 from mavdem.dem.forecast.simulation_error import SimulationFit

@@ -5,23 +5,18 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 from warnings import warn
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
 
+from mavdem.arrays import Array, Flags, Indices
 from mavdem.confidence import LEVEL, half_width
 from mavdem.dem.document import from_text, to_text
 from mavdem.dem.engine.ascent import FreeEnergy, Learning
-from mavdem.dem.engine.linalg import (
-    ROUNDING,
-    Array,
-    Flags,
-    Indices,
-    may_overflow,
-)
+from mavdem.dem.engine.linalg import ROUNDING, may_overflow
 from mavdem.dem.engine.model import LinearModel, unpack
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.fitting import generalized
@@ -29,17 +24,20 @@ from mavdem.dem.forecast.forecasting import Forecasting
 from mavdem.dem.forecast.joint import JointModel
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.forecast.var import Forecast
-from mavdem.dem.graybox import NotIdentifiable, Physical, physical
-from mavdem.dem.graybox.simulation import simulated
-from mavdem.dem.graybox.wind import WindTorque, wind
 from mavdem.dem.priors import Scaling
 from mavdem.dem.record import Record
 from mavdem.dem.settings import CompleteSettings
-from mavdem.downstream import LearnedDownstream
 from mavdem.errors import NotLearnable
+from mavdem.extras import require
 from mavdem.facts import Fact
 from mavdem.facts.model import ModelCaution, NoPhysical
 from mavdem.immutable import Result
+
+if TYPE_CHECKING:
+    from mavdem.loops.axis_loops import Loop
+    from mavdem.loops.controllers import Controller
+    from mavdem.plant import NotIdentifiable, Physical, WindTorque
+    from mavdem.report.figures import Plots
 
 
 def _recorded(text: object) -> Fact:
@@ -54,7 +52,7 @@ TEXT = WithJsonSchema({"type": "string"})
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Learned(Result, Forecasting, LearnedDownstream):
+class Learned(Result, Forecasting):
     """A learned model with its posterior, its iterations and its forecasts, in physical units.
 
     Attributes:
@@ -126,15 +124,21 @@ class Learned(Result, Forecasting, LearnedDownstream):
     @property
     def physical(self) -> Physical | None:
         """:func:`mavdem.dem.physical` of the training data; ``None`` where there are no physical parameters."""
+        from mavdem.plant import Physical
+
         return self._gray_box if isinstance(self._gray_box, Physical) else None
 
     @property
     def physical_reason(self) -> Fact | None:
         """Why no physical parameters can be fitted; ``None`` where they can."""
+        from mavdem.plant import NotIdentifiable
+
         return self._gray_box.reason if isinstance(self._gray_box, NotIdentifiable) else None
 
     @cached_property
     def _gray_box(self) -> Physical | NotIdentifiable:
+        from mavdem.plant import physical
+
         return physical(self.record)
 
     @property
@@ -145,6 +149,8 @@ class Learned(Result, Forecasting, LearnedDownstream):
     @cached_property
     def wind_torque(self) -> WindTorque | None:
         """The wind's torque in the training data (docs/wind.md); ``None`` without :attr:`physical`."""
+        from mavdem.plant.wind_torque import wind
+
         try:
             return None if self.physical is None else wind(self.physical, self.record)
         except ValueError:  # LinAlgError is one
@@ -259,6 +265,8 @@ class Learned(Result, Forecasting, LearnedDownstream):
         Raises:
             ValueError: no physical parameters can be fitted, or outputs other than an angle and its rate.
         """
+        from mavdem.plant.simulation import simulated
+
         physical = self.require_physical()
         if physical.caution is not None:
             far_off = Fact(NoPhysical.SIMULATION_FAR_OFF, because=physical.caution)
@@ -271,6 +279,8 @@ class Learned(Result, Forecasting, LearnedDownstream):
         From the wind, whose effect nothing counteracts, and the uncertainty of the physical parameters; ``ValueError``
         where these are not identifiable.
         """
+        from mavdem.plant.simulation import simulated
+
         physical = self.require_physical()
         if physical.caution is not None:
             raise NotLearnable(NoPhysical.NO_SIMULATION_BAND, because=physical.caution)
@@ -278,6 +288,8 @@ class Learned(Result, Forecasting, LearnedDownstream):
 
     def require_physical(self) -> Physical:
         """Returns :attr:`physical`; ``NotLearnable`` says why there are no physical parameters."""
+        from mavdem.plant import NotIdentifiable
+
         if isinstance(self._gray_box, NotIdentifiable):
             raise NotLearnable(self._gray_box.reason)
         return self._gray_box
@@ -304,6 +316,60 @@ class Learned(Result, Forecasting, LearnedDownstream):
         noise[:, n * (p + 1) :][:, : B.shape[1]] -= B
         data = np.concatenate(generalized(self.settings, self.scaling, self.record))
         return self.places, data @ self.state_map.T @ noise.T * self.scaling.state_scale(n)
+
+    @property
+    def plot(self) -> Plots:
+        """Its pictures: ``plot.bode()`` and others return a ``matplotlib`` figure; see ``report.figures.Plots``.
+
+        Raises:
+            ImportError: ``matplotlib`` is not installed.
+        """
+        require("plot", "Learned.plot")
+        from mavdem.report.figures import Plots
+
+        return Plots(self)
+
+    def summary(self) -> str:
+        """Returns what the vehicle does in wind, on one screen; without windows that the model has not seen.
+
+        ``mavdem.evaluate.held_out_windows`` forecasts such windows.
+        """
+        from mavdem.report.screen import summary
+
+        return summary(self)
+
+    def to_control(self, model: str = "physical") -> Any:
+        """Returns the physical plant with its delay, or DEM's own ``model="dem"``, as a ``control.StateSpace``.
+
+        About the trim, with names of inputs and outputs; its ``name`` says which it is. ``.delay``, s, and ``.draws``,
+        plants from the posterior, are the physical plant's.
+
+        Raises:
+            ImportError: ``control`` is not installed.
+            ValueError: there is no physical plant, with the reason.
+        """
+        require("control", "Learned.to_control()")
+        from mavdem.export.conversion import to_control
+
+        return to_control(self, model)
+
+    def loop(self, controller: Controller | None = None) -> Loop:
+        """Returns rate and attitude loop: the plant, and the ``controller`` of the log's parameters unless given.
+
+        >>> loop = learned.loop()
+        >>> loop.phase_margin, loop.phase_margin_interval, loop.gain_margin, loop.crossover  # degrees, dB, Hz
+
+        Raises:
+            NotLearnable: the plant is not identifiable, or the controller is not known.
+        """
+        from mavdem.loops.from_flight import loop
+
+        return loop(self, controller)
+
+    def _repr_html_(self) -> str:
+        from mavdem.report.page import learned_html
+
+        return learned_html(self)
 
     def to_json(self) -> str:
         """Returns everything as a JSON object, the training data included; :meth:`from_json` is its inverse."""

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.linalg import LinAlgError
 
+from mavdem.arrays import Array
 from mavdem.dem.engine.ascent import at_theta
 from mavdem.dem.engine.free_energy import SampleEnergy
-from mavdem.dem.engine.linalg import Array, inverse, one_thread, raise_on_overflow
+from mavdem.dem.engine.linalg import inverse, one_thread, raise_on_overflow
 from mavdem.dem.fitting import (
     Fit,
     fit,

@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.arrays import Array, Indices
 from mavdem.confidence import STRONG_EVIDENCE_NATS, Interval
-from mavdem.dem.engine.linalg import Array, Indices, one_thread
+from mavdem.dem.engine.linalg import one_thread
 from mavdem.dem.order_search import BlackBox, fits_by_order
 from mavdem.dem.parallel import parallel_map
 from mavdem.dem.record import Record, Records, is_whole

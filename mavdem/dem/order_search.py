@@ -18,6 +18,7 @@ import numpy as np
 from numpy.linalg import LinAlgError
 from scipy.ndimage import gaussian_filter1d
 
+from mavdem.arrays import Array
 from mavdem.confidence import ENOUGH_SAMPLES
 from mavdem.dem.engine.ascent import Iterate, continued, started
 from mavdem.dem.engine.generative import (
@@ -26,7 +27,7 @@ from mavdem.dem.engine.generative import (
     SufficientStatistics,
     temporal_precision,
 )
-from mavdem.dem.engine.linalg import ROUNDING, Array, raise_on_overflow
+from mavdem.dem.engine.linalg import ROUNDING, raise_on_overflow
 from mavdem.dem.engine.model import pack
 from mavdem.dem.priors import Scaling
 from mavdem.dem.record import Record

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mavdem.dem.engine.linalg import Array, Indices, Pair
+from mavdem.arrays import Array, Indices, Pair
 from mavdem.dem.engine.model import LinearModel, pack, unpack
 from mavdem.dem.record import Record, Segments
 from mavdem.dem.settings import CompleteSettings, Gaussian, Settings

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
-from mavdem.dem.engine.linalg import ROUNDING, Array, Flags, Indices, Pair
+from mavdem.arrays import Array, Flags, Indices, Pair
+from mavdem.dem.engine.linalg import ROUNDING
 from mavdem.errors import NotLearnable
 from mavdem.facts.model import ModelRefusal
 from mavdem.heading import Names, Numbers, Values

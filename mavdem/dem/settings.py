@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from mavdem.dem.engine.linalg import Pair, require_positive_definite
+from mavdem.arrays import Pair
+from mavdem.dem.engine.linalg import require_positive_definite
 from mavdem.dem.record import LARGEST_VALUE, checked_values
 from mavdem.facts.fact import plain
 from mavdem.heading import Numbers, Values

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from pydantic import field_validator, model_validator
 
+from mavdem.arrays import Array
 from mavdem.assessment import Assessment
-from mavdem.dem.engine.linalg import Array
 from mavdem.dem.settings import CompleteSettings
 from mavdem.documents.document import (
     Advised,
@@ -30,8 +30,8 @@ from mavdem.documents.vehicle import (
     Verdict,
 )
 from mavdem.documents.wind import WindVelocity
-from mavdem.evaluate import held_out
-from mavdem.evaluate.held_out import HOLD_LAST
+from mavdem.experiments import held_out
+from mavdem.experiments.held_out import HOLD_LAST
 from mavdem.heading import Values
 from mavdem.units import (
     AngularAcceleration,

@@ -15,7 +15,7 @@ from mavdem.documents.vehicle import (
 )
 from mavdem.documents.wind import WindVelocity
 from mavdem.heading import Values
-from mavdem.health.in_flight import alarm_figures
+from mavdem.motors.loss_detection import alarm_figures
 from mavdem.units import Hertz, Number, Seconds, UnixSeconds
 
 

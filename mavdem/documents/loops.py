@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from mavdem.assessment.tuning import Tuning
-from mavdem.condition.loop.advice import Advice
-from mavdem.condition.loop.filters import gyro_filters
+from mavdem.assessment.axis.tuning import Tuning
 from mavdem.documents.document import (
     Advised,
     Document,
@@ -17,6 +15,8 @@ from mavdem.documents.document import (
 )
 from mavdem.documents.wind import Drag
 from mavdem.facts import Fact
+from mavdem.loops.advice import Advice
+from mavdem.loops.filters import gyro_filters
 from mavdem.units import (
     AngularRate,
     Decibels,

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from mavdem.assessment import Assessment
-from mavdem.assessment.responses import LoopResponse
-from mavdem.assessment.tracking import tracking_of
-from mavdem.condition import spectra as measured
-from mavdem.condition.peaks import Peak
-from mavdem.condition.spectra import thinned
+from mavdem.assessment.axis.responses import LoopResponse
+from mavdem.assessment.lights.tracking import tracking_of
 from mavdem.dataset.drive import AXES
 from mavdem.documents.document import Document, OneFact, Sentence
 from mavdem.documents.flight import Report, report_of
@@ -17,6 +14,9 @@ from mavdem.documents.wind import WindVelocity
 from mavdem.facts import Fact
 from mavdem.heading import Values
 from mavdem.units import DensityOfUnit, Hertz, Number, Seconds
+from mavdem.vibration import spectra as measured
+from mavdem.vibration.spectra import thinned
+from mavdem.vibration.spectral_lines import Peak
 
 FREQUENCIES = 240
 MOST_TIMES = 80

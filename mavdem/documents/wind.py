@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from pydantic import field_validator, model_validator
 
-from mavdem.dem.airflow import model as airflow
-from mavdem.dem.engine.linalg import Array
+from mavdem.arrays import Array
 from mavdem.documents.document import Document, Judged, Said
 from mavdem.heading import Values
 from mavdem.units import Degrees, Metres, Number, OfParameter, PerMetre, PerSecond, Seconds, Speed
+from mavdem.wind_velocity import airflow
 
 
 class WindMinute(Document):

@@ -13,17 +13,14 @@ from warnings import warn
 
 import numpy as np
 
-from mavdem.condition.loop.from_flight import DRAWS
-from mavdem.condition.wind_of_log import air_of
-from mavdem.condition.wind_velocity import WindVelocity
+from mavdem.arrays import Array
 from mavdem.dataset.align import align, longest_recorded
 from mavdem.dataset.learnability import learnability_of
 from mavdem.dataset.read import choose_vehicle
 from mavdem.dataset.signals import Signals
-from mavdem.dem import Learned, Physical
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem import Learned
 from mavdem.errors import NotLearnable
-from mavdem.evaluate.held_out import HeldOut
+from mavdem.experiments.held_out import HeldOut
 from mavdem.extras import require
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import NoPlant
@@ -35,9 +32,13 @@ from mavdem.ingest.formats import read_stream
 from mavdem.ingest.mavlink.framing import MATCHES
 from mavdem.ingest.mcap.records import MAX_STAMP, write_mcap, write_series
 from mavdem.ingest.tlog import write_tlog
+from mavdem.loops.from_flight import DRAWS
+from mavdem.plant import Physical
 from mavdem.report.labels import Labels, state_names, states_are_outputs
 from mavdem.report.numbers import short
 from mavdem.report.series import series_of
+from mavdem.wind_velocity.estimation import WindVelocity
+from mavdem.wind_velocity.from_log import air_of
 
 if TYPE_CHECKING:
     import control

@@ -7,7 +7,7 @@ for each code. Code compares codes and levels, never text.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib.resources import files
@@ -134,14 +134,21 @@ class Fact:
         return self.but(**within | {"is_grounded": True})
 
     @property
+    def _words(self) -> Words:
+        # The sentences are made by ``report``, a room above all that make facts.
+        from mavdem.report.words import words
+
+        return words(self)
+
+    @property
     def sentence(self) -> str:
         """The fact in words."""
-        return _words(self).sentence
+        return self._words.sentence
 
     @property
     def remedy(self) -> str:
         """What to do about it, in words; empty where there is nothing to be done."""
-        return _words(self).remedy
+        return self._words.remedy
 
     def __str__(self) -> str:
         return self.sentence
@@ -149,7 +156,7 @@ class Fact:
     @property
     def advised(self) -> str:
         """The sentence and, after it, the remedy."""
-        return " ".join(filter(None, _words(self)))
+        return " ".join(filter(None, self._words))
 
 
 def plain(value: Any) -> Figure:
@@ -169,10 +176,3 @@ def _grounded(figure: Figure) -> Figure:
 
 Facts = tuple[Fact, ...]
 NamedFacts = Mapping[str, Fact]
-_words: Callable[[Fact], Words]
-
-
-def speak(words: Callable[[Fact], Words]) -> None:
-    """Sets what makes the ``words`` of facts, for ``str`` and for errors; ``mavdem`` does so when it is imported."""
-    global _words
-    _words = words

@@ -22,7 +22,7 @@ from scipy.special import stdtr
 from mavdem.confidence import LEVEL, quantile
 from mavdem.dataset.drive import AXES, TILT_AXES
 from mavdem.dem.record import FEWEST_MOTORS
-from mavdem.evaluate.paired_test import SIGNIFICANCE
+from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Compared, Incomparable, QuantityOutcome
 from mavdem.facts.identifiability import Status
@@ -36,10 +36,10 @@ from mavdem.fleet.row import (
     vehicles_of,
 )
 from mavdem.heading import Names, Numbers
-from mavdem.health.balance import SCATTER
 from mavdem.immutable import ReadOnlyDict
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS, RATE_GAIN
+from mavdem.motors.balance import SCATTER
 
 SHARE = "share"
 EFFECT = "effect"

@@ -3,10 +3,11 @@
 import json
 from pathlib import Path
 
-from mavdem.dem import Drag, Learned
+from mavdem.dem import Learned
 from mavdem.errors import Unreadable
 from mavdem.facts.fleet import NoPrior
 from mavdem.fleet.rows_of_log import MODEL, REPORT, text_of
+from mavdem.wind_velocity.airflow import Drag
 
 
 def earlier_flight(path: Path, axis: str) -> Learned:

@@ -7,11 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from mavdem.analysis import LogAnalysis
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import NoLoop, assess_signals
-from mavdem.condition.loop.loop import Loop
-from mavdem.condition.wind_velocity import WindVelocity
+from mavdem.assessment.axis import LogAnalysis
 from mavdem.dataset.drive import AXES
 from mavdem.dataset.signals import Signals
 from mavdem.errors import Unreadable
@@ -20,8 +18,10 @@ from mavdem.facts.fleet import Reading
 from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.fleet.workers import PAGES, LogRows, MakePage, fault
 from mavdem.heading import Values
-from mavdem.health.balance import balance_of_signals
 from mavdem.ingest import read_log
+from mavdem.loops.axis_loops import Loop
+from mavdem.motors.balance import balance_of_signals
+from mavdem.wind_velocity.estimation import WindVelocity
 
 # of what `mavdem learn` writes, those with figures
 REPORT = "report.json"

@@ -1,6 +1,6 @@
 """Tracking: from the logs that were named to the fleet's table, of which only what is new is read and judged.
 
-A vehicle's flights are judged beside its healthy ones: by the balance of its motors (``mavdem.health``), and by what
+A vehicle's flights are judged beside its healthy ones: by the balance of its motors (``mavdem.motors``), and by what
 the models of healthy flights, frozen, leave unexplained in another.
 """
 
@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.arrays import Array
 from mavdem.dataset.drive import MotorGeometry
-from mavdem.dem.engine.linalg import Array
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Facts
 from mavdem.facts.fleet import Folder, Reading
@@ -24,8 +24,8 @@ from mavdem.fleet.sources import LogSource, find_logs
 from mavdem.fleet.store import AssessRows, Store, is_fleet, opened, read_rows
 from mavdem.fleet.workers import Job, MakePage, WorkerPool
 from mavdem.heading import Numbers, Values
-from mavdem.health.assessment import assess
-from mavdem.health.balance import BalanceFigures, HealthFigures, motor_signatures
+from mavdem.motors.balance import BalanceFigures, HealthFigures, motor_signatures
+from mavdem.motors.health import assess
 
 # of the time at its upper stop: with more a motor has nothing left, and the flight is not sound
 SATURATED_SHARE = 0.01

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.arrays import Integers
 from mavdem.files import table_beside
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.telemetry import Integers
 
 _PX4 = table_beside(__file__, "flight_modes.toml")["px4"]
 _CUSTOM = {state: main << 16 | sub << 24 for main, sub, state, _ in _PX4}

@@ -12,12 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.arrays import Array
 from mavdem.confidence import Interval
 from mavdem.facts import Fact
 from mavdem.facts.sources import Source
 from mavdem.files import table_beside
 from mavdem.heading import Names, Numbers
-from mavdem.ingest.telemetry import Array, Parameters
+from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import NAMES, UNNAMED
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 from scipy.spatial.transform import Rotation, Slerp
 
+from mavdem.arrays import Array, Flags
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
 from mavdem.files import table_beside
@@ -21,10 +22,8 @@ from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.motors import MOTOR_COUNTS, motor_geometry
 from mavdem.ingest.telemetry import (
     MAX_GAP_SECONDS,
-    Array,
     Columns,
     Fields,
-    Flags,
     Parameters,
     Tables,
     held,

@@ -8,14 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.arrays import Array
 from mavdem.confidence import Interval
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.sources import Flaw, Repair
 from mavdem.immutable import Result
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 Parameters = Mapping[str, float]  # Values by name
 Fields = dict[str, NDArray[Any]]  # Columns of a message that is being made
 Columns = Mapping[str, NDArray[Any]]

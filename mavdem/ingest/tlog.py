@@ -12,6 +12,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.arrays import Integers
 from mavdem.errors import Unreadable
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair, Source
@@ -25,7 +26,7 @@ from mavdem.ingest.mavlink.framing import (
     rows_of,
 )
 from mavdem.ingest.mavlink.vehicles import FrameStream, assemble
-from mavdem.ingest.telemetry import Integers, Log, repair
+from mavdem.ingest.telemetry import Log, repair
 
 STAMP_BYTES = np.dtype(np.uint64).itemsize  # Bytes of the receive stamp before each frame
 

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 from scipy.spatial.transform import Rotation
 
+from mavdem.arrays import Array
 from mavdem.files import table_beside
-from mavdem.ingest.telemetry import Array, Fields
+from mavdem.ingest.telemetry import Fields
 
 
 def number_of(name: str) -> int:

@@ -9,10 +9,10 @@ from contextlib import ExitStack
 from itertools import count
 from pathlib import Path
 
-from mavdem.analysis import Options
 from mavdem.assessment.assess import assess
-from mavdem.assessment.tuning import tuned
-from mavdem.assessment.twin import foretold
+from mavdem.assessment.axis import Options
+from mavdem.assessment.axis.tuning import tuned
+from mavdem.assessment.axis.twin import foretold
 from mavdem.dataset.drive import AXES
 from mavdem.errors import Refusal
 from mavdem.facts import Fact, Facts

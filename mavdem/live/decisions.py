@@ -17,14 +17,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mavdem.analysis import AxisFigures
-from mavdem.analysis.findings import Findings, disown_torque, findings_of
+from mavdem.arrays import Array
 from mavdem.assessment.assess import loop_by
+from mavdem.assessment.axis import AxisFigures
+from mavdem.assessment.axis.findings import Findings, disown_torque, findings_of
+from mavdem.assessment.condition import Condition, hover_figures
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement, judge
-from mavdem.assessment.motors import motors_light
-from mavdem.condition.condition import Condition, hover_figures
-from mavdem.condition.oscillation import oscillation_of
+from mavdem.assessment.lights.motors import motors_light
 from mavdem.dataset import drive, phases
 from mavdem.dataset.align import Segment, mean_rate
 from mavdem.dataset.attitude import Attitude
@@ -45,12 +45,13 @@ from mavdem.facts.lights import Unjudged
 from mavdem.facts.motors import Trim
 from mavdem.facts.session import Session
 from mavdem.heading import Names, Numbers
-from mavdem.health.in_flight import MotorAlarm, losses_of
 from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry, OutputScale, output_scale
-from mavdem.ingest.telemetry import Array, Fields, Telemetry, joined, log_of_vehicles
+from mavdem.ingest.telemetry import Fields, Telemetry, joined, log_of_vehicles
 from mavdem.ingest.vocabulary import IN_AIR, UNNAMED
 from mavdem.live.recent import MAX_ROWS, Recent
 from mavdem.live.rows import KEPT_SECONDS, Samples
+from mavdem.loops.limit_cycles import oscillation_of
+from mavdem.motors.loss_detection import MotorAlarm, losses_of
 
 LANDED = "EXTENDED_SYS_STATE"
 PHASES = ("HEARTBEAT", LANDED, *CLIMB_FIELDS)

@@ -11,22 +11,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.analysis.findings import Findings
+from mavdem.arrays import Array
+from mavdem.assessment.axis.findings import Findings
 from mavdem.assessment.judgement import Judgement, next_step_of, unjudged
-from mavdem.assessment.limits import worst
+from mavdem.assessment.lights.limits import worst
 from mavdem.confidence import Interval
 from mavdem.dataset.signals import STAMP_ROUNDING
 from mavdem.dem import Estimate
-from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.event import Event
 from mavdem.facts.lights import Light
 from mavdem.facts.session import Session
 from mavdem.heading import Names, Numbers
-from mavdem.health.in_flight import MotorAlarm
 from mavdem.immutable import Result
 from mavdem.live.wind import WindRow
+from mavdem.motors.loss_detection import MotorAlarm
 
 AHEAD = 0.25  # s; how well the model predicts so far ahead is reported
 HORIZONS = 0.05, 0.1, AHEAD, 0.5  # s; of a live session's predictions, besides one step

@@ -6,14 +6,14 @@ from math import nan
 
 import numpy as np
 
+from mavdem.arrays import Array
 from mavdem.dataset.drive import Motors
-from mavdem.dem.engine.linalg import Array
-from mavdem.dem.online.wind import WeakMotors
 from mavdem.facts import Fact, Facts
 from mavdem.facts.session import Session
 from mavdem.facts.watch import Watch
-from mavdem.health.in_flight import LONGEST_GAP, REFERENCE_SECONDS, MotorAlarm, MotorWatch
 from mavdem.live.recent import MAX_EVENTS
+from mavdem.motors.loss_detection import LONGEST_GAP, REFERENCE_SECONDS, MotorAlarm, MotorWatch
+from mavdem.plant.online_wind_torque import WeakMotors
 
 
 class MotorAlarms:

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.arrays import Array
 from mavdem.dataset import align
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.dataset.learnability import MAX_STEP_RATIO
@@ -29,7 +30,7 @@ from mavdem.ingest.mavlink.clocks import (
     STEP_BACK,
     WRAP_GAP,
 )
-from mavdem.ingest.telemetry import MAX_GAP_SECONDS, Array
+from mavdem.ingest.telemetry import MAX_GAP_SECONDS
 from mavdem.live.messages import Message
 
 # Of each stream: enough to decide rates and steps, also of hostile stamps

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from mavdem.analysis.findings import Findings, disown_torque, findings_of
+from mavdem.assessment.autopilot_messages import AGAIN_SECONDS
+from mavdem.assessment.axis.findings import Findings, disown_torque, findings_of
 from mavdem.assessment.judgement import Judgement
-from mavdem.condition.said import AGAIN_SECONDS
 from mavdem.dataset.signals import axis_outputs
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.errors import NotLearnable, fact_of, failure

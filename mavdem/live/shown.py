@@ -2,8 +2,8 @@
 
 from typing import NamedTuple, Protocol
 
+from mavdem.arrays import Array
 from mavdem.dem import Estimate, Learned
-from mavdem.dem.engine.linalg import Array
 from mavdem.facts.event import Event
 from mavdem.live.stream import LatestPose
 from mavdem.live.wind import WindRow

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.condition.wind_of_log import FLAGS, VELOCITIES
 from mavdem.dataset.align import STEP_TOLERANCE
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.dataset.drive import (
@@ -19,7 +18,6 @@ from mavdem.dataset.learnability import too_slow
 from mavdem.dataset.phases import AVERAGING_SECONDS, MAX_TILT
 from mavdem.dataset.signals import HOLD_SECONDS, MINIMUM_RATE, TARGET_MESSAGE
 from mavdem.dataset.steadiness import strays
-from mavdem.dem.airflow.model import Drag
 from mavdem.facts import Fact, Facts
 from mavdem.facts.event import Event
 from mavdem.facts.events import Reported
@@ -50,6 +48,8 @@ from mavdem.live.rows import DECISION_SECONDS, AlignedRow, BootClock, Grid, Plac
 from mavdem.live.senders import Sender, Senders
 from mavdem.live.watchdog import Watchdog
 from mavdem.live.wind import WindRows
+from mavdem.wind_velocity.airflow import Drag
+from mavdem.wind_velocity.from_log import FLAGS, VELOCITIES
 
 REVIEW_SECONDS = 0.5  # Of the boot clock, between two reviews of phase and inputs
 REPLIES = ("MESSAGE_INTERVAL", "COMMAND_ACK")  # What a vehicle sends when it is asked for rates

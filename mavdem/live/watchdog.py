@@ -10,17 +10,15 @@ from math import inf
 
 import numpy as np
 
-from mavdem.assessment.limits import worst
-from mavdem.assessment.power import power_light
+from mavdem.assessment.condition import Condition
+from mavdem.assessment.lights.limits import worst
+from mavdem.assessment.lights.power import power_light
+from mavdem.assessment.lights.vibration import vibration_light
 from mavdem.assessment.reported import reported_events
-from mavdem.assessment.vibration import vibration_light
-from mavdem.condition.condition import Condition
-from mavdem.condition.oscillation import begun_oscillation
 from mavdem.dataset.drive import Signal
 from mavdem.dataset.phases import Intervals
 from mavdem.dataset.quality import at_limits
 from mavdem.dataset.signals import BATTERY_MESSAGES, MINIMUM_RATE, Signals
-from mavdem.dem.online.wind import MEMORY_SECONDS
 from mavdem.facts import Fact, Facts
 from mavdem.facts.events import Reported
 from mavdem.facts.lights import Light
@@ -28,13 +26,15 @@ from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.session import Rows
 from mavdem.facts.watch import Watch, Watched
-from mavdem.health.in_flight import alarm_of
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
 from mavdem.live.decisions import LiveSignals, RecentMotion, evidence_of
 from mavdem.live.messages import OF_ITSELF
 from mavdem.live.recent import Recent
 from mavdem.live.rows import DECISION_SECONDS
+from mavdem.loops.limit_cycles import begun_oscillation
+from mavdem.motors.loss_detection import alarm_of
+from mavdem.plant.online_wind_torque import MEMORY_SECONDS
 
 LIGHTS = {
     Watched.OSCILLATION: Light.MARGINS,

@@ -14,25 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import softmax
 
-from mavdem.condition.wind_of_log import (
-    LONGEST_STEP,
-    VELOCITIES,
-    VELOCITY_KNOWN,
-    velocity_known,
-)
-from mavdem.condition.wind_velocity import (
-    DIRECTION_LIMIT,
-    HEADING_SD,
-    by_compass,
-    from_point,
-    least_speed,
-    speed_status,
-)
+from mavdem.arrays import Array
 from mavdem.confidence import half_width, quantile
-from mavdem.dem.airflow.identification import DRAG_STEP, GUSTS, GUSTS_SD, checked, in_air
-from mavdem.dem.airflow.model import TOTAL, Drag, Filter, motion
-from mavdem.dem.engine.linalg import Array, normal_draws
-from mavdem.dem.online.wind import FIRST_FIT_SECONDS
+from mavdem.dem.engine.linalg import normal_draws
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
 from mavdem.facts.identifiability import Status
@@ -41,6 +25,23 @@ from mavdem.facts.wind import NoWind, WindDoubt, WindLight
 from mavdem.heading import Numbers
 from mavdem.ingest.telemetry import interpolated
 from mavdem.live.link import SILENCE_SECONDS
+from mavdem.plant.online_wind_torque import FIRST_FIT_SECONDS
+from mavdem.wind_velocity.airflow import TOTAL, Drag, Filter, motion
+from mavdem.wind_velocity.drag import DRAG_STEP, GUSTS, GUSTS_SD, checked, in_air
+from mavdem.wind_velocity.estimation import (
+    DIRECTION_LIMIT,
+    HEADING_SD,
+    by_compass,
+    from_point,
+    least_speed,
+    speed_status,
+)
+from mavdem.wind_velocity.from_log import (
+    LONGEST_STEP,
+    VELOCITIES,
+    VELOCITY_KNOWN,
+    velocity_known,
+)
 
 SAMPLE_SECONDS = 0.05  # s between samples that are kept, at least
 MEMORY = 300.0  # s, of weighing sizes of gusts

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from markupsafe import Markup
 
-from mavdem.dem.engine.linalg import Array
+from mavdem.arrays import Array
 from mavdem.heading import Names, Numbers, Values
 from mavdem.report.numbers import named, rounded
 from mavdem.report.palette import MEASURED

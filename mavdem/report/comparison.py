@@ -6,11 +6,11 @@ Of methods first what the paired test says of DEM and each other one; of orders 
 from collections.abc import Iterator, Sequence
 from math import isfinite
 
-from mavdem.analysis.findings import PREDICTION_LIMITS
+from mavdem.assessment.axis.findings import PREDICTION_LIMITS
 from mavdem.dem.order_choice import LARGEST_ORDER, OrderChoice
-from mavdem.evaluate.comparison import Comparison
-from mavdem.evaluate.paired_test import FEWEST_PAIRS, SIGNIFICANCE
-from mavdem.evaluate.scores import HORIZONS, KNOWN, UNKNOWN, Question
+from mavdem.experiments.comparison import Comparison
+from mavdem.experiments.paired_test import FEWEST_PAIRS, SIGNIFICANCE
+from mavdem.experiments.scores import HORIZONS, KNOWN, UNKNOWN, Question
 from mavdem.facts.forecasts import TestResult
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution
 from mavdem.report.words import section

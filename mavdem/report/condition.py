@@ -5,15 +5,15 @@ from collections.abc import Mapping
 import numpy as np
 
 from mavdem.assessment import Assessment
-from mavdem.condition.wind_of_log import Air
-from mavdem.condition.wind_velocity import WindVelocity, coming_from
 from mavdem.dataset.drive import TILT_AXES
-from mavdem.dem.airflow.model import Drag
 from mavdem.facts.online import DragSource
 from mavdem.heading import Values
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.blocks import Blocks, Sentence, Table, caution
 from mavdem.report.words import section
+from mavdem.wind_velocity.airflow import Drag
+from mavdem.wind_velocity.estimation import WindVelocity, coming_from
+from mavdem.wind_velocity.from_log import Air
 
 # what a tier is called where it is shown
 TIER_WORDS = {
@@ -36,7 +36,7 @@ MIN_LOST_SHARE = 0.01
 
 
 def log_blocks(held: Values) -> Blocks:
-    """Returns all that a log ``held``, by ``mavdem.condition.inventory``: each vehicle, then what came from whom."""
+    """Returns all that a log ``held``, by ``mavdem.assessment.inventory``: each vehicle, then what came from whom."""
     return [
         *(block for vehicle in held["vehicles"] for block in vehicle_contents(vehicle)),
         *stream_contents(held),

@@ -8,7 +8,6 @@ from urllib.parse import quote
 
 import numpy as np
 
-from mavdem.condition.wind_velocity import from_point
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
@@ -27,6 +26,7 @@ from mavdem.report.numbers import MOST_NAMED, listed, rounded
 from mavdem.report.page import environment, page_of
 from mavdem.report.plans import rose_of_flights
 from mavdem.report.vehicle_charts import vehicle_group
+from mavdem.wind_velocity.estimation import from_point
 
 # vehicles, those in trouble first: with more the page takes long to make, and is too large to mail
 MAX_DRAWN = 20

@@ -4,19 +4,19 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from mavdem.assessment.noise import GYRO, MeasuredNoise
-from mavdem.assessment.responses import LoopResponse, Responses
-from mavdem.condition.loop.filters import gyro_response
-from mavdem.condition.loop.loop import TARGETS, Loop
-from mavdem.condition.loop.margins import OpenLoop
-from mavdem.condition.loop.response import LOWEST_COMPARED
-from mavdem.condition.peaks import PeakKind
-from mavdem.condition.spectra import Spectrum, thinned
-from mavdem.condition.step_response import StepResponse
-from mavdem.dem.engine.linalg import Array
+from mavdem.arrays import Array
+from mavdem.assessment.axis.responses import LoopResponse, Responses
+from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
+from mavdem.loops.axis_loops import TARGETS, Loop
+from mavdem.loops.filters import gyro_response
+from mavdem.loops.margins import OpenLoop
+from mavdem.loops.measured_response import LOWEST_COMPARED
+from mavdem.loops.step_response import StepResponse
 from mavdem.report.charts import AFTER, FREQUENCY, TIME, Axis, Chart, Charts, Heat, Kind, Line, Mark
 from mavdem.report.model_charts import banded
 from mavdem.report.palette import BAD, COMMAND, MEASURED, PHYSICAL, PREDICTED
+from mavdem.vibration.spectra import Spectrum, thinned
+from mavdem.vibration.spectral_lines import PeakKind
 
 SHOWN = ("{}_before", "before the filters", MEASURED), ("{}", "behind the filters", PREDICTED)
 """Name and colour of the spectra of a sensor."""

@@ -11,19 +11,15 @@ from math import inf, nan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mavdem.analysis import LogAnalysis
-from mavdem.analysis.findings import findings_of
 from mavdem.assessment import Assessment
+from mavdem.assessment.axis import LogAnalysis
+from mavdem.assessment.axis.findings import findings_of
+from mavdem.assessment.axis.responses import Responses
+from mavdem.assessment.axis.tuning import AdviceByAxis, tuned
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.noise import GYRO, MeasuredNoise
-from mavdem.assessment.responses import Responses
-from mavdem.assessment.tracking import tracking_of
-from mavdem.assessment.tuning import AdviceByAxis, tuned
-from mavdem.condition.inventory import inventory
-from mavdem.condition.loop.advice import Advice
-from mavdem.condition.loop.filters import gyro_filters
-from mavdem.condition.loop.loop import Loop, known_loops
-from mavdem.condition.step_response import IntervalEstimate, StepResponse
+from mavdem.assessment.inventory import inventory
+from mavdem.assessment.lights.tracking import tracking_of
+from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
 from mavdem.dataset.drive import AXES
 from mavdem.dem import Learned
 from mavdem.errors import NotLearnable
@@ -36,6 +32,10 @@ from mavdem.facts.session import Spent
 from mavdem.heading import Values
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
+from mavdem.loops.advice import Advice
+from mavdem.loops.axis_loops import Loop, known_loops
+from mavdem.loops.filters import gyro_filters
+from mavdem.loops.step_response import IntervalEstimate, StepResponse
 from mavdem.report import model_charts
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution, warning
 from mavdem.report.charts import FEW_POINTS, POINTS, Group
@@ -116,8 +116,8 @@ def log_page(
 ) -> str:
     """Returns the HTML of one log of this ``name``, with models or without.
 
-    Without what the log ``held`` (``mavdem.condition.inventory``) the page is small, for many flights. ``back`` is name
-    and address of the page that leads here.
+    Without what the log ``held`` (``mavdem.assessment.inventory``) the page is small, for many flights. ``back`` is
+    name and address of the page that leads here.
     """
     whole = held is not None
     timeline = timeline_of(assessment)

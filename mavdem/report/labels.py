@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from mavdem.analysis.residuals import directions, weights
+from mavdem.arrays import Array
+from mavdem.assessment.axis.residuals import directions, weights
 from mavdem.dem import Learned
-from mavdem.dem.engine.linalg import Array
 from mavdem.heading import Names
 
 

@@ -5,8 +5,8 @@ from math import sqrt
 
 from mavdem.facts import Fact
 from mavdem.facts.session import Session, Spent
-from mavdem.health.in_flight import FALSE_ALARMS
 from mavdem.live.history import AHEAD, HorizonErrors, LiveHistory, SessionStatus
+from mavdem.motors.loss_detection import FALSE_ALARMS
 from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.numbers import named, readable
 from mavdem.report.words import begin, go_on, section

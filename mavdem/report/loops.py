@@ -3,12 +3,12 @@
 from collections.abc import Iterator
 from operator import attrgetter
 
-from mavdem.assessment.tuning import AdviceByAxis, Tuning
-from mavdem.condition.loop.advice import LARGEST_ANGLE, MAX_GAIN_STEP, Advice
-from mavdem.condition.loop.filters import gyro_filters
-from mavdem.condition.loop.loop import LoopByAxis
-from mavdem.condition.loop.margins import OpenLoop
+from mavdem.assessment.axis.tuning import AdviceByAxis, Tuning
 from mavdem.facts import Fact
+from mavdem.loops.advice import LARGEST_ANGLE, MAX_GAIN_STEP, Advice
+from mavdem.loops.axis_loops import LoopByAxis
+from mavdem.loops.filters import gyro_filters
+from mavdem.loops.margins import OpenLoop
 from mavdem.report.blocks import Blocks, Sentence, Table, caution
 from mavdem.report.numbers import rounded
 from mavdem.report.words import section, together

@@ -5,13 +5,13 @@ Each function returns charts in degrees; ``learned.plot`` draws them with matplo
 
 import numpy as np
 
-from mavdem.analysis.findings import known_wind
-from mavdem.analysis.residuals import residuals as residuals_of
+from mavdem.arrays import Array
+from mavdem.assessment.axis.findings import known_wind
+from mavdem.assessment.axis.residuals import residuals as residuals_of
 from mavdem.confidence import ENDS
 from mavdem.dem import Learned
-from mavdem.dem.engine.linalg import Array
 from mavdem.dem.record import Record
-from mavdem.evaluate.held_out import CONSTANT_MEAN, FORECAST, HeldOut
+from mavdem.experiments.held_out import CONSTANT_MEAN, FORECAST, HeldOut
 from mavdem.report.charts import FREQUENCY, TIME, Axis, Chart, Charts, Kind, Line
 from mavdem.report.labels import AxisCommand, Labels
 from mavdem.report.numbers import TORQUE, named, per, readable

@@ -13,13 +13,13 @@ from typing import Any, NamedTuple
 from jinja2 import Environment, PackageLoader, Template
 from markupsafe import Markup, escape
 
-from mavdem.analysis import LogAnalysis
-from mavdem.assessment.tuning import Tuning
-from mavdem.condition.loop.advice import Advice
+from mavdem.assessment.axis import LogAnalysis
+from mavdem.assessment.axis.tuning import Tuning
 from mavdem.dem import Learned
 from mavdem.facts import Level, NamedFacts
 from mavdem.facts.event import Event
 from mavdem.flight import Flight
+from mavdem.loops.advice import Advice
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.charts import POINTS, Chart, Group
 from mavdem.report.flight_charts import loop_charts

@@ -6,16 +6,16 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from mavdem.condition.condition import Condition
-from mavdem.condition.wind_velocity import WindVelocity, by_compass, from_point
+from mavdem.arrays import Array
+from mavdem.assessment.condition import Condition
 from mavdem.dataset.drive import Motors
-from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Level
-from mavdem.health.assessment import FAULT_RISE
+from mavdem.motors.health import FAULT_RISE
 from mavdem.report.charts import Plan
 from mavdem.report.numbers import listed
 from mavdem.report.page import environment
 from mavdem.report.timeline import Timeline
+from mavdem.wind_velocity.estimation import WindVelocity, by_compass, from_point
 
 REACH = 100.0
 """Of the farthest motor, the largest petal, or the path, in the units of a plan."""

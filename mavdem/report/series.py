@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.analysis.findings import known_wind
-from mavdem.condition.wind_velocity import WindVelocity
+from mavdem.arrays import Array
+from mavdem.assessment.axis.findings import known_wind
 from mavdem.dem import Learned
-from mavdem.dem.engine.linalg import Array
-from mavdem.evaluate.held_out import FORECAST, HeldOut
+from mavdem.experiments.held_out import FORECAST, HeldOut
 from mavdem.flight import Flights
 from mavdem.report.labels import AxisCommand, state_names
+from mavdem.wind_velocity.estimation import WindVelocity
 
 OUTPUTS = "flight/outputs"
 INPUTS = "flight/inputs"

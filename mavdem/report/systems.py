@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from mavdem.condition.loop.from_flight import DRAWS
-from mavdem.condition.loop.margins import Complex
-from mavdem.dem import Learned, Physical
-from mavdem.dem.engine.linalg import Array
+from mavdem.arrays import Array
+from mavdem.dem import Learned
+from mavdem.loops.from_flight import DRAWS
+from mavdem.loops.margins import Complex
+from mavdem.plant import Physical
 
 
 def model_response(learned: Learned, motors: Array, frequency: Array, output: int) -> Complex:

@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from mavdem.assessment import Assessment
-from mavdem.condition.wind_of_log import Air
-from mavdem.condition.wind_velocity import by_compass, from_point
 from mavdem.confidence import Interval
 from mavdem.dataset import phases
 from mavdem.dataset.align import Segment, within
@@ -32,6 +30,8 @@ from mavdem.report.palette import (
     PREDICTED,
     TRUTH,
 )
+from mavdem.wind_velocity.estimation import by_compass, from_point
+from mavdem.wind_velocity.from_log import Air
 
 if TYPE_CHECKING:
     from mavdem.live.history import LiveHistory

@@ -2,7 +2,7 @@
 
 from math import isfinite
 
-from mavdem.evaluate.truth import ComparedParameter, TruthComparison
+from mavdem.experiments.truth import ComparedParameter, TruthComparison
 from mavdem.facts import Level
 from mavdem.facts.identifiability import Status
 from mavdem.report.blocks import Blocks, Rated, Table

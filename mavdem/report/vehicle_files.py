@@ -11,8 +11,8 @@ from operator import attrgetter
 import numpy as np
 from scipy.constants import g as GRAVITY  # noqa: N812
 
-from mavdem.condition.loop.twin import BANDS, Twin
 from mavdem.facts import NamedFacts
+from mavdem.loops.twin import BANDS, Twin
 from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.page import environment
 

@@ -17,7 +17,6 @@ from typing import Any
 
 from jinja2 import Environment, StrictUndefined, Template
 
-from mavdem.condition.wind_velocity import from_point
 from mavdem.facts import Code, Fact, Words
 from mavdem.files import table_beside
 from mavdem.grouping import grouped
@@ -33,6 +32,7 @@ from mavdem.report.numbers import (
     short,
     with_unit,
 )
+from mavdem.wind_velocity.estimation import from_point
 
 PARAMETERS = {
     "effect": "control effectiveness",

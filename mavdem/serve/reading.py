@@ -14,7 +14,7 @@ from typing import Any
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess_signals
-from mavdem.assessment.limits import SEVERITY
+from mavdem.assessment.lights.limits import SEVERITY
 from mavdem.dataset.signals import Signals
 from mavdem.documents import whole
 from mavdem.documents.review import review_document

@@ -8,13 +8,12 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from mavdem.arrays import Array, Flags, Indices
 from mavdem.dataset.drive import AXES
 from mavdem.dataset.signals import MINIMUM_RATE
-from mavdem.dem.engine.linalg import Array, Indices
 from mavdem.files import PathName
 from mavdem.heading import Names, Values
 from mavdem.ingest.motors import place_name
-from mavdem.ingest.telemetry import Flags
 from mavdem.ingest.vocabulary import euler_angles
 from mavdem.report import palette
 from mavdem.report.charts import Chart, Line, over_time

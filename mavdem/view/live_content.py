@@ -8,10 +8,10 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from mavdem.arrays import Array
 from mavdem.confidence import LEVEL, Interval
 from mavdem.dataset.drive import AXES, TILT_AXES
 from mavdem.dem import Estimate
-from mavdem.dem.engine.linalg import Array
 from mavdem.dem.online.learner import TOO_FEW
 from mavdem.dem.online.tracker import FALSE_MARK_SECONDS
 from mavdem.heading import Names

@@ -11,8 +11,8 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from mavdem.arrays import Array
 from mavdem.confidence import Interval
-from mavdem.dem.engine.linalg import Array
 from mavdem.facts import Level
 from mavdem.files import atomic_write
 from mavdem.fleet.row import as_text

@@ -7,15 +7,15 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mavdem.analysis.findings import known_wind
+from mavdem.arrays import Array
 from mavdem.assessment import Assessment
-from mavdem.condition.loop.loop import known_loops
-from mavdem.condition.step_response import StepResponse
+from mavdem.assessment.axis.findings import known_wind
 from mavdem.dataset.drive import AXES
 from mavdem.dem import Learned
-from mavdem.dem.engine.linalg import Array
-from mavdem.evaluate.held_out import FORECAST, HeldOut
+from mavdem.experiments.held_out import FORECAST, HeldOut
 from mavdem.fleet.row import as_text
+from mavdem.loops.axis_loops import known_loops
+from mavdem.loops.step_response import StepResponse
 from mavdem.report import palette
 from mavdem.report.blocks import Block, Sentence, markdown
 from mavdem.report.charts import Chart, Line, over_time

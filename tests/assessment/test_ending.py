@@ -8,9 +8,9 @@ from frames import QUAD, geometry
 from hover import X_QUAD_PARAMETERS, Hover, changed, columns, only, pulses, with_pulses
 from pytest import approx, mark
 
+from mavdem.assessment.condition import CLIPS, LEVELS
 from mavdem.assessment.ending import _weak_motor, ending_of
 from mavdem.assessment.motion import motion_events
-from mavdem.condition.condition import CLIPS, LEVELS
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent

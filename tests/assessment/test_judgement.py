@@ -12,7 +12,7 @@ from mavdem.facts.ending import Ending
 from mavdem.facts.learnability import Reason
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorsLight
-from mavdem.health.in_flight import MotorAlarm, losses_of
+from mavdem.motors.loss_detection import MotorAlarm, losses_of
 
 GROUNDED = Fact(Reason.NEVER_ARMED)
 CRASH = prose("Lost control.").but(Level.BAD)

@@ -15,15 +15,12 @@ from pytest import approx, mark
 from recorded_flights import LOGS
 from scipy.signal import lfilter
 
-from mavdem.analysis.loops import loops_of_axes
 from mavdem.assessment.assess import grounded_air
-from mavdem.assessment.axis_margins import AxisMargins
-from mavdem.assessment.margins import margins_light
-from mavdem.assessment.motors import motors_light
-from mavdem.assessment.tracking import ERROR, tracking_light, tracking_of
-from mavdem.condition.loop.response import MeasuredResponse
-from mavdem.condition.oscillation import Oscillation
-from mavdem.condition.resonance import Resonance
+from mavdem.assessment.axis.loops import loops_of_axes
+from mavdem.assessment.axis.margins import AxisMargins
+from mavdem.assessment.lights.margins import margins_light
+from mavdem.assessment.lights.motors import motors_light
+from mavdem.assessment.lights.tracking import ERROR, tracking_light, tracking_of
 from mavdem.dataset.learnability import too_slow
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
@@ -35,6 +32,9 @@ from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.facts.sources import Repair
 from mavdem.facts.wind import NoWind
 from mavdem.ingest import read_log
+from mavdem.loops.limit_cycles import Oscillation
+from mavdem.loops.measured_response import MeasuredResponse
+from mavdem.loops.resonance import Resonance
 
 HOVER = Hover(hovering=40.0)
 TIME = HOVER.stamps(100.0)

@@ -7,15 +7,16 @@ from hover import Hover, changed, columns, evidence_of
 from pytest import approx, mark
 from recorded_flights import recorded
 
-from mavdem.assessment.estimator import (
+from mavdem.assessment.condition import Steady
+from mavdem.assessment.lights.estimator import (
     DOUBT_SECONDS,
     EKF_THRESHOLD,
     FIELD_CHANGE,
     REPORTS,
     estimator_light,
 )
-from mavdem.assessment.log import LONG_GAP, STILL_CHANGE, log_light, simulated_of
-from mavdem.assessment.power import (
+from mavdem.assessment.lights.log import LONG_GAP, STILL_CHANGE, log_light, simulated_of
+from mavdem.assessment.lights.power import (
     CELL,
     FULL_CELL,
     LOW_SECONDS,
@@ -23,15 +24,14 @@ from mavdem.assessment.power import (
     SUPPLY_FALL,
     power_light,
 )
-from mavdem.assessment.wind import wind_light
-from mavdem.condition.condition import Steady
-from mavdem.condition.wind_of_log import air_of
+from mavdem.assessment.lights.wind import wind_light
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import Reported
 from mavdem.facts.log import LogLight, Simulator
 from mavdem.facts.power import PowerLight
+from mavdem.wind_velocity.from_log import air_of
 
 HOVER = Hover()
 TIME = HOVER.stamps(5.0)

@@ -8,16 +8,16 @@ from hover import pulses as outputs_of
 from numpy.random import default_rng
 from pytest import approx, mark
 
-from mavdem.analysis.analysis import motor_alarms
 from mavdem.assessment.assess import while_controlled
-from mavdem.assessment.motors import motors_light
+from mavdem.assessment.axis.analysis import motor_alarms
+from mavdem.assessment.lights.motors import motors_light
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.facts.motors import InFlight, MotorsLight, Trim
 from mavdem.facts.session import Session
-from mavdem.health.in_flight import losses_of
+from mavdem.motors.loss_detection import losses_of
 
 HOVER = Hover(hovering=60.0)
 FRONT_LEFT = "motor 3 (front left)"

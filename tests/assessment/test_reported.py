@@ -4,9 +4,9 @@ import numpy as np
 from hover import Hover, changed, columns, with_texts
 from pytest import mark
 
-from mavdem.assessment.power import SUPPLY
+from mavdem.assessment.autopilot_messages import AGAIN_SECONDS, once, said
+from mavdem.assessment.lights.power import SUPPLY
 from mavdem.assessment.reported import reported_events
-from mavdem.condition.said import AGAIN_SECONDS, once, said
 from mavdem.dataset.signals import Signals
 from mavdem.facts.events import Reported
 from mavdem.ingest.vocabulary import NO_SEVERITY

@@ -6,7 +6,7 @@ import numpy as np
 from hover import Hover, changed, columns
 from pytest import approx, mark
 
-from mavdem.assessment.vibration import ARDUPILOT, CLIPS, PX4, vibration_light
+from mavdem.assessment.lights.vibration import ARDUPILOT, CLIPS, PX4, vibration_light
 from mavdem.dataset.signals import Signals
 from mavdem.facts.vibration import VibrationLight
 

@@ -12,18 +12,18 @@ from recorded_flights import FLIGHT, SLOW, short_flight
 
 from mavdem import Learned, Settings
 from mavdem import learn as learn_model
-from mavdem.analysis import Options
 from mavdem.assessment.assess import assess
+from mavdem.assessment.axis import Options
 from mavdem.cli.learn import named_after
 from mavdem.cli.output import LINES, print_blocks, say_aside
 from mavdem.dataset.read import read_flight
 from mavdem.facts import Level
 from mavdem.facts.session import Spent
 from mavdem.fleet.row import FlightRow
-from mavdem.health.in_flight import MotorAlarm
 from mavdem.ingest import read_log
 from mavdem.live import SessionStatus
 from mavdem.live.history import LiveHistory
+from mavdem.motors.loss_detection import MotorAlarm
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.flight_page import flight_page, live_page
 from mavdem.report.words import headline as words_of
@@ -142,7 +142,7 @@ def test_a_flight_too_slow_for_a_model_gives_its_condition_the_reason_and_the_re
 @mark.slow
 def test_a_model_that_breaks_down_is_the_data_s_doing(tmp_path, monkeypatch, capsys):
     breaks_down = Mock(side_effect=np.linalg.LinAlgError("Singular matrix"))
-    monkeypatch.setattr("mavdem.analysis.analysis.learn", breaks_down)
+    monkeypatch.setattr("mavdem.assessment.axis.analysis.learn", breaks_down)
     assert run("learn", short_flight(tmp_path), "--train", "400", "--out", tmp_path / "out") == 1
     assert "Singular matrix" in capsys.readouterr().out
     assert names(tmp_path / "out") == {"report.json", "report.html"}
@@ -178,7 +178,7 @@ def test_an_out_that_cannot_be_made_or_a_truth_file_that_is_none_is_refused_befo
 @mark.slow
 def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
     alarm = MotorAlarm(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99, loss=(0.17, 0.39))
-    monkeypatch.setattr("mavdem.analysis.analysis.motor_alarms", lambda signals: (alarm,))
+    monkeypatch.setattr("mavdem.assessment.axis.analysis.motor_alarms", lambda signals: (alarm,))
     log = str(short_flight(tmp_path))
     out = tmp_path / "out"
     assert run("learn", log, "--preset", "paper", "--out", out) == 0

@@ -8,10 +8,10 @@ from command_line import run
 from pytest import approx, mark
 
 from mavdem import wind
-from mavdem.condition.wind_velocity import from_point
 from mavdem.fleet.priors import earlier_drag
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.report.fleet_page import fleet_page
+from mavdem.wind_velocity.estimation import from_point
 from sitl_scenarios.files import in_toml, load
 
 

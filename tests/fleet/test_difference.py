@@ -11,7 +11,7 @@ from scipy.stats import t
 
 from mavdem.confidence import quantile
 from mavdem.documents import whole
-from mavdem.evaluate.paired_test import SIGNIFICANCE
+from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts.fleet import Compared, Incomparable, QuantityOutcome
 from mavdem.fleet.difference import (
     BETWEEN,

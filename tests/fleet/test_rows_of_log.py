@@ -11,13 +11,13 @@ from refusals import unreadable
 
 import mavdem
 from mavdem.assessment.assess import assess_signals
-from mavdem.dem import Drag
 from mavdem.facts.fleet import NoPrior
 from mavdem.fleet import priors
 from mavdem.fleet import rows_of_log as module
 from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.rows_of_log import rows_of_log
+from mavdem.wind_velocity.airflow import Drag
 
 DRAG = json.dumps({"speed": 4.0, "drag": Drag(np.zeros(6), np.eye(6)).as_dict()})
 SLOW = LOGS / "ardupilot_default_rates.tlog"

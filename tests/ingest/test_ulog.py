@@ -27,7 +27,7 @@ from ulog_files import (
     vehicle_of,
 )
 
-from mavdem.condition.said import said
+from mavdem.assessment.autopilot_messages import said
 from mavdem.dataset.align import recorded_parts
 from mavdem.dataset.signals import Signals
 from mavdem.errors import Unreadable

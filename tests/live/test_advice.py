@@ -7,7 +7,7 @@ from pytest import mark
 from recorded_flights import SLOW
 
 from mavdem.assessment.assess import assess
-from mavdem.assessment.twin import foretold
+from mavdem.assessment.axis.twin import foretold
 from mavdem.facts.loops import Gains, Twins
 from mavdem.ingest import read_log
 from mavdem.live.advice import Adviser, advised

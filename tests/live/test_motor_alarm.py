@@ -10,15 +10,15 @@ from mavlink_streams import message
 from numpy.testing import assert_allclose
 from pytest import approx, fixture, mark
 
-from mavdem.analysis.analysis import motor_alarms
+from mavdem.assessment.axis.analysis import motor_alarms
 from mavdem.dataset.signals import Signals
+from mavdem.experiments.paper.runner import write_log
 from mavdem.facts.session import Session, Spent
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 from mavdem.live import LiveStream, SessionStatus
 from mavdem.live.history import LiveHistory
 from mavdem.live.motor_alarms import MotorAlarms
-from mavdem.paper.runner import write_log
 from mavdem.report.live import live_report
 from mavdem.report.words import section
 from sitl_scenarios.scenario import Scenario, StreamSpec, TurbulentWind, VehicleSpec

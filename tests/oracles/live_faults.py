@@ -7,9 +7,9 @@ from unittest.mock import Mock, patch
 import numpy as np
 
 from mavdem.dem import Settings
+from mavdem.experiments.paper.runner import logged
 from mavdem.live import LiveStream
 from mavdem.live.session import LiveSession
-from mavdem.paper.runner import logged
 from sitl_scenarios.mavlink.live import Ground, fly_live
 from sitl_scenarios.scenario import Faults
 from sitl_scenarios.simulation import Simulation

@@ -13,16 +13,14 @@ from pytest import approx, fixture, mark, raises
 from recorded_flights import FLIGHT
 
 import mavdem
-from mavdem.analysis.residuals import correlation
-from mavdem.assessment.noise import MeasuredNoise
-from mavdem.assessment.responses import LoopResponse
-from mavdem.condition.loop.controllers import controller_of
-from mavdem.condition.peaks import Peak, PeakKind
-from mavdem.condition.spectra import Spectrum
-from mavdem.condition.step_response import IntervalEstimate, StepResponse
+from mavdem.assessment.axis.residuals import correlation
+from mavdem.assessment.axis.responses import LoopResponse
+from mavdem.assessment.noise_spectra import MeasuredNoise
 from mavdem.evaluate import held_out_test, held_out_windows
 from mavdem.facts import Fact
 from mavdem.facts.loops import StepResponses
+from mavdem.loops.controllers import controller_of
+from mavdem.loops.step_response import IntervalEstimate, StepResponse
 from mavdem.report import model_charts
 from mavdem.report.charts import TIME, Axis, Chart, Kind, Line
 from mavdem.report.flight_charts import spectrogram, spectrum_chart, step_charts
@@ -30,6 +28,8 @@ from mavdem.report.flight_page import responses_chapter
 from mavdem.report.labels import AxisCommand, Labels
 from mavdem.report.screen import detail_blocks
 from mavdem.report.systems import model_response, plant_response
+from mavdem.vibration.spectra import Spectrum
+from mavdem.vibration.spectral_lines import Peak, PeakKind
 
 SETTINGS = mavdem.Settings(order=3, d=2, window=9, parameter_precision=1.0, horizon=None)
 GAINS = {

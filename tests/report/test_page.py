@@ -15,8 +15,7 @@ from pytest import fixture, mark
 from recorded_flights import FLIGHT
 
 from mavdem.assessment.assess import assess
-from mavdem.condition.inventory import inventory
-from mavdem.condition.oscillation import Oscillation
+from mavdem.assessment.inventory import inventory
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
@@ -24,6 +23,7 @@ from mavdem.facts.event import Event
 from mavdem.facts.session import VehicleFact
 from mavdem.ingest import read_log
 from mavdem.live.history import LiveHistory
+from mavdem.loops.limit_cycles import Oscillation
 from mavdem.report.flight_page import flight_page, log_page
 from mavdem.report.page import document
 from mavdem.report.screen import analysis_blocks

@@ -11,10 +11,10 @@ from recorded_flights import LOGS
 
 import mavdem
 from mavdem import baselines
-from mavdem.condition.inventory import inventory
+from mavdem.assessment.inventory import inventory
 from mavdem.evaluate import compare, windows
-from mavdem.evaluate.comparison import Method
-from mavdem.evaluate.truth import ComparedParameter, TruthComparison
+from mavdem.experiments.comparison import Method
+from mavdem.experiments.truth import ComparedParameter, TruthComparison
 from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
 from mavdem.facts.margins import TrackingLight

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.random import default_rng
 from pytest import approx, mark
 
-from mavdem.condition.loop.filters import gyro_response
+from mavdem.loops.filters import gyro_response
 from sitl_scenarios import mixers
 from sitl_scenarios.dynamics import AirState, State, frame
 from sitl_scenarios.files import scenario_of

@@ -4,15 +4,15 @@ import numpy as np
 from pytest import approx, mark
 from scipy.signal import periodogram, welch
 
-from mavdem.condition.loop.controllers import controller_of
-from mavdem.condition.notches import notch_advice
-from mavdem.condition.peaks import PeakKind, peaks_of
-from mavdem.condition.spectra import spectra_of_flight
 from mavdem.dataset.align import Segment
 from mavdem.dataset.signals import Signals
+from mavdem.experiments.paper.runner import write_log
 from mavdem.facts.noise import NotchAdvice
 from mavdem.ingest import read_log
-from mavdem.paper.runner import write_log
+from mavdem.loops.controllers import controller_of
+from mavdem.vibration.notch_filters import notch_advice
+from mavdem.vibration.spectra import spectra_of_flight
+from mavdem.vibration.spectral_lines import PeakKind, peaks_of
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.sensors import RotorNoise
 from sitl_scenarios.simulation import fly

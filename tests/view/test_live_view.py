@@ -24,12 +24,12 @@ from rerun_file import chunks, drawn, views
 from mavdem.dem import Estimate, LinearModel
 from mavdem.facts import Level
 from mavdem.facts.session import Session
-from mavdem.health.in_flight import MotorAlarm
 from mavdem.live import Event as Occurrence
 from mavdem.live import SessionStatus
 from mavdem.live.shown import ShownRow
 from mavdem.live.stream import LatestPose
 from mavdem.live.wind import WindRow
+from mavdem.motors.loss_detection import MotorAlarm
 from mavdem.view.live_content import Channels, figures, status_document
 from mavdem.view.live_view import LiveView, SinkThread
 from mavdem.view.sinks import RecordingFile, Viewer, WebServer, sinks_for

@@ -11,8 +11,8 @@ from rerun.chunk import RrdReader
 from rerun_file import drawn, views
 
 import mavdem
-from mavdem.analysis.analysis import Options
 from mavdem.assessment.assess import assess
+from mavdem.assessment.axis.analysis import Options
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import Reported
 from mavdem.ingest import read_log

@@ -18,7 +18,7 @@ import numpy as np
 
 import mavdem
 from mavdem.evaluate import METHODS, Comparison, Method, Window, compare, windows
-from mavdem.paper.runner import SHARED, recorded_flights
+from mavdem.experiments.paper.runner import SHARED, recorded_flights
 from mavdem.report.blocks import Table, markdown
 from mavdem.report.comparison import comparison_report
 

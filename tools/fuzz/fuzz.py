@@ -30,7 +30,7 @@ import click
 import numpy as np
 
 with atheris.instrument_imports(include=["mavdem", "pyulog"]):
-    from mavdem.condition.inventory import inventory
+    from mavdem.assessment.inventory import inventory
     from mavdem.errors import NotLearnable, Unreadable
     from mavdem.ingest import read_log
     from mavdem.ingest.mavlink.definitions import definitions

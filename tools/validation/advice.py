@@ -20,8 +20,8 @@ from flights import Values, command, rows_of, show
 from loops import CACHE, HALF, HALVES, PLANT, loops_in, simulated
 
 from mavdem.assessment.assess import NoLoop
-from mavdem.condition.loop.advice import advise
-from mavdem.condition.loop.loop import TARGETS, Loop, Target, scores_of
+from mavdem.loops.advice import advise
+from mavdem.loops.axis_loops import TARGETS, Loop, Target, scores_of
 
 # Times the control effectiveness of the flight
 EFFECTS = {"after": 1.0, "1.2 times": 1.2, "1.44 times": 1.44}

@@ -25,15 +25,15 @@ from flights import TABLES, Values, command, drawn, flight_of, rows_of, share, s
 from numpy.random import default_rng
 
 import mavdem.live.session
-from mavdem.analysis.analysis import motor_alarms
+from mavdem.assessment.axis.analysis import motor_alarms
 from mavdem.dataset.phases import settled
 from mavdem.dataset.signals import Signals
 from mavdem.dem import Settings
 from mavdem.facts.session import Session
-from mavdem.health.in_flight import MotorAlarm
 from mavdem.ingest.formats import read_stream
 from mavdem.live import LiveStream
 from mavdem.live.session import LiveSession
+from mavdem.motors.loss_detection import MotorAlarm
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 

@@ -23,24 +23,24 @@ from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 from physical import Case, scenario, varied
 
-from mavdem.analysis import Options
 from mavdem.assessment.assess import NoLoop, assess
-from mavdem.condition.loop.controllers import (
-    LOOP_RATES,
-    USUAL_RATES,
-    Controller,
-    controller_of,
-)
-from mavdem.condition.loop.loop import Loop
-from mavdem.condition.loop.margins import OpenLoop, attitude_loop, rate_loop
+from mavdem.assessment.axis import Options
 from mavdem.confidence import ENDS
 from mavdem.errors import Refusal
+from mavdem.experiments.paper.runner import write_log
 from mavdem.facts import Fact
 from mavdem.files import table_beside
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.telemetry import Telemetry, rate_without_gaps, selected
 from mavdem.ingest.vocabulary import IN_AIR
-from mavdem.paper.runner import write_log
+from mavdem.loops.axis_loops import Loop
+from mavdem.loops.controllers import (
+    LOOP_RATES,
+    USUAL_RATES,
+    Controller,
+    controller_of,
+)
+from mavdem.loops.margins import OpenLoop, attitude_loop, rate_loop
 from sitl_scenarios.dynamics import IDLE_COMMAND, MAX_PULSE, frame, pulse
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.gains import parameters_of

@@ -25,14 +25,14 @@ from numpy.typing import NDArray
 
 from mavdem import Flight
 from mavdem.confidence import quantile
-from mavdem.dem import NotIdentifiable, Physical, WindTorque, physical
-from mavdem.dem.graybox.wind import wind
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable, Unreadable
+from mavdem.experiments.paper.runner import SHARED, logged
 from mavdem.facts.identifiability import Status
 from mavdem.files import table_beside
 from mavdem.ingest.vocabulary import IN_AIR
-from mavdem.paper.runner import SHARED, logged
+from mavdem.plant import NotIdentifiable, Physical, WindTorque, physical
+from mavdem.plant.wind_torque import wind
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly

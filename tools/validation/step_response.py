@@ -12,10 +12,10 @@ import numpy as np
 from flights import TABLES, Values, command, drawn, flight_of, rows_of, show, telemetry_of
 from numpy.random import default_rng
 
-from mavdem.condition.condition import settled_parts
-from mavdem.condition.step_response import attitude_response, rate_response, step_of
+from mavdem.assessment.condition import settled_parts
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
+from mavdem.loops.step_response import attitude_response, rate_response, step_of
 from sitl_scenarios.gains import controller_for
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth

@@ -22,8 +22,8 @@ from scipy.signal import spectrogram
 
 from mavdem.cli.twin import twin_command
 from mavdem.dataset.read import choose_vehicle
+from mavdem.experiments.paper.runner import write_log
 from mavdem.ingest import read_log
-from mavdem.paper.runner import write_log
 from sitl_scenarios.files import load, with_parameters, with_vehicle
 from sitl_scenarios.gains import parameters_of
 from sitl_scenarios.motion import Array

@@ -18,9 +18,9 @@ from flights import TABLES, Values, command, drawn, rows_of, share, show
 from numpy.random import Generator, default_rng
 
 from mavdem import Drag, wind
-from mavdem.condition.wind_velocity import coming_from
+from mavdem.experiments.paper.runner import write_log
 from mavdem.facts.identifiability import Status
-from mavdem.paper.runner import write_log
+from mavdem.wind_velocity.estimation import coming_from
 from sitl_scenarios.files import load, scenario_of
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.linalg import LinAlgError
 
+from mavdem.arrays import Array, Pair
 from mavdem.dem.engine import steps
 from mavdem.dem.engine.free_energy import Belief, optimal_terms
 from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics
-from mavdem.dem.engine.linalg import Array, Pair, inverse
+from mavdem.dem.engine.linalg import inverse
 
 # F̄ has converged when a round gains less: so little does not separate two models
 CONVERGED_NATS = 0.02

@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.arrays import Array
 from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics
-from mavdem.dem.engine.linalg import Array, logdet
+from mavdem.dem.engine.linalg import logdet
 
 
 class Belief(NamedTuple):

@@ -5,7 +5,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from mavdem.dem.engine.linalg import Array
+from mavdem.arrays import Array
 
 RELATIVE_STEP = 1e-4  # of a parameter, for slopes by differences: between rounding and curvature
 CONVERGED_NATS = 5e-3  # that the last step gains: so little does not separate two models

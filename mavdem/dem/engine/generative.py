@@ -16,7 +16,8 @@ import numpy as np
 from scipy.linalg import inv
 from scipy.ndimage import correlate1d
 
-from mavdem.dem.engine.linalg import Array, Indices, logdet
+from mavdem.arrays import Array, Indices
+from mavdem.dem.engine.linalg import logdet
 from mavdem.dem.engine.model import unpack
 
 Sizes = tuple[int, int, int]  # of states, inputs and outputs

@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from mavdem.dem.engine.linalg import Array, Pair, may_overflow
+from mavdem.arrays import Array, Pair
+from mavdem.dem.engine.linalg import may_overflow
 from mavdem.dem.engine.model import recursion
 
 STEADY_CHANGE = (

@@ -7,46 +7,16 @@ LAPACK is called directly, since SciPy's wrappers would cost more than the work.
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache, partial
+from functools import cache
 from threading import RLock
-from typing import Annotated, Any
 
 import numpy as np
 from numpy.linalg import LinAlgError
 from numpy.random import default_rng
-from numpy.typing import NDArray
-from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
 from scipy.linalg.lapack import dposv, dpotrf, dpotri
 from threadpoolctl import ThreadpoolController
 
-
-def _read(dtype: type[np.generic], kinds: str, value: Any) -> NDArray[Any]:
-    """The array of a document's nested lists, whose numbers are of such ``kinds``; ``ValueError`` for others."""
-    try:
-        if isinstance(value, list) and np.asarray(value).dtype.kind in kinds:
-            return np.array(value, dtype)
-    except (TypeError, ValueError, OverflowError):
-        pass
-    raise ValueError("must be numbers of one shape")
-
-
-def _written(values: NDArray[Any]) -> Any:
-    """Nested lists, without NaN, which JSON has not."""
-    lost = np.isnan(values)
-    return np.where(lost, np.array(None), values).tolist() if lost.any() else values.tolist()
-
-
-WRITTEN = PlainSerializer(_written)
-LISTED = WithJsonSchema({"type": "array"})
-"""How arrays stand in documents."""
-Array = Annotated[
-    NDArray[np.float64], PlainValidator(partial(_read, np.float64, "fiuO")), WRITTEN, LISTED
-]
-Pair = tuple[Array, Array]
-Indices = Annotated[
-    NDArray[np.intp], PlainValidator(partial(_read, np.intp, "iu")), WRITTEN, LISTED
-]
-Flags = Annotated[NDArray[np.bool_], PlainValidator(partial(_read, np.bool_, "b")), WRITTEN, LISTED]
+from mavdem.arrays import Array, Pair
 
 # keeps zeros from being divided by, or their logarithms from being taken
 SMALLEST = np.finfo(np.float64).tiny

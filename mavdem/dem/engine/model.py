@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from mavdem.dem.engine.linalg import Array
+from mavdem.arrays import Array
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 

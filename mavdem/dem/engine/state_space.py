@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mavdem.arrays import Array, Indices
 from mavdem.dem.engine.kalman import steady_gain
-from mavdem.dem.engine.linalg import Array, Indices, may_overflow
+from mavdem.dem.engine.linalg import may_overflow
 from mavdem.dem.engine.model import Transition, discretize, recursion
 
 

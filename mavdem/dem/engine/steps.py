@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.arrays import Array, Pair
 from mavdem.dem.engine.free_energy import (
     Belief,
     expected_weights,
@@ -18,7 +19,7 @@ from mavdem.dem.engine.free_energy import (
     theta_curvature,
 )
 from mavdem.dem.engine.gauss_newton import MAX_STEPS
-from mavdem.dem.engine.linalg import Array, Pair, inverse, solve
+from mavdem.dem.engine.linalg import inverse, solve
 
 LONGEST_PRECISION_STEP = 4.0
 """A step of λ changes a noise precision at most by e⁴: far from the maximum the curvature says little."""

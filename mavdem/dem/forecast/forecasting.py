@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mavdem.dem.engine.linalg import Array
+from mavdem.arrays import Array
 from mavdem.dem.forecast.var import Forecast
 from mavdem.dem.record import MOST_STEPS, Record, required_number
 

@@ -19,8 +19,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import hadamard
 
+from mavdem.arrays import Array
 from mavdem.confidence import half_width
-from mavdem.dem.engine.linalg import Array, one_thread
+from mavdem.dem.engine.linalg import one_thread
 from mavdem.dem.forecast import var
 from mavdem.dem.record import FEWEST_MOTORS, Record
 from mavdem.immutable import Result

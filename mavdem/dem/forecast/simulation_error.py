@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import null_space
 
+from mavdem.arrays import Array, Indices
 from mavdem.dem.engine.gauss_newton import (
     CONVERGED_NATS,
     RELATIVE_STEP,
@@ -22,7 +23,7 @@ from mavdem.dem.engine.gauss_newton import (
     gauss_newton,
 )
 from mavdem.dem.engine.generative import GenerativeModel, Sizes
-from mavdem.dem.engine.linalg import Array, Indices, inverse, logdet, may_overflow
+from mavdem.dem.engine.linalg import inverse, logdet, may_overflow
 from mavdem.dem.engine.model import discretize, unpack
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.forecast.joint import turning_combinations

@@ -17,8 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dtrtri
 
+from mavdem.arrays import Array, Indices, Pair
 from mavdem.dem.engine.kalman import KalmanFilter
-from mavdem.dem.engine.linalg import ROUNDING, Array, Indices, Pair, may_overflow
+from mavdem.dem.engine.linalg import ROUNDING, may_overflow
 from mavdem.dem.record import Record, Spread
 from mavdem.errors import NotLearnable
 from mavdem.facts.model import ModelRefusal

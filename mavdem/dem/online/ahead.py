@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from mavdem.dem.engine.linalg import Array, Pair, may_overflow, one_thread
+from mavdem.arrays import Array, Pair
+from mavdem.dem.engine.linalg import may_overflow, one_thread
 from mavdem.dem.forecast.joint import CHOICES, LAGS, Choice, choose
 from mavdem.dem.forecast.var import ChannelUnits, LagStatistics, Var, initial_lags
 from mavdem.dem.online.memory import Memory, MemoryBlock

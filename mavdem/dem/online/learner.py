@@ -4,16 +4,17 @@
 many samples. In between every sample is filtered and predicted by the newest model.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mavdem.dem.engine.linalg import Array
+from mavdem.arrays import Array
 from mavdem.dem.forecast.joint import known_combinations
-from mavdem.dem.graybox.parameters import Physical
 from mavdem.dem.learned import Learned
 from mavdem.dem.learning import FEWEST_SAMPLES, learn, learn_with_fit
 from mavdem.dem.online.ahead import OnlineJoint
@@ -25,7 +26,6 @@ from mavdem.dem.online.tracker import (
     Surprise,
     Tracker,
 )
-from mavdem.dem.online.wind import NOTHING, OnlineWind, WeakMotors
 from mavdem.dem.record import (
     MOST_STEPS,
     Record,
@@ -40,6 +40,10 @@ from mavdem.dem.settings import Settings
 from mavdem.errors import NotLearnable, fact_of
 from mavdem.facts import Fact
 from mavdem.facts.online import Online
+
+if TYPE_CHECKING:
+    from mavdem.plant.online_wind_torque import WeakMotors
+    from mavdem.plant.parameters import Physical
 
 MEMORY_BLOCK_SECONDS = 0.1  # of samples, which are remembered and forgotten together
 LEARNING_SECONDS = 2.0  # of samples, before the first call of ``learn``, and between two
@@ -131,6 +135,9 @@ class OnlineLearner:
         self._bands = ErrorBands(len(self.horizons), n_outputs, self._dt)
         combinations = known_combinations(n_inputs, directions)
         self._ahead = OnlineJoint(self._dt, self.horizons, n_outputs, combinations)
+        # The wind torque is estimated by the plant, a room above this one.
+        from mavdem.plant.online_wind_torque import OnlineWind
+
         self._wind = OnlineWind(self._memory, executor, prior)
         self._surprise, self._marks = Surprise(self._dt), AnomalyMarks(self._dt)
 
@@ -173,7 +180,7 @@ class OnlineLearner:
             self._gaps = 0
         closed = self._memory.add(u, y, time)
         self._samples += 1
-        torque = self._wind.update(u, weak) if self.follows_torque else NOTHING
+        torque = self._wind.update(u, weak) if self.follows_torque else (np.nan, np.nan)
         estimate = self._estimate(time, y)._replace(
             wind_torque=torque[0],
             wind_torque_band=torque[1],

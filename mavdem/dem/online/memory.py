@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.dem.engine.linalg import Array, Pair
+from mavdem.arrays import Array, Pair
 from mavdem.dem.record import Record
 
 

@@ -8,19 +8,22 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from mavdem.arrays import Array, Pair
 from mavdem.confidence import ENDS, ENOUGH_SAMPLES, LEVEL
 from mavdem.dem.engine.free_energy import SampleEnergy
 from mavdem.dem.engine.generative import taylor_weights
-from mavdem.dem.engine.linalg import ROUNDING, Array, Pair
+from mavdem.dem.engine.linalg import ROUNDING
 from mavdem.dem.engine.model import LinearModel
 from mavdem.dem.fitting import Fit
-from mavdem.dem.graybox.parameters import Physical
 from mavdem.dem.learned import Learned
 from mavdem.dem.online.memory import Memory
+
+if TYPE_CHECKING:
+    from mavdem.plant.parameters import Physical
 
 BAND_SECONDS = 6.0
 """Of errors: fewer give no steady quantile, and a change of the vehicle widens bands for this long."""
@@ -72,8 +75,9 @@ class Estimate(NamedTuple):
         until: time of the last sample the model was learned from, s.
         unusual: whether this sample is marked: surprise stays above what is usual in this flight. Without a change, one
             mark in five minutes is expected; see ``AnomalyMarks``.
-        wind_torque: the wind's torque, rad/s², steady part included, ``mavdem.dem.online.wind.DELAY_SECONDS`` before
-            this sample; by the physical parameters as of the last fit, NaN before the first.
+        wind_torque: the wind's torque, rad/s², steady part included,
+            ``mavdem.plant.online_wind_torque.DELAY_SECONDS`` before this sample; by the physical
+            parameters as of the last fit, NaN before the first.
         wind_torque_band: half width of its 90 % band.
         wind_time: the time it is of, s.
         physical: the physical parameters as of the last fit.

@@ -19,10 +19,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.arrays import Integers
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
 from mavdem.heading import Names
-from mavdem.ingest.telemetry import Columns, Integers, repair, rows_by
+from mavdem.ingest.telemetry import Columns, repair, rows_by
 
 # The header's two bytes, and the bytes of it and the id
 HEADER = b"\xa3\x95"

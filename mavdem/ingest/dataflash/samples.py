@@ -7,9 +7,10 @@ filters. Of an autopilot that logs both, instances behind the filters count on f
 
 import numpy as np
 
+from mavdem.arrays import Array
 from mavdem.heading import Names
 from mavdem.ingest.dataflash.translation import ACCELEROMETERS, GYROS, having, instance
-from mavdem.ingest.telemetry import Array, Columns, Parameters, Tables, joined, rows_by
+from mavdem.ingest.telemetry import Columns, Parameters, Tables, joined, rows_by
 
 FIELDS = {"GYRO": GYROS, "ACCEL": ACCELEROMETERS}
 RAW = {"GYRO": "GYR", "ACCEL": "ACC"}

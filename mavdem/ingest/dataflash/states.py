@@ -11,7 +11,8 @@ from operator import itemgetter
 
 import numpy as np
 
-from mavdem.ingest.telemetry import Array, Columns, Tables
+from mavdem.arrays import Array
+from mavdem.ingest.telemetry import Columns, Tables
 from mavdem.ingest.vocabulary import ARDUPILOT, ARMED, IN_AIR, ON_GROUND, heartbeat_fields
 
 Stamps = Callable[[float], Array]

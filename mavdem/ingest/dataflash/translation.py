@@ -17,6 +17,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
+from mavdem.arrays import Array
 from mavdem.confidence import ENOUGH_SAMPLES
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
@@ -26,7 +27,6 @@ from mavdem.ingest.dataflash.binary import MessageTable
 from mavdem.ingest.dataflash.states import states_of
 from mavdem.ingest.telemetry import (
     FREQUENT_ENOUGH,
-    Array,
     Columns,
     Tables,
     held,

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
 
+from mavdem.arrays import Flags
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
-from mavdem.ingest.telemetry import Flags, repair
+from mavdem.ingest.telemetry import repair
 
 Times = NDArray[np.float64]
 Rows = NDArray[np.int64]

@@ -26,7 +26,7 @@ from fastcrc.crc16 import mcrf4xx
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
-from mavdem.ingest.telemetry import Flags
+from mavdem.arrays import Flags
 
 Bytes = NDArray[np.uint8]
 Places = NDArray[np.int64]

@@ -31,12 +31,13 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
 from pymavlink.dialects.v20 import all as dialect
 
+from mavdem.arrays import Array
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
 from mavdem.heading import Values
 from mavdem.ingest.contents import FREE_BYTES, MAX_RATIO
 from mavdem.ingest.mavlink.vehicles import FrameStream
-from mavdem.ingest.telemetry import Array, repair
+from mavdem.ingest.telemetry import repair
 
 MAGIC = b"\x89MCAP0\r\n"
 READ = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.arrays import Array, Integers
 from mavdem.errors import Unreadable
 from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair, Source
@@ -31,10 +32,8 @@ from mavdem.ingest.mcap.records import McapRecording
 from mavdem.ingest.px4_topics import NEEDED, SETPOINTS
 from mavdem.ingest.ros2.messages import CDR, TopicColumns, columns_of, decoder
 from mavdem.ingest.telemetry import (
-    Array,
     Choices,
     Columns,
-    Integers,
     Log,
     Tables,
     Telemetry,

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from mcap.records import Schema
 
-from mavdem.ingest.telemetry import MAX_FIELDS, Fields, Integers
+from mavdem.arrays import Integers
+from mavdem.ingest.telemetry import MAX_FIELDS, Fields
 
 CDR = "cdr"  # Message encoding of rosbag2 (https://mcap.dev/spec/registry)
 DEFINITION = "ros2msg"  # Schema encoding of rosbag2 (https://mcap.dev/spec/registry)

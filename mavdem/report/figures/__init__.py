@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from mavdem.dem import Learned
-from mavdem.evaluate.held_out import HeldOut, held_out_windows
+from mavdem.experiments.held_out import HeldOut, held_out_windows
 from mavdem.flight import Flight
 from mavdem.report import model_charts
 from mavdem.report.figures.style import figure_of

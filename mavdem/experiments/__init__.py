@@ -1,0 +1,1 @@
+"""Experiments: other methods, held-out errors, comparisons, and the experiments of the paper."""

@@ -1,0 +1,26 @@
+"""The methods that DEM is compared with: each takes what ``mavdem.learn`` takes and returns a ``Forecaster``."""
+
+from mavdem.dem.engine.state_space import StateSpace
+from mavdem.experiments.methods.identified import (
+    Identified,
+    JointAutoregression,
+    constant_mean,
+    hold,
+    var,
+    zero,
+)
+from mavdem.experiments.methods.maximum_likelihood import em, pem
+from mavdem.experiments.methods.subspace_identification import subspace
+
+__all__ = [
+    "Identified",
+    "JointAutoregression",
+    "StateSpace",
+    "constant_mean",
+    "em",
+    "hold",
+    "pem",
+    "subspace",
+    "var",
+    "zero",
+]

@@ -1,0 +1,92 @@
+"""The analysis of a log at each tier: what is learnt, what is withheld, and why."""
+
+from dataclasses import replace
+
+import numpy as np
+from made_up_analysis import held_out
+from numpy.random import default_rng
+from numpy.testing import assert_allclose
+from pytest import fixture, mark, raises
+from recorded_flights import FLIGHT, LOGS
+
+import mavdem
+from mavdem.assessment.assess import assess
+from mavdem.assessment.axis.analysis import MAX_SLOW_RATIO, slow_motion_refusal
+from mavdem.assessment.axis.figures import model_figures
+from mavdem.facts.assessment import Caveat, NoModel
+from mavdem.facts.model import NoPhysical
+from mavdem.ingest import read_log
+from mavdem.ingest.telemetry import selected
+from mavdem.plant import physical
+from mavdem.report.blocks import text_of
+from mavdem.report.screen import analysis_blocks
+
+
+@fixture(scope="module")
+def slow():
+    """A flight at 100 Hz as a link of 10 Hz would send it."""
+    whole = read_log(FLIGHT)
+    (vehicle,) = whole.vehicles
+    streams = ("ATTITUDE", "SERVO_OUTPUT_RAW")
+    messages = {
+        name: selected(one, slice(None, None, 10)) if name in streams else one
+        for name, one in vehicle.messages.items()
+    }
+    return assess(replace(whole, vehicles=(replace(vehicle, messages=messages),)), axis="roll")
+
+
+@mark.slow
+def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_is_told(slow):
+    told = text_of(analysis_blocks(slow))
+    slow = slow.analysis
+    assert slow.tier.tier == "b" and slow.learned is not None and slow.held_out is not None
+    assert slow.held_out.error_ratio() < MAX_SLOW_RATIO and slow.held_out.coverage > 0.75
+    assert (slow.learned.physical, slow.learned.wind) == (None, None)
+    assert slow.learned.physical_reason.code is NoPhysical.SAMPLED_TOO_SLOWLY
+    assert slow.learned.cautions[0].code is Caveat.SLOW_MOTION_ONLY
+    assert slow.alarms == () and "Hz" in str(slow.reason) and slow.reason.remedy
+    assert "Lean:" in told and "Mean lean" not in told and told.count("± is") == 1
+    with raises(ValueError, match="40 Hz"):
+        slow.learned.simulate(slow.flights[0].inputs)
+    report = model_figures(slow.flights, slow.learned, slow.held_out)
+    ratios = [error["relative"] for error in report["forecast_mspe"].values()]
+    assert ratios == sorted(ratios) and len(ratios) == 3
+
+
+@mark.parametrize(
+    "ratio, windows, spread, kept",
+    [
+        (0.5, 20, 0.1, True),
+        (0.95, 40, 0.01, False),
+        (0.8, 5, 0.1, False),
+        (0.85, 20, 3.0, False),
+        (1.1, 40, 0.1, False),
+    ],
+)
+def test_a_model_must_beat_the_baselines_by_a_margin_that_is_not_luck(ratio, windows, spread, kept):
+    errors = np.sqrt(ratio * np.exp(spread * default_rng(1).standard_normal(windows)))
+    judged = held_out(last=1.2, count=windows)
+    forecast = np.broadcast_to(errors[:, None, None], judged.measured.shape)
+    judged = replace(judged, forecasts=judged.forecasts | {"forecast": forecast})
+    refusal = slow_motion_refusal(judged)
+    assert (refusal is None) == kept
+    if refusal is not None:
+        assert refusal.code is NoModel.SLOW_MODEL_TOO_WEAK
+        assert (refusal.figures["p_value"] is None) == (ratio != 0.8)
+
+
+PX4 = LOGS / "px4_wind5_steps.tlog"
+
+
+@mark.slow
+def test_each_axis_is_as_by_itself_and_that_of_a_model_of_it():
+    log = read_log(PX4)
+    found = assess(log)
+    axes = found.analysis.axes
+    assert list(axes) == ["roll", "pitch", "yaw"]
+    alone = physical(mavdem.read_segments(PX4, axis="yaw"))
+    assert_allclose(axes["yaw"].physical.effect, alone.effect)
+    assert axes["yaw"].physical.status == alone.status
+    pitch = found.with_axis("pitch").analyses["pitch"].learned
+    assert pitch.physical is axes["pitch"].physical
+    assert_allclose(pitch.wind_torque.torque, axes["pitch"].wind.torque)

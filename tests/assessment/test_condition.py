@@ -1,0 +1,251 @@
+"""Condition, hover, identity and tier of made-up flights, against what they were made of, at rates down to 1 Hz."""
+
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+from hover import Hover, changed, columns, disarmed, only, pulses, with_pulses, with_texts
+from numpy.random import default_rng
+from pytest import approx, mark
+from refusals import refused
+
+from mavdem.assessment.condition import condition_of, hover_figures, hover_of, mean_interval
+from mavdem.assessment.inventory import autopilot_alarms, identity_of, inventory, tier_of
+from mavdem.dataset.learnability import learnability_of
+from mavdem.dataset.signals import Signals
+from mavdem.facts.learnability import MotorObstacle, Reason
+from mavdem.ingest import Log
+from mavdem.ingest.motors import OutputScale
+from mavdem.ingest.telemetry import Component
+from mavdem.ingest.vocabulary import UNNAMED
+from mavdem.report.condition import stream_contents
+
+HOVER = Hover(hovering=60.0)
+
+
+BEAT = HOVER.stamps(1.0)
+
+
+def powered(current):
+    """A hover on a battery that gives a ``current``, A, and sags by it."""
+    volts = 16.0 - 0.01 * BEAT - 0.05 * current
+    battery = columns(BEAT, voltage_battery=1e3 * volts, current_battery=1e2 * current)
+    return changed(HOVER.telemetry(10.0, 10.0), "SYS_STATUS", **battery)
+
+
+def test_a_vehicle_that_never_armed_has_its_battery_and_how_long_it_stood():
+    found = condition_of(Signals(disarmed(powered(15.0))))
+    assert found.armed == found.settled == 0
+    assert not (found.hover or found.lean)
+    assert found.duration == approx(HOVER.end, abs=1.5)
+    assert found.battery.voltage_start > found.battery.voltage_end
+
+
+def test_without_motor_outputs_the_lean_is_known_all_the_same():
+    telemetry = HOVER.telemetry(4.0, without=("SERVO_OUTPUT_RAW",))
+    flown = columns(BEAT, landed_state=1 + (abs(BEAT - 40) < 34))
+    leaning = changed(telemetry, "ATTITUDE", roll=0.05)
+    found = condition_of(Signals(changed(leaning, "EXTENDED_SYS_STATE", **flown)))
+    assert found.hover is None and found.settled > 50
+    assert found.lean["roll"].mean == approx(0.05)
+
+
+def test_a_current_sensor_that_reads_nothing_in_flight_has_no_figures():
+    found = condition_of(Signals(powered(1.0 * (BEAT < 20)))).battery
+    assert found.voltage_mean == approx(15.6, abs=0.2) and found.current_mean is None
+
+
+def test_the_interval_is_by_cosines_slower_than_a_twentieth_of_a_hertz():
+    slow, fast = series = np.cos(np.pi / 400 * np.outer([20, 21], np.arange(400) + 0.5))
+    half = 1.7247 * np.sqrt(slow.var() / 20)  # 5 % of Student's with 20 degrees of freedom
+    assert mean_interval(series.T, 200.0) == approx([half, 0.0], abs=1e-5)
+    assert [np.isinf(mean_interval(fast[:n, None], 200.0))[0] for n in (40, 41)] == [True, False]
+
+
+@mark.parametrize(
+    "stop, parameters, low",
+    [
+        (1950.0, {"MOT_SPIN_MAX": 0.95, "MOT_PWM_MIN": 1000.0, "MOT_PWM_MAX": 2000.0}, 1000.0),
+        (1880.0, {}, 1000.0),
+        (1880.0, {"MOT_PWM_MIN": 1100.0, "MOT_PWM_MAX": 1900.0, "MOT_SPIN_MAX": 0.99}, 1100.0),
+    ],
+)
+def test_motors_are_at_the_stop_that_the_autopilot_sets_or_the_outputs_show(stop, parameters, low):
+    telemetry = HOVER.telemetry(parameters=parameters)
+    sent = pulses(telemetry)
+    time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
+    wanted = 1650.0 + 100 * default_rng(3).standard_normal(sent.shape)
+    wanted[1] += 400.0 * (np.sin(0.5 * time) > 0.6)
+    outputs = np.where(sent > 1000, wanted.clip(low, stop).round(), low)
+    found = hover_of(Signals(with_pulses(telemetry, outputs), inputs="motors"))
+    assert found.headroom[1] == 0 and 0 < found.headroom[0] < 0.1
+    assert found.at_upper_limit[1] == approx(0.3, abs=0.05)
+    assert max(found.at_upper_limit[::2]) < 0.02
+
+
+def test_motors_that_never_ran_have_no_figures():
+    scale = OutputScale("PWM", "µs", 1000.0, 2000.0, 1.0)
+    fact = refused(hover_figures, ("motor",), scale, 1.0, np.full((2, 1), 1000.0), {})
+    assert fact.code is MotorObstacle.MOTORS_OFF
+
+
+TEXT = "CUAVv5Nano 001A002F 30395113 33333539"
+CALIBRATED = {f"INS_ACCOFFS_{axis}": 0.11 for axis in "XYZ"}
+CALIBRATED |= {f"INS_ACCSCAL_{axis}": 1.01 for axis in "XYZ"}
+
+
+def flown(parameters=None, autopilot="ARDUPILOTMEGA"):
+    return Hover().telemetry(10.0, 10.0, autopilot=autopilot, parameters=parameters)
+
+
+def with_version(telemetry, **fields):
+    return changed(telemetry, "AUTOPILOT_VERSION", **columns([1.0], **fields))
+
+
+def name_of(telemetry):
+    found = identity_of(Signals(telemetry))
+    return found.name, found.basis
+
+
+def test_the_boards_number_is_the_same_from_the_text_and_from_autopilot_version():
+    said = with_texts(flown(), TEXT.encode())
+    words = np.array([int(word, 16) for word in TEXT.split()[1:]], "<u4")
+    uid2 = np.append(words, [0, 0]).astype("<u4").view(np.uint8)[None, :18]
+    sent = with_version(flown(), uid2=uid2)
+    assert name_of(said) == name_of(sent) == ("001a002f3039511333333539", "board")
+
+
+def test_without_a_number_the_calibration_names_the_vehicle_and_defaults_do_not():
+    ours, basis = name_of(flown(CALIBRATED))
+    assert basis == "accelerometer"
+    more = {"INS_GYROFFS_X": 0.5, "ATC_RAT_RLL_P": 0.2}
+    assert name_of(flown(CALIBRATED | more)) == (ours, basis)
+    assert name_of(flown(CALIBRATED | {"INS_ACCOFFS_X": 0.12}))[0] != ours
+    simulated = {name: round(value) + 0.001 for name, value in CALIBRATED.items()}
+    assert name_of(flown(simulated)) == name_of(flown()) == ("ardupilotmega-1", "system id")
+
+
+@mark.parametrize("uid2", [bytes(18), bytes([4, *bytes(17)])])
+def test_a_simulators_small_number_is_none(uid2):
+    rows = np.frombuffer(uid2, dtype=np.uint8)[None]
+    assert name_of(with_version(flown(autopilot="PX4"), uid2=rows)) == ("px4-1", "system id")
+
+
+def test_the_date_is_when_the_settled_flight_began():
+    unix = datetime(2026, 5, 4, 12, 0, 0, tzinfo=UTC)
+    beat = Hover().stamps(1.0)
+    clock = np.where(beat < 3, 0, 1e6 * (unix.timestamp() + beat)).astype(np.uint64)
+    dated = changed(flown(), "SYSTEM_TIME", **columns(beat, time_unix_usec=clock))
+    found = identity_of(Signals(dated)).date
+    assert 11 <= (found - unix).total_seconds() <= 13  # level from 11 s on
+    assert identity_of(Signals(flown())).date is None
+    assert identity_of(Signals(flown()), unix.timestamp()).date == unix
+    assert identity_of(Signals(disarmed(dated))).date.second == 3
+
+
+def test_the_place_is_that_of_the_first_fix():
+    places = columns([1.0, 2.0, 3.0], lat=[0, 500000012, 51e7], lon=[0, 80000049, 9e7])
+    found = identity_of(Signals(changed(flown(), "GPS_RAW_INT", fix_type=[0, 3, 3], **places)))
+    assert found.place == (50.0, 8.0)
+
+
+def test_firmware_is_what_the_autopilot_says_or_sends():
+    said = with_texts(flown(), b"ArduCopter V4.5.7 (2a3dc4b7)")
+    assert identity_of(Signals(said)).firmware == "ArduCopter V4.5.7 (2a3dc4b7)"
+    version = np.array([(1 << 24) + (16 << 16) + 255], dtype=np.uint32)
+    sent = with_version(flown(autopilot="PX4"), flight_sw_version=version)
+    assert identity_of(Signals(sent)).firmware == "PX4 v1.16.0"
+    own = replace(sent, firmware="PX4 v1.2.3 (abc)")
+    assert identity_of(Signals(own)).firmware == own.firmware
+
+
+def test_what_the_autopilot_warned_of_comes_once_and_the_worst_first():
+    low = b"Battery 1 is low"
+    telemetry = with_texts(flown(), low, b"Takeoff", b"EKF variance", low, severity=(4, 6, 2, 4))
+    found = [tuple(one.values()) for one in autopilot_alarms(telemetry)]
+    assert found == [
+        ("critical", "EKF variance", 3.0, 0, 1),
+        ("warning", "Battery 1 is low", 1.0, 0, 2),
+    ]
+    released = autopilot_alarms(changed(flown(), "EV", **columns([4.0], Id=[51])))
+    assert [one["severity"] for one in released] == ["warning"]
+    old = with_texts(flown(), b"GROUND START", b"ARMING MOTORS", severity=(1, 3))
+    assert autopilot_alarms(old) == autopilot_alarms(flown()) == []
+
+
+LONG = Hover(hovering=100.0)
+
+
+def tier(telemetry):
+    signals = Signals(telemetry)
+    return tier_of(learnability_of(signals), condition_of(signals))
+
+
+@mark.parametrize(
+    "attitude, motors, name, following",
+    [
+        (100.0, 100.0, "a", None),
+        (50.0, 10.0, "b", "a"),
+        (100.0, 4.0, "c", "b"),
+        (1.0, 1.0, "c", "b"),
+    ],
+)
+def test_the_slower_stream_decides_the_tier(attitude, motors, name, following):
+    found = tier(HOVER.telemetry(attitude, motors))
+    assert (found.tier, found.next_tier and found.next_tier.tier) == (name, following)
+    assert bool(found.tier_reason.remedy) == (name != "a")
+    assert name == "a" or found.tier_reason.code is Reason.STREAMS_TOO_SLOW
+
+
+def test_without_settled_flight_there_is_no_tier_but_what_it_takes():
+    found = tier(disarmed(HOVER.telemetry(10.0, 10.0)))
+    assert found.tier is None and found.next_tier.tier == "c"
+    assert found.tier_reason.code is Reason.NEVER_ARMED
+    submarine = tier(HOVER.telemetry(100.0, 100.0, vehicle="SUBMARINE"))
+    assert submarine.tier is None and submarine.tier_reason.code is Reason.NO_MULTIROTOR
+    assert not tier(disarmed(HOVER.telemetry())).next_tier.is_slow
+
+
+STATION = Component(255, 190, "GCS", "INVALID", {"HEARTBEAT": 60}, lost=100)
+
+
+def told(*vehicles, speaker=None):
+    speaker = speaker or Component(1, 1, "QUADROTOR", "PX4", {"ATTITUDE": 1000}, lost=4000)
+    return inventory(Log("made-up.tlog", vehicles, (speaker, STATION), (), 0, 0, (1.6e9, 2e9)))
+
+
+def test_a_log_of_some_kinds_misses_nothing_of_what_it_keeps():
+    stamps_of_8_and_12 = np.cumsum(np.resize([0.008, 0.012], round(LONG.end * 100)))
+    vehicle, station = told(LONG.telemetry(stamps_of_8_and_12, 50.0))["speakers"]
+    assert vehicle["lost_share"] == approx(0.8)
+    assert vehicle["missing_share"] == 0
+    assert station["missing_share"] is None
+    few = told(replace(LONG.telemetry(), messages={"PING": columns(2.0 ** np.arange(49))}))
+    assert few["speakers"][0]["missing_share"] is None
+    assert few["vehicles"][0]["identity"].date.year == 2020
+
+
+def test_who_sends_no_heartbeat_is_shown_as_such():
+    camera = Component(1, 100, UNNAMED, UNNAMED, {"ATTITUDE": 5}, lost=0)
+    shown = [f"{one.lead} {one.text}" for one in stream_contents(told(speaker=camera))]
+    assert "1:100 (no heartbeat)" in shown[0] and "255:190 (GCS)" in shown[1]
+
+
+def rate_of(telemetry, message):
+    return told(telemetry)["vehicles"][0]["messages"][message]["rate"]
+
+
+@mark.parametrize("seconds, rate", [(0.8, 100), (0.7, 24)])
+def test_a_rate_is_that_without_pauses_but_of_what_comes_in_bursts(seconds, rate):
+    paused = only(LONG.telemetry(), lambda time: time % 3 < seconds)
+    assert round(rate_of(paused, "ATTITUDE")) == rate
+
+
+def test_the_rate_of_a_message_with_several_ports_is_that_of_one():
+    telemetry = LONG.telemetry()
+    table = telemetry.messages["SERVO_OUTPUT_RAW"]
+    twice = {name: np.repeat(column, 2) for name, column in table.items()}
+    twice["port"] = np.resize([0, 1], len(twice["time"]))
+    assert rate_of(changed(telemetry, "SERVO_OUTPUT_RAW", **twice), "SERVO_OUTPUT_RAW") == rate_of(
+        telemetry, "SERVO_OUTPUT_RAW"
+    )

@@ -1,0 +1,265 @@
+"""Findings: a bad result never looks good, and each limit holds at its edge."""
+
+from dataclasses import make_dataclass, replace
+from types import SimpleNamespace
+
+import numpy as np
+from made_up_analysis import HOVER, held_out, model, physical
+from pytest import approx, mark
+from refusals import prose
+
+from mavdem.assessment.axis.findings import (
+    Finding,
+    disown_torque,
+    findings_of,
+    next_step,
+    warnings_of,
+)
+from mavdem.assessment.axis.residuals import Residuals
+from mavdem.documents import vehicle
+from mavdem.facts import Fact, Level
+from mavdem.facts.assessment import (
+    Because,
+    BoundTest,
+    Caveat,
+    Grade,
+    InShort,
+    NextStep,
+    Override,
+    Purpose,
+)
+from mavdem.facts.forecasts import Forecasts
+from mavdem.facts.identifiability import Status
+from mavdem.facts.motors import Trim
+from mavdem.loops.limit_cycles import Oscillation
+from mavdem.motors.loss_detection import MotorAlarm
+from mavdem.report.screen import parameter_reasons
+
+GOOD, LIMITED, NONE = Grade
+EFFECT, MOTION, WIND, PREDICTION, RESIDUALS = Purpose
+
+
+def found(purpose, *known, **more):
+    """The finding on a purpose."""
+    return next(one for one in findings_of(*known, **more).purposes if one.purpose is purpose)
+
+
+def of_vehicle(oscillation=None, **hover):
+    """The condition of a vehicle with other figures of its motors."""
+    return SimpleNamespace(hover=replace(HOVER, **hover), oscillation=oscillation)
+
+
+@mark.parametrize(
+    "figures, grade, ratio",
+    [
+        ({}, GOOD, 0.04),
+        ({"forecast": 0.353}, GOOD, 0.498),
+        ({"forecast": 0.354}, LIMITED, 0.501),
+        ({"forecast": 0.6}, NONE, 1.44),
+        ({"forecast": np.nan}, NONE, None),
+        ({"band": 0.05}, LIMITED, 0.04),
+        ({"count": 5}, GOOD, 0.04),
+        ({"count": 4}, LIMITED, 0.04),
+    ],
+)
+def test_prediction_is_good_only_beside_the_better_baseline_and_with_a_band_that_holds(
+    figures, grade, ratio
+):
+    finding = found(PREDICTION, model(physical()), held_out(**figures))
+    assert (finding.grade, finding.reason.code) == (grade, Because.FORECASTS_COMPARED)
+    assert finding.reason.figures["ratio"] == (ratio and approx(ratio, abs=0.001))
+    assert finding.reason.figures["name"] == "hold last" or ratio is None
+
+
+@mark.parametrize(
+    "share, covered, grade",
+    [(0.1, 1.0, GOOD), (0.125, 1.0, LIMITED), (0.0, 0.75, GOOD), (0.0, 0.74, LIMITED)],
+)
+def test_a_few_worse_windows_and_a_band_that_holds_most_are_still_good(share, covered, grade):
+    windows = held_out(forecast=0.01, last=1.0)
+    forecast = windows.forecasts["forecast"].copy()
+    forecast[: round(share * 40)] = 1.01
+    samples = np.arange(windows.band.size).reshape(windows.band.shape)
+    band = np.where(samples < covered * windows.band.size, 2.0, 0.0)
+    forecasts = windows.forecasts | {"forecast": forecast}
+    windows = replace(windows, forecasts=forecasts, band=band)
+    assert found(PREDICTION, model(physical()), windows).grade is grade
+
+
+@mark.parametrize(
+    "share, expected",
+    {
+        0.149: (GOOD, GOOD),
+        0.151: (LIMITED, GOOD),
+        0.333: (LIMITED, GOOD),
+        0.334: (LIMITED, LIMITED),
+    }.items(),
+)
+def test_parameters_are_good_up_to_a_width_of_their_intervals(share, expected):
+    learned = model(physical(share))
+    assert (found(EFFECT, learned).grade, found(MOTION, learned).grade) == expected
+
+
+def test_parameters_doubted_for_one_reason_are_named_together_and_a_reason_is_given_once():
+    known = physical(damping=Status.BIASED, lag=Status.BIASED)
+    known.reasons |= dict.fromkeys(("damping", "lag"), prose("Why."))
+    doubted = found(MOTION, model(known))
+    assert doubted.grade is LIMITED
+    (doubt,) = doubted.reason.figures["doubts"]
+    assert (doubt.code, doubt.figures["names"]) == (Because.PARAMETERS_DOUBTED, ("damping", "lag"))
+    known = physical(**dict.fromkeys(("effect", "damping", "lag"), Status.NOT_IDENTIFIABLE))
+    known.reasons["damping"] = known.reasons["effect"]
+    assert found(MOTION, model(known)).reason.code is Because.SAME_AS_EFFECT
+
+
+@mark.parametrize(
+    "changes, grade, code",
+    [
+        ({"scale_error": 0.151}, GOOD, Because.WIND_SIZE_KNOWN),
+        ({"scale_error": 0.153}, LIMITED, Because.WIND_SIZE_KNOWN),  # 1.645 times: above 0.25
+        ({"reason": Fact(Because.OWN_TORQUE), "resolved": False}, NONE, Because.OWN_TORQUE),
+    ],
+)
+def test_the_wind_is_good_only_where_it_is_resolved_and_its_size_known(changes, grade, code):
+    finding = found(WIND, model(physical(), **changes))
+    assert (finding.grade, finding.reason.code) == (grade, code)
+    # It is what is left when the motors' torque is taken away.
+    for doubtful in ("effect", "damping", "lag"):
+        biased = found(WIND, model(physical(**{doubtful: Status.BIASED}), **changes))
+        assert biased.grade is (NONE if grade is NONE else LIMITED)
+        assert (biased.reason.code is Because.FOLLOWS_FROM_DOUBTED) == (grade is not NONE)
+    unknown = found(WIND, model(physical(effect=Status.NOT_IDENTIFIABLE), **changes))
+    assert (unknown.grade, unknown.reason.code) == (NONE, Because.EFFECT_UNKNOWN)
+    learned = model(physical())
+    learned.wind_torque = None
+    assert found(WIND, learned).reason.code is Because.WIND_NOT_ESTIMATED
+
+
+@mark.parametrize(
+    "grades, code",
+    [
+        ((LIMITED, GOOD, GOOD, NONE), NextStep.FLY_MOVEMENTS),
+        ((GOOD, NONE, GOOD, NONE), NextStep.FLY_MOVEMENTS),
+        ((GOOD, LIMITED, GOOD, NONE), NextStep.FLY_LONGER),
+        ((GOOD, GOOD, GOOD, NONE), NextStep.KEEP_PARAMETERS),
+        ((GOOD, GOOD, LIMITED), NextStep.KEEP_MODEL),
+    ],
+)
+def test_the_next_step_is_that_of_the_first_purpose_that_is_not_served(grades, code):
+    purposes = zip(Purpose, grades, strict=False)
+    assert next_step([Finding(*one, prose("")) for one in purposes]).code is code
+
+
+CYCLE = Oscillation(
+    axis="roll", frequency=7.1, rate=85.0, at_limit=0.4, growing=False, seconds=12.0
+)
+WEAK = MotorAlarm(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99, loss=(0.17, 0.39))
+SATURATED = {"at_upper_limit": (0.0, 0.0, 0.86, 0.0)}
+TWISTED = Fact(Trim.TRIM_OF_YAW, Level.WATCH, share=0.16, probability=0.97, assumed=False)
+
+
+@mark.parametrize(
+    "known, code, subject",
+    [
+        ({"alarms": (WEAK,)}, Override.MOTORS, "motor 1 (front right)"),
+        ({"condition": of_vehicle(**SATURATED)}, Override.SATURATION, "motor 3 (front left)"),
+        ({"trim": TWISTED}, Override.TRIM, ""),
+        ({"consistency": 0.7}, Override.DATA, ""),
+        (
+            {"condition": of_vehicle(CYCLE, **SATURATED), "trim": TWISTED},
+            Override.OSCILLATION,
+            "roll",
+        ),
+    ],
+)
+def test_what_overrides_leaves_nothing_good_and_decides_what_to_do(known, code, subject):
+    free = {"condition": of_vehicle()}
+    sound = findings_of(model(physical()), held_out(), **free)
+    assert {one.grade for one in sound.purposes} == {GOOD}
+    assert next_step(sound.purposes).code is NextStep.KEEP_MODEL
+    doubted = findings_of(model(physical()), held_out(), **(free | known))
+    (override,) = doubted.overrides  # which explains what else is wrong
+    assert (override.code, override.subject) == (code, subject)
+    said = str(Fact(InShort.OVERRIDDEN, because=override))
+    assert vehicle.Override.model_validate(override).headline == said
+    for before, after in zip(sound.purposes, doubted.purposes, strict=True):
+        assert (after.grade, after.reason.code) == (LIMITED, Because.FLIGHT_DOUBTED)
+        because = None if code is Override.OSCILLATION else before.reason
+        assert dict(after.reason.figures) == {"because": because, "override": override}
+
+
+def test_the_largest_of_what_a_motor_lost_is_said_with_its_own_time_and_its_end():
+    worse = WEAK._replace(time=90.0, since=80.0, size=0.4, loss=(0.3, 0.5))
+    sound = WEAK._replace(time=95.0, since=94.0, size=0.0)
+    other = WEAK._replace(motor=2, name="motor 2 (rear left)", size=0.3)
+    first, second = findings_of(alarms=(WEAK, worse, other, sound)).overrides
+    assert (first.time, first.until, first.figures["loss"]) == (80.0, 94.0, (0.3, 0.5))
+    assert (second.subject, second.until) == (other.name, None)
+
+
+@mark.parametrize(
+    "hover, overridden",
+    [
+        ({"at_upper_limit": (0.0, 0.0, 0.05, 0.0)}, False),
+        ({"at_upper_limit": (0.0, 0.0, 0.051, 0.0)}, True),
+        ({"trim_share": (0.98, 0.98, 1.06, 0.98)}, False),
+    ],
+)
+def test_limits_of_saturation_and_trim(hover, overridden):
+    assert bool(findings_of(condition=of_vehicle(**hover)).overrides) == overridden
+
+
+def test_residuals_that_are_far_from_white_are_said():
+    learned = model(physical())
+    slow = np.convolve(learned.record.outputs[:, 1], np.ones(10) / 3, "same")
+    learned.record.outputs[:, 1] = slow
+    findings = findings_of(learned, held_out())
+    assert findings.grade(RESIDUALS) is LIMITED
+    reason = findings.purposes[-1].reason
+    assert reason.code is Because.RESIDUALS_TESTED and reason.figures["outcome"] is BoundTest.FAILED
+    # held-out windows count more
+    assert next_step(findings.purposes).code is NextStep.KEEP_MODEL
+
+
+@mark.parametrize(
+    "size, outcome",
+    [(0.03, BoundTest.PASSED), (0.087, BoundTest.NEARLY), (0.093, BoundTest.FAILED)],
+)
+def test_residuals_are_not_white_beyond_three_times_the_bound(size, outcome):
+    none = np.zeros(3)
+    assert Residuals(none, none, np.array([1.0, size, 0.0]), none, (0.03, 0.04)).outcome is outcome
+
+
+def test_under_what_overrides_reasons_keep_their_figures_and_ask_for_nothing():
+    known = physical(effect=Status.BIASED)
+    known.reasons["effect"] = prose("Wind has 46 % of it.", "Fly in calm air.")
+    assert "calm air" in str(parameter_reasons(known))
+    assert parameter_reasons(known, doubted=True) == [
+        "Control effectiveness biased: Wind has 46 % of it."
+    ]
+    doubted = found(EFFECT, model(known), None, of_vehicle(**SATURATED)).reason
+    assert doubted.figures["because"] == known.reasons["effect"] and doubted.remedy == ""
+
+
+def test_warnings_are_only_where_they_mean_something():
+    learned = model(physical())
+    assert not [
+        *warnings_of(learned, held_out()),
+        *warnings_of(learned, held_out(expected=0.00334)),
+    ]
+    (band,) = warnings_of(learned, held_out(band=0.05))
+    assert (band.code, band.figures["share"]) == (Caveat.BAND_TOO_NARROW, 0.0)
+    (larger,) = warnings_of(learned, held_out(expected=0.00333))
+    assert larger.code is Caveat.ERRORS_LARGER_THAN_EXPECTED
+    assert larger.figures["ratio"] == approx(3.0, abs=0.01)
+    failed = replace(held_out(), failures=(prose("It is too short."),))
+    assert [one.code for one in warnings_of(learned, failed)] == [Forecasts.PART_NOT_LEARNED]
+    unstable = SimpleNamespace(stable=False, physical=None)
+    assert [one.code for one in warnings_of(unstable, None)] == [Caveat.UNSTABLE_MODEL]
+
+
+def test_the_torque_of_a_vehicle_that_oscillates_is_not_the_winds():
+    torque = make_dataclass("Torque", [("reason", object, None)])()
+    learned = SimpleNamespace(wind_torque=torque, with_wind_torque=lambda other: other.reason)
+    assert disown_torque(learned, False) is learned
+    assert disown_torque(learned, True) == Fact(Because.OWN_TORQUE)

@@ -1,0 +1,93 @@
+"""Loops of a log whose gains change: the part with one set of gains, the longest, with these."""
+
+import numpy as np
+from hover import Hover, changed, columns, with_texts
+from pytest import approx, mark
+from recorded_flights import recorded
+from refusals import refused
+
+from mavdem.assessment.axis.gains import autotuned, with_one_set_of_gains
+from mavdem.dataset.align import align, settled_segments
+from mavdem.dataset.signals import Signals
+from mavdem.facts import Fact
+from mavdem.facts.loops import Loops
+
+AUTOTUNE = 15
+STABILIZE = 0
+P = "ATC_RAT_RLL_P"
+
+
+def flown(values, modes=()):
+    """What is left of a hover in which parameters were set, by name, time and value, and the fact about it."""
+    telemetry = Hover().telemetry(parameters={name: value for name, _, value in values})
+    names, times, set_to = zip(*values, strict=True)
+    sent = {"param_id": np.array([name.encode() for name in names])}
+    sent |= {"param_value": np.array(set_to, np.float32)}
+    telemetry = changed(telemetry, "PARAM_VALUE", **columns(np.array(times), **sent))
+    if modes:
+        began, numbers = np.transpose(modes)
+        telemetry = changed(telemetry, "CURRENT_MODE", **columns(began, custom_mode=numbers))
+    signals = Signals(telemetry)
+    flights = tuple(align(signals, segment) for segment in settled_segments(signals))
+    assert (round(flights[0].time[0]), round(flights[0].time[-1])) == (12, 51)
+    return with_one_set_of_gains(signals, flights)
+
+
+def test_the_longest_part_with_one_set_of_gains_has_these():
+    (part,), caution = flown([(P, 1.0, 0.5), (P, 30.0, 0.25), (P, 32.0, 0.125)])
+    assert (part.time[0], part.time[-1]) == approx((32.0, 51.0), abs=1)
+    assert part.provenance["parameters"][P] == 0.125
+    assert (caution.code, caution.figures["names"]) == (Loops.GAINS_OF_PART, (P,))
+    durations, values = zip(*caution.figures["parts"], strict=True)
+    assert durations == approx((18.0, 2.0), abs=1) and values == (((P, 0.5),), ((P, 0.25),))
+    assert caution.figures["duration"] == approx(part.duration)
+    (part,), _ = flown([(P, 1.0, 0.5), (P, 35.0, 0.25)])
+    assert part.time[-1] == approx(35.0, abs=0.01)
+    assert part.provenance["parameters"][P] == 0.5
+
+
+def spans(parts):
+    return [(round(one.time[0]), round(one.time[-1])) for one in parts]
+
+
+def test_parts_with_the_same_gains_count_together():
+    parts, _ = flown([(P, 1.0, 0.5), (P, 24.0, 0.25), (P, 39.0, 0.5)])
+    assert spans(parts) == [(12, 24), (39, 51)]
+
+
+@mark.parametrize("name", ["ATC_RAT_PIT_P", "MOT_THST_HOVER", "RTL_ALT"])
+def test_what_is_not_of_this_axis_cuts_nothing(name):
+    (part,), caution = flown([(P, 1.0, 0.5), (name, 2.0, 0.5), (name, 30.0, 0.25)])
+    assert caution is None and round(part.duration) == 39
+
+
+def test_a_change_after_the_flight_leaves_the_gains_that_were_flown():
+    (part,), caution = flown([(P, 1.0, 0.5), (P, 70.0, 0.25)])
+    assert caution is None and part.provenance["parameters"][P] == 0.5
+    assert part.provenance["earlier"] == {}
+
+
+def test_autotune_has_gains_that_no_parameter_has():
+    given = [(P, 1.0, 0.5)]
+    parts, caution = flown(given, [(0.0, STABILIZE), (20.0, AUTOTUNE), (30.0, STABILIZE)])
+    assert spans(parts) == [(12, 20), (30, 51)]
+    assert (caution.code, caution.figures["names"]) == (Loops.GAINS_OF_PART, ())
+    assert refused(flown, given, [(0.0, AUTOTUNE)]).code is Loops.GAINS_OF_AUTOTUNE
+
+
+def test_a_recorded_autotune_has_its_span_and_what_it_found():
+    signals = Signals(recorded("sitl_raw/ap_autotune.BIN.xz"))
+    tuned = autotuned(signals, refusal := Fact(Loops.NOT_STEERED))
+    assert (round(tuned.time), round(tuned.until)) == (64, 184)
+    _, before, after = zip(*sorted(tuned.figures["changes"]), strict=True)
+    assert (before, after) == (approx((4.5, 0.0018, 0.0675, 0.0675)), (36.0, 0.0006, 0.116, 0.116))
+    assert autotuned(signals.about("pitch"), refusal) is None
+
+
+def test_autotune_of_yaw_names_what_it_tuned_and_damage_is_no_number():
+    said = "AutoTune: Yaw(E) Rate: P:0.5.1, I:0.05", "AutoTune: Pitch Rate: P:0.2"
+    tuned = autotuned(
+        Signals(with_texts(Hover().telemetry(), *said), "yaw"), Fact(Loops.NOT_STEERED)
+    )
+    assert tuned.figures["changes"] == (("ATC_RAT_YAW_P", None, 0.5), ("ATC_RAT_YAW_I", None, 0.05))
+    assert (tuned.time, tuned.until) == (1.0, 1.0)

@@ -1,0 +1,185 @@
+"""Comparison: what goes wrong stays in its row, errors are those of the windows, the table names where DEM loses."""
+
+from dataclasses import replace
+
+import numpy as np
+from pytest import MonkeyPatch, approx, fixture, mark, raises
+from simulated import simulated
+
+from mavdem import baselines, learn
+from mavdem.evaluate import HORIZONS, Paired
+from mavdem.experiments.comparison import (
+    METHODS,
+    Comparison,
+    Method,
+    compare,
+    evaluate_window,
+)
+from mavdem.experiments.scores import FROM_ZERO, KNOWN, UNKNOWN
+from mavdem.experiments.window import windows
+from mavdem.facts import Fact
+from mavdem.facts.forecasts import Forecasts
+from mavdem.report.comparison import comparison_report
+
+FLIGHTS = {name: simulated(seed, samples=1700, wind=2.0) for seed, name in enumerate("ab")}
+WINDOWS = [window for name, flight in FLIGHTS.items() for window in windows(name, flight)]
+MEAN = Method("constant mean", baselines.constant_mean, predicts=True)
+HOLD = Method("hold", baselines.hold, predicts=True)
+SUBSPACE = Method("subspace", baselines.subspace)
+
+
+def refuses(train):
+    raise ValueError("train is not to my liking")
+
+
+def breaks(train):
+    raise ZeroDivisionError("division by zero")
+
+
+def explodes(train):
+    held = baselines.hold(train)
+    return replace(held, model=replace(held.model, A=1e4 * held.model.A))
+
+
+def is_off(train):
+    mean = baselines.constant_mean(train)
+    return replace(mean, model=replace(mean.model, output_trim=mean.model.output_trim + 100.0))
+
+
+REFUSES, BREAKS, EXPLODES, IS_OFF = (
+    Method(made.__name__, made) for made in (refuses, breaks, explodes, is_off)
+)
+
+
+@fixture(scope="module", autouse=True)
+def in_this_process():
+    with MonkeyPatch.context() as patch:
+        patch.setattr("mavdem.dem.parallel.spare_cores", lambda: 1)
+        yield
+
+
+@fixture(scope="module")
+def compared():
+    return compare(WINDOWS, [HOLD, MEAN, SUBSPACE, REFUSES, EXPLODES])
+
+
+def row_of(rows, method):
+    return next(row for row in rows if row["method"] == method)
+
+
+def whole(outcome, question=KNOWN):
+    """The error ratio of the whole test part."""
+    return outcome.scores[question].ratio[-1]
+
+
+@mark.parametrize(
+    "method, error, text",
+    [
+        (REFUSES, "", "train is not to my liking"),
+        (BREAKS, "ZeroDivisionError", "division by zero"),
+        (
+            SUBSPACE,
+            "",
+            "subspace(2) needs the inputs of the time it forecasts: use forecast(inputs), or mavdem.baselines.var for "
+            "predictions without them",
+        ),
+    ],
+)
+def test_a_method_without_an_answer_says_why_and_errs_infinitely(method, error, text):
+    found = evaluate_window(method._replace(predicts=True), WINDOWS[0])
+    assert found.failure == Fact(Forecasts.FAILED, error=error, text=text)
+    assert (found.stable, found.forecasts) == (None, {})
+    assert all(np.isinf(scores.ratio).all() for scores in found.scores.values())
+    assert found.scores[UNKNOWN].steps == HORIZONS
+
+
+def test_a_window_without_a_unit_of_error_fails_for_every_method_and_a_fault_of_our_own_is_raised():
+    with raises(TypeError):
+        evaluate_window(Method("hold", lambda: None), WINDOWS[0])
+    flight = FLIGHTS["a"]
+    still = replace(flight, outputs=flight.outputs * [1, 0])
+    (window, *_) = windows("still", still)
+    for method in (HOLD, MEAN, METHODS[0]):
+        assert "vary" in str(evaluate_window(method, window).failure)
+
+
+def test_a_summary_is_the_median_of_its_windows(compared):
+    rows = compared.summaries("a")
+    hold, mean, refused, exploded = (
+        row_of(rows, name) for name in ("hold", "constant mean", "refuses", "explodes")
+    )
+    column = [row[0] for row in compared.outcomes if row[0].flight == "a"]
+    ratios = [whole(one) for one in column]
+    assert hold["relative"] == np.median(ratios) == hold["horizons"][-1]["relative"]
+    assert (hold["worst"], hold["worse_than_constant"]) == (max(ratios), sum(np.array(ratios) > 1))
+    assert hold["mspe"] == np.mean([one.mspe() for one in column], axis=0).tolist()
+    assert mean["relative"] == 1 and mean["worse_than_constant"] == 0
+    assert (refused["failed"], refused["failure"].code) == (3, Forecasts.FAILED)
+    # The first wins all three windows, of which two do not overlap.
+    assert refused["horizons"][-1]["reference"] == Paired(0.0, 3, 3, 2, 0.5)
+    assert (exploded["failed"], exploded["diverged"], exploded["unstable"]) == (0, 3, 3)
+
+
+def test_over_flights_each_counts_once(compared):
+    rows = compared.over_flights()
+    ours = row_of(rows, "subspace")
+    refused = row_of(rows, "refuses")
+    medians = [row_of(compared.summaries(flight), "subspace")["relative"] for flight in ("a", "b")]
+    assert ours["relative"] == approx(np.sqrt(np.prod(medians)))
+    assert (ours["flights"], ours["windows"], ours["reference"].windows) == (2, 6, 2)
+    assert refused["relative"] == np.inf and refused["failed"] == 6
+
+
+@mark.slow
+def test_of_six_flights_each_is_a_pair():
+    parts = [
+        window
+        for name in "abcdef"
+        for window in windows(name, FLIGHTS["a"][100 * ord(name) - 9700 :], 200, 50)
+    ]
+    found = compare(parts, [HOLD, IS_OFF])
+    assert found.tests()["is_off"] == found.over_flights()[1]["reference"]
+    assert found.tests()["is_off"].tested == 6
+
+
+def test_predictions_are_compared_of_the_methods_that_make_them(compared):
+    assert compared.methods_of(UNKNOWN) == ("hold", "constant mean")
+    assert compared.to_dict()["predictions"]["methods"] == ("hold", "constant mean")
+    assert compare(WINDOWS[:1], [SUBSPACE]).to_dict()["predictions"] is None
+
+
+@fixture(scope="module")
+def predicted():
+    return compare(WINDOWS, [Method("DEM joint", learn, predicts=True), HOLD, MEAN])
+
+
+@mark.slow
+def test_most_samples_are_inside_the_band_of_90_percent(predicted):
+    inside = [row[0].scores[KNOWN].inside[-1] for row in predicted.outcomes]
+    assert 0.7 < np.mean(inside) < 1
+
+
+@mark.slow
+def test_a_band_that_failed_is_cautioned_against(predicted):
+    def cautions(comparison):
+        return [
+            block.text
+            for block in comparison_report(comparison)
+            if getattr(block, "lead", "") == "Caution:"
+        ]
+
+    def held(share, unknown):
+        def changed(one):
+            held = {KNOWN: share, UNKNOWN: unknown, FROM_ZERO: np.nan}
+            scores = {
+                question: found._replace(inside=found.inside * 0 + held[question])
+                for question, found in one.scores.items()
+            }
+            return replace(one, scores=scores)
+
+        rows = tuple(tuple(map(changed, row)) for row in predicted.outcomes)
+        return Comparison(predicted.windows, predicted.methods, rows)
+
+    assert cautions(held(0.75, 0.9)) == []
+    assert ["holds 50 %" in one for one in cautions(held(0.9, 0.5))] == [True]
+    assert "holds 74 %" in cautions(held(0.74, 0.9).of_flight("a"))[0]

@@ -1,0 +1,149 @@
+"""Scores: what counts at which horizon, and beside what; the paired test at the level it says; and windows."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+from numpy.random import default_rng
+from numpy.testing import assert_allclose, assert_array_equal
+from pytest import approx, mark, raises
+from scipy.stats import wilcoxon
+
+from mavdem import Flight, baselines, evaluate
+from mavdem.evaluate import HORIZONS, horizons
+from mavdem.experiments.comparison import Method, evaluate_window
+from mavdem.experiments.paired_test import Paired, paired
+from mavdem.experiments.scores import KNOWN
+from mavdem.experiments.window import Window, disjoint, windows
+from mavdem.facts.forecasts import TestResult
+
+RNG = default_rng(0)
+WALK = RNG.standard_normal((850, 2)).cumsum(axis=0) * [1, 10]
+FLIGHT = Flight(0.01 * np.arange(850), RNG.standard_normal((850, 2)), WALK)
+TRAIN = FLIGHT[:700]
+TEST = FLIGHT[700:]
+
+
+def scores_of(model, flight=FLIGHT):
+    window = Window("", 0, flight[:700], flight[700:])
+    return evaluate_window(Method("", model), window).scores[KNOWN]
+
+
+def test_mspe_is_per_output_and_summed():
+    error = evaluate.mspe([[0.0, 0.0], [2.0, 1.0]], np.zeros((2, 2)))
+    assert_array_equal(error.per_output, [2.0, 0.5])
+    assert error.total == 2.5
+
+
+@mark.parametrize("shape", [(2,), (3, 2), (2, 1), (0, 2)])
+def test_shapes_that_disagree_are_refused(shape):
+    with raises(ValueError, match=r"must be \(H, m\) alike"):
+        evaluate.mspe(np.zeros((2, 2)) if shape != (0, 2) else np.zeros(shape), np.zeros(shape))
+    with raises(ValueError, match="predicted must be real numbers"):
+        evaluate.mspe([[0.0]], [[1j]])
+
+
+@mark.parametrize("wild", [np.nan, np.inf, -np.inf, 1e200])
+def test_a_prediction_beyond_all_numbers_errs_infinitely(wild):
+    error = evaluate.mspe(np.zeros((3, 2)), [[0.0, 1.0], [wild, 1.0], [0.0, 1.0]])
+    assert error.per_output.tolist() == [np.inf, 1.0] and error.total == np.inf
+    assert evaluate.relative_mspe(TRAIN, TEST, np.full_like(TEST.outputs, wild)) == np.inf
+
+
+def test_the_constant_mean_has_one_at_every_horizon_and_the_truth_none():
+    scores = scores_of(baselines.constant_mean)
+    assert_allclose(scores.ratio, 1)
+    assert evaluate.relative_mspe(TRAIN, TEST, TEST.outputs) == 0.0
+    still = replace(TEST, outputs=np.tile(TRAIN.outputs.mean(axis=0), (150, 1)))
+    assert evaluate.relative_mspe(TRAIN, still, still.outputs) == 1  # neither errs
+    # Outputs count in units of their training variance.
+    scaled = replace(FLIGHT, outputs=FLIGHT.outputs * [57.3, 0.01] + 5)
+    assert_allclose(scores_of(baselines.hold).ratio, scores_of(baselines.hold, scaled).ratio)
+    # One that is constant in training has none.
+    train = replace(TRAIN, outputs=TRAIN.outputs * [1, 0] + [0, 0.1])
+    with raises(ValueError, match="^train must vary"):
+        evaluate.relative_mspe(train, TEST, TEST.outputs)
+
+
+def test_horizons_are_those_of_the_test_part():
+    assert horizons(150, 0.01) == HORIZONS
+    assert horizons(200, 0.02) == (*HORIZONS, 200)
+    assert horizons(1, 0.01) == (1,)
+    assert horizons(600, 1 / 400) == (4, 20, 40, 100, 200, 600)
+
+
+INF = np.inf
+
+
+def overlapping(count, hop=425, flight="a"):
+    return [SimpleNamespace(flight=flight, start=hop * k, stop=hop * k + 850) for k in range(count)]
+
+
+def test_windows_that_overlap_are_not_tested_together():
+    assert disjoint(overlapping(4, hop=300)).tolist() == [0, 3]
+    assert disjoint([*overlapping(3), *overlapping(3, flight="b")]).tolist() == [0, 2, 3, 5]
+    assert disjoint(overlapping(5)[::-1]).tolist() == [0, 2, 4]
+    assert disjoint([]).tolist() == []
+
+
+def test_the_test_is_wilcoxons_on_log_ratios():
+    rng = default_rng(0)
+    ours, theirs = rng.lognormal(size=(2, 15))
+    found = paired(ours, theirs, overlapping(15))
+    assert found.p_value == wilcoxon(np.log(ours / theirs)[::2]).pvalue
+    assert found.ratio == approx(np.median(ours / theirs))
+    assert (found.less, found.windows, found.tested) == (int((ours < theirs).sum()), 15, 8)
+
+
+def test_a_method_that_diverged_lost_that_window():
+    found = paired(np.ones(7), [INF, INF, 2, 3, 4, 0.5, INF])
+    assert (found.less, found.ratio) == (6, 0.25)
+    assert found.p_value < 0.1
+    assert paired([INF, INF, 1], [INF, INF, 1]) == Paired(1.0, 0, 3, 3, 1.0)
+    assert paired([INF, INF], [1, 1]).ratio == INF
+    # Nothing to compare is no evidence.
+    none = paired([], [], [])
+    assert np.isnan(none.ratio) and (none.windows, none.tested, none.p_value) == (0, 0, 1.0)
+
+
+@mark.parametrize("ours, theirs", [([1, 2], [1]), ([1, np.nan], [1, 1]), ([1, -1], [1, 1]), (1, 1)])
+def test_what_are_no_errors_of_the_same_windows_is_refused(ours, theirs):
+    with raises(ValueError, match="^ours"):
+        paired(ours, theirs)
+
+
+def test_what_is_distinguished_takes_six_pairs_and_a_side():
+    assert (
+        paired([1.0] * 6, [2.0] * 6).result is TestResult.LOWER
+        and paired([2.0] * 6, [1.0] * 6).result is TestResult.HIGHER
+    )
+    assert paired([1.0] * 5, [2.0] * 5).result is TestResult.NOT_DISTINGUISHABLE
+    assert paired([1.0, 2.0] * 10, [2.0, 1.0] * 10).result is TestResult.NOT_DISTINGUISHABLE
+
+
+def uniform(samples, rate=100):
+    values = np.arange(samples, dtype=float)
+    return Flight(values / rate, values, values)
+
+
+def test_every_window_that_fits_is_cut():
+    cut = windows("a", uniform(1700))
+    assert [(one.flight, one.start, one.stop) for one in cut] == [
+        ("a", 0, 850),
+        ("a", 425, 1275),
+        ("a", 850, 1700),
+    ]
+    assert_array_equal(cut[1].train.outputs[:, 0], np.arange(425, 1125))
+    assert_array_equal(cut[1].test.outputs[:, 0], np.arange(1125, 1275))
+    stops = [one.stop for one in windows("a", uniform(30), train=10, test=5, hop=5)]
+    assert stops == [15, 20, 25, 30]
+    assert windows("a", uniform(849)) == () and len(windows("a", uniform(850))) == 1
+    for samples in ({"train": 0}, {"test": 0}, {"hop": 0}):
+        with raises(ValueError, match="at least 1"):
+            windows("a", uniform(900), **samples)
+
+
+@mark.parametrize("rate, train, test", [(20, 140, 30), (120, 840, 180), (400, 2800, 600)])
+def test_windows_last_as_long_at_every_rate(rate, train, test):
+    (one, *_) = windows("a", uniform(6000, rate=rate))
+    assert (len(one.train), len(one.test)) == (train, test)

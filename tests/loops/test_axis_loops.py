@@ -1,0 +1,517 @@
+"""Loops: the controller of the parameters, margins of known loops and of flights, and gains that have margins."""
+
+import tomllib
+from dataclasses import replace
+from types import SimpleNamespace
+from unittest.mock import Mock, patch
+
+import numpy as np
+from hover import Hover, changed, columns
+from known_gains import ARDUPILOT, PX4, X_ROLL
+from numpy.random import default_rng
+from numpy.testing import assert_allclose, assert_array_equal
+from pytest import approx, mark
+from refusals import refused
+from scipy.signal import lfilter
+
+from mavdem.assessment.axis.gains import autotuned
+from mavdem.assessment.axis.margins import AxisMargins
+from mavdem.assessment.axis.tuning import tuned
+from mavdem.assessment.judgement import Judgement
+from mavdem.dataset.align import align, settled_segments
+from mavdem.dataset.drive import AXES
+from mavdem.dataset.signals import Signals
+from mavdem.dem.record import Record
+from mavdem.facts import Fact, Level
+from mavdem.facts.identifiability import Status
+from mavdem.facts.loops import Controllers, Gains, Loops, Responses, Twins
+from mavdem.facts.margins import TrackingLight
+from mavdem.facts.motors import MotorsLight
+from mavdem.facts.noise import NotchAdvice
+from mavdem.ingest.mavlink.definitions import parameters_sent
+from mavdem.ingest.vocabulary import Injection
+from mavdem.loops.advice import (
+    EFFECTS,
+    LARGEST_ANGLE,
+    LOUDER,
+    MAX_GAIN_STEP,
+    SLOWER,
+    advise,
+    lowered,
+)
+from mavdem.loops.axis_loops import TARGETS, margin_rating
+from mavdem.loops.controllers import ROTOR_LAG, SPEED_SHARE, UNMODELLED, controller_of
+from mavdem.loops.from_flight import loop_of
+from mavdem.loops.limit_cycles import Oscillation
+from mavdem.loops.margins import OpenLoop, transfer
+from mavdem.loops.measured_response import measured_response
+from mavdem.loops.twin import again_of, twin_of
+from mavdem.plant import Physical
+from mavdem.plant.parameters import WindComponent
+from mavdem.plant.sampled_plant import smooth
+from mavdem.report.flight_charts import loop_charts
+from mavdem.report.vehicle_files import vehicle_text
+from mavdem.wind_velocity.airflow import Drag
+from sitl_scenarios.files import scenario_of
+from sitl_scenarios.scenario import SteadyWind
+from sitl_scenarios.simulation import fly
+from sitl_scenarios.truth import truth
+
+HOVER = Hover()
+WIND = WindComponent(smooth(3), 1.0, 0.2)
+
+
+def test_gains_have_their_names_and_units_before_arducopter_34():
+    """4500 was full demand, of 0.01 °/s: 1.27 times in radians, of which an X's mixer now turns √2 times as much."""
+    old = {
+        "RATE_RLL_P": 0.13,
+        "RATE_RLL_I": 0.1,
+        "RATE_RLL_D": 0.005,
+        "RATE_RLL_FILT_HZ": 20.0,
+        "STB_RLL_P": 9.0,
+        "FRAME": 1.0,
+        "THR_MIN": 130.0,
+        "MOT_THST_MAX": 0.95,
+        "MOT_THST_EXPO": 0.5,
+    }
+    of_demand = controller_of(old, "roll", (1.0,))
+    assert of_demand.p == approx(0.13 * np.degrees(100) / 4500, rel=0.003)
+    assert (of_demand.angle, of_demand.error_filter) == (9.0, 20.0)
+    of_motors = controller_of(old, "roll", X_ROLL)
+    assert of_motors.p == approx(of_demand.p / 2**0.5, rel=0.003)
+    assert of_motors.spin == (0.13, 0.95)
+    # Motors are at a limit beyond their spin, a demand at the ends of its range.
+    shares = np.array([[0.1], [0.5], [0.96]])
+    assert of_motors.limited(np.tile(shares, 4)).tolist() == [True, False, True]
+    assert not of_demand.limited(shares).any() and of_demand.limited(np.eye(2)[:, :1]).all()
+    assert controller_of({**old, "FRAME": 0.0}, "roll", X_ROLL).p == of_demand.p
+    assert of_motors.changed({"RATE_RLL_P": 0.26}).p == approx(2 * of_motors.p)
+
+
+def test_the_mixer_and_the_slope_of_the_thrust_curve_are_the_autopilots():
+    ours = controller_of(ARDUPILOT, "roll", X_ROLL)
+    assert ours.mixer == (-0.5, 0.5, 0.5, -0.5)
+
+    # Thrust is 0.35 of the command and 0.65 of its square, from 15 to 95 % of the range.
+    thrusts = np.polyval([0.65, 0.35, 0], (np.array([0.4995, 0.5005]) - 0.15) / 0.8)
+    slope = 0.001 / np.diff(thrusts)
+    assert ours.per_demand([0.5] * 4) == approx(np.multiply(ours.mixer, slope), rel=1e-5)
+    theirs = controller_of(PX4)
+    assert (theirs.p, theirs.d) == (0.3, 0.006) and theirs.changed({"MC_ROLLRATE_D": 0.0}).d == 0
+    # Roll and pitch are scaled alike, so that the shorter arm has the larger factor.
+    assert theirs.mixer == approx(np.multiply(X_ROLL, 0.5**1.5)) and theirs.expo == 0.3
+
+
+def test_a_slam_turns_by_rotors_whose_speeds_lag():
+    """Thrusts of lagging speeds are those of the acting demand behind a lag; at slow samples nothing is known of it."""
+    ours = controller_of(PX4)
+    step = 1e-4
+    slam = np.sin(np.arange(5000) * step * 100) > 0.7
+    shares = 0.4 + np.outer(slam, [-0.4, 0.6, 0.6, -0.4])
+    keeps = np.exp(-step / ROTOR_LAG)
+    lag = [0.0, 1 - keeps], [1.0, -keeps]
+    asked = np.sqrt((1 - ours.expo + ours.expo * shares) * shares)
+    speeds, _ = lfilter(*lag, asked, axis=0, zi=asked[:1])
+    torque = speeds**2 @ ours.mixer / np.square(ours.mixer).sum()
+    linear, acting = ours.demanded(shares), ours.demanded(shares, step)
+    whole = linear + (acting - linear) / SPEED_SHARE
+    assert lfilter(*lag, whole) == approx(torque, abs=0.02 * np.ptp(torque))
+    assert_array_equal(ours.demanded(shares, 2 * ROTOR_LAG), linear)
+
+
+@mark.parametrize(
+    "parameters, weights, code, figures",
+    [
+        ({}, X_ROLL, Controllers.NO_GAINS, {}),
+        (
+            {name: value for name, value in ARDUPILOT.items() if name != "ATC_RAT_RLL_D"},
+            X_ROLL,
+            Controllers.PARAMETERS_MISSING,
+            {"names": ("ATC_RAT_RLL_D",)},
+        ),
+        (
+            ARDUPILOT | {"FRAME_CLASS": 2.0},
+            (1.0,) * 6,
+            Controllers.MIXER_UNKNOWN,
+            {"autopilot": "ardupilot"},
+        ),
+        (ARDUPILOT, (), Controllers.MIXER_UNKNOWN, {"autopilot": "ardupilot"}),
+        (PX4 | {"CA_ROTOR_COUNT": 8.0}, (), Controllers.MIXER_UNKNOWN, {"autopilot": "px4"}),
+        (PX4 | {"CA_ROTOR1_PY": 1e3}, (), Controllers.MIXER_UNKNOWN, {"autopilot": "px4"}),
+        (
+            PX4 | {"MC_ROLL_P": 0.0},
+            (),
+            Controllers.PARAMETER_IMPOSSIBLE,
+            {"name": "MC_ROLL_P", "value": 0.0},
+        ),
+    ],
+)
+def test_a_controller_that_is_not_known_says_why(parameters, weights, code, figures):
+    assert refused(controller_of, parameters, "roll", weights) == Fact(code, **figures)
+
+
+def test_what_the_controllers_model_leaves_out_is_said_of_the_parameters_that_have_it():
+    names = ["ATC_RAT_RLL_SMAX", "ATC_RAT_RLL_PDMX", "FSTRATE_ENABLE", "MOT_BAT_VOLT_MAX"]
+    unmodelled = ARDUPILOT | dict.fromkeys([*names, "ATC_RAT_PIT_SMAX"], 1.0)
+    cautions = controller_of(unmodelled, "roll", X_ROLL).cautions
+    assert [fact.figures["name"] for fact in cautions] == names
+    assert {fact.code for fact in cautions} == set(UNMODELLED.values()) - {
+        Controllers.DEMAND_BY_VOLTAGE,
+        Controllers.NOTCHES_UNMODELLED,
+    }
+    theirs = controller_of(PX4 | {"MC_BAT_SCALE_EN": 1.0, "IMU_GYRO_DNF_EN": 1.0}).cautions
+    assert [one.code for one in theirs] == list(UNMODELLED.values())[-2:]
+    assert {one.level for one in theirs} == {"watch"}
+
+
+def test_gains_that_change_in_flight_come_with_it(monkeypatch):
+    read = Mock(wraps=parameters_sent)
+    monkeypatch.setattr("mavdem.dataset.align.parameters_sent", read)
+    telemetry = HOVER.telemetry(parameters={"ATC_RAT_RLL_P": 0.25, "ATC_RAT_RLL_D": 0.125})
+    names = np.repeat([b"ATC_RAT_RLL_P", b"ATC_RAT_RLL_D"], 2)
+    sent = columns([1.0, 40.0, 1.0, 2.0], param_id=names, param_value=[0.5, 0.25, 0.5, 0.125])
+    signals = Signals(changed(telemetry, "PARAM_VALUE", **sent))
+    (segment,) = settled_segments(signals)
+    for start, earlier in ((segment.start, {"ATC_RAT_RLL_P": 0.5}), (41.0, {})):
+        found = align(signals, replace(segment, start=start))
+        assert found.provenance["earlier"] == earlier
+    assert read.call_count == 1  # of a log with many boots each segment would read all
+
+
+def ac_pid(controller, frequency):
+    """Responses of ArduPilot's AC_PID, without its setpoint's filter, and of a difference over a cycle."""
+    dt = controller.cycle
+    late = np.exp(-2j * np.pi * frequency * dt)
+    slope = (1 - late) / dt
+
+    def low_pass(cutoff):
+        turn = 2 * np.pi * dt * cutoff
+        return turn / (1 + turn - late)
+
+    filtered = low_pass(controller.error_filter)
+    for notch in controller.error_notches:
+        turn = 2 * np.pi * notch.frequency * dt
+        alpha = np.sin(turn) * notch.bandwidth / notch.frequency / 2
+        kept, width = np.outer([alpha * 10 ** (-notch.attenuation / 20), alpha], 1 - late**2)
+        middle = 1 - 2 * np.cos(turn) * late + late**2
+        filtered = filtered * (middle + kept) / (middle + width)
+    of_slope = controller.d * low_pass(controller.derivative_filter)
+    return filtered * (controller.p + controller.i / slope + of_slope * slope), slope
+
+
+def test_the_controllers_response_is_that_of_its_program():
+    filters = {"FLTE": 40.0, "FLTD": 20.0, "NEF": 2.0, "NTF": 2.0, "FF": 0.5, "D_FF": 0.25}
+    notch = {"TYPE": 1.0, "NOTCH_FREQ": 60.0, "NOTCH_Q": 2.0, "NOTCH_ATT": 40.0}
+    known = ARDUPILOT | {f"ATC_RAT_RLL_{end}": value for end, value in filters.items()}
+    refused(controller_of, known, "roll", X_ROLL)
+    known |= {f"FILT2_{end}": value for end, value in notch.items()}
+    controller = controller_of(known, "roll", X_ROLL)
+    frequency = np.array([0.5, 4.0, 30.0, 150.0])
+    forward, back = transfer(controller, frequency)
+    run, slope = ac_pid(controller, frequency)
+    assert_allclose(back, run)
+    off = controller_of(known | {"FILT2_TYPE": 0.0}, "roll", X_ROLL)
+    assert off.error_notches == off.target_notches == ()
+    notched = back / transfer(off, frequency)[1]
+    assert_allclose(forward, notched * (back + 0.5 + 0.25 * slope), rtol=1e-12)
+
+
+def made_up(factor=1.0):
+    """Of made-up flight and plant, with a rate controller of ``factor`` times the usual gains."""
+    rng = default_rng(3)
+    status = dict.fromkeys(("effect", "damping", "lag"), Status.REPORTED)
+    rate = rng.normal(0, 0.01, 2000)
+    inputs = 1500 + rng.normal(0, 5, (2000, 1)) * X_ROLL
+    outputs = np.column_stack([rate.cumsum() * 0.005, rate])
+    names = ("roll", "roll rate")
+    known = {"parameters": PX4 | {"MC_ROLLRATE_K": factor}, "input_range": (1000.0, 2000.0)}
+    record = Record(inputs, outputs, 0.005, (2000,), output_names=names, **known)
+    covariance = np.diag([*4 * [9e-5], 0.09, 4e-6, 4e-6])
+    sizes = 0.18 * np.array(X_ROLL), 1.5, 0.03, 0.006, covariance
+    found = status, dict.fromkeys(status, ""), 0, 0.1, (WIND,), 0.01, {}, ()
+    return loop_of(Physical(*sizes, *found), record)
+
+
+@mark.slow
+@mark.parametrize(
+    "factor, tune",
+    {
+        0.5: "soft",
+        1.0: "sharp",
+        2.5: "default",
+        4.5: "default",
+    }.items(),
+)
+def test_advised_gains_have_the_margins_in_95_of_100_plants_and_let_wind_move_it_least(
+    factor, tune
+):
+    found = advise(before := made_up(factor), tune, more=True)
+    least_phase, least_gain, most = TARGETS[tune]
+    frequency = np.geomspace(0.05, 90, 2000)
+    s = 2j * np.pi * frequency
+    (_, back) = transfer(found.after.controller, frequency)
+    # The draws that did not choose the gains, with each effect.
+    assert_array_equal(found.after.gains[1:], before.gains[len(before.gains) // 2 :])
+    damping, lag, delay = found.after.draws[1:].T[:, :, np.newaxis]
+    plants = back * np.exp(-s * delay) / (s + damping) / (lag * s + 1)
+    plants = np.multiply.outer(EFFECTS, found.after.gains[1:, np.newaxis] * plants)
+    loops = plants.reshape(-1, len(s))
+    of_all = OpenLoop(frequency, loops, loops, loops).figures
+    have = (of_all["phase_margin"] + 0.1 >= least_phase) & (of_all["ms"] * 0.999 <= most)
+    have &= of_all["gain_margin"] + 0.02 >= least_gain
+    assert (found.sure >= 0.95) == (factor < 4) and np.mean(have) >= found.sure - 0.01
+    for gain in found.gains.values():
+        assert abs(np.log(gain.set / gain.now)) <= np.log(MAX_GAIN_STEP) + 1e-3
+        assert gain.set == float(f"{gain.set:.4g}")
+    assert found.gains["MC_ROLL_P"].set <= LARGEST_ANGLE["roll"]
+    code = Gains.SET_GAINS if factor < 4 else Gains.STEP_TOWARDS_MARGINS
+    assert (found.sentence.code, found.sentence.figures["share"]) == (code, found.sure)
+    assert factor > 4 or found.noise.heat <= LOUDER**2 * 1.01
+    if factor < 2:
+        assert found.after.lean_in_wind < 0.85 * before.lean_in_wind
+        assert found.after.bandwidth > 0.98 * SLOWER * before.bandwidth
+
+
+@mark.parametrize("factor", [1.0, 1.7])  # surely, and perhaps
+def test_enough_margin_is_left_alone_unless_more_is_asked(factor):
+    advice = advise(loop := made_up(factor))
+    assert advice.gains and not advice.parameters
+    assert (advice.sentence.code, advice.sentence.level) == (Gains.KEEP_GAINS, "good")
+    assert advice.after.controller.parameters == loop.controller.parameters
+    (light,) = AxisMargins(loop.axis, loop, None, None).facts
+    assert light.sentence.split(":")[0] == advice.rating.sentence.split(":")[0]
+
+
+@mark.slow
+def test_an_effectiveness_that_seems_low_changes_nothing_unless_margins_surely_lack():
+    doubts = (Fact(Loops.EFFECT_BIASED),)
+    for factor, bias, refusals in ((2.5, 0.1, ()), (4.0, -0.15, ()), (2.5, -0.15, doubts)):
+        loop = made_up(factor)
+        doubted = replace(loop, plant=loop.plant._replace(bias=bias), cautions=doubts)
+        assert advise(doubted).refusals == refusals
+    tuning = tuned_by({"roll": doubted}, filters=True)
+    assert tuning.refusal and not tuning.parameters, "nor is a notch set"
+
+
+def tuned_by(loops, tracking=TrackingLight.FOLLOWS_SETPOINT, **options):
+    """Of a vehicle with nothing else to say, with a notch."""
+    followed = dict.fromkeys(AXES, Fact(tracking))
+    evidence = SimpleNamespace(loops=loops, lowered=None, margins=(), grounds=())
+    notch = Fact(NotchAdvice.SET_NOTCH, settings=(("INS_HNTCH_FREQ", 80.0),))
+    even = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
+    judgement = Judgement(even, even, {"motors": even})
+    known = SimpleNamespace(judgement=judgement, noise=SimpleNamespace(notch=notch))
+    with patch("mavdem.assessment.axis.tuning.tracking_of", return_value=followed):
+        return tuned(known, evidence, [*loops], is_written=False, **options)
+
+
+@mark.slow
+def test_gains_are_not_kept_where_the_angle_overshoots():
+    loops = {"roll": made_up()}
+    assert not tuned_by(loops).refusal
+    tuning = tuned_by(loops, TrackingLight.OVERSHOOTS_SETPOINT)
+    assert tuning.refusal.figures["reasons"] == (Fact(TrackingLight.OVERSHOOTS_SETPOINT),)
+    lacking = tuned_by({"roll": made_up(2.5)}, TrackingLight.OVERSHOOTS_SETPOINT)
+    assert lacking.parameters, "a loop that lacks margin does overshoot"
+
+
+def test_one_axis_without_a_loop_has_its_own_reason_and_several_have_theirs():
+    mixer, steered = Fact(Loops.MIXER_REVERSED), Fact(Loops.NOT_STEERED)
+    assert refused(tuned_by, {"roll": mixer}) == mixer
+    several = refused(tuned_by, {"roll": mixer, "pitch": steered, "yaw": mixer})
+    named = [fact.figures["names"] for fact in several.figures["reasons"]]
+    assert named == [("roll", "yaw"), ("pitch",)]
+
+
+@mark.slow
+def test_a_gain_of_0_stays_0():
+    loop = made_up()
+    known = {**loop.record.parameters, "MC_ROLLRATE_D": 0.0}
+    advice = advise(loop_of(loop.plant, replace(loop.record, parameters=known)), more=True)
+    assert "MC_ROLLRATE_D" not in advice.gains and len(advice.parameters) == 3
+
+
+@mark.parametrize(
+    "factor, level, lacking",
+    [
+        (1.0, "good", "phase_margin"),
+        (1.7, "watch", "phase_margin"),
+        (2.5, "bad", "phase_margin"),
+        (6.0, "bad", "gain_margin"),
+    ],
+)
+def test_a_loop_is_rated_by_its_weaker_margins(factor, level, lacking):
+    rating = margin_rating(loop := made_up(factor))
+    weak = getattr(loop, rating.subject)
+    assert (rating.code, rating.level) == (Loops.MARGIN_RATING, level)
+    assert rating.figures["phase_margin"] == weak.phase_margin
+    assert (rating.figures["share"] >= 1) == (level != "bad")
+    assert rating.figures["lacking"] == lacking
+
+
+def test_gains_after_px4s_autotune_are_rated_like_those_before():
+    time = np.arange(20.0, 30.0)
+    injected = columns(time, axis=Injection.RATE_SETPOINT, target=time - 20)
+    telemetry = changed(HOVER.telemetry(autopilot="PX4"), "SIDD", **injected)
+    sent = columns([1.0, 35.0], param_id=b"MC_ROLLRATE_K", param_value=[1.0, 6.0], param_type=9)
+    tuned = autotuned(Signals(changed(telemetry, "PARAM_VALUE", **sent)), made_up())
+    assert (tuned.level, tuned.time, tuned.until) == ("watch", 21.0, 29.0)
+    assert [one.level for one in tuned.figures["ratings"]] == ["good", "bad"]
+
+
+@mark.parametrize(
+    "frequency, names",
+    {
+        23.0: ["MC_ROLLRATE_P", "MC_ROLLRATE_D"],
+        None: ["MC_ROLLRATE_P", "MC_ROLLRATE_D"],
+        1.5: ["MC_ROLL_P"],
+        0.4: ["MC_ROLL_P", "MC_ROLLRATE_I"],
+    }.items(),
+)
+def test_an_oscillating_vehicle_lowers_the_gains_that_act_at_its_frequency(frequency, names):
+    oscillation = Oscillation("roll", frequency, 40.0, 0.9, False, 20.0)
+    fact = lowered(oscillation, PX4)
+    lower = [(name, PX4[name], approx(PX4[name] * 2 / 3)) for name in names]
+    assert [*fact.figures["changes"]] == lower
+    assert all(name in fact.sentence for name in names)
+    both = oscillation._replace(others=(oscillation,))
+    assert [*lowered(both, PX4).figures["changes"]] == 2 * lower
+    unknown = lowered(oscillation, {})
+    assert (unknown.code, unknown.figures["changes"]) == (Gains.LOWER_GAINS, ())
+
+
+def test_refusals_say_why():
+    record = (sound := made_up()).record
+    inputs = np.where(np.arange(2000)[:, None] % 10 == 0, 2000.0, record.inputs)
+    stuck = advise(replace(sound, record=replace(record, inputs=inputs)))
+    retuned = advise(replace(sound, record=replace(record, earlier={"MC_ROLL_P": 5.0})))
+    doubt = Fact(Loops.MIXER_REVERSED)
+    cases = {
+        doubt: advise(sound, doubts=[doubt]),
+        Fact(Gains.MOTOR_AT_LIMIT, share=0.1): stuck,
+        Fact(Gains.LOOP_UNSTABLE): advise(made_up(6.0)),
+        Fact(Gains.GAINS_CHANGED, names=["MC_ROLL_P"]): retuned,
+    }
+    for refusal, found in cases.items():
+        assert found.refusals == (refusal,) and not found.gains
+        assert found.sentence == Fact(Gains.NO_GAINS_ADVISED, reasons=[refusal])
+
+
+@mark.parametrize(
+    "plant, record, code",
+    [
+        ({}, {"parameters": {}}, Loops.CONTROLLER_UNKNOWN),
+        ({}, {"parameters": PX4 | {"MC_ROLLRATE_P": 0.0}}, Loops.NO_PROPORTIONAL_GAIN),
+        ({"effect": -0.18 * np.array(X_ROLL)}, {}, Loops.MIXER_REVERSED),
+        ({}, {"input_range": ()}, Controllers.MIXER_UNKNOWN),
+        ({}, {"dt": 0.05}, Loops.CROSSOVER_UNSEEN),
+    ],
+)
+def test_a_flight_without_loops_says_why(plant, record, code):
+    sound = made_up()
+    changes = sound.plant._replace(**plant), replace(sound.record, **record)
+    assert refused(loop_of, *changes).code is code
+
+
+OF_ALL = Drag.of_parameters()
+
+
+def twin(loop, **known):
+    usual = {"px4": True, "hover": 0.5, "air": None, "drag": OF_ALL, "mass": None}
+    return twin_of({"roll": loop}, **usual | known)
+
+
+def test_a_twin_says_of_each_figure_how_sure_it_is():
+    loop = made_up()
+    _, phase, sensitivity = loop_charts({"now": loop})
+    assert phase.marks[0].name.endswith("°") and not sensitivity.marks[0].name
+    found = twin(loop)
+    notes = found.notes
+    assert notes["mass"] == Fact(Twins.MASS_NOTE, is_given=False)
+    assert notes["arm"] == Fact(Twins.ARM_NOTE, is_given=True) and found.arm == (0.1, 0.2)
+    inertia = notes["inertia"].figures
+    assert inertia["pitch"] is None and inertia["roll"].code is Twins.EFFECT_NOTE
+    assert inertia["roll"].figures["share"] == approx(1.645 * 0.0095 / 0.36, rel=0.1)
+    assert notes["moment"].code is Twins.MOMENT_NOTE
+    assert notes["damping"] == Fact(Twins.DAMPING_NOTE, damping=loop.plant.interval().damping)
+    status = {**loop.plant.status, "lag": Status.NOT_IDENTIFIABLE}
+    unsure = twin(replace(loop, plant=loop.plant._replace(status=status)), mass=2.0).notes
+    assert unsure["lag"] == Fact(Twins.LAG_NOTE, lag=None) and unsure["mass"].figures["is_given"]
+    assert refused(twin, loop, hover=0.05) == Fact(Twins.NO_HOVER, share=0.05)
+
+
+@mark.slow
+@mark.parametrize("delay", [0.004, 0.0])
+def test_a_twin_has_the_margins_of_its_loop_and_its_cycle_in_the_delay(delay):
+    loop = made_up()
+    loop = replace(loop, draws=loop.draws * [1, 0, 0] + [0, 0.02, delay])
+    filters = {"IMU_GYRO_CUTOFF": 40.0, "IMU_GYRO_NF0_FRQ": 50.0, "IMU_GYRO_NF0_BW": 20.0}
+    loop = loop.changed(filters)
+    body = twin(loop)
+    assert body.lag + body.delay == approx(0.02 + delay - 0.5 / 250)
+    if delay:
+        scenario = scenario_of(tomllib.loads(vehicle_text(body, ".toml", "")) | {"duration": 15.0})
+        found = truth(scenario, fly(scenario))["roll_rate_margins"]
+        known = [loop.crossover, loop.phase_margin, loop.gain_margin, loop.ms]
+        assert found == approx(known, rel=0.02)
+
+
+@mark.parametrize("with_correction, with_ahead", [(0, 1), (1, 1), (1, 0)])
+def test_setpoints_of_rates_are_flown_beside_what_the_angles_error_asks_for(
+    with_correction, with_ahead
+):
+    """ArduPilot's ATTITUDE_TARGET, its RATE, and rates without what the attitude's own turn needs."""
+    loop = made_up()
+    loop = replace(loop, controller=replace(loop.controller, derivative_of_error=True))
+    time = 0.005 * np.arange(2000)
+    angle = 0.2 * np.sin(3 * time)
+    ahead = 0.6 * np.cos(3 * time)
+    asked = with_correction * loop.controller.angle * (angle - loop.record.outputs[:, 0])
+    setpoints = np.column_stack([angle, asked + with_ahead * ahead])
+    names = ("roll setpoint", "roll rate setpoint")
+    record = replace(loop.record, setpoints=setpoints, setpoint_names=names)
+    again = again_of({"roll": replace(loop, record=record)})["roll"]
+    assert_allclose(again.setpoints[1:-1, 1], with_ahead * ahead[1:-1], atol=0.01)
+    assert again_of({"roll": loop}) == {}
+
+
+@mark.parametrize("known", [True, False])
+def test_a_twin_has_the_mean_wind_of_the_flight_where_it_is_known(known):
+    air = SimpleNamespace(speed=3.0, direction=80.0, sized=known, directed=True)
+    body = twin(made_up(), air=air)
+    scenario = scenario_of(tomllib.loads(vehicle_text(body, ".toml", "a.tlog")))
+    assert scenario.wind == (SteadyWind(kind="steady", speed=3.0, direction=80.0),) * known
+    assert str(body.notes["drag_linear"]).endswith(", typical: not identified from this flight")
+    assert scenario.vehicle.drag_linear == approx(OF_ALL.linear, rel=1e-4), "the wind pushes it"
+
+
+@mark.parametrize(
+    "by_wind, factor, code, agrees",
+    [
+        (0.0, 1.0, None, True),
+        (0.0, 3.0, Responses.RESPONSE_DISAGREES, False),
+        (30.0, 1.0, Responses.RESPONSE_UNEXPLAINED, None),
+    ],
+)
+def test_a_response_that_is_not_the_predicted_one_says_how(by_wind, factor, code, agrees):
+    """A rate that follows its setpoint by the closed loop, or ``factor`` times as far, and wind."""
+    sound = made_up()
+    rng = default_rng(8)
+    dt = sound.record.dt
+    samples = 12000
+    predicted = sound.rate.frequency, sound.rate.closed[0]
+    response = np.interp(np.fft.rfftfreq(samples, dt), *predicted)
+    setpoint = rng.normal(0, 0.3, samples)
+    rate = factor * np.fft.irfft(response * np.fft.rfft(setpoint), samples)
+    rate += by_wind * rng.normal(0, 0.3, samples)
+    record = replace(
+        sound.record,
+        inputs=1500 + rng.normal(0, 1, (samples, 1)) * X_ROLL,
+        outputs=np.column_stack([rate.cumsum() * dt, rate]),
+        lengths=(samples,),
+        setpoints=setpoint[:, None],
+        setpoint_names=("roll rate setpoint",),
+    )
+    measured = measured_response(record, sound.controller, np.array(X_ROLL), *predicted)
+    assert getattr(measured.reason, "code", None) == code
+    assert replace(sound, measured=measured).agrees is agrees

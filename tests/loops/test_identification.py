@@ -1,0 +1,288 @@
+"""The plant in its loop: from the messages of simulated flights at any rate, and why there is none."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+from hover import Hover, asking, changed
+from known_gains import ARDUPILOT, X_ROLL
+from numpy.testing import assert_allclose
+from pytest import approx, fixture, mark
+from recorded_flights import shared
+from refusals import refused
+
+import mavdem
+from mavdem.assessment.axis.loops import loops_of_log
+from mavdem.dataset.read import usable_segments
+from mavdem.dataset.signals import SLOW_MOTION_RATE, Signals
+from mavdem.dem.record import Record
+from mavdem.experiments.paper.runner import write_log
+from mavdem.facts.identifiability import Status
+from mavdem.facts.learnability import Reason
+from mavdem.facts.loops import Loops, Responses
+from mavdem.ingest import read_log
+from mavdem.loops import identification as in_flight
+from mavdem.loops.controllers import controller_of
+from mavdem.loops.from_flight import loop_of
+from mavdem.loops.identification import _streams, plant_in_loop
+from mavdem.plant import physical
+from mavdem.plant.closed_loop.identification import identified
+from sitl_scenarios.files import scenario_of
+from sitl_scenarios.simulation import fly
+from sitl_scenarios.truth import truth
+
+pytestmark = mark.slow
+SCENARIO = scenario_of(
+    {
+        "seed": 11,
+        "duration": 45,
+        "vehicle": {
+            "model": "iris",
+            "rate_gain": 2.0,
+            "lag_up": 0.02,
+            "lag_down": 0.02,
+            "parameters": {"IMU_GYRO_RATEMAX": 400},
+        },
+        "wind": [{"kind": "gaussian", "sd": 0.5, "s": 0.3}],
+        "excitation": {"kind": "doublets", "amplitude": 8.0, "width": 0.13, "period": 2.7},
+        "stream": {"rate": 400, "rates": {"ATTITUDE_TARGET": 400}},
+    }
+)
+
+
+def logged(scenario, folder):
+    """What is true of a scenario that is flown, and its log."""
+    flight = fly(scenario)
+    write_log(folder / "flight.tlog", scenario, flight)
+    return truth(scenario, flight), read_log(folder / "flight.tlog")
+
+
+@fixture(scope="module")
+def flight(tmp_path_factory):
+    return logged(SCENARIO, tmp_path_factory.mktemp("flown"))
+
+
+@fixture(scope="module")
+def log(flight):
+    return flight[1]
+
+
+def thinned(log, every):
+    """The log with every so many messages of each kind."""
+    (vehicle,) = log.vehicles
+    fast = vehicle.messages.keys() - {"PARAM_VALUE", "HEARTBEAT"}
+    rows = slice(None, None, every)
+    messages = vehicle.messages | {name: rows_of(vehicle.messages[name], rows) for name in fast}
+    return replace(log, vehicles=(replace(vehicle, messages=messages),))
+
+
+def flown(log):
+    signals = Signals(log.vehicles[0])
+    segments, _ = usable_segments(signals, log.components, SLOW_MOTION_RATE)
+    return signals, segments
+
+
+@mark.parametrize("every, within", [(1, (5.0, 1.5)), (16, (12.0, np.inf))])
+def test_a_loop_has_its_true_margins_at_400_and_at_25_hz(flight, every, within):
+    """The intervals hold them; beyond half of the log's rate the gain margin is said to be extrapolated."""
+    known, log = flight
+    signals, flights = flown(thinned(log, every))
+    loop = loop_of(plant_in_loop(signals, flights), Record.of(flights))
+    _, *margins, _ = known["roll_rate_margins"]
+    for name, true, error in zip(("phase_margin", "gain_margin"), margins, within, strict=True):
+        assert abs(getattr(loop, name) - true) < error
+        low, high = getattr(loop, f"{name}_interval")
+        wider = (high - low) / 4  # of one flight 90 % are too few to test: 99 %
+        assert low - wider <= true <= high + wider
+    codes = [caution.code for caution in loop.cautions]
+    assert (Loops.GAIN_MARGIN_EXTRAPOLATED in codes) == (every == 16)
+
+
+def test_a_slow_log_has_the_loops_of_its_plant_in_the_loop(log):
+    slow = thinned(log, 16)
+    assert not loops_of_log(Signals(slow.vehicles[0]), slow).plant.filtered
+
+
+def refusal(signals, flights):
+    return refused(plant_in_loop, Signals(signals.telemetry), flights).code
+
+
+def test_what_a_plant_in_its_loop_takes_is_said(log, monkeypatch):
+    signals, flights = flown(log)
+    (flight,) = flights
+    assert refusal(signals, [flight[:4000]]) is Loops.LOOP_TOO_SHORT
+    without = {k: v for k, v in signals.telemetry.messages.items() if k != "ATTITUDE_TARGET"}
+    blind = Signals(replace(signals.telemetry, messages=without))
+    assert refusal(blind, flights) is Loops.NO_RATE_SETPOINT
+    # The last reason first, so that each stands before those that are there already.
+    monkeypatch.setattr(in_flight, "WIDEST", 0.1)
+    assert refusal(signals, flights) is Loops.MARGIN_UNCERTAIN
+    monkeypatch.setattr(in_flight, "LEAST_STEERED", 2.0)
+    assert refusal(signals, flights) is Loops.NOT_STEERED
+    monkeypatch.undo()
+    monkeypatch.setattr(in_flight, "MOST_ROUNDED", 0.0)
+    rounded = refused(plant_in_loop, Signals(signals.telemetry), flights)
+    assert rounded.code is Reason.COMMAND_ROUNDED
+    # A step's rounding has a twelfth of its square as variance.
+    share = (rounded.figures["command_step"] / rounded.figures["command"]) ** 2 / 12
+    monkeypatch.setattr(in_flight, "MOST_ROUNDED", 0.9 * share)
+    assert refusal(signals, flights) is Reason.COMMAND_ROUNDED
+    monkeypatch.setattr(in_flight, "MOST_ROUNDED", 1.1 * share)
+    assert plant_in_loop(Signals(signals.telemetry), flights).effect.shape == (4,)
+
+
+def with_setpoints(log, change):
+    """The log whose ATTITUDE_TARGET is what ``change`` makes of its columns."""
+    (vehicle,) = log.vehicles
+    targets = change(vehicle.messages["ATTITUDE_TARGET"])
+    return replace(log, vehicles=(changed(vehicle, "ATTITUDE_TARGET", **targets),))
+
+
+def rows_of(columns, rows):
+    return {name: values[rows] for name, values in columns.items()}
+
+
+@mark.parametrize(
+    "change, code",
+    [
+        (lambda c: c | {"body_roll_rate": 0.3}, Loops.NO_RATE_SETPOINT),
+        (lambda c: c | {"boot": c["boot"] + 7}, Loops.NO_RATE_SETPOINT),
+        (lambda c: rows_of(c, slice(None, None, 13)), Loops.NO_RATE_SETPOINT),
+        (lambda c: rows_of(c, c["time"] % 30 < 15), Loops.LOOP_TOO_SHORT),
+    ],
+    ids=["constant", "of another boot", "2 Hz", "gaps longer than windows"],
+)
+def test_setpoints_that_say_too_little_are_refused(log, change, code):
+    signals, flights = flown(with_setpoints(thinned(log, 16), change))
+    assert refusal(signals, flights) is code
+
+
+def test_another_boot_at_the_same_stamps_does_not_count(log):
+    signals, (flight,) = flown(thinned(log, 16))
+    segment = {**flight.provenance["segment"], "boot": 1}
+    other = replace(flight[:-1], provenance={**flight.provenance, "segment": segment})
+    alone = plant_in_loop(signals, [flight])
+    both = plant_in_loop(signals, [other, flight, other])
+    assert np.array_equal(both.covariance, alone.covariance)
+
+
+def test_a_plant_that_cannot_be_drawn_is_not_found_and_an_unknown_margin_at_most_half_a_turn(
+    log, monkeypatch
+):
+    signals, flights = flown(thinned(log, 16))
+
+    def plant_with(share):
+        def spread(axis):
+            found = identified(axis)
+            return found._replace(covariance=found.covariance * share)
+
+        monkeypatch.setattr(in_flight, "identified", spread)
+        return plant_in_loop(Signals(signals.telemetry), flights)
+
+    assert refused(plant_with, np.nan).code is Loops.LOOP_NOT_FOUND
+    widths = []
+    for share in (14.0, 1e5):
+        uncertain = refused(plant_with, share)
+        assert uncertain.code is Loops.MARGIN_UNCERTAIN
+        widths.append(np.ptp(uncertain.figures["phase_margin_interval"]))
+    assert uncertain.figures["phase_margin_interval"][1] == 180.0
+    assert widths[0] == approx(31.5, abs=1.5) and plant_with(10.0), "15° to each side"
+
+
+@mark.parametrize(
+    "more, change, status",
+    [
+        (3.0, {}, Status.REPORTED),  # a phase margin of 31°
+        (4.0, {}, Status.BIASED),  # of 19°
+        (0.9, {"lag": 0.002, "delay": 0.03}, Status.REPORTED),  # of 20°, for the delay's sake
+    ],
+)
+def test_of_a_loop_that_rings_beyond_its_motors_effect_and_lag_are_biased(
+    log, more, change, status
+):
+    signals, flights = flown(thinned(log, 16))
+    plant = plant_in_loop(signals, flights)
+    _, controller, directions = in_flight._in_loop(signals, tuple(flights))
+    sure = plant._replace(effect=more * plant.effect, covariance=1e-4 * plant.covariance)
+    checked = in_flight._checked(sure._replace(**change), directions, controller)
+    assert set(checked.status.values()) == {status}
+
+
+@mark.parametrize("gain", [0.0, 0.5])
+def test_a_controller_of_other_gains_than_flew_finds_no_plant(log, gain):
+    signals, (flight,) = flown(thinned(log, 16))
+    parameters = {**flight.provenance["parameters"], "MC_ROLLRATE_K": gain}
+    other = replace(flight, provenance={**flight.provenance, "parameters": parameters})
+    assert refusal(signals, [other]) is Loops.LOOP_NOT_FOUND
+
+
+def test_with_motors_at_their_limits_the_margins_are_true(tmp_path):
+    """Limits cut off most of what the controller asks for in quick doublets: it acts as one of less gain."""
+    hard = SCENARIO.model_dump(mode="json")
+    hard["vehicle"]["rate_gain"] = 4.0
+    hard["vehicle"]["parameters"] = {"IMU_GYRO_RATEMAX": 200}
+    hard["stream"] = {"rate": 100, "rates": {"ATTITUDE_TARGET": 100}}
+    hard["excitation"] |= {"amplitude": 25.0, "width": 0.1}
+    known, log = logged(scenario_of(hard), tmp_path)
+    signals, flights = flown(log)
+    loop = loop_of(plant_in_loop(signals, flights), Record.of(flights))
+    fit, *_ = (found.fit for found in signals.known.values() if hasattr(found, "fit"))
+    assert 0.5 < fit.cut_off < fit.axis.limited
+    _, phase, gain, _ = known["roll_rate_margins"]
+    assert abs(loop.phase_margin - phase) < 5 and abs(loop.gain_margin - gain) < 1.5
+
+
+def test_a_setpoint_with_the_correction_of_the_angle_in_it_is_taken_as_it_is():
+    flight = mavdem.read_flight(shared("sitl_events/ap_quiet10.BIN"))
+    learned = mavdem.learn(flight)
+    loop = learned.loop()
+    assert loop.measured is not None and loop.measured.agreement > 90
+    # results cannot be written, in another process either
+    again = pickle.loads(pickle.dumps(learned))
+    torque = learned.wind_torque.band
+    for array in (again.model.A, learned.physical.effect, torque, loop.gains, loop.rate.stable):
+        assert not array.flags.writeable
+
+
+def test_what_the_angles_error_asks_for_is_added_to_ardupilots_setpoint_of_the_rate():
+    time = np.arange(10.0, 40.0, 0.01)
+    wanted, ahead = 0.1 * np.sin(time), 0.1 * np.cos(time)
+    controller = controller_of(ARDUPILOT, "roll", X_ROLL)
+    signals = Signals(asking(Hover().telemetry(), time, 0, ahead, wanted))
+    streams, *_ = _streams(signals, 0, controller, np.ones(4))
+    assert_allclose(streams[5].values, ahead + controller.angle * wanted, atol=1e-6)
+
+
+def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(tmp_path):
+    """Of ArduPilot, by the plant without its loop."""
+    steered = {"kind": "multisine", "sd": 3.0, "lowest": 0.2, "highest": 4.0, "period": 10.0}
+    vehicle = {"model": "iris", "rate_gain": 1.4}
+    stream = {"autopilot": "ardupilot", "rates": {"ATTITUDE_TARGET": 100}}
+    scenario = {"excitation": steered, "stream": stream, "seed": 5, "duration": 45}
+    known, _ = logged(scenario_of(scenario | {"vehicle": vehicle}), tmp_path)
+    record = Record.of(mavdem.read_flight(tmp_path / "flight.tlog"))
+    plant = physical(record)
+    loop = loop_of(plant, record)
+    crossover, phase, *_ = margins = known["roll_rate_margins"]
+    assert loop.crossover == approx(crossover, rel=0.1)
+    assert loop.phase_margin == approx(phase, abs=6)
+    names = ("crossover", "phase_margin", "gain_margin", "ms")
+    for name, true in zip(names, margins, strict=True):
+        low, high = getattr(loop, f"{name}_interval")
+        assert low <= true <= high
+    assert loop.attitude.crossover == approx(known["roll_attitude_margins"][0], rel=0.1)
+    assert loop.agrees and loop.measured.fit > 80 and loop.rate.stable.all()
+    assert loop.measured.controller_gain == approx(1, abs=0.2)
+    name = loop.controller.names["p"]
+    doubled = loop.changed({name: 2 * record.parameters[name]})
+    assert doubled.crossover > 1.5 * loop.crossover and doubled.agrees is None
+    assert loop_of(plant, replace(record, setpoints=np.zeros_like(record.setpoints))).agrees is None
+    retuned = loop_of(plant, replace(record, earlier={name: 0.1}))
+    (caution,) = retuned.cautions
+    assert retuned.agrees is None and caution.code is Loops.PARAMETERS_CHANGED
+    assert caution.figures["changes"] == ((name, 0.1, record.parameters[name]),)
+    # Gains that were not those in flight.
+    other = loop_of(plant, record, loop.controller.changed({name: 0.7 * record.parameters[name]}))
+    assert other.agrees is False
+    assert other.measured.reason.code is Responses.CONTROLLER_GAIN_DIFFERS
+    assert other.advice.refusals == (other.measured.reason,)

@@ -1,0 +1,45 @@
+"""The rate loop by system identification: of a recorded flight with a chirped truth, and of known margins."""
+
+import numpy as np
+from numpy.testing import assert_allclose
+from pytest import approx, mark
+from recorded_flights import recorded
+
+from mavdem.assessment.axis.margins import AxisMargins
+from mavdem.dataset.align import recorded_parts
+from mavdem.dataset.signals import Signals
+from mavdem.facts.margins import MarginsLight
+from mavdem.loops.injected_signal import injected_loop
+from mavdem.loops.margins import OpenLoop
+
+
+def test_the_recorded_flight_has_its_chirped_margins():
+    """Of ArduCopter's simulator, by a chirp at the mixer: 20.1 Hz, 19°, 2.8 dB, Ms 4.9. The sweep of roll was cut."""
+    signals = Signals(recorded("sitl_raw/ap_sid.BIN.xz"), axis="pitch")
+    found = injected_loop(signals, recorded_parts(signals))
+    assert found.crossover == approx(20.1, abs=0.3)
+    assert found.phase_margin == approx(19, abs=1.5)
+    assert found.gain_margin == approx(2.8, abs=1)
+    assert found.ms == approx(4.9, rel=0.1)
+    assert not found.disturbance.any()  # none was injected
+    # The setpoint's filter alone is beside the loop where D does little: ATC_RAT_PIT_FLTT of 20 Hz.
+    asked = 1 / (1 + 1j * found.frequency / 20.0)
+    followed = found.response[0] / (1 + found.response[0])
+    assert_allclose(found.closed[0, :10], (asked * followed)[:10], rtol=0.02)
+    assert injected_loop(signals.about("roll"), recorded_parts(signals)) is None
+
+
+@mark.parametrize("gain, level", [(12.0, "good"), (20.0, "watch"), (24.0, "bad")])
+def test_an_integrator_with_dead_time_has_its_margins_and_the_light_of_these(gain, level):
+    delay = 0.04
+    frequency = np.geomspace(1, 40, 500)
+    s = 2j * np.pi * frequency
+    loop = (gain * np.exp(-delay * s) / s)[None]
+    found = OpenLoop(frequency, loop, loop, loop)
+    assert found.crossover == approx(gain / (2 * np.pi), rel=1e-3)
+    assert found.phase_margin == approx(90 - np.degrees(gain * delay), abs=0.1)
+    assert found.gain_margin == approx(20 * np.log10(np.pi / (2 * gain * delay)), abs=0.05)
+    assert found.delay_margin == approx(np.pi / 2 / gain - delay, abs=1e-4)
+    (fact,) = AxisMargins("roll", None, None, None, found).facts
+    assert (fact.code, fact.level) == (MarginsLight.LOOP_MEASURED, level)
+    assert fact.figures["phase_margin"] == found.phase_margin

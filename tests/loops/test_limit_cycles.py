@@ -1,0 +1,112 @@
+"""Limit cycles are found by their line, at the frequency they have; gusts, steps and a motor at its limit are none."""
+
+import numpy as np
+from hover import X_QUAD, Hover, changed, pulses, with_pulses
+from numpy.random import default_rng
+from pytest import approx, mark
+from scipy.signal import cont2discrete, lfilter
+
+from mavdem.assessment.condition import condition_of
+from mavdem.dataset.signals import Signals
+
+HOVER = Hover(hovering=40.0)
+
+
+def found(rate, command, hertz=100.0, offset=0.0, pitch=0.0):
+    """Of a hover with a roll rate (N,), deg/s, and a roll command (N,), µs, that are functions of time, s."""
+    telemetry = HOVER.telemetry(attitude_time=hertz, motor_time=hertz)
+    time = HOVER.stamps(hertz)
+    outputs = 1500.0 + np.outer(X_QUAD, command(time))
+    outputs[0] += offset
+    limited = np.where(pulses(telemetry) > 1000, outputs.clip(1150.0, 1990.0), 1000.0)
+    telemetry = with_pulses(telemetry, limited)
+    roll_rate = np.radians(rate(time))
+    turning = changed(telemetry, "ATTITUDE", rollspeed=roll_rate, pitchspeed=pitch * roll_rate)
+    return condition_of(Signals(turning)).oscillation
+
+
+def swinging(hertz, size):
+    return lambda time: size * np.sin(2 * np.pi * hertz * time)
+
+
+def gusts(size):
+    """A rate in wind: white noise through the attitude loop's resonance, at 1.5 Hz with a damping of 0.4."""
+
+    def series(time):
+        omega = 3 * np.pi
+        continuous = [1, 0], [1, 0.8 * omega, omega**2]
+        (numerator,), denominator, _ = cont2discrete(continuous, time[1] - time[0])
+        values = lfilter(numerator, denominator, default_rng(1).standard_normal(len(time)))
+        return size * values / values.std()
+
+    return series
+
+
+@mark.parametrize("hertz", [1.5, 7.0, 12.0])
+def test_a_limit_cycle_has_its_frequency_rate_and_time_at_a_limit(hertz):
+    one = found(
+        lambda time: swinging(hertz, 85.0)(time) + gusts(10.0)(time),
+        lambda time: swinging(hertz, 900.0)(time) + gusts(40.0)(time),
+        pitch=0.5,
+    )
+    assert one.axis == "roll" and not one.growing
+    assert one.frequency == approx(hertz, abs=0.25)
+    assert one.rate == approx(np.hypot(85.0 / np.sqrt(2), 10.0), rel=0.05)
+    assert one.at_limit > 0.5 and one.seconds > 30
+    (other,) = one.others
+    assert (other.axis, other.rate) == ("pitch", approx(one.rate / 2))
+
+
+@mark.parametrize("seconds, growing", [(12.0, True), (33.0, True), (45.0, False)])
+def test_one_that_grows_is_found_before_motors_reach_their_limits(seconds, growing):
+    def grows(size):
+        return lambda time: np.exp((time - 50.0) / seconds) * swinging(5.0, size)(time)
+
+    one = found(grows(60.0), grows(120.0))
+    assert (one.growing, one.at_limit) == (growing, 0)
+    assert one.frequency == approx(5.0, abs=0.25)
+
+
+def test_one_that_lasts_is_found_though_it_neither_grows_nor_reaches_a_limit():
+    one = found(swinging(4.0, 30.0), swinging(4.0, 60.0))
+    assert not one.growing and one.at_limit == 0
+
+
+@mark.parametrize(
+    "phase", [lambda t: 0.5 * t + 0.06 * t**2, lambda t: 3.0 * t], ids=["sweep", "sine"]
+)
+def test_what_is_steered_to_identify_is_none(phase):
+    """Sweeps from 0.5 to 5 Hz and sines of up to 3 Hz, as ArduPilot's system identification mode flies them."""
+
+    def swept(size):
+        return lambda time: size * np.sin(2 * np.pi * phase(time))
+
+    assert found(swept(30.0), swept(60.0)) is None
+
+
+def test_motors_from_stop_to_stop_show_it_though_the_vehicle_sways_besides():
+    one = found(gusts(100.0), swinging(17.0, 900.0))
+    assert round(one.frequency) == 17 and one.rate < 20.0
+
+
+def test_where_messages_come_too_slowly_the_frequency_is_not_told():
+    one = found(swinging(12.0, 85.0), swinging(12.0, 900.0), 10.0)
+    assert one.frequency is None
+
+
+@mark.parametrize(
+    "rate, command, offset", [(40.0, 300.0, 0.0), (10.0, 40.0, 600.0), (3.0, 20.0, 0.0)]
+)
+def test_wind_is_none_though_motors_reach_their_limits(rate, command, offset):
+    assert found(gusts(rate), gusts(command), offset=offset) is None
+
+
+def test_steps_to_the_side_are_none():
+    def square(size):
+        return lambda time: size * np.sign(swinging(0.25, 1.0)(time))
+
+    assert found(square(40.0), square(900.0)) is None
+
+
+def test_what_moves_only_the_rate_is_an_alias_or_a_vibration():
+    assert found(swinging(7.0, 85.0), gusts(300.0)) is None

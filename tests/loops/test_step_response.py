@@ -1,0 +1,122 @@
+"""Step responses: of loops that are known, and why there are none."""
+
+from unittest.mock import Mock
+
+import numpy as np
+from hover import Hover, asking, changed, only
+from numpy.random import default_rng
+from numpy.testing import assert_allclose
+from pytest import approx, mark
+from scipy.signal import cont2discrete, freqz, lfilter
+
+from mavdem.assessment.axis.responses import predicted_attitude
+from mavdem.assessment.condition import settled_parts
+from mavdem.dataset.signals import Signals
+from mavdem.facts.loops import StepResponses
+from mavdem.loops.step_response import (
+    attitude_response,
+    rate_response,
+    step_of,
+)
+
+HOVER = Hover(hovering=60.0)
+TIME = HOVER.stamps(200.0)
+FREQUENCY = np.linspace(0.02, 95.0, 4000)
+
+
+@mark.parametrize("ahead", [False, True])
+def test_an_attitude_whose_rate_is_asked_for_too_is_followed_at_once(ahead):
+    """By an ideal rate loop, of which the attitude is the integral."""
+    s = 2j * np.pi * FREQUENCY
+    angle = 4.5
+    attitude = Mock(frequency=FREQUENCY, closed=(angle / (s + angle))[None])
+    known = Mock(attitude=attitude, controller=Mock(angle=angle))
+    assert_allclose(predicted_attitude(known, ahead), 1.0 if ahead else angle / (s + angle))
+
+
+def loop(hertz=12.0, damping=0.25, frequency=FREQUENCY):
+    """Coefficients at 200 Hz of ω² / (s² + 2 ζ ω s + ω²) of this frequency, and its response at others."""
+    omega = 2 * np.pi * hertz
+    continuous = [omega**2], [1, 2 * damping * omega, omega**2]
+    (numerator,), denominator, _ = cont2discrete(continuous, 1 / 200)
+    _, closed = freqz(numerator, denominator, frequency, fs=200)
+    return numerator, denominator, closed
+
+
+def steered(seed=1, slow=0.9):
+    """What a pilot asks for: noise below a few Hz."""
+    values = default_rng(seed).standard_normal(len(TIME))
+    return lfilter([1 - slow], [1.0, -slow], values)
+
+
+def flight(rate, setpoint, angle=None, wanted=None):
+    """A hover at 200 Hz with a roll rate and its setpoint, (N,) rad/s, and an angle and its setpoint, rad."""
+    roll = 0 * TIME if angle is None else angle
+    telemetry = changed(HOVER.telemetry(200.0, 200.0), "ATTITUDE", rollspeed=rate, roll=roll)
+    return asking(telemetry, TIME, 128 if wanted is None else 0, setpoint, wanted)
+
+
+def measured(telemetry, response=rate_response):
+    signals = Signals(telemetry)
+    return response(signals, settled_parts(signals))
+
+
+@mark.parametrize("repeated", [slice(0), slice(3000, 5000)])
+def test_a_resonance_is_measured_with_a_band_that_holds_it(repeated):
+    numerator, denominator, closed = loop()
+    asked = steered()
+    gusts = 0.05 * lfilter([1.0], [1.0, -0.95], steered(2, slow=0.0))
+    rate = lfilter(numerator, denominator, asked) + gusts
+    rate[repeated] = asked[repeated] = 0.1
+    found = measured(flight(rate, asked))
+    true = step_of(FREQUENCY, closed, found.time)
+    assert np.mean(abs(found.step - true) <= found.step_half) > 0.8
+    assert found.overshoot.value == approx(true.max() - 1, abs=0.03)
+    peak = np.argmax(abs(closed))
+    assert found.peak.value == approx(abs(closed[peak]), rel=0.1)
+    assert found.peak_frequency.value == approx(FREQUENCY[peak], rel=0.05)
+    assert found.coherence > 0.8 and found.highest > 15
+    assert found.fact.code is StepResponses.STEP_MEASURED
+    assert found.compared(FREQUENCY, closed).code is StepResponses.PREDICTION_AGREES
+    slower = found.compared(FREQUENCY, loop(5.0)[2])
+    assert slower.code is StepResponses.PREDICTION_DOUBTED and slower.figures["share"] > 0.5
+    faster = found.compared(FREQUENCY, loop(90.0, damping=0.1)[2])
+    assert faster.code is StepResponses.MEASUREMENT_DOUBTED
+
+
+@mark.parametrize("is_corrected", [True, False])
+def test_wind_that_the_attitude_controller_answers_does_not_bias_it(is_corrected):
+    """The setpoint of the rate answers the wind, whether the log has that correction in it or not."""
+    wanted = 0.6 * lfilter([0.01], [1.0, -0.99], default_rng(3).standard_normal(len(TIME)))
+    ahead = 200 * np.gradient(wanted)
+    wind = 0.5 * lfilter([0.05], [1.0, -0.95], steered(4, slow=0.0))
+    frequency = np.fft.rfftfreq(len(TIME), 1 / 200)
+    turning = 200 * (np.exp(2j * np.pi * frequency / 200) - 1)
+    *_, closed = loop(frequency=frequency)
+    moved = closed * np.fft.rfft(ahead + 4.5 * wanted) + np.fft.rfft(wind)
+    angle = np.fft.irfft(moved / (turning + 4.5 * closed), len(TIME))
+    rate = 200 * (np.roll(angle, -1) - angle)
+    asked = ahead + 4.5 * (wanted - angle)
+    telemetry = flight(rate, asked if is_corrected else ahead, angle, wanted)
+    found = measured(telemetry)
+    true = step_of(frequency[1:], closed[1:], found.time)
+    assert np.mean(abs(found.step - true) <= found.step_half) > 0.7
+    assert found.peak_frequency.value == approx(12.0, rel=0.1)
+    outer = measured(telemetry, attitude_response)
+    assert outer.loop == "attitude" and outer.step[-1] == approx(1.0, abs=0.1)
+
+
+def test_why_there_is_no_step_response(monkeypatch):
+    rate = steered()
+    without = measured(HOVER.telemetry(200.0, 200.0))
+    still = measured(flight(rate, 0 * rate))
+    telemetry = flight(rate, rate)
+    slow = measured(only(telemetry, lambda time: np.isin(time, TIME[::10]), "ATTITUDE_TARGET"))
+    unflown = rate_response(Signals(telemetry), ())
+    monkeypatch.setattr("mavdem.loops.step_response.quantile", lambda: 1e6)
+    unsure = measured(telemetry)
+    unasked = measured(HOVER.telemetry(), attitude_response)
+    assert without.code is unasked.code is StepResponses.NO_SETPOINT
+    assert slow.code is StepResponses.TOO_SLOW
+    assert unflown.code is StepResponses.TOO_LITTLE_FLIGHT
+    assert still.code is unsure.code is StepResponses.TOO_LITTLE_ASKED

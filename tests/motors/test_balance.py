@@ -1,0 +1,144 @@
+"""The balance of a flight against one that is known, and recorded flights with one propeller shortened."""
+
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+from frames import FRAMES, geometry
+from numpy.random import default_rng
+from numpy.testing import assert_allclose
+from pytest import approx, fixture, mark
+from recorded_flights import shared
+from scipy.ndimage import convolve1d
+
+from mavdem.assessment.condition import condition_of
+from mavdem.dataset.signals import Signals
+from mavdem.ingest import read_log
+from mavdem.motors.balance import (
+    HealthFigures,
+    balance_figures,
+    balance_of_signals,
+    motor_signatures,
+)
+from mavdem.motors.health import assess
+
+QUAD_X = motor_signatures(geometry())
+UNKNOWN = motor_signatures(geometry(positions=(), spins=()))
+MEAN = np.array([0.03, -0.02, 0.01])
+EFFECT = np.array([[0.8, 0.0], [0.1, -0.4], [0.3, -0.2]])
+
+
+def flown(seed, seconds=60.0):
+    """Times, commands, and a lean (N, 2), rad, in gusts of some seconds."""
+    rng = default_rng(seed)
+    time = np.arange(0.0, seconds, 0.02)
+    noise = rng.normal(scale=0.005, size=(len(time), 2))
+    lean = [0.05, -0.03] + convolve1d(noise, np.hanning(200), axis=0, mode="constant")
+    balance = MEAN + (lean - lean.mean(axis=0)) @ EFFECT.T
+    shares = np.column_stack([np.ones(len(time)), balance]) @ np.linalg.pinv(QUAD_X.weights).T
+    return time, 0.5 * rng.normal(shares, 0.02), lean
+
+
+def figures(time, commands, lean, signatures=QUAD_X):
+    return balance_figures([(time, commands, lean)], signatures, time[-1] - time[0])
+
+
+def test_mean_and_effect_of_lean_are_found_within_their_errors():
+    away = []
+    for seed in range(60):
+        time, commands, lean = flown(seed)
+        found = figures(time, commands, lean)
+        of_effect = (found.lean_effect - EFFECT) / found.lean_effect_error
+        away.append([*(found.mean - MEAN) / found.error, *of_effect.ravel()])
+        assert found.lean == approx(lean.mean(axis=0), abs=1e-3)
+    # Standard scores: their mean is 0 and their size 1, within what 60 flights show (3 standard errors).
+    assert abs(np.mean(away, axis=0)).max() < 3 / np.sqrt(60) * 1.2
+    spread = np.std(away, axis=0)
+    assert spread.max() < 1.5 and spread.min() > 0.6
+    # The battery does not change it.
+    charged, empty = (figures(time, scale * commands, lean) for scale in (0.8, 1.2))
+    assert_allclose(charged.mean, empty.mean)
+
+
+def test_what_cannot_be_seen_is_not_known():
+    time, commands, lean = flown(1)
+    steady = figures(time, commands, np.full((len(time), 2), 0.02))
+    assert np.isnan(steady.lean_effect).all() and np.isfinite(steady.mean).all()
+    without_spins = motor_signatures(geometry(spins=()))
+    assert np.isnan(figures(time, commands, lean, without_spins).mean).tolist() == [0, 0, 1]
+    assert figures(time, commands, lean, UNKNOWN) is None
+    assert figures(*flown(1, seconds=15.0)) is None
+
+
+@fixture(params=FRAMES)
+def layout(request):
+    return geometry(request.param)
+
+
+def trimmed(layout, thrusts):
+    """Commands by which a mixer holds the forces of a hover where motor i gives ``thrusts[i]`` for a command of 1."""
+    forward, right = np.array(layout.positions).T
+    forces = np.array([np.ones(len(right)), -right, forward, layout.spins])
+    mixer = np.linalg.pinv(forces)
+    return mixer @ np.linalg.solve(forces * thrusts @ mixer, forces.sum(axis=1))
+
+
+def test_a_weak_motor_changes_the_trim_as_its_signature_says(layout):
+    signatures = motor_signatures(layout)
+    for motor, one in enumerate(np.eye(len(layout.motors))):
+        change = (trimmed(layout, 1 - 1e-5 * one) - trimmed(layout, 1.0)) / 1e-5
+        assert_allclose(change, signatures.weak_motor_commands[motor], atol=1e-4)
+        assert_allclose(signatures.weights @ change, signatures.weak_motor[motor], atol=1e-4)
+
+
+def test_axes_and_names_are_those_of_the_layout(layout):
+    count = len(layout.motors)
+    signatures = motor_signatures(layout)
+    assert signatures.axes == ("thrust", "roll", "pitch", "yaw")
+    assert UNKNOWN.axes == ("thrust",)
+    assert_allclose(signatures.weights[1:], [layout.effect(axis) for axis in signatures.axes[1:]])
+    # A motor can be named where places and spins are known and differ.
+    assert signatures.names_a_motor
+    coaxial = {name: getattr(layout, name) * 2 for name in ("motors", "positions", "spins")}
+    spins = (), (0,) * count, (1, *(0,) * (count - 1))
+    for other in (coaxial, {"positions": ()}, *({"spins": known} for known in spins)):
+        assert not motor_signatures(replace(layout, **other)).names_a_motor
+
+
+def health_figures(path):
+    signals = Signals(read_log(path).vehicles[0], inputs="motors")
+    condition = condition_of(signals)
+    layout = signals.motors.layout
+    balance = balance_of_signals(signals)
+    effort = condition.collective, condition.battery.voltage_mean
+    named = path.stem, layout.names, motor_signatures(layout)
+    return HealthFigures(*named, balance, None, *effort)
+
+
+@mark.slow
+def test_each_flight_is_judged_as_the_documentation_says():
+    # docs/evidence/motors.md: the probabilities of a fault and of any change.
+    shown = {
+        "hover_good_1": ("ok", 0.00, 0.07),
+        "hover_good_2": ("ok", 0.00, 0.08),
+        "straight_good_1": ("ok", 0.00, 0.07),
+        "hover_cut5mm_1": ("ok", 0.00, 0.10),
+        "hover_cut10mm_1": ("drift", 0.01, 0.66),
+        "straight_cut10mm_1": ("ok", 0.01, 0.26),
+        "hover_cut20mm_1": ("fault", 0.91, 1.00),
+        "straight_cut20mm_1": ("fault", 0.89, 0.99),
+        "hover_cut25mm_1": ("fault", 0.97, 1.00),
+        "straight_cut25mm_1": ("fault", 0.61, 1.00),
+    }
+    flights = [health_figures(shared(f"real/propeller/{name}.BIN")) for name in shown]
+    good = flights[:3]
+    for found, (health, *probabilities) in zip(assess(flights, good), shown.values(), strict=True):
+        assert found.health == health
+        known = [found.fault_probability, found.change_probability]
+        assert known == approx(probabilities, abs=0.005)
+    # 10 mm, flown one after the other, are a drift.
+    first, second = (
+        replace(flight, date=datetime(2022, 3, day, tzinfo=UTC))
+        for day, flight in enumerate(flights[4:6], 14)
+    )
+    assert {found.health for found in assess([first, second], good)} == {"drift"}

@@ -1,0 +1,253 @@
+"""Motors in flight: one that works harder is found, named and measured, and so is its recovery; nothing else is."""
+
+import numpy as np
+from frames import FRAMES, geometry
+from hover import overtake
+from numpy.random import default_rng
+from pytest import approx, mark
+from scipy.signal import lfilter
+
+from mavdem.facts import Level
+from mavdem.facts.motors import InFlight
+from mavdem.ingest.motors import motor_geometry
+from mavdem.motors.balance import motor_signatures
+from mavdem.motors.loss_detection import (
+    HOURS_TO_FALSE_ALARM,
+    LONGEST_GAP,
+    MotorAlarm,
+    MotorWatch,
+    _long_run,
+    alarm_figures,
+)
+
+# Hz, s
+RATE = 10.0
+BREAKS = 20.0
+SIGNATURES = {motors: motor_signatures(geometry(motors)) for motors in FRAMES}
+MIXERS = {motors: np.linalg.pinv(signatures.weights) for motors, signatures in SIGNATURES.items()}
+
+
+def quad(*balance):
+    """(4,) commands of a quadrotor that ask for so much thrust, roll, pitch and yaw."""
+    return MIXERS[4] @ balance
+
+
+def flight(seed, seconds=45.0, sd=0.01, coloured_by=0.5, motors=4):
+    """Times (N,) and commands (N, k) of a sound vehicle in wind, about 0.6 of the range."""
+    time = np.arange(round(seconds * RATE)) / RATE + 100.0
+    keeps = np.exp(-1 / (RATE * coloured_by))
+    draws = default_rng(seed).standard_normal((len(time), 4))
+    noise = lfilter([np.sqrt(1 - keeps**2)], [1.0, -keeps], draws, axis=0)
+    return time, 0.6 * (1 + sd * noise @ MIXERS[motors].T)
+
+
+def watched(time, commands, heading=lambda at: 0.0, watch=None):
+    watch = watch or MotorWatch(geometry(commands.shape[1]))
+    for at, row in zip(time.tolist(), commands, strict=True):
+        assert all(one.since < one.time <= at for one in watch.take(at, row, heading(at)))
+    return watch
+
+
+def changes(*flown):
+    return watched(*flown).alarms
+
+
+def after(time, rise):
+    """(N, 4) commands that rise (4,) from the break on."""
+    return np.outer(time >= 100.0 + BREAKS, rise)
+
+
+def only_change(seed, rise):
+    """The one change that is found in a flight whose commands rise from the break on."""
+    time, commands = flight(seed)
+    (change,) = changes(time, commands + after(time, rise))
+    return change
+
+
+@mark.slow
+@mark.parametrize("seed", range(3))
+@mark.parametrize("motor", range(4))
+def test_a_motor_that_works_an_eighth_harder_is_named_within_five_seconds(motor, seed):
+    first = only_change(seed, 0.125 * 0.6 * np.eye(4)[motor])
+    assert first.motor == motor + 1
+    assert BREAKS < first.time - 100.0 <= BREAKS + 5.0
+    assert first.since == approx(100.0 + BREAKS, abs=2.0)
+    assert first.size == approx(0.125, abs=0.04) and first.loss[0] < 1 - 1.125**-1.5 < first.loss[1]
+    assert 0.95 < first.probability <= 1
+    share, band = first.sound_share
+    assert abs(share - 1 / 1.125) < 2 * band < 0.1
+
+
+@mark.parametrize("motors", [6, 8])
+def test_the_size_is_that_of_the_motor_s_own_command_also_where_its_neighbours_help(motors):
+    time, commands = flight(5, sd=0.003, motors=motors)
+    pattern = SIGNATURES[motors].weak_motor_commands[0]
+    rise = 0.15 * pattern / pattern[0]
+    [first, *_] = changes(time, commands + after(time, 0.6 * rise))
+    assert first.motor == 1
+    assert first.size == approx(0.15, abs=0.03)
+    # Neighbours make up for the rest of what was lost.
+    assert first.loss[0] < (1 - 1 / 1.15) / pattern[0] < first.loss[1] < 1.5 * first.loss[0] + 0.25
+
+
+LATER = {  # s, what the motors then have to give in place of 1
+    "one while another lasts": {
+        20: [1, 1.2, 1, 1],
+        26: [1, 1.2, 1.25, 1],
+        40: [1, 1, 1.25, 1],
+        52: [1] * 4,
+    },
+    "worse, then both at once": {
+        20: [1, 1, 1, 1.15],
+        30: [1, 1, 1, 1.4],
+        40: [1.2, 1, 1, 1.4],
+        50: [1] * 4,
+    },
+    "in part": {20: [1.5, 1, 1, 1], 40: [1.2, 1, 1, 1], 60: [1] * 4},
+}
+
+
+@mark.parametrize("faults", LATER.values(), ids=LATER)
+def test_every_fault_is_found_and_its_end(faults):
+    time, commands = flight(6, 110.0, 0.005)
+    rises = np.ones_like(commands)
+    for begin, rise in faults.items():
+        rises[time >= 100.0 + begin] = rise
+    found = changes(time, commands * rises)
+    before = [1.0] * 4
+    for begin, rise in faults.items():
+        for motor in np.flatnonzero(np.subtract(rise, before)):
+            one = found.pop(0)
+            assert one.motor == motor + 1 and begin < one.time - 100.0 < begin + 2.5
+            assert one.since == 100.0 + begin
+            assert one.weak == (rise[motor] > 1) and one.size == approx(rise[motor] - 1, abs=0.05)
+            code = InFlight.MOTOR_LOST_THRUST if one.weak else InFlight.MOTOR_RECOVERED
+            assert one.fact.code is code
+        before = rise
+    assert not found
+
+
+@mark.parametrize("shift", [(0.05, 0.0), (0.0, -0.06), (-0.05, 0.05), (0.03, 0.06)])
+def test_a_shifted_load_is_called_that_once_it_has_lasted(shift):
+    first = only_change(7, 0.6 * quad(0.0, *shift, 0.0))
+    assert first.motor is None
+    assert BREAKS + 8.0 <= first.time - 100.0 < BREAKS + 15.0
+    assert first.size == approx(np.hypot(*shift), abs=0.015)
+    assert first.fact.code is InFlight.STEADY_TORQUE_CHANGED
+
+
+def turned(*turns):
+    """The heading at a time: so much, rad, is turned evenly from a beginning to an end, s, for each of the turns."""
+    return lambda at: sum(angle * np.clip((at - a) / (b - a), 0, 1) for a, b, angle in turns)
+
+
+def test_what_changes_with_the_heading_names_no_motor():
+    """The nose turns from 18 to 22 s, in which a motor begins to work harder."""
+    time, commands = flight(1, 60.0, 0.005)
+    harder = 0.12 * np.eye(4)[0]
+    weak = commands + after(time, harder)
+    turn = (118.0, 122.0, 2.0)
+    further, back = (128.0, 130.0, 2.0), (128.0, 130.0, -2.0)
+    assert not changes(time, weak, turned(turn))
+    # Still so after the next turn: the heading is not why. Nor is it at the heading of before, or near it.
+    near = (118.0, 122.0, np.pi / 6 - 0.01)
+    for turns, earliest in (((turn, further), 130.0), ((turn, back), 130.0), ((near,), 120.0)):
+        [alarm] = changes(time, weak, turned(*turns))
+        assert alarm.motor == 1 and earliest < alarm.time < earliest + 3.0
+    # A turn back to what was before is no recovery of a motor.
+    there = commands + np.outer((time >= 120) & (time < 129), harder)
+    assert not changes(time, there, turned(turn, back))
+
+
+def test_no_motor_is_named_before_ten_seconds_were_steady():
+    time, commands = flight(1, 60.0, 0.005)
+    weak = commands + after(time, 0.12 * np.eye(4)[0])
+    for until in (112.0, 115.0):
+        unknown = np.where(time < until, np.nan, 0.0)
+        turning = np.minimum(time, until)
+        for heading in (dict(zip(time, one, strict=True)) for one in (unknown, turning)):
+            [alarm] = changes(time, weak, heading.get)
+            assert alarm.time == approx(max(until + 10.0, 122.0), abs=0.6)
+
+
+@mark.parametrize(
+    "size, balance",
+    [
+        (lambda time: time >= BREAKS, (0.0, 0.0, 0.0, 0.05)),
+        (lambda time: time >= BREAKS, (0.15, 0.0, 0.0, 0.0)),
+        (lambda time: np.exp(-(((time - 30.0) / 1.5) ** 2) / 2), (0.0, 0.06, 0.04, 0.01)),
+        (lambda time: (time > 20) * np.sin(2 * np.pi * time / 1.5), (0.0, 0.15, 0.0, 0.04)),
+    ],
+    ids=["yaw alone", "thrust alone", "a gust that passes", "manoeuvres after calm hover"],
+)
+def test_what_is_no_motor_gives_no_alarm(size, balance):
+    time, commands = flight(4, 60.0, 0.003)
+    assert not changes(time, commands + 0.6 * np.outer(size(time - 100.0), quad(*balance)))
+
+
+@mark.slow
+@mark.parametrize("sd, seconds", [(0.01, 0.1), (0.02, 3.0)])
+def test_coloured_noise_gives_no_alarm(sd, seconds):
+    """Over five minutes each; what is slow is more than the test was told of at first, and it must learn that."""
+    time, commands = flight(3, 300.0, sd, seconds)
+    assert HOURS_TO_FALSE_ALARM > 2 * 300 / 3600
+    assert not [one for one in changes(time, commands) if one.motor is not None]
+
+
+def test_it_names_the_motor_and_says_when_that_rests_on_an_assumption():
+    time, commands = flight(2)
+    weak = commands + after(time, 0.15 * np.eye(4)[1])
+    [alarm] = changes(time, weak)
+    assert (alarm.fact.subject, alarm.fact.level) == ("motor 2 (rear left)", Level.BAD)
+    assert not alarm.fact.figures["assumed"]
+    layout = motor_geometry("QUADROTOR", "PX4", {}, (1, 2, 3, 4), 16)
+    [alarm] = watched(time, weak, watch=MotorWatch(layout)).alarms
+    assert alarm.fact.figures["assumed"]
+
+
+def test_a_bad_link_hides_no_fault_and_no_recovery():
+    """A fifth is lost, a tenth doubled or overtaken, and every 25 s it is silent for 2.5 s."""
+    draw = default_rng(8)
+    time, commands = flight(6, 70.0, 0.005)
+    commands[(time >= 120.0) & (time < 145.0)] *= [1.2, 1.0, 1.0, 1.0]
+    kept = np.flatnonzero((draw.random(len(time)) > 0.2) & ((time - 100.0) % 27.5 < 25.0))
+    kept = np.repeat(kept, 1 + (draw.random(len(kept)) < 0.05))
+    overtake(draw, kept)
+    weak, sound = changes(time[kept], commands[kept])
+    assert (weak.motor, sound.motor) == (1, 1) and weak.weak and not sound.weak
+    assert 120.0 < weak.time < 125.0 and 145.0 < sound.time < 150.0
+
+
+@mark.parametrize("silent", [LONGEST_GAP - 0.2, LONGEST_GAP + 0.2])
+def test_after_a_long_silence_what_was_before_is_no_reference(silent):
+    time, commands = flight(6, 40.0, 0.005)
+    commands[time > 120.0] *= [1.2, 1.0, 1.0, 1.0]
+    heard = abs(time - 120.0) > silent / 2
+    assert len(changes(time[heard], commands[heard])) == (silent < LONGEST_GAP)
+
+
+def test_where_nothing_can_be_found_it_says_why():
+    time, commands = flight(2)
+    weak = commands + after(time, 0.15 * np.eye(4)[0])
+    slow = watched(2 * time, weak)
+    assert not slow.alarms and slow.obstacle.code is InFlight.MOTOR_OUTPUTS_TOO_SLOW
+    assert watched(time + 200.0, commands, watch=slow).obstacle is None
+    silent = watched(time, weak, watch=MotorWatch(geometry(spins=())))
+    assert not silent.alarms and silent.obstacle.code is InFlight.MOTOR_PLACES_UNKNOWN
+
+
+def test_json_keeps_alarms_apart_from_changes_that_name_no_motor():
+    named = MotorAlarm(30.0, 28.5, 2, "motor 2", 0.25, 0.98, loss=(0.2, 0.4))
+    torque = MotorAlarm(40.0, 30.0, None, "", 0.1, 0.97)
+    sound = MotorAlarm(50.0, 49.0, 2, "motor 2", 0.0, 0.99)
+    found = alarm_figures([torque, named, sound])
+    assert (found["alarms"], found["recoveries"]) == ([named], [sound])
+    assert found["torque_changes"] == [torque]
+    at_most, basis = found["false_alarms_per_hour"].values()
+    assert at_most == approx(-np.log(0.05) / 5.55, abs=0.01)
+    assert basis.figures["duration"] == 5.55 * 3600
+
+
+def test_a_batch_as_long_as_the_run_shows_no_variance():
+    found = _long_run(np.ones((2, 1)), np.ones((1, 2), bool), np.zeros((1, 1)), np.zeros(1), 0.01)
+    assert found == approx(2 / 2.02)

@@ -1,0 +1,76 @@
+"""The trim of one flight is named by its pattern, or not at all."""
+
+import numpy as np
+from frames import FRAMES, geometry
+from pytest import approx, mark
+
+from mavdem.facts.motors import Trim
+from mavdem.ingest.motors import PlaceBasis
+from mavdem.motors.balance import BalanceFigures, motor_signatures
+from mavdem.motors.health import FAULT_RISE
+from mavdem.motors.trim_pattern import trim_of
+
+QUAD = geometry()
+
+
+def trim(mean, plan=QUAD, lean=(0.0, 0.0), error=0.003):
+    """Of a balance that the lean has not moved in this flight, as far as it shows."""
+    errors = np.full(3, error), np.radians(lean), np.zeros((3, 2)), np.full((3, 2), 0.5)
+    return trim_of(BalanceFigures(np.array(mean), *errors, 60.0), plan)
+
+
+@mark.parametrize(
+    "mean, code, figures",
+    [
+        ((0.01, 0.0, 0.16), Trim.TRIM_OF_YAW, {"share": 0.16}),
+        ((0.0, -0.01, -0.1), Trim.TRIM_OF_YAW, {"share": -0.1}),
+        ((0.0, -0.12, 0.0), Trim.TRIM_OF_CENTRE, {"share": 0.12, "place": "rear"}),
+        ((-0.1, 0.1, 0.01), Trim.TRIM_OF_CENTRE, {"share": 0.141, "place": "front right"}),
+        ((0.15, 0.01, 0.0), Trim.TRIM_OF_CENTRE, {"share": 0.15, "place": "left"}),
+        ((0.01, -0.06, 0.06), Trim.TRIM_OF_SEVERAL, {}),
+        ((0.01, -0.02, 0.03), Trim.TRIM_EVEN, {"deviation": 0.06, "most_loss": 0.303}),
+    ],
+)
+def test_the_pattern_is_named(mean, code, figures):
+    found = trim(mean)
+    assert found.code is code and not found.subject
+    assert found.level == ("good" if code is Trim.TRIM_EVEN else "watch")
+    assert {name: found.figures[name] for name in figures} == approx(figures, abs=0.005)
+
+
+@mark.parametrize("motors", FRAMES)
+def test_one_motor_is_named_where_all_axes_have_the_ratio_of_its_place(motors):
+    """Of more than four motors neighbours help the weak one, and other causes are as likely."""
+    plan = geometry(motors)
+    signatures = motor_signatures(plan).weak_motor[:, 1:]
+    for name, signature in zip(plan.names, 0.4 * signatures, strict=True):
+        found = trim(signature, plan)
+        assert found.subject == (name if motors == 4 else "")
+        if found.subject:
+            assert found.code is Trim.TRIM_OF_ONE_MOTOR
+            assert found.figures["rise"][0] == approx(0.4, abs=0.05)
+        # Of a little, or in another ratio, none is.
+        assert not trim(0.3 * signature, plan).subject
+        assert not trim(signature * [1, 1, -0.3], plan).subject
+
+
+def test_what_cannot_be_told_from_even_is_no_alarm():
+    half = 1.645 * 0.01
+    for halves, level in ((0.99, "good"), (1.1 * np.sqrt(3), "watch")):
+        assert trim((0, 0, FAULT_RISE + halves * half), error=1e-2).level == level
+    # Steady wind leans the vehicle, and asks for torque too.
+    wind = trim((0.0, 0.12, 0.0), lean=(0, -9))
+    assert (wind.code, wind.level) == (Trim.TRIM_UNSURE, "unknown")
+    # What is known to 8 % is even.
+    known = FAULT_RISE / 1.645 / np.sqrt(3)
+    for share, code in ((0.99, Trim.TRIM_EVEN), (1.01, Trim.TRIM_UNSURE)):
+        assert trim((0, 0, 0), error=share * known).code is code
+
+
+def test_nothing_is_said_of_little_flight_or_without_the_places():
+    assert trim_of(None, geometry()).code is Trim.TRIM_UNKNOWN
+    for spins in ((), (0, 0)):  # not known, or turning nothing
+        fact = trim_of(None, geometry(spins=spins))
+        assert (fact.code, fact.level) == (Trim.TRIM_OF_UNKNOWN_PLACES, "unknown")
+    assumed = geometry(places_by=PlaceBasis.X_QUAD)
+    assert trim((0.0, 0.0, 0.16), assumed).figures["assumed"]

@@ -1,0 +1,210 @@
+"""The closed loop: spectra against simulation at any rate, slopes against differences, plants given back."""
+
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import default_rng
+from pytest import approx, mark, raises
+from scipy.signal import cont2discrete, lfilter
+
+from mavdem.dem.engine.gauss_newton import Quadratic
+from mavdem.plant.closed_loop.densities import KnownController
+from mavdem.plant.closed_loop.identification import (
+    IdentifiedAxis,
+    _averaged,
+    identified,
+    lag_first,
+)
+from mavdem.plant.closed_loop.likelihood import AxisPosterior
+from mavdem.plant.closed_loop.parameters import MEAN, NAMES, PLANT, SD, STEP_TIME
+from mavdem.plant.closed_loop.spectra import SPECTRUM_SECONDS, Messages, spectra
+
+CYCLE = 0.0025
+SECONDS = 90.0
+EFFECT, DAMPING, LAG, LATE = 150.0, 1.0, 0.03, 2  # cycles from the rate to the output that acts
+P, D, ANGLE = 0.1, 0.002, 5.0
+NOISE, ANGLE_NOISE = 0.005, 2e-4
+
+
+class Flown(NamedTuple):
+    """A linear loop, a value a cycle."""
+
+    rate: np.ndarray
+    output: np.ndarray
+    setpoint: np.ndarray
+    asked: np.ndarray
+
+
+def fly(seed, steered=1.0, in_time=1, turbulence=((0.5, 2.0),), noise=NOISE):
+    """Rate, output, setpoint and what was asked of a plant in turbulence (s, rad/s²) that steps are asked of."""
+    rng = default_rng(seed)
+    count = round(SECONDS / CYCLE)
+    A = np.array([[0, 1, 0], [0, -DAMPING, 1], [0, 0, -1 / LAG]])
+    B = np.array([[0, 0], [0, 1], [EFFECT / LAG, 0]])
+    A, B, *_ = cont2discrete((A, B, A, B), CYCLE)
+    holds = in_time * rng.integers(40 // in_time, 200 // in_time, count // 40)  # cycles
+    asked = steered * np.repeat(rng.normal(0, 1, len(holds)), holds)[:count]
+    wind = sum(
+        lfilter([(2 * CYCLE / time) ** 0.5], [1, CYCLE / time - 1], rng.normal(0, size, count))
+        for time, size in turbulence
+    )
+    heard, shaken = rng.normal(0, [[noise], [ANGLE_NOISE]], (2, count))
+    state, held, before = np.zeros(3), [0.0] * LATE, 0.0
+    rows = np.empty((count, 3))
+    for k in range(count):
+        rate = state[1] + heard[k]
+        setpoint = asked[k] - ANGLE * (state[0] + shaken[k])
+        output = P * (setpoint - rate) - D * (rate - before) / CYCLE
+        before = rate
+        held.append(output)
+        rows[k] = rate, output, setpoint
+        state = A @ state + B @ [held[k], wind[k]]
+    return Flown(*rows.T, asked)
+
+
+def back(frequency):
+    """Of the controller that flies."""
+    return P + D * (1 - np.exp(-2j * np.pi * frequency * CYCLE)) / CYCLE
+
+
+KNOWN = KnownController(
+    lambda f: (np.full(np.shape(f), P, complex), back(f)),
+    lambda f: np.ones(np.shape(f), complex),
+    ANGLE,
+    CYCLE,
+)
+STAMPS = 7.0 + CYCLE * np.arange(round(SECONDS / CYCLE))
+STARTS = np.arange(STAMPS[0], STAMPS[-1] - SPECTRUM_SECONDS, SPECTRUM_SECONDS / 2)
+
+
+def sent(one, every=1, begin=0, late=0):
+    """Every so many messages of a quantity, each second of them so many cycles late."""
+    rows = np.arange(begin, len(STAMPS) - late, every)
+    rows[1::2] += late
+    return Messages(STAMPS[rows], one[rows])
+
+
+def axis(flown, *every):
+    """As spectra, of every so many messages."""
+    return AxisPosterior(spectra([sent(one, *every) for one in flown], STARTS), KNOWN, 0.0)
+
+
+FLOWN = fly(3)
+IN_TIME = fly(3, in_time=4)
+TRUE = {
+    "effect": np.log(EFFECT),
+    "damping": np.log(DAMPING),
+    "lag": np.log(LAG),
+    "delay": np.log((LATE + 0.5) * CYCLE),
+}
+KNOWN_PLANT = np.append(list(TRUE.values()), MEAN[len(TRUE) :])
+
+
+@mark.parametrize("every", [(), (4,), (4, 0, 1)])
+def test_a_plant_is_given_back(every):
+    """With its delay, which has half a cycle of hold, within three standard deviations and a share of the truth."""
+    found = identified(axis(FLOWN, *every))
+    allowed = 3 * np.sqrt(found.covariance.diagonal())[: len(TRUE)] + [0.03, 0.3, 0.05, 0.05]
+    assert (abs(found.theta - KNOWN_PLANT)[: len(TRUE)] <= allowed).all()
+    assert found.axis.steered_share(found.theta) > 0.5
+
+
+@mark.slow
+@mark.parametrize("flown, every", [(FLOWN, 16), (IN_TIME, 4)])
+def test_lag_and_delay_together_are_known_at_25_hz_and_where_steps_keep_time(flown, every):
+    """Of neither of which alone much is known there: whether a step comes sooner or the motors later looks alike."""
+    found = np.exp(identified(axis(flown, every)).theta)
+    assert found[2] + found[3] == approx(LAG + (LATE + 0.5) * CYCLE, rel=0.25)
+    assert found[0] == approx(EFFECT, rel=0.2)
+
+
+def test_eddies_in_turbulence_are_not_taken_for_a_lag():
+    """Of one colour for both, the wind made it a quarter shorter."""
+    eddies = fly(3, 0.3, turbulence=((2.0, 6.0), (0.03, 6.0)))
+    assert identified(axis(eddies)).theta[2] == approx(TRUE["lag"], abs=0.1)
+
+
+@mark.parametrize("noise, every", [(NOISE, 4), (NOISE / 5, 1)])
+def test_the_densities_are_those_of_the_flight(noise, every):
+    """Whitened by the model, the spectra of rate and output are one, also of a quiet gyro."""
+    found = identified(axis(fly(3, noise=noise), every))
+    model = found.axis.densities.at(found.theta)
+    for quantity in (0, 1):
+        ratio = found.axis.spectra.mean[:, quantity, quantity] / model[:, quantity, quantity]
+        assert np.mean(ratio.real) == approx(1.0, abs=0.1)
+
+
+@mark.parametrize("late", [0, 2])
+def test_the_slopes_are_those_of_the_value(late):
+    """Also of setpoints of another cycle, in which the angle has noise of its own."""
+    begins = 0, 0, late, late
+    streams = [sent(one, 4, begin) for begin, one in zip(begins, FLOWN, strict=True)]
+    one = AxisPosterior(spectra(streams, STARTS), KNOWN, 0.0)
+    about = one.quadratic(KNOWN_PLANT)
+    for k, name in enumerate(NAMES):
+        step = np.eye(len(NAMES))[k] * 1e-4 * SD[k]
+        slope = (one.value(KNOWN_PLANT + step) - one.value(KNOWN_PLANT - step)) / (2 * step[k])
+        sd = np.sqrt(about.curvature[k, k])
+        assert about.slope[k] == approx(slope, rel=1e-3, abs=1e-3 * sd), name
+
+
+def test_nothing_asked_is_nothing_steered():
+    still = axis(fly(4, steered=1e-6), 4)
+    assert still.steered_share(KNOWN_PLANT) < 0.05
+
+
+def test_messages_of_several_rates_count_at_the_slowest():
+    """And what is lost of them is not made up."""
+    found = spectra([sent(FLOWN.rate, 4), sent(FLOWN.output, 10)], STARTS)
+    assert found.rate == approx(40.0, rel=1e-3) and found.frequency[-1] < 20.0
+    assert abs(np.array(found.late)).max() < 4 * CYCLE
+    stream = sent(FLOWN.rate, 4)
+    kept = default_rng(1).random(len(stream.time)) > 0.2
+    lossy = spectra([Messages(*(part[kept] for part in stream))], STARTS)
+    whole = spectra([stream], STARTS)
+    few = min(len(lossy.frequency), len(whole.frequency), 10)
+    assert np.log(lossy.mean[:few] / whole.mean[:few]).real == approx(0.0, abs=0.3)
+
+
+def test_maxima_at_several_times_of_steps_count_as_their_evidence_and_each_once():
+    """Two of one curvature, the other three times as probable, and one of them found again; a prior of variance 1."""
+    size = len(MEAN)
+    axis = SimpleNamespace(sd=np.ones(size))
+    one, other = (MEAN + far * (np.arange(size) == STEP_TIME) for far in (-2.0, 2.0))
+    other[0] += 1.0
+    values = (one, 5.0), (other, 5.0 + np.log(3)), (other + 1e-3, 4.9 + np.log(3))
+    ended = [Quadratic(at, value, 0 * at, 4 * np.eye(size)) for at, value in values]
+    found = _averaged(axis, ended)
+    assert found.theta[[0, STEP_TIME]] == approx([MEAN[0] + 0.75, 1.0])
+    assert found.covariance[0, [0, STEP_TIME]] == approx([0.6 / 4 + 0.4 / 16 + 3 / 16, 4 * 3 / 16])
+    with raises(np.linalg.LinAlgError):
+        _averaged(axis, [Quadratic(MEAN, -np.inf, MEAN, np.eye(size))])
+
+
+def test_the_quicker_pole_is_the_lags():
+    def response(theta):
+        effect, damping, lag, _ = np.exp(theta[list(PLANT)])
+        return effect / (lag * turn + 1) / (turn + damping)
+
+    turn = 2j * np.pi * np.geomspace(0.1, 100, 20)
+    theta = MEAN.copy()
+    theta[list(PLANT)] = np.log([3e5, 1650.0, 0.4, 0.001])
+    assert response(lag_first(theta)) == approx(response(theta))
+    _, damping, lag, _ = np.exp(lag_first(theta)[list(PLANT)])
+    assert (damping, lag) == approx((2.5, 1 / 1650))
+    assert np.array_equal(lag_first(lag_first(theta)), lag_first(theta))
+
+
+def test_limits_explain_a_controller_of_less_gain_and_none_of_more():
+    row = np.eye(len(NAMES))[NAMES.index("controller")]
+
+    def of(gain, limited, likeliest=1.0):
+        theta, best = (MEAN + np.log(each) * row for each in (gain, gain * likeliest))
+        return IdentifiedAxis(SimpleNamespace(limited=limited), theta, np.eye(len(theta)), best)
+
+    assert of(0.5, 0.6).explains and of(0.5, 0.6).cut_off == approx(0.5)
+    assert of(0.5, 0.3).cut_off == 0.3
+    assert not of(0.5, 0.0).explains and of(0.9, 0.0).explains and of(0.9, 0.0).cut_off == 0.0
+    assert not of(2.0, 0.9).explains and of(2.0, 0.9).cut_off == 0.0
+    assert not of(0.9, 0.0, likeliest=0.6).explains  # of several maxima the highest must, too

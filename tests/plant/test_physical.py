@@ -1,0 +1,340 @@
+"""Physical parameters: what commands may tell is what they do, and flights that steer give their truth back.
+
+And what commanded motors would do: the plant alone, beside a plant that is commanded.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.random import default_rng
+from numpy.testing import assert_allclose
+from pytest import approx, mark, raises, warns
+from scipy.linalg import expm, solve_continuous_lyapunov
+from simulated import DAMPING, DT, LAG, MOTORS, in_closed_loop
+
+import mavdem
+from mavdem import Flight, Settings
+from mavdem.dem.record import Record
+from mavdem.facts import Level
+from mavdem.facts.identifiability import Status
+from mavdem.facts.model import NoPhysical, ParameterDoubt, Refinement
+from mavdem.plant import identifiability as limits
+from mavdem.plant import physical
+from mavdem.plant.fitting import LogJoint, directed
+from mavdem.plant.identifiability import PARAMETERS, NotIdentifiable, identifiability
+from mavdem.plant.likelihood import FlightWindows, minimum_phase
+from mavdem.plant.parameters import Physical, WindComponent, answers
+from mavdem.plant.sampled_plant import FIRST_ORDER, GUSTS, delayed, smooth
+from mavdem.plant.simulation import simulated
+
+
+@mark.parametrize(
+    "noise, autocorrelation, error",
+    [
+        (FIRST_ORDER, lambda tau: np.exp(-tau), 1e-6),
+        (smooth(8), lambda tau: np.exp(-(tau**2) / 4), 2e-3),
+        (GUSTS, lambda tau: np.exp(-(tau**2) / 4), 0.04),
+    ],
+    ids=["first order", "smooth", "gusts"],
+)
+def test_noise_has_the_autocorrelation_it_is_named_for(noise, autocorrelation, error):
+    P = solve_continuous_lyapunov(noise.A, -noise.drive)
+    turn = np.linspace(0.0, 400.0, 200_001)
+    density = noise.density(turn, 1.0, 1.0)
+    for tau in (0.0, 0.5, 1.0, 2.0, 4.0):
+        assert noise.C @ expm(noise.A * tau) @ P @ noise.C == approx(
+            autocorrelation(tau), abs=error
+        )
+        of_density = np.trapezoid(density * np.cos(turn * tau), turn) / np.pi
+        assert of_density == approx(autocorrelation(tau), abs=error + 2e-3)
+
+
+@mark.parametrize("samples", [200, 201])
+def test_a_density_has_a_factor_that_is_causal_as_its_inverse_is(samples):
+    late = np.exp(-2j * np.pi * np.arange(samples // 2 + 1) / samples)
+    expected = (1 - 0.3 * late) / (1 - 0.8 * late)
+    factor, variance = minimum_phase(np.array([2.5 * abs(expected) ** 2]), samples)
+    assert_allclose(factor[0], expected, rtol=1e-9)
+    assert variance == approx(2.5)
+
+
+@mark.parametrize("steps", [-0.4, 0.0, 0.3, 1.0, 1.7, 3.2])
+def test_commands_act_as_late_as_they_are(steps):
+    before, after = delayed(np.arange(20.0)[:, None], steps)
+    now = np.arange(5, 19)
+    assert_allclose(before[5:, 0], now - max(0.0, steps))
+    assert_allclose(after[5:, 0], now + 1 - max(0.0, steps))
+
+
+@mark.parametrize("gain", [0.0, 3.0])
+def test_what_answers_a_sample_is_found(gain):
+    rng = default_rng(6)
+    rate = np.cumsum(rng.standard_normal((3, 600)), axis=1)
+    new = np.diff(rate, axis=1, prepend=0.0)
+    slow = np.cumsum(0.2 * rng.standard_normal((3, 600)), axis=1)
+    inputs = (slow - gain * new)[:, :, None]
+    found = answers(inputs, rate)[:, 10:, 0]
+    assert_allclose(found, -gain * new[:, 10:], atol=0.25 * max(gain, 1))
+
+
+def test_the_slope_of_the_log_joint_is_that_of_its_value():
+    flight = in_closed_loop(2, steering=1.0, samples=900)
+    inputs = (flight.inputs - flight.inputs.mean(axis=0)).reshape(3, 300, -1)
+    rate = flight.outputs[:, 1].reshape(3, -1)
+    windows = FlightWindows.of(inputs, rate, answers(inputs, rate), DT)
+    plain, start = directed(windows, np.sign(MOTORS))
+    objective = LogJoint(plain, windows)
+    about = objective.quadratic(start)
+    for place, slope in enumerate(about.slope):
+        step = 1e-5 * np.eye(len(start))[place]
+        ends = [objective.value(start + side * step) for side in (-1, 1)]
+        assert slope == approx(np.diff(ends)[0] / 2e-5, abs=1e-2 * abs(about.slope).max())
+
+
+@mark.slow
+@mark.parametrize(
+    "directions",
+    [np.sign(MOTORS), -np.sign(MOTORS), None],
+    ids=["known geometry", "turns counted the other way round", "inferred geometry"],
+)
+def test_a_steered_flight_gives_the_truth_back(directions):
+    flight = in_closed_loop(0, steering=1.0)
+    found = physical(replace(flight, effect_directions=directions))
+    assert found.status == dict.fromkeys(PARAMETERS, "reported")
+    assert found.caution is None
+    half = found.interval(0.99)
+    assert np.all(abs(found.effect - MOTORS) < half.effect)
+    mean, of_mean = found.mean_effect(0.99)
+    assert abs(mean - abs(MOTORS).mean()) < of_mean < half.effect.mean()
+    assert abs(found.damping - DAMPING) < half.damping
+    assert abs(found.lag - LAG) < half.lag
+    assert repr(found).startswith("<Physical: mean effect ")
+
+
+def test_an_effect_that_the_wind_biases_comes_out_low():
+    """The motors answer the wind: what they do counts for less."""
+    flight = in_closed_loop(0, steering=0.4)
+    found = physical(replace(flight, effect_directions=np.sign(MOTORS)))
+    assert found.status["effect"] == Status.BIASED and found.bias < 0
+
+
+SDS = dict.fromkeys(PARAMETERS, 0.05)
+SPREADS = dict.fromkeys(PARAMETERS, 0.02)
+SOUND = limits.IdentifiabilityFigures(0.1, 0.01, SDS, SPREADS, lag=0.03, dt=0.01)
+
+
+DOUBTS = {
+    "sd": {ParameterDoubt.ESTIMATE_UNCERTAIN},
+    "spectrum_range": {ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM},
+    "wind_share": {ParameterDoubt.WIND_SHARE_HIGH},
+    "alias_share": {ParameterDoubt.COMMANDS_TOO_FAST},
+    "lag": {
+        ParameterDoubt.LAG_TOO_SHORT,
+        ParameterDoubt.FILTER_TAKEN_FOR_LAG,
+        ParameterDoubt.FOLLOWS_FROM_EFFECT,
+    },
+}
+"""Why a parameter is doubted, by the figure beyond its limit."""
+
+
+def edges():
+    """Each limit with the figure, the parameter it belongs to, and its status on either side."""
+    for figure, table in (("sd", limits.RELATIVE_SD), ("spectrum_range", limits.SPECTRUM_RANGE)):
+        for name, (reported, biased) in table.items():
+            if reported < biased:
+                yield figure, name, reported, "reported", "biased"
+            yield (
+                figure,
+                name,
+                biased,
+                "biased" if reported < biased else "reported",
+                "not identifiable",
+            )
+    for name in PARAMETERS:
+        yield "wind_share", name, limits.WIND_SHARE.reported, "reported", "biased"
+        yield "wind_share", name, limits.WIND_SHARE.biased, "biased", "not identifiable"
+        yield "alias_share", name, limits.MAX_ALIAS_SHARE, "reported", "not identifiable"
+    yield "lag", "lag", limits.RESOLVED_LAG * SOUND.dt, "not identifiable", "biased"
+    yield "lag", "effect", SOUND.dt, "biased", "reported"
+
+
+@mark.parametrize("figure, name, limit, below, above", list(edges()))
+def test_a_status_changes_at_its_limit_and_says_why(figure, name, limit, below, above):
+    for value, expected in ((limit * (1 - 1e-9), below), (limit * (1 + 1e-9), above)):
+        changed = (
+            {**getattr(SOUND, figure), name: value}
+            if isinstance(getattr(SOUND, figure), dict)
+            else value
+        )
+        statuses, reasons = identifiability(SOUND._replace(**{figure: changed}))
+        assert statuses[name] == expected
+        assert (reasons[name] is None) == (expected == "reported")
+        if reasons[name] is not None:
+            doubts = reasons[name].figures.get("because", [reasons[name]])
+            assert (reasons[name].level is Level.WATCH) == (expected == "biased")
+            assert DOUBTS[figure] & {doubt.code for doubt in doubts}
+
+
+@mark.parametrize(
+    "rate, steps, status", [(50, 2.4, "biased"), (50, 2.6, "reported"), (80, 2.4, "reported")]
+)
+def test_at_a_slow_rate_a_short_lag_is_mixed_up_with_delay_and_damping(rate, steps, status):
+    statuses, _ = identifiability(SOUND._replace(dt=1 / rate, lag=steps / rate))
+    assert statuses == {"effect": "reported", "damping": status, "lag": status}
+
+
+def test_several_doubts_are_one_reason():
+    figures = SOUND._replace(wind_share=0.5, alias_share=0.9)
+    statuses, reasons = identifiability(figures)
+    assert set(statuses.values()) == {Status.NOT_IDENTIFIABLE}
+    assert reasons["effect"].code is ParameterDoubt.SEVERAL_DOUBTS
+    wind, commands = reasons["effect"].figures["because"]
+    assert (wind.code, wind.figures["share"]) == (ParameterDoubt.WIND_SHARE_HIGH, 0.5)
+    assert commands.code is ParameterDoubt.COMMANDS_TOO_FAST
+
+
+def test_gaps_are_not_filtered_across():
+    flight = in_closed_loop(1, steering=1.0)
+    whole = physical(flight)
+    apart = physical([flight[:350], flight[350:]])
+    assert_allclose(apart.effect @ MOTORS, whole.effect @ MOTORS, rtol=0.05)
+    assert apart.windows == 2
+
+
+@mark.slow
+def test_inputs_that_curve_are_seen_on_unseen_windows_and_straight_ones_are_not():
+    flight = in_closed_loop(5, steering=2.0, samples=2800)
+    off = flight.inputs - 1500
+    # The inverse of u + 0.1 u²/2 per unit of the inputs' standard deviation.
+    unit = np.sqrt(off.var(axis=0).mean())
+    curved = replace(flight, inputs=1500 + unit * (np.sqrt(1 + 0.2 * off / unit) - 1) / 0.1)
+    assert Refinement.THRUST_CURVE in physical(curved).refinements
+    assert physical(flight).refinements.get(Refinement.THRUST_CURVE, 0.0) == approx(0.0, abs=0.05)
+
+
+@mark.parametrize(
+    "change, reason",
+    [
+        (lambda f: replace(f, outputs=f.outputs[:, [1, 1]]), NoPhysical.NO_RATE),
+        (lambda f: replace(f, inputs=0 * f.inputs), NoPhysical.MOTORS_STILL),
+        (lambda f: f[:150], NoPhysical.TOO_FEW_SAMPLES_WITHOUT_GAPS),
+        (lambda f: Flight(4 * f.time, f.inputs, f.outputs), NoPhysical.SAMPLED_TOO_SLOWLY),
+        (lambda f: Flight(f.time, f.inputs, 0 * f.time), NoPhysical.NO_LIKELIHOOD),
+    ],
+)
+def test_what_cannot_be_fitted_is_said(change, reason):
+    found = physical(change(in_closed_loop(0, steering=1.0)))
+    assert isinstance(found, NotIdentifiable) and found.reason.code is reason
+    assert found.reason.figures.get("rate", 25.0) == approx(25.0)
+
+
+STEPS = 100
+DOUBLET = np.repeat([1.0, -1.0, 0.0, 0.5], STEPS // 4)[:, None] * np.sign(MOTORS) * 20
+REPORTED = dict.fromkeys(PARAMETERS, Status.REPORTED), dict.fromkeys(PARAMETERS)
+TURBULENCE = (WindComponent(FIRST_ORDER, 1.0, 0.5),)
+# The delay is half a step, and half of one for which a command is held.
+VEHICLE = MOTORS, DAMPING, LAG, DT, np.zeros((7, 7)), *REPORTED, 0.0
+TRUE = Physical(*VEHICLE, 0.05, TURBULENCE, 0.005, {}, 1)
+
+
+def test_the_true_plant_does_what_the_vehicle_does_in_calm_air():
+    flight = in_closed_loop(0, steering=0.5, samples=400 + STEPS, wind=0.0, commanded=DOUBLET)
+    train = flight[:400]
+    test = flight[400:]
+    found = simulated(TRUE, Record.of(train), test.inputs).mean
+    # The last measured rate has noise of 0.005 rad/s, and so has each of the test.
+    assert_allclose(found, test.outputs, atol=0.04)
+    assert np.ptp(test.outputs, axis=0).min() > 0.4
+
+
+def test_what_turns_steadily_at_its_trim_goes_on_turning():
+    time = DT * np.arange(400)
+    outputs = np.stack([0.5 * time - 1e-3 * np.cos(time), 0.5 + 1e-3 * np.sin(time)], axis=1)
+    turning = Flight(time, np.full((400, 4), 1500.0), outputs)
+    found = simulated(TRUE, Record.of(turning), turning.inputs[:STEPS]).mean
+    assert_allclose(found[:, 1], 0.5, atol=2e-3)
+
+
+def test_the_variance_is_that_of_wind_which_nothing_counteracts():
+    """Over many winds, from the same beginning: four standard errors of a variance of so many flights."""
+    record = Record.of(in_closed_loop(0, steering=0.5))
+    flights = 400
+    variance = simulated(TRUE, record, record.inputs[:STEPS]).variance
+    rng = default_rng(0)
+    fine = 10
+    step = DT / fine
+    keeps = np.exp(-step / 0.5)
+    drift = rng.standard_normal(flights)
+    rate = np.zeros(flights)
+    angle = np.zeros(flights)
+    for k in range(STEPS):
+        for _ in range(fine):
+            rate, angle = rate + step * (drift - DAMPING * rate), angle + step * rate
+            drift = keeps * drift + np.sqrt(1 - keeps**2) * rng.standard_normal(flights)
+        if k in (9, 49, 99):
+            found = np.array([angle.var(), rate.var()])
+            assert_allclose(found, variance[k], rtol=4 * np.sqrt(2 / flights))
+
+
+def test_uncertain_parameters_widen_it_to_first_order():
+    record = Record.of(in_closed_loop(0, steering=0.5))
+    sd = 0.03 * abs(MOTORS)
+    covariance = np.zeros((7, 7))
+    covariance[:4, :4] = np.outer(sd, sd)
+    uncertain = simulated(TRUE._replace(covariance=covariance), record, 1500 + DOUBLET).variance
+    base = simulated(TRUE, record, 1500 + DOUBLET)
+    other = simulated(TRUE._replace(effect=MOTORS + sd), record, 1500 + DOUBLET)
+    assert_allclose(uncertain - base.variance, (other.mean - base.mean) ** 2, rtol=1e-3, atol=1e-12)
+
+
+def test_outputs_may_come_in_any_order_and_must_be_an_angle_and_its_rate():
+    flight = in_closed_loop(0, steering=0.5)
+    turned = replace(flight, outputs=flight.outputs[:, ::-1])
+    one, other = (simulated(TRUE, Record.of(each), 1500 + DOUBLET) for each in (flight, turned))
+    assert_allclose(one.mean, other.mean[:, ::-1])
+    assert_allclose(one.variance, other.variance[:, ::-1])
+    with raises(ValueError, match="an angle and its rate"):
+        rates = Flight(flight.time, flight.inputs, flight.outputs[:, 1:])
+        simulated(TRUE, Record.of(rates), DOUBLET)
+
+
+SETTINGS = Settings(order=3, window=9, parameter_precision=10.0)
+
+
+@mark.slow
+def test_bands_hold_commanded_flights():
+    inside = []
+    errors = []
+    for seed in range(8):
+        flight = in_closed_loop(
+            seed, steering=1.0, samples=700 + STEPS, wind=0.5, commanded=DOUBLET
+        )
+        train = flight[:700]
+        test = flight[700:]
+        learned = mavdem.learn(train, SETTINGS)
+        assert learned.physical is not None and learned.physical.identifiable
+        ahead = learned.simulate(test.inputs)
+        inside.append(np.mean(abs(ahead - test.outputs) <= learned.simulate_band(test.inputs)))
+        errors.append(mavdem.evaluate.relative_mspe(train, test, ahead))
+    assert np.mean(inside) > 0.8
+    assert np.median(errors) < 0.1
+    variance = simulated(learned.physical, learned.record, test.inputs).variance
+    # Half of a normal distribution.
+    assert_allclose(learned.simulate_band(test.inputs, 0.5), 0.67449 * np.sqrt(variance), rtol=1e-5)
+
+
+@mark.slow
+def test_nothing_is_identifiable_where_motors_only_react_to_the_wind_and_there_is_no_band():
+    flight = in_closed_loop(0, steering=0.0, wind=3.0)
+    learned = mavdem.learn(flight, SETTINGS)
+    found = learned.physical
+    assert found.status == dict.fromkeys(PARAMETERS, "not identifiable")
+    assert np.isnan(found.interval().effect).all()
+    assert found.caution.code is NoPhysical.EFFECT_NOT_IDENTIFIABLE
+    assert found.caution.figures["because"] == found.reasons["effect"]
+    with warns(UserWarning, match="may be far off.*not identifiable"):
+        assert learned.simulate(flight.inputs[:20]).shape == (20, 2)
+    with raises(ValueError, match="not be larger"), warns(UserWarning):
+        learned.simulate(flight.inputs * 1e200)
+    with raises(ValueError, match="no band.*not identifiable"):
+        learned.simulate_band(flight.inputs[:20])

@@ -1,0 +1,293 @@
+"""The wind's torque, offline and live: the smoother against a joint Gaussian, bands, gusts, simulated truth."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+from numpy.random import default_rng
+from numpy.testing import assert_allclose
+from pytest import approx, mark
+from simulated import MOTORS, in_closed_loop, simulated
+from test_model import joint
+from test_physical import TRUE
+
+from mavdem.confidence import quantile
+from mavdem.dem.engine.kalman import GaussianModel
+from mavdem.dem.online.memory import Memory
+from mavdem.dem.record import Record
+from mavdem.facts.identifiability import Status
+from mavdem.facts.model import NoPhysical, ParameterDoubt
+from mavdem.plant import physical
+from mavdem.plant.gusts import gusts
+from mavdem.plant.identifiability import OmissionErrors
+from mavdem.plant.online_wind_torque import (
+    DELAY_SECONDS,
+    FILTER_SECONDS,
+    OnlineWind,
+    WeakMotors,
+    wind_filter,
+)
+from mavdem.plant.parameters import Physical, updated
+from mavdem.plant.sampled_plant import FIRST_ORDER, delayed, plant, smooth
+from mavdem.plant.wind_torque import _step, wind
+from sitl_scenarios.wind import gaussian_noise
+
+DT = 0.01
+TURBULENCE = ((FIRST_ORDER, 1.5, 0.3), (smooth(8), 0.7, 0.06))
+
+
+@mark.slow
+@mark.parametrize("damping", [-0.5, 2.0])
+@mark.parametrize(
+    "components", [TURBULENCE[:1], TURBULENCE, (TURBULENCE[1], TURBULENCE[1])], ids="123"
+)
+def test_the_smoother_is_the_posterior_of_the_joint_gaussian(components, damping):
+    rng = default_rng(0)
+    commanded = rng.standard_normal(90)
+    rate = 0.2 * rng.standard_normal(90)
+    noise = 0.02
+    of = plant(damping, 0.05, components, 0.02)
+    found = of.smoothed(of.filter(noise), commanded, 0.7, rate)
+    early, late = delayed(commanded[:, None], 0.7)
+    pushed = np.column_stack([of.step.input_now[:, 0], of.step.input_next[:, 0]])
+    n = len(of.wind)
+    one = np.eye(1, n)
+    nothing = np.zeros(n)
+    model = GaussianModel(
+        of.step.state, pushed, nothing, one, np.zeros(1), of.process, np.array([[noise**2]])
+    )
+    start = nothing.copy()
+    start[:2] = rate[0], commanded[0]
+    pushes = np.append(np.column_stack([early, late]), [[0.0, 0.0]], axis=0)[:90]
+    steady = of.filter(noise).covariance
+    means, covariances, _ = joint(model, start, pushes, rate[:, None], steady)
+    mean = means @ of.wind
+    variance = np.einsum("i,titj,j->t", of.wind, covariances, of.wind)
+    assert_allclose(found.mean, mean, atol=1e-8 * abs(mean).max())
+    assert_allclose(found.variance, variance, atol=1e-8 * variance.max())
+
+
+def test_motors_that_differ_steadily_balance_a_steady_wind_and_what_all_have_in_common_is_no_torque():
+    flight = in_closed_loop(2, steering=0.0, samples=1500)
+
+    def torque(shift, known):
+        return wind(known, Record.of(replace(flight, inputs=flight.inputs + shift))).torque
+
+    shift = torque(20 * np.sign(MOTORS), TRUE) - torque(np.zeros(4), TRUE)
+    assert_allclose(shift, -20 * abs(MOTORS).sum(), atol=1e-6)
+    uneven = TRUE._replace(effect=MOTORS * [1.1, 1.0, 1.0, 1.0])
+    assert_allclose(torque(np.zeros(4), uneven), torque(np.full(4, 137.0), uneven), atol=1e-6)
+
+
+def test_the_uncertainty_of_the_motors_effect_is_in_the_bands():
+    """Also in that of the mean: of motors that differ steadily, as against a steady wind."""
+    flight = in_closed_loop(4, steering=0.0, samples=1500)
+    record = Record.of(replace(flight, inputs=flight.inputs + 12 * np.sign(MOTORS)))
+    uncertain = TRUE._replace(covariance=np.zeros((7, 7)))
+    uncertain.covariance[:4, :4] = 0.2**2 * np.outer(MOTORS, MOTORS)
+    sure, unsure = (wind(known, record) for known in (TRUE, uncertain))
+    assert unsure.mean_band == approx(1.645 * 0.2 * abs(sure.mean), rel=0.05)
+    assert np.all(unsure.band >= sure.band)
+
+
+def test_wind_weaker_than_the_errors_is_not_resolved():
+    flight = in_closed_loop(6, steering=0.0, samples=2000, wind=0.02)
+    found = wind(TRUE._replace(components=((FIRST_ORDER, 0.02, 0.02),)), Record.of(flight))
+    assert not found.resolved
+    assert found.reason.code is NoPhysical.WIND_TORQUE_NOT_RESOLVED
+    assert found.gusts == ()
+
+
+def turbulent(seed, samples):
+    return gaussian_noise(0.05, DT, samples, default_rng(seed))
+
+
+def record_of(samples):
+    return Record(np.zeros((samples, 1)), np.zeros((samples, 2)), DT, (samples,))
+
+
+def test_turbulence_alone_has_as_many_gusts_as_it_says():
+    samples = 600_000
+    band = np.zeros(600_000)
+    found = gusts(turbulent(0, samples), band, record_of(samples))
+    expected = found.false_per_minute * samples * DT / 60
+    assert 5 < expected < 100
+    # A count with that mean is within these bounds in more than 99.9 % of cases.
+    assert abs(len(found.found) - expected) < 3.5 * np.sqrt(expected)
+
+
+def test_a_gust_is_found_where_it_is_with_its_length_and_size():
+    torque = turbulent(1, 6000)
+    torque[3000:3080] += 8.0 * np.sin(np.pi * np.arange(80) / 80)
+    found = gusts(torque, np.zeros(6000), record_of(6000)).found
+    (gust,) = [each for each in found if 29.0 < each.start < 32.0]
+    assert gust.start == approx(30.2, abs=0.2)
+    assert gust.start == gust.sample * DT
+    assert gust.length == approx(0.6, abs=0.25)
+    assert gust.size == approx(8.0, abs=2.0)
+    assert gusts(torque, np.full(6000, 10.0), record_of(6000)).found == ()
+
+
+def test_a_gust_lasts_as_long_as_the_estimate_resolves_and_returns_to_the_level_it_left():
+    torque = turbulent(3, 6000)
+    torque[3000:3003] += 12.0  # 30 ms
+    torque[4000:] += 20.0  # a step stays
+    (short,) = gusts(torque, np.zeros(6000), record_of(6000)).found
+    assert short.start == approx(30.0, abs=0.2)
+    assert gusts(torque, np.zeros(6000), record_of(6000), shortest=0.05).found == ()
+
+
+@mark.slow
+def test_a_motors_step_is_no_wind():
+    """From 30 s on the motors hold against what a weak one lacks: neither a gust nor the size is by that."""
+    flight = in_closed_loop(5, steering=0.0, samples=6000, wind=0.5)
+    known = TRUE._replace(components=((FIRST_ORDER, 0.5, 0.5),))
+    inputs = flight.inputs + np.outer(np.arange(6000) >= 3000, 20 * np.sign(MOTORS))
+    record = Record(inputs, flight.outputs, DT, (6000,), begins=(7.0,))
+    for found in (wind(known, record), wind(known, record, [37.0])):
+        assert found.sd == approx(0.5, rel=0.2)
+        assert not [gust for gust in found.gusts if 28.0 < gust.start < 32.0]
+    sample, size = wind(known, record).step
+    assert (sample, size) == (
+        approx(3000, abs=50),
+        approx(-20 * abs(MOTORS).sum(), rel=0.1),
+    )
+    assert wind(known, record, [37.0]).step is None and wind(known, Record.of(flight)).step is None
+
+
+@mark.parametrize("seconds, is_step", [(1.6, True), (2.4, False)])
+def test_what_changes_slowly_is_no_step(seconds, is_step):
+    rise = np.clip(DT * np.arange(-3000, 3000) / seconds, -0.5, 0.5)
+    assert (_step(rise, DT) is not None) == is_step
+
+
+WINDY = simulated(samples=3000, wind=2.0, lag=0.05)
+CALM = simulated(samples=1500, wind=0.3)
+LAG = round(DELAY_SECONDS / WINDY.dt)
+BLOCK = 10
+BEGINS = BLOCK * -(round((FILTER_SECONDS + DELAY_SECONDS) / WINDY.dt) // -BLOCK)
+
+
+def online_wind(executor=None, prior=None):
+    memory = Memory(WINDY.dt, BLOCK, 200)
+    return OnlineWind(memory, executor, prior), memory
+
+
+def followed(online, memory, flight, weak=None):
+    """(T, 2) what each update returns; inputs of sound motors that did as ``weak`` ones, by 2 more or less."""
+    found = np.empty((len(flight), 2))
+    for k, (time, inputs, outputs) in enumerate(
+        zip(flight.time, flight.inputs, flight.outputs, strict=True)
+    ):
+        closed = memory.add(inputs, outputs, time)
+        sound = None if weak is None else WeakMotors(flight.time[0], weak[k], 2.0 * np.eye(4)[0])
+        found[k] = online.update(inputs, sound)
+        if closed:
+            online.add(memory.blocks[-1])
+    return found
+
+
+def identified(of):
+    """The same filter, whose parameters count as identified."""
+    status = dict.fromkeys(of.physical.status, Status.REPORTED)
+    return of._replace(physical=of.physical._replace(status=status))
+
+
+@mark.slow
+def test_it_is_nearly_the_smoother_s_of_the_whole_flight():
+    online, memory = online_wind()
+    online.filter = of = wind_filter(Record.of(WINDY))
+    online._next = len(WINDY) + 1
+    assert of.physical.status["effect"] == Status.NOT_IDENTIFIABLE
+    online.filter = identified(of)
+    live = followed(online, memory, WINDY)[:, 0]
+    whole, band = of.torques(WINDY.inputs, WINDY.outputs).T
+    assert np.std(live[500:] - whole[500 - LAG : -LAG]) < 0.1 * whole.std()
+    # Its latest samples are predicted as well as the others, so that they widen the band by little.
+    usual = of._replace(steady=of.steady._replace(variance=np.inf))
+    assert_allclose(band, usual.torques(WINDY.inputs, WINDY.outputs)[:, 1], rtol=0.5)
+
+
+@mark.slow
+def test_its_band_has_the_slopes_by_each_motor_s_effect():
+    """Against finite differences, also where the motors lift or turn the vehicle."""
+    of = wind_filter(Record.of(CALM))
+    turning = np.sin(2 * np.pi * 0.5 * CALM.time)
+    inputs = CALM.inputs + np.outer(turning, [0.1, 0.1, -0.1, -0.1])
+
+    def torques(effect, variance):
+        covariance = np.zeros((7, 7))
+        covariance[:4, :4] = np.diag(variance)
+        known = of.physical._replace(effect=effect, covariance=covariance)
+        return of._replace(physical=known).torques(inputs, CALM.outputs)[300:-LAG]
+
+    effect = of.physical.effect
+    sure = torques(effect, np.zeros(4))
+    for step in 0.05 * abs(effect).max() * np.eye(4):
+        by_slope = np.sqrt(np.diff(np.square([sure, torques(effect, step**2)])[..., 1], axis=0)[0])
+        exact = torques(effect + step, np.zeros(4))[:, 0] - sure[:, 0]
+        close = 0.1 * abs(exact).max()
+        assert_allclose(by_slope / quantile(), abs(exact), atol=close)
+
+
+def vehicle(effect, damping, sd, status=Status.REPORTED):
+    theta = np.array([effect, damping, 0.05, 0.02])
+    covariance = np.diag(np.square(sd * theta)) + np.outer(theta, theta) * (sd / 2) ** 2
+    statuses = dict.fromkeys(("effect", "damping", "lag"), status)
+    reasons = dict.fromkeys(statuses)
+    return Physical(theta[:1], *theta[1:], covariance, statuses, reasons, 0.0, 0.1, (), 0.01, {}, 1)
+
+
+def test_an_earlier_flight_counts_by_its_precision():
+    """The mean of two normal densities, where the effect may have changed from flight to flight."""
+    earlier, now = vehicle(-20.0, 2.0, 0.05), vehicle(-22.0, 2.6, 0.1)
+    updates = updated(now, earlier)
+    changed = earlier.covariance.copy()
+    changed[0, 0] += (20.0 * OmissionErrors.between_flights) ** 2
+    weights = np.linalg.inv([changed, now.covariance])
+    thetas = [[*of.effect, of.damping, of.lag, of.delay] for of in (earlier, now, updates)]
+    mean = np.linalg.solve(weights.sum(axis=0), np.einsum("nij,nj->i", weights, thetas[:2]))
+    assert_allclose(thetas[2], mean)
+    assert_allclose(updates.covariance, np.linalg.inv(weights.sum(axis=0)))
+    different = vehicle(-40.0, 2.6, 0.1)
+    assert updated(different, earlier) is different
+
+
+@mark.slow
+def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steering_makes_it():
+    """Without wind: what is drawn is error. A motor that is known to be weak adds what its loss is unsure by."""
+    calm = in_closed_loop(1, steering=0.0, samples=900, wind=0.0)
+    steering = in_closed_loop(2, steering=1.0, wind=0.0)
+    assert np.isnan(followed(*online_wind(), calm)).all()
+    known = physical(in_closed_loop(0, steering=1.0))
+    unknown = known._replace(status=dict.fromkeys(known.status, "not identifiable"))
+    assert updated(known, unknown) is known
+    online, memory = online_wind(prior=known)
+    hover = followed(online, memory, calm)[-90:]
+    assert online.filter.physical.reasons["effect"].code is ParameterDoubt.KNOWN_FROM_EARLIER_FLIGHT
+    memory.end_segment()
+    online.end_segment()
+    doublets = followed(online, memory, steering)[BEGINS + 1 :]
+    for torque, band in (hover.T, doublets.T):
+        assert (
+            np.mean(abs(torque) <= band) > 0.85
+            and not gusts(torque, band, record_of(len(torque))).found
+        )
+    assert np.median(doublets[:, 1]) > 3 * np.median(hover[:, 1])
+    of = online.filter
+    told = replace(steering, inputs=steering.inputs * [1.25, 1, 1, 1])
+    for weak, (least, most) in ((steering.inputs, (0.85, 1.0)), (told.inputs, (0.0, 0.2))):
+        torque, band = followed(online, memory, told, weak)[BEGINS + 1 :].T
+        assert least <= np.mean(abs(torque) <= band) <= most
+        assert band.min() > 2 * abs(of.physical.effect[0])
+    assert online.filter is of, "nothing is fitted to weak motors"
+
+
+def test_a_fit_that_fails_leaves_the_last_one():
+    still = replace(WINDY, inputs=np.full_like(WINDY.inputs, 1500.0))
+    online, memory = online_wind()
+    assert np.isnan(followed(online, memory, still)).all()
+    assert online.filter is None
+    with ThreadPoolExecutor(1) as executor:
+        gone = online_wind(executor)
+    assert np.isnan(followed(*gone, WINDY[:900])).all()

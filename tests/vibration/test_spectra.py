@@ -1,0 +1,180 @@
+"""Spectra of made-up noise, the names of its lines, and the notch filters for them."""
+
+import numpy as np
+from hover import X_QUAD_PARAMETERS, Hover, changed, columns, with_pulses
+from known_gains import ARDUPILOT
+from numpy.random import default_rng
+from pytest import approx, mark
+
+from mavdem.assessment.noise_spectra import MeasuredNoise
+from mavdem.dataset.align import Segment
+from mavdem.dataset.signals import Signals
+from mavdem.facts.noise import Noise as Codes
+from mavdem.facts.noise import NotchAdvice
+from mavdem.loops.controllers import controller_of
+from mavdem.loops.filters import gyro_filters
+from mavdem.vibration.notch_filters import notch_advice
+from mavdem.vibration.spectra import Spectrum, spectra_of_flight, thinned
+from mavdem.vibration.spectral_lines import PeakKind, peaks_of
+
+HOVER = Hover(hovering=40.0)
+FLOWN = (Segment(0, 8.0, 45.0),)
+CONTROL = ARDUPILOT | {"INS_GYRO_FILTER": 80.0, "MOT_THST_HOVER": 0.35}
+
+
+def throttle(time):
+    """A share of the motors' range that climbs and sinks."""
+    return 0.5 + 0.12 * np.sin(2 * np.pi * time / 11.0)
+
+
+def shaken(speed=0.0, frame=0.0, steady=0.0):
+    """A hover with gyro samples at 1 kHz: noise, and lines of motors, Hz at half throttle, and of the frame."""
+    time = HOVER.stamps(1000.0)
+    phase = 2 * np.pi * np.cumsum(speed * np.sqrt(throttle(time) / 0.5)) / 1000
+    values = default_rng(7).normal(0, 1e-3, (3, len(time)))
+    values += 0.02 * np.sin(phase) + 0.01 * np.sin(2 * phase)
+    values += 0.01 * np.sin(2 * np.pi * frame * time)
+    telemetry = HOVER.telemetry(100.0, 100.0, parameters=X_QUAD_PARAMETERS)
+    stamps = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
+    level = steady or throttle(stamps)
+    telemetry = with_pulses(telemetry, 4 * [1000 + 1000 * level])
+    x, y, z = values
+    return changed(telemetry, "GYRO_BEFORE", **columns(time, x=x, y=y, z=z))
+
+
+def lines(telemetry):
+    found = spectra_of_flight(Signals(telemetry), FLOWN)
+    return found, peaks_of(found["gyro_before"])
+
+
+def test_density_has_the_power_of_what_was_measured():
+    telemetry = shaken(frame=80.0)
+    samples = telemetry.messages["GYRO_BEFORE"]
+    found, _ = lines(changed(telemetry, "D_TERM", **samples))
+    spectrum = found["gyro_before"]
+    assert spectrum.highest == approx(500.0) and spectrum.source == "GYRO_BEFORE"
+    assert spectrum.power(75, 85) == approx(3 * 0.01**2 / 2, rel=0.05)
+    assert spectrum.power(200, 400) == approx(3 * 1e-6 * 0.4, rel=0.1)
+    levels, by_throttle = spectrum.by_throttle
+    assert levels[0] == approx(0.38, abs=0.02) and levels[-1] == approx(0.62, abs=0.02)
+    assert by_throttle.shape == (12, len(spectrum.frequency))
+    of_d = found["d_term"]
+    assert of_d.unit == "1" and of_d.power(75, 85) == approx(spectrum.power(75, 85))
+
+
+def test_stamps_that_hardly_differ_have_no_spectrum():
+    telemetry = shaken()
+    time = np.linspace(8.0, 9.0, len(telemetry.messages["GYRO_BEFORE"]["time"])) * 1e-308
+    signals = Signals(changed(telemetry, "GYRO_BEFORE", time=time))
+    assert "gyro_before" not in spectra_of_flight(signals, FLOWN)
+
+
+def test_nothing_by_throttle_is_thinned_to_nothing():
+    frequency, density = thinned(np.arange(6.0), np.zeros((0, 6)), 3)
+    assert list(frequency) == [0.5, 2.5, 4.5] and density.shape == (0, 3)
+
+
+def lined(*lines, wide=1.0, highest=500.0, spread=0.08):
+    """The noise of made-up windows at throttles of 42 to 58 %: lines by Hz, power over the rest, and exponent."""
+    frequency = np.arange(highest + 1)
+    level = np.linspace(0.5 - spread, 0.5 + spread, 41)
+    density = np.ones((41, len(frequency)))
+    for hertz, power, exponent in lines:
+        off = frequency - hertz * (level[:, None] / 0.5) ** exponent
+        density += power * np.exp(-((off / wide) ** 2) / 2)
+    seen = Spectrum("gyro", "1", "", frequency, level, density[:, None], level, level * np.nan)
+    return MeasuredNoise({"gyro": seen}, {"gyro": peaks_of(seen)})
+
+
+@mark.parametrize(
+    "kind, code, exponents",
+    [
+        (PeakKind.ALIAS, Codes.ALIASED_LINE, (-0.6, -0.5)),
+        (PeakKind.UNNAMED, Codes.UNNAMED_LINE, (-0.4, -0.3, 0.3, 2.1)),
+        (PeakKind.FRAME, Codes.FRAME_LINE, (-0.2, 0.2)),
+        (PeakKind.MOTOR, Codes.MOTOR_LINE, (0.4, 2.0)),
+    ],
+)
+def test_how_a_line_moves_with_the_throttle_names_it(kind, code, exponents):
+    for exponent in exponents:
+        seen = lined((100.3, 1000.0, exponent), wide=3.0)
+        (line,) = seen.lines
+        assert line.kind is kind and (line.frequency, line.width) == approx((100.3, 14), abs=0.03)
+        assert line.exponent == (None if kind is PeakKind.UNNAMED else exponent)
+        assert [fact.code for fact in seen.facts] == [Codes.SPECTRUM_SEEN, code]
+    # Of slow samples it may be a harmonic's alias.
+    slow, fast = (lined((60.0, 1000.0, 1.3), wide=3.0, highest=one).lines for one in (249.0, 250.0))
+    assert (slow[0].kind, fast[0].kind) == (PeakKind.UNNAMED, PeakKind.MOTOR)
+
+
+def test_without_a_throttle_that_moves_there_is_no_name_and_without_a_spectrum_that_is_said():
+    (still,) = lined((100.3, 1000.0, 0.0), wide=3.0, spread=0.0).lines
+    assert still.kind is PeakKind.UNNAMED
+    assert [fact.code for fact in MeasuredNoise({}, {}).facts] == [Codes.NO_SPECTRUM]
+
+
+def test_the_eight_strongest_lines_over_six_times_the_noise_are_kept_that_are_8_percent_apart():
+    hertz = [17, 35, 45, 100, 109, 200, 214, 420, 280, 470, 330]
+    powers = [90, 80, 70, 60, 50, 40, 39, 30, 5.7, 5.4, 4.5]
+    found = lined(*zip(hertz, powers, np.zeros(11), strict=True)).lines
+    assert [round(line.frequency) for line in found] == [17, 100, 109, 200, 35, 420, 45, 280]
+    slow = [line.frequency < 40 for line in found]
+    assert slow == [line.kind is PeakKind.UNNAMED for line in found]
+
+
+def test_multiples_of_a_motors_line_up_to_six_to_2_percent_are_its_harmonics():
+    multiples = {1: 1000.0, 2: 500.0, 3.066: 300.0, 6: 200.0, 7: 100.0}
+    moving = [(50.0 * many, power, 0.5) for many, power in multiples.items()]
+    # Weaker than a hundredth of it, what has no name is of it.
+    found = lined(*moving, (200.0, 400.0, 0.0), (25.0, 14.5, 0.0), (34.0, 9.0, 0.0)).lines
+    assert [line.harmonics for line in found] == [(1, 2, 6), (1,), (1,), (1,), (1,)]
+    hertz = [50.0, 200.0, 153.3, 350.0, 25.0]  # the second is of the frame
+    assert [line.frequency for line in found] == approx(hertz, rel=2e-3)
+
+
+def test_motors_speeds_that_are_logged_name_their_order():
+    telemetry = shaken(speed=140.0, steady=0.5)
+    time = HOVER.stamps(10.0)
+    turns = 70.0 * np.sqrt(throttle(time) / 0.5)
+    timed = changed(telemetry, "ESC", **columns(time, RPM=60 * turns))
+    _, found = lines(timed)
+    assert found[0].kind is PeakKind.MOTOR and found[0].exponent == approx(1.0, abs=0.15)
+    assert found[0].order == approx(2.0, rel=0.02)
+    settings = dict(advice(timed)[0].figures["settings"])
+    by_speed = settings["INS_HNTCH_MODE"], settings["INS_HNTCH_REF"]
+    assert by_speed == (3.0, 1.0), "ArduPilot follows the speed that the controllers report"
+
+
+def advice(telemetry, crossover=12.0, **parameters):
+    found, peaks = lines(telemetry)
+    controller = controller_of(CONTROL | parameters, "roll", (1.0,))
+    before = found["gyro_before"]
+    return notch_advice(controller, peaks, before, found.get("gyro"), crossover), controller
+
+
+def test_a_notch_takes_the_line_and_says_its_cost():
+    telemetry = shaken(speed=140.0)
+    fact, controller = advice(telemetry)
+    assert fact.code is NotchAdvice.SET_NOTCH and fact.figures["share"] > 0.9
+    settings = dict(fact.figures["settings"])
+    assert settings["INS_HNTCH_FREQ"] == approx(140.0, rel=0.02)
+    others = {"ENABLE": 1.0, "MODE": 1.0, "ATT": 40.0, "HMNCS": 3.0, "REF": 0.35}
+    assert {name: settings[f"INS_HNTCH_{name}"] for name in others} == others
+    before, after = (
+        gyro_filters(one, 12.0).phase_lag for one in (controller, controller.changed(settings))
+    )
+    assert fact.figures["phase_cost"] == approx(after - before) and 1 < after - before < 10
+    set_already, _ = advice(telemetry, **settings)
+    assert set_already.code is NotchAdvice.NOTCH_IN_PLACE
+    assert lined()._replace(notch=fact).facts[-1] is fact
+    elsewhere, _ = advice(telemetry, **settings | {"INS_HNTCH_FREQ": 280.0, "INS_HNTCH_HMNCS": 1.0})
+    assert elsewhere.code is NotchAdvice.SET_NOTCH
+    without, _ = advice(telemetry, crossover=None)
+    assert without.figures["phase_cost"] is None
+
+
+def test_a_notch_is_not_advised_where_there_is_nothing_to_take():
+    none, _ = advice(shaken())
+    assert none.code is NotchAdvice.NO_LINE_TO_REMOVE
+    slow, _ = advice(shaken(speed=380.0), INS_GYRO_FILTER=10.0)
+    assert slow.code is NotchAdvice.NOTCH_NOT_NEEDED

@@ -1,0 +1,68 @@
+"""The motion that drag and wind are identified from."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.random import default_rng
+from numpy.testing import assert_allclose
+from pytest import approx, raises
+from scipy.constants import g as GRAVITY  # noqa: N812
+from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
+
+import mavdem
+from mavdem.wind_velocity.airflow import Drag, motion
+from mavdem.wind_velocity.drag import independent_share
+
+
+def test_thrust_that_climbs_and_sinks_makes_no_force_across_itself():
+    """Specific force along body x and y is what thrust and weight do not explain, however much the thrust varies."""
+    time = np.arange(0.0, 20.0, 0.01)
+    attitude = np.tile([0.2, -0.1, 0.7], (len(time), 1))
+    thrust_axis = Rotation.from_euler("ZYX", [0.7, -0.1, 0.2]).as_matrix()[:, 2]
+    # Of a thrust of (1.2 + 0.3 cos t) of the weight; the vehicle climbs or sinks at up to 5 m/s² all the time.
+    impulse = GRAVITY * (1.2 * time + 0.3 * np.sin(time))
+    velocity = np.outer(GRAVITY * time, [0, 0, 1]) - np.outer(impulse, thrust_axis)
+    moved = motion(time, attitude, velocity, 0.2)
+    assert moved.known.sum() > 90 and abs(np.diff(moved.velocity[:, 2])).max() > 0.5
+    assert_allclose(moved.force[moved.known], 0.0, atol=1e-9)
+
+
+def test_circles_in_calm_air_show_the_drag_and_no_wind():
+    """Gusts far smaller than the population's: scoring overshoots."""
+    time = np.arange(0.0, 240.0, 0.2)
+    north = 4 * np.sin(time / 6)
+    east = 4 * np.cos(time / 6)
+    still = 0 * time
+    tilts = np.array([0.3 * east - north / 6, -0.3 * north - east / 6, still]) / GRAVITY
+    velocity = np.array([north, east, still]).T
+    velocity += default_rng(0).normal(0, 0.08, velocity.shape)
+    wind = mavdem.estimate_wind(time, tilts.T, velocity)
+    assert_allclose(wind.drag.linear, 0.3, atol=0.2)
+    assert wind.speed_interval[0] == 0
+    with raises(ValueError, match="drag must be a Drag"):
+        mavdem.estimate_wind(time, tilts.T, velocity, 0.3)
+
+
+def test_what_somebody_set_in_the_autopilot_takes_the_place_of_the_populations_drag():
+    usual = Drag.of_parameters("PX4", {"EKF2_MCOEF": 0.15, "EKF2_BCOEF_X": 25, "EKF2_BCOEF_Y": 100})
+    assert_allclose(usual.mean, np.append(np.log([0.3, 0.014, 1, 1]), [0, 0]))
+    assert_allclose(np.diag(usual.covariance) ** 0.5, [0.7, 0.9, 0.2, 0.35, 0.18, 0.18])
+    # From flight to flight no more is forgotten than the next may differ by.
+    assert_allclose(usual.of_next_flight().covariance, usual.covariance)
+    leaning = replace(usual, mean=np.ones(6)).of_next_flight()
+    assert_allclose(leaning.mean, np.append(np.ones(4), [1 - (5 / 9) ** 2] * 2))
+    names = ("EK3_DRAG_MCOEF", "EK3_DRAG_BCOEF_X", "EK3_DRAG_BCOEF_Y")
+    named = dict(zip(names, (0.5, 20.0, 80.0), strict=True))
+    told = Drag.of_parameters("ARDUPILOTMEGA", named)
+    assert (usual.source, told.source) == ("population", "parameters")
+    written = told.parameters("ARDUPILOTMEGA")
+    assert {name: round(written[name][0], 6) for name in names} == named
+    assert_allclose([told.linear, told.quadratic], [[0.5, 0.5], [0.6125 / 20, 0.6125 / 80]])
+    assert_allclose(np.diag(told.covariance) ** 0.5, [0.3, 0.3, 0.2, 0.3, 0.18, 0.18])
+
+
+def test_errors_that_are_alike_count_for_fewer_independent_ones():
+    white = default_rng(0).standard_normal((20_000, 1))
+    assert independent_share(white) == approx(1.0, abs=0.03)
+    assert independent_share(lfilter([1], [1, -0.8], white, axis=0)) == approx(0.2 / 1.8, rel=0.1)

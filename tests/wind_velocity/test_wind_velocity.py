@@ -1,0 +1,274 @@
+"""The wind in m/s: made-up flights with known drag, recorded ones that something is done to, and what is no flight."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+from hover import changed
+from numpy.random import default_rng
+from pytest import approx, mark, raises
+from recorded_flights import recorded, shared
+from refusals import refused
+from scipy.interpolate import interp1d
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
+
+import mavdem
+from mavdem.dataset.drive import Signal
+from mavdem.dataset.signals import Signals
+from mavdem.facts.identifiability import Status
+from mavdem.facts.online import Airflow
+from mavdem.facts.wind import NoWind, WindDoubt, WindShare
+from mavdem.live.wind import WindRows
+from mavdem.report.condition import wind_blocks
+from mavdem.wind_velocity.airflow import Drag
+from mavdem.wind_velocity.estimation import (
+    coming_from,
+    least_speed,
+    speed_status,
+    torque_explained,
+)
+from mavdem.wind_velocity.from_log import YAW_JUMP, _jumps, air_of, drag_settings, is_reset, wind_of
+
+LINEAR = np.array([0.3, 0.24])
+QUADRATIC = np.array([0.01, 0.016])
+
+
+def flight(
+    legs=5.0,
+    turning=0.05,
+    seed=0,
+    wind=(-3.0, 4.0),
+    gusts=0.5,
+    lean=(0.0, 0.0),
+    jump=0.0,
+    seconds=120,
+):
+    """Time, attitude, velocity and wind at 10 Hz of legs of 10 s there and back, in gusts of 3 s."""
+    rng = default_rng(seed)
+    time = np.arange(0, seconds, 0.1)
+    white = rng.standard_normal((2, len(time) + 200))
+    gust = lfilter([1], [1, -np.exp(-0.1 / 3)], white)[:, 200:].T
+    air = np.outer(1 + jump * (time > seconds / 2), wind) + gusts * gust / gust.std()
+    course = np.floor(time / 20) * np.pi / 2 + np.pi * (time % 20 > 10)
+    legs_flown = legs * np.column_stack([np.cos(course), np.sin(course), 0 * time])
+    velocity = uniform_filter1d(legs_flown, 20, 0, mode="nearest", origin=9)  # of the 2 s before
+    # The thrust is what drag and gravity leave of the acceleration, and body z is against it.
+    needed = np.gradient(velocity, time, axis=0) - [0, 0, 9.80665]
+    level = (0, 0), (0, 1)
+    u = velocity - np.pad(air, level)
+    drag = 0
+    heading = Rotation.from_euler("z", (turning * time)[:, np.newaxis])
+    for _ in range(8):
+        forward, right, down = heading.apply(drag - needed, inverse=True).T
+        pitch = np.arctan2(forward, down)
+        roll = -np.arctan2(right, np.hypot(forward, down))
+        body = heading * Rotation.from_euler("YX", np.column_stack([pitch, roll]))
+        along = body.apply(u, inverse=True)[:, :2]
+        force = lean - (LINEAR + QUADRATIC * np.hypot(*along.T)[:, None]) * along
+        drag = body.apply(np.pad(force, level))
+    attitude = np.column_stack([roll, pitch, turning * time])
+    return time, attitude, velocity + 0.02 * rng.standard_normal(velocity.shape), air
+
+
+@mark.slow
+@mark.parametrize("seed", range(3))
+def test_legs_show_wind_drag_and_lean(seed):
+    wind = mavdem.estimate_wind(*flight(seed=seed, lean=(0.2, -0.1), seconds=240, gusts=0.3)[:3])
+    assert set(wind.status.values()) == {"reported"} and not wind.reasons
+    assert abs(wind.speed - 5) < 0.6 and abs(wind.direction - coming_from(-3, 4)) < 10
+    assert abs(wind.drag.lean - [0.2, -0.1]).max() < 0.1
+    low, high = wind.drag.interval("linear")
+    assert np.all(low < LINEAR) and np.all(high > LINEAR)
+
+
+def test_band_holds_and_a_jump_is_followed():
+    time, attitude, velocity, air = flight(seed=7, jump=1.0)
+    wind = mavdem.estimate_wind(time, attitude, velocity, height=5.0 + 10 * (time > 60))
+    true = interp1d(time, air, axis=0)(wind.time)
+    assert 0.8 < np.mean(abs(wind.velocity - true) <= wind.band) <= 1.0
+    speeds = np.hypot(*wind.velocity.T)
+    assert speeds[wind.time < 55].mean() < 6.5 and speeds[wind.time > 65].mean() > 8.5
+    assert wind.gust > 9 and [round(one["speed"] / 5) for one in wind.minutes] == [1, 2]
+    assert np.diff([(one["start"], one["end"]) for one in wind.minutes]) == approx(60.0, abs=1.0)
+    layers = [(one["height"], round(one["speed"] / 5)) for one in wind.profile]
+    assert layers == [(5.0, 1), (15.0, 2)]
+
+
+@mark.parametrize("legs", [5.0, 0.0])
+def test_the_share_of_the_torque_is_known_where_the_air_s_velocity_along_the_body_changes(legs):
+    time, attitude, velocity, _ = flight(legs=legs, turning=0.0, seed=5)
+    wind = mavdem.estimate_wind(time, attitude, velocity)
+    noise = default_rng(0).normal(0.0, 2.0, len(time))
+    by_wind = np.interp(time, wind.time, wind.along[:, 1]) * (legs > 0)
+    explained = torque_explained(wind, time, by_wind + noise)
+    assert explained.code is (WindShare.SHARE_KNOWN if legs else WindShare.SHARE_UNKNOWN)
+    assert explained.figures["share"] == (approx(0.98, abs=0.02) if legs else None)
+    chance = torque_explained(wind, time, default_rng(1).normal(size=len(time)))
+    assert not chance.figures["share"]
+
+
+@mark.parametrize("size, code", [(0.9, WindShare.SHARE_UNKNOWN), (1.1, WindShare.SHARE_KNOWN)])
+def test_air_along_the_body_that_changes_by_less_than_1_m_s_explains_nothing(size, code):
+    time = np.arange(0.0, 120.0, 0.1)
+    along = np.outer(size * np.sign(np.sin(2 * np.pi * (time + 1) / 30)), [1.0, 0.0])
+    assert torque_explained(SimpleNamespace(time=time, along=along), time, along[:, 0]).code is code
+
+
+@mark.parametrize(
+    "speed, half, status",
+    [
+        (3.0, 0.69, "reported"),
+        (3.0, 0.71, "biased"),
+        (10.0, 1.19, "reported"),
+        (10.0, 1.21, "biased"),
+        (9.0, 6.99, "biased"),
+        (9.0, 7.01, "not identifiable"),
+    ],
+)
+def test_a_speed_is_reported_to_0_7_metres_a_second_or_12_percent_and_at_all_to_a_factor_of_eight(
+    speed, half, status
+):
+    assert speed_status(speed, speed - half, speed + half) == status
+
+
+@mark.slow
+def test_hover_takes_the_drag_of_another_flight():
+    hover = flight(legs=0.0, turning=0.0, seed=3)[:3]
+    alone = mavdem.estimate_wind(*hover)
+    drag = mavdem.estimate_drag(*flight(seed=4))
+    assert alone.status["drag"] == "not identifiable"
+    assert alone.status["speed"] != "reported"
+    alone = replace(alone, status=alone.status | {"speed": Status.NOT_IDENTIFIABLE})
+    assert "m/s" not in wind_blocks((alone, None, None))[0].text
+    shown = alone.identified
+    assert np.isnan(shown.speed) and not shown.velocity
+    assert {doubt.code for doubt in alone.reasons.values()} == set(WindDoubt)
+    assert alone.drag.source == "population" and all(map(str, alone.reasons.values()))
+    assert abs(drag.linear / LINEAR - 1).max() < 0.2
+    known = mavdem.estimate_wind(*hover, drag=Drag.from_dict(drag.as_dict()))
+    widths = [np.diff(one.speed_interval)[0] for one in (known, alone)]
+    assert abs(known.speed - 5) < 0.7 and widths[0] < 0.6 * widths[1]
+
+
+def test_calm_air_is_below_a_speed():
+    wind = mavdem.estimate_wind(*flight(wind=(0, 0), gusts=0.05)[:3])
+    assert wind.calm and wind.speed < 0.7 and wind.speed_interval[0] == 0
+    assert least_speed(0.6, 6.0)
+    own = Signal(wind.time, np.zeros(len(wind.time), int), np.ones((len(wind.time), 2)))
+    assert "own estimate is 1.4 m/s from SW" in wind_blocks((wind, own, None))[0].text
+    assert "own" not in wind_blocks((wind, replace(own, boot=own.boot + 1), ""))[0].text
+
+
+def test_what_is_no_free_flight_is_refused():
+    time, attitude, velocity, air = flight(seconds=60)
+    wind = mavdem.estimate_wind
+    assert refused(wind, time, attitude, 0.01 * velocity).code is Airflow.VELOCITY_INCONSISTENT
+    assert refused(wind, time, attitude * [1, 1, np.nan], velocity).code is Airflow.MOTION_UNKNOWN
+    for rows, stamps in ((100, time), (12, time), (12, time / 5), (12, 0 * time)):
+        short = (stamps[:rows], attitude[:rows], velocity[:rows])
+        assert refused(wind, *short).code is Airflow.MOTION_TOO_SHORT
+    short = (column[:140] for column in (time, attitude, velocity, air))
+    assert refused(mavdem.estimate_drag, *short).code is Airflow.MOTION_TOO_SHORT
+    with raises(ValueError, match="degrees"):
+        mavdem.estimate_wind(time, np.degrees(attitude), velocity)
+
+
+def test_resets_are_no_motion():
+    yaw = np.array([6.2, 0.1, 0.2, 1.4, 1.5])  # past north, then a reset
+    assert np.flatnonzero(_jumps(0.1 * np.arange(5.0), yaw, YAW_JUMP, 2 * np.pi)) == [2]
+    # Half a second at 3 m/s is 1.5 m; what is 1 m, and 2 m/s, off that is a reset.
+    ways = np.array([-0.6, -0.4, 3.4, 3.6])
+    assert is_reset(ways, 2.0, 4.0, 0.5).tolist() == [True, False, False, True]
+    indoors = shared("real/logs/px4_two_armed_times.ulg")  # its v_xy_valid is 0
+    assert refused(mavdem.wind, indoors).code is NoWind.NO_FLIGHT_WITH_VELOCITY
+
+
+def test_velocity_of_another_core_is_not_the_primary_s():
+    fact = refused(mavdem.wind, shared("sitl_events/ap_quiet10.BIN"))
+    assert "(XKF1[0], of the primary core)" in str(fact) and fact.remedy == "Log XKF1[0]."
+
+
+@mark.slow
+def test_solo_beside_an_anemometer():
+    path = shared("real/wind/solo_sonic_1hz.csv")
+    table = np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding=None)
+    stamps = np.array([np.datetime64(one[:19]) for one in table["datetime"]]).astype(float)
+    attitude = np.radians(np.column_stack([table["solo_roll"], table["solo_pitch"], 0 * stamps]))
+    true = -table["sonic_wind"] * np.exp(1j * np.radians(table["sonic_wind_dir"]))
+    air = np.column_stack([true.real, true.imag])
+    first, second = np.array_split(np.arange(len(stamps)), 2)
+    hovers = [(stamps[part], attitude[part], 0 * attitude[part]) for part in (first, second)]
+    drag = mavdem.estimate_drag(*hovers[0], air[first])
+    wind = mavdem.estimate_wind(*hovers[1], drag=drag)
+    found = np.interp(stamps[second], wind.time, wind.velocity @ [1, 1j])
+    for seconds, most in ((10, 0.6), (60, 0.4)):
+        whole = len(found) // seconds * seconds
+        means = np.array([found[:whole], true[second][:whole]]).reshape(2, -1, seconds).mean(axis=2)
+        assert np.sqrt(np.mean(np.diff(abs(means), axis=0) ** 2)) < most
+    assert np.degrees(np.sqrt(np.mean(np.angle(means[0] / means[1]) ** 2))) < 10
+
+
+@mark.slow
+@mark.parametrize(
+    "scale, why", [(1.0, ""), (0.01, "does not follow the tilt"), (0.0, "never changes")]
+)
+def test_live_rows_are_of_free_flight_only(scale, why):
+    time, attitude, velocity, air = flight(seed=7, jump=1.0)
+    live = WindRows()
+    live.drag = mavdem.estimate_drag(time, attitude, velocity, air)
+    inside = []
+    downs_first = np.roll(scale * velocity, 1, axis=1)
+    for at, angles, moved in zip(time, attitude, downs_first, strict=True):
+        live.attitude(at, angles)
+        live.velocity("LOCAL_POSITION_NED", at, moved)
+        if row := live.row:
+            inside.append(abs(row.velocity - air[time > row.time][0]) < row.band)
+    assert why in str(live.obstacle or "")
+    assert (live.row is None) == (live.mean is None) == bool(why)
+    if not why:
+        assert np.mean(inside) > 0.8
+        light = live.mean.light.figures
+        assert light["low"] < np.hypot(*air.mean(axis=0)) < light["high"] and not light["calm"]
+
+
+@mark.parametrize("lean, seconds, refused", [(27, 8, True), (27, 4, False), (23, 8, False)])
+def test_a_vehicle_that_something_holds_shows_no_wind(lean, seconds, refused):
+    telemetry = recorded("sitl_events/ap_short_with_climb.tlog")
+    attitude = telemetry.messages["ATTITUDE"]
+    place = telemetry.messages["LOCAL_POSITION_NED"]
+
+    def held(table, column, value):
+        is_held = abs(table["time"] - 80 - seconds / 2) < seconds / 2
+        return np.where(is_held, value, table[column])
+
+    leaning = changed(telemetry, "ATTITUDE", roll=held(attitude, "roll", np.radians(lean)))
+    fixed = {axis: held(place, axis, 0.0) for axis in "xyz"}
+    reason = air_of(Signals(changed(leaning, "LOCAL_POSITION_NED", **fixed)))[2]
+    assert (reason is not None and reason.code is NoWind.STUCK) == refused
+
+
+def test_a_message_without_a_yaw_and_a_spin_after_flight_are_left_out_and_a_clock_that_jumps_by_days_refused():
+    telemetry = recorded("sitl_events/ap_short_with_climb.tlog")
+    columns = telemetry.messages["ATTITUDE"]
+
+    def found(**values):
+        return wind_of(Signals(changed(telemetry, "ATTITUDE", **values)))
+
+    yaw = np.where(np.arange(len(columns["yaw"])) % 50, columns["yaw"], 1e30)
+    assert found(yaw=yaw).speed == approx(found().speed, abs=0.1)
+    middle = np.median(columns["time"])
+    spun = columns["yaw"] + 2.0 * (columns["time"] > 120)
+    reset = columns["yaw"] + 2.0 * (columns["time"] < 60)
+    assert drag_settings(found().drag, telemetry) and not drag_settings(Drag.given(None), telemetry)
+    assert found(yaw=spun).speed == found().speed
+    assert found(yaw=reset).time[0] > 60 > found().time[0]
+    late = {
+        name: table | {"time": table["time"] + 2e6 * (table["time"] > middle)}
+        for name, table in telemetry.messages.items()
+    }
+    late = Signals(replace(telemetry, messages=late))
+    assert refused(wind_of, late).code is NoWind.CLOCK_JUMPS
+    still = Signals(changed(telemetry, "LOCAL_POSITION_NED", vx=0.0))
+    assert refused(wind_of, still).code is NoWind.NOT_MEASURED
