@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from mavdem import baselines, evaluate
     from mavdem.assessment import Assessment, review
-    from mavdem.assessment.condition import HoverFigures, hover
     from mavdem.dataset import read_flight, read_segments
     from mavdem.dem import Learned, OnlineLearner, Settings, learn, learn_many
     from mavdem.errors import NotLearnable, Unreadable
     from mavdem.flight import Flight
     from mavdem.forecaster import Forecaster
     from mavdem.ingest import Telemetry
+    from mavdem.motors.hover import HoverFigures, hover
     from mavdem.wind_velocity.airflow import Drag
     from mavdem.wind_velocity.drag import estimate_drag
     from mavdem.wind_velocity.estimation import WindVelocity, estimate_wind
@@ -50,7 +50,7 @@ _ROOMS = {
     "Drag": "wind_velocity.airflow",
     "Flight": "flight",
     "Forecaster": "forecaster",
-    "HoverFigures": "assessment.condition",
+    "HoverFigures": "motors.hover",
     "Learned": "dem",
     "NotLearnable": "errors",
     "OnlineLearner": "dem",
@@ -60,7 +60,7 @@ _ROOMS = {
     "WindVelocity": "wind_velocity.estimation",
     "estimate_drag": "wind_velocity.drag",
     "estimate_wind": "wind_velocity.estimation",
-    "hover": "assessment.condition",
+    "hover": "motors.hover",
     "learn": "dem",
     "learn_many": "dem",
     "read_flight": "dataset",

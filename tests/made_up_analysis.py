@@ -9,7 +9,6 @@ from refusals import prose
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis.figures import LogAnalysis
-from mavdem.assessment.condition import HoverFigures
 from mavdem.assessment.judgement import OF_VEHICLE, Judgement
 from mavdem.evaluate import HeldOut
 from mavdem.facts import Fact, Level
@@ -17,6 +16,7 @@ from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light
 from mavdem.ingest import Log
+from mavdem.motors.hover import HoverFigures
 from mavdem.plant import DetectedGust
 
 MOTORS = geometry().names

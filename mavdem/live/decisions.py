@@ -21,7 +21,7 @@ from mavdem.arrays import Array
 from mavdem.assessment.assess import loop_by
 from mavdem.assessment.axis import AxisFigures
 from mavdem.assessment.axis.findings import Findings, disown_torque, findings_of
-from mavdem.assessment.condition import Condition, hover_figures
+from mavdem.assessment.condition import Condition
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement, judge
 from mavdem.assessment.lights.motors import motors_light
@@ -51,6 +51,7 @@ from mavdem.ingest.vocabulary import IN_AIR, UNNAMED
 from mavdem.live.recent import MAX_ROWS, Recent
 from mavdem.live.rows import KEPT_SECONDS, Samples
 from mavdem.loops.limit_cycles import oscillation_of
+from mavdem.motors.hover import hover_figures
 from mavdem.motors.loss_detection import MotorAlarm, losses_of
 
 LANDED = "EXTENDED_SYS_STATE"

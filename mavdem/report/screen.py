@@ -14,13 +14,13 @@ from mavdem.arrays import Array
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis import AxisFigures
 from mavdem.assessment.axis.findings import HALF_WIDTH, Findings, findings_of, known_wind, next_step
-from mavdem.assessment.condition import HoverFigures
 from mavdem.assessment.judgement import Judgement
 from mavdem.dem import Learned
 from mavdem.experiments.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
 from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
 from mavdem.flight import Flights
+from mavdem.motors.hover import HoverFigures
 from mavdem.plant import Physical
 from mavdem.report.blocks import (
     Blocks,

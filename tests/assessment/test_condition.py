@@ -9,7 +9,7 @@ from numpy.random import default_rng
 from pytest import approx, mark
 from refusals import refused
 
-from mavdem.assessment.condition import condition_of, hover_figures, hover_of, mean_interval
+from mavdem.assessment.condition import condition_of, mean_interval
 from mavdem.assessment.inventory import autopilot_alarms, identity_of, inventory, tier_of
 from mavdem.dataset.learnability import learnability_of
 from mavdem.dataset.signals import Signals
@@ -18,6 +18,7 @@ from mavdem.ingest import Log
 from mavdem.ingest.motors import OutputScale
 from mavdem.ingest.telemetry import Component
 from mavdem.ingest.vocabulary import UNNAMED
+from mavdem.motors.hover import hover_figures, hover_of
 from mavdem.report.condition import stream_contents
 
 HOVER = Hover(hovering=60.0)

@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 
-from mavdem.assessment.condition import Condition, HoverFigures
+from mavdem.assessment.condition import Condition
 from mavdem.dataset.learnability import DOUBTFUL_CONSISTENCY
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import Override
 from mavdem.heading import Values
 from mavdem.loops.limit_cycles import LIMITED_SHARE
+from mavdem.motors.hover import HoverFigures
 from mavdem.motors.loss_detection import MotorAlarm, losses_of
 
 

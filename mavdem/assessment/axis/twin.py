@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.assessment.condition import hover_of
 from mavdem.assessment.evidence import Evidence
 from mavdem.dataset.drive import AXES, TILT_AXES
 from mavdem.errors import NotLearnable
@@ -14,6 +13,7 @@ from mavdem.facts.loops import Gains
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.axis_loops import LoopByAxis, known_loops
 from mavdem.loops.twin import SETTLES, Again, Twin, again_of, flown_on, twin_of
+from mavdem.motors.hover import hover_of
 from mavdem.wind_velocity.airflow import Drag
 
 FORETOLD_SECONDS = 40.0  # of a flight, by gains to set: who has just landed waits for it

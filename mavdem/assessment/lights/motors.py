@@ -3,7 +3,6 @@
 from math import inf
 
 from mavdem.assessment.axis.overrides import limited_motor
-from mavdem.assessment.condition import HoverFigures
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.lights.limits import worst
 from mavdem.facts import Fact, Level
@@ -12,6 +11,7 @@ from mavdem.facts.events import Reported
 from mavdem.facts.motors import InFlight, MotorsLight, Trim
 from mavdem.loops.limit_cycles import LIMITED_SHARE
 from mavdem.motors.balance import LEAST_SECONDS
+from mavdem.motors.hover import HoverFigures
 from mavdem.motors.trim_pattern import trim_of_signals
 
 LITTLE_HEADROOM = 0.1  # of the motors' range
