@@ -11,10 +11,10 @@ import numpy as np
 
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.loops.controllers import (
-    FASTEST_LOOP_RATE,
-    LOOP_RATES,
-    SLOWEST_LOOP_RATE,
-    controller_of,
+    LOOP_RATE_PARAMETERS,
+    MAX_LOOP_RATE,
+    MIN_LOOP_RATE,
+    controller_from_parameters,
 )
 from mavdem.loops.controllers import Controller as AxisController
 from sitl_scenarios import mixers
@@ -29,7 +29,7 @@ from sitl_scenarios.vehicles import airframe
 def check_parameters(scenario: Scenario) -> None:
     """Raises ValueError: ``vehicle.parameters`` has one that is not flown, or a value that no autopilot has."""
     given = scenario.vehicle.parameters
-    loop = LOOP_RATES[scenario.stream.autopilot]
+    loop = LOOP_RATE_PARAMETERS[scenario.stream.autopilot]
     foreign = (
         ("ATC_", "MOT_", "SCHED_", "INS_")
         if scenario.stream.autopilot == "px4"
@@ -41,7 +41,7 @@ def check_parameters(scenario: Scenario) -> None:
                 f"vehicle.parameters.{name} is not flown by {scenario.stream.autopilot} here"
             )
         low, high = (
-            (SLOWEST_LOOP_RATE, FASTEST_LOOP_RATE)
+            (MIN_LOOP_RATE, MAX_LOOP_RATE)
             if name == loop
             else (0.0, 1.0)
             if "_SPIN_" in name
@@ -61,7 +61,9 @@ def parameters_of(scenario: Scenario) -> dict[str, float]:
     own = parameters_for(scenario.vehicle, FlightController(scenario).gains)
     if "RATE_RLL_P" in scenario.vehicle.parameters:  # as gains were called before ArduCopter 3.4
         own = {name: value for name, value in own.items() if not name.startswith("ATC_")}
-    return own | {LOOP_RATES[kind]: round(1 / scenario.cycle)} | scenario.vehicle.parameters
+    return (
+        own | {LOOP_RATE_PARAMETERS[kind]: round(1 / scenario.cycle)} | scenario.vehicle.parameters
+    )
 
 
 def controller_for(scenario: Scenario) -> FlightController:
@@ -86,7 +88,7 @@ class SetController(FlightController):
         columns = frame(vehicle.layout, airframe(vehicle).arm)[2:]
         is_px4 = scenario.stream.autopilot == "px4"
         self.axes = axes = [
-            controller_of(parameters, axis, () if is_px4 else column)
+            controller_from_parameters(parameters, axis, () if is_px4 else column)
             for axis, column in zip(AXES, columns, strict=True)
         ]
         super().__init__(scenario)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.signal import bilinear, butter, sosfreqz
 
 from mavdem.loops.controllers import Controller
-from mavdem.loops.filters import NOTCH_OFF_SHARE
+from mavdem.loops.filters import MAX_NOTCH_FREQUENCY_RATIO
 from mavdem.loops.margins import Complex
 from sitl_scenarios.dynamics import AirState, Body, Four, State, Three
 from sitl_scenarios.motion import Array
@@ -28,10 +28,10 @@ class Gyro:
         self.rates: Three = NO_ROTATION
         self.felt: Three = NO_ROTATION  # before the filters
         sections: list[ArrayLike] = [[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]]  # passes all
-        if controller and 0 < controller.gyro_filter * step < NOTCH_OFF_SHARE:
+        if controller and 0 < controller.gyro_filter * step < MAX_NOTCH_FREQUENCY_RATIO:
             sections += butter(2, controller.gyro_filter, fs=1 / step, output="sos").tolist()
         for notch in controller.notches if controller else ():
-            if notch.frequency * step < NOTCH_OFF_SHARE:
+            if notch.frequency * step < MAX_NOTCH_FREQUENCY_RATIO:
                 k = tan(pi * notch.frequency * step)
                 damping = k * notch.bandwidth / notch.frequency
                 kept = damping * 10 ** (-notch.attenuation / 20)

@@ -23,7 +23,7 @@ from pydantic import (
     model_validator,
 )
 
-from mavdem.loops.controllers import LOOP_RATES, USUAL_RATES
+from mavdem.loops.controllers import DEFAULT_LOOP_RATES, LOOP_RATE_PARAMETERS
 from sitl_scenarios.motion import Array, Pair
 
 
@@ -497,7 +497,7 @@ class Scenario(Section):
     def cycle(self) -> float:
         """Of the autopilot's control, s."""
         kind = self.stream.autopilot
-        return 1 / self.vehicle.parameters.get(LOOP_RATES[kind], USUAL_RATES[kind])
+        return 1 / self.vehicle.parameters.get(LOOP_RATE_PARAMETERS[kind], DEFAULT_LOOP_RATES[kind])
 
     def random(self, *purpose: int) -> Generator:
         """Returns the random numbers for one purpose; what others draw does not change them."""

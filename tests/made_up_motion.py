@@ -3,7 +3,7 @@
 import numpy as np
 
 from mavdem.ingest.vocabulary import quaternion
-from mavdem.loops.controllers import USUAL_RATES
+from mavdem.loops.controllers import DEFAULT_LOOP_RATES
 from sitl_scenarios.dynamics import DISARMED_PULSE
 from sitl_scenarios.motion import Motion
 
@@ -17,7 +17,7 @@ ROLL = 0.2
 
 def made_up_motion(seconds=20.0, begin=0.0, autopilot="px4"):
     """A flight of so many seconds, on the ground at its ends; its boot clock begins at ``begin``."""
-    cycle = 1 / USUAL_RATES[autopilot]
+    cycle = 1 / DEFAULT_LOOP_RATES[autopilot]
     count = round(seconds / cycle)
     since = np.arange(count) * cycle
     time = begin + since

@@ -63,7 +63,7 @@ UPWARD_IMPORTS = {
     ("dem.learned", "plant.simulation"),  # Learned.simulate()
     ("dem.learned", "loops.axis_loops"),  # Learned.loop(), its type
     ("dem.learned", "loops.controllers"),
-    ("dem.learned", "loops.from_flight"),
+    ("dem.learned", "loops.loop_construction"),
     ("dem.learned", "export.conversion"),  # Learned.to_control()
     ("dem.learned", "report.figures"),  # Learned.plot
     ("dem.learned", "report.page"),  # Learned in a notebook

@@ -42,7 +42,7 @@ from mavdem.heading import Values
 from mavdem.immutable import ReadOnlyDict, read_only
 from mavdem.ingest import Log, read_log
 from mavdem.loops.axis_loops import Loop
-from mavdem.loops.from_flight import loop_of
+from mavdem.loops.loop_construction import loop_from_plant
 from mavdem.motors.loss_detection import MotorAlarm, losses_of
 from mavdem.vibration.spectra import Spectrum
 from mavdem.wind_velocity.estimation import WindVelocity, torque_explained
@@ -305,6 +305,6 @@ def loop_by(figures: AxisFigures, record: Record | None) -> Loop | Fact:
         assert figures.reason is not None
         return figures.reason
     try:
-        return loop_of(figures.physical, record)
+        return loop_from_plant(figures.physical, record)
     except NotLearnable as error:
         return error.fact

@@ -29,7 +29,7 @@ from mavdem.errors import NotLearnable
 from mavdem.heading import Names, Numbers
 from mavdem.immutable import Result
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
-from mavdem.loops.limit_cycles import Oscillation, oscillation_of
+from mavdem.loops.limit_cycles import Oscillation, detect_limit_cycle
 from mavdem.motors.hover import HoverFigures, hover_of
 
 FASTEST_COSINE = 0.05
@@ -124,7 +124,7 @@ def condition_of(signals: Signals) -> Condition:
     intervals, command = ((), {}) if hover is None else _balance(signals, settled)
     lean, tilt = _leaning(signals, settled)
     moving = signals.motors, dict(zip(TILT_AXES, signals.tilts, strict=False))
-    oscillation = oscillation_of(*moving, settled) or oscillation_of(
+    oscillation = detect_limit_cycle(*moving, settled) or detect_limit_cycle(
         *moving, _parts(signals, phases.flying)
     )
     return Condition(

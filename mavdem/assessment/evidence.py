@@ -24,7 +24,7 @@ from mavdem.facts import Code, Fact, Facts
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.lights import Unjudged
 from mavdem.ingest import Log
-from mavdem.loops.advice import lowered
+from mavdem.loops.advice import gain_reduction_advice
 from mavdem.loops.axis_loops import Loop
 from mavdem.wind_velocity.from_log import Air
 
@@ -78,7 +78,7 @@ class Evidence:
         oscillation = self.condition.oscillation
         if oscillation is None:
             return None
-        return lowered(oscillation, self.signals.telemetry.parameters)
+        return gain_reduction_advice(oscillation, self.signals.telemetry.parameters)
 
     def flights(self, boot: int) -> phases.Intervals:
         """Returns where the vehicle flew in a ``boot``."""

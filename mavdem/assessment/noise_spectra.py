@@ -11,16 +11,16 @@ from mavdem.dataset.drive import TILT_AXES
 from mavdem.facts import Fact, Facts
 from mavdem.facts.noise import Noise as Codes
 from mavdem.loops.axis_loops import Loop
-from mavdem.loops.resonance import known_controller_of
+from mavdem.loops.resonance import controller_if_known
 from mavdem.vibration.notch_filters import LINE_BAND, notch_advice
-from mavdem.vibration.spectra import Spectrum, spectra_of_flight
-from mavdem.vibration.spectral_lines import Peak, PeakKind, peaks_of
+from mavdem.vibration.spectra import Spectrum, vibration_spectra
+from mavdem.vibration.spectral_lines import LineKind, SpectralLine, find_spectral_lines
 
 KINDS = {
-    PeakKind.MOTOR: Codes.MOTOR_LINE,
-    PeakKind.FRAME: Codes.FRAME_LINE,
-    PeakKind.ALIAS: Codes.ALIASED_LINE,
-    PeakKind.UNNAMED: Codes.UNNAMED_LINE,
+    LineKind.MOTOR: Codes.MOTOR_LINE,
+    LineKind.FRAME: Codes.FRAME_LINE,
+    LineKind.ALIAS: Codes.ALIASED_LINE,
+    LineKind.UNNAMED: Codes.UNNAMED_LINE,
 }
 GYRO = "gyro"
 BEFORE = "gyro_before"
@@ -30,12 +30,12 @@ class MeasuredNoise(NamedTuple):
     """The spectra by name, and the lines of each."""
 
     spectra: Mapping[str, Spectrum]
-    peaks: Mapping[str, tuple[Peak, ...]]
+    peaks: Mapping[str, tuple[SpectralLine, ...]]
     notch: Fact | None = None
     """The notch filter to set, or why there is none; None where the filters are not known."""
 
     @property
-    def lines(self) -> tuple[Peak, ...]:
+    def lines(self) -> tuple[SpectralLine, ...]:
         """Those of the gyro before its filters, where that was logged, or else behind them."""
         return self.peaks.get(BEFORE, self.peaks.get(GYRO, ()))
 
@@ -50,7 +50,7 @@ class MeasuredNoise(NamedTuple):
                 Codes.SPECTRUM_SEEN,
                 name=shown.name,
                 source=shown.source,
-                highest=shown.highest,
+                highest=shown.nyquist_frequency,
                 windows=len(shown.time),
             )
         ]
@@ -70,7 +70,7 @@ class MeasuredNoise(NamedTuple):
             facts += [
                 _left(peak, shown, behind)
                 for peak in self.lines
-                if peak.kind is PeakKind.MOTOR and peak.frequency < behind.highest
+                if peak.kind is LineKind.MOTOR and peak.frequency < behind.nyquist_frequency
             ]
         return tuple(filter(None, (*facts, self.notch)))
 
@@ -82,9 +82,11 @@ def noise_of(evidence: Evidence) -> MeasuredNoise:
         return MeasuredNoise({}, {})
     boots = np.unique(signals.attitude.boot).tolist()
     spans = [Segment(boot, *span) for boot in boots for span in evidence.flights(boot)]
-    spectra = spectra_of_flight(signals, spans)
-    noise = MeasuredNoise(spectra, {name: peaks_of(spectrum) for name, spectrum in spectra.items()})
-    controller = known_controller_of(signals.about("roll"))
+    spectra = vibration_spectra(signals, spans)
+    noise = MeasuredNoise(
+        spectra, {name: find_spectral_lines(spectrum) for name, spectrum in spectra.items()}
+    )
+    controller = controller_if_known(signals.about("roll"))
     if controller is None:
         return noise
     before, behind = spectra.get(BEFORE), spectra.get(GYRO)
@@ -94,8 +96,8 @@ def noise_of(evidence: Evidence) -> MeasuredNoise:
     return noise._replace(notch=notch_advice(controller, noise.lines, before, behind, crossover))
 
 
-def _left(peak: Peak, before: Spectrum, behind: Spectrum) -> Fact:
+def _left(peak: SpectralLine, before: Spectrum, behind: Spectrum) -> Fact:
     """What the filters leave of a line."""
     sides = np.multiply(LINE_BAND, peak.frequency)
-    share = behind.power(*sides) / before.power(*sides)
+    share = behind.mean_power(*sides) / before.mean_power(*sides)
     return Fact(Codes.FILTERS_REMOVE, frequency=peak.frequency, share=1 - share)

@@ -18,7 +18,7 @@ from mavdem.cli.output import check_folder, files_in, print_json, print_screen, 
 from mavdem.dataset.drive import AXES
 from mavdem.documents.loops import tune_document
 from mavdem.ingest.parameter_file import parameter_files
-from mavdem.loops.axis_loops import TARGETS
+from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.report.blocks import Sentence
 from mavdem.report.loops import tune_blocks
 from mavdem.report.page import tune_page
@@ -32,11 +32,12 @@ GAINS = ("gains.params", "gains.param")
 @source_options((*AXES, ALL), "Axis of the loops; all: roll, pitch and yaw.")
 @click.option(
     "--margins",
-    type=click.Choice(list(TARGETS)),
+    type=click.Choice(list(MARGIN_TARGETS)),
     default="default",
     show_default=True,
     help="; ".join(
-        f"{name}: phase {a:g}°, gain {b:g} dB, Ms {c:g}" for name, (a, b, c) in TARGETS.items()
+        f"{name}: phase {a:g}°, gain {b:g} dB, Ms {c:g}"
+        for name, (a, b, c) in MARGIN_TARGETS.items()
     )
     + ".",
 )

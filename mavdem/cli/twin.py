@@ -15,7 +15,7 @@ from mavdem.cli.options import (
 )
 from mavdem.cli.output import check_file, print_result, say_aside
 from mavdem.files import write_text
-from mavdem.loops.twin import flown_again
+from mavdem.loops.twin import compare_twin_with_flight
 from mavdem.report.vehicle_files import LEFT_OUT, twin_blocks, unlearned, vehicle_text
 
 
@@ -62,7 +62,7 @@ def twin_command(
         write_text(path, vehicle_text(twin, path.suffix.lower(), Path(source).name))
         if left := LEFT_OUT.get(path.suffix.lower()):
             say_aside(f"{path.name} has no place for {left}.")
-    compared = flown_again(twin, loops)
+    compared = compare_twin_with_flight(twin, loops)
     missing = unlearned(lacking)
     document = {
         "vehicle": twin,

@@ -362,9 +362,9 @@ class Learned(Result, Forecasting):
         Raises:
             NotLearnable: the plant is not identifiable, or the controller is not known.
         """
-        from mavdem.loops.from_flight import loop
+        from mavdem.loops.loop_construction import loop_from_learned
 
-        return loop(self, controller)
+        return loop_from_learned(self, controller)
 
     def _repr_html_(self) -> str:
         from mavdem.report.page import learned_html

@@ -15,8 +15,8 @@ from mavdem.facts import Fact
 from mavdem.heading import Values
 from mavdem.units import DensityOfUnit, Hertz, Number, Seconds
 from mavdem.vibration import spectra as measured
-from mavdem.vibration.spectra import thinned
-from mavdem.vibration.spectral_lines import Peak
+from mavdem.vibration.spectra import max_decimated
+from mavdem.vibration.spectral_lines import SpectralLine
 
 FREQUENCIES = 240
 MOST_TIMES = 80
@@ -245,19 +245,25 @@ def axes_of(assessment: Assessment) -> Values:
 def _response(response: LoopResponse) -> Values:
     if isinstance(response.measured, Fact):
         return {"measured": None, "facts": response.facts}
-    return {"measured": Response.gather(response.measured, response), "facts": response.facts}
+    return {
+        "measured": Response.gather(
+            response.measured, response, highest=response.measured.max_frequency
+        ),
+        "facts": response.facts,
+    }
 
 
-def _spectrum(spectrum: measured.Spectrum, lines: tuple[Peak, ...]) -> Spectrum:
+def _spectrum(spectrum: measured.Spectrum, lines: tuple[SpectralLine, ...]) -> Spectrum:
     """The document of a spectrum, thinned to ``FREQUENCIES`` and ``MOST_TIMES`` by the largest."""
     axes = ("forward", "right", "down") if spectrum.unit == "m/s²" else AXES
-    fine, mean = thinned(spectrum.frequency, spectrum.mean, FREQUENCIES)
-    coarse, over_time = thinned(spectrum.frequency, spectrum.whole, FREQUENCIES // 2)
+    fine, mean = max_decimated(spectrum.frequency, spectrum.mean_density, FREQUENCIES)
+    coarse, over_time = max_decimated(spectrum.frequency, spectrum.total_density, FREQUENCIES // 2)
     size = -(-len(spectrum.time) // MOST_TIMES)
-    levels, by_throttle = spectrum.by_throttle
-    _, by_throttle = thinned(spectrum.frequency, by_throttle, FREQUENCIES // 2)
+    levels, by_throttle = spectrum.density_by_throttle
+    _, by_throttle = max_decimated(spectrum.frequency, by_throttle, FREQUENCIES // 2)
     return Spectrum.gather(
         spectrum,
+        highest=spectrum.nyquist_frequency,
         windows=len(spectrum.time),
         frequency=fine,
         density=dict(zip(axes, mean, strict=True)),

@@ -32,7 +32,7 @@ from mavdem.ingest.formats import read_stream
 from mavdem.ingest.mavlink.framing import MATCHES
 from mavdem.ingest.mcap.records import MAX_STAMP, write_mcap, write_series
 from mavdem.ingest.tlog import write_tlog
-from mavdem.loops.from_flight import DRAWS
+from mavdem.loops.loop_construction import POSTERIOR_DRAWS
 from mavdem.plant import Physical
 from mavdem.report.labels import Labels, state_names, states_are_outputs
 from mavdem.report.numbers import short
@@ -176,7 +176,7 @@ def to_control(learned: Learned, model: str = "physical") -> control.StateSpace:
     outputs = list(map(column_name, labels.output_names, labels.output_units))
     names = {"inputs": inputs, "outputs": outputs, "name": f"mavdem {model} model"}
     if model == "physical":
-        draws = _identified(learned).draws(DRAWS).tolist()
+        draws = _identified(learned).draws(POSTERIOR_DRAWS).tolist()
         plant, *plants = (_plant(draw, names) for draw in draws)
         plant.delay = draws[0][-1]
         plant.draws = plants

@@ -50,7 +50,7 @@ from mavdem.ingest.telemetry import Fields, Telemetry, joined, log_of_vehicles
 from mavdem.ingest.vocabulary import IN_AIR, UNNAMED
 from mavdem.live.recent import MAX_ROWS, Recent
 from mavdem.live.rows import KEPT_SECONDS, Samples
-from mavdem.loops.limit_cycles import oscillation_of
+from mavdem.loops.limit_cycles import detect_limit_cycle
 from mavdem.motors.hover import hover_figures
 from mavdem.motors.loss_detection import MotorAlarm, losses_of
 
@@ -349,7 +349,7 @@ def judged(
     motors = Motors(setup.motors, time, boots, inputs, setup.layout, setup.scale, count, 0)
     tilt = tilt_of(setup.attitude, time, 0, *outputs.T)
     signals = LiveSignals(telemetry, axis, motors=motors, tilts=(tilt,) * len(TILT_AXES))
-    swing = oscillation_of(motors, {axis: tilt}, [Segment(0, 0.0, duration)])
+    swing = detect_limit_cycle(motors, {axis: tilt}, [Segment(0, 0.0, duration)])
     lean = {axis: np.degrees(outputs[:, 0].mean())}
     hover = hover_figures(setup.layout.names, setup.scale, duration, inputs, lean)
     condition = Condition(duration=duration, settled=duration, hover=hover, oscillation=swing)

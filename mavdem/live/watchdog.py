@@ -32,7 +32,7 @@ from mavdem.live.decisions import LiveSignals, RecentMotion, evidence_of
 from mavdem.live.messages import OF_ITSELF
 from mavdem.live.recent import Recent
 from mavdem.live.rows import DECISION_SECONDS
-from mavdem.loops.limit_cycles import begun_oscillation
+from mavdem.loops.limit_cycles import detect_starting_limit_cycle
 from mavdem.motors.loss_detection import alarm_of
 from mavdem.plant.online_wind_torque import MEMORY_SECONDS
 
@@ -137,7 +137,7 @@ class Watchdog:
         upper, lower = at_limits(shares, motors.scale)
         cycle = None
         if upper.any() or lower.any():  # without, there is none; most flights have none
-            cycle = begun_oscillation(motors, motion.tilts, self._recent.boot, since, now)
+            cycle = detect_starting_limit_cycle(motors, motion.tilts, self._recent.boot, since, now)
         if cycle is not None:
             yield Watched.OSCILLATION, Fact(MarginsLight.OSCILLATES, **cycle.figures)
         latest = motors.time >= now - DECISION_SECONDS

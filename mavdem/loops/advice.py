@@ -22,15 +22,15 @@ from mavdem.facts.loops import Gains, Loops
 from mavdem.immutable import Result
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.axis_loops import (
-    TARGETS,
+    MARGIN_TARGETS,
     Loop,
-    Target,
-    changed_in,
+    MarginTarget,
     margin_rating,
-    scores_of,
+    margin_scores,
+    parameters_changed_in_flight,
 )
-from mavdem.loops.controllers import Controller, controller_of
-from mavdem.loops.limit_cycles import LIMITED_SHARE, Oscillation
+from mavdem.loops.controllers import Controller, controller_from_parameters
+from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE, Oscillation
 from mavdem.loops.margins import transfer
 
 GAINS = "p", "i", "d", "angle"
@@ -50,7 +50,7 @@ PASSES = (0.4, 80), (-0.4, 80), (0.3, 80), (-0.1, 60)
 """First steps of each search, as logarithms of gains, and how many gains it tries."""
 LOWERED = 2 / 3  # times the gains by which a vehicle oscillates: 3.5 dB
 # 1/s, that PX4 takes; ArduPilot recommends 12 for all
-LARGEST_ANGLE = {"roll": 12.0, "pitch": 12.0, "yaw": 5.0}
+MAX_ANGLE_GAIN = {"roll": 12.0, "pitch": 12.0, "yaw": 5.0}
 # times the crossover, and Hz: what is faster in the gyro is noise, not motion
 NOISE_FROM = 3.0, 10.0
 
@@ -77,7 +77,7 @@ class DemandNoise(NamedTuple):
 class Advice(Result):
     """Gains to set, and what to expect of them."""
 
-    target: Target
+    target: MarginTarget
     """The margins asked for."""
     rating: Fact
     """Whether the loops of the flight have them."""
@@ -120,7 +120,7 @@ class Advice(Result):
 def advise(
     loop: Loop, tune: str = "default", doubts: Sequence[Fact] = (), *, more: bool = False
 ) -> Advice:
-    """Returns gains with which the ``loop`` has the margins of ``TARGETS[tune]`` and wind moves it least.
+    """Returns gains with which the ``loop`` has the margins of ``MARGIN_TARGETS[tune]`` and wind moves it least.
 
     A loop that has these margins, surely or perhaps, keeps its gains unless ``more`` is asked: so do gains that were
     advised and then flown. None where gains must not follow from this flight: for the ``doubts`` about it, gains that
@@ -128,14 +128,14 @@ def advise(
     the effectiveness seem low, by more than ``EFFECTS`` allow, unless the loop surely lacks the least margins: it must
     not fly the movements that show more.
     """
-    target = TARGETS[tune]
+    target = MARGIN_TARGETS[tune]
     rating = margin_rating(loop, target)
     changes = more or rating.is_bad
     refusals = tuple(doubts) or _refusals(loop, changes)
     chosen = {} if refusals else dict(_gains_of(loop))
     if chosen and changes:
         chosen |= _best(loop, target)
-    after = loop.drawn(slice(len(loop.gains) // 2, None)).changed(chosen)
+    after = loop.drawn(slice(len(loop.effectiveness) // 2, None)).with_parameters(chosen)
     return Advice(
         target=target,
         rating=rating,
@@ -143,12 +143,12 @@ def advise(
         before=loop,
         after=after,
         gains={name: Gain(loop.controller.parameters[name], new) for name, new in chosen.items()},
-        sure=after.drawn(slice(1, None), EFFECTS).sure_of(target),
+        sure=after.drawn(slice(1, None), EFFECTS).share_meeting(target),
         noise=_noise(loop, after.controller),
     )
 
 
-def _best(loop: Loop, target: Target) -> Parameters:
+def _best(loop: Loop, target: MarginTarget) -> Parameters:
     """The gains to set, by name: of the least lean in wind, or else those that come closest to the margins.
 
     Their cost is the logarithm of the lean and, of each limit that is crossed, how far: an exact penalty.
@@ -156,9 +156,9 @@ def _best(loop: Loop, target: Target) -> Parameters:
     from scipy.optimize import minimize  # it takes half a second to import
 
     gains = _gains_of(loop)
-    largest = {loop.controller.names["angle"]: LARGEST_ANGLE[loop.axis]}
+    largest = {loop.controller.names["angle"]: MAX_ANGLE_GAIN[loop.axis]}
     most = [max(value, largest.get(name, np.inf)) for name, value in gains.items()]
-    half = len(loop.gains) // 2
+    half = len(loop.effectiveness) // 2
     many = loop.drawn(slice(1, half), EFFECTS, COARSE)
     few = loop.drawn(slice(1, half, -(-half // CHOOSING)), EFFECTS, COARSE)
     frequency, shown = _gyro(loop)
@@ -172,11 +172,11 @@ def _best(loop: Loop, target: Target) -> Parameters:
         return {name: float(f"{value:.4g}") for name, value in zip(gains, new, strict=True)}
 
     def margins(now: Loop) -> float:
-        scores = scores_of(target, now.rate, now.attitude)
+        scores = margin_scores(target, now.rate, now.attitude)
         return np.quantile(scores.clip(-1.0), SHORT)
 
     def cost(steps: Array, aim: float) -> float:
-        now = few.changed(stepped(steps))
+        now = few.with_parameters(stepped(steps))
         noise = _demand(now.controller, frequency, density) / loudest
         faster = np.array([now.rate.bandwidth, now.attitude.bandwidth]) / slowest
         too_slow = 1 - np.nan_to_num(faster, nan=1.0)
@@ -197,8 +197,8 @@ def _best(loop: Loop, target: Target) -> Parameters:
             options={"maxfev": tries, "initial_simplex": simplex},
         ).x
         new = stepped(steps)
-        if margins(few.changed(new)) >= 0.99 * aim:
-            aim *= 1.005 / min(margins(many.changed(new)), 1.005)
+        if margins(few.with_parameters(new)) >= 0.99 * aim:
+            aim *= 1.005 / min(margins(many.with_parameters(new)), 1.005)
     return new
 
 
@@ -209,7 +209,7 @@ def _gains_of(loop: Loop) -> Parameters:
     return {name: parameters[name] for name in names if parameters.get(name)}
 
 
-def lowered(oscillation: Oscillation, parameters: Parameters) -> Fact:
+def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> Fact:
     """Returns which gains to lower by a third, of a vehicle that oscillates by the controller of these ``parameters``.
 
     They are P and D of the rate or, where it oscillates so slowly that these do little, the gain of the angle or I. No
@@ -218,7 +218,7 @@ def lowered(oscillation: Oscillation, parameters: Parameters) -> Fact:
     changes = []
     for cycle in (oscillation, *oscillation.others):
         with suppress(NotLearnable):
-            controller = controller_of(parameters, cycle.axis, (1.0,))
+            controller = controller_from_parameters(parameters, cycle.axis, (1.0,))
             turning = 2 * np.pi * (cycle.frequency or np.inf)
             corners = {"angle": controller.angle, "i": controller.i / controller.p}
             slow = [gain for gain, corner in corners.items() if corner > turning / 2]
@@ -231,20 +231,24 @@ def lowered(oscillation: Oscillation, parameters: Parameters) -> Fact:
 def _refusals(loop: Loop, changes: bool) -> Facts:
     """Why the loop itself gives no gains, or none that are ``changes``; the first reason."""
     record = loop.record
-    if changed := changed_in(record, loop.controller):
+    if changed := parameters_changed_in_flight(record, loop.controller):
         return (Fact(Gains.GAINS_CHANGED, names=sorted(changed)),)
     limited = 0.0
     if len(record.input_range) == 2:
         low, high = record.input_range
         # within 0.5 % of a limit
-        limited = loop.controller.limited((record.inputs - low) / (high - low)).mean()
-    if limited > LIMITED_SHARE:
+        limited = loop.controller.at_limit((record.inputs - low) / (high - low)).mean()
+    if limited > MIN_AT_LIMIT_SHARE:
         return (Fact(Gains.MOTOR_AT_LIMIT, share=limited),)
     if not (loop.rate.stable[0] and loop.attitude.stable[0]):
         return (Fact(Gains.LOOP_UNSTABLE),)
-    if loop.refutation:
-        return (loop.refutation,)
-    if not changes or loop.plant.bias >= 0 or loop.sure_of(TARGETS["sharp"]) <= 1 - LEVEL:
+    if loop.disagreement:
+        return (loop.disagreement,)
+    if (
+        not changes
+        or loop.plant.bias >= 0
+        or loop.share_meeting(MARGIN_TARGETS["sharp"]) <= 1 - LEVEL
+    ):
         return ()
     return tuple(doubt for doubt in loop.cautions if doubt.code is Loops.EFFECT_BIASED)
 

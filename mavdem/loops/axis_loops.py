@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from mavdem.loops.advice import Advice
 
 
-class Target(NamedTuple):
+class MarginTarget(NamedTuple):
     """Margins that a loop is to have: degrees and dB at least, and the maximum sensitivity at most."""
 
     phase_margin: float
@@ -37,10 +37,10 @@ class Target(NamedTuple):
     ms: float
 
 
-TARGETS = {
-    "soft": Target(55.0, 8.0, 1.7),
-    "default": Target(45.0, 6.0, 2.0),
-    "sharp": Target(40.0, 5.0, 2.3),
+MARGIN_TARGETS = {
+    "soft": MarginTarget(55.0, 8.0, 1.7),
+    "default": MarginTarget(45.0, 6.0, 2.0),
+    "sharp": MarginTarget(40.0, 5.0, 2.3),
 }
 """Phase of 45°, gain of 6 dB and Ms of 2 are the usual ones (K. J. Åström and R. M. Murray, Feedback Systems, 2nd ed.,
 sec. 10.3)."""
@@ -57,9 +57,9 @@ class Loop(Margins):
     """Identified from the ``record``."""
     record: Record
     controller: Controller
-    gains: Array
+    effectiveness: Array
     """(N,) angular acceleration per demand, rad/s², of the estimate, and then of draws."""
-    draws: Array
+    dynamics: Array
     """(N, 3) likewise of damping, 1/s, lag and delay, s, without the gyro's filter."""
     cautions: Facts = ()
     """What the figures do not allow for."""
@@ -80,7 +80,7 @@ class Loop(Margins):
     @cached_property
     def rate(self) -> OpenLoop:
         """The loop of the rate."""
-        return rate_loop(self.controller, self.gains, self.draws, self.grid)
+        return rate_loop(self.controller, self.effectiveness, self.dynamics, self.grid)
 
     @cached_property
     def attitude(self) -> OpenLoop:
@@ -96,9 +96,9 @@ class Loop(Margins):
         margins = f"phase_margin={self.phase_margin:.0f}, gain_margin={self.gain_margin:.1f}"
         return f"<Loop {self.axis}: crossover={self.crossover:.2f}, {margins}>"
 
-    def changed(self, parameters: Parameters) -> Loop:
+    def with_parameters(self, parameters: Parameters) -> Loop:
         """Returns the loop with other values of some of the autopilot's ``parameters``, by name."""
-        return replace(self, controller=self.controller.changed(parameters), measured=None)
+        return replace(self, controller=self.controller.with_parameters(parameters), measured=None)
 
     def drawn(
         self,
@@ -107,10 +107,10 @@ class Loop(Margins):
         grid: tuple[float, float, int] = GRID,
     ) -> Loop:
         """Returns the loop of the estimate and these ``rows`` of all, each with ``effects`` times its gain."""
-        kept = np.append(0, np.arange(len(self.gains))[rows])
-        gains = np.outer(effects, self.gains[kept]).ravel()
-        draws = np.tile(self.draws[kept], (len(effects), 1))
-        return replace(self, gains=gains, draws=draws, grid=grid)
+        kept = np.append(0, np.arange(len(self.effectiveness))[rows])
+        gains = np.outer(effects, self.effectiveness[kept]).ravel()
+        draws = np.tile(self.dynamics[kept], (len(effects), 1))
+        return replace(self, effectiveness=gains, dynamics=draws, grid=grid)
 
     @property
     def agrees(self) -> bool | None:
@@ -121,13 +121,13 @@ class Loop(Margins):
         return reason is None
 
     @property
-    def refutation(self) -> Fact | None:
+    def disagreement(self) -> Fact | None:
         """Why the flight's response is not the predicted one; None where it is, or where too little was measured."""
         return self.measured.reason if self.measured and self.agrees is False else None
 
-    def sure_of(self, target: Target) -> float:
+    def share_meeting(self, target: MarginTarget) -> float:
         """Returns the share of the draws in which both loops have the margins of ``target``."""
-        return float(np.mean(scores_of(target, self.rate, self.attitude) >= 1))
+        return float(np.mean(margin_scores(target, self.rate, self.attitude) >= 1))
 
     @cached_property
     def wind(self) -> Array:
@@ -145,28 +145,28 @@ class Loop(Margins):
         return float(np.degrees(np.sqrt(np.trapezoid(power, self.rate.frequency))))
 
 
-LoopByAxis = dict[str, Loop]
+LoopsByAxis = dict[str, Loop]
 
 
-def known_loops(loops: Mapping[str, object]) -> LoopByAxis:
+def identified_loops(loops: Mapping[str, object]) -> LoopsByAxis:
     """Returns the ``loops`` without the axes of which there is only why they are not known."""
     return {axis: loop for axis, loop in loops.items() if isinstance(loop, Loop)}
 
 
-def margin_rating(loop: Loop, target: Target = TARGETS["default"]) -> Fact:
+def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) -> Fact:
     """Returns whether rate and attitude ``loop`` have the margins of ``target``: good, perhaps (watch), or bad.
 
     Its figures are those of the weaker loop: which margin is ``lacking`` most, and what ``share`` of it there is.
     """
     loops = {"rate": loop.rate, "attitude": loop.attitude}
-    name, weak = min(loops.items(), key=lambda item: scores_of(target, item[1])[0])
-    scores = scores_of(target, *loops.values())
+    name, weak = min(loops.items(), key=lambda item: margin_scores(target, item[1])[0])
+    scores = margin_scores(target, *loops.values())
     level = Level.BAD
     if np.quantile(scores, 1 - ENDS[1], method="lower") >= 1:
         level = Level.GOOD
     elif scores[0] >= 1:
         level = Level.WATCH
-    shares = shares_of(target, weak)
+    shares = margin_ratios(target, weak)
     return Fact(
         Loops.MARGIN_RATING,
         level,
@@ -182,16 +182,16 @@ def margin_rating(loop: Loop, target: Target = TARGETS["default"]) -> Fact:
     )
 
 
-def scores_of(target: Target, *loops: OpenLoop) -> Array:
+def margin_scores(target: MarginTarget, *loops: OpenLoop) -> Array:
     """Returns (N,) the least of the margins over that of the target: 1 and more has them all, unstable is below 0."""
     least = [
-        np.where(loop.stable, np.min([*shares_of(target, loop).values()], axis=0), -np.inf)
+        np.where(loop.stable, np.min([*margin_ratios(target, loop).values()], axis=0), -np.inf)
         for loop in loops
     ]
     return np.min(least, axis=0)
 
 
-def shares_of(target: Target, loop: OpenLoop) -> dict[str, Array]:
+def margin_ratios(target: MarginTarget, loop: OpenLoop) -> dict[str, Array]:
     """Returns (N,) of the margins by name, each over that of the target."""
     return {
         "phase_margin": loop.figures["phase_margin"] / target.phase_margin,
@@ -200,7 +200,7 @@ def shares_of(target: Target, loop: OpenLoop) -> dict[str, Array]:
     }
 
 
-def changed_in(record: Record, controller: Controller) -> Parameters:
+def parameters_changed_in_flight(record: Record, controller: Controller) -> Parameters:
     """Returns the parameters of a ``controller`` that changed in the ``record``, with their values before."""
     prefix = controller.names["p"][:-1]
     return {

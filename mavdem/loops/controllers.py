@@ -26,11 +26,11 @@ from mavdem.plant.closed_loop.parameters import USUAL
 
 MOTORS = 4  # of the frames whose mixer is known
 # Hz of a rate loop
-SLOWEST_LOOP_RATE = 50.0
-FASTEST_LOOP_RATE = 1000.0
-USUAL_RATES = {"px4": 250.0, "ardupilot": 400.0}
+MIN_LOOP_RATE = 50.0
+MAX_LOOP_RATE = 1000.0
+DEFAULT_LOOP_RATES = {"px4": 250.0, "ardupilot": 400.0}
 """Hz of the rate loop where nobody says it: PX4's in its simulators, ArduCopter's SCHED_LOOP_RATE by default."""
-LOOP_RATES = {"px4": "IMU_GYRO_RATEMAX", "ardupilot": "SCHED_LOOP_RATE"}
+LOOP_RATE_PARAMETERS = {"px4": "IMU_GYRO_RATEMAX", "ardupilot": "SCHED_LOOP_RATE"}
 """The parameter of the rate loop's frequency, Hz."""
 RANGES = {
     **dict.fromkeys(("p", "i", "d", "ff"), (0.0, 1e3)),
@@ -39,7 +39,7 @@ RANGES = {
         ("target_filter", "error_filter", "derivative_filter", "output_filter", "gyro_filter"),
         (0.0, 1e4),
     ),
-    "cycle": (1e-5, 1 / SLOWEST_LOOP_RATE),
+    "cycle": (1e-5, 1 / MIN_LOOP_RATE),
     "expo": (-1.0, 1.0),
 }
 """From the least to the most that each figure of a controller can be; a filter that is on has at least 0.1 Hz."""
@@ -48,11 +48,11 @@ OLD_SCALE = 1.27
 OLD_SCALE_X = 0.9
 """What ArduCopter 3.4 multiplied the rate gains of earlier versions by (``convert_pid_parameters`` in ArduCopter's
 ``Parameters.cpp``): they were of 0.01 °/s and of 4500 for full demand, and in an X that turned less."""
-ROTOR_LAG = USUAL["lag"]  # s, of common rotors' speeds
-SPEED_SHARE = 0.5
+TYPICAL_ROTOR_LAG = USUAL["lag"]  # s, of common rotors' speeds
+ROTOR_LAG_CORRECTION = 0.5
 """Of what lagging speeds change: all of it made effects at limits as much too small as none of it too large, on half of
 the flights of ``tools/validation/loops.py``. Why it is half is not known."""
-UNMODELLED = {
+UNMODELLED_PARAMETERS = {
     "SMAX": Controllers.SLEW_LIMITED,
     "PDMX": Controllers.SUM_LIMITED,
     "FSTRATE_ENABLE": Controllers.RATE_LOOP_FASTER,
@@ -120,14 +120,16 @@ class Controller(Result):
         """What is not modelled."""
         own = self.parameters
         rate = self.names["p"][:-1]
-        names = {end if "_" in end else rate + end: code for end, code in UNMODELLED.items()}
+        names = {
+            end if "_" in end else rate + end: code for end, code in UNMODELLED_PARAMETERS.items()
+        }
         for prefix in NOTCHES:
             # it is on and follows what parameters do not have: motors' speeds, or peaks of a spectrum
             if own.get(f"{prefix}ENABLE") and own.get(f"{prefix}MODE", 0.0) > 1:
                 names[f"{prefix}MODE"] = Controllers.NOTCHES_MOVING
         return tuple(Fact(code, name=name) for name, code in names.items() if own.get(name))
 
-    def per_demand(self, shares: Sequence[float]) -> Numbers:
+    def outputs_per_demand(self, shares: Sequence[float]) -> Numbers:
         """Returns (4,) how far a demand of 1 moves outputs that are at ``shares`` of their range, as such shares."""
         begin, end = self.spin
         thrust = self._thrust(np.asarray(shares))
@@ -136,7 +138,7 @@ class Controller(Result):
         slopes = (end - begin) / np.maximum(steepness, 0.1)
         return tuple((slopes * self.mixer).tolist())
 
-    def demanded(self, shares: Array, step: float = 0.0) -> Array:
+    def demand_from_outputs(self, shares: Array, step: float = 0.0) -> Array:
         """Returns (T,) the demand, up to a constant, that brings outputs to ``shares`` (T, r) of their range.
 
         By the curve that the autopilot undoes: a straight one takes demands about other axes for some about this one.
@@ -146,8 +148,8 @@ class Controller(Result):
             return 2 * shares[:, 0]  # from -1 to 1
         thrust = self._thrust(shares)
         thrust = (1 - self.expo + self.expo * thrust) * thrust
-        if 0 < step < ROTOR_LAG:
-            thrust = thrust - SPEED_SHARE * _behind(np.sqrt(thrust), step) ** 2
+        if 0 < step < TYPICAL_ROTOR_LAG:
+            thrust = thrust - ROTOR_LAG_CORRECTION * _behind(np.sqrt(thrust), step) ** 2
         mixer = np.array(self.mixer)
         return thrust @ mixer / (mixer @ mixer)
 
@@ -156,15 +158,17 @@ class Controller(Result):
         begin, end = self.spin
         return np.clip((shares - begin) / (end - begin), 0.0, 1.0)
 
-    def limited(self, shares: Array, stop: float = 1.0) -> Flags:
+    def at_limit(self, shares: Array, stop: float = 1.0) -> Flags:
         """Returns (T,) whether some output, at ``shares`` (T, r) of the range, is within 0.5 % of its end or stop."""
         begin, end = (0.0, 1.0) if shares.shape[1] == 1 else self.spin
         at_limit = (shares <= begin + 0.005) | (shares >= min(end, stop) - 0.005)
         return np.asarray(at_limit.any(axis=1))
 
-    def changed(self, parameters: Parameters) -> Controller:
+    def with_parameters(self, parameters: Parameters) -> Controller:
         """Returns the controller with other values of some ``parameters``, by name."""
-        return controller_of({**self.parameters, **parameters}, self.axis, self.weights)
+        return controller_from_parameters(
+            {**self.parameters, **parameters}, self.axis, self.weights
+        )
 
 
 def _behind(speeds: Array, step: float) -> Array:
@@ -175,12 +179,12 @@ def _behind(speeds: Array, step: float) -> Array:
     """
     from scipy.signal import lfilter  # it takes half a second to import
 
-    keeps = np.exp(-step / ROTOR_LAG)
+    keeps = np.exp(-step / TYPICAL_ROTOR_LAG)
     reached, _ = lfilter([0.0, 1 - keeps], [1.0, -keeps], speeds, axis=0, zi=speeds[:1])
     return speeds - reached
 
 
-def controller_of(
+def controller_from_parameters(
     parameters: Parameters, axis: str = "roll", weights: Sequence[float] = ()
 ) -> Controller:
     """Returns the controller that an autopilot's ``parameters`` describe, of which ``CONTROL_PARAMETERS`` count.
@@ -231,7 +235,7 @@ def _ardupilot(own: Parameters, axis: str, weights: Numbers) -> Values:
         "target_notches": tuple(_pid_notches(own, f"{rate}NTF")),
         "error_notches": tuple(_pid_notches(own, f"{rate}NEF")),
         "derivative_of_error": True,
-        "cycle": 1 / max(own.get("SCHED_LOOP_RATE", 400.0), SLOWEST_LOOP_RATE),
+        "cycle": 1 / max(own.get("SCHED_LOOP_RATE", 400.0), MIN_LOOP_RATE),
         "mixer": (1.0,),
     }
     if len(weights) != 1:
@@ -320,7 +324,7 @@ def _px4(own: Parameters, axis: str, is_demand: bool) -> Values:
         "output_filter": own.get("MC_YAW_TQ_CUTOFF", 0.0) if axis == "yaw" else 0.0,
         "gyro_filter": own.get("IMU_GYRO_CUTOFF", 0.0),
         "derivative_of_error": False,
-        "cycle": 1 / max(own.get("IMU_GYRO_RATEMAX", 400.0), SLOWEST_LOOP_RATE),
+        "cycle": 1 / max(own.get("IMU_GYRO_RATEMAX", 400.0), MIN_LOOP_RATE),
         "mixer": (1.0,) if is_demand else _allocation(own)[axis],
     }
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mavdem.arrays import Array
 from mavdem.loops.controllers import Controller, Notch
 
-NOTCH_OFF_SHARE = 0.48
+MAX_NOTCH_FREQUENCY_RATIO = 0.48
 """Of the rate it runs at: a notch filter from there on is off (``HARMONIC_NYQUIST_CUTOFF`` of ArduPilot)."""
 
 
@@ -33,7 +33,7 @@ def gyro_response(controller: Controller, frequency: Array) -> NDArray[np.comple
     cutoff = controller.gyro_filter
     if cutoff:
         warped = np.tan(np.pi * frequency / rate)
-        warped_cutoff = np.tan(np.pi * min(cutoff / rate, NOTCH_OFF_SHARE))
+        warped_cutoff = np.tan(np.pi * min(cutoff / rate, MAX_NOTCH_FREQUENCY_RATIO))
         share = warped / warped_cutoff
         response /= 1 + 2**0.5 * 1j * share - share**2
     return response
@@ -44,7 +44,7 @@ def notched(notches: Iterable[Notch], rate: float, frequency: Array) -> NDArray[
     warped = np.tan(np.pi * frequency / rate)
     response = np.ones(np.shape(frequency), complex)
     for notch in notches:
-        if notch.frequency < NOTCH_OFF_SHARE * rate:
+        if notch.frequency < MAX_NOTCH_FREQUENCY_RATIO * rate:
             share = warped / np.tan(np.pi * notch.frequency / rate)
             damped = 1j * share * notch.bandwidth / notch.frequency
             kept = 10 ** (-notch.attenuation / 20)

@@ -21,10 +21,10 @@ from mavdem.facts.learnability import Reason
 from mavdem.facts.loops import Loops
 from mavdem.facts.model import ParameterDoubt
 from mavdem.flight import Flight, boot_of
-from mavdem.loops.axis_loops import TARGETS
+from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.loops.controllers import Controller
 from mavdem.loops.filters import gyro_delay, gyro_response
-from mavdem.loops.from_flight import demand_directions, known_controller
+from mavdem.loops.loop_construction import demand_directions, known_controller
 from mavdem.loops.margins import rate_loop, transfer
 from mavdem.plant import Physical
 from mavdem.plant.closed_loop.densities import ASKED, OUTPUT, RATE, KnownController
@@ -58,7 +58,7 @@ from, and on half of the flights of ``tools/validation/loops.py`` phases erred b
 EXPLAINED_FREQUENCY = 4.0  # Hz, up to which a setpoint must explain the output
 
 
-def plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
+def identify_plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
     """Returns the plant of the axis of ``signals`` in ``flights``, identified with the controller that flew it.
 
     Its delay has that of the gyro's filters. Of several boots, that of the longest flight counts. Raises
@@ -85,7 +85,7 @@ class _InLoop(NamedTuple):
 
 @once("axis", "inputs")
 def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
-    """Of the axis of ``signals``; what it takes is that of :func:`plant_in_loop`."""
+    """Of the axis of ``signals``; what it takes is that of :func:`identify_plant_in_loop`."""
     boot = boot_of(flights[0])
     record = Record.of(flights)
     assert signals.drive is not None
@@ -159,7 +159,7 @@ def _streams(
 
     outputs = drive.shares(boot)
     step = np.median(np.diff(outputs.time))
-    demand = Messages(outputs.time, controller.demanded(outputs.values, step))
+    demand = Messages(outputs.time, controller.demand_from_outputs(outputs.values, step))
     angle = here(attitude, attitude.angle)
     asked = {given.unit: here(given.signal, given.signal.values) for given in signals.setpoints}
     asked = {unit: messages for unit, messages in asked.items() if np.diff(messages.values).any()}
@@ -175,7 +175,7 @@ def _streams(
     streams = [here(attitude, attitude.rate), demand]
     for values in candidates:
         streams += [Messages(setpoint.time, wanted) for wanted in (values, values + turned)]
-    limited = controller.limited(outputs.values, drive.scale.stop).astype(np.float64)
+    limited = controller.at_limit(outputs.values, drive.scale.stop).astype(np.float64)
     rounding = drive.scale.step / float(np.linalg.norm(directions))
     return streams, Messages(outputs.time, limited), rounding
 
@@ -237,7 +237,7 @@ def _checked(plant: Physical, directions: Array, controller: Controller) -> Phys
         raise NotLearnable(Loops.MARGIN_UNCERTAIN, phase_margin_interval=within)
     # Most of the motion is then beyond the motors' corner frequency, where only the effect over the lag counts.
     is_beyond = 2 * np.pi * rate.crossover * plant.lag > 1
-    if is_beyond and rate.phase_margin < TARGETS["default"].phase_margin / 2:
+    if is_beyond and rate.phase_margin < MARGIN_TARGETS["default"].phase_margin / 2:
         rings = Fact(ParameterDoubt.LOOP_RINGS, frequency=rate.crossover)
         status = dict.fromkeys(PARAMETERS, Status.BIASED)
         return plant._replace(status=status, reasons=dict.fromkeys(PARAMETERS, rings))

@@ -15,9 +15,9 @@ from mavdem.dataset.align import Segments
 from mavdem.dataset.signals import Signals
 from mavdem.loops.margins import OpenLoop, transfer
 from mavdem.loops.resonance import (
-    LEAST_COHERENCE,
     LOWEST_RESPONSE,
-    known_controller_of,
+    MIN_COHERENCE,
+    controller_if_known,
     spectra,
 )
 
@@ -28,7 +28,7 @@ def injected_loop(signals: Signals, parts: Segments) -> OpenLoop | None:
     None without a signal, the gains, or a crossover among the frequencies.
     """
     demand = signals.demand
-    controller = known_controller_of(signals)
+    controller = controller_if_known(signals)
     if demand is None or signals.rates is None or not signals.injected or controller is None:
         return None
     injected = max(
@@ -38,7 +38,7 @@ def injected_loop(signals: Signals, parts: Segments) -> OpenLoop | None:
     cross = spectra((injected, signals.rates[0], acted), parts)
     if cross is None:
         return None
-    coherent = (cross.coherence >= LEAST_COHERENCE) & (cross.frequency >= LOWEST_RESPONSE)
+    coherent = (cross.coherence >= MIN_COHERENCE) & (cross.frequency >= LOWEST_RESPONSE)
     if np.count_nonzero(coherent) < 2:
         return None
     frequency = cross.frequency[coherent]

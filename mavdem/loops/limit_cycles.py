@@ -35,7 +35,7 @@ most 0.55. Fewer than three windows must show it surely, and so must those with 
 SLIGHT_RATE = 2.0
 LEAST_RATE = 10.0
 """deg/s, standard deviations: less may be rounding; and less is no danger where motors do not reach their limits."""
-LIMITED_SHARE = 0.05
+MIN_AT_LIMIT_SHARE = 0.05
 GROWTH = 2.0
 LASTING_SHARE = 0.5
 """What tells a limit cycle from a gust that rings: motors at a limit so much of the time, an amplitude that grows so
@@ -74,7 +74,7 @@ class Oscillation(NamedTuple):
         }
 
 
-def oscillation_of(
+def detect_limit_cycle(
     motors: Motors | None, tilts: Mapping[str, Attitude], parts: Segments
 ) -> Oscillation | None:
     """Returns the limit cycle in these ``parts`` of a flight; None where there is none, or no motor outputs.
@@ -93,7 +93,7 @@ def oscillation_of(
     return _of_vehicle(cycles)
 
 
-def begun_oscillation(
+def detect_starting_limit_cycle(
     motors: Motors, tilts: Mapping[str, Attitude], boot: int, since: float, now: float
 ) -> Oscillation | None:
     """Returns the limit cycle that reaches the motors' limits in the last seconds before ``now``; None without one.
@@ -106,7 +106,9 @@ def begun_oscillation(
         for axis, tilt in tilts.items():
             begun += _limit_cycles(axis, tilt, motors, [part], seconds, np.inf, 1.9 * seconds)
     return _of_vehicle(
-        cycle for cycle in begun if cycle.at_limit >= LIMITED_SHARE and cycle.rate >= LEAST_RATE
+        cycle
+        for cycle in begun
+        if cycle.at_limit >= MIN_AT_LIMIT_SHARE and cycle.rate >= LEAST_RATE
     )
 
 
@@ -183,6 +185,6 @@ def _limit_cycles(
             is_fast = sampled >= MINIMUM_RATE
             # Lines of an alias may be of any frequency.
             lasting = lasted >= LASTING_SHARE * whole and (frequency >= STEERED or not is_fast)
-            if limit >= LIMITED_SHARE or (strength >= LEAST_RATE and (growing or lasting)):
+            if limit >= MIN_AT_LIMIT_SHARE or (strength >= LEAST_RATE and (growing or lasting)):
                 seen_frequency = frequency if is_fast else None
                 yield Oscillation(axis, seen_frequency, strength, limit, growing, lasted)

@@ -16,10 +16,10 @@ from mavdem.plant.identifiability import SLOWEST_RATE
 from mavdem.plant.parameters import rate_column
 
 # Hz, Hz and share: of the band that is compared
-LOWEST_COMPARED = 0.3
+MIN_COMPARED_FREQUENCY = 0.3
 LEAST_COMPARED_BAND = 1.0
-COMPARED_COHERENCE = 0.8
-LEAST_FIT = 80.0  # %, from which the two agree
+MIN_COMPARED_COHERENCE = 0.8
+MIN_RESPONSE_FIT = 80.0  # %, from which the two agree
 # of the demand and the parameters', where compared; of their ratio's logarithm
 SURE_COHERENCE = 0.9
 GAIN_ERROR = 0.3
@@ -87,10 +87,10 @@ def _compared(
     hertz = cross.frequency
     of_rate = cross.power[1, 1].real
     coherence = cross.coherence
-    is_unclear = (hertz > LOWEST_COMPARED) & ~(coherence >= COMPARED_COHERENCE)
+    is_unclear = (hertz > MIN_COMPARED_FREQUENCY) & ~(coherence >= MIN_COMPARED_COHERENCE)
     unclear = hertz[is_unclear]
     highest = min([*unclear, at[-1], hertz[-1]])
-    inside = (hertz >= LOWEST_COMPARED) & (hertz < highest)
+    inside = (hertz >= MIN_COMPARED_FREQUENCY) & (hertz < highest)
     predicted = np.interp(hertz, at, closed)
     unlike = np.abs(cross.response - predicted) ** 2 * cross.driver
     by_wind = (1 - coherence) * of_rate
@@ -108,7 +108,7 @@ def _compared(
     asked = np.einsum("if,ijf,jf->f", asks.conj(), cross.power[:2, :2], asks).real
     least = SURE_COHERENCE * asked * cross.power[2, 2].real
     sure = np.abs(likewise) ** 2 > least
-    sure &= (hertz > LOWEST_COMPARED) & (hertz < 0.25 / dt)
+    sure &= (hertz > MIN_COMPARED_FREQUENCY) & (hertz < 0.25 / dt)
     gain = np.nan
     if dt < 1 / SLOWEST_RATE and sure.sum() > 5:
         ratios = np.abs(likewise / asked)[sure]
@@ -118,11 +118,11 @@ def _compared(
         reason = Fact(Responses.CONTROLLER_GAIN_DIFFERS, ratio=gain)
     elif highest < LEAST_COMPARED_BAND:
         reason = Fact(Responses.RESPONSE_UNEXPLAINED, rate=highest)
-    elif agreement < LEAST_FIT:
+    elif agreement < MIN_RESPONSE_FIT:
         share = agreement / 100
-        needed = LEAST_FIT / 100
+        needed = MIN_RESPONSE_FIT / 100
         reason = Fact(Responses.RESPONSE_DISAGREES, share=share, needed=needed)
-    return MeasuredResponse((LOWEST_COMPARED, highest), fit, agreement, gain, reason)
+    return MeasuredResponse((MIN_COMPARED_FREQUENCY, highest), fit, agreement, gain, reason)
 
 
 def evenly(asked: Array) -> Array:

@@ -23,13 +23,13 @@ from mavdem.dataset.phases import both, unbroken
 from mavdem.dataset.signals import MINIMUM_RATE, Signals, usual_rate
 from mavdem.dem.engine.linalg import SMALLEST
 from mavdem.errors import NotLearnable
-from mavdem.loops.controllers import Controller, controller_of
+from mavdem.loops.controllers import Controller, controller_from_parameters
 from mavdem.loops.margins import Complex, transfer
 
 WELCH_SECONDS = 2.0
 FEWEST_WINDOWS = 10
 """Of the spectra, by Welch, half over each other: so the error of T where the coherence is a half is a fifth."""
-LEAST_COHERENCE = 0.5  # of the rate with its setpoint, or with the motors
+MIN_COHERENCE = 0.5  # of the rate with its setpoint, or with the motors
 # times the lowest frequency, up to which T is known without a gap between
 LEAST_BAND = 2.0
 STILL_RESPONSE = 2.0  # |T| at the lowest frequency, over which the setpoint does not move the rate
@@ -38,7 +38,7 @@ SIDES = 1.5
 """Times the straight line between the frequencies so many times lower and higher: a maximum sensitivity of up to 2.3
 makes at most 2.5 of it, one of 4.9 makes 5 and more."""
 # Hz: rate loops of multirotors cross over below, most at several Hz to half of it; motors and propellers turn above
-FASTEST_LOOP = 40.0
+MAX_LOOP_FREQUENCY = 40.0
 USUAL_ANGLE_GAIN = 4.5
 """1/s, ArduCopter's default, where the log has none; PX4's is 6.5."""
 LOWEST_RESPONSE = 1.0  # Hz, of T: below, the vehicle is moved to another place
@@ -58,11 +58,11 @@ class Resonance:
     """Hz, of the peak."""
     coherence: float
     """There, of the rate with its setpoint, or with the motors."""
-    highest: float
+    max_frequency: float
     """Hz up to which it was looked for."""
     ms_interval: Interval | None = None
     """The 90 % interval of the maximum sensitivity; None without setpoint."""
-    whole: bool = False
+    rolls_off: bool = False
     """Whether the response was seen to fall below −3 dB."""
 
 
@@ -94,15 +94,15 @@ class Spectra(NamedTuple):
         return abs(self.power[0, 1]) ** 2 / np.maximum(powers, SMALLEST)
 
 
-def known_controller_of(signals: Signals) -> Controller | None:
+def controller_if_known(signals: Signals) -> Controller | None:
     """Returns the controller of the axis of ``signals``, of the demand itself; None where it is not known."""
     try:
-        return controller_of(signals.telemetry.parameters, signals.axis, (1.0,))
+        return controller_from_parameters(signals.telemetry.parameters, signals.axis, (1.0,))
     except NotLearnable:
         return None
 
 
-def response_of(signals: Signals, parts: Segments) -> Resonance | None:
+def setpoint_resonance(signals: Signals, parts: Segments) -> Resonance | None:
     """Returns the largest response of the rate to its setpoint in ``parts`` of a flight.
 
     None where the messages are slower than ``MINIMUM_RATE``, or too little of the rate is by the setpoint.
@@ -117,7 +117,7 @@ def response_of(signals: Signals, parts: Segments) -> Resonance | None:
     response = cross.response
     gain = USUAL_ANGLE_GAIN
     without_filters = response
-    controller = known_controller_of(signals)
+    controller = controller_if_known(signals)
     if controller is not None:
         gain = controller.angle
         forward, back = transfer(controller, hertz)
@@ -128,7 +128,7 @@ def response_of(signals: Signals, parts: Segments) -> Resonance | None:
     whole = cross.power[1, 1].real / cross.driver
     by_wind = whole - abs(response) ** 2
     own += abs(back_by_angle) ** 2 * by_wind
-    coherent = (coherence >= LEAST_COHERENCE) & (own >= 0.5)
+    coherent = (coherence >= MIN_COHERENCE) & (own >= 0.5)
     coherent &= (hertz >= LOWEST_RESPONSE) & (hertz <= HIGHEST_SHARE * hertz[-1])
     rows = np.flatnonzero(coherent)
     # the run of frequencies that reaches over most octaves
@@ -150,13 +150,13 @@ def response_of(signals: Signals, parts: Segments) -> Resonance | None:
         peak=abs(response[at]),
         frequency=hertz[at],
         coherence=coherence[at],
-        highest=hertz[rows[-1]],
+        max_frequency=hertz[rows[-1]],
         ms_interval=((sensitivity - half).max(), (sensitivity + half).max()),
-        whole=complementary.max() > 2**-0.5 > complementary[-1],  # half of the power
+        rolls_off=complementary.max() > 2**-0.5 > complementary[-1],  # half of the power
     )
 
 
-def peak_of(signals: Signals, parts: Segments) -> Resonance | None:
+def spectral_resonance(signals: Signals, parts: Segments) -> Resonance | None:
     """Returns the peak of the rate's spectrum over a straight line, in ``parts`` of a flight, that the motors share.
 
     Wind, noise and the plant make a spectrum that is straight over the logarithm of the frequency; the loop multiplies
@@ -171,7 +171,7 @@ def peak_of(signals: Signals, parts: Segments) -> Resonance | None:
     cross = spectra((Signal(drive.time, drive.boot, command), attitude.rates), parts)
     if cross is None or not cross.usual.all():
         return None
-    top = min(HIGHEST_SHARE * cross.frequency[-1], FASTEST_LOOP)
+    top = min(HIGHEST_SHARE * cross.frequency[-1], MAX_LOOP_FREQUENCY)
     inside = (cross.frequency >= SLOWEST_PEAK) & (cross.frequency <= top / SIDES)
     rows = np.flatnonzero(inside)
     if not len(rows):
@@ -182,14 +182,14 @@ def peak_of(signals: Signals, parts: Segments) -> Resonance | None:
     over = np.exp(size[rows] - sum(beside) / 2)
     best = np.argmax(over)
     coherence = cross.coherence[rows[best]]
-    if not (over[best] >= PROMINENT and coherence >= LEAST_COHERENCE):
+    if not (over[best] >= PROMINENT and coherence >= MIN_COHERENCE):
         return None
     return Resonance(
         axis=signals.axis,
         peak=over[best],
         frequency=hertz[best],
         coherence=coherence,
-        highest=top,
+        max_frequency=top,
     )
 
 

@@ -36,11 +36,11 @@ from mavdem.loops.margins import Complex
 from mavdem.loops.resonance import (
     FEWEST_WINDOWS,
     HIGHEST_SHARE,
-    LEAST_COHERENCE,
+    MIN_COHERENCE,
     USUAL_ANGLE_GAIN,
     Spectra,
+    controller_if_known,
     evenly_sampled,
-    known_controller_of,
     spectra_of_pieces,
 )
 
@@ -90,7 +90,7 @@ class StepResponse(Result):
         step, step_half: (K,) response, and half widths of its 90 % band.
         frequency: (F,) Hz up to ``highest``.
         response, gain_half: (F,) T, and half widths of the 90 % band of |T|.
-        highest: Hz, up to which the flight shows it.
+        max_frequency: Hz, up to which the flight shows it.
         windows: how many there were.
         overshoot: the largest step less 1, and less what noise adds to it.
         rise_time, settling, delay: s from 10 to 90 %, until it stays within 5 %, until one half.
@@ -106,7 +106,7 @@ class StepResponse(Result):
     frequency: Array
     response: Complex
     gain_half: Array
-    highest: float
+    max_frequency: float
     windows: int
     overshoot: IntervalEstimate
     rise_time: IntervalEstimate
@@ -131,16 +131,16 @@ class StepResponse(Result):
             overshoot_interval=self.overshoot[1:],
             peak_interval=self.peak[1:],
             coherence=self.coherence,
-            highest=self.highest,
+            highest=self.max_frequency,
             **figures,
         )
 
-    def compared(self, frequency: Array, closed: Complex) -> Fact:
+    def comparison(self, frequency: Array, closed: Complex) -> Fact:
         """Returns whether the ``closed`` loop (F′,) at Hz (F′,) that was predicted is the measured one.
 
         Where it is not, the prediction is doubted, unless it peaks beyond what the flight shows.
         """
-        visible = frequency <= self.highest
+        visible = frequency <= self.max_frequency
         predicted = np.interp(self.frequency, frequency, abs(closed))
         band = np.maximum(self.gain_half, STEADY)
         off = abs(predicted - self.gain) > band
@@ -149,16 +149,16 @@ class StepResponse(Result):
         peak = frequency[np.argmax(abs(closed))]
         if share <= DISAGREES:
             agrees = StepResponses.PREDICTION_AGREES
-            return Fact(agrees, subject=subject, highest=self.highest)
+            return Fact(agrees, subject=subject, highest=self.max_frequency)
         code = StepResponses.PREDICTION_DOUBTED
         highest_peak = abs(closed).max()
         known_peak = abs(closed[visible]).max(initial=0.0)
         if highest_peak > known_peak:
             code = StepResponses.MEASUREMENT_DOUBTED
-        return Fact(code, subject=subject, share=share, frequency=peak, highest=self.highest)
+        return Fact(code, subject=subject, share=share, frequency=peak, highest=self.max_frequency)
 
 
-def rate_response(signals: Signals, parts: Segments) -> StepResponse | Fact:
+def rate_step_response(signals: Signals, parts: Segments) -> StepResponse | Fact:
     """Returns the response of the body rate to its setpoint in ``parts`` of a flight, or why it is not known.
 
     ArduPilot's ATTITUDE_TARGET lacks the attitude controller's correction of the rate, which is added then.
@@ -173,7 +173,7 @@ def rate_response(signals: Signals, parts: Segments) -> StepResponse | Fact:
     return _response(signals, "rate", used, parts, MINIMUM_RATE)
 
 
-def attitude_response(signals: Signals, parts: Segments) -> StepResponse | Fact:
+def attitude_step_response(signals: Signals, parts: Segments) -> StepResponse | Fact:
     """Returns the response of the angle to its setpoint in ``parts`` of a flight, or why it is not known."""
     if signals.asked is None or signals.attitude is None:
         return Fact(StepResponses.NO_SETPOINT, subject=f"{signals.axis} attitude")
@@ -198,7 +198,7 @@ def _response(
     least_samples = 2 * FEWEST_WINDOWS * seconds * sampled
     if samples < least_samples:
         return Fact(StepResponses.TOO_LITTLE_ASKED, subject=subject)
-    controller = known_controller_of(signals)
+    controller = controller_if_known(signals)
     gain = USUAL_ANGLE_GAIN if controller is None else controller.angle
     gain *= loop == "rate"
     if loop == "rate" and len(used) < 3:
@@ -397,7 +397,7 @@ def _described(
     unknown = np.append(too_wide, len(hertz))[0]
     is_asked = spectra.driver >= LEAST_POWER * spectra.driver.max()
     coherence = np.where(is_asked, spectra.coherence, 0.0)
-    is_coherent = coherence >= LEAST_COHERENCE
+    is_coherent = coherence >= MIN_COHERENCE
     asked = spectra.frequency[is_coherent].max(initial=0.0)
     unknown = min(unknown, np.searchsorted(hertz, asked))
     half = quantile() * steps[1:].std(axis=0)
@@ -419,7 +419,7 @@ def _described(
         frequency=hertz,
         response=responses[0, :unknown],
         gain_half=quantile() * gains[1:, :unknown].std(axis=0),
-        highest=hertz[-1],
+        max_frequency=hertz[-1],
         windows=fit.windows,
         coherence=np.interp(figures["peak_frequency"].value, spectra.frequency, coherence),
         **figures,
@@ -446,7 +446,7 @@ def _reached(time: Array, steps: Array, level: float) -> Array:
     return np.interp(values, np.arange(len(time) + 1), [0.0, *time])
 
 
-def step_of(frequency: Array, closed: Complex, time: Array) -> Array:
+def step_from_frequency_response(frequency: Array, closed: Complex, time: Array) -> Array:
     """Returns (T,) what follows a step of 1 of the setpoint of a ``closed`` loop (F,), by its frequencies, Hz.
 
     It is 2/π ∫ Re(T) sin(ωt)/ω dω.

@@ -20,12 +20,12 @@ from mavdem.heading import Numbers
 from mavdem.immutable import Result
 from mavdem.ingest.motors import Position
 from mavdem.ingest.telemetry import Parameters
-from mavdem.loops.axis_loops import Loop, LoopByAxis
+from mavdem.loops.axis_loops import Loop, LoopsByAxis
 from mavdem.loops.controllers import (
-    FASTEST_LOOP_RATE,
-    LOOP_RATES,
-    USUAL_RATES,
-    controller_of,
+    DEFAULT_LOOP_RATES,
+    LOOP_RATE_PARAMETERS,
+    MAX_LOOP_RATE,
+    controller_from_parameters,
 )
 from mavdem.loops.measured_response import evenly
 from mavdem.plant.parameters import wind_density
@@ -93,8 +93,8 @@ class Twin(Result):
         return self.mass * GRAVITY / 4 / thrust * (1 - self.expo + 2 * self.expo * self.command)
 
 
-def twin_of(
-    loops: LoopByAxis,
+def build_twin(
+    loops: LoopsByAxis,
     px4: bool,
     hover: float,
     air: WindVelocity | None,
@@ -119,7 +119,7 @@ def twin_of(
     weight = mass or MASS
     arm, is_measured = _arm(controller.parameters, weight)
     own, cycle = _parameters(controller.parameters, autopilot)
-    motors = [loop.draws[0, 1:] for axis, loop in loops.items() if axis != "yaw"]
+    motors = [loop.dynamics[0, 1:] for axis, loop in loops.items() if axis != "yaw"]
     lag, late = (np.mean(motors, axis=0) - [0.0, cycle / 2]).tolist()  # the hold is flown
     damping = {"pitch": roll.plant.damping, "yaw": 0.0}
     damping |= {axis: loop.plant.damping for axis, loop in loops.items()}
@@ -165,8 +165,8 @@ def _arm(parameters: Parameters, mass: float) -> tuple[Position, bool]:
 
 def _parameters(logged: Parameters, autopilot: str) -> tuple[Parameters, float]:
     """The parameters that the simulation flies, and the control cycle, s."""
-    name = LOOP_RATES[autopilot]
-    rate = min(logged.get(name, 0.0) or USUAL_RATES[autopilot], FASTEST_LOOP_RATE)
+    name = LOOP_RATE_PARAMETERS[autopilot]
+    rate = min(logged.get(name, 0.0) or DEFAULT_LOOP_RATES[autopilot], MAX_LOOP_RATE)
     kept = {name: value for name, value in logged.items() if not name.startswith("CA_")}
     return kept | {name: rate}, 1 / rate
 
@@ -178,18 +178,18 @@ def _inertia(body: Twin, axis: str, loop: Loop) -> float:
     for n, (left, front, spin) in enumerate(zip(*TORQUE_SIGNS.values(), strict=True)):
         rotor = f"CA_ROTOR{n}_P"
         square |= {f"{rotor}X": ahead * front, f"{rotor}Y": -aside * left, f"CA_ROTOR{n}_KM": spin}
-    controller = controller_of({**body.parameters, **square}, axis, TORQUE_SIGNS[axis])
-    moved = np.abs(controller.per_demand([body.hover] * 4)).sum()
+    controller = controller_from_parameters({**body.parameters, **square}, axis, TORQUE_SIGNS[axis])
+    moved = np.abs(controller.outputs_per_demand([body.hover] * 4)).sum()
     lever = {"roll": aside, "pitch": ahead, "yaw": 1.0}[axis]
-    return lever * body.slope * moved / loop.gains[0]
+    return lever * body.slope * moved / loop.effectiveness[0]
 
 
-def _notes(loops: LoopByAxis, is_given: bool, is_measured: bool, drag: Drag) -> dict[str, Fact]:
+def _notes(loops: LoopsByAxis, is_given: bool, is_measured: bool, drag: Drag) -> dict[str, Fact]:
     """How sure the attributes are, by name; of mass and arm whether they are given, or measured."""
     effects = {
         axis: Fact(
             Twins.EFFECT_NOTE,
-            share=quantile() * np.std(loop.gains) / loop.gains[0],
+            share=quantile() * np.std(loop.effectiveness) / loop.effectiveness[0],
             is_biased=bool(loop.plant.bias),
         )
         for axis, loop in loops.items()
@@ -217,15 +217,15 @@ def _notes(loops: LoopByAxis, is_given: bool, is_measured: bool, drag: Drag) -> 
     }
 
 
-BANDS = (0.3, 0.6, 1.2, 2.4, 4.8, 8.0)  # Hz: octaves, and what is left of the last
+RATE_BANDS = (0.3, 0.6, 1.2, 2.4, 4.8, 8.0)  # Hz: octaves, and what is left of the last
 # s of a spectrum's windows, left out at the beginning, and flown
 WINDOW = 20.0
-SETTLES = 3.0
+SETTLING_SECONDS = 3.0
 LONGEST = 120.0
 FLIGHTS = 3  # of the twin, each in other wind of the same spectrum
 
 
-class Again(NamedTuple):
+class ReplaySegment(NamedTuple):
     """What is flown again of one axis: a segment of its record's ``outputs``, with ``setpoints`` (T, 2).
 
     They are of angle and rate. The rate, rad/s, is beside what the angle's error asks for; of yaw it is all, and the
@@ -236,12 +236,12 @@ class Again(NamedTuple):
     setpoints: Array
 
 
-def again_of(loops: LoopByAxis) -> dict[str, Again]:
+def replay_segments(loops: LoopsByAxis) -> dict[str, ReplaySegment]:
     """Returns by axis the longest segment of the flight, where its setpoints were recorded; none without those of roll.
 
     Pitch and yaw are there where they were learned from the segments of roll; yaw where it was steered.
     """
-    by_axis = dict[str, Again]()
+    by_axis = dict[str, ReplaySegment]()
     roll = loops["roll"].record
     longest = np.argmax(roll.lengths)
     start = roll.starts[longest]
@@ -253,7 +253,7 @@ def again_of(loops: LoopByAxis) -> dict[str, Again]:
     return by_axis if "roll" in by_axis else {}
 
 
-def _again(loop: Loop, segment: slice) -> Again | None:
+def _again(loop: Loop, segment: slice) -> ReplaySegment | None:
     record = loop.record
     names = [f"{loop.axis} setpoint", f"{loop.axis} rate setpoint"][loop.axis == "yaw" :]
     if record.setpoints is None or not set(names) <= set(record.setpoint_names):
@@ -269,30 +269,32 @@ def _again(loop: Loop, segment: slice) -> Again | None:
     if not angles:
         # A heading that is only held is turned by roll and pitch of a leaned vehicle.
         is_steered = rate.std() > 0.8 * outputs.std()
-        return Again(outputs, np.column_stack([0 * rate, rate])) if is_steered else None
+        return ReplaySegment(outputs, np.column_stack([0 * rate, rate])) if is_steered else None
     # Only ArduPilot's ATTITUDE_TARGET leaves out what the angle's error asks for.
     corrected = loop.controller.angle * (angles[0] - outputs[:, 0])
     ahead = np.gradient(angles[0], record.dt)
     apart = [np.std(rate - wanted) for wanted in (ahead, corrected + ahead, corrected)]
     if not loop.controller.derivative_of_error or np.argmin(apart):
         rate = rate - corrected
-    return Again(outputs, np.column_stack([angles[0], rate]))
+    return ReplaySegment(outputs, np.column_stack([angles[0], rate]))
 
 
-def flown_again(twin: Twin, loops: LoopByAxis) -> dict[str, dict[str, list[float]]]:
+def compare_twin_with_flight(twin: Twin, loops: LoopsByAxis) -> dict[str, dict[str, list[float]]]:
     """Returns by axis how :func:`alike` the flight of the ``loops`` and the ``twin`` on its setpoints are.
 
     None without setpoints of roll. Raises NotLearnable: the twin cannot fly.
     """
-    again = again_of(loops)
-    flown = [flown_on(twin, loops, again, seed) for seed in range(FLIGHTS if again else 0)]
+    again = replay_segments(loops)
+    flown = [fly_twin(twin, loops, again, seed) for seed in range(FLIGHTS if again else 0)]
     return {
         axis: alike(loops[axis], loop.outputs, [motion[:, AXES.index(axis)] for motion in flown])
         for axis, loop in again.items()
     }
 
 
-def flown_on(twin: Twin, loops: LoopByAxis, again: Mapping[str, Again], seed: int = 0) -> Array:
+def fly_twin(
+    twin: Twin, loops: LoopsByAxis, again: Mapping[str, ReplaySegment], seed: int = 0
+) -> Array:
     """Returns (T, 3, 2) angles and rates of the ``twin`` on the setpoints of a flight, rad, in wind by the ``seed``.
 
     Raises NotLearnable: it cannot fly.
@@ -323,18 +325,18 @@ def torque(loop: Loop, samples: int, noise: np.random.Generator) -> Array:
 def alike(loop: Loop, outputs: Array, flown: Sequence[Array]) -> dict[str, list[float]]:
     """Returns figures of ``outputs`` and of angle and rate (T, 2), rad and rad/s, that were ``flown`` again.
 
-    Levels of the rate's spectrum in ``BANDS``, the twin's over the recorded in dB; both mean and sd of the angle but
+    Levels of the rate's spectrum in ``RATE_BANDS``, the twin's over the recorded in dB; mean and sd of the angle but
     for yaw, and sd of the rate, in degrees.
     """
     from scipy.signal import detrend, welch  # it takes half a second to import
 
     dt = loop.record.dt
     every = np.array([outputs, *(motion[:, -outputs.shape[1] :] for motion in flown)])
-    every = every[:, round(SETTLES / dt) :]
+    every = every[:, round(SETTLING_SECONDS / dt) :]
     length = int(min(WINDOW / dt, every.shape[1] / 2))
     frequency, power = welch(every[..., -1], 1 / dt, nperseg=length, detrend=detrend)
-    places = np.digitize(frequency, BANDS)
-    level = np.array([power[:, places == n].mean(axis=1) for n in range(1, len(BANDS))])
+    places = np.digitize(frequency, RATE_BANDS)
+    level = np.array([power[:, places == n].mean(axis=1) for n in range(1, len(RATE_BANDS))])
     ratio = level[:, 1:].mean(axis=1) / level[:, 0]
     values = {"rate": np.degrees(every[..., -1].std(axis=1))}
     if loop.axis != "yaw":

@@ -7,16 +7,16 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.assessment.axis.responses import LoopResponse, Responses
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
-from mavdem.loops.axis_loops import TARGETS, Loop
+from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop
 from mavdem.loops.filters import gyro_response
 from mavdem.loops.margins import OpenLoop
-from mavdem.loops.measured_response import LOWEST_COMPARED
+from mavdem.loops.measured_response import MIN_COMPARED_FREQUENCY
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.charts import AFTER, FREQUENCY, TIME, Axis, Chart, Charts, Heat, Kind, Line, Mark
 from mavdem.report.model_charts import banded
 from mavdem.report.palette import BAD, COMMAND, MEASURED, PHYSICAL, PREDICTED
-from mavdem.vibration.spectra import Spectrum, thinned
-from mavdem.vibration.spectral_lines import PeakKind
+from mavdem.vibration.spectra import Spectrum, max_decimated
+from mavdem.vibration.spectral_lines import LineKind
 
 SHOWN = ("{}_before", "before the filters", MEASURED), ("{}", "behind the filters", PREDICTED)
 """Name and colour of the spectra of a sensor."""
@@ -57,7 +57,7 @@ def _of_response(title: str, response: LoopResponse, seen: StepResponse) -> Iter
 
 COLOURS = PREDICTED, PHYSICAL
 # Levels of the sensitivity: of no loop, and the most that is allowed
-MOST_SENSITIVE = 1.0, TARGETS["default"].ms
+MOST_SENSITIVE = 1.0, MARGIN_TARGETS["default"].ms
 
 
 def loop_charts(loops: Mapping[str, Loop], which: str = "rate") -> Charts:
@@ -76,7 +76,7 @@ def loop_charts(loops: Mapping[str, Loop], which: str = "rate") -> Charts:
     marks = []
     for (name, loop), colour in zip(loops.items(), COLOURS, strict=False):
         opened: OpenLoop = getattr(loop, which)
-        shown = opened.frequency >= LOWEST_COMPARED
+        shown = opened.frequency >= MIN_COMPARED_FREQUENCY
         response = opened.response[:, shown]
         turned = np.unwrap(np.angle(response), axis=1)
         turned -= 2 * np.pi * (turned[:, :1] > 0)
@@ -99,7 +99,7 @@ def spectrum_chart(noise: MeasuredNoise, loop: Loop | None = None, name: str = G
     lines = []
     peaks = noise.peaks.get(f"{name}_before", noise.peaks.get(name, ()))
     marks = [
-        Mark(line.frequency, "?" if line.kind is PeakKind.UNNAMED else str(line.kind))
+        Mark(line.frequency, "?" if line.kind is LineKind.UNNAMED else str(line.kind))
         for line in peaks
     ]
     unit = "1/Hz"
@@ -107,8 +107,8 @@ def spectrum_chart(noise: MeasuredNoise, loop: Loop | None = None, name: str = G
         if (spectrum := noise.spectra.get(key.format(name))) is not None:
             if spectrum.unit != "1":
                 unit = f"({spectrum.unit})²/Hz"
-            frequency, density = thinned(
-                spectrum.frequency[1:], spectrum.mean.sum(axis=0)[1:], BINS
+            frequency, density = max_decimated(
+                spectrum.frequency[1:], spectrum.mean_density.sum(axis=0)[1:], BINS
             )
             lines.append(Line(where, colour, frequency, np.maximum(density, 1e-12)))
     highest = max(line.x[-1] for line in lines)
@@ -135,8 +135,8 @@ def spectrum_chart(noise: MeasuredNoise, loop: Loop | None = None, name: str = G
 def spectrogram(spectrum: Spectrum) -> Iterator[Chart]:
     """Yields the power of a sensor by frequency over time and, where the motors' output is known, over throttle."""
     order = np.argsort(spectrum.time)
-    levels, over_levels = spectrum.by_throttle
-    over_time = _heat(spectrum.time[order], spectrum.frequency, spectrum.whole[order])
+    levels, over_levels = spectrum.density_by_throttle
+    over_time = _heat(spectrum.time[order], spectrum.frequency, spectrum.total_density[order])
     hertz = Axis("frequency (Hz)")
     name = spectrum.name.removesuffix("_before").replace("_", " ").capitalize()
     yield Chart(f"{name} over time (Hz)", TIME, hertz, heat=over_time, group="flight")
@@ -148,7 +148,7 @@ def spectrogram(spectrum: Spectrum) -> Iterator[Chart]:
 
 def _heat(x: Array, frequency: Array, density: Array) -> Heat:
     """Decibels on an even axis, each as wide as to the next."""
-    hertz, shown = thinned(frequency, density, BINS // 2)
+    hertz, shown = max_decimated(frequency, density, BINS // 2)
     decibels = 10 * np.log10(np.maximum(shown, np.finfo(np.float64).tiny))
     even = np.linspace(x[0], x[-1], int(np.clip(len(x), 2, BINS)))
     nearest = abs(even[:, None] - x).argmin(axis=1)

@@ -33,7 +33,7 @@ from mavdem.heading import Values
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
 from mavdem.loops.advice import Advice
-from mavdem.loops.axis_loops import Loop, known_loops
+from mavdem.loops.axis_loops import Loop, identified_loops
 from mavdem.loops.filters import gyro_filters
 from mavdem.loops.step_response import IntervalEstimate, StepResponse
 from mavdem.report import model_charts
@@ -242,7 +242,7 @@ def _loops(evidence: Evidence, advice: AdviceByAxis) -> Chapter:
             facts = [margin.loop]
         said += [(margin.axis, fact) for fact in facts]
     blocks: Blocks = [*together(said)]
-    loops = known_loops(evidence.loops)
+    loops = identified_loops(evidence.loops)
     shown = {axis: {"now": loop} for axis, loop in loops.items()}
     for axis, gains in advice.items():
         if isinstance(gains, Advice):
@@ -263,7 +263,7 @@ def _loops(evidence: Evidence, advice: AdviceByAxis) -> Chapter:
 def _noise(assessment: Assessment, timeline: Timeline | None, whole: bool) -> Chapter:
     """The gyro's spectrum with the filters that are set, and its spectrograms."""
     noise = assessment.noise
-    loops = [*known_loops(assessment.loops).values()]
+    loops = [*identified_loops(assessment.loops).values()]
     blocks: Blocks = [Sentence(str(fact)) for fact in noise.facts]
     first = max(loops, key=lambda loop: loop.crossover, default=None)
     if first is not None:

@@ -5,8 +5,8 @@ from operator import attrgetter
 
 from mavdem.assessment.axis.tuning import AdviceByAxis, Tuning
 from mavdem.facts import Fact
-from mavdem.loops.advice import LARGEST_ANGLE, MAX_GAIN_STEP, Advice
-from mavdem.loops.axis_loops import LoopByAxis
+from mavdem.loops.advice import MAX_ANGLE_GAIN, MAX_GAIN_STEP, Advice
+from mavdem.loops.axis_loops import LoopsByAxis
 from mavdem.loops.filters import gyro_filters
 from mavdem.loops.margins import OpenLoop
 from mavdem.report.blocks import Blocks, Sentence, Table, caution
@@ -66,7 +66,7 @@ def limits_of(advised: AdviceByAxis) -> Blocks:
     return [*together(cautions, attrgetter("advised"))]
 
 
-def loops_of(advice: Advice) -> LoopByAxis:
+def loops_of(advice: Advice) -> LoopsByAxis:
     """Returns the loop now and, where gains are advised, with these."""
     after = {"advised": advice.after} if advice.parameters else {}
     return {"now": advice.before, **after}
@@ -84,7 +84,7 @@ def _loop_blocks(advice: Advice) -> Blocks:
     return [*blocks, *section("loop_measured", loop=loop), *map(caution, loop.cautions)]
 
 
-def margin_tables(loops: LoopByAxis) -> Iterator[Table]:
+def margin_tables(loops: LoopsByAxis) -> Iterator[Table]:
     """Yields a table of the rate loop and one of the attitude loop, a column for each of ``loops``."""
     for which in ("rate", "attitude"):
         values = [getattr(loop, which) for loop in loops.values()]
@@ -125,6 +125,6 @@ def gain_blocks(advice: Advice) -> Blocks:
             for name, factor in factors.items()
             if max(factor, 1 / factor) > 0.999 * MAX_GAIN_STEP
         ],
-        largest=LARGEST_ANGLE[advice.before.axis],
+        largest=MAX_ANGLE_GAIN[advice.before.axis],
     )
     return [*tables, *why]

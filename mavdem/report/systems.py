@@ -4,7 +4,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.dem import Learned
-from mavdem.loops.from_flight import DRAWS
+from mavdem.loops.loop_construction import POSTERIOR_DRAWS
 from mavdem.loops.margins import Complex
 from mavdem.plant import Physical
 
@@ -18,8 +18,8 @@ def model_response(learned: Learned, motors: Array, frequency: Array, output: in
 
 
 def plant_response(physical: Physical, motors: Array, frequency: Array, is_angle: bool) -> Complex:
-    """Returns (1 + DRAWS, F) of the rate, or the angle: of the physical parameters, then of draws of them."""
-    theta = physical.draws(DRAWS, 0)
+    """Returns (1 + POSTERIOR_DRAWS, F) of the rate, or the angle: of the physical parameters, then of draws of them."""
+    theta = physical.draws(POSTERIOR_DRAWS, 0)
     effect = theta[:, :-3] @ motors
     damping, lag, delay = theta[:, -3:].T[..., None]
     s = 2j * np.pi * frequency

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.facts import NamedFacts
-from mavdem.loops.twin import BANDS, Twin
+from mavdem.loops.twin import RATE_BANDS, Twin
 from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.page import environment
 
@@ -60,7 +60,7 @@ def twin_blocks(twin: Twin, compared: Mapping[str, Mapping[str, list[float]]]) -
     for axis, figures in compared.items():
         cells = [
             [f"{axis} rate, {low:g} to {high:g} Hz (dB)", "0", f"{level:+.1f}"]
-            for (low, high), level in zip(pairwise(BANDS), figures["levels"], strict=True)
+            for (low, high), level in zip(pairwise(RATE_BANDS), figures["levels"], strict=True)
         ]
         cells += [
             [f"{axis}{name}", *(f"{value:.2f}" for value in figures[key])]

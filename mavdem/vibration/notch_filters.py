@@ -15,9 +15,9 @@ from mavdem.facts.noise import NotchAdvice
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.controllers import Controller
 from mavdem.loops.filters import gyro_filters, gyro_response
-from mavdem.loops.resonance import FASTEST_LOOP
+from mavdem.loops.resonance import MAX_LOOP_FREQUENCY
 from mavdem.vibration.spectra import Spectrum
-from mavdem.vibration.spectral_lines import Peak, PeakKind
+from mavdem.vibration.spectral_lines import LineKind, SpectralLine
 
 SHARES = (1 / 4, 1 / 3, 1 / 2)  # of the line's frequency: bandwidths, of which the last is usual
 ENOUGH = 0.9
@@ -34,7 +34,7 @@ BY_SPEED = 3.0
 
 def notch_advice(
     controller: Controller,
-    lines: Sequence[Peak],
+    lines: Sequence[SpectralLine],
     before: Spectrum | None,
     behind: Spectrum | None,
     crossover: float | None,
@@ -45,35 +45,35 @@ def notch_advice(
     Hz.
     """
     shown = before or behind
-    named = [line for line in lines if line.kind in (PeakKind.MOTOR, PeakKind.FRAME)]
+    named = [line for line in lines if line.kind in (LineKind.MOTOR, LineKind.FRAME)]
     if shown is None or not named:
         return Fact(NotchAdvice.NO_LINE_TO_REMOVE)
     line = max(named, key=lambda peak: peak.density)
     frequency = line.frequency
     if any(abs(notch.frequency - frequency) < notch.bandwidth / 2 for notch in controller.notches):
         return Fact(NotchAdvice.NOTCH_IN_PLACE, frequency=frequency)
-    left = shown.whole.mean(axis=0)
+    left = shown.total_density.mean(axis=0)
     if before is not None:
         left = left * abs(gyro_response(controller, shown.frequency)) ** 2
     low, high = LINE_BAND
     of_line = (shown.frequency > low * frequency) & (shown.frequency < high * frequency)
-    share = left[of_line].sum() / left[shown.frequency > FASTEST_LOOP].sum()
+    share = left[of_line].sum() / left[shown.frequency > MAX_LOOP_FREQUENCY].sum()
     if share < NEEDED:
         return Fact(NotchAdvice.NOTCH_NOT_NEEDED, frequency=frequency, share=share)
     # the notch moves as it would have in each window
     drive = np.ones(len(shown.time))
-    if line.kind is PeakKind.MOTOR and line.order is not None:
-        drive = shown.speed / np.median(shown.speed)
-    elif line.kind is PeakKind.MOTOR and controller.derivative_of_error:
+    if line.kind is LineKind.MOTOR and line.order is not None:
+        drive = shown.motor_speed / np.median(shown.motor_speed)
+    elif line.kind is LineKind.MOTOR and controller.derivative_of_error:
         drive = np.sqrt(shown.throttle / np.median(shown.throttle))
     at = shown.frequency[of_line] / drive[:, None]
-    power = shown.whole[:, of_line]
+    power = shown.total_density[:, of_line]
     for part in SHARES:
         settings = _settings(controller, line, float(f"{part * frequency:.2g}"))
         static = settings
         if "IMU_GYRO_DNF_EN" in settings:
             static = _static_of_px4(line, settings["IMU_GYRO_DNF_BW"])
-        changed = controller.changed(static)
+        changed = controller.with_parameters(static)
         kept = abs(gyro_response(changed, at) / gyro_response(controller, at)) ** 2
         removed = 1 - (power * kept).sum() / power.sum()
         if removed >= ENOUGH:
@@ -92,10 +92,10 @@ def notch_advice(
     )
 
 
-def _settings(controller: Controller, line: Peak, bandwidth: float) -> Parameters:
+def _settings(controller: Controller, line: SpectralLine, bandwidth: float) -> Parameters:
     """The parameters of a notch on a line, by name."""
     mode = 0.0
-    if line.kind is PeakKind.MOTOR:
+    if line.kind is LineKind.MOTOR:
         mode = BY_THROTTLE if line.order is None else BY_SPEED
     if controller.derivative_of_error:
         hover = controller.parameters.get("MOT_THST_HOVER", 0.35)
@@ -117,5 +117,5 @@ def _settings(controller: Controller, line: Peak, bandwidth: float) -> Parameter
     return _static_of_px4(line, bandwidth)
 
 
-def _static_of_px4(line: Peak, bandwidth: float) -> Parameters:
+def _static_of_px4(line: SpectralLine, bandwidth: float) -> Parameters:
     return {"IMU_GYRO_NF0_FRQ": float(f"{line.frequency:.3g}"), "IMU_GYRO_NF0_BW": bandwidth}

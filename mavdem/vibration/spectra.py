@@ -47,7 +47,7 @@ class Spectrum(Result):
         time: (W,) s, of the middle of each window.
         density: (W, k, F) power of roll, pitch and yaw, or of forward, right and down; unit²/Hz.
         throttle: (W,) 0 to 1 of the motors' mean output; NaN where it is not known.
-        speed: (W,) turns a second of the motors in the mean; NaN where the log has none.
+        motor_speed: (W,) turns a second of the motors in the mean; NaN where the log has none.
     """
 
     name: str
@@ -57,25 +57,25 @@ class Spectrum(Result):
     time: Array
     density: Array
     throttle: Array
-    speed: Array
+    motor_speed: Array
 
     @property
-    def highest(self) -> float:
+    def nyquist_frequency(self) -> float:
         """Hz up to which there is anything: half of the samples' rate."""
         return self.frequency[-1]
 
     @property
-    def mean(self) -> Array:
+    def mean_density(self) -> Array:
         """(k, F) mean density of each axis."""
         return self.density.mean(axis=0)
 
     @cached_property
-    def whole(self) -> Array:
+    def total_density(self) -> Array:
         """(W, F) density of all axes together."""
         return self.density.sum(axis=1)
 
     @cached_property
-    def by_throttle(self) -> Pair:
+    def density_by_throttle(self) -> Pair:
         """(L,) throttle, and (L, F) mean density of all axes there, in windows of even number; empty without it."""
         windows = np.count_nonzero(np.isfinite(self.throttle))
         order = np.argsort(self.throttle)[:windows]
@@ -84,17 +84,17 @@ class Spectrum(Result):
         count = min(THROTTLE_LEVELS, len(order))
         parts = np.array_split(order, count)
         levels = np.array([self.throttle[part].mean() for part in parts])
-        densities = np.array([self.whole[part].mean(axis=0) for part in parts])
+        densities = np.array([self.total_density[part].mean(axis=0) for part in parts])
         return levels, densities
 
-    def power(self, low: float, high: float) -> float:
+    def mean_power(self, low: float, high: float) -> float:
         """Returns the mean power of all axes between two frequencies, Hz, unit²."""
         rows = (self.frequency >= low) & (self.frequency <= high)
-        density = self.whole[:, rows].mean(axis=0).sum()
+        density = self.total_density[:, rows].mean(axis=0).sum()
         return density * self.frequency[1]
 
 
-def thinned(frequency: Array, density: Array, most: int) -> Pair:
+def max_decimated(frequency: Array, density: Array, most: int) -> Pair:
     """Returns at ``most`` so many frequencies, Hz, and of densities (…, F) the largest of those between."""
     size = -(-len(frequency) // most)
     count = len(frequency) // size
@@ -103,14 +103,14 @@ def thinned(frequency: Array, density: Array, most: int) -> Pair:
     return middles, groups.max(axis=-1)
 
 
-def spectra_of_flight(signals: Signals, parts: Segments) -> dict[str, Spectrum]:
+def vibration_spectra(signals: Signals, parts: Segments) -> dict[str, Spectrum]:
     """Returns what ``parts`` of a flight show, by name: of each the messages that show the highest frequency."""
     spectra = dict[str, Spectrum]()
     for name, message, sampled in _sampled(signals):
         source = signals.telemetry.called(message)
         spectrum = _spectrum(name, source, sampled, signals, parts)
         if spectrum is not None and (
-            name not in spectra or spectrum.highest > spectra[name].highest
+            name not in spectra or spectrum.nyquist_frequency > spectra[name].nyquist_frequency
         ):
             spectra[name] = spectrum
     return spectra
@@ -176,7 +176,7 @@ def _spectrum(
         time=time,
         density=np.concatenate(powers, axis=2).transpose(2, 0, 1),
         throttle=_at(signals.collective, time, parts),
-        speed=_at(_motor_speed(signals), time, parts),
+        motor_speed=_at(_motor_speed(signals), time, parts),
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.confidence import SURE_DEVIATIONS
 from mavdem.dem.engine.linalg import SMALLEST
-from mavdem.loops.resonance import FASTEST_LOOP
+from mavdem.loops.resonance import MAX_LOOP_FREQUENCY
 from mavdem.vibration.spectra import Spectrum
 
 LOWEST_LINE = 15.0  # Hz: below, vehicles are steered
@@ -41,7 +41,7 @@ MOST_PEAKS = 8  # peaks that are kept, the strongest
 MOST_HARMONICS = 6  # multiples of a frequency that are looked for
 
 
-class PeakKind(StrEnum):
+class LineKind(StrEnum):
     """What makes a line."""
 
     MOTOR = "motor"
@@ -50,10 +50,10 @@ class PeakKind(StrEnum):
     UNNAMED = "unnamed"
 
 
-class Peak(NamedTuple):
+class SpectralLine(NamedTuple):
     """A line of a spectrum."""
 
-    kind: PeakKind
+    kind: LineKind
     frequency: float  # Hz, at the median throttle
     ratio: float  # power over that around it
     density: float  # of all axes there, unit²/Hz
@@ -63,12 +63,12 @@ class Peak(NamedTuple):
     order: float | None = None  # of the motors' speed, where that was logged
 
 
-def peaks_of(spectrum: Spectrum) -> tuple[Peak, ...]:
+def find_spectral_lines(spectrum: Spectrum) -> tuple[SpectralLine, ...]:
     """Returns the lines of a ``spectrum``, the strongest first; harmonics of motors with their fundamental."""
     from scipy.signal import find_peaks  # it takes half a second to import
 
     frequency = spectrum.frequency
-    positive = np.maximum(spectrum.whole, SMALLEST)
+    positive = np.maximum(spectrum.total_density, SMALLEST)
     logarithms = np.log(positive)
     drive = _drive(spectrum)
     peaks = []
@@ -78,12 +78,12 @@ def peaks_of(spectrum: Spectrum) -> tuple[Peak, ...]:
         for row in rows:
             if frequency[row] >= LOWEST_LINE:
                 peaks.append(_peak(spectrum, logarithms, drive, row))
-    kept = list[Peak]()
+    kept = list[SpectralLine]()
     for peak in sorted(peaks, key=lambda peak: -peak.ratio):
         apart = all(abs(peak.frequency / higher.frequency - 1) > NEAR for higher in kept)
         if apart and peak.ratio > OVER:
             kept.append(peak)
-    named = [peak for peak in kept if peak.kind is not PeakKind.UNNAMED]
+    named = [peak for peak in kept if peak.kind is not LineKind.UNNAMED]
     highest = max((peak.ratio for peak in named), default=0.0)
     # Lines that move are smeared along others.
     clear = [peak for peak in kept if peak in named or peak.ratio > SMEARED * highest]
@@ -92,7 +92,7 @@ def peaks_of(spectrum: Spectrum) -> tuple[Peak, ...]:
 
 def _drive(spectrum: Spectrum) -> Array:
     """(W,) the motors' speed, or else the throttle, over its median; 1 where it is not known throughout."""
-    for driven in (spectrum.speed, spectrum.throttle):
+    for driven in (spectrum.motor_speed, spectrum.throttle):
         if np.isfinite(driven).all() and np.all(driven > 0):
             return driven / np.median(driven)
     return np.ones(len(spectrum.time))
@@ -117,7 +117,7 @@ def _tracked(logarithms: Array, frequency: Array, drive: Array, exponent: float)
     return np.mean(moved, axis=0)
 
 
-def _peak(spectrum: Spectrum, logarithms: Array, drive: Array, row: int) -> Peak:
+def _peak(spectrum: Spectrum, logarithms: Array, drive: Array, row: int) -> SpectralLine:
     """The line at a ``row`` of a mean spectrum."""
     frequency = spectrum.frequency
     at = frequency[row]
@@ -138,8 +138,8 @@ def _peak(spectrum: Spectrum, logarithms: Array, drive: Array, row: int) -> Peak
         beside_top = 0.5 * (before - after) / bend if bend < 0 else 0.0
         at = (top + beside_top) * frequency[1]
     kind = _kind(scores, best, at)
-    if kind is PeakKind.MOTOR and best > STEEPEST and spectrum.highest < FOLDING:
-        kind = PeakKind.UNNAMED
+    if kind is LineKind.MOTOR and best > STEEPEST and spectrum.nyquist_frequency < FOLDING:
+        kind = LineKind.UNNAMED
     beside = max(FEWEST_BINS, round(SURROUNDINGS * top))
     around = tracked[max(top - beside, 0) : top + beside + 1]
     base = np.median(around)
@@ -152,56 +152,56 @@ def _peak(spectrum: Spectrum, logarithms: Array, drive: Array, row: int) -> Peak
     wide = np.argmax(upwards <= half)
     ratio = np.exp(here - base) if present >= LASTING else 0.0
     order = None
-    if np.isfinite(spectrum.speed).all() and kind is PeakKind.MOTOR:
-        order = at / np.median(spectrum.speed)
-    return Peak(
+    if np.isfinite(spectrum.motor_speed).all() and kind is LineKind.MOTOR:
+        order = at / np.median(spectrum.motor_speed)
+    return SpectralLine(
         kind=kind,
         frequency=at,
         ratio=ratio,
         density=np.exp(here),
         width=wide * frequency[1],
-        exponent=None if kind is PeakKind.UNNAMED else best,
+        exponent=None if kind is LineKind.UNNAMED else best,
         order=order,
     )
 
 
-def _kind(scores: Array, best: float, at: float) -> PeakKind:
+def _kind(scores: Array, best: float, at: float) -> LineKind:
     """What moves with the ``best`` of ``EXPONENTS``, by scores (E, W); unnamed where other kinds fit nearly as well."""
     kinds = np.array([_kind_of(exponent, at) for exponent in EXPONENTS.tolist()])
     own = _kind_of(best, at)
     row = np.flatnonzero(best == EXPONENTS)[0]
     chosen = scores[row]
-    for other in set(kinds.tolist()) - {own, PeakKind.UNNAMED}:
+    for other in set(kinds.tolist()) - {own, LineKind.UNNAMED}:
         rivals = scores[kinds == other]
         strongest = np.argmax(rivals.mean(axis=1))
         rival = rivals[strongest]
         better = chosen - rival
         if better.mean() <= SURE_DEVIATIONS * better.std() / np.sqrt(len(better)):
-            return PeakKind.UNNAMED
+            return LineKind.UNNAMED
     return own
 
 
-def _kind_of(exponent: float, at: float) -> PeakKind:
-    kind = PeakKind.UNNAMED
+def _kind_of(exponent: float, at: float) -> LineKind:
+    kind = LineKind.UNNAMED
     if OF_FRAME[0] <= exponent <= OF_FRAME[1]:
         # A slow line that stays may be the loop's own resonance.
-        kind = PeakKind.FRAME if at > FASTEST_LOOP else PeakKind.UNNAMED
+        kind = LineKind.FRAME if at > MAX_LOOP_FREQUENCY else LineKind.UNNAMED
     elif OF_MOTORS[0] <= exponent <= OF_MOTORS[1]:
-        kind = PeakKind.MOTOR
+        kind = LineKind.MOTOR
     elif not OF_ALIASES[0] < exponent < OF_ALIASES[1]:
-        kind = PeakKind.ALIAS
+        kind = LineKind.ALIAS
     return kind
 
 
-def _with_harmonics(peaks: Sequence[Peak]) -> tuple[Peak, ...]:
+def _with_harmonics(peaks: Sequence[SpectralLine]) -> tuple[SpectralLine, ...]:
     """Motors' fundamentals with their multiples, which are left out; and all else."""
-    kept = list[Peak]()
+    kept = list[SpectralLine]()
     for peak in sorted(peaks, key=lambda ranked: ranked.frequency):
         parent = next(
-            (motor for motor in kept if motor.kind is PeakKind.MOTOR and _multiple(motor, peak)),
+            (motor for motor in kept if motor.kind is LineKind.MOTOR and _multiple(motor, peak)),
             None,
         )
-        if parent is None or peak.kind is PeakKind.FRAME:
+        if parent is None or peak.kind is LineKind.FRAME:
             kept.append(peak)
         else:
             multiples = (*parent.harmonics, _multiple(parent, peak))
@@ -209,7 +209,7 @@ def _with_harmonics(peaks: Sequence[Peak]) -> tuple[Peak, ...]:
     return tuple(sorted(kept, key=lambda ranked: -ranked.ratio))
 
 
-def _multiple(fundamental: Peak, peak: Peak) -> int:
+def _multiple(fundamental: SpectralLine, peak: SpectralLine) -> int:
     """Which multiple of a fundamental a line is; 0 where it is none."""
     ratio = peak.frequency / fundamental.frequency
     near = round(ratio)

@@ -14,7 +14,7 @@ from mavdem.dataset.drive import AXES
 from mavdem.dem import Learned
 from mavdem.experiments.held_out import FORECAST, HeldOut
 from mavdem.fleet.row import as_text
-from mavdem.loops.axis_loops import known_loops
+from mavdem.loops.axis_loops import identified_loops
 from mavdem.loops.step_response import StepResponse
 from mavdem.report import palette
 from mavdem.report.blocks import Block, Sentence, markdown
@@ -131,7 +131,7 @@ class _Page:
             for name, response in responses.items()
             if isinstance(each := response.measured, StepResponse)
         ]
-        identified = known_loops(self._assessment.loops)
+        identified = identified_loops(self._assessment.loops)
         hertz = np.linspace(0.5, 30.0, 60)
         pictures = [
             self._bars(

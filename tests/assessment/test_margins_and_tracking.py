@@ -89,7 +89,7 @@ def test_where_no_resonance_shows_it_is_said_up_to_which_frequency():
     light = margins_light(found)
     assert (light.code, light.level) == (MarginsLight.NO_RESONANCE, "good")
     margins = found.margins[0]
-    slow = replace(margins.response, highest=19.0)
+    slow = replace(margins.response, max_frequency=19.0)
     vars(found)["margins"] = (replace(margins, response=slow),)
     assert margins_light(found).sentence.endswith("No resonance shows up to 19 Hz.")
 
@@ -155,7 +155,7 @@ def test_the_worst_loop_of_a_flight_is_rated():
     log = read_log(LOGS / "ardupilot_wind5_steps.tlog")
     loops = loops_of_axes(log, Signals(log.vehicles[0]))
     assert list(loops) == ["roll", "pitch", "yaw"] and isinstance(loops["pitch"], Fact)
-    tighter = loops["roll"].changed({"ATC_RAT_RLL_P": 1.03 * loops["roll"].controller.p})
+    tighter = loops["roll"].with_parameters({"ATC_RAT_RLL_P": 1.03 * loops["roll"].controller.p})
     loops["pitch"] = replace(tighter, axis="pitch")
     added = Fact(Repair.PARAMETERS_ADDED, count=1, path="my.param")
     vehicle = replace(log.vehicles[0], repairs=(added,))

@@ -85,6 +85,6 @@ def test_without_a_plant_the_measured_margins_or_what_is_bad_are_shown(capsys, m
     sound = shared("sitl_raw/ap_sid.BIN.xz")
     bad = shared("real/logs/gains_named_before_34.BIN")
     refusal = NotLearnable(Loops.LOOP_TOO_SHORT, least_duration=20.0)
-    monkeypatch.setattr("mavdem.assessment.axis.loops.loop_of", Mock(side_effect=refusal))
+    monkeypatch.setattr("mavdem.assessment.axis.loops.loop_from_plant", Mock(side_effect=refusal))
     assert "by system identification" in refused(capsys, 1, "tune", sound, "--axis", "pitch")
     assert "The EKF rejected the velocity" in refused(capsys, 1, "tune", bad)

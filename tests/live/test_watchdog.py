@@ -255,7 +255,7 @@ def test_no_message_waits_for_more_than_a_part_of_a_review(monkeypatch):
         "decisions.InputChoice.shown",
         "decisions.InputChoice.choose",
         "decisions.Phase.review",
-        "watchdog.begun_oscillation",
+        "watchdog.detect_starting_limit_cycle",
     ):
         whole = resolve_name(f"mavdem.live.{name}")
 

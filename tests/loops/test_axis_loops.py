@@ -32,20 +32,25 @@ from mavdem.ingest.mavlink.definitions import parameters_sent
 from mavdem.ingest.vocabulary import Injection
 from mavdem.loops.advice import (
     EFFECTS,
-    LARGEST_ANGLE,
     LOUDER,
+    MAX_ANGLE_GAIN,
     MAX_GAIN_STEP,
     SLOWER,
     advise,
-    lowered,
+    gain_reduction_advice,
 )
-from mavdem.loops.axis_loops import TARGETS, margin_rating
-from mavdem.loops.controllers import ROTOR_LAG, SPEED_SHARE, UNMODELLED, controller_of
-from mavdem.loops.from_flight import loop_of
+from mavdem.loops.axis_loops import MARGIN_TARGETS, margin_rating
+from mavdem.loops.controllers import (
+    ROTOR_LAG_CORRECTION,
+    TYPICAL_ROTOR_LAG,
+    UNMODELLED_PARAMETERS,
+    controller_from_parameters,
+)
 from mavdem.loops.limit_cycles import Oscillation
+from mavdem.loops.loop_construction import loop_from_plant
 from mavdem.loops.margins import OpenLoop, transfer
 from mavdem.loops.measured_response import measured_response
-from mavdem.loops.twin import again_of, twin_of
+from mavdem.loops.twin import build_twin, replay_segments
 from mavdem.plant import Physical
 from mavdem.plant.parameters import WindComponent
 from mavdem.plant.sampled_plant import smooth
@@ -74,49 +79,51 @@ def test_gains_have_their_names_and_units_before_arducopter_34():
         "MOT_THST_MAX": 0.95,
         "MOT_THST_EXPO": 0.5,
     }
-    of_demand = controller_of(old, "roll", (1.0,))
+    of_demand = controller_from_parameters(old, "roll", (1.0,))
     assert of_demand.p == approx(0.13 * np.degrees(100) / 4500, rel=0.003)
     assert (of_demand.angle, of_demand.error_filter) == (9.0, 20.0)
-    of_motors = controller_of(old, "roll", X_ROLL)
+    of_motors = controller_from_parameters(old, "roll", X_ROLL)
     assert of_motors.p == approx(of_demand.p / 2**0.5, rel=0.003)
     assert of_motors.spin == (0.13, 0.95)
     # Motors are at a limit beyond their spin, a demand at the ends of its range.
     shares = np.array([[0.1], [0.5], [0.96]])
-    assert of_motors.limited(np.tile(shares, 4)).tolist() == [True, False, True]
-    assert not of_demand.limited(shares).any() and of_demand.limited(np.eye(2)[:, :1]).all()
-    assert controller_of({**old, "FRAME": 0.0}, "roll", X_ROLL).p == of_demand.p
-    assert of_motors.changed({"RATE_RLL_P": 0.26}).p == approx(2 * of_motors.p)
+    assert of_motors.at_limit(np.tile(shares, 4)).tolist() == [True, False, True]
+    assert not of_demand.at_limit(shares).any() and of_demand.at_limit(np.eye(2)[:, :1]).all()
+    assert controller_from_parameters({**old, "FRAME": 0.0}, "roll", X_ROLL).p == of_demand.p
+    assert of_motors.with_parameters({"RATE_RLL_P": 0.26}).p == approx(2 * of_motors.p)
 
 
 def test_the_mixer_and_the_slope_of_the_thrust_curve_are_the_autopilots():
-    ours = controller_of(ARDUPILOT, "roll", X_ROLL)
+    ours = controller_from_parameters(ARDUPILOT, "roll", X_ROLL)
     assert ours.mixer == (-0.5, 0.5, 0.5, -0.5)
 
     # Thrust is 0.35 of the command and 0.65 of its square, from 15 to 95 % of the range.
     thrusts = np.polyval([0.65, 0.35, 0], (np.array([0.4995, 0.5005]) - 0.15) / 0.8)
     slope = 0.001 / np.diff(thrusts)
-    assert ours.per_demand([0.5] * 4) == approx(np.multiply(ours.mixer, slope), rel=1e-5)
-    theirs = controller_of(PX4)
-    assert (theirs.p, theirs.d) == (0.3, 0.006) and theirs.changed({"MC_ROLLRATE_D": 0.0}).d == 0
+    assert ours.outputs_per_demand([0.5] * 4) == approx(np.multiply(ours.mixer, slope), rel=1e-5)
+    theirs = controller_from_parameters(PX4)
+    assert (theirs.p, theirs.d) == (0.3, 0.006) and theirs.with_parameters(
+        {"MC_ROLLRATE_D": 0.0}
+    ).d == 0
     # Roll and pitch are scaled alike, so that the shorter arm has the larger factor.
     assert theirs.mixer == approx(np.multiply(X_ROLL, 0.5**1.5)) and theirs.expo == 0.3
 
 
 def test_a_slam_turns_by_rotors_whose_speeds_lag():
     """Thrusts of lagging speeds are those of the acting demand behind a lag; at slow samples nothing is known of it."""
-    ours = controller_of(PX4)
+    ours = controller_from_parameters(PX4)
     step = 1e-4
     slam = np.sin(np.arange(5000) * step * 100) > 0.7
     shares = 0.4 + np.outer(slam, [-0.4, 0.6, 0.6, -0.4])
-    keeps = np.exp(-step / ROTOR_LAG)
+    keeps = np.exp(-step / TYPICAL_ROTOR_LAG)
     lag = [0.0, 1 - keeps], [1.0, -keeps]
     asked = np.sqrt((1 - ours.expo + ours.expo * shares) * shares)
     speeds, _ = lfilter(*lag, asked, axis=0, zi=asked[:1])
     torque = speeds**2 @ ours.mixer / np.square(ours.mixer).sum()
-    linear, acting = ours.demanded(shares), ours.demanded(shares, step)
-    whole = linear + (acting - linear) / SPEED_SHARE
+    linear, acting = ours.demand_from_outputs(shares), ours.demand_from_outputs(shares, step)
+    whole = linear + (acting - linear) / ROTOR_LAG_CORRECTION
     assert lfilter(*lag, whole) == approx(torque, abs=0.02 * np.ptp(torque))
-    assert_array_equal(ours.demanded(shares, 2 * ROTOR_LAG), linear)
+    assert_array_equal(ours.demand_from_outputs(shares, 2 * TYPICAL_ROTOR_LAG), linear)
 
 
 @mark.parametrize(
@@ -147,20 +154,22 @@ def test_a_slam_turns_by_rotors_whose_speeds_lag():
     ],
 )
 def test_a_controller_that_is_not_known_says_why(parameters, weights, code, figures):
-    assert refused(controller_of, parameters, "roll", weights) == Fact(code, **figures)
+    assert refused(controller_from_parameters, parameters, "roll", weights) == Fact(code, **figures)
 
 
 def test_what_the_controllers_model_leaves_out_is_said_of_the_parameters_that_have_it():
     names = ["ATC_RAT_RLL_SMAX", "ATC_RAT_RLL_PDMX", "FSTRATE_ENABLE", "MOT_BAT_VOLT_MAX"]
     unmodelled = ARDUPILOT | dict.fromkeys([*names, "ATC_RAT_PIT_SMAX"], 1.0)
-    cautions = controller_of(unmodelled, "roll", X_ROLL).cautions
+    cautions = controller_from_parameters(unmodelled, "roll", X_ROLL).cautions
     assert [fact.figures["name"] for fact in cautions] == names
-    assert {fact.code for fact in cautions} == set(UNMODELLED.values()) - {
+    assert {fact.code for fact in cautions} == set(UNMODELLED_PARAMETERS.values()) - {
         Controllers.DEMAND_BY_VOLTAGE,
         Controllers.NOTCHES_UNMODELLED,
     }
-    theirs = controller_of(PX4 | {"MC_BAT_SCALE_EN": 1.0, "IMU_GYRO_DNF_EN": 1.0}).cautions
-    assert [one.code for one in theirs] == list(UNMODELLED.values())[-2:]
+    theirs = controller_from_parameters(
+        PX4 | {"MC_BAT_SCALE_EN": 1.0, "IMU_GYRO_DNF_EN": 1.0}
+    ).cautions
+    assert [one.code for one in theirs] == list(UNMODELLED_PARAMETERS.values())[-2:]
     assert {one.level for one in theirs} == {"watch"}
 
 
@@ -203,14 +212,14 @@ def test_the_controllers_response_is_that_of_its_program():
     filters = {"FLTE": 40.0, "FLTD": 20.0, "NEF": 2.0, "NTF": 2.0, "FF": 0.5, "D_FF": 0.25}
     notch = {"TYPE": 1.0, "NOTCH_FREQ": 60.0, "NOTCH_Q": 2.0, "NOTCH_ATT": 40.0}
     known = ARDUPILOT | {f"ATC_RAT_RLL_{end}": value for end, value in filters.items()}
-    refused(controller_of, known, "roll", X_ROLL)
+    refused(controller_from_parameters, known, "roll", X_ROLL)
     known |= {f"FILT2_{end}": value for end, value in notch.items()}
-    controller = controller_of(known, "roll", X_ROLL)
+    controller = controller_from_parameters(known, "roll", X_ROLL)
     frequency = np.array([0.5, 4.0, 30.0, 150.0])
     forward, back = transfer(controller, frequency)
     run, slope = ac_pid(controller, frequency)
     assert_allclose(back, run)
-    off = controller_of(known | {"FILT2_TYPE": 0.0}, "roll", X_ROLL)
+    off = controller_from_parameters(known | {"FILT2_TYPE": 0.0}, "roll", X_ROLL)
     assert off.error_notches == off.target_notches == ()
     notched = back / transfer(off, frequency)[1]
     assert_allclose(forward, notched * (back + 0.5 + 0.25 * slope), rtol=1e-12)
@@ -229,7 +238,7 @@ def made_up(factor=1.0):
     covariance = np.diag([*4 * [9e-5], 0.09, 4e-6, 4e-6])
     sizes = 0.18 * np.array(X_ROLL), 1.5, 0.03, 0.006, covariance
     found = status, dict.fromkeys(status, ""), 0, 0.1, (WIND,), 0.01, {}, ()
-    return loop_of(Physical(*sizes, *found), record)
+    return loop_from_plant(Physical(*sizes, *found), record)
 
 
 @mark.slow
@@ -246,15 +255,17 @@ def test_advised_gains_have_the_margins_in_95_of_100_plants_and_let_wind_move_it
     factor, tune
 ):
     found = advise(before := made_up(factor), tune, more=True)
-    least_phase, least_gain, most = TARGETS[tune]
+    least_phase, least_gain, most = MARGIN_TARGETS[tune]
     frequency = np.geomspace(0.05, 90, 2000)
     s = 2j * np.pi * frequency
     (_, back) = transfer(found.after.controller, frequency)
     # The draws that did not choose the gains, with each effect.
-    assert_array_equal(found.after.gains[1:], before.gains[len(before.gains) // 2 :])
-    damping, lag, delay = found.after.draws[1:].T[:, :, np.newaxis]
+    assert_array_equal(
+        found.after.effectiveness[1:], before.effectiveness[len(before.effectiveness) // 2 :]
+    )
+    damping, lag, delay = found.after.dynamics[1:].T[:, :, np.newaxis]
     plants = back * np.exp(-s * delay) / (s + damping) / (lag * s + 1)
-    plants = np.multiply.outer(EFFECTS, found.after.gains[1:, np.newaxis] * plants)
+    plants = np.multiply.outer(EFFECTS, found.after.effectiveness[1:, np.newaxis] * plants)
     loops = plants.reshape(-1, len(s))
     of_all = OpenLoop(frequency, loops, loops, loops).figures
     have = (of_all["phase_margin"] + 0.1 >= least_phase) & (of_all["ms"] * 0.999 <= most)
@@ -263,7 +274,7 @@ def test_advised_gains_have_the_margins_in_95_of_100_plants_and_let_wind_move_it
     for gain in found.gains.values():
         assert abs(np.log(gain.set / gain.now)) <= np.log(MAX_GAIN_STEP) + 1e-3
         assert gain.set == float(f"{gain.set:.4g}")
-    assert found.gains["MC_ROLL_P"].set <= LARGEST_ANGLE["roll"]
+    assert found.gains["MC_ROLL_P"].set <= MAX_ANGLE_GAIN["roll"]
     code = Gains.SET_GAINS if factor < 4 else Gains.STEP_TOWARDS_MARGINS
     assert (found.sentence.code, found.sentence.figures["share"]) == (code, found.sure)
     assert factor > 4 or found.noise.heat <= LOUDER**2 * 1.01
@@ -327,7 +338,7 @@ def test_one_axis_without_a_loop_has_its_own_reason_and_several_have_theirs():
 def test_a_gain_of_0_stays_0():
     loop = made_up()
     known = {**loop.record.parameters, "MC_ROLLRATE_D": 0.0}
-    advice = advise(loop_of(loop.plant, replace(loop.record, parameters=known)), more=True)
+    advice = advise(loop_from_plant(loop.plant, replace(loop.record, parameters=known)), more=True)
     assert "MC_ROLLRATE_D" not in advice.gains and len(advice.parameters) == 3
 
 
@@ -370,13 +381,13 @@ def test_gains_after_px4s_autotune_are_rated_like_those_before():
 )
 def test_an_oscillating_vehicle_lowers_the_gains_that_act_at_its_frequency(frequency, names):
     oscillation = Oscillation("roll", frequency, 40.0, 0.9, False, 20.0)
-    fact = lowered(oscillation, PX4)
+    fact = gain_reduction_advice(oscillation, PX4)
     lower = [(name, PX4[name], approx(PX4[name] * 2 / 3)) for name in names]
     assert [*fact.figures["changes"]] == lower
     assert all(name in fact.sentence for name in names)
     both = oscillation._replace(others=(oscillation,))
-    assert [*lowered(both, PX4).figures["changes"]] == 2 * lower
-    unknown = lowered(oscillation, {})
+    assert [*gain_reduction_advice(both, PX4).figures["changes"]] == 2 * lower
+    unknown = gain_reduction_advice(oscillation, {})
     assert (unknown.code, unknown.figures["changes"]) == (Gains.LOWER_GAINS, ())
 
 
@@ -410,7 +421,7 @@ def test_refusals_say_why():
 def test_a_flight_without_loops_says_why(plant, record, code):
     sound = made_up()
     changes = sound.plant._replace(**plant), replace(sound.record, **record)
-    assert refused(loop_of, *changes).code is code
+    assert refused(loop_from_plant, *changes).code is code
 
 
 OF_ALL = Drag.of_parameters()
@@ -418,7 +429,7 @@ OF_ALL = Drag.of_parameters()
 
 def twin(loop, **known):
     usual = {"px4": True, "hover": 0.5, "air": None, "drag": OF_ALL, "mass": None}
-    return twin_of({"roll": loop}, **usual | known)
+    return build_twin({"roll": loop}, **usual | known)
 
 
 def test_a_twin_says_of_each_figure_how_sure_it_is():
@@ -444,9 +455,9 @@ def test_a_twin_says_of_each_figure_how_sure_it_is():
 @mark.parametrize("delay", [0.004, 0.0])
 def test_a_twin_has_the_margins_of_its_loop_and_its_cycle_in_the_delay(delay):
     loop = made_up()
-    loop = replace(loop, draws=loop.draws * [1, 0, 0] + [0, 0.02, delay])
+    loop = replace(loop, draws=loop.dynamics * [1, 0, 0] + [0, 0.02, delay])
     filters = {"IMU_GYRO_CUTOFF": 40.0, "IMU_GYRO_NF0_FRQ": 50.0, "IMU_GYRO_NF0_BW": 20.0}
-    loop = loop.changed(filters)
+    loop = loop.with_parameters(filters)
     body = twin(loop)
     assert body.lag + body.delay == approx(0.02 + delay - 0.5 / 250)
     if delay:
@@ -470,9 +481,9 @@ def test_setpoints_of_rates_are_flown_beside_what_the_angles_error_asks_for(
     setpoints = np.column_stack([angle, asked + with_ahead * ahead])
     names = ("roll setpoint", "roll rate setpoint")
     record = replace(loop.record, setpoints=setpoints, setpoint_names=names)
-    again = again_of({"roll": replace(loop, record=record)})["roll"]
+    again = replay_segments({"roll": replace(loop, record=record)})["roll"]
     assert_allclose(again.setpoints[1:-1, 1], with_ahead * ahead[1:-1], atol=0.01)
-    assert again_of({"roll": loop}) == {}
+    assert replay_segments({"roll": loop}) == {}
 
 
 @mark.parametrize("known", [True, False])

@@ -12,10 +12,10 @@ from mavdem.assessment.noise_spectra import MeasuredNoise
 from mavdem.dataset.align import settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.facts.noise import Noise as Codes
-from mavdem.loops.controllers import Notch, controller_of
+from mavdem.loops.controllers import Notch, controller_from_parameters
 from mavdem.loops.filters import gyro_delay, gyro_filters, gyro_response
-from mavdem.vibration.spectra import spectra_of_flight
-from mavdem.vibration.spectral_lines import peaks_of
+from mavdem.vibration.spectra import vibration_spectra
+from mavdem.vibration.spectral_lines import find_spectral_lines
 
 FREQUENCY = np.array([1.0, 20.0, 80.0, 130.0, 180.0])
 NOTCH = {"ENABLE": 1.0, "FREQ": 80.0, "BW": 40.0, "ATT": 30.0, "HMNCS": 1.0}
@@ -23,19 +23,19 @@ NOTCH = {"ENABLE": 1.0, "FREQ": 80.0, "BW": 40.0, "ATT": 30.0, "HMNCS": 1.0}
 
 def ardupilot(notch=None, prefix="INS_HNTCH_", **others):
     named = {prefix + name: value for name, value in (notch or {}).items()}
-    return controller_of(ARDUPILOT | named | others, "roll", X_ROLL)
+    return controller_from_parameters(ARDUPILOT | named | others, "roll", X_ROLL)
 
 
 def test_px4s_notches_lose_half_of_the_power_at_the_ends_of_their_bandwidth():
     names = {"IMU_GYRO_NF0_FRQ": 100.0, "IMU_GYRO_NF0_BW": 20.0}
     none = {"IMU_GYRO_NF1_FRQ": 0.0, "IMU_GYRO_NF1_BW": 20.0}
-    controller = controller_of(PX4 | names | none)
+    controller = controller_from_parameters(PX4 | names | none)
     assert controller.notches == (Notch(100.0, 20.0, inf),)
     edges = 100 * (sqrt(1 + 0.1**2) + np.array([-0.1, 0.1]))
     found = abs(gyro_response(controller, np.array([*edges, 100.0])))
     assert found == approx([sqrt(0.5), sqrt(0.5), 0.0], abs=1e-3)
     old = {"IMU_GYRO_NF_FREQ": 100.0, "IMU_GYRO_NF_BW": 20.0}
-    assert controller_of(PX4 | old).notches == controller.notches
+    assert controller_from_parameters(PX4 | old).notches == controller.notches
 
 
 @mark.parametrize(
@@ -84,18 +84,20 @@ def test_the_filters_are_shown_with_their_lag_and_as_late_as_one_low_pass():
 def test_the_raw_gyro_through_the_filters_is_the_filtered_one():
     """Of a simulated ArduCopter, where it is above its rounding: in the loop's band, and in the line of the motors."""
     signals = Signals(recorded("sitl_raw/ap_raw_on.BIN.xz"))
-    found = spectra_of_flight(signals, settled_segments(signals))
+    found = vibration_spectra(signals, settled_segments(signals))
     before, behind = found["gyro_before"], found["gyro"]
     raw, filtered = (np.median(one.density[:, 0], axis=0) for one in (before, behind))
     frequency = behind.frequency
-    controller = controller_of(signals.telemetry.parameters, "roll", X_ROLL)
+    controller = controller_from_parameters(signals.telemetry.parameters, "roll", X_ROLL)
     assert_allclose(frequency, before.frequency, rtol=1e-3)
     predicted = raw * abs(gyro_response(controller, frequency)) ** 2
     for low, high, decibels in ((4, 15, 1.5), (15, 40, 1.5), (125, 145, 4.0)):
         band = (frequency > low) & (frequency < high)
         assert abs(10 * np.log10(filtered[band].sum() / predicted[band].sum())) < decibels
-    seen = MeasuredNoise(found, {name: peaks_of(spectrum) for name, spectrum in found.items()})
+    seen = MeasuredNoise(
+        found, {name: find_spectral_lines(spectrum) for name, spectrum in found.items()}
+    )
     (removed,) = (fact for fact in seen.facts if fact.code is Codes.FILTERS_REMOVE)
-    left = behind.power(104, 188) / before.power(104, 188)
+    left = behind.mean_power(104, 188) / before.mean_power(104, 188)
     assert removed.figures["frequency"] == approx(139.0, rel=0.02)
     assert removed.figures["share"] == approx(1 - left, abs=0.1 * left)

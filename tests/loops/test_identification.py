@@ -22,9 +22,9 @@ from mavdem.facts.learnability import Reason
 from mavdem.facts.loops import Loops, Responses
 from mavdem.ingest import read_log
 from mavdem.loops import identification as in_flight
-from mavdem.loops.controllers import controller_of
-from mavdem.loops.from_flight import loop_of
-from mavdem.loops.identification import _streams, plant_in_loop
+from mavdem.loops.controllers import controller_from_parameters
+from mavdem.loops.identification import _streams, identify_plant_in_loop
+from mavdem.loops.loop_construction import loop_from_plant
 from mavdem.plant import physical
 from mavdem.plant.closed_loop.identification import identified
 from sitl_scenarios.files import scenario_of
@@ -87,7 +87,7 @@ def test_a_loop_has_its_true_margins_at_400_and_at_25_hz(flight, every, within):
     """The intervals hold them; beyond half of the log's rate the gain margin is said to be extrapolated."""
     known, log = flight
     signals, flights = flown(thinned(log, every))
-    loop = loop_of(plant_in_loop(signals, flights), Record.of(flights))
+    loop = loop_from_plant(identify_plant_in_loop(signals, flights), Record.of(flights))
     _, *margins, _ = known["roll_rate_margins"]
     for name, true, error in zip(("phase_margin", "gain_margin"), margins, within, strict=True):
         assert abs(getattr(loop, name) - true) < error
@@ -104,7 +104,7 @@ def test_a_slow_log_has_the_loops_of_its_plant_in_the_loop(log):
 
 
 def refusal(signals, flights):
-    return refused(plant_in_loop, Signals(signals.telemetry), flights).code
+    return refused(identify_plant_in_loop, Signals(signals.telemetry), flights).code
 
 
 def test_what_a_plant_in_its_loop_takes_is_said(log, monkeypatch):
@@ -121,14 +121,14 @@ def test_what_a_plant_in_its_loop_takes_is_said(log, monkeypatch):
     assert refusal(signals, flights) is Loops.NOT_STEERED
     monkeypatch.undo()
     monkeypatch.setattr(in_flight, "MOST_ROUNDED", 0.0)
-    rounded = refused(plant_in_loop, Signals(signals.telemetry), flights)
+    rounded = refused(identify_plant_in_loop, Signals(signals.telemetry), flights)
     assert rounded.code is Reason.COMMAND_ROUNDED
     # A step's rounding has a twelfth of its square as variance.
     share = (rounded.figures["command_step"] / rounded.figures["command"]) ** 2 / 12
     monkeypatch.setattr(in_flight, "MOST_ROUNDED", 0.9 * share)
     assert refusal(signals, flights) is Reason.COMMAND_ROUNDED
     monkeypatch.setattr(in_flight, "MOST_ROUNDED", 1.1 * share)
-    assert plant_in_loop(Signals(signals.telemetry), flights).effect.shape == (4,)
+    assert identify_plant_in_loop(Signals(signals.telemetry), flights).effect.shape == (4,)
 
 
 def with_setpoints(log, change):
@@ -161,8 +161,8 @@ def test_another_boot_at_the_same_stamps_does_not_count(log):
     signals, (flight,) = flown(thinned(log, 16))
     segment = {**flight.provenance["segment"], "boot": 1}
     other = replace(flight[:-1], provenance={**flight.provenance, "segment": segment})
-    alone = plant_in_loop(signals, [flight])
-    both = plant_in_loop(signals, [other, flight, other])
+    alone = identify_plant_in_loop(signals, [flight])
+    both = identify_plant_in_loop(signals, [other, flight, other])
     assert np.array_equal(both.covariance, alone.covariance)
 
 
@@ -177,7 +177,7 @@ def test_a_plant_that_cannot_be_drawn_is_not_found_and_an_unknown_margin_at_most
             return found._replace(covariance=found.covariance * share)
 
         monkeypatch.setattr(in_flight, "identified", spread)
-        return plant_in_loop(Signals(signals.telemetry), flights)
+        return identify_plant_in_loop(Signals(signals.telemetry), flights)
 
     assert refused(plant_with, np.nan).code is Loops.LOOP_NOT_FOUND
     widths = []
@@ -201,7 +201,7 @@ def test_of_a_loop_that_rings_beyond_its_motors_effect_and_lag_are_biased(
     log, more, change, status
 ):
     signals, flights = flown(thinned(log, 16))
-    plant = plant_in_loop(signals, flights)
+    plant = identify_plant_in_loop(signals, flights)
     _, controller, directions = in_flight._in_loop(signals, tuple(flights))
     sure = plant._replace(effect=more * plant.effect, covariance=1e-4 * plant.covariance)
     checked = in_flight._checked(sure._replace(**change), directions, controller)
@@ -225,7 +225,7 @@ def test_with_motors_at_their_limits_the_margins_are_true(tmp_path):
     hard["excitation"] |= {"amplitude": 25.0, "width": 0.1}
     known, log = logged(scenario_of(hard), tmp_path)
     signals, flights = flown(log)
-    loop = loop_of(plant_in_loop(signals, flights), Record.of(flights))
+    loop = loop_from_plant(identify_plant_in_loop(signals, flights), Record.of(flights))
     fit, *_ = (found.fit for found in signals.known.values() if hasattr(found, "fit"))
     assert 0.5 < fit.cut_off < fit.axis.limited
     _, phase, gain, _ = known["roll_rate_margins"]
@@ -240,14 +240,20 @@ def test_a_setpoint_with_the_correction_of_the_angle_in_it_is_taken_as_it_is():
     # results cannot be written, in another process either
     again = pickle.loads(pickle.dumps(learned))
     torque = learned.wind_torque.band
-    for array in (again.model.A, learned.physical.effect, torque, loop.gains, loop.rate.stable):
+    for array in (
+        again.model.A,
+        learned.physical.effect,
+        torque,
+        loop.effectiveness,
+        loop.rate.stable,
+    ):
         assert not array.flags.writeable
 
 
 def test_what_the_angles_error_asks_for_is_added_to_ardupilots_setpoint_of_the_rate():
     time = np.arange(10.0, 40.0, 0.01)
     wanted, ahead = 0.1 * np.sin(time), 0.1 * np.cos(time)
-    controller = controller_of(ARDUPILOT, "roll", X_ROLL)
+    controller = controller_from_parameters(ARDUPILOT, "roll", X_ROLL)
     signals = Signals(asking(Hover().telemetry(), time, 0, ahead, wanted))
     streams, *_ = _streams(signals, 0, controller, np.ones(4))
     assert_allclose(streams[5].values, ahead + controller.angle * wanted, atol=1e-6)
@@ -262,7 +268,7 @@ def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(tmp_path):
     known, _ = logged(scenario_of(scenario | {"vehicle": vehicle}), tmp_path)
     record = Record.of(mavdem.read_flight(tmp_path / "flight.tlog"))
     plant = physical(record)
-    loop = loop_of(plant, record)
+    loop = loop_from_plant(plant, record)
     crossover, phase, *_ = margins = known["roll_rate_margins"]
     assert loop.crossover == approx(crossover, rel=0.1)
     assert loop.phase_margin == approx(phase, abs=6)
@@ -274,15 +280,20 @@ def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(tmp_path):
     assert loop.agrees and loop.measured.fit > 80 and loop.rate.stable.all()
     assert loop.measured.controller_gain == approx(1, abs=0.2)
     name = loop.controller.names["p"]
-    doubled = loop.changed({name: 2 * record.parameters[name]})
+    doubled = loop.with_parameters({name: 2 * record.parameters[name]})
     assert doubled.crossover > 1.5 * loop.crossover and doubled.agrees is None
-    assert loop_of(plant, replace(record, setpoints=np.zeros_like(record.setpoints))).agrees is None
-    retuned = loop_of(plant, replace(record, earlier={name: 0.1}))
+    assert (
+        loop_from_plant(plant, replace(record, setpoints=np.zeros_like(record.setpoints))).agrees
+        is None
+    )
+    retuned = loop_from_plant(plant, replace(record, earlier={name: 0.1}))
     (caution,) = retuned.cautions
     assert retuned.agrees is None and caution.code is Loops.PARAMETERS_CHANGED
     assert caution.figures["changes"] == ((name, 0.1, record.parameters[name]),)
     # Gains that were not those in flight.
-    other = loop_of(plant, record, loop.controller.changed({name: 0.7 * record.parameters[name]}))
+    other = loop_from_plant(
+        plant, record, loop.controller.with_parameters({name: 0.7 * record.parameters[name]})
+    )
     assert other.agrees is False
     assert other.measured.reason.code is Responses.CONTROLLER_GAIN_DIFFERS
     assert other.advice.refusals == (other.measured.reason,)

@@ -14,9 +14,9 @@ from mavdem.assessment.condition import settled_parts
 from mavdem.dataset.signals import Signals
 from mavdem.facts.loops import StepResponses
 from mavdem.loops.step_response import (
-    attitude_response,
-    rate_response,
-    step_of,
+    attitude_step_response,
+    rate_step_response,
+    step_from_frequency_response,
 )
 
 HOVER = Hover(hovering=60.0)
@@ -56,7 +56,7 @@ def flight(rate, setpoint, angle=None, wanted=None):
     return asking(telemetry, TIME, 128 if wanted is None else 0, setpoint, wanted)
 
 
-def measured(telemetry, response=rate_response):
+def measured(telemetry, response=rate_step_response):
     signals = Signals(telemetry)
     return response(signals, settled_parts(signals))
 
@@ -69,18 +69,18 @@ def test_a_resonance_is_measured_with_a_band_that_holds_it(repeated):
     rate = lfilter(numerator, denominator, asked) + gusts
     rate[repeated] = asked[repeated] = 0.1
     found = measured(flight(rate, asked))
-    true = step_of(FREQUENCY, closed, found.time)
+    true = step_from_frequency_response(FREQUENCY, closed, found.time)
     assert np.mean(abs(found.step - true) <= found.step_half) > 0.8
     assert found.overshoot.value == approx(true.max() - 1, abs=0.03)
     peak = np.argmax(abs(closed))
     assert found.peak.value == approx(abs(closed[peak]), rel=0.1)
     assert found.peak_frequency.value == approx(FREQUENCY[peak], rel=0.05)
-    assert found.coherence > 0.8 and found.highest > 15
+    assert found.coherence > 0.8 and found.max_frequency > 15
     assert found.fact.code is StepResponses.STEP_MEASURED
-    assert found.compared(FREQUENCY, closed).code is StepResponses.PREDICTION_AGREES
-    slower = found.compared(FREQUENCY, loop(5.0)[2])
+    assert found.comparison(FREQUENCY, closed).code is StepResponses.PREDICTION_AGREES
+    slower = found.comparison(FREQUENCY, loop(5.0)[2])
     assert slower.code is StepResponses.PREDICTION_DOUBTED and slower.figures["share"] > 0.5
-    faster = found.compared(FREQUENCY, loop(90.0, damping=0.1)[2])
+    faster = found.comparison(FREQUENCY, loop(90.0, damping=0.1)[2])
     assert faster.code is StepResponses.MEASUREMENT_DOUBTED
 
 
@@ -99,10 +99,10 @@ def test_wind_that_the_attitude_controller_answers_does_not_bias_it(is_corrected
     asked = ahead + 4.5 * (wanted - angle)
     telemetry = flight(rate, asked if is_corrected else ahead, angle, wanted)
     found = measured(telemetry)
-    true = step_of(frequency[1:], closed[1:], found.time)
+    true = step_from_frequency_response(frequency[1:], closed[1:], found.time)
     assert np.mean(abs(found.step - true) <= found.step_half) > 0.7
     assert found.peak_frequency.value == approx(12.0, rel=0.1)
-    outer = measured(telemetry, attitude_response)
+    outer = measured(telemetry, attitude_step_response)
     assert outer.loop == "attitude" and outer.step[-1] == approx(1.0, abs=0.1)
 
 
@@ -112,10 +112,10 @@ def test_why_there_is_no_step_response(monkeypatch):
     still = measured(flight(rate, 0 * rate))
     telemetry = flight(rate, rate)
     slow = measured(only(telemetry, lambda time: np.isin(time, TIME[::10]), "ATTITUDE_TARGET"))
-    unflown = rate_response(Signals(telemetry), ())
+    unflown = rate_step_response(Signals(telemetry), ())
     monkeypatch.setattr("mavdem.loops.step_response.quantile", lambda: 1e6)
     unsure = measured(telemetry)
-    unasked = measured(HOVER.telemetry(), attitude_response)
+    unasked = measured(HOVER.telemetry(), attitude_step_response)
     assert without.code is unasked.code is StepResponses.NO_SETPOINT
     assert slow.code is StepResponses.TOO_SLOW
     assert unflown.code is StepResponses.TOO_LITTLE_FLIGHT

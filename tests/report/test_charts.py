@@ -19,7 +19,7 @@ from mavdem.assessment.noise_spectra import MeasuredNoise
 from mavdem.evaluate import held_out_test, held_out_windows
 from mavdem.facts import Fact
 from mavdem.facts.loops import StepResponses
-from mavdem.loops.controllers import controller_of
+from mavdem.loops.controllers import controller_from_parameters
 from mavdem.loops.step_response import IntervalEstimate, StepResponse
 from mavdem.report import model_charts
 from mavdem.report.charts import TIME, Axis, Chart, Kind, Line
@@ -29,7 +29,7 @@ from mavdem.report.labels import AxisCommand, Labels
 from mavdem.report.screen import detail_blocks
 from mavdem.report.systems import model_response, plant_response
 from mavdem.vibration.spectra import Spectrum
-from mavdem.vibration.spectral_lines import Peak, PeakKind
+from mavdem.vibration.spectral_lines import LineKind, SpectralLine
 
 SETTINGS = mavdem.Settings(order=3, d=2, window=9, parameter_precision=1.0, horizon=None)
 GAINS = {
@@ -89,7 +89,7 @@ def response():
         frequency=frequency,
         response=1 / (1 + 1j * frequency / 5),
         gain_half=np.full(200, 0.1),
-        highest=80.0,
+        max_frequency=80.0,
         windows=60,
         **dict.fromkeys(names, one),
         coherence=0.9,
@@ -120,9 +120,11 @@ def test_steps_of_known_loops_have_band_and_prediction():
 
 
 def test_spectra_have_their_lines_and_the_filters_over_them():
-    line = Peak(PeakKind.MOTOR, 140.0, 100.0, 1.0, 5.0, 0.5)
+    line = SpectralLine(LineKind.MOTOR, 140.0, 100.0, 1.0, 5.0, 0.5)
     shown = {name: spectrum(name) for name in ("gyro_before", "gyro")}
-    loop = SimpleNamespace(controller=controller_of(GAINS, "roll", (1.0,)), crossover=12.0)
+    loop = SimpleNamespace(
+        controller=controller_from_parameters(GAINS, "roll", (1.0,)), crossover=12.0
+    )
     chart = spectrum_chart(MeasuredNoise(shown, {"gyro_before": (line,)}), loop)
     assert [mark.name for mark in chart.marks] == ["motor", "crossover"]
     assert [one.name for one in chart.lines] == [

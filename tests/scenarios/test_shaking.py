@@ -9,10 +9,10 @@ from mavdem.dataset.signals import Signals
 from mavdem.experiments.paper.runner import write_log
 from mavdem.facts.noise import NotchAdvice
 from mavdem.ingest import read_log
-from mavdem.loops.controllers import controller_of
+from mavdem.loops.controllers import controller_from_parameters
 from mavdem.vibration.notch_filters import notch_advice
-from mavdem.vibration.spectra import spectra_of_flight
-from mavdem.vibration.spectral_lines import PeakKind, peaks_of
+from mavdem.vibration.spectra import vibration_spectra
+from mavdem.vibration.spectral_lines import LineKind, find_spectral_lines
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.sensors import RotorNoise
 from sitl_scenarios.simulation import fly
@@ -62,15 +62,15 @@ def test_the_notch_that_is_advised_takes_the_motors_line_when_flown_again(tmp_pa
     motion = fly(scenario)
     write_log(tmp_path / "flight.tlog", scenario, motion)
     signals = Signals(read_log(tmp_path / "flight.tlog").vehicles[0])
-    spectra = spectra_of_flight(signals, (Segment(0, 8.0, 22.0),))
-    lines = peaks_of(spectra["gyro_before"])
+    spectra = vibration_spectra(signals, (Segment(0, 8.0, 22.0),))
+    lines = find_spectral_lines(spectra["gyro_before"])
     flown = (motion.time > 8) & (motion.time < 22)
     turns = float(np.median(motion.rotor_speeds[flown].mean(axis=1))) / (2 * np.pi)
     by_kind = {line.kind: line for line in lines}
-    assert by_kind[PeakKind.MOTOR].frequency == approx(turns, rel=0.02)
-    assert by_kind[PeakKind.MOTOR].harmonics == (1, 2)
-    assert by_kind[PeakKind.FRAME].frequency == approx(75.0, rel=0.02)
-    controller = controller_of(signals.telemetry.parameters, "roll", (1.0,))
+    assert by_kind[LineKind.MOTOR].frequency == approx(turns, rel=0.02)
+    assert by_kind[LineKind.MOTOR].harmonics == (1, 2)
+    assert by_kind[LineKind.FRAME].frequency == approx(75.0, rel=0.02)
+    controller = controller_from_parameters(signals.telemetry.parameters, "roll", (1.0,))
     known = truth(scenario, motion)
     crossover = float(known["roll_rate_margins"][0])
     fact = notch_advice(controller, lines, spectra["gyro_before"], spectra.get("gyro"), crossover)

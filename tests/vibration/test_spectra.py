@@ -11,11 +11,11 @@ from mavdem.dataset.align import Segment
 from mavdem.dataset.signals import Signals
 from mavdem.facts.noise import Noise as Codes
 from mavdem.facts.noise import NotchAdvice
-from mavdem.loops.controllers import controller_of
+from mavdem.loops.controllers import controller_from_parameters
 from mavdem.loops.filters import gyro_filters
 from mavdem.vibration.notch_filters import notch_advice
-from mavdem.vibration.spectra import Spectrum, spectra_of_flight, thinned
-from mavdem.vibration.spectral_lines import PeakKind, peaks_of
+from mavdem.vibration.spectra import Spectrum, max_decimated, vibration_spectra
+from mavdem.vibration.spectral_lines import LineKind, find_spectral_lines
 
 HOVER = Hover(hovering=40.0)
 FLOWN = (Segment(0, 8.0, 45.0),)
@@ -43,8 +43,8 @@ def shaken(speed=0.0, frame=0.0, steady=0.0):
 
 
 def lines(telemetry):
-    found = spectra_of_flight(Signals(telemetry), FLOWN)
-    return found, peaks_of(found["gyro_before"])
+    found = vibration_spectra(Signals(telemetry), FLOWN)
+    return found, find_spectral_lines(found["gyro_before"])
 
 
 def test_density_has_the_power_of_what_was_measured():
@@ -52,25 +52,25 @@ def test_density_has_the_power_of_what_was_measured():
     samples = telemetry.messages["GYRO_BEFORE"]
     found, _ = lines(changed(telemetry, "D_TERM", **samples))
     spectrum = found["gyro_before"]
-    assert spectrum.highest == approx(500.0) and spectrum.source == "GYRO_BEFORE"
-    assert spectrum.power(75, 85) == approx(3 * 0.01**2 / 2, rel=0.05)
-    assert spectrum.power(200, 400) == approx(3 * 1e-6 * 0.4, rel=0.1)
-    levels, by_throttle = spectrum.by_throttle
+    assert spectrum.nyquist_frequency == approx(500.0) and spectrum.source == "GYRO_BEFORE"
+    assert spectrum.mean_power(75, 85) == approx(3 * 0.01**2 / 2, rel=0.05)
+    assert spectrum.mean_power(200, 400) == approx(3 * 1e-6 * 0.4, rel=0.1)
+    levels, by_throttle = spectrum.density_by_throttle
     assert levels[0] == approx(0.38, abs=0.02) and levels[-1] == approx(0.62, abs=0.02)
     assert by_throttle.shape == (12, len(spectrum.frequency))
     of_d = found["d_term"]
-    assert of_d.unit == "1" and of_d.power(75, 85) == approx(spectrum.power(75, 85))
+    assert of_d.unit == "1" and of_d.mean_power(75, 85) == approx(spectrum.mean_power(75, 85))
 
 
 def test_stamps_that_hardly_differ_have_no_spectrum():
     telemetry = shaken()
     time = np.linspace(8.0, 9.0, len(telemetry.messages["GYRO_BEFORE"]["time"])) * 1e-308
     signals = Signals(changed(telemetry, "GYRO_BEFORE", time=time))
-    assert "gyro_before" not in spectra_of_flight(signals, FLOWN)
+    assert "gyro_before" not in vibration_spectra(signals, FLOWN)
 
 
 def test_nothing_by_throttle_is_thinned_to_nothing():
-    frequency, density = thinned(np.arange(6.0), np.zeros((0, 6)), 3)
+    frequency, density = max_decimated(np.arange(6.0), np.zeros((0, 6)), 3)
     assert list(frequency) == [0.5, 2.5, 4.5] and density.shape == (0, 3)
 
 
@@ -83,16 +83,16 @@ def lined(*lines, wide=1.0, highest=500.0, spread=0.08):
         off = frequency - hertz * (level[:, None] / 0.5) ** exponent
         density += power * np.exp(-((off / wide) ** 2) / 2)
     seen = Spectrum("gyro", "1", "", frequency, level, density[:, None], level, level * np.nan)
-    return MeasuredNoise({"gyro": seen}, {"gyro": peaks_of(seen)})
+    return MeasuredNoise({"gyro": seen}, {"gyro": find_spectral_lines(seen)})
 
 
 @mark.parametrize(
     "kind, code, exponents",
     [
-        (PeakKind.ALIAS, Codes.ALIASED_LINE, (-0.6, -0.5)),
-        (PeakKind.UNNAMED, Codes.UNNAMED_LINE, (-0.4, -0.3, 0.3, 2.1)),
-        (PeakKind.FRAME, Codes.FRAME_LINE, (-0.2, 0.2)),
-        (PeakKind.MOTOR, Codes.MOTOR_LINE, (0.4, 2.0)),
+        (LineKind.ALIAS, Codes.ALIASED_LINE, (-0.6, -0.5)),
+        (LineKind.UNNAMED, Codes.UNNAMED_LINE, (-0.4, -0.3, 0.3, 2.1)),
+        (LineKind.FRAME, Codes.FRAME_LINE, (-0.2, 0.2)),
+        (LineKind.MOTOR, Codes.MOTOR_LINE, (0.4, 2.0)),
     ],
 )
 def test_how_a_line_moves_with_the_throttle_names_it(kind, code, exponents):
@@ -100,16 +100,16 @@ def test_how_a_line_moves_with_the_throttle_names_it(kind, code, exponents):
         seen = lined((100.3, 1000.0, exponent), wide=3.0)
         (line,) = seen.lines
         assert line.kind is kind and (line.frequency, line.width) == approx((100.3, 14), abs=0.03)
-        assert line.exponent == (None if kind is PeakKind.UNNAMED else exponent)
+        assert line.exponent == (None if kind is LineKind.UNNAMED else exponent)
         assert [fact.code for fact in seen.facts] == [Codes.SPECTRUM_SEEN, code]
     # Of slow samples it may be a harmonic's alias.
     slow, fast = (lined((60.0, 1000.0, 1.3), wide=3.0, highest=one).lines for one in (249.0, 250.0))
-    assert (slow[0].kind, fast[0].kind) == (PeakKind.UNNAMED, PeakKind.MOTOR)
+    assert (slow[0].kind, fast[0].kind) == (LineKind.UNNAMED, LineKind.MOTOR)
 
 
 def test_without_a_throttle_that_moves_there_is_no_name_and_without_a_spectrum_that_is_said():
     (still,) = lined((100.3, 1000.0, 0.0), wide=3.0, spread=0.0).lines
-    assert still.kind is PeakKind.UNNAMED
+    assert still.kind is LineKind.UNNAMED
     assert [fact.code for fact in MeasuredNoise({}, {}).facts] == [Codes.NO_SPECTRUM]
 
 
@@ -119,7 +119,7 @@ def test_the_eight_strongest_lines_over_six_times_the_noise_are_kept_that_are_8_
     found = lined(*zip(hertz, powers, np.zeros(11), strict=True)).lines
     assert [round(line.frequency) for line in found] == [17, 100, 109, 200, 35, 420, 45, 280]
     slow = [line.frequency < 40 for line in found]
-    assert slow == [line.kind is PeakKind.UNNAMED for line in found]
+    assert slow == [line.kind is LineKind.UNNAMED for line in found]
 
 
 def test_multiples_of_a_motors_line_up_to_six_to_2_percent_are_its_harmonics():
@@ -138,7 +138,7 @@ def test_motors_speeds_that_are_logged_name_their_order():
     turns = 70.0 * np.sqrt(throttle(time) / 0.5)
     timed = changed(telemetry, "ESC", **columns(time, RPM=60 * turns))
     _, found = lines(timed)
-    assert found[0].kind is PeakKind.MOTOR and found[0].exponent == approx(1.0, abs=0.15)
+    assert found[0].kind is LineKind.MOTOR and found[0].exponent == approx(1.0, abs=0.15)
     assert found[0].order == approx(2.0, rel=0.02)
     settings = dict(advice(timed)[0].figures["settings"])
     by_speed = settings["INS_HNTCH_MODE"], settings["INS_HNTCH_REF"]
@@ -147,7 +147,7 @@ def test_motors_speeds_that_are_logged_name_their_order():
 
 def advice(telemetry, crossover=12.0, **parameters):
     found, peaks = lines(telemetry)
-    controller = controller_of(CONTROL | parameters, "roll", (1.0,))
+    controller = controller_from_parameters(CONTROL | parameters, "roll", (1.0,))
     before = found["gyro_before"]
     return notch_advice(controller, peaks, before, found.get("gyro"), crossover), controller
 
@@ -161,7 +161,8 @@ def test_a_notch_takes_the_line_and_says_its_cost():
     others = {"ENABLE": 1.0, "MODE": 1.0, "ATT": 40.0, "HMNCS": 3.0, "REF": 0.35}
     assert {name: settings[f"INS_HNTCH_{name}"] for name in others} == others
     before, after = (
-        gyro_filters(one, 12.0).phase_lag for one in (controller, controller.changed(settings))
+        gyro_filters(one, 12.0).phase_lag
+        for one in (controller, controller.with_parameters(settings))
     )
     assert fact.figures["phase_cost"] == approx(after - before) and 1 < after - before < 10
     set_already, _ = advice(telemetry, **settings)

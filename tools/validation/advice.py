@@ -21,7 +21,7 @@ from loops import CACHE, HALF, HALVES, PLANT, loops_in, simulated
 
 from mavdem.assessment.assess import NoLoop
 from mavdem.loops.advice import advise
-from mavdem.loops.axis_loops import TARGETS, Loop, Target, scores_of
+from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop, MarginTarget, margin_scores
 
 # Times the control effectiveness of the flight
 EFFECTS = {"after": 1.0, "1.2 times": 1.2, "1.44 times": 1.44}
@@ -29,12 +29,14 @@ GOALS = ["goal met before", *EFFECTS]
 LEANS = {"lean": (True, False), "lean, goal met before": (True,), "lean, not met": (False,)}
 
 
-def outcome(loop: Loop, plant: list[float], gains: Mapping[str, float], target: Target) -> Values:
+def outcome(
+    loop: Loop, plant: list[float], gains: Mapping[str, float], target: MarginTarget
+) -> Values:
     """Whether the loops of the true ``plant`` have the goal with these ``gains``, and their lean in the wind."""
     effect, *dynamics = plant
-    flown = replace(loop, gains=np.array([effect]), draws=np.array([dynamics]))
-    true = flown.changed(gains)
-    score = scores_of(target, true.rate, true.attitude)[0]
+    flown = replace(loop, effectiveness=np.array([effect]), dynamics=np.array([dynamics]))
+    true = flown.with_parameters(gains)
+    score = margin_scores(target, true.rate, true.attitude)[0]
     met = score >= 1
     return {"met": bool(met), "lean": true.lean_in_wind}
 
@@ -64,7 +66,9 @@ def judged(seed: int, rate: float, margins: str, cache: Path) -> list[Values]:
 
 
 @command(__doc__, rate=100.0, flights=24)
-@click.option("--margins", type=click.Choice(list(TARGETS)), default="default", show_default=True)
+@click.option(
+    "--margins", type=click.Choice(list(MARGIN_TARGETS)), default="default", show_default=True
+)
 @HALF
 @CACHE
 def main(half: str, rate: float, margins: str, flights: int, cache: Path, jobs: int) -> None:

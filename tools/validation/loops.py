@@ -35,10 +35,10 @@ from mavdem.ingest.telemetry import Telemetry, rate_without_gaps, selected
 from mavdem.ingest.vocabulary import IN_AIR
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.controllers import (
-    LOOP_RATES,
-    USUAL_RATES,
+    DEFAULT_LOOP_RATES,
+    LOOP_RATE_PARAMETERS,
     Controller,
-    controller_of,
+    controller_from_parameters,
 )
 from mavdem.loops.margins import OpenLoop, attitude_loop, rate_loop
 from sitl_scenarios.dynamics import IDLE_COMMAND, MAX_PULSE, frame, pulse
@@ -52,7 +52,7 @@ from sitl_scenarios.vehicles import airframe
 
 GIVEN = table_beside(__file__, "loops.toml")
 HALVES = {"choose": range(1000, 1024), "report": range(2000, 2024)}  # seeds
-RATE = USUAL_RATES["ardupilot"]  # of the simulated autopilots' loops, and of their messages
+RATE = DEFAULT_LOOP_RATES["ardupilot"]  # of the simulated autopilots' loops, and of their messages
 AT_LIMIT = 0.15  # share of the time in the air with a motor at a limit, at most
 LEAST_PHASE = 15.0  # ° of the loops that are flown
 KINDS = ("type_mask", "axis", "port")  # fields by which messages of one name are of several kinds
@@ -78,7 +78,7 @@ def drawn(seed: int, rng: Generator) -> Scenario:
     wind = str(rng.choice(GIVEN["winds"]))
     like = Case("iris", wind, "none", RATE, autopilot, varied(rng), seed)
     wanted = scenario(like).model_dump(mode="json")
-    parameters = {LOOP_RATES[autopilot]: RATE, **GIVEN["filters"][autopilot]}
+    parameters = {LOOP_RATE_PARAMETERS[autopilot]: RATE, **GIVEN["filters"][autopilot]}
     if seed % 3:  # of three flights two have the gyro's low-pass
         parameters |= GIVEN["gyro"][autopilot]
     wanted["vehicle"] |= {**vehicle, "parameters": parameters}
@@ -98,13 +98,13 @@ def drawn(seed: int, rng: Generator) -> Scenario:
         plant = plant_of(of, axis, effect, hover)
         names = [controller.names[name] for name in "pid"]
         usual = dict(zip(names, GIVEN["gains"][autopilot][axis], strict=True))
-        default = controller.changed(usual)
+        default = controller.with_parameters(usual)
         margin = truth_of(default, plant)["rate_gain_margin"]
         excess = margin - one("gain_margin")
         factor = 10 ** (excess / 20)
         gains = {name: factor * default.parameters[name] for name in names}
         gains[controller.names["angle"]] = one("angle")
-        truth = truth_of(default.changed(gains), plant)
+        truth = truth_of(default.with_parameters(gains), plant)
         least = min(least, truth["rate_phase_margin"], truth["attitude_phase_margin"])
         parameters |= gains
     if least > LEAST_PHASE:
@@ -118,13 +118,13 @@ def flown_by(of: Scenario, axis: Axis) -> Controller:
     columns = frame(of.vehicle.frame, airframe(of.vehicle).arm)
     weights = columns[row]
     parameters = parameters_of(of)
-    return controller_of(parameters, axis, weights)
+    return controller_from_parameters(parameters, axis, weights)
 
 
 def plant_of(of: Scenario, axis: Axis, effect: Array, shares: Sequence[float]) -> list[float]:
     """As ``PLANT``: of a demand where outputs, each of ``effect`` (4,) rad/s² per µs, are at ``shares`` of a ms."""
     damping = -linear_axis(of.vehicle, axis).A[-1, -1]
-    per_demand = flown_by(of, axis).per_demand(shares)
+    per_demand = flown_by(of, axis).outputs_per_demand(shares)
     gain = 1000 * effect @ per_demand
     lag = sum(airframe(of.vehicle).lag) / 2
     delay = of.sensors.delay + of.cycle / 2
@@ -211,7 +211,7 @@ def thinned(vehicle: Telemetry, rate: float) -> Telemetry:
 
 def estimates_of(loop: Loop) -> dict[str, Array]:
     """(3,) of each figure by name: the estimate and the ends of its 90 % interval."""
-    figures = figures_of(loop.gains, loop.draws, loop.rate, loop.attitude)
+    figures = figures_of(loop.effectiveness, loop.dynamics, loop.rate, loop.attitude)
     return {
         name: np.append(figure[0], np.quantile(figure[1:], ENDS, method="nearest"))
         for name, figure in figures.items()
@@ -229,7 +229,9 @@ def cause(fact: Fact) -> str:
 def known_of(log: Log, name: str) -> Truth:
     """What is true of the axes of a recorded log, where that is known."""
     return {
-        axis: truth_of(controller_of(log.vehicles[0].parameters, axis, (1.0,)), recording["plant"])
+        axis: truth_of(
+            controller_from_parameters(log.vehicles[0].parameters, axis, (1.0,)), recording["plant"]
+        )
         for recording in GIVEN["recorded"]
         if name.startswith(tuple(recording["files"]))
         for axis in recording["axes"]

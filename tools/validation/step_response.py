@@ -15,7 +15,11 @@ from numpy.random import default_rng
 from mavdem.assessment.condition import settled_parts
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
-from mavdem.loops.step_response import attitude_response, rate_response, step_of
+from mavdem.loops.step_response import (
+    attitude_step_response,
+    rate_step_response,
+    step_from_frequency_response,
+)
 from sitl_scenarios.gains import controller_for
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
@@ -36,8 +40,8 @@ def judged(number: int) -> list[Values]:
     rate = outer * 2j * np.pi * frequency / stiff
     closed = {"rate": rate, "attitude": outer / (1 + outer)}
     responses = {
-        "rate": rate_response(signals, parts),
-        "attitude": attitude_response(signals, parts),
+        "rate": rate_step_response(signals, parts),
+        "attitude": attitude_step_response(signals, parts),
     }
     rows = []
     for loop, measured in responses.items():
@@ -45,7 +49,7 @@ def judged(number: int) -> list[Values]:
         if isinstance(measured, Fact):
             row["why not"] = measured.code.name
         else:
-            step = step_of(frequency, closed[loop], measured.time)
+            step = step_from_frequency_response(frequency, closed[loop], measured.time)
             held = abs(step - measured.step) <= measured.step_half
             overshoot = 100 * measured.overshoot.value
             row |= {"inside, %": 100 * held.mean(), "overshoot, %": overshoot}

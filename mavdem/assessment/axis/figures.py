@@ -36,7 +36,7 @@ from mavdem.facts.identifiability import Status
 from mavdem.flight import Flights
 from mavdem.heading import Values
 from mavdem.ingest import Component
-from mavdem.loops.identification import plant_in_loop
+from mavdem.loops.identification import identify_plant_in_loop
 from mavdem.motors.loss_detection import MotorAlarm, alarm_figures
 from mavdem.plant import NotIdentifiable, Physical, WindTorque, physical
 from mavdem.plant.wind_torque import wind
@@ -233,7 +233,7 @@ def physical_of(signals: Signals, flights: Flights) -> Physical | NotIdentifiabl
     alone = physical(flights)
     is_sure = isinstance(alone, Physical) and alone.identifiable and not alone.bias
     try:
-        in_loop = plant_in_loop(signals, with_one_set_of_gains(signals, flights)[0])
+        in_loop = identify_plant_in_loop(signals, with_one_set_of_gains(signals, flights)[0])
     except NotLearnable as error:
         return alone if is_sure else alone._replace(refusal=error.fact)
     return alone if is_sure and in_loop.status["effect"] is Status.REPORTED else in_loop

@@ -164,6 +164,6 @@ def autotuned(signals: Signals, loop: Loop | Fact) -> Fact | None:
 def ratings_of(loop: Loop, gains: Iterable[Parameters]) -> Facts:
     """Returns how the margins of a ``loop`` rate with other ``gains``; nothing where some are no controller's."""
     try:
-        return tuple(margin_rating(loop.changed(values)) for values in gains)
+        return tuple(margin_rating(loop.with_parameters(values)) for values in gains)
     except NotLearnable:
         return ()

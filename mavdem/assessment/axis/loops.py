@@ -16,8 +16,8 @@ from mavdem.facts import Fact
 from mavdem.flight import Flights
 from mavdem.ingest import Log
 from mavdem.loops.axis_loops import Loop
-from mavdem.loops.from_flight import loop_of
-from mavdem.loops.identification import plant_in_loop
+from mavdem.loops.identification import identify_plant_in_loop
+from mavdem.loops.loop_construction import loop_from_plant
 from mavdem.plant import Physical, physical
 
 
@@ -54,7 +54,7 @@ def loops_of_log(
     # With parts of other gains among them all flights may refuse what these allow.
     fitted = figures.physical if figures is not None and caution is None else None
     plant = _plant(signals, flights, fitted)
-    loop = loop_of(plant, Record.of(flights))
+    loop = loop_from_plant(plant, Record.of(flights))
     if caution is not None:
         other_gains = (dict(values) for _, values in caution.figures["parts"])
         caution = caution.but(ratings=ratings_of(loop, other_gains))
@@ -65,7 +65,7 @@ def loops_of_log(
 def _plant(signals: Signals, flights: Flights, fitted: Physical | None) -> Physical:
     """The plant in its loop, else the one that inputs and outputs alone tell, which may be ``fitted`` already."""
     try:
-        return plant_in_loop(signals, flights)
+        return identify_plant_in_loop(signals, flights)
     except NotLearnable as error:
         plant = (fitted or physical(flights))._replace(refusal=error.fact)
     if isinstance(plant, Physical) and plant.identifiable:

@@ -12,14 +12,25 @@ from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.loops import Loops
 from mavdem.facts.margins import MarginsLight
-from mavdem.loops.axis_loops import TARGETS, Loop, known_loops, margin_rating, shares_of
+from mavdem.loops.axis_loops import (
+    MARGIN_TARGETS,
+    Loop,
+    identified_loops,
+    margin_rating,
+    margin_ratios,
+)
 from mavdem.loops.injected_signal import injected_loop
 from mavdem.loops.margins import OpenLoop
-from mavdem.loops.measured_response import LEAST_FIT
-from mavdem.loops.resonance import FASTEST_LOOP, Resonance, peak_of, response_of
+from mavdem.loops.measured_response import MIN_RESPONSE_FIT
+from mavdem.loops.resonance import (
+    MAX_LOOP_FREQUENCY,
+    Resonance,
+    setpoint_resonance,
+    spectral_resonance,
+)
 
-LEAST = TARGETS["sharp"]
-USUAL = TARGETS["default"]
+LEAST = MARGIN_TARGETS["sharp"]
+USUAL = MARGIN_TARGETS["default"]
 """The least margins that are advised, surely below which a loop is bad; and the usual ones."""
 
 WITH_SETPOINT = (Loops.CROSSOVER_UNSEEN, Loops.LOOP_NOT_FOUND, Loops.MARGIN_UNCERTAIN)
@@ -67,23 +78,23 @@ def margins_of(
     its own response does not confirm: gains or a mixer that are not those of the parameters are so for all axes.
     """
     by_far = [
-        loop.refutation
-        for loop in known_loops(loops).values()
-        if loop.refutation and loop.measured and 2 * loop.measured.agreement < LEAST_FIT
+        loop.disagreement
+        for loop in identified_loops(loops).values()
+        if loop.disagreement and loop.measured and 2 * loop.measured.agreement < MIN_RESPONSE_FIT
     ]
 
     def confirmed(axis: str) -> Loop | Fact | None:
         loop = loops.get(axis)
         if isinstance(loop, Loop) and not loop.agrees:
-            return next(filter(None, [loop.refutation, *by_far]), loop)
+            return next(filter(None, [loop.disagreement, *by_far]), loop)
         return loop
 
     return tuple(
         AxisMargins(
             about.axis,
             confirmed(about.axis),
-            response_of(about, parts),
-            peak_of(about, parts),
+            setpoint_resonance(about, parts),
+            spectral_resonance(about, parts),
             injected_loop(about, recorded_parts(about)),
         )
         for about in map(signals.about, AXES)
@@ -93,7 +104,7 @@ def margins_of(
 def _of_loop(loop: Loop) -> Fact:
     """Good with the margins of the default, and surely the least; bad surely without these."""
     rating = margin_rating(loop)
-    sure = loop.sure_of(LEAST)
+    sure = loop.share_meeting(LEAST)
     level = Level.BAD if sure <= 1 - LEVEL else Level.WATCH
     if sure >= LEVEL and not rating.is_bad:
         level = Level.GOOD
@@ -110,7 +121,7 @@ def _of_loop(loop: Loop) -> Fact:
 
 def _of_injected(axis: str, loop: OpenLoop) -> Fact:
     """Good with the usual margins, bad without the least."""
-    lacking, little = (min(shares_of(target, loop).values()) < 1 for target in (LEAST, USUAL))
+    lacking, little = (min(margin_ratios(target, loop).values()) < 1 for target in (LEAST, USUAL))
     return Fact(
         MarginsLight.LOOP_MEASURED,
         Level.BAD if lacking else Level.WATCH if little else Level.GOOD,
@@ -133,7 +144,7 @@ def of_response(resonance: Resonance) -> Fact:
     elif high < USUAL.ms:
         code = MarginsLight.NO_RESONANCE
         # a response that falls may rise again where the loop of the rate crosses over
-        if resonance.whole and resonance.highest >= FASTEST_LOOP / 2:
+        if resonance.rolls_off and resonance.max_frequency >= MAX_LOOP_FREQUENCY / 2:
             level = Level.GOOD
     return _of_resonance(code, level, resonance)
 
@@ -146,5 +157,5 @@ def _of_resonance(code: MarginsLight, level: Level | None, resonance: Resonance)
         ratio=resonance.peak,
         frequency=resonance.frequency,
         coherence=resonance.coherence,
-        rate=resonance.highest,
+        rate=resonance.max_frequency,
     )

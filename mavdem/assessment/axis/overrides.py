@@ -7,7 +7,7 @@ from mavdem.dataset.learnability import DOUBTFUL_CONSISTENCY
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import Override
 from mavdem.heading import Values
-from mavdem.loops.limit_cycles import LIMITED_SHARE
+from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE
 from mavdem.motors.hover import HoverFigures
 from mavdem.motors.loss_detection import MotorAlarm, losses_of
 
@@ -58,8 +58,11 @@ def overrides_of(
 
 
 def limited_motor(hover: HoverFigures) -> Values | None:
-    """Returns the motor most at its upper limit, if over ``LIMITED_SHARE``, as a fact's ``subject`` and ``share``."""
+    """Returns the motor that is most at its upper limit, as ``subject`` and ``share`` of a fact.
+
+    None where that is at most ``MIN_AT_LIMIT_SHARE`` of the time.
+    """
     share = max(hover.at_upper_limit)
-    if share <= LIMITED_SHARE:
+    if share <= MIN_AT_LIMIT_SHARE:
         return None
     return {"subject": hover.motors[hover.at_upper_limit.index(share)], "share": share}

@@ -13,9 +13,9 @@ from mavdem.loops.axis_loops import Loop
 from mavdem.loops.margins import Complex, OpenLoop
 from mavdem.loops.step_response import (
     StepResponse,
-    attitude_response,
-    rate_response,
-    step_of,
+    attitude_step_response,
+    rate_step_response,
+    step_from_frequency_response,
 )
 
 FEEDFORWARD = "ATC_RATE_FF_ENAB"
@@ -50,8 +50,8 @@ def responses_of(evidence: Evidence) -> Responses:
     for axis in AXES:
         signals = evidence.signals.about(axis)
         loop = evidence.loops.get(axis)
-        rate = rate_response(signals, parts)
-        attitude = attitude_response(signals, parts)
+        rate = rate_step_response(signals, parts)
+        attitude = attitude_step_response(signals, parts)
         if isinstance(loop, Loop):
             ahead = bool(signals.telemetry.parameters.get(FEEDFORWARD))
             responses[axis] = {
@@ -74,7 +74,7 @@ def _beside(measured: StepResponse | Fact, loop: OpenLoop, closed: Complex) -> L
         return LoopResponse(measured)
     return LoopResponse(
         measured,
-        step_of(loop.frequency, closed, measured.time),
+        step_from_frequency_response(loop.frequency, closed, measured.time),
         np.interp(measured.frequency, loop.frequency, abs(closed)),
-        measured.compared(loop.frequency, closed),
+        measured.comparison(loop.frequency, closed),
     )

@@ -17,7 +17,7 @@ from mavdem.grouping import grouped
 from mavdem.immutable import read_only
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.advice import Advice, advise
-from mavdem.loops.axis_loops import TARGETS, Loop, margin_rating
+from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop, margin_rating
 
 AdviceByAxis = dict[str, Advice | Fact]
 """The advice by axis, or why there is none."""
@@ -49,7 +49,7 @@ def tuned(
     more: bool = False,
     filters: bool = False,
 ) -> Tuning:
-    """Returns gains of these ``axes`` of an assessed vehicle, with the ``margins`` of that name in ``TARGETS``.
+    """Returns gains of these ``axes`` of an assessed vehicle, with the ``margins`` of that name in ``MARGIN_TARGETS``.
 
     ``more``: also of loops that have enough margin; ``filters``: with a notch filter; ``is_written``: whether a file
     will have them. Raises NotLearnable: the loops of no axis are known; what is bad of the vehicle it says first.
@@ -81,12 +81,12 @@ def tuned(
             # No loop with enough margin overshoots.
             if (
                 followed.code is TrackingLight.OVERSHOOTS_SETPOINT
-                and not margin_rating(loop, TARGETS[margins]).is_bad
+                and not margin_rating(loop, MARGIN_TARGETS[margins]).is_bad
             ):
                 doubts = (*doubts, followed)
             advice = advise(loop, margins, doubts, more=more)
             if settings and not advice.refusals:
-                advice = advise(loop.changed(settings), margins, more=more)
+                advice = advise(loop.with_parameters(settings), margins, more=more)
             by_axis[axis] = advice
             advised.append(advice)
         elif first or grounds or len(axes) > 1:

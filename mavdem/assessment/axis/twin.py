@@ -11,8 +11,8 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.loops import Gains
 from mavdem.ingest.telemetry import Parameters
-from mavdem.loops.axis_loops import LoopByAxis, known_loops
-from mavdem.loops.twin import SETTLES, Again, Twin, again_of, flown_on, twin_of
+from mavdem.loops.axis_loops import LoopsByAxis, identified_loops
+from mavdem.loops.twin import SETTLING_SECONDS, ReplaySegment, Twin, replay_segments, fly_twin, build_twin
 from mavdem.motors.hover import hover_of
 from mavdem.wind_velocity.airflow import Drag
 
@@ -23,7 +23,7 @@ class AssessedTwin(NamedTuple):
     """The twin of a vehicle."""
 
     twin: Twin
-    loops: LoopByAxis  # which it was made of
+    loops: LoopsByAxis  # which it was made of
     missing: NamedFacts  # by axis, why others are not known
 
 
@@ -37,7 +37,7 @@ def assessed_twin(evidence: Evidence, mass: float | None = None) -> AssessedTwin
         missing = {axis: fact.grounded for axis, fact in missing.items()}
     if "roll" in missing:
         raise NotLearnable((*evidence.grounds, missing["roll"])[0])
-    loops = known_loops(evidence.loops)
+    loops = identified_loops(evidence.loops)
     signals = evidence.signals
     hover = hover_of(signals.about("roll", "motors"), evidence.log.components)
     share = float(np.mean(hover.trim_of_range))
@@ -46,7 +46,7 @@ def assessed_twin(evidence: Evidence, mass: float | None = None) -> AssessedTwin
     drag = (
         Drag.of_parameters(telemetry.autopilot, telemetry.parameters) if air is None else air.drag
     )
-    twin = twin_of(loops, telemetry.autopilot == "PX4", share, air, drag, mass)
+    twin = build_twin(loops, telemetry.autopilot == "PX4", share, air, drag, mass)
     return AssessedTwin(twin, loops, missing)
 
 
@@ -55,18 +55,18 @@ def foretold(evidence: Evidence, gains: Parameters) -> Facts:
 
     Why not, where the twin cannot fly; nothing where the log has no setpoints of roll.
     """
-    loops = known_loops(evidence.loops)
-    again = again_of(loops) if "roll" in loops else {}
+    loops = identified_loops(evidence.loops)
+    again = replay_segments(loops) if "roll" in loops else {}
     if not again:
         return ()
     dt = loops["roll"].record.dt
     shown = slice(round(FORETOLD_SECONDS / dt))
-    short = {axis: Again(*(part[shown] for part in whole)) for axis, whole in again.items()}
-    settled = slice(round(SETTLES / dt), None)
+    short = {axis: ReplaySegment(*(part[shown] for part in whole)) for axis, whole in again.items()}
+    settled = slice(round(SETTLING_SECONDS / dt), None)
     try:
         twin = assessed_twin(evidence).twin
         changed = replace(twin, parameters={**twin.parameters, **gains})
-        flights = [flown_on(each, loops, short) for each in (twin, changed)]
+        flights = [fly_twin(each, loops, short) for each in (twin, changed)]
     except NotLearnable as error:
         return (error.fact,)
     facts = []

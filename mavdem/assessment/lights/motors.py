@@ -9,7 +9,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.facts.motors import InFlight, MotorsLight, Trim
-from mavdem.loops.limit_cycles import LIMITED_SHARE
+from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE
 from mavdem.motors.balance import LEAST_SECONDS
 from mavdem.motors.hover import HoverFigures
 from mavdem.motors.trim_pattern import trim_of_signals
@@ -36,7 +36,7 @@ def motors_light(evidence: Evidence) -> Fact:
     # Of several losses the largest is named, and of several stops the longest, not the earliest.
     weak.sort(key=lambda event: (-event.figures.get("rise", inf), -_lasted(event)))
     cycle = evidence.condition.oscillation
-    if cycle is not None and cycle.at_limit > LIMITED_SHARE:
+    if cycle is not None and cycle.at_limit > MIN_AT_LIMIT_SHARE:
         weak.append(Fact(MotorsLight.MOTORS_SWING, share=cycle.at_limit))
     if hover is None:
         weak.append(Fact(MotorsLight.MOTORS_NOT_SEEN, names=names, least_duration=LEAST_SECONDS))

@@ -11,7 +11,7 @@ from mavdem.dataset.drive import AXES, TILT_AXES, Signal
 from mavdem.dataset.signals import SLOW_MOTION_RATE, Signals
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.margins import TrackingLight
-from mavdem.loops.measured_response import COMPARED_COHERENCE
+from mavdem.loops.measured_response import MIN_COMPARED_COHERENCE
 from mavdem.loops.resonance import WELCH_SECONDS, spectra
 
 DELAYS = np.arange(0.0, 0.62, 0.02)
@@ -118,7 +118,7 @@ def _errors(asked: Signal, seen: Signal, parts: Segments, delays: Array) -> tupl
 def _overshoot(asked: Signal, angle: Signal, parts: Segments) -> float | None:
     """That of the second-order system whose response has as large a peak as the measured one; None where none shows."""
     estimate = spectra((asked, angle), parts, 2 * WELCH_SECONDS, SLOW_MOTION_RATE)
-    if estimate is None or not (coherent := estimate.coherence >= COMPARED_COHERENCE).any():
+    if estimate is None or not (coherent := estimate.coherence >= MIN_COMPARED_COHERENCE).any():
         return None
     peak = abs(estimate.response[coherent]).max()
     if peak <= 1:

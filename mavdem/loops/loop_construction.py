@@ -13,31 +13,31 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.loops import Controllers, Loops
 from mavdem.ingest.telemetry import Parameters
-from mavdem.loops.axis_loops import Loop, changed_in
-from mavdem.loops.controllers import MOTORS, Controller, controller_of
+from mavdem.loops.axis_loops import Loop, parameters_changed_in_flight
+from mavdem.loops.controllers import MOTORS, Controller, controller_from_parameters
 from mavdem.loops.filters import gyro_delay
 from mavdem.loops.measured_response import measured_response
 from mavdem.plant import Physical
 from mavdem.plant.likelihood import DELAY
 from mavdem.plant.parameters import LEAST, theta_of
 
-DRAWS = 400  # of the plant's posterior
+POSTERIOR_DRAWS = 400  # of the plant's posterior
 # of a step of the stream: standard deviation of a delay by the times between its samples
 SPLIT = 0.25
 AT_HALF = np.polyval([1.0, np.sqrt(2.0), 1.0], 0.5j)
 """What a second-order Butterworth filter divides by at half of its cut-off; its delay goes with the imaginary part."""
 
 
-def loop(learned: Learned, controller: Controller | None = None) -> Loop:
+def loop_from_learned(learned: Learned, controller: Controller | None = None) -> Loop:
     """Returns the loops of what was ``learned``; the ``controller`` is that of the log's parameters unless given.
 
     Raises ``NotLearnable``: the plant is not identifiable, or the controller is not known.
     """
-    return loop_of(learned.require_physical(), learned.record, controller)
+    return loop_from_plant(learned.require_physical(), learned.record, controller)
 
 
-def loop_of(plant: Physical, record: Record, controller: Controller | None = None) -> Loop:
-    """Returns the loops of a ``plant`` identified from the ``record``, with a ``controller``, as :func:`loop` does."""
+def loop_from_plant(plant: Physical, record: Record, controller: Controller | None = None) -> Loop:
+    """Returns the loops of a ``plant`` identified from the ``record``, as :func:`loop_from_learned`."""
     if plant.caution is not None:
         raise NotLearnable(Loops.NO_MARGINS, because=plant.caution)
     axis = axis_of(record)
@@ -50,7 +50,7 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
     if plant.filtered:
         drawn = _drawn(plant, filters, record.dt)
     else:
-        drawn = plant.draws(DRAWS, seed=31)
+        drawn = plant.draws(POSTERIOR_DRAWS, seed=31)
         drawn[:, -1] -= filters
     per_demand = demand_directions(controller, record)
     gains = drawn[:, :-3] @ per_demand
@@ -71,7 +71,7 @@ def loop_of(plant: Physical, record: Record, controller: Controller | None = Non
     if not plant.filtered and np.isfinite(rate.gain_margin) and rate.frequency[nearest] >= seen:
         cautions.append(Fact(Loops.GAIN_MARGIN_EXTRAPOLATED, rate=seen))
     measured = None
-    if earlier := changed_in(record, controller):
+    if earlier := parameters_changed_in_flight(record, controller):
         changes = [(name, old, record.parameters[name]) for name, old in earlier.items()]
         cautions.append(Fact(Loops.PARAMETERS_CHANGED, changes=changes))
     else:
@@ -91,7 +91,7 @@ def known_controller(parameters: Parameters, axis: str, weights: Array | None) -
     """
     if not parameters:
         raise NotLearnable(Loops.CONTROLLER_UNKNOWN)
-    return controller_of(parameters, axis, () if weights is None else weights.tolist())
+    return controller_from_parameters(parameters, axis, () if weights is None else weights.tolist())
 
 
 def _drawn(plant: Physical, filters: float, dt: float) -> Array:
@@ -109,7 +109,7 @@ def _drawn(plant: Physical, filters: float, dt: float) -> Array:
     if covariance[-1, -1] > sd**2:
         covariance[-1] = 0.0
         covariance[:, -1] = 0.0
-    drawn = np.vstack([theta, normal_draws(theta, covariance, DRAWS, seed=31)])
+    drawn = np.vstack([theta, normal_draws(theta, covariance, POSTERIOR_DRAWS, seed=31)])
     late = drawn[:, -2:].sum(axis=1)
     whole = np.maximum(late - filters, 0.0)
     if filters > late[0] / 2:
@@ -118,7 +118,9 @@ def _drawn(plant: Physical, filters: float, dt: float) -> Array:
         whole = np.maximum(lags / half + drawn[:, -1], 0.0)
         drawn[:, :-3] *= abs(AT_HALF) / np.hypot(1.0, half * drawn[:, -2])[:, None]
     unknown = variance / (variance + sd**2)
-    errors = sd * np.sqrt(unknown) * np.append(0.0, default_rng(32).standard_normal(DRAWS))
+    errors = (
+        sd * np.sqrt(unknown) * np.append(0.0, default_rng(32).standard_normal(POSTERIOR_DRAWS))
+    )
     delay = (1 - unknown) * max(plant.delay - filters, 0.0) + unknown * usual + errors
     delay = np.clip(delay, 0.0, whole / 2)
     drawn[:, -2:] = np.column_stack([whole - delay, delay])
@@ -133,4 +135,6 @@ def demand_directions(controller: Controller, record: Record) -> Array:
     if len(trim) != MOTORS or len(record.input_range) != 2:
         raise NotLearnable(Controllers.MIXER_UNKNOWN, autopilot=None, motors=len(trim))
     low, high = record.input_range
-    return (high - low) * np.array(controller.per_demand(((trim - low) / (high - low)).tolist()))
+    return (high - low) * np.array(
+        controller.outputs_per_demand(((trim - low) / (high - low)).tolist())
+    )
