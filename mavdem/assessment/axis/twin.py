@@ -12,7 +12,14 @@ from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.loops import Gains
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.axis_loops import LoopsByAxis, identified_loops
-from mavdem.loops.twin import SETTLING_SECONDS, ReplaySegment, Twin, replay_segments, fly_twin, build_twin
+from mavdem.loops.twin import (
+    SETTLING_SECONDS,
+    ReplaySegment,
+    Twin,
+    build_twin,
+    fly_twin,
+    replay_segments,
+)
 from mavdem.motors.hover import hover_of
 from mavdem.wind_velocity.airflow import Drag
 
