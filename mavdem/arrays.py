@@ -4,7 +4,7 @@ from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
 
 
@@ -53,3 +53,21 @@ Flags = Annotated[
 ]
 """True or false for each element of another array."""
 Integers = NDArray[np.int64]
+
+
+def as_real_array(values: ArrayLike, name: str) -> NDArray[np.float64]:
+    """Returns a new float64 array in C order; ``ValueError``, which names the argument, for all but real numbers.
+
+    Masked values and dates are refused: the mask would be lost, and a date would become a plain number.
+    """
+    if np.ma.is_masked(values):
+        raise ValueError(
+            f"{name} must not be masked: leave out what is missing, or cut there with Flight.segments"
+        )
+    try:
+        if (kind := np.asarray(values).dtype).kind not in "biufO":
+            raise TypeError(f"{kind} are none")
+        # products round otherwise in another order
+        return np.array(values, dtype=np.float64, order="C")
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"{name} must be real numbers: {error}") from None

@@ -11,10 +11,13 @@ from scipy.special import ndtri, stdtrit
 
 Interval = tuple[float, float]
 # probability of the intervals and bands that are shown, unless another level is asked for
-LEVEL = 0.9
-ENDS = 0.5 - LEVEL / 2, 0.5 + LEVEL / 2  # shares of draws below the ends of such an interval
-ENOUGH_SAMPLES = 20  # of which a median, a spread or a share is more than chance
-SURE_DEVIATIONS = 3.0  # standard deviations or errors that are no chance
+CONFIDENCE_LEVEL = 0.9
+INTERVAL_QUANTILES = (
+    0.5 - CONFIDENCE_LEVEL / 2,
+    0.5 + CONFIDENCE_LEVEL / 2,
+)  # shares of draws below the ends of such an interval
+MIN_SAMPLES_FOR_STATISTICS = 20  # of which a median, a spread or a share is more than chance
+SIGNIFICANT_SIGMAS = 3.0  # standard deviations or errors that are no chance
 # odds of 20 to 1: strong evidence by Kass and Raftery (1995)
 STRONG_EVIDENCE_NATS = 3.0
 
@@ -25,7 +28,7 @@ def require_probability(level: float) -> None:
         raise ValueError(f"level must be a probability between 0 and 1, not {level!r}")
 
 
-def quantile(level: float = LEVEL, freedom: ArrayLike = np.inf) -> Any:
+def coverage_factor(level: float = CONFIDENCE_LEVEL, freedom: ArrayLike = np.inf) -> Any:
     """Returns the half width of an interval in standard deviations, a number or shaped like ``freedom``.
 
     Args:
@@ -44,13 +47,13 @@ def quantile(level: float = LEVEL, freedom: ArrayLike = np.inf) -> Any:
 
 
 def half_width(
-    variance: ArrayLike, level: float = LEVEL, freedom: ArrayLike = np.inf
+    variance: ArrayLike, level: float = CONFIDENCE_LEVEL, freedom: ArrayLike = np.inf
 ) -> NDArray[np.float64]:
     """Returns half widths of intervals of probability ``level``.
 
     Args:
         variance: of the estimates, of any shape.
-        level: as for :func:`quantile`.
-        freedom: as for :func:`quantile`; it broadcasts against ``variance``.
+        level: as for :func:`coverage_factor`.
+        freedom: as for :func:`coverage_factor`; it broadcasts against ``variance``.
     """
-    return quantile(level, freedom) * np.sqrt(variance)
+    return coverage_factor(level, freedom) * np.sqrt(variance)

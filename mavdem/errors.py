@@ -34,12 +34,12 @@ class NotLearnable(Refusal):
     """Data that cannot support the request: fitting them would give numbers that mean nothing."""
 
 
-def cause_of(error: Exception) -> str:
+def error_message(error: Exception) -> str:
     """Returns why the operating system refused, or else what the ``error`` says."""
     return getattr(error, "strerror", None) or str(error)
 
 
-def fact_of(error: BaseException) -> Fact:
+def fact_from_error(error: BaseException) -> Fact:
     """Returns what an ``error`` says: the fact of a refusal, else its message, with its type where that is unusual."""
     if isinstance(error, Refusal):
         return error.fact
@@ -47,6 +47,6 @@ def fact_of(error: BaseException) -> Fact:
     return Fact(Forecasts.FAILED, error=kind, text=error)
 
 
-def failure(code: Code, error: Exception, finishing: bool = False) -> Fact:
+def failure_fact(code: Code, error: Exception, finishing: bool = False) -> Fact:
     """Returns a fact of this ``code`` that says how something failed."""
-    return Fact(code, Level.WATCH, error=cause_of(error).rstrip("."), finishing=finishing)
+    return Fact(code, Level.WATCH, error=error_message(error).rstrip("."), finishing=finishing)

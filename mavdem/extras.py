@@ -28,19 +28,19 @@ class MissingExtra(ImportError):
         self.fact = fact
 
 
-def missing(extra: str) -> tuple[str, ...]:
+def missing_modules(extra: str) -> tuple[str, ...]:
     """Returns the modules of an extra that are not installed; nothing is imported."""
     return tuple(name for name in EXTRAS[extra] if find_spec(name) is None)
 
 
-def lacking(extra: str, subject: str) -> Fact | None:
+def missing_extra_fact(extra: str, subject: str) -> Fact | None:
     """Returns what an ``extra`` lacks for the ``subject`` that needs it; None where all of it is installed."""
-    if not (names := missing(extra)):
+    if not (names := missing_modules(extra)):
         return None
     return Fact(Package.EXTRA_MISSING, subject=subject, extra=extra, names=names)
 
 
-def require(extra: str, subject: str = "") -> None:
+def require_extra(extra: str, subject: str = "") -> None:
     """Raises ``MissingExtra`` where an ``extra``, which the ``subject`` needs, is not installed."""
-    if fact := lacking(extra, subject):
+    if fact := missing_extra_fact(extra, subject):
         raise MissingExtra(fact)

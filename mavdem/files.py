@@ -13,14 +13,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO
 
-from mavdem.errors import Unreadable, cause_of
+from mavdem.errors import Unreadable, error_message
 from mavdem.facts.command import Place
 
 PathName = str | os.PathLike[str]
 AnyPath = PathName | bytes
 
 
-def table_beside(module: str, name: str) -> dict[str, Any]:
+def load_adjacent_toml(module: str, name: str) -> dict[str, Any]:
     """Returns the table in the TOML file of this ``name`` beside a ``module``, given by its ``__file__``."""
     return tomllib.loads((Path(module).parent / name).read_text("utf-8"))
 
@@ -50,7 +50,7 @@ def atomic_writes(*paths: PathName, scratch: Path | None = None) -> Iterator[tup
     unfinished = {}
     with ExitStack() as stack:
         for path in paths:
-            target = replaceable(path)
+            target = writable_target(path)
             if target in unfinished:
                 raise FileExistsError(
                     None, "it is the same file as another that is to be written", str(path)
@@ -67,23 +67,23 @@ def atomic_writes(*paths: PathName, scratch: Path | None = None) -> Iterator[tup
             os.replace(new, target)
 
 
-def write_text(path: Path, text: str) -> None:
+def write_text_atomically(path: Path, text: str) -> None:
     """Writes a file, whole or not at all; raises ``Unreadable`` where it cannot be written."""
-    with writing(path), atomic_write(path) as file:
+    with reporting_write_errors(path), atomic_write(path) as file:
         file.write(text.encode(errors="replace"))  # the name of a file in it need not be UTF-8
 
 
 @contextmanager
-def writing(*files: Path, code: Place = Place.FILE_FAILED) -> Iterator[None]:
+def reporting_write_errors(*files: Path, code: Place = Place.FILE_FAILED) -> Iterator[None]:
     """Raises ``Unreadable`` with this ``code`` for an ``OSError``: files, or a folder, that cannot be written."""
     try:
         yield
     except OSError as error:
         names = " or ".join(str(path) for path in files)
-        raise Unreadable(code, path=names, because=cause_of(error)) from None
+        raise Unreadable(code, path=names, because=error_message(error)) from None
 
 
-def replaceable(path: PathName) -> Path:
+def writable_target(path: PathName) -> Path:
     """Returns the file that writing to ``path`` makes or replaces: itself, or where a symbolic link leads.
 
     Raises:

@@ -12,12 +12,12 @@ from warnings import warn
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mavdem.arrays import Array
-from mavdem.extras import require
+from mavdem.arrays import Array, as_real_array
+from mavdem.containers import JsonValues, Names
+from mavdem.extras import require_extra
 from mavdem.facts import Facts
-from mavdem.heading import Names, Values
-from mavdem.immutable import read_only
-from mavdem.unit_slips import real_numbers, unit_slip
+from mavdem.immutable import freeze
+from mavdem.unit_errors import suspected_unit_error
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -119,7 +119,7 @@ class Flight:
             "output_names": _labels(output_names, "output_names", outputs, "output"),
             "input_units": _labels(input_units, "input_units", inputs),
             "output_units": _labels(output_units, "output_units", outputs),
-            "provenance": read_only(dict(provenance or {})),
+            "provenance": freeze(dict(provenance or {})),
             "effect_directions": directions,
             "setpoints": None if setpoints is None else asked,
             "setpoint_names": _labels(setpoint_names, "setpoint_names", asked, "setpoint"),
@@ -129,7 +129,7 @@ class Flight:
         for name, value in fields.items():
             object.__setattr__(self, name, value)
         # of a log, units are known
-        if not self.provenance and (slip := unit_slip(outputs, self.dt)):
+        if not self.provenance and (slip := suspected_unit_error(outputs, self.dt)):
             warn(str(slip), stacklevel=2)
 
     @classmethod
@@ -173,7 +173,7 @@ class Flight:
             dt = float(steps[~gaps].mean())
         cuts = np.flatnonzero(gaps) + 1
         tables = {"inputs": inputs, "outputs": outputs, "setpoints": labels.pop("setpoints", None)}
-        cut: Values = {
+        cut: JsonValues = {
             name: np.split(_table(values, name, len(stamps), True), cuts)
             for name, values in tables.items()
             if values is not None
@@ -207,7 +207,7 @@ class Flight:
         Raises:
             ImportError: ``pandas`` is not installed.
         """
-        require("pandas", "Flight.to_pandas()")
+        require_extra("pandas", "Flight.to_pandas()")
         from mavdem.export.conversion import to_pandas
 
         return to_pandas(self)
@@ -218,7 +218,7 @@ class Flight:
         Raises:
             ImportError: ``xarray`` is not installed.
         """
-        require("xarray", "Flight.to_xarray()")
+        require_extra("xarray", "Flight.to_xarray()")
         from mavdem.export.conversion import to_xarray
 
         return to_xarray(self)
@@ -244,7 +244,7 @@ Flights = Sequence[Flight]
 """Segments of a flight, or flights of one vehicle."""
 
 
-def boot_of(flight: Flight) -> int:
+def boot_number(flight: Flight) -> int:
     """Returns the boot of the autopilot on whose clock a flight read from a log has its times."""
     return int(flight.provenance["segment"]["boot"])
 
@@ -269,7 +269,7 @@ def _table(values: ArrayLike, name: str, length: int, missing: bool = False) -> 
 
 def _frozen(values: ArrayLike, name: str, missing: bool = False) -> Array:
     """A copy that cannot be written; NaN stands for what is ``missing`` where that may be."""
-    array = real_numbers(values, name)
+    array = as_real_array(values, name)
     wrong = ~(abs(array) <= MAX_VALUE) & ~(missing & np.isnan(array))
     if wrong.any():
         raise ValueError(

@@ -24,7 +24,7 @@ class ReadOnlyDict(dict[Key, Value]):
         return ReadOnlyDict, (dict(self),)
 
 
-def read_only(result: Kind) -> Kind:
+def freeze(result: Kind) -> Kind:
     """Returns a result of Python's numbers; arrays and dictionaries in it, tuples and records too, stay as they are."""
     changed: Any = result
     if isinstance(result, np.ndarray):
@@ -32,23 +32,23 @@ def read_only(result: Kind) -> Kind:
     elif isinstance(result, np.generic):
         changed = result.item()
     elif isinstance(result, dict) and not isinstance(result, ReadOnlyDict):
-        changed = ReadOnlyDict({key: read_only(value) for key, value in result.items()})
+        changed = ReadOnlyDict({key: freeze(value) for key, value in result.items()})
     elif isinstance(result, tuple):
-        parts = tuple(map(read_only, result))
+        parts = tuple(map(freeze, result))
         # what can be changed nowhere stays the same object
         if not all(map(is_, parts, result)):
             changed = getattr(result, "_make", tuple)(parts)
     elif is_dataclass(result):
         for name, value in vars(result).items():
-            object.__setattr__(result, name, read_only(value))
+            object.__setattr__(result, name, freeze(value))
     return changed
 
 
-class Result:
-    """A dataclass that is :func:`read_only`, where it is made and where it is unpickled."""
+class ImmutableResult:
+    """A dataclass that is :func:`freeze`, where it is made and where it is unpickled."""
 
-    __post_init__ = read_only
+    __post_init__ = freeze
 
     def __setstate__(self, values: dict[str, Any]) -> None:
         vars(self).update(values)
-        read_only(self)
+        freeze(self)

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mavdem.assessment import Assessment
+from mavdem.containers import Names
 from mavdem.export.conversion import write_channels
-from mavdem.extras import missing
-from mavdem.files import write_text
+from mavdem.extras import missing_modules
+from mavdem.files import write_text_atomically
 from mavdem.fleet.row import FlightRows, flights_of, worst_row
 from mavdem.fleet.workers import PAGES
-from mavdem.heading import Names
 from mavdem.report.blocks import Block
 from mavdem.report.fleet_page import beside_others, fleet_page, with_top
 from mavdem.report.flight_page import review_page
@@ -30,7 +30,7 @@ def result_files(assessment: Assessment) -> Names:
     """Returns the ``RESULT_FILES`` that can be written: most need a model, and the recording needs Rerun."""
     if assessment.model is None:
         return (REPORT, PAGE)
-    return tuple(name for name in RESULT_FILES if name != RECORDING or not missing("view"))
+    return tuple(name for name in RESULT_FILES if name != RECORDING or not missing_modules("view"))
 
 
 def write_result_files(paths: Mapping[str, Path], document: str, assessment: Assessment) -> None:
@@ -74,7 +74,7 @@ def write_fleet_pages(
                 start = file.read(1 << 16)  # of what may be long: the headline is in it
                 judged = with_top(start, beside_others(worst_row(flight)))
                 if judged != start:
-                    write_text(path, judged + file.read())
+                    write_text_atomically(path, judged + file.read())
     index = folder / "index.html"
-    write_text(index, fleet_page(rows, changes))
+    write_text_atomically(index, fleet_page(rows, changes))
     return index

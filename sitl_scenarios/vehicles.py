@@ -5,7 +5,7 @@ from math import sqrt
 
 from pydantic import TypeAdapter
 
-from mavdem.files import table_beside
+from mavdem.files import load_adjacent_toml
 from sitl_scenarios.motion import Pair
 from sitl_scenarios.scenario import BodySpec, VehicleSpec
 
@@ -102,7 +102,7 @@ class Airframe:
 
 # By the name that a scenario gives; their figures and sources are in airframes.toml
 AIRFRAMES = TypeAdapter(dict[str, Airframe]).validate_python(
-    table_beside(__file__, "airframes.toml")
+    load_adjacent_toml(__file__, "airframes.toml")
 )
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from refusals import prose
 
-from mavdem.dem.parallel import spare_cores
+from mavdem.dem.parallel import available_workers
 from mavdem.errors import Unreadable
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.workers import JobLimits, JobOutcome, outcome_of
@@ -45,7 +45,7 @@ def rows_of_log(path, key, page):
     if "bug" in name:
         raise KeyError("a fault of mavdem")
     if "where" in name:
-        return [FlightRow(file=str(path), status=str(spare_cores()))], {}
+        return [FlightRow(file=str(path), status=str(available_workers()))], {}
     if "damaged" in name:
         raise Unreadable(prose(f"{path} is damaged."))
     axes = ("roll", "pitch")

@@ -48,7 +48,7 @@ def test_examples_run(page, printed, here, monkeypatch, capsys):
     (here / "logs").symlink_to(ROOT / "logs")
     (here / "flight.tlog").symlink_to(ROOT / "logs" / "ardupilot_wind5_steps.tlog")
     # All methods, on all cores, are in tests/cli/test_compare.py.
-    monkeypatch.setattr("mavdem.dem.parallel.spare_cores", lambda: 1)
+    monkeypatch.setattr("mavdem.dem.parallel.available_workers", lambda: 1)
     monkeypatch.setattr(mavdem.evaluate, "METHODS", mavdem.evaluate.METHODS[-3:])
     names = {"__name__": "__main__"}
     for code in re.findall(r"```python\n(.*?)```", PAGES[page], re.DOTALL):

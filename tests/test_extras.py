@@ -13,7 +13,7 @@ from recorded_flights import short_flight
 from mavdem.cli.commands import main
 from mavdem.cli.live import Dashboard
 from mavdem.cli.open import load
-from mavdem.extras import EXTRAS, MissingExtra, Package, require
+from mavdem.extras import EXTRAS, MissingExtra, Package, require_extra
 from mavdem.facts import Fact
 
 ROOT = Path(__file__).parents[1]
@@ -68,7 +68,7 @@ def test_what_is_missing_is_a_fact_with_the_modules(monkeypatch):
     monkeypatch.setattr("mavdem.extras.find_spec", lambda name: None)
     for extra, modules in EXTRAS.items():
         with raises(MissingExtra) as refused:
-            require(extra, "flight.mcap")
+            require_extra(extra, "flight.mcap")
         expected = Fact(Package.EXTRA_MISSING, subject="flight.mcap", extra=extra, names=modules)
         assert refused.value.fact == expected
 

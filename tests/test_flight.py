@@ -7,7 +7,7 @@ from pytest import approx, mark, raises, warns
 
 from mavdem import Flight
 from mavdem.plant import physical
-from mavdem.unit_slips import Arrays, Slip, unit_slip
+from mavdem.unit_errors import Arrays, Slip, suspected_unit_error
 
 TIME = 10 + 0.01 * np.arange(6)
 INPUTS = np.arange(12.0).reshape(6, 2)
@@ -124,7 +124,7 @@ def test_a_slip_of_units_is_said_with_its_likely_cause(time, outputs, slip, recw
     assert not recwarn.list
     with warns(UserWarning) as warnings:
         flight = Flight(time * t, np.zeros((800, 4)), np.array(outputs) * turning)
-    fact = unit_slip(flight.outputs, flight.dt)
+    fact = suspected_unit_error(flight.outputs, flight.dt)
     assert (fact.code, fact.figures["slip"]) == (Arrays.UNIT_SLIP, slip)
     assert str(warnings[0].message) == str(fact)
     assert fact == physical(flight).reason

@@ -9,9 +9,9 @@ from simulated import simulated
 
 import mavdem
 from mavdem.dem.document import UNITS, VERSION
+from mavdem.document_heading import document_heading
 from mavdem.documents import DOCUMENTS
 from mavdem.fleet.row import SCHEMA_VERSION, row_schema
-from mavdem.heading import heading
 
 
 @mark.slow
@@ -45,7 +45,7 @@ def test_the_columns_of_a_fleet_are_as_published():
 def test_a_model_begins_with_its_versions_and_is_read_without_them():
     text = mavdem.learn(simulated(wind=0.5)[:200]).to_json()
     document = json.loads(text)
-    expected = heading("model", VERSION, UNITS)
+    expected = document_heading("model", VERSION, UNITS)
     assert {name: document.pop(name) for name in expected} == expected
     assert mavdem.Learned.from_json(json.dumps(document)).to_json() == text
     with raises(ValueError, match="of a later version of mavdem"):

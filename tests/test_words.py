@@ -9,7 +9,7 @@ from pytest import mark
 
 import mavdem.facts
 import mavdem.facts.sources
-import mavdem.unit_slips
+import mavdem.unit_errors
 from mavdem.facts import Code
 from mavdem.report.blocks import brief
 from mavdem.report.words import table

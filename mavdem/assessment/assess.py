@@ -28,6 +28,7 @@ from mavdem.assessment.lights.log import simulated_of
 from mavdem.assessment.motion import motion_events
 from mavdem.assessment.noise_spectra import MeasuredNoise, noise_of
 from mavdem.assessment.reported import reported_events
+from mavdem.containers import JsonValues
 from mavdem.dataset.drive import AXES
 from mavdem.dataset.read import choose_vehicle
 from mavdem.dataset.signals import Signals
@@ -37,9 +38,8 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.assessment import NoModel
 from mavdem.files import AnyPath
-from mavdem.flight import boot_of
-from mavdem.heading import Values
-from mavdem.immutable import ReadOnlyDict, read_only
+from mavdem.flight import boot_number
+from mavdem.immutable import ReadOnlyDict, freeze
 from mavdem.ingest import Log, read_log
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.loop_construction import loop_from_plant
@@ -131,14 +131,12 @@ class Assessment:
     @cached_property
     def responses(self) -> Responses:
         """The measured responses of "rate" and "attitude" of each axis, beside the predicted ones."""
-        return {} if self.evidence is None else read_only(responses_of(self.evidence))
+        return {} if self.evidence is None else freeze(responses_of(self.evidence))
 
     @cached_property
     def noise(self) -> MeasuredNoise:
         """The spectra of gyro and accelerometer, lines in them, and the notch filter to set."""
-        return read_only(
-            MeasuredNoise({}, {}) if self.evidence is None else noise_of(self.evidence)
-        )
+        return freeze(MeasuredNoise({}, {}) if self.evidence is None else noise_of(self.evidence))
 
     @property
     def spectra(self) -> Mapping[str, Spectrum]:
@@ -160,7 +158,7 @@ class Assessment:
         """The wind where it is on one clock with what the model was trained on."""
         if self.wind is None or self.analysis is None or not self.analysis.flights:
             return None
-        boot = boot_of(self.analysis.flights[0])
+        boot = boot_number(self.analysis.flights[0])
         return self.wind if self.wind.boot == boot else None
 
     @cached_property
@@ -181,7 +179,7 @@ class Assessment:
         return NotLearnable(NoModel.REFUSED, because=because, next_step=self.next_step)
 
     @property
-    def of_documents(self) -> Values:
+    def of_documents(self) -> JsonValues:
         """What every document says of a flight."""
         return {**vars(self.judgement), "events": self.events}
 
@@ -195,7 +193,7 @@ class Assessment:
 
         Path(path).write_text(review_page(self), "utf-8", "replace")
 
-    def as_dict(self) -> Values:
+    def as_dict(self) -> JsonValues:
         """Returns the document of ``mavdem review --json``, plain JSON values."""
         from mavdem.documents import whole
         from mavdem.documents.review import review_document

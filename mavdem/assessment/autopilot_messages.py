@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import Reported
-from mavdem.files import table_beside
+from mavdem.files import load_adjacent_toml
 from mavdem.ingest.telemetry import Telemetry
 
-_SAID = table_beside(__file__, "message_patterns.toml")
+_SAID = load_adjacent_toml(__file__, "message_patterns.toml")
 PATTERNS = [(re.compile(pattern, re.IGNORECASE), *meant) for pattern, *meant in _SAID["texts"]]
 SEVERITIES = ("emergency", "alert", "critical", "error", "warning")
 """MAV_SEVERITY of what warns, the worst first."""

@@ -20,14 +20,14 @@ from scipy.ndimage import median_filter
 
 from mavdem.arrays import Array
 from mavdem.confidence import half_width
+from mavdem.containers import Names, Numbers
 from mavdem.dataset import phases
 from mavdem.dataset.align import Segment, Segments, recorded_parts, settled_segments, within
 from mavdem.dataset.drive import AXES, TILT_AXES, Signal, recorded, series, table_of
 from mavdem.dataset.phases import AVERAGING_SECONDS, Intervals, both
 from mavdem.dataset.signals import Signals
 from mavdem.errors import NotLearnable
-from mavdem.heading import Names, Numbers
-from mavdem.immutable import Result
+from mavdem.immutable import ImmutableResult
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.loops.limit_cycles import Oscillation, detect_limit_cycle
 from mavdem.motors.hover import HoverFigures, hover_of
@@ -77,7 +77,7 @@ class BatteryFigures:
 
 
 @dataclass(frozen=True)
-class Condition(Result):
+class Condition(ImmutableResult):
     """Figures that need no fast stream: means, spreads and limits. They hold for any rate from 1 Hz.
 
     All of them are of settled flight, but for the first two, and the battery where there was none. None where a figure

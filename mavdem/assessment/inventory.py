@@ -11,13 +11,13 @@ import numpy as np
 
 from mavdem.assessment.autopilot_messages import SEVERITIES, once, said, texts
 from mavdem.assessment.condition import Condition, condition_of
+from mavdem.containers import JsonValues
 from mavdem.dataset.align import settled_segments
 from mavdem.dataset.drive import floats
 from mavdem.dataset.learnability import Learnability, learnability_of, slower_rate
 from mavdem.dataset.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals, fixes
 from mavdem.facts import Fact
 from mavdem.facts.vehicle import Allowed, Basis
-from mavdem.heading import Values
 from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps, selected
 from mavdem.ingest.vocabulary import (
@@ -112,7 +112,7 @@ def _texts(telemetry: Telemetry) -> list[str]:
     return [text.text for text in texts(telemetry)]
 
 
-def autopilot_alarms(telemetry: Telemetry) -> list[Values]:
+def autopilot_alarms(telemetry: Telemetry) -> list[JsonValues]:
     """Returns what the autopilot itself warned of, once where it repeats it: the worst first, then by ``time``.
 
     That is s since boot. With how often it came (``count``). Of texts, and of ERR in DataFlash.
@@ -234,7 +234,7 @@ class Seen(NamedTuple):
     identity: Identity
 
 
-def inventory(log: Log, seen: Sequence[Seen] | None = None) -> Values:
+def inventory(log: Log, seen: Sequence[Seen] | None = None) -> JsonValues:
     """Returns everything there is to report of a log before learning, by keys of documents; times in s, rates in Hz.
 
     Of each component ``lost_share`` is the share of its sequence numbers that do not occur, and of a vehicle
@@ -283,7 +283,7 @@ def _seen(telemetry: Telemetry, log: Log) -> Seen:
 
 def _vehicle(
     telemetry: Telemetry, learnability: Learnability, condition: Condition, identity: Identity
-) -> Values:
+) -> JsonValues:
     messages = sorted(telemetry.messages.items())
     return {
         "system": telemetry.system,

@@ -19,7 +19,7 @@ from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.ending import Ending
 from mavdem.facts.events import Reported
 from mavdem.facts.lights import Light, Unjudged
-from mavdem.immutable import Result
+from mavdem.immutable import ImmutableResult
 
 LIGHTS = {
     Light.MOTORS: motors_light,
@@ -46,7 +46,7 @@ OF_LOG = (Light.LOG, Light.WIND)
 
 
 @dataclass(frozen=True)
-class Judgement(Result):
+class Judgement(ImmutableResult):
     """The ``headline``, the ``next_step`` that fits its reason, and the eight ``lights`` by name."""
 
     headline: Fact

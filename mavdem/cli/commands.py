@@ -23,7 +23,7 @@ from mavdem.cli.output import (
     prepare_streams,
     say_aside,
 )
-from mavdem.errors import NotLearnable, Unreadable, cause_of
+from mavdem.errors import NotLearnable, Unreadable, error_message
 from mavdem.extras import MissingExtra
 from mavdem.facts import Fact
 from mavdem.facts.command import End
@@ -147,7 +147,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         code = PIPE_CLOSED  # the reader has had enough
     except OSError as error:
-        complain(Fact(End.STANDARD_OUTPUT_FAILED, because=cause_of(error)), as_json=False)
+        complain(Fact(End.STANDARD_OUTPUT_FAILED, because=error_message(error)), as_json=False)
         code = UNUSABLE
     # Python flushes once more at exit, and that must go somewhere.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -13,9 +13,9 @@ from mavdem.cli.options import (
     window_options,
 )
 from mavdem.cli.output import print_result, progress, say_aside
+from mavdem.containers import Names
 from mavdem.experiments.comparison import METHODS, compare
 from mavdem.experiments.window import TRAIN_SECONDS, Length, windows_as_asked
-from mavdem.heading import Names
 from mavdem.report.comparison import comparison_report
 
 

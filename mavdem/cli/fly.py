@@ -17,10 +17,10 @@ from mavdem.cli.output import (
     say,
     say_aside,
 )
+from mavdem.containers import JsonValues, Names
 from mavdem.export.conversion import STREAMS
-from mavdem.extras import require
-from mavdem.files import atomic_writes, writing
-from mavdem.heading import Names, Values
+from mavdem.extras import require_extra
+from mavdem.files import atomic_writes, reporting_write_errors
 from mavdem.ingest.parameter_file import read_parameters
 from sitl_scenarios.dynamics import frame
 from sitl_scenarios.files import (
@@ -190,20 +190,24 @@ def _chosen(
     return scenario
 
 
-def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None) -> Values:
+def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None) -> JsonValues:
     check_file(out, "--out", tuple(STREAMS))
     truth = None if out is None else out.with_suffix(".truth.npz")
     check_file(truth, "--out", (".npz",))
     check_file(rrd, "--rrd", (".rrd",))
     if rrd is not None:
-        require("view", "--rrd")
+        require_extra("view", "--rrd")
     # The log appears last, with its companions in place.
     files = list(filter(None, (truth, rrd, out)))
     began = perf_counter()
     with _refusing(), progress(f"Flying {name}") as done:
         motion = fly_through(scenario, done)
-    report: Values = {}
-    with writing(*files), atomic_writes(*files) as unfinished, progress("Writing", measured=False):
+    report: JsonValues = {}
+    with (
+        reporting_write_errors(*files),
+        atomic_writes(*files) as unfinished,
+        progress("Writing", measured=False),
+    ):
         unfinished_of = dict(zip(files, unfinished, strict=True))
         if out is not None and truth is not None:
             stream = recorded(scenario, motion)
@@ -232,7 +236,7 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
     return report
 
 
-def _live(name: str, scenario: Scenario, udp: str, speed: float) -> Values:
+def _live(name: str, scenario: Scenario, udp: str, speed: float) -> JsonValues:
     match = re.fullmatch(r"\[?([^]]+)\]?:(\d{1,5})", udp, re.ASCII)
     if match is None or not 0 < int(match[2]) < 1 << 16:
         raise click.BadParameter(

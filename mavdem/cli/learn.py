@@ -32,7 +32,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.dem import Settings
 from mavdem.documents.flight import report_of
 from mavdem.experiments.window import Length
-from mavdem.extras import lacking
+from mavdem.extras import missing_extra_fact
 from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.review import title_of
 from mavdem.report.screen import analysis_blocks, detail_blocks, title
@@ -135,7 +135,7 @@ def learn_command(
     if not no_files:
         write_results(folder, report, assessment)
         if learned is not None and (
-            hint := lacking("view", f"{RECORDING} was not written, since it")
+            hint := missing_extra_fact("view", f"{RECORDING} was not written, since it")
         ):
             say_aside(hint)
     if as_json:

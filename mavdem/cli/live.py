@@ -32,10 +32,10 @@ from mavdem.dem.parallel import LearningProcess
 from mavdem.documents.session import live_document
 from mavdem.errors import Unreadable
 from mavdem.export.conversion import STREAMS
-from mavdem.extras import lacking, require
+from mavdem.extras import missing_extra_fact, require_extra
 from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.session import Session
-from mavdem.files import write_text
+from mavdem.files import write_text_atomically
 from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.live import LiveStream, SessionStatus, Setup
 from mavdem.live.advice import Adviser
@@ -70,10 +70,10 @@ class Dashboard:
         self.view: LiveView | None = None
         self._said: set[str] = set()
         self.file: RecordingFile | None = None
-        self.advice = str(lacking("view", "The dashboard") or "")
+        self.advice = str(missing_extra_fact("view", "The dashboard") or "")
         if self.advice:
             if rrd is not None or serve or connect is not None:
-                require("view", "The dashboard")
+                require_extra("view", "The dashboard")
             return
         # Rerun takes a second to load.
         from mavdem.view.live_view import LiveView
@@ -320,7 +320,7 @@ def _written(path: Path | None, text: str, document: str) -> bool:
         say_aside(f"The {document} was not written.")
         return True
     try:
-        write_text(path, text)
+        write_text_atomically(path, text)
     except Unreadable as error:
         say_aside(f"The {document} is lost: {error}")
         return False

@@ -14,7 +14,7 @@ from mavdem.dataset.drive import TILT_AXES
 from mavdem.dataset.read import choose_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.errors import NotLearnable, Unreadable
-from mavdem.extras import lacking, require
+from mavdem.extras import missing_extra_fact, require_extra
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.formats import looks_like_log
 from mavdem.report.blocks import Sentence
@@ -41,7 +41,7 @@ def open_command(
     The folder is that of `mavdem learn`, named after the log. A log dropped into the Rerun Viewer,
     or given to `rerun`, opens in the same way.
     """
-    require("view", "`mavdem open`")
+    require_extra("view", "`mavdem open`")
     chosen = {"--axis": axis, "--vehicle": vehicle, "--inputs": inputs}
     words = [word for name, value in chosen.items() if value is not None for word in (name, value)]
     with learn_command.make_context(
@@ -63,7 +63,7 @@ def load(arguments: list[str]) -> int:
     path = Path(arguments[0]) if arguments else Path()
     if not path.is_file() or not looks_like_log(path):
         return INCOMPATIBLE
-    if hint := lacking("view", "The dashboard"):
+    if hint := missing_extra_fact("view", "The dashboard"):
         say_aside(hint)
         return UNUSABLE
     read: Log | Unreadable

@@ -11,6 +11,7 @@ from mavdem.cli.options import (
     sources_argument,
 )
 from mavdem.cli.output import print_result, progress, say_aside
+from mavdem.containers import Names
 from mavdem.dem.order_choice import (
     DEFAULT_MAX_ORDER,
     LARGEST_ORDER,
@@ -21,7 +22,6 @@ from mavdem.documents.comparison import Order
 from mavdem.errors import NotLearnable
 from mavdem.facts.command import NamedSource
 from mavdem.flight import Flight
-from mavdem.heading import Names
 from mavdem.report.comparison import order_advice, order_report
 from mavdem.report.numbers import counted
 

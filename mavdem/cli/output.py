@@ -19,11 +19,17 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table as Grid
 
+from mavdem.containers import Names
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.command import Place
-from mavdem.files import PathName, atomic_writes, is_writable, replaceable, writing
-from mavdem.heading import Names
+from mavdem.files import (
+    PathName,
+    atomic_writes,
+    is_writable,
+    reporting_write_errors,
+    writable_target,
+)
 from mavdem.report.blocks import LINES, Block, Sentence, Table, brief
 
 STDERR = Console(stderr=True, highlight=False, markup=False, emoji=False)  # standard error
@@ -199,13 +205,13 @@ def check_folder(folder: Path, names: Names = (), *inputs: PathName | None) -> N
         raise Unreadable(Place.OUT_IS_A_FILE, path=folder, existing=existing)
     if not is_writable(existing):
         raise Unreadable(Place.OUT_NOT_WRITABLE, path=folder, existing=existing)
-    with writing(folder, code=Place.OUT_FAILED):
+    with reporting_write_errors(folder, code=Place.OUT_FAILED):
         for part in folder.parts:
             with suppress(FileNotFoundError):
                 (existing / part).lstat()  # its name may be too long
     for name in names:
-        with writing(folder / name), suppress(FileNotFoundError):
-            replaceable(folder / name)
+        with reporting_write_errors(folder / name), suppress(FileNotFoundError):
+            writable_target(folder / name)
     written = {os.path.realpath(folder / name) for name in names}
     for path in inputs:
         if path and os.path.realpath(path) in written:
@@ -218,7 +224,7 @@ def files_in(folder: Path, names: Sequence[str], stale: Names = ()) -> Iterator[
 
     Of a run before, files of ``stale`` names then go.
     """
-    with writing(folder, code=Place.OUT_FAILED):
+    with reporting_write_errors(folder, code=Place.OUT_FAILED):
         folder.mkdir(parents=True, exist_ok=True)
         with atomic_writes(*(folder / name for name in names)) as files:
             yield files
@@ -233,8 +239,8 @@ def check_file(path: Path | None, option: str, endings: Names) -> None:
             raise click.BadParameter(
                 f"{path} must end in {' or '.join(endings)}.", param_hint=option
             )
-        with writing(path):
-            replaceable(path)
+        with reporting_write_errors(path):
+            writable_target(path)
 
 
 DONE = 0

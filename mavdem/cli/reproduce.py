@@ -14,11 +14,11 @@ from mavdem.cli.output import (
     progress,
     say,
 )
-from mavdem.dem.parallel import pool, spare_cores
+from mavdem.containers import Names
+from mavdem.dem.parallel import available_workers, process_pool
 from mavdem.experiments.paper import CLAIMS
-from mavdem.extras import require
-from mavdem.files import writing
-from mavdem.heading import Names
+from mavdem.extras import require_extra
+from mavdem.files import reporting_write_errors
 from mavdem.report.blocks import Table
 
 
@@ -52,14 +52,14 @@ def reproduce_command(names: Names, out: Path, as_json: bool, as_list: bool) -> 
         return say(
             "\n".join(f"{claim.name:14}  {claim.title} ({claim.section})" for claim in CLAIMS)
         )
-    require("plot", "`mavdem reproduce`")
+    require_extra("plot", "`mavdem reproduce`")
     from mavdem.experiments.paper.report import ITEMS, NUMBERS, PAGE, ItemReport, document, write
     from mavdem.experiments.paper.runner import Runner
 
     check_folder(out, (PAGE, NUMBERS))
     began = perf_counter()
     reports = []
-    with pool(spare_cores()) as executor:
+    with process_pool(available_workers()) as executor:
         runner = Runner(executor)
         for claim, run in ITEMS.items():
             if claim.name in names or not names:
@@ -67,7 +67,7 @@ def reproduce_command(names: Names, out: Path, as_json: bool, as_list: bool) -> 
                     reports.append(ItemReport(claim, run(runner)))
         with progress("Writing the report", measured=False):
             seconds = perf_counter() - began
-            with writing(out):
+            with reporting_write_errors(out):
                 write(out, reports, seconds)
                 (out / NUMBERS).write_text(json_text(document(reports, seconds)) + "\n")
     rows = [[report.claim.name, report.status.value, report.sentence] for report in reports]

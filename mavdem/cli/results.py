@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mavdem.assessment import Assessment
 from mavdem.cli.output import files_in, json_text, progress
-from mavdem.heading import Values
+from mavdem.containers import JsonValues
 from mavdem.results import REPORT, RESULT_FILES, result_files, write_result_files
 
 
@@ -49,7 +49,7 @@ def _is_free(path: Path, sources: Mapping[str, str]) -> bool:
     return False
 
 
-def write_results(folder: Path, document: Values, assessment: Assessment) -> None:
+def write_results(folder: Path, document: JsonValues, assessment: Assessment) -> None:
     """Draws and writes the result files, as :func:`files_in` does, with this report, which then names them.
 
     Those of a run before go.

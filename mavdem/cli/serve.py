@@ -7,8 +7,8 @@ import click
 from mavdem.cli.options import Number, jobs_option
 from mavdem.cli.output import say_aside
 from mavdem.cli.track import MOST
-from mavdem.dem.parallel import spare_cores
-from mavdem.extras import require
+from mavdem.dem.parallel import available_workers
+from mavdem.extras import require_extra
 from mavdem.facts import Fact
 from mavdem.fleet.workers import JobLimits
 from mavdem.machine import has_screen
@@ -79,7 +79,7 @@ def serve_command(
     QGroundControl, PX4's upload_log.py and ARK's logloader upload to http://127.0.0.1:8600/upload, or to the address
     that the first page shows. The interface for programs is described at /api/openapi.json.
     """
-    require("serve", "`mavdem serve`")
+    require_extra("serve", "`mavdem serve`")
     from mavdem.serve.run import ServerOptions, serve
 
     options = ServerOptions(
@@ -89,7 +89,7 @@ def serve_command(
         token,
         behind_proxy,
         None if quota is None else int(quota * 1e9),
-        jobs or spare_cores(),
+        jobs or available_workers(),
         # The page and the recording need more than rows, and Rerun leaves 20 MB and four threads of each recording.
         JobLimits(megabytes=1000, logs=8),
         scheduler,

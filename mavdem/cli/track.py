@@ -19,9 +19,10 @@ from mavdem.cli.output import (
     say,
     say_aside,
 )
-from mavdem.dem.parallel import spare_cores
+from mavdem.containers import Names
+from mavdem.dem.parallel import available_workers
 from mavdem.documents.fleet import track_document
-from mavdem.extras import lacking
+from mavdem.extras import missing_extra_fact
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.difference import since_baseline
 from mavdem.fleet.row import summary
@@ -29,7 +30,6 @@ from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.fleet.store import read_rows
 from mavdem.fleet.tracking import track
 from mavdem.fleet.workers import JobLimits, WorkerPool
-from mavdem.heading import Names
 from mavdem.report.blocks import Sentence
 from mavdem.report.difference import baseline_blocks
 from mavdem.report.fleet import fleet_blocks
@@ -122,7 +122,7 @@ def track_command(
     reader = (
         Cluster(scheduler, limits, rows_of_log)
         if scheduler is not None
-        else WorkerPool(jobs or spare_cores(), limits, rows_of_log)
+        else WorkerPool(jobs or available_workers(), limits, rows_of_log)
     )
     try:
         with progress("Reading logs") as bar:
@@ -150,7 +150,9 @@ def track_command(
             print_blocks([Sentence("", f"{name}:"), *blocks])
         say_aside(f"Look: {index}")
         table = f"{out}/flights/**/*.parquet".replace("'", "''")  # as SQL quotes it
-        hint = lacking("parquet", f"{out}/flights/, the table for DuckDB, Polars and pandas,")
+        hint = missing_extra_fact(
+            "parquet", f"{out}/flights/, the table for DuckDB, Polars and pandas,"
+        )
         say_aside(hint or f"Query, for example in DuckDB: from '{table}'")
     if tracked.problems:
         context.exit(UNUSABLE)

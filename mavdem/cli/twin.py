@@ -14,7 +14,7 @@ from mavdem.cli.options import (
     vehicle_option,
 )
 from mavdem.cli.output import check_file, print_result, say_aside
-from mavdem.files import write_text
+from mavdem.files import write_text_atomically
 from mavdem.loops.twin import compare_twin_with_flight
 from mavdem.report.vehicle_files import LEFT_OUT, twin_blocks, unlearned, vehicle_text
 
@@ -59,7 +59,7 @@ def twin_command(
     _, evidence = assessed(source, vehicle, params)
     twin, loops, lacking = assessed_twin(evidence, mass)
     for path in out:
-        write_text(path, vehicle_text(twin, path.suffix.lower(), Path(source).name))
+        write_text_atomically(path, vehicle_text(twin, path.suffix.lower(), Path(source).name))
         if left := LEFT_OUT.get(path.suffix.lower()):
             say_aside(f"{path.name} has no place for {left}.")
     compared = compare_twin_with_flight(twin, loops)

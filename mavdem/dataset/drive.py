@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array, Flags, Integers
+from mavdem.containers import Names
 from mavdem.facts import Fact
 from mavdem.facts.learnability import MotorObstacle, Remedy
-from mavdem.heading import Names
 from mavdem.ingest.motors import (
     MOTOR_MESSAGES,
     MotorMessage,

@@ -25,7 +25,7 @@ from mavdem.flight import Flight
 from mavdem.ingest import Component
 from mavdem.ingest.motors import MULTIROTORS, POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Parameters
-from mavdem.unit_slips import CONSISTENCY_SPAN
+from mavdem.unit_errors import RATE_INTEGRATION_SPAN
 
 NEVER_ARMED = Fact(Reason.NEVER_ARMED, remedy=RECORD_A_FLIGHT)
 REFUSED_SNR = 1.0
@@ -34,8 +34,8 @@ DOUBTFUL_SNR = 20.0
 learned from can shrink what is learned to SNR/(1 + SNR) of the truth: to half at 1, by 5 % at 20."""
 REFUSED_CONSISTENCY = 0.5
 DOUBTFUL_CONSISTENCY = 0.8
-"""Share of the angle's changes over ``CONSISTENCY_SPAN`` that the integrated rates explain. Both measure one motion;
-where they disagree, the rate is an alias, noise, or in another unit: some of it, or most."""
+"""Share of the angle's changes over ``RATE_INTEGRATION_SPAN`` that the integrated rates explain. Both measure one
+motion; where they disagree, the rate is an alias, noise, or in another unit: some of it, or most."""
 STILL_RATE = np.radians(1.0)  # rad/s, standard deviation: twice the noise of a gyroscope in flight
 DOUBTFUL_LOSS = 0.05  # Share of a stream's messages left out as damaged: the rest may be too
 MINIMUM_DURATION = 5.0
@@ -232,7 +232,7 @@ class _Evidence:
             return Fact(
                 Reason.OUTPUT_ROUNDED,
                 axis=axis,
-                span=CONSISTENCY_SPAN,
+                span=RATE_INTEGRATION_SPAN,
                 angle_step=figures.angle_step,
                 rate_step=figures.rate_step,
             )
@@ -241,7 +241,7 @@ class _Evidence:
                 Reason.RATE_CONTRADICTS_ANGLE,
                 axis=axis,
                 consistency=figures.consistency,
-                span=CONSISTENCY_SPAN,
+                span=RATE_INTEGRATION_SPAN,
                 still=tilts and figures.rate_sd < STILL_RATE,
                 remedy=ask_for_rate(self.signals.telemetry, rate=200),
             )

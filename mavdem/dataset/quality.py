@@ -11,7 +11,7 @@ from mavdem.dataset.phases import both, total
 from mavdem.dataset.signals import Signals, usual_rate
 from mavdem.flight import Flight
 from mavdem.ingest.motors import OutputScale
-from mavdem.unit_slips import CONSISTENCY_SPAN
+from mavdem.unit_errors import RATE_INTEGRATION_SPAN
 
 OUTLIER_SHARE = 0.01
 """Share of those spans, the worst explained, that the consistency leaves out, and at least as many as one sample is in:
@@ -147,8 +147,8 @@ def at_limits(shares: Array, scale: OutputScale) -> tuple[Flags, Flags]:
 
 def _snr_of_changes(time: Array, values: Array, step: float) -> float | None:
     """Of the changes, not the values: it is by them that the dynamics show, and both ends of each are rounded."""
-    starts = time <= time[-1] - CONSISTENCY_SPAN
-    change = np.interp(time[starts] + CONSISTENCY_SPAN, time, values) - values[starts]
+    starts = time <= time[-1] - RATE_INTEGRATION_SPAN
+    change = np.interp(time[starts] + RATE_INTEGRATION_SPAN, time, values) - values[starts]
     rounding = step**2 / 6
     return change.var() / rounding - 1 if rounding > 0 and len(change) else None
 
@@ -167,15 +167,16 @@ def _fresh_rate(time: Array, rows: Array, step: Array | float) -> float:
 
 
 def _consistency(time: Array, angle: Array, slope: Array) -> float | None:
-    """1 − var(Δangle − ∫slope)/var(Δangle) over spans of ``CONSISTENCY_SPAN``, without the worst ``OUTLIER_SHARE``."""
+    """1 − var(Δangle − ∫slope)/var(Δangle) over ``RATE_INTEGRATION_SPAN``, without the worst ``OUTLIER_SHARE``."""
     turned = np.concatenate([[0.0], np.cumsum(np.diff(time) * (slope[1:] + slope[:-1]) / 2)])
-    starts = time <= time[-1] - CONSISTENCY_SPAN
-    later = time[starts] + CONSISTENCY_SPAN
+    starts = time <= time[-1] - RATE_INTEGRATION_SPAN
+    later = time[starts] + RATE_INTEGRATION_SPAN
     change = np.interp(later, time, angle) - angle[starts]
     unexplained = change - (np.interp(later, time, turned) - turned[starts])
     off = abs(unexplained - np.median(unexplained)) if len(unexplained) else unexplained
     wild = max(
-        round(OUTLIER_SHARE * len(off)), int(np.count_nonzero(time <= time[0] + CONSISTENCY_SPAN))
+        round(OUTLIER_SHARE * len(off)),
+        int(np.count_nonzero(time <= time[0] + RATE_INTEGRATION_SPAN)),
     )
     usual = np.argsort(off)[: max(len(off) - wild, 0)]
     change = change[usual]

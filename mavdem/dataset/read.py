@@ -16,7 +16,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Caution, Reason
 from mavdem.files import AnyPath
-from mavdem.flight import Flight, Flights, boot_of
+from mavdem.flight import Flight, Flights, boot_number
 from mavdem.ingest import Component, Log, read_log
 from mavdem.ingest.telemetry import Telemetry
 
@@ -119,14 +119,14 @@ def usable_segments(
             )
         ]
     flights = [_with_cautions(part, *left_out) for part in usable]
-    flights.sort(key=lambda flight: (boot_of(flight), flight.time[0]))
+    flights.sort(key=lambda flight: (boot_number(flight), flight.time[0]))
     return tuple(flights), first
 
 
 def of_longest_boot(flights: Flights) -> Flights:
     """Returns the flights of the longest one's boot: times of another cannot be compared."""
-    boot = boot_of(max(flights, key=len))
-    return [flight for flight in flights if boot_of(flight) == boot]
+    boot = boot_number(max(flights, key=len))
+    return [flight for flight in flights if boot_number(flight) == boot]
 
 
 def _with_cautions(learnability: Learnability, *further: Fact) -> Flight:

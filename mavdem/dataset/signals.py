@@ -45,7 +45,7 @@ from mavdem.dataset.drive import (
     table_of,
 )
 from mavdem.errors import NotLearnable
-from mavdem.immutable import read_only
+from mavdem.immutable import freeze
 from mavdem.ingest.flight_modes import mode_name
 from mavdem.ingest.mavlink.clocks import far_off
 from mavdem.ingest.mavlink.definitions import enum_name
@@ -122,7 +122,7 @@ def once(*of: str) -> Callable[[Find], Find]:
             )
             if key not in signals.known:
                 try:
-                    signals.known[key] = read_only(find(signals, *arguments, **named))
+                    signals.known[key] = freeze(find(signals, *arguments, **named))
                 except NotLearnable as error:
                     signals.known[key] = NotLearnable(error.fact)
             result = signals.known[key]

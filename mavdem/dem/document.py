@@ -11,10 +11,10 @@ from typing import Any, TypeVar, cast
 from pydantic import TypeAdapter, ValidationError
 
 from mavdem.dem.record import first_problem
+from mavdem.document_heading import document_heading
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.model import ModelFile
-from mavdem.heading import heading
 
 VERSION = 1
 """Of the document's schema."""
@@ -26,7 +26,7 @@ Kind = TypeVar("Kind")
 def to_text(result: Any) -> str:
     """Returns the document of a result, a dataclass."""
     values = _adapter(cast(Any, type(result))).dump_python(result, mode="json")
-    return json.dumps(heading("model", VERSION, UNITS) | values)
+    return json.dumps(document_heading("model", VERSION, UNITS) | values)
 
 
 def from_text(kind: type[Kind], text: str) -> Kind:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
 
 from mavdem.arrays import Array, Flags, Indices
-from mavdem.confidence import LEVEL, half_width
+from mavdem.confidence import CONFIDENCE_LEVEL, half_width
 from mavdem.dem.document import from_text, to_text
 from mavdem.dem.engine.ascent import FreeEnergy, Learning
 from mavdem.dem.engine.linalg import ROUNDING, may_overflow
@@ -28,10 +28,10 @@ from mavdem.dem.priors import Scaling
 from mavdem.dem.record import Record
 from mavdem.dem.settings import CompleteSettings
 from mavdem.errors import NotLearnable
-from mavdem.extras import require
+from mavdem.extras import require_extra
 from mavdem.facts import Fact
 from mavdem.facts.model import ModelCaution, NoPhysical
-from mavdem.immutable import Result
+from mavdem.immutable import ImmutableResult
 
 if TYPE_CHECKING:
     from mavdem.loops.axis_loops import Loop
@@ -52,7 +52,7 @@ TEXT = WithJsonSchema({"type": "string"})
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Learned(Result, Forecasting):
+class Learned(ImmutableResult, Forecasting):
     """A learned model with its posterior, its iterations and its forecasts, in physical units.
 
     Attributes:
@@ -109,7 +109,7 @@ class Learned(Result, Forecasting):
         """Sampling step, s."""
         return self.record.dt
 
-    def model_interval(self, level: float = LEVEL) -> LinearModel:
+    def model_interval(self, level: float = CONFIDENCE_LEVEL) -> LinearModel:
         """Returns half widths of intervals of probability ``level``, arranged like A, B and C.
 
         NaN for offset and trims, and without a simulation-error fit. The bias of closed loop, where inputs are
@@ -230,7 +230,7 @@ class Learned(Result, Forecasting):
         """Whether no mode of what forecasts grows, but for rounding."""
         return self.spectral_radius <= 1 + ROUNDING
 
-    def predict_band(self, steps: int, level: float = LEVEL) -> Array:
+    def predict_band(self, steps: int, level: float = CONFIDENCE_LEVEL) -> Array:
         """Returns the half width (steps, m), about :meth:`predict`, of the band of probability ``level``.
 
         From the noise and the posterior of the joint model.
@@ -248,7 +248,7 @@ class Learned(Result, Forecasting):
         """Returns the expected squared error (H, m), rad² and (rad/s)², of :meth:`forecast` with ``inputs`` (H, r)."""
         return self.forecasted(self.record.following_inputs(inputs)).variance
 
-    def forecast_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
+    def forecast_band(self, inputs: ArrayLike, level: float = CONFIDENCE_LEVEL) -> Array:
         """Returns the half width (H, m), about :meth:`forecast` of ``inputs``, of the band of probability ``level``."""
         variance = self.forecast_variance(inputs)
         return self.half_widths(variance, level, len(variance))
@@ -273,7 +273,7 @@ class Learned(Result, Forecasting):
             warn(far_off.advised, stacklevel=2)
         return simulated(physical, self.record, inputs).mean
 
-    def simulate_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
+    def simulate_band(self, inputs: ArrayLike, level: float = CONFIDENCE_LEVEL) -> Array:
         """Returns the half width (H, m), about :meth:`simulate` with ``inputs``, of the band of probability ``level``.
 
         From the wind, whose effect nothing counteracts, and the uncertainty of the physical parameters; ``ValueError``
@@ -324,7 +324,7 @@ class Learned(Result, Forecasting):
         Raises:
             ImportError: ``matplotlib`` is not installed.
         """
-        require("plot", "Learned.plot")
+        require_extra("plot", "Learned.plot")
         from mavdem.report.figures import Plots
 
         return Plots(self)
@@ -348,7 +348,7 @@ class Learned(Result, Forecasting):
             ImportError: ``control`` is not installed.
             ValueError: there is no physical plant, with the reason.
         """
-        require("control", "Learned.to_control()")
+        require_extra("control", "Learned.to_control()")
         from mavdem.export.conversion import to_control
 
         return to_control(self, model)

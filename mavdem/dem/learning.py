@@ -23,14 +23,14 @@ from mavdem.dem.forecast.simulation_error import SHORTEST_HORIZON, fit_simulatio
 from mavdem.dem.learned import Learned
 from mavdem.dem.parallel import parallel_map
 from mavdem.dem.priors import KINEMATIC
-from mavdem.dem.record import Record, Records
+from mavdem.dem.record import Record, TrainingData
 from mavdem.dem.settings import CompleteSettings, Settings
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.model import ModelCaution, ModelRefusal
-from mavdem.unit_slips import unit_slip
+from mavdem.unit_errors import suspected_unit_error
 
-Job = tuple[Records, Settings | None]
+Job = tuple[TrainingData, Settings | None]
 """What ``learn`` takes: a flight, and settings or ``None`` for the default ones."""
 
 FEWEST_SAMPLES = 50  # that a model is fitted to
@@ -41,7 +41,7 @@ EMBEDDING_SECONDS = 0.09
 PARAMETER_PRECISION = 10.0  # prior precision of each free parameter, in the units of ``scaling``
 
 
-def learn(train: Records, settings: Settings | None = None) -> Learned:
+def learn(train: TrainingData, settings: Settings | None = None) -> Learned:
     """Learns a linear model of a flight by Dynamic Expectation Maximization.
 
     >>> mavdem.learn(mavdem.read_flight("flight.tlog")[:850])
@@ -60,7 +60,7 @@ def learn(train: Records, settings: Settings | None = None) -> Learned:
     return learn_with_fit(train, settings)[0]
 
 
-def learn_with_fit(train: Records, settings: Settings | None = None) -> tuple[Learned, Fit]:
+def learn_with_fit(train: TrainingData, settings: Settings | None = None) -> tuple[Learned, Fit]:
     """Returns the result of :func:`learn`, and the fit that it was made from; takes and raises the same."""
     with one_thread():
         record, settings = checked(train, settings)
@@ -73,7 +73,7 @@ def learn_with_fit(train: Records, settings: Settings | None = None) -> tuple[Le
         return _learned(refined, record, np.concatenate(segments)), refined
 
 
-def learn_forecasts(train: Records, settings: Settings | None) -> JointModel | Learned:
+def learn_forecasts(train: TrainingData, settings: Settings | None) -> JointModel | Learned:
     """Learns what forecasts a flight: the joint model alone, unless the ``settings`` ask for another.
 
     DEM's A, B and C, which take most of the time of :func:`learn`, play no part in the joint model's forecasts.
@@ -91,7 +91,7 @@ def learn_forecasts(train: Records, settings: Settings | None) -> JointModel | L
         return learn(record, settings)
 
 
-def checked(train: Records, settings: Settings | None) -> tuple[Record, CompleteSettings]:
+def checked(train: TrainingData, settings: Settings | None) -> tuple[Record, CompleteSettings]:
     """Returns the training data as one record, and the settings with nothing left open; raises as :func:`learn`."""
     if not (settings is None or isinstance(settings, Settings)):
         raise ValueError(
@@ -205,7 +205,7 @@ def _learned(fit: Fit, record: Record, data: Array) -> Learned:
 
 def _cautions(fit: Fit, record: Record) -> Iterator[Fact]:
     """Limits of a model."""
-    slip = unit_slip(record.outputs, record.dt)
+    slip = suspected_unit_error(record.outputs, record.dt)
     if slip and fit.settings.prior == "regulated":
         yield slip
     abscissa = fit.scaling.physical_model(fit.ascent.belief.theta, fit.model.n).spectral_abscissa

@@ -13,8 +13,8 @@ from mavdem.confidence import STRONG_EVIDENCE_NATS, Interval
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.dem.order_search import BlackBox, fits_by_order
 from mavdem.dem.parallel import parallel_map
-from mavdem.dem.record import Record, Records, is_whole
-from mavdem.errors import NotLearnable, fact_of
+from mavdem.dem.record import Record, TrainingData, is_integer
+from mavdem.errors import NotLearnable, fact_from_error
 from mavdem.facts import Fact, Facts
 from mavdem.facts.model import ModelRefusal, OrderFact
 
@@ -117,7 +117,7 @@ class OrderChoice:
 
 
 def orders_of(
-    flight: Records,
+    flight: TrainingData,
     max_order: int = DEFAULT_MAX_ORDER,
     known_inputs: bool = True,
 ) -> FlightOrders:
@@ -135,7 +135,7 @@ def orders_of(
     Raises:
         ValueError: an argument of the wrong kind; or a flight that is too short, or for which no order can be fitted.
     """
-    if not (is_whole(max_order) and 1 <= max_order <= LARGEST_ORDER):
+    if not (is_integer(max_order) and 1 <= max_order <= LARGEST_ORDER):
         raise ValueError(
             f"max_order must be a whole number from 1 to {LARGEST_ORDER}, not {max_order!r}"
         )
@@ -160,7 +160,7 @@ def orders_of(
 
 
 def orders_of_each(
-    flights: Mapping[str, Records],
+    flights: Mapping[str, TrainingData],
     max_order: int = DEFAULT_MAX_ORDER,
     known_inputs: bool = True,
     progress: Callable[[float], None] = lambda _: None,
@@ -180,9 +180,9 @@ def orders_of_each(
 
 
 def _orders_or_reason(
-    flight: Records, max_order: int, known_inputs: bool
+    flight: TrainingData, max_order: int, known_inputs: bool
 ) -> FlightOrders | NotLearnable:
     try:
         return orders_of(flight, max_order, known_inputs)
     except ValueError as error:
-        return NotLearnable(fact_of(error))
+        return NotLearnable(fact_from_error(error))

@@ -19,7 +19,7 @@ from numpy.linalg import LinAlgError
 from scipy.ndimage import gaussian_filter1d
 
 from mavdem.arrays import Array
-from mavdem.confidence import ENOUGH_SAMPLES
+from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
 from mavdem.dem.engine.ascent import Iterate, continued, started
 from mavdem.dem.engine.generative import (
     GenerativeModel,
@@ -87,13 +87,13 @@ class BlackBox:
         ]
         read = np.concatenate([np.hstack(pair) for pair in pairs])
         new = len(read) / _repeated(width, record.dt)
-        if not new >= ENOUGH_SAMPLES:
+        if not new >= MIN_SAMPLES_FOR_STATISTICS:
             raise NotLearnable(
                 ModelRefusal.TOO_FEW_TO_CHOOSE_ORDER,
                 samples=len(record),
                 width=width,
                 effective_samples=new,
-                least_samples=float(ENOUGH_SAMPLES),
+                least_samples=float(MIN_SAMPLES_FOR_STATISTICS),
             )
         unit = _time_of_change(read[:, :m], read[:, m : 2 * m])
         in_units = unit ** np.repeat(

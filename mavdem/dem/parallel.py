@@ -25,12 +25,16 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 # up to this many jobs are sooner done in this process than by workers, which take about a second to start
-FEW = 8
+MAX_SERIAL_JOBS = 8
 
 JOBS_AHEAD = 256  # jobs that are sent ahead of the result that is waited for: a given executor may have many workers
 # niceness, 0 to 19, of a process that learns beside samples: they do not wait for a core
 LOW_PRIORITY = 10
-ENDS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP  # signals that end a program from outside
+TERMINATION_SIGNALS = (
+    signal.SIGINT,
+    signal.SIGTERM,
+    signal.SIGHUP,
+)  # signals that end a program from outside
 
 _starting = Lock()  # of one pool after the other: new processes are its own
 _alone = False  # whether this process starts no others, because others like it have the other cores
@@ -49,12 +53,12 @@ def parallel_map(
     if executor is not None:
         yield from _map_on(executor, work, jobs)
         return
-    first = list(islice(jobs, FEW + 1))
-    workers = spare_cores() if len(first) > FEW else 1
+    first = list(islice(jobs, MAX_SERIAL_JOBS + 1))
+    workers = available_workers() if len(first) > MAX_SERIAL_JOBS else 1
     if workers == 1:
         yield from map(work, chain(first, jobs))
         return
-    with pool(workers) as executor:
+    with process_pool(workers) as executor:
         yield from _map_on(executor, work, chain(first, jobs))
 
 
@@ -81,7 +85,7 @@ def _map_on(
     finally:
         # Workers that a signal to the whole group has ended break a pool, which before Python 3.13 waits for ever
         # where jobs are cancelled.
-        if not isinstance(executor, Pool):
+        if not isinstance(executor, ProcessPool):
             for future in sent:
                 future.cancel()
 
@@ -94,27 +98,27 @@ def _unless_stopped(work: Callable[[Job], Result], job: Job) -> Result:
     return work(job)
 
 
-def spare_cores() -> int:
+def available_workers() -> int:
     """Returns how many workers are worth starting: the cores this process may use, or 1 where it is a worker itself."""
     if _alone or (parent_process() is not None and not _importing_main()):
         return 1
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def stay_in_this_process() -> None:
+def forbid_child_processes() -> None:
     """Lets nothing here start processes from now on: this one is a worker, of whatever kind."""
     global _alone
     _alone = True
 
 
-class Pool(ProcessPoolExecutor):
-    """An executor of :func:`pool`: its jobs stop when its block is left, and need not be cancelled."""
+class ProcessPool(ProcessPoolExecutor):
+    """An executor of :func:`process_pool`: its jobs stop when its block is left, and need not be cancelled."""
 
     processes: list[BaseProcess]
 
 
 @contextmanager
-def pool(workers: int) -> Iterator[Pool]:
+def process_pool(workers: int) -> Iterator[ProcessPool]:
     """Yields an executor of ``workers`` processes that have ended when its block is left.
 
     Processes are started afresh ("spawn"): a fork of a process with threads may wait for one of their locks for ever.
@@ -125,10 +129,10 @@ def pool(workers: int) -> Iterator[Pool]:
     stop_pipe, parents_end = context.Pipe(duplex=False)
     # Ctrl-C, and a terminal that closes, reach every process of it, but not those begun in here, Python's own for
     # semaphores among them: the parent decides what it means. Nor may a signal interrupt the start of a process.
-    with blocked(*ENDS):
-        executor = Pool(workers, context, initializer=_begin, initargs=(stop_pipe,))
+    with blocked_signals(*TERMINATION_SIGNALS):
+        executor = ProcessPool(workers, context, initializer=_begin, initargs=(stop_pipe,))
     try:
-        with blocked(*ENDS), _starting:
+        with blocked_signals(*TERMINATION_SIGNALS), _starting:
             others = active_children()
             for _ in range(workers):
                 executor.submit(os.getpid)
@@ -138,7 +142,7 @@ def pool(workers: int) -> Iterator[Pool]:
         # The parent's end is closed first, which stops the workers; then they are waited for. A wait for a thread that
         # an exception interrupts takes the thread for ended (bpo-45274): of the executor's own, that leaves the workers
         # running, and Python waits for them for ever. So signals are handled after it.
-        with stop_pipe, blocked(*ENDS):
+        with stop_pipe, blocked_signals(*TERMINATION_SIGNALS):
             parents_end.close()
             executor.shutdown()
 
@@ -166,12 +170,12 @@ class LearningProcess(Executor):
 
     def _start(self) -> None:
         self._exits.close()
-        self._pool = self._exits.enter_context(pool(1))
+        self._pool = self._exits.enter_context(process_pool(1))
         self._pool.submit(os.nice, LOW_PRIORITY)
 
 
 @contextmanager
-def blocked(*numbers: signal.Signals) -> Iterator[None]:
+def blocked_signals(*numbers: signal.Signals) -> Iterator[None]:
     """Lets signals of these ``numbers`` wait until the block is left; processes started in it inherit the mask.
 
     The mask holds for this thread only, and Python handles here what another thread has received.

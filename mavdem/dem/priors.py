@@ -10,7 +10,7 @@ from mavdem.arrays import Array, Indices, Pair
 from mavdem.dem.engine.model import LinearModel, pack, unpack
 from mavdem.dem.record import Record, Segments
 from mavdem.dem.settings import CompleteSettings, Gaussian, Settings
-from mavdem.unit_slips import CONSISTENCY_SPAN
+from mavdem.unit_errors import RATE_INTEGRATION_SPAN
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +120,7 @@ def derivative_pairs(record: Record) -> tuple[tuple[int, int], ...]:
     """Returns pairs (i, j) of output columns where j is the time derivative of i, computed from the samples."""
     from scipy.integrate import cumulative_trapezoid  # it takes half a second to import
 
-    span = max(1, round(CONSISTENCY_SPAN / record.dt))
+    span = max(1, round(RATE_INTEGRATION_SPAN / record.dt))
     moved = []
     for _, outputs in record.segments:
         integral = cumulative_trapezoid(outputs, dx=record.dt, axis=0, initial=0)

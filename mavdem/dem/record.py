@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
-from mavdem.arrays import Array, Flags, Indices, Pair
+from mavdem.arrays import Array, Flags, Indices, Pair, as_real_array
+from mavdem.containers import JsonValues, Names, Numbers
 from mavdem.dem.engine.linalg import ROUNDING
 from mavdem.errors import NotLearnable
 from mavdem.facts.model import ModelRefusal
-from mavdem.heading import Names, Numbers, Values
-from mavdem.unit_slips import real_numbers
 
 # no text for a number, no ``True`` for 1, no infinity and no NaN
 STRICT = ConfigDict(strict=True, allow_inf_nan=False)
@@ -27,7 +26,7 @@ SHORT = Repr()
 SHORT.maxother = SHORT.maxstring = 80
 
 
-def checked_values(kind: type, values: Mapping[str, Any]) -> Values:
+def checked_values(kind: type, values: Mapping[str, Any]) -> JsonValues:
     """Returns values by name, as the fields of ``kind`` are annotated; ``ValueError``: ``<name> must be …, not …``."""
     try:
         return dict(_model(kind).model_validate(values))
@@ -68,7 +67,7 @@ def is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
 
 
-def is_whole(value: object) -> TypeGuard[int]:
+def is_integer(value: object) -> TypeGuard[int]:
     """Returns whether it is one whole number of 64 bits, of Python's or numpy's; ``True`` is not."""
     return (
         isinstance(value, int | np.integer)
@@ -77,15 +76,15 @@ def is_whole(value: object) -> TypeGuard[int]:
     )
 
 
-MOST_STEPS = 100_000  # ahead: of as many predictions take a fraction of a gigabyte, and seconds
-SHORTEST_STEP = 1e-9
-LARGEST_VALUE = 1e50
+MAX_STEPS = 100_000  # ahead: of as many predictions take a fraction of a gigabyte, and seconds
+MIN_STEP = 1e-9
+MAX_ABS_VALUE = 1e50
 """Seconds between samples, and size of one: beyond, squares and derivatives overflow; of its inverse they underflow."""
 
 # how far the sampling steps of segments may differ, relative to the first: by rounding only
-SAME_STEP = 1e-6
+STEP_TOLERANCE = 1e-6
 
-FEWEST_MOTORS = 3  # inputs, from which on they are taken for a multirotor's motors
+MIN_MOTORS = 3  # inputs, from which on they are taken for a multirotor's motors
 
 LABELS = ("input_names", "output_names", "input_units", "output_units")
 """Of a flight and of a record: one string a column."""
@@ -110,10 +109,10 @@ class Spread(NamedTuple):
     def moving(self) -> Flags:
         """(k,) which columns vary by more than rounding."""
         size = np.maximum(abs(self.lowest), abs(self.highest))
-        return self.highest - self.lowest > np.maximum(ROUNDING * size, 1 / LARGEST_VALUE)
+        return self.highest - self.lowest > np.maximum(ROUNDING * size, 1 / MAX_ABS_VALUE)
 
 
-class UniformRecord(Protocol):
+class UniformSamples(Protocol):
     """What ``learn`` needs of a flight: inputs (T, r), outputs (T, m) and the sampling step, s."""
 
     @property
@@ -126,7 +125,7 @@ class UniformRecord(Protocol):
     # May have as well, as a ``Flight`` has: ``effect_directions``, ``time``, and names and units of its columns.
 
 
-Records = UniformRecord | Sequence[UniformRecord]
+TrainingData = UniformSamples | Sequence[UniformSamples]
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,11 +153,11 @@ class Record:
     setpoint_names: Names = ()
 
     def __post_init__(self) -> None:
-        required_step(self.dt)
+        validated_step(self.dt)
         require_usable(self.inputs, "inputs")
         require_usable(self.outputs, "outputs")
         rows = sum(self.lengths)
-        shapes = [table.shape for table in (self.inputs, self.outputs)]
+        shapes = [validated_table.shape for validated_table in (self.inputs, self.outputs)]
         if not rows or any(len(shape) != 2 or shape[0] != rows for shape in shapes):
             raise ValueError(
                 f"inputs and outputs must be tables of {rows} rows, the sum of lengths"
@@ -168,7 +167,7 @@ class Record:
             raise ValueError("effect_directions must have a number for each column of inputs")
 
     @classmethod
-    def of(cls, train: Records) -> Record:
+    def of(cls, train: TrainingData) -> Record:
         """Returns that of a flight, or of segments of one sampled at the same rate.
 
         Raises ``ValueError``, which names what does not fit.
@@ -181,16 +180,16 @@ class Record:
         parts = [_checked(flight) for flight in flights]
         inputs, outputs, steps = zip(*parts, strict=True)
         for name, tables in (("inputs", inputs), ("outputs", outputs)):
-            widths = [table.shape[1] for table in tables]
+            widths = [validated_table.shape[1] for validated_table in tables]
             if len(set(widths)) > 1:
                 raise ValueError(f"{name} must have as many columns in every segment, not {widths}")
-        if np.ptp(steps) > SAME_STEP * steps[0]:
+        if np.ptp(steps) > STEP_TOLERANCE * steps[0]:
             raise ValueError(
                 f"dt must be the same in every segment, not between {min(steps)} and {max(steps)} s"
             )
-        lengths = tuple(len(table) for table in outputs)
+        lengths = tuple(len(validated_table) for validated_table in outputs)
         directions = _directions(flights, inputs[0].shape[1])
-        labels: Values = {name: tuple(getattr(flights[0], name, ())) for name in LABELS}
+        labels: JsonValues = {name: tuple(getattr(flights[0], name, ())) for name in LABELS}
         times: list[Sequence[float]] = [getattr(flight, "time", ()) for flight in flights]
         begins = tuple(float(time[0]) for time in times) if all(map(len, times)) else ()
         labels |= _controlled(flights)
@@ -253,13 +252,13 @@ class Record:
 
     def following_inputs(self, inputs: ArrayLike) -> Array:
         """Returns the inputs (H, r) of a forecast of what follows the record, checked; of one input (H,) will do."""
-        return table(inputs, "inputs", self.inputs.shape[1])
+        return validated_table(inputs, "inputs", self.inputs.shape[1])
 
     def following(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Pair:
         """Returns inputs (H, r) and outputs (H, m) that follow the record, checked, as is the number of ``steps``."""
-        required_number(steps)
+        validated_count(steps)
         ahead = self.following_inputs(inputs)
-        measured = table(outputs, "outputs", self.outputs.shape[1])
+        measured = validated_table(outputs, "outputs", self.outputs.shape[1])
         if len(ahead) != len(measured):
             raise ValueError(
                 f"inputs and outputs must be of the same samples, not {len(ahead)} and {len(measured)}"
@@ -271,34 +270,34 @@ class Record:
         return sum(max(0, length - window + 1) for length in self.lengths)
 
 
-def required_step(dt: object) -> float:
+def validated_step(dt: object) -> float:
     """Returns a sampling step ``dt``, s, as a ``float``; raises ``ValueError`` for what is none."""
-    if not (is_number(dt) and SHORTEST_STEP <= dt <= 1 / SHORTEST_STEP):
-        raise ValueError(f"dt must be positive seconds, at least {SHORTEST_STEP:g}, not {dt!r}")
+    if not (is_number(dt) and MIN_STEP <= dt <= 1 / MIN_STEP):
+        raise ValueError(f"dt must be positive seconds, at least {MIN_STEP:g}, not {dt!r}")
     return float(dt)
 
 
-def required_directions(values: ArrayLike, motors: int) -> Array:
+def validated_directions(values: ArrayLike, motors: int) -> Array:
     """Returns effect directions (r,) of so many ``motors``; raises ``ValueError`` for what is none."""
-    directions = real_numbers(values, "effect_directions")
+    directions = as_real_array(values, "effect_directions")
     if directions.shape != (motors,) or not np.isfinite(directions).all():
         raise ValueError(f"effect_directions must be {motors} finite numbers, not {values!r}")
     return directions
 
 
-def required_number(number: int, name: str = "steps", most: int = 1_000_000_000) -> int:
+def validated_count(number: int, name: str = "steps", most: int = 1_000_000_000) -> int:
     """Returns ``number`` as an ``int``.
 
     Raises ``ValueError``, which names it, for what is no whole number from 1 to ``most``.
     """
-    if not (is_whole(number) and 1 <= number <= most):
+    if not (is_integer(number) and 1 <= number <= most):
         raise ValueError(f"{name} must be a whole number from 1 to {most:,}, not {number!r}")
     return int(number)
 
 
-def table(values: ArrayLike, name: str, columns: int) -> Array:
+def validated_table(values: ArrayLike, name: str, columns: int) -> Array:
     """Returns samples (H, columns); of one column (H,) will do. Raises ``ValueError`` for others, or not finite."""
-    samples = real_numbers(values, name)
+    samples = as_real_array(values, name)
     if samples.ndim == 1 and columns == 1:
         samples = samples[:, None]
     if samples.ndim != 2 or samples.shape[1] != columns:
@@ -312,28 +311,28 @@ def require_usable(samples: Array, name: str) -> None:
     """Raises ``ValueError`` for samples to learn from that are not finite, or too large to square."""
     if not np.isfinite(samples).all():
         raise ValueError(f"{name} must be finite")
-    if abs(samples).max(initial=0.0) > LARGEST_VALUE:
-        raise ValueError(f"{name} must not be larger than {LARGEST_VALUE:g}")
+    if abs(samples).max(initial=0.0) > MAX_ABS_VALUE:
+        raise ValueError(f"{name} must not be larger than {MAX_ABS_VALUE:g}")
 
 
-def _directions(flights: Sequence[UniformRecord], motors: int) -> Array | None:
+def _directions(flights: Sequence[UniformSamples], motors: int) -> Array | None:
     """(r,) the effect directions of all segments; ``None`` unless each has the same, and not all are zero."""
     given = [getattr(flight, "effect_directions", None) for flight in flights]
-    tables = [required_directions(row, motors) for row in given if row is not None]
+    tables = [validated_directions(row, motors) for row in given if row is not None]
     same = (
         len(tables) == len(flights)
         and tables[0].any()
-        and all(np.array_equal(table, tables[0]) for table in tables)
+        and all(np.array_equal(validated_table, tables[0]) for validated_table in tables)
     )
     return tables[0] if same else None
 
 
-def _controlled(flights: Sequence[UniformRecord]) -> Values:
+def _controlled(flights: Sequence[UniformSamples]) -> JsonValues:
     """The controller's parameters, the range of the inputs, and the setpoints that all segments have."""
     provenance = getattr(flights[0], "provenance", {})
     names = getattr(flights[0], "setpoint_names", ())
     scale = provenance.get("scale", {})
-    fields = Values()
+    fields = JsonValues()
     fields |= {name: dict(provenance.get(name, {})) for name in ("parameters", "earlier")}
     fields["input_range"] = (scale["low"], scale["high"]) if scale else ()
     if names and all(getattr(flight, "setpoint_names", ()) == names for flight in flights):
@@ -342,11 +341,11 @@ def _controlled(flights: Sequence[UniformRecord]) -> Values:
     return fields
 
 
-def _checked(train: UniformRecord) -> tuple[Array, Array, float]:
+def _checked(train: UniformSamples) -> tuple[Array, Array, float]:
     try:
-        inputs = real_numbers(train.inputs, "inputs")
-        outputs = real_numbers(train.outputs, "outputs")
-        dt = float(real_numbers(train.dt, "dt"))
+        inputs = as_real_array(train.inputs, "inputs")
+        outputs = as_real_array(train.outputs, "outputs")
+        dt = float(as_real_array(train.dt, "dt"))
     except (AttributeError, TypeError) as error:
         raise ValueError(
             f"train must be a Flight, or have inputs, outputs and dt like one: {error}"

@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from mavdem.arrays import Pair
+from mavdem.arrays import Pair, as_real_array
+from mavdem.containers import JsonValues, Numbers
 from mavdem.dem.engine.linalg import require_positive_definite
-from mavdem.dem.record import LARGEST_VALUE, checked_values
+from mavdem.dem.record import MAX_ABS_VALUE, checked_values
 from mavdem.facts.fact import plain
-from mavdem.heading import Numbers, Values
-from mavdem.unit_slips import real_numbers
 
 FORMER = {"learning_rates"}  # of documents of earlier versions, where they were ``None``
 LARGEST_LOG = 100.0  # of a log precision: e^±100 is beyond anything measured, and far from overflow
@@ -34,8 +33,8 @@ class Gaussian:
     precision: tuple[Numbers, ...]
 
     def __init__(self, mean: ArrayLike, precision: ArrayLike) -> None:
-        means = real_numbers(mean, "mean")
-        precisions = real_numbers(precision, "precision")
+        means = as_real_array(mean, "mean")
+        precisions = as_real_array(precision, "precision")
         if means.ndim != 1 or not len(means) or not np.isfinite(means).all():
             raise ValueError(
                 f"mean must be finite numbers of shape (k,), not of shape {means.shape}"
@@ -67,7 +66,7 @@ Whole = Annotated[int, Field(ge=0, le=2**63 - 1)]
 Natural = Annotated[int, Field(ge=1, le=2**63 - 1)]
 # of a model: its fit takes memory of order n⁴, and no flight shows as many states
 LARGEST_ORDER = 12
-Positive = Annotated[float, Field(ge=1e-50, le=LARGEST_VALUE)]
+Positive = Annotated[float, Field(ge=1e-50, le=MAX_ABS_VALUE)]
 Log = Annotated[float, Field(ge=-LARGEST_LOG, le=LARGEST_LOG)]
 
 
@@ -224,7 +223,7 @@ class Settings:
             forecasts="plant",
         )
 
-    def to_dict(self) -> Values:
+    def to_dict(self) -> JsonValues:
         """Returns the settings as plain JSON values by name; :meth:`from_dict` is its inverse."""
         return asdict(self)
 
@@ -242,7 +241,7 @@ class Settings:
         return cls.from_dict(values)
 
     @classmethod
-    def from_dict(cls, values: Values) -> Self:
+    def from_dict(cls, values: JsonValues) -> Self:
         """Returns settings from plain values by name; ``ValueError`` names a key that is not a setting."""
         if not isinstance(values, dict):
             raise ValueError(f"settings must be an object of settings by name, not {values!r}")

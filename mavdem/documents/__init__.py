@@ -3,6 +3,8 @@
 from functools import cache
 from typing import Any, NamedTuple
 
+from mavdem.containers import JsonValues
+from mavdem.document_heading import document_heading
 from mavdem.documents.comparison import CompareReport, Order
 from mavdem.documents.document import Document, Failure, units_of
 from mavdem.documents.fleet import Diff, Track
@@ -13,7 +15,6 @@ from mavdem.documents.others import Convert, Fly, Reproduce
 from mavdem.documents.review import Review
 from mavdem.documents.session import Live
 from mavdem.documents.wind import Wind
-from mavdem.heading import Values, heading
 
 
 class Published(NamedTuple):
@@ -47,14 +48,14 @@ DOCUMENTS = {
 
 
 @cache
-def header(name: str) -> Values:
+def header(name: str) -> JsonValues:
     """Returns what the document of this ``name`` begins with: its name, the versions, and units by key."""
     published = DOCUMENTS[name]
-    return heading(
+    return document_heading(
         name, published.version, units_of(published.model.model_json_schema(by_alias=False))
     )
 
 
-def whole(name: str, document: Any) -> Values:
+def whole(name: str, document: Any) -> JsonValues:
     """Returns the JSON of the document of this ``name``, with its header; ``ValueError`` where it is none."""
     return header(name) | DOCUMENTS[name].model.model_validate(document).as_dict()

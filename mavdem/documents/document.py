@@ -12,8 +12,8 @@ from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator
 
+from mavdem.containers import JsonValues
 from mavdem.facts import Fact
-from mavdem.heading import Values
 
 
 def _said(value: Any) -> Any:
@@ -88,7 +88,7 @@ class Document(BaseModel):
                 values[name] = getattr(holder, name)
         return cls.model_validate(values)
 
-    def as_dict(self) -> Values:
+    def as_dict(self) -> JsonValues:
         """Returns plain JSON values, without keys that were not given; NaN and infinity become null."""
         return {
             name: _finite(value)
@@ -109,7 +109,7 @@ class Sentence(Document):
     """until when, s on the boot clock; null where it is of no time, or still so"""
     subject: str
     """what it is about; empty where that is the flight as a whole"""
-    figures: Values
+    figures: JsonValues
     """its figures by name"""
     units: dict[str, str]
     """their units by name"""

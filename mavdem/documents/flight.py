@@ -7,6 +7,7 @@ from pydantic import field_validator, model_validator
 
 from mavdem.arrays import Array
 from mavdem.assessment import Assessment
+from mavdem.containers import JsonValues
 from mavdem.dem.settings import CompleteSettings
 from mavdem.documents.document import (
     Advised,
@@ -32,7 +33,6 @@ from mavdem.documents.vehicle import (
 from mavdem.documents.wind import WindVelocity
 from mavdem.experiments import held_out
 from mavdem.experiments.held_out import HOLD_LAST
-from mavdem.heading import Values
 from mavdem.units import (
     AngularAcceleration,
     Effectiveness,
@@ -146,7 +146,7 @@ class HeldOut(Document):
 
     @model_validator(mode="before")
     @classmethod
-    def _of_windows(cls, windows: held_out.HeldOut) -> Values:
+    def _of_windows(cls, windows: held_out.HeldOut) -> JsonValues:
         ratios = windows.error_ratios()
         over_last = windows.error_ratios(HOLD_LAST)
         return {
@@ -493,7 +493,7 @@ class LearnReport(Report):
     """the log"""
 
 
-def report_of(assessment: Assessment) -> Values:
+def report_of(assessment: Assessment) -> JsonValues:
     """Returns the values of the report on the modelled axis of an ``assessment``, which took no time and no files."""
     assert assessment.analysis is not None
     report = assessment.analysis.as_dict()

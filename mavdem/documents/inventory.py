@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mavdem.assessment import Assessment
+from mavdem.containers import JsonValues
 from mavdem.documents.document import Document, Said
 from mavdem.documents.vehicle import (
     Condition,
@@ -14,7 +15,6 @@ from mavdem.documents.vehicle import (
     Verdict,
 )
 from mavdem.documents.wind import WindVelocity
-from mavdem.heading import Values
 from mavdem.motors.loss_detection import alarm_figures
 from mavdem.units import Hertz, Number, Seconds, UnixSeconds
 
@@ -141,7 +141,7 @@ class Inventory(Document):
     """whether any model can be learned from the log"""
 
 
-def vehicle_document(assessment: Assessment) -> Values:
+def vehicle_document(assessment: Assessment) -> JsonValues:
     """Returns what the document holds of the vehicle of an ``assessment`` beside its inventory."""
     analysis = assessment.analysis
     assert analysis is not None

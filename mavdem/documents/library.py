@@ -6,10 +6,10 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
+from mavdem.containers import JsonValues
 from mavdem.documents.document import Document, Error
 from mavdem.documents.review import Review
 from mavdem.facts.serve import Sharing
-from mavdem.heading import Values
 from mavdem.units import Seconds, Speed, UnixSeconds, unit
 
 
@@ -86,7 +86,7 @@ class FlightReview(Document):
 
     flight: Flight
     """what is listed of it"""
-    review: Values | None
+    review: JsonValues | None
     """the document of `mavdem review --json`; null before it is done"""
 
 

@@ -6,8 +6,8 @@ from typing import Any
 
 from pydantic import Field
 
+from mavdem.containers import JsonValues
 from mavdem.documents.document import Document, Said
-from mavdem.heading import Values
 from mavdem.units import Seconds
 
 
@@ -69,7 +69,7 @@ class Fly(Document, is_partial=True):
     """all scenarios; with --list only"""
     scenario: str
     """name or file of the scenario"""
-    values: Values
+    values: JsonValues
     """all keys of the scenario's file; with --describe only"""
     seed: int
     """seed of the wind"""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis.responses import LoopResponse
 from mavdem.assessment.lights.tracking import tracking_of
+from mavdem.containers import JsonValues
 from mavdem.dataset.drive import AXES
 from mavdem.documents.document import Document, OneFact, Sentence
 from mavdem.documents.flight import Report, report_of
@@ -12,7 +13,6 @@ from mavdem.documents.loops import Loop
 from mavdem.documents.vehicle import Condition, Identity
 from mavdem.documents.wind import WindVelocity
 from mavdem.facts import Fact
-from mavdem.heading import Values
 from mavdem.units import DensityOfUnit, Hertz, Number, Seconds
 from mavdem.vibration import spectra as measured
 from mavdem.vibration.spectra import max_decimated
@@ -198,7 +198,7 @@ class Review(Document):
     """the files written, by name"""
 
 
-def review_document(assessment: Assessment) -> Values:
+def review_document(assessment: Assessment) -> JsonValues:
     """Returns the values of the document of an ``assessment``, which has written no files."""
     analysis = assessment.analysis
     return {
@@ -219,7 +219,7 @@ def review_document(assessment: Assessment) -> Values:
     }
 
 
-def axes_of(assessment: Assessment) -> Values:
+def axes_of(assessment: Assessment) -> JsonValues:
     """Returns what is known of each axis."""
     evidence = assessment.evidence
     margins = () if evidence is None else evidence.margins
@@ -242,7 +242,7 @@ def axes_of(assessment: Assessment) -> Values:
     return axes
 
 
-def _response(response: LoopResponse) -> Values:
+def _response(response: LoopResponse) -> JsonValues:
     if isinstance(response.measured, Fact):
         return {"measured": None, "facts": response.facts}
     return {

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 from pydantic import Field
 
+from mavdem.containers import JsonValues
 from mavdem.documents.document import Document, Said, Sentence, Told, ToldWithRemedy
 from mavdem.documents.vehicle import Finding, MotorHealth, Override
 from mavdem.facts.session import Spent
-from mavdem.heading import Values
 from mavdem.motors.loss_detection import alarm_figures
 from mavdem.units import Degrees, Hertz, Number, Seconds, Speed
 
@@ -154,7 +154,7 @@ WIND_FIGURES = "speed", "speed_from", "speed_to", "direction", "direction_interv
 
 
 def live_document(
-    session: LiveSession, status: SessionStatus, account: Mapping[Spent, float], files: Values
+    session: LiveSession, status: SessionStatus, account: Mapping[Spent, float], files: JsonValues
 ) -> Live:
     """Returns the document of a ``session`` that has ended, by its last ``status``, with the ``files`` it wrote."""
     return Live.gather(

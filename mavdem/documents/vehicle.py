@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field, model_validator
 
+from mavdem.containers import JsonValues
 from mavdem.documents.document import (
     Document,
     Judged,
@@ -15,7 +16,6 @@ from mavdem.documents.document import (
 )
 from mavdem.facts import Fact
 from mavdem.facts.assessment import InShort
-from mavdem.heading import Values
 from mavdem.units import (
     Acceleration,
     Amperes,
@@ -382,7 +382,7 @@ class Override(Document):
 
     @model_validator(mode="before")
     @classmethod
-    def _of_fact(cls, override: Fact) -> Values:
+    def _of_fact(cls, override: Fact) -> JsonValues:
         return {
             "kind": override.code,
             "headline": Fact(InShort.OVERRIDDEN, because=override),

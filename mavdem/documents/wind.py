@@ -6,8 +6,8 @@ import numpy as np
 from pydantic import field_validator, model_validator
 
 from mavdem.arrays import Array
+from mavdem.containers import JsonValues
 from mavdem.documents.document import Document, Judged, Said
-from mavdem.heading import Values
 from mavdem.units import Degrees, Metres, Number, OfParameter, PerMetre, PerSecond, Seconds, Speed
 from mavdem.wind_velocity import airflow
 
@@ -60,7 +60,7 @@ class Drag(Document):
 
     @model_validator(mode="before")
     @classmethod
-    def _of_drag(cls, drag: airflow.Drag) -> Values:
+    def _of_drag(cls, drag: airflow.Drag) -> JsonValues:
         return drag.as_dict()
 
 

@@ -20,9 +20,10 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
+from mavdem.containers import JsonValues, Names
 from mavdem.dem import Settings, learn
 from mavdem.dem.parallel import parallel_map
-from mavdem.errors import fact_of
+from mavdem.errors import fact_from_error
 from mavdem.experiments import methods
 from mavdem.experiments.held_out import Progress
 from mavdem.experiments.paired_test import FEWEST_PAIRS, Paired, paired
@@ -41,7 +42,6 @@ from mavdem.facts import Fact
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
 from mavdem.flight import Flight
 from mavdem.forecaster import Forecaster, ProbabilisticForecaster
-from mavdem.heading import Names, Values
 
 # numbers of windows, summed over flights
 COUNTS = ("windows", "failed", "diverged", "unstable", "worse_than_constant")
@@ -112,7 +112,7 @@ class Outcome:
         """Returns the MSPE (m,) over the whole test part, in the squares of the outputs' units, of a ``question``."""
         return self.scores[question].squared_error[-1]
 
-    def to_dict(self, question: Question = KNOWN) -> Values:
+    def to_dict(self, question: Question = KNOWN) -> JsonValues:
         """Returns values of a ``question`` for its document, without the forecasts themselves."""
         errors = self.mspe(question)
         scores = self.scores[question]
@@ -140,7 +140,7 @@ def evaluate_window(method: Method, window: Window) -> Outcome:
             scores, forecasts = _scored(method, window, model)
             return outcome(None, model.stable, model.cautions, seconds, scores, forecasts)
         except (ValueError, ArithmeticError, RuntimeError) as error:
-            failure = fact_of(error)
+            failure = fact_from_error(error)
     return outcome(failure, None, (), thread_time() - began, _without_forecast(method, window), {})
 
 
@@ -249,7 +249,7 @@ class Comparison:
         windows = tuple(self.windows[number] for number in own)
         return Comparison(windows, self.methods, tuple(self.outcomes[number] for number in own))
 
-    def summaries(self, flight: str, question: Question = KNOWN) -> tuple[Values, ...]:
+    def summaries(self, flight: str, question: Question = KNOWN) -> tuple[JsonValues, ...]:
         """Returns each method's summary of a ``question`` on the ``flight`` of that name, the lowest error first.
 
         ``windows`` and the ``COUNTS`` are numbers of windows; ``failure`` is the first reason; ``mspe`` per output and
@@ -265,19 +265,19 @@ class Comparison:
         return dict(zip(self.methods, zip(*self.outcomes, strict=True), strict=True))
 
     @cached_property
-    def _summaries(self) -> dict[tuple[str, Question], tuple[Values, ...]]:
+    def _summaries(self) -> dict[tuple[str, Question], tuple[JsonValues, ...]]:
         return {
             (flight, question): self.of_flight(flight)._standings(question)
             for flight, question in product(self.flights, Question)
         }
 
-    def _standings(self, question: Question) -> tuple[Values, ...]:
+    def _standings(self, question: Question) -> tuple[JsonValues, ...]:
         """Of one flight."""
         methods = self.methods_of(question)
         rows = [self._summary(method, question, methods[0]) for method in methods]
         return tuple(sorted(rows, key=itemgetter("relative")))
 
-    def _summary(self, method: str, question: Question, reference: str) -> Values:
+    def _summary(self, method: str, question: Question, reference: str) -> JsonValues:
         mine = self._columns[method]
         scores = [outcome.scores[question] for outcome in mine]
         ratios = np.array([each.ratio for each in scores])
@@ -329,7 +329,7 @@ class Comparison:
         }
         return {name: paired(whole[first], whole[name], self.windows) for name in others}
 
-    def over_flights(self, question: Question = KNOWN) -> tuple[Values, ...]:
+    def over_flights(self, question: Question = KNOWN) -> tuple[JsonValues, ...]:
         """Returns each method's summary of a ``question`` over all flights, the lowest error first.
 
         ``relative`` and ``horizons``, those that all have, are geometric means of the flights' medians, ``inside`` is a
@@ -359,7 +359,7 @@ class Comparison:
             )
         return tuple(sorted(overall, key=itemgetter("relative")))
 
-    def to_dict(self, question: Question = KNOWN) -> Values:
+    def to_dict(self, question: Question = KNOWN) -> JsonValues:
         """Returns values of a ``question`` for its document, by flight and by window, infinite errors as infinity.
 
         Of forecasts given the inputs, the same of predictions without them is in ``predictions``.
@@ -375,7 +375,7 @@ class Comparison:
             "predictions": self.to_dict(UNKNOWN) if predicted else None,
         }
 
-    def _flight(self, flight: str, question: Question) -> Values:
+    def _flight(self, flight: str, question: Question) -> JsonValues:
         part = self.of_flight(flight)
         train = part.windows[0].train
         test = part.windows[0].test

@@ -17,19 +17,19 @@ from math import ceil
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import LEVEL
+from mavdem.confidence import CONFIDENCE_LEVEL
 from mavdem.dem import Learned, Settings
 from mavdem.dem.engine.linalg import may_overflow
 from mavdem.dem.forecast.joint import JointModel
 from mavdem.dem.learning import learn_forecasts
 from mavdem.dem.record import folds
-from mavdem.errors import fact_of
+from mavdem.errors import fact_from_error
 from mavdem.experiments.scores import error_over
 from mavdem.experiments.window import part_samples
 from mavdem.facts import Facts
 from mavdem.facts.forecasts import HeldOutForecast
 from mavdem.flight import Flight
-from mavdem.immutable import Result
+from mavdem.immutable import ImmutableResult
 
 Progress = Callable[[float], None]
 """What is called with the share that is done."""
@@ -42,7 +42,7 @@ BASELINES = CONSTANT_MEAN, HOLD_LAST
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOut(Result):
+class HeldOut(ImmutableResult):
     """W held-out windows of H samples and m outputs, none used to train its model; angles in rad, rates in rad/s.
 
     Attributes:
@@ -148,7 +148,7 @@ def held_out_windows(
         try:
             model = learn_forecasts(training, settings)
         except ValueError as error:
-            failures = (fact_of(error),)
+            failures = (fact_from_error(error),)
         for i, first, stop in fold:
             flight = flights[i]
             # The filter finds its state in whole windows before the first that counts.
@@ -212,7 +212,7 @@ def _forecast(
     if model is not None:
         with np.errstate(over="ignore", invalid="ignore"):
             made = model.known_every(steps, inputs, outputs)
-            half = model.half_widths(made.variance, LEVEL, steps)
+            half = model.half_widths(made.variance, CONFIDENCE_LEVEL, steps)
             forecast, expected, band = map(windows, (*made, half))
             prediction = windows(model.unknown_every(steps, inputs, outputs).mean)
     trained = np.concatenate([flight.outputs for flight in training])

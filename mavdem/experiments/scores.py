@@ -12,12 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mavdem.arrays import Array, Pair
+from mavdem.arrays import Array, Pair, as_real_array
 from mavdem.dem.engine.linalg import may_overflow
 from mavdem.dem.learned import TEST_SECONDS
 from mavdem.dem.online import learner
 from mavdem.flight import Flight
-from mavdem.unit_slips import real_numbers
 
 USUAL_RATE = 100.0  # Hz, of these steps; at higher rates they last as long
 HORIZONS = (*learner.HORIZONS, round(TEST_SECONDS * USUAL_RATE))
@@ -80,8 +79,8 @@ def mspe(measured: ArrayLike, predicted: ArrayLike) -> Mspe:
     See Also:
         :func:`mavdem.evaluate.held_out_windows`: errors on windows that no model has seen.
     """
-    y = real_numbers(measured, "measured")
-    yhat = real_numbers(predicted, "predicted")
+    y = as_real_array(measured, "measured")
+    yhat = as_real_array(predicted, "predicted")
     if y.shape != yhat.shape or y.ndim != 2 or not len(y):
         raise ValueError(
             f"measured and predicted must be (H, m) alike, not {y.shape} and {yhat.shape}"

@@ -12,7 +12,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.dataset.drive import AXES
 from mavdem.dem import Learned
-from mavdem.errors import Unreadable, cause_of
+from mavdem.errors import Unreadable, error_message
 from mavdem.facts.forecasts import ComparedWithTruth, Forecasts
 from mavdem.facts.identifiability import Status
 from mavdem.files import PathName
@@ -106,7 +106,7 @@ def read_truth(path: PathName, axis: str) -> Truth:
         np.stack([truth.effect, truth.weak_effect])
         return truth
     except OSError as error:
-        why = cause_of(error)
+        why = error_message(error)
     except (LookupError, TypeError, ValueError, EOFError, zipfile.BadZipFile, zlib.error):
         why = ""
     raise Unreadable(Forecasts.NO_TRUTH_FILE, name=name, error=why)

@@ -14,6 +14,7 @@ from warnings import warn
 import numpy as np
 
 from mavdem.arrays import Array
+from mavdem.containers import JsonValues, Names
 from mavdem.dataset.align import align, longest_recorded
 from mavdem.dataset.learnability import learnability_of
 from mavdem.dataset.read import choose_vehicle
@@ -21,12 +22,11 @@ from mavdem.dataset.signals import Signals
 from mavdem.dem import Learned
 from mavdem.errors import NotLearnable
 from mavdem.experiments.held_out import HeldOut
-from mavdem.extras import require
+from mavdem.extras import require_extra
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import NoPlant
-from mavdem.files import PathName, atomic_write, replaceable, writing
-from mavdem.flight import Flight, Flights, boot_of
-from mavdem.heading import Names, Values
+from mavdem.files import PathName, atomic_write, reporting_write_errors, writable_target
+from mavdem.flight import Flight, Flights, boot_number
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 from mavdem.ingest.mavlink.framing import MATCHES
@@ -133,8 +133,8 @@ def to_xarray(flight: Flight) -> xarray.Dataset:
     """
     import xarray
 
-    variables: Values = {}
-    coordinates: Values = {
+    variables: JsonValues = {}
+    coordinates: JsonValues = {
         "time": ("time", flight.time, {"units": "s", "long_name": "time since boot"})
     }
     for kind, names, units, values in _channels(flight):
@@ -208,7 +208,7 @@ def _identified(learned: Learned) -> Physical:
     return physical
 
 
-def _plant(draw: Sequence[float], names: Values) -> control.StateSpace:
+def _plant(draw: Sequence[float], names: JsonValues) -> control.StateSpace:
     """The physical plant of effect, damping, lag and delay."""
     import control
 
@@ -236,7 +236,7 @@ def convert(
     axis: str,
     vehicle: str | None = None,
     inputs: str | None = None,
-) -> Values:
+) -> JsonValues:
     """Converts ``source`` to the format of ``out``'s ending, and reports what was written.
 
     A .tlog or .mcap receives every frame with its receive stamp, those that cannot be read included, but no bytes
@@ -263,9 +263,9 @@ def convert(
             f"{out} must end in {', '.join([*STREAMS, *TABLES])}: the ending chooses the format"
         )
     if out.suffix.lower() == ".parquet":
-        require("parquet", f"{out}")
-    with writing(out):
-        replaceable(out)  # before the work
+        require_extra("parquet", f"{out}")
+    with reporting_write_errors(out):
+        writable_target(out)  # before the work
         if out.exists() and source.exists() and out.samefile(source):
             raise ValueError(f"{out} is the input: name another file")
         if out.suffix.lower() in TABLES:
@@ -275,7 +275,7 @@ def convert(
     return {"source": str(source), "out": str(out), **written}
 
 
-def _convert_stream(source: Path, out: Path) -> Values:
+def _convert_stream(source: Path, out: Path) -> JsonValues:
     kind = out.suffix.lower()
     stream = read_stream(source)
     if stream.form == kind:
@@ -296,7 +296,7 @@ def _convert_stream(source: Path, out: Path) -> Values:
 
 def _convert_to_table(
     source: Path, out: Path, axis: str, vehicle: str | None, inputs: str | None
-) -> Values:
+) -> JsonValues:
     log = read_log(source)
     signals = Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs)
     learnability = learnability_of(signals, log.components)
@@ -309,7 +309,7 @@ def _convert_to_table(
         raise NotLearnable(learnability.reason)
     provenance = {**flight.provenance, "cautions": cautions}
     table = columns(flight)
-    table |= wind_columns(signals, boot_of(flight), flight.time)
+    table |= wind_columns(signals, boot_number(flight), flight.time)
     with atomic_write(out) as file:
         TABLES[out.suffix.lower()](file, table, provenance)
     return {

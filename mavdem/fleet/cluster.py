@@ -13,7 +13,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from mavdem.errors import Unreadable
-from mavdem.extras import require
+from mavdem.extras import require_extra
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Reading
 from mavdem.fleet.row import SCHEMA_VERSION
@@ -38,7 +38,7 @@ class Cluster:
     """Reads logs on the Dask cluster at ``address``, as ``WorkerPool`` does; others take what a dead worker had."""
 
     def __init__(self, address: str, limits: JobLimits, read: ReadLog) -> None:
-        require("dask")
+        require_extra("dask")
         if not re.fullmatch(r"\w+://\S+:\d{1,5}", address):
             raise Unreadable(Reading.NO_ADDRESS, address=address)
         self.address = address

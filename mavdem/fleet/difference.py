@@ -19,9 +19,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import stdtr
 
-from mavdem.confidence import LEVEL, quantile
+from mavdem.confidence import CONFIDENCE_LEVEL, coverage_factor
+from mavdem.containers import Names, Numbers
 from mavdem.dataset.drive import AXES, TILT_AXES
-from mavdem.dem.record import FEWEST_MOTORS
+from mavdem.dem.record import MIN_MOTORS
 from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Compared, Incomparable, QuantityOutcome
@@ -35,7 +36,6 @@ from mavdem.fleet.row import (
     flights_of,
     vehicles_of,
 )
-from mavdem.heading import Names, Numbers
 from mavdem.immutable import ReadOnlyDict
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS, RATE_GAIN
@@ -67,7 +67,7 @@ RESOLUTION = {SHARE: 0.06, EFFECT: 0.2, MEAN_EFFECT: 0.3, DAMPING: 0.8, LAG: 0.0
 MAX_UNCERTAINTY = 0.5
 SIDES = ("A", "B")
 UNSURE = {Status.BIASED, Status.NOT_IDENTIFIABLE}
-_Z = quantile()  # of the intervals of flights, in standard deviations
+_Z = coverage_factor()  # of the intervals of flights, in standard deviations
 
 Flights = Sequence[Flight]
 """Flights of one vehicle in order of date, the rows of each."""
@@ -146,7 +146,7 @@ class VehicleDifference(NamedTuple):
     incomparable: tuple[MissingQuantity, ...]  # what is not known in both
     conditions: tuple[Conditions, Conditions]  # of each state
     family_error: float = SIGNIFICANCE  # chance that any is called changed when none did
-    level: float = LEVEL  # of the intervals
+    level: float = CONFIDENCE_LEVEL  # of the intervals
 
     def of(self, outcome: QuantityOutcome) -> list[QuantityChange]:
         """Returns the changes with this outcome."""
@@ -261,7 +261,7 @@ def _logarithms(values: Numbers | None, halves: Numbers | None) -> dict[int, Est
 
 def _beside_median(kind: str, estimates: Mapping[int, Estimate]) -> dict[Quantity, Estimate]:
     """Each motor's logarithm less the median of all; of too few motors none."""
-    if len(estimates) < FEWEST_MOTORS:
+    if len(estimates) < MIN_MOTORS:
         return {}
     middle = median(value for value, _ in estimates.values())
     return {Quantity(kind, motor): (value - middle, sd) for motor, (value, sd) in estimates.items()}
@@ -292,7 +292,7 @@ def _compared(
         of_flights**2 / (PRIOR_FLIGHTS + observed) + (variance - of_flights) ** 2 / WITHIN_FREEDOM
     )
     sd = hypot(sqrt(variance), allowance)
-    half = quantile(freedom=freedom) * sd
+    half = coverage_factor(freedom=freedom) * sd
     p = float(2 * stdtr(freedom, -abs(after - before) / sd))
     if quantity.kind in (DAMPING, LAG):
         return QuantityChange(quantity, before, after, after - before, half, p, allowance)

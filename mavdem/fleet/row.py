@@ -14,12 +14,12 @@ from datetime import UTC, datetime
 from functools import cache
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
+from mavdem.containers import JsonValues, Names, Numbers, group_by
 from mavdem.dataset.drive import AXES, INPUTS
+from mavdem.document_heading import document_heading
 from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.motors import MotorHealth
-from mavdem.grouping import grouped
-from mavdem.heading import Names, Numbers, Values, heading
 from mavdem.units import (
     AngularAcceleration,
     ArmLengths,
@@ -294,7 +294,7 @@ class FlightRow:
         """The unit of the model's inputs in words: an effectiveness is for one of them."""
         return "unit of demand" if self.inputs == DEMAND else self.input_unit or "unit of input"
 
-    def as_dict(self) -> Values:
+    def as_dict(self) -> JsonValues:
         """Returns plain JSON values; the date as ISO 8601."""
         values = asdict(self)
         if self.date is not None:
@@ -316,7 +316,7 @@ FlightRows = list[FlightRow]
 
 
 @cache
-def _kinds() -> Values:
+def _kinds() -> JsonValues:
     """The type of each column, without None."""
     hints = get_type_hints(FlightRow)
     return {
@@ -362,7 +362,7 @@ def row_schema() -> Any:
         return pyarrow.list_(arrow(get_args(kind)[0])) if get_origin(kind) is tuple else plain[kind]
 
     units = {name: {"unit": unit} for name, unit in units_of_fields(FlightRow).items()}
-    head = heading("flights", SCHEMA_VERSION, {})
+    head = document_heading("flights", SCHEMA_VERSION, {})
     columns = [
         pyarrow.field(name, arrow(kind), metadata=units.get(name))
         for name, kind in _kinds().items()
@@ -372,7 +372,7 @@ def row_schema() -> Any:
     )
 
 
-def _of_report(report: Mapping[str, Any]) -> Values:
+def _of_report(report: Mapping[str, Any]) -> JsonValues:
     """The columns that a document of ``report.json`` has; nothing is known by an empty text or list."""
     places = {
         column.name: column.metadata["place"] for column in fields(FlightRow) if column.metadata
@@ -424,7 +424,7 @@ Flight = Sequence[FlightRow]
 
 def flights_of(rows: Iterable[FlightRow]) -> list[FlightRows]:
     """Returns the rows of each flight, its axes in order; flights by date, those without one last, then by vehicle."""
-    together = grouped(rows, lambda row: row.order[:-1])
+    together = group_by(rows, lambda row: row.order[:-1])
 
     def when(flight: Flight) -> tuple[object, ...]:
         row = flight[0]
@@ -438,7 +438,7 @@ def flights_of(rows: Iterable[FlightRow]) -> list[FlightRows]:
 def vehicles_of(rows: Iterable[FlightRow]) -> dict[str, list[FlightRows]]:
     """Returns the flights of each vehicle, by its name in order, as :func:`flights_of` has them."""
     flights = flights_of(row for row in rows if row.has_flight)
-    return dict(sorted(grouped(flights, lambda flight: flight[0].vehicle).items()))
+    return dict(sorted(group_by(flights, lambda flight: flight[0].vehicle).items()))
 
 
 def is_shared(flights: Iterable[Flight]) -> bool:
@@ -474,7 +474,7 @@ def flown_once(flights: Sequence[FlightRows]) -> list[FlightRows]:
     return once
 
 
-def summary(rows: Iterable[FlightRow]) -> Values:
+def summary(rows: Iterable[FlightRow]) -> JsonValues:
     """Returns counts of a fleet's flights as plain JSON values.
 
     A flight has a row for each axis, and counts by its better tier and its worse health; one that several logs have

@@ -10,6 +10,7 @@ import numpy as np
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import NoLoop, assess_signals
 from mavdem.assessment.axis import LogAnalysis
+from mavdem.containers import JsonValues
 from mavdem.dataset.drive import AXES
 from mavdem.dataset.signals import Signals
 from mavdem.errors import Unreadable
@@ -17,7 +18,6 @@ from mavdem.facts import Fact
 from mavdem.facts.fleet import Reading
 from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.fleet.workers import PAGES, LogRows, MakePage, fault
-from mavdem.heading import Values
 from mavdem.ingest import read_log
 from mavdem.loops.axis_loops import Loop
 from mavdem.motors.balance import balance_of_signals
@@ -104,9 +104,9 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
     return rows
 
 
-def _wind(wind: WindVelocity) -> Values:
+def _wind(wind: WindVelocity) -> JsonValues:
     drag = wind.drag
-    columns = Values()
+    columns = JsonValues()
     if wind.sized:
         speed = None if wind.calm else wind.speed
         columns |= {"wind_speed": speed, "wind_speed_interval": wind.speed_interval}
@@ -119,7 +119,7 @@ def _wind(wind: WindVelocity) -> Values:
     return columns | {"drag": (*drag.linear, *drag.quadratic), "drag_interval": np.ravel(half)}
 
 
-def _margins(loop: Loop) -> Values:
+def _margins(loop: Loop) -> JsonValues:
     """The margins of a rate loop; none that is infinite."""
     return {
         "phase_margin": np.radians(loop.phase_margin),
@@ -129,7 +129,7 @@ def _margins(loop: Loop) -> Values:
     }
 
 
-def _means(analysis: LogAnalysis) -> Values:
+def _means(analysis: LogAnalysis) -> JsonValues:
     """The means of what the model has seen."""
     if analysis.learned is None:
         return {}

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from urllib.parse import unquote, urlsplit
 
 from mavdem.errors import Unreadable
-from mavdem.extras import require
+from mavdem.extras import require_extra
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Folder
 from mavdem.ingest.contents import LOG_ENDINGS
@@ -103,7 +103,7 @@ def source_of(path: str) -> LogSource:
 
 
 def _remote(url: str) -> Iterator[LogSource]:
-    require("urls")
+    require_extra("urls")
     import fsspec  # type: ignore[import-untyped]
 
     try:
@@ -137,7 +137,7 @@ def _unreadable(url: str, error: Exception, fetched: bool) -> Unreadable:
 
 def fetch(url: str, copy: Path) -> None:
     """Copies the file behind a URL to this machine; raises ``Unreadable``."""
-    require("urls")
+    require_extra("urls")
     import fsspec
 
     try:

@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from mavdem.assessment import Assessment
+from mavdem.containers import JsonValues
 from mavdem.errors import NotLearnable
 from mavdem.facts.fleet import Incomparable
 from mavdem.fleet.row import UNKNOWN, FlightRows, flights_of
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.fleet.store import is_fleet, read_rows
-from mavdem.heading import Values
 from mavdem.ingest.telemetry import Parameters, Telemetry
 
 
@@ -18,7 +18,7 @@ class VehicleState(NamedTuple):
     """Flights of a vehicle, or of several where none was chosen."""
 
     rows: FlightRows
-    review: Values  # the document of a log; of a fleet nothing
+    review: JsonValues  # the document of a log; of a fleet nothing
     vehicles: Sequence[Telemetry]  # of a log
 
     @property
@@ -72,7 +72,7 @@ def state_of(name: str, path: Path, vehicle: str | None = None) -> VehicleState:
 
 
 def _state_of_log(path: Path) -> VehicleState:
-    review = Values()
+    review = JsonValues()
     vehicles = list[Telemetry]()
 
     def keep(_: str, assessment: Assessment) -> str:

@@ -20,8 +20,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from mavdem.errors import Unreadable, cause_of
-from mavdem.extras import missing
+from mavdem.containers import JsonValues, Names
+from mavdem.errors import Unreadable, error_message
+from mavdem.extras import missing_modules
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Folder
 from mavdem.facts.motors import HealthUnknown
@@ -29,7 +30,6 @@ from mavdem.files import atomic_write
 from mavdem.fleet.row import SCHEMA_VERSION, FlightRow, FlightRows, as_text, row_schema
 from mavdem.fleet.sources import LogSource, is_url
 from mavdem.fleet.workers import PAGES, JobLimits, JobOutcome
-from mavdem.heading import Names, Values
 
 STORE = "fleet.sqlite"
 TABLE = Path("flights", "flights.parquet")
@@ -82,7 +82,7 @@ def write_rows(folder: Path, rows: Iterable[FlightRow]) -> None:
 
     Without pyarrow there is none, and one of an earlier run, which is no longer true, goes.
     """
-    if missing("parquet"):
+    if missing_modules("parquet"):
         return (folder / TABLE).unlink(missing_ok=True)
     import pyarrow
     from pyarrow import parquet
@@ -105,7 +105,7 @@ def opened(folder: Path) -> Iterator[Store]:
         with closing(store.db):
             yield store
     except (OSError, sqlite3.OperationalError) as error:
-        full = Fact(Folder.FLEET_NOT_WRITTEN, path=folder, because=cause_of(error))
+        full = Fact(Folder.FLEET_NOT_WRITTEN, path=folder, because=error_message(error))
         raise Unreadable(full) from None
     except sqlite3.DatabaseError as error:
         raise Unreadable(_damaged(folder / STORE, error)) from None
@@ -321,7 +321,7 @@ def _assessed(rows: FlightRows, assess: AssessRows, healthy: FlightRows) -> Flig
         return [replace(row, health_reason=str(why), health_code=why.code) for row in rows]
 
 
-def _values(source: LogSource, limits: JobLimits) -> Values:
+def _values(source: LogSource, limits: JobLimits) -> JsonValues:
     return {
         **source._asdict(),
         **limits._asdict(),

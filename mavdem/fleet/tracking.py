@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
+from mavdem.containers import JsonValues, Numbers
 from mavdem.dataset.drive import MotorGeometry
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Facts
@@ -23,7 +24,6 @@ from mavdem.fleet.row import SHARED, UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.sources import LogSource, find_logs
 from mavdem.fleet.store import AssessRows, Store, is_fleet, opened, read_rows
 from mavdem.fleet.workers import Job, MakePage, WorkerPool
-from mavdem.heading import Numbers, Values
 from mavdem.motors.balance import BalanceFigures, HealthFigures, motor_signatures
 from mavdem.motors.health import assess
 
@@ -48,14 +48,14 @@ class TrackedLogs(NamedTuple):
 
 def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
     """Returns all rows of a vehicle, each judged beside its ``baseline`` or, without any, its first sound flights."""
-    blank: Values = dict.fromkeys((*OF_ASSESSMENT, *BESIDE_OTHERS)) | {"health": UNKNOWN}
+    blank: JsonValues = dict.fromkeys((*OF_ASSESSMENT, *BESIDE_OTHERS)) | {"health": UNKNOWN}
     rows = [replace(row, **blank) for row in rows]
     flown = [row for row in rows if row.is_read]
     if not flown:
         return rows
     if not baseline and (flown[0].vehicle == UNKNOWN or flown[0].vehicle_basis == SHARED):
         unnamed = Fact(HealthUnknown.VEHICLE_UNNAMED)
-        said: Values = {"health_reason": unnamed.advised, "health_code": unnamed.code}
+        said: JsonValues = {"health_reason": unnamed.advised, "health_code": unnamed.code}
         return [replace(row, **said) if row.is_read else row for row in rows]
     healthy_rows = [row for row in baseline if row.is_read]
     judged = {_key(row): health_figures(row) for row in flown}

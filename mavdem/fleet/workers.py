@@ -29,13 +29,19 @@ from typing import Any, Literal, NamedTuple
 from urllib.parse import urlsplit
 
 from mavdem.assessment import Assessment
-from mavdem.dem.parallel import ENDS, Pool, blocked, pool, stay_in_this_process
+from mavdem.containers import JsonValues, Names
+from mavdem.dem.parallel import (
+    TERMINATION_SIGNALS,
+    ProcessPool,
+    blocked_signals,
+    forbid_child_processes,
+    process_pool,
+)
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Reading
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.sources import fetch, is_url
-from mavdem.heading import Names, Values
 
 PAGES = "pages"  # the folder of pages of flights, in the fleet's
 ATTEMPTS = 2  # at a log whose reading killed the process: something else may have killed it once
@@ -93,7 +99,7 @@ def failed(job: Job, ended: Ended, status: Fact, key: str = "") -> JobOutcome:
     return JobOutcome(job.path, ended, (row,), key)
 
 
-def _of_job(job: Job, key: str) -> Values:
+def _of_job(job: Job, key: str) -> JsonValues:
     """Columns that a row has of what was asked for."""
     return {"file": job.path, "key": key, "mavdem_version": metadata.version("mavdem")}
 
@@ -108,7 +114,7 @@ class LogReader:
         self._is_ending = is_ending
         self._exits = ExitStack()
         self._process: BaseProcess | None = None
-        self._executor: Pool
+        self._executor: ProcessPool
         self._logs = 0  # that the process was given
 
     def read(self, job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome | None:
@@ -152,7 +158,7 @@ class LogReader:
             os.environ.setdefault(name, "1")
         os.environ.setdefault("MPLBACKEND", "agg")
         try:
-            self._executor = self._exits.enter_context(pool(1))
+            self._executor = self._exits.enter_context(process_pool(1))
             (self._process,) = self._executor.processes
             self._result(self._executor.submit(os.getpid))
         except (OSError, BrokenExecutor) as error:
@@ -199,7 +205,7 @@ class WorkerPool:
         try:
             yield from side_by_side(reads, jobs, is_ending.set)
         finally:
-            with blocked(*ENDS):
+            with blocked_signals(*TERMINATION_SIGNALS):
                 for reader in readers:
                     reader.stop()
 
@@ -226,7 +232,7 @@ def side_by_side(
                     busy[executor.submit(read, job)] = read
     finally:
         end()
-        with blocked(*ENDS):
+        with blocked_signals(*TERMINATION_SIGNALS):
             executor.shutdown()
 
 
@@ -238,7 +244,7 @@ def perform(job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome:
         for output in (1, 2):
             os.dup2(nothing, output)
         os.close(nothing)
-    stay_in_this_process()  # others like it have the other cores
+    forbid_child_processes()  # others like it have the other cores
     _limit(resource.RLIMIT_CPU, ceil(time.process_time() + limits.seconds))
     # Linux counts what is allocated; elsewhere the limit may do nothing. Not the address space: mapped files and
     # reserved stacks of threads take no memory.

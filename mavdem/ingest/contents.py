@@ -4,7 +4,7 @@ import lzma
 import stat
 from pathlib import Path
 
-from mavdem.errors import Unreadable, cause_of
+from mavdem.errors import Unreadable, error_message
 from mavdem.facts import Fact
 from mavdem.facts.sources import Source
 from mavdem.files import PathName
@@ -64,7 +64,7 @@ def _content(path: PathName, limit: int | None = None) -> bytes:
     except Unreadable:
         raise
     except (OSError, ValueError) as error:
-        raise Unreadable(Source.FILE_NOT_OPENED, path=path, because=cause_of(error)) from None
+        raise Unreadable(Source.FILE_NOT_OPENED, path=path, because=error_message(error)) from None
     if not content.rstrip(b"\0"):
         raise Unreadable(Source.FILE_EMPTY, path=path, zeros=bool(status.st_size))
     return content

@@ -4,10 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.arrays import Integers
-from mavdem.files import table_beside
+from mavdem.files import load_adjacent_toml
 from mavdem.ingest.mavlink.definitions import enum_name
 
-_PX4 = table_beside(__file__, "flight_modes.toml")["px4"]
+_PX4 = load_adjacent_toml(__file__, "flight_modes.toml")["px4"]
 _CUSTOM = {state: main << 16 | sub << 24 for main, sub, state, _ in _PX4}
 _ENUMS = {"SUBMARINE": "SUB_MODE", "GROUND_ROVER": "ROVER_MODE", "FIXED_WING": "PLANE_MODE"}
 _NAMES = {_CUSTOM[state]: name for *_, state, name in _PX4}

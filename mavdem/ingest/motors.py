@@ -14,10 +14,10 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.confidence import Interval
+from mavdem.containers import Names, Numbers
 from mavdem.facts import Fact
 from mavdem.facts.sources import Source
-from mavdem.files import table_beside
-from mavdem.heading import Names, Numbers
+from mavdem.files import load_adjacent_toml
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import NAMES, UNNAMED
 
@@ -257,7 +257,7 @@ def place_name(position: Position) -> str:
     return f"{along} {across}".strip()
 
 
-_FRAMES = table_beside(__file__, "frames.toml")
+_FRAMES = load_adjacent_toml(__file__, "frames.toml")
 
 
 def _placed(bearings: Numbers, directions: str) -> tuple[dict[int, Position], dict[int, int]]:

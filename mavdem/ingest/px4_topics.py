@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from mavdem.arrays import Array, Flags
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
-from mavdem.files import table_beside
+from mavdem.files import load_adjacent_toml
 from mavdem.ingest.flight_modes import px4_custom_mode
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.motors import MOTOR_COUNTS, motor_geometry
@@ -52,10 +52,10 @@ from mavdem.ingest.vocabulary import (
 Topics = Mapping[str, Mapping[int, Columns]]
 """Fields by pyulog's names ("q[0]"), (N,) each, and ``time`` (N,) s since boot, by topic and number of the instance."""
 
-_TOPICS = table_beside(__file__, "px4_topics.toml")
+_TOPICS = load_adjacent_toml(__file__, "px4_topics.toml")
 NEEDED = {topic: tuple(fields) for topic, fields in _TOPICS.items()}
 """The topics that are read, and the fields of each beside ``timestamp``, arrays with their length."""
-_RENAMED = table_beside(__file__, "px4_messages.toml")
+_RENAMED = load_adjacent_toml(__file__, "px4_messages.toml")
 SETPOINTS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoint"})
 """Those that a companion may send as well."""
 OF_PX4 = ("failure_detector_status", "estimator_selector_status", "input_rc")

@@ -12,7 +12,7 @@ from mavdem.arrays import Array
 from mavdem.confidence import Interval
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.sources import Flaw, Repair
-from mavdem.immutable import Result
+from mavdem.immutable import ImmutableResult
 
 Parameters = Mapping[str, float]  # Values by name
 Fields = dict[str, NDArray[Any]]  # Columns of a message that is being made
@@ -37,7 +37,7 @@ MAX_FIELDS = 2000
 
 
 @dataclass(frozen=True, eq=False)
-class Telemetry(Result):
+class Telemetry(ImmutableResult):
     """The messages of one component of one vehicle.
 
     Attributes:
@@ -137,7 +137,7 @@ def renamed(logged: Columns, rule: Mapping[str, Choices]) -> Fields:
 
 
 @dataclass(frozen=True, eq=False)
-class Component(Result):
+class Component(ImmutableResult):
     """One component that sent messages: a vehicle, a ground station, a gimbal, a radio.
 
     Attributes:

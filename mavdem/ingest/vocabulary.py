@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import all as dialect
 from scipy.spatial.transform import Rotation
 
 from mavdem.arrays import Array
-from mavdem.files import table_beside
+from mavdem.files import load_adjacent_toml
 from mavdem.ingest.telemetry import Fields
 
 
@@ -55,7 +55,7 @@ RADIO = "TELEMETRY_RADIO"
 RADIO_MESSAGES = frozenset({"RADIO_STATUS", "RADIO"})
 UNNAMED = "UNKNOWN"  # Name of a vehicle or an autopilot that no HEARTBEAT gives
 
-NAMES = table_beside(__file__, "names.toml")
+NAMES = load_adjacent_toml(__file__, "names.toml")
 CONTROL_PARAMETERS = re.compile(
     r"ATC_RAT_|ATC_ANG_(RLL|PIT|YAW)_P$|INS_GYRO_(FILTER|RATE)$|INS_(HNTC[H23]|NOTCH)_|SCHED_LOOP_RATE$|"
     r"FSTRATE_ENABLE$|FRAME_CLASS$|MOT_(THST_EXPO|THST_HOVER|SPIN_MIN|SPIN_MAX|BAT_VOLT_MAX)$|"

@@ -25,6 +25,7 @@ from mavdem.assessment.condition import Condition
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement, judge
 from mavdem.assessment.lights.motors import motors_light
+from mavdem.containers import Names, Numbers
 from mavdem.dataset import drive, phases
 from mavdem.dataset.align import Segment, mean_rate
 from mavdem.dataset.attitude import Attitude
@@ -44,7 +45,6 @@ from mavdem.facts import Fact
 from mavdem.facts.lights import Unjudged
 from mavdem.facts.motors import Trim
 from mavdem.facts.session import Session
-from mavdem.heading import Names, Numbers
 from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry, OutputScale, output_scale
 from mavdem.ingest.telemetry import Fields, Telemetry, joined, log_of_vehicles
 from mavdem.ingest.vocabulary import IN_AIR, UNNAMED

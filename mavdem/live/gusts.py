@@ -5,11 +5,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from mavdem.containers import Numbers
 from mavdem.dem import Estimate
 from mavdem.dem.record import Record
 from mavdem.facts import Fact
 from mavdem.facts.session import Session
-from mavdem.heading import Numbers
 from mavdem.plant.gusts import LEVEL_SECONDS, gusts, shortest_gust
 from mavdem.plant.online_wind_torque import MEMORY_SECONDS
 

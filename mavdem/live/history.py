@@ -16,6 +16,7 @@ from mavdem.assessment.axis.findings import Findings
 from mavdem.assessment.judgement import Judgement, next_step_of, unjudged
 from mavdem.assessment.lights.limits import worst
 from mavdem.confidence import Interval
+from mavdem.containers import Names, Numbers
 from mavdem.dataset.signals import STAMP_ROUNDING
 from mavdem.dem import Estimate
 from mavdem.facts import Fact, Facts, NamedFacts
@@ -23,8 +24,7 @@ from mavdem.facts.assessment import NextStep
 from mavdem.facts.event import Event
 from mavdem.facts.lights import Light
 from mavdem.facts.session import Session
-from mavdem.heading import Names, Numbers
-from mavdem.immutable import Result
+from mavdem.immutable import ImmutableResult
 from mavdem.live.wind import WindRow
 from mavdem.motors.loss_detection import MotorAlarm
 
@@ -42,7 +42,7 @@ def horizons(dt: float) -> tuple[int, ...]:
 
 
 @dataclass(frozen=True)
-class SessionStatus(Result):
+class SessionStatus(ImmutableResult):
     """The status of a live session at one moment.
 
     ``LiveStream`` fills in what concerns the link and the vehicle, ``LiveSession`` the rest.

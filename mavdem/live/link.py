@@ -21,7 +21,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from mavdem.errors import Unreadable, cause_of
+from mavdem.errors import Unreadable, error_message
 from mavdem.facts import Fact, Level
 from mavdem.facts.session import LinkError, LinkFact
 from mavdem.ingest.mavlink.framing import HEADER_1, MARKER_1
@@ -56,7 +56,7 @@ class LinkLost(Exception):
             Level.WATCH,
             name=link,
             cause=cause,
-            error=error and cause_of(error),
+            error=error and error_message(error),
             reopening=False,
         )
         super().__init__(self.fact)
@@ -267,7 +267,7 @@ class Link:
             cause = LinkError.NO_REPLY
         else:
             cause = REFUSALS.get(error.errno or 0, LinkError.FAILED)
-        raise _cannot_open(self.name, cause, host, port, cause_of(error)) from error
+        raise _cannot_open(self.name, cause, host, port, error_message(error)) from error
 
 
 def _parsed(name: str) -> tuple[str, str, int]:

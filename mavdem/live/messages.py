@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mavdem.containers import Names, Numbers
 from mavdem.dataset.drive import MAX_ANGLE, MAX_BODY_RATE, UINT16_UNKNOWN
 from mavdem.dataset.signals import IGNORED
-from mavdem.heading import Names, Numbers
 from mavdem.ingest.mavlink import framing
 from mavdem.ingest.mavlink.definitions import definitions, parameter_values
 from mavdem.ingest.mavlink.vehicles import CLOCK_UNITS

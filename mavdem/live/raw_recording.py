@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from mavdem.errors import Unreadable, cause_of
+from mavdem.errors import Unreadable, error_message
 from mavdem.facts.session import LinkFact
 from mavdem.files import PathName
 from mavdem.ingest.mcap.records import raw_channel, started, write_message
@@ -26,7 +26,7 @@ class RawRecording:
             raise Unreadable(LinkFact.STREAM_FILE_EXISTS, path=path) from None
         except OSError as error:
             raise Unreadable(
-                LinkFact.STREAM_FILE_FAILED, path=path, error=cause_of(error)
+                LinkFact.STREAM_FILE_FAILED, path=path, error=error_message(error)
             ) from None
         self.frames = 0  # in it; bytes that belong to no frame are not
         self._mcap = started(self._file, 1 << 15) if Path(path).suffix.lower() == ".mcap" else None

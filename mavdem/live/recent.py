@@ -5,7 +5,7 @@ from math import inf
 
 import numpy as np
 
-from mavdem.heading import Numbers
+from mavdem.containers import Numbers
 from mavdem.ingest.telemetry import Columns
 from mavdem.live.messages import FIELDS
 

@@ -17,13 +17,13 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
+from mavdem.containers import Numbers
 from mavdem.dataset import align
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.dataset.learnability import MAX_STEP_RATIO
 from mavdem.dataset.signals import MINIMUM_RATE, STAMP_ROUNDING
 from mavdem.facts import Fact
 from mavdem.facts.session import VehicleFact
-from mavdem.heading import Numbers
 from mavdem.ingest.mavlink.clocks import (
     MAX_OFFSET,
     MIN_RESET_STAMPS,

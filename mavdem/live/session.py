@@ -19,7 +19,7 @@ from mavdem.assessment.axis.findings import Findings, disown_torque, findings_of
 from mavdem.assessment.judgement import Judgement
 from mavdem.dataset.signals import axis_outputs
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
-from mavdem.errors import NotLearnable, fact_of, failure
+from mavdem.errors import NotLearnable, fact_from_error, failure_fact
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Override
 from mavdem.facts.event import Event
@@ -250,7 +250,7 @@ class LiveSession:
                 return self._named(self.learner.learn_now(seconds))
             except (TimeoutError, ValueError, RuntimeError) as error:
                 late = Fact(Session.NOT_LEARNED_IN_TIME, duration=seconds)
-                because = late if isinstance(error, TimeoutError) else fact_of(error)
+                because = late if isinstance(error, TimeoutError) else fact_from_error(error)
             if not self._models:
                 raise NotLearnable(because)
             self._log(Fact(Session.FORMER_MODEL_KEPT, because=because))
@@ -294,7 +294,7 @@ class LiveSession:
                 self.recording.close()
             except OSError as error:
                 self.recording = None
-                self._log(failure(LinkFact.STREAM_RECORDING_ENDED, error, finishing=True))
+                self._log(failure_fact(LinkFact.STREAM_RECORDING_ENDED, error, finishing=True))
 
     @property
     def status(self) -> SessionStatus:
@@ -360,7 +360,7 @@ class LiveSession:
                 self.recording.take(stamp, frames)
         except OSError as error:
             self.recording = None
-            self._log(failure(LinkFact.STREAM_RECORDING_ENDED, error))
+            self._log(failure_fact(LinkFact.STREAM_RECORDING_ENDED, error))
         now = time.monotonic()
         wall = time.time()
         first = self._emptied
@@ -386,7 +386,7 @@ class LiveSession:
             try:
                 estimate = learner.update(row.time, row.outputs, row.inputs, weak)
             except ValueError as error:
-                self._log(failure(Session.SAMPLE_SKIPPED, error))
+                self._log(failure_fact(Session.SAMPLE_SKIPPED, error))
             newest = learner.learned
             # Of the way up no model is kept, nor is one written at the end.
             self._kept |= row.settled
@@ -456,7 +456,7 @@ class LiveSession:
         except Exception as error:
             self._display = None
             self.show = lambda setup: None
-            self._log(failure(Session.DISPLAY_FAILED, error))
+            self._log(failure_fact(Session.DISPLAY_FAILED, error))
         if before is None and self._display is not None:
             for event in self.history.events:
                 self._display.log(event)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.containers import Numbers
 from mavdem.dataset.align import STEP_TOLERANCE
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.dataset.drive import (
@@ -24,7 +25,6 @@ from mavdem.facts.events import Reported
 from mavdem.facts.motors import InFlight
 from mavdem.facts.session import Rows, Session, VehicleFact
 from mavdem.facts.watch import Watch, Watched
-from mavdem.heading import Numbers
 from mavdem.ingest.mavlink.framing import MATCHES
 from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE
 from mavdem.ingest.motors import MOTOR_MESSAGES, POSSIBLE_MULTIROTORS

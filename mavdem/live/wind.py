@@ -15,14 +15,14 @@ import numpy as np
 from scipy.special import softmax
 
 from mavdem.arrays import Array
-from mavdem.confidence import half_width, quantile
+from mavdem.confidence import coverage_factor, half_width
+from mavdem.containers import Numbers
 from mavdem.dem.engine.linalg import normal_draws
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
 from mavdem.facts.identifiability import Status
 from mavdem.facts.session import Session
 from mavdem.facts.wind import NoWind, WindDoubt, WindLight
-from mavdem.heading import Numbers
 from mavdem.ingest.telemetry import interpolated
 from mavdem.live.link import SILENCE_SECONDS
 from mavdem.plant.online_wind_torque import FIRST_FIT_SECONDS
@@ -64,7 +64,7 @@ class WindRow(NamedTuple):
         speed, origin, half, turned = (
             figure[0] for figure in by_compass(self.velocity[None], self.band[None])
         )
-        turned = min(np.hypot(turned, quantile() * HEADING_SD), 180.0)
+        turned = min(np.hypot(turned, coverage_factor() * HEADING_SD), 180.0)
         return speed, max(speed - half, 0.0), speed + half, origin, turned
 
     @property

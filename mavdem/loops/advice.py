@@ -15,11 +15,11 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import ENDS, LEVEL
+from mavdem.confidence import CONFIDENCE_LEVEL, INTERVAL_QUANTILES
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import Gains, Loops
-from mavdem.immutable import Result
+from mavdem.immutable import ImmutableResult
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.axis_loops import (
     MARGIN_TARGETS,
@@ -74,7 +74,7 @@ class DemandNoise(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Advice(Result):
+class Advice(ImmutableResult):
     """Gains to set, and what to expect of them."""
 
     target: MarginTarget
@@ -107,7 +107,7 @@ class Advice(Result):
         code = Gains.STEP_TOWARDS_MARGINS
         if not self.parameters:
             code = Gains.KEEP_GAINS
-        elif self.sure >= ENDS[1]:
+        elif self.sure >= INTERVAL_QUANTILES[1]:
             code = Gains.SET_GAINS
         return Fact(
             code,
@@ -247,7 +247,7 @@ def _refusals(loop: Loop, changes: bool) -> Facts:
     if (
         not changes
         or loop.plant.bias >= 0
-        or loop.share_meeting(MARGIN_TARGETS["sharp"]) <= 1 - LEVEL
+        or loop.share_meeting(MARGIN_TARGETS["sharp"]) <= 1 - CONFIDENCE_LEVEL
     ):
         return ()
     return tuple(doubt for doubt in loop.cautions if doubt.code is Loops.EFFECT_BIASED)

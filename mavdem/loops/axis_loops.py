@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import ENDS
+from mavdem.confidence import INTERVAL_QUANTILES
 from mavdem.dem.record import Record
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.loops import Loops, Responses
@@ -162,7 +162,7 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
     name, weak = min(loops.items(), key=lambda item: margin_scores(target, item[1])[0])
     scores = margin_scores(target, *loops.values())
     level = Level.BAD
-    if np.quantile(scores, 1 - ENDS[1], method="lower") >= 1:
+    if np.quantile(scores, 1 - INTERVAL_QUANTILES[1], method="lower") >= 1:
         level = Level.GOOD
     elif scores[0] >= 1:
         level = Level.WATCH

@@ -15,11 +15,11 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array, Flags
+from mavdem.containers import JsonValues, Numbers
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import Controllers
-from mavdem.heading import Numbers, Values
-from mavdem.immutable import Result
+from mavdem.immutable import ImmutableResult
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.plant.closed_loop.parameters import USUAL
@@ -74,7 +74,7 @@ class Notch(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Controller(Result):
+class Controller(ImmutableResult):
     """The rate and the attitude controller of one axis; cut-offs are in Hz, 0 where there is no filter."""
 
     axis: str  # "roll", "pitch" or "yaw"
@@ -207,7 +207,7 @@ def controller_from_parameters(
     return Controller(axis=axis, parameters=own, weights=given, **values)
 
 
-def _ardupilot(own: Parameters, axis: str, weights: Numbers) -> Values:
+def _ardupilot(own: Parameters, axis: str, weights: Numbers) -> JsonValues:
     """The fields of an ArduPilot's controller."""
     short = {"roll": "RLL", "pitch": "PIT", "yaw": "YAW"}[axis]
     rate = f"ATC_RAT_{short}_"
@@ -306,7 +306,7 @@ def _harmonics(centre: float, bandwidth: float, depth: float, harmonics: float) 
             yield Notch(frequency, width * frequency, depth)
 
 
-def _px4(own: Parameters, axis: str, is_demand: bool) -> Values:
+def _px4(own: Parameters, axis: str, is_demand: bool) -> JsonValues:
     """The fields of a PX4's controller."""
     rate = f"MC_{axis.upper()}RATE_"
     names = {"p": f"{rate}P", "i": f"{rate}I", "d": f"{rate}D", "angle": f"MC_{axis.upper()}_P"}
@@ -329,7 +329,7 @@ def _px4(own: Parameters, axis: str, is_demand: bool) -> Values:
     }
 
 
-def _gains(own: Parameters, names: Mapping[str, str], rate: str) -> Values:
+def _gains(own: Parameters, names: Mapping[str, str], rate: str) -> JsonValues:
     values = dict(zip(names, _required(own, *names.values()), strict=True))
     return {"names": names, "ff": own.get(f"{rate}FF", 0.0), **values}
 

@@ -20,7 +20,7 @@ from mavdem.facts.identifiability import Status
 from mavdem.facts.learnability import Reason
 from mavdem.facts.loops import Loops
 from mavdem.facts.model import ParameterDoubt
-from mavdem.flight import Flight, boot_of
+from mavdem.flight import Flight, boot_number
 from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.loops.controllers import Controller
 from mavdem.loops.filters import gyro_delay, gyro_response
@@ -86,7 +86,7 @@ class _InLoop(NamedTuple):
 @once("axis", "inputs")
 def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
     """Of the axis of ``signals``; what it takes is that of :func:`identify_plant_in_loop`."""
-    boot = boot_of(flights[0])
+    boot = boot_number(flights[0])
     record = Record.of(flights)
     assert signals.drive is not None
     layout = signals.drive.layout

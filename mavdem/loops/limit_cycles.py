@@ -13,13 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.containers import JsonValues
 from mavdem.dataset.align import Segment, Segments
 from mavdem.dataset.attitude import Attitude
 from mavdem.dataset.drive import Motors, Signal
 from mavdem.dataset.quality import at_limits
 from mavdem.dataset.signals import MINIMUM_RATE
 from mavdem.dem.engine.linalg import SMALLEST
-from mavdem.heading import Values
 from mavdem.loops.resonance import evenly_sampled, spectra_of, windows_of
 
 WINDOW_LENGTHS = (4.0, 8.0)
@@ -63,7 +63,7 @@ class Oscillation(NamedTuple):
     others: tuple[Oscillation, ...] = ()  # of axes that oscillate too, and turn more slowly
 
     @property
-    def figures(self) -> Values:
+    def figures(self) -> JsonValues:
         """What facts say of it: axis, frequency and rate, rad/s, and the same of all axes that oscillate."""
         axes = [(each.axis, each.frequency, radians(each.rate)) for each in (self, *self.others)]
         return {

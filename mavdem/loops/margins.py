@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.arrays import Array, Flags, Indices
-from mavdem.confidence import ENDS, Interval
-from mavdem.immutable import Result, read_only
+from mavdem.confidence import INTERVAL_QUANTILES, Interval
+from mavdem.immutable import ImmutableResult, freeze
 from mavdem.ingest.vocabulary import wrapped
 from mavdem.loops.controllers import Controller
 from mavdem.loops.filters import gyro_response, notched
@@ -45,11 +45,11 @@ class FigureInterval:
 
     def __get__(self, loop: Any, kind: type | None = None) -> Interval:
         values = loop.figures[self.name]
-        low, high = np.quantile(values, ENDS, method="nearest").tolist()
+        low, high = np.quantile(values, INTERVAL_QUANTILES, method="nearest").tolist()
         return low, high
 
 
-class Margins(Result):
+class Margins(ImmutableResult):
     """Figures of a loop with their 90 % intervals; the margins are the smallest."""
 
     crossover = Figure("crossover")
@@ -97,7 +97,7 @@ class OpenLoop(Margins):
         steps = wrapped(np.diff(np.angle(1 + self.response), axis=1))
         quarters = -np.angle(self.response[:, 0]) / (np.pi / 2)
         besides = steps.sum(axis=1) - np.round(quarters).clip(0, 2) * np.pi / 2
-        return read_only(np.abs(besides) < np.pi)
+        return freeze(np.abs(besides) < np.pi)
 
     @cached_property
     def figures(self) -> Mapping[str, Array]:
@@ -124,7 +124,7 @@ class OpenLoop(Margins):
             "bandwidth": np.exp(falls.least(falls.among(at))),
             "rejection": np.abs(self.disturbance).max(axis=1),
         }
-        return read_only(figures)
+        return freeze(figures)
 
 
 class _Zeros(NamedTuple):

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import Interval, quantile
+from mavdem.confidence import Interval, coverage_factor
 from mavdem.dataset.align import Segments, within
 from mavdem.dataset.drive import Signal
 from mavdem.dataset.phases import both, unbroken
@@ -144,7 +144,7 @@ def setpoint_resonance(signals: Signals, parts: Segments) -> Resonance | None:
     error = np.sqrt((1 - seen) / (2 * seen * cross.windows))
     complementary = abs(without_filters[rows])
     sensitivity = abs(1 - without_filters[rows])
-    half = quantile() * error * complementary
+    half = coverage_factor() * error * complementary
     return Resonance(
         axis=signals.axis,
         peak=abs(response[at]),

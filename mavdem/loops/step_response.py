@@ -24,14 +24,14 @@ from scipy.linalg import solve_toeplitz
 from scipy.special import softmax
 
 from mavdem.arrays import Array
-from mavdem.confidence import ENDS, quantile
+from mavdem.confidence import INTERVAL_QUANTILES, coverage_factor
 from mavdem.dataset.align import Segments
 from mavdem.dataset.drive import Signal
 from mavdem.dataset.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals, usual_rate
 from mavdem.dem.engine.linalg import SMALLEST, normal_draws, one_thread
 from mavdem.facts import Fact
 from mavdem.facts.loops import StepResponses
-from mavdem.immutable import Result
+from mavdem.immutable import ImmutableResult
 from mavdem.loops.margins import Complex
 from mavdem.loops.resonance import (
     FEWEST_WINDOWS,
@@ -81,7 +81,7 @@ class IntervalEstimate(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class StepResponse(Result):
+class StepResponse(ImmutableResult):
     """The closed loop of one axis as measured: after a step of 1 of its setpoint, and by frequency.
 
     Attributes:
@@ -400,7 +400,7 @@ def _described(
     is_coherent = coherence >= MIN_COHERENCE
     asked = spectra.frequency[is_coherent].max(initial=0.0)
     unknown = min(unknown, np.searchsorted(hertz, asked))
-    half = quantile() * steps[1:].std(axis=0)
+    half = coverage_factor() * steps[1:].std(axis=0)
     if unknown < 2 or half.max() >= 1.0:  # such a band holds no response, and twice as much
         return nothing
     hertz = hertz[:unknown]
@@ -418,7 +418,7 @@ def _described(
         step_half=half,
         frequency=hertz,
         response=responses[0, :unknown],
-        gain_half=quantile() * gains[1:, :unknown].std(axis=0),
+        gain_half=coverage_factor() * gains[1:, :unknown].std(axis=0),
         max_frequency=hertz[-1],
         windows=fit.windows,
         coherence=np.interp(figures["peak_frequency"].value, spectra.frequency, coherence),
@@ -460,6 +460,6 @@ def step_from_frequency_response(frequency: Array, closed: Complex, time: Array)
 
 def _estimate(values: Array) -> IntervalEstimate:
     """The first of values (N,), and the interval of the others, widened to hold it."""
-    low, high = np.quantile(values[1:], ENDS).tolist()
+    low, high = np.quantile(values[1:], INTERVAL_QUANTILES).tolist()
     value = values[0]
     return IntervalEstimate(value, min(low, value), max(high, value))

@@ -10,14 +10,14 @@ from numpy.random import default_rng
 from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.arrays import Array
-from mavdem.confidence import Interval, quantile
+from mavdem.confidence import Interval, coverage_factor
+from mavdem.containers import Numbers
 from mavdem.dataset.drive import AXES
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.identifiability import Status
 from mavdem.facts.loops import Twins
-from mavdem.heading import Numbers
-from mavdem.immutable import Result
+from mavdem.immutable import ImmutableResult
 from mavdem.ingest.motors import Position
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.axis_loops import Loop, LoopsByAxis
@@ -45,7 +45,7 @@ MOMENT = 0.1  # torque of a common propeller by its thrust, over the arm
 
 
 @dataclass(frozen=True, eq=False)
-class Twin(Result):
+class Twin(ImmutableResult):
     """A vehicle for simulators, with how sure each of its attributes is as ``notes`` by name."""
 
     autopilot: str  # "px4" or "ardupilot"
@@ -189,7 +189,7 @@ def _notes(loops: LoopsByAxis, is_given: bool, is_measured: bool, drag: Drag) ->
     effects = {
         axis: Fact(
             Twins.EFFECT_NOTE,
-            share=quantile() * np.std(loop.effectiveness) / loop.effectiveness[0],
+            share=coverage_factor() * np.std(loop.effectiveness) / loop.effectiveness[0],
             is_biased=bool(loop.plant.bias),
         )
         for axis, loop in loops.items()

@@ -18,7 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array, Pair
-from mavdem.confidence import quantile
+from mavdem.confidence import coverage_factor
+from mavdem.containers import Names
 from mavdem.dataset.align import Segment, settled_segments, within
 from mavdem.dataset.drive import AXES, MotorGeometry
 from mavdem.dataset.phases import both, total
@@ -26,7 +27,6 @@ from mavdem.dataset.signals import Signals, once
 from mavdem.dataset.steadiness import steady
 from mavdem.facts import Fact
 from mavdem.facts.motors import HealthUnknown
-from mavdem.heading import Names
 
 BLOCK_SECONDS = 3.0
 """Over which commands and lean are averaged: longer than the attitude's motion, shorter than most gusts."""
@@ -266,12 +266,12 @@ class Deviation(NamedTuple):
     @property
     def usual(self) -> Array:
         """(3,) half widths of the interval of 90 % of healthy flights' deviations."""
-        return quantile() * self.scale
+        return coverage_factor() * self.scale
 
     @property
     def beyond(self) -> bool:
         """Whether it is farther off on some axis than 999 healthy flights in 1000 are."""
-        widest = quantile(0.999, self.freedom) * self.scale
+        widest = coverage_factor(0.999, self.freedom) * self.scale
         return (abs(self.change) > widest).any()
 
 

@@ -14,12 +14,12 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from mavdem.arrays import Array, Pair
-from mavdem.confidence import ENDS
+from mavdem.confidence import INTERVAL_QUANTILES
+from mavdem.containers import JsonValues
 from mavdem.dem.engine.linalg import SMALLEST
 from mavdem.facts import Fact
 from mavdem.facts.motors import Explanation, HealthUnknown, MotorHealth, MotorsBetween
-from mavdem.heading import Values
-from mavdem.immutable import Result
+from mavdem.immutable import ImmutableResult
 from mavdem.motors.balance import (
     FEWEST_FLIGHTS,
     SCATTER_FREEDOM,
@@ -75,7 +75,7 @@ def assess(
     for number, flight in by_time:
         apart = [other for other in healthy if other is not flight and not other.overlaps(flight)]
         others = [other for other in apart if other.layout == flight.layout]
-        reference: Values = {"flights": len(others), "are_chosen": chosen}
+        reference: JsonValues = {"flights": len(others), "are_chosen": chosen}
         unknown = flight.missing
         if unknown is None and len(others) < FEWEST_FLIGHTS:
             total = sum(other is not flight for other in named)
@@ -122,7 +122,7 @@ def _assessment(
     weighed: Explanations,
     away: Deviation,
     effort: EffortChange | None,
-    reference: Values,
+    reference: JsonValues,
 ) -> HealthAssessment:
     """The assessment beside the flights of the ``reference``, with what speaks for it."""
     # The effort says nothing of a single motor, and a weak one takes little of it.
@@ -277,7 +277,7 @@ class Candidates:
         some = np.maximum(motors, SMALLEST)
         shares = np.cumsum(joint, axis=1) / some[:, None]
         last = len(RISES) - 1
-        low, high = (RISES[(shares < end).sum(axis=1).clip(max=last)] for end in ENDS)
+        low, high = (RISES[(shares < end).sum(axis=1).clip(max=last)] for end in INTERVAL_QUANTILES)
         mean = joint @ RISES / some
         harder = np.array([mean, low, high]) * rise_share
         is_fault = np.outer(rise_share, RISES) >= FAULT_RISE
@@ -297,7 +297,7 @@ class Candidates:
 
 
 @dataclass(frozen=True, eq=False)
-class Explanations(Result):
+class Explanations(ImmutableResult):
     """What may explain a flight's deviation, with probabilities that sum to 1."""
 
     # by the names in ``PRIORS``: that nothing changed but what changes from flight to flight; that a motor or propeller

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mavdem.arrays import Array
+from mavdem.containers import Names, Numbers
 from mavdem.dataset.align import settled_segments, within
 from mavdem.dataset.drive import TILT_AXES
 from mavdem.dataset.learnability import learnability_of
@@ -15,7 +16,6 @@ from mavdem.dataset.signals import Signals
 from mavdem.errors import NotLearnable
 from mavdem.facts.learnability import MotorObstacle
 from mavdem.files import AnyPath
-from mavdem.heading import Names, Numbers
 from mavdem.ingest import Component, read_log
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS, OutputScale
 

@@ -25,14 +25,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.arrays import Array, Flags
-from mavdem.confidence import STRONG_EVIDENCE_NATS, Interval, quantile
+from mavdem.confidence import STRONG_EVIDENCE_NATS, Interval, coverage_factor
+from mavdem.containers import JsonValues, Numbers
 from mavdem.dataset.drive import MotorGeometry
 from mavdem.dataset.phases import TRANSIENT_SECONDS
 from mavdem.dataset.steadiness import MAX_TURN
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import InFlight
 from mavdem.facts.session import Session
-from mavdem.heading import Numbers, Values
 from mavdem.motors.balance import LEAST_SECONDS, motor_signatures
 from mavdem.motors.health import lost_thrust
 
@@ -251,7 +251,7 @@ def losses_of(changes: Sequence[MotorAlarm]) -> list[Fact]:
     return [loss.but(names=tuple(names)) for loss in losses]
 
 
-def alarm_figures(changes: Sequence[MotorAlarm]) -> Values:
+def alarm_figures(changes: Sequence[MotorAlarm]) -> JsonValues:
     """Returns the keys of documents: alarms on motors, motors sound again, changes of steady torque, false alarms."""
     kinds = {
         "alarms": InFlight.MOTOR_LOST_THRUST,
@@ -489,7 +489,7 @@ class MotorWatch:
         rose = weighted @ (after - before) / power * own
         estimated = power**-0.5 * own
         settling = SETTLING_ERROR * rose
-        error = quantile() * np.hypot(estimated, settling)
+        error = coverage_factor() * np.hypot(estimated, settling)
         moved = np.flatnonzero(rises).tolist()
         for motor in moved:
             was = self.weak.pop(motor).size if motor in self.weak else 0.0

@@ -12,12 +12,12 @@ from mavdem.arrays import Array
 from mavdem.confidence import STRONG_EVIDENCE_NATS
 from mavdem.dem.engine.linalg import ROUNDING, inverse, one_thread
 from mavdem.dem.forecast.joint import turning_combinations
-from mavdem.dem.record import FEWEST_MOTORS, Record, Records
+from mavdem.dem.record import MIN_MOTORS, Record, TrainingData
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import NoPhysical
-from mavdem.immutable import read_only
+from mavdem.immutable import freeze
 from mavdem.plant.closed_loop.spectra import Complex
 from mavdem.plant.fitting import WINDS, GrayBoxFit, directed, fitted
 from mavdem.plant.identifiability import (
@@ -29,14 +29,14 @@ from mavdem.plant.identifiability import (
 )
 from mavdem.plant.likelihood import REFINEMENTS, FlightWindows, Parameters
 from mavdem.plant.parameters import Physical, WindComponent, slopes_of, updated, windows_of
-from mavdem.unit_slips import unit_slip
+from mavdem.unit_errors import suspected_unit_error
 
 CHOOSING_WINDOWS = 10  # of which the wind's spectrum and the refinements are chosen
 # of the roll motion
 BAND_HZ = (0.4, 6.0)
 
 
-def physical(train: Records, prior: Physical | None = None) -> Physical | NotIdentifiable:
+def physical(train: TrainingData, prior: Physical | None = None) -> Physical | NotIdentifiable:
     """Estimates the motors' effect, damping and lag from all that is given.
 
     >>> str(mavdem.dem.physical(mavdem.read_flight("flight.tlog")[:2000]).status["effect"])
@@ -49,7 +49,7 @@ def physical(train: Records, prior: Physical | None = None) -> Physical | NotIde
     samples, no motor moves, or no likelihood.
     """
     record = Record.of(train)
-    if slip := unit_slip(record.outputs, record.dt):
+    if slip := suspected_unit_error(record.outputs, record.dt):
         return NotIdentifiable(slip)
     try:
         # what overflows is not finite, and no step goes there
@@ -63,7 +63,7 @@ def physical(train: Records, prior: Physical | None = None) -> Physical | NotIde
 
 def _mixer(record: Record) -> Array | None:
     """(r,) effect directions, as known or those of the X or plus that the joint model finds; else ``None``."""
-    if record.effect_directions is not None or record.inputs.shape[1] < FEWEST_MOTORS:
+    if record.effect_directions is not None or record.inputs.shape[1] < MIN_MOTORS:
         return record.effect_directions
     turning = turning_combinations(record)[:, 0]
     sizes = abs(turning[turning != 0])
@@ -200,7 +200,7 @@ def _physical(whole: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) 
         refinements=dict(refined),
         windows=len(windows.rate),
     )
-    return read_only(estimate)
+    return freeze(estimate)
 
 
 def _wind_share(

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from mavdem.arrays import Array
-from mavdem.confidence import quantile
+from mavdem.confidence import coverage_factor
 from mavdem.dem.record import Record
 from mavdem.plant.parameters import Physical
 
@@ -72,11 +72,11 @@ def gusts(
     parts = np.split(torque, record.starts[1:])
     levels = [median_filter(part, min(len(part), width) | 1) for part in parts]
     away = torque - np.concatenate(levels)
-    sd = float(np.median(abs(away))) / quantile(0.5)
-    if sd == 0.0 or np.mean((band / quantile()) ** 2) > MAX_ERROR_SHARE * np.var(torque):
+    sd = float(np.median(abs(away))) / coverage_factor(0.5)
+    if sd == 0.0 or np.mean((band / coverage_factor()) ** 2) > MAX_ERROR_SHARE * np.var(torque):
         return Gusts((), THRESHOLD * sd, 0.0)
     # Likewise by the median, so that gusts and gaps do not count.
-    slope = float(np.median(abs(np.diff(away)))) / quantile(0.5) / record.dt
+    slope = float(np.median(abs(np.diff(away)))) / coverage_factor(0.5) / record.dt
     false = 2 * 60 * slope / sd / (2 * np.pi) * float(np.exp(-(THRESHOLD**2) / 2))
     # A change of sign ends a gust, and so does a gap.
     signs = np.sign(away) * (abs(away) > END * THRESHOLD * sd)

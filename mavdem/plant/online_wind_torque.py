@@ -17,7 +17,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.confidence import Interval, half_width
 from mavdem.dem.engine.kalman import SteadyFilter
-from mavdem.dem.online.memory import Memory, MemoryBlock, drop_since, record_of
+from mavdem.dem.online.memory import Memory, MemoryBlock, drop_blocks_since, record_from_blocks
 from mavdem.dem.record import Record
 from mavdem.facts.model import Refinement
 from mavdem.plant.estimation import physical
@@ -158,7 +158,7 @@ class OnlineWind:
         if weak is None:
             self._samples += 1
         else:
-            self.drop_since(weak.since)
+            self.drop_blocks_since(weak.since)
         self._inputs.append(inputs if weak is None else weak.inputs)
         return self._coming.popleft() if self._coming else NOTHING
 
@@ -182,15 +182,15 @@ class OnlineWind:
             self._fit()
         self._follow()
 
-    def drop_since(self, time: float) -> None:
+    def drop_blocks_since(self, time: float) -> None:
         """Drops the samples from ``time``, s, on: they were not what they seemed to be."""
-        if drop_since(self._blocks, time) and self._pending is not None:
+        if drop_blocks_since(self._blocks, time) and self._pending is not None:
             self._pending.cancel()
             self._pending = None
 
     def _fit(self) -> None:
         self._next = self._samples + min(self._samples, round(LONGEST_PAUSE_SECONDS / self._dt))
-        record = record_of(self._blocks, self._dt, self._memory.effect_directions)
+        record = record_from_blocks(self._blocks, self._dt, self._memory.effect_directions)
         if self._executor is None:
             self._adopt(partial(wind_filter, record, self._prior))
             return

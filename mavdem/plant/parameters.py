@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array, Indices
-from mavdem.confidence import LEVEL, SURE_DEVIATIONS, Interval, half_width
+from mavdem.confidence import CONFIDENCE_LEVEL, SIGNIFICANT_SIGMAS, Interval, half_width
 from mavdem.dem.engine.gauss_newton import RELATIVE_STEP
 from mavdem.dem.engine.linalg import normal_draws
 from mavdem.dem.priors import derivative_pairs
@@ -84,7 +84,7 @@ class Physical(NamedTuple):
         """Standard deviation of the angular acceleration that is not by the motors, rad/s², without its constant."""
         return float(np.linalg.norm([component.size for component in self.components]))
 
-    def mean_effect(self, level: float = LEVEL) -> Interval:
+    def mean_effect(self, level: float = CONFIDENCE_LEVEL) -> Interval:
         """Returns the mean magnitude of the motors' effect, and its half width, NaN where it is not identifiable.
 
         The interval of probability ``level`` is narrower than the motors' own: they move together.
@@ -114,7 +114,7 @@ class Physical(NamedTuple):
         drawn[:, -2:] = drawn[:, -2:].clip(0.05 * theta[-2:])  # a lag and a delay are positive
         return np.vstack([theta, drawn])
 
-    def interval(self, level: float = LEVEL) -> PhysicalInterval:
+    def interval(self, level: float = CONFIDENCE_LEVEL) -> PhysicalInterval:
         """Returns half widths of intervals of probability ``level``."""
         half = half_width(self.covariance.diagonal(), level)
         effect, damping, lag = (
@@ -154,7 +154,7 @@ LEAST = 0.05, 1e-3, 0.0  # damping, 1/s, lag and delay, s, of a vehicle
 def updated(plant: Physical, prior: Physical) -> Physical:
     """Returns what a flight and, as :func:`physical` says, the ``prior`` of an earlier one tell of the vehicle.
 
-    Beyond ``SURE_DEVIATIONS`` between the two, the vehicle is not as it was.
+    Beyond ``SIGNIFICANT_SIGMAS`` between the two, the vehicle is not as it was.
     A flight that does not identify the effect, on which the others depend, says nothing of any of them.
     """
     theta = theta_of(prior)
@@ -173,7 +173,7 @@ def updated(plant: Physical, prior: Physical) -> Physical:
         both = covariance + plant.covariance
         share = np.sign(alike)
         judged = plant
-        if abs(share @ (now - theta)) > SURE_DEVIATIONS * np.sqrt(share @ both @ share):
+        if abs(share @ (now - theta)) > SIGNIFICANT_SIGMAS * np.sqrt(share @ both @ share):
             return plant
         gain = np.linalg.solve(both, covariance).T
         theta = theta + gain @ (now - theta)

@@ -22,7 +22,7 @@ from mavdem.dem.engine.linalg import one_thread
 from mavdem.dem.record import Record
 from mavdem.facts import Fact
 from mavdem.facts.model import NoPhysical, Refinement
-from mavdem.immutable import Result
+from mavdem.immutable import ImmutableResult
 from mavdem.plant.closed_loop.spectra import SPECTRUM_SECONDS
 from mavdem.plant.gusts import (
     LEVEL_SECONDS,
@@ -50,7 +50,7 @@ class WindSpectrum(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class WindTorque(Result):
+class WindTorque(ImmutableResult):
     """The wind's torque on one axis per moment of inertia, rad/s²; T samples.
 
     Attributes:

@@ -16,7 +16,7 @@ import numpy as np
 from markupsafe import Markup
 
 from mavdem.arrays import Array
-from mavdem.heading import Names, Numbers, Values
+from mavdem.containers import JsonValues, Names, Numbers
 from mavdem.report.numbers import named, rounded
 from mavdem.report.palette import MEASURED
 
@@ -169,7 +169,7 @@ class Chart(NamedTuple):
         grid = first + step * np.arange(int((last - first) / step) + 1)
         return self._replace(lines=tuple(line.at(grid) for line in self.lines))
 
-    def as_json(self, points: int) -> Values:
+    def as_json(self, points: int) -> JsonValues:
         """Returns what the page's script draws, with values as 16-bit integers, base64."""
         thinned = self.thinned(points)
         lines = [
@@ -235,7 +235,7 @@ def _said(line: Line) -> str:
     return f"{line.name or 'values'} from {rounded(finite.min(), 3)} to {rounded(finite.max(), 3)}"
 
 
-def _packed(values: Array | None, log: bool, even: bool = False) -> Values | None:
+def _packed(values: Array | None, log: bool, even: bool = False) -> JsonValues | None:
     """The least value, the step of what is counted in it, and the counts as 16-bit integers in base64.
 
     Of a ``log`` axis these are the logarithms; where steps are ``even`` there are no counts.

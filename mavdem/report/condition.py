@@ -5,9 +5,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from mavdem.assessment import Assessment
+from mavdem.containers import JsonValues
 from mavdem.dataset.drive import TILT_AXES
 from mavdem.facts.online import DragSource
-from mavdem.heading import Values
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.blocks import Blocks, Sentence, Table, caution
 from mavdem.report.words import section
@@ -35,7 +35,7 @@ SLOW_HZ = 0.95
 MIN_LOST_SHARE = 0.01
 
 
-def log_blocks(held: Values) -> Blocks:
+def log_blocks(held: JsonValues) -> Blocks:
     """Returns all that a log ``held``, by ``mavdem.assessment.inventory``: each vehicle, then what came from whom."""
     return [
         *(block for vehicle in held["vehicles"] for block in vehicle_contents(vehicle)),
@@ -43,7 +43,7 @@ def log_blocks(held: Values) -> Blocks:
     ]
 
 
-def vehicle_contents(vehicle: Values) -> Blocks:
+def vehicle_contents(vehicle: JsonValues) -> Blocks:
     """Returns what a log holds of a ``vehicle``: whether a model can be learned, repairs, settled flight, messages."""
     learnability = vehicle["verdict"]
     names = vehicle["names"]
@@ -67,7 +67,7 @@ def vehicle_contents(vehicle: Values) -> Blocks:
     ]
 
 
-def stream_contents(held: Values) -> list[Sentence]:
+def stream_contents(held: JsonValues) -> list[Sentence]:
     """Returns what was received from each sender, by the inventory ``held``, and what could not be decoded."""
     vehicles = [sender(vehicle) for vehicle in held["vehicles"]]
     blocks = []
@@ -88,7 +88,7 @@ def stream_contents(held: Values) -> list[Sentence]:
     return [*blocks, *section("unread", unread=held["unread"])]
 
 
-def sender(component: Values) -> str:
+def sender(component: JsonValues) -> str:
     """Returns system and number of a ``component``, as in "1:1"."""
     return f"{component['system']}:{component['component']}"
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import PurePath
 
+from mavdem.containers import Names, group_by
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet import difference
 from mavdem.fleet.difference import (
@@ -13,8 +14,6 @@ from mavdem.fleet.difference import (
     VehicleDifference,
 )
 from mavdem.fleet.row import UNKNOWN, FlightRow
-from mavdem.grouping import grouped
-from mavdem.heading import Names
 from mavdem.report.blocks import Blocks, Sentence, caution
 from mavdem.report.numbers import counted, listed, plus_minus, rounded, short
 from mavdem.report.words import section
@@ -40,7 +39,7 @@ def difference_blocks(
     """
     missing = [
         Sentence(f"{listed(missing.quantity for missing in lacking)}: {reason}", "Not compared:")
-        for reason, lacking in grouped(
+        for reason, lacking in group_by(
             of_vehicle.incomparable, lambda missing: missing.reason
         ).items()
     ]
@@ -121,7 +120,7 @@ def _change(change: QuantityChange, difference: VehicleDifference) -> str:
 
 def _grouped(changes: Sequence[QuantityChange]) -> Iterator[str]:
     """Names with the widest half width, as in "share of motor 1 and motor 2 (± 2 %)"."""
-    for kind, ours in grouped(changes, lambda change: change.quantity.kind).items():
+    for kind, ours in group_by(changes, lambda change: change.quantity.kind).items():
         noun, scale, unit = QUANTITIES[kind]
         names = (
             f"motor {motor}" if motor else axis

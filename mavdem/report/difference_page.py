@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from mavdem.containers import Names
 from mavdem.dataset.drive import AXES
 from mavdem.fleet.difference import ParameterChange, VehicleDifference
 from mavdem.fleet.row import NOT_IDENTIFIABLE, UNKNOWN, value_at
-from mavdem.heading import Names
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.charts import AFTER, Axis, Chart, Group, Kind, Line

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Mapping
 from pathlib import PurePath
 
+from mavdem.containers import group_by
 from mavdem.facts import Level
 from mavdem.facts.motors import MotorHealth
 from mavdem.fleet import row as fleet_row
@@ -16,7 +17,6 @@ from mavdem.fleet.row import (
     worst_health,
     worst_row,
 )
-from mavdem.grouping import grouped
 from mavdem.report.blocks import Blocks, Rated, Table
 from mavdem.report.condition import TIER_WORDS
 from mavdem.report.numbers import few, listed
@@ -158,7 +158,7 @@ def _flown(flown: Flights) -> dict[str, object] | None:
 
 def _unused(refused: FlightRows) -> Blocks:
     """Why logs could not be used, the most frequent reason first."""
-    by_reason = grouped(refused, lambda row: row.status_code or row.status)
+    by_reason = group_by(refused, lambda row: row.status_code or row.status)
     ranked = sorted(by_reason.items(), key=lambda item: (-len(item[1]), item[0]))
     cells = []
     for code, rows in ranked[:MAX_REASONS]:

@@ -20,6 +20,7 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.inventory import inventory
 from mavdem.assessment.lights.tracking import tracking_of
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
+from mavdem.containers import JsonValues
 from mavdem.dataset.drive import AXES
 from mavdem.dem import Learned
 from mavdem.errors import NotLearnable
@@ -29,7 +30,6 @@ from mavdem.facts.ending import MotionEvent
 from mavdem.facts.event import Event
 from mavdem.facts.loops import Gains
 from mavdem.facts.session import Spent
-from mavdem.heading import Values
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
 from mavdem.loops.advice import Advice
@@ -111,7 +111,7 @@ def flight_page(file: str, assessment: Assessment) -> str:
 def log_page(
     name: str,
     assessment: Assessment,
-    held: Values | None = None,
+    held: JsonValues | None = None,
     back: tuple[str, str] | None = None,
 ) -> str:
     """Returns the HTML of one log of this ``name``, with models or without.

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 from mavdem.arrays import Array
 from mavdem.assessment.axis.residuals import directions, weights
+from mavdem.containers import Names
 from mavdem.dem import Learned
-from mavdem.heading import Names
 
 
 class Labels(NamedTuple):

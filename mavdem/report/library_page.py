@@ -14,11 +14,11 @@ from typing import Any
 
 from jinja2 import Environment
 
+from mavdem.containers import Names
 from mavdem.facts import Fact
 from mavdem.facts.lights import Light
-from mavdem.files import table_beside
+from mavdem.files import load_adjacent_toml
 from mavdem.fleet.row import Flight
-from mavdem.heading import Names
 from mavdem.report.blocks import Block
 from mavdem.report.fleet import LEVELS, vehicle_words
 from mavdem.report.fleet_page import with_top
@@ -33,7 +33,7 @@ SCRIPTS = ("sharp.js", "uplot/uPlot.iife.min.js", "charts.js")
 @cache
 def words() -> dict[str, dict[str, str]]:
     """Returns what stages, sharing and the interface are called."""
-    return table_beside(__file__, "serve/words.toml")
+    return load_adjacent_toml(__file__, "serve/words.toml")
 
 
 @cache

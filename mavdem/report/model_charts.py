@@ -8,7 +8,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.assessment.axis.findings import known_wind
 from mavdem.assessment.axis.residuals import residuals as residuals_of
-from mavdem.confidence import ENDS
+from mavdem.confidence import INTERVAL_QUANTILES
 from mavdem.dem import Learned
 from mavdem.dem.record import Record
 from mavdem.experiments.held_out import CONSTANT_MEAN, FORECAST, HeldOut
@@ -32,7 +32,7 @@ def banded(name: str, colour: str, x: Array, values: Array) -> Line:
     """Returns the estimate ``values`` (N, T)[0] with the band of the others; dashed where there are none."""
     if len(values) == 1:
         return Line(name, colour, x, values[0], kind=Kind.DASHES)
-    low, high = np.quantile(values[1:], ENDS, axis=0)
+    low, high = np.quantile(values[1:], INTERVAL_QUANTILES, axis=0)
     return Line(name, colour, x, values[0], low, high)
 
 

@@ -17,9 +17,9 @@ from typing import Any
 
 from jinja2 import Environment, StrictUndefined, Template
 
+from mavdem.containers import group_by
 from mavdem.facts import Code, Fact, Words
-from mavdem.files import table_beside
-from mavdem.grouping import grouped
+from mavdem.files import load_adjacent_toml
 from mavdem.report.blocks import Sentence
 from mavdem.report.numbers import (
     counted,
@@ -86,7 +86,7 @@ def sentence(fact: Fact | str) -> str:
 
 @cache
 def _paragraphs(section: str) -> list[dict[str, Template]]:
-    told = table_beside(__file__, f"sections/{section}.toml")["paragraph"]
+    told = load_adjacent_toml(__file__, f"sections/{section}.toml")["paragraph"]
     make = _environment().from_string
     return [{part: make(str(text)) for part, text in paragraph.items()} for paragraph in told]
 
@@ -155,7 +155,7 @@ def comma(loop: Any, more: bool = False) -> str:
 
 def together(said: Iterable[tuple[str, Fact]], told: Callable[[Fact], str] = str) -> list[Sentence]:
     """Returns what is ``said`` of axes, in one sentence of all of which the same is said."""
-    alike = grouped(said, lambda named: named[1].but(axis="")).items()
+    alike = group_by(said, lambda named: named[1].but(axis="")).items()
     named = [(listed(axis for axis, _ in axes), fact) for fact, axes in alike]
     return [Sentence(told(fact.but(axis=names)), f"{names.capitalize()}:") for names, fact in named]
 

@@ -27,6 +27,7 @@ from starlette.responses import (
 )
 from starlette.routing import Route
 
+from mavdem.containers import JsonValues, group_by
 from mavdem.documents import whole
 from mavdem.documents.document import Document
 from mavdem.documents.library import Added, Baseline, Change, Flight, Flights, Progress, Viewer
@@ -41,8 +42,6 @@ from mavdem.fleet.difference import (
 )
 from mavdem.fleet.row import FlightRow, vehicles_of, worst_row
 from mavdem.fleet.workers import LOOK_SECONDS, PAGES
-from mavdem.grouping import grouped
-from mavdem.heading import Values
 from mavdem.ingest.formats import format_of
 from mavdem.report.difference import baseline_blocks
 from mavdem.report.difference_page import comparison_page
@@ -198,7 +197,7 @@ class Server:
             raise Refusal(Request.NO_SUCH_FLIGHT)
         return entry
 
-    def _known(self, request: HttpRequest) -> Values:
+    def _known(self, request: HttpRequest) -> JsonValues:
         """What every page knows: who reads it, and where the server is."""
         may_read = self.rights.may(request, Use.READ)
         address = str(request.base_url).rstrip("/")
@@ -233,7 +232,7 @@ class Server:
             for row in self.library.rows_of(entries)
             if row.health in TROUBLE and row.vehicle == by_path[row.file].vehicle
         ]
-        by_file = grouped(troubled, lambda row: row.file)
+        by_file = group_by(troubled, lambda row: row.file)
         return {by_path[file].id: worst_row(rows) for file, rows in by_file.items()}
 
     def _list_page(self, request: HttpRequest) -> Response:
@@ -455,7 +454,7 @@ class Server:
             {"flight": Flight.model_validate(entry).as_dict(), "review": self._review(entry)}
         )
 
-    def _review(self, entry: Entry) -> Values | None:
+    def _review(self, entry: Entry) -> JsonValues | None:
         """The document of a flight's review; None before it is done, and of a flight of `mavdem track`."""
         path = self.library.results_of(entry) / REPORT
         if not path.is_file():
@@ -559,7 +558,7 @@ def _headers() -> dict[str, str]:
     }
 
 
-def _error(fact: Fact) -> Values:
+def _error(fact: Fact) -> JsonValues:
     return {"reason": fact, "remedy": fact.remedy, "fact": fact}
 
 

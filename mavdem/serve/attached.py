@@ -6,7 +6,7 @@ from threading import Event, Thread
 
 from mavdem.dem import Settings
 from mavdem.dem.parallel import LearningProcess
-from mavdem.errors import Refusal, fact_of
+from mavdem.errors import Refusal, fact_from_error
 from mavdem.facts import Fact
 from mavdem.facts.serve import Request
 from mavdem.facts.session import LinkFact
@@ -77,7 +77,7 @@ class Attached:
                 while not self._is_ending.is_set():
                     self._attend(executor)
         except Exception as error:  # whatever it is: nobody waits for this thread
-            because = fact_of(error)
+            because = fact_from_error(error)
             self.problem = Fact(Request.SESSION_FAILED, name=self._link.name, because=because)
             self._warn(self.problem)
 

@@ -24,7 +24,8 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from mavdem.errors import Refusal, Unreadable, cause_of
+from mavdem.containers import JsonValues, group_by
+from mavdem.errors import Refusal, Unreadable, error_message
 from mavdem.facts import Fact
 from mavdem.facts.lights import Light
 from mavdem.facts.serve import Request, Sharing, Stage, Start
@@ -32,8 +33,6 @@ from mavdem.fleet.row import FlightRows, as_text
 from mavdem.fleet.sources import LogSource, source_of
 from mavdem.fleet.store import Store
 from mavdem.fleet.workers import JobLimits, JobOutcome
-from mavdem.grouping import grouped
-from mavdem.heading import Values
 from mavdem.results import PAGE
 
 EARLIER = "library.sqlite"  # where earlier versions have the index
@@ -132,7 +131,7 @@ class Library:
             os.rename(self._lock.name, self.folder / SERVERS / self.name)
             self._migrate()
         except (OSError, sqlite3.Error) as error:
-            wrong = Fact(Start.FOLDER_NOT_WRITABLE, path=folder, because=cause_of(error))
+            wrong = Fact(Start.FOLDER_NOT_WRITABLE, path=folder, because=error_message(error))
             raise Unreadable(wrong) from None
         self.recover()
 
@@ -198,7 +197,7 @@ class Library:
         """Returns the folder of what was made of a log."""
         return self.folder / RESULTS / entry.digest
 
-    def told(self, entry: Entry) -> Values:
+    def told(self, entry: Entry) -> JsonValues:
         """Returns the columns that the process that reads a log has said of it so far."""
         for name in (entry.digest, f".{entry.digest}"):
             with suppress(OSError, ValueError):
@@ -318,7 +317,7 @@ class Library:
             raise Refusal(Request.NO_SUCH_FLIGHT)
         return _entry(row)
 
-    def widened(self, entry: Entry, columns: Values) -> Entry:
+    def widened(self, entry: Entry, columns: JsonValues) -> Entry:
         """Gives an entry the sharing of these ``columns`` where that is wider, and their note if it has none."""
         widest = max(entry.sharing, columns.get("sharing", Sharing.PRIVATE), key=[*Sharing].index)
         return self.change(entry.id, sharing=widest, note=entry.note or columns["note"])
@@ -469,7 +468,7 @@ class Library:
         and not exists (select 1 from entries where path = file) order by rowid"""
         with self._transaction() as db:
             rows_of_folder = self.store.sound_rows(query, [as_text(f"{self.folder}/")])
-            for file, rows in grouped(rows_of_folder, lambda row: row.file).items():
+            for file, rows in group_by(rows_of_folder, lambda row: row.file).items():
                 insert(db, _of_rows(file, rows))
         self._local.adopted = version
 
@@ -505,7 +504,7 @@ def _of_rows(file: str, rows: FlightRows) -> Entry:
     )
 
 
-def columns_of(rows: FlightRows) -> Values:
+def columns_of(rows: FlightRows) -> JsonValues:
     """Returns what the index has of a log's rows."""
     first = rows[0]
     lights = {str(light): getattr(first, f"light_{light}") or "" for light in Light}

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 from pydantic.json_schema import models_json_schema
 
+from mavdem.containers import JsonValues
 from mavdem.documents.library import ANSWERS
-from mavdem.files import table_beside
-from mavdem.heading import Values
+from mavdem.files import load_adjacent_toml
 from mavdem.report.library_page import words
 
 
@@ -27,12 +27,12 @@ class Operation(NamedTuple):
 
 
 LOGS = "logs"
-TABLE = table_beside(__file__, "operations.toml")
+TABLE = load_adjacent_toml(__file__, "operations.toml")
 OPERATIONS = [Operation(name, **row) for name, row in TABLE["operations"].items()]
 
 
 @cache
-def openapi() -> Values:
+def openapi() -> JsonValues:
     """Returns the description, plain JSON values."""
     template = "#/components/schemas/{model}"
     _, schemas = models_json_schema(
@@ -41,7 +41,7 @@ def openapi() -> Values:
     # A review is sent as it was written, which is not checked again.
     review = schemas["$defs"]["FlightReview"]["properties"]["review"]
     review["anyOf"][0] = _schema("Review")["schema"]
-    paths = dict[str, Values]()
+    paths = dict[str, JsonValues]()
     for operation in OPERATIONS:
         paths.setdefault(operation.path, {})[operation.method] = _described(operation)
     return {
@@ -56,7 +56,7 @@ def openapi() -> Values:
     }
 
 
-def _described(operation: Operation) -> Values:
+def _described(operation: Operation) -> JsonValues:
     kind = "text/event-stream" if operation.name == "progress" else "application/json"
     answer = {kind: _schema(operation.answer)} if operation.answer else {}
     places = dict.fromkeys(re.findall(r"{(\w+)}", operation.path), "path")
@@ -85,5 +85,5 @@ def _described(operation: Operation) -> Values:
     return described
 
 
-def _schema(name: str) -> Values:
+def _schema(name: str) -> JsonValues:
     return {"schema": {"$ref": f"#/components/schemas/{name}"}}

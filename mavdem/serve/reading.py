@@ -15,6 +15,7 @@ from typing import Any
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.lights.limits import SEVERITY
+from mavdem.containers import JsonValues
 from mavdem.dataset.signals import Signals
 from mavdem.documents import whole
 from mavdem.documents.review import review_document
@@ -28,7 +29,6 @@ from mavdem.fleet.rows_of_log import rows_of_assessment
 from mavdem.fleet.store import opened
 from mavdem.fleet.tracking import assess_rows
 from mavdem.fleet.workers import LogRows
-from mavdem.heading import Values
 from mavdem.ingest import read_log
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.flight_page import review_page
@@ -44,7 +44,7 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
     made = results / f".{digest}"
     shutil.rmtree(made, ignore_errors=True)
     made.mkdir()
-    told = Values()
+    told = JsonValues()
 
     def tell(stage: Stage, **columns: Any) -> None:
         told.update(columns, stage=stage)
@@ -95,7 +95,7 @@ def _judgement(assessment: Assessment) -> dict[str, str]:
     }
 
 
-def _told(assessment: Assessment, rows: FlightRows) -> Values:
+def _told(assessment: Assessment, rows: FlightRows) -> JsonValues:
     """What the index has of a log."""
     assert assessment.evidence is not None
     signals = assessment.evidence.signals

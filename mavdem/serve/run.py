@@ -14,8 +14,8 @@ import h11
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
-from mavdem.errors import Unreadable, cause_of
-from mavdem.extras import missing
+from mavdem.errors import Unreadable, error_message
+from mavdem.extras import missing_modules
 from mavdem.facts import Fact
 from mavdem.facts.serve import Start
 from mavdem.fleet.cluster import Cluster
@@ -102,7 +102,9 @@ def serve(
     work = Work(library, options.processes, options.limits, cluster)
     viewers = Viewers()
     # A viewer listens on this machine only, so whoever opens one must sit there.
-    can_show = options.host in LOOPBACK and not options.is_behind_proxy and not missing("view")
+    can_show = (
+        options.host in LOOPBACK and not options.is_behind_proxy and not missing_modules("view")
+    )
     show = viewers.show if can_show else None
     live = Attached(options.link, library, work.notify, warn) if options.link else None
     app = Server(library, rights, work, options.sample, show, live).app
@@ -130,5 +132,5 @@ def _listening(host: str, port: int) -> socket.socket:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         return socket.create_server((host, port), family=family, backlog=512)
     except OSError as error:
-        busy = Fact(Start.ADDRESS_NOT_FREE, address=f"{host}:{port}", because=cause_of(error))
+        busy = Fact(Start.ADDRESS_NOT_FREE, address=f"{host}:{port}", because=error_message(error))
         raise Unreadable(busy) from None

@@ -15,7 +15,7 @@ from mavdem.arrays import Array, Pair
 from mavdem.dataset.align import Segments, within
 from mavdem.dataset.drive import AXES, Signal, recorded, series
 from mavdem.dataset.signals import Signals
-from mavdem.immutable import Result
+from mavdem.immutable import ImmutableResult
 from mavdem.ingest.telemetry import interpolated
 
 SECONDS = 1.0  # of a window
@@ -36,7 +36,7 @@ DEMAND_MESSAGE = "ACTUATOR_CONTROL_TARGET"
 
 
 @dataclass(frozen=True, eq=False)
-class Spectrum(Result):
+class Spectrum(ImmutableResult):
     """Of one sensor, of the rate controllers' D term, or of what was asked of the motors.
 
     Attributes:

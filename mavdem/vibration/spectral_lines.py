@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import SURE_DEVIATIONS
+from mavdem.confidence import SIGNIFICANT_SIGMAS
 from mavdem.dem.engine.linalg import SMALLEST
 from mavdem.loops.resonance import MAX_LOOP_FREQUENCY
 from mavdem.vibration.spectra import Spectrum
@@ -176,7 +176,7 @@ def _kind(scores: Array, best: float, at: float) -> LineKind:
         strongest = np.argmax(rivals.mean(axis=1))
         rival = rivals[strongest]
         better = chosen - rival
-        if better.mean() <= SURE_DEVIATIONS * better.std() / np.sqrt(len(better)):
+        if better.mean() <= SIGNIFICANT_SIGMAS * better.std() / np.sqrt(len(better)):
             return LineKind.UNNAMED
     return own
 

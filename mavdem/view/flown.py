@@ -9,10 +9,10 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from mavdem.arrays import Array, Flags, Indices
+from mavdem.containers import JsonValues, Names
 from mavdem.dataset.drive import AXES
 from mavdem.dataset.signals import MINIMUM_RATE
 from mavdem.files import PathName
-from mavdem.heading import Names, Values
 from mavdem.ingest.motors import place_name
 from mavdem.ingest.vocabulary import euler_angles
 from mavdem.report import palette
@@ -141,7 +141,7 @@ def _scene(pose: Pose) -> rrb.View:
         kind=rrb.Eye3DKind.Orbital, position=eye, look_target=target, eye_up=(0, 0, -1)
     )
     # What moves along with the vehicle but does not turn with it: the eye does too.
-    here: Values = {"origin": "world/here", "contents": "world/**", "line_grid": False}
+    here: JsonValues = {"origin": "world/here", "contents": "world/**", "line_grid": False}
     return rrb.Spatial3DView(name=said, eye_controls=controls, **here)
 
 
@@ -157,8 +157,8 @@ def _vehicle(recording: rr.RecordingStream, pose: Pose) -> None:
     count = len(pose.rotors)
     hubs = np.column_stack([pose.rotors, np.full(count, -0.12 * arm)])
     arms = [[[0, 0, 0], hub] for hub in hubs.tolist()]
-    forward: Values = {"vectors": [[0.75 * arm, 0, 0]], "origins": [[0.3 * arm, 0, 0]]}
-    discs: Values = {"lengths": [0.02 * arm] * count, "radii": [0.48 * arm] * count}
+    forward: JsonValues = {"vectors": [[0.75 * arm, 0, 0]], "origins": [[0.3 * arm, 0, 0]]}
+    discs: JsonValues = {"lengths": [0.02 * arm] * count, "radii": [0.48 * arm] * count}
     parts = {
         "body": rr.Boxes3D(half_sizes=[[0.34 * arm, 0.2 * arm, 0.1 * arm]], colors=BODY),
         "arms": rr.LineStrips3D(arms, radii=0.03 * arm, colors=BODY),

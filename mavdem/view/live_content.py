@@ -9,12 +9,12 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from mavdem.arrays import Array
-from mavdem.confidence import LEVEL, Interval
+from mavdem.confidence import CONFIDENCE_LEVEL, Interval
+from mavdem.containers import Names
 from mavdem.dataset.drive import AXES, TILT_AXES
 from mavdem.dem import Estimate
 from mavdem.dem.online.learner import TOO_FEW
 from mavdem.dem.online.tracker import FALSE_MARK_SECONDS
-from mavdem.heading import Names
 from mavdem.live import SessionStatus
 from mavdem.live.history import AHEAD
 from mavdem.live.rows import MAX_SAMPLES
@@ -271,7 +271,7 @@ def figures(status: SessionStatus, row: ShownRow, channels: Channels, until: flo
         is_bad=judged is not None and judged.headline.is_bad,
         now=now,
         physical=None if now is None else now.physical,
-        level=LEVEL,
+        level=CONFIDENCE_LEVEL,
         unit=TORQUE,
         per_input=per(TORQUE, channels.input_units[0]),
     )

@@ -13,10 +13,10 @@ import rerun.blueprint as rrb
 
 from mavdem.arrays import Array
 from mavdem.confidence import Interval
+from mavdem.containers import JsonValues, Names
 from mavdem.facts import Level
 from mavdem.files import atomic_write
 from mavdem.fleet.row import as_text
-from mavdem.heading import Names, Values
 from mavdem.report import palette
 from mavdem.report.charts import Chart
 from mavdem.report.numbers import rounded
@@ -46,7 +46,7 @@ class Lines:
 
     def send_style(self, recording: rr.RecordingStream) -> None:
         """Sends how the lines are drawn; once a recording."""
-        look: Values = {
+        look: JsonValues = {
             "names": self.names,
             "colors": [palette.channels(colour) for colour in self.colours],
         }

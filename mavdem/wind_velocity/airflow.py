@@ -21,11 +21,11 @@ from scipy.constants import g as GRAVITY  # noqa: N812
 from scipy.spatial.transform import Rotation
 
 from mavdem.arrays import Array, Flags, Pair
-from mavdem.confidence import quantile
+from mavdem.confidence import coverage_factor
+from mavdem.containers import JsonValues
 from mavdem.dem.engine.linalg import require_positive_definite
 from mavdem.facts.online import DragSource
-from mavdem.heading import Values
-from mavdem.immutable import Result
+from mavdem.immutable import ImmutableResult
 
 POPULATION = np.log([0.3, 0.014, 1.0, 1.0])
 POPULATION_SD = np.array([0.7, 0.9, 0.2, 0.35])
@@ -60,7 +60,7 @@ FARTHEST = np.array([4.0, 6.0, 3.0, 3.0, 5.0, 5.0])
 
 
 @dataclass(frozen=True, eq=False)
-class Drag(Result):
+class Drag(ImmutableResult):
     """Drag of one vehicle, per mass, with its uncertainty.
 
     Attributes:
@@ -129,7 +129,7 @@ class Drag(Result):
         """Returns (2, 2) lower and upper ends, by axis, of the 90 % interval of ``name``: linear or quadratic."""
         read = np.zeros((2, 6))
         read[:, [0, 2] if name == "linear" else [1, 3]] = np.column_stack([np.ones(2), AXES])
-        half = quantile() * np.sqrt(np.diag(read @ self.covariance @ read.T))
+        half = coverage_factor() * np.sqrt(np.diag(read @ self.covariance @ read.T))
         return getattr(self, name) * np.exp(np.outer([-1, 1], half))
 
     def relative_sd(self, speed: float) -> float:
@@ -159,7 +159,7 @@ class Drag(Result):
             self.mean * scale, self.covariance * np.outer(scale, scale) + change, self.source
         )
 
-    def as_dict(self) -> Values:
+    def as_dict(self) -> JsonValues:
         """Returns plain JSON values, which :meth:`from_dict` reads."""
         return {
             "linear": self.linear.tolist(),

@@ -8,11 +8,10 @@ import numpy as np
 from scipy.constants import g as GRAVITY  # noqa: N812
 from scipy.linalg import block_diag
 
-from mavdem.arrays import Array, Flags, Pair
+from mavdem.arrays import Array, Flags, Pair, as_real_array
 from mavdem.dem.engine.linalg import normal_draws
 from mavdem.errors import NotLearnable
 from mavdem.facts.online import Airflow, DragSource
-from mavdem.unit_slips import real_numbers
 from mavdem.wind_velocity.airflow import (
     FREEDOM,
     WIND_SD,
@@ -58,9 +57,9 @@ WEIGHTINGS = 5  # of a known wind's errors, by those that the drag leaves
 
 def checked(time: Array, attitude: Array, velocity: Array) -> tuple[Array, Array, Array, Flags]:
     """Returns the rows that are finite, and which; raises what ``estimate_wind`` says."""
-    stamps = real_numbers(time, "time")
-    angles = real_numbers(attitude, "attitude")
-    speeds = real_numbers(velocity, "velocity")
+    stamps = as_real_array(time, "time")
+    angles = as_real_array(attitude, "attitude")
+    speeds = as_real_array(velocity, "velocity")
     if stamps.ndim != 1 or angles.shape != (len(stamps), 3) or speeds.shape != angles.shape:
         raise ValueError("time, attitude and velocity must have shapes (T,), (T, 3) and (T, 3)")
     if not np.isfinite(stamps).all() or (np.diff(stamps) < 0).any():
@@ -234,11 +233,11 @@ def estimate_drag(
     """
     from scipy.optimize import least_squares  # it takes half a second to import
 
-    velocities = real_numbers(wind, "wind")
+    velocities = as_real_array(wind, "wind")
     if velocities.shape not in ((2,), (len(time), 2)):
         raise ValueError(f"wind must have shape (2,) or ({len(time)}, 2), not {velocities.shape}")
     air = np.broadcast_to(velocities, (len(time), 2))
-    speeds = real_numbers(velocity, "velocity")
+    speeds = as_real_array(velocity, "velocity")
     speeds = np.where(np.isfinite(air).all(axis=1, keepdims=True), speeds, np.nan)
     stamps, angles, speeds, usable = checked(time, attitude, speeds)
     step = GUST_SECONDS if np.ptp(air[usable], axis=0).max() > 0.1 else DRAG_STEP

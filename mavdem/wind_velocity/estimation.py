@@ -9,13 +9,19 @@ import numpy as np
 from numpy.random import default_rng
 
 from mavdem.arrays import Array
-from mavdem.confidence import ENDS, ENOUGH_SAMPLES, Interval, half_width, quantile
+from mavdem.confidence import (
+    INTERVAL_QUANTILES,
+    MIN_SAMPLES_FOR_STATISTICS,
+    Interval,
+    coverage_factor,
+    half_width,
+)
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.identifiability import Status
 from mavdem.facts.online import DragSource
 from mavdem.facts.wind import WindDoubt, WindShare
-from mavdem.immutable import Result
+from mavdem.immutable import ImmutableResult
 from mavdem.wind_velocity.airflow import TOTAL, Drag
 from mavdem.wind_velocity.drag import (
     GUST_SECONDS,
@@ -66,7 +72,7 @@ POINTS = [
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class WindVelocity(Result):
+class WindVelocity(ImmutableResult):
     """The horizontal wind of one flight.
 
     Attributes:
@@ -282,7 +288,7 @@ def torque_explained(wind: WindVelocity, time: Array, torque: Array) -> Fact:
     means = sums / np.bincount(third)
     kept = np.isfinite(means).all(axis=0)
     slow, *along = means[:, kept]
-    if len(slow) < ENOUGH_SAMPLES or np.std(along, axis=1).max() < CHANGED:
+    if len(slow) < MIN_SAMPLES_FOR_STATISTICS or np.std(along, axis=1).max() < CHANGED:
         return Fact(WindShare.SHARE_UNKNOWN, share=None)
     table = np.column_stack([np.ones(len(slow)), *along])
     is_even = number[kept] // 5 % 2 == 0
@@ -314,14 +320,14 @@ def _mean(winds: Array, variances: Array, step: float) -> _Mean:
     spread = np.sqrt(variances.mean(axis=0) / count)
     samples = (means + noise * spread).reshape(-1, 2)
     speeds = np.hypot(*samples.T)
-    low, high = np.quantile(speeds, ENDS).tolist()
+    low, high = np.quantile(speeds, INTERVAL_QUANTILES).tolist()
     north, east = means.mean(axis=0)
     along = np.median(means @ [north, east])
     speed = along / max(np.hypot(north, east), 1e-9)
     speed = max(speed, 0.0)
     apart = np.angle((samples @ [1, 1j]) / (north + 1j * east or 1.0))
     turned = np.degrees(np.quantile(abs(apart), 0.9))
-    turned = np.hypot(turned, quantile() * HEADING_SD)
+    turned = np.hypot(turned, coverage_factor() * HEADING_SD)
     return _Mean(speed, min(low, speed), high, coming_from(north, east), turned)
 
 

@@ -11,7 +11,7 @@ from typing import Literal
 
 from pydantic import TypeAdapter
 
-from mavdem.files import table_beside
+from mavdem.files import load_adjacent_toml
 from sitl_scenarios.scenario import shortened
 
 Mode = tuple[int, int]  # HEARTBEAT's base_mode, but for the armed flag, and its custom_mode
@@ -59,7 +59,7 @@ class Autopilot:
 
 # By ``scenario.stream.autopilot``
 AUTOPILOTS = TypeAdapter(dict[str, Autopilot]).validate_python(
-    table_beside(__file__, "autopilots.toml")
+    load_adjacent_toml(__file__, "autopilots.toml")
 )
 PX4 = AUTOPILOTS["px4"]
 ARDUPILOT = AUTOPILOTS["ardupilot"]

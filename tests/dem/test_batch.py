@@ -15,7 +15,7 @@ from numpy.random import default_rng
 from pytest import fixture, mark, raises
 
 from mavdem import Flight, Learned, Settings, learn, learn_many
-from mavdem.dem.parallel import FEW, JOBS_AHEAD
+from mavdem.dem.parallel import JOBS_AHEAD, MAX_SERIAL_JOBS
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.model import Workers
@@ -36,7 +36,7 @@ JOBS = [
         FLIGHTS[k % 3],
         Settings(order=2 + k % 2, window=3 + 2 * (k % 4), parameter_precision=1.0, iterations=5),
     )
-    for k in range(2 * FEW)
+    for k in range(2 * MAX_SERIAL_JOBS)
 ]
 JOBS[5] = (STILL, None)
 
@@ -62,7 +62,7 @@ def expected():
 
 @fixture
 def two_workers(monkeypatch):
-    monkeypatch.setattr("mavdem.dem.parallel.spare_cores", lambda: 2)
+    monkeypatch.setattr("mavdem.dem.parallel.available_workers", lambda: 2)
 
 
 @mark.slow
@@ -131,8 +131,10 @@ def test_workers_start_no_workers_of_their_own_and_end_with_a_killed_parent(tmp_
     """The script ends when all processes have that hold its output."""
     script = tmp_path / "script.py"
     script.write_text(
-        "import os, signal\nfrom mavdem.dem.parallel import pool, spare_cores\nif __name__ == '__main__':\n"
-        "    with pool(2) as executor:\n        print(executor.submit(spare_cores).result(), flush=True)\n"
+        "import os, signal\nfrom mavdem.dem.parallel import process_pool, available_workers\n"
+        "if __name__ == '__main__':\n"
+        "    with process_pool(2) as executor:\n"
+        "        print(executor.submit(available_workers).result(), flush=True)\n"
         "        os.kill(os.getpid(), signal.SIGKILL)\n"
     )
     ended = subprocess.run(
@@ -144,7 +146,9 @@ def test_workers_start_no_workers_of_their_own_and_end_with_a_killed_parent(tmp_
 @mark.slow
 def test_a_script_that_its_workers_import_anew_starts_no_others(tmp_path):
     script = tmp_path / "script.py"
-    script.write_text("from mavdem.dem.parallel import pool\nwith pool(1):\n    pass\n")
+    script.write_text(
+        "from mavdem.dem.parallel import process_pool\nwith process_pool(1):\n    pass\n"
+    )
     words = [sys.executable, script]
     ended = subprocess.run(words, env=PATH, stderr=subprocess.PIPE, text=True, timeout=60)
     assert str(Fact(Workers.SCRIPT_IMPORTED_BY_WORKER)) in ended.stderr

@@ -15,7 +15,7 @@ from mavdem import Learned, Settings, learn
 from mavdem.dem import Gaussian
 from mavdem.dem.record import LABELS
 from mavdem.dem.settings import CompleteSettings
-from mavdem.heading import heading
+from mavdem.document_heading import document_heading
 
 FLIGHT = simulated(wind=0.5)
 
@@ -51,7 +51,7 @@ def test_something_else_is_no_learned_model(text):
 
 def test_every_field_of_a_document_is_needed_and_checked(document):
     values = json.loads(document)
-    for name in values.keys() - heading("model", 1, {}).keys():
+    for name in values.keys() - document_heading("model", 1, {}).keys():
         missing = {key: value for key, value in values.items() if key != name}
         with raises(ValueError, match=f"^not the document of a learned model: {name} is missing"):
             Learned.from_json(json.dumps(missing))

@@ -19,7 +19,7 @@ from mavdem.dem.learning import learn_with_fit
 from mavdem.dem.online import learner, tracker
 from mavdem.dem.online.ahead import OnlineJoint
 from mavdem.dem.online.learner import LEARNING_SECONDS
-from mavdem.dem.online.memory import Memory, drop_since
+from mavdem.dem.online.memory import Memory, drop_blocks_since
 from mavdem.dem.online.tracker import (
     BAND_SECONDS,
     FALSE_MARK_SECONDS,
@@ -68,10 +68,10 @@ def test_what_is_taken_back_is_forgotten_and_nothing_of_an_earlier_boot():
         for sample in range(13):
             memory.add(np.array([sample]), np.array([-sample]), start + 0.01 * sample)
         memory.end_segment()
-    assert drop_since(memory.blocks, 3.045) and memory.record().lengths == (13, 4)
-    assert drop_since(memory.blocks, 1.0) and memory.record().lengths == (13,)
-    assert not drop_since(memory.blocks, 600.0)
-    assert drop_since(memory.blocks, -1.0) and not memory.blocks
+    assert drop_blocks_since(memory.blocks, 3.045) and memory.record().lengths == (13, 4)
+    assert drop_blocks_since(memory.blocks, 1.0) and memory.record().lengths == (13,)
+    assert not drop_blocks_since(memory.blocks, 600.0)
+    assert drop_blocks_since(memory.blocks, -1.0) and not memory.blocks
 
 
 @mark.slow

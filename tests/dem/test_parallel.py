@@ -7,7 +7,7 @@ from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 
 from pytest import mark, raises
 
-from mavdem.dem.parallel import LOW_PRIORITY, LearningProcess, pool
+from mavdem.dem.parallel import LOW_PRIORITY, LearningProcess, process_pool
 
 pytestmark = mark.slow
 
@@ -31,7 +31,7 @@ def test_a_process_that_is_killed_is_replaced():
 
 def test_pools_that_are_started_at_once_know_their_own_processes():
     def pids(_):
-        with pool(1) as executor:
+        with process_pool(1) as executor:
             (process,) = executor.processes
             return process.pid, executor.submit(os.getpid).result()
 

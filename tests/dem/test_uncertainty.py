@@ -6,7 +6,7 @@ from pytest import approx, mark, raises
 from simulated import simulated
 
 from mavdem import Settings, learn
-from mavdem.confidence import half_width, quantile, require_probability
+from mavdem.confidence import coverage_factor, half_width, require_probability
 
 
 def test_without_a_simulation_error_fit_no_interval_is_reported():
@@ -22,4 +22,4 @@ def test_a_level_that_is_no_probability_is_named(level):
 def test_half_widths_are_those_of_normal_deviations_or_of_students():
     widths = half_width(np.array([1.0, 4.0, 4.0]), 0.9, [np.inf, np.inf, 3.0])
     assert_allclose(widths, [1.645, 3.290, 4.707], rtol=1e-3)
-    assert quantile() == approx(float(half_width(1.0)))
+    assert coverage_factor() == approx(float(half_width(1.0)))

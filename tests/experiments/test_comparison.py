@@ -54,7 +54,7 @@ REFUSES, BREAKS, EXPLODES, IS_OFF = (
 @fixture(scope="module", autouse=True)
 def in_this_process():
     with MonkeyPatch.context() as patch:
-        patch.setattr("mavdem.dem.parallel.spare_cores", lambda: 1)
+        patch.setattr("mavdem.dem.parallel.available_workers", lambda: 1)
         yield
 
 

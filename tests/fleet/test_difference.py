@@ -9,7 +9,7 @@ from numpy.random import default_rng
 from pytest import approx, mark
 from scipy.stats import t
 
-from mavdem.confidence import quantile
+from mavdem.confidence import coverage_factor
 from mavdem.documents import whole
 from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts.fleet import Compared, Incomparable, QuantityOutcome
@@ -98,7 +98,7 @@ def test_what_changes_all_motors_changes_their_mean_and_none_beside_the_others()
 
 
 def test_a_difference_of_several_flights_and_its_chance_are_those_by_hand():
-    half = 0.1 * quantile()
+    half = 0.1 * coverage_factor()
     before, after = (
         [
             flight_row("quad", number, damping=damping, damping_interval=half)

@@ -258,7 +258,7 @@ HERE = "mavdem"
 
 def test_what_a_log_costs_is_bounded_and_told(monkeypatch, tmp_path):
     monkeypatch.setenv("MAVDEM_TRACEBACK", "1")
-    monkeypatch.setattr(workers, "stay_in_this_process", lambda: None)
+    monkeypatch.setattr(workers, "forbid_child_processes", lambda: None)
     clock = {"process_time": lambda: 10.2, "perf_counter": iter([1.0, 3.5]).__next__}
     monkeypatch.setattr(workers, "time", SimpleNamespace(**clock))
     usage = Mock(getrlimit=lambda _: (5, 1 << 30), RLIM_INFINITY=-1)

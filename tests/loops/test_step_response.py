@@ -113,7 +113,7 @@ def test_why_there_is_no_step_response(monkeypatch):
     telemetry = flight(rate, rate)
     slow = measured(only(telemetry, lambda time: np.isin(time, TIME[::10]), "ATTITUDE_TARGET"))
     unflown = rate_step_response(Signals(telemetry), ())
-    monkeypatch.setattr("mavdem.loops.step_response.quantile", lambda: 1e6)
+    monkeypatch.setattr("mavdem.loops.step_response.coverage_factor", lambda: 1e6)
     unsure = measured(telemetry)
     unasked = measured(HOVER.telemetry(), attitude_step_response)
     assert without.code is unasked.code is StepResponses.NO_SETPOINT

@@ -11,7 +11,7 @@ from simulated import MOTORS, in_closed_loop, simulated
 from test_model import joint
 from test_physical import TRUE
 
-from mavdem.confidence import quantile
+from mavdem.confidence import coverage_factor
 from mavdem.dem.engine.kalman import GaussianModel
 from mavdem.dem.online.memory import Memory
 from mavdem.dem.record import Record
@@ -227,7 +227,7 @@ def test_its_band_has_the_slopes_by_each_motor_s_effect():
         by_slope = np.sqrt(np.diff(np.square([sure, torques(effect, step**2)])[..., 1], axis=0)[0])
         exact = torques(effect + step, np.zeros(4))[:, 0] - sure[:, 0]
         close = 0.1 * abs(exact).max()
-        assert_allclose(by_slope / quantile(), abs(exact), atol=close)
+        assert_allclose(by_slope / coverage_factor(), abs(exact), atol=close)
 
 
 def vehicle(effect, damping, sd, status=Status.REPORTED):

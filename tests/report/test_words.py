@@ -65,7 +65,7 @@ def test_a_comparison_of_methods(request):
         Method("subspace(400)", partial(baselines.subspace, order=400)),
     ]
     with MonkeyPatch.context() as patch:
-        patch.setattr("mavdem.dem.parallel.spare_cores", lambda: 1)
+        patch.setattr("mavdem.dem.parallel.available_workers", lambda: 1)
         compared = compare(windows("px4", flight, hop=850), methods)
     is_golden(request, "comparison", comparison_report(compared))
 

@@ -21,12 +21,12 @@ import click
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
+from mavdem.containers import JsonValues
 from mavdem.dataset import attitude, drive
-from mavdem.dem.parallel import stay_in_this_process
+from mavdem.dem.parallel import forbid_child_processes
 from mavdem.errors import Unreadable
 from mavdem.fleet.row import best_tier
 from mavdem.fleet.rows_of_log import rows_of_log
-from mavdem.heading import Values
 from mavdem.ingest import read_log
 from mavdem.report.flight_page import flight_page
 
@@ -95,7 +95,7 @@ def read(logs: tuple[Path, ...]) -> None:
 
 def fleet(logs: tuple[Path, ...]) -> None:
     """What logs cost a fleet: CPU seconds for the rows and the page of each, by format and tier, on one core."""
-    stay_in_this_process()
+    forbid_child_processes()
     threadpool_limits(limits=1, user_api="blas")
     rows_of_log(logs[0], "", flight_page)  # which loads the libraries
     rows = []
@@ -123,7 +123,7 @@ rates = {{ ATTITUDE = {rate}, SERVO_OUTPUT_RAW = {rate} }}
 """
 
 
-def over_udp(rate: float, folder: Path) -> Values:
+def over_udp(rate: float, folder: Path) -> JsonValues:
     """A row of half a minute at a rate, Hz."""
     scenario = folder / "hover.toml"
     scenario.write_text(HOVER.format(rate=rate))

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.random import Generator
 
-from mavdem.files import table_beside
+from mavdem.files import load_adjacent_toml
 from mavdem.ingest.mavlink.vehicles import assemble
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.report.blocks import Sentence, Table, markdown
@@ -19,7 +19,7 @@ from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
 
 Values = dict[str, Any]
-TABLES: Values = table_beside(__file__, "flights.toml")
+TABLES: Values = load_adjacent_toml(__file__, "flights.toml")
 SCALED = ("speed", "sd", "wind_at_20_feet")
 """Of winds and moments, with the size of the vehicle."""
 Main = Callable[..., None]

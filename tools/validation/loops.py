@@ -25,11 +25,11 @@ from physical import Case, scenario, varied
 
 from mavdem.assessment.assess import NoLoop, assess
 from mavdem.assessment.axis import Options
-from mavdem.confidence import ENDS
+from mavdem.confidence import INTERVAL_QUANTILES
 from mavdem.errors import Refusal
 from mavdem.experiments.paper.runner import write_log
 from mavdem.facts import Fact
-from mavdem.files import table_beside
+from mavdem.files import load_adjacent_toml
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.telemetry import Telemetry, rate_without_gaps, selected
 from mavdem.ingest.vocabulary import IN_AIR
@@ -50,7 +50,7 @@ from sitl_scenarios.truth import axis as linear_axis
 from sitl_scenarios.truth import truth
 from sitl_scenarios.vehicles import airframe
 
-GIVEN = table_beside(__file__, "loops.toml")
+GIVEN = load_adjacent_toml(__file__, "loops.toml")
 HALVES = {"choose": range(1000, 1024), "report": range(2000, 2024)}  # seeds
 RATE = DEFAULT_LOOP_RATES["ardupilot"]  # of the simulated autopilots' loops, and of their messages
 AT_LIMIT = 0.15  # share of the time in the air with a motor at a limit, at most
@@ -213,7 +213,7 @@ def estimates_of(loop: Loop) -> dict[str, Array]:
     """(3,) of each figure by name: the estimate and the ends of its 90 % interval."""
     figures = figures_of(loop.effectiveness, loop.dynamics, loop.rate, loop.attitude)
     return {
-        name: np.append(figure[0], np.quantile(figure[1:], ENDS, method="nearest"))
+        name: np.append(figure[0], np.quantile(figure[1:], INTERVAL_QUANTILES, method="nearest"))
         for name, figure in figures.items()
     }
 

@@ -24,12 +24,12 @@ from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
 from mavdem import Flight
-from mavdem.confidence import quantile
+from mavdem.confidence import coverage_factor
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.experiments.paper.runner import SHARED, logged
 from mavdem.facts.identifiability import Status
-from mavdem.files import table_beside
+from mavdem.files import load_adjacent_toml
 from mavdem.ingest.vocabulary import IN_AIR
 from mavdem.plant import NotIdentifiable, Physical, WindTorque, physical
 from mavdem.plant.wind_torque import wind
@@ -43,7 +43,7 @@ Array = NDArray[np.float64]
 PARAMETERS = ("effect", "damping", "lag")
 # and how it marks an estimate
 STATUSES = {Status.REPORTED: "", Status.BIASED: " (biased)", Status.NOT_IDENTIFIABLE: " (no)"}
-FLOWN = table_beside(__file__, "physical.toml")
+FLOWN = load_adjacent_toml(__file__, "physical.toml")
 RATES = (50.0, 100.0, 200.0)  # Hz
 *_, RATE = RATES  # of the Crazyflie
 # Column of the gyro, and the sign of each motor's torque
@@ -167,7 +167,7 @@ def wind_of(torque: WindTorque, true: Array) -> Values:
     """Of the wind torque, where it is resolved: how much of it intervals and band hold."""
     if not torque.resolved:
         return {}
-    half = quantile() * torque.scale_error * torque.sd
+    half = coverage_factor() * torque.scale_error * torque.sd
     in_band = abs(torque.torque - true) <= torque.band
     return {
         "standard deviation inside": abs(torque.sd - true.std()) <= half,

@@ -22,7 +22,7 @@ from mavdem.dataset.signals import SLOW_MOTION_RATE, Signals, usual_rate
 from mavdem.dataset.steadiness import headings
 from mavdem.dem import Learned, Settings, learn
 from mavdem.dem.learning import FEWEST_SAMPLES, checked
-from mavdem.errors import NotLearnable, fact_of
+from mavdem.errors import NotLearnable, fact_from_error
 from mavdem.experiments.held_out import (
     BASELINES,
     FOLDS,
@@ -255,7 +255,7 @@ def _learning(progress: StepProgress) -> Iterator[None]:
         with progress("Learning", measured=False):
             yield
     except ValueError as error:
-        raise NotLearnable(NoModel.NOT_LEARNED, because=fact_of(error)) from error
+        raise NotLearnable(NoModel.NOT_LEARNED, because=fact_from_error(error)) from error
 
 
 def slow_motion_refusal(held_out: HeldOut) -> Fact | None:

@@ -15,6 +15,7 @@ from mavdem.assessment.axis.findings import Findings, findings_of
 from mavdem.assessment.axis.gains import with_one_set_of_gains
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.inventory import Identity, Tier
+from mavdem.containers import JsonValues
 from mavdem.dataset.learnability import Learnability
 from mavdem.dataset.read import usable_segments
 from mavdem.dataset.signals import Signals
@@ -34,7 +35,6 @@ from mavdem.facts import Fact
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
 from mavdem.facts.identifiability import Status
 from mavdem.flight import Flights
-from mavdem.heading import Values
 from mavdem.ingest import Component
 from mavdem.loops.identification import identify_plant_in_loop
 from mavdem.motors.loss_detection import MotorAlarm, alarm_figures
@@ -121,7 +121,7 @@ class LogAnalysis:
             self.learned, self.held_out, self.condition, self.alarms, consistency, self.trim
         )
 
-    def as_dict(self) -> Values:
+    def as_dict(self) -> JsonValues:
         """Returns all figures as plain JSON values: what ``report.json`` has.
 
         Angles in rad, rates in rad/s, time in s. Without a model its figures are missing.
@@ -148,7 +148,7 @@ class LogAnalysis:
         }
 
 
-def model_figures(flights: Flights, learned: Learned, held_out: HeldOut) -> Values:
+def model_figures(flights: Flights, learned: Learned, held_out: HeldOut) -> JsonValues:
     """Returns the figures of a model of ``flights``, judged by ``held_out`` windows, as JSON values: rad, rad/s, s."""
     first = flights[0]
     fit = learned.simulation_fit
@@ -212,7 +212,7 @@ def model_figures(flights: Flights, learned: Learned, held_out: HeldOut) -> Valu
     }
 
 
-def _ranked(errors: Mapping[StrEnum, Array], variance: Array) -> dict[StrEnum, Values]:
+def _ranked(errors: Mapping[StrEnum, Array], variance: Array) -> dict[StrEnum, JsonValues]:
     """Mean squared errors (m,) by name, with the ratio to the constant mean's, the lowest first."""
     shares = {name: (error / variance).sum() for name, error in errors.items()}
     ratios = {

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from mavdem.assessment.axis.overrides import overrides_of
 from mavdem.assessment.axis.residuals import residuals
 from mavdem.assessment.condition import Condition
-from mavdem.confidence import quantile
+from mavdem.confidence import coverage_factor
 from mavdem.dem import Learned
 from mavdem.experiments.held_out import BASELINES, HeldOut
 from mavdem.facts import Fact, Facts
@@ -227,7 +227,7 @@ def _wind(wind: WindTorque | None, physical: Physical) -> Finding:
         grade = Grade.LIMITED
         reason = Fact(Because.FOLLOWS_FROM_DOUBTED, names=doubted)
     else:
-        half = quantile() * wind.scale_error
+        half = coverage_factor() * wind.scale_error
         grade = _grade("wind", half)
         reason = Fact(Because.WIND_SIZE_KNOWN, share=half)
     return Finding(Purpose.WIND_TORQUE, grade, reason)

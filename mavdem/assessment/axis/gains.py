@@ -16,7 +16,7 @@ from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.loops import Loops
-from mavdem.flight import Flight, Flights, boot_of
+from mavdem.flight import Flight, Flights, boot_number
 from mavdem.ingest.mavlink.definitions import parameters_sent
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
@@ -40,7 +40,7 @@ def with_one_set_of_gains(signals: Signals, flights: Flights) -> tuple[Flights, 
     sets = gains_of_log(signals)
     parts = defaultdict[tuple[tuple[str, float], ...], list[Flight]](list)
     for flight in flights:
-        boot = boot_of(flight)
+        boot = boot_number(flight)
         tuning = in_modes(signals, boot, AUTOTUNE)
         stamps = [time for of_boot, time, _ in sets if of_boot == boot]
         edges = np.searchsorted(flight.time, [*stamps, *np.ravel(tuning)])

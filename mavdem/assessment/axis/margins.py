@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
 
-from mavdem.confidence import LEVEL
+from mavdem.confidence import CONFIDENCE_LEVEL
 from mavdem.dataset.align import Segments, recorded_parts
 from mavdem.dataset.drive import AXES
 from mavdem.dataset.signals import Signals
@@ -105,8 +105,8 @@ def _of_loop(loop: Loop) -> Fact:
     """Good with the margins of the default, and surely the least; bad surely without these."""
     rating = margin_rating(loop)
     sure = loop.share_meeting(LEAST)
-    level = Level.BAD if sure <= 1 - LEVEL else Level.WATCH
-    if sure >= LEVEL and not rating.is_bad:
+    level = Level.BAD if sure <= 1 - CONFIDENCE_LEVEL else Level.WATCH
+    if sure >= CONFIDENCE_LEVEL and not rating.is_bad:
         level = Level.GOOD
     return Fact(
         MarginsLight.LOOP_MARGINS,

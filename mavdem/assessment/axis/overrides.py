@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 from mavdem.assessment.condition import Condition
+from mavdem.containers import JsonValues
 from mavdem.dataset.learnability import DOUBTFUL_CONSISTENCY
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import Override
-from mavdem.heading import Values
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE
 from mavdem.motors.hover import HoverFigures
 from mavdem.motors.loss_detection import MotorAlarm, losses_of
@@ -57,7 +57,7 @@ def overrides_of(
     return tuple(overrides)
 
 
-def limited_motor(hover: HoverFigures) -> Values | None:
+def limited_motor(hover: HoverFigures) -> JsonValues | None:
     """Returns the motor that is most at its upper limit, as ``subject`` and ``share`` of a fact.
 
     None where that is at most ``MIN_AT_LIMIT_SHARE`` of the time.

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import Interval, quantile
+from mavdem.confidence import Interval, coverage_factor
 from mavdem.dem import Learned
 from mavdem.facts.assessment import BoundTest
 
@@ -49,7 +49,7 @@ def residuals(learned: Learned, output: int = -1) -> Residuals:
     lags = round(LAG_SECONDS / learned.dt)
     auto = correlation(centred, centred, lags)
     driven_auto = correlation(driven, driven, lags)
-    width = float(quantile(BOUND_LEVEL) / np.sqrt(len(finite)))
+    width = float(coverage_factor(BOUND_LEVEL) / np.sqrt(len(finite)))
     # The variance of a correlation of two independent series.
     joint = float(np.sqrt(max(1 + 2 * float(auto[1:] @ driven_auto[1:]), 1.0)))
     lag = np.arange(lags + 1.0) * learned.dt

@@ -8,13 +8,13 @@ from mavdem.assessment.assess import Assessment
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.lights.tracking import tracking_of
+from mavdem.containers import group_by
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import Loops
 from mavdem.facts.margins import TrackingLight
-from mavdem.grouping import grouped
-from mavdem.immutable import read_only
+from mavdem.immutable import freeze
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.advice import Advice, advise
 from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop, margin_rating
@@ -94,7 +94,7 @@ def tuned(
         else:
             raise NotLearnable(loop)
     if not advised:
-        alike = grouped(refused, refused.__getitem__)
+        alike = group_by(refused, refused.__getitem__)
         reasons = [fact.but(names=names) for fact, names in alike.items()]
         first += reasons if len(alike) > 1 else alike
         raise NotLearnable(Loops.NO_LOOP, reasons=first)
@@ -107,4 +107,4 @@ def tuned(
     if gains and (not headline.is_bad or headline == judgement.lights["margins"]):
         following = Fact(NextStep.LOAD_GAINS, headline.level, is_written=is_written)
         judgement = replace(judgement, next_step=following)
-    return read_only(Tuning(by_axis, advised, gains, notch, judgement))
+    return freeze(Tuning(by_axis, advised, gains, notch, judgement))

@@ -8,7 +8,7 @@ from mavdem.arrays import Array
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.lights.limits import worst
 from mavdem.assessment.reported import FIX_3D
-from mavdem.confidence import ENOUGH_SAMPLES
+from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
 from mavdem.dataset.drive import Signal, floats, recorded, series, table_of
 from mavdem.dataset.phases import longest
 from mavdem.facts import Fact, Level
@@ -132,7 +132,7 @@ def _compass(evidence: Evidence) -> Iterator[Fact]:
             assert field is not None
             before = (field.boot == flight.boot[0]) & (field.time < flight.time[0])
             usual = _size(field.values[before])
-            if len(usual) < ENOUGH_SAMPLES:
+            if len(usual) < MIN_SAMPLES_FOR_STATISTICS:
                 return
             change = np.median(_size(flight.values)) / np.median(usual) - 1
             if abs(change) > FIELD_CHANGE:

@@ -5,7 +5,7 @@ from math import inf
 import numpy as np
 
 from mavdem.assessment.evidence import Evidence
-from mavdem.confidence import ENOUGH_SAMPLES
+from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
 from mavdem.dataset import phases
 from mavdem.dataset.rate_advice import ask_for_rate
 from mavdem.dataset.signals import MINIMUM_RATE, Signals, usual_rate
@@ -81,4 +81,4 @@ def _is_still(signals: Signals) -> bool:
     each = max(round(STILL_STEP / np.median(np.diff(roll.time[rows]))), 1)
     changes = abs(np.diff(roll.rate[rows][::each]))
     changes = changes[changes > 0]  # a value that is sent again is no measurement
-    return len(changes) >= ENOUGH_SAMPLES and float(np.median(changes)) < STILL_CHANGE
+    return len(changes) >= MIN_SAMPLES_FOR_STATISTICS and float(np.median(changes)) < STILL_CHANGE

@@ -5,7 +5,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.assessment.evidence import INJECTED, Evidence
 from mavdem.assessment.lights.limits import Limits, worst
-from mavdem.confidence import ENOUGH_SAMPLES
+from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
 from mavdem.dataset.align import Segments, within
 from mavdem.dataset.drive import AXES, TILT_AXES, Signal
 from mavdem.dataset.signals import SLOW_MOTION_RATE, Signals
@@ -64,7 +64,7 @@ def _tracking(signals: Signals, parts: Segments) -> Fact:
         return unknown
     angle = signals.attitude.angles
     setpoint, errors = _errors(asked, angle, parts, DELAYS)
-    if len(setpoint) < ENOUGH_SAMPLES:
+    if len(setpoint) < MIN_SAMPLES_FOR_STATISTICS:
         return unknown
     sizes = np.sqrt(np.mean(np.square(errors), axis=1))
     best = np.argmin(sizes)

@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 
 from mavdem.arrays import Array
 from mavdem.dem.forecast.var import Forecast
-from mavdem.dem.record import MOST_STEPS, Record, required_number
+from mavdem.dem.record import MAX_STEPS, Record, validated_count
 
 
 class Forecasting:
@@ -43,7 +43,7 @@ class Forecasting:
 
     def predicted(self, steps: int) -> Forecast:
         """Returns :meth:`predict` with its variance."""
-        number = required_number(steps, most=MOST_STEPS)
+        number = validated_count(steps, most=MAX_STEPS)
         tables = self.record.inputs, self.record.outputs
         return self.unknown_every(number, *(np.zeros((number, each.shape[1])) for each in tables))
 

@@ -23,8 +23,8 @@ from mavdem.arrays import Array
 from mavdem.confidence import half_width
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.dem.forecast import var
-from mavdem.dem.record import FEWEST_MOTORS, Record
-from mavdem.immutable import Result
+from mavdem.dem.record import MIN_MOTORS, Record
+from mavdem.immutable import ImmutableResult
 
 LAGS = (6, 8, 10, 14, 20)  # that F̄ chooses from, samples
 # likewise, precisions of the prior at lag 1, of channels of deviation 1
@@ -53,7 +53,7 @@ CHOICES = tuple(Choice(lags, ridge) for lags in LAGS for ridge in RIDGES)
 
 def known_combinations(inputs: int, effect_directions: Array | None) -> Array | None:
     """Returns (r, c) as :func:`turning_combinations`; ``None`` where a flight must tell."""
-    if inputs < FEWEST_MOTORS:
+    if inputs < MIN_MOTORS:
         return np.eye(inputs)
     if effect_directions is None or not effect_directions.any():
         return None
@@ -124,7 +124,7 @@ def choose(
 
 
 @dataclass(frozen=True, eq=False)
-class JointModel(Result):
+class JointModel(ImmutableResult):
     """The learned joint model and its forecasts; all arguments and results are physical.
 
     Attributes:

@@ -18,7 +18,7 @@ from mavdem.dem.forecast.joint import known_combinations
 from mavdem.dem.learned import Learned
 from mavdem.dem.learning import FEWEST_SAMPLES, learn, learn_with_fit
 from mavdem.dem.online.ahead import OnlineJoint
-from mavdem.dem.online.memory import Memory, drop_since
+from mavdem.dem.online.memory import Memory, drop_blocks_since
 from mavdem.dem.online.tracker import (
     AnomalyMarks,
     ErrorBands,
@@ -27,17 +27,17 @@ from mavdem.dem.online.tracker import (
     Tracker,
 )
 from mavdem.dem.record import (
-    MOST_STEPS,
+    MAX_STEPS,
     Record,
     is_number,
     require_usable,
-    required_directions,
-    required_number,
-    required_step,
-    table,
+    validated_count,
+    validated_directions,
+    validated_step,
+    validated_table,
 )
 from mavdem.dem.settings import Settings
-from mavdem.errors import NotLearnable, fact_of
+from mavdem.errors import NotLearnable, fact_from_error
 from mavdem.facts import Fact
 from mavdem.facts.online import Online
 
@@ -101,10 +101,10 @@ class OnlineLearner:
         Raises:
             ValueError: names the argument that does not fit.
         """
-        self._dt = required_step(dt)
-        self._sizes = required_number(n_inputs, "n_inputs"), required_number(n_outputs, "n_outputs")
+        self._dt = validated_step(dt)
+        self._sizes = validated_count(n_inputs, "n_inputs"), validated_count(n_outputs, "n_outputs")
         given = horizons if np.ndim(horizons) else ()
-        self.horizons = tuple(required_number(steps, "horizons", MOST_STEPS) for steps in given)
+        self.horizons = tuple(validated_count(steps, "horizons", MAX_STEPS) for steps in given)
         if not self.horizons or list(self.horizons) != sorted(set(self.horizons)):
             raise ValueError(f"horizons must be steps, increasing, not {horizons!r}")
         block = max(1, round(MEMORY_BLOCK_SECONDS / dt))
@@ -123,7 +123,7 @@ class OnlineLearner:
         self._executor = executor
         directions = None
         if effect_directions is not None:
-            directions = required_directions(effect_directions, n_inputs)
+            directions = validated_directions(effect_directions, n_inputs)
         self._memory = Memory(dt, block, most, directions)
         self._samples = 0
         self._first = max(round(LEARNING_SECONDS / dt), 2 * FEWEST_SAMPLES)
@@ -203,10 +203,10 @@ class OnlineLearner:
         The model is learned anew from those before; a running call of ``learn`` is not waited for.
         """
         self._begin_segment()
-        if not drop_since(self._memory.blocks, time):
+        if not drop_blocks_since(self._memory.blocks, time):
             return
         self._ahead.begin_with(self._memory.blocks, self._ahead.combinations)
-        self._wind.drop_since(time)
+        self._wind.drop_blocks_since(time)
         if self._pending is not None:
             self._pending.cancel()
             self._pending = None
@@ -238,7 +238,7 @@ class OnlineLearner:
         ]
         rows = []
         for name, values, size in given:
-            rows.append(table([values], name, size)[0])
+            rows.append(validated_table([values], name, size)[0])
             require_usable(rows[-1], name)
         now, u, y = rows
         return float(now[0]), u, y
@@ -338,7 +338,7 @@ class OnlineLearner:
         """Tries again soon, with half the memory: a vehicle on the ground may have taken off since."""
         self.obstacle = Fact(
             Online.LEARNING_FAILED,
-            because=fact_of(error) if str(error) else None,
+            because=fact_from_error(error) if str(error) else None,
             kept=self._tracker is not None,
         )
         self._next = self._samples + self._first

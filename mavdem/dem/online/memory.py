@@ -20,7 +20,9 @@ class MemoryBlock(NamedTuple):
     until: float
 
 
-def record_of(blocks: Iterable[MemoryBlock], dt: float, effect_directions: Array | None) -> Record:
+def record_from_blocks(
+    blocks: Iterable[MemoryBlock], dt: float, effect_directions: Array | None
+) -> Record:
     """Returns the samples of consecutive blocks, of which there is one at least, every ``dt`` seconds."""
     blocks = list(blocks)
     lengths: list[int] = []
@@ -33,7 +35,7 @@ def record_of(blocks: Iterable[MemoryBlock], dt: float, effect_directions: Array
     return Record(inputs, outputs, dt, tuple(lengths), effect_directions)
 
 
-def drop_since(blocks: deque[MemoryBlock], time: float) -> bool:
+def drop_blocks_since(blocks: deque[MemoryBlock], time: float) -> bool:
     """Drops the latest blocks that end after ``time``, s, of the same clock; returns whether there were any."""
     latest = np.inf
     # Where time goes back, another boot begins.
@@ -84,7 +86,7 @@ class Memory:
 
     def record(self) -> Record:
         """Returns the samples of all blocks, of which there is one at least."""
-        return record_of(self.blocks, self.dt, self.effect_directions)
+        return record_from_blocks(self.blocks, self.dt, self.effect_directions)
 
     def latest(self, number: int) -> Pair:
         """Returns inputs and outputs of so many of the latest samples since the last gap, or of fewer."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array, Pair
-from mavdem.confidence import ENDS, ENOUGH_SAMPLES, LEVEL
+from mavdem.confidence import CONFIDENCE_LEVEL, INTERVAL_QUANTILES, MIN_SAMPLES_FOR_STATISTICS
 from mavdem.dem.engine.free_energy import SampleEnergy
 from mavdem.dem.engine.generative import taylor_weights
 from mavdem.dem.engine.linalg import ROUNDING
@@ -169,12 +169,15 @@ class ErrorBands:
         sizes = np.sort(abs(self._errors))
         number = np.isfinite(sizes).sum(axis=-1, keepdims=True)
         # The next error is below the k-th of n with probability k/(n + 1).
-        places = np.clip(np.ceil(LEVEL * (number + 1)).astype(int), 1, np.maximum(number, 1)) - 1
+        places = (
+            np.clip(np.ceil(CONFIDENCE_LEVEL * (number + 1)).astype(int), 1, np.maximum(number, 1))
+            - 1
+        )
         level, median = (
             np.take_along_axis(sizes, place, axis=-1) for place in (places, number // 2)
         )
         half = np.minimum(level, MAX_MEDIANS * median)
-        self.half_widths = np.where(number >= ENOUGH_SAMPLES, half, np.nan)[:, :, 0]
+        self.half_widths = np.where(number >= MIN_SAMPLES_FOR_STATISTICS, half, np.nan)[:, :, 0]
 
 
 class Surprise:
@@ -199,7 +202,9 @@ class Surprise:
     def update_quantiles(self) -> None:
         """Computes the quantiles again; done once a block, since it takes the whole past."""
         if len(self._past) >= MIN_PAST:
-            low, quartile, self._median = np.quantile(self._past, [ENDS[0], 0.25, 0.5])
+            low, quartile, self._median = np.quantile(
+                self._past, [INTERVAL_QUANTILES[0], 0.25, 0.5]
+            )
             unit = min(self._median - low, MAX_QUARTILES * (self._median - quartile))
             self._unit = max(unit, ROUNDING)
 

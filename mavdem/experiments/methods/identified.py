@@ -15,7 +15,7 @@ from mavdem.dem.engine.linalg import ROUNDING, one_thread
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.forecast.forecasting import Forecasting
 from mavdem.dem.forecast.var import Forecast, Var
-from mavdem.dem.record import Record, Records, Segments, required_number
+from mavdem.dem.record import Record, Segments, TrainingData, validated_count
 from mavdem.facts import Fact, Facts
 from mavdem.facts.forecasts import Forecasts, HeldOutForecast, MethodName
 
@@ -132,12 +132,12 @@ class Fitted(NamedTuple):
 
 def identified(
     method: str,
-    train: Records,
+    train: TrainingData,
     order: int,
     fit: Callable[[Segments, int], Fitted],
 ) -> Identified:
     """Returns the result of ``fit`` of the segments and the ``order``, called ``method(order)``."""
-    order = required_number(order, "order")
+    order = validated_count(order, "order")
     record = Record.of(train)
     with one_thread():
         units = Units.of(record)
@@ -219,23 +219,23 @@ class Units(NamedTuple):
         )
 
 
-def hold(train: Records) -> Identified:
+def hold(train: TrainingData) -> Identified:
     """Forecasts the last measurement of ``train``; the first sample of a segment is predicted by the mean."""
     return _without_dynamics("hold", train, held=True)
 
 
-def constant_mean(train: Records) -> Identified:
+def constant_mean(train: TrainingData) -> Identified:
     """Forecasts the mean of the training data ``train``."""
     return _without_dynamics(HeldOutForecast.CONSTANT_MEAN, train)
 
 
-def zero(train: Records) -> Identified:
+def zero(train: TrainingData) -> Identified:
     """Forecasts zero, whatever the training data ``train``."""
     return _without_dynamics("zero", train, about=0.0)
 
 
 def _without_dynamics(
-    method: str, train: Records, held: bool = False, about: float = 1.0
+    method: str, train: TrainingData, held: bool = False, about: float = 1.0
 ) -> Identified:
     """The training mean times ``about``; where ``held``, each output has a state, its last deviation from that."""
     record = Record.of(train)
@@ -249,14 +249,14 @@ def _without_dynamics(
     return Identified(method, model, record, starts=np.zeros((len(record.lengths), n)))
 
 
-def var(train: Records, order: int = 10) -> JointAutoregression:
+def var(train: TrainingData, order: int = 10) -> JointAutoregression:
     """Models outputs and inputs as one autoregression of ``order`` lags, with a prior towards a random walk.
 
     Least squares with a ridge, the "Minnesota prior" (Litterman, 1986; see :mod:`mavdem.dem.forecast.var`). Unlike the
     other methods it can predict without the inputs; given them, it infers the outputs from what they show of the
     motion, by a Kalman filter. ``train`` and errors are as for :func:`mavdem.baselines.subspace`.
     """
-    order = required_number(order, "order")
+    order = validated_count(order, "order")
     record = Record.of(train)
     with one_thread():
         return JointAutoregression(

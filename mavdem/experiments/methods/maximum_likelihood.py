@@ -19,7 +19,7 @@ from mavdem.dem.engine.gauss_newton import (
 from mavdem.dem.engine.kalman import GaussianModel, Smoothed, smoothed
 from mavdem.dem.engine.linalg import ROUNDING
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.record import Records, Segments
+from mavdem.dem.record import Segments, TrainingData
 from mavdem.errors import NotLearnable
 from mavdem.experiments.methods.identified import (
     DEPENDENCE_TOLERANCE,
@@ -36,7 +36,7 @@ DAMPING = Damping(first=1e-3, factor=8.0, attempts=8)
 MAX_ITERATIONS = 300  # of PEM, and of EM: in a flat valley many small steps follow
 
 
-def pem(train: Records, order: int = 2) -> Identified:
+def pem(train: TrainingData, order: int = 2) -> Identified:
     """Returns the model in innovation form that makes the determinant of the one-step errors' covariance smallest.
 
     That is maximum likelihood where errors are Gaussian (Ljung, System Identification, 2nd ed., secs. 7.2, 10.2): all
@@ -137,7 +137,7 @@ def _minimised(segments: Segments, order: int) -> Fitted:
 START_NOISE = 0.1
 
 
-def em(train: Records, order: int = 2) -> Identified:
+def em(train: TrainingData, order: int = 2) -> Identified:
     """Returns the model of :class:`StateSpace`'s A, B and C with independent white noises of states and outputs.
 
     Expectation: states are smoothed under the model there is. Maximization: A, B, offset and Q, C, trim and R, and

@@ -9,7 +9,7 @@ from numpy.linalg import LinAlgError
 from mavdem.arrays import Array, Pair
 from mavdem.dem.engine.kalman import steady_gain
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.record import Records, Segments
+from mavdem.dem.record import Segments, TrainingData
 from mavdem.errors import NotLearnable
 from mavdem.experiments.methods.identified import (
     RANK_TOLERANCE,
@@ -27,7 +27,7 @@ USUAL_WINDOWS = 5
 LEAST_WINDOWS = 2
 
 
-def subspace(train: Records, order: int = 2) -> Identified:
+def subspace(train: TrainingData, order: int = 2) -> Identified:
     """Returns a state-space model of ``order`` states from projections, without iterations.
 
     The states are the combinations of the past that predict the future best, given the future inputs: canonical

@@ -6,7 +6,7 @@ Needs the extra ``view``: ``pip install 'mavdem[view]'``.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mavdem.files import table_beside
+from mavdem.files import load_adjacent_toml
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +24,7 @@ class Claim:
     remarks: Sequence[str] = ()
 
 
-_TABLES = table_beside(__file__, "claims.toml")
+_TABLES = load_adjacent_toml(__file__, "claims.toml")
 CLAIMS = tuple(Claim(**table) for table in _TABLES["claims"])
 """In the order of the paper, then its preliminaries."""
 INTRODUCTION: str = _TABLES["introduction"]

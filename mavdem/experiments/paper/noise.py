@@ -24,11 +24,11 @@ from scipy.signal import correlate
 from scipy.stats import chi2, norm
 
 from mavdem.arrays import Array
+from mavdem.containers import JsonValues
 from mavdem.dem import learn
 from mavdem.experiments.paper import figures
 from mavdem.experiments.paper.runner import PAPER, Check, ExperimentResult, Runner
 from mavdem.experiments.window import Window
-from mavdem.heading import Values
 from mavdem.report.figures.style import Picture
 
 TEST_LEVEL = 0.01  # of each test; with five tests, one report in twenty rejects a true hypothesis
@@ -126,7 +126,7 @@ class NoiseSeries(NamedTuple):
     whiteness: Significance  # test for white noise, of values that share no samples
     overlap: int  # values closer than so many steps share samples
 
-    def to_dict(self) -> Values:
+    def to_dict(self) -> JsonValues:
         """Returns plain JSON values by name."""
         return {
             "autocorrelation": self.autocorrelation.tolist(),

@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import ENDS, LEVEL
+from mavdem.confidence import CONFIDENCE_LEVEL, INTERVAL_QUANTILES
 from mavdem.experiments import methods
 from mavdem.experiments.comparison import Method
 from mavdem.experiments.paper.runner import (
@@ -73,8 +73,8 @@ def check(name: str, start: str, ours: Array, theirs: Array) -> Check:
         )
     below = float((ours < theirs[0]).mean())
     return Check(
-        f"{name}, from {start}: theirs lies in the central {percent(LEVEL)} of ours over random priors",
-        ENDS[0] <= below <= ENDS[1],
+        f"{name}, from {start}: theirs lies in the central {percent(CONFIDENCE_LEVEL)} of ours over random priors",
+        INTERVAL_QUANTILES[0] <= below <= INTERVAL_QUANTILES[1],
         f"{name} from {start}: their MSPE is {rounded(theirs[0], 3)}, above {percent(below)} of ours (median "
         f"{rounded(float(np.median(ours)), 3)})",
     )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
+from mavdem.containers import JsonValues
 from mavdem.experiments.paper import (
     CLAIMS,
     INTRODUCTION,
@@ -18,7 +19,6 @@ from mavdem.experiments.paper import (
 )
 from mavdem.experiments.paper.runner import ClaimStatus, ExperimentResult, findings
 from mavdem.facts import Level
-from mavdem.heading import Values
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table
 from mavdem.report.page import Chapter
 from mavdem.report.page import document as page
@@ -62,7 +62,7 @@ class ItemReport:
             return f"Not tried: {' '.join(self.result.remarks)}"
         return f"{self.status.value.capitalize()}: {findings(self.result.checks)}."
 
-    def to_dict(self) -> Values:
+    def to_dict(self) -> JsonValues:
         """Returns plain JSON values by name."""
         claim = self.claim
         return {
@@ -94,7 +94,7 @@ class ItemReport:
         return Chapter(claim.title, blocks, [picture.group for picture in result.pictures])
 
 
-def document(reports: Sequence[ItemReport], seconds: float) -> Values:
+def document(reports: Sequence[ItemReport], seconds: float) -> JsonValues:
     """Returns all numbers as plain JSON values, the content of ``numbers.json``."""
     return {
         "paper": TITLE,

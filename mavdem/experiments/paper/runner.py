@@ -20,6 +20,7 @@ from scipy.io import loadmat
 
 from mavdem import evaluate
 from mavdem.arrays import Array
+from mavdem.containers import JsonValues, Names
 from mavdem.dataset import read_flight
 from mavdem.dem import Settings, learn
 from mavdem.dem.parallel import parallel_map
@@ -31,7 +32,6 @@ from mavdem.experiments.window import Window, part_samples, windows
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
 from mavdem.files import PathName
 from mavdem.flight import Flight
-from mavdem.heading import Names, Values
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import interpolated
 from mavdem.ingest.tlog import write_tlog
@@ -179,7 +179,7 @@ class ExperimentResult:
 
     # these decide the status; without any, ``remarks`` has the reason
     checks: tuple[Check, ...] = ()
-    numbers: Values = field(default_factory=dict)  # plain JSON values by name
+    numbers: JsonValues = field(default_factory=dict)  # plain JSON values by name
     tables: tuple[Block, ...] = ()  # with the sentences above them
     pictures: tuple[Picture, ...] = ()
     remarks: Names = ()  # sentences

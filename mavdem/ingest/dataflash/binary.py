@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.arrays import Integers
+from mavdem.containers import Names
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
-from mavdem.heading import Names
 from mavdem.ingest.telemetry import Columns, repair, rows_by
 
 # The header's two bytes, and the bytes of it and the id

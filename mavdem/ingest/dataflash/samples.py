@@ -8,7 +8,7 @@ filters. Of an autopilot that logs both, instances behind the filters count on f
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.heading import Names
+from mavdem.containers import Names
 from mavdem.ingest.dataflash.translation import ACCELEROMETERS, GYROS, having, instance
 from mavdem.ingest.telemetry import Columns, Parameters, Tables, joined, rows_by
 

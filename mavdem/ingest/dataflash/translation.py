@@ -18,11 +18,11 @@ import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.arrays import Array
-from mavdem.confidence import ENOUGH_SAMPLES
+from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
+from mavdem.containers import Names
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
-from mavdem.files import table_beside
-from mavdem.heading import Names
+from mavdem.files import load_adjacent_toml
 from mavdem.ingest.dataflash.binary import MessageTable
 from mavdem.ingest.dataflash.states import states_of
 from mavdem.ingest.telemetry import (
@@ -75,7 +75,7 @@ def stamped(logged: Columns, fields: Columns) -> Columns:
     return {"time": logged["time"], "boot": logged["boot"], **fields}
 
 
-_RENAMED = table_beside(__file__, "translation.toml")
+_RENAMED = load_adjacent_toml(__file__, "translation.toml")
 BATTERIES = ("BAT", "CURR")
 LEVELS = ("VibeX", "VibeY", "VibeZ")
 # As many have a counter of clips
@@ -352,7 +352,7 @@ def _in_centidegrees(tables: Tables) -> Facts:
         return ()
     turning = np.linalg.norm(_onto(rates, gyros, values(gyros, GYROS)), axis=1)
     moving = turning > MOVING_RATE
-    if np.count_nonzero(moving) < ENOUGH_SAMPLES:
+    if np.count_nonzero(moving) < MIN_SAMPLES_FOR_STATISTICS:
         return ()
     speeds = np.linalg.norm(np.radians(values(rates, RATES)[moving]), axis=1)
     ratio = np.median(speeds / turning[moving])

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
-from mavdem.heading import Names
+from mavdem.containers import Names
 from mavdem.ingest.mavlink import framing
 from mavdem.ingest.mavlink.framing import (
     HEADER,

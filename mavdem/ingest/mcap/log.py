@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.errors import Unreadable
-from mavdem.extras import require
+from mavdem.extras import require_extra
 from mavdem.facts import Fact, Facts
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.files import PathName
@@ -68,7 +68,7 @@ def read_mcap(path: PathName) -> Log:
     except Unreadable:
         if not flight_topics(recording):
             raise
-        require("ros2", source)
+        require_extra("ros2", source)
         return read_ros2(recording, source)
     return assemble(stream)
 

@@ -32,9 +32,9 @@ from mcap.writer import Writer
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.arrays import Array
+from mavdem.containers import JsonValues
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
-from mavdem.heading import Values
 from mavdem.ingest.contents import FREE_BYTES, MAX_RATIO
 from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.telemetry import repair
@@ -265,7 +265,7 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not isfinite(value) else value
 
 
-def _schema(message: Any) -> Values:
+def _schema(message: Any) -> JsonValues:
     header = _object({name: {"type": "integer"} for name in HEADER_FIELDS})
     fields = {}
     for name, count in zip(message.ordered_fieldnames, message.array_lengths, strict=True):
@@ -276,5 +276,5 @@ def _schema(message: Any) -> Values:
     return _object({"header": header, "message": _object({"type": {"type": "string"}, **fields})})
 
 
-def _object(properties: Mapping[str, Any]) -> Values:
+def _object(properties: Mapping[str, Any]) -> JsonValues:
     return {"type": "object", "properties": dict(properties)}

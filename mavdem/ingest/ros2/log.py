@@ -24,7 +24,7 @@ from mavdem.arrays import Array, Integers
 from mavdem.errors import Unreadable
 from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair, Source
-from mavdem.files import table_beside
+from mavdem.files import load_adjacent_toml
 from mavdem.ingest import px4_topics
 from mavdem.ingest.mavlink.clocks import Sent, boot_clock
 from mavdem.ingest.mavlink.definitions import enum_name
@@ -128,7 +128,7 @@ STAMPS = {
     MAVROS: {"header.stamp.sec": SECOND, "header.stamp.nanosec": 1},
 }
 """Fields with the stamp of every message, and the unit of each, ns; PX4's is when a message was published."""
-_TOPICS = table_beside(__file__, "mavros_topics.toml")
+_TOPICS = load_adjacent_toml(__file__, "mavros_topics.toml")
 MAVROS_TOPICS = {name: MavrosTopic(**topic) for name, topic in _TOPICS.items()}
 """By the name after the node's, which is ``mavros`` unless it was started with another."""
 MAVROS_PERIODS = {"rc/out": 2**32 / 1e6}

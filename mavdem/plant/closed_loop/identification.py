@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import softmax
 
 from mavdem.arrays import Array
-from mavdem.confidence import SURE_DEVIATIONS
+from mavdem.confidence import SIGNIFICANT_SIGMAS
 from mavdem.dem.engine.gauss_newton import (
     MAX_STEPS,
     Damping,
@@ -48,7 +48,7 @@ class IdentifiedAxis(NamedTuple):
     def explains(self) -> bool:
         """Whether the controller has the gain of its parameters, or as much less as limits may make of it."""
         gains = np.array([self.theta, self.likeliest])[:, CONTROLLER]
-        unsure = SURE_DEVIATIONS * SD[CONTROLLER]
+        unsure = SIGNIFICANT_SIGMAS * SD[CONTROLLER]
         least = np.log1p(-self.axis.limited) - unsure
         return bool(((least <= gains) & (gains <= unsure)).all())
 

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import ArrayLike
 
-from mavdem.heading import Values
+from mavdem.containers import JsonValues
 from mavdem.report.charts import Axis, Chart, Group, Kind, Line, Plan
 from mavdem.report.palette import BAND_OPACITY, DISTINCT, INK_ON_LIGHT, MEASURED, PAPER_LIGHT
 
@@ -137,7 +137,7 @@ def _label(axes: Axes, axis: Axis) -> None:
 
 def _draw_line(axes: Axes, line: Line) -> None:
     x, y = line.x, line.y
-    style: Values = {"color": line.colour, "label": line.name}
+    style: JsonValues = {"color": line.colour, "label": line.name}
     if line.kind is Kind.STEMS:
         axes.vlines(x, 0, y, linewidth=1.3, **style)
     elif line.kind is Kind.DOTS:
@@ -146,5 +146,5 @@ def _draw_line(axes: Axes, line: Line) -> None:
     else:
         axes.plot(x, y, linewidth=1.1, dashes=(4, 2) if line.kind is Kind.DASHES else (), **style)
         if line.low is not None and line.high is not None:
-            shade: Values = {"alpha": BAND_OPACITY, "linewidth": 0}
+            shade: JsonValues = {"alpha": BAND_OPACITY, "linewidth": 0}
             axes.fill_between(x, line.low, line.high, color=line.colour, **shade)

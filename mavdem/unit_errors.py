@@ -3,13 +3,13 @@
 from math import pi
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from mavdem.facts import Fact
 from mavdem.facts.sources import Arrays, Slip
 
 # s, one period of 5 Hz, over which an angle and its rate are compared: sensor noise averages out, roll dynamics do not
-CONSISTENCY_SPAN = 0.2
+RATE_INTEGRATION_SPAN = 0.2
 SLIPS = {
     1.0: Slip.BOTH_IN_DEGREES,
     57.3: Slip.ANGLE_IN_DEGREES,
@@ -20,25 +20,7 @@ SLIPS = {
 """What is likely by how many times as much an angle changes as its rate says; 1.0 only of angles beyond π."""
 
 
-def real_numbers(values: ArrayLike, name: str) -> NDArray[np.float64]:
-    """Returns a new float64 array in C order; ``ValueError``, which names the argument, for all but real numbers.
-
-    Masked values and dates are refused: the mask would be lost, and a date would become a plain number.
-    """
-    if np.ma.is_masked(values):
-        raise ValueError(
-            f"{name} must not be masked: leave out what is missing, or cut there with Flight.segments"
-        )
-    try:
-        if (kind := np.asarray(values).dtype).kind not in "biufO":
-            raise TypeError(f"{kind} are none")
-        # products round otherwise in another order
-        return np.array(values, dtype=np.float64, order="C")
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f"{name} must be real numbers: {error}") from None
-
-
-def unit_slip(outputs: NDArray[np.float64], dt: float) -> Fact | None:
+def suspected_unit_error(outputs: NDArray[np.float64], dt: float) -> Fact | None:
     """Returns what unit an angle and its rate, ``outputs`` (T, 2), or time ``dt`` seem to have instead of rad and s."""
     if outputs.shape[1] != 2:
         return None
