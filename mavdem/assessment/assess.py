@@ -45,8 +45,8 @@ from mavdem.loops.axis_loops import Loop
 from mavdem.loops.loop_construction import loop_from_plant
 from mavdem.motors.loss_detection import MotorAlarm, losses_of
 from mavdem.vibration.spectra import Spectrum
-from mavdem.wind_velocity.estimation import WindVelocity, torque_explained
-from mavdem.wind_velocity.from_log import Air, air_of
+from mavdem.wind_velocity.estimation import WindVelocity, torque_share_of_wind
+from mavdem.wind_velocity.from_log import WindEvidence, wind_evidence
 
 
 class NoLoop(NamedTuple):
@@ -151,7 +151,7 @@ class Assessment:
     @property
     def wind(self) -> WindVelocity | None:
         """The wind in m/s, where it is known."""
-        return None if self.evidence is None else self.evidence.air[0]
+        return None if self.evidence is None else self.evidence.air.estimate
 
     @cached_property
     def wind_of_model(self) -> WindVelocity | None:
@@ -170,7 +170,7 @@ class Assessment:
         if torque is None:
             return None
         time = np.concatenate([flight.time for flight in self.analysis.flights])
-        return torque_explained(self.wind_of_model, time, torque.torque)
+        return torque_share_of_wind(self.wind_of_model, time, torque.torque)
 
     @property
     def refusal(self) -> NotLearnable:
@@ -255,7 +255,9 @@ def assess_signals(
 ) -> Assessment:
     """Returns the assessment of the vehicle of these ``signals`` of a ``log``, as :func:`assess` does."""
     options = options or Options()
-    air = air_of(signals)  # first: what it reads of the signals the analysis need not read again
+    air = wind_evidence(
+        signals
+    )  # first: what it reads of the signals the analysis need not read again
     analysis = analyse(log, signals, axis, options, progress=progress)
     with progress("Identifying the loops", measured=False):
         about = signals.about(AXES[0], options.inputs)
@@ -289,12 +291,12 @@ def while_controlled(alarms: Sequence[MotorAlarm], ending: Fact | None) -> list[
     return [alarm for alarm in alarms if alarm.time < lost]
 
 
-def grounded_air(air: Air) -> Air:
+def grounded_air(air: WindEvidence) -> WindEvidence:
     """Returns what is known of the ``air`` with facts that are grounded."""
     wind, own, reason = air
     if wind is not None:
         wind = replace(wind, reasons={of: fact.grounded for of, fact in wind.reasons.items()})
-    return wind, own, reason and reason.grounded
+    return WindEvidence(wind, own, None if reason is None else reason.grounded)
 
 
 def loop_by(figures: AxisFigures, record: Record | None) -> Loop | Fact:

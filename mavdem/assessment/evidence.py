@@ -26,7 +26,7 @@ from mavdem.facts.lights import Unjudged
 from mavdem.ingest import Log
 from mavdem.loops.advice import gain_reduction_advice
 from mavdem.loops.axis_loops import Loop
-from mavdem.wind_velocity.from_log import Air
+from mavdem.wind_velocity.from_log import WindEvidence
 
 INJECTED = frozenset({"Autotune", "Systemid"})
 """ArduPilot's modes that move the vehicle themselves, to and over what its gains allow."""
@@ -50,7 +50,7 @@ class Evidence:
     signals: Signals
     learnability: Learnability
     condition: Condition
-    air: Air = (None, None, Fact(Unjudged.NOT_JUDGED, because=None))
+    air: WindEvidence = WindEvidence(None, None, Fact(Unjudged.NOT_JUDGED, because=None))
     events: Facts = ()
     ending: Fact | None = None
     loops: Mapping[str, Loop | Fact] = field(default_factory=dict)

@@ -18,7 +18,7 @@ from mavdem.errors import NotLearnable
 from mavdem.fleet.priors import earlier_drag
 from mavdem.report.condition import drag_table, wind_blocks, wind_tables
 from mavdem.report.screen import conclusion
-from mavdem.wind_velocity.from_log import drag_settings, wind_of
+from mavdem.wind_velocity.from_log import WindEvidence, drag_settings, wind_of_signals
 
 
 @click.command("wind")
@@ -45,12 +45,12 @@ def wind_command(
         raise NotLearnable(reason)
     assert wind is not None
     if prior is not None:
-        wind = wind_of(signals, earlier_drag(prior, wind.speed))
+        wind = wind_of_signals(signals, earlier_drag(prior, wind.speed))
     above, *lights, following = conclusion(assessment.judgement)
     settings = drag_settings(wind.drag, signals.telemetry)
-    air = wind, signals.autopilot_wind, None
+    air = WindEvidence(wind, signals.autopilot_wind, None)
     blocks = [*wind_blocks(air), drag_table(wind.drag, settings)]
     if as_json:
-        print_json(Wind.gather(assessment.judgement, wind.identified, parameters=settings))
+        print_json(Wind.gather(assessment.judgement, wind.identified_figures, parameters=settings))
     else:
         print_screen(None, blocks, [*wind_tables(wind), *lights], [above, following], verbose)

@@ -149,10 +149,12 @@ class Learned(ImmutableResult, Forecasting):
     @cached_property
     def wind_torque(self) -> WindTorque | None:
         """The wind's torque in the training data (docs/wind.md); ``None`` without :attr:`physical`."""
-        from mavdem.plant.wind_torque import wind
+        from mavdem.plant.wind_torque import estimate_wind_torque
 
         try:
-            return None if self.physical is None else wind(self.physical, self.record)
+            return (
+                None if self.physical is None else estimate_wind_torque(self.physical, self.record)
+            )
         except ValueError:  # LinAlgError is one
             return None
 

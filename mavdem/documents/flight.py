@@ -503,7 +503,7 @@ def report_of(assessment: Assessment) -> JsonValues:
     return {
         **report,
         **assessment.of_documents,
-        "wind_velocity": assessment.wind and assessment.wind.identified,
+        "wind_velocity": assessment.wind and assessment.wind.identified_figures,
         "seconds": None,
         "files": {},
     }

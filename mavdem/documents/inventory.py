@@ -151,5 +151,5 @@ def vehicle_document(assessment: Assessment) -> JsonValues:
         **alarm_figures(analysis.alarms),
         "model": analysis.model,
         "watched": analysis.watched,
-        "wind_velocity": assessment.wind and assessment.wind.identified,
+        "wind_velocity": assessment.wind and assessment.wind.identified_figures,
     }

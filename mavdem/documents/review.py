@@ -208,7 +208,7 @@ def review_document(assessment: Assessment) -> JsonValues:
         "identity": analysis and analysis.identity,
         "condition": analysis and analysis.condition,
         "axes": axes_of(assessment),
-        "wind": assessment.wind and assessment.wind.identified,
+        "wind": assessment.wind and assessment.wind.identified_figures,
         "model": None if assessment.model is None else report_of(assessment),
         "spectra": {
             name: _spectrum(spectrum, assessment.noise.peaks[name])

@@ -38,7 +38,7 @@ from mavdem.report.labels import Labels, state_names, states_are_outputs
 from mavdem.report.numbers import short
 from mavdem.report.series import series_of
 from mavdem.wind_velocity.estimation import WindVelocity
-from mavdem.wind_velocity.from_log import air_of
+from mavdem.wind_velocity.from_log import wind_evidence
 
 if TYPE_CHECKING:
     import control
@@ -88,8 +88,8 @@ def wind_columns(signals: Signals, boot: int, time: Array) -> dict[str, Array]:
 
     NaN outside the flight whose wind it is; empty where a log has no wind in this boot.
     """
-    wind, _, _ = air_of(signals)
-    if wind is None or not wind.sized or wind.boot != boot:
+    wind, _, _ = wind_evidence(signals)
+    if wind is None or not wind.speed_identifiable or wind.boot != boot:
         return {}
     names = ("wind north", "wind east", "wind north band", "wind east band")
     parts = zip(map(column_name, names, 4 * ["m/s"]), (*wind.velocity.T, *wind.band.T), strict=True)

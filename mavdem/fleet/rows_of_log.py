@@ -107,10 +107,10 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
 def _wind(wind: WindVelocity) -> JsonValues:
     drag = wind.drag
     columns = JsonValues()
-    if wind.sized:
+    if wind.speed_identifiable:
         speed = None if wind.calm else wind.speed
         columns |= {"wind_speed": speed, "wind_speed_interval": wind.speed_interval}
-    if wind.directed:
+    if wind.direction_identifiable:
         columns |= {
             f"wind_{key}": np.radians(getattr(wind, key))
             for key in ("direction", "direction_interval")

@@ -10,7 +10,7 @@ from mavdem.dem import Estimate
 from mavdem.dem.record import Record
 from mavdem.facts import Fact
 from mavdem.facts.session import Session
-from mavdem.plant.gusts import LEVEL_SECONDS, gusts, shortest_gust
+from mavdem.plant.gusts import RUNNING_LEVEL_SECONDS, gusts, min_gust_duration
 from mavdem.plant.online_wind_torque import MEMORY_SECONDS
 
 
@@ -31,13 +31,13 @@ class LiveGusts:
             self._torques.clear()
             return
         self._torques.append((now.wind_time, now.wind_torque, now.wind_torque_band))
-        long = len(self._torques) * self._dt >= 2 * LEVEL_SECONDS
+        long = len(self._torques) * self._dt >= 2 * RUNNING_LEVEL_SECONDS
         if not long or now.wind_time < self._until + 1.0:
             return
         time, torque, band = np.array(self._torques).T
         before = self._until
         self._until = time[-1]
-        shortest = 0.0 if now.physical is None else shortest_gust(now.physical, self._dt)
+        shortest = 0.0 if now.physical is None else min_gust_duration(now.physical, self._dt)
         series = Record(torque[:, None], torque[:, None], self._dt, (len(torque),))
         for gust in gusts(torque, band, series, shortest).found:
             start = time[gust.sample]

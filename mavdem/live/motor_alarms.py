@@ -13,7 +13,7 @@ from mavdem.facts.session import Session
 from mavdem.facts.watch import Watch
 from mavdem.live.recent import MAX_EVENTS
 from mavdem.motors.loss_detection import LONGEST_GAP, REFERENCE_SECONDS, MotorAlarm, MotorWatch
-from mavdem.plant.online_wind_torque import WeakMotors
+from mavdem.plant.online_wind_torque import WeakenedMotors
 
 
 class MotorAlarms:
@@ -43,7 +43,7 @@ class MotorAlarms:
             return Fact(Watch.REFERENCE_SHORT, duration=REFERENCE_SECONDS)
         return None
 
-    def weak_motors(self, inputs: Array, low: float) -> WeakMotors | None:
+    def weak_motors(self, inputs: Array, low: float) -> WeakenedMotors | None:
         """Returns what weak motors do with ``inputs`` (k,), whose range begins at ``low``; None where none is weak."""
         weak = {} if self._watch is None else self._watch.weak
         if not weak:
@@ -52,7 +52,7 @@ class MotorAlarms:
         for motor, alarm in weak.items():
             shares[motor], errors[motor] = alarm.sound_share
         used = inputs - low
-        return WeakMotors(self.changed, low + shares * used, errors * used)
+        return WeakenedMotors(self.changed, low + shares * used, errors * used)
 
     def take(
         self, time: float, boot: int, motors: Motors, commands: list[float], heading: float

@@ -49,7 +49,7 @@ from mavdem.live.senders import Sender, Senders
 from mavdem.live.watchdog import Watchdog
 from mavdem.live.wind import WindRows
 from mavdem.wind_velocity.airflow import Drag
-from mavdem.wind_velocity.from_log import FLAGS, VELOCITIES
+from mavdem.wind_velocity.from_log import ESTIMATOR_FLAG_MESSAGES, VELOCITY_MESSAGES
 
 REVIEW_SECONDS = 0.5  # Of the boot clock, between two reviews of phase and inputs
 REPLIES = ("MESSAGE_INTERVAL", "COMMAND_ACK")  # What a vehicle sends when it is asked for rates
@@ -257,9 +257,9 @@ class LiveStream:
             port, values = outputs(message)
             if port < MAX_PORTS:
                 yield from self._add(name, port, time, values)
-        elif name in FLAGS:
+        elif name in ESTIMATOR_FLAG_MESSAGES:
             self.air.flags = message.values[0]
-        elif name in VELOCITIES and (wind := self.air.velocity(name, time, message.values)):
+        elif name in VELOCITY_MESSAGES and (wind := self.air.velocity(name, time, message.values)):
             self._report(wind)
         if name in OF_ITSELF or name in PHASES:
             self._recent.take(name, time, message.values)

@@ -26,21 +26,27 @@ from mavdem.facts.wind import NoWind, WindDoubt, WindLight
 from mavdem.ingest.telemetry import interpolated
 from mavdem.live.link import SILENCE_SECONDS
 from mavdem.plant.online_wind_torque import FIRST_FIT_SECONDS
-from mavdem.wind_velocity.airflow import TOTAL, Drag, Filter, motion
-from mavdem.wind_velocity.drag import DRAG_STEP, GUSTS, GUSTS_SD, checked, in_air
+from mavdem.wind_velocity.airflow import TOTAL_WIND_MATRIX, AirflowFilter, Drag, motion_grid
+from mavdem.wind_velocity.drag import (
+    GRID_STEP,
+    GUST_PRIOR_MEAN,
+    GUST_PRIOR_SD,
+    filter_parameters,
+    validated_motion,
+)
 from mavdem.wind_velocity.estimation import (
-    DIRECTION_LIMIT,
     HEADING_SD,
-    by_compass,
-    from_point,
-    least_speed,
+    MAX_DIRECTION_INTERVAL,
+    compass_text,
+    lower_speed_bound,
+    speed_and_direction,
     speed_status,
 )
 from mavdem.wind_velocity.from_log import (
-    LONGEST_STEP,
-    VELOCITIES,
-    VELOCITY_KNOWN,
-    velocity_known,
+    MAX_VELOCITY_GAP,
+    VELOCITY_MESSAGES,
+    VELOCITY_VALID_FLAG,
+    horizontal_velocity_valid,
 )
 
 SAMPLE_SECONDS = 0.05  # s between samples that are kept, at least
@@ -48,7 +54,9 @@ MEMORY = 300.0  # s, of weighing sizes of gusts
 # of drag and lean; m/s: what is faster is damaged
 WIND_DRAWS = 16
 DAMAGED_SPEED = 100.0
-SIZES = np.log([*product([0.15, 0.6], [5.0], [0.02, 0.06], [0.02, 0.06, 0.2])])  # as GUSTS
+SIZES = np.log(
+    [*product([0.15, 0.6], [5.0], [0.02, 0.06], [0.02, 0.06, 0.2])]
+)  # as GUST_PRIOR_MEAN
 
 
 class WindRow(NamedTuple):
@@ -62,7 +70,7 @@ class WindRow(NamedTuple):
     def by_compass(self) -> Numbers:
         """Speed and the ends of its interval, m/s; the direction it comes from and its half width, degrees."""
         speed, origin, half, turned = (
-            figure[0] for figure in by_compass(self.velocity[None], self.band[None])
+            figure[0] for figure in speed_and_direction(self.velocity[None], self.band[None])
         )
         turned = min(np.hypot(turned, coverage_factor() * HEADING_SD), 180.0)
         return speed, max(speed - half, 0.0), speed + half, origin, turned
@@ -72,19 +80,19 @@ class WindRow(NamedTuple):
         """The speed, which is None where it may be calm, and where the wind comes from as far as that is known."""
         speed, low, high, origin, turned = self.by_compass
         status = speed_status(speed, low, high)
-        low = least_speed(low, high)
+        low = lower_speed_bound(low, high)
         strength = Fact(
             Session.WIND_SPEED,
             speed=speed if low else None,
             speed_interval=(low, high),
             status=status,
         )
-        if not low or turned > DIRECTION_LIMIT:
+        if not low or turned > MAX_DIRECTION_INTERVAL:
             return (strength,)
         course = Fact(
             Session.WIND_FROM,
             direction=origin,
-            point=from_point(origin),
+            point=compass_text(origin),
             half_width=turned,
         )
         return strength, course
@@ -119,7 +127,7 @@ class WindRows:
     """
 
     drag: Drag | None = None
-    flags = VELOCITY_KNOWN
+    flags = VELOCITY_VALID_FLAG
 
     def __init__(self) -> None:
         self.set_drag = Drag.of_parameters()
@@ -136,8 +144,8 @@ class WindRows:
         kept = round(2 * FIRST_FIT_SECONDS / SAMPLE_SECONDS)
         self._attitudes = deque[Sequence[float]](maxlen=kept)
         self._velocities = deque[Sequence[float]](maxlen=kept)
-        self._filter: Filter | None = None
-        self._step = DRAG_STEP
+        self._filter: AirflowFilter | None = None
+        self._step = GRID_STEP
         self._end = inf  # s, of the step that comes next
         self._next_check = -inf
         self._local = -inf
@@ -155,8 +163,8 @@ class WindRows:
         if is_other or time - self._last < SAMPLE_SECONDS - 1e-3:
             return None
         self._last = time
-        down, *level = (VELOCITIES[name] * value for value in values)
-        sure = velocity_known(self.flags)
+        down, *level = (VELOCITY_MESSAGES[name] * value for value in values)
+        sure = horizontal_velocity_valid(self.flags)
         if not (
             sure and self._attitudes and all(abs(part) < DAMAGED_SPEED for part in (down, *level))
         ):
@@ -182,13 +190,13 @@ class WindRows:
         """Times (T,), attitudes (T, 3) and velocities (T, 3) between two times, as offline."""
         rows = np.array([row for row in self._attitudes if since <= row[0] < until]).reshape(-1, 4)
         velocities = np.array(
-            [row for row in self._velocities if since - LONGEST_STEP <= row[0]]
+            [row for row in self._velocities if since - MAX_VELOCITY_GAP <= row[0]]
         ).reshape(-1, 4)
         after = np.searchsorted(velocities[:, 0], rows[:, 0])
         inside = (after > 0) & (after < len(velocities))
         rows = rows[inside]
         after = after[inside]
-        rows = rows[velocities[after, 0] - velocities[after - 1, 0] <= LONGEST_STEP]
+        rows = rows[velocities[after, 0] - velocities[after - 1, 0] <= MAX_VELOCITY_GAP]
         moved = interpolated(rows[:, 0], velocities[:, 0], velocities[:, 1:])
         return rows[:, 0], rows[:, 1:], moved
 
@@ -202,7 +210,7 @@ class WindRows:
             still = [np.ptp(angles[:, 2]), *np.ptp(speeds[:, :2], axis=0)]
             if 0 in still:
                 raise NotLearnable(NoWind.NOT_MEASURED, name="velocity" if still[0] else "yaw")
-            checked(stamps, angles, speeds)
+            validated_motion(stamps, angles, speeds)
         except NotLearnable as error:
             self.obstacle = error.fact
             self.row = self.mean = None
@@ -210,7 +218,7 @@ class WindRows:
             self._filter = None
             return
         self.obstacle = None
-        start = motion(stamps, angles, speeds, max(DRAG_STEP, np.median(np.diff(stamps))))
+        start = motion_grid(stamps, angles, speeds, max(GRID_STEP, np.median(np.diff(stamps))))
         if self._filter is None and start.known.any():
             self._step = start.step
             drag = self.drag or self.set_drag
@@ -218,7 +226,7 @@ class WindRows:
             places = np.hstack(
                 [np.tile(places, (len(SIZES), 1)), np.repeat(SIZES, WIND_DRAWS, axis=0)]
             )
-            self._filter = Filter(in_air(places, start), start)
+            self._filter = AirflowFilter(filter_parameters(places, start), start)
             self._end = time
 
     def _take(self, end: float) -> None:
@@ -228,17 +236,17 @@ class WindRows:
             return
         run.predict()
         stamps, angles, speeds = self._table(end - 2 * self._step, end)
-        moved = motion(stamps, angles, speeds, self._step) if len(stamps) > 2 else None
+        moved = motion_grid(stamps, angles, speeds, self._step) if len(stamps) > 2 else None
         if moved is not None and moved.known[:1].any():
             run.update(moved, 0)
             run.total *= 1 - self._step / MEMORY
         logs = (
             run.total.reshape(len(SIZES), -1).mean(axis=1)
-            - (((SIZES - GUSTS) / GUSTS_SD) ** 2).sum(axis=1) / 2
+            - (((SIZES - GUST_PRIOR_MEAN) / GUST_PRIOR_SD) ** 2).sum(axis=1) / 2
         )
         weights = np.repeat(softmax(logs) / WIND_DRAWS, WIND_DRAWS)
-        winds = run.states @ TOTAL.T
-        variances = np.einsum("ai,gij,aj->ga", TOTAL, run.spreads, TOTAL)
+        winds = run.states @ TOTAL_WIND_MATRIX.T
+        variances = np.einsum("ai,gij,aj->ga", TOTAL_WIND_MATRIX, run.spreads, TOTAL_WIND_MATRIX)
         mean = weights @ winds
         band = half_width(weights @ (variances + (winds - mean) ** 2))
         self.row = row = WindRow(end - self._step, mean, band)

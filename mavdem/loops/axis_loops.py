@@ -23,7 +23,7 @@ from mavdem.loops.controllers import Controller
 from mavdem.loops.margins import GRID, Margins, OpenLoop, attitude_loop, rate_loop
 from mavdem.loops.measured_response import MeasuredResponse
 from mavdem.plant import Physical
-from mavdem.plant.parameters import wind_density
+from mavdem.plant.parameters import wind_torque_density
 
 if TYPE_CHECKING:
     from mavdem.loops.advice import Advice
@@ -132,7 +132,7 @@ class Loop(Margins):
     @cached_property
     def wind(self) -> Array:
         """(F,) the spectral density of the flight's wind torque at the loop's frequencies, (rad/s²)²/Hz."""
-        return wind_density(self.plant, self.rate.frequency)
+        return wind_torque_density(self.plant, self.rate.frequency)
 
     @property
     def lean_in_wind(self) -> float:

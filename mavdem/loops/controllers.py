@@ -22,7 +22,7 @@ from mavdem.facts.loops import Controllers
 from mavdem.immutable import ImmutableResult
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
-from mavdem.plant.closed_loop.parameters import USUAL
+from mavdem.plant.closed_loop.parameters import TYPICAL_VALUES
 
 MOTORS = 4  # of the frames whose mixer is known
 # Hz of a rate loop
@@ -48,7 +48,7 @@ OLD_SCALE = 1.27
 OLD_SCALE_X = 0.9
 """What ArduCopter 3.4 multiplied the rate gains of earlier versions by (``convert_pid_parameters`` in ArduCopter's
 ``Parameters.cpp``): they were of 0.01 °/s and of 4500 for full demand, and in an X that turned less."""
-TYPICAL_ROTOR_LAG = USUAL["lag"]  # s, of common rotors' speeds
+TYPICAL_ROTOR_LAG = TYPICAL_VALUES["lag"]  # s, of common rotors' speeds
 ROTOR_LAG_CORRECTION = 0.5
 """Of what lagging speeds change: all of it made effects at limits as much too small as none of it too large, on half of
 the flights of ``tools/validation/loops.py``. Why it is half is not known."""

@@ -32,10 +32,10 @@ from mavdem.plant.closed_loop.identification import IdentifiedAxis, identified
 from mavdem.plant.closed_loop.likelihood import AxisPosterior
 from mavdem.plant.closed_loop.parameters import NAMES, PLANT
 from mavdem.plant.closed_loop.spectra import SPECTRUM_SECONDS, CrossSpectra, Messages, spectra
-from mavdem.plant.estimation import BAND_HZ
+from mavdem.plant.estimation import MOTION_BAND_HZ
 from mavdem.plant.identifiability import PARAMETERS
-from mavdem.plant.parameters import LEAST, WindComponent, wind_density
-from mavdem.plant.sampled_plant import FIRST_ORDER, GUSTS
+from mavdem.plant.parameters import PLANT_MINIMUM, WindComponent, wind_torque_density
+from mavdem.plant.sampled_plant import FIRST_ORDER, GAUSSIAN_KERNEL
 
 FEWEST_WINDOWS = 4
 MODEL_ERRORS = {"effect": 0.02, "damping": 0.1, "lag": 0.0, "delay": 0.03}
@@ -229,7 +229,9 @@ def _used(spectra: CrossSpectra, controller: KnownController) -> CrossSpectra:
 def _checked(plant: Physical, directions: Array, controller: Controller) -> Physical:
     """The ``plant``, biased where its loop rings; raises ``NotLearnable`` where the phase margin stays unknown."""
     drawn = plant.draws(100)
-    rate = rate_loop(controller, drawn[:, :-3] @ directions, np.maximum(drawn[:, -3:], LEAST))
+    rate = rate_loop(
+        controller, drawn[:, :-3] @ directions, np.maximum(drawn[:, -3:], PLANT_MINIMUM)
+    )
     low, high = rate.phase_margin_interval
     # what flew settled was not unstable
     if not (high - low <= 2 * WIDEST and rate.stable[0]):
@@ -265,17 +267,17 @@ def _physical(fit: IdentifiedAxis, directions: Array) -> Physical:
         components=(
             WindComponent(FIRST_ORDER, values["drift_size"], values["drift_time"]),
             WindComponent(FIRST_ORDER, values["eddy_size"], values["eddy_time"]),
-            WindComponent(GUSTS, values["gust_size"], values["gust_time"]),
+            WindComponent(GAUSSIAN_KERNEL, values["gust_size"], values["gust_time"]),
         ),
         noise=np.hypot(values["noise"], values["unfiltered"]),
         refinements={},
         windows=len(seen.densities),
         filtered=False,
     )
-    at = seen.frequency[seen.frequency <= BAND_HZ[1]]
+    at = seen.frequency[seen.frequency <= MOTION_BAND_HZ[1]]
     motor = np.abs(effect / (1 + 2j * np.pi * at * lag)) ** 2
     width = np.gradient(at)
-    by_wind = width @ wind_density(plant, at)
+    by_wind = width @ wind_torque_density(plant, at)
     by_motors = 2 * width @ (motor * seen.mean[: len(at), OUTPUT, OUTPUT].real)
     wind_share = by_wind / (by_wind + by_motors)
     slopes[-2:, 0] = lag, -SHORTER * lag

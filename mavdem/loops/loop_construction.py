@@ -18,8 +18,8 @@ from mavdem.loops.controllers import MOTORS, Controller, controller_from_paramet
 from mavdem.loops.filters import gyro_delay
 from mavdem.loops.measured_response import measured_response
 from mavdem.plant import Physical
-from mavdem.plant.likelihood import DELAY
-from mavdem.plant.parameters import LEAST, theta_of
+from mavdem.plant.likelihood import DELAY_PRIOR
+from mavdem.plant.parameters import PLANT_MINIMUM, parameter_vector
 
 POSTERIOR_DRAWS = 400  # of the plant's posterior
 # of a step of the stream: standard deviation of a delay by the times between its samples
@@ -56,7 +56,7 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
     gains = drawn[:, :-3] @ per_demand
     if not gains[0] > 0:
         raise NotLearnable(Loops.MIXER_REVERSED)
-    draws = np.maximum(drawn[:, -3:], LEAST)
+    draws = np.maximum(drawn[:, -3:], PLANT_MINIMUM)
     loop = Loop(axis, plant, record, controller, gains, draws)
     rate = loop.rate
     cautions = list[Fact]()
@@ -102,9 +102,9 @@ def _drawn(plant: Physical, filters: float, dt: float) -> Array:
     delay is better determined than either: a delay is taken for that of common autopilots as far as the flight leaves
     it open, and the lag is what is left.
     """
-    theta = theta_of(plant)
+    theta = parameter_vector(plant)
     covariance = plant.covariance.copy()
-    usual, sd = DELAY
+    usual, sd = DELAY_PRIOR
     variance = covariance[-1, -1] + (SPLIT * dt) ** 2
     if covariance[-1, -1] > sd**2:
         covariance[-1] = 0.0

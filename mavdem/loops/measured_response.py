@@ -12,7 +12,7 @@ from mavdem.facts.loops import Responses
 from mavdem.loops.controllers import Controller
 from mavdem.loops.margins import Complex, transfer
 from mavdem.loops.resonance import WELCH_SECONDS, Spectra, spectra_of_pieces
-from mavdem.plant.identifiability import SLOWEST_RATE
+from mavdem.plant.identifiability import MIN_RESOLVED_RATE
 from mavdem.plant.parameters import rate_column
 
 # Hz, Hz and share: of the band that is compared
@@ -110,7 +110,7 @@ def _compared(
     sure = np.abs(likewise) ** 2 > least
     sure &= (hertz > MIN_COMPARED_FREQUENCY) & (hertz < 0.25 / dt)
     gain = np.nan
-    if dt < 1 / SLOWEST_RATE and sure.sum() > 5:
+    if dt < 1 / MIN_RESOLVED_RATE and sure.sum() > 5:
         ratios = np.abs(likewise / asked)[sure]
         gain = np.median(ratios)
     reason = None

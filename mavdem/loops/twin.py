@@ -28,7 +28,7 @@ from mavdem.loops.controllers import (
     controller_from_parameters,
 )
 from mavdem.loops.measured_response import evenly
-from mavdem.plant.parameters import wind_density
+from mavdem.plant.parameters import wind_torque_density
 from mavdem.wind_velocity.airflow import Drag
 from mavdem.wind_velocity.estimation import WindVelocity
 
@@ -114,7 +114,9 @@ def build_twin(
     begin, end = controller.spin
     if not max(0.1, begin) < hover < end:
         raise NotLearnable(Twins.NO_HOVER, share=hover)
-    wind = air if air is not None and air.sized and air.directed else None
+    wind = (
+        air if air is not None and air.speed_identifiable and air.direction_identifiable else None
+    )
     autopilot = "px4" if px4 else "ardupilot"
     weight = mass or MASS
     arm, is_measured = _arm(controller.parameters, weight)
@@ -316,7 +318,7 @@ def fly_twin(
 def torque(loop: Loop, samples: int, noise: np.random.Generator) -> Array:
     """Returns (samples,) of the wind's torque on an axis, rad/s², Gaussian with the spectrum that was learned."""
     frequency = np.fft.rfftfreq(samples, loop.record.dt).astype(np.float64)
-    power = wind_density(loop.plant, frequency) * (frequency > 0)
+    power = wind_torque_density(loop.plant, frequency) * (frequency > 0)
     real, imaginary = noise.standard_normal((2, len(power)))
     size = np.sqrt(power * samples / (4 * loop.record.dt))
     return np.fft.irfft(size * (real + 1j * imaginary), samples)

@@ -33,7 +33,7 @@ from mavdem.unit_errors import suspected_unit_error
 
 CHOOSING_WINDOWS = 10  # of which the wind's spectrum and the refinements are chosen
 # of the roll motion
-BAND_HZ = (0.4, 6.0)
+MOTION_BAND_HZ = (0.4, 6.0)
 
 
 def physical(train: TrainingData, prior: Physical | None = None) -> Physical | NotIdentifiable:
@@ -211,7 +211,7 @@ def _wind_share(
 ) -> float:
     """Of the variance of wind and motors together, in the band of the motion; windows count as they do in the fit."""
     turn = windows.turn[1:-1]
-    band = (2 * np.pi * BAND_HZ[0] <= turn) & (turn <= 2 * np.pi * BAND_HZ[1])
+    band = (2 * np.pi * MOTION_BAND_HZ[0] <= turn) & (turn <= 2 * np.pi * MOTION_BAND_HZ[1])
     motors = parameters.driven(theta[None], windows)[0]
     turning = np.hypot(turn, parameters.damping(theta)) * band
     wind_power, motor_power = (

@@ -15,9 +15,9 @@ from mavdem.dem.engine.gauss_newton import (
     gauss_newton,
 )
 from mavdem.plant.likelihood import FlightWindows, Parameters
-from mavdem.plant.sampled_plant import FIRST_ORDER, GUSTS
+from mavdem.plant.sampled_plant import FIRST_ORDER, GAUSSIAN_KERNEL
 
-WINDS = ((FIRST_ORDER,), (FIRST_ORDER, GUSTS), (GUSTS, GUSTS))
+WINDS = ((FIRST_ORDER,), (FIRST_ORDER, GAUSSIAN_KERNEL), (GAUSSIAN_KERNEL, GAUSSIAN_KERNEL))
 """Winds to choose from: turbulence, turbulence with smooth gusts, two kinds of smooth gusts, the slow ones first."""
 
 LONGEST_LOG_STEP = 0.7  # of any logarithm, in one step

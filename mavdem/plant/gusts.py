@@ -16,7 +16,7 @@ from mavdem.plant.parameters import Physical
 
 # of the estimate's variance, that its errors may have before it is not resolved
 MAX_ERROR_SHARE = 0.75
-LEVEL_SECONDS = 10.0  # of the running median, which a gust stands out from
+RUNNING_LEVEL_SECONDS = 10.0  # of the running median, which a gust stands out from
 THRESHOLD = 4.0  # standard deviations from it, by the median absolute deviation
 END = 0.5  # of the threshold, within which a gust begins and ends
 # half widths of the band, which a gust exceeds: errors in quick manoeuvres are no gusts
@@ -47,7 +47,7 @@ class Gusts(NamedTuple):
     false_per_minute: float
 
 
-def shortest_gust(physical: Physical, dt: float) -> float:
+def min_gust_duration(physical: Physical, dt: float) -> float:
     """Returns how long a gust lasts at least, s: longer than the motors take to answer, and two steps.
 
     Within that an error of lag or delay looks like a gust.
@@ -68,7 +68,7 @@ def gusts(
     false ones is that at which a Gaussian process of the same variance and the same variance of its derivative crosses
     the threshold, on both sides (Rice, "Mathematical analysis of random noise", 1944, sec. 3.3).
     """
-    width = round(LEVEL_SECONDS / record.dt)
+    width = round(RUNNING_LEVEL_SECONDS / record.dt)
     parts = np.split(torque, record.starts[1:])
     levels = [median_filter(part, min(len(part), width) | 1) for part in parts]
     away = torque - np.concatenate(levels)

@@ -39,7 +39,7 @@ SPECTRUM_RANGE = {
 }
 """Of the logarithm of the estimate, over the spectra that the wind may have. An effect cannot be told from its lag."""
 MAX_ALIAS_SHARE = 0.12  # of the commands' variance, above half of the Nyquist frequency
-SLOWEST_RATE = 80.0  # Hz, below which the commands between samples matter
+MIN_RESOLVED_RATE = 80.0  # Hz, below which the commands between samples matter
 RESOLVED_LAG = 0.5  # steps of the stream: a shorter lag cannot be told from a delay
 
 
@@ -91,8 +91,8 @@ class IdentifiabilityFigures(NamedTuple):
 
     @property
     def quick(self) -> bool:
-        """Whether the motors are quicker than the stream, at ``SLOWEST_RATE`` or more."""
-        return self.lag < self.dt <= 1 / SLOWEST_RATE
+        """Whether the motors are quicker than the stream, at ``MIN_RESOLVED_RATE`` or more."""
+        return self.lag < self.dt <= 1 / MIN_RESOLVED_RATE
 
 
 def identifiability(
@@ -156,5 +156,5 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
         too_short = Fact(ParameterDoubt.LAG_TOO_SHORT, time_step=figures.dt)
         yield Status.NOT_IDENTIFIABLE, too_short
     # Up to five times that, slow streams mix it up with delay and damping.
-    if name != "effect" and rate < SLOWEST_RATE and figures.lag < 5 * least:
+    if name != "effect" and rate < MIN_RESOLVED_RATE and figures.lag < 5 * least:
         yield Status.BIASED, Fact(ParameterDoubt.MIXED_WITH_DELAY, rate=rate)

@@ -34,7 +34,7 @@ FOLDS = np.arange(-1, 2)[:, None]
 EFFECT = (0.0, 2.0)
 DAMPING = (np.log(2.0), 1.0)
 LAG = (np.log(0.03), 1.0)
-DELAY = (0.006, 0.004)
+DELAY_PRIOR = (0.006, 0.004)
 SIZE = (np.log(0.5), 1.5)
 NOISE = (np.log(0.005), 2.0)
 """Mean and standard deviation beforehand, in s, rad/s and rad/s², of logarithms but for the delay: as of common
@@ -114,7 +114,9 @@ class Parameters(NamedTuple):
         wind = [each for time in TIMES[: len(self.wind)] for each in (SIZE, time)]
         deviations = [(0.0, self.deviation)] * self.motors
         refined = [REFINEMENTS[name] for name in self.refinements]
-        mean, sd = np.array([EFFECT, *deviations, DAMPING, LAG, DELAY, *wind, NOISE, *refined]).T
+        mean, sd = np.array(
+            [EFFECT, *deviations, DAMPING, LAG, DELAY_PRIOR, *wind, NOISE, *refined]
+        ).T
         return mean, sd
 
     @property

@@ -1,4 +1,4 @@
-"""OnlineWind: the wind's torque of a stream, a stated delay after it acted.
+"""OnlineWindTorque: the wind's torque of a stream, a stated delay after it acted.
 
 The physical parameters are fitted now and then, by the learner's executor, to the latest minute. In between the
 smoother of a recorded flight runs over the latest samples whenever a block of them is closed, and the samples of the
@@ -34,7 +34,7 @@ LONGEST_PAUSE_SECONDS = 20.0
 FILTER_SECONDS = 1.0  # of samples, over which the filter finds the state
 
 
-class WeakMotors(NamedTuple):
+class WeakenedMotors(NamedTuple):
     """Commands by which sound motors would do what weak ones do, since a time, s; with half widths of 90 %."""
 
     since: float
@@ -114,7 +114,7 @@ def wind_filter(record: Record, prior: Physical | None = None) -> WindFilter:
 NOTHING = np.nan, np.nan
 
 
-class OnlineWind:
+class OnlineWindTorque:
     """Fits the physical parameters to the latest blocks of samples now and then, and follows the wind's torque."""
 
     def __init__(
@@ -139,14 +139,14 @@ class OnlineWind:
         self._coming = deque[Interval]()  # of the samples of the next block
         # of sound motors, since the last gap or change of a motor
         self._inputs: deque[Array] = deque(maxlen=round(FILTER_SECONDS / memory.dt) + self._lag)
-        self._weak: WeakMotors | None = None
+        self._weak: WeakenedMotors | None = None
         self._pending: Future[WindFilter] | None = None
         self._samples = 0
         self._next = round(FIRST_FIT_SECONDS / self._dt)
         # of the torque behind the latest sample, s
         self.delay = self._lag * self._dt
 
-    def update(self, inputs: Array, weak: WeakMotors | None = None) -> Interval:
+    def update(self, inputs: Array, weak: WeakenedMotors | None = None) -> Interval:
         """Takes a sample's inputs (r,); returns the torque and its half width, rad/s², or NaN.
 
         Nothing is fitted to samples of ``weak`` motors.

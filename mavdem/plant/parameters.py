@@ -109,7 +109,7 @@ class Physical(NamedTuple):
 
     def draws(self, number: int, seed: int = 0) -> Array:
         """Returns (number + 1, r + 3) effect, damping, lag and delay: the estimate, then draws by ``seed``."""
-        theta = theta_of(self)
+        theta = parameter_vector(self)
         drawn = normal_draws(theta, self.covariance, number, seed)
         drawn[:, -2:] = drawn[:, -2:].clip(0.05 * theta[-2:])  # a lag and a delay are positive
         return np.vstack([theta, drawn])
@@ -130,12 +130,12 @@ class Physical(NamedTuple):
         return self.interval()
 
 
-def theta_of(physical: Physical) -> Array:
+def parameter_vector(physical: Physical) -> Array:
     """Returns (r + 3,) effect, damping, lag and delay."""
     return np.array([*physical.effect, physical.damping, physical.lag, physical.delay])
 
 
-def wind_density(physical: Physical, frequency: Array) -> Array:
+def wind_torque_density(physical: Physical, frequency: Array) -> Array:
     """Returns (F,) the spectral density of the wind's components at Hz (F,), one-sided, (rad/s²)²/Hz."""
     turn = 2 * np.pi * frequency
     densities = [colour.density(turn, size, time) for colour, size, time in physical.components]
@@ -148,7 +148,7 @@ def slopes_of(function: Callable[[Array], Array], theta: Array, value: Array) ->
     return np.array([(function(theta + nudge) - value) / nudge.sum() for nudge in np.diag(nudges)])
 
 
-LEAST = 0.05, 1e-3, 0.0  # damping, 1/s, lag and delay, s, of a vehicle
+PLANT_MINIMUM = 0.05, 1e-3, 0.0  # damping, 1/s, lag and delay, s, of a vehicle
 
 
 def updated(plant: Physical, prior: Physical) -> Physical:
@@ -157,8 +157,8 @@ def updated(plant: Physical, prior: Physical) -> Physical:
     Beyond ``SIGNIFICANT_SIGMAS`` between the two, the vehicle is not as it was.
     A flight that does not identify the effect, on which the others depend, says nothing of any of them.
     """
-    theta = theta_of(prior)
-    now = theta_of(plant)
+    theta = parameter_vector(prior)
+    now = parameter_vector(plant)
     if len(theta) != len(now) or not prior.identifiable:
         return plant
     alike = np.append(theta[:-3], np.zeros(3))
@@ -178,7 +178,7 @@ def updated(plant: Physical, prior: Physical) -> Physical:
         gain = np.linalg.solve(both, covariance).T
         theta = theta + gain @ (now - theta)
         covariance = covariance - gain @ covariance
-    damping, lag, delay = np.maximum(theta[-3:], LEAST).tolist()
+    damping, lag, delay = np.maximum(theta[-3:], PLANT_MINIMUM).tolist()
     return plant._replace(
         effect=theta[:-3],
         damping=damping,

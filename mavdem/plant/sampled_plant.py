@@ -55,7 +55,7 @@ def _autoregressive(coefficients: Array) -> Coloured:
     return Coloured(A * size / size[:, None], drive, np.eye(order)[0], rarity)
 
 
-def smooth(order: int) -> Coloured:
+def gaussian_kernel_noise(order: int) -> Coloured:
     """Returns noise of the Gaussian kernel whose width is the unit of time, of spectrum exp(−ω²).
 
     1/exp(ω²) by Taylor's series in the denominator: Hartikainen and Särkkä, "Kalman filtering and smoothing solutions
@@ -70,7 +70,7 @@ def smooth(order: int) -> Coloured:
 # autocorrelation exp(−|τ|): turbulence along its mean wind
 FIRST_ORDER = _autoregressive(np.ones(2))
 
-GUSTS = smooth(4)
+GAUSSIAN_KERNEL = gaussian_kernel_noise(4)
 """Autocorrelation exp(−τ²/4), nearly: noise with a Gaussian kernel, the noise of generalized coordinates (Eq.
 ``Smatrix``), to an order that is enough for the spectrum where there is power."""
 

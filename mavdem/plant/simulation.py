@@ -11,7 +11,7 @@ from mavdem.dem.engine.model import recursion
 from mavdem.dem.forecast.var import Forecast
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record, require_usable
-from mavdem.plant.parameters import Physical, slopes_of, theta_of
+from mavdem.plant.parameters import Physical, parameter_vector, slopes_of
 from mavdem.plant.sampled_plant import Plant, plant
 from mavdem.plant.wind_torque import steady
 
@@ -34,7 +34,7 @@ def simulated(physical: Physical, record: Record, inputs: ArrayLike) -> Forecast
             "a simulation needs two outputs, an angle and its rate: the plant has no others"
         )
     columns = list(pairs[0])
-    theta = theta_of(physical)[:-1]
+    theta = parameter_vector(physical)[:-1]
     mean_of = partial(_mean, delay=physical.delay, record=record, columns=columns, inputs=commanded)
     mean = mean_of(theta)
     slopes = slopes_of(mean_of, theta, mean)

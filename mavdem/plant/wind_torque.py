@@ -25,14 +25,20 @@ from mavdem.facts.model import NoPhysical, Refinement
 from mavdem.immutable import ImmutableResult
 from mavdem.plant.closed_loop.spectra import SPECTRUM_SECONDS
 from mavdem.plant.gusts import (
-    LEVEL_SECONDS,
     MAX_ERROR_SHARE,
+    RUNNING_LEVEL_SECONDS,
     DetectedGust,
     gusts,
-    shortest_gust,
+    min_gust_duration,
 )
 from mavdem.plant.identifiability import OmissionErrors
-from mavdem.plant.parameters import Physical, rate_column, slopes_of, theta_of, wind_density
+from mavdem.plant.parameters import (
+    Physical,
+    parameter_vector,
+    rate_column,
+    slopes_of,
+    wind_torque_density,
+)
 from mavdem.plant.sampled_plant import plant
 
 CHANGE_SECONDS = 2.0  # on either side of a step
@@ -88,13 +94,15 @@ class WindTorque(ImmutableResult):
     reason: Fact | None
 
 
-def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> WindTorque:
+def estimate_wind_torque(
+    physical: Physical, record: Record, changes: Sequence[float] = ()
+) -> WindTorque:
     """Returns the wind's torque in a record, from all of it; ``LinAlgError`` where no filter is steady.
 
     ``changes`` are times on the record's clock, s, at which the vehicle changed, as by a motor's loss of thrust.
     """
     column = rate_column(record)
-    theta = theta_of(physical)
+    theta = parameter_vector(physical)
     with one_thread():
         torque, spread = _torques(theta, physical, record, column)
         slopes = slopes_of(
@@ -130,7 +138,7 @@ def wind(physical: Physical, record: Record, changes: Sequence[float] = ()) -> W
     added = np.sum((unlike @ unlike.T) * covariance) / (2 * samples * size)
     scale_error = np.sqrt(shares @ covariance @ shares + added**2 + OmissionErrors.wind_sd**2)
     band = half_width(variance)
-    gusty = gusts(torque, band, record, shortest_gust(physical, record.dt))
+    gusty = gusts(torque, band, record, min_gust_duration(physical, record.dt))
     return WindTorque(
         torque=torque,
         band=band,
@@ -161,7 +169,7 @@ def _about_means(values: Array, cuts: Sequence[int]) -> Array:
 def _step(torque: Array, dt: float) -> tuple[int, float] | None:
     """The sample and size of the step that explains most of a torque (T,) of mean 0, where it is one."""
     number = len(torque)
-    least = round(LEVEL_SECONDS / dt)
+    least = round(RUNNING_LEVEL_SECONDS / dt)
     near = round(CHANGE_SECONDS / dt)
     at = np.arange(least, number - least)
     if not len(at):
@@ -240,4 +248,4 @@ def _spectrum(torque: Array, record: Record, physical: Physical) -> WindSpectrum
     weights = [2 * len(part) // length - 1 for part in parts]
     density = np.average([density for _, density in densities], axis=0, weights=weights)
     frequency = densities[0][0]
-    return WindSpectrum(frequency, density, wind_density(physical, frequency))
+    return WindSpectrum(frequency, density, wind_torque_density(physical, frequency))

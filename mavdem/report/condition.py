@@ -12,8 +12,8 @@ from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.blocks import Blocks, Sentence, Table, caution
 from mavdem.report.words import section
 from mavdem.wind_velocity.airflow import Drag
-from mavdem.wind_velocity.estimation import WindVelocity, coming_from
-from mavdem.wind_velocity.from_log import Air
+from mavdem.wind_velocity.estimation import WindVelocity, meteorological_direction
+from mavdem.wind_velocity.from_log import WindEvidence
 
 # what a tier is called where it is shown
 TIER_WORDS = {
@@ -93,7 +93,7 @@ def sender(component: JsonValues) -> str:
     return f"{component['system']}:{component['component']}"
 
 
-def wind_blocks(air: Air) -> Blocks:
+def wind_blocks(air: WindEvidence) -> Blocks:
     """Returns speed and direction with intervals, what is not reported, and how far the autopilot's own is off."""
     wind, own, reason = air
     if wind is None:
@@ -104,7 +104,7 @@ def wind_blocks(air: Air) -> Blocks:
         rows = (own.boot == wind.boot) & (own.time >= first) & (own.time <= last)
         if rows.any():
             mean = own.values[rows].mean(axis=0)
-            estimate = {"size": np.hypot(*mean), "origin": coming_from(*mean)}
+            estimate = {"size": np.hypot(*mean), "origin": meteorological_direction(*mean)}
     reasons = (
         Sentence(str(why), f"{quantity.capitalize()}:") for quantity, why in wind.reasons.items()
     )
@@ -113,7 +113,7 @@ def wind_blocks(air: Air) -> Blocks:
 
 def wind_tables(wind: WindVelocity) -> Blocks:
     """Returns the mean wind of each minute, and of each layer, where its speed is known and there are several."""
-    wind = wind.identified
+    wind = wind.identified_figures
     courses = ("Time (s)", "start", wind.minutes), ("Height (m)", "height", wind.profile)
     return [
         Table(

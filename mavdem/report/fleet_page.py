@@ -26,7 +26,7 @@ from mavdem.report.numbers import MOST_NAMED, listed, rounded
 from mavdem.report.page import environment, page_of
 from mavdem.report.plans import rose_of_flights
 from mavdem.report.vehicle_charts import vehicle_group
-from mavdem.wind_velocity.estimation import from_point
+from mavdem.wind_velocity.estimation import compass_text
 
 # vehicles, those in trouble first: with more the page takes long to make, and is too large to mail
 MAX_DRAWN = 20
@@ -131,7 +131,7 @@ def _wind(flight: Flight) -> str:
     """Its speed, and where it came from."""
     row = flight[0]
     speed = "" if row.wind_speed is None else rounded(row.wind_speed)
-    origin = "" if row.wind_direction is None else from_point(degrees(row.wind_direction))
+    origin = "" if row.wind_direction is None else compass_text(degrees(row.wind_direction))
     return f"{speed} {origin}".strip()
 
 

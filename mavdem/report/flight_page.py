@@ -306,7 +306,9 @@ def _wind(assessment: Assessment, analysis: LogAnalysis, timeline: Timeline | No
     blocks = air_blocks(assessment)
     wind = assessment.wind
     panels = [
-        rose_of_wind(wind) if wind is not None and wind.directed and wind.sized else None,
+        rose_of_wind(wind)
+        if wind is not None and wind.direction_identifiable and wind.speed_identifiable
+        else None,
         flown_path(timeline),
     ]
     if analysis.learned is not None:

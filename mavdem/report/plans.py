@@ -15,7 +15,7 @@ from mavdem.report.charts import Plan
 from mavdem.report.numbers import listed
 from mavdem.report.page import environment
 from mavdem.report.timeline import Timeline
-from mavdem.wind_velocity.estimation import WindVelocity, by_compass, from_point
+from mavdem.wind_velocity.estimation import WindVelocity, compass_text, speed_and_direction
 
 REACH = 100.0
 """Of the farthest motor, the largest petal, or the path, in the units of a plan."""
@@ -56,8 +56,8 @@ def frame_plan(motors: Motors | None, condition: Condition | None) -> Plan | Non
 
 def rose_of_wind(wind: WindVelocity) -> Plan:
     """Returns what share of a flight the ``wind`` came from where, in classes of speed, %, and its mean direction."""
-    speed, origin, *_ = by_compass(wind.velocity, wind.band, wind.direction)
-    said = f"The wind came from {from_point(wind.direction)}, {wind.speed:.1f} m/s."
+    speed, origin, *_ = speed_and_direction(wind.velocity, wind.band, wind.direction)
+    said = f"The wind came from {compass_text(wind.direction)}, {wind.speed:.1f} m/s."
     return _rose(said, origin, speed, 100 / len(speed), wind.direction)
 
 

@@ -30,8 +30,8 @@ from mavdem.report.palette import (
     PREDICTED,
     TRUTH,
 )
-from mavdem.wind_velocity.estimation import by_compass, from_point
-from mavdem.wind_velocity.from_log import Air
+from mavdem.wind_velocity.estimation import compass_text, speed_and_direction
+from mavdem.wind_velocity.from_log import WindEvidence
 
 if TYPE_CHECKING:
     from mavdem.live.history import LiveHistory
@@ -196,19 +196,24 @@ def _lines(
         yield Line(name, colour, own.time, values)
 
 
-def wind_rows(air: Air, part: Segment) -> Iterator[Chart]:
+def wind_rows(air: WindEvidence, part: Segment) -> Iterator[Chart]:
     """Yields speed and, where it is known, direction of the wind, with the autopilot's own estimates."""
     wind, own, _ = air
     if wind is None or wind.boot != part.boot:
         return
-    mean = wind.direction if wind.directed else 0.0
-    speed, origin, half, turned = by_compass(wind.velocity, wind.band, mean)
-    courses = [("Wind", "m/s", speed, half), (f"Wind from {from_point(mean)}", "°", origin, turned)]
-    for row, (title, unit, line, width) in enumerate(courses[not wind.sized : 1 + wind.directed]):
+    mean = wind.direction if wind.direction_identifiable else 0.0
+    speed, origin, half, turned = speed_and_direction(wind.velocity, wind.band, mean)
+    courses = [
+        ("Wind", "m/s", speed, half),
+        (f"Wind from {compass_text(mean)}", "°", origin, turned),
+    ]
+    for row, (title, unit, line, width) in enumerate(
+        courses[not wind.speed_identifiable : 1 + wind.direction_identifiable]
+    ):
         least = np.maximum(line - width, 0.0 if line is speed else -np.inf)
         lines = [Line("wind", DISTURBANCE, wind.time, line, least, line + width)]
         if own is not None:
-            theirs = by_compass(own.values, 0 * own.values, mean)[row]
+            theirs = speed_and_direction(own.values, 0 * own.values, mean)[row]
             signal = Signal(own.time, own.boot, theirs)
             lines += _lines(signal, part, ["autopilot's own"], [BASELINE])
         yield over_time(title, unit, lines)

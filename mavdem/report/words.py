@@ -32,7 +32,7 @@ from mavdem.report.numbers import (
     short,
     with_unit,
 )
-from mavdem.wind_velocity.estimation import from_point
+from mavdem.wind_velocity.estimation import compass_text
 
 PARAMETERS = {
     "effect": "control effectiveness",
@@ -124,7 +124,7 @@ def _environment() -> Environment:
         "degrees": degrees,
         "fixed": lambda value, digits=0: f"{value:z.{digits}f}",
         "few": few,
-        "from_point": from_point,
+        "from_point": compass_text,
         "go_on": go_on,
         "headline": headline,
         "in_one_line": in_one_line,

@@ -198,9 +198,9 @@ FREEDOM = 8.0
 # m/s² across the thrust axis, beyond which the velocity jumped; s to the next data
 MAX_FORCE = 25.0
 BRIDGED = 10.0
-# TOTAL (2, 4): w + m of the four states
+# TOTAL_WIND_MATRIX (2, 4): w + m of the four states
 PLANE = np.eye(2)
-TOTAL = np.kron([[1.0, 1.0]], PLANE)
+TOTAL_WIND_MATRIX = np.kron([[1.0, 1.0]], PLANE)
 
 
 class MotionGrid(NamedTuple):
@@ -226,7 +226,7 @@ class MotionGrid(NamedTuple):
         return MotionGrid(**columns, step=self.step)
 
 
-def motion(
+def motion_grid(
     time: Array,
     attitude: Array,
     velocity: Array,
@@ -277,7 +277,7 @@ def motion(
     )
 
 
-class Filter:
+class AirflowFilter:
     """Runs an extended Kalman filter for each of G ``parameters`` side by side, step by step of a grid.
 
     ``parameters`` (G, 10): those of ``Drag.mean``, and logarithms of the gusts' sd (m/s) and time (s), of the change of
@@ -321,14 +321,14 @@ class Filter:
         x = self.states
         P = self.spreads
         axes = motion.axes[step]
-        u = axes @ motion.velocity[step] - x @ (axes[:, :2] @ TOTAL).T
+        u = axes @ motion.velocity[step] - x @ (axes[:, :2] @ TOTAL_WIND_MATRIX).T
         speed = np.sqrt((u * u).sum(axis=1) + 1e-4)[:, None]
         drag = self._linear + self._quadratic * speed
         slope = drag[:, :, None] * PLANE + (self._quadratic / speed * u)[:, :, None] * u[:, None, :]
         A = slope @ axes[:, :2]  # the errors' slope by the wind, gusts and mean alike
         error = motion.force[step] + drag * u - self._lean
-        HP = A @ TOTAL @ P
-        S = HP @ TOTAL.T @ A.mT + self._noise + motion.doubt[step] ** 2 * PLANE
+        HP = A @ TOTAL_WIND_MATRIX @ P
+        S = HP @ TOTAL_WIND_MATRIX.T @ A.mT + self._noise + motion.doubt[step] ** 2 * PLANE
         S = (S + S.mT) / 2  # else rounding grows
         determinant = (S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] ** 2)[:, None, None]
         inverse = (S.trace(axis1=1, axis2=2)[:, None, None] * PLANE - S) / determinant
@@ -348,7 +348,7 @@ def _diagonal(wind: Array, mean: Array) -> Array:
 
 
 class Filtered(NamedTuple):
-    """What a :class:`Filter` leaves of T steps, for each of G parameters."""
+    """What a :class:`AirflowFilter` leaves of T steps, for each of G parameters."""
 
     log_likelihood: Array  # (G,)
     errors: Array  # (T, G, 2) innovations, m/s², NaN where the motion is not known
@@ -371,8 +371,8 @@ class Filtered(NamedTuple):
 
 
 def filtered(parameters: Array, motion: MotionGrid) -> Filtered:
-    """Returns what a ``Filter`` leaves of the ``motion``."""
-    run = Filter(parameters, motion)
+    """Returns what a ``AirflowFilter`` leaves of the ``motion``."""
+    run = AirflowFilter(parameters, motion)
     measured = motion.known
     size = len(motion.force), len(parameters)
     states = np.empty((2, *size, 4))

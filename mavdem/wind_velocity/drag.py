@@ -20,14 +20,14 @@ from mavdem.wind_velocity.airflow import (
     air_speed,
     coefficients,
     filtered,
-    motion,
+    motion_grid,
 )
 
 # of a flight: a day
 LONGEST_SECONDS = 1e5
 LEAST_SECONDS = 15.0  # of motion with attitude and velocity
 # s, or the samples' own step; longer flights have so many longer steps, half of them to identify the drag
-DRAG_STEP = 0.5
+GRID_STEP = 0.5
 STEPS = 1200
 GUST_SECONDS = 3.0
 """Of a gust's mean (WMO-No. 8, vol. I, ch. 5); and of means where the wind was measured beside the vehicle: only its
@@ -39,8 +39,8 @@ FOLLOWED = 0.3
 FAST_SECONDS = 0.3
 TILTED = 0.2
 """In free flight the velocity changes by 0.7 to 1.5 of what the tilt says, over so long; m/s² that gusts balance."""
-GUSTS = np.log([0.3, 5.0, 0.03, 0.05])
-GUSTS_SD = np.array([1.0, 1.0, 1.0, 0.7])
+GUST_PRIOR_MEAN = np.log([0.3, 5.0, 0.03, 0.05])
+GUST_PRIOR_SD = np.array([1.0, 1.0, 1.0, 0.7])
 """Logarithms of gusts' sd (m/s²) and time (s), of the mean wind's change (m/s² in 1 s) and of noise (m/s²)."""
 MODEL_SD = 0.09
 SPLIT_SD = 0.2
@@ -55,7 +55,9 @@ ITERATIONS = 12  # at most, of Gauss and Newton
 WEIGHTINGS = 5  # of a known wind's errors, by those that the drag leaves
 
 
-def checked(time: Array, attitude: Array, velocity: Array) -> tuple[Array, Array, Array, Flags]:
+def validated_motion(
+    time: Array, attitude: Array, velocity: Array
+) -> tuple[Array, Array, Array, Flags]:
     """Returns the rows that are finite, and which; raises what ``estimate_wind`` says."""
     stamps = as_real_array(time, "time")
     angles = as_real_array(attitude, "attitude")
@@ -81,7 +83,7 @@ def checked(time: Array, attitude: Array, velocity: Array) -> tuple[Array, Array
         raise ValueError("attitude seems to be in degrees: give rad")
     if (interval := np.median(np.diff(stamps))) <= FAST_SECONDS:
         # Where samples are slower, gusts and the position loop come between tilt and velocity.
-        shown = motion(stamps, angles, speeds, max(FAST_SECONDS, 2 * interval))
+        shown = motion_grid(stamps, angles, speeds, max(FAST_SECONDS, 2 * interval))
         tilt = GRAVITY * shown.axes[:, :, 2]
         earth = (
             np.einsum("ti,tij->tj", vectors, shown.axes[:, :, :2])
@@ -102,13 +104,13 @@ def gridded(
     time: Array,
     attitude: Array,
     velocity: Array,
-    step: float = DRAG_STEP,
+    step: float = GRID_STEP,
     most: int = STEPS,
     wind: Array | None = None,
 ) -> MotionGrid:
-    """Returns ``airflow.motion`` in steps of ``step`` s, longer ones where samples are or where there were ``most``."""
+    """Returns the motion in steps of ``step`` s, longer ones where samples are or where there were ``most``."""
     widest = max(step, np.median(np.diff(time)), (time[-1] - time[0]) / most)
-    gridded_motion = motion(time, attitude, velocity, widest, wind)
+    gridded_motion = motion_grid(time, attitude, velocity, widest, wind)
     if gridded_motion.known.sum() * gridded_motion.step < LEAST_SECONDS:
         raise NotLearnable(Airflow.MOTION_TOO_SHORT, duration=LEAST_SECONDS)
     return gridded_motion
@@ -121,8 +123,8 @@ def identified(moved: MotionGrid, drag: Drag) -> tuple[Array, Array, float]:
     it says of the drag counts for as much as is steered, and what it says of the lean for as much as the yaw turns: the
     rest would be of the model's form. Steps may overshoot, and then lead ever farther away: the best place counts.
     """
-    prior = np.append(drag.mean, GUSTS)
-    precision = block_diag(np.linalg.inv(drag.covariance), np.diag(GUSTS_SD**-2))
+    prior = np.append(drag.mean, GUST_PRIOR_MEAN)
+    precision = block_diag(np.linalg.inv(drag.covariance), np.diag(GUST_PRIOR_SD**-2))
     steered = opposing(moved)
     ahead = moved.axes[moved.known, 0, :2]
     turned = max(1 - np.hypot(*(ahead / np.hypot(*ahead.T)[:, None]).mean(axis=0)) ** 2, 0.0)
@@ -136,7 +138,7 @@ def identified(moved: MotionGrid, drag: Drag) -> tuple[Array, Array, float]:
         return (values[1:11] - values[11:]) / (2 * DIFFERENCE)
 
     for _ in range(ITERATIONS):
-        tracked = filtered(in_air(mean + apart, moved), moved)
+        tracked = filtered(filter_parameters(mean + apart, moved), moved)
         errors = tracked.errors[moved.known].swapaxes(0, 1)
         spread = tracked.spread[moved.known].swapaxes(0, 1)
         inverse = np.linalg.inv(spread[0])
@@ -187,7 +189,7 @@ def opposing(moved: MotionGrid) -> float:
     return max(float(against), 0.0) ** 2
 
 
-def in_air(places: Array, moved: MotionGrid) -> Array:
+def filter_parameters(places: Array, moved: MotionGrid) -> Array:
     """Returns what ``filtered`` takes, of ``places`` (N, 10) with sizes of the wind times the drag."""
     (c, q) = np.exp(places[:, :2]).T
     moved_places = places.copy()
@@ -212,7 +214,7 @@ def independent_share(errors: Array) -> float:
 
 def courses(moved: MotionGrid, mean: Array, covariance: Array) -> Pair:
     """Returns states (T, N, 4) of the airflow and their covariances, by draws of what is :func:`identified`."""
-    places = in_air(normal_draws(mean, covariance, COURSES, seed=1), moved)
+    places = filter_parameters(normal_draws(mean, covariance, COURSES, seed=1), moved)
     return filtered(places, moved).smoothed()
 
 
@@ -239,8 +241,8 @@ def estimate_drag(
     air = np.broadcast_to(velocities, (len(time), 2))
     speeds = as_real_array(velocity, "velocity")
     speeds = np.where(np.isfinite(air).all(axis=1, keepdims=True), speeds, np.nan)
-    stamps, angles, speeds, usable = checked(time, attitude, speeds)
-    step = GUST_SECONDS if np.ptp(air[usable], axis=0).max() > 0.1 else DRAG_STEP
+    stamps, angles, speeds, usable = validated_motion(time, attitude, speeds)
+    step = GUST_SECONDS if np.ptp(air[usable], axis=0).max() > 0.1 else GRID_STEP
     moved = gridded(stamps, angles, speeds, step, wind=air[usable])
     prior = Drag.of_parameters()
     moved = moved.at(moved.known)

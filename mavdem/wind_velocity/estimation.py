@@ -22,14 +22,14 @@ from mavdem.facts.identifiability import Status
 from mavdem.facts.online import DragSource
 from mavdem.facts.wind import WindDoubt, WindShare
 from mavdem.immutable import ImmutableResult
-from mavdem.wind_velocity.airflow import TOTAL, Drag
+from mavdem.wind_velocity.airflow import TOTAL_WIND_MATRIX, Drag
 from mavdem.wind_velocity.drag import (
     GUST_SECONDS,
     STEPS,
-    checked,
     courses,
     gridded,
     identified,
+    validated_motion,
 )
 
 # after which noise is new
@@ -43,7 +43,7 @@ SPEED_SHARE = 0.12
 SPEED_FACTOR = 8.0
 # degrees of half width; of the heading, a compass's
 DIRECTION_ERROR = 10.0
-DIRECTION_LIMIT = 60.0
+MAX_DIRECTION_INTERVAL = 60.0
 HEADING_SD = 2.5
 # m/s, standard deviation of the motion through the air that tells the mean wind's torque apart
 CHANGED = 1.0
@@ -112,12 +112,12 @@ class WindVelocity(ImmutableResult):
     boot: int = 0
 
     @property
-    def sized(self) -> bool:
+    def speed_identifiable(self) -> bool:
         """Whether the speed is identifiable."""
         return self.status["speed"] != Status.NOT_IDENTIFIABLE
 
     @property
-    def directed(self) -> bool:
+    def direction_identifiable(self) -> bool:
         """Whether the direction means something: it is identifiable, and the air is not still."""
         still = not self.speed_interval[0]
         return not still and self.status["direction"] != Status.NOT_IDENTIFIABLE
@@ -125,18 +125,18 @@ class WindVelocity(ImmutableResult):
     @property
     def calm(self) -> bool:
         """Whether still air is likely, too: the wind is then said to be below the interval's upper end."""
-        return self.sized and not self.speed_interval[0]
+        return self.speed_identifiable and not self.speed_interval[0]
 
     @property
-    def identified(self) -> Self:
+    def identified_figures(self) -> Self:
         """Itself without speeds, where the flight does not identify them: NaN, and courses without a sample."""
-        if self.sized:
+        if self.speed_identifiable:
             return self
         nothing: Any = dict.fromkeys(COURSES, ())
         return replace(self, speed=nan, speed_interval=(nan, nan), gust=nan, **nothing)
 
 
-def least_speed(low: float, high: float) -> float:
+def lower_speed_bound(low: float, high: float) -> float:
     """Returns the lower end of an interval of speed, m/s: 0 where still air is likely, too."""
     if low < min(CALM, high / 3):
         return 0.0
@@ -152,17 +152,17 @@ def speed_status(speed: float, low: float, high: float) -> Status:
     return Status.NOT_IDENTIFIABLE
 
 
-def coming_from(north: float, east: float) -> float:
+def meteorological_direction(north: float, east: float) -> float:
     """Returns the direction that air moving ``north`` and ``east`` comes from, degrees, 0 to 360."""
     return np.degrees(np.arctan2(-east, -north)) % 360
 
 
-def from_point(direction: float) -> str:
+def compass_text(direction: float) -> str:
     """Returns where wind from a ``direction``, °, comes from, and an arrow along it: "WSW (248°) ↗"."""
     return f"{POINTS[round(direction / 22.5) % 16]} ({direction % 360:.0f}°) {'↓↙←↖↑↗→↘'[round(direction / 45) % 8]}"
 
 
-def by_compass(
+def speed_and_direction(
     velocity: Array, band: Array, near: float = 180.0
 ) -> tuple[Array, Array, Array, Array]:
     """Returns speed (T,), m/s, and direction it comes from, degrees, of a course (T, 2), then half widths of both.
@@ -203,7 +203,7 @@ def estimate_wind(
         ValueError: arrays of other shapes, a time that does not ascend, or a drag that is no ``Drag``.
         NotLearnable: too short, or no free flight: held, carried, or a velocity that is not the vehicle's.
     """
-    stamps, angles, speeds, usable = checked(time, attitude, velocity)
+    stamps, angles, speeds, usable = validated_motion(time, attitude, velocity)
     high_up = np.zeros(len(time)) if height is None else np.asarray(height, np.float64)
     if high_up.shape != (len(time),):
         raise ValueError(f"height must have shape ({len(time)},), not {high_up.shape}")
@@ -213,8 +213,8 @@ def estimate_wind(
         mean, covariance, steered = identified(coarse, prior)
         states, spreads = courses(fine, mean, covariance)
     drag_in_flight = Drag(mean[:6], covariance[:6, :6])
-    winds = states @ TOTAL.T
-    variances = np.einsum("ai,tnij,aj->tna", TOTAL, spreads, TOTAL)
+    winds = states @ TOTAL_WIND_MATRIX.T
+    variances = np.einsum("ai,tnij,aj->tna", TOTAL_WIND_MATRIX, spreads, TOTAL_WIND_MATRIX)
     whole = _mean(winds, variances, fine.step)
     air = winds.mean(axis=1)
     width = max(round(GUST_SECONDS / fine.step), 1)
@@ -237,7 +237,7 @@ def estimate_wind(
                 {
                     "height": LAYER * (n + 0.5),
                     "speed": np.hypot(north, east),
-                    "direction": coming_from(north, east),
+                    "direction": meteorological_direction(north, east),
                 }
             )
     through_air = fine.velocity[:, :2] - air
@@ -254,7 +254,7 @@ def estimate_wind(
     status |= {name: doubted for name, doubted, _ in doubts}
     return WindVelocity(
         speed=whole.speed,
-        speed_interval=(least_speed(whole.low, whole.high), whole.high),
+        speed_interval=(lower_speed_bound(whole.low, whole.high), whole.high),
         direction=whole.direction,
         direction_interval=whole.turned,
         gust=gusts.max(),
@@ -272,7 +272,7 @@ def estimate_wind(
     )
 
 
-def torque_explained(wind: WindVelocity, time: Array, torque: Array) -> Fact:
+def torque_share_of_wind(wind: WindVelocity, time: Array, torque: Array) -> Fact:
     """Returns the ``share`` of a ``torque`` (N,) at ``time`` (N,), s, that the mean ``wind`` explains.
 
     It is the share of the variance of means over 3 s, by what is linear in the velocity through that air along body x
@@ -328,7 +328,7 @@ def _mean(winds: Array, variances: Array, step: float) -> _Mean:
     apart = np.angle((samples @ [1, 1j]) / (north + 1j * east or 1.0))
     turned = np.degrees(np.quantile(abs(apart), 0.9))
     turned = np.hypot(turned, coverage_factor() * HEADING_SD)
-    return _Mean(speed, min(low, speed), high, coming_from(north, east), turned)
+    return _Mean(speed, min(low, speed), high, meteorological_direction(north, east), turned)
 
 
 def _doubts(
@@ -347,7 +347,7 @@ def _doubts(
         yield "drag", status, doubt
     status = speed_status(mean.speed, mean.low, mean.high)
     if status is not Status.REPORTED:
-        low = least_speed(mean.low, mean.high)
+        low = lower_speed_bound(mean.low, mean.high)
         doubt = Fact(
             WindDoubt.SPEED_UNSURE,
             status=status,
@@ -357,7 +357,7 @@ def _doubts(
         )
         yield "speed", status, doubt
     if mean.turned > DIRECTION_ERROR:
-        roughly = mean.turned <= DIRECTION_LIMIT
+        roughly = mean.turned <= MAX_DIRECTION_INTERVAL
         half = np.radians(mean.turned)
         doubt = Fact(WindDoubt.DIRECTION_UNSURE, direction_interval=half)
         yield "direction", Status.BIASED if roughly else Status.NOT_IDENTIFIABLE, doubt

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,10 +25,12 @@ from mavdem.wind_velocity.airflow import Drag
 from mavdem.wind_velocity.drag import LONGEST_SECONDS
 from mavdem.wind_velocity.estimation import WindVelocity, estimate_wind
 
-VELOCITIES = {name: -factor for name, (field, factor) in CLIMB_FIELDS.items() if field == "vz"}
+VELOCITY_MESSAGES = {
+    name: -factor for name, (field, factor) in CLIMB_FIELDS.items() if field == "vz"
+}
 """Messages with the velocity over ground, the preferred first, and the factor that makes it m/s."""
-FLAGS = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
-VELOCITY_KNOWN = number_of("ESTIMATOR_VELOCITY_HORIZ")
+ESTIMATOR_FLAG_MESSAGES = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
+VELOCITY_VALID_FLAG = number_of("ESTIMATOR_VELOCITY_HORIZ")
 STANDSTILL_ASSUMED = number_of("ESTIMATOR_CONST_POS_MODE")
 """Messages with the estimator's flags: it knows the horizontal velocity; it assumes to stand still."""
 VELOCITY_JUMP = (1.0, 15.0)
@@ -38,14 +40,25 @@ YAW_JUMP = (0.35, 6.0)
 POSITION_JUMP = 1.0
 # m above the lowest height, without motors; s between velocities, and around a reset that are left out
 LOWEST_FLIGHT = 1.5
-LONGEST_STEP = 1.5
+MAX_VELOCITY_GAP = 1.5
 STUCK_LEAN = np.radians(25.0)
 STUCK_METRES = 0.1
 STUCK_SECONDS = 5.0
 """So far a free vehicle leans against a storm or to move off; simulated in steady wind, where position is held best, it
 stays within 0.1 m of where it was a second ago for 1.3 s at most. One that is caught or holds on to something stays."""
-# the wind, the autopilot's own estimate, and why there is no wind
-Air = tuple[WindVelocity | None, Signal | None, Fact | None]
+
+
+class WindEvidence(NamedTuple):
+    """What a log shows of the wind in m/s."""
+
+    estimate: WindVelocity | None
+    """The wind estimated from attitude and velocity; ``None`` where it cannot be."""
+
+    autopilot_estimate: Signal | None
+    """The autopilot's own estimate, north and east in m/s; ``None`` where it was not logged."""
+
+    obstacle: Fact | None
+    """Why there is no estimate; ``None`` where there is one."""
 
 
 def wind(path: AnyPath, vehicle: str | None = None, drag: Drag | None = None) -> WindVelocity:
@@ -62,10 +75,10 @@ def wind(path: AnyPath, vehicle: str | None = None, drag: Drag | None = None) ->
     """
     log = read_log(path)
     flown = choose_vehicle(log.vehicles, vehicle)
-    return wind_of(Signals(flown), drag)
+    return wind_of_signals(Signals(flown), drag)
 
 
-def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
+def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     """Returns the wind of a vehicle's ``signals``, as :func:`wind` does, with the ``drag`` of before."""
     telemetry = signals.telemetry
     # As it was sent: between two angles a reset of the yaw is no jump.
@@ -101,7 +114,7 @@ def wind_of(signals: Signals, drag: Drag | None = None) -> WindVelocity:
 
 def _moving(telemetry: Telemetry) -> Signal | None:
     """(N, 4) velocity over ground, north, east and down, m/s, and height, m; perhaps (N, 6), north and east, m."""
-    for name, factor in VELOCITIES.items():
+    for name, factor in VELOCITY_MESSAGES.items():
         columns = telemetry.messages.get(name, {})
         if len(columns.get("vx", ())) > 1:
             above = -floats(columns, "z") if factor == 1 else floats(columns, "relative_alt") / 1000
@@ -132,33 +145,33 @@ def _flown(signals: Signals, angles: Sequence[Attitude], moving: Signal, boot: i
     following = np.searchsorted(time, at)
     after = np.clip(following, 1, len(time) - 1)
     steps = time[after] - time[after - 1]
-    kept &= steps <= LONGEST_STEP
+    kept &= steps <= MAX_VELOCITY_GAP
     by_axis = [_jumps(time, speed, VELOCITY_JUMP) for speed in moved[:2]]
     jumps = np.any(by_axis, axis=0)
     for position, speed in zip(moved[4:], moved, strict=False):
         way = np.diff(position)
         jumps |= is_reset(way, speed[:-1], speed[1:], np.diff(time))
-    doubted = [(t - LONGEST_STEP, t + LONGEST_STEP) for t in time[1:][jumps]]
+    doubted = [(t - MAX_VELOCITY_GAP, t + MAX_VELOCITY_GAP) for t in time[1:][jumps]]
     kept &= ~phases.during(at, doubted)
     turns = _jumps(at, turned[2], YAW_JUMP, 2 * np.pi)
     # after flight it is a fall or a spin
     turns &= at[1:] < np.max(flights, initial=0)
     last_reset = np.max(at[1:][turns], initial=-np.inf)
-    kept &= at > last_reset + LONGEST_STEP
-    for name in FLAGS:
+    kept &= at > last_reset + MAX_VELOCITY_GAP
+    for name in ESTIMATOR_FLAG_MESSAGES:
         flags = recorded(signals.telemetry, name, "flags")
         if flags is not None and np.any(here := flags.boot == boot):
             bits = flags.values[here].astype(np.int64)
-            valid = velocity_known(bits)
+            valid = horizontal_velocity_valid(bits)
             unknown = np.interp(at, flags.time[here], ~valid)
             kept &= unknown == 0
     moving_then = interpolated(at, time, moved[:4].T)
     return np.column_stack([at, *turned, moving_then])[kept]
 
 
-def velocity_known(flags: Any) -> Any:
+def horizontal_velocity_valid(flags: Any) -> Any:
     """Returns where an estimator's ``flags`` say that it knows the velocity, and assumes no standstill."""
-    return flags & (VELOCITY_KNOWN | STANDSTILL_ASSUMED) == VELOCITY_KNOWN
+    return flags & (VELOCITY_VALID_FLAG | STANDSTILL_ASSUMED) == VELOCITY_VALID_FLAG
 
 
 def _longest_stuck(position: Signal | None, boot: int, flown: Array) -> float:
@@ -176,12 +189,12 @@ def _longest_stuck(position: Signal | None, boot: int, flown: Array) -> float:
     return phases.longest(time, stuck)
 
 
-def air_of(signals: Signals) -> Air:
+def wind_evidence(signals: Signals) -> WindEvidence:
     """Returns what a vehicle's ``signals`` say of the wind."""
     try:
-        return wind_of(signals), signals.autopilot_wind, None
+        return WindEvidence(wind_of_signals(signals), signals.autopilot_wind, None)
     except NotLearnable as error:
-        return None, None, error.fact
+        return WindEvidence(None, None, error.fact)
 
 
 def drag_settings(drag: Drag, telemetry: Telemetry) -> dict[str, tuple[float, float, float]]:

@@ -31,7 +31,7 @@ from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import Reported
 from mavdem.facts.log import LogLight, Simulator
 from mavdem.facts.power import PowerLight
-from mavdem.wind_velocity.from_log import air_of
+from mavdem.wind_velocity.from_log import wind_evidence
 
 HOVER = Hover()
 TIME = HOVER.stamps(5.0)
@@ -41,7 +41,7 @@ SAG = np.where(FLYING, -0.01, 0.0)
 
 def evidence(telemetry, ending=None):
     signals = Signals(telemetry)
-    return evidence_of(signals, air=air_of(signals), ending=ending)
+    return evidence_of(signals, air=wind_evidence(signals), ending=ending)
 
 
 def measured(message, parameters=None, **fields):

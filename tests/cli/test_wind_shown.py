@@ -11,7 +11,7 @@ from mavdem import wind
 from mavdem.fleet.priors import earlier_drag
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.report.fleet_page import fleet_page
-from mavdem.wind_velocity.estimation import from_point
+from mavdem.wind_velocity.estimation import compass_text
 from sitl_scenarios.files import in_toml, load
 
 
@@ -29,7 +29,7 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     said = capsys.readouterr().out
     (low, high) = found.speed_interval
     assert (
-        f"Wind: {found.speed:.1f} m/s ({low:.1f} to {high:.1f}) from {from_point(found.direction)}"
+        f"Wind: {found.speed:.1f} m/s ({low:.1f} to {high:.1f}) from {compass_text(found.direction)}"
         in said
     )
     assert json.loads((learnt / "report.json").read_text())["wind_velocity"]["speed"] == found.speed
@@ -42,6 +42,6 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     earlier = earlier_drag(learnt / "model.json")
     assert earlier.linear == approx(row.drag[:2]) and earlier.relative_sd(5) < 0.2
     assert (row.wind_speed, degrees(row.wind_direction)) == approx((found.speed, found.direction))
-    assert from_point(found.direction) in fleet_page([row])
+    assert compass_text(found.direction) in fleet_page([row])
     assert run("wind", log, "--prior", learnt) == 2
     assert "of this very flight" in capsys.readouterr().err

@@ -14,7 +14,7 @@ from mavdem.facts import Fact
 from mavdem.facts.forecasts import Forecasts
 from mavdem.facts.identifiability import Status
 from mavdem.plant import physical
-from mavdem.plant.wind_torque import wind
+from mavdem.plant.wind_torque import estimate_wind_torque
 from mavdem.report.truth import truth_blocks
 from sitl_scenarios.files import load
 from sitl_scenarios.simulation import fly
@@ -56,7 +56,9 @@ def flight(scenario, motion):
 def learned(flight):
     record = Record.of(flight)
     found = physical(record)
-    return SimpleNamespace(record=record, physical=found, wind_torque=wind(found, record))
+    return SimpleNamespace(
+        record=record, physical=found, wind_torque=estimate_wind_torque(found, record)
+    )
 
 
 @fixture(scope="module")

@@ -53,7 +53,7 @@ from mavdem.loops.measured_response import measured_response
 from mavdem.loops.twin import build_twin, replay_segments
 from mavdem.plant import Physical
 from mavdem.plant.parameters import WindComponent
-from mavdem.plant.sampled_plant import smooth
+from mavdem.plant.sampled_plant import gaussian_kernel_noise
 from mavdem.report.flight_charts import loop_charts
 from mavdem.report.vehicle_files import vehicle_text
 from mavdem.wind_velocity.airflow import Drag
@@ -63,7 +63,7 @@ from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 
 HOVER = Hover()
-WIND = WindComponent(smooth(3), 1.0, 0.2)
+WIND = WindComponent(gaussian_kernel_noise(3), 1.0, 0.2)
 
 
 def test_gains_have_their_names_and_units_before_arducopter_34():
@@ -488,7 +488,7 @@ def test_setpoints_of_rates_are_flown_beside_what_the_angles_error_asks_for(
 
 @mark.parametrize("known", [True, False])
 def test_a_twin_has_the_mean_wind_of_the_flight_where_it_is_known(known):
-    air = SimpleNamespace(speed=3.0, direction=80.0, sized=known, directed=True)
+    air = SimpleNamespace(speed=3.0, direction=80.0, speed_identifiable=known, direction_identifiable=True)
     body = twin(made_up(), air=air)
     scenario = scenario_of(tomllib.loads(vehicle_text(body, ".toml", "a.tlog")))
     assert scenario.wind == (SteadyWind(kind="steady", speed=3.0, direction=80.0),) * known

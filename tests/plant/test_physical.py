@@ -24,7 +24,7 @@ from mavdem.plant.fitting import LogJoint, directed
 from mavdem.plant.identifiability import PARAMETERS, NotIdentifiable, identifiability
 from mavdem.plant.likelihood import FlightWindows, minimum_phase
 from mavdem.plant.parameters import Physical, WindComponent, answers
-from mavdem.plant.sampled_plant import FIRST_ORDER, GUSTS, delayed, smooth
+from mavdem.plant.sampled_plant import FIRST_ORDER, GAUSSIAN_KERNEL, delayed, gaussian_kernel_noise
 from mavdem.plant.simulation import simulated
 
 
@@ -32,8 +32,8 @@ from mavdem.plant.simulation import simulated
     "noise, autocorrelation, error",
     [
         (FIRST_ORDER, lambda tau: np.exp(-tau), 1e-6),
-        (smooth(8), lambda tau: np.exp(-(tau**2) / 4), 2e-3),
-        (GUSTS, lambda tau: np.exp(-(tau**2) / 4), 0.04),
+        (gaussian_kernel_noise(8), lambda tau: np.exp(-(tau**2) / 4), 2e-3),
+        (GAUSSIAN_KERNEL, lambda tau: np.exp(-(tau**2) / 4), 0.04),
     ],
     ids=["first order", "smooth", "gusts"],
 )

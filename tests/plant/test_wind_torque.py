@@ -23,17 +23,17 @@ from mavdem.plant.identifiability import OmissionErrors
 from mavdem.plant.online_wind_torque import (
     DELAY_SECONDS,
     FILTER_SECONDS,
-    OnlineWind,
-    WeakMotors,
+    OnlineWindTorque,
+    WeakenedMotors,
     wind_filter,
 )
 from mavdem.plant.parameters import Physical, updated
-from mavdem.plant.sampled_plant import FIRST_ORDER, delayed, plant, smooth
-from mavdem.plant.wind_torque import _step, wind
+from mavdem.plant.sampled_plant import FIRST_ORDER, delayed, gaussian_kernel_noise, plant
+from mavdem.plant.wind_torque import _step, estimate_wind_torque
 from sitl_scenarios.wind import gaussian_noise
 
 DT = 0.01
-TURBULENCE = ((FIRST_ORDER, 1.5, 0.3), (smooth(8), 0.7, 0.06))
+TURBULENCE = ((FIRST_ORDER, 1.5, 0.3), (gaussian_kernel_noise(8), 0.7, 0.06))
 
 
 @mark.slow
@@ -71,7 +71,9 @@ def test_motors_that_differ_steadily_balance_a_steady_wind_and_what_all_have_in_
     flight = in_closed_loop(2, steering=0.0, samples=1500)
 
     def torque(shift, known):
-        return wind(known, Record.of(replace(flight, inputs=flight.inputs + shift))).torque
+        return estimate_wind_torque(
+            known, Record.of(replace(flight, inputs=flight.inputs + shift))
+        ).torque
 
     shift = torque(20 * np.sign(MOTORS), TRUE) - torque(np.zeros(4), TRUE)
     assert_allclose(shift, -20 * abs(MOTORS).sum(), atol=1e-6)
@@ -85,14 +87,16 @@ def test_the_uncertainty_of_the_motors_effect_is_in_the_bands():
     record = Record.of(replace(flight, inputs=flight.inputs + 12 * np.sign(MOTORS)))
     uncertain = TRUE._replace(covariance=np.zeros((7, 7)))
     uncertain.covariance[:4, :4] = 0.2**2 * np.outer(MOTORS, MOTORS)
-    sure, unsure = (wind(known, record) for known in (TRUE, uncertain))
+    sure, unsure = (estimate_wind_torque(known, record) for known in (TRUE, uncertain))
     assert unsure.mean_band == approx(1.645 * 0.2 * abs(sure.mean), rel=0.05)
     assert np.all(unsure.band >= sure.band)
 
 
 def test_wind_weaker_than_the_errors_is_not_resolved():
     flight = in_closed_loop(6, steering=0.0, samples=2000, wind=0.02)
-    found = wind(TRUE._replace(components=((FIRST_ORDER, 0.02, 0.02),)), Record.of(flight))
+    found = estimate_wind_torque(
+        TRUE._replace(components=((FIRST_ORDER, 0.02, 0.02),)), Record.of(flight)
+    )
     assert not found.resolved
     assert found.reason.code is NoPhysical.WIND_TORQUE_NOT_RESOLVED
     assert found.gusts == ()
@@ -144,15 +148,18 @@ def test_a_motors_step_is_no_wind():
     known = TRUE._replace(components=((FIRST_ORDER, 0.5, 0.5),))
     inputs = flight.inputs + np.outer(np.arange(6000) >= 3000, 20 * np.sign(MOTORS))
     record = Record(inputs, flight.outputs, DT, (6000,), begins=(7.0,))
-    for found in (wind(known, record), wind(known, record, [37.0])):
+    for found in (estimate_wind_torque(known, record), estimate_wind_torque(known, record, [37.0])):
         assert found.sd == approx(0.5, rel=0.2)
         assert not [gust for gust in found.gusts if 28.0 < gust.start < 32.0]
-    sample, size = wind(known, record).step
+    sample, size = estimate_wind_torque(known, record).step
     assert (sample, size) == (
         approx(3000, abs=50),
         approx(-20 * abs(MOTORS).sum(), rel=0.1),
     )
-    assert wind(known, record, [37.0]).step is None and wind(known, Record.of(flight)).step is None
+    assert (
+        estimate_wind_torque(known, record, [37.0]).step is None
+        and estimate_wind_torque(known, Record.of(flight)).step is None
+    )
 
 
 @mark.parametrize("seconds, is_step", [(1.6, True), (2.4, False)])
@@ -170,7 +177,7 @@ BEGINS = BLOCK * -(round((FILTER_SECONDS + DELAY_SECONDS) / WINDY.dt) // -BLOCK)
 
 def online_wind(executor=None, prior=None):
     memory = Memory(WINDY.dt, BLOCK, 200)
-    return OnlineWind(memory, executor, prior), memory
+    return OnlineWindTorque(memory, executor, prior), memory
 
 
 def followed(online, memory, flight, weak=None):
@@ -180,7 +187,9 @@ def followed(online, memory, flight, weak=None):
         zip(flight.time, flight.inputs, flight.outputs, strict=True)
     ):
         closed = memory.add(inputs, outputs, time)
-        sound = None if weak is None else WeakMotors(flight.time[0], weak[k], 2.0 * np.eye(4)[0])
+        sound = (
+            None if weak is None else WeakenedMotors(flight.time[0], weak[k], 2.0 * np.eye(4)[0])
+        )
         found[k] = online.update(inputs, sound)
         if closed:
             online.add(memory.blocks[-1])

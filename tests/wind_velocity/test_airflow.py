@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 import mavdem
-from mavdem.wind_velocity.airflow import Drag, motion
+from mavdem.wind_velocity.airflow import Drag, motion_grid
 from mavdem.wind_velocity.drag import independent_share
 
 
@@ -23,7 +23,7 @@ def test_thrust_that_climbs_and_sinks_makes_no_force_across_itself():
     # Of a thrust of (1.2 + 0.3 cos t) of the weight; the vehicle climbs or sinks at up to 5 m/s² all the time.
     impulse = GRAVITY * (1.2 * time + 0.3 * np.sin(time))
     velocity = np.outer(GRAVITY * time, [0, 0, 1]) - np.outer(impulse, thrust_axis)
-    moved = motion(time, attitude, velocity, 0.2)
+    moved = motion_grid(time, attitude, velocity, 0.2)
     assert moved.known.sum() > 90 and abs(np.diff(moved.velocity[:, 2])).max() > 0.5
     assert_allclose(moved.force[moved.known], 0.0, atol=1e-9)
 

@@ -24,12 +24,19 @@ from mavdem.live.wind import WindRows
 from mavdem.report.condition import wind_blocks
 from mavdem.wind_velocity.airflow import Drag
 from mavdem.wind_velocity.estimation import (
-    coming_from,
-    least_speed,
+    lower_speed_bound,
+    meteorological_direction,
     speed_status,
-    torque_explained,
+    torque_share_of_wind,
 )
-from mavdem.wind_velocity.from_log import YAW_JUMP, _jumps, air_of, drag_settings, is_reset, wind_of
+from mavdem.wind_velocity.from_log import (
+    YAW_JUMP,
+    _jumps,
+    drag_settings,
+    is_reset,
+    wind_evidence,
+    wind_of_signals,
+)
 
 LINEAR = np.array([0.3, 0.24])
 QUADRATIC = np.array([0.01, 0.016])
@@ -77,7 +84,7 @@ def flight(
 def test_legs_show_wind_drag_and_lean(seed):
     wind = mavdem.estimate_wind(*flight(seed=seed, lean=(0.2, -0.1), seconds=240, gusts=0.3)[:3])
     assert set(wind.status.values()) == {"reported"} and not wind.reasons
-    assert abs(wind.speed - 5) < 0.6 and abs(wind.direction - coming_from(-3, 4)) < 10
+    assert abs(wind.speed - 5) < 0.6 and abs(wind.direction - meteorological_direction(-3, 4)) < 10
     assert abs(wind.drag.lean - [0.2, -0.1]).max() < 0.1
     low, high = wind.drag.interval("linear")
     assert np.all(low < LINEAR) and np.all(high > LINEAR)
@@ -102,10 +109,10 @@ def test_the_share_of_the_torque_is_known_where_the_air_s_velocity_along_the_bod
     wind = mavdem.estimate_wind(time, attitude, velocity)
     noise = default_rng(0).normal(0.0, 2.0, len(time))
     by_wind = np.interp(time, wind.time, wind.along[:, 1]) * (legs > 0)
-    explained = torque_explained(wind, time, by_wind + noise)
+    explained = torque_share_of_wind(wind, time, by_wind + noise)
     assert explained.code is (WindShare.SHARE_KNOWN if legs else WindShare.SHARE_UNKNOWN)
     assert explained.figures["share"] == (approx(0.98, abs=0.02) if legs else None)
-    chance = torque_explained(wind, time, default_rng(1).normal(size=len(time)))
+    chance = torque_share_of_wind(wind, time, default_rng(1).normal(size=len(time)))
     assert not chance.figures["share"]
 
 
@@ -113,7 +120,10 @@ def test_the_share_of_the_torque_is_known_where_the_air_s_velocity_along_the_bod
 def test_air_along_the_body_that_changes_by_less_than_1_m_s_explains_nothing(size, code):
     time = np.arange(0.0, 120.0, 0.1)
     along = np.outer(size * np.sign(np.sin(2 * np.pi * (time + 1) / 30)), [1.0, 0.0])
-    assert torque_explained(SimpleNamespace(time=time, along=along), time, along[:, 0]).code is code
+    assert (
+        torque_share_of_wind(SimpleNamespace(time=time, along=along), time, along[:, 0]).code
+        is code
+    )
 
 
 @mark.parametrize(
@@ -142,7 +152,7 @@ def test_hover_takes_the_drag_of_another_flight():
     assert alone.status["speed"] != "reported"
     alone = replace(alone, status=alone.status | {"speed": Status.NOT_IDENTIFIABLE})
     assert "m/s" not in wind_blocks((alone, None, None))[0].text
-    shown = alone.identified
+    shown = alone.identified_figures
     assert np.isnan(shown.speed) and not shown.velocity
     assert {doubt.code for doubt in alone.reasons.values()} == set(WindDoubt)
     assert alone.drag.source == "population" and all(map(str, alone.reasons.values()))
@@ -155,7 +165,7 @@ def test_hover_takes_the_drag_of_another_flight():
 def test_calm_air_is_below_a_speed():
     wind = mavdem.estimate_wind(*flight(wind=(0, 0), gusts=0.05)[:3])
     assert wind.calm and wind.speed < 0.7 and wind.speed_interval[0] == 0
-    assert least_speed(0.6, 6.0)
+    assert lower_speed_bound(0.6, 6.0)
     own = Signal(wind.time, np.zeros(len(wind.time), int), np.ones((len(wind.time), 2)))
     assert "own estimate is 1.4 m/s from SW" in wind_blocks((wind, own, None))[0].text
     assert "own" not in wind_blocks((wind, replace(own, boot=own.boot + 1), ""))[0].text
@@ -245,7 +255,7 @@ def test_a_vehicle_that_something_holds_shows_no_wind(lean, seconds, refused):
 
     leaning = changed(telemetry, "ATTITUDE", roll=held(attitude, "roll", np.radians(lean)))
     fixed = {axis: held(place, axis, 0.0) for axis in "xyz"}
-    reason = air_of(Signals(changed(leaning, "LOCAL_POSITION_NED", **fixed)))[2]
+    reason = wind_evidence(Signals(changed(leaning, "LOCAL_POSITION_NED", **fixed)))[2]
     assert (reason is not None and reason.code is NoWind.STUCK) == refused
 
 
@@ -254,7 +264,7 @@ def test_a_message_without_a_yaw_and_a_spin_after_flight_are_left_out_and_a_cloc
     columns = telemetry.messages["ATTITUDE"]
 
     def found(**values):
-        return wind_of(Signals(changed(telemetry, "ATTITUDE", **values)))
+        return wind_of_signals(Signals(changed(telemetry, "ATTITUDE", **values)))
 
     yaw = np.where(np.arange(len(columns["yaw"])) % 50, columns["yaw"], 1e30)
     assert found(yaw=yaw).speed == approx(found().speed, abs=0.1)
@@ -269,6 +279,6 @@ def test_a_message_without_a_yaw_and_a_spin_after_flight_are_left_out_and_a_cloc
         for name, table in telemetry.messages.items()
     }
     late = Signals(replace(telemetry, messages=late))
-    assert refused(wind_of, late).code is NoWind.CLOCK_JUMPS
+    assert refused(wind_of_signals, late).code is NoWind.CLOCK_JUMPS
     still = Signals(changed(telemetry, "LOCAL_POSITION_NED", vx=0.0))
-    assert refused(wind_of, still).code is NoWind.NOT_MEASURED
+    assert refused(wind_of_signals, still).code is NoWind.NOT_MEASURED

@@ -32,7 +32,7 @@ from mavdem.facts.identifiability import Status
 from mavdem.files import load_adjacent_toml
 from mavdem.ingest.vocabulary import IN_AIR
 from mavdem.plant import NotIdentifiable, Physical, WindTorque, physical
-from mavdem.plant.wind_torque import wind
+from mavdem.plant.wind_torque import estimate_wind_torque
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
@@ -157,7 +157,7 @@ def judged(case: Case) -> list[Values]:
             row |= {f"{name} status": plant.status[name], f"{name} error": error}
             row[f"{name} inside"] = abs(value - true) <= half
         if window is None:
-            torque = wind(plant, Record.of(part))
+            torque = estimate_wind_torque(plant, Record.of(part))
             row |= wind_of(torque, truths["wind"])
         rows.append(row)
     return rows

@@ -20,7 +20,7 @@ from numpy.random import Generator, default_rng
 from mavdem import Drag, wind
 from mavdem.experiments.paper.runner import write_log
 from mavdem.facts.identifiability import Status
-from mavdem.wind_velocity.estimation import coming_from
+from mavdem.wind_velocity.estimation import meteorological_direction
 from sitl_scenarios.files import load, scenario_of
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
@@ -60,11 +60,13 @@ def flown(name: str, flight: Scenario, drag: Drag | None = None) -> tuple[Values
     truth = np.column_stack([north, east])
     mean = truth.mean(axis=0)
     speed = float(np.hypot(*mean))
-    direction = coming_from(*mean)
+    direction = meteorological_direction(*mean)
     apart = abs((estimated.direction - direction + 180) % 360 - 180)
     low, high = estimated.speed_interval
     has_speed = estimated.status["speed"] is Status.REPORTED and not estimated.calm
-    has_direction = estimated.status["direction"] is Status.REPORTED and estimated.directed
+    has_direction = (
+        estimated.status["direction"] is Status.REPORTED and estimated.direction_identifiable
+    )
     row: Values = {"flights": name}
     row["speed inside"] = low <= speed <= high or estimated.calm
     row["direction inside"] = apart <= estimated.direction_interval or speed < 0.3

@@ -43,7 +43,7 @@ from mavdem.immutable import ReadOnlyDict
 from mavdem.ingest import Log
 from mavdem.motors.loss_detection import MIN_RATE, MotorAlarm, MotorWatch
 from mavdem.motors.trim_pattern import trim_of_signals
-from mavdem.plant.wind_torque import wind
+from mavdem.plant.wind_torque import estimate_wind_torque
 
 # of squared errors, to a forecast's without a model, up to which one of slow motion is worth it
 MAX_SLOW_RATIO = 0.9
@@ -135,7 +135,7 @@ def analyse(
         if not slow:
             learned = learned.with_physical(physical_of(signals, flights))
         if analysis.changes and learned.physical is not None and learned.wind_torque is not None:
-            torque = wind(learned.physical, learned.record, analysis.changes)
+            torque = estimate_wind_torque(learned.physical, learned.record, analysis.changes)
             learned = learned.with_wind_torque(torque)
     learned = disown_torque(learned, analysis.condition.oscillation is not None)
     analysis = replace(analysis, flights=flights, learned=learned, held_out=held_out)

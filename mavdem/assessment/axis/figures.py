@@ -39,7 +39,7 @@ from mavdem.ingest import Component
 from mavdem.loops.identification import identify_plant_in_loop
 from mavdem.motors.loss_detection import MotorAlarm, alarm_figures
 from mavdem.plant import NotIdentifiable, Physical, WindTorque, physical
-from mavdem.plant.wind_torque import wind
+from mavdem.plant.wind_torque import estimate_wind_torque
 
 ALL = "all"  # of an axis: roll, pitch and yaw
 
@@ -251,6 +251,8 @@ def axis_figures(
     if isinstance(parameters, NotIdentifiable):
         return AxisFigures(flights, None, None, parameters.reason)
     try:
-        return AxisFigures(flights, parameters, wind(parameters, record, changes), None)
+        return AxisFigures(
+            flights, parameters, estimate_wind_torque(parameters, record, changes), None
+        )
     except ValueError:  # LinAlgError is one
         return AxisFigures(flights, parameters, None, None)

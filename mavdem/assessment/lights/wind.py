@@ -17,7 +17,7 @@ MUCH_LEAN = 0.5  # of it: as much again is left for gusts and for moving against
 def wind_light(evidence: Evidence) -> Fact:
     """Returns the mean wind with its interval; unknown where the flight does not identify its speed."""
     wind, _, refusal = evidence.air
-    if wind is None or not wind.sized:
+    if wind is None or not wind.speed_identifiable:
         because = refusal if wind is None else wind.reasons["speed"]
         return Fact(WindLight.WIND_NOT_KNOWN, because=because)
     low, high = wind.speed_interval
@@ -30,7 +30,7 @@ def wind_light(evidence: Evidence) -> Fact:
         speed=wind.speed,
         low=low,
         high=high,
-        direction=wind.direction if wind.directed else None,
+        direction=wind.direction if wind.direction_identifiable else None,
         share=share,
         because=doubt if doubt.is_bad else None,
     )

@@ -42,7 +42,7 @@ from mavdem.facts import Fact
 from mavdem.facts.online import Online
 
 if TYPE_CHECKING:
-    from mavdem.plant.online_wind_torque import WeakMotors
+    from mavdem.plant.online_wind_torque import WeakenedMotors
     from mavdem.plant.parameters import Physical
 
 MEMORY_BLOCK_SECONDS = 0.1  # of samples, which are remembered and forgotten together
@@ -136,9 +136,9 @@ class OnlineLearner:
         combinations = known_combinations(n_inputs, directions)
         self._ahead = OnlineJoint(self._dt, self.horizons, n_outputs, combinations)
         # The wind torque is estimated by the plant, a room above this one.
-        from mavdem.plant.online_wind_torque import OnlineWind
+        from mavdem.plant.online_wind_torque import OnlineWindTorque
 
-        self._wind = OnlineWind(self._memory, executor, prior)
+        self._wind = OnlineWindTorque(self._memory, executor, prior)
         self._surprise, self._marks = Surprise(self._dt), AnomalyMarks(self._dt)
 
     def update(
@@ -146,7 +146,7 @@ class OnlineLearner:
         time: float,
         outputs: ArrayLike,
         inputs: ArrayLike,
-        weak: WeakMotors | None = None,
+        weak: WeakenedMotors | None = None,
     ) -> Estimate:
         """Takes the next sample, ``outputs`` (m,) and ``inputs`` (r,) at a ``time`` in s.
 
