@@ -488,7 +488,9 @@ def test_setpoints_of_rates_are_flown_beside_what_the_angles_error_asks_for(
 
 @mark.parametrize("known", [True, False])
 def test_a_twin_has_the_mean_wind_of_the_flight_where_it_is_known(known):
-    air = SimpleNamespace(speed=3.0, direction=80.0, speed_identifiable=known, direction_identifiable=True)
+    air = SimpleNamespace(
+        speed=3.0, direction=80.0, speed_identifiable=known, direction_identifiable=True
+    )
     body = twin(made_up(), air=air)
     scenario = scenario_of(tomllib.loads(vehicle_text(body, ".toml", "a.tlog")))
     assert scenario.wind == (SteadyWind(kind="steady", speed=3.0, direction=80.0),) * known
