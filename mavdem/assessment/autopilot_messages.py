@@ -77,7 +77,7 @@ def _of_texts(telemetry: Telemetry) -> Iterator[Fact]:
         if fact is not None:
             yield fact.but(
                 boot=text.boot,
-                basis=(telemetry.called("STATUSTEXT"),),
+                basis=(telemetry.name_in_source("STATUSTEXT"),),
                 severity=SEVERITIES[text.severity] if warns else None,
             )
 

@@ -190,7 +190,9 @@ def _balance(
     # A ratio of means: its error is the mean of these.
     mean_level = level.mean()
     balance = (shares - level * (shares.mean(axis=0) / mean_level)) / mean_level
-    weights = {axis: effect for axis in AXES if (effect := motors.layout.effect(axis)) is not None}
+    weights = {
+        axis: effect for axis in AXES if (effect := motors.layout.mixer_row(axis)) is not None
+    }
     return (
         tuple(or_none(half) for half in mean_interval(balance, seconds)),
         {axis: _steady(shares @ effect, seconds) for axis, effect in weights.items()},

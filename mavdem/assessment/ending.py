@@ -228,7 +228,7 @@ def _set_anew(signals: Signals, names: Sequence[str]) -> list[str]:
     layout = signals.motors.layout
     channels = dict(zip(layout.names, layout.channels, strict=True))
     functions = [f"SERVO{channels[name]}_FUNCTION" for name in names]
-    return [name for name in functions if name in signals.telemetry.earlier]
+    return [name for name in functions if name in signals.telemetry.initial_parameters]
 
 
 def _frozen(signals: Signals, motors: Motors, now: Array, idle: float) -> Fact | None:

@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ from mavdem.dataset.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals, fixe
 from mavdem.facts import Fact
 from mavdem.facts.vehicle import Allowed, Basis
 from mavdem.ingest import Log
-from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps, selected
+from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps, selected_rows
 from mavdem.ingest.vocabulary import (
     board_name_in_texts,
     board_number_in_bytes,
@@ -255,7 +255,15 @@ def inventory(log: Log, seen: Sequence[Seen] | None = None) -> JsonValues:
         "bytes_skipped": log.bytes_skipped,
         "receive_time": log.receive_time,
         "unread": [
-            {**asdict(unread), "cause": unread.cause.replace("_", " ")} for unread in log.unread
+            {
+                "message_id": unread.message_id,
+                "system": unread.system,
+                "component": unread.component,
+                "frames": unread.frames,
+                "of": unread.total,
+                "cause": unread.cause.replace("_", " "),
+            }
+            for unread in log.unread
         ],
         "speakers": [
             {
@@ -291,7 +299,11 @@ def _vehicle(
         "vehicle": telemetry.vehicle,
         "autopilot": telemetry.autopilot,
         "translated_from": telemetry.translated_from,
-        "names": {name: telemetry.names[name] for name, _ in messages if name in telemetry.names},
+        "names": {
+            name: telemetry.source_names[name]
+            for name, _ in messages
+            if name in telemetry.source_names
+        },
         "parameters": len(telemetry.parameters),
         "messages": {
             name: {"count": len(sent["time"]), "rate": _rate(sent)} for name, sent in messages
@@ -316,7 +328,7 @@ def _rate(columns: Columns) -> float | None:
     for field in columns.keys() & {"port", "group_mlx"}:
         instances, of = np.unique(columns[field], return_inverse=True)
         if len(instances) > 1:
-            columns = selected(columns, of == np.bincount(of).argmax())
+            columns = selected_rows(columns, of == np.bincount(of).argmax())
     steps = np.diff(columns["time"])[np.diff(columns["boot"]) == 0]
     apart = steps[steps > 0]  # sensors of a kind are sent at once
     if not len(apart):

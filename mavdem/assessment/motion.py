@@ -38,7 +38,7 @@ from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import rate_without_gaps
-from mavdem.ingest.vocabulary import wrapped
+from mavdem.ingest.vocabulary import wrapped_angle
 from mavdem.loops.margins import Complex
 
 FAR_ANGLE = np.pi / 4  # rad from the setpoint: a vehicle is on its side, by half of the lean
@@ -160,7 +160,7 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
     angles = flight.angles[:, :2]
     unasked = np.where(flight.by_rate, 0.0, angles / 2)
     apart = np.where(unknown, unasked, angles - np.clip(angles, least, most))
-    roll, pitch = wrapped(apart).T
+    roll, pitch = wrapped_angle(apart).T
     lean = 1j * roll * np.cos(angles[:, 1]) - pitch
     lies = np.cos(angles).prod(axis=1) < np.cos(MAX_TILT)
     return AttitudeError(time, lean, abs(lean), lies, ~unknown[:, 1])

@@ -25,10 +25,10 @@ from mavdem.dataset.phases import (
 from mavdem.dataset.signals import BATTERY_MESSAGES, Signals
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.events import Reported
-from mavdem.ingest.vocabulary import CRITICAL, OFF_GROUND, number_of
+from mavdem.ingest.vocabulary import CRITICAL, OFF_GROUND, mavlink_constant
 
-FIX_3D = number_of("GPS_FIX_TYPE_3D_FIX")
-LOW_CHARGE = number_of("MAV_BATTERY_CHARGE_STATE_LOW")  # what is more is worse
+FIX_3D = mavlink_constant("GPS_FIX_TYPE_3D_FIX")
+LOW_CHARGE = mavlink_constant("MAV_BATTERY_CHARGE_STATE_LOW")  # what is more is worse
 SENSOR_BITS = ("health", "present", "enabled")
 DETECTED = {
     "fd_roll": (Reported.ATTITUDE_FAILED, "roll"),
@@ -99,7 +99,7 @@ def _event(
     **figures: Any,
 ) -> Fact:
     """A fact of one boot, by the message ``source``."""
-    basis = (signals.telemetry.called(source),)
+    basis = (signals.telemetry.name_in_source(source),)
     return Fact(code, level, time=time, boot=part.boot, basis=basis, **figures)
 
 
@@ -200,7 +200,7 @@ def _complaints(signals: Signals) -> Iterator[Complaint]:
     )
     failed = np.bitwise_and.reduce([~health, *used])
     for sensor, (code, subject) in HEALTH.items():
-        bit = number_of(f"MAV_SYS_STATUS_{sensor}")
+        bit = mavlink_constant(f"MAV_SYS_STATUS_{sensor}")
         yield Complaint("SYS_STATUS", failed & bit > 0, code, subject)
     name = "failure_detector_status"
     for field, meant in DETECTED.items():

@@ -16,9 +16,15 @@ from mavdem.dataset.signals import MINIMUM_RATE, Signals, axis_outputs, held, on
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Resampling
 from mavdem.flight import Flight
-from mavdem.ingest.mavlink.definitions import parameter_values, parameters_sent
-from mavdem.ingest.telemetry import MAX_GAP_SECONDS, Columns, Parameters, interpolated, selected
-from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
+from mavdem.ingest.mavlink.definitions import decoded_parameters, latest_parameters
+from mavdem.ingest.telemetry import (
+    MAX_GAP_SECONDS,
+    Columns,
+    Parameters,
+    interpolated,
+    selected_rows,
+)
+from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS
 
 MEDIAN_STEPS = 41
 """Steps, about 1 s at ``MINIMUM_RATE``, whose median is a stream's usual step. A median follows a change of rate to the
@@ -219,7 +225,9 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
                 "spins": list(layout.spins),
             },
             "scale": asdict(scale),
-            "setpoints": {setpoint.name: telemetry.called(setpoint.message) for setpoint in asked},
+            "setpoints": {
+                setpoint.name: telemetry.name_in_source(setpoint.message) for setpoint in asked
+            },
             "repairs": list(map(str, telemetry.repairs)),
             "parameters": {
                 name: value
@@ -228,7 +236,7 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
             },
             "earlier": _earlier(signals, segment),
         },
-        effect_directions=None if layout.positions_assumed else layout.effect(axis),
+        effect_directions=None if layout.positions_assumed else layout.mixer_row(axis),
         setpoints=np.column_stack([held(setpoint, segment.boot, time) for setpoint in asked])
         if asked
         else None,
@@ -242,26 +250,26 @@ def _changed(signals: Signals) -> Columns:
     """The messages of parameters that had other values than the last: few, where many boots send all again."""
     telemetry = signals.telemetry
     sent = telemetry.messages["PARAM_VALUE"]
-    named = parameters_sent(sent, telemetry.autopilot)
+    named = decoded_parameters(sent, telemetry.autopilot)
     changed = {name for name, value in named if value != telemetry.parameters.get(name)}
-    return selected(sent, np.array([name in changed for name, _ in named], dtype=bool))
+    return selected_rows(sent, np.array([name in changed for name, _ in named], dtype=bool))
 
 
 def _earlier(signals: Signals, segment: Segment) -> Parameters:
     """The controller's parameters that changed after the segment began, or sometime, with their values before."""
     telemetry = signals.telemetry
-    before = telemetry.earlier
+    before = telemetry.initial_parameters
     if "PARAM_VALUE" in telemetry.messages:
         sent = _changed(signals)
         rows = (sent["boot"] < segment.boot) | (
             (sent["boot"] == segment.boot) & (sent["time"] <= segment.start)
         )
-        before = parameter_values(selected(sent, rows), telemetry.autopilot)
+        before = latest_parameters(selected_rows(sent, rows), telemetry.autopilot)
     return {
         name: value
         for name, value in before.items()
         if CONTROL_PARAMETERS.match(name)
-        and not OWN_PARAMETERS.search(name)
+        and not AUTOPILOT_SET_PARAMETERS.search(name)
         and telemetry.parameters[name] != value
     }
 

@@ -16,7 +16,7 @@ from mavdem.dataset.drive import (
     series,
     table_of,
 )
-from mavdem.ingest.telemetry import FREQUENT_ENOUGH, Telemetry, rows_by
+from mavdem.ingest.telemetry import MIN_PREFERRED_SHARE, Telemetry, rows_by_value
 from mavdem.ingest.vocabulary import euler_angles
 
 # Messages with the attitude, the preferred first
@@ -78,7 +78,7 @@ def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
     a stream it has no stamp of its own.
     """
     sent = sent_attitude(telemetry, axis)
-    if sent is None or telemetry.called(TUNING_MESSAGE) == TUNING_MESSAGE:
+    if sent is None or telemetry.name_in_source(TUNING_MESSAGE) == TUNING_MESSAGE:
         return sent
     tuning = tuning_rates(telemetry, axis, sent)
     if tuning is None:
@@ -92,7 +92,7 @@ def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
     angle = np.full_like(rate, np.nan)
     slope = rate.copy()
     covered = 0
-    for boot, rows in rows_by(sent.boot).items():
+    for boot, rows in rows_by_value(sent.boot).items():
         time = sent.time[rows]
         within = (tuning.boot == boot) & (tuning.time >= time[0]) & (tuning.time <= time[-1])
         steps = np.diff(time, append=time[-1])
@@ -106,7 +106,7 @@ def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
             covered += int(np.count_nonzero((time >= at[0]) & (time <= at[-1])))
             slope[within] += np.interp(at, time, sent.slope[rows] - sent.rate[rows])
     # What is flown without these rates is not to be lost.
-    if covered < FREQUENT_ENOUGH * len(sent.time):
+    if covered < MIN_PREFERRED_SHARE * len(sent.time):
         return sent
     kept = np.isfinite(angle)
     return Attitude(

@@ -22,8 +22,8 @@ from mavdem.ingest.motors import (
     output_scale,
 )
 from mavdem.ingest.motors import MotorGeometry as MotorGeometry
-from mavdem.ingest.motors import place_name as place_name
-from mavdem.ingest.telemetry import FREQUENT_ENOUGH, Columns, Telemetry
+from mavdem.ingest.motors import position_name as position_name
+from mavdem.ingest.telemetry import MIN_PREFERRED_SHARE, Columns, Telemetry
 
 MAX_ANGLE = tau  # rad: no Euler angle lies beyond, whatever the convention
 MAX_BODY_RATE = np.radians(4000.0)
@@ -98,7 +98,7 @@ def preferred_message(counts: Mapping[str, int]) -> str | None:
 
 def by_preference(counts: Mapping[str, int]) -> list[str]:
     """Returns the names of ``counts``, the preferred first; behind them those that came clearly less often."""
-    enough = FREQUENT_ENOUGH * max(counts.values(), default=0)
+    enough = MIN_PREFERRED_SHARE * max(counts.values(), default=0)
     return sorted(filter(counts.get, counts), key=lambda name: counts[name] < enough)
 
 
@@ -160,18 +160,21 @@ def motors_or_obstacle(telemetry: Telemetry) -> Motors | Fact:
     return (
         obstacles[0]
         if obstacles
-        else Fact(MotorObstacle.NO_MOTOR_MESSAGE, name=telemetry.called(next(iter(MOTOR_MESSAGES))))
+        else Fact(
+            MotorObstacle.NO_MOTOR_MESSAGE,
+            name=telemetry.name_in_source(next(iter(MOTOR_MESSAGES))),
+        )
     )
 
 
 def _motors_in(telemetry: Telemetry, message: str) -> Motors | Fact:
-    name = telemetry.called(message)
+    name = telemetry.name_in_source(message)
     banks = tuple(_banks(message, telemetry.messages[message]))
     width = banks[0].signal.values.shape[1]
     bank_of = {bank.first + i: bank for bank in banks for i in range(width)}
     moving = [channel for channel, bank in bank_of.items() if _moves(bank.sent(channel))]
     # A motor that is disabled in flight keeps its place.
-    parameters = {**telemetry.parameters, **telemetry.earlier}
+    parameters = {**telemetry.parameters, **telemetry.initial_parameters}
     plan = motor_geometry(telemetry.vehicle, telemetry.autopilot, parameters, moving, width)
     if plan is None or not moving:
         return Fact(MotorObstacle.MOTORS_CONSTANT, name=name, remedy=RECORD_A_FLIGHT)

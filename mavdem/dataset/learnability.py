@@ -140,7 +140,7 @@ def _unusable(signals: Signals, components: Sequence[Component]) -> Fact | None:
     if signals.drive is None:
         never = signals.armed is not None and not signals.armed.values.any()
         return NEVER_ARMED if never else _without_drive(signals)
-    name = telemetry.called(attitude.message)
+    name = telemetry.name_in_source(attitude.message)
     if attitude.impossible > REFUSED_IMPOSSIBLE * attitude.sent:
         return _impossible(Reason.ATTITUDE_UNIT, attitude, name).but(recorder=recorder)
     if not len(attitude.time):
@@ -161,7 +161,7 @@ def _without_drive(signals: Signals) -> Fact:
         return Fact(
             Reason.DEMAND_CONSTANT if recorded else Reason.NO_DEMAND,
             axis=signals.axis,
-            name=telemetry.called(DEMAND_MESSAGE),
+            name=telemetry.name_in_source(DEMAND_MESSAGE),
             recorder=telemetry.translated_from,
         )
     obstacle = motors_or_obstacle(telemetry)
@@ -183,7 +183,7 @@ class _Evidence:
     least_rate: float  # Hz, that both streams need
 
     def name(self, stream: Attitude | Motors) -> str:
-        return self.signals.telemetry.called(stream.message)
+        return self.signals.telemetry.name_in_source(stream.message)
 
     def judge(self, segment: Segment, dt: float | None = None) -> Learnability:
         """Whether a ``segment`` can be learned from, in steps of ``dt``, s, or its own."""
@@ -329,7 +329,7 @@ def too_slow(rates: Parameters, axis: str, least: float = MINIMUM_RATE) -> Fact 
 
 def _grounded(signals: Signals, figures: QualityFigures) -> Fact:
     """On a vehicle that was armed and did not fly: what shows that, if anything does."""
-    name = signals.telemetry.called("EXTENDED_SYS_STATE")
+    name = signals.telemetry.name_in_source("EXTENDED_SYS_STATE")
     attitude, _ = signals.streams
     held = any(phases.flying(signals, int(boot)) for boot in np.unique(attitude.boot))
     by_collective = not held and signals.landed_state is None
@@ -350,7 +350,7 @@ def cautions_of(signals: Signals, figures: QualityFigures) -> Iterator[Fact]:
     """Yields what was left out of attitude and inputs, what was assumed, and what a segment of ``figures`` lacks."""
     axis = signals.axis
     attitude, drive = signals.streams
-    called = signals.telemetry.called
+    called = signals.telemetry.name_in_source
     if attitude.impossible:
         name = called(attitude.message)
         yield _impossible(Caution.IMPOSSIBLE_ATTITUDE, attitude, name)

@@ -102,7 +102,7 @@ def of_segment(
     stepped = zip(motion.T[measured], steps[measured], strict=True)
     output_snrs = [_snr_of_changes(time, column, step) for column, step in stepped]
     # The motors' combination (T,) that turns the axis, and the standard deviation that rounding alone gives it.
-    if (weights := motors.layout.effect(signals.axis)) is not None:
+    if (weights := motors.layout.mixer_row(signals.axis)) is not None:
         combination = flight.inputs @ weights
         rounding = motors.scale.step * np.sqrt((weights**2).sum() / 12)
     else:

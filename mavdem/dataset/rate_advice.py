@@ -9,10 +9,10 @@ from mavdem.facts import Fact
 from mavdem.facts.learnability import Remedy
 from mavdem.ingest import Component
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.ingest.vocabulary import number_of
+from mavdem.ingest.vocabulary import mavlink_constant
 
 REQUEST = "REQUEST_DATA_STREAM"
-SET_MESSAGE_INTERVAL = number_of("MAV_CMD_SET_MESSAGE_INTERVAL")
+SET_MESSAGE_INTERVAL = mavlink_constant("MAV_CMD_SET_MESSAGE_INTERVAL")
 """How ground stations ask a vehicle for rates: a message, and a command of MAV_CMD."""
 STREAM_RATE = re.compile(r"((SR|MAV)\d+)_(EXTRA1|RC_CHAN)$")
 """ArduPilot's parameters for the rates of attitude and motor outputs on each port; MAV from 4.7 on."""

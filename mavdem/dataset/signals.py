@@ -47,17 +47,17 @@ from mavdem.dataset.drive import (
 from mavdem.errors import NotLearnable
 from mavdem.immutable import freeze
 from mavdem.ingest.flight_modes import mode_name
-from mavdem.ingest.mavlink.clocks import far_off
+from mavdem.ingest.mavlink.clocks import deviates_from_median
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps, selected
+from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps, selected_rows
 from mavdem.ingest.vocabulary import (
     ARMED,
     CUSTOM_MODE,
     LANDING_MODES,
     Injection,
     euler_angles,
-    number_of,
-    wrapped,
+    mavlink_constant,
+    wrapped_angle,
 )
 
 CLIMB_FIELDS = {
@@ -84,7 +84,7 @@ SLOW_MOTION_RATE = 8.0
 nine in ten were predicted better than without a model. Motors' effect, damping and lag show at higher frequencies."""
 TARGET_MESSAGE = "ATTITUDE_TARGET"
 IGNORED = {
-    field: number_of(f"ATTITUDE_TARGET_TYPEMASK_{name}_IGNORE")
+    field: mavlink_constant(f"ATTITUDE_TARGET_TYPEMASK_{name}_IGNORE")
     for field, name in {
         "roll": "BODY_ROLL_RATE",
         "pitch": "BODY_PITCH_RATE",
@@ -235,7 +235,7 @@ class VehicleSignals:
         least, most = POSSIBLE_VOLTAGE
         possible = (volts >= least) & (volts <= most)
         # damage doubles single ones
-        possible[possible] = ~far_off(volts[possible], 9, volts[possible] / 2)
+        possible[possible] = ~deviates_from_median(volts[possible], 9, volts[possible] / 2)
         # Of a battery that is not measured, single messages have a voltage by damage.
         usual = np.count_nonzero(possible) >= max(5, np.count_nonzero(~np.isnan(volts)) / 2)
         return series(columns, volts, possible) if usual else None
@@ -284,7 +284,7 @@ class VehicleSignals:
         if not own.any():
             return None
         order = np.lexsort((columns["time"][own], columns["boot"][own]))
-        return selected(columns, np.flatnonzero(own)[order])
+        return selected_rows(columns, np.flatnonzero(own)[order])
 
     def modes(self, boot: int) -> list[tuple[float, str]]:
         """Returns when each flight mode of a ``boot`` began, s, and its name, from CURRENT_MODE or else HEARTBEAT."""
@@ -325,7 +325,7 @@ class VehicleSignals:
             angles = np.radians(places)
             if fixed.any():
                 first = angles[np.argmax(fixed)]
-                moved = wrapped(angles - first)  # across the date line too
+                moved = wrapped_angle(angles - first)  # across the date line too
                 plane = EARTH_RADIUS * moved * [1.0, np.cos(first[0])]
                 down = -floats(columns, "relative_alt") / 1000
                 return series(columns, np.column_stack([plane, down]), fixed)

@@ -29,7 +29,7 @@ from mavdem.files import PathName, atomic_write, reporting_write_errors, writabl
 from mavdem.flight import Flight, Flights, boot_number
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
-from mavdem.ingest.mavlink.framing import MATCHES
+from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
 from mavdem.ingest.mcap.records import MAX_STAMP, write_mcap, write_series
 from mavdem.ingest.tlog import write_tlog
 from mavdem.loops.loop_construction import POSTERIOR_DRAWS
@@ -278,7 +278,7 @@ def convert(
 def _convert_stream(source: Path, out: Path) -> JsonValues:
     kind = out.suffix.lower()
     stream = read_stream(source)
-    if stream.form == kind:
+    if stream.file_ending == kind:
         raise ValueError(f"{source} is a {kind} already: choose another format")
     with atomic_write(out) as file:
         written = STREAMS[kind](file, stream)
@@ -287,7 +287,7 @@ def _convert_stream(source: Path, out: Path) -> JsonValues:
     return {
         "frames": written,
         "left_out": len(stream.frames) - written,
-        "unread": int(np.count_nonzero(stream.frames.checksum != MATCHES)),
+        "unread": int(np.count_nonzero(stream.frames.checksum != CHECKSUM_MATCHES)),
         "stamps_filled": int(np.count_nonzero((stream.stamps == 0) | beyond)),
         "bytes_skipped": stream.bytes_skipped,
         "repairs": list(map(str, stream.repairs)),

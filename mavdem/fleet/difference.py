@@ -38,7 +38,7 @@ from mavdem.fleet.row import (
 )
 from mavdem.immutable import ReadOnlyDict
 from mavdem.ingest.telemetry import Parameters
-from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS, RATE_GAIN
+from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS, RATE_GAIN
 from mavdem.motors.balance import SCATTER
 
 SHARE = "share"
@@ -192,7 +192,8 @@ def changed_parameters(before: Parameters, after: Parameters) -> list[ParameterC
     return [
         ParameterChange(name, before[name], after[name])
         for name in both
-        if not OWN_PARAMETERS.search(name) and not isclose(before[name], after[name], rel_tol=1e-6)
+        if not AUTOPILOT_SET_PARAMETERS.search(name)
+        and not isclose(before[name], after[name], rel_tol=1e-6)
     ]
 
 

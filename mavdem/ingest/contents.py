@@ -13,9 +13,9 @@ LOG_ENDINGS = (".tlog", ".mcap", ".bin", ".log", ".ulg", ".ulg.xz")
 # Bytes that are read of a file for its beginning; unpacked they are hardly ever fewer
 BEGINNING_BYTES = 1 << 16
 # Of a file that is read into memory, and of an archive's content: hours of the densest logs
-MAX_BYTES = 1 << 30
-FREE_BYTES = 1 << 26
-MAX_RATIO = 100
+MAX_LOG_BYTES = 1 << 30
+MIN_UNPACKED_LIMIT = 1 << 26
+MAX_COMPRESSION_RATIO = 100
 """Bytes that any archive may unpack to, and more for each of its own: a small one can be made to hold any number."""
 
 
@@ -23,7 +23,7 @@ def file_bytes(path: PathName) -> bytes:
     """Returns the whole file, or the contents of an xz archive.
 
     Raises Unreadable: it is missing, no plain file, not permitted, empty, or larger than the memory; or an archive that
-    is damaged. Neither may have more than ``MAX_BYTES``.
+    is damaged. Neither may have more than ``MAX_LOG_BYTES``.
     """
     return _content(path)
 
@@ -50,9 +50,9 @@ def _content(path: PathName, limit: int | None = None) -> bytes:
         with path.open("rb") as file:
             # Not to the end: a file of size 0 may never end (/proc), and one that is being recorded grows.
             size = status.st_size if limit is None else min(status.st_size, limit)
-            if size > MAX_BYTES:
+            if size > MAX_LOG_BYTES:
                 raise Unreadable(
-                    Source.FILE_TOO_LARGE, path=path, size_limit=MAX_BYTES, archive=False
+                    Source.FILE_TOO_LARGE, path=path, size_limit=MAX_LOG_BYTES, archive=False
                 )
             content = file.read(size)
         if content[:6] == b"\xfd7zXZ\x00":
@@ -87,7 +87,11 @@ def _unpacked(content: bytes, path: Path, limit: int | None) -> bytes:
     """The first stream of an xz archive, or its first ``limit`` bytes; ``xz`` writes no second stream."""
     # Unpacking itself may take 128 MiB; the strongest setting of xz takes half.
     decompressor = lzma.LZMADecompressor(lzma.FORMAT_XZ, 1 << 27)
-    most = min(MAX_BYTES, FREE_BYTES + MAX_RATIO * len(content)) if limit is None else limit
+    most = (
+        min(MAX_LOG_BYTES, MIN_UNPACKED_LIMIT + MAX_COMPRESSION_RATIO * len(content))
+        if limit is None
+        else limit
+    )
     try:
         unpacked = decompressor.decompress(content, most)
     except lzma.LZMAError as error:

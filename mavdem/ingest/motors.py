@@ -22,7 +22,7 @@ from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import NAMES, UNNAMED
 
 
-class ChannelBasis(StrEnum):
+class ChannelSource(StrEnum):
     """What says which output channel drives which motor."""
 
     DEMAND = "demand"
@@ -32,7 +32,7 @@ class ChannelBasis(StrEnum):
     FIRST_CHANNELS = "first_channels"
 
 
-class PlaceBasis(StrEnum):
+class PositionSource(StrEnum):
     """What says where motors are."""
 
     PARAMETERS = "parameters"
@@ -94,8 +94,8 @@ def control_parameters(autopilot: str) -> Names:
 class MotorGeometry:
     """The motors of one vehicle, in the order of their numbers, and the output channel that drives each, all from 1.
 
-    ``positions`` and ``spins`` are empty when unknown; ``channels_by`` and ``places_by`` are the source of all this, or
-    the assumption. A spin is 1 for a propeller that turns counterclockwise seen from above, -1 for one that turns
+    ``positions`` and ``spins`` are empty when unknown; ``channel_source`` and ``position_source`` say what gave them,
+    or what was assumed. A spin is 1 for a propeller that turns counterclockwise seen from above, -1 for one that turns
     clockwise. ``labels`` are names of the inputs, where they are not motors. ``drivers`` are PX4's driver of each and
     its channel there, from 1: ("PWM_MAIN", 1).
     """
@@ -103,8 +103,8 @@ class MotorGeometry:
     motors: tuple[int, ...]
     channels: tuple[int, ...]
     positions: tuple[Position, ...]
-    channels_by: ChannelBasis = ChannelBasis.SERVO_FUNCTIONS
-    places_by: PlaceBasis = PlaceBasis.PARAMETERS
+    channel_source: ChannelSource = ChannelSource.SERVO_FUNCTIONS
+    position_source: PositionSource = PositionSource.PARAMETERS
     labels: Names = ()
     spins: tuple[int, ...] = ()
     drivers: tuple[Driver, ...] = ()
@@ -112,12 +112,12 @@ class MotorGeometry:
     @property
     def channels_assumed(self) -> bool:
         """Whether channels are those that move, or the first, for want of parameters."""
-        return self.channels_by in (ChannelBasis.MOVING_CHANNELS, ChannelBasis.FIRST_CHANNELS)
+        return self.channel_source in (ChannelSource.MOVING_CHANNELS, ChannelSource.FIRST_CHANNELS)
 
     @property
     def positions_assumed(self) -> bool:
         """Whether positions are those of an X quad, or not known, for want of parameters."""
-        return self.places_by is not PlaceBasis.PARAMETERS
+        return self.position_source is not PositionSource.PARAMETERS
 
     @property
     def assumed(self) -> bool:
@@ -129,8 +129,8 @@ class MotorGeometry:
         """The source of channels and positions, or what was assumed."""
         return Fact(
             Source.MOTOR_BASIS,
-            channels_by=self.channels_by,
-            places_by=self.places_by,
+            channels_by=self.channel_source,
+            places_by=self.position_source,
             count=len(self.channels),
         )
 
@@ -142,11 +142,11 @@ class MotorGeometry:
         if not self.positions:
             return tuple(f"motor {motor}" for motor in self.motors)
         return tuple(
-            f"motor {motor} ({place_name(at)})"
+            f"motor {motor} ({position_name(at)})"
             for motor, at in zip(self.motors, self.positions, strict=True)
         )
 
-    def effect(self, axis: str) -> Array | None:
+    def mixer_row(self, axis: str) -> Array | None:
         """Returns (k,) weights of the motors in the torque about ``axis``, magnitudes summing to 1; None when unknown.
 
         Thrust acts upwards, so a motor on the left rolls to the right (positive roll) and a motor in front raises the
@@ -167,7 +167,7 @@ def demand_geometry(axis: str) -> MotorGeometry:
     """Returns the controller's demand on an axis as the one input: like a motor with effect 1 about it."""
     arm = {"roll": (0.0, -1.0), "pitch": (1.0, 0.0), "yaw": (0.0, 0.0)}[axis]
     return MotorGeometry(
-        (1,), (1,), (arm,), ChannelBasis.DEMAND, labels=(f"{axis} demand",), spins=(1,)
+        (1,), (1,), (arm,), ChannelSource.DEMAND, labels=(f"{axis} demand",), spins=(1,)
     )
 
 
@@ -194,7 +194,7 @@ def motor_geometry(
             # Torque over thrust is positive for a rotor that turns counterclockwise.
             if moment:
                 turns[n + 1] = 1 if moment > 0 else -1
-        channels_by = ChannelBasis.PX4_FUNCTIONS
+        channels_by = ChannelSource.PX4_FUNCTIONS
     else:
         # SERVOn_FUNCTION 33 to 40 are motors 1 to 8, 82 to 85 motors 9 to 12; of several channels the first.
         motor_of = {33 + i: 1 + i for i in range(8)} | {82 + i: 9 + i for i in range(4)}
@@ -218,28 +218,28 @@ def motor_geometry(
         if frame_class == 7:  # a tricopter
             places, turns = _placed((60, -60, 0, 180), "")
             del places[3]  # its servo has another number, and it has no motor of this one
-        channels_by = ChannelBasis.SERVO_FUNCTIONS
+        channels_by = ChannelSource.SERVO_FUNCTIONS
     # some of the parameters did not come
     if len(channel_of) < MOTOR_COUNTS.get(vehicle, 1):
         count = MOTOR_COUNTS.get(vehicle, len(moving))
         moved = sorted(moving)[:count]
-        channels_by = ChannelBasis.MOVING_CHANNELS
+        channels_by = ChannelSource.MOVING_CHANNELS
         first = (min(moving, default=1) - 1) // bank * bank + 1
         usual = [n for n in range(first, 33) if n not in others][:count]
         # A motor whose output never changes is one all the same. A tricopter's are on no row of channels.
         if count / 2 <= len(moved) < count and set(moved) <= set(usual) and vehicle != "TRICOPTER":
             moved = usual
-            channels_by = ChannelBasis.FIRST_CHANNELS
+            channels_by = ChannelSource.FIRST_CHANNELS
         channel_of = dict(enumerate(moved, 1))
     motors = tuple(sorted(channel_of))
     channels = tuple(channel_of[motor] for motor in sorted(channel_of))
     if not channels:
         return None
-    places_by = PlaceBasis.PARAMETERS
+    places_by = PositionSource.PARAMETERS
     if not places.keys() >= set(motors):
         # ArduPilot and PX4 number the motors of an X quad, by far the most common frame, the same way.
         is_quad = motors == (1, 2, 3, 4)
-        places_by = PlaceBasis.X_QUAD if is_quad else PlaceBasis.UNKNOWN
+        places_by = PositionSource.X_QUAD if is_quad else PositionSource.UNKNOWN
         places, turns = _placed(*_FRAMES["1"]["1"]) if is_quad else ({}, {})
     positions = tuple(places[motor] for motor in motors) if places else ()
     spins = tuple(turns[motor] for motor in motors) if turns.keys() >= set(motors) else ()
@@ -249,7 +249,7 @@ def motor_geometry(
     )
 
 
-def place_name(position: Position) -> str:
+def position_name(position: Position) -> str:
     """Returns where a motor is, in words: ``front right``."""
     bearing = radians(45 * round(degrees(atan2(position[1], position[0])) / 45))
     along = {1: "front", 0: "", -1: "rear"}[round(cos(bearing))]

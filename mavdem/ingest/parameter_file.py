@@ -14,10 +14,10 @@ from mavdem.errors import Unreadable
 from mavdem.facts.sources import Repair, Source
 from mavdem.files import PathName
 from mavdem.ingest.contents import file_bytes
-from mavdem.ingest.telemetry import Log, Parameters, Telemetry, repair
-from mavdem.ingest.vocabulary import number_of
+from mavdem.ingest.telemetry import Log, Parameters, Telemetry, repair_facts
+from mavdem.ingest.vocabulary import mavlink_constant
 
-REAL32 = number_of("MAV_PARAM_TYPE_REAL32")
+REAL32 = mavlink_constant("MAV_PARAM_TYPE_REAL32")
 
 
 def read_parameters(path: PathName) -> Parameters:
@@ -42,7 +42,7 @@ def with_parameters(log: Log, path: PathName) -> Log:
     vehicles = []
     for vehicle in log.vehicles:
         count = len(given.keys() - vehicle.parameters.keys())
-        added = repair(Repair.PARAMETERS_ADDED, count=count, path=os.fspath(path))
+        added = repair_facts(Repair.PARAMETERS_ADDED, count=count, path=os.fspath(path))
         parameters = {**given, **vehicle.parameters}
         vehicles.append(replace(vehicle, parameters=parameters, repairs=(*vehicle.repairs, *added)))
     return replace(log, vehicles=tuple(vehicles))

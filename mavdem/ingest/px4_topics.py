@@ -26,13 +26,13 @@ from mavdem.ingest.telemetry import (
     Fields,
     Parameters,
     Tables,
+    concatenated_columns,
     held,
     interpolated,
-    joined,
     rate_without_gaps,
     renamed,
-    repair,
-    selected,
+    repair_facts,
+    selected_rows,
 )
 from mavdem.ingest.vocabulary import (
     ACTIVE,
@@ -172,7 +172,7 @@ def notes(topics: Topics, made: Tables) -> Facts:
     if len(stamps) <= 1.1 * max(map(len, logged), default=0):
         return ()
     attitude, rates = (rate_without_gaps(np.diff(time)) for time in (max(logged, key=len), stamps))
-    return repair(Repair.ATTITUDE_INTERPOLATED, attitude_rate=attitude, rate=rates)
+    return repair_facts(Repair.ATTITUDE_INTERPOLATED, attitude_rate=attitude, rate=rates)
 
 
 def _attitude_quaternion(topics: Topics) -> Fields:
@@ -223,7 +223,7 @@ def _servo_output_raw(topics: Topics) -> Fields:
         used = topic.get("noutputs", np.zeros(len(topic["time"])))
         kinds = np.unique(used)
         in_turn = np.count_nonzero(np.diff(used)) >= 2 * len(kinds)
-        parts = [selected(topic, used == kind) for kind in kinds] if in_turn else [topic]
+        parts = [selected_rows(topic, used == kind) for kind in kinds] if in_turn else [topic]
         parts.sort(key=lambda part: -float(np.ptp(part["output[0]"])))
         for number, part in enumerate(parts):
             outputs = _outputs(part)
@@ -287,7 +287,7 @@ def _attitude_target(topics: Topics) -> Fields:
     attitude = _first(topics, "vehicle_attitude_setpoint")
     rates = _first(topics, "vehicle_rates_setpoint")
     if "q_d[3]" in attitude:
-        attitude = selected(attitude, _valid(attitude, "q_d_valid"))
+        attitude = selected_rows(attitude, _valid(attitude, "q_d_valid"))
         parts.append({"time": attitude["time"], **attitude_target(_array(attitude, "q_d", 4))})
     if all(axis in rates for axis in ("roll", "pitch", "yaw")):
         asked = np.column_stack([rates[axis] for axis in ("roll", "pitch", "yaw")]).astype(
@@ -298,8 +298,8 @@ def _attitude_target(topics: Topics) -> Fields:
 
 
 def _in_time(parts: Sequence[Columns]) -> Fields:
-    together = joined(parts or [{"time": np.zeros(0)}])
-    return selected(together, np.argsort(together["time"], kind="stable"))
+    together = concatenated_columns(parts or [{"time": np.zeros(0)}])
+    return selected_rows(together, np.argsort(together["time"], kind="stable"))
 
 
 def _renamed(topics: Topics, message: str) -> Fields:
@@ -340,7 +340,7 @@ def _vibration(topics: Topics) -> Fields:
 def _system_time(topics: Topics) -> Fields:
     """SYSTEM_TIME.hpp: vehicle_gps_position, where the receiver knows the time."""
     gps = _first(topics, "vehicle_gps_position")
-    timed = selected(gps, gps["time_utc_usec"] > 0)
+    timed = selected_rows(gps, gps["time_utc_usec"] > 0)
     return {"time": timed["time"], "time_unix_usec": timed["time_utc_usec"]}
 
 
@@ -444,7 +444,7 @@ def _local_position_ned(topics: Topics) -> Fields:
     columns = {field: topic[field] for field in fields} | {"valid": valid}
     if "xy_reset_counter" in topic:
         columns["resets"] = topic["xy_reset_counter"]
-    return selected(columns, _valid(topic, "v_z_valid"))
+    return selected_rows(columns, _valid(topic, "v_z_valid"))
 
 
 def _valid(topic: Columns, field: str) -> Flags:

@@ -27,7 +27,7 @@ Beside the fields of the message definition, in the units of the definition, two
   boot, so times of different boots must never be compared.
 """
 Tables = Mapping[str, Columns]  # The columns of messages by the name of each
-FREQUENT_ENOUGH = 0.9
+MIN_PREFERRED_SHARE = 0.9
 """A preferred message gives way to another only when it comes less often than this share of the other's count."""
 MAX_GAP_SECONDS = (
     0.1  # Longest silence that is bridged: half a period of 5 Hz, at which roll still moves
@@ -47,14 +47,14 @@ class Telemetry(ImmutableResult):
         autopilot: the MAV_AUTOPILOT without its prefix ("ARDUPILOTMEGA", "PX4").
         messages: columns by message name ("ATTITUDE").
         parameters: the autopilot's parameters by name, as numbers, the last value sent.
-        earlier: the first values of those that changed.
+        initial_parameters: the first values of those that changed.
         source: the file or link it came from.
         repairs: what was odd or damaged, and what was done about it (a wrap, a reboot, damage).
         translated_from: the source of messages that the autopilot did not send as MAVLink: "DataFlash", "ULog", or
             for ROS 2's topics "uXRCE-DDS" or "MAVROS"; else empty.
         firmware: what the autopilot calls its firmware ("ArduCopter V4.4.4 (865cffa5)"); empty where the log does not.
         dropouts: how often the autopilot's own logger reports to have lost messages.
-        names: what the source calls messages that were translated ("RCOU"), by their name here.
+        source_names: what the source calls messages that were translated ("RCOU"), by their name here.
         board: the number of the autopilot's board, which no other has, in hexadecimal; empty where the log has none.
         hardware: the kind of board, as its firmware calls it ("PX4_FMU_V5"); empty where the log has none.
     """
@@ -70,14 +70,14 @@ class Telemetry(ImmutableResult):
     translated_from: str = ""
     firmware: str = ""
     dropouts: int = 0
-    names: Mapping[str, str] = field(default_factory=dict)
+    source_names: Mapping[str, str] = field(default_factory=dict)
     board: str = ""
     hardware: str = ""
-    earlier: Parameters = field(default_factory=dict)
+    initial_parameters: Parameters = field(default_factory=dict)
 
-    def called(self, message: str) -> str:
+    def name_in_source(self, message: str) -> str:
         """Returns the name of ``message`` in the source: DataFlash's "RCOU" for "SERVO_OUTPUT_RAW"."""
-        return self.names.get(message, message)
+        return self.source_names.get(message, message)
 
 
 def rate_without_gaps(steps: Array) -> float:
@@ -96,19 +96,19 @@ def held(at: Array, time: Array, values: NDArray[Any]) -> NDArray[Any]:
     return np.insert(values, 0, 0)[np.searchsorted(time, at, side="right")]
 
 
-def rows_by(values: NDArray[np.integer[Any]]) -> dict[int, NDArray[np.intp]]:
+def rows_by_value(values: NDArray[np.integer[Any]]) -> dict[int, NDArray[np.intp]]:
     """Returns the rows of each value in ``values`` (N,), both ascending."""
     order = np.argsort(values, kind="stable")
     distinct, first = np.unique(values[order], return_index=True)
     return dict(zip(distinct.tolist(), np.split(order, first)[1:], strict=True))
 
 
-def selected(columns: Columns, rows: slice | NDArray[Any]) -> Fields:
+def selected_rows(columns: Columns, rows: slice | NDArray[Any]) -> Fields:
     """Returns those rows of every column."""
     return {name: values[rows] for name, values in columns.items()}
 
 
-def joined(parts: Sequence[Columns]) -> Fields:
+def concatenated_columns(parts: Sequence[Columns]) -> Fields:
     """Returns parts, one at least, one after the other, with the columns that all have; one alone is not copied."""
     if len(parts) == 1:
         return dict(parts[0])
@@ -157,8 +157,8 @@ class Component(ImmutableResult):
 
 
 @dataclass(frozen=True)
-class Unread:
-    """Frames of ``message_id`` from ``system`` and ``component``: so many ``frames`` ``of`` all cannot be read.
+class UnreadFrames:
+    """Frames of ``message_id`` from ``system`` and ``component``: so many ``frames`` of ``total`` cannot be read.
 
     ``cause`` is another dialect when none agrees with the dialect's definition, damage when some do.
     """
@@ -167,7 +167,7 @@ class Unread:
     system: int
     component: int
     frames: int
-    of: int
+    total: int
     cause: Flaw
 
 
@@ -188,13 +188,13 @@ class Log:
     source: str
     vehicles: tuple[Telemetry, ...]
     components: tuple[Component, ...]
-    unread: tuple[Unread, ...]
+    unread: tuple[UnreadFrames, ...]
     frames: int
     bytes_skipped: int
     receive_time: Interval
 
 
-def repair(code: Repair, **figures: Any) -> Facts:
+def repair_facts(code: Repair, **figures: Any) -> Facts:
     """Returns the repair as a fact; none where its ``count`` is 0."""
     return (Fact(code, Level.WATCH, **figures),) if figures.get("count", 1) else ()
 

@@ -18,15 +18,15 @@ from mavdem.facts import Facts
 from mavdem.facts.sources import Repair, Source
 from mavdem.files import PathName
 from mavdem.ingest.contents import file_bytes
-from mavdem.ingest.mavlink.definitions import seeds
+from mavdem.ingest.mavlink.definitions import crc_extra_table
 from mavdem.ingest.mavlink.framing import (
-    MATCHES,
+    CHECKSUM_MATCHES,
     Bytes,
     find_frames,
     rows_of,
 )
 from mavdem.ingest.mavlink.vehicles import FrameStream, assemble
-from mavdem.ingest.telemetry import Log, repair
+from mavdem.ingest.telemetry import Log, repair_facts
 
 STAMP_BYTES = np.dtype(np.uint64).itemsize  # Bytes of the receive stamp before each frame
 
@@ -43,11 +43,11 @@ def tlog_stream(path: PathName) -> FrameStream:
     """Returns the frames of a telemetry log with their stamps, in the order received; raises as ``read_tlog``."""
     source = os.fspath(path)
     data, repairs = _without_carriage_returns(file_bytes(path))
-    frames = find_frames(data, seeds(), STAMP_BYTES)
+    frames = find_frames(data, crc_extra_table(), STAMP_BYTES)
     space = frames.start - np.concatenate([[0], frames.end[:-1]])
     covered = np.minimum(space, STAMP_BYTES) + frames.size
     skipped = len(data) - int(covered.sum())
-    good = np.count_nonzero(frames.checksum == MATCHES)
+    good = np.count_nonzero(frames.checksum == CHECKSUM_MATCHES)
     if len(frames) and not good:
         count = len(frames)
         raise Unreadable(Source.DIALECT_UNKNOWN, path=source, count=count, recording=False)
@@ -87,5 +87,5 @@ def _without_carriage_returns(content: bytes) -> tuple[Bytes, Facts]:
     if feeds < 8 or content.count(b"\r\n") < feeds:  # chance gives 1 in 2^64
         return np.frombuffer(content, dtype=np.uint8), ()
     restored = content.replace(b"\r\n", b"\n")
-    undone = repair(Repair.CARRIAGE_RETURNS_UNDONE, count=feeds)
+    undone = repair_facts(Repair.CARRIAGE_RETURNS_UNDONE, count=feeds)
     return np.frombuffer(restored, dtype=np.uint8), undone

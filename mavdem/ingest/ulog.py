@@ -30,10 +30,10 @@ from mavdem.ingest.telemetry import (
     Columns,
     Log,
     Telemetry,
-    joined,
+    concatenated_columns,
     log_of_vehicles,
-    repair,
-    selected,
+    repair_facts,
+    selected_rows,
 )
 from mavdem.ingest.vocabulary import version_text
 
@@ -93,12 +93,12 @@ def read_ulog(path: PathName) -> Log:
         source=source,
         repairs=(*repairs, *notes(topics, made)),
         translated_from="ULog",
-        earlier={
+        initial_parameters={
             name: old
             for _, name, old in sent[: len(log.initial_parameters)]
             if isfinite(old) and parameters[name] != old
         },
-        names=names,
+        source_names=names,
         firmware=_firmware(log.msg_info_dict),
         dropouts=len(log.dropouts),
         board=str(log.msg_info_dict.get("sys_uuid", "")).lower(),
@@ -178,21 +178,21 @@ def _topics(log: ULog) -> tuple[Topics, Facts]:
     topics: dict[str, dict[int, Columns]] = {}
     far: int | np.integer = 0
     for (name, instance), pieces in parts.items():
-        fields = joined(pieces)
+        fields = concatenated_columns(pieces)
         # When logging starts, each topic's last message, long past, is logged: what it says held then.
         wrong = outliers(fields["timestamp"] / 1e6)
         wrong[:1] = False
         far += np.count_nonzero(wrong)
-        fields = selected(fields, ~wrong)
-        fields = selected(fields, np.argsort(fields["timestamp"], kind="stable"))
+        fields = selected_rows(fields, ~wrong)
+        fields = selected_rows(fields, np.argsort(fields["timestamp"], kind="stable"))
         time = fields["timestamp"] / 1e6
         time[0] = np.clip(log.start_timestamp / 1e6, time[0], time[1:2].min(initial=np.inf))
         topics.setdefault(name, {})[instance] = fields | {"time": time}
     lasted = np.array([dropout.duration for dropout in log.dropouts]) / 1e3  # not what is missing
     return topics, (
-        *(repair(Repair.ULOG_DAMAGED) if log.file_corruption else ()),
-        *repair(Repair.LOGGED_MESSAGES_LEFT_OUT, count=far, flaw=Flaw.FAR_STAMP),
-        *repair(
+        *(repair_facts(Repair.ULOG_DAMAGED) if log.file_corruption else ()),
+        *repair_facts(Repair.LOGGED_MESSAGES_LEFT_OUT, count=far, flaw=Flaw.FAR_STAMP),
+        *repair_facts(
             Repair.LOGGER_DROPPED_OUT,
             count=len(lasted),
             duration=lasted.sum(),

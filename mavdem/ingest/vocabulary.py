@@ -19,7 +19,7 @@ from mavdem.files import load_adjacent_toml
 from mavdem.ingest.telemetry import Fields
 
 
-def number_of(name: str) -> int:
+def mavlink_constant(name: str) -> int:
     """Returns MAVLink's number of an entry of an enumeration, by its whole name: "MAV_TYPE_QUADROTOR"."""
     return int(getattr(dialect, name))
 
@@ -66,7 +66,7 @@ CONTROL_PARAMETERS = re.compile(
 """Names of ArduPilot's and PX4's parameters that rate and attitude control depend on."""
 RATE_GAIN = re.compile(r"(ATC_RAT|RATE)_RLL_P$|MC_ROLLRATE_P$")
 """Names of the gain P of roll's rate, which each controller has."""
-OWN_PARAMETERS = re.compile(
+AUTOPILOT_SET_PARAMETERS = re.compile(
     r"^(STAT_|CAL_|TC_|_HASH_CHECK|LND_FLIGHT_T|COM_FLIGHT_UUID|MOT_THST_HOVER|RC\d+_(MIN|MAX|TRIM))|"
     r"_(PRESS|TEMP|CALTEMP|DEC|TOTAL|LASTFILE|RESETS)$|(OFFS?|OFS\d?|SCAL|DIA|ODI|MOT|AHRS_TRIM)_[XYZ]$"
 )
@@ -90,7 +90,7 @@ def version_text(number: int) -> str:
     """Returns a firmware's version as PX4 and ArduPilot number it, a byte each: "1.16.1-rc"."""
     major, minor, patch, last = number.to_bytes(4, "big")
     least = "FIRMWARE_VERSION_TYPE_"
-    kind = next(kind for kind in VERSION_KINDS if last >= number_of(least + kind.upper()))
+    kind = next(kind for kind in VERSION_KINDS if last >= mavlink_constant(least + kind.upper()))
     return f"{major}.{minor}.{patch}-{kind}".removesuffix("-official")
 
 
@@ -147,7 +147,7 @@ def board_number_in_bytes(uid2: bytes, words: bool) -> str:
     return b"".join(number[at : at + WORD][::-1] for at in range(0, len(number), WORD)).hex()
 
 
-def wrapped(angle: Any) -> Any:
+def wrapped_angle(angle: Any) -> Any:
     """Returns an angle, rad, or an array of angles, within half a turn of 0."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 

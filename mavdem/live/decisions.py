@@ -46,7 +46,7 @@ from mavdem.facts.lights import Unjudged
 from mavdem.facts.motors import Trim
 from mavdem.facts.session import Session
 from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry, OutputScale, output_scale
-from mavdem.ingest.telemetry import Fields, Telemetry, joined, log_of_vehicles
+from mavdem.ingest.telemetry import Fields, Telemetry, concatenated_columns, log_of_vehicles
 from mavdem.ingest.vocabulary import IN_AIR, UNNAMED
 from mavdem.live.recent import MAX_ROWS, Recent
 from mavdem.live.rows import KEPT_SECONDS, Samples
@@ -129,7 +129,9 @@ class InputChoice:
         for (name, port), stream in sorted(streams.items()):
             if name in MOTOR_MESSAGES and staying in (None, name) and stream.time:
                 columns = self._columns(name, port, stream)
-                messages[name] = joined([messages[name], columns]) if name in messages else columns
+                messages[name] = (
+                    concatenated_columns([messages[name], columns]) if name in messages else columns
+                )
         return messages
 
     def choose(self, messages: dict[str, Fields], vehicle: Telemetry, now: float) -> Inputs | None:

@@ -24,7 +24,7 @@ import numpy as np
 from mavdem.errors import Unreadable, error_message
 from mavdem.facts import Fact, Level
 from mavdem.facts.session import LinkError, LinkFact
-from mavdem.ingest.mavlink.framing import HEADER_1, MARKER_1
+from mavdem.ingest.mavlink.framing import HEADER_BYTES_V1, MARKER_V1
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 from mavdem.machine import LOOPBACK
 
@@ -227,9 +227,9 @@ class Link:
     def _admits(self, datagram: bytes) -> bool:
         """Whether the latest datagram is of the first address of its autopilot; other components may have several."""
         now = time.monotonic()
-        if len(datagram) < HEADER_1 or self._from is None:
+        if len(datagram) < HEADER_BYTES_V1 or self._from is None:
             return True
-        ids = datagram[3:5] if datagram[0] == MARKER_1 else datagram[5:7]
+        ids = datagram[3:5] if datagram[0] == MARKER_V1 else datagram[5:7]
         if ids[1:] != bytes([AUTOPILOT_COMPONENT]):
             return True
         first, heard = self._first.get(ids, (self._from, now))

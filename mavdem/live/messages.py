@@ -17,13 +17,13 @@ from mavdem.containers import Names, Numbers
 from mavdem.dataset.drive import MAX_ANGLE, MAX_BODY_RATE, UINT16_UNKNOWN
 from mavdem.dataset.signals import IGNORED
 from mavdem.ingest.mavlink import framing
-from mavdem.ingest.mavlink.definitions import definitions, parameter_values
-from mavdem.ingest.mavlink.vehicles import CLOCK_UNITS
+from mavdem.ingest.mavlink.definitions import definitions_by_id, latest_parameters
+from mavdem.ingest.mavlink.vehicles import BOOT_CLOCK_UNITS
 from mavdem.ingest.motors import MOTOR_MESSAGES
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import euler_angles
 
-MAX_UNDECIDED = 32 * framing.LONGEST_FRAME  # Bytes without a good frame that wait for one
+MAX_UNDECIDED = 32 * framing.MAX_FRAME_BYTES  # Bytes without a good frame that wait for one
 
 FIELDS: dict[str, Names] = {
     name: tuple(fields)
@@ -51,7 +51,7 @@ class Frame(NamedTuple):
     system: int
     component: int
     sequence: int
-    checksum: int  # ``MATCHES``, ``UNKNOWN`` or ``FAILED`` of ``framing``
+    checksum: int  # ``CHECKSUM_MATCHES``, ``MESSAGE_UNKNOWN`` or ``CHECKSUM_FAILED`` of ``framing``
     payload: bytes  # as sent, without the zeros that MAVLink 2 truncates
     content: bytes  # all of it
 
@@ -73,7 +73,7 @@ class FrameReader:
         read = []
         while (length := _announced(data, offset)) <= len(data) - offset:
             frame = _frame_of(data[offset : offset + length]) if length else None
-            if frame is None or frame.checksum != framing.MATCHES:
+            if frame is None or frame.checksum != framing.CHECKSUM_MATCHES:
                 offset += 1
                 continue
             others = _filling(data[begin:offset])
@@ -89,7 +89,7 @@ class FrameReader:
 def _announced(data: bytes, start: int) -> int:
     """Bytes of the frame whose header is at ``start``; 0 if none is, and the most where that does not show yet."""
     header = data[start : start + 3]
-    return (framing.announced_length(*header) or 0) if len(header) == 3 else framing.LONGEST_FRAME
+    return (framing.frame_length(*header) or 0) if len(header) == 3 else framing.MAX_FRAME_BYTES
 
 
 def _filling(data: bytes) -> list[Frame]:
@@ -106,16 +106,20 @@ def _filling(data: bytes) -> list[Frame]:
 
 def _frame_of(content: bytes) -> Frame:
     """The frame that bytes are, by their header."""
-    first, size = (4, framing.HEADER) if content[0] == framing.MARKER_2 else (2, framing.HEADER_1)
+    first, size = (
+        (4, framing.HEADER_BYTES_V2)
+        if content[0] == framing.MARKER_V2
+        else (2, framing.HEADER_BYTES_V1)
+    )
     sequence, system, component, *number = content[first:size]
     message_id = int.from_bytes(bytes(number), "little")
     behind = size + content[1]
-    definition = definitions().get(message_id)
-    checksum = framing.UNKNOWN
+    definition = definitions_by_id().get(message_id)
+    checksum = framing.MESSAGE_UNKNOWN
     if definition is not None:
         sent = int.from_bytes(content[behind : behind + 2], "little")
-        agrees = sent == framing.frame_checksum(content[1:behind], definition.seed)
-        checksum = framing.MATCHES if agrees else framing.FAILED
+        agrees = sent == framing.frame_checksum(content[1:behind], definition.crc_extra)
+        checksum = framing.CHECKSUM_MATCHES if agrees else framing.CHECKSUM_FAILED
     payload = content[size:behind]
     return Frame(message_id, system, component, sequence, checksum, payload, content)
 
@@ -141,12 +145,12 @@ class Message(NamedTuple):
 def message_readers() -> dict[int, tuple[str, np.dtype[Any], float, float]]:
     """Returns name, type of the payload, units of the clock in a second (0 for none) and its period, by message id."""
     readers = {}
-    for definition in definitions().values():
+    for definition in definitions_by_id().values():
         if definition.name in FIELDS:
             wire = definition.wire
             assert wire.fields is not None
-            clock = next((field for field in CLOCK_UNITS if field in wire.fields), None)
-            units = 0.0 if clock is None else CLOCK_UNITS[clock]
+            clock = next((field for field in BOOT_CLOCK_UNITS if field in wire.fields), None)
+            units = 0.0 if clock is None else BOOT_CLOCK_UNITS[clock]
             period = (
                 inf
                 if clock is None or wire[clock].itemsize == 8
@@ -214,4 +218,4 @@ def parameters_of(messages: Iterable[Message], autopilot: str) -> Parameters:
         name: np.array(column, kind)
         for (name, kind), column in zip(types.items(), columns, strict=True)
     }
-    return parameter_values(parts, autopilot)
+    return latest_parameters(parts, autopilot)

@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.facts import Fact
 from mavdem.facts.session import RateFact
-from mavdem.ingest.mavlink.definitions import FrameSender, definitions
+from mavdem.ingest.mavlink.definitions import FrameSender, definitions_by_id
 from mavdem.ingest.vocabulary import ACTIVE
 from mavdem.live.link import MAX_TRIES
 from mavdem.live.link import PAUSE_SECONDS as TRY_SECONDS
@@ -117,7 +117,7 @@ class RateRequest:
         self._parameters = deque(MAX_TRIES * [name.encode() for name in parameters])
         # s: when the next parameter, and the next setting may be asked for; a confirmation does not name the message
         self._next = self._free = -np.inf
-        names = {number: definitions()[number].name for number in (*messages, *evidence)}
+        names = {number: definitions_by_id()[number].name for number in (*messages, *evidence)}
         self._intervals = [_Interval(id, names[id], rate, rate, True) for id in messages]
         for id in evidence:
             wanted = min(rate, max(50.0, rate / 2)) if id == SETPOINTS else EVIDENCE_RATE

@@ -6,7 +6,7 @@ from pathlib import Path
 from mavdem.errors import Unreadable, error_message
 from mavdem.facts.session import LinkFact
 from mavdem.files import PathName
-from mavdem.ingest.mcap.records import raw_channel, started, write_message
+from mavdem.ingest.mcap.records import register_frame_channel, start_writer, write_message
 from mavdem.ingest.tlog import write_stamped
 from mavdem.live.messages import Frame
 
@@ -29,8 +29,10 @@ class RawRecording:
                 LinkFact.STREAM_FILE_FAILED, path=path, error=error_message(error)
             ) from None
         self.frames = 0  # in it; bytes that belong to no frame are not
-        self._mcap = started(self._file, 1 << 15) if Path(path).suffix.lower() == ".mcap" else None
-        self._channel = 0 if self._mcap is None else raw_channel(self._mcap)
+        self._mcap = (
+            start_writer(self._file, 1 << 15) if Path(path).suffix.lower() == ".mcap" else None
+        )
+        self._channel = 0 if self._mcap is None else register_frame_channel(self._mcap)
         self._passed_on = 0.0  # UNIX s
 
     def take(self, stamp: float, frames: Sequence[Frame]) -> None:

@@ -25,10 +25,10 @@ from mavdem.dataset.signals import MINIMUM_RATE, STAMP_ROUNDING
 from mavdem.facts import Fact
 from mavdem.facts.session import VehicleFact
 from mavdem.ingest.mavlink.clocks import (
-    MAX_OFFSET,
+    MAX_STAMP_DEVIATION,
+    MAX_WRAP_GAP,
     MIN_RESET_STAMPS,
-    STEP_BACK,
-    WRAP_GAP,
+    MIN_RESET_STEP,
 )
 from mavdem.ingest.telemetry import MAX_GAP_SECONDS
 from mavdem.live.messages import Message
@@ -103,7 +103,7 @@ class BootClock:
     def _reference(self, message: Message) -> float | None:
         """The time of an attitude; None where it neither continues the clock nor shows that it has changed."""
         time = message.stamp + self._turns * message.period if self._turns else message.stamp
-        if time < self.now - STEP_BACK and time + message.period - self.now <= WRAP_GAP:
+        if time < self.now - MIN_RESET_STEP and time + message.period - self.now <= MAX_WRAP_GAP:
             time += message.period
         if not _continues(time, self.now):
             time = message.stamp
@@ -136,11 +136,11 @@ class BootClock:
         time = message.stamp
         if isfinite(message.period):
             time += message.period * round((self.now - time) / message.period)
-        return time if abs(time - self.now) <= MAX_OFFSET else None
+        return time if abs(time - self.now) <= MAX_STAMP_DEVIATION else None
 
 
 def _continues(time: float, before: float) -> bool:
-    return -STEP_BACK < time - before <= MAX_OFFSET
+    return -MIN_RESET_STEP < time - before <= MAX_STAMP_DEVIATION
 
 
 class Samples:

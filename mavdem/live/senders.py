@@ -10,9 +10,9 @@ from math import inf
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.facts import Fact
 from mavdem.facts.session import VehicleFact
-from mavdem.ingest.mavlink.definitions import definitions, enum_name
-from mavdem.ingest.mavlink.framing import MATCHES
-from mavdem.ingest.mavlink.vehicles import missing_between
+from mavdem.ingest.mavlink.definitions import definitions_by_id, enum_name
+from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
+from mavdem.ingest.mavlink.vehicles import missing_messages
 from mavdem.ingest.motors import MULTIROTORS, POSSIBLE_MULTIROTORS
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.live.messages import Frame, Message
@@ -80,11 +80,11 @@ class Sender:
         if same == frame and self.frames - then < COPY_FRAMES:
             return False
         self._recent[number] = frame, self.frames
-        self._count_missing(number, now, missing_between(self._last, number))
+        self._count_missing(number, now, missing_messages(self._last, number))
         self._last = number
-        if frame.checksum == MATCHES:
+        if frame.checksum == CHECKSUM_MATCHES:
             self.arrived[frame.message_id] += 1
-            self.attitudes += definitions()[frame.message_id].name in ATTITUDE_MESSAGES
+            self.attitudes += definitions_by_id()[frame.message_id].name in ATTITUDE_MESSAGES
         return True
 
     def _count_missing(self, number: int, now: float, missing: int) -> None:

@@ -441,7 +441,7 @@ class LiveSession:
                 len(axis_outputs(axis)),
                 executor=self.executor,
                 horizons=horizons(setup.dt),
-                effect_directions=None if layout.positions_assumed else layout.effect(axis),
+                effect_directions=None if layout.positions_assumed else layout.mixer_row(axis),
                 prior=None if prior is None else prior.physical,
             )
             self._gusts = LiveGusts(setup.dt)

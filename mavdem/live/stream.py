@@ -25,8 +25,8 @@ from mavdem.facts.events import Reported
 from mavdem.facts.motors import InFlight
 from mavdem.facts.session import Rows, Session, VehicleFact
 from mavdem.facts.watch import Watch, Watched
-from mavdem.ingest.mavlink.framing import MATCHES
-from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE
+from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
+from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE_COMPONENT
 from mavdem.ingest.motors import MOTOR_MESSAGES, POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Parameters, Telemetry
 from mavdem.live.decisions import PHASES, InputChoice, Inputs, Phase, RecentMotion, Setup, tilt_of
@@ -137,7 +137,7 @@ class LiveStream:
         """The vehicle's parameters received so far, by name; also those that MAVProxy stores for it."""
         if self.followed is None:
             return {}
-        store = self._senders.by_ids.get((self.followed.system, PARAMETER_STORE))
+        store = self._senders.by_ids.get((self.followed.system, PARAMETER_STORE_COMPONENT))
         sent = {**(store.parameters if store else {}), **self.followed.parameters}
         return parameters_of(sent.values(), self.followed.autopilot) if sent else {}
 
@@ -221,8 +221,8 @@ class LiveStream:
     def _take(self, frame: Frame) -> Iterator[AlignedRow]:
         """Takes a frame; the rows that it completes."""
         sender = self._senders.of(frame)
-        message = message_of(frame) if frame.checksum == MATCHES else None
-        if not sender.take(frame, self._received) or frame.checksum != MATCHES:
+        message = message_of(frame) if frame.checksum == CHECKSUM_MATCHES else None
+        if not sender.take(frame, self._received) or frame.checksum != CHECKSUM_MATCHES:
             return
         if message is not None:
             sender.take_message(message)

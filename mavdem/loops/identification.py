@@ -90,7 +90,7 @@ def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
     record = Record.of(flights)
     assert signals.drive is not None
     layout = signals.drive.layout
-    weights = None if layout.positions_assumed else layout.effect(signals.axis)
+    weights = None if layout.positions_assumed else layout.mixer_row(signals.axis)
     controller = known_controller(record.parameters, signals.axis, weights)
     directions = demand_directions(controller, record)
     streams, limited, rounding = _streams(signals, boot, controller, directions)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mavdem.arrays import Array, Flags, Indices
 from mavdem.confidence import INTERVAL_QUANTILES, Interval
 from mavdem.immutable import ImmutableResult, freeze
-from mavdem.ingest.vocabulary import wrapped
+from mavdem.ingest.vocabulary import wrapped_angle
 from mavdem.loops.controllers import Controller
 from mavdem.loops.filters import gyro_response, notched
 
@@ -94,7 +94,7 @@ class OpenLoop(Margins):
 
         1 + L turns by a quarter for each pole at 0 from the lowest frequency to the highest, and not at all besides.
         """
-        steps = wrapped(np.diff(np.angle(1 + self.response), axis=1))
+        steps = wrapped_angle(np.diff(np.angle(1 + self.response), axis=1))
         quarters = -np.angle(self.response[:, 0]) / (np.pi / 2)
         besides = steps.sum(axis=1) - np.round(quarters).clip(0, 2) * np.pi / 2
         return freeze(np.abs(besides) < np.pi)
@@ -109,7 +109,7 @@ class OpenLoop(Margins):
         hertz = np.exp(crossing.among(at))
         before = np.angle(-response[crossing.rows, crossing.columns])
         after = np.angle(-response[crossing.rows, crossing.columns + 1])
-        margin = wrapped(before + crossing.share * wrapped(after - before))
+        margin = wrapped_angle(before + crossing.share * wrapped_angle(after - before))
         real = _Zeros.of(response.imag)
         bears = np.where(real.among(response.real) < 0, -real.among(gain), np.nan)
         nearest = real.least(np.abs(bears))

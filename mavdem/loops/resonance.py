@@ -166,7 +166,7 @@ def spectral_resonance(signals: Signals, parts: Segments) -> Resonance | None:
     drive = signals.drive
     if attitude is None or drive is None:
         return None
-    weights = drive.layout.effect(signals.axis)
+    weights = drive.layout.mixer_row(signals.axis)
     command = drive.outputs[:, 0] if weights is None else drive.outputs @ weights
     cross = spectra((Signal(drive.time, drive.boot, command), attitude.rates), parts)
     if cross is None or not cross.usual.all():

@@ -75,7 +75,7 @@ class MotorSignatures:
 def motor_signatures(layout: MotorGeometry) -> MotorSignatures:
     """Returns those of a vehicle whose motors are as the ``layout`` has them."""
     motors = len(layout.motors)
-    effects = {axis: effect for axis in AXES if (effect := layout.effect(axis)) is not None}
+    effects = {axis: effect for axis in AXES if (effect := layout.mixer_row(axis)) is not None}
     thrust = np.full(motors, 1.0 / motors)
     weights = np.array([thrust, *effects.values()])
     return MotorSignatures(("thrust", *effects), weights)

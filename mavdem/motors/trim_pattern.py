@@ -9,7 +9,7 @@ what it may explain widens the intervals (``mavdem.motors.balance``).
 import numpy as np
 
 from mavdem.confidence import half_width
-from mavdem.dataset.drive import MotorGeometry, place_name
+from mavdem.dataset.drive import MotorGeometry, position_name
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.facts.motors import Trim
@@ -85,7 +85,7 @@ def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
     if by_load >= PROBABLE:
         return Fact(
             Trim.TRIM_OF_CENTRE,
-            place=place_name((pitch, -roll)),
+            place=position_name((pitch, -roll)),
             share=np.hypot(roll, pitch),
             probability=by_load,
             **figures,

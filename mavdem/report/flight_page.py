@@ -31,7 +31,7 @@ from mavdem.facts.event import Event
 from mavdem.facts.loops import Gains
 from mavdem.facts.session import Spent
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
+from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS
 from mavdem.loops.advice import Advice
 from mavdem.loops.axis_loops import Loop, identified_loops
 from mavdem.loops.filters import gyro_filters
@@ -321,8 +321,8 @@ def _parameters(telemetry: Telemetry) -> Chapter:
     """Parameters that changed in the flight, and those that rate and attitude control depend on."""
     changed = [
         [name, f"{before:.4g}", f"{telemetry.parameters[name]:.4g}"]
-        for name, before in sorted(telemetry.earlier.items())
-        if not OWN_PARAMETERS.search(name)
+        for name, before in sorted(telemetry.initial_parameters.items())
+        if not AUTOPILOT_SET_PARAMETERS.search(name)
     ]
     blocks = []
     if changed:

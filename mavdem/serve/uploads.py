@@ -12,7 +12,7 @@ from starlette.requests import Request as HttpRequest
 
 from mavdem.errors import Refusal
 from mavdem.facts.serve import Request
-from mavdem.ingest.contents import MAX_BYTES
+from mavdem.ingest.contents import MAX_LOG_BYTES
 from mavdem.serve.library import Library, full_disk_refused
 
 PATIENCE_SECONDS = (
@@ -127,8 +127,8 @@ async def _pieces(request: HttpRequest, library: Library) -> AsyncGenerator[byte
     checked = 0
     async for chunk in pieces(request):
         size += len(chunk)
-        if size > MAX_BYTES:
-            raise Refusal(Request.UPLOAD_TOO_LARGE, size_limit=MAX_BYTES)
+        if size > MAX_LOG_BYTES:
+            raise Refusal(Request.UPLOAD_TOO_LARGE, size_limit=MAX_LOG_BYTES)
         if size - checked > CHECKED_BYTES:
             checked = size
             library.room_for(0)

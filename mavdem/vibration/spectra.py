@@ -107,7 +107,7 @@ def vibration_spectra(signals: Signals, parts: Segments) -> dict[str, Spectrum]:
     """Returns what ``parts`` of a flight show, by name: of each the messages that show the highest frequency."""
     spectra = dict[str, Spectrum]()
     for name, message, sampled in _sampled(signals):
-        source = signals.telemetry.called(message)
+        source = signals.telemetry.name_in_source(message)
         spectrum = _spectrum(name, source, sampled, signals, parts)
         if spectrum is not None and (
             name not in spectra or spectrum.nyquist_frequency > spectra[name].nyquist_frequency

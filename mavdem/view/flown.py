@@ -13,7 +13,7 @@ from mavdem.containers import JsonValues, Names
 from mavdem.dataset.drive import AXES
 from mavdem.dataset.signals import MINIMUM_RATE
 from mavdem.files import PathName
-from mavdem.ingest.motors import place_name
+from mavdem.ingest.motors import position_name
 from mavdem.ingest.vocabulary import euler_angles
 from mavdem.report import palette
 from mavdem.report.charts import Chart, Line, over_time
@@ -54,7 +54,9 @@ class Pose:
     @property
     def motors(self) -> Names:
         """The motors by their places, as ``front right``."""
-        return tuple(place_name((float(forward), float(right))) for forward, right in self.rotors)
+        return tuple(
+            position_name((float(forward), float(right))) for forward, right in self.rotors
+        )
 
     @property
     def arm(self) -> float:

@@ -20,7 +20,7 @@ from mavdem.facts.wind import NoWind
 from mavdem.files import AnyPath
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry, interpolated
-from mavdem.ingest.vocabulary import number_of
+from mavdem.ingest.vocabulary import mavlink_constant
 from mavdem.wind_velocity.airflow import Drag
 from mavdem.wind_velocity.drag import LONGEST_SECONDS
 from mavdem.wind_velocity.estimation import WindVelocity, estimate_wind
@@ -30,8 +30,8 @@ VELOCITY_MESSAGES = {
 }
 """Messages with the velocity over ground, the preferred first, and the factor that makes it m/s."""
 ESTIMATOR_FLAG_MESSAGES = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
-VELOCITY_VALID_FLAG = number_of("ESTIMATOR_VELOCITY_HORIZ")
-STANDSTILL_ASSUMED = number_of("ESTIMATOR_CONST_POS_MODE")
+VELOCITY_VALID_FLAG = mavlink_constant("ESTIMATOR_VELOCITY_HORIZ")
+STANDSTILL_ASSUMED = mavlink_constant("ESTIMATOR_CONST_POS_MODE")
 """Messages with the estimator's flags: it knows the horizontal velocity; it assumes to stand still."""
 VELOCITY_JUMP = (1.0, 15.0)
 YAW_JUMP = (0.35, 6.0)
@@ -89,7 +89,7 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
         raise NotLearnable(
             NoWind.NO_VELOCITY,
             missing=missing,
-            name=telemetry.called("LOCAL_POSITION_NED"),
+            name=telemetry.name_in_source("LOCAL_POSITION_NED"),
             recorder=telemetry.translated_from,
         )
     boots = np.unique(moving.boot).tolist()

@@ -8,15 +8,16 @@ from dataclasses import dataclass
 from math import inf, isfinite
 from typing import Any
 
-from mavdem.ingest.mavlink.definitions import definitions, messages_in
-from mavdem.ingest.vocabulary import number_of
+from mavdem.ingest.mavlink.definitions import definitions_by_id, pymavlink_messages
+from mavdem.ingest.vocabulary import mavlink_constant
 from sitl_scenarios.mavlink.transmitter import Transmitter
 from sitl_scenarios.simulation import Simulation
 
 ACCEPTED, DENIED, UNSUPPORTED, FAILED = (
-    number_of(f"MAV_RESULT_{name}") for name in ("ACCEPTED", "DENIED", "UNSUPPORTED", "FAILED")
+    mavlink_constant(f"MAV_RESULT_{name}")
+    for name in ("ACCEPTED", "DENIED", "UNSUPPORTED", "FAILED")
 )
-BROADCAST_ID = number_of("MAV_COMP_ID_ALL")  # Target system or component of messages to all
+BROADCAST_ID = mavlink_constant("MAV_COMP_ID_ALL")  # Target system or component of messages to all
 UNDERSTOOD = frozenset(
     {"COMMAND_LONG", "PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "REQUEST_DATA_STREAM"}
 )
@@ -27,7 +28,7 @@ def addressed_messages(datagram: bytes, system: int, component: int) -> list[Any
     """Returns the messages in a datagram, of pymavlink, that are understood and meant for this component, or all."""
     return [
         message
-        for message in messages_in(datagram)
+        for message in pymavlink_messages(datagram)
         if message.get_type() in UNDERSTOOD
         and message.target_system in (system, BROADCAST_ID)
         and message.target_component in (component, BROADCAST_ID)
@@ -116,14 +117,14 @@ class CommandHandler:
 
 
 OBEYED = {
-    number_of("MAV_CMD_COMPONENT_ARM_DISARM"): CommandHandler._arm,
-    number_of("MAV_CMD_GET_MESSAGE_INTERVAL"): CommandHandler._tell_interval,
-    number_of("MAV_CMD_SET_MESSAGE_INTERVAL"): CommandHandler._set_interval,
+    mavlink_constant("MAV_CMD_COMPONENT_ARM_DISARM"): CommandHandler._arm,
+    mavlink_constant("MAV_CMD_GET_MESSAGE_INTERVAL"): CommandHandler._tell_interval,
+    mavlink_constant("MAV_CMD_SET_MESSAGE_INTERVAL"): CommandHandler._set_interval,
 }
 """What is done by MAV_CMD, with its first two parameters."""
 
 
 def _name(message: float) -> str:
     """Of the message with this id; empty when there is none."""
-    definition = definitions().get(round(message)) if isfinite(message) else None
+    definition = definitions_by_id().get(round(message)) if isfinite(message) else None
     return definition.name if definition else ""

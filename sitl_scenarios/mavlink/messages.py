@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.mavlink.definitions import named
-from mavdem.ingest.vocabulary import ACTIVE, ARMED, ON_GROUND, STANDBY, number_of, quaternion
+from mavdem.ingest.mavlink.definitions import definitions_by_name
+from mavdem.ingest.vocabulary import ACTIVE, ARMED, ON_GROUND, STANDBY, mavlink_constant, quaternion
 from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, SPINS, known_angles, pulse
 from sitl_scenarios.gains import parameters_of
 from sitl_scenarios.mavlink.autopilots import Autopilot
@@ -22,14 +22,14 @@ from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.vehicles import CHARGED, GRAVITY
 
 Payloads = NDArray[Any]  # (N,) of a definition's wire type
-QUADROTOR = number_of("MAV_TYPE_QUADROTOR")
+QUADROTOR = mavlink_constant("MAV_TYPE_QUADROTOR")
 
 
 SENSORS = sum(
-    number_of(f"MAV_SYS_STATUS_SENSOR_{name}")
+    mavlink_constant(f"MAV_SYS_STATUS_SENSOR_{name}")
     for name in ("3D_GYRO", "3D_ACCEL", "3D_MAG", "ABSOLUTE_PRESSURE")
 )
-FENCE = number_of("MAV_SYS_STATUS_GEOFENCE")  # which is not breached
+FENCE = mavlink_constant("MAV_SYS_STATUS_GEOFENCE")  # which is not breached
 UNUSED = np.iinfo(np.uint16).max  # a channel that is not there
 UNKNOWN_RSSI = np.iinfo(np.uint8).max
 # PX4's in its simulators; on a sphere of 6371 km
@@ -37,12 +37,14 @@ HOME = (47.397742, 8.545594, 488.0)
 METRES_PER_DEGREE = 111_195.0
 
 
-CHANNELS: int = named()["HIL_ACTUATOR_CONTROLS"].wire["controls"].shape[0]  # of all output messages
+CHANNELS: int = (
+    definitions_by_name()["HIL_ACTUATOR_CONTROLS"].wire["controls"].shape[0]
+)  # of all output messages
 
 
 def payload(name: str, count: int = 1, /, **fields: Any) -> Payloads:
     """Returns messages, (count,) of their wire type; fields that are not given are zero."""
-    table = np.zeros(count, dtype=named()[name].wire)
+    table = np.zeros(count, dtype=definitions_by_name()[name].wire)
     for field, values in fields.items():
         table[field] = values
     return table
@@ -102,7 +104,11 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
             # A stick to the right, or drawn back, which raises the nose, is more than the middle's pulse.
             middle = pulse(0.5)
             moved = middle + np.round((MAX_PULSE - middle) * motion.sticks / FULL_STICK)
-            fields |= {field: UNUSED for field in named()[name].fields if field.endswith("_raw")}
+            fields |= {
+                field: UNUSED
+                for field in definitions_by_name()[name].fields
+                if field.endswith("_raw")
+            }
             fields |= {f"chan{n}_raw": moved[:, axis] for n, axis in ((1, 0), (2, 1), (4, 2))}
             fields |= {"chan3_raw": middle, "chancount": 4, "rssi": UNKNOWN_RSSI}
         case "LOCAL_POSITION_NED":
@@ -137,7 +143,7 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
     return payload(name, len(boot), **fields)
 
 
-REAL32 = number_of("MAV_PARAM_TYPE_REAL32")  # of all that are no integers
+REAL32 = mavlink_constant("MAV_PARAM_TYPE_REAL32")  # of all that are no integers
 
 
 class Parameter(NamedTuple):

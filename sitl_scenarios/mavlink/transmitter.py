@@ -9,7 +9,7 @@ import numpy as np
 from numpy.random import default_rng
 from numpy.typing import NDArray
 
-from mavdem.ingest.mavlink.definitions import FrameSender, frame_of, named
+from mavdem.ingest.mavlink.definitions import FrameSender, definitions_by_name, encode_frame
 from mavdem.ingest.mavlink.framing import frames_at
 from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
@@ -199,7 +199,7 @@ class Transmitter:
         sender = FrameSender(self.system, AUTOPILOT_COMPONENT)
         frames = []
         for row, name, content in placed:
-            frame = frame_of(content, named()[name], sender, self._sequence)
+            frame = encode_frame(content, definitions_by_name()[name], sender, self._sequence)
             self._sequence = (self._sequence + 1) % 256
             frames.append((float(motion.time[row]), frame))
         return frames

@@ -16,7 +16,7 @@ from mavdem.assessment.axis.figures import model_figures
 from mavdem.facts.assessment import Caveat, NoModel
 from mavdem.facts.model import NoPhysical
 from mavdem.ingest import read_log
-from mavdem.ingest.telemetry import selected
+from mavdem.ingest.telemetry import selected_rows
 from mavdem.plant import physical
 from mavdem.report.blocks import text_of
 from mavdem.report.screen import analysis_blocks
@@ -29,7 +29,7 @@ def slow():
     (vehicle,) = whole.vehicles
     streams = ("ATTITUDE", "SERVO_OUTPUT_RAW")
     messages = {
-        name: selected(one, slice(None, None, 10)) if name in streams else one
+        name: selected_rows(one, slice(None, None, 10)) if name in streams else one
         for name, one in vehicle.messages.items()
     }
     return assess(replace(whole, vehicles=(replace(vehicle, messages=messages),)), axis="roll")

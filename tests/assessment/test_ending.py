@@ -116,7 +116,7 @@ def test_a_boot_without_motor_outputs_has_no_events_of_motors():
 
 def test_names_motors_without_output():
     made = falling(leaning(flight(), QUAD[2], 120.0, 100.0))
-    made = replace(made, earlier={"SERVO3_FUNCTION": 35.0, "SERVO9_FUNCTION": 0.0})
+    made = replace(made, initial_parameters={"SERVO3_FUNCTION": 35.0, "SERVO9_FUNCTION": 0.0})
     events, ending = judged(driven(made, 2, 1000.0))
     assert events[MotionEvent.MOTOR_OFF].subject == ending.subject == NAMES[2]
     assert ending.figures["cause"].code is FailedFirst.MOTOR_OFF_FIRST
@@ -130,7 +130,7 @@ def test_names_a_motor_whose_output_stands_still():
     made = falling(leaning(flight(50.0), QUAD[0], 120.0, 100.0))
     swings = 100.0 * np.sin(40.0 * stamps(made, "SERVO_OUTPUT_RAW"))
     made = with_pulses(made, pulses(made) + swings)
-    made = replace(made, earlier={"SERVO1_FUNCTION": 33.0})
+    made = replace(made, initial_parameters={"SERVO1_FUNCTION": 33.0})
     _, ending = judged(driven(made, 0, 1500.0))
     assert ending.figures["cause"].code is FailedFirst.OUTPUT_FROZE_FIRST
     assert ending.subject == NAMES[0]

@@ -44,7 +44,7 @@ def codes(facts):
 def test_messages_are_called_by_their_names_in_the_log():
     hover = Hover().telemetry(4.0, 4.0)
     names = {"ATTITUDE": "ATT", "SERVO_OUTPUT_RAW": "RCOU", "ACTUATOR_CONTROL_TARGET": "RATE"}
-    logged = dataclasses.replace(hover, translated_from="DataFlash", names=names)
+    logged = dataclasses.replace(hover, translated_from="DataFlash", source_names=names)
     silent = dataclasses.replace(logged, messages={"HEARTBEAT": hover.messages["HEARTBEAT"]})
     for telemetry, inputs in ((logged, None), (silent, None), (logged, "demand")):
         reason = judged(telemetry, inputs).reason

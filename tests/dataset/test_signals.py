@@ -27,7 +27,7 @@ from mavdem.dataset.phases import airborne_collective
 from mavdem.dataset.signals import Signals, once
 from mavdem.errors import NotLearnable
 from mavdem.facts.learnability import MotorObstacle, Reason
-from mavdem.ingest.motors import ChannelBasis, PlaceBasis, motor_geometry, output_scale
+from mavdem.ingest.motors import ChannelSource, PositionSource, motor_geometry, output_scale
 
 HOVER = Hover()
 
@@ -62,7 +62,7 @@ def test_faster_rates_of_the_controller_give_the_angle_between_two_attitudes(per
     tuning = columns(time, axis=axis, achieved=achieved, desired=0.0)
     stream = changed(HOVER.telemetry(2.5), "PID_TUNING", **tuning)
     assert attitude.attitude(stream, "roll").message == "ATTITUDE", "it has no stamps of its own"
-    telemetry = replace(stream, names={"PID_TUNING": "RATE"})
+    telemetry = replace(stream, source_names={"PID_TUNING": "RATE"})
     roll = attitude.attitude(telemetry, "roll")
     assert roll.message == "PID_TUNING" and len(roll.time) > 0.95 * len(time)
     assert_allclose(roll.angle, HOVER.roll(roll.time), atol=2e-4)
@@ -131,8 +131,8 @@ def test_ardupilot_motors_by_servo_function_and_frame():
         "motor 4 (rear)",
     )
     assert not motors.layout.channels_assumed and not motors.layout.positions_assumed
-    assert_allclose(motors.layout.effect("roll"), [-0.5, 0.5, 0, 0], atol=1e-12)
-    assert_allclose(motors.layout.effect("pitch"), [0, 0, 0.5, -0.5], atol=1e-12)
+    assert_allclose(motors.layout.mixer_row("roll"), [-0.5, 0.5, 0, 0], atol=1e-12)
+    assert_allclose(motors.layout.mixer_row("pitch"), [0, 0, 0.5, -0.5], atol=1e-12)
     expected = HOVER.motors(motors.time)[:, [1, 2, 3, 0]]
     assert_array_equal(motors.outputs, expected)
 
@@ -143,11 +143,11 @@ def test_yaw_is_by_the_direction_of_the_propellers():
     for frame_type, signs in ((1, [1, 1, -1, -1]), (3, [-1, -1, 1, 1]), (14, [1, -1, 1, -1])):
         frame = functions | {"FRAME_CLASS": 1.0, "FRAME_TYPE": float(frame_type)}
         found = motor_geometry("QUADROTOR", "ARDUPILOTMEGA", frame, moving=range(1, 5), bank=8)
-        assert_array_equal(4 * found.effect("yaw"), signs)
+        assert_array_equal(4 * found.mixer_row("yaw"), signs)
     rotors = {f"PWM_MAIN_FUNC{n}": 100.0 + n for n in range(1, 5)}
     rotors |= px4_rotors((1, 1, 0.05), (-1, -1, 0.04), (1, -1, 0.0), (-1, 1, -0.04))
     found = motor_geometry("QUADROTOR", "PX4", rotors, moving=range(1, 5), bank=16)
-    assert found.effect("yaw") is None, "it is not known how the third one turns"
+    assert found.mixer_row("yaw") is None, "it is not known how the third one turns"
 
 
 def test_without_parameters_the_moving_channels_are_assumed_and_said():
@@ -156,8 +156,8 @@ def test_without_parameters_the_moving_channels_are_assumed_and_said():
         assert motors.channels == (1, 2, 3, 4)
         assert motors.channels_assumed and motors.positions_assumed
     assert dict(motors.basis.figures) == {
-        "channels_by": ChannelBasis.MOVING_CHANNELS,
-        "places_by": PlaceBasis.X_QUAD,
+        "channels_by": ChannelSource.MOVING_CHANNELS,
+        "places_by": PositionSource.X_QUAD,
         "count": 4,
     }
 
@@ -170,7 +170,7 @@ def test_the_tilt_servo_of_a_tricopter_is_no_motor_and_an_unknown_frame_has_no_p
     # A hexarotor of unknown frame has no places.
     motors = motor_geometry("HEXAROTOR", "ARDUPILOTMEGA", {}, moving=range(1, 9), bank=8)
     assert motors.channels == (1, 2, 3, 4, 5, 6)
-    assert motors.names[0] == "motor 1" and motors.effect("roll") is None
+    assert motors.names[0] == "motor 1" and motors.mixer_row("roll") is None
 
 
 @mark.parametrize(
@@ -188,13 +188,13 @@ def test_every_frame_balances(frame_class, frame_type, count):
     found = motor_geometry("QUADROTOR", "ARDUPILOTMEGA", frame, moving=range(1, count + 1), bank=8)
     assert len(found.motors) == count and not found.positions_assumed
     yawless = frame_class == 1 and frame_type in (16, 17)
-    assert (found.effect("yaw") is None) == yawless
+    assert (found.mixer_row("yaw") is None) == yawless
     for axis in ("roll", "pitch", *([] if yawless else ["yaw"])):
-        assert found.effect(axis).sum() == approx(0, abs=1e-6)
-        assert abs(found.effect(axis)).sum() == approx(1)
+        assert found.mixer_row(axis).sum() == approx(0, abs=1e-6)
+        assert abs(found.mixer_row(axis)).sum() == approx(1)
         # Turning about one axis turns nothing about the others.
-        others = [found.effect(other) for other in ("roll", "pitch") if other != axis]
-        assert_allclose(np.array(others) @ found.effect(axis), 0, atol=1e-6)
+        others = [found.mixer_row(other) for other in ("roll", "pitch") if other != axis]
+        assert_allclose(np.array(others) @ found.mixer_row(axis), 0, atol=1e-6)
 
 
 def test_rounding_is_measured_before_a_bank_is_moved_to_the_stamps_of_another():
@@ -261,7 +261,7 @@ def test_the_demand_on_an_axis_is_one_input_that_turns_it():
     demand = drive.demand(with_demand(HOVER.telemetry()), "roll")
     assert_allclose(demand.outputs[:, 0], 0.1 * np.sin(demand.time))
     assert demand.layout.names == ("roll demand",)
-    assert_array_equal(demand.layout.effect("roll"), [1.0])
+    assert_array_equal(demand.layout.mixer_row("roll"), [1.0])
     assert (demand.scale.low, demand.scale.high) == (-1.0, 1.0)
     # A demand that never moves, one of another group, and none at all are no input.
     assert drive.demand(with_demand(HOVER.telemetry()), "pitch") is None

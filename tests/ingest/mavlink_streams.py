@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import all as dialect
 from pymavlink.generator.mavcrc import x25crc
 
 from mavdem.ingest import read_log
-from mavdem.ingest.mavlink.definitions import seeds
+from mavdem.ingest.mavlink.definitions import crc_extra_table
 from mavdem.ingest.mavlink.framing import find_frames
 
 NOW = 1_700_000_000_000_000
@@ -118,4 +118,4 @@ HOVER = (heartbeat(), *flight(TIMES))
 
 def frames_in(content, gap=0):
     """What the reader finds, as one table."""
-    return find_frames(np.frombuffer(content, dtype=np.uint8), seeds(), gap)
+    return find_frames(np.frombuffer(content, dtype=np.uint8), crc_extra_table(), gap)

@@ -83,7 +83,7 @@ def test_the_translation_holds_dfreaders_values_in_mavlinks_units(log, steps):
         primary = np.array(read[own].get("C", np.zeros(len(read[own][name])))) == 0
         expected = factor * np.array(read[own][name])[primary]
         assert_allclose(vehicle.messages[message][field], expected, rtol=1e-14)
-        assert vehicle.called(message) in (own, "ANG")
+        assert vehicle.name_in_source(message) in (own, "ANG")
     named = dict(zip(read["PARM"]["Name"], read["PARM"]["Value"], strict=True))
     assert vehicle.parameters == named
     if log != STEPS:
@@ -263,7 +263,7 @@ def test_who_flies(tmp_path, said, parameters, expected):
 def test_setpoints_of_rate_and_att_are_in_order(tmp_path):
     vehicle = vehicle_in(tmp_path, *made.flight(TIMES))
     assert_allclose(vehicle.messages["ATTITUDE_TARGET"]["time"], np.repeat(TIMES, 2))
-    assert vehicle.called("ATTITUDE_TARGET") == "RATE and ATT"
+    assert vehicle.name_in_source("ATTITUDE_TARGET") == "RATE and ATT"
 
 
 def test_what_system_identification_injects_is_known_by_its_axis(tmp_path):
@@ -307,6 +307,6 @@ def test_the_firmware_and_what_the_logger_lost_are_known(tmp_path):
     ]
     changed = made.message("PARM", 20_050_000, "SYSID_THISMAV", 8.0, 1.0)
     vehicle = vehicle_in(tmp_path, *made.flight([20.0, 20.1]), *lost, changed)
-    assert vehicle.earlier == {"SYSID_THISMAV": 7.0} and vehicle.system == 8
+    assert vehicle.initial_parameters == {"SYSID_THISMAV": 7.0} and vehicle.system == 8
     assert (vehicle.firmware, vehicle.dropouts) == ("ArduCopter V4.5.7 (2a3dc4b7)", 8)
     assert {Repair.LOGGER_WITHOUT_ROOM: 8}.items() <= counts(vehicle).items()

@@ -87,7 +87,10 @@ def test_demands_of_4500_are_full_demands(tmp_path):
 def test_rate_with_columns_nobody_knows_leaves_the_gyro(tmp_path):
     vehicle = log(tmp_path, RATE="TimeUS,a,b,c,d,e,f,g,h,i,j")
     assert_allclose(vehicle.messages["ATTITUDE"]["rollspeed"], ROLL_RATE, atol=1e-9)
-    assert vehicle.called("ATTITUDE") == "ATT" and "ACTUATOR_CONTROL_TARGET" not in vehicle.messages
+    assert (
+        vehicle.name_in_source("ATTITUDE") == "ATT"
+        and "ACTUATOR_CONTROL_TARGET" not in vehicle.messages
+    )
 
 
 def test_rate_of_3_3_before_its_release_is_read_under_its_own_names(tmp_path):
@@ -123,7 +126,7 @@ def test_the_battery_in_volts_and_in_the_hundredths_of_old_logs(tmp_path, batter
     signal = Signals(vehicle).voltage
     assert len(signal.time) == len(TIMES)
     assert_allclose(signal.values, 15.25)
-    assert vehicle.called("SYS_STATUS") == battery
+    assert vehicle.name_in_source("SYS_STATUS") == battery
     assert Signals(log(tmp_path)).voltage is None
 
 

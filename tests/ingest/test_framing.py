@@ -19,8 +19,8 @@ from pymavlink.dialects.v20 import all as dialect
 from pytest import approx, mark
 from recorded_flights import LOGS
 
-from mavdem.ingest.mavlink.definitions import columns, definitions
-from mavdem.ingest.mavlink.framing import FAILED, MATCHES
+from mavdem.ingest.mavlink.definitions import decoded_columns, definitions_by_id
+from mavdem.ingest.mavlink.framing import CHECKSUM_FAILED, CHECKSUM_MATCHES
 from mavdem.ingest.tlog import STAMP_BYTES
 
 BYTES = st.integers(0, 255)
@@ -58,7 +58,7 @@ def test_every_frame_is_found_and_decodes_as_pymavlink_does(frames, gap, data):
     content = b"".join(data.draw(st.binary(min_size=gap, max_size=gap)) + each for each in frames)
     table = frames_in(content, gap)
     assert [content[start:end] for start, end in zip(table.start, table.end, strict=True)] == frames
-    assert (table.checksum == MATCHES).all()
+    assert (table.checksum == CHECKSUM_MATCHES).all()
     read = np.frombuffer(content, dtype=np.uint8)
     for row, each in enumerate(frames):
         is_read_as(read, table[row : row + 1], dialect.MAVLink(None).decode(bytearray(each)))
@@ -69,8 +69,8 @@ def is_read_as(content, found, expected):
     sender = (expected.get_srcSystem(), expected.get_srcComponent(), expected.get_seq())
     assert (found.system, found.component, found.sequence) == sender
     assert found.message_id == expected.get_msgId()
-    definition = definitions()[expected.get_msgId()]
-    ours = columns(content, found.start, definition)
+    definition = definitions_by_id()[expected.get_msgId()]
+    ours = decoded_columns(content, found.start, definition)
     for name in definition.fields:
         (value,) = ours[name]
         theirs = getattr(expected, f"_{name}_raw", getattr(expected, name))
@@ -84,7 +84,7 @@ def test_a_recorded_stream_is_read_as_pymavlink_reads_it(log, tmp_path):
     path.write_bytes(log.read_bytes()[:100_000])
     content = np.fromfile(path, np.uint8)
     found = frames_in(content.tobytes(), STAMP_BYTES)
-    assert (found.checksum == MATCHES).all() and len(found) > 1000
+    assert (found.checksum == CHECKSUM_MATCHES).all() and len(found) > 1000
     reader = mavutil.mavlogfile(str(path))
     for row in range(len(found)):
         is_read_as(content, found[row : row + 1], reader.recv_match())
@@ -97,7 +97,7 @@ def test_a_frame_carried_inside_a_damaged_one_is_not_taken():
     outer[12] ^= 1
     first, third = (frame(30, bytes(range(1, 29)), sequence=number) for number in (1, 3))
     table = frames_in(first + outer + third)
-    assert table.checksum.tolist() == [MATCHES, FAILED, MATCHES]
+    assert table.checksum.tolist() == [CHECKSUM_MATCHES, CHECKSUM_FAILED, CHECKSUM_MATCHES]
     assert table.sequence.tolist() == [1, 2, 3]
     # nor is the damaged one lost before a header that is cut off
     cut = tlog([first, outer, third])[: 1 - len(third)]
@@ -109,8 +109,8 @@ def test_a_flood_of_markers_hides_no_frame_and_makes_none(flood):
     frames = [frame(30, bytes(range(1, 29)), sequence=row) for row in range(3)]
     content = flood * (100_000 // len(flood))
     table = frames_in(frames[0] + content + frames[1] + frames[2])
-    assert table.sequence[table.checksum == MATCHES].tolist()[-2:] == [1, 2]
-    assert MATCHES not in frames_in(content).checksum
+    assert table.sequence[table.checksum == CHECKSUM_MATCHES].tolist()[-2:] == [1, 2]
+    assert CHECKSUM_MATCHES not in frames_in(content).checksum
 
 
 @given(st.integers(1, 118), st.binary(min_size=8, max_size=8))

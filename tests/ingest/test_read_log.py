@@ -20,7 +20,7 @@ from mavdem.errors import Unreadable
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
-from mavdem.ingest.mavlink.vehicles import missing_between
+from mavdem.ingest.mavlink.vehicles import missing_messages
 
 
 def log_of(content, folder, name="flight.tlog"):
@@ -107,7 +107,7 @@ def test_failures_are_distinguished(tmp_path):
         heartbeat(),
     ]
     log = log_of(tlog(frames), tmp_path)
-    causes = {(kind.message_id, kind.frames, kind.of): kind.cause for kind in log.unread}
+    causes = {(kind.message_id, kind.frames, kind.total): kind.cause for kind in log.unread}
     assert causes == {
         (30, 1, 300): Flaw.DAMAGE,
         (33, 4, 4): Flaw.ANOTHER_DIALECT,
@@ -118,7 +118,7 @@ def test_failures_are_distinguished(tmp_path):
 
 def test_what_is_overtaken_or_comes_twice_is_not_lost(tmp_path):
     steps = np.array([0, 1, 2, 128, 129, -32, -33])
-    assert missing_between(7, 7 + steps).tolist() == [0, 0, 1, 127, 0, -33, 0]
+    assert missing_messages(7, 7 + steps).tolist() == [0, 0, 1, 127, 0, -33, 0]
     frames = [heartbeat(), *flight(TIMES, sequence=1)]
     frames[520:530] = frames[525:530] + frames[520:525]
     del frames[541:546], frames[300:305]

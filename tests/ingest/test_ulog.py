@@ -239,7 +239,7 @@ def test_parameters_are_the_last_that_were_set(tmp_path):
     changed = [parameter("GAIN", 0.25, "float"), parameter("GAIN", float("inf"), "float")]
     vehicle = vehicle_in(tmp_path, *flight(TIMES[:9]), *changed, parameters=initial)
     assert vehicle.parameters == {"MAV_SYS_ID": 7.0, "GAIN": 0.25} and vehicle.system == 7
-    assert vehicle.earlier == {"GAIN": 0.5}
+    assert vehicle.initial_parameters == {"GAIN": 0.5}
 
 
 def test_damaged_levels_of_texts_and_stamps_of_another_type_are_left_out(tmp_path):
@@ -342,7 +342,7 @@ def test_a_dropout_is_reported(tmp_path):
     ],
 )
 def test_an_archive_that_cannot_be_unpacked_is_refused(tmp_path, monkeypatch, spoil, code):
-    monkeypatch.setattr(files, "MAX_BYTES", 1 << 20)
+    monkeypatch.setattr(files, "MAX_LOG_BYTES", 1 << 20)
     path = tmp_path / "flight.ulg.xz"
     path.write_bytes(spoil(lzma.compress(log(*flight(TIMES)))))
     assert unreadable(read_log, path).code is code

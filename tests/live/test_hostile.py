@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 from pytest import mark, raises
 
 from mavdem.facts.session import VehicleFact
-from mavdem.ingest.mavlink.definitions import definitions
+from mavdem.ingest.mavlink.definitions import definitions_by_id
 from mavdem.live import LiveStream
 from mavdem.live.messages import FIELDS
 from mavdem.live.rows import MAX_SAMPLES, Samples
@@ -23,7 +23,9 @@ FLIGHT = Flight(hover=Hover(hovering=30.0))
 def test_frames_of_random_content_from_the_vehicle_itself_raise_nothing():
     chance = random.Random(0)
     ids = [
-        definition.message_id for definition in definitions().values() if definition.name in FIELDS
+        definition.message_id
+        for definition in definitions_by_id().values()
+        if definition.name in FIELDS
     ]
     forged = []
     for _ in range(4000):

@@ -7,9 +7,16 @@ from mavlink_streams import frame, frames_in, heartbeat, message
 from numpy.testing import assert_equal
 from pytest import mark, skip
 
-from mavdem.ingest.mavlink.definitions import columns, definitions
-from mavdem.ingest.mavlink.framing import FAILED, HEADER, HEADER_1, MARKER_2, MATCHES, UNKNOWN
-from mavdem.ingest.mavlink.vehicles import CLOCK_UNITS
+from mavdem.ingest.mavlink.definitions import decoded_columns, definitions_by_id
+from mavdem.ingest.mavlink.framing import (
+    CHECKSUM_FAILED,
+    CHECKSUM_MATCHES,
+    HEADER_BYTES_V1,
+    HEADER_BYTES_V2,
+    MARKER_V2,
+    MESSAGE_UNKNOWN,
+)
+from mavdem.ingest.mavlink.vehicles import BOOT_CLOCK_UNITS
 from mavdem.live.messages import FIELDS, MAX_UNDECIDED, Frame, FrameReader, message_of
 
 
@@ -32,7 +39,7 @@ def by_the_file_reader(content):
     frames = []
     for *known, start, end in rows:
         whole = content[start:end]
-        size = HEADER if whole[0] == MARKER_2 else HEADER_1
+        size = HEADER_BYTES_V2 if whole[0] == MARKER_V2 else HEADER_BYTES_V1
         frames.append(Frame(*known, whole[size:][: whole[1]], whole))
     return frames
 
@@ -61,8 +68,8 @@ def test_whole_frames_of_every_kind_are_those_of_the_file_reader(seed):
     content = b"".join(mixed(seed))
     frames, finder = found(content, random.Random(seed))
     assert frames == by_the_file_reader(content)
-    assert {one.checksum for one in frames} == {MATCHES, UNKNOWN, FAILED}
-    assert finder.unread == sum(one.checksum != MATCHES for one in frames)
+    assert {one.checksum for one in frames} == {CHECKSUM_MATCHES, MESSAGE_UNKNOWN, CHECKSUM_FAILED}
+    assert finder.unread == sum(one.checksum != CHECKSUM_MATCHES for one in frames)
 
 
 @mark.slow
@@ -83,11 +90,11 @@ def test_hostile_bytes_are_bounded_in_memory_and_time(kind):
         waiting = max(waiting, len(finder._rest))
     assert waiting <= MAX_UNDECIDED + 1000
     # And what comes behind it is found.
-    good = [one for one in finder.feed(heartbeat() * 40) if one.checksum == MATCHES]
+    good = [one for one in finder.feed(heartbeat() * 40) if one.checksum == CHECKSUM_MATCHES]
     assert len(good) >= 2
 
 
-DEFINITIONS = {definition.name: definition for definition in definitions().values()}
+DEFINITIONS = {definition.name: definition for definition in definitions_by_id().values()}
 
 
 @mark.parametrize("version", [1, 2])
@@ -108,14 +115,14 @@ def test_fields_and_stamps_are_those_of_columns(name, version):
     ]
     content = np.frombuffer(b"".join(sent), dtype=np.uint8)
     starts = np.cumsum([0] + [len(one) for one in sent[:-1]])
-    table = columns(content, starts, definition)
-    clock = next((field for field in CLOCK_UNITS if field in table), None)
+    table = decoded_columns(content, starts, definition)
+    clock = next((field for field in BOOT_CLOCK_UNITS if field in table), None)
     for row, one in enumerate(FrameReader().feed(content.tobytes())):
         told = message_of(one)
         assert told.name == name
         for value, field in zip(told.values, FIELDS[name], strict=True):
             assert_equal(value, table[field][row])
-        assert told.stamp == (table[clock][row] / CLOCK_UNITS[clock] if clock else 0.0)
+        assert told.stamp == (table[clock][row] / BOOT_CLOCK_UNITS[clock] if clock else 0.0)
         # Milliseconds of 32 bits wrap after 49.7 days, microseconds of these after 71.6 minutes.
         short = {"time_boot_ms": 2**32 / 1e3, "SERVO_OUTPUT_RAW": 2**32 / 1e6}
         assert told.period == short.get(clock, short.get(name, np.inf))

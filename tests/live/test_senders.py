@@ -6,7 +6,7 @@ from pytest import mark
 
 from mavdem.facts import Fact
 from mavdem.facts.session import Rows, VehicleFact
-from mavdem.ingest.motors import PlaceBasis
+from mavdem.ingest.motors import PositionSource
 
 TWO = by_time(*(Flight(system=system).frames(end=14.0) for system in (1, 4)))
 
@@ -97,7 +97,7 @@ def test_motors_are_placed_by_parameters_when_these_come_in_flight():
     assert made.segments().keys() == {0}
     assert Rows.MOTOR_ORDER_ASSUMED in made.codes
     assert made.facts[-1].code is Rows.MOTOR_ORDER_KNOWN
-    assert made.facts[-1].figures["basis"].figures["places_by"] is PlaceBasis.PARAMETERS
+    assert made.facts[-1].figures["basis"].figures["places_by"] is PositionSource.PARAMETERS
     assert made.stream.setup.layout.names[0] == "motor 1 (right)"
 
 

@@ -28,7 +28,7 @@ from mavdem.facts.loops import Controllers, Gains, Loops, Responses, Twins
 from mavdem.facts.margins import TrackingLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.noise import NotchAdvice
-from mavdem.ingest.mavlink.definitions import parameters_sent
+from mavdem.ingest.mavlink.definitions import decoded_parameters
 from mavdem.ingest.vocabulary import Injection
 from mavdem.loops.advice import (
     EFFECTS,
@@ -174,8 +174,8 @@ def test_what_the_controllers_model_leaves_out_is_said_of_the_parameters_that_ha
 
 
 def test_gains_that_change_in_flight_come_with_it(monkeypatch):
-    read = Mock(wraps=parameters_sent)
-    monkeypatch.setattr("mavdem.dataset.align.parameters_sent", read)
+    read = Mock(wraps=decoded_parameters)
+    monkeypatch.setattr("mavdem.dataset.align.decoded_parameters", read)
     telemetry = HOVER.telemetry(parameters={"ATC_RAT_RLL_P": 0.25, "ATC_RAT_RLL_D": 0.125})
     names = np.repeat([b"ATC_RAT_RLL_P", b"ATC_RAT_RLL_D"], 2)
     sent = columns([1.0, 40.0, 1.0, 2.0], param_id=names, param_value=[0.5, 0.25, 0.5, 0.125])

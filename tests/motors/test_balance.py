@@ -96,7 +96,9 @@ def test_axes_and_names_are_those_of_the_layout(layout):
     signatures = motor_signatures(layout)
     assert signatures.axes == ("thrust", "roll", "pitch", "yaw")
     assert UNKNOWN.axes == ("thrust",)
-    assert_allclose(signatures.weights[1:], [layout.effect(axis) for axis in signatures.axes[1:]])
+    assert_allclose(
+        signatures.weights[1:], [layout.mixer_row(axis) for axis in signatures.axes[1:]]
+    )
     # A motor can be named where places and spins are known and differ.
     assert signatures.names_a_motor
     coaxial = {name: getattr(layout, name) * 2 for name in ("motors", "positions", "spins")}

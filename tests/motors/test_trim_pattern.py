@@ -5,7 +5,7 @@ from frames import FRAMES, geometry
 from pytest import approx, mark
 
 from mavdem.facts.motors import Trim
-from mavdem.ingest.motors import PlaceBasis
+from mavdem.ingest.motors import PositionSource
 from mavdem.motors.balance import BalanceFigures, motor_signatures
 from mavdem.motors.health import FAULT_RISE
 from mavdem.motors.trim_pattern import trim_of
@@ -72,5 +72,5 @@ def test_nothing_is_said_of_little_flight_or_without_the_places():
     for spins in ((), (0, 0)):  # not known, or turning nothing
         fact = trim_of(None, geometry(spins=spins))
         assert (fact.code, fact.level) == (Trim.TRIM_OF_UNKNOWN_PLACES, "unknown")
-    assumed = geometry(places_by=PlaceBasis.X_QUAD)
+    assumed = geometry(position_source=PositionSource.X_QUAD)
     assert trim((0.0, 0.0, 0.16), assumed).figures["assumed"]

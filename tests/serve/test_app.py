@@ -353,7 +353,7 @@ def numbered(count):
 
 
 def test_size_number_queue_and_patience_have_limits(tmp_path, monkeypatch):
-    monkeypatch.setattr(uploads, "MAX_BYTES", 1000)
+    monkeypatch.setattr(uploads, "MAX_LOG_BYTES", 1000)
     monkeypatch.setattr(uploads, "MOST_FILES", 2)
     monkeypatch.setattr(uploads, "CHECKED_BYTES", 200)
     looked = []

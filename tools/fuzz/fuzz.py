@@ -33,14 +33,14 @@ with atheris.instrument_imports(include=["mavdem", "pyulog"]):
     from mavdem.assessment.inventory import inventory
     from mavdem.errors import NotLearnable, Unreadable
     from mavdem.ingest import read_log
-    from mavdem.ingest.mavlink.definitions import definitions
+    from mavdem.ingest.mavlink.definitions import definitions_by_id
     from mavdem.ingest.mavlink.framing import (
-        CHECKSUM,
-        HEADER,
-        HEADER_1,
-        MARKER_2,
-        announced_length,
+        CHECKSUM_BYTES,
+        HEADER_BYTES_V1,
+        HEADER_BYTES_V2,
+        MARKER_V2,
         frame_checksum,
+        frame_length,
     )
 
 LOGS = Path(__file__).parents[2] / "logs"
@@ -57,18 +57,20 @@ def with_checksums(stream: bytearray) -> bytes:
     """A telemetry log whose frames all have correct checksums."""
     at = 8
     while at + 8 <= len(stream):
-        length = announced_length(*stream[at : at + 3])
+        length = frame_length(*stream[at : at + 3])
         if length is None:
             at += 1
             continue
         if at + length > len(stream):
             break
         frame = bytes(stream[at : at + length])
-        payload = (HEADER if frame[0] == MARKER_2 else HEADER_1) + frame[1]
-        number = int.from_bytes(frame[7:10], "little") if frame[0] == MARKER_2 else frame[5]
-        if number in definitions():
-            checksum = frame_checksum(frame[1:payload], definitions()[number].seed)
-            stream[at + payload : at + payload + CHECKSUM] = checksum.to_bytes(CHECKSUM, "little")
+        payload = (HEADER_BYTES_V2 if frame[0] == MARKER_V2 else HEADER_BYTES_V1) + frame[1]
+        number = int.from_bytes(frame[7:10], "little") if frame[0] == MARKER_V2 else frame[5]
+        if number in definitions_by_id():
+            checksum = frame_checksum(frame[1:payload], definitions_by_id()[number].crc_extra)
+            stream[at + payload : at + payload + CHECKSUM_BYTES] = checksum.to_bytes(
+                CHECKSUM_BYTES, "little"
+            )
         at += length + 8
     return bytes(stream)
 

@@ -31,7 +31,7 @@ from mavdem.experiments.paper.runner import write_log
 from mavdem.facts import Fact
 from mavdem.files import load_adjacent_toml
 from mavdem.ingest import Log, read_log
-from mavdem.ingest.telemetry import Telemetry, rate_without_gaps, selected
+from mavdem.ingest.telemetry import Telemetry, rate_without_gaps, selected_rows
 from mavdem.ingest.vocabulary import IN_AIR
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.controllers import (
@@ -205,7 +205,7 @@ def thinned(vehicle: Telemetry, rate: float) -> Telemetry:
         rates = (rate_without_gaps(np.diff(columns["time"][part])) for part in rows)
         parts = [part[:: max(1, round(own / rate))] for part, own in zip(rows, rates, strict=True)]
         chosen = np.sort(np.concatenate(parts))
-        kept[name] = selected(columns, chosen)
+        kept[name] = selected_rows(columns, chosen)
     return replace(vehicle, messages=kept)
 
 

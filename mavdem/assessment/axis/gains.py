@@ -17,9 +17,9 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.loops import Loops
 from mavdem.flight import Flight, Flights, boot_number
-from mavdem.ingest.mavlink.definitions import parameters_sent
+from mavdem.ingest.mavlink.definitions import decoded_parameters
 from mavdem.ingest.telemetry import Parameters
-from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, OWN_PARAMETERS
+from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS
 from mavdem.loops.axis_loops import Loop, margin_rating
 
 NAMED = {"roll": ("RLL", "ROLL"), "pitch": ("PIT",), "yaw": ("YAW",)}
@@ -89,14 +89,14 @@ def gains_of_log(signals: Signals) -> list[tuple[int, float, tuple[tuple[str, fl
     if sent is None:
         return [(-1, -inf, ())]
     others = [part for axis, parts in NAMED.items() if axis != signals.axis for part in parts]
-    named = parameters_sent(sent, telemetry.autopilot)
+    named = decoded_parameters(sent, telemetry.autopilot)
     own = [
         (boot, time, name, value)
         for boot, time, (name, value) in zip(
             sent["boot"].tolist(), sent["time"].tolist(), named, strict=True
         )
         if CONTROL_PARAMETERS.match(name)
-        and not OWN_PARAMETERS.search(name)
+        and not AUTOPILOT_SET_PARAMETERS.search(name)
         and not any(part in name for part in others)
         and isfinite(value)
     ]

@@ -15,7 +15,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import Reported
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.ingest.vocabulary import number_of
+from mavdem.ingest.vocabulary import mavlink_constant
 
 MEASURED = ("velocity", "position", "height", "compass")
 REPORTS = {
@@ -29,8 +29,8 @@ REPORTS = {
 }
 """Messages with the innovations of ``MEASURED``, as shares of what the filter accepts."""
 GLITCH = {
-    "EKF_STATUS_REPORT": number_of("EKF_GPS_GLITCHING"),
-    "ESTIMATOR_STATUS": number_of("ESTIMATOR_GPS_GLITCH"),
+    "EKF_STATUS_REPORT": mavlink_constant("EKF_GPS_GLITCHING"),
+    "ESTIMATOR_STATUS": mavlink_constant("ESTIMATOR_GPS_GLITCH"),
 }
 """Bits of their flags that say that GPS jumped."""
 EKF_THRESHOLD = 0.8

@@ -23,7 +23,7 @@ from mavdem.arrays import Integers
 from mavdem.containers import Names
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
-from mavdem.ingest.telemetry import Columns, repair, rows_by
+from mavdem.ingest.telemetry import Columns, repair_facts, rows_by_value
 
 # The header's two bytes, and the bytes of it and the id
 HEADER = b"\xa3\x95"
@@ -159,7 +159,7 @@ def read_binary(content: bytes) -> DataflashRecording:
     data = np.pad(np.frombuffer(content, dtype=np.uint8), (0, MAX_MESSAGE_BYTES))
     starts = np.array(scan.starts, dtype=np.int64)
     named = {}
-    for kind, rows in rows_by(data[starts + 2]).items():
+    for kind, rows in rows_by_value(data[starts + 2]).items():
         definition = scan.definitions[kind]
         named[definition.name] = definition, starts[rows]
 
@@ -234,7 +234,7 @@ class _Scan:
             if kind not in self.definitions:
                 length = definition.wire_length
                 self.definitions[kind] = replace(definition, length=length)
-                self.repairs += repair(
+                self.repairs += repair_facts(
                     Repair.DEFINITION_CONTRADICTED,
                     name=definition.name,
                     length=definition.length,

@@ -46,15 +46,15 @@ from mavdem.ingest.telemetry import (
     Tables,
     Telemetry,
     log_of_vehicles,
-    repair,
-    selected,
+    repair_facts,
+    selected_rows,
 )
 from mavdem.ingest.vocabulary import (
     AUTOPILOT_COMPONENT,
     UNNAMED,
     board_name_in_texts,
     board_number_in_texts,
-    number_of,
+    mavlink_constant,
 )
 
 _BYTE = re.compile(rb"\s*\d{1,3}\s*")  # A number of one byte as text
@@ -82,7 +82,9 @@ def read_text(content: bytes) -> DataflashRecording:
         return _decoded(definitions[name], lines[name]) if name in lines else binary.EMPTY
 
     counts = {name: len(own) for name, own in lines.items()}
-    return DataflashRecording(counts, table, skipped, repair(Repair.LINES_LEFT_OUT, count=lost))
+    return DataflashRecording(
+        counts, table, skipped, repair_facts(Repair.LINES_LEFT_OUT, count=lost)
+    )
 
 
 def _definition(values: bytes) -> FormatDefinition | None:
@@ -194,16 +196,16 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
     # DSF counts the messages that the logger had no room for, anew with each boot.
     counts = numbers(recording.table("DSF")).columns.get("Dp", np.zeros(0)).astype(np.float64)
     dropouts = int(np.nansum(np.maximum(np.diff(counts), 0)))
-    messages, names, notes = translated(tables, number_of(f"MAV_TYPE_{kind}"))
+    messages, names, notes = translated(tables, mavlink_constant(f"MAV_TYPE_{kind}"))
     samples = raw_samples(tables, parameters)
     messages |= {name: columns for name, (_, columns) in samples.items()}
     names |= {name: own for name, (own, _) in samples.items()}
     repairs = (
         *recording.repairs,
-        *repair(Repair.BYTES_SKIPPED, count=recording.bytes_skipped, part="message"),
+        *repair_facts(Repair.BYTES_SKIPPED, count=recording.bytes_skipped, part="message"),
         *repairs,
         *notes,
-        *repair(Repair.LOGGER_WITHOUT_ROOM, count=dropouts),
+        *repair_facts(Repair.LOGGER_WITHOUT_ROOM, count=dropouts),
     )
     system_ids = ("MAV_SYSID", "SYSID_THISMAV")  # from ArduPilot 4.7 on, and before
     return Telemetry(
@@ -220,10 +222,12 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
         translated_from="DataFlash",
         firmware=next((text.strip() for text in texts if _FIRMWARE.match(text)), ""),
         dropouts=dropouts,
-        names=names,
+        source_names=names,
         board=board_number_in_texts(texts),
         hardware=board_name_in_texts(texts),
-        earlier={name: value for name, value in first.items() if value != parameters[name]},
+        initial_parameters={
+            name: value for name, value in first.items() if value != parameters[name]
+        },
     )
 
 
@@ -255,7 +259,7 @@ def _on_boot_clock(
         if name in clocks:
             # A message whose stamp was ignored has the time of the one before it: it is not to be trusted either.
             on_boot = {**table.columns, "time": time[row], "boot": boot[row]}
-            placed[name] = selected(on_boot, time[row] == seconds[row])
+            placed[name] = selected_rows(on_boot, time[row] == seconds[row])
         elif name in EVENTS and len(row):
             before = np.maximum(row - 1, 0)
             after = np.minimum(row, len(offsets) - 1)
@@ -269,7 +273,7 @@ def _on_boot_clock(
                 "boot": boot[before],
             }
     lost = np.count_nonzero(impossible)
-    left_out = repair(Repair.LOGGED_MESSAGES_LEFT_OUT, count=lost, flaw=Flaw.IMPOSSIBLE_STAMP)
+    left_out = repair_facts(Repair.LOGGED_MESSAGES_LEFT_OUT, count=lost, flaw=Flaw.IMPOSSIBLE_STAMP)
     return placed, left_out + repairs
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.containers import Names
 from mavdem.ingest.dataflash.translation import ACCELEROMETERS, GYROS, having, instance
-from mavdem.ingest.telemetry import Columns, Parameters, Tables, joined, rows_by
+from mavdem.ingest.telemetry import Columns, Parameters, Tables, concatenated_columns, rows_by_value
 
 FIELDS = {"GYRO": GYROS, "ACCEL": ACCELEROMETERS}
 RAW = {"GYRO": "GYR", "ACCEL": "ACC"}
@@ -78,7 +78,7 @@ def _batches(tables: Tables, sensor: str, number: int) -> Columns:
     if not header or not data or any(data[axis].ndim != 2 for axis in "xyz"):
         return {}
     batches = []
-    rows_of = rows_by(data["N"].astype(np.int64))
+    rows_of = rows_by_value(data["N"].astype(np.int64))
     start = _on_clock(header, header["SampleUS"])
     own = (header["type"] == BATCH_TYPES.index(sensor)) & (header["instance"] == number)
     for row in np.flatnonzero(own & (header["mul"] > 0) & (header["smp_rate"] > 0)):
@@ -90,4 +90,4 @@ def _batches(tables: Tables, sensor: str, number: int) -> Columns:
             time = start[row] + steps / float(header["smp_rate"][row])
             boot = np.full(len(steps), header["boot"][row])
             batches.append({"time": time, "boot": boot, **samples})
-    return joined(batches) if batches else {}
+    return concatenated_columns(batches) if batches else {}

@@ -26,21 +26,21 @@ from mavdem.files import load_adjacent_toml
 from mavdem.ingest.dataflash.binary import MessageTable
 from mavdem.ingest.dataflash.states import states_of
 from mavdem.ingest.telemetry import (
-    FREQUENT_ENOUGH,
+    MIN_PREFERRED_SHARE,
     Columns,
     Tables,
+    concatenated_columns,
     held,
     interpolated,
-    joined,
     renamed,
-    repair,
-    selected,
+    repair_facts,
+    selected_rows,
 )
 from mavdem.ingest.vocabulary import (
     NO_SEVERITY,
     attitude_target,
     quaternion,
-    wrapped,
+    wrapped_angle,
 )
 
 
@@ -55,7 +55,7 @@ def instance(columns: Columns, field: str, number: float) -> Columns:
     if field not in columns:
         return columns
     rows = columns[field] == number
-    return selected(columns, rows) if rows.any() else {}
+    return selected_rows(columns, rows) if rows.any() else {}
 
 
 def count(columns: Columns) -> int:
@@ -115,7 +115,7 @@ def vibration(tables: Tables) -> Columns:
     numbers = range(MAX_IMUS if "IMU" in logged else 1)
     each = [sensor for number in numbers if (sensor := instance(logged, "IMU", number))]
     least = min(map(count, each))
-    imus = [selected(imu, np.arange(least)) for imu in each]
+    imus = [selected_rows(imu, np.arange(least)) for imu in each]
     clips = [np.zeros(least)] * MAX_IMUS
     if "Clip" in logged:
         clips[: len(imus)] = [imu["Clip"] for imu in imus]
@@ -157,7 +157,7 @@ def calendar_time(tables: Tables) -> Columns:
     if not logged:
         return {}
     # 3D, by which it knows the time
-    logged = selected(logged, (logged["Status"] >= 3) & (logged["GWk"] > 0))
+    logged = selected_rows(logged, (logged["Status"] >= 3) & (logged["GWk"] > 0))
     week, milliseconds = values(logged, ("GWk", "GMS")).T
     seconds = GPS_EPOCH + WEEK * week + milliseconds / 1e3 - LEAP_SECONDS
     unix = np.rint(1e6 * np.where(np.isfinite(seconds), seconds, 0.0)).astype(np.uint64)
@@ -321,7 +321,7 @@ def _attitude(tables: Tables, per_degree: float) -> tuple[Columns, str]:
     rates = having(tables, "RATE", RATES)
     if not angles or not (rates or gyros):
         return {}, named
-    if count(rates) < FREQUENT_ENOUGH * count(angles) and count(rates) < count(gyros):
+    if count(rates) < MIN_PREFERRED_SHARE * count(angles) and count(rates) < count(gyros):
         rates = gyros
         speeds = values(gyros, GYROS)
         source = "IMU"
@@ -329,12 +329,12 @@ def _attitude(tables: Tables, per_degree: float) -> tuple[Columns, str]:
         speeds = np.radians(values(rates, RATES)) / per_degree
         source = "RATE"
     base, named = (
-        (rates, source) if count(rates) < FREQUENT_ENOUGH * count(angles) else (angles, named)
+        (rates, source) if count(rates) < MIN_PREFERRED_SHARE * count(angles) else (angles, named)
     )
     angles_rad = _onto(base, angles, np.radians(values(angles, ANGLES)), turning=True)
     speeds = _onto(base, rates, speeds)
     # To one turn about zero, as MAVLink has it.
-    angles_rad = np.where(abs(angles_rad) > np.pi, wrapped(angles_rad), angles_rad)
+    angles_rad = np.where(abs(angles_rad) > np.pi, wrapped_angle(angles_rad), angles_rad)
     fields = ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed")
     turned = dict(zip(fields, np.hstack([angles_rad, speeds]).T, strict=True))
     return stamped(base, turned), named
@@ -357,7 +357,7 @@ def _in_centidegrees(tables: Tables) -> Facts:
     speeds = np.linalg.norm(np.radians(values(rates, RATES)[moving]), axis=1)
     ratio = np.median(speeds / turning[moving])
     low, high = CENTIDEGREES
-    return repair(Repair.CENTIDEGREES_CONVERTED, ratio=ratio) if low < ratio < high else ()
+    return repair_facts(Repair.CENTIDEGREES_CONVERTED, ratio=ratio) if low < ratio < high else ()
 
 
 def _servos(tables: Tables) -> Columns:
@@ -393,14 +393,16 @@ def _targets(tables: Tables, per_degree: float) -> tuple[Columns, str]:
         names.append(named)
     if not parts:
         return {}, "RATE"
-    together = joined(parts)
-    return selected(together, np.lexsort((together["time"], together["boot"]))), " and ".join(names)
+    together = concatenated_columns(parts)
+    return selected_rows(together, np.lexsort((together["time"], together["boot"]))), " and ".join(
+        names
+    )
 
 
 def _tuning(tables: Tables, attitude: Columns, per_degree: float) -> Columns:
     """PID_TUNING, three messages a row of RATE, where that comes faster than the attitude, in degrees/s."""
     logged = having(tables, "RATE", (*DESIRED_RATES, *RATES))
-    if count(attitude) >= FREQUENT_ENOUGH * count(logged):
+    if count(attitude) >= MIN_PREFERRED_SHARE * count(logged):
         return {}
     none = np.zeros(count(logged), np.uint8)
     parts = []
@@ -408,7 +410,7 @@ def _tuning(tables: Tables, attitude: Columns, per_degree: float) -> Columns:
         rates = values(logged, (desired, achieved)) / per_degree
         fields = {"axis": none + np.uint8(axis), "desired": rates[:, 0], "achieved": rates[:, 1]}
         parts.append(stamped(logged, fields))
-    return joined(parts)
+    return concatenated_columns(parts)
 
 
 def _derivative_terms(tables: Tables) -> Columns:
@@ -418,7 +420,7 @@ def _derivative_terms(tables: Tables) -> Columns:
     if not rows:
         return {}
     terms = {name: message["D"][:rows] for name, message in zip("xyz", logged, strict=True)}
-    return stamped(selected(logged[0], slice(rows)), terms)
+    return stamped(selected_rows(logged[0], slice(rows)), terms)
 
 
 def _parameters_set(tables: Tables) -> Columns:
@@ -453,7 +455,7 @@ def _demands(tables: Tables) -> tuple[Columns, Facts]:
     if len(demanded) and np.percentile(demanded, 75) > MAX_DEMAND:
         controls[:, :3] /= OLD_DEMAND
         controls[:, 3] /= OLD_THRUST
-        notes = repair(Repair.DEMANDS_SCALED, divisor=OLD_DEMAND)
+        notes = repair_facts(Repair.DEMANDS_SCALED, divisor=OLD_DEMAND)
     group = np.zeros(len(controls), dtype=np.uint8)
     return stamped(logged, {"group_mlx": group, "controls": controls}), notes
 

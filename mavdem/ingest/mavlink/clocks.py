@@ -16,18 +16,18 @@ from scipy.ndimage import maximum_filter1d, median_filter
 from mavdem.arrays import Flags
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
-from mavdem.ingest.telemetry import repair
+from mavdem.ingest.telemetry import repair_facts
 
 Times = NDArray[np.float64]
 Rows = NDArray[np.int64]
 Places = NDArray[np.integer]  # Places of messages in the stream, of any integer type
 # Seconds from its neighbours, plus ten median steps, beyond which a stamp is an outlier
-MAX_OFFSET = 5.0
+MAX_STAMP_DEVIATION = 5.0
 MIN_RESET_STAMPS = 5
 """Stamps in a row that are all lower than those before after a reset of the clock; fewer are late arrivals."""
 
 
-def far_off(values: Times, window: int, limit: float | Times) -> Flags:
+def deviates_from_median(values: Times, window: int, limit: float | Times) -> Flags:
     """Returns which values are over ``limit`` from the median of a ``window`` (odd) around them; ends are reflected."""
     if not len(values):
         return np.zeros(0, dtype=np.bool_)
@@ -41,7 +41,9 @@ def outliers(seconds: Times) -> Flags:
     """
     if len(seconds) < 3:
         return np.zeros(len(seconds), dtype=np.bool_)
-    return far_off(seconds, 5, MAX_OFFSET + 10 * np.median(abs(np.diff(seconds))))
+    return deviates_from_median(
+        seconds, 5, MAX_STAMP_DEVIATION + 10 * np.median(abs(np.diff(seconds)))
+    )
 
 
 REFERENCES = (
@@ -53,8 +55,8 @@ REFERENCES = (
 )
 """Stamped by the autopilot itself, often: the first of these that was sent is the reference."""
 # Longest silence, s, across which a 32-bit reference clock counts as wrapped, not as restarted
-WRAP_GAP = 60.0
-STEP_BACK = 1.0  # Seconds by which a clock falls when it was reset; less is reordering
+MAX_WRAP_GAP = 60.0
+MIN_RESET_STEP = 1.0  # Seconds by which a clock falls when it was reset; less is reordering
 # Median offset, s, of a type's stamps from the reference above which they are of another clock
 OTHER_EPOCH = 10.0
 
@@ -161,7 +163,7 @@ def _placed_alone(kind: Sent, places: Places, raw: Times) -> tuple[_Kept, Facts]
     outlier = outliers(raw)
     places = places[~outlier]
     raw = raw[~outlier]
-    wraps = 1 + np.flatnonzero((np.diff(raw) < 0) & (np.diff(raw) + kind.period <= WRAP_GAP))
+    wraps = 1 + np.flatnonzero((np.diff(raw) < 0) & (np.diff(raw) + kind.period <= MAX_WRAP_GAP))
     turns = np.cumsum(np.bincount(wraps, minlength=len(raw)))
     time = raw + kind.period * turns if len(wraps) else raw
     reboots = _reboots(time)
@@ -169,12 +171,12 @@ def _placed_alone(kind: Sent, places: Places, raw: Times) -> tuple[_Kept, Facts]
     if len(wraps):
         time = raw + kind.period * (turns - turns[np.concatenate([[0], reboots])][boot])
     ignored = np.count_nonzero(outlier)
-    repairs = repair(Repair.STAMPS_IGNORED, count=ignored, name=kind.message)
+    repairs = repair_facts(Repair.STAMPS_IGNORED, count=ignored, name=kind.message)
     if len(wraps):
-        repairs += repair(Repair.CLOCK_WRAPPED, name=kind.message, period=kind.period)
+        repairs += repair_facts(Repair.CLOCK_WRAPPED, name=kind.message, period=kind.period)
     if len(reboots):
         at = time[reboots[0] - 1]
-        repairs += repair(Repair.LOG_OF_SEVERAL_BOOTS, count=len(reboots), time=at)
+        repairs += repair_facts(Repair.LOG_OF_SEVERAL_BOOTS, count=len(reboots), time=at)
     return _Kept(places, time, boot), repairs
 
 
@@ -185,9 +187,9 @@ def _reboots(time: Times) -> Rows:
     )
     reboots = []
     peak = -np.inf
-    if (ahead < np.maximum.accumulate(time) - STEP_BACK).any():
+    if (ahead < np.maximum.accumulate(time) - MIN_RESET_STEP).any():
         for row, (now, highest_ahead) in enumerate(zip(time.tolist(), ahead.tolist(), strict=True)):
-            if highest_ahead < peak - STEP_BACK:
+            if highest_ahead < peak - MIN_RESET_STEP:
                 reboots.append(row)
                 peak = now
             peak = max(peak, now)
@@ -208,12 +210,12 @@ def _placed_against(
             shift = np.median(off[of_boot])
             time[of_boot] -= shift
             off[of_boot] -= shift
-        repairs += repair(Repair.CLOCK_MOVED, name=kind.message, offset=typical)
+        repairs += repair_facts(Repair.CLOCK_MOVED, name=kind.message, offset=typical)
     outlier = outliers(off)
     if abs(typical) <= OTHER_EPOCH and (abs(time - seconds)[~outlier] > kind.period / 2).any():
-        repairs += repair(Repair.CLOCK_WRAPPED, name=kind.message, period=kind.period)
+        repairs += repair_facts(Repair.CLOCK_WRAPPED, name=kind.message, period=kind.period)
     ignored = np.count_nonzero(outlier)
-    repairs += repair(Repair.STAMPS_IGNORED, count=ignored, name=kind.message)
+    repairs += repair_facts(Repair.STAMPS_IGNORED, count=ignored, name=kind.message)
     return _Kept(places[~outlier], time[~outlier], boot[~outlier]), repairs
 
 

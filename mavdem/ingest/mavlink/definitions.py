@@ -17,16 +17,16 @@ from pymavlink.dialects.v20 import all as dialect
 from mavdem.containers import Names
 from mavdem.ingest.mavlink import framing
 from mavdem.ingest.mavlink.framing import (
-    HEADER,
-    HEADER_1,
-    MARKER_1,
-    MARKER_2,
+    HEADER_BYTES_V1,
+    HEADER_BYTES_V2,
+    MARKER_V1,
+    MARKER_V2,
     Bytes,
     Seeds,
     rows_of,
 )
 from mavdem.ingest.telemetry import Columns, Fields, Parameters
-from mavdem.ingest.vocabulary import number_of
+from mavdem.ingest.vocabulary import mavlink_constant
 
 INTEGER_TYPES = ("uint8", "int8", "uint16", "int16", "uint32", "int32")  # of parameters
 
@@ -34,38 +34,40 @@ INTEGER_TYPES = ("uint8", "int8", "uint16", "int16", "uint32", "int32")  # of pa
 class MessageDefinition(NamedTuple):
     """One message of the dialect: ``fields`` are in the order of the definition, extensions last.
 
-    ``wire`` is the payload as a structured dtype, in the order of the wire, extensions included; ``seed`` is CRC_EXTRA.
+    ``wire`` is the payload as a structured dtype, in the order of the wire, extensions included.
     """
 
     message_id: int
     name: str
     fields: Names
     wire: np.dtype[Any]
-    seed: int
+    crc_extra: int
 
 
 @cache
-def definitions() -> Mapping[int, MessageDefinition]:
+def definitions_by_id() -> Mapping[int, MessageDefinition]:
     """Returns every message of the dialect by id."""
     return {message_id: _definition(message) for message_id, message in dialect.mavlink_map.items()}
 
 
 @cache
-def named() -> Mapping[str, MessageDefinition]:
+def definitions_by_name() -> Mapping[str, MessageDefinition]:
     """Returns every message of the dialect by name."""
-    return {definition.name: definition for definition in definitions().values()}
+    return {definition.name: definition for definition in definitions_by_id().values()}
 
 
 @cache
-def seeds() -> Seeds:
+def crc_extra_table() -> Seeds:
     """Returns CRC_EXTRA by message id; -1 where the dialect has no such message, as at the last, which is too large."""
-    table = np.full(max(definitions()) + 2, -1, dtype=np.int32)
-    for message_id, definition in definitions().items():
-        table[message_id] = definition.seed
+    table = np.full(max(definitions_by_id()) + 2, -1, dtype=np.int32)
+    for message_id, definition in definitions_by_id().items():
+        table[message_id] = definition.crc_extra
     return table
 
 
-def columns(data: Bytes, start: NDArray[np.integer], definition: MessageDefinition) -> Fields:
+def decoded_columns(
+    data: Bytes, start: NDArray[np.integer], definition: MessageDefinition
+) -> Fields:
     """Returns the payloads of frames of one message as columns by name: (N,), or (N, k) for an array field.
 
     The frames' markers are at ``start`` (N,) in ``data``. Bytes that were not sent are zero: trailing zeros in
@@ -73,7 +75,9 @@ def columns(data: Bytes, start: NDArray[np.integer], definition: MessageDefiniti
     Texts are bytes, ``S``.
     """
     width = definition.wire.itemsize
-    payload = start.astype(np.int64) + np.where(data[start] == MARKER_1, HEADER_1, HEADER)
+    payload = start.astype(np.int64) + np.where(
+        data[start] == MARKER_V1, HEADER_BYTES_V1, HEADER_BYTES_V2
+    )
     table = np.empty((len(payload), width), np.uint8)
     # What was not sent of the last frames may lie beyond the end.
     is_last = payload + width > len(data)
@@ -84,7 +88,7 @@ def columns(data: Bytes, start: NDArray[np.integer], definition: MessageDefiniti
     return {name: np.ascontiguousarray(messages[name]) for name in definition.fields}
 
 
-def messages_in(data: bytes) -> list[Any]:
+def pymavlink_messages(data: bytes) -> list[Any]:
     """Returns the messages in ``data`` as pymavlink has them; damage is BAD_DATA."""
     parser = dialect.MAVLink(None)
     parser.robust_parsing = True
@@ -99,12 +103,12 @@ def enum_name(enum: str, value: int) -> str:
     return str(entry.name).removeprefix(f"{enum}_")
 
 
-def parameter_values(sent: Columns, autopilot: str) -> Parameters:
-    """Returns the last finite value of each parameter by name, of :func:`parameters_sent`."""
-    return {name: value for name, value in parameters_sent(sent, autopilot) if isfinite(value)}
+def latest_parameters(sent: Columns, autopilot: str) -> Parameters:
+    """Returns the last finite value of each parameter by name, of :func:`decoded_parameters`."""
+    return {name: value for name, value in decoded_parameters(sent, autopilot) if isfinite(value)}
 
 
-def parameters_sent(sent: Columns, autopilot: str) -> list[tuple[str, float]]:
+def decoded_parameters(sent: Columns, autopilot: str) -> list[tuple[str, float]]:
     """Returns name and value of each row of PARAM_VALUE's columns, from the MAV_AUTOPILOT of the sender.
 
     A parameter travels in a float32. ArduPilot casts integers to it; PX4 copies their bits. Source:
@@ -116,7 +120,7 @@ def parameters_sent(sent: Columns, autopilot: str) -> list[tuple[str, float]]:
         # The integers in the first bytes of little-endian float32 values.
         bits = np.ascontiguousarray(sent["param_value"], dtype="<f4").view("<u4")
         for kind in INTEGER_TYPES:
-            rows = sent["param_type"] == number_of(f"MAV_PARAM_TYPE_{kind.upper()}")
+            rows = sent["param_type"] == mavlink_constant(f"MAV_PARAM_TYPE_{kind.upper()}")
             values[rows] = bits[rows].astype(kind)
     names = [
         name.split(b"\0", 1)[0].decode("ascii", errors="replace")
@@ -147,7 +151,7 @@ class FrameSender(NamedTuple):
     component: int
 
 
-def frame_of(
+def encode_frame(
     payload: bytes,
     definition: MessageDefinition,
     sender: FrameSender,
@@ -155,7 +159,7 @@ def frame_of(
 ) -> bytes:
     """Returns the frame, of MAVLink 2, of a payload with a sequence ``number``; without trailing zeros."""
     payload = payload.rstrip(b"\0") or b"\0"
-    header = bytes((MARKER_2, len(payload), 0, 0, number, *sender))
+    header = bytes((MARKER_V2, len(payload), 0, 0, number, *sender))
     header += definition.message_id.to_bytes(3, "little")
-    checksum = framing.frame_checksum(header[1:] + payload, definition.seed)
-    return header + payload + checksum.to_bytes(framing.CHECKSUM, "little")
+    checksum = framing.frame_checksum(header[1:] + payload, definition.crc_extra)
+    return header + payload + checksum.to_bytes(framing.CHECKSUM_BYTES, "little")

@@ -48,20 +48,20 @@ def rows_of(data: Bytes, start: Places, width: int) -> Bytes:
     return everywhere[start].view(np.uint8).reshape(len(start), width)
 
 
-MARKER_1: int = dialect.PROTOCOL_MARKER_V1
-MARKER_2: int = dialect.PROTOCOL_MARKER_V2
-MARKERS = (bytes([MARKER_1]), bytes([MARKER_2]))
-SIGNED: int = dialect.MAVLINK_IFLAG_SIGNED
+MARKER_V1: int = dialect.PROTOCOL_MARKER_V1
+MARKER_V2: int = dialect.PROTOCOL_MARKER_V2
+MARKERS = (bytes([MARKER_V1]), bytes([MARKER_V2]))
+SIGNED_FLAG: int = dialect.MAVLINK_IFLAG_SIGNED
 # Bytes
-SIGNATURE: int = dialect.MAVLINK_SIGNATURE_BLOCK_LEN
-HEADER_1: int = dialect.HEADER_LEN_V1
-HEADER: int = dialect.HEADER_LEN_V2
-CHECKSUM = np.uint16().itemsize
-LONGEST_FRAME = HEADER + np.iinfo(np.uint8).max + CHECKSUM + SIGNATURE
+SIGNATURE_BYTES: int = dialect.MAVLINK_SIGNATURE_BLOCK_LEN
+HEADER_BYTES_V1: int = dialect.HEADER_LEN_V1
+HEADER_BYTES_V2: int = dialect.HEADER_LEN_V2
+CHECKSUM_BYTES = np.uint16().itemsize
+MAX_FRAME_BYTES = HEADER_BYTES_V2 + np.iinfo(np.uint8).max + CHECKSUM_BYTES + SIGNATURE_BYTES
 SCANNED_BYTES = 1 << 18  # Bytes scanned at a time: bounds the memory for hostile input, all markers
 
 
-MATCHES, UNKNOWN, FAILED = range(1, 4)
+CHECKSUM_MATCHES, MESSAGE_UNKNOWN, CHECKSUM_FAILED = range(1, 4)
 """Of a frame: the checksum agrees; the message id is not in the dialect; the checksum disagrees."""
 
 
@@ -69,8 +69,8 @@ MATCHES, UNKNOWN, FAILED = range(1, 4)
 class Frames:
     """A table of frames in stream order; every column has shape (N,).
 
-    ``start`` is the place of the marker in the bytes, ``end`` that after the last byte. ``checksum`` is ``MATCHES``,
-    ``UNKNOWN`` or ``FAILED``.
+    ``start`` is the offset of the marker, ``end`` that after the last byte. ``checksum`` is ``CHECKSUM_MATCHES``,
+    ``MESSAGE_UNKNOWN`` or ``CHECKSUM_FAILED``.
     """
 
     start: Places
@@ -133,19 +133,19 @@ class _FrameBlock:
     def __init__(self, data: Bytes, begin: int, end: int, gap: int, seeds: Seeds) -> None:
         self._begin, self._size, self._seeds = begin, len(data), seeds
         # With the bytes that the last candidate covers, zeros after the end of the stream.
-        self._bytes = np.zeros(end - begin + LONGEST_FRAME + gap + 2, dtype=np.uint8)
+        self._bytes = np.zeros(end - begin + MAX_FRAME_BYTES + gap + 2, dtype=np.uint8)
         there = data[begin : begin + len(self._bytes)]
         self._bytes[: len(there)] = there
         self._content = self._bytes.tobytes()
         block = self._bytes[: end - begin]
-        start = np.flatnonzero((block == MARKER_1) | (block == MARKER_2))
-        header = rows_of(self._bytes, start, HEADER)
-        known_flags = (header[:, 0] == MARKER_1) | (header[:, 2] <= SIGNED)
+        start = np.flatnonzero((block == MARKER_V1) | (block == MARKER_V2))
+        header = rows_of(self._bytes, start, HEADER_BYTES_V2)
+        known_flags = (header[:, 0] == MARKER_V1) | (header[:, 2] <= SIGNED_FLAG)
         self._header = header[known_flags]
         self.start = start[known_flags] + begin
         self.end = self.start + _lengths(self._header)
         following = self._bytes[self.end + (gap - begin)]
-        marked = (following == MARKER_1) | (following == MARKER_2)
+        marked = (following == MARKER_V1) | (following == MARKER_V2)
         self._linked = (self.end + gap >= self._size) | marked
 
     def linked(self) -> Frames:
@@ -172,26 +172,26 @@ class _FrameBlock:
 
 
 def _covered(header: Bytes) -> Places:
-    """Bytes of the frame before its checksum, from headers (N, ``HEADER``)."""
-    before = np.where(header[:, 0] == MARKER_2, HEADER, HEADER_1)
+    """Bytes of the frame before its checksum, from headers (N, ``HEADER_BYTES_V2``)."""
+    before = np.where(header[:, 0] == MARKER_V2, HEADER_BYTES_V2, HEADER_BYTES_V1)
     return np.add(before, header[:, 1], dtype=np.int64)
 
 
 def _lengths(header: Bytes) -> Places:
     """Bytes of the whole frame."""
-    signed = (header[:, 0] == MARKER_2) & (header[:, 2] == SIGNED)
-    return _covered(header) + np.where(signed, CHECKSUM + SIGNATURE, CHECKSUM)
+    signed = (header[:, 0] == MARKER_V2) & (header[:, 2] == SIGNED_FLAG)
+    return _covered(header) + np.where(signed, CHECKSUM_BYTES + SIGNATURE_BYTES, CHECKSUM_BYTES)
 
 
 def frames_at(data: Bytes, start: Places) -> Frames:
-    """Returns the frames that begin at ``start`` (N,), all with the checksum ``MATCHES``."""
-    # A header at the very end may be shorter than ``HEADER``; the bytes read instead are no part of it.
-    return _headed(start, data.take(start[:, None] + np.arange(HEADER), mode="clip"))
+    """Returns the frames that begin at ``start`` (N,), all with the checksum ``CHECKSUM_MATCHES``."""
+    # A header at the very end may be shorter than ``HEADER_BYTES_V2``; the bytes read instead are no part of it.
+    return _headed(start, data.take(start[:, None] + np.arange(HEADER_BYTES_V2), mode="clip"))
 
 
 def _headed(start: Places, header: Bytes) -> Frames:
-    """The frames that begin at ``start`` with these headers (N, ``HEADER``)."""
-    second = header[:, 0] == MARKER_2
+    """The frames that begin at ``start`` with these headers (N, ``HEADER_BYTES_V2``)."""
+    second = header[:, 0] == MARKER_V2
     low, middle, high = (header[:, 7 + byte].astype(np.int64) for byte in range(3))
     sequence, system, component = np.where(second[:, None], header[:, 4:7], header[:, 2:5]).T
     return Frames(
@@ -201,7 +201,7 @@ def _headed(start: Places, header: Bytes) -> Frames:
         sequence=sequence,
         system=system,
         component=component,
-        checksum=np.full(len(start), MATCHES, dtype=np.uint8),
+        checksum=np.full(len(start), CHECKSUM_MATCHES, dtype=np.uint8),
     )
 
 
@@ -233,7 +233,9 @@ def _explained(
         starts.extend(_chain(content, int(before[row]), int(after[row]), gap))
     filling = np.frombuffer(starts, dtype=np.int64)
     frames = frames_at(data, filling)
-    frames.checksum[:] = np.where(seeds.take(frames.message_id, mode="clip") < 0, UNKNOWN, FAILED)
+    frames.checksum[:] = np.where(
+        seeds.take(frames.message_id, mode="clip") < 0, MESSAGE_UNKNOWN, CHECKSUM_FAILED
+    )
     return frames[frames.end <= len(data)]
 
 
@@ -242,7 +244,7 @@ def _chain(content: memoryview, offset: int, goal: int, gap: int) -> Sequence[in
     starts = array("q")
     size = len(content)
     while offset < goal and offset + 3 <= size:
-        length = announced_length(*content[offset : offset + 3])
+        length = frame_length(*content[offset : offset + 3])
         if length is None:
             break
         starts.append(offset)
@@ -251,12 +253,12 @@ def _chain(content: memoryview, offset: int, goal: int, gap: int) -> Sequence[in
     return starts if offset == goal or cut_off else array("q")
 
 
-def announced_length(marker: int, payload: int, flags: int) -> int | None:
+def frame_length(marker: int, payload: int, flags: int) -> int | None:
     """Returns the number of bytes of the frame whose header starts with these three; None if no header does."""
-    if marker == MARKER_1:
-        return HEADER_1 + payload + CHECKSUM
-    if marker == MARKER_2 and flags <= SIGNED:
-        return HEADER + payload + CHECKSUM + SIGNATURE * flags
+    if marker == MARKER_V1:
+        return HEADER_BYTES_V1 + payload + CHECKSUM_BYTES
+    if marker == MARKER_V2 and flags <= SIGNED_FLAG:
+        return HEADER_BYTES_V2 + payload + CHECKSUM_BYTES + SIGNATURE_BYTES * flags
     return None
 
 

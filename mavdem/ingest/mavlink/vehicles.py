@@ -12,15 +12,21 @@ from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair
-from mavdem.ingest.mavlink.clocks import Places, Sent, boot_clock, far_off
+from mavdem.ingest.mavlink.clocks import Places, Sent, boot_clock, deviates_from_median
 from mavdem.ingest.mavlink.definitions import (
     MessageDefinition,
-    columns,
-    definitions,
+    decoded_columns,
+    definitions_by_id,
     enum_name,
-    parameter_values,
+    latest_parameters,
 )
-from mavdem.ingest.mavlink.framing import MATCHES, UNKNOWN, Bytes, Frames, concatenated
+from mavdem.ingest.mavlink.framing import (
+    CHECKSUM_MATCHES,
+    MESSAGE_UNKNOWN,
+    Bytes,
+    Frames,
+    concatenated,
+)
 from mavdem.ingest.motors import MOTOR_MESSAGES
 from mavdem.ingest.telemetry import (
     Columns,
@@ -29,9 +35,9 @@ from mavdem.ingest.telemetry import (
     Log,
     Tables,
     Telemetry,
-    Unread,
-    repair,
-    rows_by,
+    UnreadFrames,
+    repair_facts,
+    rows_by_value,
 )
 from mavdem.ingest.vocabulary import (
     NAMES,
@@ -44,7 +50,7 @@ Starts = NDArray[np.integer]
 """Places of frames in the stream, in its order."""
 
 
-def missing_between(before: Any, after: Any) -> Any:
+def missing_messages(before: Any, after: Any) -> Any:
     """Returns increase of one sender's number of missing messages from one message to the next, −33 to 127.
 
     The numbers run from 0 to 255 and start again. A late message was counted as missing when another overtook it, and
@@ -62,8 +68,8 @@ NOT_VEHICLES = frozenset({*NAMES["not_vehicles"], RADIO})
 VEHICLE_MESSAGES = frozenset({"ATTITUDE", "ATTITUDE_QUATERNION", *MOTOR_MESSAGES})
 """A component without a HEARTBEAT is a vehicle if it sent one of these messages."""
 # Component (MAV_COMP_ID_MISSIONPLANNER) under which MAVProxy logs the parameters of a system
-PARAMETER_STORE: int = dialect.MAV_COMP_ID_MISSIONPLANNER
-CLOCK_UNITS = {"time_boot_ms": 1e3, "time_boot_us": 1e6, "time_usec": 1e6}
+PARAMETER_STORE_COMPONENT: int = dialect.MAV_COMP_ID_MISSIONPLANNER
+BOOT_CLOCK_UNITS = {"time_boot_ms": 1e3, "time_boot_us": 1e6, "time_usec": 1e6}
 """Fields with the boot clock, the more reliable first, and their units in a second."""
 
 
@@ -77,13 +83,13 @@ def assemble(stream: FrameStream) -> Log:
     frames = stream.frames
     ids_of = frames.system.astype(np.int64) << 8 | frames.component
     sent = _starts(frames, ids_of)
-    rows_of = rows_by(ids_of)
+    rows_of = rows_by_value(ids_of)
     unread = tuple(_unread(frames, ids_of, sent))
     repairs = stream.repairs
     for cause in (Flaw.DAMAGE, Flaw.ANOTHER_DIALECT):
         count = sum(kind.frames for kind in unread if kind.cause is cause)
-        repairs += repair(Repair.FRAMES_LEFT_OUT, count=count, flaw=cause)
-    repairs += repair(Repair.BYTES_SKIPPED, count=stream.bytes_skipped, part="frame")
+        repairs += repair_facts(Repair.FRAMES_LEFT_OUT, count=count, flaw=cause)
+    repairs += repair_facts(Repair.BYTES_SKIPPED, count=stream.bytes_skipped, part="frame")
     heard = []
     for ids, starts in sent.items():
         messages, of_clock = _messages(data, starts)
@@ -94,13 +100,13 @@ def assemble(stream: FrameStream) -> Log:
         if counts and RADIO_MESSAGES.issuperset(counts):
             kind = RADIO
         sequence = frames.sequence[rows_of[ids]].astype(np.int16)
-        lost = int(missing_between(sequence[:-1], sequence[1:]).sum())
+        lost = int(missing_messages(sequence[:-1], sequence[1:]).sum())
         sender = Component(ids >> 8, ids & 0xFF, kind, autopilot, counts, max(lost, 0))
         heard.append((sender, messages, of_clock))
     stores = {
         sender.system: messages
         for sender, messages, _ in heard
-        if sender.component == PARAMETER_STORE
+        if sender.component == PARAMETER_STORE_COMPONENT
     }
     vehicles = []
     for sender, messages, of_clock in heard:
@@ -114,12 +120,12 @@ def assemble(stream: FrameStream) -> Log:
             parameters: dict[str, float] = {}
             for own in (stores.get(sender.system, {}), messages):
                 if "PARAM_VALUE" in own:
-                    parameters |= parameter_values(own["PARAM_VALUE"], sender.autopilot)
+                    parameters |= latest_parameters(own["PARAM_VALUE"], sender.autopilot)
             who = (sender.system, sender.component, sender.kind, sender.autopilot)
             all_repairs = repairs + of_clock
             vehicles.append(Telemetry(*who, messages, parameters, stream.source, all_repairs))
     stamps = stream.stamps[stream.stamps > 0] / 1e6
-    stamps = stamps[~far_off(stamps, STAMP_WINDOW, MAX_STAMP_JUMP)]
+    stamps = stamps[~deviates_from_median(stamps, STAMP_WINDOW, MAX_STAMP_JUMP)]
     span = (float(stamps.min()), float(stamps.max())) if len(stamps) else (np.nan, np.nan)
     components = tuple(sender for sender, *_ in heard)
     return Log(
@@ -135,28 +141,28 @@ def assemble(stream: FrameStream) -> Log:
 
 def _starts(frames: Frames, ids_of: Places) -> dict[int, dict[int, Starts]]:
     """Where matching frames of each message begin, by ``system << 8 | component`` and message id, both ascending."""
-    matching = frames.checksum == MATCHES
+    matching = frames.checksum == CHECKSUM_MATCHES
     starts = frames.start[matching]
     sent: dict[int, dict[int, Starts]] = {}
-    for kind, rows in rows_by((ids_of << 24 | frames.message_id)[matching]).items():
+    for kind, rows in rows_by_value((ids_of << 24 | frames.message_id)[matching]).items():
         sent.setdefault(kind >> 24, {})[kind & 0xFFFFFF] = starts[rows]
     return sent
 
 
 def _unread(
     frames: Frames, ids_of: Places, sent: Mapping[int, Mapping[int, Starts]]
-) -> Iterator[Unread]:
+) -> Iterator[UnreadFrames]:
     """The frames that could not be read, of a stream in which the matching ones are ``sent``."""
-    bad = frames.checksum != MATCHES
+    bad = frames.checksum != CHECKSUM_MATCHES
     checksums = frames.checksum[bad]
-    for key, rows in rows_by((frames.message_id << 16 | ids_of)[bad]).items():
+    for key, rows in rows_by_value((frames.message_id << 16 | ids_of)[bad]).items():
         message_id = key >> 16
         ids = key & 0xFFFF
         total = len(rows) + len(sent.get(ids, {}).get(message_id, ()))
         # Of another dialect all frames of a message fail, and more than two, which may be damage.
-        strange = ids in sent if checksums[rows[0]] == UNKNOWN else len(rows) == total >= 3
+        strange = ids in sent if checksums[rows[0]] == MESSAGE_UNKNOWN else len(rows) == total >= 3
         cause = Flaw.ANOTHER_DIALECT if strange else Flaw.DAMAGE
-        yield Unread(message_id, ids >> 8, ids & 0xFF, len(rows), total, cause)
+        yield UnreadFrames(message_id, ids >> 8, ids & 0xFF, len(rows), total, cause)
 
 
 def identity(heartbeats: Columns) -> tuple[str, str]:
@@ -173,15 +179,15 @@ def _messages(data: Bytes, sent: Mapping[int, Starts]) -> tuple[Tables, Facts]:
     decoded = {}
     kinds = []
     for message_id, starts in sent.items():
-        definition = definitions()[message_id]
-        fields = decoded[definition.name] = columns(data, starts, definition)
+        definition = definitions_by_id()[message_id]
+        fields = decoded[definition.name] = decoded_columns(data, starts, definition)
         kinds.append(_sent(definition, starts, fields))
     placed, repairs = boot_clock(kinds)
     return {name: {**fields, **placed[name]._asdict()} for name, fields in decoded.items()}, repairs
 
 
 def _sent(definition: MessageDefinition, starts: Starts, fields: Fields) -> Sent:
-    for name, units in CLOCK_UNITS.items():
+    for name, units in BOOT_CLOCK_UNITS.items():
         if name in fields:
             kind = fields[name].dtype
             period = np.inf if kind.itemsize == 8 else 2.0 ** (8 * kind.itemsize) / units
@@ -191,10 +197,10 @@ def _sent(definition: MessageDefinition, starts: Starts, fields: Fields) -> Sent
 
 @dataclass(frozen=True, eq=False)
 class FrameStream:
-    """A recorded stream, not yet sorted by who sent what; ``form`` is the usual end of such files' names, ".tlog"."""
+    """A recorded stream, not yet sorted by sender; ``file_ending`` is the usual end of such files, ".tlog"."""
 
     source: str
-    form: str
+    file_ending: str
     data: Bytes  # the bytes with the frames, in the same order
     frames: Frames  # (N,) in the order of the recording
     # (N,) UNIX microseconds each was received, as recorded; 0 where that was not

@@ -37,19 +37,19 @@ from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.definitions import (
     FrameSender,
     MessageDefinition,
-    frame_of,
-    named,
-    seeds,
+    crc_extra_table,
+    definitions_by_name,
+    encode_frame,
 )
 from mavdem.ingest.mavlink.framing import (
+    CHECKSUM_MATCHES,
     MARKERS,
-    MATCHES,
     find_frames,
 )
 from mavdem.ingest.mavlink.vehicles import FrameStream, RecordingPart, assemble, joined
 from mavdem.ingest.mcap.records import McapRecording
 from mavdem.ingest.ros2.log import flight_topics, read_ros2
-from mavdem.ingest.telemetry import Log, repair
+from mavdem.ingest.telemetry import Log, repair_facts
 
 JSON = frozenset({"json", "json5"})
 NO_FRAMES = JSON | {"ros1", "cdr", "protobuf", "flatbuffer", "cbor", "msgpack"}
@@ -100,7 +100,7 @@ def _stream(source: str, recording: McapRecording) -> FrameStream:
     skipped = sum(len(part.data) - int(part.frames.size.sum()) for part in parts)
     heard = set()
     for part in parts:
-        good = part.frames[part.frames.checksum == MATCHES]
+        good = part.frames[part.frames.checksum == CHECKSUM_MATCHES]
         heard |= set(map(FrameSender, good.system.tolist(), good.component.tolist()))
     topics = _json_topics(recording)
     own = {number: topic for number, topic in topics.items() if topic.sender not in heard}
@@ -110,13 +110,13 @@ def _stream(source: str, recording: McapRecording) -> FrameStream:
         written, unread, left_out = _json_part(recording.content, own)
         parts.append(written)
         repairs += left_out
-    if not any((part.frames.checksum == MATCHES).any() for part in parts):
+    if not any((part.frames.checksum == CHECKSUM_MATCHES).any() for part in parts):
         like = unread + sum(len(part.frames) for part in parts)
         raise Unreadable(_nothing_in(source, recording, like))
     part = joined(parts)
     stamps = part.log_time // np.uint64(1000)
     if flight_topics(recording):
-        repairs += repair(Repair.TOPICS_NOT_READ, name="ros2")
+        repairs += repair_facts(Repair.TOPICS_NOT_READ, name="ros2")
     return FrameStream(source, ".mcap", part.data, part.frames, stamps, skipped, repairs)
 
 
@@ -128,7 +128,7 @@ def _carries_frames(channel: Channel, data: bytes) -> bool:
 def _part(pieces: Sequence[_Piece]) -> RecordingPart:
     data = np.frombuffer(b"".join(piece.data for piece in pieces), dtype=np.uint8)
     ends = np.cumsum([len(piece.data) for piece in pieces], dtype=np.int64)
-    frames = find_frames(data, seeds())
+    frames = find_frames(data, crc_extra_table())
     holding = np.searchsorted(ends, frames.start, side="right")
     places = np.array([piece.place for piece in pieces], dtype=np.int64)
     times = np.array([piece.log_time for piece in pieces], dtype=np.uint64)
@@ -167,7 +167,7 @@ def _json_part(content: bytes, topics: Mapping[int, JsonTopic]) -> tuple[Recordi
         if message.channel_id not in topics:
             continue
         sender, name = topics[message.channel_id]
-        definition = named().get(name)
+        definition = definitions_by_name().get(name)
         if definition is None:
             unknown[name] += 1
             continue
@@ -177,18 +177,18 @@ def _json_part(content: bytes, topics: Mapping[int, JsonTopic]) -> tuple[Recordi
         if payload is None:
             wrong[recording.channels[message.channel_id].topic] += 1
         else:
-            frame = frame_of(payload, definition, sender, last[sender])
+            frame = encode_frame(payload, definition, sender, last[sender])
             written.append(_Piece(position, message.log_time, frame))
     names = [name for name, _ in unknown.most_common(5)]
     more = len(unknown) - len(names)
     left_out = (
-        *repair(
+        *repair_facts(
             Repair.LOGGED_MESSAGES_LEFT_OUT,
             count=wrong.total(),
             flaw=Flaw.UNDECODABLE,
             names=sorted(wrong),
         ),
-        *repair(Repair.JSON_OF_NO_DIALECT, count=unknown.total(), names=names, more=more),
+        *repair_facts(Repair.JSON_OF_NO_DIALECT, count=unknown.total(), names=names, more=more),
     )
     return _part(written), unknown.total() + wrong.total(), left_out
 

@@ -35,9 +35,9 @@ from mavdem.arrays import Array
 from mavdem.containers import JsonValues
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
-from mavdem.ingest.contents import FREE_BYTES, MAX_RATIO
+from mavdem.ingest.contents import MIN_UNPACKED_LIMIT, MAX_COMPRESSION_RATIO
 from mavdem.ingest.mavlink.vehicles import FrameStream
-from mavdem.ingest.telemetry import repair
+from mavdem.ingest.telemetry import repair_facts
 
 MAGIC = b"\x89MCAP0\r\n"
 READ = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
@@ -64,7 +64,7 @@ class McapRecording:
 
     def messages(self) -> Iterator[Message]:
         """Yields every message whose channel is known, in the order of the file; of damaged chunks none."""
-        self._allowance = FREE_BYTES + MAX_RATIO * len(self.content)
+        self._allowance = MIN_UNPACKED_LIMIT + MAX_COMPRESSION_RATIO * len(self.content)
         places = list(self._records())
         # The summary at the end repeats channels and schemas, which helps where the first record is damaged.
         for opcode, start, stop in places:
@@ -78,9 +78,9 @@ class McapRecording:
     def repairs(self) -> Facts:
         """Returns each kind of damage."""
         return (
-            *repair(Repair.CHUNKS_DAMAGED, count=self.damaged),
-            *repair(Repair.BYTES_SKIPPED, count=self.skipped, part="recording"),
-            *(repair(Repair.RECORDING_CUT) if self.cut else ()),
+            *repair_facts(Repair.CHUNKS_DAMAGED, count=self.damaged),
+            *repair_facts(Repair.BYTES_SKIPPED, count=self.skipped, part="recording"),
+            *(repair_facts(Repair.RECORDING_CUT) if self.cut else ()),
         )
 
     def _records(self) -> Iterator[tuple[int, int, int]]:
@@ -122,7 +122,7 @@ class McapRecording:
         """The records of a chunk; none where it is damaged."""
         chunk = self._read(start, stop)
         if isinstance(chunk, Chunk):
-            most = min(self._allowance, FREE_BYTES)
+            most = min(self._allowance, MIN_UNPACKED_LIMIT)
             records = _unpacked(chunk.compression, chunk.data, most)
             self._allowance -= len(records)
             plain = replace(chunk, compression="", data=records)
@@ -190,8 +190,8 @@ def write_mcap(file: BinaryIO, stream: FrameStream) -> int:
 
     A stamp beyond the year 2554, which MCAP cannot hold, becomes that of the frame before.
     """
-    writer = started(file)
-    raw = raw_channel(writer)
+    writer = start_writer(file)
+    raw = register_frame_channel(writer)
     channels = {}
     parser = dialect.MAVLink(None)
     last = count = 0
@@ -215,7 +215,7 @@ def write_mcap(file: BinaryIO, stream: FrameStream) -> int:
 
 def write_series(file: BinaryIO, series: Mapping[str, Series]) -> None:
     """Writes columns over time, s from 0 on, by topic as JSON, one message a row; a value not finite becomes null."""
-    writer = started(file)
+    writer = start_writer(file)
     queue: list[tuple[float, int, str]] = []
     for topic, (time, named) in series.items():
         channel = _registered(writer, topic, _object({name: {"type": "number"} for name in named}))
@@ -228,14 +228,14 @@ def write_series(file: BinaryIO, series: Mapping[str, Series]) -> None:
     writer.finish()  # type: ignore[no-untyped-call]
 
 
-def started(file: BinaryIO, chunk: int = CHUNK_BYTES) -> Writer:
+def start_writer(file: BinaryIO, chunk: int = CHUNK_BYTES) -> Writer:
     """Returns a writer of messages in chunks of ``chunk`` bytes; ``finish`` ends it."""
     writer = Writer(file, chunk_size=chunk)
     writer.start(library="mavdem")
     return writer
 
 
-def raw_channel(writer: Writer) -> int:
+def register_frame_channel(writer: Writer) -> int:
     """Returns a new channel of frames."""
     return writer.register_channel("mavlink/raw", "mavlink", schema_id=0)
 

@@ -39,8 +39,8 @@ from mavdem.ingest.telemetry import (
     Telemetry,
     log_of_vehicles,
     renamed,
-    repair,
-    selected,
+    repair_facts,
+    selected_rows,
 )
 from mavdem.ingest.vocabulary import (
     ARDUPILOT,
@@ -219,7 +219,9 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
     code = Repair.LOGGED_MESSAGES_LEFT_OUT
     repairs = (
         *anew.repairs(),
-        *repair(code, flaw=Flaw.UNDECODABLE, count=undecodable.total(), names=sorted(+undecodable)),
+        *repair_facts(
+            code, flaw=Flaw.UNDECODABLE, count=undecodable.total(), names=sorted(+undecodable)
+        ),
     )
     vehicles = tuple(
         replace(vehicle, repairs=repairs + vehicle.repairs) for vehicle in numbered(made)
@@ -257,7 +259,7 @@ def vehicle(topics: Mapping[RosTopic, TopicColumns], source: str) -> Telemetry |
     made = _px4_vehicle(px4, source)
     if made is None:
         return _mavros_vehicle(mavros, source)
-    also = repair(Repair.TOPICS_NOT_READ, name="mavros") if mavros else ()
+    also = repair_facts(Repair.TOPICS_NOT_READ, name="mavros") if mavros else ()
     return replace(made, repairs=made.repairs + also)
 
 
@@ -272,7 +274,7 @@ def numbered(vehicles: Sequence[tuple[str, Telemetry]]) -> Iterator[Telemetry]:
             yield vehicle
             continue
         further = (
-            repair(
+            repair_facts(
                 Repair.SYSTEM_NUMBERED, name=namespace or "/", given=vehicle.system, system=system
             )
             if len(vehicles) > 1
@@ -286,7 +288,7 @@ def _px4_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry |
     instances = {}
     for name, columns in topics.items():
         apart = {**columns, "time": columns["time"] + BOOT_APART * columns["boot"]}
-        instances[name] = {0: selected(apart, np.argsort(apart["time"], kind="stable"))}
+        instances[name] = {0: selected_rows(apart, np.argsort(apart["time"], kind="stable"))}
     kind, made, names = px4_topics.messages(instances, {})
     if not made:
         return None
@@ -307,7 +309,7 @@ def _px4_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry |
         source,
         repairs,
         translated_from=PX4_BRIDGE,
-        names=names,
+        source_names=names,
     )
 
 
@@ -336,7 +338,7 @@ def _mavros_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetr
         source,
         repairs,
         translated_from=MAVROS,
-        names=names,
+        source_names=names,
     )
 
 
@@ -356,7 +358,7 @@ def _on_one_clock(
     seconds = {name: (own - start) / 1e9 for name, own in stamps.items()}
     usable = {name: (own > 0) & (seconds[name] > 0) for name, own in stamps.items()}
     without = sum(np.count_nonzero(~some) for some in usable.values())
-    repairs += repair(Repair.LOGGED_MESSAGES_LEFT_OUT, count=without, flaw=Flaw.NO_STAMP)
+    repairs += repair_facts(Repair.LOGGED_MESSAGES_LEFT_OUT, count=without, flaw=Flaw.NO_STAMP)
     sent = [
         Sent(
             name,
@@ -373,7 +375,7 @@ def _on_one_clock(
         # A message whose stamp was ignored has the place of the one before.
         new = np.ones(len(time), dtype=np.bool_)
         new[1:] = (np.diff(time) != 0) | (np.diff(boot) != 0)
-        kept = selected(tables[name].columns, np.flatnonzero(usable[name])[new])
+        kept = selected_rows(tables[name].columns, np.flatnonzero(usable[name])[new])
         placed[name] = kept | {"time": time[new], "boot": boot[new]}
     return placed, repairs + of_clock
 
@@ -386,7 +388,7 @@ def _start(stamps: Integers) -> tuple[int, Facts]:
         return 0, ()
     # Stamps a month away are not of the same recording.
     first = int(stamps[abs(stamps - middle) < 30 * 86400 * SECOND].min()) // SECOND - 1
-    return first * SECOND, repair(Repair.UNIX_TIME_MOVED, origin=first)
+    return first * SECOND, repair_facts(Repair.UNIX_TIME_MOVED, origin=first)
 
 
 def _nanoseconds(values: Array, unit: int) -> Integers:
