@@ -35,7 +35,7 @@ from mavdem.arrays import Array
 from mavdem.containers import JsonValues
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
-from mavdem.ingest.contents import MIN_UNPACKED_LIMIT, MAX_COMPRESSION_RATIO
+from mavdem.ingest.contents import MAX_COMPRESSION_RATIO, MIN_UNPACKED_LIMIT
 from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.telemetry import repair_facts
 
