@@ -29,8 +29,8 @@ from mavdem.assessment.motion import motion_events
 from mavdem.assessment.noise_spectra import MeasuredNoise, noise_of
 from mavdem.assessment.reported import reported_events
 from mavdem.containers import JsonValues
-from mavdem.dataset.drive import AXES
-from mavdem.dataset.read import choose_vehicle
+from mavdem.dataset.axes import AXES
+from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.dem import Learned
 from mavdem.dem.record import Record

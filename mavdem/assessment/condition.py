@@ -22,10 +22,12 @@ from mavdem.arrays import Array
 from mavdem.confidence import half_width
 from mavdem.containers import Names, Numbers
 from mavdem.dataset import phases
-from mavdem.dataset.align import Segment, Segments, recorded_parts, settled_segments, within
-from mavdem.dataset.drive import AXES, TILT_AXES, Signal, recorded, series, table_of
-from mavdem.dataset.phases import AVERAGING_SECONDS, Intervals, both
+from mavdem.dataset.axes import AXES, TILT_AXES
+from mavdem.dataset.intervals import Intervals, intersection
+from mavdem.dataset.phases import AVERAGING_SECONDS
+from mavdem.dataset.segments import Segment, Segments, in_segments, recorded_spans, settled_segments
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import TimeSeries, clean_series, float_columns, recorded_series
 from mavdem.errors import NotLearnable
 from mavdem.immutable import ImmutableResult
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
@@ -115,7 +117,7 @@ class Condition(ImmutableResult):
 def condition_of(signals: Signals) -> Condition:
     """Returns the condition of the vehicle of ``signals``, whatever they are for: it takes the motors' own messages."""
     signals = signals.about("roll", "motors") if signals.inputs != "motors" else signals
-    span = recorded_parts(signals)
+    span = recorded_spans(signals)
     settled = settled_parts(signals)
     try:
         hover = hover_of(signals)
@@ -125,11 +127,11 @@ def condition_of(signals: Signals) -> Condition:
     lean, tilt = _leaning(signals, settled)
     moving = signals.motors, dict(zip(TILT_AXES, signals.tilts, strict=False))
     oscillation = detect_limit_cycle(*moving, settled) or detect_limit_cycle(
-        *moving, _parts(signals, phases.flying)
+        *moving, _parts(signals, phases.airborne_intervals)
     )
     return Condition(
         duration=_seconds(span),
-        armed=None if signals.armed is None else _seconds(_parts(signals, phases.armed)),
+        armed=None if signals.armed is None else _seconds(_parts(signals, phases.armed_intervals)),
         settled=_seconds(settled),
         hover=hover,
         share_interval=intervals,
@@ -150,14 +152,14 @@ def settled_parts(signals: Signals) -> Segments:
         return ()
     if signals.motors is not None:
         return tuple(sorted(settled_segments(signals)))
-    return _parts(signals, phases.settled)
+    return _parts(signals, phases.settled_intervals)
 
 
 def _parts(signals: Signals, wanted: Callable[[Signals, int], Intervals]) -> Segments:
     """The ``wanted`` intervals of each boot, as far as anything was recorded."""
     recorded = (
-        (part.boot, both([(part.start, part.end)], wanted(signals, part.boot)))
-        for part in recorded_parts(signals)
+        (part.boot, intersection([(part.start, part.end)], wanted(signals, part.boot)))
+        for part in recorded_spans(signals)
     )
     return tuple(Segment(boot, *interval) for boot, intervals in recorded for interval in intervals)
 
@@ -185,7 +187,7 @@ def _balance(
     motors = signals.motors
     seconds = _seconds(settled)
     assert motors is not None
-    shares = motors.scale.fraction(motors.outputs[within(motors, *settled, slack=0)])
+    shares = motors.scale.fraction(motors.outputs[in_segments(motors, *settled, slack=0)])
     level = shares.mean(axis=1, keepdims=True)
     # A ratio of means: its error is the mean of these.
     mean_level = level.mean()
@@ -201,7 +203,7 @@ def _balance(
 
 def _leaning(signals: Signals, settled: Segments) -> tuple[dict[str, Steady], Array]:
     """Roll and pitch, and the angle from level (N,), rad."""
-    angles = [tilt.angle[within(tilt, *settled, slack=0)] for tilt in signals.tilts]
+    angles = [tilt.angle[in_segments(tilt, *settled, slack=0)] for tilt in signals.tilts]
     if len(angles) < len(TILT_AXES) or not all(map(len, angles)):
         return {}, np.zeros(0)
     lean = {
@@ -239,7 +241,7 @@ class MeasuredVibration(NamedTuple):
     """
 
     axes: Names
-    levels: Signal
+    levels: TimeSeries
     clips: Array
 
 
@@ -249,9 +251,9 @@ def vibration_of(signals: Signals) -> MeasuredVibration | None:
     columns = signals.telemetry.messages.get("VIBRATION")
     if columns is None or not {*names, *CLIPS} <= columns.keys():
         return None
-    first = table_of(columns, names)
-    counted = table_of(columns, CLIPS)
-    measured = series(columns, np.column_stack([columns.get("levels", first), counted]))
+    first = float_columns(columns, names)
+    counted = float_columns(columns, CLIPS)
+    measured = clean_series(columns, np.column_stack([columns.get("levels", first), counted]))
     levels, counts = np.split(measured.values, [-len(CLIPS)], axis=1)
     # The counts are of the boot so far; one that stands out from both beside it was damaged.
     sound = median_filter(counts, size=(3, 1), mode="mirror")
@@ -267,7 +269,7 @@ def _vibration(signals: Signals, settled: Segments) -> VibrationFigures | None:
     measured = vibration_of(signals)
     if measured is None:
         return None
-    here = within(measured.levels, *settled, slack=0)
+    here = in_segments(measured.levels, *settled, slack=0)
     if not here.any():
         return None
     levels = measured.levels.values[here, : len(measured.axes)]
@@ -276,7 +278,7 @@ def _vibration(signals: Signals, settled: Segments) -> VibrationFigures | None:
 
 def _battery(signals: Signals, parts: Segments) -> BatteryFigures | None:
     voltage = signals.voltage
-    if voltage is None or not (here := within(voltage, *parts, slack=0)).any():
+    if voltage is None or not (here := in_segments(voltage, *parts, slack=0)).any():
         return None
     time = voltage.time[here]
     boot = voltage.boot[here]
@@ -284,9 +286,9 @@ def _battery(signals: Signals, parts: Segments) -> BatteryFigures | None:
     first = volts[(boot == boot[0]) & (time <= time[0] + AVERAGING_SECONDS)]
     last = volts[(boot == boot[-1]) & (time >= time[-1] - AVERAGING_SECONDS)]
     figures = [np.median(first), np.median(last), volts.mean(), volts.min()]
-    load = recorded(signals.telemetry, "SYS_STATUS", "current_battery")
+    load = recorded_series(signals.telemetry, "SYS_STATUS", "current_battery")
     if load is not None:
-        amperes = load.values[within(load, *parts, slack=0)] / 1e2
+        amperes = load.values[in_segments(load, *parts, slack=0)] / 1e2
         # A negative current stands for none; a sensor that is not there, or not calibrated, reads 0 at times.
         if amperes.min(initial=np.inf) > 0 and len(amperes):
             figures += [amperes.mean(), amperes.max()]

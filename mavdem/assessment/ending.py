@@ -21,15 +21,15 @@ from mavdem.assessment.motion import (
     attitude_error,
 )
 from mavdem.confidence import Interval
-from mavdem.dataset.drive import Motors
+from mavdem.dataset.intervals import in_intervals
+from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.phases import (
-    ASKED_SECONDS,
     AVERAGING_SECONDS,
-    airborne_collective,
-    during,
-    of_boot,
+    MAX_SETPOINT_DELAY,
+    min_airborne_collective,
+    series_of_boot,
 )
-from mavdem.dataset.quality import at_limits
+from mavdem.dataset.quality import samples_at_limits
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Code, Fact
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
@@ -135,7 +135,7 @@ def _first(
         at_stop = [
             event
             for event in _during(events, MotionEvent.MOTOR_AT_ITS_STOP, boot, onset)
-            if (event.time or 0.0) < onset - ASKED_SECONDS
+            if (event.time or 0.0) < onset - MAX_SETPOINT_DELAY
         ]
         began = [*at_stop, *_during(events, MotionEvent.FELL, boot, onset), lost][0]
         span = (began.time or onset, onset)
@@ -162,10 +162,10 @@ def _first(
 
 def _seemed_landed(signals: Signals, boot: int, onset: float) -> bool:
     """Whether the autopilot took the vehicle for landed within the second before it fell."""
-    landed = of_boot(signals.landed_state, boot)
+    landed = series_of_boot(signals.landed_state, boot)
     if landed is None:
         return False
-    soon = during(landed.time, [(onset - ASKED_SECONDS, onset)])
+    soon = in_intervals(landed.time, [(onset - MAX_SETPOINT_DELAY, onset)])
     return (landed.values[soon] == ON_GROUND).any()
 
 
@@ -197,7 +197,7 @@ def _by_commands(
         (commands.time > since - CAUGHT_SECONDS) & (commands.time < since - LOST_SECONDS)
     ]
     before = commands.values[(commands.time > since - AVERAGING_SECONDS) & (commands.time < since)]
-    here = during(commands.time, [span])
+    here = in_intervals(commands.time, [span])
     if not (len(usual) and len(before) and here.any()):
         return None
     time = commands.time[here]
@@ -208,14 +208,16 @@ def _by_commands(
     spent = (now if fell is None else before).mean() / motors.scale.stop
     if spent > SPENT_SHARE:
         return Fact(FailedFirst.THRUST_SPENT_FIRST, time=time[0], share=spent)
-    idle = airborne_collective(signals.telemetry.parameters)
+    idle = min_airborne_collective(signals.telemetry.parameters)
     weak = _weak_motor(motors, change, fell)
     if weak is None:
         return _frozen(signals, motors, now, idle)
     motor, opposite = weak
     name = motors.layout.names[motor]
-    stopped = np.flatnonzero(at_limits(now[:, motor], motors.scale)[0] | (now[:, opposite] < idle))
-    swung = at_limits(before[:, opposite], motors.scale)[0] | (before[:, motor] < idle)
+    stopped = np.flatnonzero(
+        samples_at_limits(now[:, motor], motors.scale)[0] | (now[:, opposite] < idle)
+    )
+    swung = samples_at_limits(before[:, opposite], motors.scale)[0] | (before[:, motor] < idle)
     is_alone = fell is not None or at_stop == [name]
     if swung.any() or not len(stopped) or not is_alone:
         return None
@@ -231,7 +233,7 @@ def _set_anew(signals: Signals, names: Sequence[str]) -> list[str]:
     return [name for name in functions if name in signals.telemetry.initial_parameters]
 
 
-def _frozen(signals: Signals, motors: Motors, now: Array, idle: float) -> Fact | None:
+def _frozen(signals: Signals, motors: MotorOutputs, now: Array, idle: float) -> Fact | None:
     """The one motor whose output stood still, between idle and its stop, while the others fought."""
     moved = np.ptp(now, axis=0)
     between = (now[0] > idle) & (now[0] < motors.scale.stop - MOVED_SHARE)
@@ -242,7 +244,9 @@ def _frozen(signals: Signals, motors: Motors, now: Array, idle: float) -> Fact |
     return Fact(FailedFirst.OUTPUT_FROZE_FIRST, subject=name, settings=_set_anew(signals, [name]))
 
 
-def _weak_motor(motors: Motors, change: Array, fell: complex | None) -> tuple[int, int] | None:
+def _weak_motor(
+    motors: MotorOutputs, change: Array, fell: complex | None
+) -> tuple[int, int] | None:
     """The motor that the commands' ``change`` (k,) lifts most, to whose side the vehicle ``fell``, and its opposite.
 
     ``fell`` is forward and, imaginary, to the right, rad; None where the vehicle fell upright. None where no motor is

@@ -15,11 +15,11 @@ from mavdem.arrays import Array
 from mavdem.assessment.axis.margins import AxisMargins, margins_of
 from mavdem.assessment.axis.overrides import overrides_of
 from mavdem.assessment.condition import Condition, settled_parts
-from mavdem.dataset import phases
-from mavdem.dataset.align import Segment, Segments
-from mavdem.dataset.drive import Signal
+from mavdem.dataset import intervals, phases
 from mavdem.dataset.learnability import Learnability
+from mavdem.dataset.segments import Segment, Segments
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Code, Fact, Facts
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.lights import Unjudged
@@ -80,33 +80,35 @@ class Evidence:
             return None
         return gain_reduction_advice(oscillation, self.signals.telemetry.parameters)
 
-    def flights(self, boot: int) -> phases.Intervals:
+    def flights(self, boot: int) -> intervals.Intervals:
         """Returns where the vehicle flew in a ``boot``."""
-        return phases.both(phases.flown(self.signals, boot), self._before_loss(boot))
+        return intervals.intersection(
+            phases.free_flight_intervals(self.signals, boot), self._before_loss(boot)
+        )
 
-    def flown(self, signal: Signal | None) -> Iterator[Signal]:
+    def flown(self, signal: TimeSeries | None) -> Iterator[TimeSeries]:
         """Yields what of a ``signal`` was measured in each flight."""
         if signal is None:
             return
         for boot in np.unique(signal.boot):
             here = signal.boot == boot
             for flight in self.flights(int(boot)):
-                rows = here & phases.during(signal.time, [flight])
+                rows = here & intervals.in_intervals(signal.time, [flight])
                 if rows.any():
                     yield signal.at(rows)
 
-    def averaged(self, signal: Signal | None) -> Array:
+    def averaged(self, signal: TimeSeries | None) -> Array:
         """Returns the means over 2 s of a ``signal`` in flight."""
-        means = [phases.average(part) for part in self.flown(signal)]
+        means = [phases.moving_average(part) for part in self.flown(signal)]
         return np.concatenate([np.zeros(0), *means])
 
     def settled(self, without: frozenset[str]) -> Segments:
         """Returns settled flight in other modes than those."""
         segments = []
         for part in settled_parts(self.signals):
-            left_out = phases.in_modes(self.signals, part.boot, without)
-            spans = phases.both([(part.start, part.end)], phases.outside(left_out))
-            spans = phases.both(spans, self._before_loss(part.boot))
+            left_out = phases.mode_intervals(self.signals, part.boot, without)
+            spans = intervals.intersection([(part.start, part.end)], intervals.complement(left_out))
+            spans = intervals.intersection(spans, self._before_loss(part.boot))
             segments += [Segment(part.boot, *span) for span in spans]
         return tuple(segments)
 
@@ -115,10 +117,10 @@ class Evidence:
         for event in self.events:
             if not (event.code in codes and event.warns):
                 continue
-            if phases.during(event.time or 0.0, self.flights(event.figures["boot"])):
+            if intervals.in_intervals(event.time or 0.0, self.flights(event.figures["boot"])):
                 yield event
 
-    def _before_loss(self, boot: int) -> phases.Intervals:
+    def _before_loss(self, boot: int) -> intervals.Intervals:
         ending = self.ending
         if ending is None or ending.figures.get("boot", boot) != boot:
             return [(-inf, inf)]

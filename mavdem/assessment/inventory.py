@@ -12,10 +12,10 @@ import numpy as np
 from mavdem.assessment.autopilot_messages import SEVERITIES, once, said, texts
 from mavdem.assessment.condition import Condition, condition_of
 from mavdem.containers import JsonValues
-from mavdem.dataset.align import settled_segments
-from mavdem.dataset.drive import floats
-from mavdem.dataset.learnability import Learnability, learnability_of, slower_rate
-from mavdem.dataset.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals, fixes
+from mavdem.dataset.learnability import Learnability, learnability_of, slower_stream_rate
+from mavdem.dataset.segments import settled_segments
+from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, MIN_STREAM_RATE, Signals, global_positions
+from mavdem.dataset.time_series import float_column
 from mavdem.facts import Fact
 from mavdem.facts.vehicle import Allowed, Basis
 from mavdem.ingest import Log
@@ -148,7 +148,7 @@ def _place(telemetry: Telemetry) -> tuple[float, float] | None:
     """Latitude and longitude of the first fix, degrees, to a metre; None without one."""
     for name in ("GPS_RAW_INT", "GLOBAL_POSITION_INT"):
         if "lat" in (columns := telemetry.messages.get(name, {})):
-            places, fixed = fixes(columns)
+            places, fixed = global_positions(columns)
             if fixed.any():
                 north, east = places[fixed][0]
                 return round(float(north), 5), round(float(east), 5)
@@ -159,7 +159,7 @@ def _date(signals: Signals, received: float) -> datetime | None:
     columns = signals.telemetry.messages.get("SYSTEM_TIME", {})
     flight = min(settled_segments(signals), default=None)
     if "time_unix_usec" in columns:
-        unix = floats(columns, "time_unix_usec") / 1e6
+        unix = float_column(columns, "time_unix_usec") / 1e6
         plausible = unix > FIRST_SECOND
         if flight is not None and (own := plausible & (columns["boot"] == flight.boot)).any():
             return _utc(unix[own][0] + flight.start - columns["time"][own][0])
@@ -179,8 +179,8 @@ def _utc(seconds: float) -> datetime | None:
 # Hz, of attitude and motor outputs, down to which their means, spreads and limits are known
 SLOWEST_RATE = 1.0
 TIERS = {
-    "a": Fact(Allowed.TIER_A, rate=MINIMUM_RATE),
-    "b": Fact(Allowed.TIER_B, rate=SLOW_MOTION_RATE),
+    "a": Fact(Allowed.TIER_A, rate=MIN_STREAM_RATE),
+    "b": Fact(Allowed.TIER_B, rate=MIN_SLOW_MOTION_RATE),
     "c": Fact(Allowed.TIER_C),
 }
 
@@ -217,11 +217,11 @@ def tier_of(learnability: Learnability, condition: Condition) -> Tier:
     reason = learnability.reason
     if learnability.learnable:
         return Tier("a", reason, TIERS["a"], None)
-    slower = slower_rate(learnability.figures)
-    is_slow = slower < MINIMUM_RATE
+    slower = slower_stream_rate(learnability.figures)
+    is_slow = slower < MIN_STREAM_RATE
     if not condition.settled or not condition.lean or 0 < slower < SLOWEST_RATE:
         return Tier(None, reason, None, NextTier("c", reason, is_slow))
-    name, following = ("b", "a") if slower >= SLOW_MOTION_RATE else ("c", "b")
+    name, following = ("b", "a") if slower >= MIN_SLOW_MOTION_RATE else ("c", "b")
     return Tier(name, reason, TIERS[name], NextTier(following, reason, is_slow))
 
 

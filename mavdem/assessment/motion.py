@@ -16,24 +16,21 @@ from mavdem.arrays import Array, Flags
 from mavdem.assessment.autopilot_messages import in_order
 from mavdem.assessment.condition import vibration_of
 from mavdem.confidence import Interval
-from mavdem.dataset.drive import Signal, recorded
+from mavdem.dataset.intervals import Intervals, in_intervals, true_intervals, union
 from mavdem.dataset.phases import (
-    ASKED_SECONDS,
-    GROUND_HEIGHT,
+    MAX_GROUND_HEIGHT,
+    MAX_SETPOINT_DELAY,
     MAX_TILT,
-    Intervals,
-    above_take_off,
-    airborne_collective,
-    during,
-    either,
-    flying,
-    of_boot,
-    rose,
-    where,
+    airborne_intervals,
+    has_risen,
+    height_above_take_off,
+    min_airborne_collective,
+    series_of_boot,
 )
-from mavdem.dataset.quality import STOP_MARGIN, at_limits
+from mavdem.dataset.quality import STOP_MARGIN, samples_at_limits
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.steadiness import followed
+from mavdem.dataset.steady_flight import attitude_tracking
+from mavdem.dataset.time_series import TimeSeries, recorded_series
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
@@ -90,7 +87,7 @@ def _events(signals: Signals, boot: int) -> Iterator[Fact]:
     out_of_control: Intervals = []
     for flight in flights:
         lost = None
-        for span in _losses(error, flight, of_boot(signals.climb_rate, boot)):
+        for span in _losses(error, flight, series_of_boot(signals.climb_rate, boot)):
             loss = _loss(signals, boot, error, flight, span)
             yield loss
             if loss.is_bad:
@@ -103,7 +100,7 @@ def _events(signals: Signals, boot: int) -> Iterator[Fact]:
                 out_of_control.append(((event.time or 0.0) + LOST_SECONDS, flight[1]))
     for event in _of_motors(signals, boot, flights):
         # What lies on its back, or falls, drives motors to their stop whatever it weighs.
-        is_explained = during(event.time or 0.0, out_of_control)
+        is_explained = in_intervals(event.time or 0.0, out_of_control)
         if event.code is not MotionEvent.MOTOR_AT_ITS_STOP or not is_explained:
             yield event
     last = error.time[-1]
@@ -115,14 +112,14 @@ def _events(signals: Signals, boot: int) -> Iterator[Fact]:
     ):
         height = height_above(signals, boot, flights[-1], last)
         is_last = boot == signals.tilts[0].boot[-1]  # after a restart the log goes on
-        if is_last and height is not None and height > GROUND_HEIGHT:
+        if is_last and height is not None and height > MAX_GROUND_HEIGHT:
             code = MotionEvent.LOG_ENDED_IN_AIR
             yield Fact(code, time=last, height=height, boot=boot)
 
 
 def flights_of(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals of ``boot`` off the ground; what was mistaken for a landing in the air splits none."""
-    return merged(flying(signals, boot), CAUGHT_SECONDS)
+    return merged(airborne_intervals(signals, boot), CAUGHT_SECONDS)
 
 
 def merged(intervals: Intervals, gap: float) -> Intervals:
@@ -139,19 +136,19 @@ def height_above(signals: Signals, boot: int, flight: Interval, time: float) -> 
 
     Where it began before the log, it is the height above the autopilot's home.
     """
-    height = above_take_off(signals, boot, flight)
+    height = height_above_take_off(signals, boot, flight)
     if flight[0] == -inf:
-        height = of_boot(signals.height, boot)
+        height = series_of_boot(signals.height, boot)
     return None if height is None else np.interp(time, height.time, height.values)
 
 
 def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
     """Returns the error of the attitude in ``boot``; None where there is no attitude."""
-    flight = followed(signals, boot)
+    flight = attitude_tracking(signals, boot)
     if flight is None or len(flight.time) < 2:
         return None
     time = flight.time
-    window = max(1, round(ASKED_SECONDS * rate_without_gaps(np.diff(time))))
+    window = max(1, round(MAX_SETPOINT_DELAY * rate_without_gaps(np.diff(time))))
     past = (window - 1) // 2  # so that the window ends with its sample
     unknown = np.isnan(flight.asked)
     asked = np.where(unknown, 0.0, flight.asked)
@@ -166,29 +163,29 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
     return AttitudeError(time, lean, abs(lean), lies, ~unknown[:, 1])
 
 
-def _losses(error: AttitudeError, flight: Interval, climb: Signal | None) -> Intervals:
+def _losses(error: AttitudeError, flight: Interval, climb: TimeSeries | None) -> Intervals:
     """Where the attitude was lost in a flight, or as it ended.
 
     What falls, and ends the flight on its side, has lost it, whatever was asked.
     """
-    lost = _lasting(error.time, error.size > LOST_ANGLE, ASKED_SECONDS)
+    lost = _lasting(error.time, error.size > LOST_ANGLE, MAX_SETPOINT_DELAY)
     fallen = [
         event
-        for event in _lasting(error.time, error.lies, ASKED_SECONDS)
+        for event in _lasting(error.time, error.lies, MAX_SETPOINT_DELAY)
         if event[1] >= flight[1]
         and (_fastest(climb, event[0], event[0] + CAUGHT_SECONDS) or 0.0) > FALL_SPEED
     ]
-    latest = flight[1] + ASKED_SECONDS
+    latest = flight[1] + MAX_SETPOINT_DELAY
     return [
         span
-        for span in merged(either(lost, fallen), CAUGHT_SECONDS)
+        for span in merged(union(lost, fallen), CAUGHT_SECONDS)
         if flight[0] < span[0] <= latest
     ]
 
 
 def _lasting(time: Array, true: Flags, gap: float) -> Intervals:
     """Runs, as one where they follow each other within a ``gap``, s, that hold one of ``LOST_SECONDS``."""
-    runs = where(time, true)
+    runs = true_intervals(time, true)
     after = np.append(time, time[-1])
     long = [
         start
@@ -210,17 +207,17 @@ def _loss(
     time = error.time
     settled = time[(time < start) & (error.size < ONSET_ANGLE)]
     onset = max(settled[-1] if len(settled) else start, start - CAUGHT_SECONDS)
-    here = during(time, [lost])
+    here = in_intervals(time, [lost])
     angle = error.size[here].max()
     height = height_above(signals, boot, flight, onset)
-    speed = _fastest(of_boot(signals.climb_rate, boot), onset, end + CAUGHT_SECONDS) or 0.0
-    hit = _hit(signals, boot, onset - ASKED_SECONDS, start)
+    speed = _fastest(series_of_boot(signals.climb_rate, boot), onset, end + CAUGHT_SECONDS) or 0.0
+    hit = _hit(signals, boot, onset - MAX_SETPOINT_DELAY, start)
     code = MotionEvent.ATTITUDE_LOST
     level = None
-    up = rose(signals, boot, (flight[0], onset))
+    up = has_risen(signals, boot, (flight[0], onset))
     if not (onset - flight[0] > CAUGHT_SECONDS if up is None else up):
         code = MotionEvent.TIPPED
-    elif hit is not None or (height is not None and height < GROUND_HEIGHT):
+    elif hit is not None or (height is not None and height < MAX_GROUND_HEIGHT):
         code = MotionEvent.HIT
     asked = error.asked[here].all()
     most = 2 * LOST_ANGLE if asked else FAR_ANGLE
@@ -230,12 +227,12 @@ def _loss(
         code = MotionEvent.ATTITUDE_CAUGHT
         level = None if asked else Level.UNKNOWN
     trusted = _trusted(signals, boot, flight)
-    if height is not None and height < -GROUND_HEIGHT:
+    if height is not None and height < -MAX_GROUND_HEIGHT:
         trusted = None  # it had run away before
     # what the ground threw over had its speed before
     span = (onset, end + CAUGHT_SECONDS)
     if code is MotionEvent.HIT:
-        span = (onset - ASKED_SECONDS, onset + LOST_SECONDS)
+        span = (onset - MAX_SETPOINT_DELAY, onset + LOST_SECONDS)
     return Fact(
         code,
         level,
@@ -248,19 +245,19 @@ def _loss(
     )
 
 
-def _trusted(signals: Signals, boot: int, flight: Interval) -> Signal | None:
+def _trusted(signals: Signals, boot: int, flight: Interval) -> TimeSeries | None:
     """The vertical speed, m/s up, but not of when the height was below that of the take-off: it may have run away."""
-    climb = of_boot(signals.climb_rate, boot)
-    height = above_take_off(signals, boot, flight)
+    climb = series_of_boot(signals.climb_rate, boot)
+    height = height_above_take_off(signals, boot, flight)
     if climb is None or height is None:
         return climb
-    above = np.interp(climb.time, height.time, height.values) > -GROUND_HEIGHT
+    above = np.interp(climb.time, height.time, height.values) > -MAX_GROUND_HEIGHT
     return climb.at(above)
 
 
-def _fastest(climb: Signal | None, since: float, until: float) -> float | None:
+def _fastest(climb: TimeSeries | None, since: float, until: float) -> float | None:
     """How fast it sank at most, m/s; None where that is not known."""
-    here = () if climb is None else climb.values[during(climb.time, [(since, until)])]
+    here = () if climb is None else climb.values[in_intervals(climb.time, [(since, until)])]
     return -min(here) if len(here) else None
 
 
@@ -270,33 +267,35 @@ def _seen(end: float) -> float | None:
 
 def _is_caught(signals: Signals, boot: int, flight: Interval, end: float) -> bool:
     """Whether the vehicle flew on after a loss, off the ground as far as its height is known."""
-    collective = of_boot(signals.collective, boot)
+    collective = series_of_boot(signals.collective, boot)
     if collective is None or min(flight[1], collective.time[-1]) < end + CAUGHT_SECONDS:
         return False
-    after = collective.values[during(collective.time, [(end, end + CAUGHT_SECONDS)])]
+    after = collective.values[in_intervals(collective.time, [(end, end + CAUGHT_SECONDS)])]
     if not len(after):
         return False
-    usual = np.median(collective.values[during(collective.time, [flight])])
+    usual = np.median(collective.values[in_intervals(collective.time, [flight])])
     height = height_above(signals, boot, flight, end + CAUGHT_SECONDS)
-    return after.mean() > usual / 2 and (height is None or height > GROUND_HEIGHT)
+    return after.mean() > usual / 2 and (height is None or height > MAX_GROUND_HEIGHT)
 
 
 def _hit(signals: Signals, boot: int, since: float, until: float) -> float | None:
     """When the accelerometers felt that the vehicle hit something, from ``since`` to ``until``, s, if they did."""
     message = next((name for name in FORCES if name in signals.telemetry.messages), "")
-    force = of_boot(recorded(signals.telemetry, message, "xacc", "yacc", "zacc"), boot)
+    force = series_of_boot(
+        recorded_series(signals.telemetry, message, "xacc", "yacc", "zacc"), boot
+    )
     if force is None:
         return None
     felt = FORCES[message] * np.linalg.norm(force.values, axis=1)
     before = (force.time > since - CAUGHT_SECONDS) & (force.time < since)
     usual = felt[before].max(initial=HIT_FORCE)
-    hits = force.time[during(force.time, [(since, until)]) & (felt > usual)]
+    hits = force.time[in_intervals(force.time, [(since, until)]) & (felt > usual)]
     return hits[0] if len(hits) else None
 
 
 def _fall(signals: Signals, boot: int, flight: Interval, lost: Fact | None) -> Iterator[Fact]:
     """The fall after control was ``lost``, or with which a flight ended, and when it hit the ground."""
-    climb = of_boot(signals.climb_rate, boot)
+    climb = series_of_boot(signals.climb_rate, boot)
     if climb is None:
         return
     time = climb.time
@@ -305,15 +304,15 @@ def _fall(signals: Signals, boot: int, flight: Interval, lost: Fact | None) -> I
     if lost is not None:
         since = lost.time or since
         if lost.code is MotionEvent.HIT:
-            if (lost.figures["height"] or 0.0) < GROUND_HEIGHT:  # on the ground nothing falls
+            if (lost.figures["height"] or 0.0) < MAX_GROUND_HEIGHT:  # on the ground nothing falls
                 until = since
             since -= CAUGHT_SECONDS
     span = (max(flight[0], since), until)
     trusted = _trusted(signals, boot, flight)
     assert trusted is not None
-    falls = during(trusted.time, [span]) & (trusted.values < -FALL_SPEED)
+    falls = in_intervals(trusted.time, [span]) & (trusted.values < -FALL_SPEED)
     if falls.any():
-        height = of_boot(signals.height, boot)
+        height = series_of_boot(signals.height, boot)
         begun, ended = ends = trusted.time[falls][[0, -1]].tolist()
         sank = 0.7 * trusted.values[falls].mean() * (ended - begun)
         # A speed that ran away is not seen in the height.
@@ -327,9 +326,9 @@ def _fall(signals: Signals, boot: int, flight: Interval, lost: Fact | None) -> I
         return
     braked = np.interp(time + LOST_SECONDS, time, climb.values) - climb.values > HIT_SPEED
     rises = np.diff(climb.values, append=climb.values[-1])
-    for at in time[during(time, [span]) & braked & (climb.values < -HIT_SPEED)][:1]:
+    for at in time[in_intervals(time, [span]) & braked & (climb.values < -HIT_SPEED)][:1]:
         # before the ground does, the vehicle may brake
-        last = np.argmax(np.where(during(time, [(at, at + LOST_SECONDS)]), rises, -inf))
+        last = np.argmax(np.where(in_intervals(time, [(at, at + LOST_SECONDS)]), rises, -inf))
         speed = -climb.values[last]
         if speed > HIT_SPEED:
             yield Fact(MotionEvent.HIT, height=None, time=time[last], speed=speed, boot=boot)
@@ -343,17 +342,17 @@ def _of_motors(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact
     commands = motors.shares(boot)
     time = commands.time
     shares = commands.values
-    at_stop, _ = at_limits(shares, motors.scale)
+    at_stop, _ = samples_at_limits(shares, motors.scale)
     lowest = 0.0 if signals.telemetry.autopilot == "ARDUPILOTMEGA" else -STOP_MARGIN
     off = (shares <= lowest) | ((motors.outputs[motors.boot == boot] == 0) & (motors.scale.low > 0))
     others = (shares.sum(axis=1, keepdims=True) - shares) / max(shares.shape[1] - 1, 1)
-    least = airborne_collective(signals.telemetry.parameters)
+    least = min_airborne_collective(signals.telemetry.parameters)
     off &= (others > least) & (shares.max(axis=0) > least)  # what never ran is no motor
-    flown = during(time, flights)
+    flown = in_intervals(time, flights)
     # A mixer may stop one for a moment.
     for code, held, shortest in (
         (MotionEvent.MOTOR_AT_ITS_STOP, at_stop, 0.0),
-        (MotionEvent.MOTOR_OFF, off, ASKED_SECONDS),
+        (MotionEvent.MOTOR_OFF, off, MAX_SETPOINT_DELAY),
     ):
         for name, true in zip(motors.layout.names, held.T, strict=True):
             for start, end in _lasting(time, true & flown, CAUGHT_SECONDS):
@@ -364,7 +363,7 @@ def _of_motors(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact
                     time=start,
                     until=_seen(end),
                     subject=name,
-                    share=true[during(time, [(start, end)])].mean(),
+                    share=true[in_intervals(time, [(start, end)])].mean(),
                     boot=boot,
                 )
 
@@ -375,10 +374,10 @@ def _clipped(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
     if measured is None:
         return
     clips = replace(measured.levels, values=measured.clips.sum(axis=1))
-    counted = of_boot(clips, boot)
+    counted = series_of_boot(clips, boot)
     if counted is None:
         return
-    clipped = (counted.values > 0) & during(counted.time, flights)
+    clipped = (counted.values > 0) & in_intervals(counted.time, flights)
     for start, end in merged([(at, at) for at in counted.time[clipped].tolist()], CAUGHT_SECONDS):
-        count = int(counted.values[during(counted.time, [(start, end)])].sum())
+        count = int(counted.values[in_intervals(counted.time, [(start, end)])].sum())
         yield Fact(MotionEvent.CLIPPED, time=start, until=end, count=count, boot=boot)

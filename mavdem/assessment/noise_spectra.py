@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.assessment.evidence import Evidence
-from mavdem.dataset.align import Segment
-from mavdem.dataset.drive import TILT_AXES
+from mavdem.dataset.axes import TILT_AXES
+from mavdem.dataset.segments import Segment
 from mavdem.facts import Fact, Facts
 from mavdem.facts.noise import Noise as Codes
 from mavdem.loops.axis_loops import Loop

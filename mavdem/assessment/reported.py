@@ -11,17 +11,15 @@ from mavdem.arrays import Flags
 from mavdem.assessment.autopilot_messages import in_order, once, reason, said
 from mavdem.assessment.lights.power import SUPPLY
 from mavdem.assessment.motion import flights_of, height_above
-from mavdem.dataset.align import Segment, recorded_parts
-from mavdem.dataset.drive import DEMAND_MESSAGE
+from mavdem.dataset.intervals import in_intervals, intersection, true_intervals
+from mavdem.dataset.motor_outputs import DEMAND_MESSAGE
 from mavdem.dataset.phases import (
     AVERAGING_SECONDS,
-    armed,
-    both,
-    during,
-    of_boot,
-    off_ground,
-    where,
+    armed_intervals,
+    series_of_boot,
+    without_grounded,
 )
+from mavdem.dataset.segments import Segment, recorded_spans
 from mavdem.dataset.signals import BATTERY_MESSAGES, Signals
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.events import Reported
@@ -71,18 +69,18 @@ def reported_events(signals: Signals) -> Facts:
     """
     words = said(signals.telemetry)
     events = []
-    for part in recorded_parts(signals):
+    for part in recorded_spans(signals):
         states = [fact for make in STATES for fact in make(signals, part)]
         faults = [fact for make in FAULTS for fact in make(signals, part)]
         faults += [fact for fact in words if fact.figures["boot"] == part.boot]
         flights = flights_of(signals, part.boot)
         on = [
             (start - AVERAGING_SECONDS, end + AVERAGING_SECONDS)
-            for start, end in armed(signals, part.boot)
+            for start, end in armed_intervals(signals, part.boot)
         ]
         for fact in in_order([*states, *once(faults)]):
             time = fact.time or 0.0
-            if fact.is_bad and not during(time, on):
+            if fact.is_bad and not in_intervals(time, on):
                 fact = fact.but(Level.WATCH)
             begun = max((flight for flight in flights if flight[0] <= time), default=(time, inf))
             events.append(fact.but(height=height_above(signals, part.boot, begun, time)))
@@ -104,7 +102,7 @@ def _event(
 
 
 def _arming(signals: Signals, part: Segment) -> Iterator[Fact]:
-    state = of_boot(signals.armed, part.boot)
+    state = series_of_boot(signals.armed, part.boot)
     if state is None:
         return
     on = state.values > 0
@@ -116,7 +114,7 @@ def _arming(signals: Signals, part: Segment) -> Iterator[Fact]:
 def _in_the_air(signals: Signals, part: Segment) -> Iterator[Fact]:
     """Take-offs and landings: when the land detector says so or, where it says nothing, as the motors show them."""
     changes = np.zeros(0)
-    if (landed := of_boot(signals.landed_state, part.boot)) is not None:
+    if (landed := series_of_boot(signals.landed_state, part.boot)) is not None:
         defined = landed.values > 0
         in_air = np.isin(landed.values[defined], OFF_GROUND)
         changes = landed.time[defined][np.diff(in_air, prepend=in_air[:1])]
@@ -126,7 +124,7 @@ def _in_the_air(signals: Signals, part: Segment) -> Iterator[Fact]:
             near = changes[abs(changes - end) <= AVERAGING_SECONDS]
             source = "EXTENDED_SYS_STATE" if len(near) else by_motors
             at = near[np.argmin(abs(near - end))] if len(near) else end
-            if isfinite(end) and off_ground([flight], signals, part.boot):
+            if isfinite(end) and without_grounded([flight], signals, part.boot):
                 yield _event(signals, part, source, code, at)
 
 
@@ -164,13 +162,13 @@ def _changes(signals: Signals, part: Segment) -> Iterator[Fact]:
 
 def _lasting(signals: Signals, part: Segment) -> Iterator[Fact]:
     """What a message says for a time while armed."""
-    inside = both(armed(signals, part.boot), [(part.start, part.end)])
+    inside = intersection(armed_intervals(signals, part.boot), [(part.start, part.end)])
     for name, true, code, subject in _complaints(signals):
         if not len(true):
             continue
         columns = signals.telemetry.messages[name]
         here = columns["boot"] == part.boot
-        for start, end in both(where(columns["time"][here], true[here]), inside):
+        for start, end in intersection(true_intervals(columns["time"][here], true[here]), inside):
             until = end if end < part.end else None
             yield _event(signals, part, name, code, start, until=until, subject=subject)
 

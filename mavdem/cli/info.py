@@ -7,7 +7,7 @@ from mavdem.assessment.axis import Options
 from mavdem.assessment.inventory import inventory
 from mavdem.cli.options import read_source, source_options, verbose_option
 from mavdem.cli.output import complain, print_json, print_screen, say
-from mavdem.dataset.read import choose_vehicle
+from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.documents.inventory import vehicle_document
 from mavdem.facts import Fact

@@ -26,8 +26,8 @@ from mavdem.cli.output import (
     say_aside,
 )
 from mavdem.cli.results import named_after, write_results
-from mavdem.dataset.drive import TILT_AXES
-from mavdem.dataset.read import choose_vehicle
+from mavdem.dataset.axes import TILT_AXES
+from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.dem import Settings
 from mavdem.documents.flight import report_of

@@ -25,8 +25,8 @@ from mavdem.cli.output import (
     printable,
     say_aside,
 )
-from mavdem.dataset.drive import TILT_AXES
-from mavdem.dataset.signals import axis_outputs
+from mavdem.dataset.axes import TILT_AXES
+from mavdem.dataset.signals import output_names_and_units
 from mavdem.dem import Settings
 from mavdem.dem.parallel import LearningProcess
 from mavdem.documents.session import live_document
@@ -102,7 +102,7 @@ class Dashboard:
         from mavdem.view.live_content import Channels
 
         layout = setup.layout
-        (outputs, units) = zip(*axis_outputs(self._axis), strict=True)
+        (outputs, units) = zip(*output_names_and_units(self._axis), strict=True)
         motors = layout.names, outputs, setup.units, units
         self.view.change(Channels(self._link, setup.dt, horizons(setup.dt), *motors))
         return self.view

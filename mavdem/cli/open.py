@@ -10,8 +10,8 @@ from mavdem.cli.learn import learn_command
 from mavdem.cli.options import source_options
 from mavdem.cli.output import UNUSABLE, say_aside
 from mavdem.cli.results import named_after
-from mavdem.dataset.drive import TILT_AXES
-from mavdem.dataset.read import choose_vehicle
+from mavdem.dataset.axes import TILT_AXES
+from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.extras import missing_extra_fact, require_extra

@@ -15,8 +15,8 @@ from mavdem.assessment.assess import Assessment, assess_signals
 from mavdem.assessment.axis import Options
 from mavdem.assessment.evidence import Evidence
 from mavdem.cli.output import printable, progress, say_aside
-from mavdem.dataset.drive import AXES, TILT_AXES
-from mavdem.dataset.read import choose_vehicle, learnable_flight
+from mavdem.dataset.axes import AXES, TILT_AXES
+from mavdem.dataset.flights import choose_vehicle, learnable_flight
 from mavdem.dataset.signals import Signals
 from mavdem.dem import Settings
 from mavdem.dem.learned import TEST_SECONDS

@@ -15,7 +15,7 @@ from mavdem.cli.options import (
     verbose_option,
 )
 from mavdem.cli.output import check_folder, files_in, print_json, print_screen, say_aside
-from mavdem.dataset.drive import AXES
+from mavdem.dataset.axes import AXES
 from mavdem.documents.loops import tune_document
 from mavdem.ingest.parameter_file import parameter_files
 from mavdem.loops.axis_loops import MARGIN_TARGETS

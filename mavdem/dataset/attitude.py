@@ -5,16 +5,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mavdem.arrays import Array, Integers
-from mavdem.dataset.drive import (
-    AXES,
-    MAX_ANGLE,
-    MAX_BODY_RATE,
-    Signal,
-    floats,
+from mavdem.dataset.axes import AXES, MAX_ANGLE, MAX_BODY_RATE
+from mavdem.dataset.time_series import (
+    TimeSeries,
+    clean_series,
+    float_column,
+    float_columns,
     message_counts,
     preferred_message,
-    series,
-    table_of,
 )
 from mavdem.ingest.telemetry import MIN_PREFERRED_SHARE, Telemetry, rows_by_value
 from mavdem.ingest.vocabulary import euler_angles
@@ -43,17 +41,17 @@ class Attitude:
     impossible: int
 
     @property
-    def angles(self) -> Signal:
+    def angles(self) -> TimeSeries:
         """The angle alone."""
-        return Signal(self.time, self.boot, self.angle)
+        return TimeSeries(self.time, self.boot, self.angle)
 
     @property
-    def rates(self) -> Signal:
+    def rates(self) -> TimeSeries:
         """The body rate alone."""
-        return Signal(self.time, self.boot, self.rate)
+        return TimeSeries(self.time, self.boot, self.rate)
 
 
-def tuning_rates(telemetry: Telemetry, axis: str, sent: Attitude | None) -> Signal | None:
+def tuning_rates(telemetry: Telemetry, axis: str, sent: Attitude | None) -> TimeSeries | None:
     """Returns body rate and its setpoint (N, 2), rad/s, from PID_TUNING; None where there are none.
 
     Firmware sends deg/s or rad/s, which the attitude that was ``sent`` tells, where there is one.
@@ -61,9 +59,9 @@ def tuning_rates(telemetry: Telemetry, axis: str, sent: Attitude | None) -> Sign
     columns = telemetry.messages.get(TUNING_MESSAGE)
     if columns is None:
         return None
-    pair = np.column_stack([floats(columns, "achieved"), floats(columns, "desired")])
+    pair = np.column_stack([float_column(columns, "achieved"), float_column(columns, "desired")])
     pair[abs(pair) > np.degrees(MAX_BODY_RATE)] = np.nan
-    tuning = series(columns, pair, columns["axis"] == 1 + AXES.index(axis))
+    tuning = clean_series(columns, pair, columns["axis"] == 1 + AXES.index(axis))
     if not len(tuning.time):
         return None
     if sent is not None and tuning.values[:, 0].std() > DEGREES * sent.rate.std():
@@ -71,13 +69,13 @@ def tuning_rates(telemetry: Telemetry, axis: str, sent: Attitude | None) -> Sign
     return tuning
 
 
-def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
+def attitude_of_axis(telemetry: Telemetry, axis: str) -> Attitude | None:
     """Returns angle and body rate of ``axis``, with the rates of PID_TUNING where those come clearly faster throughout.
 
     The angle is then the integral of the rate, held to the angles sent. Only a log's PID_TUNING is taken: in
     a stream it has no stamp of its own.
     """
-    sent = sent_attitude(telemetry, axis)
+    sent = attitude_from_messages(telemetry, axis)
     if sent is None or telemetry.name_in_source(TUNING_MESSAGE) == TUNING_MESSAGE:
         return sent
     tuning = tuning_rates(telemetry, axis, sent)
@@ -123,19 +121,19 @@ def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
 
 
 @np.errstate(all="ignore")  # rows that are not finite are left out at the end
-def sent_attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
+def attitude_from_messages(telemetry: Telemetry, axis: str) -> Attitude | None:
     """Returns that of ATTITUDE or, where it is clearly faster, ATTITUDE_QUATERNION."""
     message = preferred_message(message_counts(telemetry, ATTITUDE_MESSAGES))
     if message is None:
         return None
     columns = telemetry.messages[message]
     if message == "ATTITUDE_QUATERNION":
-        roll, pitch, yaw = euler_angles(table_of(columns, ("q1", "q2", "q3", "q4")))
+        roll, pitch, yaw = euler_angles(float_columns(columns, ("q1", "q2", "q3", "q4")))
     else:
-        roll = floats(columns, "roll")
-        pitch = floats(columns, "pitch")
-        yaw = floats(columns, "yaw") if axis == "yaw" else np.zeros_like(roll)
-    p, q, r = (floats(columns, field) for field in ("rollspeed", "pitchspeed", "yawspeed"))
+        roll = float_column(columns, "roll")
+        pitch = float_column(columns, "pitch")
+        yaw = float_column(columns, "yaw") if axis == "yaw" else np.zeros_like(roll)
+    p, q, r = (float_column(columns, field) for field in ("rollspeed", "pitchspeed", "yawspeed"))
     sizes = np.abs([roll, pitch, yaw, p, q, r])
     limits = np.repeat([MAX_ANGLE, MAX_BODY_RATE], 3)
     impossible = (np.isfinite(sizes) & (sizes > limits[:, None])).any(axis=0)
@@ -148,7 +146,7 @@ def sent_attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
     }
     table = np.column_stack(motion[axis])
     table[impossible] = np.nan
-    kept = series(columns, table)
+    kept = clean_series(columns, table)
     angle, rate, slope = kept.values.T
     if axis == "yaw":
         angle = np.unwrap(angle)

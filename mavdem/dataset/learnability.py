@@ -6,19 +6,19 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mavdem.dataset import phases, quality
-from mavdem.dataset.align import Segment, Segments, align, settled_segments
+from mavdem.dataset.alignment import aligned_flight
 from mavdem.dataset.attitude import Attitude
-from mavdem.dataset.drive import (
+from mavdem.dataset.axes import MAX_BODY_RATE, TILT_AXES
+from mavdem.dataset.motor_outputs import (
     DEMAND_MESSAGE,
-    MAX_BODY_RATE,
     RECORD_A_FLIGHT,
-    TILT_AXES,
-    Motors,
-    motors_or_obstacle,
+    MotorOutputs,
+    motor_outputs_or_obstacle,
 )
 from mavdem.dataset.quality import QualityFigures
-from mavdem.dataset.rate_advice import ask_for_rate
-from mavdem.dataset.signals import MINIMUM_RATE, Signals, usual_rate
+from mavdem.dataset.rate_advice import rate_advice
+from mavdem.dataset.segments import Segment, Segments, settled_segments
+from mavdem.dataset.signals import MIN_STREAM_RATE, Signals, rate_between_outages
 from mavdem.facts import Fact, Facts
 from mavdem.facts.learnability import Caution, MotorObstacle, Reason, Remedy
 from mavdem.flight import Flight
@@ -28,17 +28,17 @@ from mavdem.ingest.telemetry import Parameters
 from mavdem.unit_errors import RATE_INTEGRATION_SPAN
 
 NEVER_ARMED = Fact(Reason.NEVER_ARMED, remedy=RECORD_A_FLIGHT)
-REFUSED_SNR = 1.0
-DOUBTFUL_SNR = 20.0
+MIN_SNR = 1.0
+MIN_TRUSTED_SNR = 20.0
 """Variance over that of its rounding, of the motors' command and of the outputs' changes. Rounding what something is
 learned from can shrink what is learned to SNR/(1 + SNR) of the truth: to half at 1, by 5 % at 20."""
-REFUSED_CONSISTENCY = 0.5
-DOUBTFUL_CONSISTENCY = 0.8
+MIN_CONSISTENCY = 0.5
+MIN_TRUSTED_CONSISTENCY = 0.8
 """Share of the angle's changes over ``RATE_INTEGRATION_SPAN`` that the integrated rates explain. Both measure one
 motion; where they disagree, the rate is an alias, noise, or in another unit: some of it, or most."""
 STILL_RATE = np.radians(1.0)  # rad/s, standard deviation: twice the noise of a gyroscope in flight
 DOUBTFUL_LOSS = 0.05  # Share of a stream's messages left out as damaged: the rest may be too
-MINIMUM_DURATION = 5.0
+MIN_SEGMENT_DURATION = 5.0
 """Seconds: a few swings of an axis that moves at 1 Hz, and a few hundred samples for a few tens of parameters."""
 MOST_JUDGED = 100
 """Segments, the longest: of thousands, between clocks that jump, none is better."""
@@ -79,11 +79,11 @@ def learnability_of(signals: Signals, components: Sequence[Component] = ()) -> L
 
     The ``components`` of the log may ask for other rates.
     """
-    return next(learnabilities(signals, components))
+    return next(segment_learnabilities(signals, components))
 
 
-def learnabilities(
-    signals: Signals, components: Sequence[Component] = (), least_rate: float = MINIMUM_RATE
+def segment_learnabilities(
+    signals: Signals, components: Sequence[Component] = (), least_rate: float = MIN_STREAM_RATE
 ) -> Iterator[Learnability]:
     """Yields what :func:`learnability_of` returns and, if that is learnable, each other segment that is long enough.
 
@@ -95,7 +95,7 @@ def learnabilities(
         return
     attitude, drive = signals.streams
     segments = settled_segments(signals)
-    figures = quality.of_log(signals, len(segments))
+    figures = quality.log_quality(signals, len(segments))
     log = _Evidence(signals, attitude, drive, components, figures, segments, least_rate)
     if figures.armed == 0:
         reason = NEVER_ARMED
@@ -107,7 +107,7 @@ def learnabilities(
         yield Learnability(signals.axis, False, reason, figures=figures)
         return
     # Of the segments too short the longest only, if there is no other.
-    long = [part for part in segments if part.duration >= MINIMUM_DURATION] or segments[:1]
+    long = [part for part in segments if part.duration >= MIN_SEGMENT_DURATION] or segments[:1]
     judged = []
     for segment in long[:MOST_JUDGED]:
         judged.append(log.judge(segment))
@@ -136,7 +136,7 @@ def _unusable(signals: Signals, components: Sequence[Component]) -> Fact | None:
             other_kind=other and other.kind,
         )
     if attitude is None:
-        return Fact(Reason.NO_ATTITUDE, recorder=recorder, remedy=ask_for_rate(telemetry))
+        return Fact(Reason.NO_ATTITUDE, recorder=recorder, remedy=rate_advice(telemetry))
     if signals.drive is None:
         never = signals.armed is not None and not signals.armed.values.any()
         return NEVER_ARMED if never else _without_drive(signals)
@@ -164,10 +164,10 @@ def _without_drive(signals: Signals) -> Fact:
             name=telemetry.name_in_source(DEMAND_MESSAGE),
             recorder=telemetry.translated_from,
         )
-    obstacle = motors_or_obstacle(telemetry)
+    obstacle = motor_outputs_or_obstacle(telemetry)
     assert isinstance(obstacle, Fact)
     slow = obstacle.code is MotorObstacle.NO_MOTOR_MESSAGE
-    return obstacle.but(remedy=ask_for_rate(telemetry)) if slow else obstacle
+    return obstacle.but(remedy=rate_advice(telemetry)) if slow else obstacle
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,22 +176,22 @@ class _Evidence:
 
     signals: Signals
     attitude: Attitude
-    drive: Motors
+    drive: MotorOutputs
     components: Sequence[Component]
     figures: QualityFigures
     segments: Segments
     least_rate: float  # Hz, that both streams need
 
-    def name(self, stream: Attitude | Motors) -> str:
+    def name(self, stream: Attitude | MotorOutputs) -> str:
         return self.signals.telemetry.name_in_source(stream.message)
 
     def judge(self, segment: Segment, dt: float | None = None) -> Learnability:
         """Whether a ``segment`` can be learned from, in steps of ``dt``, s, or its own."""
         signals = self.signals
-        flight = align(signals, segment, dt)
-        figures = quality.of_segment(signals, segment, flight, self.figures)
+        flight = aligned_flight(signals, segment, dt)
+        figures = quality.segment_quality(signals, segment, flight, self.figures)
         reason = self.objection(figures)
-        slower = slower_rate(figures)
+        slower = slower_stream_rate(figures)
         if reason is None and slower * flight.dt * MAX_STEP_RATIO < 1:
             reason = Fact(
                 Reason.SLOWER_THAN_LONGEST,
@@ -211,7 +211,7 @@ class _Evidence:
                 body_rates=self.name(self.attitude) == "vehicle_angular_velocity",
                 demand=self.drive.message == DEMAND_MESSAGE,
             )
-        cautions = tuple(cautions_of(signals, figures)) if learnable else ()
+        cautions = tuple(segment_cautions(signals, figures)) if learnable else ()
         return Learnability(
             signals.axis, learnable, reason, cautions, segment, figures, flight, self.segments
         )
@@ -220,7 +220,7 @@ class _Evidence:
         """Why a segment of these ``figures`` cannot be learned from, if that is so."""
         axis = self.signals.axis
         tilts = axis in TILT_AXES
-        short = (figures.duration or 0.0) < MINIMUM_DURATION
+        short = (figures.duration or 0.0) < MIN_SEGMENT_DURATION
         # A short segment of a slow stream may be fast; it is still the rate of the stream that should change.
         if short:
             return self.slow_or_short(self.figures, figures.duration)
@@ -228,7 +228,7 @@ class _Evidence:
             return reason
         if not figures.rate_sd or not (figures.angle_sd or not tilts):
             return Fact(Reason.OUTPUT_CONSTANT, axis=axis)
-        if figures.output_snr is not None and figures.output_snr < REFUSED_SNR:
+        if figures.output_snr is not None and figures.output_snr < MIN_SNR:
             return Fact(
                 Reason.OUTPUT_ROUNDED,
                 axis=axis,
@@ -236,16 +236,16 @@ class _Evidence:
                 angle_step=figures.angle_step,
                 rate_step=figures.rate_step,
             )
-        if figures.consistency is not None and figures.consistency < REFUSED_CONSISTENCY:
+        if figures.consistency is not None and figures.consistency < MIN_CONSISTENCY:
             return Fact(
                 Reason.RATE_CONTRADICTS_ANGLE,
                 axis=axis,
                 consistency=figures.consistency,
                 span=RATE_INTEGRATION_SPAN,
                 still=tilts and figures.rate_sd < STILL_RATE,
-                remedy=ask_for_rate(self.signals.telemetry, rate=200),
+                remedy=rate_advice(self.signals.telemetry, rate=200),
             )
-        if figures.input_snr is not None and figures.input_snr < REFUSED_SNR:
+        if figures.input_snr is not None and figures.input_snr < MIN_SNR:
             return Fact(
                 Reason.COMMAND_ROUNDED,
                 axis=axis,
@@ -261,7 +261,7 @@ class _Evidence:
         return self.too_slow(figures) or Fact(
             Reason.TOO_SHORT,
             duration=duration,
-            least_duration=MINIMUM_DURATION,
+            least_duration=MIN_SEGMENT_DURATION,
             airborne=figures.airborne,
             recorder="logger" if is_logged else "link",
         )
@@ -273,8 +273,8 @@ class _Evidence:
             self.name(self.attitude): attitude_rate,
             self.name(self.drive): figures.motor_rate or 0.0,
         }
-        slow = too_slow(rates, self.signals.axis, self.least_rate)
-        return slow and slow.but(remedy=self.for_faster(attitude_rate >= MINIMUM_RATE))
+        slow = slow_streams(rates, self.signals.axis, self.least_rate)
+        return slow and slow.but(remedy=self.for_faster(attitude_rate >= MIN_STREAM_RATE))
 
     def repeated(self, figures: QualityFigures) -> Fact | None:
         """Whether a stream repeats old values under new stamps."""
@@ -290,7 +290,7 @@ class _Evidence:
                     fresh_rate=fresh,
                     least_rate=self.least_rate,
                     axis=self.signals.axis,
-                    remedy=ask_for_rate(self.signals.telemetry),
+                    remedy=rate_advice(self.signals.telemetry),
                 )
         return None
 
@@ -298,20 +298,20 @@ class _Evidence:
         """What makes streams come faster that come too slowly, or do without."""
         signals = self.signals
         demand = signals.demand if signals.inputs == "motors" and attitude_is_fast else None
-        if demand is not None and (rate := usual_rate(demand)) >= MINIMUM_RATE:
+        if demand is not None and (rate := rate_between_outages(demand)) >= MIN_STREAM_RATE:
             return Fact(Remedy.LEAVE_OUT_MOTORS, axis=signals.axis, rate=rate)
         return self.ask_for_rate()
 
     def ask_for_rate(self) -> Fact:
-        return ask_for_rate(self.signals.telemetry, components=self.components)
+        return rate_advice(self.signals.telemetry, components=self.components)
 
 
-def slower_rate(figures: QualityFigures) -> float:
+def slower_stream_rate(figures: QualityFigures) -> float:
     """Returns the rate of the slower stream of a segment, Hz; 0 where one is missing."""
     return min(figures.attitude_rate or 0.0, figures.motor_rate or 0.0)
 
 
-def too_slow(rates: Parameters, axis: str, least: float = MINIMUM_RATE) -> Fact | None:
+def slow_streams(rates: Parameters, axis: str, least: float = MIN_STREAM_RATE) -> Fact | None:
     """Returns all messages slower than ``least``, of ``rates`` in Hz by name; None if none is."""
     slow = {name: rate for name, rate in rates.items() if rate < least}
     return (
@@ -331,22 +331,22 @@ def _grounded(signals: Signals, figures: QualityFigures) -> Fact:
     """On a vehicle that was armed and did not fly: what shows that, if anything does."""
     name = signals.telemetry.name_in_source("EXTENDED_SYS_STATE")
     attitude, _ = signals.streams
-    held = any(phases.flying(signals, int(boot)) for boot in np.unique(attitude.boot))
+    held = any(phases.airborne_intervals(signals, int(boot)) for boot in np.unique(attitude.boot))
     by_collective = not held and signals.landed_state is None
     if by_collective and signals.collective is None:
-        return Fact(Reason.NO_EVIDENCE_OF_FLIGHT, name=name, remedy=ask_for_rate(signals.telemetry))
+        return Fact(Reason.NO_EVIDENCE_OF_FLIGHT, name=name, remedy=rate_advice(signals.telemetry))
     return Fact(
         Reason.NEVER_AIRBORNE,
         armed=figures.armed,
         name=name,
-        climb_rate=phases.LEAST_CLIMB if held else None,
-        collective=phases.highest_collective(signals) if by_collective else None,
-        least_collective=phases.airborne_collective(signals.telemetry.parameters),
+        climb_rate=phases.MIN_LIFT_OFF_SPEED if held else None,
+        collective=phases.max_collective(signals) if by_collective else None,
+        least_collective=phases.min_airborne_collective(signals.telemetry.parameters),
         remedy=RECORD_A_FLIGHT,
     )
 
 
-def cautions_of(signals: Signals, figures: QualityFigures) -> Iterator[Fact]:
+def segment_cautions(signals: Signals, figures: QualityFigures) -> Iterator[Fact]:
     """Yields what was left out of attitude and inputs, what was assumed, and what a segment of ``figures`` lacks."""
     axis = signals.axis
     attitude, drive = signals.streams
@@ -366,14 +366,14 @@ def cautions_of(signals: Signals, figures: QualityFigures) -> Iterator[Fact]:
         yield Fact(
             Caution.DEMAND_IS_INPUT,
             axis=axis,
-            motor_rate=0.0 if signals.motors is None else usual_rate(signals.motors),
-            least_rate=MINIMUM_RATE,
+            motor_rate=0.0 if signals.motors is None else rate_between_outages(signals.motors),
+            least_rate=MIN_STREAM_RATE,
         )
     if signals.telemetry.vehicle == "UNKNOWN":
         yield Fact(Caution.VEHICLE_ASSUMED)
     if drive.layout.assumed:
         yield Fact(Caution.MIXER_ASSUMED, basis=drive.layout.basis)
-    if figures.output_snr is not None and figures.output_snr < DOUBTFUL_SNR:
+    if figures.output_snr is not None and figures.output_snr < MIN_TRUSTED_SNR:
         yield Fact(
             Caution.NEAR_RESOLUTION,
             axis=axis,
@@ -381,5 +381,5 @@ def cautions_of(signals: Signals, figures: QualityFigures) -> Iterator[Fact]:
             rate_step=figures.rate_step,
             share=min(1.0, 1 / (1 + figures.output_snr)),
         )
-    if figures.consistency is not None and figures.consistency < DOUBTFUL_CONSISTENCY:
+    if figures.consistency is not None and figures.consistency < MIN_TRUSTED_CONSISTENCY:
         yield Fact(Caution.RATE_EXPLAINS_LITTLE, consistency=figures.consistency)

@@ -6,9 +6,10 @@ import numpy as np
 
 from mavdem.arrays import Array, Flags
 from mavdem.dataset import phases
-from mavdem.dataset.align import Segment, mean_rate, recorded_parts, sample, within
-from mavdem.dataset.phases import both, total
-from mavdem.dataset.signals import Signals, usual_rate
+from mavdem.dataset.intervals import intersection, total_duration
+from mavdem.dataset.resampling import mean_rate, resample
+from mavdem.dataset.segments import Segment, in_segments, recorded_spans
+from mavdem.dataset.signals import Signals, rate_between_outages
 from mavdem.flight import Flight
 from mavdem.ingest.motors import OutputScale
 from mavdem.unit_errors import RATE_INTEGRATION_SPAN
@@ -60,37 +61,43 @@ class QualityFigures:
     consistency: float | None = None
 
 
-def of_log(signals: Signals, segments: int) -> QualityFigures:
+def log_quality(signals: Signals, segments: int) -> QualityFigures:
     """Returns the figures of a whole log with so many ``segments``; its rates are those between outages."""
     attitude, drive = signals.streams
     armed = sum(
-        total(both([(part.start, part.end)], phases.armed(signals, part.boot)))
-        for part in recorded_parts(signals)
+        total_duration(
+            intersection([(part.start, part.end)], phases.armed_intervals(signals, part.boot))
+        )
+        for part in recorded_spans(signals)
     )
     airborne = 0.0
     for boot in np.intersect1d(attitude.boot, drive.boot):
         driven = drive.time[drive.boot == boot]
-        airborne += total(both([(driven[0], driven[-1])], phases.flown(signals, int(boot))))
+        airborne += total_duration(
+            intersection(
+                [(driven[0], driven[-1])], phases.free_flight_intervals(signals, int(boot))
+            )
+        )
     return QualityFigures(
         armed,
         airborne,
         segments,
-        attitude_rate=usual_rate(attitude) or None,
-        motor_rate=usual_rate(drive) or None,
+        attitude_rate=rate_between_outages(attitude) or None,
+        motor_rate=rate_between_outages(drive) or None,
     )
 
 
-def of_segment(
+def segment_quality(
     signals: Signals, segment: Segment, flight: Flight, log: QualityFigures
 ) -> QualityFigures:
     """Returns the figures of one segment and the flight made of it, with those of the ``log`` that hold for all."""
     attitude, motors = signals.streams
-    here = within(attitude, segment)
-    there = within(motors, segment)
+    here = in_segments(attitude, segment)
+    there = in_segments(motors, segment)
     time = attitude.time[here]
     angle = attitude.angle[here]
     slope = attitude.slope[here]
-    flown, _ = sample(flight.time, flight.dt, time, np.column_stack([angle, slope]))
+    flown, _ = resample(flight.time, flight.dt, time, np.column_stack([angle, slope]))
     flown_angle, flown_slope, flown_rate = *flown.T, flight.outputs[:, -1]
     consistencies = [
         _consistency(time, angle, slope),
@@ -109,7 +116,7 @@ def of_segment(
         differences = flight.inputs - flight.inputs.mean(axis=1, keepdims=True)
         combination = differences[:, np.argmax(differences.std(axis=0))]
         rounding = motors.scale.step / 12**0.5
-    limited = np.logical_or(*at_limits(motors.scale.fraction(flight.inputs), motors.scale))
+    limited = np.logical_or(*samples_at_limits(motors.scale.fraction(flight.inputs), motors.scale))
     return replace(
         log,
         duration=flight.duration,
@@ -140,9 +147,9 @@ def _step(values: Array) -> float:
     return float(np.median(np.diff(distinct))) if len(distinct) > 1 else 0.0
 
 
-def at_limits(shares: Array, scale: OutputScale) -> tuple[Flags, Flags]:
+def samples_at_limits(shares: Array, scale: OutputScale) -> tuple[Flags, Flags]:
     """Returns where motors are at the upper stop of their ``scale``, and where they idle, shaped like ``shares``."""
-    return shares >= scale.stop - STOP_MARGIN, shares <= phases.IDLE_COLLECTIVE
+    return shares >= scale.stop - STOP_MARGIN, shares <= phases.MAX_IDLE_COLLECTIVE
 
 
 def _snr_of_changes(time: Array, values: Array, step: float) -> float | None:

@@ -3,8 +3,8 @@
 import re
 from collections.abc import Sequence
 
-from mavdem.dataset.drive import DEMAND_MESSAGE
-from mavdem.dataset.signals import MINIMUM_RATE
+from mavdem.dataset.motor_outputs import DEMAND_MESSAGE
+from mavdem.dataset.signals import MIN_STREAM_RATE
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Remedy
 from mavdem.ingest import Component
@@ -31,7 +31,7 @@ STREAMS = {
 """How rates of a stream are set, by what a log was translated from, or by its autopilot."""
 
 
-def ask_for_rate(
+def rate_advice(
     telemetry: Telemetry, rate: int = 100, components: Sequence[Component] = ()
 ) -> Fact:
     """Returns how to get attitude and motors at ``rate`` Hz.
@@ -70,7 +70,7 @@ def _settings(telemetry: Telemetry, rate: int, asked: bool) -> Fact:
     fast = [
         port
         for port in sorted({match[1] for match in named})
-        if min(parameters.get(f"{port}_{of}", 0) for of in ("EXTRA1", "RC_CHAN")) >= MINIMUM_RATE
+        if min(parameters.get(f"{port}_{of}", 0) for of in ("EXTRA1", "RC_CHAN")) >= MIN_STREAM_RATE
     ]
     return Fact(
         code, rate=rate, asked=asked, names=fast, prefix="SR" if "SR" in kinds else "".join(kinds)
@@ -97,7 +97,8 @@ def _dataflash(telemetry: Telemetry) -> Fact:
     low = {
         name: limit
         for name, backend in RATE_LIMITS.items()
-        if 0 < (limit := telemetry.parameters.get(name, 0.0)) < MINIMUM_RATE and backend & backends
+        if 0 < (limit := telemetry.parameters.get(name, 0.0)) < MIN_STREAM_RATE
+        and backend & backends
     }
     return Fact(
         Remedy.LOG_FAST_ATTITUDE,

@@ -6,7 +6,7 @@ from mavdem.assessment import Assessment
 from mavdem.assessment.axis.responses import LoopResponse
 from mavdem.assessment.lights.tracking import tracking_of
 from mavdem.containers import JsonValues
-from mavdem.dataset.drive import AXES
+from mavdem.dataset.axes import AXES
 from mavdem.documents.document import Document, OneFact, Sentence
 from mavdem.documents.flight import Report, report_of
 from mavdem.documents.loops import Loop

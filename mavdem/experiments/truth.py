@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.dataset.drive import AXES
+from mavdem.dataset.axes import AXES
 from mavdem.dem import Learned
 from mavdem.errors import Unreadable, error_message
 from mavdem.facts.forecasts import ComparedWithTruth, Forecasts

@@ -15,9 +15,10 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.containers import JsonValues, Names
-from mavdem.dataset.align import align, longest_recorded
+from mavdem.dataset.alignment import aligned_flight
+from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.learnability import learnability_of
-from mavdem.dataset.read import choose_vehicle
+from mavdem.dataset.segments import longest_recorded_segment
 from mavdem.dataset.signals import Signals
 from mavdem.dem import Learned
 from mavdem.errors import NotLearnable
@@ -300,8 +301,8 @@ def _convert_to_table(
     log = read_log(source)
     signals = Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs)
     learnability = learnability_of(signals, log.components)
-    segment = None if learnability.flight else longest_recorded(signals)
-    flight = align(signals, segment) if segment else learnability.flight
+    segment = None if learnability.flight else longest_recorded_segment(signals)
+    flight = aligned_flight(signals, segment) if segment else learnability.flight
     cautions = list(map(str, learnability.cautions))
     if not learnability.learnable:
         cautions.append(str(learnability.reason))

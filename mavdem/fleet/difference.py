@@ -21,7 +21,7 @@ from scipy.special import stdtr
 
 from mavdem.confidence import CONFIDENCE_LEVEL, coverage_factor
 from mavdem.containers import Names, Numbers
-from mavdem.dataset.drive import AXES, TILT_AXES
+from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dem.record import MIN_MOTORS
 from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts import Fact

@@ -15,7 +15,8 @@ from functools import cache
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 from mavdem.containers import JsonValues, Names, Numbers, group_by
-from mavdem.dataset.drive import AXES, INPUTS
+from mavdem.dataset.axes import AXES
+from mavdem.dataset.motor_outputs import INPUT_KINDS
 from mavdem.document_heading import document_heading
 from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
@@ -51,7 +52,7 @@ SHARED = "system id"  # the basis of a name that several vehicles may have
 HEALTHS = tuple(MotorHealth)  # the worst first
 NOT_IDENTIFIABLE = Status.NOT_IDENTIFIABLE  # the status of what a flight says nothing of
 AXIS_ORDER = (*AXES, "")
-MOTORS, DEMAND = INPUTS
+MOTORS, DEMAND = INPUT_KINDS
 
 Many = Numbers | None
 Text = str | None

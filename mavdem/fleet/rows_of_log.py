@@ -11,7 +11,7 @@ from mavdem.assessment import Assessment
 from mavdem.assessment.assess import NoLoop, assess_signals
 from mavdem.assessment.axis import LogAnalysis
 from mavdem.containers import JsonValues
-from mavdem.dataset.drive import AXES
+from mavdem.dataset.axes import AXES
 from mavdem.dataset.signals import Signals
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact

@@ -14,7 +14,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.containers import JsonValues, Numbers
-from mavdem.dataset.drive import MotorGeometry
+from mavdem.dataset.motor_outputs import MotorGeometry
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Facts
 from mavdem.facts.fleet import Folder, Reading

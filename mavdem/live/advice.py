@@ -13,7 +13,7 @@ from mavdem.assessment.assess import assess
 from mavdem.assessment.axis import Options
 from mavdem.assessment.axis.tuning import tuned
 from mavdem.assessment.axis.twin import foretold
-from mavdem.dataset.drive import AXES
+from mavdem.dataset.axes import AXES
 from mavdem.errors import Refusal
 from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import Gains

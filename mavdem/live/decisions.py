@@ -26,20 +26,23 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement, judge
 from mavdem.assessment.lights.motors import motors_light
 from mavdem.containers import Names, Numbers
-from mavdem.dataset import drive, phases
-from mavdem.dataset.align import Segment, mean_rate
+from mavdem.dataset import motor_outputs, phases
 from mavdem.dataset.attitude import Attitude
-from mavdem.dataset.drive import AXES, TILT_AXES, Motors, Signal, recorded
+from mavdem.dataset.axes import AXES, TILT_AXES
+from mavdem.dataset.intervals import intersection
 from mavdem.dataset.learnability import Learnability
+from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.phases import (
     AVERAGING_SECONDS,
-    CLIMB_OUT_SPEED,
-    REPORT_SECONDS,
+    MAX_LEVEL_FLIGHT_SPEED,
+    MAX_REPORT_INTERVAL,
     TRANSIENT_SECONDS,
-    both,
 )
 from mavdem.dataset.quality import QualityFigures
-from mavdem.dataset.signals import CLIMB_FIELDS, Signals
+from mavdem.dataset.resampling import mean_rate
+from mavdem.dataset.segments import Segment
+from mavdem.dataset.signals import CLIMB_RATE_FIELDS, Signals
+from mavdem.dataset.time_series import TimeSeries, recorded_series
 from mavdem.dem import Learned
 from mavdem.facts import Fact
 from mavdem.facts.lights import Unjudged
@@ -55,7 +58,7 @@ from mavdem.motors.hover import hover_figures
 from mavdem.motors.loss_detection import MotorAlarm, losses_of
 
 LANDED = "EXTENDED_SYS_STATE"
-PHASES = ("HEARTBEAT", LANDED, *CLIMB_FIELDS)
+PHASES = ("HEARTBEAT", LANDED, *CLIMB_RATE_FIELDS)
 """The messages that show the phase, beside the motors."""
 
 
@@ -91,11 +94,11 @@ class Setup:
 class Inputs:
     """The inputs of the model: ``motors`` of the last seconds, and for each its port and its place in the channels."""
 
-    motors: Motors
+    motors: MotorOutputs
     picks: tuple[tuple[int, int], ...]
 
     @property
-    def collective(self) -> Signal | None:
+    def collective(self) -> TimeSeries | None:
         """How hard the motors worked together in the last seconds; None where nothing came."""
         return self.motors.collective if len(self.motors.time) else None
 
@@ -139,7 +142,7 @@ class InputChoice:
         motors = Signals(replace(vehicle, messages=messages)).motors
         if motors is None:
             return None
-        _, width = drive.outputs_by_port(motors.message, messages[motors.message])
+        _, width = motor_outputs.channel_outputs(motors.message, messages[motors.message])
         picks = tuple(divmod(n - 1, width) for n in motors.layout.channels)
         # A climb at one throttle of a few seconds looks like a stop: only parameters say where one is.
         scale = output_scale(motors.outputs, vehicle.parameters, motors.layout.drivers)
@@ -172,9 +175,9 @@ class InputChoice:
 class LiveSignals(Signals):
     """Signals of a live flight, of which these are not read from messages."""
 
-    motors: Motors | None = None
-    collective: Signal | None = None
-    landed_state: Signal | None = None
+    motors: MotorOutputs | None = None
+    collective: TimeSeries | None = None
+    landed_state: TimeSeries | None = None
     tilts: tuple[Attitude, ...] = ()
 
 
@@ -226,16 +229,18 @@ class Phase:
         self._landing = None
         return since
 
-    def review(self, now: float, vehicle: Telemetry, collective: Signal | None) -> None:
+    def review(self, now: float, vehicle: Telemetry, collective: TimeSeries | None) -> None:
         """Decides the phase at ``now``, s, of a ``vehicle`` whose motors did ``collective`` in the last seconds."""
         boot = self._recent.boot
         signals = self._signals(now, vehicle, collective)
-        armed = phases.armed(signals, boot)
+        armed = phases.armed_intervals(signals, boot)
         climb = signals.climb_rate
-        self.flying = any(start < now <= end for start, end in phases.flying(signals, boot))
+        self.flying = any(
+            start < now <= end for start, end in phases.airborne_intervals(signals, boot)
+        )
         has_states = signals.landed_state is not None or collective is not None
         self._is_shown = has_states or armed != [(-inf, inf)]
-        flights = both(armed, phases.in_states(signals, boot, (IN_AIR,)))
+        flights = intersection(armed, phases.landed_state_intervals(signals, boot, (IN_AIR,)))
         flight = next((flight for flight in flights if flight[0] < now <= flight[1]), None)
         if self.steady and (flight is None or flight[0] > self._reviewed):
             self._take_back(max((end for _, end in flights if end < now), default=now))
@@ -251,45 +256,45 @@ class Phase:
         self._rise(now, climb)
         self._reviewed = now
 
-    def _signals(self, now: float, vehicle: Telemetry, collective: Signal | None) -> Signals:
+    def _signals(self, now: float, vehicle: Telemetry, collective: TimeSeries | None) -> Signals:
         """What the last seconds show; while the landed state is reported, the last one holds until ``now``."""
-        columns = self._recent.columns(PHASES, now - 2 * REPORT_SECONDS)
+        columns = self._recent.columns(PHASES, now - 2 * MAX_REPORT_INTERVAL)
         telemetry = replace(vehicle, messages=columns)
-        landed = recorded(telemetry, LANDED, "landed_state")
+        landed = recorded_series(telemetry, LANDED, "landed_state")
         self._reported_until = -inf
-        if landed is not None and now <= landed.time[-1] + REPORT_SECONDS:
+        if landed is not None and now <= landed.time[-1] + MAX_REPORT_INTERVAL:
             state = landed.values[-1]
-            self._reported_until = landed.time[-1] + REPORT_SECONDS if state else -inf
+            self._reported_until = landed.time[-1] + MAX_REPORT_INTERVAL if state else -inf
             time = np.append(landed.time, now)
             boots = np.full(len(time), self._recent.boot)
-            landed = Signal(time, boots, np.append(landed.values, state))
+            landed = TimeSeries(time, boots, np.append(landed.values, state))
         return LiveSignals(telemetry, collective=collective, landed_state=landed)
 
-    def _settle(self, now: float, climb: Signal | None) -> None:
+    def _settle(self, now: float, climb: TimeSeries | None) -> None:
         """Decides since when the flight is settled; means are known half of their window later."""
         averaged_until = now if climb is None else now - AVERAGING_SECONDS / 2
         if self._settled_from is None:
-            level = phases.between_transients((self._start, inf), climb)
+            level = phases.without_transients((self._start, inf), climb)
             if level is not None and level[0] <= averaged_until:
                 self._settled_from = level[0]
         elif climb is not None:
-            sinks = phases.average(climb) <= -CLIMB_OUT_SPEED
+            sinks = phases.moving_average(climb) <= -MAX_LEVEL_FLIGHT_SPEED
             since = self._reviewed - AVERAGING_SECONDS / 2
             new = (climb.time > max(since, self._reported_until)) & (climb.time <= averaged_until)
             if len(sinking := climb.time[sinks & new]):
                 # It may be landing.
                 self._settled_from = max(self._settled_from, float(sinking[-1]) + TRANSIENT_SECONDS)
 
-    def _rise(self, now: float, climb: Signal | None) -> None:
+    def _rise(self, now: float, climb: TimeSeries | None) -> None:
         """Decides since when it flies freely without being settled: what rises for long is held by nothing."""
         if not self.flying or climb is None:
             self._risen_from = inf
             return
-        since = max(self._reviewed, now - REPORT_SECONDS) - AVERAGING_SECONDS / 2
+        since = max(self._reviewed, now - MAX_REPORT_INTERVAL) - AVERAGING_SECONDS / 2
         new = (climb.time > since) & (climb.time <= now - AVERAGING_SECONDS / 2)
-        speed = phases.average(climb)[new]
-        rising = climb.time[new][speed >= CLIMB_OUT_SPEED]
-        if np.any(speed <= -CLIMB_OUT_SPEED):
+        speed = phases.moving_average(climb)[new]
+        rising = climb.time[new][speed >= MAX_LEVEL_FLIGHT_SPEED]
+        if np.any(speed <= -MAX_LEVEL_FLIGHT_SPEED):
             self._risen_from = inf
         elif len(rising) and self._settled_from is None:
             self._risen_from = min(self._risen_from, float(rising[0]) + TRANSIENT_SECONDS / 2)
@@ -303,7 +308,7 @@ class Phase:
 class RecentMotion(NamedTuple):
     """The ``motors`` of some seconds, and the attitude by axis."""
 
-    motors: Motors
+    motors: MotorOutputs
     tilts: Mapping[str, Attitude]
 
     @property
@@ -348,7 +353,7 @@ def judged(
     time: Any = learned.dt * np.arange(count)
     telemetry = Telemetry(1, 1, UNNAMED, "", {}, record.parameters, recorded or "")
     boots = np.zeros(count, int)
-    motors = Motors(setup.motors, time, boots, inputs, setup.layout, setup.scale, count, 0)
+    motors = MotorOutputs(setup.motors, time, boots, inputs, setup.layout, setup.scale, count, 0)
     tilt = tilt_of(setup.attitude, time, 0, *outputs.T)
     signals = LiveSignals(telemetry, axis, motors=motors, tilts=(tilt,) * len(TILT_AXES))
     swing = detect_limit_cycle(motors, {axis: tilt}, [Segment(0, 0.0, duration)])

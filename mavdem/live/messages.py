@@ -14,8 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mavdem.containers import Names, Numbers
-from mavdem.dataset.drive import MAX_ANGLE, MAX_BODY_RATE, UINT16_UNKNOWN
-from mavdem.dataset.signals import IGNORED
+from mavdem.dataset.axes import MAX_ANGLE, MAX_BODY_RATE
+from mavdem.dataset.motor_outputs import UINT16_UNKNOWN
+from mavdem.dataset.signals import IGNORED_SETPOINT_BITS
 from mavdem.ingest.mavlink import framing
 from mavdem.ingest.mavlink.definitions import definitions_by_id, latest_parameters
 from mavdem.ingest.mavlink.vehicles import BOOT_CLOCK_UNITS
@@ -199,7 +200,7 @@ def attitude_asked(message: Message) -> Numbers:
     mask, quaternion = message.values
     with np.errstate(invalid="ignore"):  # NaN stands for none, too
         roll, pitch, _ = map(float, euler_angles(np.array(quaternion)))
-    return (nan, nan) if mask & IGNORED["attitude"] else (roll, pitch)
+    return (nan, nan) if mask & IGNORED_SETPOINT_BITS["attitude"] else (roll, pitch)
 
 
 def outputs(message: Message) -> tuple[int, Numbers]:

@@ -7,7 +7,7 @@ from math import nan
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.dataset.drive import Motors
+from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.facts import Fact, Facts
 from mavdem.facts.session import Session
 from mavdem.facts.watch import Watch
@@ -55,7 +55,7 @@ class MotorAlarms:
         return WeakenedMotors(self.changed, low + shares * used, errors * used)
 
     def take(
-        self, time: float, boot: int, motors: Motors, commands: list[float], heading: float
+        self, time: float, boot: int, motors: MotorOutputs, commands: list[float], heading: float
     ) -> Iterator[Fact]:
         """Yields what to report of a sample of ``motors`` in settled flight.
 

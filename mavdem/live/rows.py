@@ -18,10 +18,10 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.containers import Numbers
-from mavdem.dataset import align
+from mavdem.dataset import resampling, segments
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.dataset.learnability import MAX_STEP_RATIO
-from mavdem.dataset.signals import MINIMUM_RATE, STAMP_ROUNDING
+from mavdem.dataset.signals import MIN_STREAM_RATE, STAMP_ROUNDING
 from mavdem.facts import Fact
 from mavdem.facts.session import VehicleFact
 from mavdem.ingest.mavlink.clocks import (
@@ -197,7 +197,9 @@ class Samples:
         It is 0 with fewer than two samples.
         """
         return (
-            align.mean_rate(np.array(self.time[-count:])) if (count := self.count(now)) > 1 else 0.0
+            resampling.mean_rate(np.array(self.time[-count:]))
+            if (count := self.count(now)) > 1
+            else 0.0
         )
 
     def steady_rate(self) -> float | None:
@@ -205,7 +207,7 @@ class Samples:
         last = self.time[
             bisect_left(self.time, max(self.since, self.time[-1] - DECISION_SECONDS)) :
         ]
-        return align.mean_rate(np.array(last)) if len(last) > align.MEDIAN_STEPS else None
+        return resampling.mean_rate(np.array(last)) if len(last) > segments.MEDIAN_STEPS else None
 
     def nearest(self, time: float) -> Numbers | None:
         """Returns the sample nearest to ``time``; None if it is farther than ``STAMP_SECONDS``."""
@@ -214,7 +216,7 @@ class Samples:
         row = min(rows, key=lambda row: abs(self.time[row] - time), default=None)
         return (
             None
-            if row is None or abs(self.time[row] - time) > align.STAMP_SECONDS
+            if row is None or abs(self.time[row] - time) > resampling.STAMP_RESOLUTION
             else self.values[row]
         )
 
@@ -273,14 +275,17 @@ class Grid:
             return False
         times = [np.array(stream.time) for stream in streams]
         times = [
-            time[(time >= first - align.STAMP_SECONDS) & (time <= last + align.STAMP_SECONDS)]
+            time[
+                (time >= first - resampling.STAMP_RESOLUTION)
+                & (time <= last + resampling.STAMP_RESOLUTION)
+            ]
             for time in times
         ]
         if min(map(len, times)) < 3:
             return False
         if self.dt is None:
-            rates = tuple(align.mean_rate(time) for time in times)
-            if min(rates) < MINIMUM_RATE:
+            rates = tuple(resampling.mean_rate(time) for time in times)
+            if min(rates) < MIN_STREAM_RATE:
                 self._try_from = last + DECISION_SECONDS / 4
                 return False
             quarters = np.array(
@@ -290,9 +295,9 @@ class Grid:
                 # A rate changes: decided from stamps of both, the step would be neither's, and stay.
                 self._steady_from = last
                 return False
-            self.dt = self._step(align.step(times))
+            self.dt = self._step(resampling.common_step(times))
             self.rates = rates
-        grid = align.grid_of(times[0], times[1], self.dt)
+        grid = resampling.common_grid(times[0], times[1], self.dt)
         self._samplings = tuple(_sampling(time, grid, self.dt) for time in times)
         self._streams = tuple(streams)
         self.start = float(grid[0])
@@ -309,7 +314,7 @@ class Grid:
             time = self.start + self.dt * self._next
             values = []
             for stream, sampling in zip(self._streams, self._samplings, strict=True):
-                if time < stream.since - align.STAMP_SECONDS:
+                if time < stream.since - resampling.STAMP_RESOLUTION:
                     self.end()  # one stream was ahead of the other for longer than samples are kept
                     return
                 value = _value_at(stream, sampling, time, self.dt)
@@ -345,9 +350,9 @@ class Grid:
 
 
 def _sampling(time: Array, grid: Array, dt: float) -> _Sampling:
-    if not align.is_low_passed(time, dt):
-        return np.ones(1), np.zeros(1), align.kept_rows(grid, time) is not None
-    weights = align.impulse_response(rate := align.mean_rate(time), dt)
+    if not resampling.needs_low_pass(time, dt):
+        return np.ones(1), np.zeros(1), resampling.nearest_rows(grid, time) is not None
+    weights = resampling.low_pass_impulse_response(rate := resampling.mean_rate(time), dt)
     return weights, (np.arange(len(weights)) - len(weights) // 2) / rate, False
 
 
@@ -356,10 +361,12 @@ def _value_at(stream: Samples, sampling: _Sampling, time: float, dt: float) -> N
     (weights, offsets, kept) = sampling
     last = stream.time[-1]
     # Where two samples may lie within STAMP_SECONDS of one point, wait for the later one too.
-    until = time - align.STAMP_SECONDS if dt >= 3 * align.STAMP_SECONDS else time
+    until = time - resampling.STAMP_RESOLUTION if dt >= 3 * resampling.STAMP_RESOLUTION else time
     if kept and last >= until and (near := stream.nearest(time)) is not None:
         return near
     ahead = (
-        align.FILTER_EDGE_STEPS * dt - align.STAMP_SECONDS if len(weights) > 1 else -STAMP_ROUNDING
+        resampling.FILTER_EDGE_STEPS * dt - resampling.STAMP_RESOLUTION
+        if len(weights) > 1
+        else -STAMP_ROUNDING
     )
     return stream.weighted(time, weights, offsets) if last >= time + ahead else None

@@ -17,7 +17,7 @@ import numpy as np
 from mavdem.assessment.autopilot_messages import AGAIN_SECONDS
 from mavdem.assessment.axis.findings import Findings, disown_torque, findings_of
 from mavdem.assessment.judgement import Judgement
-from mavdem.dataset.signals import axis_outputs
+from mavdem.dataset.signals import output_names_and_units
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.errors import NotLearnable, fact_from_error, failure_fact
 from mavdem.facts import Fact, Level
@@ -438,7 +438,7 @@ class LiveSession:
                 self.settings,
                 setup.dt,
                 len(layout.names),
-                len(axis_outputs(axis)),
+                len(output_names_and_units(axis)),
                 executor=self.executor,
                 horizons=horizons(setup.dt),
                 effect_directions=None if layout.positions_assumed else layout.mixer_row(axis),
@@ -486,7 +486,7 @@ class LiveSession:
         setup = self._setup
         if setup is None or learned.record.inputs.shape[1] != len(setup.layout.names):
             return learned
-        names, units = zip(*axis_outputs(self.stream.axis), strict=True)
+        names, units = zip(*output_names_and_units(self.stream.axis), strict=True)
         parameters = self.stream.parameters.items()
         gains = {name: value for name, value in parameters if CONTROL_PARAMETERS.match(name)}
         record = replace(

@@ -9,16 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.containers import Numbers
-from mavdem.dataset.align import STEP_TOLERANCE
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
-from mavdem.dataset.drive import (
-    TILT_AXES,
-    preferred_message,
-)
-from mavdem.dataset.learnability import too_slow
+from mavdem.dataset.axes import TILT_AXES
+from mavdem.dataset.learnability import slow_streams
 from mavdem.dataset.phases import AVERAGING_SECONDS, MAX_TILT
-from mavdem.dataset.signals import HOLD_SECONDS, MINIMUM_RATE, TARGET_MESSAGE
-from mavdem.dataset.steadiness import strays
+from mavdem.dataset.resampling import STEP_TOLERANCE
+from mavdem.dataset.signals import MAX_SETPOINT_AGE, MIN_STREAM_RATE, SETPOINT_MESSAGE
+from mavdem.dataset.steady_flight import strays_from_setpoint
+from mavdem.dataset.time_series import preferred_message
 from mavdem.facts import Fact, Facts
 from mavdem.facts.event import Event
 from mavdem.facts.events import Reported
@@ -251,7 +249,7 @@ class LiveStream:
             if motion is not None:
                 self._look(time, motion)
             yield from self._add(name, 0, time, motion and motion[:4])
-        elif name == TARGET_MESSAGE and placed.stamped:
+        elif name == SETPOINT_MESSAGE and placed.stamped:
             self._asked = time, attitude_asked(message)
         elif name in MOTOR_MESSAGES and placed.stamped:
             port, values = outputs(message)
@@ -456,8 +454,8 @@ class LiveStream:
         else:
             rates = {name: heard[name] for name in (self._attitude, drives)}
             # With hysteresis: a rate at the limit must not be reported twice a second.
-            least = MINIMUM_RATE / STEP_TOLERANCE if self._enough else MINIMUM_RATE
-            slow = too_slow(rates, self.axis) if min(rates.values()) < least else None
+            least = MIN_STREAM_RATE / STEP_TOLERANCE if self._enough else MIN_STREAM_RATE
+            slow = slow_streams(rates, self.axis) if min(rates.values()) < least else None
             obstacle = slow and Fact(Rows.LIVE_RATES_TOO_LOW, can_ask=self._can_ask, because=slow)
         if obstacle is not None and self._enough:
             self._report(obstacle)
@@ -470,10 +468,10 @@ class LiveStream:
         """Where the nose points by an attitude, unless roll and pitch stray from the setpoint that holds."""
         *tilts, p, q, r, self._heading = motion
         since, asked = self._asked
-        is_asked = abs(time - since) <= HOLD_SECONDS
+        is_asked = abs(time - since) <= MAX_SETPOINT_AGE
         angles = (*tilts, self._heading)
         self.pose = LatestPose(time, angles, (p, q, r), asked if is_asked else (nan, nan))
-        strayed = is_asked and strays(np.array(tilts), np.array(asked))
+        strayed = is_asked and strays_from_setpoint(np.array(tilts), np.array(asked))
         if strayed or max(map(abs, tilts)) >= MAX_TILT:
             self._heading = nan
 

@@ -15,10 +15,10 @@ from mavdem.assessment.lights.limits import worst
 from mavdem.assessment.lights.power import power_light
 from mavdem.assessment.lights.vibration import vibration_light
 from mavdem.assessment.reported import reported_events
-from mavdem.dataset.drive import Signal
-from mavdem.dataset.phases import Intervals
-from mavdem.dataset.quality import at_limits
-from mavdem.dataset.signals import BATTERY_MESSAGES, MINIMUM_RATE, Signals
+from mavdem.dataset.intervals import Intervals
+from mavdem.dataset.quality import samples_at_limits
+from mavdem.dataset.signals import BATTERY_MESSAGES, MIN_STREAM_RATE, Signals
+from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Facts
 from mavdem.facts.events import Reported
 from mavdem.facts.lights import Light
@@ -111,7 +111,7 @@ class Watchdog:
         columns = self._recent.columns(OF_ITSELF, since)
         time, states = zip(*self._phases, (now, self._phases[-1][1]), strict=True)
         boots = np.full(len(time), self._recent.boot)
-        landed = Signal(np.array(time), boots, np.array(states))
+        landed = TimeSeries(np.array(time), boots, np.array(states))
         return LiveSignals(replace(vehicle, messages=columns), landed_state=landed, settled=settled)
 
     def _reported(self, signals: Signals, now: float) -> Iterator[Fact]:
@@ -134,7 +134,7 @@ class Watchdog:
             return
         motors = motion.motors
         shares = motors.scale.fraction(motors.outputs)
-        upper, lower = at_limits(shares, motors.scale)
+        upper, lower = samples_at_limits(shares, motors.scale)
         cycle = None
         if upper.any() or lower.any():  # without, there is none; most flights have none
             cycle = detect_starting_limit_cycle(motors, motion.tilts, self._recent.boot, since, now)
@@ -187,7 +187,7 @@ class Watchdog:
             missing = dict.fromkeys(
                 (Watched.OSCILLATION, Watched.MOTOR_LIMITS), Fact(Rows.NO_LIVE_MOTORS)
             )
-        elif motion.rate < MINIMUM_RATE / 2:
+        elif motion.rate < MIN_STREAM_RATE / 2:
             slow = Fact(Watch.MESSAGE_MISSING, name=motion.motors.message, rate=motion.rate)
             missing[Watched.OSCILLATION] = slow
         for kind, names in {

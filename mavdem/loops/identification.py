@@ -9,9 +9,9 @@ from scipy.linalg import block_diag
 
 from mavdem.arrays import Array
 from mavdem.dataset.attitude import Attitude
-from mavdem.dataset.drive import Signal
-from mavdem.dataset.read import of_longest_boot
-from mavdem.dataset.signals import SLOW_MOTION_RATE, Signals, once
+from mavdem.dataset.flights import flights_of_longest_boot
+from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals, cached_per_vehicle
+from mavdem.dataset.time_series import TimeSeries
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
@@ -65,7 +65,7 @@ def identify_plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physi
     ``NotLearnable``: no controller, no setpoints that change several times a second, too few seconds, too little was
     asked of it, or the phase margin stays unknown.
     """
-    identified = _in_loop(signals, tuple(of_longest_boot(flights)))
+    identified = _in_loop(signals, tuple(flights_of_longest_boot(flights)))
     with one_thread(), np.errstate(all="ignore"):
         plant = _physical(identified.fit, identified.directions)
         try:
@@ -83,7 +83,7 @@ class _InLoop(NamedTuple):
     directions: Array
 
 
-@once("axis", "inputs")
+@cached_per_vehicle("axis", "inputs")
 def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
     """Of the axis of ``signals``; what it takes is that of :func:`identify_plant_in_loop`."""
     boot = boot_number(flights[0])
@@ -107,7 +107,7 @@ def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
     )
     with one_thread(), np.errstate(all="ignore"):
         seen = spectra(streams, starts)
-        if seen.rate < SLOW_MOTION_RATE:
+        if seen.rate < MIN_SLOW_MOTION_RATE:
             raise NotLearnable(Loops.NO_RATE_SETPOINT)
         power = np.average(seen.mean[:, OUTPUT, OUTPUT].real, weights=seen.counts) * seen.rate
         if rounding**2 / 12 > MOST_ROUNDED * power:
@@ -153,7 +153,7 @@ def _streams(
     attitude, drive = signals.attitude, signals.drive
     assert attitude is not None and drive is not None
 
-    def here(stream: Attitude | Signal, values: Array) -> Messages:
+    def here(stream: Attitude | TimeSeries, values: Array) -> Messages:
         rows = stream.boot == boot
         return Messages(stream.time[rows], values[rows])
 

@@ -11,7 +11,7 @@ from math import isfinite
 
 import numpy as np
 
-from mavdem.dataset.align import Segments
+from mavdem.dataset.segments import Segments
 from mavdem.dataset.signals import Signals
 from mavdem.loops.margins import OpenLoop, transfer
 from mavdem.loops.resonance import (

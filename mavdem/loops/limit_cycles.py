@@ -14,11 +14,12 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.containers import JsonValues
-from mavdem.dataset.align import Segment, Segments
 from mavdem.dataset.attitude import Attitude
-from mavdem.dataset.drive import Motors, Signal
-from mavdem.dataset.quality import at_limits
-from mavdem.dataset.signals import MINIMUM_RATE
+from mavdem.dataset.motor_outputs import MotorOutputs
+from mavdem.dataset.quality import samples_at_limits
+from mavdem.dataset.segments import Segment, Segments
+from mavdem.dataset.signals import MIN_STREAM_RATE
+from mavdem.dataset.time_series import TimeSeries
 from mavdem.dem.engine.linalg import SMALLEST
 from mavdem.loops.resonance import evenly_sampled, spectra_of, windows_of
 
@@ -75,7 +76,7 @@ class Oscillation(NamedTuple):
 
 
 def detect_limit_cycle(
-    motors: Motors | None, tilts: Mapping[str, Attitude], parts: Segments
+    motors: MotorOutputs | None, tilts: Mapping[str, Attitude], parts: Segments
 ) -> Oscillation | None:
     """Returns the limit cycle in these ``parts`` of a flight; None where there is none, or no motor outputs.
 
@@ -94,7 +95,7 @@ def detect_limit_cycle(
 
 
 def detect_starting_limit_cycle(
-    motors: Motors, tilts: Mapping[str, Attitude], boot: int, since: float, now: float
+    motors: MotorOutputs, tilts: Mapping[str, Attitude], boot: int, since: float, now: float
 ) -> Oscillation | None:
     """Returns the limit cycle that reaches the motors' limits in the last seconds before ``now``; None without one.
 
@@ -126,7 +127,7 @@ def _of_vehicle(cycles: Iterable[Oscillation]) -> Oscillation | None:
 def _limit_cycles(
     axis: str,
     tilt: Attitude,
-    motors: Motors,
+    motors: MotorOutputs,
     parts: Segments,
     seconds: float,
     whole: float,
@@ -138,9 +139,9 @@ def _limit_cycles(
     ``LASTING_SHARE`` of a window leave the rate to whatever else turns the vehicle: then the line is theirs alone.
     """
     shares = motors.scale.fraction(motors.outputs)
-    upper, lower = (limit.any(axis=1) for limit in at_limits(shares, motors.scale))
+    upper, lower = (limit.any(axis=1) for limit in samples_at_limits(shares, motors.scale))
     columns = [*(shares - shares.mean(axis=1, keepdims=True)).T, upper & lower, upper | lower]
-    outputs = [Signal(motors.time, motors.boot, column) for column in columns]
+    outputs = [TimeSeries(motors.time, motors.boot, column) for column in columns]
     grid = evenly_sampled([tilt.rates, *outputs], parts, seconds, FEWEST_SAMPLES / seconds)
     if grid is None:
         return
@@ -182,7 +183,7 @@ def _limit_cycles(
             growing = len(run) > 2 and growth >= GROWTH
             strength = np.sqrt(np.mean(rate[run] ** 2))
             limit = at_limit[run].mean()
-            is_fast = sampled >= MINIMUM_RATE
+            is_fast = sampled >= MIN_STREAM_RATE
             # Lines of an alias may be of any frequency.
             lasting = lasted >= LASTING_SHARE * whole and (frequency >= STEERED or not is_fast)
             if limit >= MIN_AT_LIMIT_SHARE or (strength >= LEAST_RATE and (growing or lasting)):

@@ -17,10 +17,10 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.confidence import Interval, coverage_factor
-from mavdem.dataset.align import Segments, within
-from mavdem.dataset.drive import Signal
-from mavdem.dataset.phases import both, unbroken
-from mavdem.dataset.signals import MINIMUM_RATE, Signals, usual_rate
+from mavdem.dataset.intervals import intersection, split_at_gaps
+from mavdem.dataset.segments import Segments, in_segments
+from mavdem.dataset.signals import MIN_STREAM_RATE, Signals, rate_between_outages
+from mavdem.dataset.time_series import TimeSeries
 from mavdem.dem.engine.linalg import SMALLEST
 from mavdem.errors import NotLearnable
 from mavdem.loops.controllers import Controller, controller_from_parameters
@@ -168,7 +168,7 @@ def spectral_resonance(signals: Signals, parts: Segments) -> Resonance | None:
         return None
     weights = drive.layout.mixer_row(signals.axis)
     command = drive.outputs[:, 0] if weights is None else drive.outputs @ weights
-    cross = spectra((Signal(drive.time, drive.boot, command), attitude.rates), parts)
+    cross = spectra((TimeSeries(drive.time, drive.boot, command), attitude.rates), parts)
     if cross is None or not cross.usual.all():
         return None
     top = min(HIGHEST_SHARE * cross.frequency[-1], MAX_LOOP_FREQUENCY)
@@ -194,10 +194,10 @@ def spectral_resonance(signals: Signals, parts: Segments) -> Resonance | None:
 
 
 def spectra(
-    signals: Sequence[Signal],
+    signals: Sequence[TimeSeries],
     parts: Segments,
     seconds: float = WELCH_SECONDS,
-    least_rate: float = MINIMUM_RATE,
+    least_rate: float = MIN_STREAM_RATE,
 ) -> Spectra | None:
     """Returns those of all windows of so many ``seconds`` without gaps in ``parts`` of a flight.
 
@@ -227,7 +227,7 @@ def spectra_of_pieces(
 
 
 def evenly_sampled(
-    signals: Sequence[Signal],
+    signals: Sequence[TimeSeries],
     parts: Segments,
     seconds: float,
     least_rate: float,
@@ -237,7 +237,7 @@ def evenly_sampled(
 
     That of the slowest, or ``most_rate``. None where one comes slower than ``least_rate``, Hz, or there is no stretch.
     """
-    sampled = min(most_rate, *map(usual_rate, signals))
+    sampled = min(most_rate, *map(rate_between_outages, signals))
     if sampled < least_rate:
         return None
     pieces = []
@@ -245,10 +245,10 @@ def evenly_sampled(
         spans = [(part.start, part.end)]
         streams = []
         for signal in signals:
-            rows = within(signal, part)
+            rows = in_segments(signal, part)
             time = signal.time[rows]
             streams.append((time, signal.values[rows]))
-            spans = both(spans, unbroken(time, np.diff(time) > 4 / least_rate))
+            spans = intersection(spans, split_at_gaps(time, np.diff(time) > 4 / least_rate))
         for start, end in spans:
             grid = np.arange(start, end, 1 / sampled)
             if len(grid) > sampled * seconds:

@@ -25,9 +25,14 @@ from scipy.special import softmax
 
 from mavdem.arrays import Array
 from mavdem.confidence import INTERVAL_QUANTILES, coverage_factor
-from mavdem.dataset.align import Segments
-from mavdem.dataset.drive import Signal
-from mavdem.dataset.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals, usual_rate
+from mavdem.dataset.segments import Segments
+from mavdem.dataset.signals import (
+    MIN_SLOW_MOTION_RATE,
+    MIN_STREAM_RATE,
+    Signals,
+    rate_between_outages,
+)
+from mavdem.dataset.time_series import TimeSeries
 from mavdem.dem.engine.linalg import SMALLEST, normal_draws, one_thread
 from mavdem.facts import Fact
 from mavdem.facts.loops import StepResponses
@@ -170,7 +175,7 @@ def rate_step_response(signals: Signals, parts: Segments) -> StepResponse | Fact
     attitude = signals.attitude
     if attitude is not None and rate.time is attitude.time:
         used += [signal for signal in (attitude.angles, signals.asked) if signal is not None]
-    return _response(signals, "rate", used, parts, MINIMUM_RATE)
+    return _response(signals, "rate", used, parts, MIN_STREAM_RATE)
 
 
 def attitude_step_response(signals: Signals, parts: Segments) -> StepResponse | Fact:
@@ -178,16 +183,16 @@ def attitude_step_response(signals: Signals, parts: Segments) -> StepResponse | 
     if signals.asked is None or signals.attitude is None:
         return Fact(StepResponses.NO_SETPOINT, subject=f"{signals.axis} attitude")
     used = [signals.asked, signals.attitude.angles]
-    return _response(signals, "attitude", used, parts, SLOW_MOTION_RATE)
+    return _response(signals, "attitude", used, parts, MIN_SLOW_MOTION_RATE)
 
 
 def _response(
-    signals: Signals, loop: str, used: Sequence[Signal], parts: Segments, least: float
+    signals: Signals, loop: str, used: Sequence[TimeSeries], parts: Segments, least: float
 ) -> StepResponse | Fact:
     """That of the second of ``used`` to the first; or that messages are too slow, too few, or too little was asked."""
     subject = f"{signals.axis} {loop}"
     seconds = SECONDS[loop]
-    if min(map(usual_rate, used)) < least:
+    if min(map(rate_between_outages, used)) < least:
         return Fact(StepResponses.TOO_SLOW, subject=subject, least_rate=least)
     grid = evenly_sampled(used, parts, 4 * seconds, least, TAPS / seconds)
     if grid is None:

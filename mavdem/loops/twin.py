@@ -12,7 +12,7 @@ from scipy.constants import g as GRAVITY  # noqa: N812
 from mavdem.arrays import Array
 from mavdem.confidence import Interval, coverage_factor
 from mavdem.containers import Numbers
-from mavdem.dataset.drive import AXES
+from mavdem.dataset.axes import AXES
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.identifiability import Status

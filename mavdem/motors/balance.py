@@ -20,11 +20,12 @@ import numpy as np
 from mavdem.arrays import Array, Pair
 from mavdem.confidence import coverage_factor
 from mavdem.containers import Names
-from mavdem.dataset.align import Segment, settled_segments, within
-from mavdem.dataset.drive import AXES, MotorGeometry
-from mavdem.dataset.phases import both, total
-from mavdem.dataset.signals import Signals, once
-from mavdem.dataset.steadiness import steady
+from mavdem.dataset.axes import AXES
+from mavdem.dataset.intervals import intersection, total_duration
+from mavdem.dataset.motor_outputs import MotorGeometry
+from mavdem.dataset.segments import Segment, in_segments, settled_segments
+from mavdem.dataset.signals import Signals, cached_per_vehicle
+from mavdem.dataset.steady_flight import steady_intervals
 from mavdem.facts import Fact
 from mavdem.facts.motors import HealthUnknown
 
@@ -95,7 +96,7 @@ class BalanceFigures(NamedTuple):
     seconds: float  # of settled flight
 
 
-@once("axis", "inputs")
+@cached_per_vehicle("axis", "inputs")
 def balance_of_signals(signals: Signals) -> BalanceFigures | None:
     """Returns the figures of a vehicle's steady flight; None without motor outputs, or where it is too short."""
     motors = signals.motors
@@ -105,14 +106,16 @@ def balance_of_signals(signals: Signals) -> BalanceFigures | None:
     runs = []
     seconds = 0.0
     for segment in sorted(settled_segments(signals)):
-        spans = both([(segment.start, segment.end)], steady(signals, segment.boot))
-        seconds += total(spans)
+        spans = intersection(
+            [(segment.start, segment.end)], steady_intervals(signals, segment.boot)
+        )
+        seconds += total_duration(spans)
         parts = (Segment(segment.boot, *span) for span in spans)
-        here = within(motors, *parts)
+        here = in_segments(motors, *parts)
         time = motors.time[here]
         lean = np.full((len(time), 2), np.nan)
         for column, tilt in enumerate(signals.tilts if len(signals.tilts) == 2 else ()):
-            rows = within(tilt, segment)
+            rows = in_segments(tilt, segment)
             if rows.any():
                 lean[:, column] = np.interp(time, tilt.time[rows], tilt.angle[rows])
         commands = motors.scale.fraction(motors.outputs[here])

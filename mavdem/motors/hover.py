@@ -7,11 +7,11 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.containers import Names, Numbers
-from mavdem.dataset.align import settled_segments, within
-from mavdem.dataset.drive import TILT_AXES
+from mavdem.dataset.axes import TILT_AXES
+from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.learnability import learnability_of
-from mavdem.dataset.quality import at_limits
-from mavdem.dataset.read import choose_vehicle
+from mavdem.dataset.quality import samples_at_limits
+from mavdem.dataset.segments import in_segments, settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.errors import NotLearnable
 from mavdem.facts.learnability import MotorObstacle
@@ -86,10 +86,11 @@ def hover_of(signals: Signals, components: Sequence[Component] = ()) -> HoverFig
     if not segments or motors is None or signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
         learnability = learnability_of(signals, components)
         raise NotLearnable(learnability.reason)
-    rows = within(motors, *segments)
+    rows = in_segments(motors, *segments)
     tilts = zip(TILT_AXES, signals.tilts, strict=True)
     lean = {
-        axis: float(np.degrees(tilt.angle[within(tilt, *segments)].mean())) for axis, tilt in tilts
+        axis: float(np.degrees(tilt.angle[in_segments(tilt, *segments)].mean()))
+        for axis, tilt in tilts
     }
     seconds = sum(segment.duration for segment in segments)
     return hover_figures(motors.layout.names, motors.scale, seconds, motors.outputs[rows], lean)
@@ -110,7 +111,7 @@ def hover_figures(
     trims = shares.mean(axis=0)
     if not trims.mean() > 0:
         raise NotLearnable(MotorObstacle.MOTORS_OFF)
-    upper, lower = at_limits(shares, scale)
+    upper, lower = samples_at_limits(shares, scale)
     each = {
         "trim": outputs.mean(axis=0),
         "trim_of_range": trims,

@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 from mavdem.arrays import Array, Flags
 from mavdem.confidence import STRONG_EVIDENCE_NATS, Interval, coverage_factor
 from mavdem.containers import JsonValues, Numbers
-from mavdem.dataset.drive import MotorGeometry
+from mavdem.dataset.motor_outputs import MotorGeometry
 from mavdem.dataset.phases import TRANSIENT_SECONDS
-from mavdem.dataset.steadiness import MAX_TURN
+from mavdem.dataset.steady_flight import MAX_HEADING_CHANGE
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import InFlight
 from mavdem.facts.session import Session
@@ -359,7 +359,7 @@ class MotorWatch:
         self._times.append(time)
         self._blocks.append(self._weights @ (commands / mean))
         turned = _turn(heading, self._heading)
-        is_steady = abs(turned) <= MAX_TURN * BLOCK_SECONDS
+        is_steady = abs(turned) <= MAX_HEADING_CHANGE * BLOCK_SECONDS
         self._headings.append(heading if is_steady else nan)
         self._steady_blocks += is_steady
         self._keep(round(KEPT_SECONDS / BLOCK_SECONDS))

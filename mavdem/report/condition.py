@@ -6,7 +6,7 @@ import numpy as np
 
 from mavdem.assessment import Assessment
 from mavdem.containers import JsonValues
-from mavdem.dataset.drive import TILT_AXES
+from mavdem.dataset.axes import TILT_AXES
 from mavdem.facts.online import DragSource
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.blocks import Blocks, Sentence, Table, caution

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from mavdem.containers import Names
-from mavdem.dataset.drive import AXES
+from mavdem.dataset.axes import AXES
 from mavdem.fleet.difference import ParameterChange, VehicleDifference
 from mavdem.fleet.row import NOT_IDENTIFIABLE, UNKNOWN, value_at
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS

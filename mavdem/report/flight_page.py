@@ -21,7 +21,7 @@ from mavdem.assessment.inventory import inventory
 from mavdem.assessment.lights.tracking import tracking_of
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
 from mavdem.containers import JsonValues
-from mavdem.dataset.drive import AXES
+from mavdem.dataset.axes import AXES
 from mavdem.dem import Learned
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, NamedFacts

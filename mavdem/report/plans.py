@@ -8,7 +8,7 @@ from markupsafe import Markup
 
 from mavdem.arrays import Array
 from mavdem.assessment.condition import Condition
-from mavdem.dataset.drive import Motors
+from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.facts import Level
 from mavdem.motors.health import FAULT_RISE
 from mavdem.report.charts import Plan
@@ -24,7 +24,7 @@ CLASSES = 0, 2, 4, 6, 8, 10, np.inf
 WAY = 600  # points of a path
 
 
-def frame_plan(motors: Motors | None, condition: Condition | None) -> Plan | None:
+def frame_plan(motors: MotorOutputs | None, condition: Condition | None) -> Plan | None:
     """Returns the motors where they are, with their trim deviation and their headroom; None where that is not known."""
     hover = None if condition is None else condition.hover
     places = () if motors is None else motors.layout.positions

@@ -13,9 +13,10 @@ import numpy as np
 from mavdem.assessment import Assessment
 from mavdem.confidence import Interval
 from mavdem.dataset import phases
-from mavdem.dataset.align import Segment, within
-from mavdem.dataset.drive import AXES, Signal
-from mavdem.dataset.signals import Setpoint, Signals, held
+from mavdem.dataset.axes import AXES
+from mavdem.dataset.segments import Segment, in_segments
+from mavdem.dataset.signals import Setpoint, Signals, held_setpoint
+from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts.event import Event
 from mavdem.report.charts import TIME, Axis, Chart, Charts, Line, Mark, over_time
 from mavdem.report.model_charts import torque_line
@@ -54,7 +55,7 @@ class Timeline(NamedTuple):
     trained: tuple[Interval, ...] = ()
     modes: tuple[tuple[float, float, str], ...] = ()
     events: tuple[Event, ...] = ()
-    position: Signal | None = None
+    position: TimeSeries | None = None
     wind: Charts = ()
 
     @property
@@ -96,7 +97,7 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
     time = tilt.time[tilt.boot == boot]
     if len(time) < 2:
         return None
-    armed = phases.armed(signals, boot) or [(-np.inf, np.inf)]
+    armed = phases.armed_intervals(signals, boot) or [(-np.inf, np.inf)]
     first = max(time[0], armed[0][0] - AROUND_SECONDS)
     last = min(time[-1], armed[-1][1] + AROUND_SECONDS)
     part = Segment(boot, first, last)
@@ -127,9 +128,9 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
     )
 
 
-def _of(signal: Signal, part: Segment) -> Signal | None:
+def _of(signal: TimeSeries, part: Segment) -> TimeSeries | None:
     """The ``part`` of a signal; None of one without."""
-    rows = within(signal, part, slack=0)
+    rows = in_segments(signal, part, slack=0)
     if np.count_nonzero(rows) < 2:
         return None
     return signal.at(rows)
@@ -158,14 +159,14 @@ def _of_axis(signals: Signals, part: Segment) -> Iterator[Chart]:
 
 
 def _beside(
-    name: str, scale: float, seen: Signal, asked: Signal | None, part: Segment
+    name: str, scale: float, seen: TimeSeries, asked: TimeSeries | None, part: Segment
 ) -> list[Line]:
     """What was seen, after what was asked for."""
     if (own := _of(seen, part)) is None:
         return []
     lines = [Line(name, PREDICTED, own.time, scale * own.values)]
     if asked is not None:
-        wanted = scale * held(Setpoint("", "", "", asked), part.boot, own.time)
+        wanted = scale * held_setpoint(Setpoint("", "", "", asked), part.boot, own.time)
         if np.isfinite(wanted).any():
             lines.insert(0, Line("setpoint", TRUTH, own.time, wanted))
     return lines
@@ -176,7 +177,7 @@ def _driven(signals: Signals, part: Segment) -> Iterator[Chart]:
     yield over_time("Height", "m", _lines(signals.height, part, ["height"]))
     if (motors := signals.motors) is not None:
         percent = 100 * motors.scale.fraction(motors.outputs).clip(0.0)
-        shares = Signal(motors.time, motors.boot, percent)
+        shares = TimeSeries(motors.time, motors.boot, percent)
         names = [short(name) for name in motors.layout.names]
         mean = shares.values.mean(axis=1, keepdims=True)
         apart = replace(shares, values=shares.values - mean)
@@ -186,7 +187,10 @@ def _driven(signals: Signals, part: Segment) -> Iterator[Chart]:
 
 
 def _lines(
-    signal: Signal | None, part: Segment, names: Sequence[str], colours: Sequence[str] = DISTINCT
+    signal: TimeSeries | None,
+    part: Segment,
+    names: Sequence[str],
+    colours: Sequence[str] = DISTINCT,
 ) -> Iterator[Line]:
     own = None if signal is None else _of(signal, part)
     if own is None:
@@ -214,7 +218,7 @@ def wind_rows(air: WindEvidence, part: Segment) -> Iterator[Chart]:
         lines = [Line("wind", DISTURBANCE, wind.time, line, least, line + width)]
         if own is not None:
             theirs = speed_and_direction(own.values, 0 * own.values, mean)[row]
-            signal = Signal(own.time, own.boot, theirs)
+            signal = TimeSeries(own.time, own.boot, theirs)
             lines += _lines(signal, part, ["autopilot's own"], [BASELINE])
         yield over_time(title, unit, lines)
 

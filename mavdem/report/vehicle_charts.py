@@ -6,7 +6,7 @@ from math import degrees
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.dataset.drive import TILT_AXES
+from mavdem.dataset.axes import TILT_AXES
 from mavdem.fleet.row import Flight, worst_health
 from mavdem.report.charts import Axis, Chart, Group, Kind, Line, Mark
 from mavdem.report.numbers import TORQUE, short

@@ -12,9 +12,10 @@ from functools import cached_property
 import numpy as np
 
 from mavdem.arrays import Array, Pair
-from mavdem.dataset.align import Segments, within
-from mavdem.dataset.drive import AXES, Signal, recorded, series
+from mavdem.dataset.axes import AXES
+from mavdem.dataset.segments import Segments, in_segments
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import TimeSeries, clean_series, recorded_series
 from mavdem.immutable import ImmutableResult
 from mavdem.ingest.telemetry import interpolated
 
@@ -116,10 +117,10 @@ def vibration_spectra(signals: Signals, parts: Segments) -> dict[str, Spectrum]:
     return spectra
 
 
-def _sampled(signals: Signals) -> Iterator[tuple[str, str, Signal]]:
+def _sampled(signals: Signals) -> Iterator[tuple[str, str, TimeSeries]]:
     """Name, message and samples (N, 3) of what was recorded."""
     for name, message, fields in SAMPLES:
-        values = recorded(signals.telemetry, message, *fields)
+        values = recorded_series(signals.telemetry, message, *fields)
         if values is not None:
             yield name, message, values
     about = [signals.about(axis) for axis in AXES]
@@ -129,15 +130,15 @@ def _sampled(signals: Signals) -> Iterator[tuple[str, str, Signal]]:
     ):
         if len(rates) == len(AXES) and len({len(rate.time) for rate in rates}) == 1:
             table = np.column_stack([rate.values for rate in rates])
-            yield "gyro", RATE_MESSAGE, Signal(rates[0].time, rates[0].boot, table)
+            yield "gyro", RATE_MESSAGE, TimeSeries(rates[0].time, rates[0].boot, table)
     demand = signals.telemetry.messages.get(DEMAND_MESSAGE)
     if demand is not None:
         demands = demand["controls"][:, : len(AXES)]
-        yield "demand", DEMAND_MESSAGE, series(demand, demands)
+        yield "demand", DEMAND_MESSAGE, clean_series(demand, demands)
 
 
 def _spectrum(
-    name: str, source: str, sampled: Signal, signals: Signals, parts: Segments
+    name: str, source: str, sampled: TimeSeries, signals: Signals, parts: Segments
 ) -> Spectrum | None:
     """That of samples (N, k); None where they are few or slow."""
     from scipy.signal import spectrogram  # it takes half a second to import
@@ -151,7 +152,7 @@ def _spectrum(
     times = []
     powers = []
     for part in parts:
-        rows = np.flatnonzero(within(sampled, part, slack=0))
+        rows = np.flatnonzero(in_segments(sampled, part, slack=0))
         is_gap = np.diff(sampled.time[rows]) > 3 * usual
         gaps = np.flatnonzero(is_gap)
         for run in np.split(rows, gaps + 1):
@@ -180,7 +181,7 @@ def _spectrum(
     )
 
 
-def _at(signal: Signal | None, middle: Array, parts: Segments) -> Array:
+def _at(signal: TimeSeries | None, middle: Array, parts: Segments) -> Array:
     """(W,) means of a signal over the second about each time; NaN where there is none, or several boots."""
     boots = {part.boot for part in parts}
     if signal is None or len(boots) > 1:
@@ -195,7 +196,7 @@ def _at(signal: Signal | None, middle: Array, parts: Segments) -> Array:
     return np.where(counts > 0, means, np.nan)
 
 
-def _motor_speed(signals: Signals) -> Signal | None:
+def _motor_speed(signals: Signals) -> TimeSeries | None:
     """Turns a second of each motor that turns, one after another."""
     logged = signals.telemetry.messages.get("ESC")
     if logged is None:
@@ -204,4 +205,4 @@ def _motor_speed(signals: Signals) -> Signal | None:
     is_turning = logged["RPM"][order] > 0
     kept = order[is_turning]
     turns = logged["RPM"][kept] / 60.0
-    return Signal(logged["time"][kept], logged["boot"][kept], turns)
+    return TimeSeries(logged["time"][kept], logged["boot"][kept], turns)

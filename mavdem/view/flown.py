@@ -10,8 +10,8 @@ import rerun.blueprint as rrb
 
 from mavdem.arrays import Array, Flags, Indices
 from mavdem.containers import JsonValues, Names
-from mavdem.dataset.drive import AXES
-from mavdem.dataset.signals import MINIMUM_RATE
+from mavdem.dataset.axes import AXES
+from mavdem.dataset.signals import MIN_STREAM_RATE
 from mavdem.files import PathName
 from mavdem.ingest.motors import position_name
 from mavdem.ingest.vocabulary import euler_angles
@@ -74,7 +74,9 @@ class Pose:
         """Returns rows of the flight, evenly, at about ``MINIMUM_RATE``, and fewer of a long flight."""
         step = np.median(np.diff(self.time))
         count = len(self.time)
-        return np.arange(0, count, max(round(1 / MINIMUM_RATE / step), ceil(count / MAX_STROKES)))
+        return np.arange(
+            0, count, max(round(1 / MIN_STREAM_RATE / step), ceil(count / MAX_STROKES))
+        )
 
 
 def pose_of(motion: object, rotors: Sequence[Sequence[float]]) -> Pose:

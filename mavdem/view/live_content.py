@@ -11,7 +11,7 @@ import rerun.blueprint as rrb
 from mavdem.arrays import Array
 from mavdem.confidence import CONFIDENCE_LEVEL, Interval
 from mavdem.containers import Names
-from mavdem.dataset.drive import AXES, TILT_AXES
+from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dem import Estimate
 from mavdem.dem.online.learner import TOO_FEW
 from mavdem.dem.online.tracker import FALSE_MARK_SECONDS

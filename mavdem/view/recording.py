@@ -10,7 +10,7 @@ import rerun.blueprint as rrb
 from mavdem.arrays import Array
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis.findings import known_wind
-from mavdem.dataset.drive import AXES
+from mavdem.dataset.axes import AXES
 from mavdem.dem import Learned
 from mavdem.experiments.held_out import FORECAST, HeldOut
 from mavdem.fleet.row import as_text

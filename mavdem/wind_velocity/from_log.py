@@ -8,11 +8,12 @@ import numpy as np
 
 from mavdem.arrays import Array, Flags
 from mavdem.confidence import Interval
-from mavdem.dataset import phases
-from mavdem.dataset.attitude import Attitude, sent_attitude
-from mavdem.dataset.drive import AXES, Signal, floats, recorded, series
-from mavdem.dataset.read import choose_vehicle
-from mavdem.dataset.signals import CLIMB_FIELDS, Signals
+from mavdem.dataset import intervals, phases
+from mavdem.dataset.attitude import Attitude, attitude_from_messages
+from mavdem.dataset.axes import AXES
+from mavdem.dataset.flights import choose_vehicle
+from mavdem.dataset.signals import CLIMB_RATE_FIELDS, Signals
+from mavdem.dataset.time_series import TimeSeries, clean_series, float_column, recorded_series
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.online import DragSource
@@ -26,7 +27,7 @@ from mavdem.wind_velocity.drag import LONGEST_SECONDS
 from mavdem.wind_velocity.estimation import WindVelocity, estimate_wind
 
 VELOCITY_MESSAGES = {
-    name: -factor for name, (field, factor) in CLIMB_FIELDS.items() if field == "vz"
+    name: -factor for name, (field, factor) in CLIMB_RATE_FIELDS.items() if field == "vz"
 }
 """Messages with the velocity over ground, the preferred first, and the factor that makes it m/s."""
 ESTIMATOR_FLAG_MESSAGES = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
@@ -54,7 +55,7 @@ class WindEvidence(NamedTuple):
     estimate: WindVelocity | None
     """The wind estimated from attitude and velocity; ``None`` where it cannot be."""
 
-    autopilot_estimate: Signal | None
+    autopilot_estimate: TimeSeries | None
     """The autopilot's own estimate, north and east in m/s; ``None`` where it was not logged."""
 
     obstacle: Fact | None
@@ -82,7 +83,9 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     """Returns the wind of a vehicle's ``signals``, as :func:`wind` does, with the ``drag`` of before."""
     telemetry = signals.telemetry
     # As it was sent: between two angles a reset of the yaw is no jump.
-    angles = [angle for axis in AXES if (angle := sent_attitude(telemetry, axis)) is not None]
+    angles = [
+        angle for axis in AXES if (angle := attitude_from_messages(telemetry, axis)) is not None
+    ]
     moving = _moving(telemetry)
     if len(angles) < len(AXES) or moving is None:
         missing = AXES[len(angles) :]
@@ -112,21 +115,25 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     return replace(estimate, boot=best_boot)
 
 
-def _moving(telemetry: Telemetry) -> Signal | None:
+def _moving(telemetry: Telemetry) -> TimeSeries | None:
     """(N, 4) velocity over ground, north, east and down, m/s, and height, m; perhaps (N, 6), north and east, m."""
     for name, factor in VELOCITY_MESSAGES.items():
         columns = telemetry.messages.get(name, {})
         if len(columns.get("vx", ())) > 1:
-            above = -floats(columns, "z") if factor == 1 else floats(columns, "relative_alt") / 1000
-            table = [factor * floats(columns, field) for field in ("vx", "vy", "vz")]
+            above = (
+                -float_column(columns, "z")
+                if factor == 1
+                else float_column(columns, "relative_alt") / 1000
+            )
+            table = [factor * float_column(columns, field) for field in ("vx", "vy", "vz")]
             table.append(np.nan_to_num(above))
-            table += [floats(columns, axis) for axis in "xy" if axis in columns]
+            table += [float_column(columns, axis) for axis in "xy" if axis in columns]
             valid = np.asarray(columns["valid"], np.bool_) if "valid" in columns else None
-            return series(columns, np.column_stack(table), valid)
+            return clean_series(columns, np.column_stack(table), valid)
     return None
 
 
-def _flown(signals: Signals, angles: Sequence[Attitude], moving: Signal, boot: int) -> Array:
+def _flown(signals: Signals, angles: Sequence[Attitude], moving: TimeSeries, boot: int) -> Array:
     """(N, 8) time, attitude, velocity and height of flight in a boot, where the estimator knows them."""
     rows = moving.boot == boot
     time = moving.time[rows]
@@ -140,7 +147,7 @@ def _flown(signals: Signals, angles: Sequence[Attitude], moving: Signal, boot: i
         for angle, here in zip(angles, own, strict=True)
     ]
     flights = _flights(signals, boot, time, moved[3])
-    kept = phases.during(at, flights)
+    kept = intervals.in_intervals(at, flights)
     kept &= (at >= time[0]) & (at <= time[-1])
     following = np.searchsorted(time, at)
     after = np.clip(following, 1, len(time) - 1)
@@ -152,14 +159,14 @@ def _flown(signals: Signals, angles: Sequence[Attitude], moving: Signal, boot: i
         way = np.diff(position)
         jumps |= is_reset(way, speed[:-1], speed[1:], np.diff(time))
     doubted = [(t - MAX_VELOCITY_GAP, t + MAX_VELOCITY_GAP) for t in time[1:][jumps]]
-    kept &= ~phases.during(at, doubted)
+    kept &= ~intervals.in_intervals(at, doubted)
     turns = _jumps(at, turned[2], YAW_JUMP, 2 * np.pi)
     # after flight it is a fall or a spin
     turns &= at[1:] < np.max(flights, initial=0)
     last_reset = np.max(at[1:][turns], initial=-np.inf)
     kept &= at > last_reset + MAX_VELOCITY_GAP
     for name in ESTIMATOR_FLAG_MESSAGES:
-        flags = recorded(signals.telemetry, name, "flags")
+        flags = recorded_series(signals.telemetry, name, "flags")
         if flags is not None and np.any(here := flags.boot == boot):
             bits = flags.values[here].astype(np.int64)
             valid = horizontal_velocity_valid(bits)
@@ -174,7 +181,7 @@ def horizontal_velocity_valid(flags: Any) -> Any:
     return flags & (VELOCITY_VALID_FLAG | STANDSTILL_ASSUMED) == VELOCITY_VALID_FLAG
 
 
-def _longest_stuck(position: Signal | None, boot: int, flown: Array) -> float:
+def _longest_stuck(position: TimeSeries | None, boot: int, flown: Array) -> float:
     """For how long, s, the vehicle leant by ``STUCK_LEAN`` or more of ``flown`` (N, 8) and stayed where it was."""
     if position is None or not np.any(here := position.boot == boot):
         return 0.0
@@ -186,7 +193,7 @@ def _longest_stuck(position: Signal | None, boot: int, flown: Array) -> float:
     moved = np.linalg.norm(way, axis=0)
     lean = np.arccos(np.cos(roll) * np.cos(pitch))
     stuck = (lean >= STUCK_LEAN) & (moved < STUCK_METRES)
-    return phases.longest(time, stuck)
+    return intervals.longest_true_duration(time, stuck)
 
 
 def wind_evidence(signals: Signals) -> WindEvidence:
@@ -210,15 +217,15 @@ def drag_settings(drag: Drag, telemetry: Telemetry) -> dict[str, tuple[float, fl
     return {name: ends for name, ends in settings.items() if name in telemetry.parameters}
 
 
-def _flights(signals: Signals, boot: int, time: Array, height: Array) -> phases.Intervals:
+def _flights(signals: Signals, boot: int, time: Array, height: Array) -> intervals.Intervals:
     """Settled flight; where neither motors nor landed state were recorded, armed flight above the ground."""
     if signals.collective is not None or signals.landed_state is not None:
-        return phases.settled(signals, boot)
+        return phases.settled_intervals(signals, boot)
     lowest = np.nanmin(height) + LOWEST_FLIGHT
-    armed = phases.armed(signals, boot)
-    above = phases.where(time, height > lowest)
-    up = phases.both(armed, above)
-    return [flight for span in up if (flight := phases.between_transients(span, None)) is not None]
+    armed = phases.armed_intervals(signals, boot)
+    above = intervals.true_intervals(time, height > lowest)
+    up = intervals.intersection(armed, above)
+    return [flight for span in up if (flight := phases.without_transients(span, None)) is not None]
 
 
 def is_reset(moved: Any, before: Any, after: Any, dt: Any) -> Any:

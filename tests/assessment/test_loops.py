@@ -7,7 +7,8 @@ from recorded_flights import recorded
 from refusals import refused
 
 from mavdem.assessment.axis.gains import autotuned, with_one_set_of_gains
-from mavdem.dataset.align import align, settled_segments
+from mavdem.dataset.alignment import aligned_flight
+from mavdem.dataset.segments import settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.facts.loops import Loops
@@ -28,7 +29,7 @@ def flown(values, modes=()):
         began, numbers = np.transpose(modes)
         telemetry = changed(telemetry, "CURRENT_MODE", **columns(began, custom_mode=numbers))
     signals = Signals(telemetry)
-    flights = tuple(align(signals, segment) for segment in settled_segments(signals))
+    flights = tuple(aligned_flight(signals, segment) for segment in settled_segments(signals))
     assert (round(flights[0].time[0]), round(flights[0].time[-1])) == (12, 51)
     return with_one_set_of_gains(signals, flights)
 

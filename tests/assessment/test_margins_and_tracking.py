@@ -21,7 +21,7 @@ from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.assessment.lights.margins import margins_light
 from mavdem.assessment.lights.motors import motors_light
 from mavdem.assessment.lights.tracking import ERROR, tracking_light, tracking_of
-from mavdem.dataset.learnability import too_slow
+from mavdem.dataset.learnability import slow_streams
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Override
@@ -141,7 +141,7 @@ def test_what_hides_the_margins_is_said_at_any_rate():
         ),
         (Fact(Loops.CROSSOVER_UNSEEN, crossover=9.0, rate=30.0), " a quarter of that."),
         (
-            too_slow({"ATTITUDE": 10.0}, "roll"),
+            slow_streams({"ATTITUDE": 10.0}, "roll"),
             "Margins do not show at 10 Hz: attitude and motors need 40 Hz.",
         ),
     ):

@@ -16,7 +16,7 @@ from mavdem.assessment.assess import assess
 from mavdem.assessment.axis import Options
 from mavdem.cli.learn import named_after
 from mavdem.cli.output import LINES, print_blocks, say_aside
-from mavdem.dataset.read import read_flight
+from mavdem.dataset.flights import read_flight
 from mavdem.facts import Level
 from mavdem.facts.session import Spent
 from mavdem.fleet.row import FlightRow

@@ -8,14 +8,11 @@ from hover import X_QUAD, Hover, changed, columns, disarmed, only, pulses, with_
 from numpy.random import default_rng
 from pytest import approx, mark
 
-from mavdem.dataset.align import align, settled_segments
-from mavdem.dataset.drive import DEMAND_MESSAGE
-from mavdem.dataset.learnability import (
-    cautions_of,
-    learnability_of,
-    too_slow,
-)
-from mavdem.dataset.rate_advice import ask_for_rate
+from mavdem.dataset.alignment import aligned_flight
+from mavdem.dataset.learnability import learnability_of, segment_cautions, slow_streams
+from mavdem.dataset.motor_outputs import DEMAND_MESSAGE
+from mavdem.dataset.rate_advice import rate_advice
+from mavdem.dataset.segments import settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.documents.vehicle import Verdict
 from mavdem.facts.learnability import Caution, MotorObstacle, Reason, Remedy
@@ -80,11 +77,11 @@ def test_a_fast_part_too_short_to_learn_from_is_refused_for_the_rate_of_the_rest
 
 def test_all_messages_are_blamed_that_are_slow_and_none_that_is_not():
     for attitude, motors in ((9.76983, 9.76985), (9.76985, 9.76983)):
-        slow = too_slow({"ATTITUDE": attitude, "SERVO_OUTPUT_RAW": motors}, "roll")
+        slow = slow_streams({"ATTITUDE": attitude, "SERVO_OUTPUT_RAW": motors}, "roll")
         assert slow.figures["names"] == ("ATTITUDE", "SERVO_OUTPUT_RAW")
-    slow = too_slow({"ATTITUDE": 100.0, "SERVO_OUTPUT_RAW": 39.99}, "roll")
+    slow = slow_streams({"ATTITUDE": 100.0, "SERVO_OUTPUT_RAW": 39.99}, "roll")
     assert slow.figures["names"] == ("SERVO_OUTPUT_RAW",) and slow.figures["rates"] == (39.99,)
-    assert too_slow({"ATTITUDE": 40.0, "SERVO_OUTPUT_RAW": 40.0}, "roll") is None
+    assert slow_streams({"ATTITUDE": 40.0, "SERVO_OUTPUT_RAW": 40.0}, "roll") is None
 
 
 STATION = Component(255, 190, "GCS", "INVALID", {"HEARTBEAT": 60, "REQUEST_DATA_STREAM": 4}, 0)
@@ -108,9 +105,9 @@ def test_what_was_assumed_and_left_out_is_said():
 def test_who_asks_for_rates_is_named_only_where_somebody_does():
     telemetry = LONG.telemetry()
     own = Component(1, 1, "QUADROTOR", "ARDUPILOTMEGA", {"REQUEST_DATA_STREAM": 1}, 0)
-    assert ask_for_rate(telemetry, components=(own,)).code is Remedy.ARDUPILOT_STREAMS
+    assert rate_advice(telemetry, components=(own,)).code is Remedy.ARDUPILOT_STREAMS
     answered = changed(telemetry, "COMMAND_ACK", **columns([14.0], command=[511]))
-    asked = ask_for_rate(answered)
+    asked = rate_advice(answered)
     assert asked.code is Remedy.STOP_ASKING_FOR_RATES and not asked.figures["names"]
 
 
@@ -171,7 +168,7 @@ def test_a_figure_is_doubted_below_its_limit_only(figure, limit, caution):
     signals = Signals(HOVER.telemetry())
     figures = learnability_of(signals).figures
     for value, doubted in ((limit - 1e-3, {caution}), (limit + 1e-3, set())):
-        cautions = cautions_of(signals, dataclasses.replace(figures, **{figure: value}))
+        cautions = segment_cautions(signals, dataclasses.replace(figures, **{figure: value}))
         assert codes(cautions) - {Caution.MIXER_ASSUMED} == doubted
         # 1/(1 + 20): rounding can shrink what is learned by 5 %.
         assert all(fact.figures.get("share", 0.05) == approx(0.05, 0.1) for fact in cautions)
@@ -355,7 +352,7 @@ def test_mutilated_telemetry_is_judged_and_its_segments_align(seed):
     document = Verdict.model_validate(judged(telemetry)).as_dict()
     assert json.loads(json.dumps(document, allow_nan=False)) == document
     for segment in settled_segments(Signals(telemetry)):
-        assert len(align(Signals(telemetry), segment)) >= 1
+        assert len(aligned_flight(Signals(telemetry), segment)) >= 1
 
 
 def in_whole_pulses(telemetry):
@@ -450,7 +447,9 @@ def test_a_message_that_cannot_be_is_left_out_and_reported(field, wrong):
     caution = learnability.cautions[0]
     assert caution.code is Caution.IMPOSSIBLE_ATTITUDE
     assert (caution.figures["count"], caution.figures["sent"]) == (1, len(values))
-    flight = align(Signals(changed(telemetry, "ATTITUDE", **{field: values})), learnability.segment)
+    flight = aligned_flight(
+        Signals(changed(telemetry, "ATTITUDE", **{field: values})), learnability.segment
+    )
     assert abs(flight.outputs).max() < 1
 
 
@@ -474,7 +473,7 @@ def remedy_for(recorder, has_demand=True, **fields):
         telemetry = changed(
             telemetry, DEMAND_MESSAGE, **columns(stamps, controls=np.zeros((len(stamps), 8)))
         )
-    remedy = ask_for_rate(dataclasses.replace(telemetry, translated_from=recorder, **fields))
+    remedy = rate_advice(dataclasses.replace(telemetry, translated_from=recorder, **fields))
     assert str(remedy)
     return remedy
 

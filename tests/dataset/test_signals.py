@@ -22,9 +22,9 @@ from pytest import approx, mark
 from refusals import refused
 from scipy.spatial.transform import Rotation
 
-from mavdem.dataset import attitude, drive
-from mavdem.dataset.phases import airborne_collective
-from mavdem.dataset.signals import Signals, once
+from mavdem.dataset import attitude, motor_outputs
+from mavdem.dataset.phases import min_airborne_collective
+from mavdem.dataset.signals import Signals, cached_per_vehicle
 from mavdem.errors import NotLearnable
 from mavdem.facts.learnability import MotorObstacle, Reason
 from mavdem.ingest.motors import ChannelSource, PositionSource, motor_geometry, output_scale
@@ -46,8 +46,8 @@ def with_quaternion(rate):
 
 def test_a_faster_quaternion_gives_the_euler_angles_it_was_made_of():
     telemetry = with_quaternion(100.0)
-    roll = attitude.attitude(telemetry, "roll")
-    pitch = attitude.attitude(telemetry, "pitch")
+    roll = attitude.attitude_of_axis(telemetry, "roll")
+    pitch = attitude.attitude_of_axis(telemetry, "pitch")
     assert roll.message == pitch.message == "ATTITUDE_QUATERNION"
     assert_allclose(roll.angle, HOVER.roll(roll.time), atol=1e-12)
     assert_allclose(roll.rate, HOVER.roll_rate(roll.time), atol=1e-12)
@@ -61,19 +61,23 @@ def test_faster_rates_of_the_controller_give_the_angle_between_two_attitudes(per
     axis = np.ones(len(time))
     tuning = columns(time, axis=axis, achieved=achieved, desired=0.0)
     stream = changed(HOVER.telemetry(2.5), "PID_TUNING", **tuning)
-    assert attitude.attitude(stream, "roll").message == "ATTITUDE", "it has no stamps of its own"
+    assert attitude.attitude_of_axis(stream, "roll").message == "ATTITUDE", (
+        "it has no stamps of its own"
+    )
     telemetry = replace(stream, source_names={"PID_TUNING": "RATE"})
-    roll = attitude.attitude(telemetry, "roll")
+    roll = attitude.attitude_of_axis(telemetry, "roll")
     assert roll.message == "PID_TUNING" and len(roll.time) > 0.95 * len(time)
     assert_allclose(roll.angle, HOVER.roll(roll.time), atol=2e-4)
     assert_allclose(roll.rate, HOVER.roll_rate(roll.time), atol=1e-12)
-    assert attitude.attitude(telemetry, "pitch").message == "ATTITUDE"
+    assert attitude.attitude_of_axis(telemetry, "pitch").message == "ATTITUDE"
     without = only(telemetry, lambda time: (time < 10.0) | (time > 15.0), "ATTITUDE")
-    steps = np.diff(attitude.attitude(without, "roll").time)
+    steps = np.diff(attitude.attitude_of_axis(without, "roll").time)
     assert steps.max() == approx(5.0, abs=0.9), "an outage of the angle is one"
     half = {name: values[: len(time) // 2] for name, values in tuning.items()}
     part = changed(telemetry, "PID_TUNING", **half)
-    assert attitude.attitude(part, "roll").message == "ATTITUDE", "the rest has attitude too"
+    assert attitude.attitude_of_axis(part, "roll").message == "ATTITUDE", (
+        "the rest has attitude too"
+    )
 
 
 def test_slope_is_the_derivative_of_the_angle_in_a_banked_turn():
@@ -96,11 +100,11 @@ def test_slope_is_the_derivative_of_the_angle_in_a_banked_turn():
             yawspeed=-pitch_rate * np.sin(roll) + yaw_rate * np.cos(pitch) * np.cos(roll),
         ),
     )
-    heading = attitude.attitude(telemetry, "yaw")
+    heading = attitude.attitude_of_axis(telemetry, "yaw")
     assert_allclose(heading.angle, yaw_rate * time, atol=1e-12)
     assert_allclose(heading.rate, telemetry.messages["ATTITUDE"]["yawspeed"])
     for axis, derivative in (("roll", roll_rate), ("pitch", pitch_rate), ("yaw", yaw_rate)):
-        assert_allclose(attitude.attitude(telemetry, axis).slope, derivative, atol=1e-12)
+        assert_allclose(attitude.attitude_of_axis(telemetry, axis).slope, derivative, atol=1e-12)
 
 
 def test_disordered_repeated_and_broken_samples_leave_clean_columns():
@@ -112,9 +116,9 @@ def test_disordered_repeated_and_broken_samples_leave_clean_columns():
     lost = shuffled["time"][7]
     shuffled["roll"][shuffled["time"] == lost] = np.nan
     shuffled["roll"][-1] += 1.0  # another value at the same stamp
-    got = attitude.attitude(changed(telemetry, "ATTITUDE", **shuffled), "roll")
+    got = attitude.attitude_of_axis(changed(telemetry, "ATTITUDE", **shuffled), "roll")
     assert got.left_out == 1 + np.count_nonzero(np.isnan(shuffled["roll"]))
-    whole = attitude.attitude(telemetry, "roll")
+    whole = attitude.attitude_of_axis(telemetry, "roll")
     assert_array_equal(got.time, whole.time[whole.time != lost])
     assert_array_equal(got.angle, whole.angle[whole.time != lost])
 
@@ -122,7 +126,7 @@ def test_disordered_repeated_and_broken_samples_leave_clean_columns():
 def test_ardupilot_motors_by_servo_function_and_frame():
     parameters = {"FRAME_CLASS": 1, "FRAME_TYPE": 0, "SERVO1_FUNCTION": 36, "SERVO2_FUNCTION": 33}
     parameters |= {"SERVO3_FUNCTION": 34, "SERVO4_FUNCTION": 35, "SERVO5_FUNCTION": 70}
-    motors = drive.motors_or_obstacle(HOVER.telemetry(parameters=parameters))
+    motors = motor_outputs.motor_outputs_or_obstacle(HOVER.telemetry(parameters=parameters))
     assert motors.layout.channels == (2, 3, 4, 1)
     assert motors.layout.names == (
         "motor 1 (right)",
@@ -152,7 +156,9 @@ def test_yaw_is_by_the_direction_of_the_propellers():
 
 def test_without_parameters_the_moving_channels_are_assumed_and_said():
     for incomplete in ({}, {"SERVO7_FUNCTION": 35.0, "SERVO2_FUNCTION": 34.0}):
-        motors = drive.motors_or_obstacle(HOVER.telemetry(parameters=incomplete)).layout
+        motors = motor_outputs.motor_outputs_or_obstacle(
+            HOVER.telemetry(parameters=incomplete)
+        ).layout
         assert motors.channels == (1, 2, 3, 4)
         assert motors.channels_assumed and motors.positions_assumed
     assert dict(motors.basis.figures) == {
@@ -210,11 +216,13 @@ def test_rounding_is_measured_before_a_bank_is_moved_to_the_stamps_of_another():
     banks = enumerate(outputs.reshape(-1, 8).T, 1)  # a row a message
     both = {f"servo{n}_raw": column for n, column in banks}
     both |= {"time": np.repeat(time, 2) + 0.003 * port, "port": port}
-    motors = drive.motors_or_obstacle(changed(telemetry, "SERVO_OUTPUT_RAW", **both, boot=0))
+    motors = motor_outputs.motor_outputs_or_obstacle(
+        changed(telemetry, "SERVO_OUTPUT_RAW", **both, boot=0)
+    )
     assert motors.layout.channels == (5, 6, 7, 8, 9, 10)
     assert np.any(motors.outputs % 1), "the second bank falls between the stamps"
     assert motors.scale.step == 1.0
-    apart = drive.motors_or_obstacle(
+    apart = motor_outputs.motor_outputs_or_obstacle(
         changed(telemetry, "SERVO_OUTPUT_RAW", **both, boot=port.astype(int))
     )
     assert apart.code is MotorObstacle.OUTPUTS_NOT_FINITE
@@ -228,7 +236,7 @@ def test_a_message_without_motors_that_move_leaves_the_next():
     telemetry = changed(
         HOVER.telemetry(), "ACTUATOR_OUTPUT_STATUS", **columns(time, actuator=actuator)
     )
-    motors = drive.motors_or_obstacle(
+    motors = motor_outputs.motor_outputs_or_obstacle(
         with_pulses(telemetry, np.full((8, len(HOVER.stamps(100.0))), 1000.0))
     )
     assert motors.message == "ACTUATOR_OUTPUT_STATUS"
@@ -238,7 +246,7 @@ def test_a_message_without_motors_that_move_leaves_the_next():
 def test_the_range_of_pulse_widths_is_that_of_the_throttle_when_the_autopilot_says_so():
     throttle = {"RCMAP_THROTTLE": 3.0, "RC3_MIN": 1150.0, "RC3_MAX": 1900.0}
     idle = output_scale(np.array([[1220.0], [1500.0]]), throttle).fraction(np.array([1220.0]))
-    assert idle[0] < airborne_collective(throttle), (
+    assert idle[0] < min_airborne_collective(throttle), (
         "armed on the ground, 70 µs above the range's lower end"
     )
 
@@ -258,20 +266,20 @@ def test_armed_outvotes_strays_and_foreign_heartbeats():
 
 
 def test_the_demand_on_an_axis_is_one_input_that_turns_it():
-    demand = drive.demand(with_demand(HOVER.telemetry()), "roll")
+    demand = motor_outputs.axis_demand(with_demand(HOVER.telemetry()), "roll")
     assert_allclose(demand.outputs[:, 0], 0.1 * np.sin(demand.time))
     assert demand.layout.names == ("roll demand",)
     assert_array_equal(demand.layout.mixer_row("roll"), [1.0])
     assert (demand.scale.low, demand.scale.high) == (-1.0, 1.0)
     # A demand that never moves, one of another group, and none at all are no input.
-    assert drive.demand(with_demand(HOVER.telemetry()), "pitch") is None
-    assert drive.demand(with_demand(HOVER.telemetry(), group=1.0), "roll") is None
-    assert drive.demand(HOVER.telemetry(), "roll") is None
+    assert motor_outputs.axis_demand(with_demand(HOVER.telemetry()), "pitch") is None
+    assert motor_outputs.axis_demand(with_demand(HOVER.telemetry(), group=1.0), "roll") is None
+    assert motor_outputs.axis_demand(HOVER.telemetry(), "roll") is None
 
 
 def test_the_collective_is_the_motors_mean_or_else_the_thrust_asked_for():
     telemetry = with_demand(HOVER.telemetry())
-    motors = drive.motors_or_obstacle(telemetry)
+    motors = motor_outputs.motor_outputs_or_obstacle(telemetry)
     expected = motors.scale.fraction(motors.outputs).mean(axis=1)
     assert_array_equal(Signals(telemetry).collective.values, expected)
     without = replace(
@@ -295,7 +303,7 @@ def test_the_collective_is_the_motors_mean_or_else_the_thrust_asked_for():
 )
 def test_a_stop_is_where_motors_stay_as_nowhere_below(stay, close, depth, highest, stops):
     shares = np.repeat([highest, highest - depth, 0.4], [stay, close, 1000 - stay - close])
-    assert drive._seen_stop(shares[:, None]) == (highest if stops else 1.0)
+    assert motor_outputs._observed_upper_stop(shares[:, None]) == (highest if stops else 1.0)
 
 
 def test_a_position_is_in_metres_north_east_and_down_of_the_first_also_across_the_date_line():
@@ -353,7 +361,7 @@ def test_the_wind_is_where_the_air_moves_to():
 def test_what_is_sought_once_is_known_of_its_axis_and_so_is_why_nothing_was_found():
     sought = []
 
-    @once("axis")
+    @cached_per_vehicle("axis")
     def find(signals, boot):
         sought.append((signals.axis, boot))
         if boot:

@@ -10,7 +10,7 @@ from pymavlink import DFReader
 from pytest import approx, fixture, mark
 from recorded_flights import shared
 
-from mavdem.dataset.phases import armed
+from mavdem.dataset.phases import armed_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.facts.sources import Repair
 from mavdem.ingest.dataflash.log import read_dataflash
@@ -126,7 +126,7 @@ def test_between_two_armings_the_vehicle_was_disarmed_when_the_log_stopped(tmp_p
     flights = [made.flight([start + 0.5 * row for row in range(20)]) for start in (20, 50)]
     armings = [[made.message("EV", stamp, 10)] for stamp in (20_100_000, 50_000_000)]
     vehicle = vehicle_in(tmp_path, *armings[0], *flights[0], *armings[1], *flights[1])
-    (first, second) = armed(Signals(vehicle), 0)
+    (first, second) = armed_intervals(Signals(vehicle), 0)
     assert first == approx((20.1, 29.5)) and second[0] == approx(50.0)
 
 
@@ -135,7 +135,7 @@ def test_two_armings_with_the_first_message_and_events_of_no_kind_change_no_time
     twice = [made.message("EV", 20_000_000, 10)] * 2
     vehicle = vehicle_in(tmp_path, *twice, *rows)
     assert (np.diff(vehicle.messages["HEARTBEAT"]["time"]) >= 0).all()
-    assert {begin for begin, _ in armed(Signals(vehicle), 0)} == {20.0}
+    assert {begin for begin, _ in armed_intervals(Signals(vehicle), 0)} == {20.0}
     lines = "FMT, 129, 0, ATT, Qccc, TimeUS,Roll,Pitch,Yaw\nFMT, 133, 0, EV, B, Other\n"
     lines += "".join(f"ATT, {20_000_000 + 10_000 * row}, 1, 2, 3\nEV, 10\n" for row in range(500))
     (tmp_path / "flight.log").write_text(lines)

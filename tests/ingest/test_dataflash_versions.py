@@ -7,7 +7,7 @@ import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import mark
 
-from mavdem.dataset.signals import Signals, setpoints
+from mavdem.dataset.signals import Signals, recorded_setpoints
 from mavdem.facts.sources import Repair
 from mavdem.ingest.dataflash.log import read_dataflash
 
@@ -70,7 +70,7 @@ def test_the_unit_of_rate_is_told_by_the_gyro(tmp_path, rate, gyro):
     vehicle = log(tmp_path, rate, gyro=gyro)
     assert_allclose(vehicle.messages["ATTITUDE"]["rollspeed"], ROLL_RATE, rtol=1e-4, atol=1e-6)
     assert [fact.code is CENTIDEGREES for fact in vehicle.repairs].count(True) == (rate == 100)
-    (asked,) = setpoints(vehicle, "roll")
+    (asked,) = recorded_setpoints(vehicle, "roll")
     assert_allclose(asked.signal.values, 2 * ROLL_RATE, rtol=1e-4, atol=1e-6)
     # Rounding and bias of a vehicle at rest make any ratio.
     assert CENTIDEGREES not in [fact.code for fact in log(tmp_path, 100.0, swing=0.001).repairs]
@@ -95,7 +95,7 @@ def test_rate_with_columns_nobody_knows_leaves_the_gyro(tmp_path):
 
 def test_rate_of_3_3_before_its_release_is_read_under_its_own_names(tmp_path):
     vehicle = log(tmp_path, RATE="TimeUS,Rll,Pit,Yaw,RllOut,PitOut,YawOut,x,RllDes,PitDes,YawDes")
-    (asked,) = setpoints(vehicle, "roll")
+    (asked,) = recorded_setpoints(vehicle, "roll")
     assert_allclose(asked.signal.values, 2 * ROLL_RATE, rtol=1e-4, atol=1e-6)
     assert_allclose(vehicle.messages["ATTITUDE"]["rollspeed"], ROLL_RATE, rtol=1e-4, atol=1e-6)
     controls = vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"]

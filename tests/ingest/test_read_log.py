@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import all as dialect
 from pytest import mark, raises
 from refusals import refused
 
-from mavdem.dataset.attitude import attitude
+from mavdem.dataset.attitude import attitude_of_axis
 from mavdem.errors import Unreadable
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import read_log
@@ -292,7 +292,7 @@ def test_a_signalling_nan_is_no_number_and_no_warning(tmp_path):
     ]
     vehicle = vehicle_of([heartbeat(), odd, *rolls, *flight(TIMES)], tmp_path)
     assert "SYSID_THISMAV" not in vehicle.parameters
-    seen = attitude(vehicle, "roll")
+    seen = attitude_of_axis(vehicle, "roll")
     assert seen.sent == len(TIMES) + 3 and len(seen.time) == len(TIMES)
 
 

@@ -25,7 +25,7 @@ from ulog_files import roll
 
 import mavdem
 from mavdem.dataset import signals
-from mavdem.dataset.signals import Signals, setpoints
+from mavdem.dataset.signals import Signals, recorded_setpoints
 from mavdem.errors import NotLearnable
 from mavdem.extras import MissingExtra
 from mavdem.facts.sources import Flaw, Repair, Source
@@ -341,10 +341,10 @@ def test_setpoints_of_mavros_are_turned_back(recorder):
         type_mask=1,
     )
     vehicle = recorder.vehicle()
-    assert [(one.name, one.signal.values.tolist()) for one in setpoints(vehicle, "roll")] == [
-        ("roll setpoint", [approx(rpy[0])])
-    ]
-    assert {one.name: one.signal.values[0] for one in setpoints(vehicle, "pitch")} == {
+    assert [
+        (one.name, one.signal.values.tolist()) for one in recorded_setpoints(vehicle, "roll")
+    ] == [("roll setpoint", [approx(rpy[0])])]
+    assert {one.name: one.signal.values[0] for one in recorded_setpoints(vehicle, "pitch")} == {
         "pitch rate setpoint": approx(pqr[1]),
         "pitch setpoint": approx(rpy[1]),
     }

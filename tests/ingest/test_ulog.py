@@ -28,7 +28,7 @@ from ulog_files import (
 )
 
 from mavdem.assessment.autopilot_messages import said
-from mavdem.dataset.align import recorded_parts
+from mavdem.dataset.segments import recorded_spans
 from mavdem.dataset.signals import Signals
 from mavdem.errors import Unreadable
 from mavdem.facts.sources import Flaw, Repair, Source
@@ -319,7 +319,7 @@ def test_what_held_when_logging_started_has_that_time(tmp_path):
     content = log(state[0], *flight(TIMES[:100]), state[1], *flight(TIMES[100:]))
     vehicle = vehicle_of(begun + content[len(HEADER) :], tmp_path)
     assert vehicle.messages["EXTENDED_SYS_STATE"]["time"][0] == 20.0
-    (part,) = recorded_parts(Signals(vehicle))
+    (part,) = recorded_spans(Signals(vehicle))
     assert part.start == 20.0
 
 

@@ -9,7 +9,9 @@ from mavlink_streams import message, read, tlog
 from numpy.testing import assert_allclose
 
 from mavdem.dataset import signals
-from mavdem.dataset.align import FILTER_EDGE_STEPS, LOW_PASS_RATIO, STAMP_SECONDS, Segment, align
+from mavdem.dataset.alignment import aligned_flight
+from mavdem.dataset.resampling import FILTER_EDGE_STEPS, LOW_PASS_RATIO, STAMP_RESOLUTION
+from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
 from mavdem.live import LiveStream
 
@@ -169,8 +171,8 @@ def differences(made, segment, telemetry, axis="roll"):
     stamps = signals.attitude(telemetry, axis)
     here = stamps.time[stamps.boot == setup.boot]
     margin = FILTER_EDGE_STEPS * setup.dt if max(setup.rates) * setup.dt >= LOW_PASS_RATIO else 0.0
-    start = here[np.searchsorted(here, setup.start - margin + STAMP_SECONDS) - 1]
-    flight = align(
+    start = here[np.searchsorted(here, setup.start - margin + STAMP_RESOLUTION) - 1]
+    flight = aligned_flight(
         Signals(telemetry, axis),
         Segment(setup.boot, float(start), rows[-1].time + margin + 0.9 * setup.dt),
     )

@@ -5,8 +5,8 @@ from hover import Hover
 from live_hover import Flight, replay
 from pytest import approx, mark
 
-from mavdem.dataset.drive import Signal
 from mavdem.dataset.phases import TRANSIENT_SECONDS
+from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts.session import Session
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import ARMED, IN_AIR, LANDING, ON_GROUND
@@ -42,7 +42,7 @@ class Vehicle:
                 if climb is not None:
                     self.recent.take("VFR_HUD", self.time, (climb,))
                 time, values = np.array(self.collective[-450:]).T
-                shown = Signal(time, np.zeros(len(time), int), values)
+                shown = TimeSeries(time, np.zeros(len(time), int), values)
                 self.phase.review(self.time, VEHICLE, shown)
             self.time += 0.01
         return self.phase.settled(self.time)

@@ -8,10 +8,10 @@ from numpy.testing import assert_array_equal
 from pytest import mark
 from recorded_flights import LOGS, SHARED
 
-from mavdem.dataset.align import settled_segments
+from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.phases import AVERAGING_SECONDS, TRANSIENT_SECONDS
-from mavdem.dataset.read import choose_vehicle
-from mavdem.dataset.signals import MINIMUM_RATE, Signals
+from mavdem.dataset.segments import settled_segments
+from mavdem.dataset.signals import MIN_STREAM_RATE, Signals
 from mavdem.facts.session import Rows
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
@@ -150,7 +150,7 @@ def hold_against_offline(path):
             )
             covered += row.settled * made.setups[number].dt
     assert covered > 0.9 * sum(segment.duration for segment in fast) - KNOWN_LATER - 2.0
-    assert 1 / made.setups[0].dt >= MINIMUM_RATE
+    assert 1 / made.setups[0].dt >= MIN_STREAM_RATE
 
 
 @mark.parametrize(

@@ -18,8 +18,9 @@ from mavdem.assessment.axis.gains import autotuned
 from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.assessment.axis.tuning import tuned
 from mavdem.assessment.judgement import Judgement
-from mavdem.dataset.align import align, settled_segments
-from mavdem.dataset.drive import AXES
+from mavdem.dataset.alignment import aligned_flight
+from mavdem.dataset.axes import AXES
+from mavdem.dataset.segments import settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.dem.record import Record
 from mavdem.facts import Fact, Level
@@ -182,7 +183,7 @@ def test_gains_that_change_in_flight_come_with_it(monkeypatch):
     signals = Signals(changed(telemetry, "PARAM_VALUE", **sent))
     (segment,) = settled_segments(signals)
     for start, earlier in ((segment.start, {"ATC_RAT_RLL_P": 0.5}), (41.0, {})):
-        found = align(signals, replace(segment, start=start))
+        found = aligned_flight(signals, replace(segment, start=start))
         assert found.provenance["earlier"] == earlier
     assert read.call_count == 1  # of a log with many boots each segment would read all
 

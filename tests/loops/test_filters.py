@@ -9,7 +9,7 @@ from pytest import approx, mark
 from recorded_flights import recorded
 
 from mavdem.assessment.noise_spectra import MeasuredNoise
-from mavdem.dataset.align import settled_segments
+from mavdem.dataset.segments import settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.facts.noise import Noise as Codes
 from mavdem.loops.controllers import Notch, controller_from_parameters

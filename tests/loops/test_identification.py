@@ -13,8 +13,8 @@ from refusals import refused
 
 import mavdem
 from mavdem.assessment.axis.loops import loops_of_log
-from mavdem.dataset.read import usable_segments
-from mavdem.dataset.signals import SLOW_MOTION_RATE, Signals
+from mavdem.dataset.flights import usable_segments
+from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
 from mavdem.dem.record import Record
 from mavdem.experiments.paper.runner import write_log
 from mavdem.facts.identifiability import Status
@@ -78,7 +78,7 @@ def thinned(log, every):
 
 def flown(log):
     signals = Signals(log.vehicles[0])
-    segments, _ = usable_segments(signals, log.components, SLOW_MOTION_RATE)
+    segments, _ = usable_segments(signals, log.components, MIN_SLOW_MOTION_RATE)
     return signals, segments
 
 

@@ -6,7 +6,7 @@ from pytest import approx, mark
 from recorded_flights import recorded
 
 from mavdem.assessment.axis.margins import AxisMargins
-from mavdem.dataset.align import recorded_parts
+from mavdem.dataset.segments import recorded_spans
 from mavdem.dataset.signals import Signals
 from mavdem.facts.margins import MarginsLight
 from mavdem.loops.injected_signal import injected_loop
@@ -16,7 +16,7 @@ from mavdem.loops.margins import OpenLoop
 def test_the_recorded_flight_has_its_chirped_margins():
     """Of ArduCopter's simulator, by a chirp at the mixer: 20.1 Hz, 19°, 2.8 dB, Ms 4.9. The sweep of roll was cut."""
     signals = Signals(recorded("sitl_raw/ap_sid.BIN.xz"), axis="pitch")
-    found = injected_loop(signals, recorded_parts(signals))
+    found = injected_loop(signals, recorded_spans(signals))
     assert found.crossover == approx(20.1, abs=0.3)
     assert found.phase_margin == approx(19, abs=1.5)
     assert found.gain_margin == approx(2.8, abs=1)
@@ -26,7 +26,7 @@ def test_the_recorded_flight_has_its_chirped_margins():
     asked = 1 / (1 + 1j * found.frequency / 20.0)
     followed = found.response[0] / (1 + found.response[0])
     assert_allclose(found.closed[0, :10], (asked * followed)[:10], rtol=0.02)
-    assert injected_loop(signals.about("roll"), recorded_parts(signals)) is None
+    assert injected_loop(signals.about("roll"), recorded_spans(signals)) is None
 
 
 @mark.parametrize("gain, level", [(12.0, "good"), (20.0, "watch"), (24.0, "bad")])

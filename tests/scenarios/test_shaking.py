@@ -4,7 +4,7 @@ import numpy as np
 from pytest import approx, mark
 from scipy.signal import periodogram, welch
 
-from mavdem.dataset.align import Segment
+from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
 from mavdem.experiments.paper.runner import write_log
 from mavdem.facts.noise import NotchAdvice

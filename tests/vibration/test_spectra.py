@@ -7,7 +7,7 @@ from numpy.random import default_rng
 from pytest import approx, mark
 
 from mavdem.assessment.noise_spectra import MeasuredNoise
-from mavdem.dataset.align import Segment
+from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
 from mavdem.facts.noise import Noise as Codes
 from mavdem.facts.noise import NotchAdvice

@@ -15,8 +15,8 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 import mavdem
-from mavdem.dataset.drive import Signal
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts.identifiability import Status
 from mavdem.facts.online import Airflow
 from mavdem.facts.wind import NoWind, WindDoubt, WindShare
@@ -166,7 +166,7 @@ def test_calm_air_is_below_a_speed():
     wind = mavdem.estimate_wind(*flight(wind=(0, 0), gusts=0.05)[:3])
     assert wind.calm and wind.speed < 0.7 and wind.speed_interval[0] == 0
     assert lower_speed_bound(0.6, 6.0)
-    own = Signal(wind.time, np.zeros(len(wind.time), int), np.ones((len(wind.time), 2)))
+    own = TimeSeries(wind.time, np.zeros(len(wind.time), int), np.ones((len(wind.time), 2)))
     assert "own estimate is 1.4 m/s from SW" in wind_blocks((wind, own, None))[0].text
     assert "own" not in wind_blocks((wind, replace(own, boot=own.boot + 1), ""))[0].text
 

@@ -22,7 +22,7 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from mavdem.containers import JsonValues
-from mavdem.dataset import attitude, drive
+from mavdem.dataset import attitude, motor_outputs
 from mavdem.dem.parallel import forbid_child_processes
 from mavdem.errors import Unreadable
 from mavdem.fleet.row import best_tier
@@ -35,9 +35,9 @@ def ours(path: str) -> int:
     log = read_log(path)
     for vehicle in log.vehicles:
         assert all(len(columns["time"]) for columns in vehicle.messages.values())  # decodes them
-        attitude.attitude(vehicle, "roll")
-        drive.motors_or_obstacle(vehicle)
-        drive.demand(vehicle, "roll")
+        attitude.attitude_of_axis(vehicle, "roll")
+        motor_outputs.motor_outputs_or_obstacle(vehicle)
+        motor_outputs.axis_demand(vehicle, "roll")
     return log.frames
 
 

@@ -26,7 +26,7 @@ from numpy.random import default_rng
 
 import mavdem.live.session
 from mavdem.assessment.axis.analysis import motor_alarms
-from mavdem.dataset.phases import settled
+from mavdem.dataset.phases import settled_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.dem import Settings
 from mavdem.facts.session import Session
@@ -83,7 +83,7 @@ def scenario(kind: str, number: int, rate: float) -> Scenario:
 def watched(flight: Scenario) -> tuple[float, tuple[MotorAlarm, ...]]:
     """Hours settled, and what is said of the motors in a flight."""
     signals = Signals(telemetry_of(flight, fly(flight)))
-    hours = sum(end - begin for begin, end in settled(signals, 0)) / 3600
+    hours = sum(end - begin for begin, end in settled_intervals(signals, 0)) / 3600
     return hours, motor_alarms(signals)
 
 

@@ -21,7 +21,7 @@ from numpy.random import default_rng
 from scipy.signal import spectrogram
 
 from mavdem.cli.twin import twin_command
-from mavdem.dataset.read import choose_vehicle
+from mavdem.dataset.flights import choose_vehicle
 from mavdem.experiments.paper.runner import write_log
 from mavdem.ingest import read_log
 from sitl_scenarios.files import load, with_parameters, with_vehicle

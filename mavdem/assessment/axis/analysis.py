@@ -14,12 +14,13 @@ from mavdem.assessment.axis.figures import ALL, LogAnalysis, axis_figures, physi
 from mavdem.assessment.axis.findings import disown_torque
 from mavdem.assessment.condition import condition_of
 from mavdem.assessment.inventory import identity_of, tier_of
-from mavdem.dataset.drive import AXES, TILT_AXES
+from mavdem.dataset.axes import AXES, TILT_AXES
+from mavdem.dataset.flights import flights_of_longest_boot, usable_segments
+from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.learnability import Learnability
-from mavdem.dataset.phases import during, settled
-from mavdem.dataset.read import of_longest_boot, usable_segments
-from mavdem.dataset.signals import SLOW_MOTION_RATE, Signals, usual_rate
-from mavdem.dataset.steadiness import headings
+from mavdem.dataset.phases import settled_intervals
+from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals, rate_between_outages
+from mavdem.dataset.steady_flight import tracked_headings
 from mavdem.dem import Learned, Settings, learn
 from mavdem.dem.learning import FEWEST_SAMPLES, checked
 from mavdem.errors import NotLearnable, fact_from_error
@@ -114,7 +115,7 @@ def analyse(
     analysis = _without_model(log, signals, learnability, other_axis)
     slow = analysis.tier.tier == "b" and signals.axis in TILT_AXES
     if slow:
-        segments, of_slow = usable_segments(signals, log.components, SLOW_MOTION_RATE)
+        segments, of_slow = usable_segments(signals, log.components, MIN_SLOW_MOTION_RATE)
         if not segments:
             return _refused(analysis, of_slow.reason)
     if not segments or not (options.whole or slow):
@@ -185,7 +186,7 @@ def _without_model(
         trim=trim_of_signals(signals),
         watched=motors is not None
         and bool(motors.layout.positions)
-        and usual_rate(motors) >= MIN_RATE,
+        and rate_between_outages(motors) >= MIN_RATE,
     )
 
 
@@ -210,8 +211,8 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
     for boot in np.unique(motors.boot).tolist():
         watch = MotorWatch(motors.layout, boot)
         shares = motors.shares(boot)
-        heading = headings(signals, boot, shares.time)
-        flown = during(shares.time, settled(signals, boot))
+        heading = tracked_headings(signals, boot, shares.time)
+        flown = in_intervals(shares.time, settled_intervals(signals, boot))
         columns = shares.time[flown].tolist(), shares.values[flown], heading[flown].tolist()
         for sample in zip(*columns, strict=True):
             watch.take(*sample)
@@ -281,7 +282,7 @@ def flown_after(segments: Flights, start: float) -> Flights:
 
     Of the longest segment's boot: times of another cannot be compared.
     """
-    flights = of_longest_boot(segments)
+    flights = flights_of_longest_boot(segments)
     begin = flights[0].time[0] + start
     skips = [
         (flight, int(np.searchsorted(flight.time, begin - flight.dt / 2))) for flight in flights

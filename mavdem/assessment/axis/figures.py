@@ -16,8 +16,8 @@ from mavdem.assessment.axis.gains import with_one_set_of_gains
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.inventory import Identity, Tier
 from mavdem.containers import JsonValues
+from mavdem.dataset.flights import usable_segments
 from mavdem.dataset.learnability import Learnability
-from mavdem.dataset.read import usable_segments
 from mavdem.dataset.signals import Signals
 from mavdem.dem import Learned
 from mavdem.dem.record import Record

@@ -10,8 +10,8 @@ from math import inf, isfinite
 import numpy as np
 
 from mavdem.assessment.autopilot_messages import texts
-from mavdem.dataset.phases import in_modes
-from mavdem.dataset.signals import Signals, once
+from mavdem.dataset.phases import mode_intervals
+from mavdem.dataset.signals import Signals, cached_per_vehicle
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, Level
@@ -30,7 +30,7 @@ FOUND = re.compile(r"\b([PID]):(\d+\.?\d*)")
 """A gain that ArduPilot's AutoTune ended with, in "Roll Rate: P:0.116, I:0.116, D:0.0006" and "Roll Angle P:36.000"."""
 
 
-@once("axis", "inputs")
+@cached_per_vehicle("axis", "inputs")
 def with_one_set_of_gains(signals: Signals, flights: Flights) -> tuple[Flights, Fact | None]:
     """Returns the parts of ``flights`` with the set of gains that was flown longest, with these; a fact if not all.
 
@@ -41,7 +41,7 @@ def with_one_set_of_gains(signals: Signals, flights: Flights) -> tuple[Flights, 
     parts = defaultdict[tuple[tuple[str, float], ...], list[Flight]](list)
     for flight in flights:
         boot = boot_number(flight)
-        tuning = in_modes(signals, boot, AUTOTUNE)
+        tuning = mode_intervals(signals, boot, AUTOTUNE)
         stamps = [time for of_boot, time, _ in sets if of_boot == boot]
         edges = np.searchsorted(flight.time, [*stamps, *np.ravel(tuning)])
         for first, last in pairwise(np.unique([0, *edges, len(flight)]).tolist()):

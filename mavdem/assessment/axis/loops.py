@@ -7,9 +7,9 @@ from types import MappingProxyType
 from mavdem.assessment.axis.analysis import flown_after
 from mavdem.assessment.axis.figures import AxisFigures
 from mavdem.assessment.axis.gains import autotuned, ratings_of, with_one_set_of_gains
-from mavdem.dataset.drive import AXES
-from mavdem.dataset.read import usable_segments
-from mavdem.dataset.signals import SLOW_MOTION_RATE, Signals
+from mavdem.dataset.axes import AXES
+from mavdem.dataset.flights import usable_segments
+from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
@@ -47,7 +47,7 @@ def loops_of_log(
     """
     segments, learnability = usable_segments(signals, log.components)
     if not segments:
-        segments, learnability = usable_segments(signals, log.components, SLOW_MOTION_RATE)
+        segments, learnability = usable_segments(signals, log.components, MIN_SLOW_MOTION_RATE)
     if not segments:
         raise NotLearnable(learnability.reason)
     flights, caution = with_one_set_of_gains(signals, flown_after(segments, start))

@@ -6,8 +6,8 @@ from functools import cached_property
 from math import isfinite
 
 from mavdem.confidence import CONFIDENCE_LEVEL
-from mavdem.dataset.align import Segments, recorded_parts
-from mavdem.dataset.drive import AXES
+from mavdem.dataset.axes import AXES
+from mavdem.dataset.segments import Segments, recorded_spans
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.loops import Loops
@@ -95,7 +95,7 @@ def margins_of(
             confirmed(about.axis),
             setpoint_resonance(about, parts),
             spectral_resonance(about, parts),
-            injected_loop(about, recorded_parts(about)),
+            injected_loop(about, recorded_spans(about)),
         )
         for about in map(signals.about, AXES)
     )

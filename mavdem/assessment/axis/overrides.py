@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from mavdem.assessment.condition import Condition
 from mavdem.containers import JsonValues
-from mavdem.dataset.learnability import DOUBTFUL_CONSISTENCY
+from mavdem.dataset.learnability import MIN_TRUSTED_CONSISTENCY
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import Override
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE
@@ -52,7 +52,7 @@ def overrides_of(
             overrides = [Fact(Override.SATURATION, **limited)]
         elif trim is not None and trim.level is Level.WATCH:
             overrides = [Fact(Override.TRIM, subject=trim.subject, because=trim)]
-    if consistency is not None and consistency < DOUBTFUL_CONSISTENCY:
+    if consistency is not None and consistency < MIN_TRUSTED_CONSISTENCY:
         overrides.append(Fact(Override.DATA, consistency=consistency))
     return tuple(overrides)
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.assessment.evidence import INJECTED, Evidence
-from mavdem.dataset.drive import AXES
+from mavdem.dataset.axes import AXES
 from mavdem.facts import Fact, Facts
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.margins import Complex, OpenLoop

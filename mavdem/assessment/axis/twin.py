@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.assessment.evidence import Evidence
-from mavdem.dataset.drive import AXES, TILT_AXES
+from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.loops import Gains

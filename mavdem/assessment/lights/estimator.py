@@ -9,8 +9,14 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.lights.limits import worst
 from mavdem.assessment.reported import FIX_3D
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
-from mavdem.dataset.drive import Signal, floats, recorded, series, table_of
-from mavdem.dataset.phases import longest
+from mavdem.dataset.intervals import longest_true_duration
+from mavdem.dataset.time_series import (
+    TimeSeries,
+    clean_series,
+    float_column,
+    float_columns,
+    recorded_series,
+)
 from mavdem.facts import Fact, Level
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import Reported
@@ -74,8 +80,8 @@ def _filter(evidence: Evidence) -> Iterator[Fact]:
         beyond = ratios >= limit
         velocity, position, _, compass = beyond.T
         doubts = 1.0 * velocity + (ratios[:, 0] >= 2 * limit) + position + compass
-        failed = longest(part.time, doubts >= 2)
-        lasting = [longest(part.time, column) for column in beyond.T]
+        failed = longest_true_duration(part.time, doubts >= 2)
+        lasting = [longest_true_duration(part.time, column) for column in beyond.T]
         most = np.argmax(lasting) if max(lasting) else ratios.max(axis=0).argmax()
         is_doubted = max(lasting) >= DOUBT_SECONDS
         yield Fact(
@@ -90,27 +96,31 @@ def _filter(evidence: Evidence) -> Iterator[Fact]:
             yield Fact(
                 EstimatorLight.GPS_GLITCHED,
                 time=part.time[glitches.argmax()],
-                duration=longest(part.time, glitches > 0),
+                duration=longest_true_duration(part.time, glitches > 0),
             )
 
 
-def _innovations(telemetry: Telemetry) -> Signal | None:
+def _innovations(telemetry: Telemetry) -> TimeSeries | None:
     """Those of ``MEASURED``, 0 where there is none, and whether GPS jumped, (N, 5)."""
     for name, fields in REPORTS.items():
         report = telemetry.messages.get(name, {})
         if all(field in report for field in fields):
-            flags = floats(report, "flags") if "flags" in report else np.zeros(len(report["time"]))
+            flags = (
+                float_column(report, "flags")
+                if "flags" in report
+                else np.zeros(len(report["time"]))
+            )
             jumped = np.nan_to_num(flags).astype(np.int64) & GLITCH[name] > 0
-            ratios = np.nan_to_num(table_of(report, fields))
+            ratios = np.nan_to_num(float_columns(report, fields))
             if ratios.any():  # else the filter does not run
-                return series(report, np.column_stack([ratios, jumped]))
+                return clean_series(report, np.column_stack([ratios, jumped]))
     return None
 
 
 def _fixes(evidence: Evidence) -> Iterator[Fact]:
     """Of GPS, where it ever had a fix in flight."""
     telemetry = evidence.signals.telemetry
-    report = recorded(telemetry, "GPS_RAW_INT", "fix_type", "satellites_visible", "eph")
+    report = recorded_series(telemetry, "GPS_RAW_INT", "fix_type", "satellites_visible", "eph")
     for part in evidence.flown(report):
         fixed = part.values[part.values[:, 0] >= FIX_3D]
         if not len(fixed):
@@ -127,7 +137,7 @@ def _fixes(evidence: Evidence) -> Iterator[Fact]:
 def _compass(evidence: Evidence) -> Iterator[Fact]:
     """Of its field, where it is another in the first flight than on the ground before."""
     for message in ("SCALED_IMU", "RAW_IMU"):
-        field = recorded(evidence.signals.telemetry, message, "xmag", "ymag", "zmag")
+        field = recorded_series(evidence.signals.telemetry, message, "xmag", "ymag", "zmag")
         for flight in evidence.flown(field):
             assert field is not None
             before = (field.boot == flight.boot[0]) & (field.time < flight.time[0])

@@ -7,8 +7,8 @@ import numpy as np
 from mavdem.assessment.evidence import Evidence
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
 from mavdem.dataset import phases
-from mavdem.dataset.rate_advice import ask_for_rate
-from mavdem.dataset.signals import MINIMUM_RATE, Signals, usual_rate
+from mavdem.dataset.rate_advice import rate_advice
+from mavdem.dataset.signals import MIN_STREAM_RATE, Signals, rate_between_outages
 from mavdem.facts import Fact
 from mavdem.facts.log import LogLight, Simulator
 
@@ -29,12 +29,12 @@ def log_light(evidence: Evidence) -> Fact:
     drive = signals.drive
     if attitude is None or drive is None:
         return Fact(LogLight.MOTION_NOT_RECORDED, because=evidence.learnability.reason)
-    rates = usual_rate(attitude), usual_rate(drive)
+    rates = rate_between_outages(attitude), rate_between_outages(drive)
     gaps = [np.diff(part.time).max(initial=0.0) for part in evidence.flown(attitude.angles)]
     longest = max(gaps, default=0.0)
     telemetry = signals.telemetry
     code = LogLight.RECORDED_FAST
-    if min(rates) < MINIMUM_RATE:
+    if min(rates) < MIN_STREAM_RATE:
         code = LogLight.RECORDED_SLOWLY
     elif longest > LONG_GAP or telemetry.dropouts:
         code = LogLight.RECORDED_WITH_GAPS
@@ -44,8 +44,8 @@ def log_light(evidence: Evidence) -> Fact:
         motor_rate=rates[1],
         longest_gap=longest,
         dropouts=telemetry.dropouts,
-        needed_rate=MINIMUM_RATE,
-        remedy=ask_for_rate(telemetry, components=evidence.log.components),
+        needed_rate=MIN_STREAM_RATE,
+        remedy=rate_advice(telemetry, components=evidence.log.components),
     )
 
 
@@ -74,7 +74,7 @@ def _is_still(signals: Signals) -> bool:
         return False
     roll = signals.tilts[0]
     boot = int(roll.boot[0]) if len(roll.boot) else 0
-    armed = min((start for start, _ in phases.armed(signals, boot)), default=inf)
+    armed = min((start for start, _ in phases.armed_intervals(signals, boot)), default=inf)
     rows = np.flatnonzero((roll.boot == boot) & (roll.time < armed))
     if len(rows) < 2:
         return False

@@ -5,7 +5,7 @@ from math import inf
 from mavdem.assessment.axis.margins import of_response
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.lights.limits import worst
-from mavdem.dataset.drive import TILT_AXES
+from mavdem.dataset.axes import TILT_AXES
 from mavdem.facts import Fact
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.sources import Repair

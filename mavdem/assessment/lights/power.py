@@ -7,8 +7,8 @@ import numpy as np
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.lights.limits import Limits, worst
 from mavdem.dataset import phases
-from mavdem.dataset.drive import Signal, recorded
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import TimeSeries, recorded_series
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import Reported
 from mavdem.facts.power import PowerLight
@@ -62,7 +62,7 @@ def _battery(evidence: Evidence) -> Iterator[Fact]:
     lasting = means[min(rows, len(means) - 1)]
     critical = max(critical, CELL.bad * (cells or 0))
     low = max(low, critical, CELL.watch * (cells or 0))
-    load = recorded(signals.telemetry, "SYS_STATUS", "voltage_battery", "current_battery")
+    load = recorded_series(signals.telemetry, "SYS_STATUS", "voltage_battery", "current_battery")
     resistance, current = _resistance([*evidence.flown(load)])
     code = PowerLight.CELLS_UNKNOWN
     level = None
@@ -80,7 +80,9 @@ def _battery(evidence: Evidence) -> Iterator[Fact]:
         resistance=resistance,
         voltage_limit=critical if lasting < critical else low,
     )
-    remaining = evidence.averaged(recorded(signals.telemetry, "SYS_STATUS", "battery_remaining"))
+    remaining = evidence.averaged(
+        recorded_series(signals.telemetry, "SYS_STATUS", "battery_remaining")
+    )
     least = parameters.get("BAT_LOW_THR", 0.0)
     if np.any(left := remaining[remaining > 0] / 100) and left.min() < least:
         yield Fact(PowerLight.CHARGE_LOW, share=left.min(), share_limit=least)
@@ -89,7 +91,7 @@ def _battery(evidence: Evidence) -> Iterator[Fact]:
 def _supply(evidence: Evidence) -> Iterator[Fact]:
     """Of the board's voltage; one that never changes is not measured."""
     messages = ("POWER_STATUS", "HWSTATUS")
-    signals = (recorded(evidence.signals.telemetry, name, "Vcc") for name in messages)
+    signals = (recorded_series(evidence.signals.telemetry, name, "Vcc") for name in messages)
     measured = next(
         (signal for signal in signals if signal is not None and np.ptp(signal.values) > 0), None
     )
@@ -119,7 +121,7 @@ def _cells(signals: Signals, full: float) -> int | None:
     return possible[0] if len(possible) == 1 else None
 
 
-def _resistance(load: list[Signal]) -> tuple[float | None, float | None]:
+def _resistance(load: list[TimeSeries]) -> tuple[float | None, float | None]:
     """The internal resistance, ohm, where voltage falls as current rises, and the largest mean current over 2 s, A.
 
     Of voltage and current (N, 2) of each flight, mV and 10 mA; None where no current was measured.
@@ -130,7 +132,7 @@ def _resistance(load: list[Signal]) -> tuple[float | None, float | None]:
         rows = part.values[:, 1] > 0
         volts_and_amperes = part.values[rows] * (1e-3, 1e-2)
         means = [
-            phases.average(Signal(part.time[rows], part.boot[rows], column))
+            phases.moving_average(TimeSeries(part.time[rows], part.boot[rows], column))
             for column in volts_and_amperes.T
         ]
         apart.append(volts_and_amperes.T - means)

@@ -6,9 +6,10 @@ from mavdem.arrays import Array
 from mavdem.assessment.evidence import INJECTED, Evidence
 from mavdem.assessment.lights.limits import Limits, worst
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
-from mavdem.dataset.align import Segments, within
-from mavdem.dataset.drive import AXES, TILT_AXES, Signal
-from mavdem.dataset.signals import SLOW_MOTION_RATE, Signals
+from mavdem.dataset.axes import AXES, TILT_AXES
+from mavdem.dataset.segments import Segments, in_segments
+from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
+from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.margins import TrackingLight
 from mavdem.loops.measured_response import MIN_COMPARED_COHERENCE
@@ -100,13 +101,15 @@ def _rate_error(signals: Signals, parts: Segments) -> float | None:
     return np.sqrt(np.mean(np.square(errors))) if errors.size else None
 
 
-def _errors(asked: Signal, seen: Signal, parts: Segments, delays: Array) -> tuple[Array, Array]:
+def _errors(
+    asked: TimeSeries, seen: TimeSeries, parts: Segments, delays: Array
+) -> tuple[Array, Array]:
     """Setpoints (N,) in the ``parts``, and how far what is seen after each of the ``delays`` (D,) is off (D, N)."""
     setpoints = [np.zeros(0)]
     errors = [np.zeros((len(delays), 0))]
     for part in parts:
-        rows = within(asked, part, slack=0)
-        there = within(seen, part)
+        rows = in_segments(asked, part, slack=0)
+        there = in_segments(seen, part)
         if np.count_nonzero(there) > 1:
             setpoints.append(asked.values[rows])
             later = asked.time[rows] + delays[:, None]
@@ -115,9 +118,9 @@ def _errors(asked: Signal, seen: Signal, parts: Segments, delays: Array) -> tupl
     return np.concatenate(setpoints), np.concatenate(errors, axis=1)
 
 
-def _overshoot(asked: Signal, angle: Signal, parts: Segments) -> float | None:
+def _overshoot(asked: TimeSeries, angle: TimeSeries, parts: Segments) -> float | None:
     """That of the second-order system whose response has as large a peak as the measured one; None where none shows."""
-    estimate = spectra((asked, angle), parts, 2 * WELCH_SECONDS, SLOW_MOTION_RATE)
+    estimate = spectra((asked, angle), parts, 2 * WELCH_SECONDS, MIN_SLOW_MOTION_RATE)
     if estimate is None or not (coherent := estimate.coherence >= MIN_COMPARED_COHERENCE).any():
         return None
     peak = abs(estimate.response[coherent]).max()

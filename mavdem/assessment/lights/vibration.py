@@ -6,7 +6,7 @@ from mavdem.assessment.condition import settled_parts, vibration_of
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.lights.limits import SEVERITY, Limits
 from mavdem.dataset import phases
-from mavdem.dataset.align import Segment, within
+from mavdem.dataset.segments import Segment, in_segments
 from mavdem.facts import Fact
 from mavdem.facts.vibration import VibrationLight
 
@@ -31,10 +31,10 @@ def vibration_light(evidence: Evidence) -> Fact:
     flown = (
         Segment(boot, *span)
         for boot in np.unique(levels.boot).tolist()
-        for span in phases.flying(signals, boot)
+        for span in phases.airborne_intervals(signals, boot)
     )
     settled = settled_parts(signals)
-    here = within(levels, *(settled or flown))
+    here = in_segments(levels, *(settled or flown))
     if not here.any():
         return unknown
     mean = levels.values[here].mean(axis=0)

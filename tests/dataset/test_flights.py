@@ -9,14 +9,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx, mark
 from refusals import refused
 
-from mavdem.dataset.align import align, settled_segments
-from mavdem.dataset.learnability import learnabilities
-from mavdem.dataset.read import (
-    choose_vehicle,
-    learnable_flight,
-    usable_segments,
-)
-from mavdem.dataset.signals import Signals, setpoints
+from mavdem.dataset.alignment import aligned_flight
+from mavdem.dataset.flights import choose_vehicle, learnable_flight, usable_segments
+from mavdem.dataset.learnability import segment_learnabilities
+from mavdem.dataset.segments import settled_segments
+from mavdem.dataset.signals import Signals, recorded_setpoints
 from mavdem.facts.learnability import Caution, Reason
 from mavdem.ingest.vocabulary import quaternion
 
@@ -67,7 +64,7 @@ def test_segments_that_are_too_slow_or_too_short_are_left_out_and_counted():
     )
     log = log_of(hover.telemetry(stamps, stamps))
     (flight,), learnability = segments_of(log)
-    judged = {each.reason.code for each in learnabilities(Signals(log.vehicles[0]))}
+    judged = {each.reason.code for each in segment_learnabilities(Signals(log.vehicles[0]))}
     assert judged == {Reason.LEARNABLE, Reason.SLOWER_THAN_LONGEST}
     assert flight.time[0] == approx(36) and flight.dt == 0.01
     (caution,) = set(flight.cautions) - set(learnability.cautions)
@@ -118,7 +115,7 @@ def with_targets(rate=10.0, type_mask=0, start=0.0, end=np.inf):
 
 def flight_of(telemetry):
     signals = Signals(telemetry)
-    return align(signals, settled_segments(signals)[0])
+    return aligned_flight(signals, settled_segments(signals)[0])
 
 
 def test_a_flight_has_the_last_setpoint_until_its_sample_and_none_of_the_future():
@@ -143,7 +140,7 @@ def test_a_flight_has_the_last_setpoint_until_its_sample_and_none_of_the_future(
     }.items(),
 )
 def test_masked_fields_are_no_setpoints(mask, units):
-    assert [one.unit for one in setpoints(with_targets(type_mask=mask), "roll")] == units
+    assert [one.unit for one in recorded_setpoints(with_targets(type_mask=mask), "roll")] == units
 
 
 def test_before_the_first_and_long_after_the_last_nothing_is_known():

@@ -10,19 +10,20 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array, Flags
-from mavdem.dataset.drive import AXES, TILT_AXES
-from mavdem.dataset.phases import Intervals, both, of_boot, settled, where
-from mavdem.dataset.signals import Signals, held, once
+from mavdem.dataset.axes import AXES, TILT_AXES
+from mavdem.dataset.intervals import Intervals, intersection, true_intervals
+from mavdem.dataset.phases import series_of_boot, settled_intervals
+from mavdem.dataset.signals import Signals, cached_per_vehicle, held_setpoint
 
 TURN_SECONDS = 1.0
-MAX_TURN = np.radians(10.0)
+MAX_HEADING_CHANGE = np.radians(10.0)
 """Change of heading, rad, over so many seconds, from which the nose turns: five times what holding it in gusts takes,
 half of a turn by the stick in slow flight."""
-MAX_STRAY = np.radians(15.0)
+MAX_SETPOINT_ERROR = np.radians(15.0)
 """Of roll and pitch from their setpoints: half of the error from which ArduPilot's crash check counts a loss."""
 
 
-class Followed(NamedTuple):
+class AttitudeTracking(NamedTuple):
     """The attitude of one boot and its setpoint at ``time`` (N,), s.
 
     Attributes:
@@ -39,26 +40,28 @@ class Followed(NamedTuple):
     @property
     def strays(self) -> Flags:
         """(N,) where roll or pitch is known to be far from its setpoint."""
-        return strays(self.angles[:, :2], self.asked)
+        return strays_from_setpoint(self.angles[:, :2], self.asked)
 
     @property
     def steady(self) -> Flags:
         """(N,) where it does not stray, and the nose keeps its heading."""
         heading = self.angles[:, 2]
         turned = abs(heading - np.interp(self.time - TURN_SECONDS, self.time, heading))
-        return ~self.strays & ~(turned > MAX_TURN)
+        return ~self.strays & ~(turned > MAX_HEADING_CHANGE)
 
 
-def strays(angles: Array, asked: Array) -> Flags:
+def strays_from_setpoint(angles: Array, asked: Array) -> Flags:
     """Returns where angles (..., 2) of roll and pitch, rad, are known to be far from what is ``asked`` (..., 2)."""
-    return (abs(angles - asked) > MAX_STRAY).any(axis=-1)
+    return (abs(angles - asked) > MAX_SETPOINT_ERROR).any(axis=-1)
 
 
-@once()
-def followed(signals: Signals, boot: int) -> Followed | None:
+@cached_per_vehicle()
+def attitude_tracking(signals: Signals, boot: int) -> AttitudeTracking | None:
     """Returns the attitude of ``boot`` beside its setpoint; None where it was not recorded."""
     angles = [
-        angle for each in signals.attitudes if (angle := of_boot(each.angles, boot)) is not None
+        angle
+        for each in signals.attitudes
+        if (angle := series_of_boot(each.angles, boot)) is not None
     ]
     if len(angles) < len(AXES):
         return None
@@ -66,22 +69,26 @@ def followed(signals: Signals, boot: int) -> Followed | None:
     asked = {unit: np.full((len(time), len(TILT_AXES)), nan) for unit in ("rad", "rad/s")}
     for column, axis in enumerate(TILT_AXES):
         for setpoint in signals.about(axis).setpoints:
-            asked[setpoint.unit][:, column] = held(setpoint, boot, time)
+            asked[setpoint.unit][:, column] = held_setpoint(setpoint, boot, time)
     columns = [np.interp(time, angle.time, angle.values) for angle in angles]
-    return Followed(time, np.column_stack(columns), asked["rad"], ~np.isnan(asked["rad/s"]))
+    return AttitudeTracking(time, np.column_stack(columns), asked["rad"], ~np.isnan(asked["rad/s"]))
 
 
-@once()
-def steady(signals: Signals, boot: int) -> Intervals:
+@cached_per_vehicle()
+def steady_intervals(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals of settled flight of ``boot`` in which its motors may be compared."""
-    flight = followed(signals, boot)
-    intervals = settled(signals, boot)
-    return intervals if flight is None else both(intervals, where(flight.time, flight.steady))
+    flight = attitude_tracking(signals, boot)
+    intervals = settled_intervals(signals, boot)
+    return (
+        intervals
+        if flight is None
+        else intersection(intervals, true_intervals(flight.time, flight.steady))
+    )
 
 
-def headings(signals: Signals, boot: int, time: Array) -> Array:
+def tracked_headings(signals: Signals, boot: int, time: Array) -> Array:
     """Returns the heading at ``time`` (N,), s of ``boot``, rad; NaN where the attitude strays, 0 where not recorded."""
-    flight = followed(signals, boot)
+    flight = attitude_tracking(signals, boot)
     if flight is None:
         return np.zeros(len(time))
     heading = np.where(flight.strays, nan, flight.angles[:, 2])

@@ -4,9 +4,9 @@ import numpy as np
 from hover import Hover, changed, columns
 from pytest import approx
 
-from mavdem.dataset.phases import total
+from mavdem.dataset.intervals import total_duration
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.steadiness import steady
+from mavdem.dataset.steady_flight import steady_intervals
 from mavdem.ingest.vocabulary import attitude_target, quaternion
 
 HOVER = Hover(hovering=40.0)
@@ -21,7 +21,7 @@ def steady_seconds(turn=0.0, stray=0.0):
     asked = quaternion(HOVER.roll(time), 0 * time, 0 * time)
     telemetry = changed(telemetry, "ATTITUDE", yaw=yaw, roll=roll)
     telemetry = changed(telemetry, "ATTITUDE_TARGET", **columns(time, **attitude_target(asked)))
-    return total(steady(Signals(telemetry, inputs="motors"), 0))
+    return total_duration(steady_intervals(Signals(telemetry, inputs="motors"), 0))
 
 
 def test_a_turn_and_what_strays_are_not_steady():

@@ -19,18 +19,17 @@ from numpy.testing import assert_allclose
 from pytest import approx, mark, raises
 
 from mavdem.dataset import phases
-from mavdem.dataset.align import (
-    align,
-    grid_of,
-    impulse_response,
-    is_low_passed,
-    settled_segments,
-    step,
-    usually_slow,
-)
+from mavdem.dataset.alignment import aligned_flight
 from mavdem.dataset.learnability import learnability_of
 from mavdem.dataset.phases import TRANSIENT_SECONDS
-from mavdem.dataset.signals import MINIMUM_RATE, Signals
+from mavdem.dataset.resampling import (
+    common_grid,
+    common_step,
+    low_pass_impulse_response,
+    needs_low_pass,
+)
+from mavdem.dataset.segments import settled_segments, slow_steps
+from mavdem.dataset.signals import MIN_STREAM_RATE, Signals
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Caution, Reason, Remedy, Resampling
 from mavdem.ingest.telemetry import MAX_GAP_SECONDS
@@ -59,7 +58,7 @@ def test_reports_that_come_late_leave_the_flight_before_them_to_the_motors():
     """The first report is of the landing, as of a stream that was asked for just then."""
     time = np.arange(HOVER.sinking, HOVER.end, 0.1)
     telemetry = reporting(time, np.where(time < LANDED, 4, 1))
-    (flight,) = phases.flying(Signals(telemetry), 0)
+    (flight,) = phases.airborne_intervals(Signals(telemetry), 0)
     assert flight == approx((LIFTED, LANDED), abs=1.1)
     learnability = learnability_of(Signals(telemetry))
     assert learnability.learnable and learnability.segment is not None
@@ -70,18 +69,18 @@ def test_taking_off_is_off_the_ground_and_a_report_counts_for_ten_seconds():
     time = HOVER.stamps(2.0)
     taking_off = reporting(time, np.where(in_air(time), 3, 1))
     for telemetry in (taking_off, reporting(HOVER.stamps(1 / 11), 1)):
-        (flight,) = phases.flying(Signals(telemetry), 0)
+        (flight,) = phases.airborne_intervals(Signals(telemetry), 0)
         assert flight == approx((LIFTED, LANDED), abs=1.1)
     # Without any motors it counts until another.
     time = np.array([1.0, 30.0])
     signals = Signals(reporting(time, np.array([1, 2]), without=("SERVO_OUTPUT_RAW",)))
-    assert phases.flying(signals, 0)[-1][0] == 30.0
+    assert phases.airborne_intervals(signals, 0)[-1][0] == 30.0
 
 
 def test_a_vertical_speed_that_only_sinks_has_run_away():
     telemetry = HOVER.telemetry()
     signals = Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=5.0))
-    ((start, end),) = phases.settled(signals, 0)
+    ((start, end),) = phases.settled_intervals(signals, 0)
     assert (start, end) == approx((LIFTED + TRANSIENT_SECONDS, LANDED - TRANSIENT_SECONDS), abs=1.5)
 
 
@@ -95,7 +94,7 @@ def test_signals_of_another_axis_know_what_was_found_and_those_of_another_flight
     signals = Signals(HOVER.telemetry())
     found = settled_segments(signals)
     assert settled_segments(signals.about("roll")) is found
-    assert align(signals, found[0], dt=0.02).dt == approx(0.02)
+    assert aligned_flight(signals, found[0], dt=0.02).dt == approx(0.02)
     other = replace(signals, telemetry=HOVER.telemetry(without=("ATTITUDE",)))
     assert settled_segments(other) != found
 
@@ -195,7 +194,7 @@ FLIGHTS = {
 @mark.parametrize("name", FLIGHTS)
 def test_the_ground_shows_without_any_report_and_nothing_else_is_ground(name):
     telemetry, lifted, down = FLIGHTS[name]
-    ((start, end),) = phases.settled(Signals(telemetry), 0)
+    ((start, end),) = phases.settled_intervals(Signals(telemetry), 0)
     assert start == approx(lifted + TRANSIENT_SECONDS, abs=1.5)
     assert end > ON_GROUND if down == inf else end == approx(down - TRANSIENT_SECONDS, abs=1.5)
 
@@ -204,25 +203,32 @@ def test_a_climb_in_the_midst_of_a_flight_is_not_settled():
     telemetry = HOVER.telemetry()
     position = telemetry.messages["LOCAL_POSITION_NED"]
     climbs = np.where((position["time"] > 25) & (position["time"] < 35), -1.2, position["vz"])
-    found = phases.settled(Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=climbs)), 0)
+    found = phases.settled_intervals(
+        Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=climbs)), 0
+    )
     assert [round(edge) for span in found for edge in span[:2]][1:3] == [26, 34]
 
 
 def test_what_never_rose_was_never_in_the_air_whatever_is_reported():
     telemetry = reported()
     still = 0.01 * np.sin(telemetry.messages["LOCAL_POSITION_NED"]["time"])
-    assert phases.settled(Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=still)), 0) == []
+    assert (
+        phases.settled_intervals(Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=still)), 0)
+        == []
+    )
     # What is always 0 is no measurement.
     for climb in (0.0, 0.11):
-        assert phases.settled(Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=climb)), 0)
+        assert phases.settled_intervals(
+            Signals(changed(telemetry, "LOCAL_POSITION_NED", vz=climb)), 0
+        )
 
 
 def test_a_vehicle_that_hovers_below_any_threshold_flies_as_its_land_detector_reports():
     telemetry = reported()
     time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
     pulses = np.where(in_air(time), 1120, 1050) + np.zeros((4, 1))
-    ((start, end),) = phases.off_ground(
-        phases.flying(signals := Signals(with_pulses(telemetry, pulses)), 0), signals, 0
+    ((start, end),) = phases.without_grounded(
+        phases.airborne_intervals(signals := Signals(with_pulses(telemetry, pulses)), 0), signals, 0
     )
     assert (start, end) == approx((LIFTED, LANDED), abs=1.0)
 
@@ -246,7 +252,7 @@ def test_gaps_and_tumbles_end_a_segment():
 
 def test_a_uniform_source_keeps_its_samples():
     telemetry = HOVER.telemetry(motor_time=HOVER.stamps(100.0) + 0.0004)
-    flight = align(Signals(telemetry), settled_segments(Signals(telemetry))[0])
+    flight = aligned_flight(Signals(telemetry), settled_segments(Signals(telemetry))[0])
     assert flight.dt == 0.01 and flight.effect_directions is None
     assert flight.provenance["resampling"] == {"attitude": "samples kept", "motors": "samples kept"}
     assert_allclose(flight.outputs[:, 1], HOVER.roll_rate(flight.time), atol=1e-12)
@@ -260,7 +266,7 @@ def test_a_uniform_source_keeps_its_samples():
 def test_neither_motors_nor_attitude_get_a_lag(stamps, offset):
     """The delay of the truth that best explains a column is far below half a step, wherever the stamps lie."""
     telemetry = HOVER.telemetry(motor_time=stamps + offset)
-    flight = align(Signals(telemetry), settled_segments(Signals(telemetry))[0])
+    flight = aligned_flight(Signals(telemetry), settled_segments(Signals(telemetry))[0])
     delays = np.linspace(-0.01, 0.01, 201)
     for column, truth in (
         (flight.inputs @ X_QUAD / 4, HOVER.roll_command),
@@ -277,7 +283,7 @@ def test_a_vibration_faster_than_the_grid_is_not_folded_into_it():
     table = telemetry.messages["ATTITUDE"]
     shaking = table["rollspeed"] + 0.2 * np.sin(2 * np.pi * 49 * table["time"])
     shaken = Signals(changed(telemetry, "ATTITUDE", rollspeed=shaking))
-    flight = align(shaken, settled_segments(shaken)[0])
+    flight = aligned_flight(shaken, settled_segments(shaken)[0])
     assert flight.dt == 0.02
     assert abs(flight.outputs[:, 1] - HOVER.roll_rate(flight.time)).max() < 0.01 * 0.2
     # The filter is flat where the dynamics are.
@@ -298,12 +304,12 @@ def test_a_vibration_faster_than_the_grid_is_not_folded_into_it():
     ],
 )
 def test_the_step_is_the_mean_or_the_cycles_of_a_scheduler_that_jitters(steps, expected):
-    assert step([np.cumsum(np.resize(steps, 1000)) / 1000]) == expected
+    assert common_step([np.cumsum(np.resize(steps, 1000)) / 1000]) == expected
 
 
 def test_steps_are_usually_slow_by_the_median_of_a_second():
     slow = [
-        usually_slow(np.repeat([0.01, late, 0.01], [60, count, 60])).any()
+        slow_steps(np.repeat([0.01, late, 0.01], [60, count, 60])).any()
         for count, late in ((20, 0.05), (21, 0.05), (60, 1.09 / 40), (60, 1.11 / 40))
     ]
     assert slow == [False, True, False, True]
@@ -311,11 +317,11 @@ def test_steps_are_usually_slow_by_the_median_of_a_second():
 
 def test_a_grid_has_the_last_sample_and_begins_where_the_low_pass_has_settled():
     time = np.arange(101) / 100
-    assert_allclose(grid_of(time, time, 0.01), time)
-    assert is_low_passed(np.arange(100) / 85, 0.02)
-    grid = grid_of(np.arange(4000) / 400, np.arange(500) / 50, 0.02)
+    assert_allclose(common_grid(time, time, 0.01), time)
+    assert needs_low_pass(np.arange(100) / 85, 0.02)
+    grid = common_grid(np.arange(4000) / 400, np.arange(500) / 50, 0.02)
     assert grid[[0, -1]] == approx([0.1, 9.88])
-    response = impulse_response(400.0, 0.02)
+    response = low_pass_impulse_response(400.0, 0.02)
     gains = [response @ np.cos(np.pi * hz / 200 * np.arange(-40, 41)) for hz in (10, 20, 40)]
     assert gains == approx([256 / 257, 1 / 2, 1 / 257], abs=0.005)
 
@@ -323,8 +329,8 @@ def test_a_grid_has_the_last_sample_and_begins_where_the_low_pass_has_settled():
 def test_lost_messages_and_jitter_part_nothing():
     random = default_rng(5)
     lossy = np.sort(random.permutation(HOVER.stamps(50.0))[: round(HOVER.end * 40)])
-    shaky = HOVER.stamps(MINIMUM_RATE) + random.uniform(
-        -0.004, 0.004, round(HOVER.end * MINIMUM_RATE)
+    shaky = HOVER.stamps(MIN_STREAM_RATE) + random.uniform(
+        -0.004, 0.004, round(HOVER.end * MIN_STREAM_RATE)
     )
     for stamps in (lossy, shaky):
         found = settled_segments(Signals(HOVER.telemetry(stamps, HOVER.stamps(50.0))))
@@ -343,7 +349,7 @@ def test_the_demand_is_taken_only_where_motors_come_too_slowly(motor_rate, deman
     demanded = with_roll_demand(motor_rate, demand_rate)
     learnability = learnability_of(Signals(demanded))
     assert learnability.learnable
-    flight = align(Signals(demanded), learnability.segment)
+    flight = aligned_flight(Signals(demanded), learnability.segment)
     assert learnability.reason.figures["demand"] == (taken == "demand")
     if taken == "motors":
         assert len(flight.input_names) == 4
@@ -359,7 +365,7 @@ def test_the_demand_is_taken_only_where_motors_come_too_slowly(motor_rate, deman
 def test_the_inputs_that_are_asked_for_are_taken():
     both = with_roll_demand(100.0, 50.0)
     learnability = learnability_of(Signals(both, inputs="demand"))
-    flight = align(Signals(both, inputs="demand"), learnability.segment)
+    flight = aligned_flight(Signals(both, inputs="demand"), learnability.segment)
     assert learnability.learnable and learnability.cautions[0].code is Caution.DEMAND_IS_INPUT
     assert flight.input_names == ("roll demand",) and flight.dt == approx(0.02)
     slow_motors = learnability_of(Signals(with_roll_demand(10.0, 100.0), inputs="motors"))
@@ -394,5 +400,5 @@ def test_what_neither_rises_nor_leans_as_it_is_asked_is_held(height, asked, lean
     at = made.messages["LOCAL_POSITION_NED"]["time"]
     up = np.where((at > 20.0) & (at < 40.0), -height, 0.0)
     signals = Signals(changed(made, "LOCAL_POSITION_NED", z=up))
-    flights = phases.flying(signals, 0)
-    assert flights and (phases.off_ground(flights, signals, 0) == []) == stands
+    flights = phases.airborne_intervals(signals, 0)
+    assert flights and (phases.without_grounded(flights, signals, 0) == []) == stands

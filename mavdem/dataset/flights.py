@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
-from mavdem.dataset.drive import message_counts
 from mavdem.dataset.learnability import (
-    MINIMUM_DURATION,
+    MIN_SEGMENT_DURATION,
     Learnability,
-    learnabilities,
     learnability_of,
+    segment_learnabilities,
 )
-from mavdem.dataset.signals import MINIMUM_RATE, Signals, once
+from mavdem.dataset.signals import MIN_STREAM_RATE, Signals, cached_per_vehicle
+from mavdem.dataset.time_series import message_counts
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Caution, Reason
@@ -96,12 +96,12 @@ def learnable_flight(
     return _with_cautions(learnability), learnability
 
 
-@once("axis", "inputs")
+@cached_per_vehicle("axis", "inputs")
 def usable_segments(
-    signals: Signals, components: tuple[Component, ...] = (), least_rate: float = MINIMUM_RATE
+    signals: Signals, components: tuple[Component, ...] = (), least_rate: float = MIN_STREAM_RATE
 ) -> tuple[Flights, Learnability]:
     """Returns all usable segments, none if the longest is not learnable; both streams need ``least_rate``, Hz."""
-    judged = list(learnabilities(signals, components, least_rate))
+    judged = list(segment_learnabilities(signals, components, least_rate))
     first = judged[0]
     usable = [part for part in judged if part.learnable]
     taken = [part.segment for part in usable]
@@ -115,7 +115,7 @@ def usable_segments(
                 segments=len(first.segments),
                 duration=sum(lost),
                 settled=sum(segment.duration for segment in first.segments),
-                least_duration=MINIMUM_DURATION,
+                least_duration=MIN_SEGMENT_DURATION,
             )
         ]
     flights = [_with_cautions(part, *left_out) for part in usable]
@@ -123,7 +123,7 @@ def usable_segments(
     return tuple(flights), first
 
 
-def of_longest_boot(flights: Flights) -> Flights:
+def flights_of_longest_boot(flights: Flights) -> Flights:
     """Returns the flights of the longest one's boot: times of another cannot be compared."""
     boot = boot_number(max(flights, key=len))
     return [flight for flight in flights if boot_number(flight) == boot]
