@@ -43,7 +43,7 @@ Array = Annotated[
     _SCHEMA,
 ]
 """Floating-point numbers of any shape."""
-Pair = tuple[Array, Array]
+ArrayPair = tuple[Array, Array]
 Indices = Annotated[
     NDArray[np.intp], PlainValidator(partial(_from_lists, np.intp, "iu")), _SERIALIZER, _SCHEMA
 ]

@@ -20,28 +20,30 @@ from mavdem.report.flight_page import review_page
 if TYPE_CHECKING:
     from mavdem.view import Target
 
-REPORT = "report.json"
-PAGE = "report.html"
-RECORDING = "flight.rrd"
-RESULT_FILES = ("model.json", REPORT, PAGE, RECORDING, "flight.mcap")
+REPORT_FILE = "report.json"
+PAGE_FILE = "report.html"
+RECORDING_FILE = "flight.rrd"
+RESULT_FILES = ("model.json", REPORT_FILE, PAGE_FILE, RECORDING_FILE, "flight.mcap")
 
 
 def result_files(assessment: Assessment) -> Names:
     """Returns the ``RESULT_FILES`` that can be written: most need a model, and the recording needs Rerun."""
     if assessment.model is None:
-        return (REPORT, PAGE)
-    return tuple(name for name in RESULT_FILES if name != RECORDING or not missing_modules("view"))
+        return (REPORT_FILE, PAGE_FILE)
+    return tuple(
+        name for name in RESULT_FILES if name != RECORDING_FILE or not missing_modules("view")
+    )
 
 
 def write_result_files(paths: Mapping[str, Path], document: str, assessment: Assessment) -> None:
     """Writes the :func:`result_files`, each to its one of ``paths``, with this ``document`` as report."""
     analysis = assessment.analysis
-    paths[REPORT].write_text(document + "\n")
-    paths[PAGE].write_text(review_page(assessment), "utf-8", "replace")
+    paths[REPORT_FILE].write_text(document + "\n")
+    paths[PAGE_FILE].write_text(review_page(assessment), "utf-8", "replace")
     if analysis is not None and analysis.learned is not None and analysis.held_out is not None:
         paths["model.json"].write_text(analysis.learned.to_json() + "\n")
-        if RECORDING in paths:
-            write_dashboard(paths[RECORDING], assessment)
+        if RECORDING_FILE in paths:
+            write_dashboard(paths[RECORDING_FILE], assessment)
         write_channels(
             paths["flight.mcap"],
             analysis.flights,

@@ -36,7 +36,7 @@ from mavdem.extras import missing_extra_fact
 from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.review import title_of
 from mavdem.report.screen import analysis_blocks, detail_blocks, title
-from mavdem.results import PAGE, RECORDING, RESULT_FILES
+from mavdem.results import PAGE_FILE, RECORDING_FILE, RESULT_FILES
 
 start_option = click.option(
     "--start",
@@ -135,7 +135,7 @@ def learn_command(
     if not no_files:
         write_results(folder, report, assessment)
         if learned is not None and (
-            hint := missing_extra_fact("view", f"{RECORDING} was not written, since it")
+            hint := missing_extra_fact("view", f"{RECORDING_FILE} was not written, since it")
         ):
             say_aside(hint)
     if as_json:
@@ -144,7 +144,7 @@ def learn_command(
             complain(assessment.refusal.fact, as_json=False)
     else:
         above, *blocks, following = analysis_blocks(assessment)
-        page = Sentence(f"{folder / PAGE} (took {took:.1f} s)", "Page:")
+        page = Sentence(f"{folder / PAGE_FILE} (took {took:.1f} s)", "Page:")
         conclusion = [above, following, *[page] * (not no_files)]
         print_screen(heading, blocks, details, conclusion, verbose)
     if learned is None:

@@ -19,7 +19,7 @@ from mavdem.ingest import Log, read_log
 from mavdem.ingest.formats import looks_like_log
 from mavdem.report.blocks import Sentence
 from mavdem.report.screen import analysis_blocks
-from mavdem.results import RECORDING, write_dashboard
+from mavdem.results import RECORDING_FILE, write_dashboard
 
 INCOMPATIBLE = 66
 """Exit code of a loader for a file that is for others (rerun.io/docs/reference/data-loaders)."""
@@ -50,7 +50,7 @@ def open_command(
         learn_command.invoke(learning)
     from mavdem.view import show
 
-    if why := show(named_after(source) / RECORDING):
+    if why := show(named_after(source) / RECORDING_FILE):
         say_aside(why)
 
 

@@ -19,7 +19,7 @@ from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dataset.flights import choose_vehicle, learnable_flight
 from mavdem.dataset.signals import Signals
 from mavdem.dem import Settings
-from mavdem.dem.learned import TEST_SECONDS
+from mavdem.dem.learned import FORECAST_HORIZON_SECONDS
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.experiments.window import Length
 from mavdem.facts.command import NamedSource
@@ -143,7 +143,7 @@ def _length(context: click.Context, parameter: click.Parameter, value: str | Non
 def window_options(train_default: str, test_help: str) -> Callable[[Command], Command]:
     """Adds --train and --test, lengths in samples or seconds, to a command."""
     train_help = f"Training data: seconds (7s) or samples (700). [default: {train_default}]"
-    test_help = f"{test_help} [default: {TEST_SECONDS:g}s]"
+    test_help = f"{test_help} [default: {FORECAST_HORIZON_SECONDS:g}s]"
     return _adding(
         click.option("--train", callback=_length, metavar="LENGTH", help=train_help),
         click.option("--test", callback=_length, metavar="LENGTH", help=test_help),

@@ -9,7 +9,7 @@ from pathlib import Path
 from mavdem.assessment import Assessment
 from mavdem.cli.output import files_in, json_text, progress
 from mavdem.containers import JsonValues
-from mavdem.results import REPORT, RESULT_FILES, result_files, write_result_files
+from mavdem.results import REPORT_FILE, RESULT_FILES, result_files, write_result_files
 
 
 def named_after(source: str) -> Path:
@@ -20,7 +20,7 @@ def named_after(source: str) -> Path:
     log = Path(source)
     stem = Path(log.name.removesuffix(".xz")).stem
     first = stem if stem.strip(".") and stem != log.name else f"{log.name}-learned"
-    return free_folder(first, REPORT, {"source": source})
+    return free_folder(first, REPORT_FILE, {"source": source})
 
 
 def free_folder(first: str, document: str, sources: Mapping[str, str]) -> Path:

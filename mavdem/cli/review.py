@@ -19,7 +19,7 @@ from mavdem.cli.results import named_after, write_results
 from mavdem.documents.review import review_document
 from mavdem.report.review import screen_of
 from mavdem.report.screen import analysis_blocks
-from mavdem.results import PAGE, RESULT_FILES
+from mavdem.results import PAGE_FILE, RESULT_FILES
 
 
 @click.command("review")
@@ -66,4 +66,4 @@ def review_command(
         if verbose:
             print_blocks(analysis_blocks(assessment))
         say("\n".join(map(printable, screen_of(assessment).splitlines())))
-        say(f"Page: {printable(folder / PAGE)} (took {seconds:.1f} s)")
+        say(f"Page: {printable(folder / PAGE_FILE)} (took {seconds:.1f} s)")

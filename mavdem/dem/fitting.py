@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import default_rng
 
-from mavdem.arrays import Array, Indices, Pair
+from mavdem.arrays import Array, ArrayPair, Indices
 from mavdem.dem.engine.ascent import Ascent, ascend
 from mavdem.dem.engine.free_energy import Belief
 from mavdem.dem.engine.generative import (
@@ -115,7 +115,7 @@ def _parameter_prior(
     scaling: Scaling,
     record: Record,
     r: int,
-) -> Pair:
+) -> ArrayPair:
     """Mean and precision of the engine's θ, for r inputs with the constant."""
     n = settings.order
     m = record.outputs.shape[1]

@@ -242,13 +242,13 @@ class Learned(ImmutableResult, Forecasting):
     @property
     def useful_steps(self) -> Indices:
         """(m,) the longest horizon, up to 1.5 s, at which predictions err by less than half of the variance."""
-        predicted = self.predicted(max(1, round(TEST_SECONDS / self.dt)))
+        predicted = self.predicted(max(1, round(FORECAST_HORIZON_SECONDS / self.dt)))
         errors = np.maximum.accumulate(predicted.variance)
         return (errors < 0.5 * self.record.outputs.var(axis=0)).sum(axis=0)
 
     def forecast_variance(self, inputs: ArrayLike) -> Array:
         """Returns the expected squared error (H, m), rad² and (rad/s)², of :meth:`forecast` with ``inputs`` (H, r)."""
-        return self.forecasted(self.record.following_inputs(inputs)).variance
+        return self.forecasted(self.record.validated_inputs(inputs)).variance
 
     def forecast_band(self, inputs: ArrayLike, level: float = CONFIDENCE_LEVEL) -> Array:
         """Returns the half width (H, m), about :meth:`forecast` of ``inputs``, of the band of probability ``level``."""
@@ -300,7 +300,7 @@ class Learned(ImmutableResult, Forecasting):
     def places(self) -> Indices:
         """(T′,) the training samples that have a whole window in their segment."""
         window = self.settings.window
-        segments = zip(self.record.starts, self.record.lengths, strict=True)
+        segments = zip(self.record.segment_starts, self.record.lengths, strict=True)
         return np.concatenate(
             [start + window // 2 + np.arange(max(0, N - window + 1)) for start, N in segments]
         )
@@ -383,7 +383,8 @@ class Learned(ImmutableResult, Forecasting):
         return from_text(cls, text)
 
 
-TEST_SECONDS = 1.5  # of a forecast whose errors are looked at: a few periods of the motion, as in the paper at 100 Hz
+FORECAST_HORIZON_SECONDS = 1.5
+"""Length of a test forecast, s: a few periods of the roll motion, as in the paper at 100 Hz."""
 MOST_STARTS = 200  # of forecasts at most, evenly over the flight
 
 
@@ -439,7 +440,13 @@ class PlantForecasts:
     @may_overflow
     def errors(self) -> Array:
         """(L, m) mean squared errors of forecasts of the training data, by length; infinite where these overflow."""
-        horizon = max(1, min(round(TEST_SECONDS / self.record.dt), 2 * self.record.longest // 3))
+        horizon = max(
+            1,
+            min(
+                round(FORECAST_HORIZON_SECONDS / self.record.dt),
+                2 * self.record.longest_segment // 3,
+            ),
+        )
         stride = max(1, len(self.record) // MOST_STARTS)
         squares = []
         for u, y in self.scaling.scale_segments(self.record):

@@ -33,7 +33,7 @@ from mavdem.unit_errors import suspected_unit_error
 Job = tuple[TrainingData, Settings | None]
 """What ``learn`` takes: a flight, and settings or ``None`` for the default ones."""
 
-FEWEST_SAMPLES = 50  # that a model is fitted to
+MIN_SAMPLES = 50  # that a model is fitted to
 
 EMBEDDING_SECONDS = 0.09
 """Embedding window: wide enough to average measurement noise, short beside the motion of a vehicle."""
@@ -63,7 +63,7 @@ def learn(train: TrainingData, settings: Settings | None = None) -> Learned:
 def learn_with_fit(train: TrainingData, settings: Settings | None = None) -> tuple[Learned, Fit]:
     """Returns the result of :func:`learn`, and the fit that it was made from; takes and raises the same."""
     with one_thread():
-        record, settings = checked(train, settings)
+        record, settings = prepared_training(train, settings)
         try:
             fitted = fit(record, settings)
         except LinAlgError:
@@ -85,29 +85,31 @@ def learn_forecasts(train: TrainingData, settings: Settings | None) -> JointMode
         ValueError: as :func:`learn`, but not where DEM breaks down.
     """
     with one_thread():
-        record, completed = checked(train, settings)
+        record, completed = prepared_training(train, settings)
         if completed.forecasts == "joint" and completed.known_inputs:
             return JointModel.learn(record)
         return learn(record, settings)
 
 
-def checked(train: TrainingData, settings: Settings | None) -> tuple[Record, CompleteSettings]:
+def prepared_training(
+    train: TrainingData, settings: Settings | None
+) -> tuple[Record, CompleteSettings]:
     """Returns the training data as one record, and the settings with nothing left open; raises as :func:`learn`."""
     if not (settings is None or isinstance(settings, Settings)):
         raise ValueError(
             f"settings must be a Settings, or None for the default ones, not {settings!r}"
         )
     settings = Settings() if settings is None else settings
-    record = Record.of(train)
-    if len(record) < FEWEST_SAMPLES:
+    record = Record.from_flights(train)
+    if len(record) < MIN_SAMPLES:
         raise NotLearnable(
-            ModelRefusal.TOO_FEW_TO_LEARN, least_samples=FEWEST_SAMPLES, samples=len(record)
+            ModelRefusal.TOO_FEW_TO_LEARN, least_samples=MIN_SAMPLES, samples=len(record)
         )
-    record.require_moving(settings.known_inputs)
-    return record, complete(settings, record)
+    record.require_varying(settings.known_inputs)
+    return record, complete_settings(settings, record)
 
 
-def complete(settings: Settings, record: Record) -> CompleteSettings:
+def complete_settings(settings: Settings, record: Record) -> CompleteSettings:
     """Returns the settings with order, d, window and prior precision.
 
     A window that is not given lasts ``EMBEDDING_SECONDS``, or is the shortest possible where segments are too short.
@@ -124,7 +126,7 @@ def complete(settings: Settings, record: Record) -> CompleteSettings:
     )
     for window in windows:
         # Half of the samples must have a whole window, or the derivatives come from too few of them.
-        if record.windows(window) >= len(record) // 2:
+        if record.window_count(window) >= len(record) // 2:
             chosen = {"order": order, "d": d, "window": window}
             chosen |= {"parameter_precision": settings.parameter_precision or usual}
             return CompleteSettings(**(vars(settings) | chosen))
@@ -133,7 +135,7 @@ def complete(settings: Settings, record: Record) -> CompleteSettings:
         window=windows[-1],
         least_samples=2 * windows[-1],
         samples=len(record),
-        longest=record.longest,
+        longest=record.longest_segment,
     )
 
 

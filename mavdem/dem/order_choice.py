@@ -139,7 +139,7 @@ def orders_of(
         raise ValueError(
             f"max_order must be a whole number from 1 to {LARGEST_ORDER}, not {max_order!r}"
         )
-    record = Record.of(flight)
+    record = Record.from_flights(flight)
     with one_thread():
         box = BlackBox.of(record, max_order, known_inputs)
         # No more parameters, less n² for the coordinates, than effective values.

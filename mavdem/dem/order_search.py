@@ -173,7 +173,7 @@ def _repeated(width: float, dt: float) -> float:
 
 def kernel_width(record: Record) -> float:
     """Returns σ of the kernel that filters a record, s."""
-    spread = record.spread[1]
+    spread = record.channel_statistics[1]
     m = record.outputs.shape[1]
     units = ((outputs - spread.mean) / np.sqrt(spread.variance) for _, outputs in record.segments)
     read = np.concatenate(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mavdem.arrays import Array, Indices, Pair
+from mavdem.arrays import Array, ArrayPair, Indices
 from mavdem.dem.engine.model import LinearModel, pack, unpack
 from mavdem.dem.record import Record, Segments
 from mavdem.dem.settings import CompleteSettings, Gaussian, Settings
@@ -30,9 +30,9 @@ class Scaling:
 
         Raises ``ValueError`` where an output or all inputs are constant.
         """
-        inputs, outputs = record.spread
+        inputs, outputs = record.channel_statistics
         has_inputs = settings.known_inputs
-        record.require_moving(has_inputs and not inputs.moving.any())
+        record.require_varying(has_inputs and not inputs.moving.any())
         m = len(outputs.mean)
         constant = settings.scaling == "channel"
         output_trim = np.zeros(m)
@@ -140,7 +140,7 @@ def explicit_prior(
     weak: float,
     indices: Indices,
     scale: Array,
-) -> Pair:
+) -> ArrayPair:
     """Returns the engine's prior of the vehicle's θ, at these ``indices`` (k,), from a ``prior`` in physical units.
 
     Others have η = 0 and the prior precision ``weak``. ``scale`` is the physical size of a unit of each of the
@@ -165,7 +165,7 @@ def regulated_prior(
     constant: bool,
     scale: Array,
     pairs: tuple[tuple[int, int], ...],
-) -> Pair:
+) -> ArrayPair:
     """Returns mean (k,) and precision (k, k) of θ: what is known of any attitude loop a priori.
 
     Outputs return to their trim; where output j is the derivative of output i, row i of the model is ẋᵢ = xⱼ; each

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
-from mavdem.arrays import Array, Flags, Indices, Pair, as_real_array
+from mavdem.arrays import Array, ArrayPair, Flags, Indices, as_real_array
 from mavdem.containers import JsonValues, Names, Numbers
 from mavdem.dem.engine.linalg import ROUNDING
 from mavdem.errors import NotLearnable
@@ -21,7 +21,7 @@ from mavdem.facts.model import ModelRefusal
 # no text for a number, no ``True`` for 1, no infinity and no NaN
 STRICT = ConfigDict(strict=True, allow_inf_nan=False)
 
-Segments = list[Pair]  # of inputs and outputs
+Segments = list[ArrayPair]  # of inputs and outputs
 SHORT = Repr()
 SHORT.maxother = SHORT.maxstring = 80
 
@@ -90,7 +90,7 @@ LABELS = ("input_names", "output_names", "input_units", "output_units")
 """Of a flight and of a record: one string a column."""
 
 
-class Spread(NamedTuple):
+class ChannelStatistics(NamedTuple):
     """Mean, variance and range of each column; (k,) each."""
 
     mean: Array
@@ -99,7 +99,7 @@ class Spread(NamedTuple):
     highest: Array
 
     @classmethod
-    def of(cls, samples: Array) -> Spread:
+    def of(cls, samples: Array) -> ChannelStatistics:
         """Returns that of samples (T, k)."""
         return cls(
             samples.mean(axis=0), samples.var(axis=0), samples.min(axis=0), samples.max(axis=0)
@@ -154,8 +154,8 @@ class Record:
 
     def __post_init__(self) -> None:
         validated_step(self.dt)
-        require_usable(self.inputs, "inputs")
-        require_usable(self.outputs, "outputs")
+        require_finite_and_bounded(self.inputs, "inputs")
+        require_finite_and_bounded(self.outputs, "outputs")
         rows = sum(self.lengths)
         shapes = [validated_table.shape for validated_table in (self.inputs, self.outputs)]
         if not rows or any(len(shape) != 2 or shape[0] != rows for shape in shapes):
@@ -167,7 +167,7 @@ class Record:
             raise ValueError("effect_directions must have a number for each column of inputs")
 
     @classmethod
-    def of(cls, train: TrainingData) -> Record:
+    def from_flights(cls, train: TrainingData) -> Record:
         """Returns that of a flight, or of segments of one sampled at the same rate.
 
         Raises ``ValueError``, which names what does not fit.
@@ -207,18 +207,18 @@ class Record:
         return len(self.outputs)
 
     @cached_property
-    def starts(self) -> Indices:
+    def segment_starts(self) -> Indices:
         """(segments,) the first sample of each."""
         return np.cumsum([0, *self.lengths[:-1]])
 
     @cached_property
-    def spread(self) -> tuple[Spread, Spread]:
+    def channel_statistics(self) -> tuple[ChannelStatistics, ChannelStatistics]:
         """That of the inputs and of the outputs."""
-        return Spread.of(self.inputs), Spread.of(self.outputs)
+        return ChannelStatistics.of(self.inputs), ChannelStatistics.of(self.outputs)
 
-    def require_moving(self, known_inputs: bool) -> None:
+    def require_varying(self, known_inputs: bool) -> None:
         """Raises ``NotLearnable`` for a constant output, or input if there are ``known_inputs``."""
-        inputs, outputs = self.spread
+        inputs, outputs = self.channel_statistics
         for name, constant in (
             ("inputs", ~inputs.moving & known_inputs),
             ("outputs", ~outputs.moving),
@@ -234,30 +234,30 @@ class Record:
     @property
     def segments(self) -> Segments:
         """Inputs and outputs of each segment."""
-        cuts = self.starts[1:]
+        cuts = self.segment_starts[1:]
         return list(zip(np.split(self.inputs, cuts), np.split(self.outputs, cuts), strict=True))
 
-    def samples_at(self, times: Sequence[float]) -> list[int]:
+    def sample_indices(self, times: Sequence[float]) -> list[int]:
         """Returns the samples at ``times`` on the flight's clock, s, that are inside segments; sorted, each once."""
-        segments = list(zip(self.begins, self.starts.tolist(), self.lengths, strict=False))
+        segments = list(zip(self.begins, self.segment_starts.tolist(), self.lengths, strict=False))
         steps = [
             (round((time - begin) / self.dt), *rest) for time in times for begin, *rest in segments
         ]
         return sorted({start + step for step, start, length in steps if 0 < step < length})
 
     @property
-    def longest(self) -> int:
+    def longest_segment(self) -> int:
         """Samples of the longest segment."""
         return max(self.lengths)
 
-    def following_inputs(self, inputs: ArrayLike) -> Array:
+    def validated_inputs(self, inputs: ArrayLike) -> Array:
         """Returns the inputs (H, r) of a forecast of what follows the record, checked; of one input (H,) will do."""
         return validated_table(inputs, "inputs", self.inputs.shape[1])
 
-    def following(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Pair:
+    def validated_samples(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> ArrayPair:
         """Returns inputs (H, r) and outputs (H, m) that follow the record, checked, as is the number of ``steps``."""
         validated_count(steps)
-        ahead = self.following_inputs(inputs)
+        ahead = self.validated_inputs(inputs)
         measured = validated_table(outputs, "outputs", self.outputs.shape[1])
         if len(ahead) != len(measured):
             raise ValueError(
@@ -265,7 +265,7 @@ class Record:
             )
         return ahead, measured
 
-    def windows(self, window: int) -> int:
+    def window_count(self, window: int) -> int:
         """Returns the number of windows of ``window`` samples inside segments."""
         return sum(max(0, length - window + 1) for length in self.lengths)
 
@@ -307,7 +307,7 @@ def validated_table(values: ArrayLike, name: str, columns: int) -> Array:
     return samples
 
 
-def require_usable(samples: Array, name: str) -> None:
+def require_finite_and_bounded(samples: Array, name: str) -> None:
     """Raises ``ValueError`` for samples to learn from that are not finite, or too large to square."""
     if not np.isfinite(samples).all():
         raise ValueError(f"{name} must be finite")
@@ -361,7 +361,7 @@ def _checked(train: UniformSamples) -> tuple[Array, Array, float]:
     return inputs, outputs, dt
 
 
-def folds(lengths: Sequence[int], count: int) -> list[list[tuple[int, int, int]]]:
+def cross_validation_folds(lengths: Sequence[int], count: int) -> list[list[tuple[int, int, int]]]:
     """Returns the samples of segments of these ``lengths`` in ``count`` parts of about equal length, none empty.
 
     A part has pieces of one segment each: its number, and the first sample and the one after the last.

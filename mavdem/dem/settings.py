@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from mavdem.arrays import Pair, as_real_array
+from mavdem.arrays import ArrayPair, as_real_array
 from mavdem.containers import JsonValues, Numbers
 from mavdem.dem.engine.linalg import require_positive_definite
 from mavdem.dem.record import MAX_ABS_VALUE, checked_values
@@ -48,7 +48,7 @@ class Gaussian:
         object.__setattr__(self, "precision", tuple(map(tuple, precisions.tolist())))
 
     @property
-    def arrays(self) -> Pair:
+    def arrays(self) -> ArrayPair:
         """Mean (k,) and precision (k, k)."""
         return np.array(self.mean), np.array(self.precision)
 

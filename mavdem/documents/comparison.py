@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from mavdem.documents.document import Document, Said, Told
-from mavdem.units import Nats, Number, Seconds, SquareOfOutput
+from mavdem.units import Nats, Number, Seconds, SquaredOutput
 
 
 class Paired(Document):
@@ -82,7 +82,7 @@ class Standing(Document):
     """number of windows whose forecast is infinite or NaN"""
     unstable: int
     """number of models with a growing mode"""
-    mspe: list[SquareOfOutput]
+    mspe: list[SquaredOutput]
     """mean squared error of each output, mean over windows"""
     mspe_total: Number
     """sum over the outputs"""
@@ -101,7 +101,7 @@ class Standing(Document):
 class Mspe(Document):
     """Errors over the whole test part."""
 
-    per_output: list[SquareOfOutput]
+    per_output: list[SquaredOutput]
     """mean squared error of each output"""
     total: Number
     """sum over the outputs"""

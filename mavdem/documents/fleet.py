@@ -11,7 +11,7 @@ from mavdem.fleet.tracking import TrackedLogs
 from mavdem.units import (
     AngularAcceleration,
     Number,
-    OfParameter,
+    ParameterValue,
     PerSecondOrSeconds,
     Radians,
     UtcText,
@@ -105,9 +105,9 @@ class ParameterChange(Document):
 
     name: str
     """name of the parameter"""
-    before: OfParameter
+    before: ParameterValue
     """value in A"""
-    after: OfParameter
+    after: ParameterValue
     """value in B"""
 
 

@@ -37,16 +37,16 @@ from mavdem.units import (
     AngularAcceleration,
     Effectiveness,
     Hertz,
+    InputValue,
     Nats,
     Number,
-    OfInput,
-    OfOutput,
+    OutputValue,
     PerMinute,
     PerSecond,
     Seconds,
-    SeeUnit,
-    SquareOfAngleOrRate,
+    SquaredAngleOrRate,
     TorqueDensity,
+    ValueInStatedUnit,
 )
 
 
@@ -111,9 +111,9 @@ class Matrices(Document):
     """(m, n)"""
     offset: list[float]
     """d (n,)"""
-    input_trim: list[OfInput]
+    input_trim: list[InputValue]
     """u₀ (r,)"""
-    output_trim: list[OfOutput]
+    output_trim: list[OutputValue]
     """y₀ (m,)"""
 
 
@@ -171,7 +171,7 @@ class HeldOut(Document):
     """length of a window"""
     start: list[Seconds]
     """start of each window, on the boot clock"""
-    rmse: dict[str, list[OfOutput]]
+    rmse: dict[str, list[OutputValue]]
     """root mean squared error of each output, by forecast"""
     error_ratio: dict[str, Number]
     """error ratio (NMSE), by forecast"""
@@ -196,7 +196,7 @@ class HeldOut(Document):
 class Errors(Document):
     """Errors one step ahead in the training data, by method, the lowest first."""
 
-    per_output: list[SquareOfAngleOrRate]
+    per_output: list[SquaredAngleOrRate]
     """mean squared error of each output"""
     total: Number
     """sum over the outputs"""
@@ -361,11 +361,11 @@ class TrueParameter(Document):
     """name of the parameter; lag of the motors: motor time constant"""
     unit: str
     """unit of estimate, half_width and truth"""
-    estimate: SeeUnit
+    estimate: ValueInStatedUnit
     """estimate of the flight"""
-    half_width: SeeUnit
+    half_width: ValueInStatedUnit
     """half width of its 90 % interval"""
-    truth: SeeUnit
+    truth: ValueInStatedUnit
     """value in the simulator"""
     status: Said
     """reported, biased or not identifiable"""

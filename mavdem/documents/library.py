@@ -10,7 +10,7 @@ from mavdem.containers import JsonValues
 from mavdem.documents.document import Document, Error
 from mavdem.documents.review import Review
 from mavdem.facts.serve import Sharing
-from mavdem.units import Seconds, Speed, UnixSeconds, unit
+from mavdem.units import Seconds, Speed, UnixSeconds, with_unit
 
 
 def _split(value: Any) -> Any:
@@ -42,7 +42,7 @@ class Flight(Stage):
 
     name: str
     """of the log"""
-    size: Annotated[int, unit("B")]
+    size: Annotated[int, with_unit("B")]
     """of the log"""
     received: UnixSeconds
     """when it was uploaded"""

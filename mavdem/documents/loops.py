@@ -22,16 +22,16 @@ from mavdem.units import (
     Decibels,
     Degrees,
     DegreesPerSecond,
+    DisturbanceRejection,
     Hertz,
     Inertia,
     Kilograms,
     Metres,
     Number,
-    OfParameter,
+    ParameterValue,
     Percent,
     PerSecond,
     Radians,
-    Rejection,
     Seconds,
     Speed,
 )
@@ -64,9 +64,9 @@ class Margins(Document):
     """frequency up to which the closed loop is at least −3 dB"""
     bandwidth_interval: list[Hertz]
     """ends of the 90 % interval; null where there is none"""
-    rejection: Rejection
+    rejection: DisturbanceRejection
     """largest response of the rate, or the angle, to a torque"""
-    rejection_interval: list[Rejection]
+    rejection_interval: list[DisturbanceRejection]
     """ends of the 90 % interval; null where there is none"""
 
 
@@ -118,9 +118,9 @@ class Target(Document):
 class Gain(Document):
     """Gains by the autopilot's name."""
 
-    now: OfParameter
+    now: ParameterValue
     """value in the log"""
-    set: OfParameter
+    set: ParameterValue
     """value to set"""
 
 
@@ -197,7 +197,7 @@ class Tune(Judged):
     """the value of --margins"""
     axes: dict[str, AxisAdvice]
     """loops and gains of each axis"""
-    parameters: dict[str, OfParameter]
+    parameters: dict[str, ParameterValue]
     """gains to set, where they change"""
     notch: OneFact = None
     """with --filters, the notch filter to set or why there is none"""
@@ -265,7 +265,7 @@ class TwinVehicle(Document):
     """mean wind of the flight; null where it is not known"""
     wind_direction: Degrees | None
     """where that wind comes from, clockwise from the north of the yaw"""
-    parameters: dict[str, OfParameter]
+    parameters: dict[str, ParameterValue]
     """parameters of the autopilot's control"""
     notes: dict[str, Said]
     """how sure each value is"""

@@ -13,7 +13,7 @@ from mavdem.documents.loops import Loop
 from mavdem.documents.vehicle import Condition, Identity
 from mavdem.documents.wind import WindVelocity
 from mavdem.facts import Fact
-from mavdem.units import DensityOfUnit, Hertz, Number, Seconds
+from mavdem.units import Hertz, Number, PowerDensityInStatedUnit, Seconds
 from mavdem.vibration import spectra as measured
 from mavdem.vibration.spectra import max_decimated
 from mavdem.vibration.spectral_lines import SpectralLine
@@ -91,7 +91,7 @@ class Spectrogram(Document):
     """mean output of the motors, 0 to 1; null where it is not known"""
     frequency: list[Hertz]
     """up to the highest"""
-    density: list[list[DensityOfUnit]]
+    density: list[list[PowerDensityInStatedUnit]]
     """of all axes together, at each time or throttle"""
 
 
@@ -104,7 +104,7 @@ class Line(Document):
     """at the median throttle"""
     ratio: Number
     """power over that around it"""
-    density: DensityOfUnit
+    density: PowerDensityInStatedUnit
     """power of all axes"""
     width: Hertz
     """at half of that"""
@@ -129,7 +129,7 @@ class Spectrum(Document):
     """windows that it is the mean of"""
     frequency: list[Hertz]
     """from 0 to the highest"""
-    density: dict[str, list[DensityOfUnit]]
+    density: dict[str, list[PowerDensityInStatedUnit]]
     """mean power of each axis: roll, pitch and yaw, or forward, right and down"""
     by_time: Spectrogram
     """over time"""

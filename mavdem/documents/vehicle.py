@@ -24,8 +24,8 @@ from mavdem.units import (
     Degrees,
     DegreesPerSecond,
     Hertz,
+    InputValue,
     Number,
-    OfInput,
     Percent,
     PerHour,
     Radians,
@@ -77,11 +77,11 @@ class Scale(Document):
     """kind of output, such as PWM, or demand"""
     unit: str
     """unit of the inputs"""
-    low: OfInput
+    low: InputValue
     """value of no throttle"""
-    high: OfInput
+    high: InputValue
     """value of full throttle"""
-    step: OfInput
+    step: InputValue
     """quantisation step"""
     stop: Number
     """share of the range beyond which the autopilot sends no motor"""
@@ -96,7 +96,7 @@ class Hover(Document):
     """unit of trim"""
     seconds: Seconds
     """duration of settled flight"""
-    trim: list[OfInput]
+    trim: list[InputValue]
     """mean output"""
     trim_of_range: list[float]
     """mean output as a share of the range"""
@@ -346,9 +346,9 @@ class Quality(Document):
     """quantisation step of the rate"""
     output_snr: Number
     """variance of the outputs' changes over that of rounding"""
-    input_sd: OfInput
+    input_sd: InputValue
     """standard deviation of the motors' combination that turns the axis"""
-    input_step: OfInput
+    input_step: InputValue
     """quantisation step of the motor outputs"""
     input_snr: Number
     """variance of that combination over that of rounding"""

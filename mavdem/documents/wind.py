@@ -8,7 +8,16 @@ from pydantic import field_validator, model_validator
 from mavdem.arrays import Array
 from mavdem.containers import JsonValues
 from mavdem.documents.document import Document, Judged, Said
-from mavdem.units import Degrees, Metres, Number, OfParameter, PerMetre, PerSecond, Seconds, Speed
+from mavdem.units import (
+    Degrees,
+    Metres,
+    Number,
+    ParameterValue,
+    PerMetre,
+    PerSecond,
+    Seconds,
+    Speed,
+)
 from mavdem.wind_velocity import airflow
 
 
@@ -111,5 +120,5 @@ class WindVelocity(Document):
 class Wind(Judged, WindVelocity):
     """`--json` of wind."""
 
-    parameters: dict[str, list[OfParameter]]
+    parameters: dict[str, list[ParameterValue]]
     """drag parameters of the autopilot: value to set, and ends of its 90 % interval"""

@@ -22,7 +22,7 @@ from mavdem.dem import Learned, Settings
 from mavdem.dem.engine.linalg import may_overflow
 from mavdem.dem.forecast.joint import JointModel
 from mavdem.dem.learning import learn_forecasts
-from mavdem.dem.record import folds
+from mavdem.dem.record import cross_validation_folds
 from mavdem.errors import fact_from_error
 from mavdem.experiments.scores import error_over
 from mavdem.experiments.window import part_samples
@@ -141,7 +141,9 @@ def held_out_windows(
     _, usual = part_samples(flights[0].dt)
     steps = usual if steps is None else steps
     parts = []
-    for number, fold in enumerate(folds([len(flight) for flight in flights], FOLDS), start=1):
+    for number, fold in enumerate(
+        cross_validation_folds([len(flight) for flight in flights], FOLDS), start=1
+    ):
         training = [*_others(flights, fold)]
         model = None
         failures = Facts()

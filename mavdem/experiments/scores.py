@@ -12,14 +12,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mavdem.arrays import Array, Pair, as_real_array
+from mavdem.arrays import Array, ArrayPair, as_real_array
 from mavdem.dem.engine.linalg import may_overflow
-from mavdem.dem.learned import TEST_SECONDS
+from mavdem.dem.learned import FORECAST_HORIZON_SECONDS
 from mavdem.dem.online import learner
 from mavdem.flight import Flight
 
 USUAL_RATE = 100.0  # Hz, of these steps; at higher rates they last as long
-HORIZONS = (*learner.HORIZONS, round(TEST_SECONDS * USUAL_RATE))
+HORIZONS = (*learner.DEFAULT_HORIZONS, round(FORECAST_HORIZON_SECONDS * USUAL_RATE))
 """Steps; the last is the paper's."""
 
 
@@ -110,7 +110,7 @@ def horizons(samples: int, dt: float) -> tuple[int, ...]:
     return (*(step for step in steps if step < samples), samples)
 
 
-def units_of(train: Flight, test: Flight) -> Pair:
+def units_of(train: Flight, test: Flight) -> ArrayPair:
     """Returns the training variance (m,) of each output, and the squared error (m,) of the training mean in ``test``.
 
     Raises:

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Indices
-from mavdem.dem.learned import TEST_SECONDS
-from mavdem.dem.learning import FEWEST_SAMPLES
+from mavdem.dem.learned import FORECAST_HORIZON_SECONDS
+from mavdem.dem.learning import MIN_SAMPLES
 from mavdem.errors import NotLearnable
 from mavdem.facts.forecasts import Forecasts
 from mavdem.flight import Flight
@@ -31,7 +31,9 @@ def part_samples(
     dt: float, train: Length | None = None, test: Length | None = None
 ) -> tuple[int, int]:
     """Returns the samples of a training and a test part ``dt`` s apart: as asked for, else 7 s and 1.5 s."""
-    return (train or Length(TRAIN_SECONDS)).samples(dt), (test or Length(TEST_SECONDS)).samples(dt)
+    return (train or Length(TRAIN_SECONDS)).samples(dt), (
+        test or Length(FORECAST_HORIZON_SECONDS)
+    ).samples(dt)
 
 
 class TooFewSamples(NotLearnable):
@@ -127,7 +129,7 @@ def windows_as_asked(
     lengths = part_samples(flight.dt, train, test)
     if cut := windows(name, flight, *lengths, hop):
         return cut
-    raise too_short(flight, 0.0, *lengths, FEWEST_SAMPLES)
+    raise too_short(flight, 0.0, *lengths, MIN_SAMPLES)
 
 
 def disjoint(windows: Sequence[Window]) -> Indices:

@@ -25,21 +25,21 @@ from mavdem.units import (
     AngularAcceleration,
     ArmLengths,
     Decibels,
-    DragUnit,
+    DragCoefficient,
     EffectPerInput,
     Hertz,
+    InputInStatedUnit,
     Number,
-    OfInputUnit,
-    OfTrim,
     PerRadian,
     PerSecond,
     Radians,
     Seconds,
     Speed,
+    TrimInStatedUnit,
     UtcTime,
     Volts,
-    unit,
-    units_of_fields,
+    field_units,
+    with_unit,
 )
 
 SCHEMA_VERSION = 8
@@ -119,7 +119,7 @@ class FlightRow:
     """standard deviation of the angle from level"""
     tilt_max: Radians = at("condition.tilt_max")
     """largest angle from level"""
-    vibration: Annotated[Numbers, unit("m/s²")] | None = at("condition.vibration.level")
+    vibration: Annotated[Numbers, with_unit("m/s²")] | None = at("condition.vibration.level")
     """mean vibration of the first IMU, x, y and z or one level"""
     clips: Whole = at("condition.vibration.clips")
     """times that an accelerometer was out of range"""
@@ -131,7 +131,7 @@ class FlightRow:
     """forward and right of each motor"""
     trim_unit: Text = at("condition.hover.unit")
     """unit of trim"""
-    trim: tuple[OfTrim, ...] | None = at("condition.hover.trim")
+    trim: tuple[TrimInStatedUnit, ...] | None = at("condition.hover.trim")
     """mean output"""
     trim_share: Many = at("condition.hover.trim_share")
     """trim as a share of the range, over the mean of all motors"""
@@ -147,7 +147,7 @@ class FlightRow:
     """what is asked of the motors in roll, pitch and yaw, as shares of their mean command"""
     balance_error: Many = None
     """standard error of balance"""
-    balance_lean: Annotated[Numbers, unit("rad")] | None = None
+    balance_lean: Annotated[Numbers, with_unit("rad")] | None = None
     """mean roll and pitch while balance was measured"""
     lean_effect: tuple[PerRadian, ...] | None = None
     """change of balance by roll and by pitch, row after row"""
@@ -191,19 +191,19 @@ class FlightRow:
     """half width of the 90 % interval of wind_torque_mean"""
     wind_speed: Speed = None
     """speed of the mean wind; null where the air may have been still"""
-    wind_speed_interval: Annotated[Numbers, unit("m/s")] | None = None
+    wind_speed_interval: Annotated[Numbers, with_unit("m/s")] | None = None
     """ends of the 90 % interval of wind_speed"""
     wind_direction: Radians = None
     """where the wind comes from, clockwise from north"""
     wind_direction_interval: Radians = None
     """half width of the 90 % interval of wind_direction"""
-    drag: tuple[DragUnit, ...] | None = None
+    drag: tuple[DragCoefficient, ...] | None = None
     """linear drag along body x and y, then quadratic"""
-    drag_interval: tuple[DragUnit, ...] | None = None
+    drag_interval: tuple[DragCoefficient, ...] | None = None
     """half widths of the 90 % intervals of drag"""
-    mean_inputs: tuple[OfInputUnit, ...] | None = at("condition.hover.trim")
+    mean_inputs: tuple[InputInStatedUnit, ...] | None = at("condition.hover.trim")
     """mean of each input over the flight"""
-    mean_outputs: Annotated[Numbers, unit("rad, rad/s")] | None = None
+    mean_outputs: Annotated[Numbers, with_unit("rad, rad/s")] | None = None
     """mean of each output over the flight"""
     headline: Text = at("headline")
     """the worst that was found, or how the flight was lost, one sentence"""
@@ -362,7 +362,7 @@ def row_schema() -> Any:
     def arrow(kind: Any) -> Any:
         return pyarrow.list_(arrow(get_args(kind)[0])) if get_origin(kind) is tuple else plain[kind]
 
-    units = {name: {"unit": unit} for name, unit in units_of_fields(FlightRow).items()}
+    units = {name: {"unit": unit} for name, unit in field_units(FlightRow).items()}
     head = document_heading("flights", SCHEMA_VERSION, {})
     columns = [
         pyarrow.field(name, arrow(kind), metadata=units.get(name))

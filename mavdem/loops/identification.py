@@ -87,7 +87,7 @@ class _InLoop(NamedTuple):
 def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
     """Of the axis of ``signals``; what it takes is that of :func:`identify_plant_in_loop`."""
     boot = boot_number(flights[0])
-    record = Record.of(flights)
+    record = Record.from_flights(flights)
     assert signals.drive is not None
     layout = signals.drive.layout
     weights = None if layout.positions_assumed else layout.mixer_row(signals.axis)

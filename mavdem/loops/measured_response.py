@@ -57,7 +57,7 @@ def measured_response(
         table += [wanted, record.outputs[:, 0]]
     given = np.isfinite(table).all(axis=0)
     changes = np.flatnonzero(np.diff(given)) + 1
-    cuts = np.union1d(record.starts[1:], changes)
+    cuts = np.union1d(record.segment_starts[1:], changes)
     plain = []
     corrected = []
     for piece in np.split(np.array(table), cuts, axis=1):

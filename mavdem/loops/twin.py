@@ -246,7 +246,7 @@ def replay_segments(loops: LoopsByAxis) -> dict[str, ReplaySegment]:
     by_axis = dict[str, ReplaySegment]()
     roll = loops["roll"].record
     longest = np.argmax(roll.lengths)
-    start = roll.starts[longest]
+    start = roll.segment_starts[longest]
     segment = slice(start, start + min(roll.lengths[longest], round(LONGEST / roll.dt)))
     for axis, loop in loops.items():
         is_alike = loop.record.lengths == roll.lengths and loop.record.begins == roll.begins

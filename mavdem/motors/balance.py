@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array, Pair
+from mavdem.arrays import Array, ArrayPair
 from mavdem.confidence import coverage_factor
 from mavdem.containers import Names
 from mavdem.dataset.axes import AXES
@@ -328,7 +328,7 @@ def deviation(flight: HealthFigures, healthy: HealthFlights) -> Deviation:
     return Deviation(level[0] - centre, scale, freedom, lean)
 
 
-def level_balances(flights: Sequence[BalanceFigures]) -> Pair:
+def level_balances(flights: Sequence[BalanceFigures]) -> ArrayPair:
     """Returns (f, 3) the balances without what the lean explains, and the variances of their errors."""
     effect, variance = lean_effects(flights)
     lean = np.array([flight.lean for flight in flights])
@@ -345,7 +345,7 @@ def known_balance(flight: HealthFigures) -> BalanceFigures:
     return flight.balance
 
 
-def lean_effects(flights: Sequence[BalanceFigures]) -> Pair:
+def lean_effects(flights: Sequence[BalanceFigures]) -> ArrayPair:
     """Returns (f, 3, 2) the effects of lean in each flight, and their variances: what it shows, drawn to the mean.
 
     How much they differ shows in the flights, and half of that is taken for what manoeuvres make of the estimates.

@@ -13,7 +13,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from mavdem.arrays import Array, Pair
+from mavdem.arrays import Array, ArrayPair
 from mavdem.confidence import INTERVAL_QUANTILES
 from mavdem.containers import JsonValues
 from mavdem.dem.engine.linalg import SMALLEST
@@ -203,7 +203,7 @@ def lost_thrust(rise: Rise, exponent: float = 2.0) -> Rise:
     return 1 - (1 + rise) ** -exponent
 
 
-def shift_sizes(scale: float) -> Pair:
+def shift_sizes(scale: float) -> ArrayPair:
     """Returns standard deviations, and weights with which their normal distributions make Student's of this scale."""
     sizes = scale * np.geomspace(0.4, 40.0, 24)
     decay = np.exp(-SHIFT_FREEDOM / 2 * (scale / sizes) ** 2)

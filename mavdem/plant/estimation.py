@@ -48,7 +48,7 @@ def physical(train: TrainingData, prior: Physical | None = None) -> Physical | N
     parameters, each with its status; or the reason why there are none: units, no output is the rate of another, too few
     samples, no motor moves, or no likelihood.
     """
-    record = Record.of(train)
+    record = Record.from_flights(train)
     if slip := suspected_unit_error(record.outputs, record.dt):
         return NotIdentifiable(slip)
     try:

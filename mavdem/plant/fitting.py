@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from mavdem.arrays import Array, Pair
+from mavdem.arrays import Array, ArrayPair
 from mavdem.dem.engine.gauss_newton import (
     MAX_STEPS,
     RELATIVE_STEP,
@@ -86,7 +86,7 @@ class LogJoint(NamedTuple):
         """Returns a step that changes no logarithm by more than ``LONGEST_LOG_STEP``."""
         return step * min(1.0, LONGEST_LOG_STEP / abs(step[self.parameters.logarithms]).max())
 
-    def innovations(self, points: Array) -> Iterator[Pair]:
+    def innovations(self, points: Array) -> Iterator[ArrayPair]:
         """Yields those of some windows at a time, as of ``Parameters``."""
         for start in range(0, len(self.windows.rate), MAX_CHUNK):
             with np.errstate(all="ignore"):

@@ -69,7 +69,7 @@ def gusts(
     the threshold, on both sides (Rice, "Mathematical analysis of random noise", 1944, sec. 3.3).
     """
     width = round(RUNNING_LEVEL_SECONDS / record.dt)
-    parts = np.split(torque, record.starts[1:])
+    parts = np.split(torque, record.segment_starts[1:])
     levels = [median_filter(part, min(len(part), width) | 1) for part in parts]
     away = torque - np.concatenate(levels)
     sd = float(np.median(abs(away))) / coverage_factor(0.5)
@@ -81,7 +81,7 @@ def gusts(
     # A change of sign ends a gust, and so does a gap.
     signs = np.sign(away) * (abs(away) > END * THRESHOLD * sd)
     changes = 1 + np.flatnonzero(np.diff(signs))
-    edges = sorted({0, len(away), *changes.tolist(), *record.starts.tolist()})
+    edges = sorted({0, len(away), *changes.tolist(), *record.segment_starts.tolist()})
     detected = []
     for start, stop in pairwise(edges):
         peak = start + int(np.argmax(abs(away[start:stop])))
@@ -94,7 +94,7 @@ def gusts(
 
 def _stays(torque: Array, start: int, stop: int, beside: int, sd: float, record: Record) -> bool:
     """Whether what begins and ends at these samples leaves the torque at another level, so many samples ``beside``."""
-    first = record.starts[record.starts <= start].max()
-    end = record.starts[record.starts >= stop].min(initial=len(torque))
+    first = record.segment_starts[record.segment_starts <= start].max()
+    end = record.segment_starts[record.segment_starts >= stop].min(initial=len(torque))
     sides = torque[max(start - beside, first) : start], torque[stop : min(stop + beside, end)]
     return all(map(len, sides)) and abs(np.ptp(list(map(np.median, sides)))) > THRESHOLD * sd

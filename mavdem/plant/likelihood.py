@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.fft import irfft, rfft
 
-from mavdem.arrays import Array, Indices, Pair
+from mavdem.arrays import Array, ArrayPair, Indices
 from mavdem.facts.model import Refinement
 from mavdem.plant.closed_loop.spectra import Complex
 from mavdem.plant.identifiability import RESOLVED_LAG
@@ -109,7 +109,7 @@ class Parameters(NamedTuple):
         return len(self.directions)
 
     @property
-    def prior(self) -> Pair:
+    def prior(self) -> ArrayPair:
         """Mean and standard deviation (k,)."""
         wind = [each for time in TIMES[: len(self.wind)] for each in (SIZE, time)]
         deviations = [(0.0, self.deviation)] * self.motors
@@ -189,7 +189,7 @@ class Parameters(NamedTuple):
         )
         return folded.sum(axis=1) / windows.dt + self.noise(thetas)[:, None] ** 2
 
-    def innovations(self, thetas: Array, windows: FlightWindows) -> Pair:
+    def innovations(self, thetas: Array, windows: FlightWindows) -> ArrayPair:
         """Returns (b, W, N′) innovations of all windows but for their beginnings, for parameters (b, k).
 
         Their variance is (b,). They are without their mean in each window, as a constant acceleration explains it.

@@ -17,7 +17,12 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.confidence import Interval, half_width
 from mavdem.dem.engine.kalman import SteadyFilter
-from mavdem.dem.online.memory import Memory, MemoryBlock, drop_blocks_since, record_from_blocks
+from mavdem.dem.online.memory import (
+    MemoryBlock,
+    SampleMemory,
+    drop_blocks_since,
+    record_from_blocks,
+)
 from mavdem.dem.record import Record
 from mavdem.facts.model import Refinement
 from mavdem.plant.estimation import physical
@@ -118,7 +123,7 @@ class OnlineWindTorque:
     """Fits the physical parameters to the latest blocks of samples now and then, and follows the wind's torque."""
 
     def __init__(
-        self, memory: Memory, executor: Executor | None, prior: Physical | None = None
+        self, memory: SampleMemory, executor: Executor | None, prior: Physical | None = None
     ) -> None:
         """Begins without a sample.
 
@@ -134,7 +139,7 @@ class OnlineWindTorque:
         self._executor = executor
         self._prior = prior
         self._blocks: deque[MemoryBlock] = deque(
-            maxlen=max(1, round(MEMORY_SECONDS / memory.dt / memory.block))
+            maxlen=max(1, round(MEMORY_SECONDS / memory.dt / memory.block_size))
         )
         self._coming = deque[Interval]()  # of the samples of the next block
         # of sound motors, since the last gap or change of a motor
@@ -171,9 +176,9 @@ class OnlineWindTorque:
         """Keeps a block that was just closed; takes what was fitted meanwhile, and ``fits`` again when due."""
         gap = (
             len(self._blocks)
-            and block.until - self._blocks[-1].until > (len(block.outputs) + 1) * self._dt
+            and block.end_time - self._blocks[-1].end_time > (len(block.outputs) + 1) * self._dt
         )
-        self._blocks.append(block._replace(begins=block.begins or bool(gap)))
+        self._blocks.append(block._replace(starts_segment=block.starts_segment or bool(gap)))
         if self._pending is not None and self._pending.done():
             pending = self._pending
             self._pending = None
@@ -210,13 +215,13 @@ class OnlineWindTorque:
         """What the samples of the next block bring."""
         self._coming.clear()
         number = self._inputs.maxlen or 0
-        _, outputs = self._memory.latest(number)
+        _, outputs = self._memory.latest_samples(number)
         if self.filter is None or not self.filter.physical.identifiable:
             return
         if min(len(self._inputs), len(outputs)) < number:
             return
         torques = self.filter.torques(np.array(self._inputs), outputs)[-self._lag :][
-            : self._memory.block
+            : self._memory.block_size
         ]
         if self._weak is not None:
             unsure = np.linalg.norm(self.filter.physical.effect * self._weak.band)

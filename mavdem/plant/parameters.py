@@ -249,18 +249,20 @@ def _window_samples(record: Record) -> Indices:
     """(W, N) samples of each window."""
     step = max(1, int(1 / record.dt / FASTEST_RATE))
     shortest = step * MIN_SAMPLES
-    if record.longest < shortest:
+    if record.longest_segment < shortest:
         raise NotLearnable(
-            NoPhysical.TOO_FEW_SAMPLES_WITHOUT_GAPS, least_samples=shortest, samples=record.longest
+            NoPhysical.TOO_FEW_SAMPLES_WITHOUT_GAPS,
+            least_samples=shortest,
+            samples=record.longest_segment,
         )
     # Up to half as long again, or down to what there is, so that as little as possible is left over.
-    usual = min(round(WINDOW_SECONDS / record.dt), record.longest)
-    longest = min(int(1.5 * usual), record.longest)
+    usual = min(round(WINDOW_SECONDS / record.dt), record.longest_segment)
+    longest = min(int(1.5 * usual), record.longest_segment)
     lengths = range(usual, longest + 1, max(1, usual // 50))
     length = max(
         lengths, key=lambda length: sum(whole // length for whole in record.lengths) * length
     )
-    segments = zip(record.starts, record.lengths, strict=True)
+    segments = zip(record.segment_starts, record.lengths, strict=True)
     begins = np.concatenate(
         [start + length * np.arange(whole // length) for start, whole in segments]
     )

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import expm, solve_continuous_lyapunov
 
-from mavdem.arrays import Array, Pair
+from mavdem.arrays import Array, ArrayPair
 from mavdem.dem.engine.kalman import SteadyFilter, SteadySmoothed
 from mavdem.dem.engine.model import Transition, discretize
 
@@ -87,7 +87,7 @@ def jumping(inputs: Array, sooner: float) -> Array:
     )
 
 
-def delayed(inputs: Array, steps: float) -> Pair:
+def delayed(inputs: Array, steps: float) -> ArrayPair:
     """Returns commands (T − 1, r) as they act at the beginning and the end of each step, interpolated."""
     whole = int(min(max(0.0, steps), len(inputs)))
     share = min(max(0.0, steps) - whole, 1.0)

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import solve_discrete_lyapunov
 
-from mavdem.arrays import Array, Pair
+from mavdem.arrays import Array, ArrayPair
 from mavdem.dem.engine.model import recursion
 from mavdem.dem.forecast.var import Forecast
 from mavdem.dem.priors import derivative_pairs
-from mavdem.dem.record import Record, require_usable
+from mavdem.dem.record import Record, require_finite_and_bounded
 from mavdem.plant.parameters import Physical, parameter_vector, slopes_of
 from mavdem.plant.sampled_plant import Plant, plant
 from mavdem.plant.wind_torque import steady
@@ -26,8 +26,8 @@ def simulated(physical: Physical, record: Record, inputs: ArrayLike) -> Forecast
 
     ``ValueError`` for outputs that are not an angle and its rate, and for inputs larger than may be learned from.
     """
-    commanded = record.following_inputs(inputs)
-    require_usable(commanded, "inputs")
+    commanded = record.validated_inputs(inputs)
+    require_finite_and_bounded(commanded, "inputs")
     pairs = derivative_pairs(record)
     if record.outputs.shape[1] != 2 or not pairs:
         raise ValueError(
@@ -86,7 +86,7 @@ def _of_wind(physical: Physical, dt: float, steps: int) -> Array:
     return variance
 
 
-def _with_angle(axis: Plant, dt: float) -> Pair:
+def _with_angle(axis: Plant, dt: float) -> ArrayPair:
     """The plant's step with the angle before its states, and what a push on these, (n,), does to all of them."""
     n = len(axis.wind)
     half = np.eye(1, n) * dt / 2  # of the rate before and after each step

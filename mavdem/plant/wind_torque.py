@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array, Pair
+from mavdem.arrays import Array, ArrayPair
 from mavdem.confidence import half_width
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.dem.record import Record
@@ -108,7 +108,7 @@ def estimate_wind_torque(
         slopes = slopes_of(
             lambda theta: _torques(theta, physical, record, column)[0], theta, torque
         )
-    cuts = record.samples_at(changes)
+    cuts = record.sample_indices(changes)
     levels = slopes.mean(axis=1)
     covariance = physical.covariance
     step = _step(_about_means(torque, cuts), record.dt)
@@ -191,7 +191,7 @@ def _torques(
     physical: Physical,
     record: Record,
     column: int,
-) -> Pair:
+) -> ArrayPair:
     """The wind's torque in all segments (T,) and its smoother's variance, of the rate in a ``column``.
 
     With effect, damping, lag and delay ``theta`` (r + 3,).
@@ -242,8 +242,8 @@ def _spectrum(torque: Array, record: Record, physical: Physical) -> WindSpectrum
     """By Welch's method, of windows of ``SPECTRUM_SECONDS``, or as long as the longest segment."""
     from scipy.signal import detrend, welch  # it takes half a second to import
 
-    length = min(round(SPECTRUM_SECONDS / record.dt), record.longest)
-    parts = [part for part in np.split(torque, record.starts[1:]) if len(part) >= length]
+    length = min(round(SPECTRUM_SECONDS / record.dt), record.longest_segment)
+    parts = [part for part in np.split(torque, record.segment_starts[1:]) if len(part) >= length]
     densities = [welch(part, 1 / record.dt, nperseg=length, detrend=detrend) for part in parts]
     weights = [2 * len(part) // length - 1 for part in parts]
     density = np.average([density for _, density in densities], axis=0, weights=weights)

@@ -177,12 +177,14 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0) -> Charts:
 
 def sample_times(record: Record) -> Array:
     """Returns (T,) s of the samples of a record: on the flight's clock or, where that is not known, since the first."""
-    segments = zip(record.begins or tuple(record.dt * record.starts), record.lengths, strict=True)
+    segments = zip(
+        record.begins or tuple(record.dt * record.segment_starts), record.lengths, strict=True
+    )
     return np.concatenate([begin + record.dt * np.arange(length) for begin, length in segments])
 
 
 def with_gaps(record: Record, values: Array) -> tuple[Array, Array]:
     """Returns times and values (T + segments − 1,) with NaN between segments, where a line is to break."""
     time = sample_times(record)
-    starts = record.starts[1:]
+    starts = record.segment_starts[1:]
     return np.insert(time, starts, time[starts]), np.insert(values, starts, np.nan)

@@ -56,7 +56,7 @@ from mavdem.report.library_page import (
     without_policy,
     words,
 )
-from mavdem.results import PAGE, RECORDING, REPORT
+from mavdem.results import PAGE_FILE, RECORDING_FILE, REPORT_FILE
 from mavdem.serve.attached import PAGE_SECONDS, Attached
 from mavdem.serve.library import Entry, Library
 from mavdem.serve.openapi import TABLE, openapi
@@ -260,7 +260,7 @@ class Server:
         values = self._known(request) | {"one": entry}
         wanted = request.query_params.get("vehicle", "")
         other = f"vehicle_{wanted}.html"
-        own = self.library.results_of(entry) / (other if other in entry.file_names else PAGE)
+        own = self.library.results_of(entry) / (other if other in entry.file_names else PAGE_FILE)
         path = own if entry.digest else self.library.folder / PAGES / Path(entry.files).name
         if entry.stage != Stage.DONE or not (entry.digest or path.is_file()):
             return HTMLResponse(served("flight", **values))
@@ -272,7 +272,7 @@ class Server:
             with_bar(
                 page,
                 files=entry.file_names if entry.digest else [],
-                can_open=self._show and RECORDING in entry.file_names and values["may_read"],
+                can_open=self._show and RECORDING_FILE in entry.file_names and values["may_read"],
                 **values,
             )
         )
@@ -456,7 +456,7 @@ class Server:
 
     def _review(self, entry: Entry) -> JsonValues | None:
         """The document of a flight's review; None before it is done, and of a flight of `mavdem track`."""
-        path = self.library.results_of(entry) / REPORT
+        path = self.library.results_of(entry) / REPORT_FILE
         if not path.is_file():
             return None
         with gone_refused():
@@ -478,9 +478,9 @@ class Server:
     def _viewer(self, request: HttpRequest) -> Response:
         self.rights.need(request, Use.WRITE)
         entry = self._seen(request)
-        if self._show is None or RECORDING not in entry.file_names:
+        if self._show is None or RECORDING_FILE not in entry.file_names:
             raise Refusal(Request.NO_SUCH_FLIGHT)
-        return _answer(Viewer(address=self._show(self.library.results_of(entry) / RECORDING)))
+        return _answer(Viewer(address=self._show(self.library.results_of(entry) / RECORDING_FILE)))
 
     async def _baseline(self, request: HttpRequest) -> Response:
         self.rights.need(request, Use.WRITE)

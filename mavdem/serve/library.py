@@ -33,7 +33,7 @@ from mavdem.fleet.row import FlightRows, as_text
 from mavdem.fleet.sources import LogSource, source_of
 from mavdem.fleet.store import Store
 from mavdem.fleet.workers import JobLimits, JobOutcome
-from mavdem.results import PAGE
+from mavdem.results import PAGE_FILE
 
 EARLIER = "library.sqlite"  # where earlier versions have the index
 LOGS = "logs"
@@ -342,7 +342,7 @@ class Library:
         columns = self.told(entry) | {"claimed": ""}
         if columns.get("date"):
             columns["sorted_by"] = columns["date"]
-        if (results / PAGE).is_file():
+        if (results / PAGE_FILE).is_file():
             (results / PROGRESS).unlink(missing_ok=True)
             files = sorted(results.iterdir())
             columns |= {"stage": Stage.DONE, "problem": ""}

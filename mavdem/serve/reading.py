@@ -32,7 +32,7 @@ from mavdem.fleet.workers import LogRows
 from mavdem.ingest import read_log
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.flight_page import review_page
-from mavdem.results import PAGE, result_files, write_result_files
+from mavdem.results import PAGE_FILE, result_files, write_result_files
 from mavdem.serve.library import PROGRESS, RESULTS, columns_of
 
 
@@ -70,7 +70,7 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
     )
     (assessment, _), *others = judged
     rows = [row for _, rows_of_vehicle in judged for row in rows_of_vehicle]
-    page_name = f"{RESULTS}/{digest}/{PAGE}"
+    page_name = f"{RESULTS}/{digest}/{PAGE_FILE}"
     tell(Stage.DRAWING, **_told(assessment, rows))
     names = result_files(assessment)
     files = {name: name for name in names}

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from mavdem.errors import Refusal
 from mavdem.facts.serve import Request
 from mavdem.machine import LOOPBACK, free_port
-from mavdem.results import RECORDING
+from mavdem.results import RECORDING_FILE
 from mavdem.serve.uploads import PATIENCE_SECONDS
 
 if TYPE_CHECKING:
@@ -63,4 +63,4 @@ def _started(recording: Path) -> WebServer:
         because = str(viewer.process.returncode)
     except OSError as error:
         because = str(error)
-    raise Refusal(Request.NOT_STARTED, name=RECORDING, because=because)
+    raise Refusal(Request.NOT_STARTED, name=RECORDING_FILE, because=because)

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from mavdem.arrays import Array, Pair
+from mavdem.arrays import Array, ArrayPair
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.segments import Segments, in_segments
 from mavdem.dataset.signals import Signals
@@ -76,7 +76,7 @@ class Spectrum(ImmutableResult):
         return self.density.sum(axis=1)
 
     @cached_property
-    def density_by_throttle(self) -> Pair:
+    def density_by_throttle(self) -> ArrayPair:
         """(L,) throttle, and (L, F) mean density of all axes there, in windows of even number; empty without it."""
         windows = np.count_nonzero(np.isfinite(self.throttle))
         order = np.argsort(self.throttle)[:windows]
@@ -95,7 +95,7 @@ class Spectrum(ImmutableResult):
         return density * self.frequency[1]
 
 
-def max_decimated(frequency: Array, density: Array, most: int) -> Pair:
+def max_decimated(frequency: Array, density: Array, most: int) -> ArrayPair:
     """Returns at ``most`` so many frequencies, Hz, and of densities (…, F) the largest of those between."""
     size = -(-len(frequency) // most)
     count = len(frequency) // size

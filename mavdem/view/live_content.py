@@ -13,8 +13,8 @@ from mavdem.confidence import CONFIDENCE_LEVEL, Interval
 from mavdem.containers import Names
 from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dem import Estimate
-from mavdem.dem.online.learner import TOO_FEW
-from mavdem.dem.online.tracker import FALSE_MARK_SECONDS
+from mavdem.dem.online.learner import TOO_FEW_SAMPLES
+from mavdem.dem.online.tracker import MEAN_SECONDS_BETWEEN_FALSE_MARKS
 from mavdem.live import SessionStatus
 from mavdem.live.history import AHEAD
 from mavdem.live.rows import MAX_SAMPLES
@@ -41,7 +41,7 @@ FLIGHT_SECONDS = 20.0
 LEGEND = (
     "Error ratios: beside the better of the last sample and the mean. Surprise is how far F(t) is below its recent "
     "median: 1 is the worst of twenty samples. Unexpected motion is an event; one in "
-    f"{FALSE_MARK_SECONDS / 60:.0f} minutes is expected without a change."
+    f"{MEAN_SECONDS_BETWEEN_FALSE_MARKS / 60:.0f} minutes is expected without a change."
 )
 
 
@@ -282,7 +282,7 @@ def _reason(status: SessionStatus, until: float | None) -> str:
     """Why there is no model, or no newer one."""
     if status.obstacle is not None:
         return status.obstacle.advised
-    return TOO_FEW.advised if until is None else ""
+    return TOO_FEW_SAMPLES.advised if until is None else ""
 
 
 def status_document(

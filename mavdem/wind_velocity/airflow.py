@@ -20,7 +20,7 @@ import numpy as np
 from scipy.constants import g as GRAVITY  # noqa: N812
 from scipy.spatial.transform import Rotation
 
-from mavdem.arrays import Array, Flags, Pair
+from mavdem.arrays import Array, ArrayPair, Flags
 from mavdem.confidence import coverage_factor
 from mavdem.containers import JsonValues
 from mavdem.dem.engine.linalg import require_positive_definite
@@ -49,7 +49,7 @@ DEFAULTS = {"EKF2_MCOEF": (0.15,), "EKF2_BCOEF_X": (25.0, 100.0), "EKF2_BCOEF_Y"
 AXES = np.array([-0.5, 0.5])
 
 
-def coefficients(logs: Array) -> Pair:
+def coefficients(logs: Array) -> ArrayPair:
     """Returns linear (…, 2) 1/s and quadratic (…, 2) 1/m drag along body x and y, of ``logs`` (…, 4 or more)."""
     c, q, c_ratio, q_ratio = (logs[..., [k]] for k in range(4))
     return np.exp(c + c_ratio * AXES), np.exp(q + q_ratio * AXES)
@@ -316,7 +316,7 @@ class AirflowFilter:
         self.states = self.states * self.decay
         self.spreads = self.spreads * self._fade + self._process
 
-    def update(self, motion: MotionGrid, step: int) -> Pair:
+    def update(self, motion: MotionGrid, step: int) -> ArrayPair:
         """Takes what a ``step`` of the motion measured; returns errors (G, 2) and covariances of the predictions."""
         x = self.states
         P = self.spreads
@@ -357,7 +357,7 @@ class Filtered(NamedTuple):
     spreads: Array  # (2, T, G, 4, 4) likewise
     decay: Array  # (G, 4) of the states in a step
 
-    def smoothed(self) -> Pair:
+    def smoothed(self) -> ArrayPair:
         """Returns states (T, G, 4) and covariances given all steps (Rauch, Tung and Striebel, 1965)."""
         x_before, states = self.states
         P_before, spreads = self.spreads

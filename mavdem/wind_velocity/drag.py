@@ -8,7 +8,7 @@ import numpy as np
 from scipy.constants import g as GRAVITY  # noqa: N812
 from scipy.linalg import block_diag
 
-from mavdem.arrays import Array, Flags, Pair, as_real_array
+from mavdem.arrays import Array, ArrayPair, Flags, as_real_array
 from mavdem.dem.engine.linalg import normal_draws
 from mavdem.errors import NotLearnable
 from mavdem.facts.online import Airflow, DragSource
@@ -212,7 +212,7 @@ def independent_share(errors: Array) -> float:
     return (1 - correlation) / (1 + correlation)
 
 
-def courses(moved: MotionGrid, mean: Array, covariance: Array) -> Pair:
+def courses(moved: MotionGrid, mean: Array, covariance: Array) -> ArrayPair:
     """Returns states (T, N, 4) of the airflow and their covariances, by draws of what is :func:`identified`."""
     places = filter_parameters(normal_draws(mean, covariance, COURSES, seed=1), moved)
     return filtered(places, moved).smoothed()

@@ -17,7 +17,7 @@ from rerun_file import drawn
 import mavdem
 from mavdem.cli import live
 from mavdem.cli.commands import main
-from mavdem.dem.learning import FEWEST_SAMPLES
+from mavdem.dem.learning import MIN_SAMPLES
 from mavdem.ingest import read_log
 from mavdem.live.session import LiveSession
 from sitl_scenarios.files import load
@@ -176,6 +176,6 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(here, capsys,
     )
     learned = mavdem.Learned.from_json((here / told["model"]).read_text())
     assert (learned.settings.prior, learned.settings.order) == ("uniform", 4)
-    assert len(learned.model.B.T) == 4 and len(learned.record) >= 2 * FEWEST_SAMPLES
+    assert len(learned.model.B.T) == 4 and len(learned.record) >= 2 * MIN_SAMPLES
     assert {*drawn(here / "f.rrd")} >= {"motors", "axes/pitch/1_measured"}
     assert read_log(here / "f.tlog").vehicles[0].messages["ATTITUDE"]["time"].size > 300

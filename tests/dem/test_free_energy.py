@@ -197,7 +197,7 @@ def test_a_climb_never_falls(model, seed):
 
 def problem(**settings):
     complete = Settings(**{"order": 3, "d": 2, "window": 9, "parameter_precision": 1.0, **settings})
-    record = Record.of(simulated(wind=0.5)[:700])
+    record = Record.from_flights(simulated(wind=0.5)[:700])
     scaling = Scaling.of(record, complete)
     model = generative_model(complete, scaling, record)
     return model, SufficientStatistics.of(*generalized(complete, scaling, record))

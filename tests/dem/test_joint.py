@@ -12,8 +12,8 @@ from mavdem.dem.engine.linalg import ROUNDING
 from mavdem.dem.forecast import joint
 from mavdem.dem.forecast.joint import LAGS, Choice, JointModel
 from mavdem.dem.forecast.var import CONSTANT_RIDGE, LagStatistics, lagged, regress
-from mavdem.dem.online.ahead import OnlineJoint
-from mavdem.dem.online.memory import Memory
+from mavdem.dem.online.ahead import OnlineForecaster
+from mavdem.dem.online.memory import SampleMemory
 from mavdem.dem.record import Record
 
 K = 2
@@ -22,7 +22,7 @@ SHORTER = Choice(3, 0.3)
 X_FRAME = np.array([1.0, -1.0, -1.0, 1.0]) / 2
 FLIGHT = replace(in_closed_loop(wind=10.0, samples=1000), effect_directions=X_FRAME)
 CHANNELS = np.hstack([FLIGHT.outputs, FLIGHT.inputs @ X_FRAME[:, None]])
-TRAIN = Record.of(FLIGHT[:700])
+TRAIN = Record.from_flights(FLIGHT[:700])
 AHEAD = (FLIGHT.inputs[700:], FLIGHT.outputs[700:])
 WALK = default_rng(0).standard_normal((40, K)).cumsum(axis=0) / 5 + [1.0, -2.0]
 
@@ -130,7 +130,7 @@ def test_bands_hold_nine_of_ten_at_every_horizon():
     inside = []
     for seed in range(8):
         flight = in_closed_loop(seed, wind=10.0, samples=2000)
-        learnt = JointModel.learn(Record.of(flight[:700]))
+        learnt = JointModel.learn(Record.from_flights(flight[:700]))
         outputs = flight.outputs[700:]
         for steps in (10, 50, 150):
             for made in (learnt.known_every, learnt.unknown_every):
@@ -145,8 +145,8 @@ def test_bands_hold_nine_of_ten_at_every_horizon():
 
 def followed(flight, outputs, gap=None):
     """The live model, which begins anew after a ``gap``, and what it returns of each sample in turn."""
-    ahead = OnlineJoint(0.01, (1, 5, 25), 2, X_FRAME[:, None])
-    memory = Memory(0.01, 10, 300)
+    ahead = OnlineForecaster(0.01, (1, 5, 25), 2, X_FRAME[:, None])
+    memory = SampleMemory(0.01, 10, 300)
     for row in range(len(flight)):
         if row == gap:
             memory.end_segment()
@@ -161,13 +161,13 @@ def test_live_it_is_the_model_learnt_of_the_same_samples(monkeypatch):
     """Unforgotten, but for the units: here of all samples, there of the first second. To 0.05 of the deviation."""
     monkeypatch.setattr("mavdem.dem.online.ahead.MEMORY_SECONDS", 1e9)
     flight = replace(in_closed_loop(wind=10.0, samples=2500), effect_directions=X_FRAME)
-    learnt = JointModel.learn(Record.of(flight[:2450]))
+    learnt = JointModel.learn(Record.from_flights(flight[:2450]))
     channels = np.hstack([flight.outputs, flight.inputs @ X_FRAME[:, None]])
     for row, (ahead, expected_live, _) in enumerate(followed(flight, flight.outputs)):
         if row >= 2450:
             live = np.vstack([expected_live, ahead._ring[ahead._place - 1, 0]])
             past = channels[row + 1 - learnt.choice.lags : row + 1]
-            expected = learnt.one_step(Record.of(flight[row - 30 : row + 1]))[-1]
+            expected = learnt.one_step(Record.from_flights(flight[row - 30 : row + 1]))[-1]
             offline = np.vstack([expected, learnt.process.predict(past, 25).mean[[0, 4, 24], :2]])
             assert_allclose((live - offline) / flight.outputs.std(axis=0), 0, atol=0.05)
     assert ahead._choice == learnt.choice

@@ -12,9 +12,9 @@ from simulated import DT, GAIN, RATE, simulated
 
 from mavdem import Flight, Forecaster, Settings, evaluate, learn
 from mavdem.dem.engine.model import unpack
-from mavdem.dem.learning import complete
+from mavdem.dem.learning import complete_settings
 from mavdem.dem.priors import derivative_pairs
-from mavdem.dem.record import Record, folds
+from mavdem.dem.record import Record, cross_validation_folds
 from mavdem.facts.model import ModelCaution
 
 QUICK = Settings(order=2, window=3, parameter_precision=1.0)
@@ -64,12 +64,15 @@ def test_units_of_the_stream_do_not_matter():
 @mark.parametrize("rate, window", [(50, 5), (120, 11), (400, 37)])
 def test_the_window_that_is_left_open_lasts_as_long_at_every_rate(rate, window):
     record = Record(np.zeros((700, 4)), np.zeros((700, 2)), 1 / rate, (700,))
-    settings = complete(Settings(), record)
+    settings = complete_settings(Settings(), record)
     left_open = settings.order, settings.d, settings.window, settings.parameter_precision
     assert left_open == (3, 2, window, 10.0)
-    assert complete(settings, record) == settings
+    assert complete_settings(settings, record) == settings
     plain = Settings(p=3, known_inputs=False, prior="uniform", correlation="continuous")
-    assert complete(plain, record).d == 2 and complete(plain, record).parameter_precision == 1.0
+    assert (
+        complete_settings(plain, record).d == 2
+        and complete_settings(plain, record).parameter_precision == 1.0
+    )
 
 
 def test_the_window_that_is_left_open_is_the_shortest_in_short_segments():
@@ -78,16 +81,18 @@ def test_the_window_that_is_left_open_is_the_shortest_in_short_segments():
             np.zeros((60 * samples, 4)), np.zeros((60 * samples, 2)), 0.01, (samples,) * 60
         )
 
-    assert [complete(Settings(), record(samples)).window for samples in (20, 16, 12, 4)] == [
+    assert [
+        complete_settings(Settings(), record(samples)).window for samples in (20, 16, 12, 4)
+    ] == [
         9,
         9,
         3,
         3,
     ]
     with raises(ValueError, match="longer for windows of 3 samples"):
-        complete(Settings(), record(3))
+        complete_settings(Settings(), record(3))
     with raises(ValueError, match="longer for windows of 9 samples"):
-        complete(Settings(window=9), record(12))
+        complete_settings(Settings(window=9), record(12))
 
 
 def test_process_noise_is_the_moment_of_the_wind():
@@ -224,11 +229,15 @@ def test_predictions_and_noise_belong_to_their_segments():
 
 def test_windows_and_folds_are_of_single_segments():
     record = Record(np.zeros((10, 1)), np.arange(10.0)[:, None], DT, (3, 4, 3))
-    assert (record.windows(3), record.windows(4), record.longest) == (1 + 2 + 1, 1, 4)
+    assert (record.window_count(3), record.window_count(4), record.longest_segment) == (
+        1 + 2 + 1,
+        1,
+        4,
+    )
     apart = replace(record, begins=(5.0, 7.0, 9.0))
-    assert apart.samples_at([9.01, 5.0, 7.02, 7.9, 5.01]) == [1, 5, 8]
+    assert apart.sample_indices([9.01, 5.0, 7.02, 7.9, 5.01]) == [1, 5, 8]
     # Folds are parts of equal length, in pieces of one segment.
-    parts = folds([100, 7, 60], 4)
+    parts = cross_validation_folds([100, 7, 60], 4)
     assert [sum(stop - start for _, start, stop in part) for part in parts] == [41, 42, 42, 42]
     assert parts[2] == [(0, 83, 100), (1, 0, 7), (2, 0, 18)]
 

@@ -17,19 +17,19 @@ from mavdem import Flight, OnlineLearner, Settings
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.dem.learning import learn_with_fit
 from mavdem.dem.online import learner, tracker
-from mavdem.dem.online.ahead import OnlineJoint
+from mavdem.dem.online.ahead import OnlineForecaster
 from mavdem.dem.online.learner import LEARNING_SECONDS
-from mavdem.dem.online.memory import Memory, drop_blocks_since
+from mavdem.dem.online.memory import SampleMemory, drop_blocks_since
 from mavdem.dem.online.tracker import (
     BAND_SECONDS,
-    FALSE_MARK_SECONDS,
     MAX_MEDIANS,
     MAX_QUARTILES,
+    MEAN_SECONDS_BETWEEN_FALSE_MARKS,
     PEAK_SECONDS,
     AnomalyMarks,
     ErrorBands,
+    FreeEnergyMonitor,
     Surprise,
-    Tracker,
 )
 from mavdem.facts.online import Online
 
@@ -49,21 +49,21 @@ def filled(memory, samples):
 
 
 def test_a_memory_has_its_latest_samples():
-    memory = Memory(0.01, block=4, most=3)
+    memory = SampleMemory(0.01, block=4, most=3)
     filled(memory, range(100))
-    inputs, outputs = memory.latest(7)
+    inputs, outputs = memory.latest_samples(7)
     assert inputs.ravel().tolist() == list(range(93, 100))
     assert (outputs == -inputs).all()
-    assert memory.blocks[-1].until == approx(0.99)
+    assert memory.blocks[-1].end_time == approx(0.99)
     memory.end_segment()
-    assert len(memory.latest(7)[0]) == 0
+    assert len(memory.latest_samples(7)[0]) == 0
     filled(memory, range(100, 140))
     assert memory.record().lengths == (12,)
     assert memory.record().inputs.ravel().tolist() == list(range(128, 140))
 
 
 def test_what_is_taken_back_is_forgotten_and_nothing_of_an_earlier_boot():
-    memory = Memory(0.01, block=4, most=9)
+    memory = SampleMemory(0.01, block=4, most=9)
     for start in (500.0, 3.0):
         for sample in range(13):
             memory.add(np.array([sample]), np.array([-sample]), start + 0.01 * sample)
@@ -121,7 +121,7 @@ def test_a_vehicle_that_stood_still_is_learnt_from_soon_after_it_moves():
 
 @mark.slow
 def test_of_many_samples_it_learns_less_often(monkeypatch):
-    tracker = Tracker.of(*learn_with_fit(WINDY[:300], COMPLETE), 3.0)
+    tracker = FreeEnergyMonitor.of(*learn_with_fit(WINDY[:300], COMPLETE), 3.0)
     learns = Mock(return_value=tracker)
     monkeypatch.setattr(learner, "_learn", learns)
     monkeypatch.setattr(learner, "MOST_SAMPLES", 400)
@@ -218,7 +218,7 @@ def test_samples_that_cannot_be_are_refused_and_cost_nothing(time, outputs, inpu
     online = OnlineLearner()
     with raises(ValueError, match=said):
         online.update(time, outputs, inputs)
-    assert online._memory.latest(5)[0].size == 0
+    assert online._memory.latest_samples(5)[0].size == 0
 
 
 DT = 0.01
@@ -257,8 +257,8 @@ def test_a_band_and_the_unit_of_surprise_end_at_their_limits(share):
 
 def test_predictions_meet_their_own_sample():
     """Without a model the last sample is held; what was predicted before a gap is not held against what is after it."""
-    ahead = OnlineJoint(DT, (1, 3), 1, None)
-    memory = Memory(DT, 10, 6)
+    ahead = OnlineForecaster(DT, (1, 3), 1, None)
+    memory = SampleMemory(DT, 10, 6)
     for sample in range(34):
         if sample == 30:
             ahead.end_segment()
@@ -273,8 +273,8 @@ def test_predictions_meet_their_own_sample():
 def test_a_new_model_brings_the_past_of_its_own_free_energy():
     """Its level shifts by nats from one model to the next, which is no change of the vehicle."""
     flight = simulated(samples=300, wind=0.5)
-    memory = Memory(DT, 10, 30)
-    tracker = Tracker.of(*learn_with_fit(flight), 3.0)
+    memory = SampleMemory(DT, 10, 30)
+    tracker = FreeEnergyMonitor.of(*learn_with_fit(flight), 3.0)
     energies = []
     for row in zip(flight.inputs, flight.outputs, flight.time, strict=True):
         memory.add(*row)
@@ -324,7 +324,7 @@ def test_marks_without_a_change_are_as_rare_as_stated():
         surprise = surprises(default_rng(1), 3600.0, alike)
         for start in range(0, len(surprise), 600):
             surprise[start : start + 30] += size
-        expected = 3600.0 / FALSE_MARK_SECONDS
+        expected = 3600.0 / MEAN_SECONDS_BETWEEN_FALSE_MARKS
         assert len(marked(AnomalyMarks(DT), surprise)) <= expected + 4 * np.sqrt(expected)
 
 

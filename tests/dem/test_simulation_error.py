@@ -23,7 +23,7 @@ ROTORS = FLIGHT.inputs.shape[1]
 
 def climb_of(flight):
     """A climb of random free parameters about those of a fit, and where it stands."""
-    record = Record.of(flight)
+    record = Record.from_flights(flight)
     fitted = fit(record, COMPLETE)
     scaling = fitted.scaling
     model = fitted.model
@@ -112,7 +112,7 @@ def test_the_horizon_lasts_as_long_at_every_rate(rate):
     resampled = (
         zoom(table[:700], (rate / 100, 1), order=1) for table in (FLIGHT.inputs, FLIGHT.outputs)
     )
-    record = Record.of(Flight(np.arange(7 * rate) / rate, *resampled))
+    record = Record.from_flights(Flight(np.arange(7 * rate) / rate, *resampled))
     settings = replace(COMPLETE, window=5)
     fitted = fit(record, settings)
     assert simulation_error.horizon_of(fitted.model, settings, fitted.scaling, record) == 0.3 * rate
@@ -176,7 +176,13 @@ def test_a_known_geometry_takes_the_place_of_the_one_that_is_inferred():
 def test_segments_of_different_geometries_have_none_in_common():
     same = np.array([1.0, -1.0, -1.0, 1.0])
     one = replace(FLIGHT, effect_directions=same)
-    assert_array_equal(Record.of([one, one]).effect_directions, same)
+    assert_array_equal(Record.from_flights([one, one]).effect_directions, same)
     for others in (-same, None):
-        assert Record.of([one, replace(FLIGHT, effect_directions=others)]).effect_directions is None
-    assert Record.of(replace(FLIGHT, effect_directions=np.zeros(4))).effect_directions is None
+        assert (
+            Record.from_flights([one, replace(FLIGHT, effect_directions=others)]).effect_directions
+            is None
+        )
+    assert (
+        Record.from_flights(replace(FLIGHT, effect_directions=np.zeros(4))).effect_directions
+        is None
+    )

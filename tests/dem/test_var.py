@@ -135,7 +135,9 @@ def test_one_step_ahead_of_each_sample_is_the_mean_of_that_step():
     true = model()
     samples = run(true, LAGS + 9)
     outputs, inputs = np.split(samples, [OUTPUTS], axis=1)
-    ahead = true.one_step(Record.of(Flight(np.arange(len(samples)) / 100, inputs, outputs)))
+    ahead = true.one_step(
+        Record.from_flights(Flight(np.arange(len(samples)) / 100, inputs, outputs))
+    )
     for row in range(LAGS, len(samples)):
         (expected,) = true.infer(samples[row - LAGS : row], inputs[row : row + 1], False).mean
         assert_allclose(ahead[row], expected)

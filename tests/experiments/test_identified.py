@@ -115,7 +115,7 @@ def test_em_recovers_a_system_as_well_as_can_be(order, feedback):
 @mark.slow
 @mark.parametrize("train", [growing(), [TRAIN[:300], TRAIN[310:]]], ids=["growing", "cut"])
 def test_the_likelihood_rises_and_covariances_stay_positive(train):
-    record = Record.of(train)
+    record = Record.from_flights(train)
     segments = Units.of(record).segments(record)
     fitted = iterated(segments, 3, 40)
     likelihoods = np.array(fitted.log_likelihoods)

@@ -54,7 +54,7 @@ def flight(scenario, motion):
 
 @fixture(scope="module")
 def learned(flight):
-    record = Record.of(flight)
+    record = Record.from_flights(flight)
     found = physical(record)
     return SimpleNamespace(
         record=record, physical=found, wind_torque=estimate_wind_torque(found, record)
@@ -115,7 +115,9 @@ def test_while_a_motor_is_weak_its_weaker_effect_is_the_truth(
     }
     np.savez(tmp_path / "weak.npz", **weak)
     late = flight[round((20.5 - flight.time[0]) / flight.dt) :]
-    cut = SimpleNamespace(record=Record.of(late), physical=learned.physical, wind_torque=None)
+    cut = SimpleNamespace(
+        record=Record.from_flights(late), physical=learned.physical, wind_torque=None
+    )
     effects = [one.truth for one in compared(cut, tmp_path / "weak.npz", late).parameters[:4]]
     assert effects == [1.0, 2.0, 3.0, 4.0]
 

@@ -19,7 +19,7 @@ from simulated import simulated
 import mavdem
 from mavdem.assessment.judgement import unjudged
 from mavdem.dem import Estimate, Settings
-from mavdem.dem.online.learner import TOO_FEW
+from mavdem.dem.online.learner import TOO_FEW_SAMPLES
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.forecasts import Forecasts
@@ -153,7 +153,7 @@ def test_what_is_learnt_from_is_the_flight_that_offline_reads():
     [
         (TimeoutError(), Session.NOT_LEARNED_IN_TIME),
         (RuntimeError("the process ended"), Forecasts.FAILED),
-        (NotLearnable(TOO_FEW), TOO_FEW.code),
+        (NotLearnable(TOO_FEW_SAMPLES), TOO_FEW_SAMPLES.code),
     ],
 )
 def test_why_there_is_no_model_at_the_end_is_a_fact(error, code):
@@ -203,7 +203,7 @@ def test_rates_are_asked_for_and_given_back(now):
 
 @mark.slow
 def test_a_landing_never_replaces_the_last_model_before_it():
-    written = Fact(Gains.GAINS_WRITTEN, because=TOO_FEW)
+    written = Fact(Gains.GAINS_WRITTEN, because=TOO_FEW_SAMPLES)
     adviser = Mock(is_due=False, facts=(written,), **{"go_on.return_value": ()})
     one, _, said = session_of(batches(9.0), adviser=adviser)
     run(one)
@@ -213,7 +213,7 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     )
     learner = Mock(
         until=50.0,
-        **{"update.return_value": None, "learn_now.side_effect": NotLearnable(TOO_FEW)},
+        **{"update.return_value": None, "learn_now.side_effect": NotLearnable(TOO_FEW_SAMPLES)},
     )
     one.learner = learner
     row = AlignedRow(50.0, np.zeros(4), np.zeros(2), 0, True, True)
@@ -236,7 +236,9 @@ def test_a_landing_never_replaces_the_last_model_before_it():
 
     one.judged = None, unjudged(written)
     one.advise(at_end=True)
-    assert not adviser.is_due and one.judged[1].next_step == TOO_FEW, "once, as what to do next"
+    assert not adviser.is_due and one.judged[1].next_step == TOO_FEW_SAMPLES, (
+        "once, as what to do next"
+    )
     assert kept() == 0
     one._take(row._replace(time=70.0))
     assert kept() == 0, "what was learned of the landing does not come back"
@@ -245,10 +247,10 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     one.advise(at_end=True)
     assert adviser.is_due
     assert kept() == 2 and said[-1].code is Session.FORMER_MODEL_KEPT
-    assert said[-1].figures["because"] == TOO_FEW
+    assert said[-1].figures["because"] == TOO_FEW_SAMPLES
     learner.learn_now.side_effect = TimeoutError
     assert kept() == 2
-    assert said[-1].figures["because"] == TOO_FEW, "it is reported once"
+    assert said[-1].figures["because"] == TOO_FEW_SAMPLES, "it is reported once"
     alarms = [
         Fact(InFlight.MOTOR_RECOVERED, level, time=at, subject="motor 1")
         for level, at in 2 * [(Level.BAD, 118.0), (Level.GOOD, 142.0)]  # a fault comes and goes

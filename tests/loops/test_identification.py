@@ -87,7 +87,7 @@ def test_a_loop_has_its_true_margins_at_400_and_at_25_hz(flight, every, within):
     """The intervals hold them; beyond half of the log's rate the gain margin is said to be extrapolated."""
     known, log = flight
     signals, flights = flown(thinned(log, every))
-    loop = loop_from_plant(identify_plant_in_loop(signals, flights), Record.of(flights))
+    loop = loop_from_plant(identify_plant_in_loop(signals, flights), Record.from_flights(flights))
     _, *margins, _ = known["roll_rate_margins"]
     for name, true, error in zip(("phase_margin", "gain_margin"), margins, within, strict=True):
         assert abs(getattr(loop, name) - true) < error
@@ -225,7 +225,7 @@ def test_with_motors_at_their_limits_the_margins_are_true(tmp_path):
     hard["excitation"] |= {"amplitude": 25.0, "width": 0.1}
     known, log = logged(scenario_of(hard), tmp_path)
     signals, flights = flown(log)
-    loop = loop_from_plant(identify_plant_in_loop(signals, flights), Record.of(flights))
+    loop = loop_from_plant(identify_plant_in_loop(signals, flights), Record.from_flights(flights))
     fit, *_ = (found.fit for found in signals.known.values() if hasattr(found, "fit"))
     assert 0.5 < fit.cut_off < fit.axis.limited
     _, phase, gain, _ = known["roll_rate_margins"]
@@ -266,7 +266,7 @@ def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(tmp_path):
     stream = {"autopilot": "ardupilot", "rates": {"ATTITUDE_TARGET": 100}}
     scenario = {"excitation": steered, "stream": stream, "seed": 5, "duration": 45}
     known, _ = logged(scenario_of(scenario | {"vehicle": vehicle}), tmp_path)
-    record = Record.of(mavdem.read_flight(tmp_path / "flight.tlog"))
+    record = Record.from_flights(mavdem.read_flight(tmp_path / "flight.tlog"))
     plant = physical(record)
     loop = loop_from_plant(plant, record)
     crossover, phase, *_ = margins = known["roll_rate_margins"]

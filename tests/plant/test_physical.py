@@ -241,7 +241,7 @@ def test_the_true_plant_does_what_the_vehicle_does_in_calm_air():
     flight = in_closed_loop(0, steering=0.5, samples=400 + STEPS, wind=0.0, commanded=DOUBLET)
     train = flight[:400]
     test = flight[400:]
-    found = simulated(TRUE, Record.of(train), test.inputs).mean
+    found = simulated(TRUE, Record.from_flights(train), test.inputs).mean
     # The last measured rate has noise of 0.005 rad/s, and so has each of the test.
     assert_allclose(found, test.outputs, atol=0.04)
     assert np.ptp(test.outputs, axis=0).min() > 0.4
@@ -251,13 +251,13 @@ def test_what_turns_steadily_at_its_trim_goes_on_turning():
     time = DT * np.arange(400)
     outputs = np.stack([0.5 * time - 1e-3 * np.cos(time), 0.5 + 1e-3 * np.sin(time)], axis=1)
     turning = Flight(time, np.full((400, 4), 1500.0), outputs)
-    found = simulated(TRUE, Record.of(turning), turning.inputs[:STEPS]).mean
+    found = simulated(TRUE, Record.from_flights(turning), turning.inputs[:STEPS]).mean
     assert_allclose(found[:, 1], 0.5, atol=2e-3)
 
 
 def test_the_variance_is_that_of_wind_which_nothing_counteracts():
     """Over many winds, from the same beginning: four standard errors of a variance of so many flights."""
-    record = Record.of(in_closed_loop(0, steering=0.5))
+    record = Record.from_flights(in_closed_loop(0, steering=0.5))
     flights = 400
     variance = simulated(TRUE, record, record.inputs[:STEPS]).variance
     rng = default_rng(0)
@@ -277,7 +277,7 @@ def test_the_variance_is_that_of_wind_which_nothing_counteracts():
 
 
 def test_uncertain_parameters_widen_it_to_first_order():
-    record = Record.of(in_closed_loop(0, steering=0.5))
+    record = Record.from_flights(in_closed_loop(0, steering=0.5))
     sd = 0.03 * abs(MOTORS)
     covariance = np.zeros((7, 7))
     covariance[:4, :4] = np.outer(sd, sd)
@@ -290,12 +290,14 @@ def test_uncertain_parameters_widen_it_to_first_order():
 def test_outputs_may_come_in_any_order_and_must_be_an_angle_and_its_rate():
     flight = in_closed_loop(0, steering=0.5)
     turned = replace(flight, outputs=flight.outputs[:, ::-1])
-    one, other = (simulated(TRUE, Record.of(each), 1500 + DOUBLET) for each in (flight, turned))
+    one, other = (
+        simulated(TRUE, Record.from_flights(each), 1500 + DOUBLET) for each in (flight, turned)
+    )
     assert_allclose(one.mean, other.mean[:, ::-1])
     assert_allclose(one.variance, other.variance[:, ::-1])
     with raises(ValueError, match="an angle and its rate"):
         rates = Flight(flight.time, flight.inputs, flight.outputs[:, 1:])
-        simulated(TRUE, Record.of(rates), DOUBLET)
+        simulated(TRUE, Record.from_flights(rates), DOUBLET)
 
 
 SETTINGS = Settings(order=3, window=9, parameter_precision=10.0)

@@ -13,7 +13,7 @@ from test_physical import TRUE
 
 from mavdem.confidence import coverage_factor
 from mavdem.dem.engine.kalman import GaussianModel
-from mavdem.dem.online.memory import Memory
+from mavdem.dem.online.memory import SampleMemory
 from mavdem.dem.record import Record
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import NoPhysical, ParameterDoubt
@@ -72,7 +72,7 @@ def test_motors_that_differ_steadily_balance_a_steady_wind_and_what_all_have_in_
 
     def torque(shift, known):
         return estimate_wind_torque(
-            known, Record.of(replace(flight, inputs=flight.inputs + shift))
+            known, Record.from_flights(replace(flight, inputs=flight.inputs + shift))
         ).torque
 
     shift = torque(20 * np.sign(MOTORS), TRUE) - torque(np.zeros(4), TRUE)
@@ -84,7 +84,7 @@ def test_motors_that_differ_steadily_balance_a_steady_wind_and_what_all_have_in_
 def test_the_uncertainty_of_the_motors_effect_is_in_the_bands():
     """Also in that of the mean: of motors that differ steadily, as against a steady wind."""
     flight = in_closed_loop(4, steering=0.0, samples=1500)
-    record = Record.of(replace(flight, inputs=flight.inputs + 12 * np.sign(MOTORS)))
+    record = Record.from_flights(replace(flight, inputs=flight.inputs + 12 * np.sign(MOTORS)))
     uncertain = TRUE._replace(covariance=np.zeros((7, 7)))
     uncertain.covariance[:4, :4] = 0.2**2 * np.outer(MOTORS, MOTORS)
     sure, unsure = (estimate_wind_torque(known, record) for known in (TRUE, uncertain))
@@ -95,7 +95,7 @@ def test_the_uncertainty_of_the_motors_effect_is_in_the_bands():
 def test_wind_weaker_than_the_errors_is_not_resolved():
     flight = in_closed_loop(6, steering=0.0, samples=2000, wind=0.02)
     found = estimate_wind_torque(
-        TRUE._replace(components=((FIRST_ORDER, 0.02, 0.02),)), Record.of(flight)
+        TRUE._replace(components=((FIRST_ORDER, 0.02, 0.02),)), Record.from_flights(flight)
     )
     assert not found.resolved
     assert found.reason.code is NoPhysical.WIND_TORQUE_NOT_RESOLVED
@@ -158,7 +158,7 @@ def test_a_motors_step_is_no_wind():
     )
     assert (
         estimate_wind_torque(known, record, [37.0]).step is None
-        and estimate_wind_torque(known, Record.of(flight)).step is None
+        and estimate_wind_torque(known, Record.from_flights(flight)).step is None
     )
 
 
@@ -176,7 +176,7 @@ BEGINS = BLOCK * -(round((FILTER_SECONDS + DELAY_SECONDS) / WINDY.dt) // -BLOCK)
 
 
 def online_wind(executor=None, prior=None):
-    memory = Memory(WINDY.dt, BLOCK, 200)
+    memory = SampleMemory(WINDY.dt, BLOCK, 200)
     return OnlineWindTorque(memory, executor, prior), memory
 
 
@@ -205,7 +205,7 @@ def identified(of):
 @mark.slow
 def test_it_is_nearly_the_smoother_s_of_the_whole_flight():
     online, memory = online_wind()
-    online.filter = of = wind_filter(Record.of(WINDY))
+    online.filter = of = wind_filter(Record.from_flights(WINDY))
     online._next = len(WINDY) + 1
     assert of.physical.status["effect"] == Status.NOT_IDENTIFIABLE
     online.filter = identified(of)
@@ -220,7 +220,7 @@ def test_it_is_nearly_the_smoother_s_of_the_whole_flight():
 @mark.slow
 def test_its_band_has_the_slopes_by_each_motor_s_effect():
     """Against finite differences, also where the motors lift or turn the vehicle."""
-    of = wind_filter(Record.of(CALM))
+    of = wind_filter(Record.from_flights(CALM))
     turning = np.sin(2 * np.pi * 0.5 * CALM.time)
     inputs = CALM.inputs + np.outer(turning, [0.1, 0.1, -0.1, -0.1])
 

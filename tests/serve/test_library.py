@@ -22,7 +22,7 @@ from mavdem.fleet.row import FlightRow
 from mavdem.fleet.store import read_rows
 from mavdem.fleet.workers import Job, JobLimits, outcome_of
 from mavdem.ingest import read_log
-from mavdem.results import PAGE, REPORT
+from mavdem.results import PAGE_FILE, REPORT_FILE
 from mavdem.serve.library import Library, file_name
 from mavdem.serve.reading import read_for_library
 from mavdem.serve.run import ServerOptions, serve
@@ -147,7 +147,7 @@ def test_a_log_that_comes_again_while_it_is_deleted_stays(library, monkeypatch):
     assert library.path_of(entry).is_file()
     AtOnce(library).run()
     library.finish(claimed, outcome, LIMITS)
-    assert (library.results_of(entry) / PAGE).is_file()
+    assert (library.results_of(entry) / PAGE_FILE).is_file()
 
 
 def test_a_fleet_is_shown_as_it_is(tmp_path):
@@ -283,15 +283,17 @@ def test_a_log_is_read_with_its_page_rows_and_index(library, tmp_path, monkeypat
     outcome = outcome_of(Job(str(library.path_of(entry))), read_for_library)
     library.finish(library.claim(), outcome, LIMITS)
     entry = library.entry(entry.id)
-    assert entry.file_names == [PAGE, REPORT, "vehicle_2_1.html"]
+    assert entry.file_names == [PAGE_FILE, REPORT_FILE, "vehicle_2_1.html"]
     assert entry.headline and entry.lights["log"] == "watch" and entry.next_step
     rows = library.rows_of([entry])
     assert [(row.system, row.axis) for row in rows[1:3]] == [(1, "pitch"), (2, "roll")]
-    assert "ehicle 1:1, one of 2 in the log" in (library.results_of(entry) / PAGE).read_text()
-    assert rows[0].headline == entry.headline and rows[0].page.endswith(f"{entry.digest}/{PAGE}")
+    assert "ehicle 1:1, one of 2 in the log" in (library.results_of(entry) / PAGE_FILE).read_text()
+    assert rows[0].headline == entry.headline and rows[0].page.endswith(
+        f"{entry.digest}/{PAGE_FILE}"
+    )
     for path in library.results_of(entry).iterdir():
         assert str(tmp_path).encode() not in path.read_bytes()
-    assert f"<h1>{SLOW.name}</h1>" in (library.results_of(entry) / PAGE).read_text()
+    assert f"<h1>{SLOW.name}</h1>" in (library.results_of(entry) / PAGE_FILE).read_text()
     assert library.told(entry) == {}
 
 

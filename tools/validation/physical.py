@@ -157,7 +157,7 @@ def judged(case: Case) -> list[Values]:
             row |= {f"{name} status": plant.status[name], f"{name} error": error}
             row[f"{name} inside"] = abs(value - true) <= half
         if window is None:
-            torque = estimate_wind_torque(plant, Record.of(part))
+            torque = estimate_wind_torque(plant, Record.from_flights(part))
             row |= wind_of(torque, truths["wind"])
         rows.append(row)
     return rows

@@ -22,7 +22,7 @@ from mavdem.dataset.phases import settled_intervals
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals, rate_between_outages
 from mavdem.dataset.steady_flight import tracked_headings
 from mavdem.dem import Learned, Settings, learn
-from mavdem.dem.learning import FEWEST_SAMPLES, checked
+from mavdem.dem.learning import MIN_SAMPLES, prepared_training
 from mavdem.errors import NotLearnable, fact_from_error
 from mavdem.experiments.held_out import (
     BASELINES,
@@ -237,7 +237,7 @@ def _model(
         return (training,), learned, held_out_test(training, following, learned)
     flights = flown_after(segments, options.start)
     with _learning(progress):
-        first = checked(flights, settings) if slow else learn(flights, settings)
+        first = prepared_training(flights, settings) if slow else learn(flights, settings)
     _, steps = part_samples(flights[0].dt, None, options.test)
     try:
         with progress("Judging by held-out windows") as done:
@@ -290,10 +290,10 @@ def flown_after(segments: Flights, start: float) -> Flights:
     left = tuple(
         flight[skip:] if skip else flight
         for flight, skip in skips
-        if len(flight) - skip >= FEWEST_SAMPLES
+        if len(flight) - skip >= MIN_SAMPLES
     )
     if not left:
-        raise TooFewSamples(Forecasts.NOTHING_LEFT, samples=FEWEST_SAMPLES, start=start)
+        raise TooFewSamples(Forecasts.NOTHING_LEFT, samples=MIN_SAMPLES, start=start)
     return left
 
 
@@ -303,5 +303,5 @@ def cut(flight: Flight, start: float, train: Length, test: Length | None) -> tup
     length, ahead = part_samples(flight.dt, train, test)
     end = first + length
     if len(flight) < end + ahead:
-        raise too_short(flight, start, length, ahead, FEWEST_SAMPLES)
+        raise too_short(flight, start, length, ahead, MIN_SAMPLES)
     return flight[first:end], flight[end : end + ahead]

@@ -246,7 +246,7 @@ def axis_figures(
     flights, learnability = usable_segments(signals, components)
     if not flights:
         return AxisFigures((), None, None, learnability.reason)
-    record = Record.of(flights)
+    record = Record.from_flights(flights)
     parameters = physical_of(signals, flights)
     if isinstance(parameters, NotIdentifiable):
         return AxisFigures(flights, None, None, parameters.reason)

@@ -12,7 +12,7 @@ import numpy as np
 from mavdem.assessment.autopilot_messages import texts
 from mavdem.dataset.phases import mode_intervals
 from mavdem.dataset.signals import Signals, cached_per_vehicle
-from mavdem.dem.learning import FEWEST_SAMPLES
+from mavdem.dem.learning import MIN_SAMPLES
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.loops import Loops
@@ -47,7 +47,7 @@ def with_one_set_of_gains(signals: Signals, flights: Flights) -> tuple[Flights, 
         for first, last in pairwise(np.unique([0, *edges, len(flight)]).tolist()):
             begin = flight.time[first]
             is_tuned = any(since <= begin < until for since, until in tuning)
-            if last - first >= FEWEST_SAMPLES and not is_tuned:
+            if last - first >= MIN_SAMPLES and not is_tuned:
                 before = [values for *since, values in sets if since <= [boot, begin]]
                 parts[before[-1]].append(flight[first:last])
     if not parts:

@@ -54,7 +54,7 @@ def loops_of_log(
     # With parts of other gains among them all flights may refuse what these allow.
     fitted = figures.physical if figures is not None and caution is None else None
     plant = _plant(signals, flights, fitted)
-    loop = loop_from_plant(plant, Record.of(flights))
+    loop = loop_from_plant(plant, Record.from_flights(flights))
     if caution is not None:
         other_gains = (dict(values) for _, values in caution.figures["parts"])
         caution = caution.but(ratings=ratings_of(loop, other_gains))

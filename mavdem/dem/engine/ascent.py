@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from mavdem.arrays import Array, Pair
+from mavdem.arrays import Array, ArrayPair
 from mavdem.dem.engine import steps
 from mavdem.dem.engine.free_energy import Belief, optimal_terms
 from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics
@@ -131,7 +131,7 @@ class Iterate:
 def started(
     model: GenerativeModel,
     samples: SufficientStatistics,
-    given: Pair | None = None,
+    given: ArrayPair | None = None,
     lambda_covariance: Array | None = None,
 ) -> Iterate:
     """Starts at ``given`` θ (k,) and λ (g,), or the priors' means, with λ's prior covariance or another (g, g)."""

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from mavdem.arrays import Array, Pair
+from mavdem.arrays import Array, ArrayPair
 from mavdem.dem.engine.linalg import may_overflow
 from mavdem.dem.engine.model import recursion
 
@@ -31,7 +31,7 @@ def steady_gain(
     Q: Array,
     R: Array,
     S: Array | None = None,
-) -> Pair:
+) -> ArrayPair:
     """Returns the gain (…, n, m) K of x̂⁺ = A x̂ + K (y − C x̂), and the covariance (…, n, n) of the predicted state.
 
     That is of x⁺ = A x + w, y = C x + v, once it is steady, of one system or of several side by side. ``Q`` (…, n, n),
@@ -160,7 +160,7 @@ class KalmanFilter(NamedTuple):
         return self.covariances[np.minimum(np.arange(samples + 1), len(self.covariances) - 1)]
 
     @may_overflow
-    def states(self, start: Array, pushes: Array, measured: Array) -> Pair:
+    def states(self, start: Array, pushes: Array, measured: Array) -> ArrayPair:
         """Returns states (…, T + 1, n) before each sample and after the last, and errors (…, T, m) of predicting it.
 
         ``start`` is (…, n), ``pushes`` (…, T, n) act on the next state, ``measured`` is (…, T, m); leading axes are

@@ -16,7 +16,7 @@ from numpy.random import default_rng
 from scipy.linalg.lapack import dposv, dpotrf, dpotri
 from threadpoolctl import ThreadpoolController
 
-from mavdem.arrays import Array, Pair
+from mavdem.arrays import Array, ArrayPair
 
 # keeps zeros from being divided by, or their logarithms from being taken
 SMALLEST = np.finfo(np.float64).tiny
@@ -51,7 +51,7 @@ def logdet(matrix: Array) -> float:
     return 2.0 * float(np.log(factor.diagonal() / unit).sum())
 
 
-def _scaled(matrix: Array) -> Pair:
+def _scaled(matrix: Array) -> ArrayPair:
     # A diagonal that is not positive stays so, and the factorization fails: a check here would cost as much.
     unit = 1.0 / np.sqrt(abs(matrix.diagonal()) + SMALLEST)
     return unit, matrix * unit * unit[:, None]

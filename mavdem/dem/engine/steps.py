@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array, Pair
+from mavdem.arrays import Array, ArrayPair
 from mavdem.dem.engine.free_energy import (
     Belief,
     expected_weights,
@@ -37,7 +37,7 @@ def d_step(belief: Belief) -> Array:
     return solve(precision, of_data)
 
 
-def state_slope(belief: Belief) -> Pair:
+def state_slope(belief: Belief) -> ArrayPair:
     """Returns G (dim X, dim [ỹ; η̃]) and P (dim X, dim X) with ∂F/∂X = G [ỹ; η̃] − P X.
 
     Mean-field terms of θ and λ are included.
@@ -58,7 +58,7 @@ def e_step(belief: Belief) -> Array:
     return belief.theta + solve(precision, gradient)
 
 
-def theta_slope(belief: Belief) -> Pair:
+def theta_slope(belief: Belief) -> ArrayPair:
     """Returns ∂F̄/∂θ (k,) and −∂²F̄/∂θ² (k, k), the mean-field terms of X and of λ included."""
     model = belief.model
     prior = model.prior
@@ -136,7 +136,7 @@ class FreeEnergyOfLambda(NamedTuple):
             - 0.5 * error @ self.precision @ error
         )
 
-    def slope(self, lambda_: Array) -> Pair:
+    def slope(self, lambda_: Array) -> ArrayPair:
         """Returns ∂F̄/∂λ (g,) and −∂²F̄/∂λ² (g, g), the mean-field terms of X and of θ included."""
         pull = 0.5 * self.cost * np.exp(lambda_)
         return self.gain - pull - self.precision @ (lambda_ - self.mean), np.diag(

@@ -52,7 +52,9 @@ class Forecasting:
 
         Each uses the ``inputs`` (H, r) and ``outputs`` (H, m) before it, and none after; nothing is fitted again.
         """
-        return self.unknown_every(steps, *self.record.following(steps, inputs, outputs)).mean
+        return self.unknown_every(
+            steps, *self.record.validated_samples(steps, inputs, outputs)
+        ).mean
 
     def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Array:
         """Returns the outputs (H, m) after the training data: row 0 is the first sample after it.
@@ -67,7 +69,7 @@ class Forecasting:
             smooth: lets a model that takes the motors for measurements use all of them for each sample, not only those
                 up to it.
         """
-        following = self.record.following_inputs(inputs)
+        following = self.record.validated_inputs(inputs)
         return self.from_zero(following) if from_zero else self.forecasted(following, smooth).mean
 
     def forecasted(self, inputs: Array, smooth: bool = False) -> Forecast:
@@ -81,4 +83,4 @@ class Forecasting:
         Each is as :meth:`forecast`'s, from the state that the filter has after all samples before it, in ``inputs``
         (H, r) and ``outputs`` (H, m); nothing is fitted again.
         """
-        return self.known_every(steps, *self.record.following(steps, inputs, outputs)).mean
+        return self.known_every(steps, *self.record.validated_samples(steps, inputs, outputs)).mean

@@ -71,7 +71,7 @@ def turning_combinations(record: Record) -> Array:
     combinations = known_combinations(r, record.effect_directions)
     if combinations is not None:
         return combinations
-    lags = min(LAGS[2], max(1, record.longest // 4))
+    lags = min(LAGS[2], max(1, record.longest_segment // 4))
     prior = var.lag_prior(lags, RIDGES[1])
     units, statistics = var.LagStatistics.of_record(record, lags)
     ahead = var.regress(statistics.gram, statistics.rows, prior).mean[:-1, m - 1]
@@ -149,8 +149,8 @@ class JointModel(ImmutableResult):
         with one_thread():
             combinations = turning_combinations(record)
             lags = max(
-                (lag for lag in LAGS if lag <= record.longest // 4),
-                default=max(1, min(LAGS[0], record.longest - 1)),
+                (lag for lag in LAGS if lag <= record.longest_segment // 4),
+                default=max(1, min(LAGS[0], record.longest_segment - 1)),
             )
             combined = _combined(record, combinations)
             units, statistics = var.LagStatistics.of_record(combined, lags)

@@ -17,10 +17,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dtrtri
 
-from mavdem.arrays import Array, Indices, Pair
+from mavdem.arrays import Array, ArrayPair, Indices
 from mavdem.dem.engine.kalman import KalmanFilter
 from mavdem.dem.engine.linalg import ROUNDING, may_overflow
-from mavdem.dem.record import Record, Spread
+from mavdem.dem.record import ChannelStatistics, Record
 from mavdem.errors import NotLearnable
 from mavdem.facts.model import ModelRefusal
 
@@ -49,8 +49,10 @@ class ChannelUnits(NamedTuple):
     @classmethod
     def of(cls, record: Record) -> ChannelUnits:
         """Returns those of the training data."""
-        inputs, outputs = record.spread
-        spread = Spread(*(np.concatenate(pair) for pair in zip(outputs, inputs, strict=True)))
+        inputs, outputs = record.channel_statistics
+        spread = ChannelStatistics(
+            *(np.concatenate(pair) for pair in zip(outputs, inputs, strict=True))
+        )
         return cls(spread.mean, np.where(spread.moving, np.sqrt(spread.variance), 1.0))
 
     def scaled(self, channels: Array) -> Array:
@@ -102,7 +104,9 @@ class LagStatistics(NamedTuple):
         statistics = cls.of(units.segments(record), lags)
         if statistics.rows <= 0:
             raise NotLearnable(
-                ModelRefusal.SEGMENTS_TOO_SHORT_FOR_LAGS, samples=lags, longest=record.longest
+                ModelRefusal.SEGMENTS_TOO_SHORT_FOR_LAGS,
+                samples=lags,
+                longest=record.longest_segment,
             )
         return units, statistics
 
@@ -272,7 +276,7 @@ class Var(NamedTuple):
         return self._physical(mean, each.cumsum(axis=0))
 
     @may_overflow
-    def ahead(self, steps: int) -> Pair:
+    def ahead(self, steps: int) -> ArrayPair:
         """Returns maps (steps, k, lags k) of the lags, the latest first, and constants (steps, k), to the next samples.
 
         They are of samples in the model's units.
@@ -290,7 +294,7 @@ class Var(NamedTuple):
         maps = np.array(rows)
         return np.ascontiguousarray(maps[:, :, :-1]), maps[:, :, -1]
 
-    def latest(self, m: int) -> Pair:
+    def latest(self, m: int) -> ArrayPair:
         """Returns a map (m, (lags + 1) k) of a sample and its lags, and a constant (m,), to its m outputs.
 
         They tell them from the sample's inputs, whose innovations they share, and from all before it; in ``units``.

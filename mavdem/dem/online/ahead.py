@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from mavdem.arrays import Array, Pair
+from mavdem.arrays import Array, ArrayPair
 from mavdem.dem.engine.linalg import may_overflow, one_thread
 from mavdem.dem.forecast.joint import CHOICES, LAGS, Choice, choose
 from mavdem.dem.forecast.var import ChannelUnits, LagStatistics, Var, initial_lags
-from mavdem.dem.online.memory import Memory, MemoryBlock
+from mavdem.dem.online.memory import MemoryBlock, SampleMemory
 
 MEMORY_SECONDS = 30.0  # time constant of forgetting
 # of samples before the first fit, and from one fit to the next
@@ -44,7 +44,7 @@ class PredictionMaps(NamedTuple):
         return center + scale * (self.weights.dot(past) + self.constants)
 
 
-class OnlineJoint:
+class OnlineForecaster:
     """Predicts every sample at each horizon; learns from each block of samples."""
 
     def __init__(
@@ -90,9 +90,9 @@ class OnlineJoint:
         """Ends a segment, as a gap follows: no sample after it is compared with predictions before it."""
         self._ring[:] = np.nan
 
-    def predict(self, memory: Memory) -> Pair:
+    def predict(self, memory: SampleMemory) -> ArrayPair:
         """Returns (m,) the latest sample, from those before it and its own inputs, or NaN; and (H, m) the next ones."""
-        inputs, outputs = memory.latest(LAGS[-1] + 1)
+        inputs, outputs = memory.latest_samples(LAGS[-1] + 1)
         latest = outputs[-1]
         errors = (
             latest - self._ring[(self._place - self._horizons) % len(self._ring), :, self._rows]
@@ -132,7 +132,7 @@ class OnlineJoint:
             self._units = ChannelUnits(channels.mean(axis=0), np.where(scale > 0, scale, 1.0))
         for block in self._waiting:
             channels = self._units.scaled(self._channels(block))
-            if not block.begins and len(self._before):
+            if not block.starts_segment and len(self._before):
                 channels = np.vstack([self._before, channels])
             self._before = channels[-LAGS[-1] :]
             self._uncounted += len(block.outputs)

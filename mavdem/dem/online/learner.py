@@ -16,21 +16,21 @@ from numpy.typing import ArrayLike
 from mavdem.arrays import Array
 from mavdem.dem.forecast.joint import known_combinations
 from mavdem.dem.learned import Learned
-from mavdem.dem.learning import FEWEST_SAMPLES, learn, learn_with_fit
-from mavdem.dem.online.ahead import OnlineJoint
-from mavdem.dem.online.memory import Memory, drop_blocks_since
+from mavdem.dem.learning import MIN_SAMPLES, learn, learn_with_fit
+from mavdem.dem.online.ahead import OnlineForecaster
+from mavdem.dem.online.memory import SampleMemory, drop_blocks_since
 from mavdem.dem.online.tracker import (
     AnomalyMarks,
     ErrorBands,
     Estimate,
+    FreeEnergyMonitor,
     Surprise,
-    Tracker,
 )
 from mavdem.dem.record import (
     MAX_STEPS,
     Record,
     is_number,
-    require_usable,
+    require_finite_and_bounded,
     validated_count,
     validated_directions,
     validated_step,
@@ -49,17 +49,17 @@ MEMORY_BLOCK_SECONDS = 0.1  # of samples, which are remembered and forgotten tog
 LEARNING_SECONDS = 2.0  # of samples, before the first call of ``learn``, and between two
 # In the memory, up to which a call takes a tenth of that at most: of more, calls come as many times farther apart
 MOST_SAMPLES = 2000
-HORIZONS = (1, 5, 10, 25, 50)  # default steps ahead
+DEFAULT_HORIZONS = (1, 5, 10, 25, 50)  # default steps ahead
 ALIKE_COSINE = 0.9  # cosine of the angle between turning combinations that differ by chance
 MAX_GAPS = 5  # in a row, after which ``dt`` is wrong rather than samples missing
-TOO_FEW = Fact(Online.TOO_FEW_SAMPLES_YET)
+TOO_FEW_SAMPLES = Fact(Online.TOO_FEW_SAMPLES_YET)
 FIRST_RUNS = Fact(Online.FIRST_LEARNING)
 
 
-def _learn(record: Record, settings: Settings, until: float) -> Tracker:
+def _learn(record: Record, settings: Settings, until: float) -> FreeEnergyMonitor:
     learned, fit = learn_with_fit(record, settings)
     learned.joint  # noqa: B018  here, not where samples come
-    return Tracker.of(learned, fit, until)
+    return FreeEnergyMonitor.of(learned, fit, until)
 
 
 class OnlineLearner:
@@ -80,7 +80,7 @@ class OnlineLearner:
         n_inputs: int = 4,
         n_outputs: int = 2,
         memory: float = 20.0,
-        horizons: tuple[int, ...] = HORIZONS,
+        horizons: tuple[int, ...] = DEFAULT_HORIZONS,
         executor: Executor | None = None,
         effect_directions: ArrayLike | None = None,
         prior: Physical | None = None,
@@ -109,12 +109,12 @@ class OnlineLearner:
             raise ValueError(f"horizons must be steps, increasing, not {horizons!r}")
         block = max(1, round(MEMORY_BLOCK_SECONDS / dt))
         most = round(memory / dt / block) if is_number(memory) and np.isfinite(memory / dt) else 0
-        if most * block < 2 * FEWEST_SAMPLES:
+        if most * block < 2 * MIN_SAMPLES:
             raise ValueError(
-                f"memory must be at least {2 * FEWEST_SAMPLES * dt:g} s at this dt, not {memory!r}"
+                f"memory must be at least {2 * MIN_SAMPLES * dt:g} s at this dt, not {memory!r}"
             )
         self.learned: Learned | None = None
-        self.obstacle: Fact | None = TOO_FEW
+        self.obstacle: Fact | None = TOO_FEW_SAMPLES
         self.refits = True
         self.fits_physical = True
         self.follows_torque = True
@@ -124,17 +124,17 @@ class OnlineLearner:
         directions = None
         if effect_directions is not None:
             directions = validated_directions(effect_directions, n_inputs)
-        self._memory = Memory(dt, block, most, directions)
+        self._memory = SampleMemory(dt, block, most, directions)
         self._samples = 0
-        self._first = max(round(LEARNING_SECONDS / dt), 2 * FEWEST_SAMPLES)
+        self._first = max(round(LEARNING_SECONDS / dt), 2 * MIN_SAMPLES)
         self._next = self._first
-        self._pending: Future[Tracker] | None = None
-        self._tracker: Tracker | None = None
+        self._pending: Future[FreeEnergyMonitor] | None = None
+        self._tracker: FreeEnergyMonitor | None = None
         self._last: float | None = None
         self._gaps = 0
         self._bands = ErrorBands(len(self.horizons), n_outputs, self._dt)
         combinations = known_combinations(n_inputs, directions)
-        self._ahead = OnlineJoint(self._dt, self.horizons, n_outputs, combinations)
+        self._ahead = OnlineForecaster(self._dt, self.horizons, n_outputs, combinations)
         # The wind torque is estimated by the plant, a room above this one.
         from mavdem.plant.online_wind_torque import OnlineWindTorque
 
@@ -221,7 +221,7 @@ class OnlineLearner:
             TimeoutError: the executor took longer than ``timeout``, s.
         """
         if not self._memory.blocks:
-            raise NotLearnable(TOO_FEW)
+            raise NotLearnable(TOO_FEW_SAMPLES)
         record = self._memory.record()
         if self._executor is None:
             return learn(record, self._settings)
@@ -239,7 +239,7 @@ class OnlineLearner:
         rows = []
         for name, values, size in given:
             rows.append(validated_table([values], name, size)[0])
-            require_usable(rows[-1], name)
+            require_finite_and_bounded(rows[-1], name)
         now, u, y = rows
         return float(now[0]), u, y
 
@@ -289,7 +289,7 @@ class OnlineLearner:
         """Why there is no model yet; ``None`` where there is one."""
         if self._tracker is not None:
             return None
-        return TOO_FEW if self._pending is None else FIRST_RUNS
+        return TOO_FEW_SAMPLES if self._pending is None else FIRST_RUNS
 
     def _relearn(self) -> None:
         """Adopts what was learned meanwhile; calls ``learn`` again where that is due."""
@@ -305,7 +305,7 @@ class OnlineLearner:
         ):
             return
         record = self._memory.record()
-        until = self._memory.blocks[-1].until
+        until = self._memory.blocks[-1].end_time
         pause = LEARNING_SECONDS * max(len(record) / MOST_SAMPLES, 1.0)
         self._next = self._samples + round(pause / self._dt)
         if self._executor is None:
@@ -315,10 +315,10 @@ class OnlineLearner:
             self._pending = self._executor.submit(_learn, record, self._settings, until)
         except RuntimeError as error:  # the executor's processes are gone
             self._put_off(error)
-        if self.obstacle == TOO_FEW:
+        if self.obstacle == TOO_FEW_SAMPLES:
             self.obstacle = self._missing()
 
-    def _adopt(self, result: Callable[[], Tracker]) -> None:
+    def _adopt(self, result: Callable[[], FreeEnergyMonitor]) -> None:
         try:
             tracker = result()
         except (ValueError, RuntimeError, CancelledError) as error:

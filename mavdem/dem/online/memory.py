@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array, Pair
+from mavdem.arrays import Array, ArrayPair
 from mavdem.dem.record import Record
 
 
@@ -16,8 +16,8 @@ class MemoryBlock(NamedTuple):
 
     inputs: Array
     outputs: Array
-    begins: bool
-    until: float
+    starts_segment: bool
+    end_time: float
 
 
 def record_from_blocks(
@@ -27,7 +27,7 @@ def record_from_blocks(
     blocks = list(blocks)
     lengths: list[int] = []
     for block in blocks:
-        if block.begins or not lengths:
+        if block.starts_segment or not lengths:
             lengths.append(0)
         lengths[-1] += len(block.outputs)
     inputs = np.concatenate([block.inputs for block in blocks])
@@ -39,12 +39,12 @@ def drop_blocks_since(blocks: deque[MemoryBlock], time: float) -> bool:
     """Drops the latest blocks that end after ``time``, s, of the same clock; returns whether there were any."""
     latest = np.inf
     # Where time goes back, another boot begins.
-    while blocks and time < blocks[-1].until < latest:
-        latest = blocks.pop().until
+    while blocks and time < blocks[-1].end_time < latest:
+        latest = blocks.pop().end_time
     return latest < np.inf
 
 
-class Memory:
+class SampleMemory:
     """Samples of several segments with gaps between, in closed ``blocks``; the last block of a segment may be short."""
 
     def __init__(
@@ -58,9 +58,9 @@ class Memory:
         self.effect_directions = effect_directions
         self.blocks: deque[MemoryBlock] = deque(maxlen=most)
         self.dt = dt
-        self.block = block
+        self.block_size = block
         # since the last gap, the latest first
-        self._recent: deque[Pair] = deque(maxlen=most * block)
+        self._recent: deque[ArrayPair] = deque(maxlen=most * block)
         self._open = 0  # of these, which no block holds yet
         self._begins = True
         self._time = np.nan
@@ -70,7 +70,7 @@ class Memory:
         self._recent.appendleft((inputs, outputs))
         self._open += 1
         self._time = time
-        if self._open < self.block:
+        if self._open < self.block_size:
             return False
         self._close()
         return True
@@ -88,14 +88,14 @@ class Memory:
         """Returns the samples of all blocks, of which there is one at least."""
         return record_from_blocks(self.blocks, self.dt, self.effect_directions)
 
-    def latest(self, number: int) -> Pair:
+    def latest_samples(self, number: int) -> ArrayPair:
         """Returns inputs and outputs of so many of the latest samples since the last gap, or of fewer."""
         samples = [*islice(self._recent, number)][::-1]
         inputs, outputs = zip(*samples, strict=True) if samples else ((), ())
         return np.array(inputs), np.array(outputs)
 
     def _close(self) -> None:
-        inputs, outputs = self.latest(self._open)
+        inputs, outputs = self.latest_samples(self._open)
         self.blocks.append(MemoryBlock(inputs, outputs, self._begins, self._time))
         self._open = 0
         self._begins = False

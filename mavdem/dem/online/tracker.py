@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array, Pair
+from mavdem.arrays import Array, ArrayPair
 from mavdem.confidence import CONFIDENCE_LEVEL, INTERVAL_QUANTILES, MIN_SAMPLES_FOR_STATISTICS
 from mavdem.dem.engine.free_energy import SampleEnergy
 from mavdem.dem.engine.generative import taylor_weights
@@ -20,7 +20,7 @@ from mavdem.dem.engine.linalg import ROUNDING
 from mavdem.dem.engine.model import LinearModel
 from mavdem.dem.fitting import Fit
 from mavdem.dem.learned import Learned
-from mavdem.dem.online.memory import Memory
+from mavdem.dem.online.memory import SampleMemory
 
 if TYPE_CHECKING:
     from mavdem.plant.parameters import Physical
@@ -37,11 +37,13 @@ MAX_QUARTILES = 3.0
 failure that lasts, which must not hide the next."""
 MIN_PAST = 100  # values of F(t) before a surprise is reported; errors kept, at however long steps
 
-FALSE_MARK_SECONDS = 300.0
+MEAN_SECONDS_BETWEEN_FALSE_MARKS = 300.0
 """Mean time between marks in a flight that goes on as before, manoeuvres included."""
 EVIDENCE_SECONDS = 1.0  # s, over which the evidence is averaged
 PEAK_SECONDS = 5.0  # s, of which the largest evidence is one peak
-PEAKS = round(FALSE_MARK_SECONDS / PEAK_SECONDS)  # the latest that the limit is computed of
+PEAKS = round(
+    MEAN_SECONDS_BETWEEN_FALSE_MARKS / PEAK_SECONDS
+)  # the latest that the limit is computed of
 MIN_PEAKS = 3  # of fewer the limit is not computed
 # scale of Gumbel's distribution of peaks, which a few that happen to be equal do not show
 MIN_SPREAD = 0.09
@@ -108,17 +110,17 @@ class Estimate(NamedTuple):
         return int(places[-1]) if len(places) else None
 
 
-class Tracker(NamedTuple):
+class FreeEnergyMonitor(NamedTuple):
     """How well samples agree with a learned model; made where that is learned."""
 
     learned: Learned
     until: float  # time of the last sample it was learned from, s
     energy: SampleEnergy
     past: Array  # F(t) less its priors, of the latest training data
-    weights: Pair  # that make derivatives of the outputs and inputs of a window
+    weights: ArrayPair  # that make derivatives of the outputs and inputs of a window
 
     @classmethod
-    def of(cls, learned: Learned, fit: Fit, until: float) -> Tracker:
+    def of(cls, learned: Learned, fit: Fit, until: float) -> FreeEnergyMonitor:
         """Returns that of a result and the fit that it was made from."""
         energy = SampleEnergy.of(fit.ascent.belief)
         past = learned.free_energy_of_samples[-round(SURPRISE_SECONDS / learned.dt) :]
@@ -129,10 +131,10 @@ class Tracker(NamedTuple):
         )
         return cls(learned, until, energy, past - energy.priors, (outputs, inputs))
 
-    def evaluate(self, memory: Memory) -> float:
+    def evaluate(self, memory: SampleMemory) -> float:
         """Returns F(t) less its priors at the centre of the latest window; NaN without one."""
         window = self.learned.settings.window
-        inputs, outputs = memory.latest(window)
+        inputs, outputs = memory.latest_samples(window)
         if len(outputs) < window:
             return np.nan
         scaling = self.learned.scaling
@@ -214,8 +216,8 @@ class AnomalyMarks:
 
     The evidence is log(1 + surprise), averaged over ``EVIDENCE_SECONDS``: a short manoeuvre gives less than a change
     that lasts, and a failure more than all. Its largest values in every ``PEAK_SECONDS`` are the vehicle's own. The
-    limit is what the next of them exceeds once in ``FALSE_MARK_SECONDS``: by Gumbel's distribution of largest values,
-    whose tail is longer than a normal one, with their median and median deviation. A few peaks give no mark.
+    limit is what the next of them exceeds once in ``MEAN_SECONDS_BETWEEN_FALSE_MARKS``: by Gumbel's
+    distribution of largest values, whose tail is longer than a normal one, with their median and median deviation. A few peaks give no mark.
     """
 
     def __init__(self, dt: float) -> None:
@@ -257,7 +259,7 @@ def _limit(peaks: Array) -> float:
     if number < MIN_PEAKS:
         return np.inf
     middle = np.median(peaks)
-    far = np.log(np.log(2)) - np.log(-np.log(1 - PEAK_SECONDS / FALSE_MARK_SECONDS))
+    far = np.log(np.log(2)) - np.log(-np.log(1 - PEAK_SECONDS / MEAN_SECONDS_BETWEEN_FALSE_MARKS))
     # Gumbel's median deviation is 0.767
     scale = max(np.median(abs(peaks - middle)) / 0.767, MIN_SPREAD)
     return middle + np.sqrt(1 + 1 / number) * far * scale

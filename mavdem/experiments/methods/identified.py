@@ -138,7 +138,7 @@ def identified(
 ) -> Identified:
     """Returns the result of ``fit`` of the segments and the ``order``, called ``method(order)``."""
     order = validated_count(order, "order")
-    record = Record.of(train)
+    record = Record.from_flights(train)
     with one_thread():
         units = Units.of(record)
         fitted = fit(units.segments(record), order)
@@ -183,8 +183,8 @@ class Units(NamedTuple):
     @classmethod
     def of(cls, record: Record) -> Units:
         """Returns units in which the training data have mean 0 and variance 1; ``ValueError`` for a constant output."""
-        inputs, outputs = record.spread
-        record.require_moving(False)
+        inputs, outputs = record.channel_statistics
+        record.require_varying(False)
         scale = np.where(inputs.moving, np.sqrt(inputs.variance), np.inf)
         _, sizes, directions = np.linalg.svd(
             (record.inputs - inputs.mean) / scale, full_matrices=False
@@ -238,7 +238,7 @@ def _without_dynamics(
     method: str, train: TrainingData, held: bool = False, about: float = 1.0
 ) -> Identified:
     """The training mean times ``about``; where ``held``, each output has a state, its last deviation from that."""
-    record = Record.of(train)
+    record = Record.from_flights(train)
     r = record.inputs.shape[1]
     m = record.outputs.shape[1]
     n = m * held
@@ -257,7 +257,7 @@ def var(train: TrainingData, order: int = 10) -> JointAutoregression:
     motion, by a Kalman filter. ``train`` and errors are as for :func:`mavdem.baselines.subspace`.
     """
     order = validated_count(order, "order")
-    record = Record.of(train)
+    record = Record.from_flights(train)
     with one_thread():
         return JointAutoregression(
             f"{MethodName.JOINT_VAR}({order})", Var.learn(record, order), record

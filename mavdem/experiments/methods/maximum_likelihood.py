@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from mavdem.arrays import Array, Pair
+from mavdem.arrays import Array, ArrayPair
 from mavdem.dem.engine.gauss_newton import (
     CONVERGED_NATS,
     RELATIVE_STEP,
@@ -212,7 +212,7 @@ def _maximized(model: GaussianModel, expected: list[Smoothed], segments: Segment
     )
 
 
-def _regressed(products: list[Array], targets: int, number: int) -> Pair:
+def _regressed(products: list[Array], targets: int, number: int) -> ArrayPair:
     """Coefficients of so many ``targets``, the last columns, on those before; and the covariance of what they leave.
 
     ``products`` are the segments' expected sums over a ``number`` of rows, of which the upper right is not used. The

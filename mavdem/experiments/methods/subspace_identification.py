@@ -6,7 +6,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.linalg import LinAlgError
 
-from mavdem.arrays import Array, Pair
+from mavdem.arrays import Array, ArrayPair
 from mavdem.dem.engine.kalman import steady_gain
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.record import Segments, TrainingData
@@ -134,7 +134,7 @@ def _state_map(windows: Array, order: int, k: int) -> Array:
     return to_basis @ directions[:, :order] * np.sqrt(number)
 
 
-def _orthonormal(table: Array) -> Pair:
+def _orthonormal(table: Array) -> ArrayPair:
     """An orthonormal basis of the table's columns, and the map from the table to it."""
     basis, sizes, directions = np.linalg.svd(table, full_matrices=False)
     kept = sizes > RANK_TOLERANCE * sizes.max(initial=0.0)

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from mavdem.arrays import Array, Pair
+from mavdem.arrays import Array, ArrayPair
 from mavdem.dem import Learned, learn
 from mavdem.evaluate import mspe, paired, relative_mspe
 from mavdem.experiments.comparison import Outcome
@@ -194,7 +194,7 @@ def _errors(runner: Runner, name: str, start: str) -> Array:
     return np.array([errors_of(runner.draws[name, i], start) for i in runner.experiments])
 
 
-def coordinates_check(errors: Pair, data: str) -> Check:
+def coordinates_check(errors: ArrayPair, data: str) -> Check:
     """Returns whether p = 2 has the lower error in total, and on most experiments; ``data`` names the settings."""
     with_, without = (np.median(priors, axis=1) for priors in errors)
     less = int((with_ < without).sum())
@@ -207,7 +207,7 @@ def coordinates_check(errors: Pair, data: str) -> Check:
     )
 
 
-def _coordinates_table(runner: Runner, errors: dict[str, Pair]) -> tuple[Block, ...]:
+def _coordinates_table(runner: Runner, errors: dict[str, ArrayPair]) -> tuple[Block, ...]:
     numbers = list(runner.experiments)
     theirs = np.array([MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES])[
         :, [number - 1 for number in numbers], None

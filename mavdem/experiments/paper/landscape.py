@@ -14,7 +14,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.random import Generator, default_rng
 
-from mavdem.arrays import Array, Pair
+from mavdem.arrays import Array, ArrayPair
 from mavdem.dem.engine.ascent import plain_rounds
 from mavdem.dem.engine.free_energy import Belief, optimal_terms
 from mavdem.dem.engine.generative import (
@@ -54,7 +54,7 @@ class ScalarWorld:
     lambda_w: float = 3.0  # log precision of the process noise
     amplitude: float = 3.0  # of the input; 1 moves the state about as far as its own unit
 
-    def signals(self, seed: int) -> Pair:
+    def signals(self, seed: int) -> ArrayPair:
         """Returns exact y and v at every sample, (T, 1) each."""
         rng = default_rng(seed)
         number = round(self.duration / self.step)
@@ -237,7 +237,7 @@ def ascents(settings: ScalarSettings, samples: SufficientStatistics) -> list[lis
     return [plain_rounds(model, samples, ROUNDS) for model in models]
 
 
-def ends(paths: list[list[Belief]]) -> Pair:
+def ends(paths: list[list[Belief]]) -> ArrayPair:
     """Returns (priors, 2) the A and B at which ascents end, and (2,) the posterior standard deviation of one."""
     return np.array([beliefs[-1].theta[:2] for beliefs in paths]), np.sqrt(
         np.diag(paths[0][-1].theta_covariance)[:2]

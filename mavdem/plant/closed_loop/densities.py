@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.arrays import Array, Flags, Pair
+from mavdem.arrays import Array, ArrayPair, Flags
 from mavdem.plant.closed_loop.parameters import (
     CONTROLLER,
     DAMPING,
@@ -312,7 +312,7 @@ def _with_adjoint(matrices: Complex) -> Complex:
     return matrices + matrices.mT.conj()
 
 
-def _without(seen: Array, noise: Array) -> Pair:
+def _without(seen: Array, noise: Array) -> ArrayPair:
     """A density of what was asked without the ``noise`` in it, and its logarithm's slope by that of the noise."""
     less = np.maximum(seen - noise, LEAST_ASKED * seen)
     return less, np.where(less > LEAST_ASKED * seen, -2 * noise / less, 0.0)

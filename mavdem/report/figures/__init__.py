@@ -35,7 +35,7 @@ class Plots:
         record = self.learned.record
         labels = Labels.of(self.learned)
         if held_out is None:
-            times = np.split(model_charts.sample_times(record), record.starts[1:])
+            times = np.split(model_charts.sample_times(record), record.segment_starts[1:])
             flights = [
                 Flight(
                     time, *channels, record.dt, *labels, effect_directions=record.effect_directions
