@@ -216,8 +216,9 @@ class AnomalyMarks:
 
     The evidence is log(1 + surprise), averaged over ``EVIDENCE_SECONDS``: a short manoeuvre gives less than a change
     that lasts, and a failure more than all. Its largest values in every ``PEAK_SECONDS`` are the vehicle's own. The
-    limit is what the next of them exceeds once in ``MEAN_SECONDS_BETWEEN_FALSE_MARKS``: by Gumbel's
-    distribution of largest values, whose tail is longer than a normal one, with their median and median deviation. A few peaks give no mark.
+    limit is what the next of them exceeds once in ``MEAN_SECONDS_BETWEEN_FALSE_MARKS``: by Gumbel's distribution of
+    largest values, whose tail is longer than a normal one, with their median and median deviation. A few peaks give no
+    mark.
     """
 
     def __init__(self, dt: float) -> None:
