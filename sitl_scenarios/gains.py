@@ -10,13 +10,13 @@ from math import fsum, pi, sqrt
 import numpy as np
 
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
-from mavdem.loops.controllers import (
+from mavdem.loops.autopilot_parameters import (
     LOOP_RATE_PARAMETERS,
     MAX_LOOP_RATE,
     MIN_LOOP_RATE,
-    controller_from_parameters,
 )
 from mavdem.loops.controllers import Controller as AxisController
+from mavdem.loops.controllers import controller_from_parameters
 from sitl_scenarios import mixers
 from sitl_scenarios.controller import LEAD, FlightController, LoopGains
 from sitl_scenarios.dynamics import IDLE_COMMAND, SPINS, Four, frame, steps_of
@@ -92,11 +92,11 @@ class SetController(FlightController):
             for axis, column in zip(AXES, columns, strict=True)
         ]
         super().__init__(scenario)
-        self._within(tuple(axis.angle for axis in axes))
+        self._within(tuple(axis.angle_gain for axis in axes))
         self._columns = np.array([axis.mixer for axis in axes])
         self._mix = mixers.px4 if is_px4 else mixers.ardupilot
-        self._expo = axes[0].expo
-        (self._begin, self._end) = axes[0].spin
+        self._expo = axes[0].thrust_expo
+        (self._begin, self._end) = axes[0].spin_range
 
     def rest(self) -> None:
         """Resets the integrators and filters, as on the ground."""
@@ -137,7 +137,7 @@ class _RateLoop:
     def __init__(self, of: AxisController) -> None:
         self.of = of
         filters = (of.target_filter, of.error_filter, of.derivative_filter, of.output_filter)
-        self._shares = [of.cycle / (of.cycle + _time(cutoff)) for cutoff in filters]
+        self._shares = [of.loop_period / (of.loop_period + _time(cutoff)) for cutoff in filters]
         self._target = self._error = self._slope = self._output = self._trim = self._rate = 0.0
 
     def demand(self, wanted: float, rate: float, flying: bool) -> float:
@@ -151,11 +151,11 @@ class _RateLoop:
         step = self._rate - rate
         if of.derivative_of_error:
             step = self._error - before
-        change = step / of.cycle - self._slope
+        change = step / of.loop_period - self._slope
         self._slope = self._slope + slope * change
         self._rate = rate
         if flying:
-            self._trim += of.cycle * self._error
+            self._trim += of.loop_period * self._error
         # PX4 integrates the error after it has been used.
         trim = self._trim if of.derivative_of_error else late
         of_error = of.p * self._error

@@ -23,7 +23,7 @@ from pydantic import (
     model_validator,
 )
 
-from mavdem.loops.controllers import DEFAULT_LOOP_RATES, LOOP_RATE_PARAMETERS
+from mavdem.loops.autopilot_parameters import DEFAULT_LOOP_RATES, LOOP_RATE_PARAMETERS
 from sitl_scenarios.motion import Array, Pair
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from mavdem.ingest.vocabulary import quaternion
-from mavdem.loops.controllers import DEFAULT_LOOP_RATES
+from mavdem.loops.autopilot_parameters import DEFAULT_LOOP_RATES
 from sitl_scenarios.dynamics import DISARMED_PULSE
 from sitl_scenarios.motion import Motion
 

@@ -140,6 +140,7 @@ USED_BY = {
         "mavdem.files",
         "mavdem.ingest.mavlink",
         "mavdem.ingest.vocabulary",
+        "mavdem.loops.autopilot_parameters",
         "mavdem.loops.controllers",
         "mavdem.loops.filters",
         "mavdem.loops.margins",

@@ -31,9 +31,9 @@ from mavdem.loops.axis_loops import (
 )
 from mavdem.loops.controllers import Controller, controller_from_parameters
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE, Oscillation
-from mavdem.loops.margins import transfer
+from mavdem.loops.margins import FrequencyGrid, controller_response
 
-GAINS = "p", "i", "d", "angle"
+GAINS = "p", "i", "d", "angle_gain"
 MAX_GAIN_STEP = 3.0
 """Times, that a gain grows or falls at most at once: with 2, wind leans simulated vehicles a tenth more."""
 EFFECTS = 1.0, 0.8, 1.2
@@ -42,7 +42,7 @@ LOUDER = 1.25
 SLOWER = 0.9
 """Times the noise in the demand, at most, and times the bandwidth of both loops, at least; margins come first."""
 CHOOSING = 20  # draws that the gains are searched by
-COARSE = 0.05, 100.0, 60  # and the frequencies, as ``GRID``
+COARSE = FrequencyGrid(0.05, 100.0, 60)
 SHORT = 0.035  # share of the draws that may lack the margins, for 0.05 of the others to lack them
 PRICES = np.array([30.0, 30.0, 1.0, 1.0])
 """Of a share that margins, noise and the two bandwidths are beyond their limits, by the logarithm of the lean."""
@@ -135,7 +135,7 @@ def advise(
     chosen = {} if refusals else dict(_gains_of(loop))
     if chosen and changes:
         chosen |= _best(loop, target)
-    after = loop.drawn(slice(len(loop.effectiveness) // 2, None)).with_parameters(chosen)
+    after = loop.with_draws(slice(len(loop.effectiveness) // 2, None)).with_parameters(chosen)
     return Advice(
         target=target,
         rating=rating,
@@ -143,7 +143,7 @@ def advise(
         before=loop,
         after=after,
         gains={name: Gain(loop.controller.parameters[name], new) for name, new in chosen.items()},
-        sure=after.drawn(slice(1, None), EFFECTS).share_meeting(target),
+        sure=after.with_draws(slice(1, None), EFFECTS).share_meeting(target),
         noise=_noise(loop, after.controller),
     )
 
@@ -156,11 +156,11 @@ def _best(loop: Loop, target: MarginTarget) -> Parameters:
     from scipy.optimize import minimize  # it takes half a second to import
 
     gains = _gains_of(loop)
-    largest = {loop.controller.names["angle"]: MAX_ANGLE_GAIN[loop.axis]}
+    largest = {loop.controller.parameter_names["angle_gain"]: MAX_ANGLE_GAIN[loop.axis]}
     most = [max(value, largest.get(name, np.inf)) for name, value in gains.items()]
     half = len(loop.effectiveness) // 2
-    many = loop.drawn(slice(1, half), EFFECTS, COARSE)
-    few = loop.drawn(slice(1, half, -(-half // CHOOSING)), EFFECTS, COARSE)
+    many = loop.with_draws(slice(1, half), EFFECTS, COARSE)
+    few = loop.with_draws(slice(1, half, -(-half // CHOOSING)), EFFECTS, COARSE)
     frequency, shown = _gyro(loop)
     density = np.ones(len(frequency)) if shown is None else shown
     loudest = LOUDER * _demand(loop.controller, frequency, density)
@@ -181,7 +181,7 @@ def _best(loop: Loop, target: MarginTarget) -> Parameters:
         faster = np.array([now.rate.bandwidth, now.attitude.bandwidth]) / slowest
         too_slow = 1 - np.nan_to_num(faster, nan=1.0)
         crossed = [1 - margins(now) / aim, noise - 1, *too_slow]
-        return np.log(now.lean_in(few.wind)) + np.maximum(crossed, 0.0) @ PRICES
+        return np.log(now.angle_deviation(few.wind)) + np.maximum(crossed, 0.0) @ PRICES
 
     # there are several minima: less I, or more of it with less P
     begun = map(np.array, product((-1.0, -0.4, 0.6), repeat=len(gains)))
@@ -204,7 +204,7 @@ def _best(loop: Loop, target: MarginTarget) -> Parameters:
 
 def _gains_of(loop: Loop) -> Parameters:
     """The gains that there are, by name; a gain of 0 stays so."""
-    names = (loop.controller.names[gain] for gain in GAINS)
+    names = (loop.controller.parameter_names[gain] for gain in GAINS)
     parameters = loop.controller.parameters
     return {name: parameters[name] for name in names if parameters.get(name)}
 
@@ -220,9 +220,9 @@ def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> F
         with suppress(NotLearnable):
             controller = controller_from_parameters(parameters, cycle.axis, (1.0,))
             turning = 2 * np.pi * (cycle.frequency or np.inf)
-            corners = {"angle": controller.angle, "i": controller.i / controller.p}
+            corners = {"angle_gain": controller.angle_gain, "i": controller.i / controller.p}
             slow = [gain for gain, corner in corners.items() if corner > turning / 2]
-            names = [controller.names[gain] for gain in slow or ("p", "d")]
+            names = [controller.parameter_names[gain] for gain in slow or ("p", "d")]
             values = [(name, parameters[name]) for name in names]
             changes += [(name, value, LOWERED * value) for name, value in values if value]
     return Fact(Gains.LOWER_GAINS, changes=changes, **oscillation.figures)
@@ -237,7 +237,7 @@ def _refusals(loop: Loop, changes: bool) -> Facts:
     if len(record.input_range) == 2:
         low, high = record.input_range
         # within 0.5 % of a limit
-        limited = loop.controller.at_limit((record.inputs - low) / (high - low)).mean()
+        limited = loop.controller.outputs_at_limit((record.inputs - low) / (high - low)).mean()
     if limited > MIN_AT_LIMIT_SHARE:
         return (Fact(Gains.MOTOR_AT_LIMIT, share=limited),)
     if not (loop.rate.stable[0] and loop.attitude.stable[0]):
@@ -273,7 +273,7 @@ def _gyro(loop: Loop) -> tuple[Array, Array | None]:
     highest = 0.45 / record.dt
     lowest = max(times * loop.rate.crossover, least)
     if not 2 * lowest < highest:
-        return np.linspace(lowest, 0.45 / loop.controller.cycle), None
+        return np.linspace(lowest, 0.45 / loop.controller.loop_period), None
     rate = record.outputs[:, -1]
     frequency, density = welch(rate, 1 / record.dt, nperseg=min(256, len(record)))
     kept = (frequency >= lowest) & (frequency <= highest)
@@ -284,8 +284,8 @@ def _demand(
     controller: Controller, frequency: Array, density: Array, without: Controller | None = None
 ) -> float:
     """Standard deviation of the demand by noise of this ``density``; less what goes through another controller."""
-    _, response = transfer(controller, frequency)
+    _, response = controller_response(controller, frequency)
     if without is not None:
-        response = response - transfer(without, frequency)[1]
+        response = response - controller_response(without, frequency)[1]
     power = np.abs(response) ** 2 * density
     return float(np.sqrt(np.trapezoid(power, frequency)))

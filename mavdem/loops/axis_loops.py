@@ -1,4 +1,4 @@
-"""Loop: rate and attitude loop of one axis, whether they have enough margin, and the same loop by other gains.
+"""Rate and attitude loop of one axis, whether they have enough stability margin, and the same loops with other gains.
 
 Margins are of the estimated plant and of draws from its posterior; ``advice`` looks for gains that keep them.
 """
@@ -20,7 +20,14 @@ from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.loops import Loops, Responses
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.controllers import Controller
-from mavdem.loops.margins import GRID, Margins, OpenLoop, attitude_loop, rate_loop
+from mavdem.loops.margins import (
+    FINE_GRID,
+    FrequencyGrid,
+    Margins,
+    OpenLoop,
+    attitude_loop,
+    rate_loop,
+)
 from mavdem.loops.measured_response import MeasuredResponse
 from mavdem.plant import Physical
 from mavdem.plant.parameters import wind_torque_density
@@ -30,11 +37,14 @@ if TYPE_CHECKING:
 
 
 class MarginTarget(NamedTuple):
-    """Margins that a loop is to have: degrees and dB at least, and the maximum sensitivity at most."""
+    """Margins that a loop should have."""
 
     phase_margin: float
+    """Least phase margin, degrees."""
     gain_margin: float
+    """Least gain margin, dB."""
     ms: float
+    """Largest maximum sensitivity."""
 
 
 MARGIN_TARGETS = {
@@ -42,33 +52,46 @@ MARGIN_TARGETS = {
     "default": MarginTarget(45.0, 6.0, 2.0),
     "sharp": MarginTarget(40.0, 5.0, 2.3),
 }
-"""Phase of 45°, gain of 6 dB and Ms of 2 are the usual ones (K. J. Åström and R. M. Murray, Feedback Systems, 2nd ed.,
-sec. 10.3)."""
-OF_AXES = ("ATC_RAT_", "ATC_ANG_", "MC_ROLL", "MC_PITCH", "MC_YAW")
-"""How parameters of one axis begin."""
+"""Targets by the name that ``mavdem tune --margins`` takes.
+
+A phase margin of 45°, a gain margin of 6 dB and Ms of 2 are the usual ones (K. J. Åström and R. M. Murray, Feedback
+Systems, 2nd ed., sec. 10.3).
+"""
+LOWEST_SCORE = -1.0
+"""Least score of margins that a fact reports: unstable loops have minus infinity."""
+LARGEST_REPORTED_GAIN_MARGIN = 99.0
+"""dB, in the place of infinite ends of intervals."""
+AXIS_PARAMETER_PREFIXES = ("ATC_RAT_", "ATC_ANG_", "MC_ROLL", "MC_PITCH", "MC_YAW")
+"""How the names of parameters begin that belong to one axis; others concern all axes."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Loop(Margins):
-    """The loops of one ``axis``: ``rate`` and, with that closed, ``attitude``; it has the figures of ``rate``."""
+    """Rate and attitude loop of one axis, of the estimated plant and of draws from its posterior.
+
+    Its own figures, such as ``phase_margin``, are those of the rate loop.
+    """
 
     axis: str
+    """"roll", "pitch" or "yaw"."""
     plant: Physical
-    """Identified from the ``record``."""
+    """The plant, identified from the ``record``."""
     record: Record
+    """The flight that the plant was identified from."""
     controller: Controller
+    """The autopilot's controller of the axis."""
     effectiveness: Array
-    """(N,) angular acceleration per demand, rad/s², of the estimate, and then of draws."""
+    """(N,) angular acceleration per demand, rad/s²: of the estimate, and then of draws."""
     dynamics: Array
-    """(N, 3) likewise of damping, 1/s, lag and delay, s, without the gyro's filter."""
+    """(N, 3) damping, 1/s, motor lag and delay, s, without the gyro's filters: of the estimate, and then of draws."""
     cautions: Facts = ()
     """What the figures do not allow for."""
     measured: MeasuredResponse | None = None
     """The response of the rate in flight, where the log has setpoints."""
-    grid: tuple[float, float, int] = GRID
-    """Of the frequencies, as ``GRID``."""
+    grid: FrequencyGrid = FINE_GRID
+    """Frequencies of the responses."""
     refusal: ClassVar[None] = None
-    """Why the loops are not known: they are."""
+    """Why the loops are not known. They are; in the place of a loop there may be a fact that says why not."""
 
     @property
     def advice(self) -> Advice:
@@ -79,17 +102,17 @@ class Loop(Margins):
 
     @cached_property
     def rate(self) -> OpenLoop:
-        """The loop of the rate."""
+        """The rate loop."""
         return rate_loop(self.controller, self.effectiveness, self.dynamics, self.grid)
 
     @cached_property
     def attitude(self) -> OpenLoop:
-        """The loop of the attitude, with that of the rate closed."""
+        """The attitude loop, with the rate loop closed."""
         return attitude_loop(self.controller, self.rate)
 
     @property
     def figures(self) -> Mapping[str, Array]:
-        """(N,) of each figure of the rate loop."""
+        """(N,) values of each figure of the rate loop, by its name."""
         return self.rate.figures
 
     def __repr__(self) -> str:
@@ -97,102 +120,136 @@ class Loop(Margins):
         return f"<Loop {self.axis}: crossover={self.crossover:.2f}, {margins}>"
 
     def with_parameters(self, parameters: Parameters) -> Loop:
-        """Returns the loop with other values of some of the autopilot's ``parameters``, by name."""
+        """Returns the loop with other values of some of the autopilot's ``parameters``, by name.
+
+        What was measured in flight does not hold for it, and is left out.
+        """
         return replace(self, controller=self.controller.with_parameters(parameters), measured=None)
 
-    def drawn(
+    def with_draws(
         self,
         rows: slice,
-        effects: Sequence[float] = (1.0,),
-        grid: tuple[float, float, int] = GRID,
+        effectiveness_factors: Sequence[float] = (1.0,),
+        grid: FrequencyGrid = FINE_GRID,
     ) -> Loop:
-        """Returns the loop of the estimate and these ``rows`` of all, each with ``effects`` times its gain."""
-        kept = np.append(0, np.arange(len(self.effectiveness))[rows])
-        gains = np.outer(effects, self.effectiveness[kept]).ravel()
-        draws = np.tile(self.dynamics[kept], (len(effects), 1))
-        return replace(self, effectiveness=gains, dynamics=draws, grid=grid)
+        """Returns the loop of the estimated plant and of some of the plants, each with several effectivenesses.
+
+        Args:
+            rows: of the N plants; the estimate is row 0.
+            effectiveness_factors: times the control effectiveness, as by other battery voltages or loads.
+            grid: frequencies of the responses.
+        """
+        plants = np.append(0, np.arange(len(self.effectiveness))[rows])
+        effectiveness = np.outer(effectiveness_factors, self.effectiveness[plants]).ravel()
+        dynamics = np.tile(self.dynamics[plants], (len(effectiveness_factors), 1))
+        return replace(self, effectiveness=effectiveness, dynamics=dynamics, grid=grid)
 
     @property
     def agrees(self) -> bool | None:
         """Whether the flight's response is the predicted one; None where too little of it was measured."""
-        reason = None if self.measured is None else self.measured.reason
-        if self.measured is None or (reason and reason.code is Responses.RESPONSE_UNEXPLAINED):
+        if self.measured is None:
+            return None
+        reason = self.measured.reason
+        if reason is not None and reason.code is Responses.RESPONSE_UNEXPLAINED:
             return None
         return reason is None
 
     @property
     def disagreement(self) -> Fact | None:
         """Why the flight's response is not the predicted one; None where it is, or where too little was measured."""
-        return self.measured.reason if self.measured and self.agrees is False else None
+        if self.measured is None or self.agrees is not False:
+            return None
+        return self.measured.reason
 
     def share_meeting(self, target: MarginTarget) -> float:
-        """Returns the share of the draws in which both loops have the margins of ``target``."""
+        """Returns the fraction of the plants, from 0 to 1, with which both loops have the margins of ``target``."""
         return float(np.mean(margin_scores(target, self.rate, self.attitude) >= 1))
 
     @cached_property
     def wind(self) -> Array:
-        """(F,) the spectral density of the flight's wind torque at the loop's frequencies, (rad/s²)²/Hz."""
+        """(F,) spectral density of the flight's wind torque at the loop's frequencies, (rad/s²)²/Hz."""
         return wind_torque_density(self.plant, self.rate.frequency)
 
     @property
     def lean_in_wind(self) -> float:
-        """Standard deviation of the angle, degrees, in the wind of the flight about its mean, by this loop."""
-        return self.lean_in(self.wind)
+        """Standard deviation of the angle about its mean, degrees, in the wind of the flight."""
+        return self.angle_deviation(self.wind)
 
-    def lean_in(self, wind: Array) -> float:
-        """Returns the same in another ``wind``, whose torque has this density (F,)."""
-        power = np.abs(self.attitude.disturbance[0]) ** 2 * wind
+    def angle_deviation(self, torque_density: Array) -> float:
+        """Returns the standard deviation σ of the angle in a wind, degrees.
+
+        σ² = ∫ |G(jω)|² S df, by the trapezoidal rule, of the response G from the torque to the angle.
+
+        Args:
+            torque_density: (F,) S, the density of the wind's torque at the loop's frequencies, (rad/s²)²/Hz.
+        """
+        power = np.abs(self.attitude.disturbance[0]) ** 2 * torque_density
         return float(np.degrees(np.sqrt(np.trapezoid(power, self.rate.frequency))))
 
 
 LoopsByAxis = dict[str, Loop]
+"""Loops by "roll", "pitch" and "yaw"."""
 
 
 def identified_loops(loops: Mapping[str, object]) -> LoopsByAxis:
-    """Returns the ``loops`` without the axes of which there is only why they are not known."""
+    """Returns those of the ``loops`` by axis that are known, without the facts that say why others are not."""
     return {axis: loop for axis, loop in loops.items() if isinstance(loop, Loop)}
 
 
 def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) -> Fact:
-    """Returns whether rate and attitude ``loop`` have the margins of ``target``: good, perhaps (watch), or bad.
+    """Returns whether rate and attitude loop have the margins of ``target``.
 
-    Its figures are those of the weaker loop: which margin is ``lacking`` most, and what ``share`` of it there is.
+    Its level is good where 95 % of the draws have them, watch where only the estimate has, and else bad. The fact's
+    figures are those of the weaker loop: ``lacking`` is the margin that is least in relation to its target, ``share``
+    that relation.
     """
     loops = {"rate": loop.rate, "attitude": loop.attitude}
-    name, weak = min(loops.items(), key=lambda item: margin_scores(target, item[1])[0])
+    weaker = min(loops, key=lambda name: margin_scores(target, loops[name])[0])
+    weaker_loop = loops[weaker]
     scores = margin_scores(target, *loops.values())
     level = Level.BAD
     if np.quantile(scores, 1 - INTERVAL_QUANTILES[1], method="lower") >= 1:
         level = Level.GOOD
     elif scores[0] >= 1:
         level = Level.WATCH
-    shares = margin_ratios(target, weak)
+    ratios = margin_ratios(target, weaker_loop)
+    gain_margin_interval = np.minimum(
+        weaker_loop.gain_margin_interval, LARGEST_REPORTED_GAIN_MARGIN
+    )
     return Fact(
         Loops.MARGIN_RATING,
         level,
-        subject=name,
-        lacking=min(shares, key=lambda figure: shares[figure][0]),
-        share=max(scores[0], -1.0),
-        phase_margin=weak.phase_margin,
-        phase_margin_interval=weak.phase_margin_interval,
-        gain_margin=weak.gain_margin if isfinite(weak.gain_margin) else None,
-        gain_margin_interval=np.minimum(weak.gain_margin_interval, 99.0),
-        ms=weak.ms,
-        ms_interval=weak.ms_interval,
+        subject=weaker,
+        lacking=min(ratios, key=lambda figure: ratios[figure][0]),
+        share=max(scores[0], LOWEST_SCORE),
+        phase_margin=weaker_loop.phase_margin,
+        phase_margin_interval=weaker_loop.phase_margin_interval,
+        gain_margin=weaker_loop.gain_margin if isfinite(weaker_loop.gain_margin) else None,
+        gain_margin_interval=gain_margin_interval,
+        ms=weaker_loop.ms,
+        ms_interval=weaker_loop.ms_interval,
     )
 
 
 def margin_scores(target: MarginTarget, *loops: OpenLoop) -> Array:
-    """Returns (N,) the least of the margins over that of the target: 1 and more has them all, unstable is below 0."""
-    least = [
-        np.where(loop.stable, np.min([*margin_ratios(target, loop).values()], axis=0), -np.inf)
-        for loop in loops
-    ]
-    return np.min(least, axis=0)
+    """Returns how well loops have the margins of a ``target``: the least of their ratios, of all margins and loops.
+
+    Args:
+        target: the margins to have.
+        loops: of the same N plants.
+
+    Returns:
+        (N,) 1 and more have all margins; minus infinity where a loop is unstable.
+    """
+    least_ratios = []
+    for loop in loops:
+        least_ratio = np.min([*margin_ratios(target, loop).values()], axis=0)
+        least_ratios.append(np.where(loop.stable, least_ratio, -np.inf))
+    return np.min(least_ratios, axis=0)
 
 
 def margin_ratios(target: MarginTarget, loop: OpenLoop) -> dict[str, Array]:
-    """Returns (N,) of the margins by name, each over that of the target."""
+    """Returns (N,) each margin of a ``loop`` over that of the ``target``, by name; 1 and more has it."""
     return {
         "phase_margin": loop.figures["phase_margin"] / target.phase_margin,
         "gain_margin": loop.figures["gain_margin"] / target.gain_margin,
@@ -201,12 +258,15 @@ def margin_ratios(target: MarginTarget, loop: OpenLoop) -> dict[str, Array]:
 
 
 def parameters_changed_in_flight(record: Record, controller: Controller) -> Parameters:
-    """Returns the parameters of a ``controller`` that changed in the ``record``, with their values before."""
-    prefix = controller.names["p"][:-1]
-    return {
-        name: old
-        for name, old in record.earlier.items()
-        if name in controller.names.values()
-        or name.startswith(prefix)
-        or not name.startswith(OF_AXES)
-    }
+    """Returns the parameters of a ``controller`` that changed during the ``record``, with their earlier values.
+
+    Parameters of other axes do not count.
+    """
+    rate_prefix = controller.parameter_names["p"][:-1]
+    earlier_values = {}
+    for name, value in record.earlier.items():
+        is_of_axis = name in controller.parameter_names.values() or name.startswith(rate_prefix)
+        is_of_all_axes = not name.startswith(AXIS_PARAMETER_PREFIXES)
+        if is_of_axis or is_of_all_axes:
+            earlier_values[name] = value
+    return earlier_values

@@ -1,8 +1,8 @@
-"""Filters: frequency responses of what stands between a vehicle's true rate and the one that is controlled and logged.
+"""Frequency responses of the gyro's low-pass and notch filters, behind which an autopilot controls and logs rates.
 
-Second-order filters by the bilinear transform are analog ones on a warped axis of frequency, tan(π f / rate). Sources:
-``LowPassFilter2p`` and ``NotchFilter`` of https://github.com/ArduPilot/ardupilot and, by the same names, of
-https://github.com/PX4/PX4-Autopilot.
+The filters are second-order analog ones made discrete by the bilinear transform, so that their response is that of the
+analog one at the warped frequency tan(π f / rate). Sources: ``LowPassFilter2p`` and ``NotchFilter`` of
+https://github.com/ArduPilot/ardupilot and, by the same names, of https://github.com/PX4/PX4-Autopilot.
 """
 
 from collections.abc import Iterable
@@ -12,60 +12,91 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.arrays import Array
-from mavdem.loops.controllers import Controller, Notch
+from mavdem.loops.autopilot_parameters import Notch
+from mavdem.loops.controllers import Controller
 
 MAX_NOTCH_FREQUENCY_RATIO = 0.48
-"""Of the rate it runs at: a notch filter from there on is off (``HARMONIC_NYQUIST_CUTOFF`` of ArduPilot)."""
+"""Of the rate it runs at: a notch filter is off from there on (``HARMONIC_NYQUIST_CUTOFF`` of ArduPilot)."""
+DELAY_FREQUENCY = 0.1
+"""Hz at which the delay of the gyro's filters is taken: far below all cut-offs."""
+PHASE_STEPS = 100
+"""Frequencies between 0 and a given one over which phase is unwrapped."""
 
 
 class GyroFilters(NamedTuple):
     """The gyro's filters, and what they cost."""
 
-    low_pass: float  # Hz, of the second-order low-pass; 0 where there is none
+    low_pass: float
+    """Cut-off of the second-order low-pass, Hz; 0 where there is none."""
     notches: tuple[Notch, ...]
-    phase_lag: float  # degrees, of all at a frequency
+    """The notch filters."""
+    phase_lag: float
+    """Phase lag of all together at a frequency that was asked for, degrees."""
 
 
 def gyro_response(controller: Controller, frequency: Array) -> NDArray[np.complex128]:
-    """Returns (…) the rate that is controlled and logged by the true one, at ``frequency`` (…), Hz."""
+    """Returns the response of the gyro's filters: the rate that is controlled and logged, per true rate.
+
+    The low-pass is a Butterworth filter, 1 / (1 + √2 jx − x²), with x the ratio of the warped frequencies.
+
+    Args:
+        controller: whose filters these are.
+        frequency: (…) Hz.
+
+    Returns:
+        (…) complex response.
+    """
     rate = controller.gyro_rate
-    response = notched(controller.notches, rate, frequency)
+    response = notch_response(controller.notches, rate, frequency)
     cutoff = controller.gyro_filter
     if cutoff:
         warped = np.tan(np.pi * frequency / rate)
         warped_cutoff = np.tan(np.pi * min(cutoff / rate, MAX_NOTCH_FREQUENCY_RATIO))
-        share = warped / warped_cutoff
-        response /= 1 + 2**0.5 * 1j * share - share**2
+        ratio = warped / warped_cutoff
+        response /= 1 + 2**0.5 * 1j * ratio - ratio**2
     return response
 
 
-def notched(notches: Iterable[Notch], rate: float, frequency: Array) -> NDArray[np.complex128]:
-    """Returns (…) the response of ``notches`` that run at a ``rate``, Hz, at ``frequency`` (…), Hz."""
+def notch_response(
+    notches: Iterable[Notch], rate: float, frequency: Array
+) -> NDArray[np.complex128]:
+    """Returns the response of several notch filters in series.
+
+        N = (1 − x² + a jx / Q) / (1 − x² + jx / Q)
+
+    with x the ratio of the warped frequencies and a the gain that is left at the centre.
+
+    Args:
+        notches: the filters.
+        rate: at which they run, Hz.
+        frequency: (…) Hz.
+
+    Returns:
+        (…) complex response.
+    """
     warped = np.tan(np.pi * frequency / rate)
     response = np.ones(np.shape(frequency), complex)
     for notch in notches:
         if notch.frequency < MAX_NOTCH_FREQUENCY_RATIO * rate:
-            share = warped / np.tan(np.pi * notch.frequency / rate)
-            damped = 1j * share * notch.bandwidth / notch.frequency
-            kept = 10 ** (-notch.attenuation / 20)
-            undamped = 1 - share**2
-            response *= (undamped + kept * damped) / (undamped + damped)
+            ratio = warped / np.tan(np.pi * notch.frequency / rate)
+            damping_term = 1j * ratio * notch.bandwidth / notch.frequency
+            center_gain = 10 ** (-notch.attenuation / 20)
+            undamped = 1 - ratio**2
+            response *= (undamped + center_gain * damping_term) / (undamped + damping_term)
     return response
 
 
 def gyro_delay(controller: Controller) -> float:
-    """Returns by how much the gyro's filters delay slow motion, s."""
-    slow = 0.1  # Hz, far below all
-    response = gyro_response(controller, np.array([slow]))
+    """Returns the delay of the gyro's filters at low frequencies, s."""
+    response = gyro_response(controller, np.array([DELAY_FREQUENCY]))
     phase = np.angle(response)[0]
-    return -phase / (2 * np.pi * slow)
+    return -phase / (2 * np.pi * DELAY_FREQUENCY)
 
 
 def gyro_filters(controller: Controller, frequency: float) -> GyroFilters:
-    """Returns the gyro's filters, and their phase lag at a ``frequency``, Hz, such as the crossover."""
-    # from low frequencies on, so that it may be more than half a turn
-    upwards = np.linspace(0.0, frequency, 100)
-    response = gyro_response(controller, upwards)
-    phase = np.unwrap(np.angle(response))
-    lag = -np.degrees(phase[-1])
-    return GyroFilters(controller.gyro_filter, controller.notches, lag)
+    """Returns the gyro's filters with their phase lag at a ``frequency``, Hz, such as the crossover."""
+    # The phase is followed from low frequencies on, since it may be more than half a turn.
+    frequencies = np.linspace(0.0, frequency, PHASE_STEPS)
+    phase = np.unwrap(np.angle(gyro_response(controller, frequencies)))
+    phase_lag = -np.degrees(phase[-1])
+    return GyroFilters(controller.gyro_filter, controller.notches, phase_lag)

@@ -25,7 +25,7 @@ from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.loops.controllers import Controller
 from mavdem.loops.filters import gyro_delay, gyro_response
 from mavdem.loops.loop_construction import demand_directions, known_controller
-from mavdem.loops.margins import rate_loop, transfer
+from mavdem.loops.margins import controller_response, rate_loop
 from mavdem.plant import Physical
 from mavdem.plant.closed_loop.densities import ASKED, OUTPUT, RATE, KnownController
 from mavdem.plant.closed_loop.identification import IdentifiedAxis, identified
@@ -100,10 +100,10 @@ def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
         raise NotLearnable(Loops.LOOP_TOO_SHORT, least_duration=least_duration)
     limited_share = _limited_share(streams[OUTPUT], limited, starts)
     logged_controller = KnownController(
-        partial(transfer, controller),
+        partial(controller_response, controller),
         partial(gyro_response, controller),
-        controller.angle,
-        controller.cycle,
+        controller.angle_gain,
+        controller.loop_period,
     )
     with one_thread(), np.errstate(all="ignore"):
         seen = spectra(streams, starts)
@@ -166,16 +166,16 @@ def _streams(
     if "rad/s" not in asked:
         raise NotLearnable(Loops.NO_RATE_SETPOINT)
     setpoint = asked["rad/s"]
-    turned = controller.angle * np.interp(setpoint.time, *angle)
+    turned = controller.angle_gain * np.interp(setpoint.time, *angle)
     candidates = [setpoint.values]
     if controller.derivative_of_error and "rad" in asked:
         # ArduPilot's ATTITUDE_TARGET lacks the correction of the angle's error, its RATE has it
-        wanted = controller.angle * np.interp(setpoint.time, *asked["rad"])
+        wanted = controller.angle_gain * np.interp(setpoint.time, *asked["rad"])
         candidates.append(setpoint.values + wanted - turned)
     streams = [here(attitude, attitude.rate), demand]
     for values in candidates:
         streams += [Messages(setpoint.time, wanted) for wanted in (values, values + turned)]
-    limited = controller.at_limit(outputs.values, drive.scale.stop).astype(np.float64)
+    limited = controller.outputs_at_limit(outputs.values, drive.scale.stop).astype(np.float64)
     rounding = drive.scale.step / float(np.linalg.norm(directions))
     return streams, Messages(outputs.time, limited), rounding
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from mavdem.dataset.segments import Segments
 from mavdem.dataset.signals import Signals
-from mavdem.loops.margins import OpenLoop, transfer
+from mavdem.loops.margins import OpenLoop, controller_response
 from mavdem.loops.resonance import (
     LOWEST_RESPONSE,
     MIN_COHERENCE,
@@ -43,7 +43,7 @@ def injected_loop(signals: Signals, parts: Segments) -> OpenLoop | None:
         return None
     frequency = cross.frequency[coherent]
     plant = (cross.power[0, 1] / cross.power[0, 2])[coherent]
-    forward, back = transfer(controller, frequency)
+    forward, back = controller_response(controller, frequency)
     response = back * plant
     closed = forward * plant / (1 + response)
     loop = OpenLoop(frequency, response[None], closed[None], 0 * closed[None])

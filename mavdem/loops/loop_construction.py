@@ -13,8 +13,9 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.loops import Controllers, Loops
 from mavdem.ingest.telemetry import Parameters
+from mavdem.loops.autopilot_parameters import MOTOR_COUNT
 from mavdem.loops.axis_loops import Loop, parameters_changed_in_flight
-from mavdem.loops.controllers import MOTORS, Controller, controller_from_parameters
+from mavdem.loops.controllers import Controller, controller_from_parameters
 from mavdem.loops.filters import gyro_delay
 from mavdem.loops.measured_response import measured_response
 from mavdem.plant import Physical
@@ -44,7 +45,7 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
     weights = record.effect_directions
     controller = controller or known_controller(record.parameters, axis, weights)
     if not controller.p > 0:
-        name = controller.names["p"]
+        name = controller.parameter_names["p"]
         raise NotLearnable(Loops.NO_PROPORTIONAL_GAIN, name=name, value=controller.p)
     filters = gyro_delay(controller)
     if plant.filtered:
@@ -132,7 +133,7 @@ def demand_directions(controller: Controller, record: Record) -> Array:
     trim = record.inputs.mean(axis=0)
     if len(trim) == 1 and record.input_range == (-1.0, 1.0):
         return np.ones(1)
-    if len(trim) != MOTORS or len(record.input_range) != 2:
+    if len(trim) != MOTOR_COUNT or len(record.input_range) != 2:
         raise NotLearnable(Controllers.MIXER_UNKNOWN, autopilot=None, motors=len(trim))
     low, high = record.input_range
     return (high - low) * np.array(

@@ -1,8 +1,10 @@
-"""Margins of an open loop, and of what its closed loop does, with intervals from draws of the plant's posterior.
+"""Stability margins of a rate or attitude loop from its open-loop frequency response, with intervals.
 
-An open loop that is estimated from the spectra of a flight's outputs and inputs is biased: wind acts on both. So it is
-the identified plant times the known controller. Source of the figures: K. J. Åström and R. M. Murray, Feedback Systems,
-2nd ed., secs. 10.3 and 12.1.
+    L = P C,    S = 1 / (1 + L),    T = L / (1 + L)
+
+P is the identified plant and C the known controller: an open loop estimated from the spectra of a flight's outputs and
+inputs would be biased, since wind acts on both. Intervals are those of draws from the posterior of the plant. Figures
+are defined as by K. J. Åström and R. M. Murray, Feedback Systems, 2nd ed., secs. 10.3 and 12.1.
 """
 
 from __future__ import annotations
@@ -20,18 +22,39 @@ from mavdem.confidence import INTERVAL_QUANTILES, Interval
 from mavdem.immutable import ImmutableResult, freeze
 from mavdem.ingest.vocabulary import wrapped_angle
 from mavdem.loops.controllers import Controller
-from mavdem.loops.filters import gyro_response, notched
+from mavdem.loops.filters import gyro_response, notch_response
 
 Complex = NDArray[np.complex128]
-GRID = (0.02, 100.0, 500)
-"""Hz from and to, and how many frequencies between, evenly by ratio; up to 0.45 of the loop's own rate at most."""
+"""Complex numbers of any shape, such as a frequency response."""
+
+
+class FrequencyGrid(NamedTuple):
+    """Frequencies of a response, evenly spaced on a logarithmic scale."""
+
+    lowest: float
+    """Hz."""
+    highest: float
+    """Hz; where the loop runs at less than 2.2 times that, the grid ends at ``MAX_FREQUENCY_RATIO`` of its rate."""
+    points: int
+    """How many frequencies there are."""
+
+
+FINE_GRID = FrequencyGrid(0.02, 100.0, 500)
+"""Frequencies of the margins that are reported."""
+MAX_FREQUENCY_RATIO = 0.45
+"""Highest frequency of a response, as a fraction of the rate of the loop: just below half of it."""
+HALF_POWER_GAIN = 2**-0.5
+"""Gain at which a response has half of the power, −3 dB: the end of the bandwidth."""
+DECIBELS_PER_NEPER = 20 / np.log(10)
+"""What natural logarithms of a gain are multiplied by for decibels."""
 
 
 @dataclass(frozen=True)
-class Figure:
-    """A figure of a loop, of the estimated plant, as an attribute."""
+class FigureEstimate:
+    """Attribute of :class:`Margins` that is a figure of the estimated plant: the first of its values."""
 
     name: str
+    """The key in ``Margins.figures``."""
 
     def __get__(self, loop: Any, kind: type | None = None) -> float:
         return float(loop.figures[self.name][0])
@@ -39,9 +62,10 @@ class Figure:
 
 @dataclass(frozen=True)
 class FigureInterval:
-    """The 90 % interval of a figure, (low, high), as an attribute."""
+    """Attribute of :class:`Margins` that is the 90 % interval (low, high) of a figure, over draws of the plant."""
 
     name: str
+    """The key in ``Margins.figures``."""
 
     def __get__(self, loop: Any, kind: type | None = None) -> Interval:
         values = loop.figures[self.name]
@@ -50,167 +74,229 @@ class FigureInterval:
 
 
 class Margins(ImmutableResult):
-    """Figures of a loop with their 90 % intervals; the margins are the smallest."""
+    """The figures of a loop, each with its 90 % interval; of several crossings the smallest margin counts.
 
-    crossover = Figure("crossover")
-    """The highest frequency at which the gain is 1, Hz."""
+    A subclass has ``figures``: (N,) values of each by name, of the estimated plant and then of draws.
+    """
+
+    crossover = FigureEstimate("crossover")
+    """Gain crossover: the highest frequency at which |L| = 1, Hz."""
     crossover_interval = FigureInterval("crossover")
-    phase_margin = Figure("phase_margin")
-    """Degrees; negative where the loop is unstable."""
+    phase_margin = FigureEstimate("phase_margin")
+    """Phase margin, degrees; negative where the loop is unstable."""
     phase_margin_interval = FigureInterval("phase_margin")
-    gain_margin = Figure("gain_margin")
-    """dB; infinite where no frequency has it."""
+    gain_margin = FigureEstimate("gain_margin")
+    """Gain margin, dB; infinite where L does not cross the negative real axis."""
     gain_margin_interval = FigureInterval("gain_margin")
-    delay_margin = Figure("delay_margin")
-    """Seconds."""
+    delay_margin = FigureEstimate("delay_margin")
+    """Delay margin, s: the further delay by which the loop becomes unstable."""
     delay_margin_interval = FigureInterval("delay_margin")
-    ms = Figure("ms")
-    """The maximum sensitivity."""
+    ms = FigureEstimate("ms")
+    """Maximum sensitivity Ms, the largest |S|."""
     ms_interval = FigureInterval("ms")
-    bandwidth = Figure("bandwidth")
-    """Hz, up to which the closed loop is at least -3 dB."""
+    bandwidth = FigureEstimate("bandwidth")
+    """Bandwidth: the frequency up to which the closed loop is at least −3 dB, Hz."""
     bandwidth_interval = FigureInterval("bandwidth")
-    rejection = Figure("rejection")
-    """The largest response of rate or angle to a torque, s or s²."""
+    rejection = FigureEstimate("rejection")
+    """The largest response of rate or angle to a torque, as an angular acceleration: s or s²."""
     rejection_interval = FigureInterval("rejection")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class OpenLoop(Margins):
-    """One loop, opened at its controller: N responses at F frequencies, the estimate's first and then of draws."""
+    """Frequency responses of a rate or attitude loop, opened at its controller.
+
+    There are N responses at F frequencies: that of the estimated plant, and then those of draws from its posterior.
+    """
 
     frequency: Array
-    """(F,) Hz."""
+    """(F,) Hz, ascending."""
     response: Complex
-    """(N, F) of the open loop, without its sign."""
+    """(N, F) open loop L; the minus sign of the feedback is not in it."""
     closed: Complex
-    """(N, F) from the setpoint to the rate, or the angle."""
+    """(N, F) closed loop, from the setpoint to the rate or the angle."""
     disturbance: Complex
-    """(N, F) from the wind's torque, rad/s², to the rate, rad/s, or the angle, rad."""
+    """(N, F) from the torque of the wind, rad/s², to the rate, rad/s, or the angle, rad."""
 
     @cached_property
     def stable(self) -> Flags:
-        """(N,) whether closed loops are stable, whose open loops are so but for poles at 0 (Nyquist's criterion).
+        """(N,) whether the closed loops are stable, by Nyquist's criterion.
 
-        1 + L turns by a quarter for each pole at 0 from the lowest frequency to the highest, and not at all besides.
+        Open loops may have poles at 0 but none in the right half plane. As the frequency rises from 0 to infinity,
+        1 + L then turns by a quarter turn for each pole at 0 if the closed loop is stable, and by a half turn or more
+        besides if not. How many poles at 0 there are shows in the phase of L at the lowest frequency.
         """
-        steps = wrapped_angle(np.diff(np.angle(1 + self.response), axis=1))
-        quarters = -np.angle(self.response[:, 0]) / (np.pi / 2)
-        besides = steps.sum(axis=1) - np.round(quarters).clip(0, 2) * np.pi / 2
-        return freeze(np.abs(besides) < np.pi)
+        phase_steps = wrapped_angle(np.diff(np.angle(1 + self.response), axis=1))
+        poles_at_zero = np.round(-np.angle(self.response[:, 0]) / (np.pi / 2)).clip(0, 2)
+        further_turn = phase_steps.sum(axis=1) - poles_at_zero * np.pi / 2
+        return freeze(np.abs(further_turn) < np.pi)
 
     @cached_property
     def figures(self) -> Mapping[str, Array]:
-        """(N,) of each figure by its name: of the estimated plant, and then of draws."""
-        at = np.log(self.frequency)
+        """(N,) values of each figure of :class:`Margins` by its name; NaN or infinite where there is no crossing."""
+        log_frequency = np.log(self.frequency)
         response = self.response
-        gain = np.log(np.abs(response))
-        crossing = _Zeros.of(gain)
-        hertz = np.exp(crossing.among(at))
-        before = np.angle(-response[crossing.rows, crossing.columns])
-        after = np.angle(-response[crossing.rows, crossing.columns + 1])
-        margin = wrapped_angle(before + crossing.share * wrapped_angle(after - before))
-        real = _Zeros.of(response.imag)
-        bears = np.where(real.among(response.real) < 0, -real.among(gain), np.nan)
-        nearest = real.least(np.abs(bears))
-        nearest[real.rows[bears == -nearest[real.rows]]] *= -1
-        falls = _Zeros.of(np.abs(self.closed) - 2**-0.5)  # half of the power
+        log_gain = np.log(np.abs(response))
+
+        gain_crossings = _ZeroCrossings.of(log_gain)
+        crossover = np.exp(gain_crossings.interpolate(log_frequency))
+        # The angle of −L is the phase above −180°. It is interpolated on the circle.
+        phase_before = np.angle(-response[gain_crossings.rows, gain_crossings.columns])
+        phase_after = np.angle(-response[gain_crossings.rows, gain_crossings.columns + 1])
+        phase_step = wrapped_angle(phase_after - phase_before)
+        phase_margin = wrapped_angle(phase_before + gain_crossings.fraction * phase_step)
+
+        real_axis_crossings = _ZeroCrossings.of(response.imag)
+        is_negative = real_axis_crossings.interpolate(response.real) < 0
+        log_gain_margin = np.where(is_negative, -real_axis_crossings.interpolate(log_gain), np.nan)
+        # A loop may become unstable by less gain too. The crossing nearest to −1 counts, with its sign.
+        nearest = real_axis_crossings.minimum_by_row(np.abs(log_gain_margin))
+        rows = real_axis_crossings.rows
+        nearest[rows[log_gain_margin == -nearest[rows]]] *= -1
+
+        half_power_crossings = _ZeroCrossings.of(np.abs(self.closed) - HALF_POWER_GAIN)
+        log_bandwidth = half_power_crossings.minimum_by_row(
+            half_power_crossings.interpolate(log_frequency)
+        )
+        delay_margin = phase_margin / (2 * np.pi * crossover)
         figures = {
-            "crossover": -crossing.least(-hertz),
-            "phase_margin": np.degrees(_or_infinite(crossing.least(margin))),
-            "gain_margin": 20 / np.log(10) * _or_infinite(nearest),
-            "delay_margin": _or_infinite(crossing.least(margin / (2 * np.pi * hertz))),
+            "crossover": -gain_crossings.minimum_by_row(-crossover),
+            "phase_margin": np.degrees(
+                _infinite_if_nan(gain_crossings.minimum_by_row(phase_margin))
+            ),
+            "gain_margin": DECIBELS_PER_NEPER * _infinite_if_nan(nearest),
+            "delay_margin": _infinite_if_nan(gain_crossings.minimum_by_row(delay_margin)),
             "ms": 1 / np.abs(1 + response).min(axis=1),
-            "bandwidth": np.exp(falls.least(falls.among(at))),
+            "bandwidth": np.exp(log_bandwidth),
             "rejection": np.abs(self.disturbance).max(axis=1),
         }
         return freeze(figures)
 
 
-class _Zeros(NamedTuple):
-    """Where values (N, F) change sign between two frequencies."""
+class _ZeroCrossings(NamedTuple):
+    """Where the rows of values (N, F) change sign between two neighbouring columns, K crossings in all."""
 
-    loops: int  # N
-    rows: Indices  # (K,)
-    columns: Indices  # (K,) of the frequency before
-    share: Array  # (K,) of the step to the next one
+    row_count: int
+    """N."""
+    rows: Indices
+    """(K,) row of each crossing."""
+    columns: Indices
+    """(K,) column before each crossing."""
+    fraction: Array
+    """(K,) of the step to the next column at which the linearly interpolated value is 0."""
 
     @classmethod
-    def of(cls, values: Array) -> _Zeros:
-        negative = np.signbit(values)
-        rows, columns = np.nonzero(negative[:, :-1] != negative[:, 1:])
+    def of(cls, values: Array) -> _ZeroCrossings:
+        """Returns the crossings of ``values`` (N, F)."""
+        is_negative = np.signbit(values)
+        rows, columns = np.nonzero(is_negative[:, :-1] != is_negative[:, 1:])
         before = values[rows, columns]
-        return cls(len(values), rows, columns, before / (before - values[rows, columns + 1]))
+        after = values[rows, columns + 1]
+        return cls(len(values), rows, columns, before / (before - after))
 
-    def among(self, others: Array) -> Array:
-        """(K,) of others (N, F) or (F,), there."""
-        others = np.broadcast_to(others, (self.loops, others.shape[-1]))
-        before = others[self.rows, self.columns]
-        return before + self.share * (others[self.rows, self.columns + 1] - before)
+    def interpolate(self, values: Array) -> Array:
+        """Returns (K,) other ``values``, (N, F) or (F,) for all rows, linearly interpolated at the crossings."""
+        values = np.broadcast_to(values, (self.row_count, values.shape[-1]))
+        before = values[self.rows, self.columns]
+        after = values[self.rows, self.columns + 1]
+        return before + self.fraction * (after - before)
 
-    def least(self, crossings: Array) -> Array:
-        """(N,) the least of ``crossings`` (K,); NaN of nothing."""
-        least = np.full(self.loops, np.nan)
-        np.fmin.at(least, self.rows, crossings)
-        return least
+    def minimum_by_row(self, values: Array) -> Array:
+        """Returns (N,) the least of ``values`` (K,) at the crossings of each row, without NaN; NaN if there is none."""
+        minimum = np.full(self.row_count, np.nan)
+        np.fmin.at(minimum, self.rows, values)
+        return minimum
 
 
-def _or_infinite(values: Array) -> Array:
+def _infinite_if_nan(values: Array) -> Array:
     return np.where(np.isnan(values), np.inf, values)
 
 
 def rate_loop(
     controller: Controller,
-    gains: Array,
+    effectiveness: Array,
     dynamics: Array,
-    grid: tuple[float, float, int] = GRID,
+    grid: FrequencyGrid = FINE_GRID,
 ) -> OpenLoop:
-    """Returns the loop of the rate; ``gains`` (N,) and ``dynamics`` (N, 3) are those of a :class:`Loop`."""
-    lowest, highest, count = grid
-    fastest = min(highest, 0.45 / controller.cycle)
-    frequency = np.geomspace(lowest, fastest, count)
+    """Returns the loop of the body rate.
+
+        P = k e^(−s delay) / (lag s + 1) · 1 / (s + damping) · gyro filters,    L = C P
+
+    Args:
+        controller: C.
+        effectiveness: (N,) k, angular acceleration per demand, rad/s², of N plants.
+        dynamics: (N, 3) damping, 1/s, motor lag and delay, s, of each plant, without the gyro's filters.
+        grid: frequencies of the responses.
+    """
+    highest = min(grid.highest, MAX_FREQUENCY_RATIO / controller.loop_period)
+    frequency = np.geomspace(grid.lowest, highest, grid.points)
     s = 2j * np.pi * frequency
     damping, lag, delay = (column[:, None] for column in dynamics.T)
-    late = np.exp(-s * delay)
-    acted = gyro_response(controller, frequency) * late / (lag * s + 1)
-    turned = 1 / (s + damping)
-    to_rate = gains[:, None] * acted * turned
-    forward, back = transfer(controller, frequency)
-    response = back * to_rate
-    closed = forward * to_rate / (1 + response)
-    disturbance = turned / (1 + response)
+    delayed = np.exp(-s * delay)
+    actuation = gyro_response(controller, frequency) * delayed / (lag * s + 1)
+    rate_per_torque = 1 / (s + damping)
+    plant = effectiveness[:, None] * actuation * rate_per_torque
+    from_setpoint, from_rate = controller_response(controller, frequency)
+    response = from_rate * plant
+    closed = from_setpoint * plant / (1 + response)
+    disturbance = rate_per_torque / (1 + response)
     return OpenLoop(frequency, response, closed, disturbance)
 
 
 def attitude_loop(controller: Controller, rate: OpenLoop) -> OpenLoop:
-    """Returns the loop of the attitude around that of the ``rate``."""
+    """Returns the loop of the attitude around the closed loop of the ``rate``: L = angle gain / s · T_rate.
+
+    The closed loop of the rate ends at the gyro's filters, behind which rates are controlled. The angle is not
+    filtered: so their response is divided out.
+    """
     s = 2j * np.pi * rate.frequency
-    # Rates are logged, and controlled, behind the gyro's filters, the angle is not.
-    filtered = gyro_response(controller, rate.frequency)
-    outer = controller.angle / s * rate.closed / filtered
-    closed = outer / (1 + outer)
-    disturbance = rate.disturbance / s / (1 + outer)
-    return OpenLoop(rate.frequency, outer, closed, disturbance)
+    filters = gyro_response(controller, rate.frequency)
+    response = controller.angle_gain / s * rate.closed / filters
+    closed = response / (1 + response)
+    disturbance = rate.disturbance / s / (1 + response)
+    return OpenLoop(rate.frequency, response, closed, disturbance)
 
 
-def transfer(controller: Controller, frequency: Array) -> tuple[Complex, Complex]:
-    """Returns (…) from the rate's setpoint to the demand, and, without its sign, from the rate, at Hz (…)."""
-    cycle = controller.cycle
-    late = np.exp(-2j * np.pi * frequency * cycle)
+class ControllerResponse(NamedTuple):
+    """Frequency responses of a rate controller."""
 
-    def filtered(cutoff: float) -> Any:
-        share = cycle / (cycle + 1 / (2 * np.pi * cutoff)) if cutoff else 1.0
-        return share / (1 - (1 - share) * late)
+    from_setpoint: Complex
+    """(…) demand per rad/s of the rate's setpoint."""
+    from_rate: Complex
+    """(…) demand per rad/s of the gyro's rate; the minus sign of the feedback is not in it."""
 
-    differentiated = controller.d * filtered(controller.derivative_filter) * (1 - late) / cycle
-    integrated = controller.i * cycle / (1 - late)
+
+def controller_response(controller: Controller, frequency: Array) -> ControllerResponse:
+    """Returns the responses of a discrete-time rate controller, with z = e^(jω h) for its loop period h.
+
+    The integral is I h / (1 − z⁻¹), the derivative D (1 − z⁻¹) / h, and a first-order low-pass of cut-off f is
+    a / (1 − (1 − a) z⁻¹) with a = h / (h + 1 / (2π f)). ArduPilot's ``AC_PID`` differentiates the error and filters the
+    setpoint; PX4's ``RateControl`` differentiates the rate, and integrates the error after it has been used.
+
+    Args:
+        controller: of one axis.
+        frequency: (…) Hz.
+    """
+    period = controller.loop_period
+    # z⁻¹
+    previous = np.exp(-2j * np.pi * frequency * period)
+
+    def low_pass(cutoff: float) -> Any:
+        weight = period / (period + 1 / (2 * np.pi * cutoff)) if cutoff else 1.0
+        return weight / (1 - (1 - weight) * previous)
+
+    derivative = controller.d * low_pass(controller.derivative_filter) * (1 - previous) / period
+    integral = controller.i * period / (1 - previous)
     if controller.derivative_of_error:
-        back = filtered(controller.error_filter) * (controller.p + integrated + differentiated)
-        back = back * notched(controller.error_notches, 1 / cycle, frequency)
-        ahead = controller.ff + controller.derivative_ff * (1 - late) / cycle
-        target = notched(controller.target_notches, 1 / cycle, frequency)
-        return filtered(controller.target_filter) * target * (back + ahead), back
-    # PX4 integrates the error after it has been used.
-    error = controller.p + late * integrated
-    output = filtered(controller.output_filter)
-    return output * (error + controller.ff), output * (error + differentiated)
+        from_error = low_pass(controller.error_filter) * (controller.p + integral + derivative)
+        from_error = from_error * notch_response(controller.error_notches, 1 / period, frequency)
+        feed_forward = controller.ff + controller.derivative_ff * (1 - previous) / period
+        target_notches = notch_response(controller.target_notches, 1 / period, frequency)
+        target_filters = low_pass(controller.target_filter) * target_notches
+        return ControllerResponse(target_filters * (from_error + feed_forward), from_error)
+    proportional_integral = controller.p + previous * integral
+    output_filter = low_pass(controller.output_filter)
+    return ControllerResponse(
+        output_filter * (proportional_integral + controller.ff),
+        output_filter * (proportional_integral + derivative),
+    )

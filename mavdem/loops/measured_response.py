@@ -10,7 +10,7 @@ from mavdem.dem.record import Record
 from mavdem.facts import Fact
 from mavdem.facts.loops import Responses
 from mavdem.loops.controllers import Controller
-from mavdem.loops.margins import Complex, transfer
+from mavdem.loops.margins import Complex, controller_response
 from mavdem.loops.resonance import WELCH_SECONDS, Spectra, spectra_of_pieces
 from mavdem.plant.identifiability import MIN_RESOLVED_RATE
 from mavdem.plant.parameters import rate_column
@@ -67,7 +67,7 @@ def measured_response(
             plain.append(np.array([asked, rate, moved]))
             if angles:
                 error = evenly(angles[0]) - angles[1]
-                turn = controller.angle * error
+                turn = controller.angle_gain * error
                 corrected.append(np.array([asked + turn, rate, moved]))
     spectra = [
         spectra_of_pieces(1 / record.dt, pieces, 2 * WELCH_SECONDS) for pieces in (plain, corrected)
@@ -102,7 +102,7 @@ def _compared(
         )
     # What the controller should have asked for, by its parameters, and what it did.
     positive = np.maximum(hertz, hertz[1])
-    forward, back = transfer(controller, positive)
+    forward, back = controller_response(controller, positive)
     asks = np.stack([forward, -back])
     likewise = (asks.conj() * cross.power[:2, 2]).sum(axis=0)
     asked = np.einsum("if,ijf,jf->f", asks.conj(), cross.power[:2, :2], asks).real

@@ -24,7 +24,7 @@ from mavdem.dataset.time_series import TimeSeries
 from mavdem.dem.engine.linalg import SMALLEST
 from mavdem.errors import NotLearnable
 from mavdem.loops.controllers import Controller, controller_from_parameters
-from mavdem.loops.margins import Complex, transfer
+from mavdem.loops.margins import Complex, controller_response
 
 WELCH_SECONDS = 2.0
 FEWEST_WINDOWS = 10
@@ -119,8 +119,8 @@ def setpoint_resonance(signals: Signals, parts: Segments) -> Resonance | None:
     without_filters = response
     controller = controller_if_known(signals)
     if controller is not None:
-        gain = controller.angle
-        forward, back = transfer(controller, hertz)
+        gain = controller.angle_gain
+        forward, back = controller_response(controller, hertz)
         without_filters = response * back / forward
     coherence = cross.coherence
     back_by_angle = gain / (2j * np.pi * hertz)

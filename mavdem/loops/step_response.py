@@ -204,7 +204,7 @@ def _response(
     if samples < least_samples:
         return Fact(StepResponses.TOO_LITTLE_ASKED, subject=subject)
     controller = controller_if_known(signals)
-    gain = USUAL_ANGLE_GAIN if controller is None else controller.angle
+    gain = USUAL_ANGLE_GAIN if controller is None else controller.angle_gain
     gain *= loop == "rate"
     if loop == "rate" and len(used) < 3:
         pieces = [np.vstack([piece, np.cumsum(piece[1]) / sampled]) for piece in pieces]

@@ -20,13 +20,13 @@ from mavdem.facts.loops import Twins
 from mavdem.immutable import ImmutableResult
 from mavdem.ingest.motors import Position
 from mavdem.ingest.telemetry import Parameters
-from mavdem.loops.axis_loops import Loop, LoopsByAxis
-from mavdem.loops.controllers import (
+from mavdem.loops.autopilot_parameters import (
     DEFAULT_LOOP_RATES,
     LOOP_RATE_PARAMETERS,
     MAX_LOOP_RATE,
-    controller_from_parameters,
 )
+from mavdem.loops.axis_loops import Loop, LoopsByAxis
+from mavdem.loops.controllers import controller_from_parameters
 from mavdem.loops.measured_response import evenly
 from mavdem.plant.parameters import wind_torque_density
 from mavdem.wind_velocity.airflow import Drag
@@ -111,7 +111,7 @@ def build_twin(
     """
     roll = loops["roll"]
     controller = roll.controller
-    begin, end = controller.spin
+    begin, end = controller.spin_range
     if not max(0.1, begin) < hover < end:
         raise NotLearnable(Twins.NO_HOVER, share=hover)
     wind = (
@@ -131,8 +131,8 @@ def build_twin(
         inertia=(),
         arm=arm,
         hover=hover,
-        spin=controller.spin,
-        expo=min(max(controller.expo, 0.0), 1.0),
+        spin=controller.spin_range,
+        expo=min(max(controller.thrust_expo, 0.0), 1.0),
         moment=MOMENT * arm[1],
         damping=tuple(damping[axis] for axis in TORQUE_SIGNS),
         lag=max(lag + min(late, 0.0), 0.0),
@@ -273,7 +273,7 @@ def _again(loop: Loop, segment: slice) -> ReplaySegment | None:
         is_steered = rate.std() > 0.8 * outputs.std()
         return ReplaySegment(outputs, np.column_stack([0 * rate, rate])) if is_steered else None
     # Only ArduPilot's ATTITUDE_TARGET leaves out what the angle's error asks for.
-    corrected = loop.controller.angle * (angles[0] - outputs[:, 0])
+    corrected = loop.controller.angle_gain * (angles[0] - outputs[:, 0])
     ahead = np.gradient(angles[0], record.dt)
     apart = [np.std(rate - wanted) for wanted in (ahead, corrected + ahead, corrected)]
     if not loop.controller.derivative_of_error or np.argmin(apart):

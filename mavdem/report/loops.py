@@ -117,7 +117,7 @@ def gain_blocks(advice: Advice) -> Blocks:
     why = section(
         "loop_gains",
         advice=advice,
-        names=advice.before.controller.names,
+        names=advice.before.controller.parameter_names,
         falling=[name for name, factor in factors.items() if factor < 1],
         rising=[name for name, factor in factors.items() if factor > 1],
         farthest=[

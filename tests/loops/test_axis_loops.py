@@ -49,7 +49,7 @@ from mavdem.loops.controllers import (
 )
 from mavdem.loops.limit_cycles import Oscillation
 from mavdem.loops.loop_construction import loop_from_plant
-from mavdem.loops.margins import OpenLoop, transfer
+from mavdem.loops.margins import OpenLoop, controller_response
 from mavdem.loops.measured_response import measured_response
 from mavdem.loops.twin import build_twin, replay_segments
 from mavdem.plant import Physical
@@ -82,14 +82,17 @@ def test_gains_have_their_names_and_units_before_arducopter_34():
     }
     of_demand = controller_from_parameters(old, "roll", (1.0,))
     assert of_demand.p == approx(0.13 * np.degrees(100) / 4500, rel=0.003)
-    assert (of_demand.angle, of_demand.error_filter) == (9.0, 20.0)
+    assert (of_demand.angle_gain, of_demand.error_filter) == (9.0, 20.0)
     of_motors = controller_from_parameters(old, "roll", X_ROLL)
     assert of_motors.p == approx(of_demand.p / 2**0.5, rel=0.003)
-    assert of_motors.spin == (0.13, 0.95)
+    assert of_motors.spin_range == (0.13, 0.95)
     # Motors are at a limit beyond their spin, a demand at the ends of its range.
     shares = np.array([[0.1], [0.5], [0.96]])
-    assert of_motors.at_limit(np.tile(shares, 4)).tolist() == [True, False, True]
-    assert not of_demand.at_limit(shares).any() and of_demand.at_limit(np.eye(2)[:, :1]).all()
+    assert of_motors.outputs_at_limit(np.tile(shares, 4)).tolist() == [True, False, True]
+    assert (
+        not of_demand.outputs_at_limit(shares).any()
+        and of_demand.outputs_at_limit(np.eye(2)[:, :1]).all()
+    )
     assert controller_from_parameters({**old, "FRAME": 0.0}, "roll", X_ROLL).p == of_demand.p
     assert of_motors.with_parameters({"RATE_RLL_P": 0.26}).p == approx(2 * of_motors.p)
 
@@ -107,7 +110,7 @@ def test_the_mixer_and_the_slope_of_the_thrust_curve_are_the_autopilots():
         {"MC_ROLLRATE_D": 0.0}
     ).d == 0
     # Roll and pitch are scaled alike, so that the shorter arm has the larger factor.
-    assert theirs.mixer == approx(np.multiply(X_ROLL, 0.5**1.5)) and theirs.expo == 0.3
+    assert theirs.mixer == approx(np.multiply(X_ROLL, 0.5**1.5)) and theirs.thrust_expo == 0.3
 
 
 def test_a_slam_turns_by_rotors_whose_speeds_lag():
@@ -118,7 +121,7 @@ def test_a_slam_turns_by_rotors_whose_speeds_lag():
     shares = 0.4 + np.outer(slam, [-0.4, 0.6, 0.6, -0.4])
     keeps = np.exp(-step / TYPICAL_ROTOR_LAG)
     lag = [0.0, 1 - keeps], [1.0, -keeps]
-    asked = np.sqrt((1 - ours.expo + ours.expo * shares) * shares)
+    asked = np.sqrt((1 - ours.thrust_expo + ours.thrust_expo * shares) * shares)
     speeds, _ = lfilter(*lag, asked, axis=0, zi=asked[:1])
     torque = speeds**2 @ ours.mixer / np.square(ours.mixer).sum()
     linear, acting = ours.demand_from_outputs(shares), ours.demand_from_outputs(shares, step)
@@ -190,7 +193,7 @@ def test_gains_that_change_in_flight_come_with_it(monkeypatch):
 
 def ac_pid(controller, frequency):
     """Responses of ArduPilot's AC_PID, without its setpoint's filter, and of a difference over a cycle."""
-    dt = controller.cycle
+    dt = controller.loop_period
     late = np.exp(-2j * np.pi * frequency * dt)
     slope = (1 - late) / dt
 
@@ -217,12 +220,12 @@ def test_the_controllers_response_is_that_of_its_program():
     known |= {f"FILT2_{end}": value for end, value in notch.items()}
     controller = controller_from_parameters(known, "roll", X_ROLL)
     frequency = np.array([0.5, 4.0, 30.0, 150.0])
-    forward, back = transfer(controller, frequency)
+    forward, back = controller_response(controller, frequency)
     run, slope = ac_pid(controller, frequency)
     assert_allclose(back, run)
     off = controller_from_parameters(known | {"FILT2_TYPE": 0.0}, "roll", X_ROLL)
     assert off.error_notches == off.target_notches == ()
-    notched = back / transfer(off, frequency)[1]
+    notched = back / controller_response(off, frequency)[1]
     assert_allclose(forward, notched * (back + 0.5 + 0.25 * slope), rtol=1e-12)
 
 
@@ -259,7 +262,7 @@ def test_advised_gains_have_the_margins_in_95_of_100_plants_and_let_wind_move_it
     least_phase, least_gain, most = MARGIN_TARGETS[tune]
     frequency = np.geomspace(0.05, 90, 2000)
     s = 2j * np.pi * frequency
-    (_, back) = transfer(found.after.controller, frequency)
+    (_, back) = controller_response(found.after.controller, frequency)
     # The draws that did not choose the gains, with each effect.
     assert_array_equal(
         found.after.effectiveness[1:], before.effectiveness[len(before.effectiveness) // 2 :]
@@ -478,7 +481,7 @@ def test_setpoints_of_rates_are_flown_beside_what_the_angles_error_asks_for(
     time = 0.005 * np.arange(2000)
     angle = 0.2 * np.sin(3 * time)
     ahead = 0.6 * np.cos(3 * time)
-    asked = with_correction * loop.controller.angle * (angle - loop.record.outputs[:, 0])
+    asked = with_correction * loop.controller.angle_gain * (angle - loop.record.outputs[:, 0])
     setpoints = np.column_stack([angle, asked + with_ahead * ahead])
     names = ("roll setpoint", "roll rate setpoint")
     record = replace(loop.record, setpoints=setpoints, setpoint_names=names)

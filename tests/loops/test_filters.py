@@ -12,7 +12,8 @@ from mavdem.assessment.noise_spectra import MeasuredNoise
 from mavdem.dataset.segments import settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.facts.noise import Noise as Codes
-from mavdem.loops.controllers import Notch, controller_from_parameters
+from mavdem.loops.autopilot_parameters import Notch
+from mavdem.loops.controllers import controller_from_parameters
 from mavdem.loops.filters import gyro_delay, gyro_filters, gyro_response
 from mavdem.vibration.spectra import vibration_spectra
 from mavdem.vibration.spectral_lines import find_spectral_lines

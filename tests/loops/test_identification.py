@@ -256,7 +256,7 @@ def test_what_the_angles_error_asks_for_is_added_to_ardupilots_setpoint_of_the_r
     controller = controller_from_parameters(ARDUPILOT, "roll", X_ROLL)
     signals = Signals(asking(Hover().telemetry(), time, 0, ahead, wanted))
     streams, *_ = _streams(signals, 0, controller, np.ones(4))
-    assert_allclose(streams[5].values, ahead + controller.angle * wanted, atol=1e-6)
+    assert_allclose(streams[5].values, ahead + controller.angle_gain * wanted, atol=1e-6)
 
 
 def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(tmp_path):
@@ -279,7 +279,7 @@ def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(tmp_path):
     assert loop.attitude.crossover == approx(known["roll_attitude_margins"][0], rel=0.1)
     assert loop.agrees and loop.measured.fit > 80 and loop.rate.stable.all()
     assert loop.measured.controller_gain == approx(1, abs=0.2)
-    name = loop.controller.names["p"]
+    name = loop.controller.parameter_names["p"]
     doubled = loop.with_parameters({name: 2 * record.parameters[name]})
     assert doubled.crossover > 1.5 * loop.crossover and doubled.agrees is None
     assert (

@@ -30,7 +30,7 @@ def test_an_attitude_whose_rate_is_asked_for_too_is_followed_at_once(ahead):
     s = 2j * np.pi * FREQUENCY
     angle = 4.5
     attitude = Mock(frequency=FREQUENCY, closed=(angle / (s + angle))[None])
-    known = Mock(attitude=attitude, controller=Mock(angle=angle))
+    known = Mock(attitude=attitude, controller=Mock(angle_gain=angle))
     assert_allclose(predicted_attitude(known, ahead), 1.0 if ahead else angle / (s + angle))
 
 

@@ -33,13 +33,9 @@ from mavdem.files import load_adjacent_toml
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.telemetry import Telemetry, rate_without_gaps, selected_rows
 from mavdem.ingest.vocabulary import IN_AIR
+from mavdem.loops.autopilot_parameters import DEFAULT_LOOP_RATES, LOOP_RATE_PARAMETERS
 from mavdem.loops.axis_loops import Loop
-from mavdem.loops.controllers import (
-    DEFAULT_LOOP_RATES,
-    LOOP_RATE_PARAMETERS,
-    Controller,
-    controller_from_parameters,
-)
+from mavdem.loops.controllers import Controller, controller_from_parameters
 from mavdem.loops.margins import OpenLoop, attitude_loop, rate_loop
 from sitl_scenarios.dynamics import IDLE_COMMAND, MAX_PULSE, frame, pulse
 from sitl_scenarios.files import scenario_of
@@ -96,14 +92,14 @@ def drawn(seed: int, rng: Generator) -> Scenario:
         controller = flown_by(of, axis)
         effect = linear_axis(of.vehicle, axis).B[-1]
         plant = plant_of(of, axis, effect, hover)
-        names = [controller.names[name] for name in "pid"]
+        names = [controller.parameter_names[name] for name in "pid"]
         usual = dict(zip(names, GIVEN["gains"][autopilot][axis], strict=True))
         default = controller.with_parameters(usual)
         margin = truth_of(default, plant)["rate_gain_margin"]
         excess = margin - one("gain_margin")
         factor = 10 ** (excess / 20)
         gains = {name: factor * default.parameters[name] for name in names}
-        gains[controller.names["angle"]] = one("angle")
+        gains[controller.parameter_names["angle_gain"]] = one("angle")
         truth = truth_of(default.with_parameters(gains), plant)
         least = min(least, truth["rate_phase_margin"], truth["attitude_phase_margin"])
         parameters |= gains

@@ -65,7 +65,7 @@ def responses_of(evidence: Evidence) -> Responses:
 
 def predicted_attitude(loop: Loop, ahead: bool) -> Complex:
     """Returns (F,) the attitude's response, ``ahead`` with the rate of its setpoint asked for too."""
-    turns = 2j * np.pi * loop.attitude.frequency / loop.controller.angle
+    turns = 2j * np.pi * loop.attitude.frequency / loop.controller.angle_gain
     return loop.attitude.closed[0] * (1 + ahead * turns)
 
 

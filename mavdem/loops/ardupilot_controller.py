@@ -1,0 +1,251 @@
+"""ArduPilot's rate and attitude controller of one axis, read from the autopilot's parameters.
+
+Sources: ``AC_PID``, ``AP_NotchFilter_params``, ``AP_MotorsMatrix``, ``Thrust_Linearization``, ``NotchFilter`` and
+``HarmonicNotchFilter`` of https://github.com/ArduPilot/ardupilot.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import IntEnum
+from math import sqrt
+
+import numpy as np
+
+from mavdem.errors import NotLearnable
+from mavdem.facts.loops import Controllers
+from mavdem.containers import Numbers
+from mavdem.ingest.telemetry import Parameters
+from mavdem.loops.autopilot_parameters import (
+    DEFAULT_LOOP_RATES,
+    LOOP_RATE_PARAMETERS,
+    MIN_LOOP_RATE,
+    MOTOR_COUNT,
+    ControllerFields,
+    Notch,
+    required_parameters,
+)
+
+AXIS_ABBREVIATIONS = {"roll": "RLL", "pitch": "PIT", "yaw": "YAW"}
+"""How the parameters of the three axes are abbreviated, as in ``ATC_RAT_RLL_P``."""
+GYRO_NOTCH_PREFIXES = ("INS_HNTCH_", "INS_HNTC2_", "INS_HNTC3_", "INS_NOTCH_")
+"""How the parameters of the gyro's notch filters begin; ``INS_NOTCH_`` was a single one, before ArduPilot 4.2."""
+
+QUAD_FRAME_CLASS = 1.0
+"""``FRAME_CLASS`` of a quadrotor."""
+GAIN_SCALE_BEFORE_34 = 1.27
+"""What ArduCopter 3.4 multiplied older rate gains by (``convert_pid_parameters`` in its ``Parameters.cpp``).
+
+They were demands of which 4500 was full, per 0.01 °/s.
+"""
+X_GAIN_SCALE_BEFORE_34 = 0.9
+"""The same for an X, V or H: its mixer gave a motor √2 times less of a demand than it does now."""
+X_FRAMES_BEFORE_34 = (1.0, 2.0, 3.0)
+"""``FRAME`` of an X, V and H before ArduCopter 3.4."""
+
+GYRO_RATE_BASE = 1000.0
+"""Hz at which gyro samples are filtered with ``INS_GYRO_RATE`` 0; each step of that parameter doubles it."""
+MAX_GYRO_RATE_EXPONENT = 3.0
+"""The largest ``INS_GYRO_RATE``, for 8 kHz."""
+
+MIN_CENTER_PER_BANDWIDTH = 0.52
+"""Least centre of a harmonic notch, by its bandwidth (``bandwidth_limit`` in ``HarmonicNotchFilter::init``)."""
+MULTI_SOURCE_OPTION = 1 << 1
+"""Bit of ``INS_HNTCH_OPTS``: each motor, or each peak of the spectrum, has notches of its own."""
+SPECTRUM_PEAKS = 3
+"""Peaks of the in-flight FFT that a multi-source notch follows."""
+MAX_HARMONICS = 16
+"""Bits of the masks ``INS_HNTCH_HMNCS`` and ``FILTn_NOTCH_HMNC`` that stand for multiples of the centre."""
+MIN_PID_NOTCH_QUALITY = 0.5
+"""``AP_NotchFilter_params`` switches a notch off whose ``FILTn_NOTCH_Q`` is not above this."""
+
+
+class NotchMode(IntEnum):
+    """``INS_HNTCH_MODE``: what the centre of a harmonic notch follows."""
+
+    FIXED = 0
+    THROTTLE = 1
+    RPM_SENSOR = 2
+    ESC_TELEMETRY = 3
+    SPECTRUM = 4
+
+
+@dataclass(frozen=True)
+class _RateParameters:
+    """The names of one axis's parameters, which depend on the version of the firmware."""
+
+    prefix: str
+    """How the rate controller's begin."""
+    names: dict[str, str]
+    """The parameter of each field of :class:`mavdem.loops.controllers.Controller`."""
+    before_34: bool
+    """Whether these are the names and units of before ArduCopter 3.4."""
+
+
+def ardupilot_controller(parameters: Parameters, axis: str, motor_weights: Numbers) -> ControllerFields:
+    """Returns the fields of a :class:`mavdem.loops.controllers.Controller` that flies ArduPilot's ``parameters``.
+
+    Args:
+        parameters: by name; those in ``CONTROL_PARAMETERS``.
+        axis: "roll", "pitch" or "yaw".
+        motor_weights: (4,) of the motors' thrusts in the torque about the axis, of any scale; or a single one, where
+            the outputs are the demand itself and no mixer counts.
+
+    Raises:
+        NotLearnable: a parameter is missing, or the mixer is not that of a quadrotor.
+    """
+    rate = _rate_parameters(parameters, axis)
+    gains = dict(
+        zip(rate.names, required_parameters(parameters, *rate.names.values()), strict=True)
+    )
+    has_mixer = len(motor_weights) != 1
+    if rate.before_34:
+        scale = GAIN_SCALE_BEFORE_34
+        if has_mixer and parameters.get("FRAME") in X_FRAMES_BEFORE_34:
+            scale = X_GAIN_SCALE_BEFORE_34
+        for gain in ("p", "i", "d"):
+            gains[gain] = scale * gains[gain]
+    gyro_rate_exponent = np.clip(parameters.get("INS_GYRO_RATE", 0.0), 0.0, MAX_GYRO_RATE_EXPONENT)
+    loop_rate = parameters.get(LOOP_RATE_PARAMETERS["ardupilot"], DEFAULT_LOOP_RATES["ardupilot"])
+    fields: ControllerFields = {
+        "parameter_names": rate.names,
+        **gains,
+        "ff": parameters.get(f"{rate.prefix}FF", 0.0),
+        "gyro_filter": parameters.get("INS_GYRO_FILTER", 0.0),
+        "gyro_rate": GYRO_RATE_BASE * 2**gyro_rate_exponent,
+        "notches": tuple(
+            notch for prefix in GYRO_NOTCH_PREFIXES for notch in _gyro_notches(parameters, prefix)
+        ),
+        "derivative_ff": parameters.get(f"{rate.prefix}D_FF", 0.0),
+        "target_notches": tuple(_pid_notches(parameters, f"{rate.prefix}NTF")),
+        "error_notches": tuple(_pid_notches(parameters, f"{rate.prefix}NEF")),
+        "derivative_of_error": True,
+        "loop_period": 1 / max(loop_rate, MIN_LOOP_RATE),
+        "mixer": (1.0,),
+    }
+    if has_mixer:
+        spin_min, spin_max = _spin_range(parameters, rate.before_34)
+        if len(motor_weights) != MOTOR_COUNT or not any(motor_weights) or not spin_min < spin_max:
+            raise NotLearnable(Controllers.MIXER_UNKNOWN, autopilot="ardupilot")
+        # AP_MotorsMatrix normalises the largest factor of an axis to a half.
+        largest = max(map(abs, motor_weights))
+        fields["mixer"] = tuple(weight / largest / 2 for weight in motor_weights)
+        fields["spin_range"] = (spin_min, spin_max)
+    return fields
+
+
+def _rate_parameters(parameters: Parameters, axis: str) -> _RateParameters:
+    """Returns the names of the parameters of an ``axis``, as the firmware that logged ``parameters`` calls them."""
+    abbreviation = AXIS_ABBREVIATIONS[axis]
+    prefix = f"ATC_RAT_{abbreviation}_"
+    angle_gain = f"ATC_ANG_{abbreviation}_P"
+    before_34 = f"{prefix}P" not in parameters and f"RATE_{abbreviation}_P" in parameters
+    if before_34:
+        prefix = f"RATE_{abbreviation}_"
+        angle_gain = f"STB_{abbreviation}_P"
+        filters = {"error_filter": "FILT_HZ"}
+    elif f"{prefix}FILT" in parameters:
+        # Before ArduCopter 4.0 one filter, of the error, was for all.
+        filters = {"error_filter": "FILT"}
+    else:
+        filters = {"target_filter": "FLTT", "error_filter": "FLTE", "derivative_filter": "FLTD"}
+    names = {"p": f"{prefix}P", "i": f"{prefix}I", "d": f"{prefix}D", "angle_gain": angle_gain}
+    for field, ending in filters.items():
+        names[field] = prefix + ending
+    names["thrust_expo"] = "MOT_THST_EXPO"
+    return _RateParameters(prefix, names, before_34)
+
+
+def _spin_range(parameters: Parameters, before_34: bool) -> tuple[float, float]:
+    """Returns the fractions of the output's range at which thrust begins and ends.
+
+    Raises:
+        NotLearnable: a parameter is missing, or the frame is no quadrotor.
+    """
+    if before_34:
+        # That firmware was built for quadrotors. THR_MIN is in thousandths.
+        throttle_min, spin_max = required_parameters(parameters, "THR_MIN", "MOT_THST_MAX")
+        return throttle_min / 1000, spin_max
+    spin_min, spin_max, frame_class = required_parameters(
+        parameters, "MOT_SPIN_MIN", "MOT_SPIN_MAX", "FRAME_CLASS"
+    )
+    if frame_class != QUAD_FRAME_CLASS:
+        raise NotLearnable(Controllers.MIXER_UNKNOWN, autopilot="ardupilot")
+    return spin_min, spin_max
+
+
+def _gyro_notches(parameters: Parameters, prefix: str) -> Iterator[Notch]:
+    """Yields the notches of one harmonic notch filter of the gyro, if it is enabled (``HarmonicNotchFilter``).
+
+    Its centre is at ``FREQ``. One that follows the throttle is where it is in hover: at ``FREQ`` · max(``FM_RAT``,
+    √(hover throttle / ``REF``)). Others that move are taken at their least frequency, where they cost most phase. A
+    double or triple notch (``OPTS``) counts as a single one: at a quarter of the centre their phases differ by at most
+    3°.
+    """
+    if not parameters.get(f"{prefix}ENABLE"):
+        return
+    frequency, bandwidth, attenuation = required_parameters(
+        parameters, f"{prefix}FREQ", f"{prefix}BW", f"{prefix}ATT"
+    )
+    least_center = max(frequency, MIN_CENTER_PER_BANDWIDTH * bandwidth)
+    if least_center <= 0:
+        return
+    mode = parameters.get(f"{prefix}MODE", 0.0)
+    reference_throttle = parameters.get(f"{prefix}REF", 0.0)
+    center = least_center
+    if mode == NotchMode.THROTTLE and reference_throttle > 0:
+        hover_throttle = parameters.get("MOT_THST_HOVER", reference_throttle)
+        throttle_ratio = hover_throttle / reference_throttle
+        center *= max(parameters.get(f"{prefix}FM_RAT", 1.0), sqrt(max(throttle_ratio, 0.0)))
+    sources = 1
+    if int(parameters.get(f"{prefix}OPTS", 0.0)) & MULTI_SOURCE_OPTION:
+        if mode == NotchMode.ESC_TELEMETRY:
+            sources = MOTOR_COUNT
+        elif mode == NotchMode.SPECTRUM:
+            sources = SPECTRUM_PEAKS
+    harmonics = int(parameters.get(f"{prefix}HMNCS", 1.0))
+    for notch in _harmonic_notches(center, bandwidth / least_center, attenuation, harmonics):
+        for _ in range(sources):
+            yield notch
+
+
+def _pid_notches(parameters: Parameters, name: str) -> Iterator[Notch]:
+    """Yields the notches that ``AC_PID`` applies to its target or its error (``AP_NotchFilter_params``).
+
+    The parameter of this ``name``, such as ``ATC_RAT_RLL_NEF``, has the number n of the filter whose own parameters
+    begin with ``FILTn_``; 0 is none.
+    """
+    number = int(parameters.get(name, 0.0))
+    prefix = f"FILT{number}_"
+    if not number or parameters.get(f"{prefix}TYPE") == 0:
+        return
+    frequency, quality, attenuation = required_parameters(
+        parameters, f"{prefix}NOTCH_FREQ", f"{prefix}NOTCH_Q", f"{prefix}NOTCH_ATT"
+    )
+    if frequency and attenuation and quality > MIN_PID_NOTCH_QUALITY:
+        harmonics = int(parameters.get(f"{prefix}NOTCH_HMNC", 1.0))
+        yield from _harmonic_notches(frequency, 1 / quality, attenuation, harmonics)
+
+
+def _harmonic_notches(
+    center: float, relative_bandwidth: float, attenuation: float, harmonics: int
+) -> Iterator[Notch]:
+    """Yields a notch at each harmonic of ``center``, Hz; none where frequency, width or depth is not positive.
+
+    ``NotchFilter::calculate_A_and_Q`` makes 2 log₂(1 / (1 − b/2)) octaves of a relative bandwidth b, and of n octaves
+    1/Q = 2^(n/2) − 2^(−n/2), which together is 1/Q = b/2 (2 − b/2) / (1 − b/2).
+
+    Args:
+        center: of the fundamental, Hz.
+        relative_bandwidth: b, the bandwidth over the centre.
+        attenuation: at the centre, dB.
+        harmonics: a mask; its bit k − 1 stands for k times the centre.
+    """
+    if min(center, relative_bandwidth, attenuation) <= 0:
+        return
+    half = relative_bandwidth / 2
+    inverse_quality = half * (2 - half) / (1 - half)
+    for multiple in range(1, MAX_HARMONICS + 1):
+        is_in_mask = harmonics >> (multiple - 1) & 1
+        if is_in_mask:
+            frequency = multiple * center
+            yield Notch(frequency, inverse_quality * frequency, attenuation)

@@ -1,0 +1,46 @@
+"""What ArduPilot's and PX4's controllers have in common: loop rates, notch filters and required parameters."""
+
+from typing import Any, NamedTuple
+
+from mavdem.errors import NotLearnable
+from mavdem.facts.loops import Controllers
+from mavdem.ingest.telemetry import Parameters
+
+ControllerFields = dict[str, Any]
+"""Values of the fields of a :class:`mavdem.loops.controllers.Controller`, by name."""
+MOTOR_COUNT = 4
+"""Motors of the frames whose mixer is known: quadrotors."""
+MIN_LOOP_RATE = 50.0
+"""Hz. Parameters that ask for a slower rate loop are taken for this rate, as ArduCopter's ``SCHED_LOOP_RATE`` is."""
+MAX_LOOP_RATE = 1000.0
+"""Hz of the fastest rate loop that the simulation flies."""
+LOOP_RATE_PARAMETERS = {"px4": "IMU_GYRO_RATEMAX", "ardupilot": "SCHED_LOOP_RATE"}
+"""The parameter with the frequency of the rate loop in Hz, by autopilot."""
+DEFAULT_LOOP_RATES = {"px4": 250.0, "ardupilot": 400.0}
+"""Hz, by autopilot, where the parameter is not known: PX4's in its simulators, ArduCopter's by default."""
+
+
+class Notch(NamedTuple):
+    """A second-order notch filter, described by its analog prototype.
+
+    ``bandwidth / frequency`` is the damping of its poles, the inverse of its quality factor Q.
+    """
+
+    frequency: float
+    """Centre, Hz."""
+    bandwidth: float
+    """Hz between the frequencies at which a deep notch halves the power."""
+    attenuation: float
+    """At the centre, dB; infinite for PX4's."""
+
+
+def required_parameters(parameters: Parameters, *names: str) -> list[float]:
+    """Returns the values of the parameters of these ``names``, in their order.
+
+    Raises:
+        NotLearnable: some are missing; the error lists them.
+    """
+    missing = [name for name in names if name not in parameters]
+    if missing:
+        raise NotLearnable(Controllers.PARAMETERS_MISSING, names=missing)
+    return [parameters[name] for name in names]

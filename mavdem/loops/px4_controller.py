@@ -1,0 +1,138 @@
+"""PX4's rate and attitude controller of one axis, read from the autopilot's parameters.
+
+Sources: ``RateControl``, ``ControlAllocation``, ``ControlAllocationPseudoInverse`` and ``VehicleAngularVelocity`` of
+https://github.com/PX4/PX4-Autopilot.
+"""
+
+from math import inf
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.errors import NotLearnable
+from mavdem.facts.loops import Controllers
+from mavdem.containers import Numbers
+from mavdem.ingest.telemetry import Parameters
+from mavdem.loops.autopilot_parameters import (
+    LOOP_RATE_PARAMETERS,
+    MIN_LOOP_RATE,
+    MOTOR_COUNT,
+    ControllerFields,
+    Notch,
+    required_parameters,
+)
+
+UNSET_LOOP_RATE = 400.0
+"""Hz of the rate loop where the log lacks ``IMU_GYRO_RATEMAX``: that parameter's default."""
+GYRO_FILTER_RATE = 8000.0
+"""Hz at which the gyro is filtered: its drivers filter every sample of the sensor's own buffer."""
+GYRO_NOTCH_PARAMETERS = (
+    ("IMU_GYRO_NF0_FRQ", "IMU_GYRO_NF0_BW"),
+    ("IMU_GYRO_NF1_FRQ", "IMU_GYRO_NF1_BW"),
+    ("IMU_GYRO_NF_FREQ", "IMU_GYRO_NF_BW"),
+)
+"""Centre and bandwidth of each static notch of the gyro, Hz; the last is that of older versions, which had one."""
+MAX_CONDITION_NUMBER = 1e6
+"""Of the matrix of the motors' effects: beyond, its motors control no torque by themselves."""
+MIN_RELATIVE_EFFECT = 1e-3
+"""Of the largest element of the mixer: smaller ones are rounding of 0."""
+
+
+def px4_controller(parameters: Parameters, axis: str, is_demand: bool) -> ControllerFields:
+    """Returns the fields of a :class:`mavdem.loops.controllers.Controller` that flies PX4's ``parameters``.
+
+    Args:
+        parameters: by name; those in ``CONTROL_PARAMETERS``.
+        axis: "roll", "pitch" or "yaw".
+        is_demand: whether outputs are the demand itself, so that no mixer counts.
+
+    Raises:
+        NotLearnable: a parameter is missing, or the mixer is not that of a quadrotor.
+    """
+    prefix = f"MC_{axis.upper()}RATE_"
+    names = {
+        "p": f"{prefix}P",
+        "i": f"{prefix}I",
+        "d": f"{prefix}D",
+        "angle_gain": f"MC_{axis.upper()}_P",
+        "derivative_filter": "IMU_DGYRO_CUTOFF",
+        "thrust_expo": "THR_MDL_FAC",
+    }
+    gains = dict(zip(names, required_parameters(parameters, *names.values()), strict=True))
+    # MC_ROLLRATE_K is a factor of P, I and D together.
+    common_factor = parameters.get(f"{prefix}K", 1.0)
+    for gain in ("p", "i", "d"):
+        gains[gain] = common_factor * gains[gain]
+    notches = []
+    for frequency_name, bandwidth_name in GYRO_NOTCH_PARAMETERS:
+        notch = Notch(parameters.get(frequency_name, 0.0), parameters.get(bandwidth_name, 0.0), inf)
+        if notch.frequency > 0 and notch.bandwidth > 0:
+            notches.append(notch)
+    loop_rate = parameters.get(LOOP_RATE_PARAMETERS["px4"], UNSET_LOOP_RATE)
+    return {
+        "parameter_names": names,
+        **gains,
+        "ff": parameters.get(f"{prefix}FF", 0.0),
+        "derivative_of_error": False,
+        "output_filter": parameters.get("MC_YAW_TQ_CUTOFF", 0.0) if axis == "yaw" else 0.0,
+        "gyro_filter": parameters.get("IMU_GYRO_CUTOFF", 0.0),
+        "gyro_rate": GYRO_FILTER_RATE,
+        "notches": tuple(notches),
+        "loop_period": 1 / max(loop_rate, MIN_LOOP_RATE),
+        "mixer": (1.0,) if is_demand else _mixer(parameters)[axis],
+    }
+
+
+def _mixer(parameters: Parameters) -> dict[str, Numbers]:
+    """Returns PX4's mixer: (4,) by axis, the thrust of each motor by a torque demand of 1.
+
+    It is the inverse of the matrix of the motors' effects, normalised as in
+    ``ControlAllocationPseudoInverse::updateControlAllocationMatrixScale``: the columns of roll and pitch both by the
+    larger of their norms per pair of motors, that of yaw by its largest element.
+
+    Raises:
+        NotLearnable: a parameter is missing, or it is no quadrotor with upright motors of one size that controls roll
+            and pitch.
+    """
+    unknown_mixer = NotLearnable(Controllers.MIXER_UNKNOWN, autopilot="px4")
+    effects = _motor_effects(parameters)
+    if not _has_equal_upright_motors(parameters):
+        raise unknown_mixer
+    if np.linalg.cond(effects) > MAX_CONDITION_NUMBER:
+        raise unknown_mixer
+    thrust_by_torque = np.linalg.inv(effects)[:, :3]
+    thrust_by_tilt = thrust_by_torque[:, :2]
+    acts_on_tilt = np.abs(thrust_by_tilt) > MIN_RELATIVE_EFFECT * np.abs(thrust_by_torque).max()
+    if not acts_on_tilt.any(axis=0).all():
+        raise unknown_mixer
+    squared_norms = (thrust_by_tilt**2).sum(axis=0)
+    motor_pairs = acts_on_tilt.sum(axis=0) / 2
+    tilt_scale = np.sqrt(squared_norms / motor_pairs).max()
+    yaw_scale = thrust_by_torque[:, 2].max()
+    normalised = thrust_by_torque / [tilt_scale, tilt_scale, yaw_scale]
+    roll, pitch, yaw = normalised.T.tolist()
+    return {"roll": tuple(roll), "pitch": tuple(pitch), "yaw": tuple(yaw)}
+
+
+def _motor_effects(parameters: Parameters) -> Array:
+    """Returns (4, 4) the effect of each motor's thrust (columns) on roll, pitch, yaw torque and thrust (rows).
+
+    ``CA_ROTORn_PX`` and ``PY`` are forward and right of the centre of mass, ``KM`` is the yaw moment per thrust.
+    """
+    rotors = [f"CA_ROTOR{number}_" for number in range(MOTOR_COUNT)]
+    forward = required_parameters(parameters, *(f"{rotor}PX" for rotor in rotors))
+    right = required_parameters(parameters, *(f"{rotor}PY" for rotor in rotors))
+    yaw_moment = required_parameters(parameters, *(f"{rotor}KM" for rotor in rotors))
+    return np.array([np.negative(right), forward, yaw_moment, np.ones(MOTOR_COUNT)])
+
+
+def _has_equal_upright_motors(parameters: Parameters) -> bool:
+    """Returns whether the airframe is a quadrotor whose motors point upwards and have one thrust coefficient."""
+    rotors = [f"CA_ROTOR{number}_" for number in range(MOTOR_COUNT)]
+    is_tilted = any(
+        parameters.get(f"{rotor}AX", 0.0) or parameters.get(f"{rotor}AY", 0.0) for rotor in rotors
+    )
+    thrust_coefficients = {parameters.get(f"{rotor}CT", 0.0) for rotor in rotors}
+    is_multirotor = not parameters.get("CA_AIRFRAME", 0.0)
+    has_four_motors = parameters.get("CA_ROTOR_COUNT") == MOTOR_COUNT
+    return is_multirotor and has_four_motors and not is_tilted and len(thrust_coefficients) == 1
