@@ -11,9 +11,9 @@ from math import sqrt
 
 import numpy as np
 
+from mavdem.containers import Numbers
 from mavdem.errors import NotLearnable
 from mavdem.facts.loops import Controllers
-from mavdem.containers import Numbers
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.autopilot_parameters import (
     DEFAULT_LOOP_RATES,
@@ -81,7 +81,9 @@ class _RateParameters:
     """Whether these are the names and units of before ArduCopter 3.4."""
 
 
-def ardupilot_controller(parameters: Parameters, axis: str, motor_weights: Numbers) -> ControllerFields:
+def ardupilot_controller(
+    parameters: Parameters, axis: str, motor_weights: Numbers
+) -> ControllerFields:
     """Returns the fields of a :class:`mavdem.loops.controllers.Controller` that flies ArduPilot's ``parameters``.
 
     Args:

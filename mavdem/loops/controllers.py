@@ -15,10 +15,10 @@ from math import isfinite
 import numpy as np
 
 from mavdem.arrays import Array, Flags
+from mavdem.containers import Numbers
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import Controllers
-from mavdem.containers import Numbers
 from mavdem.immutable import ImmutableResult
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS

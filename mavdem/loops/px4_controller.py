@@ -9,9 +9,9 @@ from math import inf
 import numpy as np
 
 from mavdem.arrays import Array
+from mavdem.containers import Numbers
 from mavdem.errors import NotLearnable
 from mavdem.facts.loops import Controllers
-from mavdem.containers import Numbers
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.autopilot_parameters import (
     LOOP_RATE_PARAMETERS,
