@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 DT = 0.01
-AHEAD = (0.01, 0.25)
+REPORTED_HORIZON = (0.01, 0.25)
 
 
 def flown(history, seconds, segment=0, start=100.0, learnt=True, boot=0):
@@ -13,7 +13,7 @@ def flown(history, seconds, segment=0, start=100.0, learnt=True, boot=0):
     time = start + DT * np.arange(round(seconds / DT))
     motion = np.stack([np.sin(time), np.cos(time)], axis=-1)
     for now, row in zip(time, motion, strict=True):
-        later = now + np.array(AHEAD)
+        later = now + np.array(REPORTED_HORIZON)
         estimate = SimpleNamespace(
             time=now,
             ahead_times=later,
@@ -23,5 +23,5 @@ def flown(history, seconds, segment=0, start=100.0, learnt=True, boot=0):
             wind_torque_band=0.5,
         )
         history.advance(now, boot)
-        history.take(segment, now, row, estimate if learnt else None)
+        history.add_row(segment, now, row, estimate if learnt else None)
     return time, motion

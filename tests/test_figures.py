@@ -199,7 +199,7 @@ class RecordedLink:
     speaks_first = False
     dropped = 0
     close = send = Mock()
-    events = list
+    drain_events = list
 
     def __init__(self, name):
         self.name = name
@@ -236,7 +236,7 @@ def by_the_log(monkeypatch):
     monkeypatch.setattr("mavdem.live.session.time", clock)
     monkeypatch.setattr("mavdem.cli.live.Link", RecordedLink)
     monkeypatch.setattr("mavdem.cli.live.LearningProcess", AtOnce)
-    monkeypatch.setattr("mavdem.cli.live.run", replay)
+    monkeypatch.setattr("mavdem.cli.live.run_session", replay)
     # All is drawn when it ends, however long that takes.
     for name in (
         "sinks.RecordingFile.period",

@@ -37,13 +37,13 @@ from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.session import Session
 from mavdem.files import write_text_atomically
 from mavdem.fleet.priors import earlier_drag, earlier_flight
-from mavdem.live import LiveStream, SessionStatus, Setup
-from mavdem.live.advice import Adviser
-from mavdem.live.history import horizons
+from mavdem.live import LiveStream, RowFormat, SessionStatus
+from mavdem.live.gain_advice import GainAdviser
+from mavdem.live.history import horizon_steps
 from mavdem.live.link import PAUSE_SECONDS, Link
 from mavdem.live.raw_recording import RawRecording
-from mavdem.live.running import run
 from mavdem.live.session import LiveSession
+from mavdem.live.session_loop import run_session
 from mavdem.report.flight_page import live_page
 from mavdem.report.live import watching
 from mavdem.report.words import go_on, headline, section
@@ -95,7 +95,7 @@ class Dashboard:
             elif isinstance(sink, RecordingFile):
                 self.file = sink
 
-    def open(self, setup: Setup) -> LiveView | None:
+    def open(self, setup: RowFormat) -> LiveView | None:
         """Shows the rows of a setup from now on; None where nothing can be shown."""
         if self.view is None:
             return None
@@ -104,7 +104,7 @@ class Dashboard:
         layout = setup.layout
         (outputs, units) = zip(*output_names_and_units(self._axis), strict=True)
         motors = layout.names, outputs, setup.units, units
-        self.view.change(Channels(self._link, setup.dt, horizons(setup.dt), *motors))
+        self.view.change(Channels(self._link, setup.dt, horizon_steps(setup.dt), *motors))
         return self.view
 
     def report(self, status: SessionStatus) -> None:
@@ -213,9 +213,9 @@ def live_command(
     """
     model, html = _at_end(rrd, record, model, html)
     earlier = None if prior is None else earlier_flight(prior, axis)
-    stream = LiveStream(axis, vehicle, asked=request_rate is not None)
+    stream = LiveStream(axis, vehicle, rates_requested=request_rate is not None)
     with suppress(Unreadable):  # a model without its report knows no drag
-        stream.air.drag = None if prior is None else earlier_drag(prior)
+        stream.wind.drag = None if prior is None else earlier_drag(prior)
     with ExitStack() as signals, ExitStack() as ends:
         opened = Link(link)
         ends.callback(opened.close)
@@ -237,10 +237,10 @@ def live_command(
             recording,
             request_rate,
             earlier,
-            recorded=None if record is None else str(record),
+            recording_name=None if record is None else str(record),
         )
         if request_rate is not None and record is not None:
-            session.adviser = ends.enter_context(closing(Adviser(record, LearningProcess)))
+            session.gain_adviser = ends.enter_context(closing(GainAdviser(record, LearningProcess)))
         elif request_rate is not None:
             say_aside("No gains will be advised: record the stream with --record FILE.tlog.")
         restored = ends.enter_context(ExitStack())
@@ -256,7 +256,7 @@ def live_command(
         asked = signals.enter_context(asked_to_end())
         with place or nullcontext():
             every = STATUS_SECONDS if place is None else PAUSE_SECONDS
-            run(session, asked, duration, every, StatusLines(place).show)
+            run_session(session, asked, duration, every, StatusLines(place).show)
         account = session.account()
         status = session.status
         say_aside("Ending takes some seconds: model, message rates and files are completed.")
@@ -277,9 +277,9 @@ def live_command(
         learned = session.judge(learned)
         session.advise(at_end=True)
         findings, judgement = session.judged
-        status = replace(status, findings=findings, judgement=judgement)
+        status = replace(status, findings=findings, model_judgement=judgement)
         dashboard.report(status)
-        say_aside(headline(status.judged.headline))
+        say_aside(headline(status.overall_judgement.headline))
         ends.close()
         file = dashboard.file
         if file is not None and not file.whole and not file.broken:
@@ -355,7 +355,7 @@ class StatusLines:
         """Shows the status of a ``session``."""
         status = session.status
         before = self._watched
-        self._watched = {watching([fact]): fact for fact in status.watched}
+        self._watched = {watching([fact]): fact for fact in status.watch_facts}
         changed = [fact for said, fact in self._watched.items() if said not in before]
         if changed:
             say_aside(watching(changed))
@@ -367,6 +367,6 @@ class StatusLines:
                 say_aside(" ".join(new))
             return
         line, *wrong = sentences
-        rest = Text(" ".join([*wrong, watching(status.watched)]), _style(*status.alarm))
+        rest = Text(" ".join([*wrong, watching(status.watch_facts)]), _style(*status.active_alarms))
         rest.truncate(STDERR.width, overflow="ellipsis")
         self._place.update(Group(line, rest), refresh=True)

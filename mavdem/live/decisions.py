@@ -51,7 +51,7 @@ from mavdem.facts.session import Session
 from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry, OutputScale, output_scale
 from mavdem.ingest.telemetry import Fields, Telemetry, concatenated_columns, log_of_vehicles
 from mavdem.ingest.vocabulary import IN_AIR, UNNAMED
-from mavdem.live.recent import MAX_ROWS, Recent
+from mavdem.live.recent_messages import MAX_ROWS, RecentMessages
 from mavdem.live.rows import KEPT_SECONDS, Samples
 from mavdem.loops.limit_cycles import detect_limit_cycle
 from mavdem.motors.hover import hover_figures
@@ -63,7 +63,7 @@ PHASES = ("HEARTBEAT", LANDED, *CLIMB_RATE_FIELDS)
 
 
 @dataclass(frozen=True, eq=False)
-class Setup:
+class RowFormat:
     """What the rows of a segment are, like the ``provenance`` of a ``Flight``.
 
     Attributes:
@@ -184,7 +184,7 @@ class LiveSignals(Signals):
 class Phase:
     """Whether one boot is armed, airborne and settled, by what is ``recent``."""
 
-    def __init__(self, recent: Recent) -> None:
+    def __init__(self, recent: RecentMessages) -> None:
         self.flying = False  # as of the last review, airborne and, if that is reported, armed
         self.steady = False  # and neither taking off nor landing where that is reported
         self.idle = False  # whether outputs come and none has moved so far
@@ -339,7 +339,7 @@ def evidence_of(signals: Signals, condition: Condition, **fields: Any) -> Eviden
 
 
 def judged(
-    learned: Learned, setup: Setup, alarms: Sequence[MotorAlarm], recorded: str | None
+    learned: Learned, setup: RowFormat, alarms: Sequence[MotorAlarm], recorded: str | None
 ) -> tuple[Findings, Judgement]:
     """Returns what a model whose inputs are those of ``setup`` is good for, and the judgement of its vehicle.
 

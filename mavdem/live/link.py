@@ -126,7 +126,7 @@ class Link:
                 self._lose(LinkError.FAILED, error)
         return received
 
-    def events(self) -> list[Fact]:
+    def drain_events(self) -> list[Fact]:
         """Returns facts to report since the last call."""
         return [self._events.pop(0) for _ in range(len(self._events))]
 

@@ -11,7 +11,7 @@ from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.facts import Fact, Facts
 from mavdem.facts.session import Session
 from mavdem.facts.watch import Watch
-from mavdem.live.recent import MAX_EVENTS
+from mavdem.live.recent_messages import MAX_EVENTS
 from mavdem.motors.loss_detection import LONGEST_GAP, REFERENCE_SECONDS, MotorAlarm, MotorWatch
 from mavdem.plant.online_wind_torque import WeakenedMotors
 

@@ -29,10 +29,11 @@ from mavdem.facts.watch import Watch
 from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.ingest.motors import control_parameters, motor_parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
-from mavdem.live.advice import Adviser
-from mavdem.live.decisions import Setup, judged
+from mavdem.live.decisions import RowFormat, judged
+from mavdem.live.display import Display, DisplayRow
+from mavdem.live.gain_advice import GainAdviser
 from mavdem.live.gusts import LiveGusts
-from mavdem.live.history import MAX_ROWS, LiveHistory, SessionStatus, horizons
+from mavdem.live.history import MAX_ROWS, LiveHistory, horizon_steps
 from mavdem.live.link import (
     MAX_PIECES,
     MAX_TRIES,
@@ -44,7 +45,7 @@ from mavdem.live.link import (
 from mavdem.live.messages import Piece
 from mavdem.live.rate_request import Arrivals, RateRequest, greeting
 from mavdem.live.rows import AlignedRow
-from mavdem.live.shown import Display, ShownRow
+from mavdem.live.session_status import Latency, SessionStatus
 from mavdem.live.stream import LiveStream
 from mavdem.live.watchdog import not_watched
 
@@ -68,17 +69,19 @@ class LiveSession:
     stream: LiveStream  # of one vehicle
     settings: Settings  # of the learner
     # Called with the first setup and each new one; returns the display of its rows, or None
-    show: Callable[[Setup], Display | None]
-    report: Callable[[SessionStatus], None]  # called once a second with the status
-    say: Callable[[Fact], None]  # called with each fact
+    open_display: Callable[[RowFormat], Display | None]
+    report_status: Callable[[SessionStatus], None]  # called once a second with the status
+    report_fact: Callable[[Fact], None]  # called with each fact
     executor: Executor | None = None  # for batch learning
     # of the raw stream, by ``take`` and ``close``; ``None`` for none, and after it has failed
     recording: Any = None
-    rate: float | None = None  # Hz to ask the vehicle for; ``None`` to send nothing at all
+    requested_rate: float | None = (
+        None  # Hz to ask the vehicle for; ``None`` to send nothing at all
+    )
     prior: Learned | None = None  # of an earlier flight of the vehicle
-    adviser: Adviser | None = None  # of gains, after a landing and at the end
+    gain_adviser: GainAdviser | None = None  # of gains, after a landing and at the end
     # file in which the user has the recording; empty if that is known later, None without one
-    recorded: str | None = None
+    recording_name: str | None = None
 
     def __post_init__(self) -> None:
         """Begins now, without a model."""
@@ -89,7 +92,7 @@ class LiveSession:
         self._models: deque[tuple[float, Learned]] = deque(maxlen=MAX_MODELS)
         self._newest: Learned | None = None  # that is kept
         self._rising: Learned | None = None  # the last of a way up
-        self._setup: Setup | None = None
+        self._setup: RowFormat | None = None
         self._display: Display | None = None
         self.request: RateRequest | None = None  # for rates, once sent
         self._arrivals = Arrivals()
@@ -126,9 +129,9 @@ class LiveSession:
         until = time.monotonic() + STEP_SECONDS
         while self._waiting and time.monotonic() < until:
             self._analyse()
-        for event in self.stream.events():
+        for event in self.stream.drain_events():
             self._log(event.fact)
-        for fact in self.link.events():
+        for fact in self.link.drain_events():
             self._log(fact)
         now = time.monotonic()
         self._request_rates()
@@ -138,9 +141,9 @@ class LiveSession:
             self._reported = now
             status = self.status
             if Task.ESTIMATES not in self._shed:
-                self.report(status)
-            self._settled &= status.flying
-            if status.flying:
+                self.report_status(status)
+            self._settled &= status.is_flying
+            if status.is_flying:
                 self._preview()
             if status.obstacle != self._obstacle:
                 self._obstacle = status.obstacle
@@ -165,7 +168,7 @@ class LiveSession:
             Spent.SILENT: now - self._heard >= PAUSE_SECONDS,
             Spent.NO_VEHICLE: stream.vehicle is None,
             Spent.WAITING: waits or now - self._sampled >= PAUSE_SECONDS,
-            Spent.UNSETTLED: stream.flying,
+            Spent.UNSETTLED: stream.is_flying,
             Spent.ON_GROUND: True,
         }
         # Samples count for the time that they span, not for that in which they were analysed.
@@ -184,7 +187,7 @@ class LiveSession:
             task for task, limit in SHED.items() if behind >= limit / (1 + (task in self._shed))
         }
         if self._display is not None:
-            self._display.hold(Task.PLOTS in self._shed)
+            self._display.pause(Task.PLOTS in self._shed)
         self.most_behind = max(self.most_behind, behind)
         if self.learner is not None:
             self.learner.fits_physical = Task.PHYSICAL_FITS not in self._shed
@@ -217,17 +220,17 @@ class LiveSession:
         self._heard = together[-1].arrival
         boot = self.stream.boot
         frames = [frame for piece in together for frame in piece.frames]
-        for row in self.stream.take(first.stamp, frames):
+        for row in self.stream.take_frames(first.stamp, frames):
             self._take(row)
         self.history.advance(self.stream.now, self.stream.boot)
-        landing = self.stream.landing()
+        landing = self.stream.pop_landing_time()
         if landing is not None and self.learner is not None:
             self._take_back(self.learner, landing)
-            if self.adviser is not None:
-                self.adviser.is_due = self._kept
-        if self.stream.samples != self._samples:
+            if self.gain_adviser is not None:
+                self.gain_adviser.is_due = self._kept
+        if self.stream.sample_count != self._samples:
             resumed[Missing.MOTION] = self._heard - self._sampled
-            self._samples = self.stream.samples
+            self._samples = self.stream.sample_count
             self._sampled = self._heard
         for stream, after in resumed.items():
             if SILENCE_SECONDS < after < np.inf:
@@ -263,9 +266,9 @@ class LiveSession:
         setup = self._setup
         with suppress(ValueError):
             if learned is None or setup is None or learned.record.input_names != setup.layout.names:
-                self.judged = findings_of(learned, alarms=status.alarms), None
+                self.judged = findings_of(learned, alarms=status.motor_alarms), None
             else:
-                self.judged = judged(learned, setup, status.alarms, self.recorded)
+                self.judged = judged(learned, setup, status.motor_alarms, self.recording_name)
                 is_own = any(
                     override.is_bad and override.code in (Override.OSCILLATION, Override.MOTORS)
                     for override in self.judged[0].overrides
@@ -275,13 +278,15 @@ class LiveSession:
 
     def advise(self, at_end: bool = False) -> None:
         """Says which gains are advised after a landing, the next step then; ``at_end`` it waits for that."""
-        if self.adviser is None or self.stream.followed is None:
+        if self.gain_adviser is None or self.stream.followed_vehicle is None:
             return
-        self.adviser.is_due |= at_end and self._kept and not self._landed
-        for fact in self.adviser.go_on(self.stream.followed.name, bool(self._shed), at_end):
+        self.gain_adviser.is_due |= at_end and self._kept and not self._landed
+        for fact in self.gain_adviser.go_on(
+            self.stream.followed_vehicle.name, bool(self._shed), at_end
+        ):
             self._log(fact)
         findings, judgement = self.judged
-        for fact in self.adviser.facts[-1:]:
+        for fact in self.gain_adviser.facts[-1:]:
             if judgement is not None and fact.code is Gains.GAINS_WRITTEN:
                 self.judged = findings, replace(judgement, next_step=fact.figures["because"])
 
@@ -302,31 +307,32 @@ class LiveSession:
         status = self.stream.status()
         silence = self._silence()
         learning = None
-        if not (self._settled and status.flying):
-            learning = Fact(Session.NOT_SETTLED if status.flying else Session.NOT_FLYING)
+        if not (self._settled and status.is_flying):
+            learning = Fact(Session.NOT_SETTLED if status.is_flying else Session.NOT_FLYING)
         elif self.learner is not None:
             learning = self.learner.obstacle
         rates = dict.fromkeys(status.rates, 0.0) if silence else status.rates
         latency = status.latency
         if self._latencies:
-            latency = (*np.percentile(self._latencies, [50, 99]).tolist(), self._largest)
-        watched = status.watched
+            median, p99 = np.percentile(self._latencies, [50, 99]).tolist()
+            latency = Latency(median, p99, self._largest)
+        watched = status.watch_facts
         if silence:
             watched = tuple(not_watched(fact, silence, self.stream.now) for fact in watched)
         behind = time.monotonic() - self.now
         rows = replace(
             status,
             findings=self.judged[0],
-            judgement=self.judged[1],
-            learned=self._learned,
-            shown=self._shown,
+            model_judgement=self.judged[1],
+            learned_rows=self._learned,
+            unlearned_rows=self._shown,
             latency=latency,
             obstacle=silence or status.obstacle or learning,
             rates=rates,
-            watched=watched,
-            behind=behind if behind >= SHED[Task.REFITS] else 0.0,
+            watch_facts=watched,
+            analysis_delay=behind if behind >= SHED[Task.REFITS] else 0.0,
         )
-        return rows if self._estimate is None else rows.predicting(self._estimate)
+        return rows if self._estimate is None else rows.with_predictions(self._estimate)
 
     def _silence(self) -> Fact | None:
         """What a silent link lacks; None if it is not silent."""
@@ -354,7 +360,7 @@ class LiveSession:
             self._lost = True
             self._log(error.fact.but(reopening=True))
             return []
-        pieces = [(stamp, self.stream.frames.feed(data)) for stamp, data in received]
+        pieces = [(stamp, self.stream.frame_reader.feed(data)) for stamp, data in received]
         try:
             for stamp, frames in pieces if self.recording is not None else ():
                 self.recording.take(stamp, frames)
@@ -372,7 +378,7 @@ class LiveSession:
         ]
 
     def _take(self, row: AlignedRow) -> None:
-        setup = self.stream.setup
+        setup = self.stream.row_format
         assert setup is not None
         if setup is not self._setup:
             self._begin(setup)
@@ -382,7 +388,7 @@ class LiveSession:
         self._settled = row.free
         if row.free and Task.ESTIMATES not in self._shed:
             learner.follows_torque = row.settled
-            weak = self.stream.alarms.weak_motors(row.inputs, setup.scale.low)
+            weak = self.stream.motor_alarms.weak_motors(row.inputs, setup.scale.low)
             try:
                 estimate = learner.update(row.time, row.outputs, row.inputs, weak)
             except ValueError as error:
@@ -408,19 +414,19 @@ class LiveSession:
             for gust in self._gusts.take(estimate):
                 self._log(gust)
         self.history.advance(row.time, setup.boot)
-        wind = self.stream.air.row
+        wind = self.stream.wind.row
         speed, _, high = (np.nan,) * 3 if wind is None else wind.by_compass[:3]
         beside = speed, high - speed, *setup.scale.fraction(row.inputs)
-        self.history.take(row.segment, row.time, row.outputs, estimate, beside)
+        self.history.add_row(row.segment, row.time, row.outputs, estimate, beside)
         self._put(row, estimate=estimate, learned=learner.learned, wind=wind)
 
     def _put(self, row: AlignedRow, **latest: Any) -> None:
         """Shows a row, with the ``latest`` estimate, model and wind."""
         if self._display is not None:
-            sample = row.time, self.history.shift, row.segment, row.outputs, row.inputs
-            self._display.put(ShownRow(*sample, **latest, pose=self.stream.pose))
+            sample = row.time, self.history.timeline_offset, row.segment, row.outputs, row.inputs
+            self._display.put(DisplayRow(*sample, **latest, pose=self.stream.pose))
 
-    def _begin(self, setup: Setup) -> None:
+    def _begin(self, setup: RowFormat) -> None:
         """Takes the learner of a setup's rows, and shows them."""
         before = self._setup
         if before is not None and setup.boot != before.boot:
@@ -428,7 +434,7 @@ class LiveSession:
         self._setup = setup
         layout = setup.layout
         axis = self.stream.axis
-        self.history.motors = layout.names
+        self.history.motor_names = layout.names
         if before is None or (before.dt, before.layout.names) != (setup.dt, layout.names):
             prior = self.prior
             if prior is not None and prior.record.input_units != setup.units:
@@ -440,7 +446,7 @@ class LiveSession:
                 len(layout.names),
                 len(output_names_and_units(axis)),
                 executor=self.executor,
-                horizons=horizons(setup.dt),
+                horizons=horizon_steps(setup.dt),
                 effect_directions=None if layout.positions_assumed else layout.mixer_row(axis),
                 prior=None if prior is None else prior.physical,
             )
@@ -448,14 +454,14 @@ class LiveSession:
             self._estimate = None
         self._open(setup)
 
-    def _open(self, setup: Setup) -> None:
+    def _open(self, setup: RowFormat) -> None:
         """Shows the rows of a ``setup`` from now on; a display that fails is not used again."""
         before = self._display
         try:
-            self._display = self.show(setup)
+            self._display = self.open_display(setup)
         except Exception as error:
             self._display = None
-            self.show = lambda setup: None
+            self.open_display = lambda setup: None
             self._log(failure_fact(Session.DISPLAY_FAILED, error))
         if before is None and self._display is not None:
             for event in self.history.events:
@@ -463,7 +469,7 @@ class LiveSession:
 
     def _preview(self) -> None:
         """Shows the latest sample while there are no rows: what is wrong must not wait for them."""
-        latest = self.stream.latest()
+        latest = self.stream.latest_row()
         if latest is None:
             return
         setup, row = latest
@@ -523,29 +529,29 @@ class LiveSession:
             if named.record.input_names != self._setup.layout.names:
                 return
             with suppress(RuntimeError):  # the executor's processes are gone
-                alarms = self.stream.status().alarms
+                alarms = self.stream.status().motor_alarms
                 self._judging = self.executor.submit(
-                    judged, named, self._setup, alarms, self.recorded
+                    judged, named, self._setup, alarms, self.recording_name
                 )
 
     def _request_rates(self) -> None:
         """Asks for rates if the user wants that and the vehicle is known; sends a HEARTBEAT if needed before."""
         now = self.now
-        if self.rate is None or self._lost or self._shed:
+        if self.requested_rate is None or self._lost or self._shed:
             self._arrivals = Arrivals()  # what comes now would be as fast as the analysis
             return
         if self.link.speaks_first and now - max(self._heard, self._greeted) >= PAUSE_SECONDS:
             self._greeted = now
             self._send([greeting()])
-        vehicle = self.stream.followed
+        vehicle = self.stream.followed_vehicle
         if vehicle is None or now - self._heard > SILENCE_SECONDS:
             return
         if self.request is None:
             kind = vehicle.autopilot
             named = (*motor_parameters(kind), *control_parameters(kind))
             sender = FrameSender(vehicle.system, vehicle.component)
-            self.request = RateRequest(sender, self.rate, parameters=named)
-        for message in self.stream.replies():
+            self.request = RateRequest(sender, self.requested_rate, parameters=named)
+        for message in self.stream.drain_replies():
             self.request.take(message)
         rates = self._arrivals.rates(now, vehicle.arrived)
         self._send(self.request.due(now, rates, vehicle.parameters))
@@ -562,8 +568,8 @@ class LiveSession:
             while request.unconfirmed and not self._lost and (left := until - time.monotonic()) > 0:
                 for piece in self._receive(min(left, 0.05)):
                     if time.monotonic() < until:
-                        deque(self.stream.take(piece.stamp, piece.frames), maxlen=0)
-                for message in self.stream.replies():
+                        deque(self.stream.take_frames(piece.stamp, piece.frames), maxlen=0)
+                for message in self.stream.drain_replies():
                     request.take(message)
         if request.restore():
             self._log(Fact(RateFact.RATES_NOT_RESTORED))
@@ -588,10 +594,10 @@ class LiveSession:
         if kind in self._last_said and fact.time is None:
             return  # but each alarm and each recovery is reported
         self._last_said[kind] = now
-        self.say(fact)
-        since = np.nan if fact.time is None else fact.time + self.history.shift
-        if self.stream.alarms.changed == fact.time:
-            self.history.disown_torque(since)
+        self.report_fact(fact)
+        since = np.nan if fact.time is None else fact.time + self.history.timeline_offset
+        if self.stream.motor_alarms.changed == fact.time:
+            self.history.clear_wind_torque(since)
         self.history.events.append(Event(self.history.now, fact, since))
         if self._display is not None:
             self._display.log(self.history.events[-1])

@@ -27,8 +27,15 @@ from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
 from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE_COMPONENT
 from mavdem.ingest.motors import MOTOR_MESSAGES, POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Parameters, Telemetry
-from mavdem.live.decisions import PHASES, InputChoice, Inputs, Phase, RecentMotion, Setup, tilt_of
-from mavdem.live.history import SessionStatus
+from mavdem.live.decisions import (
+    PHASES,
+    InputChoice,
+    Inputs,
+    Phase,
+    RecentMotion,
+    RowFormat,
+    tilt_of,
+)
 from mavdem.live.messages import (
     OF_ITSELF,
     Frame,
@@ -41,11 +48,12 @@ from mavdem.live.messages import (
     parameters_of,
 )
 from mavdem.live.motor_alarms import MotorAlarms
-from mavdem.live.recent import MAX_EVENTS, Recent
+from mavdem.live.recent_messages import MAX_EVENTS, RecentMessages
 from mavdem.live.rows import DECISION_SECONDS, AlignedRow, BootClock, Grid, PlacedMessage, Samples
-from mavdem.live.senders import Sender, Senders
+from mavdem.live.session_status import SessionStatus
+from mavdem.live.vehicle_selection import Component, VehicleSelector
 from mavdem.live.watchdog import Watchdog
-from mavdem.live.wind import WindRows
+from mavdem.live.wind import LiveWind
 from mavdem.wind_velocity.airflow import Drag
 from mavdem.wind_velocity.from_log import ESTIMATOR_FLAG_MESSAGES, VELOCITY_MESSAGES
 
@@ -73,7 +81,7 @@ class LiveStream:
 
     The rows depend on the bytes alone, not on how they are cut into pieces nor on when they come. The arguments are as
     for :func:`mavdem.read_flight`; without a ``vehicle`` it is the only multirotor that sends attitude. If the vehicle
-    is ``asked`` for rates already, no fact advises it.
+    is asked for rates (``rates_requested``) already, no fact advises it.
 
     Raises ValueError: unknown axis.
     """
@@ -82,31 +90,31 @@ class LiveStream:
         self,
         axis: str = "roll",
         vehicle: str | None = None,
-        asked: bool = False,
+        rates_requested: bool = False,
     ) -> None:
         if axis not in TILT_AXES:
             raise ValueError(f"axis must be one of {', '.join(TILT_AXES)}, not {axis!r}")
-        self.setup: Setup | None = None  # what the rows of the latest segment are
+        self.row_format: RowFormat | None = None  # what the rows of the latest segment are
         # of the vehicle: samples of attitude and motor outputs, and its boot's number
-        self.samples = self.boot = 0
+        self.sample_count = self.boot = 0
         self.axis = axis
-        self._can_ask = not asked
-        self.frames = FrameReader()  # in the bytes of the link
-        self._senders = Senders(vehicle, self._report)
+        self._can_ask = not rates_requested
+        self.frame_reader = FrameReader()  # in the bytes of the link
+        self._senders = VehicleSelector(vehicle, self._report)
         self._clock = BootClock(self._report)
         self._events: deque[Event] = deque(maxlen=MAX_EVENTS)
         self._replies: deque[Message] = deque(maxlen=MAX_EVENTS)
         # by message and port, which attitude has none of: 0
         self._streams: dict[tuple[str, int], Samples] = {}
         self._choice = InputChoice()
-        self._recent = Recent()
+        self._recent = RecentMessages()
         self._phase = Phase(self._recent)
         self._settings: Parameters = {}  # of the autopilot, as of the last choice
         self._grid = Grid()
-        self.alarms = MotorAlarms()
-        self.air = WindRows()
+        self.motor_alarms = MotorAlarms()
+        self.wind = LiveWind()
         self._watchdog = Watchdog(self._recent)
-        self.beside: dict[str, LiveStream] = {}  # of other vehicles, by name: watched, too
+        self.other_vehicles: dict[str, LiveStream] = {}  # of other vehicles, by name: watched, too
         self._attitude: str | None = None
         self._heading = 0.0
         self.pose: LatestPose | None = None
@@ -121,7 +129,7 @@ class LiveStream:
         self._enough = True
 
     @property
-    def followed(self) -> Sender | None:
+    def followed_vehicle(self) -> Component | None:
         """The vehicle; None before it is known."""
         return self._senders.followed
 
@@ -133,33 +141,33 @@ class LiveStream:
     @property
     def parameters(self) -> Parameters:
         """The vehicle's parameters received so far, by name; also those that MAVProxy stores for it."""
-        if self.followed is None:
+        if self.followed_vehicle is None:
             return {}
-        store = self._senders.by_ids.get((self.followed.system, PARAMETER_STORE_COMPONENT))
-        sent = {**(store.parameters if store else {}), **self.followed.parameters}
-        return parameters_of(sent.values(), self.followed.autopilot) if sent else {}
+        store = self._senders.by_ids.get((self.followed_vehicle.system, PARAMETER_STORE_COMPONENT))
+        sent = {**(store.parameters if store else {}), **self.followed_vehicle.parameters}
+        return parameters_of(sent.values(), self.followed_vehicle.autopilot) if sent else {}
 
     def feed(self, stamp: float, data: bytes) -> list[AlignedRow]:
         """Takes the next ``data`` of the link, received at ``stamp``, UNIX s; returns the rows that it completes."""
-        return list(self.take(stamp, self.frames.feed(data)))
+        return list(self.take_frames(stamp, self.frame_reader.feed(data)))
 
-    def take(self, stamp: float, frames: Sequence[Frame]) -> Iterator[AlignedRow]:
+    def take_frames(self, stamp: float, frames: Sequence[Frame]) -> Iterator[AlignedRow]:
         """Takes the next ``frames`` of the link, received at ``stamp``, UNIX s; yields each row once it is complete."""
         self._received = stamp
         for frame in frames:
             yield from self._take(frame)
             sender = self._senders.of(frame)
-            if sender is not self.followed and sender.name in self._senders.rivals:
+            if sender is not self.followed_vehicle and sender.name in self._senders.rivals:
                 self._watch_too(sender.name, frame)
 
     def _watch_too(self, name: str, frame: Frame) -> None:
         """Gives a frame to the stream of another vehicle, whose alarms are reported under its ``name``."""
-        if name not in self.beside:
-            self.beside[name] = LiveStream(self.axis, name, asked=True)
-        other = self.beside[name]
+        if name not in self.other_vehicles:
+            self.other_vehicles[name] = LiveStream(self.axis, name, rates_requested=True)
+        other = self.other_vehicles[name]
         other._received = self._received
         deque(other._take(frame), maxlen=0)
-        for event in other.events():
+        for event in other.drain_events():
             fact = event.fact
             warns = isinstance(fact.code, Reported) and not fact.is_good
             if warns or fact.code in OF_ANY_VEHICLE:
@@ -167,45 +175,45 @@ class LiveStream:
                     Fact(Watch.OTHER_VEHICLE_ALARM, fact.level, subject=name, because=fact)
                 )
 
-    def landing(self) -> float | None:
+    def pop_landing_time(self) -> float | None:
         """Returns the time, s of this boot, since when rows given as settled were of a landing; None if none is new."""
         return self._phase.landing()
 
-    def replies(self) -> list[Message]:
+    def drain_replies(self) -> list[Message]:
         """Returns the vehicle's messages of ``REPLIES`` since the last call."""
         return [self._replies.popleft() for _ in range(len(self._replies))]
 
-    def events(self) -> list[Event]:
+    def drain_events(self) -> list[Event]:
         """Returns the events since the last call."""
         return [self._events.popleft() for _ in range(len(self._events))]
 
     def status(self) -> SessionStatus:
         """Returns the status of the link and the vehicle."""
-        followed = self.followed
+        followed = self.followed_vehicle
         now = self._clock.now
         return SessionStatus(
             vehicle=followed.name if followed else None,
             obstacle=self._senders.obstacle
             or (self._no_attitude if isnan(now) else self._obstacle),
             rates=self._rates(now),
-            flying=self._phase.flying,
-            lost=followed.lost if followed else 0,
-            missing=followed.missing_seconds if followed else 0.0,
-            late=sum(stream.late for stream in self._streams.values()),
-            unread=self.frames.unread,
-            alarms=tuple(self.alarms.latest),
-            alarm=(*self._watchdog.alarms, *self.alarms.standing),
-            watched=self.watched,
-            lights=dict(self._watchdog.lights),
-            wind=self.air.row,
-            mean_wind=self.air.mean,
-            no_wind=self.air.obstacle,
+            is_flying=self._phase.flying,
+            lost_messages=followed.lost if followed else 0,
+            gap_seconds=followed.missing_seconds if followed else 0.0,
+            late_samples=sum(stream.late for stream in self._streams.values()),
+            undecoded_frames=self.frame_reader.unread,
+            motor_alarms=tuple(self.motor_alarms.latest),
+            active_alarms=(*self._watchdog.alarms, *self.motor_alarms.standing),
+            watch_facts=self.watch_facts,
+            worst_lights=dict(self._watchdog.lights),
+            wind=self.wind.row,
+            mean_wind=self.wind.mean,
+            wind_obstacle=self.wind.obstacle,
         )
 
     @property
-    def watched(self) -> Facts:
+    def watch_facts(self) -> Facts:
         """Since when each is watched, or why it is not, of all vehicles."""
-        others = ((name, each.watched) for name, each in self.beside.items())
+        others = ((name, each.watch_facts) for name, each in self.other_vehicles.items())
         return (
             *self._watchdog.watched.values(),
             *(fact.but(vehicle=name) for name, facts in others for fact in facts),
@@ -238,14 +246,14 @@ class LiveStream:
                 self._reboot(placed.boot)
             yield from self._process(sender, placed)
 
-    def _process(self, sender: Sender, placed: PlacedMessage) -> Iterator[AlignedRow]:
+    def _process(self, sender: Component, placed: PlacedMessage) -> Iterator[AlignedRow]:
         message = placed.message
         time = placed.time
         name = placed.message.name
         if name in ATTITUDE_MESSAGES and placed.stamped:
             motion = attitude(message)
             if motion is not None and name == self._attitude and self._phase.free(time):
-                self.air.attitude(time, (*motion[:2], motion[-1]))
+                self.wind.attitude(time, (*motion[:2], motion[-1]))
             if motion is not None:
                 self._look(time, motion)
             yield from self._add(name, 0, time, motion and motion[:4])
@@ -256,8 +264,8 @@ class LiveStream:
             if port < MAX_PORTS:
                 yield from self._add(name, port, time, values)
         elif name in ESTIMATOR_FLAG_MESSAGES:
-            self.air.flags = message.values[0]
-        elif name in VELOCITY_MESSAGES and (wind := self.air.velocity(name, time, message.values)):
+            self.wind.flags = message.values[0]
+        elif name in VELOCITY_MESSAGES and (wind := self.wind.velocity(name, time, message.values)):
             self._report(wind)
         if name in OF_ITSELF or name in PHASES:
             self._recent.take(name, time, message.values)
@@ -280,7 +288,7 @@ class LiveStream:
         stream = self._streams.setdefault((name, port), Samples())
         if values is None or not stream.add(time, values):
             return
-        self.samples += 1
+        self.sample_count += 1
         inputs = self._inputs
         streams = self._row_streams()
         if inputs is None or stream not in streams:
@@ -326,11 +334,11 @@ class LiveStream:
     def _begin(self, inputs: Inputs) -> None:
         """Reports the segment that begins, if its rows are others than before."""
         grid = self._grid
-        before = self.setup
+        before = self.row_format
         plan = inputs.motors.layout
         assert grid.dt is not None and self._attitude is not None
         names = self._attitude, inputs.motors.message
-        self.setup = now = Setup(
+        self.row_format = now = RowFormat(
             self.boot, grid.dt, *names, plan, inputs.motors.scale, grid.rates, grid.start
         )
         if before is not None and (before.dt, before.motors, before.layout) == (
@@ -343,7 +351,7 @@ class LiveStream:
         if plan.assumed:
             self._report(Fact(Rows.MOTOR_ORDER_ASSUMED, basis=plan.basis))
 
-    def _review(self, sender: Sender, now: float) -> Iterator[None]:
+    def _review(self, sender: Component, now: float) -> Iterator[None]:
         """Decides again what rows are made of, whether the vehicle flies, and what alarms there are, part by part."""
         if isnan(now):
             return
@@ -367,7 +375,7 @@ class LiveStream:
         flew = self._phase.flying
         self._phase.review(now, vehicle, collective)
         if self._phase.flying and not flew:
-            self.air.restart()
+            self.wind.restart()
         yield
         motion = self._motion()
         yield
@@ -377,16 +385,16 @@ class LiveStream:
                 yield
             else:
                 self._report(fact)
-        because = self.alarms.obstacle(now, self._phase.flying)
+        because = self.motor_alarms.obstacle(now, self._phase.flying)
         self._watchdog.watches(Watched.MOTORS, because, now)
 
-    def _choose_inputs(self, sender: Sender) -> Iterator[None]:
+    def _choose_inputs(self, sender: Component) -> Iterator[None]:
         """Chooses the inputs again, by the rates of messages and by what moves, in two parts."""
         if sender.kind not in POSSIBLE_MULTIROTORS:
             self._inputs = None
             return
         self._settings = parameters = self.parameters
-        self.air.set_drag = Drag.of_parameters(sender.autopilot, parameters)
+        self.wind.set_drag = Drag.of_parameters(sender.autopilot, parameters)
         before = self._inputs
         staying = before.motors.message if self._grid.running and before else None
         shown = self._choice.shown(self._streams, staying)
@@ -400,12 +408,12 @@ class LiveStream:
         if before is not None and running and inputs.key != before.key:
             self._report(Fact(Rows.INPUTS_CHANGED, names=layout.names))
             self._grid.end(forget_step=True)
-        elif running and self.setup is not None and layout != self.setup.layout:
-            self.setup = replace(self.setup, layout=layout)
+        elif running and self.row_format is not None and layout != self.row_format.layout:
+            self.row_format = replace(self.row_format, layout=layout)
             if not layout.assumed:
                 self._report(Fact(Rows.MOTOR_ORDER_KNOWN, basis=layout.basis))
 
-    def _telemetry(self, sender: Sender) -> Telemetry:
+    def _telemetry(self, sender: Component) -> Telemetry:
         """What is known of the vehicle beside its messages."""
         ids = sender.system, sender.component
         return Telemetry(*ids, sender.kind, sender.autopilot, {}, self._settings)
@@ -420,7 +428,7 @@ class LiveStream:
         tilts = tilt_of(*motion, roll, p), tilt_of(*motion, pitch, q)
         return RecentMotion(self._inputs.motors, dict(zip(TILT_AXES, tilts, strict=True)))
 
-    def latest(self) -> tuple[Setup, AlignedRow] | None:
+    def latest_row(self) -> tuple[RowFormat, AlignedRow] | None:
         """Returns the latest sample of attitude and motors as a row of its own setup; None once there are rows."""
         motion = self._motion()
         if motion is None or self._grid.running or not motion.rate:
@@ -430,12 +438,14 @@ class LiveStream:
         names = tilt.message, motors.message
         time = tilt.time[-1]
         rates = (motion.rate,) * 2
-        setup = Setup(self.boot, 1 / motion.rate, *names, motors.layout, motors.scale, rates, time)
+        setup = RowFormat(
+            self.boot, 1 / motion.rate, *names, motors.layout, motors.scale, rates, time
+        )
         outputs = np.array([tilt.angle[-1], tilt.rate[-1]])
         row = AlignedRow(time, motors.outputs[-1], outputs, self._grid.segment, False, False)
         return setup, row
 
-    def _judge(self, sender: Sender, now: float) -> None:
+    def _judge(self, sender: Component, now: float) -> None:
         """Reports when messages are missing or too slow, and when they no longer are."""
         heard = self._rates(now)
         outputs = {name: rate for name, rate in heard.items() if name not in ATTITUDE_MESSAGES}
@@ -480,12 +490,12 @@ class LiveStream:
         name = inputs.motors.message
         ports = {port: self._streams[name, port].values[-1:] for port in inputs.ports}
         if not self._phase.settled(time):
-            self.alarms.landed |= not self._phase.flying
+            self.motor_alarms.landed |= not self._phase.flying
         elif all(ports.values()):
             sent = np.array([ports[port][0][channel] for port, channel in inputs.picks])
             motors = inputs.motors
             shares = motors.scale.fraction(sent).tolist()
-            for fact in self.alarms.take(time, self.boot, motors, shares, self._heading):
+            for fact in self.motor_alarms.take(time, self.boot, motors, shares, self._heading):
                 self._report(fact)
 
     def _reboot(self, boot: int) -> None:
@@ -493,14 +503,14 @@ class LiveStream:
         self.boot = boot
         self._streams.clear()
         self._choice = InputChoice(boot)
-        self.air.restart()
+        self.wind.restart()
         self._attitude = None
         self._inputs = None
         self._asked = -inf, ()
-        self._recent = Recent(boot)
+        self._recent = RecentMessages(boot)
         self._phase = Phase(self._recent)
-        self.alarms.standing = ()
-        self.alarms.changed = nan
+        self.motor_alarms.standing = ()
+        self.motor_alarms.changed = nan
         self._watchdog = Watchdog(self._recent)
         self._grid.restart()
         self._reviewing = iter(())

@@ -30,7 +30,7 @@ from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
 from mavdem.live.decisions import LiveSignals, RecentMotion, evidence_of
 from mavdem.live.messages import OF_ITSELF
-from mavdem.live.recent import Recent
+from mavdem.live.recent_messages import RecentMessages
 from mavdem.live.rows import DECISION_SECONDS
 from mavdem.loops.limit_cycles import detect_starting_limit_cycle
 from mavdem.motors.loss_detection import alarm_of
@@ -56,7 +56,7 @@ class Watchdog:
         lights: the worst that was found so far, by light.
     """
 
-    def __init__(self, recent: Recent) -> None:
+    def __init__(self, recent: RecentMessages) -> None:
         self.standing: dict[Watched, Fact] = {}
         self.watched: dict[Watched, Fact] = {}
         self.lights: dict[str, Fact] = {}

@@ -59,7 +59,7 @@ SIZES = np.log(
 )  # as GUST_PRIOR_MEAN
 
 
-class WindRow(NamedTuple):
+class WindEstimate(NamedTuple):
     """The wind at ``time``, s of the boot clock: north and east of where the air moves to, m/s, with half widths."""
 
     time: float
@@ -120,7 +120,7 @@ class WindRow(NamedTuple):
         )
 
 
-class WindRows:
+class LiveWind:
     """Makes rows of a flight's attitude and velocity: the latest ``row``, their ``mean``, or the ``obstacle``.
 
     The ``drag`` is from another flight, else ``set_drag`` by the parameters; ``flags`` are the estimator's.
@@ -135,8 +135,8 @@ class WindRows:
 
     def restart(self) -> None:
         """Forgets the flight: another begins, or its clock is over."""
-        self.row: WindRow | None = None
-        self.mean: WindRow | None = None
+        self.row: WindEstimate | None = None
+        self.mean: WindEstimate | None = None
         self.obstacle: Fact | None = None
         self._rows = 0  # in the mean
         self._said = False
@@ -249,11 +249,11 @@ class WindRows:
         variances = np.einsum("ai,gij,aj->ga", TOTAL_WIND_MATRIX, run.spreads, TOTAL_WIND_MATRIX)
         mean = weights @ winds
         band = half_width(weights @ (variances + (winds - mean) ** 2))
-        self.row = row = WindRow(end - self._step, mean, band)
+        self.row = row = WindEstimate(end - self._step, mean, band)
         # Drag and lean err alike in all rows, so the mean is known no better than they are.
         self._rows += 1
         before = self.mean or row
         parts = (
             old + (new - old) / self._rows for old, new in zip(before[1:], row[1:], strict=True)
         )
-        self.mean = WindRow(row.time, *parts)
+        self.mean = WindEstimate(row.time, *parts)

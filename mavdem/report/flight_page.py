@@ -66,7 +66,8 @@ from mavdem.report.truth import truth_blocks
 from mavdem.report.words import begin, section, together
 
 if TYPE_CHECKING:
-    from mavdem.live.history import LiveHistory, SessionStatus
+    from mavdem.live.history import LiveHistory
+    from mavdem.live.session_status import SessionStatus
 
 AXIS_IN_NAME = re.compile(r"RLL|ROLL|PITCH|PIT|YAW")
 GEOMETRY = "CA_"
@@ -391,8 +392,8 @@ def live_page(
 
     ``account`` has seconds by what they were; ``back`` is name and address of the page that leads here.
     """
-    findings = status.findings or findings_of(learned, alarms=status.alarms)
-    judgement = status.judged
+    findings = status.findings or findings_of(learned, alarms=status.motor_alarms)
+    judgement = status.overall_judgement
     seconds = 0.0 if learned is None else len(learned.record) * learned.dt
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.report.live import live_report

@@ -5,7 +5,8 @@ from math import sqrt
 
 from mavdem.facts import Fact
 from mavdem.facts.session import Session, Spent
-from mavdem.live.history import AHEAD, HorizonErrors, LiveHistory, SessionStatus
+from mavdem.live.history import REPORTED_HORIZON, HorizonErrors, LiveHistory
+from mavdem.live.session_status import SessionStatus
 from mavdem.motors.loss_detection import FALSE_ALARMS
 from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.numbers import named, readable
@@ -30,7 +31,7 @@ def live_report(
     were; ``seconds`` of the last ones are in the model.
     """
     errors = history.errors()
-    best = min(errors, key=lambda error: abs(error.seconds - AHEAD), default=None)
+    best = min(errors, key=lambda error: abs(error.seconds - REPORTED_HORIZON), default=None)
     headline, *state = section(
         "live_state", best=best, axis=axis, status=status, false_alarms=FALSE_ALARMS
     )
@@ -42,10 +43,10 @@ def live_report(
     ]
     return [
         headline,
-        *(Sentence(f"{go_on(alarm.fact)}.", "Motors:") for alarm in status.alarms),
+        *(Sentence(f"{go_on(alarm.fact)}.", "Motors:") for alarm in status.motor_alarms),
         *state,
         *([_errors(errors, axis)] if errors else []),
-        *section("live_learned", errors=errors, parts=history.learned, seconds=seconds),
+        *section("live_learned", errors=errors, parts=history.learned_intervals, seconds=seconds),
         Table([f"of {sum(whole.values())} s", "time"], spent),
         *section("live_link", status=status),
     ]
@@ -58,6 +59,8 @@ def _errors(errors: Sequence[HorizonErrors], axis: str) -> Table:
         unit = readable(radians)
         header += [named(name, unit.name), "baseline", "in its 90 % band"]
         for row, error in zip(rows, errors, strict=True):
-            row += [f"{unit.scale * sqrt(square[i]):.2g}" for square in (error.mse, error.held)]
-            row.append(f"{100 * error.inside[i]:.0f} %")
+            row += [
+                f"{unit.scale * sqrt(square[i]):.2g}" for square in (error.mse, error.baseline_mse)
+            ]
+            row.append(f"{100 * error.coverage[i]:.0f} %")
     return Table(header, rows)

@@ -226,9 +226,9 @@ def wind_rows(air: WindEvidence, part: Segment) -> Iterator[Chart]:
 def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
     """Returns the timeline of a live flight: what was measured, predicted and estimated as it flew."""
     # Imported here: the timeline of a log needs nothing of live sessions.
-    from mavdem.live.history import AHEAD
+    from mavdem.live.history import REPORTED_HORIZON
 
-    rows = history.rows
+    rows = history.table
     segments, time, measured = rows.T[:3]
     if np.count_nonzero(np.isfinite(measured)) < 2:
         return None
@@ -241,12 +241,16 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
     angles = (
         Line("measured", MEASURED, time, ANGLE.scale * measured),
         Line.around(
-            f"{AHEAD:g} s ahead", PREDICTED, time, ANGLE.scale * predicted, ANGLE.scale * band
+            f"{REPORTED_HORIZON:g} s ahead",
+            PREDICTED,
+            time,
+            ANGLE.scale * predicted,
+            ANGLE.scale * band,
         ),
     )
     motors = (
         Line(short(name), colour, time, 100 * values.clip(0.0))
-        for name, colour, values in zip(history.motors, cycle(DISTINCT), outputs, strict=False)
+        for name, colour, values in zip(history.motor_names, cycle(DISTINCT), outputs, strict=False)
     )
     charts = (
         over_time(axis.capitalize(), ANGLE.name, angles),
@@ -273,5 +277,5 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
     )
     span = time[0], time[-1]
     return Timeline(
-        charts_drawn, span, trained=tuple(history.learned), events=tuple(history.events)
+        charts_drawn, span, trained=tuple(history.learned_intervals), events=tuple(history.events)
     )

@@ -13,8 +13,8 @@ from mavdem.facts.session import LinkFact
 from mavdem.live import LiveStream
 from mavdem.live.link import Link
 from mavdem.live.raw_recording import RawRecording
-from mavdem.live.running import run
 from mavdem.live.session import LiveSession
+from mavdem.live.session_loop import run_session
 from mavdem.report.flight_page import live_page
 from mavdem.serve.library import Library
 
@@ -101,13 +101,13 @@ class Attached:
             check,
             executor,
             recording,
-            recorded="",  # it is in the library when it has ended
+            recording_name="",  # it is in the library when it has ended
         )
         self._silent = self._frames = 0
         try:
             try:
                 self._show(session)
-                run(session, self._is_over, None, PAGE_SECONDS, self._show)
+                run_session(session, self._is_over, None, PAGE_SECONDS, self._show)
             finally:
                 session.end()
         finally:

@@ -16,9 +16,9 @@ from mavdem.dem import Estimate
 from mavdem.dem.online.learner import TOO_FEW_SAMPLES
 from mavdem.dem.online.tracker import MEAN_SECONDS_BETWEEN_FALSE_MARKS
 from mavdem.live import SessionStatus
-from mavdem.live.history import AHEAD
+from mavdem.live.display import DisplayRow
+from mavdem.live.history import REPORTED_HORIZON
 from mavdem.live.rows import MAX_SAMPLES
-from mavdem.live.shown import ShownRow
 from mavdem.report.blocks import markdown
 from mavdem.report.live import watching
 from mavdem.report.numbers import TORQUE, named, per, place, readable
@@ -76,11 +76,11 @@ class LiveWriter:
         # the latest samples of the wind torque: an alarm of a motor is about the last seconds
         self._torques = deque[Sample](maxlen=MAX_SAMPLES)
 
-    def rows(self, rows: list[ShownRow]) -> None:
+    def rows(self, rows: list[DisplayRow]) -> None:
         """Draws rows in the order of their times, and what happens in them."""
         names = tuple(map(place, self.channels.input_names))
         motors = Lines("motors", names, DISTINCT[: len(names)])
-        self._draw(motors, [(row.segment, row.clock, row.inputs) for row in rows])
+        self._draw(motors, [(row.segment, row.timeline_time, row.inputs) for row in rows])
         self._angle(rows)
         self._poses(rows)
         speed = Lines(
@@ -89,7 +89,10 @@ class LiveWriter:
             (DISTURBANCE, *2 * (faint(DISTURBANCE, 0.5),)),
         )
         winds = [(row, row.wind) for row in rows if row.wind is not None]
-        self._draw(speed, [(0, wind.time + row.shift, wind.by_compass[:3]) for row, wind in winds])
+        self._draw(
+            speed,
+            [(0, wind.time + row.timeline_offset, wind.by_compass[:3]) for row, wind in winds],
+        )
         self._estimates([(row, row.estimate) for row in rows if row.estimate is not None])
 
     def disown(self, since: float) -> None:
@@ -135,20 +138,22 @@ class LiveWriter:
         time = np.insert(time, breaks, time[breaks] - self.channels.dt / 2)
         lines.send(self._recording, time, values)
 
-    def _angle(self, rows: list[ShownRow]) -> None:
-        """Draws the angle with its prediction, of those nearest to ``AHEAD`` seconds ahead."""
+    def _angle(self, rows: list[DisplayRow]) -> None:
+        """Draws the angle with its prediction, of those nearest to ``REPORTED_HORIZON`` seconds ahead."""
         seconds = np.array(self.channels.horizons) * self.channels.dt
-        h = abs(seconds - AHEAD).argmin()
+        h = abs(seconds - REPORTED_HORIZON).argmin()
         scale = readable(self.channels.output_units[0]).scale
         plot = f"axes/{self.channels.output_names[0]}"
         line = Lines(f"{plot}/1_measured", ("measured",), (MEASURED,), 1.2)
-        self._draw(line, [(row.segment, row.clock, scale * row.outputs[:1]) for row in rows])
+        self._draw(
+            line, [(row.segment, row.timeline_time, scale * row.outputs[:1]) for row in rows]
+        )
         predictions = [
-            (row.segment, row.clock + seconds[h], np.nan, np.nan)
+            (row.segment, row.timeline_time + seconds[h], np.nan, np.nan)
             if (now := row.estimate) is None
             else (
                 row.segment,
-                now.ahead_times[h] + row.shift,
+                now.ahead_times[h] + row.timeline_offset,
                 now.ahead[h, 0],
                 now.ahead_band[h, 0],
             )
@@ -176,10 +181,10 @@ class LiveWriter:
         self._draw(line, values, is_cut)
         return values
 
-    def _poses(self, rows: list[ShownRow]) -> None:
+    def _poses(self, rows: list[DisplayRow]) -> None:
         """Draws the angles with what was asked for, and the rates."""
         poses = [
-            (row.segment, row.pose.time + row.shift, row.pose)
+            (row.segment, row.pose.time + row.timeline_offset, row.pose)
             for row in rows
             if row.pose is not None
         ]
@@ -196,16 +201,16 @@ class LiveWriter:
         rates = Lines("rates", AXES, DISTINCT[: len(AXES)])
         self._draw(rates, [(s, t, np.degrees(pose.rates)) for s, t, pose in poses])
 
-    def _estimates(self, rows: Sequence[tuple[ShownRow, Estimate]]) -> None:
+    def _estimates(self, rows: Sequence[tuple[DisplayRow, Estimate]]) -> None:
         """Draws the wind torque with its band at the times it is of; F(t) and surprise at those of their windows."""
         estimates = [
-            (0, now.wind_time + row.shift, now.wind_torque, now.wind_torque_band)
+            (0, now.wind_time + row.timeline_offset, now.wind_torque, now.wind_torque_band)
             for row, now in rows
             if np.isfinite(now.wind_time)
         ]
         torque = Lines("wind/1_torque", ("torque",), (DISTURBANCE,))
         self._torques += self._banded("wind/0_band", torque, estimates, TORQUE.scale)
-        seen = [(now.seen + row.shift, now) for row, now in rows if np.isfinite(now.seen)]
+        seen = [(now.seen + row.timeline_offset, now) for row, now in rows if np.isfinite(now.seen)]
         energy = [(0, at, [now.free_energy]) for at, now in seen]
         surprise = [(0, at, [1.0, now.surprise]) for at, now in seen]
         self._draw(Lines("free_energy_of_samples", ("F(t)",), (MEASURED,)), energy)
@@ -219,7 +224,7 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
     def plot(name: str, origin: str) -> rrb.TimeSeriesView:
         """A plot of the last seconds before the time cursor; only these are queried."""
         start = rr.TimeRangeBoundary.cursor_relative(seconds=-FLIGHT_SECONDS)
-        end = rr.TimeRangeBoundary.cursor_relative(seconds=AHEAD)
+        end = rr.TimeRangeBoundary.cursor_relative(seconds=REPORTED_HORIZON)
         axis = rrb.archetypes.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
         shown = rrb.VisibleTimeRange(BOOT_CLOCK, start=start, end=end)
         return rrb.TimeSeriesView(
@@ -253,17 +258,19 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
     return blueprint(rrb.Tabs(flight, details, status, active_tab=0), play_state="following")
 
 
-def figures(status: SessionStatus, row: ShownRow, channels: Channels, until: float | None) -> Names:
+def figures(
+    status: SessionStatus, row: DisplayRow, channels: Channels, until: float | None
+) -> Names:
     """Returns Markdown documents: state, prediction, wind, its torque, physical parameters, and what is watched.
 
     ``row`` is the latest, of these ``channels``; the model was learned ``until`` s of the boot clock.
     """
-    judged = status.judgement
+    judged = status.model_judgement
     now = row.estimate
     cards = section(
         "live_cards",
         status=status,
-        watched=watching(status.watched),
+        watched=watching(status.watch_facts),
         row=row,
         channels=channels,
         until=until,
@@ -286,7 +293,7 @@ def _reason(status: SessionStatus, until: float | None) -> str:
 
 
 def status_document(
-    status: SessionStatus, row: ShownRow, channels: Channels, until: float | None
+    status: SessionStatus, row: DisplayRow, channels: Channels, until: float | None
 ) -> str:
     """Returns the latest status and row as Markdown; the model was learned ``until`` s, None before the first."""
     title, *details = section(
@@ -299,5 +306,5 @@ def status_document(
     )
     blocks = []
     if status.findings is not None:
-        blocks = [markdown(assessment_blocks(status.findings, status.judged))]
+        blocks = [markdown(assessment_blocks(status.findings, status.overall_judgement))]
     return "\n\n".join([title.text, *blocks, *(sentence.text for sentence in details), LEGEND])

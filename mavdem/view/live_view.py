@@ -20,9 +20,9 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.motors import InFlight
 from mavdem.facts.session import Session
 from mavdem.live import Event, SessionStatus
+from mavdem.live.display import DisplayRow
 from mavdem.live.link import PAUSE_SECONDS
 from mavdem.live.rows import MAX_SAMPLES
-from mavdem.live.shown import ShownRow
 from mavdem.view.live_content import Channels, LiveWriter, figures, status_document
 from mavdem.view.plots import BOOT_CLOCK, log
 from mavdem.view.sinks import CLOSING_SECONDS, Sink
@@ -37,15 +37,15 @@ class SinkThread(threading.Thread):
         super().__init__(name=f"to {sink.name}", daemon=True)
         self.sink = sink
         self._id = recording_id
-        self._rows: deque[tuple[Channels, ShownRow]] = deque(maxlen=MAX_SAMPLES)
+        self._rows: deque[tuple[Channels, DisplayRow]] = deque(maxlen=MAX_SAMPLES)
         self._lines: deque[Event] = deque(maxlen=MAX_SAMPLES)
         self.dropped = 0  # rows
-        self.held = False  # whether rows wait until it closes or is let go
+        self.is_paused = False  # whether rows wait until it closes or is let go
         self.status = SessionStatus()
         self.trouble = ""  # why nothing arrives, one sentence
         self._writer: LiveWriter | None = None
         self._recording: rr.RecordingStream | None = None
-        self._last: ShownRow | None = None
+        self._last: DisplayRow | None = None
         # time of the last sample that the latest model was trained on, s
         self._until: float | None = None
         self._reported_drops = 0
@@ -53,7 +53,7 @@ class SinkThread(threading.Thread):
         self._next_try = 0.0
         self.closing = threading.Event()  # when it is set, the rest is sent
 
-    def put(self, channels: Channels, row: ShownRow) -> None:
+    def put(self, channels: Channels, row: DisplayRow) -> None:
         """Adds a row; drops the oldest if too many wait."""
         self.dropped += len(self._rows) == self._rows.maxlen
         self._rows.append((channels, row))
@@ -98,7 +98,7 @@ class SinkThread(threading.Thread):
             Exception
         ) as error:  # a row that cannot be drawn ends neither the view nor the flight
             fact = Fact(Session.ROW_NOT_DRAWN, because=error)
-            self.log(Event(self._last.clock if self._last else 0.0, fact))
+            self.log(Event(self._last.timeline_time if self._last else 0.0, fact))
 
     def _open(self) -> None:
         if self._recording is not None or not self._rows or wall.monotonic() < self._next_try:
@@ -117,7 +117,7 @@ class SinkThread(threading.Thread):
         if (recording := self._recording) is None:
             return
         # Of a deque each end may be used by another thread.
-        count = 0 if self.held and not self.closing.is_set() else len(self._rows)
+        count = 0 if self.is_paused and not self.closing.is_set() else len(self._rows)
         rows = [self._rows.popleft() for _ in range(count)]
         lines = [self._lines.popleft() for _ in range(len(self._lines))]
         for channels, batch in groupby(rows, key=itemgetter(0)):
@@ -140,11 +140,11 @@ class SinkThread(threading.Thread):
             self._next_status = wall.monotonic() + PAUSE_SECONDS
             if new := self.dropped - self._reported_drops:
                 words = f"{new} rows are not shown here: this view is too slow"
-                log(recording, self._last.clock, words, Level.WATCH)
+                log(recording, self._last.timeline_time, words, Level.WATCH)
                 self._reported_drops += new
             about = self.status, self._last, self._writer.channels, self._until
             documents = {f"figures/{i}": text for i, text in enumerate(figures(*about))}
-            recording.set_time(BOOT_CLOCK, duration=self._last.clock)
+            recording.set_time(BOOT_CLOCK, duration=self._last.timeline_time)
             for path, text in {**documents, "status": status_document(*about)}.items():
                 recording.log(path, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
         recording.flush(timeout_sec=FLUSH_SECONDS)
@@ -170,7 +170,7 @@ class LiveView:
         """Sets the ``channels`` of the rows from now on; once at least before the first row."""
         self._channels = channels
 
-    def put(self, row: ShownRow) -> None:
+    def put(self, row: DisplayRow) -> None:
         """Shows a row; takes microseconds."""
         if self._closed or self._channels is None:
             return
@@ -183,10 +183,10 @@ class LiveView:
         for thread in () if self._closed else self._threads:
             thread.log(event._replace(seconds=time))
 
-    def hold(self, held: bool) -> None:
+    def pause(self, is_paused: bool) -> None:
         """Makes rows wait while this computer has no time to draw them."""
         for thread in self._threads:
-            thread.held = held
+            thread.is_paused = is_paused
 
     def status(self, status: SessionStatus) -> None:
         """Shows the latest ``status``, once a second."""

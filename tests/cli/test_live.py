@@ -68,7 +68,7 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
         session._heard -= 60
         return Mock(**{"to_json.return_value": "{}"})
 
-    monkeypatch.setattr("mavdem.cli.live.run", fly)
+    monkeypatch.setattr("mavdem.cli.live.run_session", fly)
     monkeypatch.setattr("mavdem.cli.live.live_page", lambda *_: "")
     monkeypatch.setattr("mavdem.cli.live.LiveSession.judge", lambda *_: None)
     assert (
@@ -93,8 +93,8 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(here, capsys, monkeypatch):
             stranger.sendto(b"\xfd" + bytes(200), ("127.0.0.1", port))
             return listen(*arguments)
 
-        listen = live.run
-        monkeypatch.setattr(live, "run", listen_to_stranger)
+        listen = live.run_session
+        monkeypatch.setattr(live, "run_session", listen_to_stranger)
         words = f"live udpin:127.0.0.1:{port} --rrd f.rrd --record f.tlog --duration 0.3 --json"
         assert main(words.split()) == 1
         stranger.settimeout(0.1)
@@ -113,7 +113,7 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(here, capsys,
     port = free_port()
     now = [100.0]
     clock = SimpleNamespace(monotonic=lambda: now[0], time=lambda: 1.7e9 + now[0])
-    run_on = live.run
+    run_on = live.run_session
     final_model = LiveSession.final_model
     flown = []
 
@@ -147,7 +147,7 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(here, capsys,
         return final_model(session)
 
     for name, value in {
-        "mavdem.cli.live.run": fly,
+        "mavdem.cli.live.run_session": fly,
         "mavdem.cli.live.LiveSession.final_model": interrupted,
         "mavdem.live.session.FIT_SECONDS": PATIENCE,
         "mavdem.live.link.SO_TIMESTAMPNS": 0,  # pieces arrive when they are read

@@ -147,9 +147,9 @@ def replay(pieces, stream=None, **options):
         if rows:
             made.rows += rows
             made.came += [time] * len(rows)
-            made.setups[rows[-1].segment] = made.stream.setup
-        made.events += made.stream.events()
-        since = made.stream.landing()
+            made.setups[rows[-1].segment] = made.stream.row_format
+        made.events += made.stream.drain_events()
+        since = made.stream.pop_landing_time()
         if since is not None and made.rows:
             made.taken_back.append((made.rows[-1].segment, since))
     return made

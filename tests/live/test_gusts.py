@@ -11,7 +11,7 @@ from pytest import approx, mark
 
 from mavdem.facts.session import Session
 from mavdem.live.gusts import LiveGusts
-from mavdem.live.running import run
+from mavdem.live.session_loop import run_session
 
 DT = 0.02
 
@@ -47,11 +47,11 @@ def test_what_is_not_known_is_no_gust_and_no_level():
 
 def test_a_session_runs_for_its_time_and_reports_now_and_then(monkeypatch):
     """By a clock that goes on by a second each time that somebody looks."""
-    monkeypatch.setattr("mavdem.live.running.monotonic", count(100.0).__next__)
+    monkeypatch.setattr("mavdem.live.session_loop.monotonic", count(100.0).__next__)
     usual = sys.getswitchinterval()
     steps = []
     reports = []
     session = Mock(step=lambda: steps.append(sys.getswitchinterval()))
-    run(session, lambda: False, 9.5, 3.0, reports.append)
+    run_session(session, lambda: False, 9.5, 3.0, reports.append)
     assert steps == approx([usual / 10] * 4) and sys.getswitchinterval() == approx(usual)
     assert reports == [session] * 2

@@ -1,7 +1,7 @@
 """The history of a live flight: errors as they are by hand, lines with their gaps, and bounded memory."""
 
 import numpy as np
-from live_rows import AHEAD, flown
+from live_rows import REPORTED_HORIZON, flown
 from numpy.testing import assert_allclose
 from pytest import approx
 
@@ -12,16 +12,16 @@ from mavdem.report.timeline import live_timeline
 
 def test_errors_are_those_of_the_samples_that_are_learned_from_and_whose_time_has_come():
     flown(history := LiveHistory(), 1.0, learnt=False)
-    assert history.errors() == [] and history.learned == []
-    assert np.isfinite(history.rows[:, 2]).sum() == 100
+    assert history.errors() == [] and history.learned_intervals == []
+    assert np.isfinite(history.table[:, 2]).sum() == 100
     history = LiveHistory()
     _, motion = flown(history, 5.0)
     short, long = history.errors()
-    assert (short.seconds, long.seconds) == AHEAD
+    assert (short.seconds, long.seconds) == REPORTED_HORIZON
     assert (short.samples, long.samples) == (499, 475)
     assert_allclose(long.mse, [0.01, 0.04])
-    assert_allclose(long.held, np.mean((motion[25:] - motion[:-25]) ** 2, axis=0))
-    assert_allclose(long.inside, [0, 1])
+    assert_allclose(long.baseline_mse, np.mean((motion[25:] - motion[:-25]) ** 2, axis=0))
+    assert_allclose(long.coverage, [0, 1])
 
 
 def test_nothing_is_compared_across_a_gap_and_lines_break_there():
@@ -29,26 +29,26 @@ def test_nothing_is_compared_across_a_gap_and_lines_break_there():
     flown(history, 1.0)
     flown(history, 2.0, segment=1, start=103.0)
     assert [one.samples for one in history.errors()] == [298, 250]
-    _, _, measured, predicted, *_ = history.rows.T
+    _, _, measured, predicted, *_ = history.table.T
     shown = np.isfinite(predicted)
     assert_allclose(predicted[shown], measured[shown] + 0.1)
-    assert history.learned == [approx((100.0, 100.99)), approx((103.0, 104.99))]
+    assert history.learned_intervals == [approx((100.0, 100.99)), approx((103.0, 104.99))]
 
 
 def test_the_clock_goes_on_where_a_reboot_sets_it_back_and_predictions_with_it():
     history = LiveHistory()
     flown(history, 3.0)
     flown(history, 3.0, segment=1, start=5.0, boot=1)
-    assert history.learned == [approx((100.0, 102.99)), approx((103.99, 106.98))]
+    assert history.learned_intervals == [approx((100.0, 102.99)), approx((103.99, 106.98))]
     assert [one.samples for one in history.errors()] == [598, 550]
-    assert history.now == approx(106.98) and history.shift == approx(98.99)
+    assert history.now == approx(106.98) and history.timeline_offset == approx(98.99)
 
 
 def test_a_long_flight_keeps_its_shape_in_bounded_memory(monkeypatch):
     monkeypatch.setattr(live_history, "MAX_ROWS", 100)
     history = LiveHistory()
     flown(history, 10.0)
-    time = history.rows[:, 1]
+    time = history.table[:, 1]
     assert len(time) <= 100
     assert time[0] == approx(100.0, abs=0.2) and time[-1] == approx(110.0, abs=0.2)
     for segment in (1, 2, 3):
@@ -62,6 +62,6 @@ def test_a_long_flight_keeps_its_shape_in_bounded_memory(monkeypatch):
 def test_the_torque_of_a_motor_is_no_wind():
     history = LiveHistory()
     flown(history, 1.0)
-    history.disown_torque(100.5)
-    torque = history.rows[:, 5]
-    assert np.isnan(torque[history.rows[:, 1] >= 100.5]).all() and (torque[:50] == 1.0).all()
+    history.clear_wind_torque(100.5)
+    torque = history.table[:, 5]
+    assert np.isnan(torque[history.table[:, 1] >= 100.5]).all() and (torque[:50] == 1.0).all()

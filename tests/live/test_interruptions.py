@@ -37,7 +37,7 @@ def test_a_gap_begins_a_new_segment_with_the_same_step(silence):
     assert made.segments()[1][0].time == approx(18.0 + silence, abs=0.4)
     assert all(row.settled for row in made.segments()[1])
     assert (VehicleFact.CLOCK_JUMPED if silence > 5 else Rows.MESSAGE_GAP) in made.codes
-    assert silence < 1.0 or made.stream.status().missing == approx(silence, abs=0.1)
+    assert silence < 1.0 or made.stream.status().gap_seconds == approx(silence, abs=0.1)
     settled_uniform(made)
     same_as_offline(made, frames + rest)
 
@@ -46,7 +46,7 @@ def test_a_message_that_is_lost_is_bridged():
     frames = FLIGHT.frames(end=16.0)
     del frames[2 * 1200 + 7]
     made = replay(frames)
-    assert made.segments().keys() == {0} and made.stream.status().lost == 1
+    assert made.segments().keys() == {0} and made.stream.status().lost_messages == 1
     settled_uniform(made)
     chance = random.Random(3)
     made = replay([entry for entry in FLIGHT.frames(end=30.0) if chance.random() > 0.2])
@@ -87,7 +87,7 @@ def test_a_stream_that_is_too_slow_is_reported_with_the_remedy_and_gives_no_rows
     cured = replay(FLIGHT.frames(start=18.0, end=24.0), made.stream)
     assert Rows.LIVE_RATES_ENOUGH in cured.codes
     assert cured.rows[0].time < 20.6 and all(row.settled for row in cured.rows)
-    obstacle = replay(slow[: len(slow) // 2], asked=True).stream.status().obstacle
+    obstacle = replay(slow[: len(slow) // 2], rates_requested=True).stream.status().obstacle
     assert obstacle.code is Rows.LIVE_RATES_TOO_LOW and not obstacle.figures["can_ask"]
     assert not obstacle.remedy, "who asks for rates is not advised to"
     bare = [(time, data) for time, data in FLIGHT.frames(end=10.0) if data[7] != 36]
@@ -111,7 +111,9 @@ def test_messages_out_of_order_are_put_in_order_or_counted():
     settled_uniform(made)
     assert made.segments().keys() == {0}
     status = made.stream.status()
-    assert status.late < 100 and status.lost == 0, "one that is overtaken is not lost"
+    assert status.late_samples < 100 and status.lost_messages == 0, (
+        "one that is overtaken is not lost"
+    )
     count = min(len(made.rows), len(usual.rows))
     assert_allclose(made.table()[-count:, 5], usual.table()[-count:, 5], atol=0.01)
 

@@ -109,7 +109,7 @@ def test_of_two_autopilots_with_the_same_ids_the_first_is_received_and_that_is_s
             return len(link.receive(1.0))
 
         assert [received(first, second) for _ in range(6)] == [1] * 6
-        (fact,) = link.events()
+        (fact,) = link.drain_events()
         assert fact.code is LinkFact.TWO_ADDRESSES and fact.subject == "1:1"
         assert fact.figures["names"] == tuple(
             f"127.0.0.1:{port_of(one)}" for one in (first, second)
@@ -122,7 +122,7 @@ def test_of_two_autopilots_with_the_same_ids_the_first_is_received_and_that_is_s
         assert received(second) == 1, (
             "the first has gone: the second is the vehicle, restarted perhaps"
         )
-        assert received(second) == 1 and link.events() == []
+        assert received(second) == 1 and link.drain_events() == []
 
 
 @mark.parametrize("form", ["udpin:{}", "udpin::{}", "udp:{}", "127.0.0.1:{}"])

@@ -34,7 +34,7 @@ def streamed(path):
     said = []
     for begin in range(0, len(data), 4096):
         stream.feed(1.7e9, data[begin : begin + 4096])
-        said += [event.fact for event in stream.events()]
+        said += [event.fact for event in stream.drain_events()]
     return stream, said
 
 
@@ -55,7 +55,7 @@ def flown(request, tmp_path_factory):
 
 def test_a_motor_that_weakens_is_named_in_flight_and_by_its_log(flown):
     stream, said = streamed(flown)
-    [alarm] = stream.status().alarms
+    [alarm] = stream.status().motor_alarms
     logged = motor_alarms(Signals(read_log(flown).vehicles[0]))
     # Two seconds on the ground before the first arming.
     assert (alarm.motor, alarm.name) == (3, "motor 3 (front left)")
@@ -64,11 +64,11 @@ def test_a_motor_that_weakens_is_named_in_flight_and_by_its_log(flown):
     assert [alarm[:4]] == [one[:4] for one in logged]
     assert_allclose([alarm[4:6]], [one[4:6] for one in logged], atol=0.01)
     status = stream.status()
-    [fact] = status.alarm
+    [fact] = status.active_alarms
     assert str(fact) in [said.text for said in section("live_status", status=status)]
     blocks = live_report(LiveHistory(), status, dict.fromkeys(Spent, 0.0), "roll")
     assert any("motor 3 (front left)" in str(block).lower() for block in blocks)
-    assert not SessionStatus().alarm
+    assert not SessionStatus().active_alarms
 
 
 @dataclass(frozen=True)
@@ -98,23 +98,23 @@ def test_a_range_of_outputs_that_becomes_known_in_flight_is_no_change_of_the_mot
         for name, at in limits.items()
     ]
     place = next(number for number, (time, _) in enumerate(frames) if time >= 30.0)
-    assert replay(frames[:place] + sent + frames[place:]).stream.status().alarms == ()
+    assert replay(frames[:place] + sent + frames[place:]).stream.status().motor_alarms == ()
 
 
 def test_an_alarm_is_of_its_flight_and_of_its_boot():
     weak = hovering(rise=150.0)
     made = replay(weak)
-    alarm = made.stream.status().alarm
+    alarm = made.stream.status().active_alarms
     assert [fact.subject for fact in alarm] == ["motor 1 (front right)"]
     # Of the flight before, from the next one on.
     made = replay(hovering(clock=80.0), made.stream)
-    assert made.stream.status().alarm == ()
+    assert made.stream.status().active_alarms == ()
     # The clock begins again.
     replay(weak[:200], made.stream)
-    assert made.stream.status().alarm == ()
+    assert made.stream.status().active_alarms == ()
     status = replay(weak[200:], made.stream).stream.status()
-    assert [one.boot for one in status.alarms] == [0, 1] and status.alarm != alarm
-    assert status.alarm[0].figures["because"].figures["boot"] == 1
+    assert [one.boot for one in status.motor_alarms] == [0, 1] and status.active_alarms != alarm
+    assert status.active_alarms[0].figures["because"].figures["boot"] == 1
 
 
 @mark.parametrize("mask", [0, 128])
@@ -127,7 +127,7 @@ def test_a_vehicle_that_does_not_do_what_is_asked_names_no_motor(mask):
     ]
     frames = by_time(hovering(rise=150.0), targets)
     made = replay(frames)
-    assert len(made.stream.status().alarms) == bool(mask)
+    assert len(made.stream.status().motor_alarms) == bool(mask)
     assert len(motor_alarms(Signals(offline([frame for _, frame in frames])))) == bool(mask)
 
 

@@ -11,8 +11,8 @@ from mavdem.facts.session import Session
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import ARMED, IN_AIR, LANDING, ON_GROUND
 from mavdem.live.decisions import Phase
-from mavdem.live.recent import Recent
-from mavdem.live.wind import WindRow
+from mavdem.live.recent_messages import RecentMessages
+from mavdem.live.wind import WindEstimate
 
 pytestmark = mark.usefixtures("without_wind_fits")
 
@@ -25,7 +25,7 @@ class Vehicle:
     """Sends the collective at 100 Hz and HEARTBEATs at 1 Hz; it took off at 0 s."""
 
     def __init__(self):
-        self.recent = Recent()
+        self.recent = RecentMessages()
         self.phase = Phase(self.recent)
         self.time = -3.0
         self.collective = []
@@ -49,7 +49,7 @@ class Vehicle:
 
 
 def test_what_shows_nothing_is_not_called_the_ground():
-    assert Phase(Recent()).obstacle.code is Session.FLIGHT_UNKNOWN
+    assert Phase(RecentMessages()).obstacle.code is Session.FLIGHT_UNKNOWN
     vehicle = Vehicle()
     vehicle.fly(3.0, collective=ON_THE_GROUND, landed=ON_GROUND)
     assert vehicle.phase.obstacle.code is Session.NOT_FLYING
@@ -100,7 +100,7 @@ def test_the_mean_of_the_wind_is_of_one_flight():
     """It stays after a landing, until the next take-off."""
     hover = Hover(hovering=8.0)
     made = replay(Flight(hover).frames(end=hover.end))
-    made.stream.air.mean = mean = WindRow(10.0, np.ones(2), np.ones(2))
+    made.stream.wind.mean = mean = WindEstimate(10.0, np.ones(2), np.ones(2))
     replay(Flight(hover, clock=60.0).frames(end=6.0), made.stream)
     assert made.stream.status().mean_wind is mean
     replay(Flight(hover, clock=60.0).frames(6.0, end=9.0), made.stream)

@@ -52,7 +52,7 @@ class ScriptedLink:
     datagrams = True
     dropped = 0
     speaks_first = False
-    events = staticmethod(list)
+    drain_events = staticmethod(list)
 
     def __init__(self, script):
         self.script = script
@@ -76,7 +76,7 @@ class ScriptedLink:
 class Screen:
     """Keeps what it is shown."""
 
-    log = hold = staticmethod(lambda event: None)
+    log = pause = staticmethod(lambda event: None)
 
     def __init__(self):
         self.rows = []
@@ -139,7 +139,9 @@ def test_what_is_learnt_from_is_the_flight_that_offline_reads():
     assert_allclose(learnt.inputs, flight.inputs[same], atol=0.01)
     assert len(learnt.outputs) > 700
     live = one.learner.learn_now()
-    assert one.status.learned == len([1 for *_, estimate in screen.rows if estimate is not None])
+    assert one.status.learned_rows == len(
+        [1 for *_, estimate in screen.rows if estimate is not None]
+    )
     assert (
         screen.setups[0].layout.names == flight.input_names and screen.rows[-1][2].model is not None
     )
@@ -175,7 +177,7 @@ def test_a_prior_of_other_inputs_is_not_used_and_says_so():
 @mark.slow
 def test_rates_are_asked_for_and_given_back(now):
     script = batches(8.0)
-    one, _, _ = session_of(script, rate=200.0)
+    one, _, _ = session_of(script, requested_rate=200.0)
     one.link.speaks_first = True
     now[0] += 1.0
     one.link.receive = lambda timeout: []
@@ -205,7 +207,7 @@ def test_rates_are_asked_for_and_given_back(now):
 def test_a_landing_never_replaces_the_last_model_before_it():
     written = Fact(Gains.GAINS_WRITTEN, because=TOO_FEW_SAMPLES)
     adviser = Mock(is_due=False, facts=(written,), **{"go_on.return_value": ()})
-    one, _, said = session_of(batches(9.0), adviser=adviser)
+    one, _, said = session_of(batches(9.0), gain_adviser=adviser)
     run(one)
     record = one.learner._memory.record()
     early, late, next_flight, climbing = (
@@ -224,7 +226,7 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     for at, learner.learned in ((50.0, early), (57.0, late), (57.5, late)):
         one._take(row._replace(time=at))
     assert one._named(late).model is one._models[-1][1].model
-    one.stream.landing = lambda: 55.0
+    one.stream.pop_landing_time = lambda: 55.0
     one._waiting.append(Piece(0.0, 0.0, []))
     one._analyse()
     learner.forget_since.assert_called_with(55.0)
@@ -262,7 +264,7 @@ def test_a_landing_never_replaces_the_last_model_before_it():
 
 @mark.slow
 def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
-    one, *_ = session_of(batches(8.0), recorded="my flight.tlog")
+    one, *_ = session_of(batches(8.0), recording_name="my flight.tlog")
     run(one)
     late = mavdem.read_flight(FLIGHT)[2000:4000]
     learned = mavdem.learn(late, COMPLETE)
@@ -276,7 +278,7 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     in_flight = one.status.findings
     model = one.judge(model)
     assert model.physical is known and in_flight.purposes[:2] == one.judged[0].purposes[:2]
-    lights = one.status.judged.lights
+    lights = one.status.overall_judgement.lights
     assert one.status.findings == one.judged[0]
     assert lights["log"].level is Level.GOOD and lights["margins"].code is MarginsLight.LOOP_MARGINS
     assert "`mavdem tune 'my flight.tlog' --axis all`" in lights["margins"].remedy
@@ -307,8 +309,8 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
     assert set(last.rates.values()) == {0.0}
     silent = Fact(Rows.NOTHING_RECEIVED, subject=Missing.MESSAGES, duration=3.0)
     assert last.obstacle == silent and said.count(silent) == 1
-    assert {fact.code for fact in last.watched} == {Watch.NOT_WATCHED}
-    assert {fact.figures["because"].code for fact in last.watched} == {Rows.NOTHING_RECEIVED}
+    assert {fact.code for fact in last.watch_facts} == {Watch.NOT_WATCHED}
+    assert {fact.figures["because"].code for fact in last.watch_facts} == {Rows.NOTHING_RECEIVED}
     # A vehicle that sends nothing else says only that it is there.
     heartbeat = next(frame for _, frame in FRAMES if frame[7:10] == bytes(3))
     for batch in [batches(0.05, start=9.0)[0], *40 * [[(FIRST + 10.0, heartbeat)]]]:
@@ -335,9 +337,9 @@ def test_a_computer_that_is_too_slow_says_so_sheds_fits_and_then_plots_but_no_ro
         (stamp - FIRST + 100.0, frame) for stamp, frame in FRAMES if 0.0 <= stamp - FIRST < 30.0
     ]
     ahead = np.zeros((1, 2))
-    one, screen, said = session_of([], rate=100.0)
+    one, screen, said = session_of([], requested_rate=100.0)
     held = Mock()
-    screen.hold = held
+    screen.pause = held
     delays = []
 
     def made(_, t, y, u, *_weak):
@@ -365,19 +367,19 @@ def test_a_computer_that_is_too_slow_says_so_sheds_fits_and_then_plots_but_no_ro
     assert shed.index((True, False)) < shed.index((True, True)), "fits wait first, then pictures"
     assert (False, True) not in shed
     assert one.most_behind - 1 > max(delays) > 3, "estimates wait after pictures, and rows do not"
-    first, *_ = (status.slow for status in screen.statuses if status.slow)
+    first, *_ = (status.delay_fact for status in screen.statuses if status.delay_fact)
     assert first.code is Session.ESTIMATES_LATE and first.figures["delay"] == approx(1.5, abs=0.6)
     begin, end = (fact for fact in said if "delay" in fact.figures)
     assert (begin.code, end.code) == (Session.COMPUTER_BEHIND, Session.COMPUTER_KEEPS_UP)
     assert begin.figures["delay"] == approx(1.0, abs=0.05)
-    assert end.figures["delay"] == one.most_behind > 5.0 and not one.status.slow
+    assert end.figures["delay"] == one.most_behind > 5.0 and not one.status.delay_fact
     gaps = Rows.MESSAGES_RESUMED, Rows.NOTHING_RECEIVED, Rows.MESSAGE_GAP, VehicleFact.CLOCK_JUMPED
     assert not [fact for fact in said if fact.code in gaps]
     rows = [row for row in screen.rows if row[1] >= 0]
-    assert len(rows) == one.status.learned + one.status.shown > 2500
+    assert len(rows) == one.status.learned_rows + one.status.unlearned_rows > 2500
     account = one.account()
     assert sum(account.values()) == approx(now[0] - 100.0)
-    assert account["learned"] == approx(one.status.learned / 100, abs=0.3)
+    assert account["learned"] == approx(one.status.learned_rows / 100, abs=0.3)
     assert not account["left_out"] and not account["silent"]
 
 
@@ -386,7 +388,7 @@ def test_every_frame_is_recorded_whatever_happens_to_the_rest(tmp_path, monkeypa
     one, _, said = session_of(
         [*batches(7.0), LinkLost("x", LinkError.FAILED), [], []], recording=recording
     )
-    one.show = Mock(side_effect=RuntimeError("a mistake of the view's"))
+    one.open_display = Mock(side_effect=RuntimeError("a mistake of the view's"))
     monkeypatch.setattr(
         mavdem.OnlineLearner, "update", Mock(side_effect=ValueError("It overflows."))
     )
@@ -444,10 +446,11 @@ def test_a_session_with_all_faults_ends_with_a_good_model_and_every_second_is_ac
     assert sum(account.values()) == approx(86.0, abs=0.5)
     # Learned from is the time that the samples span, 1661 of 0.02 s, not that in which some came.
     assert (
-        account["learned"] == approx(session.status.learned / 50.0) and account["learned"] > 33.0
+        account["learned"] == approx(session.status.learned_rows / 50.0)
+        and account["learned"] > 33.0
     ), account
     assert account["silent"] > 2.5 and account["waiting"] < 25.0, account
-    assert session.stream.followed.arrived[83] > 500, "by setpoints loops are identified"
+    assert session.stream.followed_vehicle.arrived[83] > 500, "by setpoints loops are identified"
     kept = session.final_model()
     test, train = (undisturbed(scenario, seed) for seed in (1001, 1002))
     ratios = error_ratios(kept, test)

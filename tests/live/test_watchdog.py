@@ -23,10 +23,10 @@ from mavdem.facts.session import Session
 from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import Watch, Watched
 from mavdem.live import LiveStream
-from mavdem.live.history import SessionStatus
-from mavdem.live.recent import Recent
+from mavdem.live.recent_messages import RecentMessages
+from mavdem.live.session_status import Latency, SessionStatus
 from mavdem.live.watchdog import ALARMING_SHARE, CALM_SECONDS, DECISION_SECONDS
-from mavdem.live.wind import WindRow
+from mavdem.live.wind import WindEstimate
 from mavdem.report.live import watching
 
 
@@ -80,12 +80,12 @@ def test_a_limit_cycle_is_said_within_two_seconds_of_take_off_and_when_it_is_ove
 
 @mark.slow
 def test_what_was_wrong_is_the_headline_of_the_session(hot):
-    judged = replace(hot.stream.status(), alarms=()).judged
+    judged = replace(hot.stream.status(), motor_alarms=()).overall_judgement
     assert judged.headline.code is MotorsLight.MOTOR_LIMITED
     assert judged.lights["margins"].code is MarginsLight.OSCILLATES
     assert judged.next_step.figures["because"] is judged.headline
     assert judged.next_step.code is NextStep.LAND_NOW
-    landed = replace(hot.stream.status(), alarms=(), flying=False).judged
+    landed = replace(hot.stream.status(), motor_alarms=(), is_flying=False).overall_judgement
     assert landed.next_step.code is NextStep.DO_AS_ADVISED
 
 
@@ -126,42 +126,49 @@ def test_a_low_battery_vibration_and_warnings_are_said_as_they_come():
     assert watched.level is Level.WATCH and shaking.code is Session.ALARM and shaking.time > 15.0
     [jumped] = said(made, Reported.GPS_JUMPED)
     assert jumped.time == approx(10.0, abs=0.1)
-    assert {fact.subject for fact in made.stream.status().watched} == {*Watched}
+    assert {fact.subject for fact in made.stream.status().watch_facts} == {*Watched}
 
 
 @mark.slow
 def test_what_is_watched_is_always_shown():
     flight = Flight(Hover(hovering=20.0))
-    ground, *_ = replay(flight.frames(0.0, 5.0)).stream.status().watched
+    ground, *_ = replay(flight.frames(0.0, 5.0)).stream.status().watch_facts
     assert ground.code is Watch.NOT_WATCHED
-    early = replay(flight.frames(0.0, 14.0)).stream.status().watched
+    early = replay(flight.frames(0.0, 14.0)).stream.status().watch_facts
     reasons = {one.subject: one.figures["because"] for one in early}
     assert reasons[Watched.MOTORS].code is Watch.REFERENCE_SHORT
     status = replay(flight.frames(0.0, 25.0)).stream.status()
-    found = {fact.subject: fact for fact in status.watched}
+    found = {fact.subject: fact for fact in status.watch_facts}
     assert {Watched.MOTORS, Watched.OSCILLATION, Watched.WARNINGS} == {
         what for what, fact in found.items() if fact.code is Watch.WATCHED
     } - {Watched.MOTOR_LIMITS}
     assert found[Watched.BATTERY].figures["because"].code is Watch.MESSAGE_MISSING
-    assert "loss of thrust (" in watching(status.watched) and "battery" in watching(status.watched)
+    assert "loss of thrust (" in watching(status.watch_facts) and "battery" in watching(
+        status.watch_facts
+    )
     assert not watching([])
 
 
 def test_a_wind_that_may_come_from_anywhere_is_half_a_turn_uncertain():
-    assert WindRow(60.0, np.array([-0.1, 0.0]), np.array([5.0, 5.0])).by_compass[-1] == 180.0
+    assert WindEstimate(60.0, np.array([-0.1, 0.0]), np.array([5.0, 5.0])).by_compass[-1] == 180.0
 
 
 def test_the_status_stands_in_its_place_on_a_terminal():
     shown = io.StringIO()
     console = Console(file=shown, force_terminal=True, highlight=False, width=100)
     weak = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 1", share=0.9)
-    wind = WindRow(60.0, np.array([-8.0, -11.0]), np.array([2.5, 2.5]))
-    known = {"wind": wind, "flying": True, "rates": {"ATTITUDE": 99.6}, "latency": (0.01, 0.02)}
+    wind = WindEstimate(60.0, np.array([-8.0, -11.0]), np.array([2.5, 2.5]))
+    known = {
+        "wind": wind,
+        "is_flying": True,
+        "rates": {"ATTITUDE": 99.6},
+        "latency": Latency(0.01, 0.02),
+    }
     with Place(console=console, auto_refresh=False, transient=True) as place:
         lines = StatusLines(place)
         lines.show(Mock(status=SessionStatus(vehicle="1:1")))
         assert "1:1: learning" in shown.getvalue()
-        status = SessionStatus(vehicle="1:1", learned=123_456, alarm=(weak,), **known)
+        status = SessionStatus(vehicle="1:1", learned_rows=123_456, active_alarms=(weak,), **known)
         lines.show(Mock(status=status))
     last = shown.getvalue().split("1:1: ALARM")[1]
     assert last.index(" 20 ms late.") < 66  # of 80, with the margin's
@@ -169,23 +176,23 @@ def test_the_status_stands_in_its_place_on_a_terminal():
 
 
 def test_a_vehicle_in_flight_is_not_said_to_be_on_the_ground_before_it_is_judged():
-    assert SessionStatus().judged.headline.code is Session.NOT_FLYING
-    assert SessionStatus(flying=True).judged.headline.code is Session.BEING_LEARNED
+    assert SessionStatus().overall_judgement.headline.code is Session.NOT_FLYING
+    assert SessionStatus(is_flying=True).overall_judgement.headline.code is Session.BEING_LEARNED
 
 
 def test_a_line_of_a_log_says_what_is_new(capsys):
     waiting = Fact(Session.NOT_FLYING)
     ground = Fact(Watch.NOT_WATCHED, time=3.0, subject=Watched.MOTORS, because=waiting)
-    known = {"vehicle": "1:1", "obstacle": waiting, "watched": (ground,)}
+    known = {"vehicle": "1:1", "obstacle": waiting, "watch_facts": (ground,)}
     lines = StatusLines(None)
     for learned, count in ((0, 2), (0, 0), (1, 1)):
-        lines.show(Mock(status=SessionStatus(learned=learned, **known)))
+        lines.show(Mock(status=SessionStatus(learned_rows=learned, **known)))
         assert len(capsys.readouterr().err.splitlines()) == count
 
 
 def test_slow_messages_show_no_limit_cycle_and_that_is_said():
     made = replay(Flight(Hot(hovering=10.0), attitude=10.0, motors=10.0).frames(end=14.0))
-    found = {fact.subject: fact for fact in made.stream.status().watched}
+    found = {fact.subject: fact for fact in made.stream.status().watch_facts}
     because = found[Watched.OSCILLATION].figures["because"]
     assert because.code is Watch.MESSAGE_MISSING and because.figures["rate"] < 20
 
@@ -198,7 +205,7 @@ def test_every_vehicle_on_a_link_is_watched():
     found = said(made, Watch.OTHER_VEHICLE_ALARM)
     assert {fact.subject for fact in found} == {"1:1", "2:1"}
     assert {fact.figures["because"].code for fact in found} >= {Session.ALARM}
-    assert "vehicle 2:1 watched: " in watching(made.stream.status().watched)
+    assert "vehicle 2:1 watched: " in watching(made.stream.status().watch_facts)
     # One that was chosen is reported as itself.
     made = replay(frames, vehicle="1:1")
     found = said(made, Watch.OTHER_VEHICLE_ALARM)
@@ -206,7 +213,7 @@ def test_every_vehicle_on_a_link_is_watched():
 
 
 def test_what_is_kept_is_bounded():
-    recent = Recent()
+    recent = RecentMessages()
     for second in range(2049):
         recent.take("SYS_STATUS", second, (12000, 100, 50, 0, 0, 0))
     times = [time for time, _ in recent.rows["SYS_STATUS"]]
@@ -266,7 +273,7 @@ def test_no_message_waits_for_more_than_a_part_of_a_review(monkeypatch):
         monkeypatch.setattr(f"mavdem.live.{name}", part)
     stream = LiveStream()
     for time, frame in Flight(Hot(hovering=20.0)).frames(end=14.0):
-        rows = stream.take(time, stream.frames.feed(frame))
+        rows = stream.take_frames(time, stream.frame_reader.feed(frame))
         before = len(worked)
         for _ in rows:
             assert len(worked) == before

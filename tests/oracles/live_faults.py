@@ -35,14 +35,14 @@ class Wire(Ground):
                 dropped=0,
                 receive=self.heard,
                 send=self.back.append,
-                events=list,
+                drain_events=list,
             ),
-            LiveStream(asked=True),
+            LiveStream(rates_requested=True),
             Settings(),
-            rate=RATE,
-            show=Mock(),
-            report=lambda _: None,
-            say=lambda _: None,
+            requested_rate=RATE,
+            open_display=Mock(),
+            report_status=lambda _: None,
+            report_fact=lambda _: None,
         )
 
     def heard(self, timeout):

@@ -26,9 +26,10 @@ from mavdem.facts import Level
 from mavdem.facts.session import Session
 from mavdem.live import Event as Occurrence
 from mavdem.live import SessionStatus
-from mavdem.live.shown import ShownRow
+from mavdem.live.display import DisplayRow
+from mavdem.live.session_status import Latency, PredictionBand, UsefulHorizon
 from mavdem.live.stream import LatestPose
-from mavdem.live.wind import WindRow
+from mavdem.live.wind import WindEstimate
 from mavdem.motors.loss_detection import MotorAlarm
 from mavdem.view.live_content import Channels, figures, status_document
 from mavdem.view.live_view import LiveView, SinkThread
@@ -79,8 +80,8 @@ TIME = 50.0 + DT * np.arange(300)
 OUTPUTS = default_rng(1).normal(size=(300, 2))
 INPUTS = default_rng(2).uniform(1000, 2000, size=(300, 4))
 ESTIMATES = [None if i < 20 else estimate(i, t) for i, t in enumerate(TIME)]
-WIND = WindRow(59.25, np.array([3.0, -4.0]), np.array([0.5, 0.5]))
-ROW = ShownRow(50.0, 0.0, 0, OUTPUTS[0], INPUTS[0])
+WIND = WindEstimate(59.25, np.array([3.0, -4.0]), np.array([0.5, 0.5]))
+ROW = DisplayRow(50.0, 0.0, 0, OUTPUTS[0], INPUTS[0])
 
 
 def texts(path, column="TextLog:text"):
@@ -128,16 +129,16 @@ def recording(tmp_path_factory):
         view.status(
             SessionStatus(
                 rates=rates,
-                lost=7,
-                latency=(0.012, 0.02),
-                learned=300,
+                lost_messages=7,
+                latency=Latency(0.012, 0.02),
+                learned_rows=300,
                 obstacle=prose("No motion."),
             )
         )
         for t, y, u, known in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
             pose = LatestPose(t, (y[0], 0.1, 0.2), (y[1], 0.3, 0.4), (0.5, np.nan))
             wind = WIND._replace(time=round(t, 1))
-            view.put(ShownRow(t, 0.0, 0, y, u, known, None, wind, pose))
+            view.put(DisplayRow(t, 0.0, 0, y, u, known, None, wind, pose))
         view.log(Occurrence(TIME[-1], prose("link lost")))
     assert view.troubles == [] and not file.broken
     assert b"FOOT" in path.read_bytes()[-12:]  # it has the table of its chunks
@@ -170,7 +171,7 @@ def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
     path = tmp_path / "flight.rrd"
     with showing(RecordingFile(path)) as view:
         for t, y, u, known in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
-            view.put(ShownRow(t, 0.0, 0, y, u, known))
+            view.put(DisplayRow(t, 0.0, 0, y, u, known))
         alarm = prose("Alarm: motor 1 lost some thrust.").but(Level.BAD)
         view.log(Occurrence(52.9, alarm, 51.25))
         lost = MotorAlarm(52.9, 52.0, 0, "motor 1", 0.2, 0.99, loss=(0.1, 0.3))
@@ -197,7 +198,7 @@ def test_other_channels_continue_the_lines_under_their_own_names(tmp_path):
         for i, channels in enumerate([CHANNELS, CHANNELS, demand, demand, demand, CHANNELS]):
             view.change(channels)
             inputs = INPUTS[i][: len(channels.input_names)]
-            view.put(ShownRow(TIME[i], 0.0, 0, OUTPUTS[i], inputs, estimate(20 + i, TIME[i])))
+            view.put(DisplayRow(TIME[i], 0.0, 0, OUTPUTS[i], inputs, estimate(20 + i, TIME[i])))
     rows = [
         batch.column("Scalars:scalars").to_pylist()
         for name, _, batch in chunks(path)
@@ -216,7 +217,7 @@ def test_a_gap_parts_every_line_and_time_goes_on_where_a_reboot_sets_the_clock_b
         for segment, (start, shift) in enumerate(((498.9, 0.0), (500.0, 0.0), (3.0, 498.0))):
             for i in range(10):
                 at = start + DT * i
-                view.put(ShownRow(at, shift, segment, OUTPUTS[i], INPUTS[i], estimate(20, at)))
+                view.put(DisplayRow(at, shift, segment, OUTPUTS[i], INPUTS[i], estimate(20, at)))
     lines = drawn(path)
     ten = DT * np.arange(10)
     shown = np.concatenate([498.9 + ten, 500.0 + ten, 501.0 + ten])
@@ -287,7 +288,10 @@ def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight()
         interval=lambda level: SimpleNamespace(damping=np.nan),
     )
     status = SessionStatus(
-        wind=WIND, learned=4200, ahead=(0.25, np.radians(2.0)), useful=(0.5, 0.41)
+        wind=WIND,
+        learned_rows=4200,
+        prediction_band=PredictionBand(0.25, np.radians(2.0)),
+        useful_horizon=UsefulHorizon(0.5, 0.41),
     )
     now = estimate(60, 60.0)._replace(physical=physical)
     shown = "\n".join(figures(status, row._replace(estimate=now), CHANNELS, 59.0))
@@ -356,7 +360,7 @@ def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(tmp_path):
 def test_rows_wait_while_they_are_held_and_come_when_it_closes(tmp_path):
     path = tmp_path / "flight.rrd"
     sending = SinkThread(RecordingFile(path), uuid4())
-    sending.held = True
+    sending.is_paused = True
     for at in TIME:
         sending.put(CHANNELS, ROW._replace(time=at))
     sending.turn()

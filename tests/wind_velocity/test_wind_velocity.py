@@ -20,7 +20,7 @@ from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts.identifiability import Status
 from mavdem.facts.online import Airflow
 from mavdem.facts.wind import NoWind, WindDoubt, WindShare
-from mavdem.live.wind import WindRows
+from mavdem.live.wind import LiveWind
 from mavdem.report.condition import wind_blocks
 from mavdem.wind_velocity.airflow import Drag
 from mavdem.wind_velocity.estimation import (
@@ -226,7 +226,7 @@ def test_solo_beside_an_anemometer():
 )
 def test_live_rows_are_of_free_flight_only(scale, why):
     time, attitude, velocity, air = flight(seed=7, jump=1.0)
-    live = WindRows()
+    live = LiveWind()
     live.drag = mavdem.estimate_drag(time, attitude, velocity, air)
     inside = []
     downs_first = np.roll(scale * velocity, 1, axis=1)

@@ -124,7 +124,7 @@ def replayed(recording: Path) -> list[Values]:
     """A row: what a live session finds in a recording, on a clock of its stamps."""
     stamped = read_stream(recording).stamped_frames()
     frames = sorted((stamp / 1e6, data) for stamp, data in stamped)
-    link = Mock(speaks_first=False, dropped=0, events=list)
+    link = Mock(speaks_first=False, dropped=0, drain_events=list)
     with patch.object(mavdem.live.session, "time") as clock:
         clock.monotonic = clock.time = Mock(return_value=frames[0][0])
         session = LiveSession(
@@ -134,9 +134,9 @@ def replayed(recording: Path) -> list[Values]:
             link.receive.return_value = [*batch]
             clock.time.return_value = link.receive.return_value[-1][0]
             session.step(0.0)
-        alarms = session.status.alarms
+        alarms = session.status.motor_alarms
     history = session.history
-    torque, band = history.rows[:, 5:7].T
+    torque, band = history.table[:, 5:7].T
     finite = np.isfinite(torque)
     row: Values = {"recording": recording.stem}
     row["found"] = ", ".join(

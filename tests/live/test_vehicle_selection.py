@@ -74,7 +74,7 @@ def test_one_that_sends_nothing_but_heartbeats_is_followed_so_that_it_can_be_ask
     assert made.stream.status().vehicle == "1:1"
     assert replay(only_heartbeats(), vehicle="1").stream.status().vehicle == "1:1"
     assert made.stream.status().obstacle == Fact(Rows.NO_LIVE_ATTITUDE, can_ask=True)
-    asked = replay(only_heartbeats(), asked=True).stream.status().obstacle
+    asked = replay(only_heartbeats(), rates_requested=True).stream.status().obstacle
     assert asked.code is Rows.ATTITUDE_ASKED
 
 
@@ -98,7 +98,7 @@ def test_motors_are_placed_by_parameters_when_these_come_in_flight():
     assert Rows.MOTOR_ORDER_ASSUMED in made.codes
     assert made.facts[-1].code is Rows.MOTOR_ORDER_KNOWN
     assert made.facts[-1].figures["basis"].figures["places_by"] is PositionSource.PARAMETERS
-    assert made.stream.setup.layout.names[0] == "motor 1 (right)"
+    assert made.stream.row_format.layout.names[0] == "motor 1 (right)"
 
 
 def test_parameters_that_name_other_channels_begin_a_new_segment():

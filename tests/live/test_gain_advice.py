@@ -10,7 +10,7 @@ from mavdem.assessment.assess import assess
 from mavdem.assessment.axis.twin import foretold
 from mavdem.facts.loops import Gains, Twins
 from mavdem.ingest import read_log
-from mavdem.live.advice import Adviser, advised
+from mavdem.live.gain_advice import GainAdviser, advised
 
 TUNED_BADLY = """
 seed = 5
@@ -31,7 +31,7 @@ def at_once():
 
 
 def adviser_of(tmp_path):
-    return Adviser(tmp_path / "flight.tlog", Mock(side_effect=at_once))
+    return GainAdviser(tmp_path / "flight.tlog", Mock(side_effect=at_once))
 
 
 @mark.slow
@@ -75,14 +75,14 @@ def test_a_busy_computer_advises_later_and_says_so(tmp_path, monkeypatch):
     adviser.is_due = True
     assert [fact.code for fact in adviser.go_on("1:1", True, False)] == [Gains.ADVICE_WAITS]
     assert not adviser._start.called
-    monkeypatch.setattr("mavdem.live.advice.advised", lambda *_: ("gains",))
+    monkeypatch.setattr("mavdem.live.gain_advice.advised", lambda *_: ("gains",))
     assert adviser.go_on("1:1", False, False) == ("gains",)
     assert adviser.go_on("1:1", False, True) == ()
 
 
 @mark.parametrize("error", [TimeoutError(), OSError(28, "No space left on device")])
 def test_advice_that_fails_costs_nothing_else(tmp_path, monkeypatch, error):
-    monkeypatch.setattr("mavdem.live.advice.advised", Mock(side_effect=error))
+    monkeypatch.setattr("mavdem.live.gain_advice.advised", Mock(side_effect=error))
     adviser = adviser_of(tmp_path)
     adviser.is_due = True
     (failed,) = adviser.go_on("1:1", True, True)

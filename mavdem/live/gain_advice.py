@@ -21,7 +21,7 @@ from mavdem.ingest import read_log
 from mavdem.ingest.parameter_file import parameter_files
 
 
-class Adviser:
+class GainAdviser:
     """Has advice made on a growing ``recording`` by executors that ``start`` starts.
 
     ``facts`` are the latest: which gains, what to expect of them, and the files, or why there are none. ``is_due`` is

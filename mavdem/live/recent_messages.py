@@ -1,4 +1,4 @@
-"""Recent: the latest messages of one boot of a vehicle, as the columns that a log has them in."""
+"""RecentMessages: the latest messages of one boot of a vehicle, as the columns that a log has them in."""
 
 from collections.abc import Iterable, Sequence
 from math import inf
@@ -13,7 +13,7 @@ MAX_ROWS = 2048  # Of each message; then every second of the older half is dropp
 MAX_EVENTS = 256  # Of events, alarms and replies that wait, or are shown
 
 
-class Recent:
+class RecentMessages:
     """Messages that come slowly, by name, of the ``boot`` of this number."""
 
     def __init__(self, boot: int = 0) -> None:

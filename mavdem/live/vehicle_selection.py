@@ -16,7 +16,7 @@ from mavdem.ingest.mavlink.vehicles import missing_messages
 from mavdem.ingest.motors import MULTIROTORS, POSSIBLE_MULTIROTORS
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.live.messages import Frame, Message
-from mavdem.live.recent import MAX_ROWS
+from mavdem.live.recent_messages import MAX_ROWS
 
 # HEARTBEATs, and of attitude, before a vehicle is followed: seconds in which another may show
 ENOUGH_MESSAGES = 3
@@ -24,7 +24,7 @@ MAX_LISTED = 8  # Vehicles named in one sentence
 COPY_FRAMES = 128  # Frames of a sender within which an equal one is a copy: half of its numbers
 
 
-class Sender:
+class Component:
     """One component on the link, by its MAVLink ids."""
 
     def __init__(self, system: int, component: int) -> None:
@@ -111,30 +111,30 @@ class Sender:
             self.autopilot = enum_name("MAV_AUTOPILOT", message.values[1])
 
 
-class Senders:
+class VehicleSelector:
     """All senders of a link and the one followed: ``wanted``, "system" or "system:component", or the only one."""
 
     def __init__(self, wanted: str | None, report: Callable[[Fact], None]) -> None:
-        self.followed: Sender | None = None
+        self.followed: Component | None = None
         # why none is followed; None when one is
         self.obstacle: Fact | None = Fact(VehicleFact.NO_VEHICLE_YET, subject=wanted or "")
         self._wanted = wanted
-        self.by_ids: dict[tuple[int, int], Sender] = {}  # those that are kept
+        self.by_ids: dict[tuple[int, int], Component] = {}  # those that are kept
         self.rivals: set[str] = set()
         self._report = report
 
-    def __iter__(self) -> Iterator[Sender]:
+    def __iter__(self) -> Iterator[Component]:
         """The senders that are kept, by system and component."""
         return (sender for _, sender in sorted(self.by_ids.items()))
 
-    def of(self, frame: Frame) -> Sender:
+    def of(self, frame: Frame) -> Component:
         """Returns the sender of a frame."""
         ids = frame.system, frame.component
         if ids not in self.by_ids:
-            self.by_ids[ids] = Sender(*ids)
+            self.by_ids[ids] = Component(*ids)
         return self.by_ids[ids]
 
-    def decide(self, sender: Sender) -> None:
+    def decide(self, sender: Component) -> None:
         """Follows this sender, which sent a message, if it is the one to follow."""
         if self.followed is not None:
             self._notice(sender)
@@ -162,12 +162,12 @@ class Senders:
                     )
                 )
 
-    def _follow(self, sender: Sender) -> None:
+    def _follow(self, sender: Component) -> None:
         self.followed = sender
         self.obstacle = None
         self._report(Fact(VehicleFact.FOLLOWING_VEHICLE, subject=sender.identity))
 
-    def _notice(self, sender: Sender) -> None:
+    def _notice(self, sender: Component) -> None:
         """Reports another vehicle, once."""
         assert self.followed is not None
         if (

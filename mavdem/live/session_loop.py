@@ -1,0 +1,62 @@
+"""The loop that runs a live session until its time is over or the user ends it."""
+
+import gc
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from time import monotonic
+
+from mavdem.live.session import LiveSession
+
+OLDEST_GENERATION_THRESHOLD = 1000
+"""Collections of the middle generation before Python's collector goes through all objects: so many that it hardly
+happens in a flight. Python's default is 10."""
+
+SWITCH_INTERVAL_DIVISOR = 10
+"""How many times shorter than usual a thread that draws may keep the interpreter from the loop (Python: 5 ms)."""
+
+
+def run_session(
+    session: LiveSession,
+    is_end_requested: Callable[[], bool],
+    duration: float | None,
+    report_period: float,
+    report: Callable[[LiveSession], None],
+) -> None:
+    """Runs a session until it has lasted for its duration, or the user requests its end.
+
+    Args:
+        session: what is stepped.
+        is_end_requested: returns whether the user has requested the end.
+        duration: s; None for no limit.
+        report_period: s between two calls of ``report``.
+        report: is called with the session.
+    """
+    with _short_pauses():
+        start_time = monotonic()
+        report_time = start_time
+        while not is_end_requested():
+            if duration is not None and monotonic() - start_time >= duration:
+                break
+            session.step()
+            if monotonic() - report_time >= report_period:
+                report_time = monotonic()
+                report(session)
+
+
+@contextmanager
+def _short_pauses() -> Iterator[None]:
+    """Keeps samples from waiting for a full garbage collection, or long for a thread that draws."""
+    gc.collect()
+    # Objects that exist now are not looked at again.
+    gc.freeze()
+    thresholds = gc.get_threshold()
+    gc.set_threshold(thresholds[0], thresholds[1], OLDEST_GENERATION_THRESHOLD)
+    switch_interval = sys.getswitchinterval()
+    sys.setswitchinterval(switch_interval / SWITCH_INTERVAL_DIVISOR)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(switch_interval)
+        gc.set_threshold(*thresholds)
+        gc.unfreeze()

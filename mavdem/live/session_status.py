@@ -1,0 +1,190 @@
+"""The status of a live session at one moment: link, vehicle, alarms, model and wind."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from math import nan
+from typing import NamedTuple
+
+from mavdem.assessment.axis.findings import Findings
+from mavdem.assessment.judgement import Judgement, next_step_of, unjudged
+from mavdem.assessment.lights.limits import worst
+from mavdem.dem import Estimate
+from mavdem.facts import Fact, Facts, NamedFacts
+from mavdem.facts.assessment import NextStep
+from mavdem.facts.lights import Light
+from mavdem.facts.session import Session
+from mavdem.immutable import ImmutableResult
+from mavdem.live.history import REPORTED_HORIZON
+from mavdem.live.wind import WindEstimate
+from mavdem.motors.loss_detection import MotorAlarm
+
+
+class Latency(NamedTuple):
+    """Seconds from the arrival of a packet on this computer to the estimate that it completes; NaN before any."""
+
+    median: float = nan
+    """Median over the latest rows, s."""
+
+    p99: float = nan
+    """99th percentile over the latest rows, s."""
+
+    longest: float = nan
+    """Longest of the session, s."""
+
+
+class PredictionBand(NamedTuple):
+    """The 90 % band of the predicted angle at the horizon that is reported; NaN before any prediction."""
+
+    seconds: float = nan
+    """The horizon, s ahead of the latest sample: about ``REPORTED_HORIZON``."""
+
+    half_width: float = nan
+    """Half width of the band, rad."""
+
+
+class UsefulHorizon(NamedTuple):
+    """The longest horizon at which predictions are still useful (``Estimate.useful``); NaN where none is."""
+
+    seconds: float = nan
+    """The horizon, s."""
+
+    error_ratio: float = nan
+    """Squared error there, over that of the better of the last sample held and the mean so far."""
+
+
+@dataclass(frozen=True)
+class SessionStatus(ImmutableResult):
+    """The status of a live session at one moment.
+
+    ``LiveStream.status`` fills in what concerns the link and the vehicle, ``LiveSession.status`` adds the rest.
+    """
+
+    vehicle: str | None = None
+    """The followed vehicle, "system:component"; None before one is chosen."""
+
+    obstacle: Fact | None = None
+    """Why there are no rows or no new model; None while all is well."""
+
+    rates: Mapping[str, float] = field(default_factory=dict)
+    """Rates of attitude and motor messages over the last 2 s, Hz, by message name."""
+
+    is_flying: bool = False
+    """Whether the vehicle is armed and airborne."""
+
+    learned_rows: int = 0
+    """Number of rows that the learner used."""
+
+    unlearned_rows: int = 0
+    """Number of rows that were shown, but not used by the learner."""
+
+    latency: Latency = Latency()
+    """Delay from a packet's arrival to its estimate."""
+
+    analysis_delay: float = 0.0
+    """Seconds that the oldest unanalysed packet has waited; 0 while this computer keeps up."""
+
+    prediction_band: PredictionBand = PredictionBand()
+    """How well the angle is predicted at the reported horizon."""
+
+    useful_horizon: UsefulHorizon = UsefulHorizon()
+    """How far ahead predictions are useful."""
+
+    lost_messages: int = 0
+    """Messages of the vehicle that were not received, by its sequence numbers, which wrap after 256."""
+
+    gap_seconds: float = 0.0
+    """Duration of gaps in which the sequence numbers may have wrapped, s; their messages are not counted as lost."""
+
+    late_samples: int = 0
+    """Number of samples that came too late for their row."""
+
+    undecoded_frames: int = 0
+    """Number of frames that are damaged or of another dialect."""
+
+    motor_alarms: tuple[MotorAlarm, ...] = ()
+    """Latest lasting changes of the motors' balance; changes without a named motor are no alarms."""
+
+    findings: Findings | None = None
+    """What the model so far is good for; None before it is judged."""
+
+    model_judgement: Judgement | None = None
+    """Headline, lights and next step by the model so far; None before it is judged."""
+
+    active_alarms: Facts = ()
+    """What is bad now. An alarm about a weak motor stays after the landing."""
+
+    wind: WindEstimate | None = None
+    """Latest estimate of the wind, m/s; None before one."""
+
+    wind_obstacle: Fact | None = None
+    """Why there is no wind estimate although the vehicle flies."""
+
+    mean_wind: WindEstimate | None = None
+    """Mean wind of the flight, m/s; None before an estimate."""
+
+    watch_facts: Facts = ()
+    """For each thing that is watched without a model: since when, or why it is not."""
+
+    worst_lights: NamedFacts = field(default_factory=dict)
+    """The worst fact found so far without a model, by light."""
+
+    @property
+    def overall_judgement(self) -> Judgement:
+        """Headline, lights and next step of the flight: the model's judgement and what was found without a model.
+
+        Of each light the worse of the two counts. A bad light becomes the headline unless the headline is bad already,
+        and in flight a bad headline makes landing the next step.
+        """
+        weak_motors = [alarm.fact for alarm in self.motor_alarms if alarm.weak]
+        judgement = self.model_judgement
+        if judgement is None:
+            judgement = unjudged(weak_motors[0] if weak_motors else self._reason_without_model)
+
+        found_lights = dict(self.worst_lights)
+        if weak_motors:
+            light = found_lights.get(Light.MOTORS, weak_motors[0])
+            found_lights[Light.MOTORS] = worst([*weak_motors, light])
+        if self.mean_wind is not None:
+            found_lights[Light.WIND] = self.mean_wind.light
+        lights = {
+            name: worst([found_lights.get(name, fact), fact])
+            for name, fact in judgement.lights.items()
+        }
+
+        headline = judgement.headline
+        next_step = judgement.next_step
+        bad_lights = [fact for fact in lights.values() if fact.is_bad]
+        if bad_lights and not headline.is_bad:
+            headline = bad_lights[0]
+            next_step = next_step_of(headline, lights, None)
+        if self.is_flying and headline.is_bad:
+            next_step = Fact(NextStep.LAND_NOW, because=headline)
+        return Judgement(headline, next_step, lights)
+
+    @property
+    def _reason_without_model(self) -> Fact:
+        """Why no model has been judged yet."""
+        if self.obstacle is not None:
+            return self.obstacle
+        return Fact(Session.BEING_LEARNED if self.is_flying else Session.NOT_FLYING)
+
+    @property
+    def delay_fact(self) -> Fact | None:
+        """By how much rows and alarms come late; None while this computer keeps up."""
+        if not self.analysis_delay:
+            return None
+        return Fact(Session.ESTIMATES_LATE, delay=self.analysis_delay)
+
+    def with_predictions(self, estimate: Estimate) -> SessionStatus:
+        """Returns the status with ``prediction_band`` and ``useful_horizon`` as of an ``estimate``."""
+        horizons = estimate.ahead_times - estimate.time
+        reported = abs(horizons - REPORTED_HORIZON).argmin()
+        band = PredictionBand(horizons[reported], estimate.ahead_band[reported, 0])
+        useful_horizon = self.useful_horizon
+        longest = estimate.useful
+        if longest is not None:
+            error_ratio = estimate.ahead_ratio[longest].mean()
+            useful_horizon = UsefulHorizon(horizons[longest], error_ratio)
+        return replace(self, prediction_band=band, useful_horizon=useful_horizon)
