@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.random import default_rng
 
-from mavdem.dem.engine.free_energy import Belief
+from mavdem.dem.engine.free_energy import Posterior
 from mavdem.dem.engine.generative import (
     GeneralizedMoments,
     GenerativeModel,
@@ -64,18 +64,18 @@ def random_model(
 
 def random_samples(seed, model):
     rng = default_rng(seed + 1)
-    return SufficientStatistics.of(rng.standard_normal((40, model.hidden.start)))
+    return SufficientStatistics.from_segments(rng.standard_normal((40, model.hidden.start)))
 
 
-def random_belief(seed, model, samples):
-    """Anything a belief may be, not only what the steps arrive at; and the linear map its X comes of."""
+def random_posterior(seed, model, samples):
+    """Anything a posterior may be, not only what the steps arrive at; and the linear map its X comes of."""
     rng = default_rng(seed + 2)
     k = len(model.prior.theta_mean)
     g = len(model.prior.lambda_mean)
     size = model.error_operator(model.prior.theta_mean).shape[1] - model.hidden.start
     state_map = rng.standard_normal((size, model.hidden.start))
-    return state_map, Belief(
-        GeneralizedMoments.of(model, samples, state_map),
+    return state_map, Posterior(
+        GeneralizedMoments.from_state_map(model, samples, state_map),
         0.1 * positive_definite(rng, size),
         rng.standard_normal(k),
         0.1 * positive_definite(rng, k),

@@ -16,7 +16,7 @@ from mavdem.dem.order_choice import (
     DEFAULT_MAX_ORDER,
     LARGEST_ORDER,
     OrderChoice,
-    orders_of_each,
+    free_energy_of_flights,
 )
 from mavdem.documents.comparison import Order
 from mavdem.errors import NotLearnable
@@ -79,7 +79,7 @@ def order_command(
     flights = of_each(sources, axis, vehicle, inputs, with_as_many_inputs)
     title = f"Learning {counted(len(flights), 'flight')}, 1 to {max_order} states"
     with progress(title) as done:
-        orders, refused = orders_of_each(flights, max_order, not unknown_inputs, done)
+        orders, refused = free_energy_of_flights(flights, max_order, not unknown_inputs, done)
     report_refused(orders, refused)
     choice = OrderChoice(tuple(orders.values()))
     seconds = round(perf_counter() - began, 3)

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.random import default_rng
 
 from mavdem.arrays import Array, ArrayPair, Indices
-from mavdem.dem.engine.ascent import Ascent, ascend
-from mavdem.dem.engine.free_energy import Belief
+from mavdem.dem.engine.ascent import CoordinateAscent, maximise_free_energy
+from mavdem.dem.engine.free_energy import Posterior
 from mavdem.dem.engine.generative import (
     GenerativeModel,
     Prior,
@@ -21,7 +21,7 @@ from mavdem.dem.engine.model import discretize, pack, unpack
 from mavdem.dem.engine.state_space import StateSpace, filter_gain
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.priors import (
-    KINEMATIC,
+    KINEMATIC_PRECISION,
     Scaling,
     derivative_pairs,
     explicit_prior,
@@ -38,13 +38,13 @@ class Fit:
     """A learned model in the engine's units.
 
     ``gain`` (n, m) is of the filter of the ascent's model and its noises, and ``predictor`` has that filter. Where
-    there is a ``simulation_fit``, the ascent's belief is about its θ.
+    there is a ``simulation_fit``, the ascent's posterior is about its θ.
     """
 
     settings: CompleteSettings
     scaling: Scaling
     model: GenerativeModel
-    ascent: Ascent
+    ascent: CoordinateAscent
     gain: Array
     predictor: StateSpace
     simulation_fit: SimulationFit | None = None
@@ -53,12 +53,12 @@ class Fit:
 @raise_on_overflow()
 def fit(record: Record, settings: CompleteSettings) -> Fit:
     """Fits a record from the priors' means; ``LinAlgError`` where the fit breaks down."""
-    scaling = Scaling.of(record, settings)
+    scaling = Scaling.from_record(record, settings)
     model = generative_model(settings, scaling, record)
-    samples = SufficientStatistics.of(*generalized(settings, scaling, record))
-    ascent = ascend(model, samples, settings.iterations)
-    gain = gain_of(model, ascent.belief, smoothness_of(settings, record.dt), record.dt)
-    predictor = predictor_of(ascent.belief.theta, model.sizes, gain, record.dt)
+    samples = SufficientStatistics.from_segments(*generalized_data(settings, scaling, record))
+    ascent = maximise_free_energy(model, samples, settings.iterations)
+    gain = gain_of(model, ascent.posterior, smoothness_of(settings, record.dt), record.dt)
+    predictor = predictor_from_theta(ascent.posterior.theta, model.sizes, gain, record.dt)
     return Fit(settings, scaling, model, ascent, gain, predictor)
 
 
@@ -128,21 +128,21 @@ def _parameter_prior(
         return regulated_prior(
             settings, n, motors, scaling.constant, scaling.output_scale, derivative_pairs(record)
         )
-    indices = of_vehicle(n, motors, m, scaling.constant)
+    indices = vehicle_parameter_indices(n, motors, m, scaling.constant)
     mean, precision = explicit_prior(
         settings.prior, settings.parameter_precision, indices, scaling.parameter_scale(n)
     )
     # Where C is free as well, nothing fixes the scale of x, and F̄ is largest at C = 0.
     _, _, of_C = unpack(np.diag(precision), n, r, m)
-    if not settings.last_derivative_zero and not (of_C >= KINEMATIC).all():
+    if not settings.last_derivative_zero and not (of_C >= KINEMATIC_PRECISION).all():
         raise ValueError(
             'correlation must be "continuous" with a prior that leaves C free (a precision below '
-            f'{KINEMATIC:g} in the units of scaling), not "sampled"'
+            f'{KINEMATIC_PRECISION:g} in the units of scaling), not "sampled"'
         )
     return mean, precision
 
 
-def of_vehicle(
+def vehicle_parameter_indices(
     n: int,
     motors: int,
     m: int,
@@ -154,7 +154,9 @@ def of_vehicle(
     return np.flatnonzero(pack(A, B, C))
 
 
-def generalized(settings: CompleteSettings, scaling: Scaling, record: Record) -> tuple[Array, ...]:
+def generalized_data(
+    settings: CompleteSettings, scaling: Scaling, record: Record
+) -> tuple[Array, ...]:
     """Returns generalized data [ỹ; η̃], (T′, ·) for each segment: of the samples whose whole window lies inside it.
 
     Outputs and inputs have one window about one instant, so that no derivative lags another.
@@ -175,20 +177,20 @@ def generalized(settings: CompleteSettings, scaling: Scaling, record: Record) ->
 
 def gain_of(
     model: GenerativeModel,
-    belief: Belief,
+    posterior: Posterior,
     smoothness: float,
     dt: float,
 ) -> Array:
     """Returns (n, m) gain of the filter of what was learned; ``LinAlgError`` where there is no steady filter."""
-    A, B, C = unpack(belief.theta, *model.sizes)
-    noise = np.exp(-belief.lambda_)
+    A, B, C = unpack(posterior.theta, *model.sizes)
+    noise = np.exp(-posterior.lambda_)
     # The uncertainty of the inputs moves the states as well.
     unknown = np.linalg.inv(model.input_precision)[: model.r, : model.r]
     process = np.diag(noise[model.state_groups]) + B @ unknown @ B.T
     return filter_gain(A, C, dt, noise[model.output_groups], process, smoothness)
 
 
-def predictor_of(
+def predictor_from_theta(
     theta: Array,
     sizes: Sizes,
     gain: Array,
@@ -196,4 +198,4 @@ def predictor_of(
 ) -> StateSpace:
     """Returns the predictor of θ (k,), of n states, r inputs and m outputs, with a filter of that gain (n, m)."""
     A, B, C = unpack(theta, *sizes)
-    return StateSpace.of_transition(discretize(A, B, dt), C, gain)
+    return StateSpace.from_transition(discretize(A, B, dt), C, gain)

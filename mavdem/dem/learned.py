@@ -16,11 +16,11 @@ from mavdem.arrays import Array, Flags, Indices
 from mavdem.confidence import CONFIDENCE_LEVEL, half_width
 from mavdem.dem.document import from_text, to_text
 from mavdem.dem.engine.ascent import FreeEnergy, Learning
-from mavdem.dem.engine.linalg import ROUNDING, may_overflow
+from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE, may_overflow
 from mavdem.dem.engine.model import LinearModel, unpack
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.fitting import generalized
-from mavdem.dem.forecast.forecasting import Forecasting
+from mavdem.dem.fitting import generalized_data
+from mavdem.dem.forecast.forecasting import ForecasterBase
 from mavdem.dem.forecast.joint import JointModel
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.forecast.var import Forecast
@@ -52,7 +52,7 @@ TEXT = WithJsonSchema({"type": "string"})
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Learned(ImmutableResult, Forecasting):
+class Learned(ImmutableResult, ForecasterBase):
     """A learned model with its posterior, its iterations and its forecasts, in physical units.
 
     Attributes:
@@ -117,7 +117,7 @@ class Learned(ImmutableResult, Forecasting):
         """
         (n, r) = self.model.B.shape
         m = len(self.model.C)
-        freedom = np.nan if self.simulation_fit is None else self.simulation_fit.freedom
+        freedom = np.nan if self.simulation_fit is None else self.simulation_fit.degrees_of_freedom
         parts = unpack(half_width(self.theta_covariance.diagonal(), level, freedom), n, r, m)
         return LinearModel(*parts, np.full(n, np.nan), np.full(r, np.nan), np.full(m, np.nan))
 
@@ -187,7 +187,7 @@ class Learned(ImmutableResult, Forecasting):
         return self.joint if jointly else self.plant
 
     @may_overflow
-    def known_every(
+    def rolling_forecast_known_inputs(
         self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
     ) -> Forecast:
         """Returns (H, m) forecasts begun at every ``steps``-th of ``inputs`` (H, r) and ``outputs`` (H, m).
@@ -195,19 +195,21 @@ class Learned(ImmutableResult, Forecasting):
         The motors cause motion, and answer it: the joint model takes them for measurements of it, to ``smooth`` those
         after a sample as well. With ``Settings(forecasts="plant")`` they are causes alone.
         """
-        return self._forecaster.known_every(steps, inputs, outputs, smooth)
+        return self._forecaster.rolling_forecast_known_inputs(steps, inputs, outputs, smooth)
 
-    def unknown_every(self, steps: int, inputs: Array, outputs: Array) -> Forecast:
+    def rolling_forecast_unknown_inputs(
+        self, steps: int, inputs: Array, outputs: Array
+    ) -> Forecast:
         """Returns (H, m) predictions begun at every ``steps``-th of ``inputs`` (H, r) and ``outputs`` (H, m).
 
         By the joint model, whatever ``Settings.forecasts``: the plant has no answer without inputs.
         """
-        return self.joint.unknown_every(steps, inputs, outputs)
+        return self.joint.rolling_forecast_unknown_inputs(steps, inputs, outputs)
 
     @may_overflow
-    def from_zero(self, inputs: Array) -> Array:
+    def forecast_from_zero_state(self, inputs: Array) -> Array:
         """Returns the plant's outputs (H, m) with ``inputs`` (H, r) from state 0."""
-        return self.plant.from_zero(inputs)
+        return self.plant.forecast_from_zero_state(inputs)
 
     def half_widths(self, variance: Array, level: float, steps: int) -> Array:
         """Returns (H, m) of the band of probability ``level`` of forecasts of a ``variance`` begun each ``steps``."""
@@ -230,25 +232,25 @@ class Learned(ImmutableResult, Forecasting):
     @property
     def stable(self) -> bool:
         """Whether no mode of what forecasts grows, but for rounding."""
-        return self.spectral_radius <= 1 + ROUNDING
+        return self.spectral_radius <= 1 + ROUNDING_TOLERANCE
 
     def predict_band(self, steps: int, level: float = CONFIDENCE_LEVEL) -> Array:
         """Returns the half width (steps, m), about :meth:`predict`, of the band of probability ``level``.
 
         From the noise and the posterior of the joint model.
         """
-        return self.joint.half_widths(self.predicted(steps).variance, level, steps)
+        return self.joint.half_widths(self.predict_with_variance(steps).variance, level, steps)
 
     @property
     def useful_steps(self) -> Indices:
         """(m,) the longest horizon, up to 1.5 s, at which predictions err by less than half of the variance."""
-        predicted = self.predicted(max(1, round(FORECAST_HORIZON_SECONDS / self.dt)))
+        predicted = self.predict_with_variance(max(1, round(FORECAST_HORIZON_SECONDS / self.dt)))
         errors = np.maximum.accumulate(predicted.variance)
         return (errors < 0.5 * self.record.outputs.var(axis=0)).sum(axis=0)
 
     def forecast_variance(self, inputs: ArrayLike) -> Array:
         """Returns the expected squared error (H, m), rad² and (rad/s)², of :meth:`forecast` with ``inputs`` (H, r)."""
-        return self.forecasted(self.record.validated_inputs(inputs)).variance
+        return self.forecast_with_variance(self.record.validated_inputs(inputs)).variance
 
     def forecast_band(self, inputs: ArrayLike, level: float = CONFIDENCE_LEVEL) -> Array:
         """Returns the half width (H, m), about :meth:`forecast` of ``inputs``, of the band of probability ``level``."""
@@ -316,7 +318,7 @@ class Learned(ImmutableResult, Forecasting):
         noise = np.eye(n, len(self.state_map), k=n) if p else np.zeros((n, len(self.state_map)))
         noise[:, :n] -= A
         noise[:, n * (p + 1) :][:, : B.shape[1]] -= B
-        data = np.concatenate(generalized(self.settings, self.scaling, self.record))
+        data = np.concatenate(generalized_data(self.settings, self.scaling, self.record))
         return self.places, data @ self.state_map.T @ noise.T * self.scaling.state_scale(n)
 
     @property
@@ -400,7 +402,7 @@ class PlantForecasts:
         """Returns (T, m): each sample of ``record`` from those before it in its segment; of the first, the trim."""
         predictions = []
         for inputs, outputs in self.scaling.scale_segments(record):
-            ahead = self.process.one_step(inputs, outputs)
+            ahead = self.process.one_step_predictions(inputs, outputs)
             predictions += [self.scaling.output_trim[None], self.scaling.physical_outputs(ahead)]
         return np.concatenate(predictions)
 
@@ -408,17 +410,17 @@ class PlantForecasts:
         """Returns (H, m) of the band of probability ``level`` of forecasts of that ``variance``."""
         return half_width(variance, level)
 
-    def from_zero(self, inputs: Array) -> Array:
+    def forecast_from_zero_state(self, inputs: Array) -> Array:
         """Returns the outputs (H, m) with ``inputs`` (H, r) from state 0, the outputs at their trim."""
         u = self.scaling.scale_inputs(inputs)
         trim = np.zeros((min(1, len(inputs)), len(self.scaling.output_trim)))
         if len(u) > 1:
             trim = np.vstack(
-                [trim, self.process.simulated(self.process.second(u[0], trim[0]), u[1:])]
+                [trim, self.process.simulate(self.process.second_state(u[0], trim[0]), u[1:])]
             )
         return self.scaling.physical_outputs(trim)
 
-    def known_every(
+    def rolling_forecast_known_inputs(
         self,
         steps: int,
         inputs: Array,
@@ -427,12 +429,12 @@ class PlantForecasts:
     ) -> Forecast:
         """Returns (H, m): forecasts begun at every ``steps``-th of ``inputs`` (H, r) and ``outputs`` (H, m)."""
         last = self.record.segments[-1]
-        state = self.process.at_end(
+        state = self.process.state_after(
             self.scaling.scale_inputs(last[0]), self.scaling.scale_outputs(last[1])
         )
         u = self.scaling.scale_inputs(inputs)
         y = self.scaling.scale_outputs(outputs)
-        made = self.process.simulated_every(max(1, steps), state, u, y)
+        made = self.process.rolling_forecast(max(1, steps), state, u, y)
         lengths = np.minimum(np.arange(len(u)) % max(1, steps), len(self.errors) - 1)
         return Forecast(self.scaling.physical_outputs(made), self.errors[lengths])
 
@@ -452,8 +454,10 @@ class PlantForecasts:
         for u, y in self.scaling.scale_segments(self.record):
             # The filter needs a few samples to find hidden states.
             starts = np.arange(horizon // 4, len(y) - horizon, stride)
-            states = self.process.filtered(self.process.second(u[0], y[0]), u[1:], y[1:])[starts]
-            ahead = self.process.simulated_from(starts + 1, horizon, states, u)
+            states = self.process.predicted_states(
+                self.process.second_state(u[0], y[0]), u[1:], y[1:]
+            )[starts]
+            ahead = self.process.simulate_from(starts + 1, horizon, states, u)
             squares.append((y[starts[:, None] + 1 + np.arange(horizon)] - ahead) ** 2)
         mean = np.concatenate(squares).mean(axis=0) * self.scaling.output_scale**2
         return np.where(np.isfinite(mean), mean, np.inf)

@@ -8,21 +8,25 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from mavdem.arrays import Array
-from mavdem.dem.engine.ascent import at_theta
-from mavdem.dem.engine.free_energy import SampleEnergy
+from mavdem.dem.engine.ascent import condition_on_theta
+from mavdem.dem.engine.free_energy import SampleFreeEnergy
 from mavdem.dem.engine.linalg import inverse, one_thread, raise_on_overflow
 from mavdem.dem.fitting import (
     Fit,
     fit,
-    generalized,
-    of_vehicle,
-    predictor_of,
+    generalized_data,
+    predictor_from_theta,
+    vehicle_parameter_indices,
 )
 from mavdem.dem.forecast.joint import JointModel
-from mavdem.dem.forecast.simulation_error import SHORTEST_HORIZON, fit_simulation, horizon_of
+from mavdem.dem.forecast.simulation_error import (
+    MIN_HORIZON_SECONDS,
+    fit_simulation_error,
+    simulation_horizon,
+)
 from mavdem.dem.learned import Learned
 from mavdem.dem.parallel import parallel_map
-from mavdem.dem.priors import KINEMATIC
+from mavdem.dem.priors import KINEMATIC_PRECISION
 from mavdem.dem.record import Record, TrainingData
 from mavdem.dem.settings import CompleteSettings, Settings
 from mavdem.errors import NotLearnable
@@ -68,7 +72,7 @@ def learn_with_fit(train: TrainingData, settings: Settings | None = None) -> tup
             fitted = fit(record, settings)
         except LinAlgError:
             raise NotLearnable(ModelRefusal.FIT_BREAKS_DOWN) from None
-        segments = generalized(settings, fitted.scaling, record)
+        segments = generalized_data(settings, fitted.scaling, record)
         refined = _with_simulation_fit(fitted, record)
         return _learned(refined, record, np.concatenate(segments)), refined
 
@@ -151,18 +155,18 @@ def _with_simulation_fit(fitted: Fit, record: Record) -> Fit:
     ascent = fitted.ascent
     try:
         with raise_on_overflow():
-            refined = fit_simulation(
-                model, fitted.settings, fitted.scaling, ascent.belief.theta, fitted.gain, record
+            refined = fit_simulation_error(
+                model, fitted.settings, fitted.scaling, ascent.posterior.theta, fitted.gain, record
             )
             if refined is None:
                 return fitted
-            belief = at_theta(refined.theta, ascent.belief)
-            predictor = predictor_of(refined.theta, model.sizes, fitted.gain, record.dt)
+            posterior = condition_on_theta(refined.theta, ascent.posterior)
+            predictor = predictor_from_theta(refined.theta, model.sizes, fitted.gain, record.dt)
     except LinAlgError:
         return fitted
     return replace(
         fitted,
-        ascent=replace(ascent, belief=belief),
+        ascent=replace(ascent, posterior=posterior),
         predictor=predictor,
         simulation_fit=refined,
     )
@@ -173,21 +177,23 @@ def _learned(fit: Fit, record: Record, data: Array) -> Learned:
     order = fit.model.n
     ascent = fit.ascent
     scaling = fit.scaling
-    vehicle = of_vehicle(order, record.inputs.shape[1], fit.model.m, scaling.constant)
+    vehicle = vehicle_parameter_indices(
+        order, record.inputs.shape[1], fit.model.m, scaling.constant
+    )
     scale = scaling.parameter_scale(order)
     precision = fit.model.prior.theta_precision
-    covariance = ascent.belief.theta_covariance
+    covariance = ascent.posterior.theta_covariance
     if fit.simulation_fit is not None:
         covariance = fit.simulation_fit.theta_covariance(inverse(precision))
     covariance = covariance * np.outer(scale, scale)
     return Learned(
         settings=fit.settings,
-        model=scaling.physical_model(ascent.belief.theta, order),
+        model=scaling.physical_model(ascent.posterior.theta, order),
         theta_covariance=covariance[np.ix_(vehicle, vehicle)],
-        known=np.diag(precision)[vehicle] >= KINEMATIC,
+        known=np.diag(precision)[vehicle] >= KINEMATIC_PRECISION,
         free_energy=ascent.free_energy,
-        free_energy_of_samples=SampleEnergy.of(ascent.belief).at(
-            data, data @ ascent.belief.state_map.T
+        free_energy_of_samples=SampleFreeEnergy.from_posterior(ascent.posterior).evaluate(
+            data, data @ ascent.posterior.state_map.T
         ),
         learning=replace(
             ascent.learning,
@@ -199,8 +205,8 @@ def _learned(fit: Fit, record: Record, data: Array) -> Learned:
         cautions=tuple(_cautions(fit, record)),
         scaling=scaling,
         predictor=fit.predictor,
-        state_map=ascent.belief.state_map,
-        theta=ascent.belief.theta,
+        state_map=ascent.posterior.state_map,
+        theta=ascent.posterior.theta,
         simulation_fit=fit.simulation_fit,
     )
 
@@ -210,16 +216,16 @@ def _cautions(fit: Fit, record: Record) -> Iterator[Fact]:
     slip = suspected_unit_error(record.outputs, record.dt)
     if slip and fit.settings.prior == "regulated":
         yield slip
-    abscissa = fit.scaling.physical_model(fit.ascent.belief.theta, fit.model.n).spectral_abscissa
+    abscissa = fit.scaling.physical_model(fit.ascent.posterior.theta, fit.model.n).spectral_abscissa
     if abscissa > 0:
         yield Fact(ModelCaution.MODEL_GROWS, growth_time=1 / abscissa)
     if fit.simulation_fit is None:
-        horizon = horizon_of(fit.model, fit.settings, fit.scaling, record)
+        horizon = simulation_horizon(fit.model, fit.settings, fit.scaling, record)
         if horizon is not None:
             yield Fact(
                 ModelCaution.NO_SIMULATION_FIT,
                 duration=len(record) * record.dt,
-                least_horizon=None if horizon else SHORTEST_HORIZON,
+                least_horizon=None if horizon else MIN_HORIZON_SECONDS,
             )
 
 

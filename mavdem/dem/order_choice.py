@@ -24,7 +24,7 @@ DEFAULT_MAX_ORDER = 6  # two states more than the paper's largest system
 LARGEST_ORDER = 8  # more states need higher derivatives of an output, which would be rounding
 
 
-class FlightOrders(NamedTuple):
+class FlightFreeEnergy(NamedTuple):
     """F̄ᵒ of one flight by order."""
 
     free_energy: Array  # (N,) nats; NaN where no fit converged
@@ -37,7 +37,7 @@ class FlightOrders(NamedTuple):
 class OrderChoice:
     """F̄ᵒ of ``flights`` by model order, as many orders for each, and the chosen order."""
 
-    flights: tuple[FlightOrders, ...]
+    flights: tuple[FlightFreeEnergy, ...]
 
     @property
     def orders(self) -> Indices:
@@ -116,11 +116,11 @@ class OrderChoice:
         return tuple(dict.fromkeys(remark for flight in self.flights for remark in flight.remarks))
 
 
-def orders_of(
+def free_energy_by_order(
     flight: TrainingData,
     max_order: int = DEFAULT_MAX_ORDER,
     known_inputs: bool = True,
-) -> FlightOrders:
+) -> FlightFreeEnergy:
     """Returns F̄ᵒ of one ``flight``, or of its segments, by order.
 
     It increases with the number of states and saturates. Models with 1, 2, … states, with A, B and C free, are fitted
@@ -141,7 +141,7 @@ def orders_of(
         )
     record = Record.from_flights(flight)
     with one_thread():
-        box = BlackBox.of(record, max_order, known_inputs)
+        box = BlackBox.from_record(record, max_order, known_inputs)
         # No more parameters, less n² for the coordinates, than effective values.
         allowed = min(max_order, max(1, int(box.counted.number * box.m / (box.r + box.m))))
         fits = fits_by_order(box, allowed)
@@ -156,16 +156,16 @@ def orders_of(
     ]
     if allowed < max_order:
         remarks.append(Fact(OrderFact.ORDERS_NOT_FITTED, order=allowed + 1))
-    return FlightOrders(values, box.width, box.counted.number, tuple(remarks))
+    return FlightFreeEnergy(values, box.width, box.counted.number, tuple(remarks))
 
 
-def orders_of_each(
+def free_energy_of_flights(
     flights: Mapping[str, TrainingData],
     max_order: int = DEFAULT_MAX_ORDER,
     known_inputs: bool = True,
     progress: Callable[[float], None] = lambda _: None,
-) -> tuple[dict[str, FlightOrders], dict[str, NotLearnable]]:
-    """Returns :func:`orders_of` ``flights`` by name, on several cores, and why others have none."""
+) -> tuple[dict[str, FlightFreeEnergy], dict[str, NotLearnable]]:
+    """Returns :func:`free_energy_by_order` ``flights`` by name, on several cores, and why others have none."""
     work = partial(_orders_or_reason, max_order=max_order, known_inputs=known_inputs)
     orders = {}
     refused = {}
@@ -181,8 +181,8 @@ def orders_of_each(
 
 def _orders_or_reason(
     flight: TrainingData, max_order: int, known_inputs: bool
-) -> FlightOrders | NotLearnable:
+) -> FlightFreeEnergy | NotLearnable:
     try:
-        return orders_of(flight, max_order, known_inputs)
+        return free_energy_by_order(flight, max_order, known_inputs)
     except ValueError as error:
         return NotLearnable(fact_from_error(error))

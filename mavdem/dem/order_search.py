@@ -27,7 +27,7 @@ from mavdem.dem.engine.generative import (
     SufficientStatistics,
     temporal_precision,
 )
-from mavdem.dem.engine.linalg import ROUNDING, raise_on_overflow
+from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE, raise_on_overflow
 from mavdem.dem.engine.model import pack
 from mavdem.dem.priors import Scaling
 from mavdem.dem.record import Record
@@ -69,10 +69,10 @@ class BlackBox:
     input_precision: Array  # P̃ᵛ
 
     @classmethod
-    def of(cls, record: Record, most: int, known_inputs: bool) -> BlackBox:
+    def from_record(cls, record: Record, most: int, known_inputs: bool) -> BlackBox:
         """Returns that of a record, for models of at ``most`` so many states."""
         settings = replace(Settings.paper(), scaling="channel", known_inputs=known_inputs)
-        scaling = Scaling.of(record, settings)
+        scaling = Scaling.from_record(record, settings)
         width = kernel_width(record)
         m = record.outputs.shape[1]
         r = record.inputs.shape[1] + scaling.constant
@@ -103,7 +103,14 @@ class BlackBox:
         each[r - scaling.constant :] = KNOWN_INPUT
         precision = np.diag(np.tile(each, p))
         return cls(
-            SufficientStatistics.of(read * in_units), r, m, p, record.dt, width, unit, precision
+            SufficientStatistics.from_segments(read * in_units),
+            r,
+            m,
+            p,
+            record.dt,
+            width,
+            unit,
+            precision,
         )
 
     @property
@@ -157,7 +164,7 @@ def embed_through_kernel(
     (T − window + 1, (order + 1)·m), order-major; none where the window is longer than the signal. The kernel is
     exp(−t²/2σ²)/√(2π)σ, of ``width`` σ, s, ``NARROWEST_STEPS`` at least.
     """
-    reach = ceil(REACH_WIDTHS * width / dt * (1 - ROUNDING))
+    reach = ceil(REACH_WIDTHS * width / dt * (1 - ROUNDING_TOLERANCE))
     if len(samples) <= 2 * reach:
         return np.empty((0, (order + 1) * samples.shape[1]))
     orders = [
@@ -228,7 +235,7 @@ def chain(box: BlackBox, order: int) -> Array:
         rate = y[k + 1]
         if k:
             regressors = np.vstack([states, *v[:k]])
-            coefficients = _regression(box, y[k], regressors, ROUNDING)
+            coefficients = _regression(box, y[k], regressors, ROUNDING_TOLERANCE)
             left = left - coefficients @ regressors
             rate = rate - coefficients @ np.vstack([rates, *v[1 : k + 1]])
         unit = np.sqrt(np.diag(_moments(box, y[k], y[k])))
@@ -285,7 +292,7 @@ def _theta(box: BlackBox, states: Array, rates: Array) -> Array:
     n = len(states)
     y, v = _channels(box)
     values, modes = np.linalg.eigh(_moments(box, states, states))
-    whitening = (modes / np.sqrt(np.maximum(values, ROUNDING * values.max()))).T
+    whitening = (modes / np.sqrt(np.maximum(values, ROUNDING_TOLERANCE * values.max()))).T
     states = whitening @ states
     rates = whitening @ rates
     regressors = np.vstack([states, v[0]])

@@ -25,7 +25,7 @@ class Scaling:
     known: bool  # whether the inputs count; if not, the engine has 0, in a unit of its own
 
     @classmethod
-    def of(cls, record: Record, settings: Settings) -> Scaling:
+    def from_record(cls, record: Record, settings: Settings) -> Scaling:
         """Returns the scaling that ``settings.scaling`` asks for.
 
         Raises ``ValueError`` where an output or all inputs are constant.
@@ -101,7 +101,7 @@ class Scaling:
 
 KNOWN = np.exp(20.0)  # precision of a known parameter: its prior standard deviation is 5e-5
 # precision of a kinematic relation: exact on paper, but the two outputs come from different sensors
-KINEMATIC = 1e4
+KINEMATIC_PRECISION = 1e4
 
 NATURAL_FREQUENCY = 3.0
 DAMPING_RATE = 5.0
@@ -186,12 +186,12 @@ def regulated_prior(
         A[angle, angle] = 0.0
         A[angle, rate] = scale[rate] / scale[angle]
         A[rate, angle] = -(NATURAL_FREQUENCY**2) * scale[angle] / scale[rate]
-        A_precision[angle] = KINEMATIC
-        B_precision[angle, :motors] = KINEMATIC
+        A_precision[angle] = KINEMATIC_PRECISION
+        B_precision[angle, :motors] = KINEMATIC_PRECISION
     for hidden in range(m, n):
         A[hidden, hidden] = -ACTUATOR_RATE
         # The unit of a hidden state is free; this fixes it, so that the posterior is about the vehicle.
         A[hidden - 1, hidden] = ACTUATOR_RATE
-        A_precision[hidden, :m] = KINEMATIC
-        A_precision[hidden - 1, hidden] = KINEMATIC
+        A_precision[hidden, :m] = KINEMATIC_PRECISION
+        A_precision[hidden - 1, hidden] = KINEMATIC_PRECISION
     return pack(A, B, C), np.diag(pack(A_precision, B_precision, C_precision))

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from mavdem.arrays import Array, ArrayPair, Flags, Indices, as_real_array
 from mavdem.containers import JsonValues, Names, Numbers
-from mavdem.dem.engine.linalg import ROUNDING
+from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE
 from mavdem.errors import NotLearnable
 from mavdem.facts.model import ModelRefusal
 
@@ -109,7 +109,7 @@ class ChannelStatistics(NamedTuple):
     def moving(self) -> Flags:
         """(k,) which columns vary by more than rounding."""
         size = np.maximum(abs(self.lowest), abs(self.highest))
-        return self.highest - self.lowest > np.maximum(ROUNDING * size, 1 / MAX_ABS_VALUE)
+        return self.highest - self.lowest > np.maximum(ROUNDING_TOLERANCE * size, 1 / MAX_ABS_VALUE)
 
 
 class UniformSamples(Protocol):

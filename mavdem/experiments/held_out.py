@@ -213,10 +213,10 @@ def _forecast(
     forecast = prediction = expected = band = np.full_like(measured, np.nan)
     if model is not None:
         with np.errstate(over="ignore", invalid="ignore"):
-            made = model.known_every(steps, inputs, outputs)
+            made = model.rolling_forecast_known_inputs(steps, inputs, outputs)
             half = model.half_widths(made.variance, CONFIDENCE_LEVEL, steps)
             forecast, expected, band = map(windows, (*made, half))
-            prediction = windows(model.unknown_every(steps, inputs, outputs).mean)
+            prediction = windows(model.rolling_forecast_unknown_inputs(steps, inputs, outputs).mean)
     trained = np.concatenate([flight.outputs for flight in training])
     last = np.concatenate([before, outputs])[lead : len(outputs) : steps]
     forecasts = {

@@ -20,7 +20,7 @@ from mavdem.dataset.quality import samples_at_limits
 from mavdem.dataset.segments import Segment, Segments
 from mavdem.dataset.signals import MIN_STREAM_RATE
 from mavdem.dataset.time_series import TimeSeries
-from mavdem.dem.engine.linalg import SMALLEST
+from mavdem.dem.engine.linalg import SMALLEST_POSITIVE
 from mavdem.loops.resonance import evenly_sampled, spectra_of, windows_of
 
 WINDOW_LENGTHS = (4.0, 8.0)
@@ -157,7 +157,7 @@ def _limit_cycles(
         peak = bins[np.argmax(seen, axis=1)]
         width = np.maximum(2.01 * bins[1], LINE_WIDTH * peak)
         line = abs(bins - peak[:, None]) <= width[:, None]
-        whole_power = np.maximum(power.sum(axis=-1), SMALLEST)
+        whole_power = np.maximum(power.sum(axis=-1), SMALLEST_POSITIVE)
         shown = (power * line).sum(axis=-1) / whole_power
         share = np.where(slammed, shown[1], shown.min(axis=0))
         rate = np.degrees(windows_of(piece[0], size).std(axis=1))

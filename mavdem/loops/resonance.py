@@ -21,7 +21,7 @@ from mavdem.dataset.intervals import intersection, split_at_gaps
 from mavdem.dataset.segments import Segments, in_segments
 from mavdem.dataset.signals import MIN_STREAM_RATE, Signals, rate_between_outages
 from mavdem.dataset.time_series import TimeSeries
-from mavdem.dem.engine.linalg import SMALLEST
+from mavdem.dem.engine.linalg import SMALLEST_POSITIVE
 from mavdem.errors import NotLearnable
 from mavdem.loops.controllers import Controller, controller_from_parameters
 from mavdem.loops.margins import Complex, controller_response
@@ -80,7 +80,7 @@ class Spectra(NamedTuple):
     @property
     def driver(self) -> Array:
         """(F,) |r|²."""
-        return np.maximum(self.power[0, 0].real, SMALLEST)
+        return np.maximum(self.power[0, 0].real, SMALLEST_POSITIVE)
 
     @property
     def response(self) -> Complex:
@@ -91,7 +91,7 @@ class Spectra(NamedTuple):
     def coherence(self) -> Array:
         """(F,) of r and p."""
         powers = self.driver * self.power[1, 1].real
-        return abs(self.power[0, 1]) ** 2 / np.maximum(powers, SMALLEST)
+        return abs(self.power[0, 1]) ** 2 / np.maximum(powers, SMALLEST_POSITIVE)
 
 
 def controller_if_known(signals: Signals) -> Controller | None:

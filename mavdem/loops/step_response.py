@@ -33,7 +33,7 @@ from mavdem.dataset.signals import (
     rate_between_outages,
 )
 from mavdem.dataset.time_series import TimeSeries
-from mavdem.dem.engine.linalg import SMALLEST, normal_draws, one_thread
+from mavdem.dem.engine.linalg import SMALLEST_POSITIVE, normal_draws, one_thread
 from mavdem.facts import Fact
 from mavdem.facts.loops import StepResponses
 from mavdem.immutable import ImmutableResult
@@ -252,7 +252,7 @@ def _fitted(sampled: float, pieces: Sequence[Array], angle_gain: float, seconds:
             whitening = _autoregression(left)
             spread = _filtered(left, whitening).std(axis=1)
             # A window of nothing but repeated samples leaves nothing, and would count for all the others.
-            scale = np.maximum(spread, spread.max() / 1e3 + SMALLEST)[:, None]
+            scale = np.maximum(spread, spread.max() / 1e3 + SMALLEST_POSITIVE)[:, None]
             r, p, z = (_filtered(series, whitening) / scale for series in (asked, seen, driver))
             fit = _step(r, p, z, taps)
             weights = fit.weights

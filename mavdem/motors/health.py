@@ -16,7 +16,7 @@ import numpy as np
 from mavdem.arrays import Array, ArrayPair
 from mavdem.confidence import INTERVAL_QUANTILES
 from mavdem.containers import JsonValues
-from mavdem.dem.engine.linalg import SMALLEST
+from mavdem.dem.engine.linalg import SMALLEST_POSITIVE
 from mavdem.facts import Fact
 from mavdem.facts.motors import Explanation, HealthUnknown, MotorHealth, MotorsBetween
 from mavdem.immutable import ImmutableResult
@@ -274,7 +274,7 @@ class Candidates:
         motors = joint.sum(axis=1)
         # Of more than four motors the weak one's neighbours help it.
         rise_share = np.diag(self.signatures.weak_motor_commands)
-        some = np.maximum(motors, SMALLEST)
+        some = np.maximum(motors, SMALLEST_POSITIVE)
         shares = np.cumsum(joint, axis=1) / some[:, None]
         last = len(RISES) - 1
         low, high = (RISES[(shares < end).sum(axis=1).clip(max=last)] for end in INTERVAL_QUANTILES)

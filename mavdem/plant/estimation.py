@@ -10,8 +10,8 @@ from numpy.linalg import LinAlgError
 
 from mavdem.arrays import Array
 from mavdem.confidence import STRONG_EVIDENCE_NATS
-from mavdem.dem.engine.linalg import ROUNDING, inverse, one_thread
-from mavdem.dem.forecast.joint import turning_combinations
+from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE, inverse, one_thread
+from mavdem.dem.forecast.joint import axis_mixer
 from mavdem.dem.record import MIN_MOTORS, Record, TrainingData
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
@@ -65,9 +65,9 @@ def _mixer(record: Record) -> Array | None:
     """(r,) effect directions, as known or those of the X or plus that the joint model finds; else ``None``."""
     if record.effect_directions is not None or record.inputs.shape[1] < MIN_MOTORS:
         return record.effect_directions
-    turning = turning_combinations(record)[:, 0]
+    turning = axis_mixer(record)[:, 0]
     sizes = abs(turning[turning != 0])
-    return turning if np.ptp(sizes) < ROUNDING else None
+    return turning if np.ptp(sizes) < ROUNDING_TOLERANCE else None
 
 
 def _estimated(

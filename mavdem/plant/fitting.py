@@ -8,10 +8,10 @@ from numpy.linalg import LinAlgError
 
 from mavdem.arrays import Array, ArrayPair
 from mavdem.dem.engine.gauss_newton import (
+    FINITE_DIFFERENCE_STEP,
     MAX_STEPS,
-    RELATIVE_STEP,
     Damping,
-    Quadratic,
+    QuadraticExpansion,
     gauss_newton,
 )
 from mavdem.plant.likelihood import FlightWindows, Parameters
@@ -63,10 +63,10 @@ class LogJoint(NamedTuple):
             value += _log_likelihood(errors[0])
         return value
 
-    def quadratic(self, at: Array) -> Quadratic:
+    def expand(self, at: Array) -> QuadraticExpansion:
         """Returns the value to second order, by differences, all at once; ``LinAlgError`` where there is none."""
         mean, sd = self.parameters.prior
-        steps = RELATIVE_STEP * np.maximum(0.01, abs(at))
+        steps = FINITE_DIFFERENCE_STEP * np.maximum(0.01, abs(at))
         value = self._log_prior(at)
         slope = (mean - at) / sd**2
         curvature = np.diag(sd**-2.0)
@@ -80,7 +80,7 @@ class LogJoint(NamedTuple):
             curvature += slopes @ slopes.T
         if not (np.isfinite(value) and np.isfinite(curvature).all()):
             raise LinAlgError("nothing has a likelihood")
-        return Quadratic(at, value, slope, curvature)
+        return QuadraticExpansion(at, value, slope, curvature)
 
     def limited(self, step: Array) -> Array:
         """Returns a step that changes no logarithm by more than ``LONGEST_LOG_STEP``."""
@@ -111,16 +111,16 @@ def fitted(
     It stays at ``start`` where less than the ``promised`` gain, in nats, is expected of the first step.
     """
     objective = LogJoint(parameters, windows)
-    damping = Damping(first=1e-2, factor=6.0, attempts=12, limited=objective.limited)
-    first = objective.quadratic(start)
-    iterations = MAX_STEPS if first.remaining >= promised else 0
+    damping = Damping(initial=1e-2, factor=6.0, max_attempts=12, limit_step=objective.limited)
+    first = objective.expand(start)
+    iterations = MAX_STEPS if first.predicted_gain >= promised else 0
     trace, _ = gauss_newton(objective, first, damping, iterations)
     last = trace[-1]
     levels = [
         np.sqrt(np.mean(errors[0] ** 2, axis=1) / variance)
-        for errors, variance in objective.innovations(last.at[None])
+        for errors, variance in objective.innovations(last.point[None])
     ]
-    return GrayBoxFit(parameters, last.at, last.value, last.curvature, np.concatenate(levels))
+    return GrayBoxFit(parameters, last.point, last.value, last.curvature, np.concatenate(levels))
 
 
 def directed(windows: FlightWindows, effect_directions: Array | None) -> tuple[Parameters, Array]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.confidence import Interval, half_width
-from mavdem.dem.engine.kalman import SteadyFilter
+from mavdem.dem.engine.kalman import SteadyStateFilter
 from mavdem.dem.online.memory import (
     MemoryBlock,
     SampleMemory,
@@ -52,7 +52,7 @@ class WindFilter(NamedTuple):
 
     physical: Physical  # what it is made from
     axis: Plant  # with the wind
-    steady: SteadyFilter  # of that
+    steady: SteadyStateFilter  # of that
     trim: Array  # (r,) of the inputs
     constant: float  # torque that acts besides the commands, rad/s²
     balance: Array  # (r,) torque that each input's trim balances, by its effect
@@ -74,7 +74,7 @@ class WindFilter(NamedTuple):
         rate = outputs[:, self.column]
         smoothed = self.axis.smoothed(self.steady, commanded, plant.delay / self.dt, rate)
         errors = (rate - smoothed.states[:, 0])[-round(DELAY_SECONDS / self.dt) :]
-        unusual = max(1.0, float(np.mean(errors**2)) / self.steady.variance)
+        unusual = max(1.0, float(np.mean(errors**2)) / self.steady.F)
         between = sum(each.size**2 for each in plant.components if each.time < self.dt)
         left_out = between + (OmissionErrors.wind * plant.wind) ** 2
         keeps = np.exp(-self.dt / plant.lag)

@@ -7,7 +7,7 @@ import numpy as np
 
 from mavdem.arrays import Array, Indices
 from mavdem.confidence import CONFIDENCE_LEVEL, SIGNIFICANT_SIGMAS, Interval, half_width
-from mavdem.dem.engine.gauss_newton import RELATIVE_STEP
+from mavdem.dem.engine.gauss_newton import FINITE_DIFFERENCE_STEP
 from mavdem.dem.engine.linalg import normal_draws
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record
@@ -144,7 +144,7 @@ def wind_torque_density(physical: Physical, frequency: Array) -> Array:
 
 def slopes_of(function: Callable[[Array], Array], theta: Array, value: Array) -> Array:
     """Returns (k, …) the slopes of a ``function`` at θ (k,), where its ``value`` is known, by differences."""
-    nudges = RELATIVE_STEP * np.maximum(abs(theta), RELATIVE_STEP)
+    nudges = FINITE_DIFFERENCE_STEP * np.maximum(abs(theta), FINITE_DIFFERENCE_STEP)
     return np.array([(function(theta + nudge) - value) / nudge.sum() for nudge in np.diag(nudges)])
 
 

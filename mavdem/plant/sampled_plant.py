@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import expm, solve_continuous_lyapunov
 
 from mavdem.arrays import Array, ArrayPair
-from mavdem.dem.engine.kalman import SteadyFilter, SteadySmoothed
+from mavdem.dem.engine.kalman import SmoothedSignal, SteadyStateFilter
 from mavdem.dem.engine.model import Transition, discretize
 
 
@@ -107,26 +107,26 @@ class Plant(NamedTuple):
     def pushes(self, commanded: Array, steps: float) -> Array:
         """Returns (T − 1, n) what commands (T,), rad/s², that act so many ``steps`` later do to the next state."""
         early, late = delayed(jumping(commanded[None, :, None], self.jumps)[0], steps)
-        return early * self.step.input_now[:, 0] + late * self.step.input_next[:, 0]
+        return early * self.step.Gamma0[:, 0] + late * self.step.Gamma1[:, 0]
 
-    def filter(self, noise: float) -> SteadyFilter:
+    def filter(self, noise: float) -> SteadyStateFilter:
         """Returns the steady filter of a rate measured with white ``noise``, rad/s; ``LinAlgError`` without one."""
-        return SteadyFilter.of(self.step.state, self.process, noise)
+        return SteadyStateFilter.design(self.step.Phi, self.process, noise)
 
     def smoothed(
         self,
-        steady: SteadyFilter,
+        steady: SteadyStateFilter,
         commanded: Array,
         steps: float,
         rate: Array,
-    ) -> SteadySmoothed:
+    ) -> SmoothedSignal:
         """Returns the wind's torque in a segment, rad/s², from all of its ``rate`` (T,), rad/s, by a ``steady`` filter.
 
         At its beginning the motors have settled at what is commanded, with all that is steady, and there is no wind.
         """
         first = np.zeros(len(self.wind))
         first[:2] = rate[0], commanded[0]
-        return steady.smoothed(self.pushes(commanded, steps), rate, first, self.wind)
+        return steady.smooth(self.pushes(commanded, steps), rate, first, self.wind)
 
 
 def plant(

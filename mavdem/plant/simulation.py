@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import solve_discrete_lyapunov
 
 from mavdem.arrays import Array, ArrayPair
-from mavdem.dem.engine.model import recursion
+from mavdem.dem.engine.model import linear_recursion
 from mavdem.dem.forecast.var import Forecast
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record, require_finite_and_bounded
@@ -60,7 +60,7 @@ def _mean(
     for before, outputs in record.segments:
         commanded = (before - trim) @ theta[:-2]
         pushes = axis.pushes(commanded, delay / dt)
-        driven = recursion(axis.step.state[1:, 1:], pushes[:, 1:], commanded[:1])
+        driven = linear_recursion(axis.step.Phi[1:, 1:], pushes[:, 1:], commanded[:1])
         torque = np.append(commanded[0], driven)
         constants.append(steady(outputs[:, columns[1]], torque, damping, dt))
     # A steady disturbance acts like a steady command.
@@ -69,7 +69,7 @@ def _mean(
     ahead = axis.pushes(whole, delay / dt)[len(commanded) - 1 :]
     first = np.append(outputs[-1, columns], torque[-1] + constant)
     step, turned = _with_angle(axis, dt)
-    return recursion(step, ahead @ turned.T, first)[:, :2]
+    return linear_recursion(step, ahead @ turned.T, first)[:, :2]
 
 
 def _of_wind(physical: Physical, dt: float, steps: int) -> Array:
@@ -92,6 +92,6 @@ def _with_angle(axis: Plant, dt: float) -> ArrayPair:
     half = np.eye(1, n) * dt / 2  # of the rate before and after each step
     turned = np.vstack([half, np.eye(n)])
     step = np.eye(n + 1)
-    step[:, 1:] = turned @ axis.step.state
+    step[:, 1:] = turned @ axis.step.Phi
     step[:1, 1:] += half
     return step, turned

@@ -114,7 +114,7 @@ STANDARD_ORDER = 3  # of `mavdem learn`: angle, rate, and the motors' lag
 
 
 def order_advice(choice: OrderChoice, known_inputs: bool) -> str:
-    """Returns what to do with the order of a ``choice``, one sentence; ``known_inputs`` as for ``orders_of``."""
+    """Returns one sentence on what to do with the chosen order; ``known_inputs`` as for ``free_energy_by_order``."""
     (said,) = section(
         "order_advice",
         choice=choice,
@@ -128,7 +128,7 @@ def order_advice(choice: OrderChoice, known_inputs: bool) -> str:
 def order_report(choice: OrderChoice, names: Sequence[str], known_inputs: bool) -> Blocks:
     """Returns F̄ by order and flight, and the chosen order with its reason, and last what to do with it.
 
-    ``names`` are those of the flights of ``choice``; ``known_inputs`` is as for ``orders_of``.
+    ``names`` are those of the flights of ``choice``; ``known_inputs`` is as for ``free_energy_by_order``.
     """
     rows = []
     several = len(names) > 1

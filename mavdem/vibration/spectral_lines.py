@@ -14,7 +14,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.confidence import SIGNIFICANT_SIGMAS
-from mavdem.dem.engine.linalg import SMALLEST
+from mavdem.dem.engine.linalg import SMALLEST_POSITIVE
 from mavdem.loops.resonance import MAX_LOOP_FREQUENCY
 from mavdem.vibration.spectra import Spectrum
 
@@ -68,7 +68,7 @@ def find_spectral_lines(spectrum: Spectrum) -> tuple[SpectralLine, ...]:
     from scipy.signal import find_peaks  # it takes half a second to import
 
     frequency = spectrum.frequency
-    positive = np.maximum(spectrum.total_density, SMALLEST)
+    positive = np.maximum(spectrum.total_density, SMALLEST_POSITIVE)
     logarithms = np.log(positive)
     drive = _drive(spectrum)
     peaks = []

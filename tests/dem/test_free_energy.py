@@ -5,16 +5,16 @@ from hypothesis import given, settings
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx, mark
-from random_models import models, random_belief, random_samples, seeds
+from random_models import models, random_posterior, random_samples, seeds
 from scipy.linalg import block_diag
 from simulated import simulated
 
 from mavdem import Settings
-from mavdem.dem.engine.ascent import ascend, plain_rounds
+from mavdem.dem.engine.ascent import maximise_free_energy, posterior_after_each_round
 from mavdem.dem.engine.free_energy import (
-    SampleEnergy,
+    SampleFreeEnergy,
+    free_energy_terms,
     lambda_curvature,
-    optimal_terms,
     state_curvature,
     theta_curvature,
 )
@@ -28,24 +28,24 @@ from mavdem.dem.engine.steps import (
     m_step,
     state_slope,
     theta_slope,
-    with_optimal_precisions,
+    with_optimal_covariances,
 )
-from mavdem.dem.fitting import generalized, generative_model
+from mavdem.dem.fitting import generalized_data, generative_model
 from mavdem.dem.priors import Scaling
 from mavdem.dem.record import Record
 
 
-def lambda_slope(belief):
-    return FreeEnergyOfLambda.of(belief).slope(belief.lambda_)
+def lambda_slope(posterior):
+    return FreeEnergyOfLambda.from_posterior(posterior).slope(posterior.lambda_)
 
 
 def of_any_model(test):
     return settings(max_examples=20)(given(model=models, seed=seeds)(test))
 
 
-def random_posterior(seed, model):
+def random_samples_and_posterior(seed, model):
     samples = random_samples(seed, model)
-    return samples, random_belief(seed, model, samples)[1]
+    return samples, random_posterior(seed, model, samples)[1]
 
 
 def gradient(function, at):
@@ -64,35 +64,35 @@ def close(actual, expected):
 @mark.slow
 @of_any_model
 def test_gradients_are_those_of_the_free_energy(model, seed):
-    """Of F in X, and of the action in θ and λ, at any belief, mean-field terms included."""
+    """Of F in X, and of the action in θ and λ, at any posterior, mean-field terms included."""
     rng = default_rng(seed)
     data = rng.standard_normal((5, model.hidden.start))
-    samples = SufficientStatistics.of(data)
-    state_map, belief = random_belief(seed, model, samples)
+    samples = SufficientStatistics.from_segments(data)
+    state_map, posterior = random_posterior(seed, model, samples)
     states = data @ state_map.T
 
-    of_data, precision = state_slope(belief)
-    energy = SampleEnergy.of(belief)
-    numeric = gradient(lambda X: energy.at(data, X).sum(), states)
+    of_data, precision = state_slope(posterior)
+    energy = SampleFreeEnergy.from_posterior(posterior)
+    numeric = gradient(lambda X: energy.evaluate(data, X).sum(), states)
     close(data @ of_data.T - states @ precision, numeric)
 
     def action(**changed):
-        return SampleEnergy.of(belief._replace(**changed)).action(data, states)
+        return SampleFreeEnergy.from_posterior(posterior._replace(**changed)).action(data, states)
 
-    slope, precision = theta_slope(belief)
-    close(slope, gradient(lambda at: action(theta=at), belief.theta))
+    slope, precision = theta_slope(posterior)
+    close(slope, gradient(lambda at: action(theta=at), posterior.theta))
     direction = rng.standard_normal(len(slope))
     ahead, behind = (
-        theta_slope(belief._replace(theta=belief.theta + d)) for d in (direction, -direction)
+        theta_slope(posterior._replace(theta=posterior.theta + d)) for d in (direction, -direction)
     )
     close(precision @ direction, (behind[0] - ahead[0]) / 2)
 
-    slope, precision = lambda_slope(belief)
-    close(slope, gradient(lambda at: action(lambda_=at), belief.lambda_))
+    slope, precision = lambda_slope(posterior)
+    close(slope, gradient(lambda at: action(lambda_=at), posterior.lambda_))
     direction = rng.standard_normal(len(slope))
     along = gradient(
-        lambda at: direction @ lambda_slope(belief._replace(lambda_=at))[0],
-        belief.lambda_,
+        lambda at: direction @ lambda_slope(posterior._replace(lambda_=at))[0],
+        posterior.lambda_,
     )
     close(-precision @ direction, along)
 
@@ -102,43 +102,45 @@ def test_curvatures_of_the_internal_energy_are_those_of_the_free_energy_at_a_cer
     model, seed
 ):
     """Without mean-field terms; those of the free energy are compared with differences above."""
-    samples, belief = random_posterior(seed, model)
-    sure = belief._replace(
+    samples, posterior = random_samples_and_posterior(seed, model)
+    sure = posterior._replace(
         **{
-            name: 0 * getattr(belief, name)
+            name: 0 * getattr(posterior, name)
             for name in ("state_covariance", "theta_covariance", "lambda_covariance")
         }
     )
     of_states = state_slope(sure)
-    close(-state_curvature(belief), of_states[1])
-    close(-theta_curvature(belief), theta_slope(sure)[1])
-    close(-lambda_curvature(belief), lambda_slope(sure)[1])
+    close(-state_curvature(posterior), of_states[1])
+    close(-theta_curvature(posterior), theta_slope(sure)[1])
+    close(-lambda_curvature(posterior), lambda_slope(sure)[1])
 
 
 @of_any_model
 def test_each_step_ends_where_the_gradient_of_the_free_energy_is_zero(model, seed):
     """By the gradients that the test above compares with differences."""
-    samples, belief = random_posterior(seed, model)
-    of_data, precision = state_slope(belief)
-    close(precision @ d_step(belief), of_data)
-    start_slope = abs(theta_slope(belief)[0]).max()
-    slope, _ = theta_slope(belief._replace(theta=e_step(belief)))
+    samples, posterior = random_samples_and_posterior(seed, model)
+    of_data, precision = state_slope(posterior)
+    close(precision @ d_step(posterior), of_data)
+    start_slope = abs(theta_slope(posterior)[0]).max()
+    slope, _ = theta_slope(posterior._replace(theta=e_step(posterior)))
     assert abs(slope).max() < 1e-6 * (start_slope + samples.number)
-    slope, _ = lambda_slope(belief._replace(lambda_=m_step(belief)))
+    slope, _ = lambda_slope(posterior._replace(lambda_=m_step(posterior)))
     assert abs(slope).max() < 1e-5 * samples.number
 
 
 @of_any_model
 def test_named_terms_sum_to_the_free_energy_at_optimal_precisions(model, seed):
     data = default_rng(seed).standard_normal((6, model.hidden.start))
-    samples = SufficientStatistics.of(data)
-    state_map, belief = random_belief(seed, model, samples)
-    belief = with_optimal_precisions(belief)
-    terms = optimal_terms(belief)
+    samples = SufficientStatistics.from_segments(data)
+    state_map, posterior = random_posterior(seed, model, samples)
+    posterior = with_optimal_covariances(posterior)
+    terms = free_energy_terms(posterior)
     estimated = (
-        samples.number * len(belief.state_covariance) + len(belief.theta) + len(belief.lambda_)
+        samples.number * len(posterior.state_covariance)
+        + len(posterior.theta)
+        + len(posterior.lambda_)
     )
-    action = SampleEnergy.of(belief).action(data, data @ state_map.T)
+    action = SampleFreeEnergy.from_posterior(posterior).action(data, data @ state_map.T)
     total = action + estimated / 2
     assert sum(terms.values()) == approx(total, rel=1e-9, abs=1e-6)
 
@@ -156,30 +158,30 @@ def test_the_energy_is_that_of_the_generative_model_written_out(model, seed):
     outputs = rng.standard_normal((5, m * (p + 1)))
     inputs = rng.standard_normal((5, r * (d + 1)))
     data = np.hstack([outputs, inputs])
-    samples = SufficientStatistics.of(data)
-    state_map, belief = random_belief(seed, model, samples)
-    A, B, C = unpack(belief.theta, n, r, m)
+    samples = SufficientStatistics.from_segments(data)
+    state_map, posterior = random_posterior(seed, model, samples)
+    A, B, C = unpack(posterior.theta, n, r, m)
     x, v = np.split(data @ state_map.T, [n * (p + 1)], axis=1)
     # Of the equation of order i, i + 1 of x on its left side, and i of x and of v on its right.
     left = np.kron(np.eye(q + 1, p + 1, 1), np.eye(n)) - np.kron(np.eye(q + 1, p + 1), A)
     of_x = x @ left.T - v @ np.kron(np.eye(q + 1, d + 1), B).T
     of_y = outputs - x @ np.kron(np.eye(p + 1), C).T
-    noise = np.exp(belief.lambda_)
+    noise = np.exp(posterior.lambda_)
     precision = block_diag(
         np.kron(model.output_correlation, np.diag(noise[model.output_groups])),
         model.input_precision,
         np.kron(model.state_correlation, np.diag(noise[model.state_groups])),
     )
     prior = model.prior
-    energy = log_density(belief.theta - prior.theta_mean, prior.theta_precision)
-    energy += log_density(belief.lambda_ - prior.lambda_mean, prior.lambda_precision)
+    energy = log_density(posterior.theta - prior.theta_mean, prior.theta_precision)
+    energy += log_density(posterior.lambda_ - prior.lambda_mean, prior.lambda_precision)
     for error, states in zip(np.hstack([of_y, v - inputs, of_x]), x, strict=True):
         energy += log_density(error, precision)
         if model.state_precision is not None:
             energy += log_density(states[:n], model.state_precision)
-        energy += logdet(belief.state_covariance) / 2
-    energy += (logdet(belief.theta_covariance) + logdet(belief.lambda_covariance)) / 2
-    terms = optimal_terms(belief)
+        energy += logdet(posterior.state_covariance) / 2
+    energy += (logdet(posterior.theta_covariance) + logdet(posterior.lambda_covariance)) / 2
+    terms = free_energy_terms(posterior)
     assert sum(terms.values()) == approx(energy, rel=1e-9)
 
 
@@ -188,7 +190,7 @@ def test_the_energy_is_that_of_the_generative_model_written_out(model, seed):
 @settings(max_examples=30)
 def test_a_climb_never_falls(model, seed):
     data = default_rng(seed).standard_normal((40, model.hidden.start))
-    climb = ascend(model, SufficientStatistics.of(data), 12)
+    climb = maximise_free_energy(model, SufficientStatistics.from_segments(data), 12)
     assert (np.diff(climb.free_energy) >= 0).all() and np.isfinite(climb.learning.theta).all()
     assert (
         len(climb.learning.theta) == len(climb.learning.lambda_) == len(climb.free_energy) <= 12 + 1
@@ -198,15 +200,15 @@ def test_a_climb_never_falls(model, seed):
 def problem(**settings):
     complete = Settings(**{"order": 3, "d": 2, "window": 9, "parameter_precision": 1.0, **settings})
     record = Record.from_flights(simulated(wind=0.5)[:700])
-    scaling = Scaling.of(record, complete)
+    scaling = Scaling.from_record(record, complete)
     model = generative_model(complete, scaling, record)
-    return model, SufficientStatistics.of(*generalized(complete, scaling, record))
+    return model, SufficientStatistics.from_segments(*generalized_data(complete, scaling, record))
 
 
 @mark.parametrize("settings", [{}, {"order": 2, "window": 3}])
 def test_a_climb_that_says_it_has_settled_has_nothing_left(settings):
     model, samples = problem(**settings)
-    finished = ascend(model, samples, 300)
+    finished = maximise_free_energy(model, samples, 300)
     assert finished.converged
-    belief = plain_rounds(model, samples, 300)[-1]
-    assert sum(optimal_terms(belief).values()) < finished.free_energy[-1] + 1
+    posterior = posterior_after_each_round(model, samples, 300)[-1]
+    assert sum(free_energy_terms(posterior).values()) < finished.free_energy[-1] + 1

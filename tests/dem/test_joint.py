@@ -8,17 +8,17 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx, fixture, mark
 from simulated import in_closed_loop
 
-from mavdem.dem.engine.linalg import ROUNDING
+from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE
 from mavdem.dem.forecast import joint
-from mavdem.dem.forecast.joint import LAGS, Choice, JointModel
+from mavdem.dem.forecast.joint import LAG_CANDIDATES, JointModel, VarHyperparameters
 from mavdem.dem.forecast.var import CONSTANT_RIDGE, LagStatistics, lagged, regress
 from mavdem.dem.online.ahead import OnlineForecaster
 from mavdem.dem.online.memory import SampleMemory
 from mavdem.dem.record import Record
 
 K = 2
-LONGER = Choice(4, 0.05)
-SHORTER = Choice(3, 0.3)
+LONGER = VarHyperparameters(4, 0.05)
+SHORTER = VarHyperparameters(3, 0.3)
 X_FRAME = np.array([1.0, -1.0, -1.0, 1.0]) / 2
 FLIGHT = replace(in_closed_loop(wind=10.0, samples=1000), effect_directions=X_FRAME)
 CHANNELS = np.hstack([FLIGHT.outputs, FLIGHT.inputs @ X_FRAME[:, None]])
@@ -34,9 +34,9 @@ def model():
 
 def regressed(choice):
     """Of a walk, by rows that every choice has: X (N, q), errors (N, k) of the prior mean, P, S = 1 + X P⁻¹ Xᵀ; F̄."""
-    most = LAGS[0]
+    most = LAG_CANDIDATES[0]
     lags = choice.lags
-    statistics = LagStatistics.of([WALK], most)
+    statistics = LagStatistics.from_segments([WALK], most)
     design = np.hstack([lagged(WALK, lags)[most - lags :], np.ones((len(WALK) - most, 1))])
     precision = CONSTANT_RIDGE * np.eye(lags * K + 1)
     precision[:-1, :-1] = np.kron(choice.prior, np.eye(K))
@@ -49,7 +49,7 @@ def regressed(choice):
 def test_the_terms_of_the_free_energy_are_what_they_are_named_and_sum_to_the_log_evidence(choice):
     """Given Σ, the samples are Gaussian about the random walk, of covariance Σ ⊗ (1 + X P⁻¹ Xᵀ)."""
     design, error, precision, spread, found = regressed(choice)
-    noise = error.T @ np.linalg.solve(spread, error) / len(design) + ROUNDING * np.eye(K)
+    noise = error.T @ np.linalg.solve(spread, error) / len(design) + ROUNDING_TOLERANCE * np.eye(K)
     covariance = np.kron(noise, spread)
     vector = error.T.ravel()
     evidence = -0.5 * (
@@ -79,7 +79,7 @@ def test_the_prior_is_of_each_lag():
 def test_predictions_are_the_process_s(model):
     combined = AHEAD[0] @ X_FRAME[:, None]
     plain = model.process.predict_every(model.past, 60, combined, AHEAD[1])
-    assert_array_equal(model.unknown_every(60, *AHEAD).mean, plain.mean)
+    assert_array_equal(model.rolling_forecast_unknown_inputs(60, *AHEAD).mean, plain.mean)
 
 
 def turned_by(direction, samples=6000):
@@ -106,7 +106,7 @@ def turned_by(direction, samples=6000):
 )
 def test_the_motors_that_turn_the_axis_are_found(direction):
     expected = np.array(direction) / np.linalg.norm(direction)
-    (found,) = joint.turning_combinations(turned_by(expected)).T
+    (found,) = joint.axis_mixer(turned_by(expected)).T
     assert np.linalg.norm(found) == approx(1)
     assert abs(found @ expected) > 0.98
 
@@ -114,15 +114,15 @@ def test_the_motors_that_turn_the_axis_are_found(direction):
 def test_motors_that_answer_the_axis_turn_it_where_slow_ones_tell_its_future_as_well():
     noise = np.outer(default_rng(0).standard_normal(700), 20 * X_FRAME)
     inputs = TRAIN.inputs + noise + np.outer(np.arange(700), [1, 1, -1, -1])
-    (found,) = joint.turning_combinations(replace(TRAIN, inputs=inputs, effect_directions=None)).T
+    (found,) = joint.axis_mixer(replace(TRAIN, inputs=inputs, effect_directions=None)).T
     assert_array_equal(found, X_FRAME)
 
 
 def test_known_directions_are_taken_and_inputs_that_are_no_rotors_as_they_are():
-    assert_array_equal(joint.known_combinations(2, None), np.eye(2))
-    assert joint.known_combinations(4, np.zeros(4)) is None
+    assert_array_equal(joint.known_axis_mixer(2, None), np.eye(2))
+    assert joint.known_axis_mixer(4, np.zeros(4)) is None
     given = replace(turned_by(X_FRAME, 300), effect_directions=np.array([3.0, 3.0, -3.0, -3.0]))
-    assert_allclose(joint.turning_combinations(given)[:, 0], [0.5, 0.5, -0.5, -0.5])
+    assert_allclose(joint.axis_mixer(given)[:, 0], [0.5, 0.5, -0.5, -0.5])
 
 
 @mark.slow
@@ -133,7 +133,10 @@ def test_bands_hold_nine_of_ten_at_every_horizon():
         learnt = JointModel.learn(Record.from_flights(flight[:700]))
         outputs = flight.outputs[700:]
         for steps in (10, 50, 150):
-            for made in (learnt.known_every, learnt.unknown_every):
+            for made in (
+                learnt.rolling_forecast_known_inputs,
+                learnt.rolling_forecast_unknown_inputs,
+            ):
                 mean, variance = made(steps, flight.inputs[700:], outputs)
                 inside.append(
                     (abs(outputs - mean) <= learnt.half_widths(variance, 0.9, steps)).mean()

@@ -20,9 +20,9 @@ from mavdem.dem.engine.generative import (
     temporal_covariance,
     temporal_precision,
 )
-from mavdem.dem.engine.kalman import GaussianModel, smoothed, steady_gain
+from mavdem.dem.engine.kalman import LinearGaussianModel, smooth_states, steady_state_gain
 from mavdem.dem.engine.linalg import inverse, logdet, normal_draws, solve
-from mavdem.dem.engine.model import WORST_MODES, discretize, pack, recursion, unpack
+from mavdem.dem.engine.model import MAX_MODE_CONDITION, discretize, linear_recursion, pack, unpack
 from mavdem.dem.engine.state_space import filter_gain
 
 
@@ -44,10 +44,10 @@ def test_first_order_hold_agrees_with_scipy(seed, n, r):
     B = rng.standard_normal((n, r))
     dt = 0.05
     step = discretize(A, B, dt)
-    assert_allclose(step.state, expm(A * dt), atol=1e-12)
+    assert_allclose(step.Phi, expm(A * dt), atol=1e-12)
     # SciPy's first-order hold moves Γ₁ into the output equation: its input matrix is Γ₀ + Φ Γ₁.
     phi, gamma, *_ = cont2discrete((A, B, np.eye(n), np.zeros((n, r))), dt, "foh")
-    assert_allclose(step.input_now + step.state @ step.input_next, gamma, atol=1e-12)
+    assert_allclose(step.Gamma0 + step.Phi @ step.Gamma1, gamma, atol=1e-12)
 
 
 @given(seed=seeds, size=st.integers(1, 8))
@@ -82,9 +82,9 @@ GROWING = np.array([[1.01, 1.0, 0.0], [0.0, 1.01, 1.0], [0.0, 0.0, 0.9]])
 @mark.parametrize("samples", [1, 2, 26, 400])
 @mark.parametrize("F", [DEFECTIVE, FORGETTING, GROWING])
 def test_defective_dynamics_run_as_sample_by_sample(F, samples):
-    assert np.linalg.cond(np.linalg.eig(F)[1]) > WORST_MODES
+    assert np.linalg.cond(np.linalg.eig(F)[1]) > MAX_MODE_CONDITION
     pushes = default_rng(0).standard_normal((samples, 3))
-    states = recursion(F, pushes, np.ones(3))
+    states = linear_recursion(F, pushes, np.ones(3))
     expected = []
     state = np.ones(3)
     for push in pushes:
@@ -108,26 +108,26 @@ def test_the_innovation_form_is_the_filter_of_textbooks(seed):
     u = rng.standard_normal((40, 2))
     corrected, ahead = textbook.corrected(u, y)
     scale = abs(corrected).max()
-    assert_allclose(predictor.one_step(u, y), ahead, atol=1e-8 * scale)
+    assert_allclose(predictor.one_step_predictions(u, y), ahead, atol=1e-8 * scale)
     # The state of the innovation form is the predicted one, less what the sample's own inputs add.
     predicted = [
         textbook._moved(state, now, now * 0) for state, now in zip(corrected, u, strict=True)
     ]
-    start = predictor.second(u[0], y[0])
-    states = predictor.filtered(start, u[1:], y[1:])
+    start = predictor.second_state(u[0], y[0])
+    states = predictor.predicted_states(start, u[1:], y[1:])
     assert_allclose(states, predicted, atol=1e-8 * scale)
-    assert_allclose(predictor.at_end(u, y), states[-1], atol=0)
+    assert_allclose(predictor.state_after(u, y), states[-1], atol=0)
 
     forecast = textbook.forecast(corrected[9], u[9:])
     scale = abs(forecast).max()
-    assert_allclose(predictor.simulated(states[9], u[10:]), forecast, atol=1e-8 * scale)
-    from_there = predictor.simulated_from(np.array([10]), 30, states[[9]], u)
+    assert_allclose(predictor.simulate(states[9], u[10:]), forecast, atol=1e-8 * scale)
+    from_there = predictor.simulate_from(np.array([10]), 30, states[[9]], u)
     assert_allclose(from_there[0], forecast, atol=1e-8 * scale)
-    every = predictor.simulated_every(7, start, u[1:], y[1:])
+    every = predictor.rolling_forecast(7, start, u[1:], y[1:])
     assert_allclose(every[14:21], textbook.forecast(corrected[14], u[14:])[:7], atol=1e-8 * scale)
     # One sample has no prediction.
-    assert predictor.one_step(np.ones((1, 2)), np.ones((1, 2))).shape == (0, 2)
-    assert predictor.simulated(np.ones(3), np.ones((0, 2))).shape == (0, 2)
+    assert predictor.one_step_predictions(np.ones((1, 2)), np.ones((1, 2))).shape == (0, 2)
+    assert predictor.simulate(np.ones(3), np.ones((0, 2))).shape == (0, 2)
 
 
 @mark.parametrize("smoothness", [0.002, 0.5])
@@ -178,7 +178,7 @@ def random_gaussian_model(seed, n, k, m, radius=0.9):
     A = rng.standard_normal((n, n))
     A *= radius / abs(np.linalg.eigvals(A)).max()
     roots = rng.standard_normal((n, n)), rng.standard_normal((m, m))
-    return GaussianModel(
+    return LinearGaussianModel(
         A,
         rng.standard_normal((n, k)),
         rng.standard_normal(n),
@@ -237,14 +237,14 @@ def test_it_is_the_joint_gaussian_given_the_outputs(seed, n, k, m, samples, radi
         start, inputs, outputs = (
             rng.standard_normal(shape) for shape in (n, (samples, k), (samples, m))
         )
-        states = smoothed(model, start, inputs, outputs)
+        states = smooth_states(model, start, inputs, outputs)
     means, covariances, log_likelihood = joint(model, start, inputs, outputs)
     scale = abs(means).max() + 1
     assert_allclose(states.means, means, atol=1e-7 * scale)
     for t in range(samples):
         assert_allclose(states.covariances[t], covariances[t, :, t], atol=1e-7)
         if t:
-            assert_allclose(states.lagged[t - 1], covariances[t, :, t - 1], atol=1e-7)
+            assert_allclose(states.lag_one_covariances[t - 1], covariances[t, :, t - 1], atol=1e-7)
     assert states.log_likelihood == approx(log_likelihood, rel=1e-7, abs=1e-6)
 
 
@@ -260,17 +260,17 @@ def test_the_steady_gain_is_that_of_riccati_s_equation(noise, radius):
     root[4:] *= np.sqrt(noise)
     Q, S, _, R = (half for rows in np.split(root @ root.T, [4]) for half in np.split(rows, [4], 1))
     expected = solve_discrete_are(A.T, C.T, Q, R, s=S)
-    gain, P = steady_gain(A, C, Q, R, S)
+    gain, P = steady_state_gain(A, C, Q, R, S)
     assert_allclose(P, expected, atol=1e-6 * abs(expected).max())
     innovations = C @ expected @ C.T + R
     assert_allclose(gain @ innovations, A @ expected @ C.T + S, atol=1e-6 * abs(expected).max())
-    several, _ = steady_gain(A[None], C, Q[None], R[None], S[None])
+    several, _ = steady_state_gain(A[None], C, Q[None], R[None], S[None])
     assert_allclose(several[0], gain, atol=1e-6 * abs(gain).max())
 
 
 def test_a_state_that_grows_unseen_has_no_steady_gain():
     with raises(np.linalg.LinAlgError, match="no steady filter"):
-        steady_gain(np.diag([1.1, 0.5]), np.array([[0.0, 1.0]]), np.eye(2), np.eye(1))
+        steady_state_gain(np.diag([1.1, 0.5]), np.array([[0.0, 1.0]]), np.eye(2), np.eye(1))
 
 
 def test_draws_have_the_mean_and_the_covariance_that_are_asked_for():

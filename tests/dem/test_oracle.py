@@ -9,8 +9,8 @@ from oracle import case_a_generalized, case_a_model, case_a_truth, load, needs_o
 from pytest import approx, mark
 
 import mavdem
-from mavdem.dem.engine.ascent import plain_rounds
-from mavdem.dem.engine.free_energy import SampleEnergy
+from mavdem.dem.engine.ascent import posterior_after_each_round
+from mavdem.dem.engine.free_energy import SampleFreeEnergy
 from mavdem.dem.engine.generative import SufficientStatistics, taylor_weights
 
 pytestmark = needs_oracle
@@ -27,15 +27,16 @@ def test_case_a_ends_near_theirs_and_nearer_the_truth():
     model = case_a_model(data)
     samples = case_a_generalized(data)
     truth = case_a_truth(data)
-    beliefs = plain_rounds(model, SufficientStatistics.of(samples), 150)
+    posteriors = posterior_after_each_round(model, SufficientStatistics.from_segments(samples), 150)
     published = theirs["theta"].ravel()
     # Measured: 0.0085 from their 20th after 20 rounds, 0.0020 from their 150th after 150.
     for rounds in (20, 150):
-        assert abs(beliefs[rounds].theta - theirs["theta_mem"][:, rounds]).max() < 1e-2
-    assert np.linalg.norm(beliefs[-1].theta - truth) < np.linalg.norm(published - truth)
-    assert beliefs[-1].lambda_[0] == approx(theirs["h"].ravel()[0], abs=0.1)
+        assert abs(posteriors[rounds].theta - theirs["theta_mem"][:, rounds]).max() < 1e-2
+    assert np.linalg.norm(posteriors[-1].theta - truth) < np.linalg.norm(published - truth)
+    assert posteriors[-1].lambda_[0] == approx(theirs["h"].ravel()[0], abs=0.1)
     heights = [
-        SampleEnergy.of(belief).action(samples, samples @ belief.state_map.T) for belief in beliefs
+        SampleFreeEnergy.from_posterior(posterior).action(samples, samples @ posterior.state_map.T)
+        for posterior in posteriors
     ]
     assert (np.diff(heights) >= 0).all()
 

@@ -9,14 +9,19 @@ from simulated import simulated
 
 from mavdem import Flight
 from mavdem.dem import order_choice
-from mavdem.dem.order_choice import STANDARD_ERRORS, FlightOrders, OrderChoice, orders_of
+from mavdem.dem.order_choice import (
+    STANDARD_ERRORS,
+    FlightFreeEnergy,
+    OrderChoice,
+    free_energy_by_order,
+)
 from mavdem.facts.model import ModelRefusal, OrderFact
 from mavdem.report.comparison import order_report
 
 
 def choice(*flights):
     return OrderChoice(
-        tuple(FlightOrders(np.array(heights), 0.1, 100.0, ()) for heights in flights)
+        tuple(FlightFreeEnergy(np.array(heights), 0.1, 100.0, ()) for heights in flights)
     )
 
 
@@ -61,12 +66,12 @@ def test_a_choice_says_why():
 @mark.parametrize("arguments", [{"max_order": 0}, {"max_order": 9}])
 def test_what_is_no_argument_is_named(arguments):
     with raises(ValueError, match=next(iter(arguments))):
-        orders_of(simulated(samples=200), **arguments)
+        free_energy_by_order(simulated(samples=200), **arguments)
 
 
 @mark.slow
 def test_orders_that_the_data_do_not_allow_or_that_break_down_are_said(monkeypatch):
-    found = orders_of(simulated(samples=100, wind=1.0), max_order=6)
+    found = free_energy_by_order(simulated(samples=100, wind=1.0), max_order=6)
     told_orders = np.isfinite(found.free_energy)
     assert told_orders[0] and not told_orders[-1]
     (remark,) = found.remarks
@@ -74,13 +79,13 @@ def test_orders_that_the_data_do_not_allow_or_that_break_down_are_said(monkeypat
     assert remark.figures["order"] == told_orders.sum() + 1 == int(found.samples * 2 / 7) + 1
     fits = (Mock(free_energy=5.0), None)
     monkeypatch.setattr(order_choice, "fits_by_order", lambda *_: fits)
-    (remark,) = orders_of(simulated(samples=200), max_order=2).remarks
+    (remark,) = free_energy_by_order(simulated(samples=200), max_order=2).remarks
     assert (remark.code, remark.figures["order"]) == (OrderFact.ORDER_BROKE_DOWN, 2)
-    few = refused(orders_of, simulated(samples=40, wind=1.0))
+    few = refused(free_energy_by_order, simulated(samples=40, wind=1.0))
     assert few.code is ModelRefusal.TOO_FEW_TO_CHOOSE_ORDER
 
 
 def test_a_ramp_whose_rate_never_changes_has_no_order():
     flight = simulated(samples=700)
     ramp = Flight(flight.time, flight.inputs, flight.time)
-    assert refused(orders_of, ramp, max_order=1).code is ModelRefusal.NO_ORDER_FITTED
+    assert refused(free_energy_by_order, ramp, max_order=1).code is ModelRefusal.NO_ORDER_FITTED

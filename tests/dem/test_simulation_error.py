@@ -28,12 +28,12 @@ def climb_of(flight):
     scaling = fitted.scaling
     model = fitted.model
     segments = [(scaling.scale_inputs(u), scaling.scale_outputs(y)) for u, y in record.segments]
-    stretches = simulation_error.SimulationSegments.of(segments, 30)
+    stretches = simulation_error.SimulationSegments.from_segments(segments, 30)
     places = np.array([3, 4, 8, 14, 15, 19])
     mean = model.prior.theta_mean[places]
     precision = np.diag(np.linspace(0.1, 1.0, len(places)))
     climb = simulation_error.SimulationError(
-        fitted.ascent.belief.theta,
+        fitted.ascent.posterior.theta,
         places,
         mean,
         precision,
@@ -42,7 +42,7 @@ def climb_of(flight):
         record.dt,
         stretches,
     )
-    return climb, fitted.ascent.belief.theta[places]
+    return climb, fitted.ascent.posterior.theta[places]
 
 
 def test_errors_are_those_of_forecasts_that_begin_at_every_middle():
@@ -65,12 +65,12 @@ def test_slopes_and_curvature_are_those_of_the_height():
     def height(at):
         return climb.value(at)
 
-    here = climb.quadratic(free)
+    here = climb.expand(free)
     steps = 1e-4 * np.maximum(1.0, abs(free))
     by_differences = [
         (height(free + step) - height(free - step)) / (2 * step.max()) for step in np.diag(steps)
     ]
-    assert_allclose(here.slope, by_differences, rtol=1e-3, atol=1e-4 * abs(here.slope).max())
+    assert_allclose(here.gradient, by_differences, rtol=1e-3, atol=1e-4 * abs(here.gradient).max())
     assert np.linalg.eigvalsh(here.curvature).min() > 0
 
 
@@ -115,7 +115,10 @@ def test_the_horizon_lasts_as_long_at_every_rate(rate):
     record = Record.from_flights(Flight(np.arange(7 * rate) / rate, *resampled))
     settings = replace(COMPLETE, window=5)
     fitted = fit(record, settings)
-    assert simulation_error.horizon_of(fitted.model, settings, fitted.scaling, record) == 0.3 * rate
+    assert (
+        simulation_error.simulation_horizon(fitted.model, settings, fitted.scaling, record)
+        == 0.3 * rate
+    )
 
 
 @mark.slow
@@ -135,13 +138,13 @@ def test_nothing_runs_across_a_gap_and_long_flights_are_thinned():
         (flight.inputs[:150], flight.outputs[:150]),
         (flight.inputs[200:], flight.outputs[200:]),
     ]
-    both = simulation_error.SimulationSegments.of(parts, 30)
-    alone = [simulation_error.SimulationSegments.of([part], 30) for part in parts]
+    both = simulation_error.SimulationSegments.from_segments(parts, 30)
+    alone = [simulation_error.SimulationSegments.from_segments([part], 30) for part in parts]
     assert both is not None and all(alone)
     assert_array_equal(both.outputs, np.concatenate([each.outputs for each in alone], axis=2))
     assert both.number == approx((150 + 200) / 30)
     nothing = np.zeros((simulation_error.MAX_SEGMENTS * 20, 1))
-    many = simulation_error.SimulationSegments.of([(nothing, nothing)], 30)
+    many = simulation_error.SimulationSegments.from_segments([(nothing, nothing)], 30)
     assert many.outputs.shape[2] == simulation_error.MAX_SEGMENTS
     assert many.number == approx(simulation_error.MAX_SEGMENTS * 20 / 30)
 

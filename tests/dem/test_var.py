@@ -9,9 +9,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from mavdem import Flight
 from mavdem.dem.forecast.var import (
     RIDGE,
-    ChannelUnits,
+    ChannelScaling,
     LagStatistics,
-    Var,
+    VectorAutoregression,
     initial_lags,
     lag_prior,
     regress,
@@ -28,11 +28,11 @@ CHANNELS = OUTPUTS + INPUTS
 def model():
     rng = default_rng(0)
     root = rng.standard_normal((CHANNELS, CHANNELS))
-    return Var(
+    return VectorAutoregression(
         coefficients=0.12 * rng.standard_normal((LAGS, CHANNELS, CHANNELS)),
         offset=rng.standard_normal(CHANNELS),
         covariance=root @ root.T,
-        units=ChannelUnits(np.zeros(CHANNELS), np.ones(CHANNELS)),
+        units=ChannelScaling(np.zeros(CHANNELS), np.ones(CHANNELS)),
     )
 
 
@@ -47,10 +47,10 @@ def run(true, samples, seed=1):
 
 
 def fitted(segments):
-    statistics = LagStatistics.of(segments, LAGS)
+    statistics = LagStatistics.from_segments(segments, LAGS)
     found = regress(statistics.gram, statistics.rows, lag_prior(LAGS, RIDGE))
     k = found.mean.shape[1]
-    return Var.of(found, ChannelUnits(np.zeros(k), np.ones(k)))
+    return VectorAutoregression.from_regression(found, ChannelScaling(np.zeros(k), np.ones(k)))
 
 
 def joint(true, past, steps):

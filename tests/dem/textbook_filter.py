@@ -21,7 +21,7 @@ class TextbookFilter(NamedTuple):
 
     @property
     def predictor(self):
-        return StateSpace.of_transition(self.transition, self.C, self.gain)
+        return StateSpace.from_transition(self.transition, self.C, self.gain)
 
     def corrected(self, inputs, outputs):
         """(T, n): corrected states, the first from its outputs alone; and (T − 1, m) predictions."""

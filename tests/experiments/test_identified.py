@@ -23,8 +23,8 @@ from scipy.stats import chi2
 
 from mavdem import Flight, Forecaster, baselines
 from mavdem.baselines import StateSpace
-from mavdem.dem.engine.kalman import GaussianModel, smoothed
-from mavdem.dem.engine.linalg import ROUNDING
+from mavdem.dem.engine.kalman import LinearGaussianModel, smooth_states
+from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE
 from mavdem.dem.record import Record
 from mavdem.experiments.methods import maximum_likelihood, subspace_identification
 from mavdem.experiments.methods.identified import Units
@@ -78,7 +78,7 @@ def noisy_system(order):
     """With noises of states and outputs that do not know of each other."""
     system = random_system(order, order, noise=1.0)
     Q, R = 0.05 * np.eye(order), 0.1 * np.eye(2)
-    return GaussianModel(
+    return LinearGaussianModel(
         system.A, 0.5 * system.B, system.offset, system.C, np.array([0.3, -0.2]), Q=Q, R=R
     )
 
@@ -105,7 +105,7 @@ def test_em_recovers_a_system_as_well_as_can_be(order, feedback):
     ]
     found = iterated(segments, order).log_likelihoods[-1]
     of_truth = sum(
-        smoothed(truth, np.zeros(order), *segment).log_likelihood for segment in segments
+        smooth_states(truth, np.zeros(order), *segment).log_likelihood for segment in segments
     )
     # Input and noise answers, the noises' size, what is constant, and where two segments begin.
     freedom = order * (2 + 2 * 2) + 3 + 2 + 2 * order
@@ -121,7 +121,7 @@ def test_the_likelihood_rises_and_covariances_stay_positive(train):
     likelihoods = np.array(fitted.log_likelihoods)
     assert np.diff(likelihoods).min() > -1e-8 * abs(likelihoods).max()
     for covariance in (fitted.model.Q, fitted.model.R):
-        assert np.linalg.eigvalsh(covariance).min() > 0.99 * ROUNDING
+        assert np.linalg.eigvalsh(covariance).min() > 0.99 * ROUNDING_TOLERANCE
 
 
 def test_a_breakdown_is_an_error(monkeypatch):
@@ -139,7 +139,7 @@ def error_of(model, system, samples, **how):
     """
     flight = flown(system, 2, 4 * samples, **how)
     found, true = (
-        one.predicted(np.zeros(len(one.A)), flight.inputs, flight.outputs)[100:]
+        one.predicted_outputs(np.zeros(len(one.A)), flight.inputs, flight.outputs)[100:]
         for one in (model, system)
     )
     return np.sum((found - true) ** 2) / 0.1**2 / 4
@@ -234,7 +234,7 @@ def test_more_states_than_the_data_have_are_refused(monkeypatch):
     def unobservable(*arguments):
         raise np.linalg.LinAlgError
 
-    monkeypatch.setattr(subspace_identification, "steady_gain", unobservable)
+    monkeypatch.setattr(subspace_identification, "steady_state_gain", unobservable)
     assert refused(baselines.subspace, TRAIN, 2).code is Forecasts.NOT_OBSERVABLE
 
 

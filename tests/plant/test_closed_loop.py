@@ -8,7 +8,7 @@ from numpy.random import default_rng
 from pytest import approx, mark, raises
 from scipy.signal import cont2discrete, lfilter
 
-from mavdem.dem.engine.gauss_newton import Quadratic
+from mavdem.dem.engine.gauss_newton import QuadraticExpansion
 from mavdem.plant.closed_loop.densities import KnownController
 from mavdem.plant.closed_loop.identification import (
     IdentifiedAxis,
@@ -141,12 +141,12 @@ def test_the_slopes_are_those_of_the_value(late):
     begins = 0, 0, late, late
     streams = [sent(one, 4, begin) for begin, one in zip(begins, FLOWN, strict=True)]
     one = AxisPosterior(spectra(streams, STARTS), KNOWN, 0.0)
-    about = one.quadratic(KNOWN_PLANT)
+    about = one.expand(KNOWN_PLANT)
     for k, name in enumerate(NAMES):
         step = np.eye(len(NAMES))[k] * 1e-4 * SD[k]
         slope = (one.value(KNOWN_PLANT + step) - one.value(KNOWN_PLANT - step)) / (2 * step[k])
         sd = np.sqrt(about.curvature[k, k])
-        assert about.slope[k] == approx(slope, rel=1e-3, abs=1e-3 * sd), name
+        assert about.gradient[k] == approx(slope, rel=1e-3, abs=1e-3 * sd), name
 
 
 def test_nothing_asked_is_nothing_steered():
@@ -174,12 +174,12 @@ def test_maxima_at_several_times_of_steps_count_as_their_evidence_and_each_once(
     one, other = (MEAN + far * (np.arange(size) == STEP_TIME) for far in (-2.0, 2.0))
     other[0] += 1.0
     values = (one, 5.0), (other, 5.0 + np.log(3)), (other + 1e-3, 4.9 + np.log(3))
-    ended = [Quadratic(at, value, 0 * at, 4 * np.eye(size)) for at, value in values]
+    ended = [QuadraticExpansion(at, value, 0 * at, 4 * np.eye(size)) for at, value in values]
     found = _averaged(axis, ended)
     assert found.theta[[0, STEP_TIME]] == approx([MEAN[0] + 0.75, 1.0])
     assert found.covariance[0, [0, STEP_TIME]] == approx([0.6 / 4 + 0.4 / 16 + 3 / 16, 4 * 3 / 16])
     with raises(np.linalg.LinAlgError):
-        _averaged(axis, [Quadratic(MEAN, -np.inf, MEAN, np.eye(size))])
+        _averaged(axis, [QuadraticExpansion(MEAN, -np.inf, MEAN, np.eye(size))])
 
 
 def test_the_quicker_pole_is_the_lags():

@@ -84,11 +84,11 @@ def test_the_slope_of_the_log_joint_is_that_of_its_value():
     windows = FlightWindows.of(inputs, rate, answers(inputs, rate), DT)
     plain, start = directed(windows, np.sign(MOTORS))
     objective = LogJoint(plain, windows)
-    about = objective.quadratic(start)
-    for place, slope in enumerate(about.slope):
+    about = objective.expand(start)
+    for place, slope in enumerate(about.gradient):
         step = 1e-5 * np.eye(len(start))[place]
         ends = [objective.value(start + side * step) for side in (-1, 1)]
-        assert slope == approx(np.diff(ends)[0] / 2e-5, abs=1e-2 * abs(about.slope).max())
+        assert slope == approx(np.diff(ends)[0] / 2e-5, abs=1e-2 * abs(about.gradient).max())
 
 
 @mark.slow

@@ -12,7 +12,7 @@ from test_model import joint
 from test_physical import TRUE
 
 from mavdem.confidence import coverage_factor
-from mavdem.dem.engine.kalman import GaussianModel
+from mavdem.dem.engine.kalman import LinearGaussianModel
 from mavdem.dem.online.memory import SampleMemory
 from mavdem.dem.record import Record
 from mavdem.facts.identifiability import Status
@@ -49,17 +49,17 @@ def test_the_smoother_is_the_posterior_of_the_joint_gaussian(components, damping
     of = plant(damping, 0.05, components, 0.02)
     found = of.smoothed(of.filter(noise), commanded, 0.7, rate)
     early, late = delayed(commanded[:, None], 0.7)
-    pushed = np.column_stack([of.step.input_now[:, 0], of.step.input_next[:, 0]])
+    pushed = np.column_stack([of.step.Gamma0[:, 0], of.step.Gamma1[:, 0]])
     n = len(of.wind)
     one = np.eye(1, n)
     nothing = np.zeros(n)
-    model = GaussianModel(
-        of.step.state, pushed, nothing, one, np.zeros(1), of.process, np.array([[noise**2]])
+    model = LinearGaussianModel(
+        of.step.Phi, pushed, nothing, one, np.zeros(1), of.process, np.array([[noise**2]])
     )
     start = nothing.copy()
     start[:2] = rate[0], commanded[0]
     pushes = np.append(np.column_stack([early, late]), [[0.0, 0.0]], axis=0)[:90]
-    steady = of.filter(noise).covariance
+    steady = of.filter(noise).P
     means, covariances, _ = joint(model, start, pushes, rate[:, None], steady)
     mean = means @ of.wind
     variance = np.einsum("i,titj,j->t", of.wind, covariances, of.wind)

@@ -10,12 +10,12 @@ from numpy.linalg import LinAlgError
 
 from mavdem.arrays import Array, ArrayPair
 from mavdem.dem.engine import steps
-from mavdem.dem.engine.free_energy import Belief, optimal_terms
+from mavdem.dem.engine.free_energy import Posterior, free_energy_terms
 from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics
 from mavdem.dem.engine.linalg import inverse
 
 # F̄ has converged when a round gains less: so little does not separate two models
-CONVERGED_NATS = 0.02
+CONVERGED_ROUND_NATS = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class Learning:
 
     Attributes:
         theta, theta_sd: (I + 1, k) in physical units, θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)] without the trim offset; those of
-            an ``Ascent`` in the engine's, with it.
+            an ``CoordinateAscent`` in the engine's, with it.
         lambda_, lambda_sd: (I + 1, g) log noise precisions in the engine's units: measurement noise, process noise.
     """
 
@@ -65,13 +65,13 @@ class Learning:
 
 
 @dataclass(frozen=True, eq=False)
-class Ascent:
+class CoordinateAscent:
     """The iterations of one fit, in the engine's units."""
 
-    belief: Belief  # at the end
+    posterior: Posterior  # at the end
     free_energy: FreeEnergy
     learning: Learning
-    # whether a round gained less than ``CONVERGED_NATS`` before the iterations ran out
+    # whether a round gained less than ``CONVERGED_ROUND_NATS`` before the iterations ran out
     converged: bool
 
 
@@ -79,16 +79,18 @@ ROUNDS_AT_FIXED_THETA = 3  # rounds of D and M steps with θ fixed: λ and X the
 LARGEST_LAMBDA = 150.0  # noise precisions beyond e^±150 are lost in rounding
 
 
-def ascend(model: GenerativeModel, samples: SufficientStatistics, iterations: int) -> Ascent:
+def maximise_free_energy(
+    model: GenerativeModel, samples: SufficientStatistics, iterations: int
+) -> CoordinateAscent:
     """Maximises F̄ by at most ``iterations`` rounds from the priors' means.
 
     After each round the covariances are set to their optimum, so F̄ᵒ increases monotonically. When a round gains less
-    than ``CONVERGED_NATS``, F̄ has converged. ``LinAlgError`` where at the start a curvature is not negative definite.
+    than ``CONVERGED_ROUND_NATS``, F̄ has converged.
     """
     iterates, converged = continued(started(model, samples), iterations)
-    beliefs = [iterate.belief for iterate in iterates]
-    return Ascent(
-        belief=beliefs[-1],
+    posteriors = [iterate.posterior for iterate in iterates]
+    return CoordinateAscent(
+        posterior=posteriors[-1],
         free_energy=FreeEnergy(
             {
                 name: np.array([iterate.terms[name] for iterate in iterates])
@@ -96,30 +98,30 @@ def ascend(model: GenerativeModel, samples: SufficientStatistics, iterations: in
             }
         ),
         learning=Learning(
-            np.array([belief.theta for belief in beliefs]),
-            np.sqrt([np.diag(belief.theta_covariance) for belief in beliefs]),
-            np.array([belief.lambda_ for belief in beliefs]),
-            np.sqrt([np.diag(belief.lambda_covariance) for belief in beliefs]),
+            np.array([posterior.theta for posterior in posteriors]),
+            np.sqrt([np.diag(posterior.theta_covariance) for posterior in posteriors]),
+            np.array([posterior.lambda_ for posterior in posteriors]),
+            np.sqrt([np.diag(posterior.lambda_covariance) for posterior in posteriors]),
         ),
         converged=converged,
     )
 
 
-def plain_rounds(
+def posterior_after_each_round(
     model: GenerativeModel, samples: SufficientStatistics, number: int
-) -> list[Belief]:
-    """Returns the belief at the start and after each of so many rounds, without a test of convergence."""
+) -> list[Posterior]:
+    """Returns the posterior at the start and after each of so many rounds, without a test of convergence."""
     iterates = [started(model, samples)]
     for _ in range(number):
-        iterates.append(_round(iterates[-1], iterates[-1].belief))
-    return [iterate.belief for iterate in iterates]
+        iterates.append(_round(iterates[-1], iterates[-1].posterior))
+    return [iterate.posterior for iterate in iterates]
 
 
 @dataclass(frozen=True, eq=False)
 class Iterate:
-    """One iterate of the ascent: a belief with optimal precisions, and the terms of F̄ᵒ by name."""
+    """One iterate of the ascent: a posterior with optimal precisions, and the terms of F̄ᵒ by name."""
 
-    belief: Belief
+    posterior: Posterior
     terms: Mapping[str, float]
 
     @property
@@ -141,9 +143,9 @@ def started(
     certain = np.zeros_like(prior.theta_precision)
     uncertain = inverse(prior.lambda_precision) if lambda_covariance is None else lambda_covariance
     none = np.empty(0)
-    unstated = GeneralizedMoments.of(model, samples, np.empty((0, len(samples.gram))))
-    belief = Belief(unstated, none, theta, certain, lambda_, uncertain)
-    return _iterate(_d_step(belief))
+    unstated = GeneralizedMoments.from_state_map(model, samples, np.empty((0, len(samples.gram))))
+    posterior = Posterior(unstated, none, theta, certain, lambda_, uncertain)
+    return _iterate(_d_step(posterior))
 
 
 def continued(start: Iterate, iterations: int) -> tuple[list[Iterate], bool]:
@@ -156,11 +158,11 @@ def continued(start: Iterate, iterations: int) -> tuple[list[Iterate], bool]:
     reach = 0.0
     while len(iterates) <= iterations:
         now = iterates[-1]
-        before = iterates[-2:][0].belief
-        theta = now.belief.theta + reach * (now.belief.theta - before.theta)
-        lambda_ = now.belief.lambda_ + reach * (now.belief.lambda_ - before.lambda_)
-        then = _round(now, now.belief._replace(theta=theta, lambda_=lambda_))
-        gains = then.free_energy - now.free_energy > CONVERGED_NATS
+        before = iterates[-2:][0].posterior
+        theta = now.posterior.theta + reach * (now.posterior.theta - before.theta)
+        lambda_ = now.posterior.lambda_ + reach * (now.posterior.lambda_ - before.lambda_)
+        then = _round(now, now.posterior._replace(theta=theta, lambda_=lambda_))
+        gains = then.free_energy - now.free_energy > CONVERGED_ROUND_NATS
         if gains or not reach:
             iterates.append(then)
         if not gains and not reach:
@@ -169,46 +171,48 @@ def continued(start: Iterate, iterations: int) -> tuple[list[Iterate], bool]:
     return iterates, False
 
 
-def at_theta(theta: Array, belief: Belief) -> Belief:
-    """Takes D and M steps in turn with θ fixed at ``theta``, from a belief, to the λ and X that belong to that θ."""
-    belief = _d_step(belief._replace(theta=theta))
+def condition_on_theta(theta: Array, posterior: Posterior) -> Posterior:
+    """Takes D and M steps in turn with θ fixed at ``theta``, from a posterior, to the λ and X that belong to that θ."""
+    posterior = _d_step(posterior._replace(theta=theta))
     for _ in range(ROUNDS_AT_FIXED_THETA):
-        belief = steps.with_optimal_precisions(belief)
-        belief = belief._replace(lambda_=_m_step(belief))
-        belief = _d_step(belief)
-    return steps.with_optimal_precisions(belief)
+        posterior = steps.with_optimal_covariances(posterior)
+        posterior = posterior._replace(lambda_=_m_step(posterior))
+        posterior = _d_step(posterior)
+    return steps.with_optimal_covariances(posterior)
 
 
-def _round(now: Iterate, start: Belief) -> Iterate:
+def _round(now: Iterate, start: Posterior) -> Iterate:
     """D, E and M steps from ``start``; ``now`` again if F̄ᵒ would decrease.
 
     From ``now`` itself only rounding can decrease it; from further on anything can. The covariances are updated at the
     end of the round: updating them after each step as well would raise F̄ hardly more, at twice the cost.
     """
     try:
-        belief = _d_step(start)
-        belief = belief._replace(theta=steps.e_step(belief))
-        belief = belief._replace(lambda_=_m_step(belief))
-        then = _iterate(belief)
+        posterior = _d_step(start)
+        posterior = posterior._replace(theta=steps.e_step(posterior))
+        posterior = posterior._replace(lambda_=_m_step(posterior))
+        then = _iterate(posterior)
     except (LinAlgError, FloatingPointError):
         # Noise so small, or a start so far, that the rest is lost in rounding.
         return now
     return then if then.free_energy >= now.free_energy else now
 
 
-def _d_step(belief: Belief) -> Belief:
-    """A belief with X at its maximum."""
-    moments = GeneralizedMoments.of(belief.model, belief.samples, steps.d_step(belief))
-    return belief._replace(moments=moments)
+def _d_step(posterior: Posterior) -> Posterior:
+    """A posterior with X at its maximum."""
+    moments = GeneralizedMoments.from_state_map(
+        posterior.model, posterior.samples, steps.d_step(posterior)
+    )
+    return posterior._replace(moments=moments)
 
 
-def _m_step(belief: Belief) -> Array:
-    lambda_ = steps.m_step(belief)
+def _m_step(posterior: Posterior) -> Array:
+    lambda_ = steps.m_step(posterior)
     if not abs(lambda_).max() < LARGEST_LAMBDA:
         raise LinAlgError("a noise precision diverges")
     return lambda_
 
 
-def _iterate(belief: Belief) -> Iterate:
-    belief = steps.with_optimal_precisions(belief)
-    return Iterate(belief, optimal_terms(belief))
+def _iterate(posterior: Posterior) -> Iterate:
+    posterior = steps.with_optimal_covariances(posterior)
+    return Iterate(posterior, free_energy_terms(posterior))

@@ -13,7 +13,7 @@ from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, Su
 from mavdem.dem.engine.linalg import logdet
 
 
-class Belief(NamedTuple):
+class Posterior(NamedTuple):
     """The recognition density q: Gaussian in X (at every sample), θ and λ."""
 
     moments: GeneralizedMoments  # of the data and the means of X
@@ -39,7 +39,7 @@ class Belief(NamedTuple):
         return self.moments.stack[self.model.hidden]
 
 
-class SampleEnergy(NamedTuple):
+class SampleFreeEnergy(NamedTuple):
     """F(t) = U + W + H, Eq. ``free_E``, as a function of the sample; constants in 2π are left out.
 
     W is the expectation of the curvature, ½ tr(Σ U_ϑϑ): the ½ that Eq. ``F_bar_MF`` has and Eq. ``free_E`` lost. So it
@@ -49,37 +49,37 @@ class SampleEnergy(NamedTuple):
 
     constant: float  # F(t) of a sample without errors, at states 0
     # what of it the priors and entropies of θ and λ make up, which are in F̄ only once
-    priors: float
+    parameter_terms: float
     errors: Array  # E with ε̃ = E [ỹ; η̃; X]
     precision: Array  # of ε̃, that of the noise included that uncertain λ make
     uncertainty: Array  # of X, which uncertain θ make
 
     @classmethod
-    def of(cls, belief: Belief) -> SampleEnergy:
-        """Returns that under a belief, whose moments are not used."""
-        model = belief.model
-        theta = belief.theta
-        lambda_ = belief.lambda_
+    def from_posterior(cls, posterior: Posterior) -> SampleFreeEnergy:
+        """Returns that under a posterior, whose moments are not used."""
+        model = posterior.model
+        theta = posterior.theta
+        lambda_ = posterior.lambda_
         prior = model.prior
-        # W^λ and W^θ of a sample are quadratic in its errors and in its X.
-        precision = model.precision(expected_weights(lambda_, belief.lambda_covariance))
-        uncertainty = model.state_uncertainty(np.exp(lambda_), belief.theta_covariance)
+        # W^λ and W^θ of a sample are expand in its errors and in its X.
+        precision = model.precision(expected_weights(lambda_, posterior.lambda_covariance))
+        uncertainty = model.state_uncertainty(np.exp(lambda_), posterior.theta_covariance)
         priors = 0.5 * float(
             sum(model.log_precision_of_priors)
-            + logdet(belief.theta_covariance)
-            + logdet(belief.lambda_covariance)
+            + logdet(posterior.theta_covariance)
+            + logdet(posterior.lambda_covariance)
             - sum(prior.squared_errors(theta, lambda_))
-            - np.sum(belief.theta_covariance * prior.theta_precision)
-            - np.sum(belief.lambda_covariance * prior.lambda_precision)
+            - np.sum(posterior.theta_covariance * prior.theta_precision)
+            - np.sum(posterior.lambda_covariance * prior.lambda_precision)
         )
         noise = 0.5 * float(
             model.log_precision(lambda_)
-            + np.sum(belief.state_covariance * state_curvature(belief))
-            + logdet(belief.state_covariance)
+            + np.sum(posterior.state_covariance * state_curvature(posterior))
+            + logdet(posterior.state_covariance)
         )
         return cls(priors + noise, priors, model.error_operator(theta), precision, uncertainty)
 
-    def at(self, data: Array, states: Array) -> Array:
+    def evaluate(self, data: Array, states: Array) -> Array:
         """Returns F(t), (T,), of generalized data [ỹ; η̃] (T, ·) and means of the states X (T, dim X)."""
         errors = np.hstack([data, states]) @ self.errors.T
         squares = np.sum(errors @ self.precision * errors, axis=1) + np.sum(
@@ -89,7 +89,7 @@ class SampleEnergy(NamedTuple):
 
     def action(self, data: Array, states: Array) -> float:
         """Returns F̄, the sum over all samples (T, ·) with the priors counted once."""
-        return self.at(data, states).sum() - (len(data) - 1) * self.priors
+        return self.evaluate(data, states).sum() - (len(data) - 1) * self.parameter_terms
 
 
 def expected_weights(lambda_: Array, lambda_covariance: Array) -> Array:
@@ -100,24 +100,26 @@ def expected_weights(lambda_: Array, lambda_covariance: Array) -> Array:
     return np.exp(lambda_) * (1.0 + 0.5 * lambda_covariance.diagonal())
 
 
-def state_curvature(belief: Belief) -> Array:
+def state_curvature(posterior: Posterior) -> Array:
     """Returns U_XX, the same at every sample."""
-    model = belief.model
-    of_X = model.error_operator(belief.theta)[:, model.hidden]
-    return -of_X.T @ model.precision(np.exp(belief.lambda_)) @ of_X
+    model = posterior.model
+    of_X = model.error_operator(posterior.theta)[:, model.hidden]
+    return -of_X.T @ model.precision(np.exp(posterior.lambda_)) @ of_X
 
 
-def theta_curvature(belief: Belief) -> Array:
+def theta_curvature(posterior: Posterior) -> Array:
     """Returns Ū_θθ (k, k)."""
-    weights = np.exp(belief.lambda_)
-    of_errors = belief.model.parameter_precision(weights, belief.moments.joint)
-    return -belief.model.prior.theta_precision - of_errors
+    weights = np.exp(posterior.lambda_)
+    of_errors = posterior.model.parameter_precision(weights, posterior.moments.joint)
+    return -posterior.model.prior.theta_precision - of_errors
 
 
-def lambda_curvature(belief: Belief) -> Array:
+def lambda_curvature(posterior: Posterior) -> Array:
     """Returns Ū_λλ (g, g)."""
-    squares = belief.moments.squared_errors(belief.theta)
-    return -np.diag(0.5 * np.exp(belief.lambda_) * squares) - belief.model.prior.lambda_precision
+    squares = posterior.moments.squared_errors(posterior.theta)
+    return (
+        -np.diag(0.5 * np.exp(posterior.lambda_) * squares) - posterior.model.prior.lambda_precision
+    )
 
 
 class Term(StrEnum):
@@ -134,24 +136,24 @@ class Term(StrEnum):
     PREDICTION_ERROR_OF_HYPERPARAMETERS = "prediction error of hyperparameters"
 
 
-def optimal_terms(belief: Belief) -> Mapping[str, float]:
-    """Returns the named terms of F̄ᵒ, Eq. ``F_action_opt``, of a belief whose precisions are the negative curvatures.
+def free_energy_terms(posterior: Posterior) -> Mapping[str, float]:
+    """Returns the named terms of F̄ᵒ, Eq. ``F_action_opt``, of a posterior whose precisions are the negative curvatures.
 
-    They sum to F̄ᵒ, which is :meth:`SampleEnergy.action` there plus half the number of everything estimated,
+    They sum to F̄ᵒ, which is :meth:`SampleFreeEnergy.action` there plus half the number of everything estimated,
     T·dim X + dim θ + dim λ (the mean-field terms, which the paper drops with the constants).
     """
-    model = belief.model
+    model = posterior.model
     of_theta, of_lambda = model.log_precision_of_priors
-    theta_error, lambda_error = model.prior.squared_errors(belief.theta, belief.lambda_)
-    T = belief.samples.number
-    squares = model.precision(np.exp(belief.lambda_)) * belief.moments.errors(belief.theta)
+    theta_error, lambda_error = model.prior.squared_errors(posterior.theta, posterior.lambda_)
+    T = posterior.samples.number
+    squares = model.precision(np.exp(posterior.lambda_)) * posterior.moments.errors(posterior.theta)
     of_y, of_v, of_x = model.errors
     of_x = slice(of_x.start, None)  # with x itself, where something is known of it
     values = (
-        0.5 * T * model.log_precision(belief.lambda_),
-        0.5 * T * logdet(belief.state_covariance),
-        0.5 * (logdet(belief.theta_covariance) + of_theta),
-        0.5 * (logdet(belief.lambda_covariance) + of_lambda),
+        0.5 * T * model.log_precision(posterior.lambda_),
+        0.5 * T * logdet(posterior.state_covariance),
+        0.5 * (logdet(posterior.theta_covariance) + of_theta),
+        0.5 * (logdet(posterior.lambda_covariance) + of_lambda),
         -0.5 * squares[of_y, of_y].sum(),
         -0.5 * squares[of_v, of_v].sum(),
         -0.5 * squares[of_x, of_x].sum(),

@@ -110,7 +110,7 @@ class SufficientStatistics(NamedTuple):
     gram: Array  # Σ_t [ỹ; η̃][ỹ; η̃]ᵀ
 
     @classmethod
-    def of(cls, *segments: Array) -> SufficientStatistics:
+    def from_segments(cls, *segments: Array) -> SufficientStatistics:
         """Returns those of generalized data [ỹ; η̃], (T, (p+1)m + (d+1)r) of each segment; their moments add up."""
         gram = np.asarray(sum(data.T @ data for data in segments))
         return cls(sum(map(len, segments)), gram)
@@ -314,7 +314,7 @@ class GeneralizedMoments:
     stack: Array  # (dim [ỹ; η̃; X], dim [ỹ; η̃]): [ỹ; η̃; X] from [ỹ; η̃]
 
     @classmethod
-    def of(
+    def from_state_map(
         cls, model: GenerativeModel, samples: SufficientStatistics, state_map: Array
     ) -> GeneralizedMoments:
         """Returns those of X = L [ỹ; η̃], for L = ``state_map`` (dim X, dim [ỹ; η̃])."""

@@ -17,7 +17,7 @@ from numpy.linalg import LinAlgError
 
 from mavdem.arrays import Array, ArrayPair
 from mavdem.dem.engine.linalg import may_overflow
-from mavdem.dem.engine.model import recursion
+from mavdem.dem.engine.model import linear_recursion
 
 STEADY_CHANGE = (
     1e-11  # change of a covariance, relative to its largest entry, below which it is steady
@@ -25,7 +25,7 @@ STEADY_CHANGE = (
 MOST_DOUBLINGS = 60  # of steps: a covariance that then still changes has no bound
 
 
-def steady_gain(
+def steady_state_gain(
     A: Array,
     C: Array,
     Q: Array,
@@ -62,7 +62,7 @@ def steady_gain(
     raise LinAlgError("there is no steady filter: an unstable state may not be seen")
 
 
-class SteadySmoothed(NamedTuple):
+class SmoothedSignal(NamedTuple):
     """Of a segment given all of it: mean and variance (T,) of a sum of states, and the filter's states (T, n)."""
 
     mean: Array
@@ -70,43 +70,43 @@ class SteadySmoothed(NamedTuple):
     states: Array
 
 
-class SteadyFilter(NamedTuple):
+class SteadyStateFilter(NamedTuple):
     """The steady Kalman filter of x⁺ = Φ x + push + w, whose first state is measured with white noise."""
 
-    covariance: Array  # (n, n) P of the predicted state
-    gain: Array  # (n,) K
-    variance: float  # F of the innovations
-    closed: Array  # (n, n) L = Φ − K C
+    P: Array  # (n, n) covariance of the predicted state
+    K: Array  # (n,) gain
+    F: float  # variance of the innovations
+    L: Array  # (n, n) Φ − K C
 
     @classmethod
-    def of(cls, transition: Array, process: Array, noise: float) -> SteadyFilter:
+    def design(cls, transition: Array, process: Array, noise: float) -> SteadyStateFilter:
         """Returns that for w of covariance ``process`` (n, n) and a measurement of sd ``noise``, or ``LinAlgError``."""
         C = np.eye(1, len(transition))
-        gain, P = steady_gain(transition, C, process, np.array([[noise**2]]))
+        gain, P = steady_state_gain(transition, C, process, np.array([[noise**2]]))
         return cls(P, gain[:, 0], P[0, 0] + noise**2, transition - gain @ C)
 
     @may_overflow
-    def smoothed(
+    def smooth(
         self,
         pushes: Array,
         measured: Array,
         first: Array,
         read: Array,
-    ) -> SteadySmoothed:
+    ) -> SmoothedSignal:
         """Returns ``read`` (n,) · x in a segment, from all of its samples ``measured`` (T,).
 
         ``pushes`` (T − 1, n) are of each sample on the state of the next; the first state has mean ``first`` (n,).
         """
-        pushed = pushes + measured[:-1, None] * self.gain
-        predicted = np.vstack([first, recursion(self.closed, pushed, first)])
+        pushed = pushes + measured[:-1, None] * self.K
+        predicted = np.vstack([first, linear_recursion(self.L, pushed, first)])
         back = np.zeros_like(predicted)
-        back[:, 0] = (measured - predicted[:, 0])[::-1] / self.variance
-        later = np.vstack([back[0], recursion(self.closed.T, back[1:], back[0])])[::-1]
-        toward = self.covariance @ read
+        back[:, 0] = (measured - predicted[:, 0])[::-1] / self.F
+        later = np.vstack([back[0], linear_recursion(self.L.T, back[1:], back[0])])[::-1]
+        toward = self.P @ read
         # Each sample is known by the innovations of those from it on.
-        following = recursion(self.closed, np.zeros_like(pushes), toward)[:, 0]
-        information = np.cumsum(np.append(toward[0], following) ** 2)[::-1] / self.variance
-        return SteadySmoothed(
+        following = linear_recursion(self.L, np.zeros_like(pushes), toward)[:, 0]
+        information = np.cumsum(np.append(toward[0], following) ** 2)[::-1] / self.F
+        return SmoothedSignal(
             predicted @ read + later @ toward, read @ toward - information, predicted
         )
 
@@ -124,7 +124,7 @@ class KalmanFilter(NamedTuple):
     weights: Array  # (h, m, m) S⁻¹ of the errors of prediction
 
     @classmethod
-    def of(
+    def design(
         cls,
         A: Array,
         C: Array,
@@ -134,7 +134,7 @@ class KalmanFilter(NamedTuple):
         first: Array,
         samples: int,
     ) -> KalmanFilter:
-        """Returns that for noises as in :func:`steady_gain`, and a first state of covariance ``first`` (n, n)."""
+        """Returns that for noises as in :func:`steady_state_gain`, and a first state of covariance ``first`` (n, n)."""
         covariances = [first]
         gains = []
         weights = []
@@ -176,7 +176,7 @@ class KalmanFilter(NamedTuple):
             states[..., t + 1, :] = states[..., t, :] @ closed[row] + driven[..., t, :]
         return states, measured - states[..., :-1, :] @ self.C.T
 
-    def smoothed(self, states: Array, errors: Array) -> tuple[Array, Array, Array]:
+    def smooth(self, states: Array, errors: Array) -> tuple[Array, Array, Array]:
         """Returns means (…, T + 1, n) and covariances (T + 1, n, n) of all states given all measurements.
 
         By the disturbance smoother, which inverts no covariance of states (de Jong, "Smoothing and interpolation with
@@ -202,7 +202,7 @@ class KalmanFilter(NamedTuple):
         return means, covariances, rest @ closed[places] @ P[:-1]
 
 
-class GaussianModel(NamedTuple):
+class LinearGaussianModel(NamedTuple):
     """x⁺ = A x + B u + offset + w,  y = C x + trim + v; w ~ N(0, Q) and v ~ N(0, R), white and independent."""
 
     A: Array  # (n, n)
@@ -214,24 +214,24 @@ class GaussianModel(NamedTuple):
     R: Array  # (m, m)
 
 
-class Smoothed(NamedTuple):
+class SmoothedStates(NamedTuple):
     """States of a segment given all of its outputs: means (T, n) and covariances (T, n, n).
 
-    ``lagged`` (T − 1, n, n) are the covariances of each state but the first with the one before it.
+    ``lag_one_covariances`` (T − 1, n, n) are the covariances of each state but the first with the one before it.
     """
 
     means: Array
     covariances: Array
-    lagged: Array
+    lag_one_covariances: Array
     log_likelihood: float
 
 
-def smoothed(
-    model: GaussianModel,
+def smooth_states(
+    model: LinearGaussianModel,
     start: Array,
     inputs: Array,
     outputs: Array,
-) -> Smoothed:
+) -> SmoothedStates:
     """Returns the smoothed states of one segment, and the likelihood of its outputs.
 
     The first state has mean ``start`` (n,) and the identity as covariance; ``LinAlgError`` where a covariance is not
@@ -239,7 +239,9 @@ def smoothed(
     """
     n = len(model.A)
     apart = np.zeros((n, len(model.C)))
-    filtered = KalmanFilter.of(model.A, model.C, model.Q, model.R, apart, np.eye(n), len(outputs))
+    filtered = KalmanFilter.design(
+        model.A, model.C, model.Q, model.R, apart, np.eye(n), len(outputs)
+    )
     if not np.isfinite(filtered.covariances).all():
         raise LinAlgError("the filter's covariance overflows")
     pushes = inputs @ model.B.T + model.offset
@@ -250,5 +252,5 @@ def smoothed(
     log_likelihood = 0.5 * (
         np.linalg.slogdet(weights)[1].sum() - squares - errors.size * np.log(2 * np.pi)
     )
-    means, covariances, lagged = filtered.smoothed(states, errors)
-    return Smoothed(means[:-1], covariances[:-1], lagged[:-1], log_likelihood)
+    means, covariances, lagged = filtered.smooth(states, errors)
+    return SmoothedStates(means[:-1], covariances[:-1], lagged[:-1], log_likelihood)

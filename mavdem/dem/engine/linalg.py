@@ -19,8 +19,8 @@ from threadpoolctl import ThreadpoolController
 from mavdem.arrays import Array, ArrayPair
 
 # keeps zeros from being divided by, or their logarithms from being taken
-SMALLEST = np.finfo(np.float64).tiny
-ROUNDING = 1e-9
+SMALLEST_POSITIVE = np.finfo(np.float64).tiny
+ROUNDING_TOLERANCE = 1e-9
 """Of a number, relative to the largest like it: what differs, grows or varies by less does so by rounding."""
 
 
@@ -53,7 +53,7 @@ def logdet(matrix: Array) -> float:
 
 def _scaled(matrix: Array) -> ArrayPair:
     # A diagonal that is not positive stays so, and the factorization fails: a check here would cost as much.
-    unit = 1.0 / np.sqrt(abs(matrix.diagonal()) + SMALLEST)
+    unit = 1.0 / np.sqrt(abs(matrix.diagonal()) + SMALLEST_POSITIVE)
     return unit, matrix * unit * unit[:, None]
 
 
@@ -83,7 +83,7 @@ def require_positive_definite(matrix: Array, name: str, size: int) -> None:
         raise ValueError(f"{name} must have shape ({size}, {size}), not {np.shape(matrix)}")
     if not np.isfinite(matrix).all():
         raise ValueError(f"{name} must be finite")
-    if abs(matrix - matrix.T).max(initial=0.0) > ROUNDING * abs(matrix).max(initial=0.0):
+    if abs(matrix - matrix.T).max(initial=0.0) > ROUNDING_TOLERANCE * abs(matrix).max(initial=0.0):
         raise ValueError(f"{name} must be symmetric")
     if size:
         try:

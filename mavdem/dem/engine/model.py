@@ -53,9 +53,9 @@ def unpack(
 class Transition(NamedTuple):
     """x⁺ = Φ x + Γ₀ u + Γ₁ u⁺: one sampling step, exact for inputs that run linearly between samples."""
 
-    state: Array  # (..., n, n) Φ
-    input_now: Array  # (..., n, r) Γ₀
-    input_next: Array  # (..., n, r) Γ₁
+    Phi: Array  # (..., n, n) Φ
+    Gamma0: Array  # (..., n, r) Γ₀
+    Gamma1: Array  # (..., n, r) Γ₁
 
 
 def discretize(A: Array, B: Array, dt: float) -> Transition:
@@ -75,17 +75,17 @@ def discretize(A: Array, B: Array, dt: float) -> Transition:
 
 
 # condition of the eigenvectors that costs half of the digits: it runs sample by sample instead of mode by mode
-WORST_MODES = 1 / np.sqrt(np.finfo(np.float64).eps)
+MAX_MODE_CONDITION = 1 / np.sqrt(np.finfo(np.float64).eps)
 
 
-def recursion(F: Array, pushes: Array, first: Array) -> Array:
+def linear_recursion(F: Array, pushes: Array, first: Array) -> Array:
     """Returns x₁ … x_T of x_{t} = F x_{t−1} + push_t from x₀ = ``first``, mode by mode, in which it is vectorized."""
     from scipy.signal import lfilter  # it takes half a second to import
 
     if not pushes.size:
         return np.empty_like(pushes)
     eigenvalues, modes = np.linalg.eig(F)
-    if np.linalg.cond(modes) > WORST_MODES:
+    if np.linalg.cond(modes) > MAX_MODE_CONDITION:
         return np.array(
             [*accumulate(pushes, lambda state, push: F @ state + push, initial=first)][1:]
         )

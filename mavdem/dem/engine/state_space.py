@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mavdem.arrays import Array, Indices
-from mavdem.dem.engine.kalman import steady_gain
+from mavdem.dem.engine.kalman import steady_state_gain
 from mavdem.dem.engine.linalg import may_overflow
-from mavdem.dem.engine.model import Transition, discretize, recursion
+from mavdem.dem.engine.model import Transition, discretize, linear_recursion
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class StateSpace:
     second_of_inputs: Array | None = None  # (n, r) likewise from the inputs of its first
 
     @staticmethod
-    def of_transition(transition: Transition, C: Array, gain: Array) -> StateSpace:
+    def from_transition(transition: Transition, C: Array, gain: Array) -> StateSpace:
         """Returns the same model as one whose state is corrected by gain · e at each sample: A = Φ, K = Φ gain.
 
         Inputs run linearly between samples, so that B = Φ Γ₁ + Γ₀ and D = C Γ₁ (Franklin, Powell and Workman, sec.
@@ -62,44 +62,48 @@ class StateSpace:
         """The largest magnitude among the eigenvalues of A; 0 of a model without states."""
         return float(abs(np.linalg.eigvals(self.A)).max(initial=0.0))
 
-    def second(self, inputs: Array, outputs: Array) -> Array:
+    def second_state(self, inputs: Array, outputs: Array) -> Array:
         """Returns (n,) state of a segment's second sample, from the inputs (r,) and outputs (m,) of its first."""
         assert self.second_of_outputs is not None and self.second_of_inputs is not None
         return outputs @ self.second_of_outputs.T + inputs @ self.second_of_inputs.T
 
-    def filtered(self, start: Array, inputs: Array, outputs: Array) -> Array:
+    def predicted_states(self, start: Array, inputs: Array, outputs: Array) -> Array:
         """Returns states (T + 1, n): of each sample predicted from those before it, and of the one after the last.
 
         They begin at ``start`` (n,), with ``inputs`` (T, r) and ``outputs`` (T, m).
         """
-        pushes = self._pushes(inputs) + (outputs - self.direct(inputs)) @ self.K.T
-        return np.vstack([start, recursion(self.A - self.K @ self.C, pushes, start)])
+        pushes = self._pushes(inputs) + (outputs - self.feedthrough(inputs)) @ self.K.T
+        return np.vstack([start, linear_recursion(self.A - self.K @ self.C, pushes, start)])
 
-    def predicted(self, start: Array, inputs: Array, outputs: Array) -> Array:
+    def predicted_outputs(self, start: Array, inputs: Array, outputs: Array) -> Array:
         """Returns (T, m) samples predicted from those before.
 
         ``start``, ``inputs`` and ``outputs`` are as in :meth:`filtered`.
         """
-        return self.outputs(self.filtered(start, inputs, outputs)[:-1], inputs)
+        return self.noise_free_outputs(self.predicted_states(start, inputs, outputs)[:-1], inputs)
 
-    def one_step(self, inputs: Array, outputs: Array) -> Array:
+    def one_step_predictions(self, inputs: Array, outputs: Array) -> Array:
         """Predicts ``outputs`` (T, m) but the first, (T − 1, m), from those before and ``inputs`` (T, r)."""
-        return self.predicted(self.second(inputs[0], outputs[0]), inputs[1:], outputs[1:])
+        return self.predicted_outputs(
+            self.second_state(inputs[0], outputs[0]), inputs[1:], outputs[1:]
+        )
 
-    def at_end(self, inputs: Array, outputs: Array) -> Array:
+    def state_after(self, inputs: Array, outputs: Array) -> Array:
         """Returns (n,) state of the sample after a segment of ``inputs`` (T, r) and ``outputs`` (T, m)."""
-        return self.filtered(self.second(inputs[0], outputs[0]), inputs[1:], outputs[1:])[-1]
+        return self.predicted_states(
+            self.second_state(inputs[0], outputs[0]), inputs[1:], outputs[1:]
+        )[-1]
 
-    def simulated(self, start: Array, inputs: Array) -> Array:
+    def simulate(self, start: Array, inputs: Array) -> Array:
         """Returns (H, m) outputs without noise, the first of state ``start`` (n,), of inputs (H, r).
 
         Outputs of an unstable model may overflow to infinity or NaN.
         """
         first = np.zeros(1, int)
-        return self.simulated_from(first, len(inputs), start[None], inputs)[0]
+        return self.simulate_from(first, len(inputs), start[None], inputs)[0]
 
     @may_overflow
-    def simulated_from(
+    def simulate_from(
         self,
         begins: Indices,
         horizon: int,
@@ -110,7 +114,7 @@ class StateSpace:
 
         The ``horizon`` is H; beyond the last row of ``inputs`` (T, r) they stay as they are there.
         """
-        direct = self.direct(inputs)
+        direct = self.feedthrough(inputs)
         pushes = self._pushes(inputs)
         predicted = np.empty((len(begins), horizon, len(self.C)))
         for step in range(horizon):
@@ -120,7 +124,7 @@ class StateSpace:
         return predicted
 
     @may_overflow
-    def simulated_every(
+    def rolling_forecast(
         self,
         steps: int,
         start: Array,
@@ -134,16 +138,16 @@ class StateSpace:
         """
         begins = np.arange(0, len(inputs), steps)
         steps = min(steps, len(inputs))
-        states = self.filtered(start, inputs, outputs)[begins]
-        return self.simulated_from(begins, steps, states, inputs).reshape(-1, len(self.C))[
+        states = self.predicted_states(start, inputs, outputs)[begins]
+        return self.simulate_from(begins, steps, states, inputs).reshape(-1, len(self.C))[
             : len(inputs)
         ]
 
-    def outputs(self, states: Array, inputs: Array) -> Array:
+    def noise_free_outputs(self, states: Array, inputs: Array) -> Array:
         """Returns (T, m) outputs of states (T, n) and inputs (T, r), without noise."""
-        return states @ self.C.T + self.direct(inputs)
+        return states @ self.C.T + self.feedthrough(inputs)
 
-    def direct(self, inputs: Array) -> Array:
+    def feedthrough(self, inputs: Array) -> Array:
         """Returns (T, m) part of the outputs that ``inputs`` (T, r) and the trim make, not the state."""
         return (inputs - self.input_trim) @ self.D.T + self.output_trim
 
@@ -164,9 +168,9 @@ def filter_gain(
     Variances of z are ``measurement_noise`` (m,), the covariance of w is ``process_noise`` (n, n); both have kernel
     width ``smoothness``, s. ``LinAlgError`` where there is no steady filter, as when no output shows an unstable state.
     """
-    state = discretize(A, np.empty((len(A), 0)), dt).state
+    state = discretize(A, np.empty((len(A), 0)), dt).Phi
     power = 2 * smoothness * np.sqrt(np.pi)
     # Measurements are samples: noise whose correlation is shorter than a step has its variance and no more.
     R = np.diag(measurement_noise) * max(power / dt, 1.0)
-    _, P = steady_gain(state, C, process_noise * power * dt, R)
+    _, P = steady_state_gain(state, C, process_noise * power * dt, R)
     return np.ascontiguousarray(np.linalg.solve(C @ P @ C.T + R, C @ P).T)

@@ -1,4 +1,4 @@
-"""The D, E and M steps: each raises F̄ over one part of the belief with the others held.
+"""The D, E and M steps: each raises F̄ over one part of the posterior with the others held.
 
 X and θ enter F̄ quadratically, so their steps are exact; λ enters through e^λ and takes guarded Newton steps. Each
 follows its gradient flow, Eq. ``GA_basic``, to the end: the limit of infinite learning rates k, which is always stable.
@@ -12,7 +12,7 @@ import numpy as np
 
 from mavdem.arrays import Array, ArrayPair
 from mavdem.dem.engine.free_energy import (
-    Belief,
+    Posterior,
     expected_weights,
     lambda_curvature,
     state_curvature,
@@ -27,65 +27,65 @@ SHORTEST_PRECISION_STEP = 1e-6
 """A step of λ shorter than this ends the M step: Newton's method has then converged to twice as many digits."""
 
 
-def d_step(belief: Belief) -> Array:
-    """Takes the D step: every sample's X at the maximum of F under a belief in θ and λ.
+def d_step(posterior: Posterior) -> Array:
+    """Takes the D step: every sample's X at the maximum of F under a posterior in θ and λ.
 
-    F is quadratic in X with the same curvature at every sample, so X(t) = L [ỹ(t); η̃(t)] with one L (dim X,
+    F is expand in X with the same curvature at every sample, so X(t) = L [ỹ(t); η̃(t)] with one L (dim X,
     dim [ỹ; η̃]), which is returned.
     """
-    of_data, precision = state_slope(belief)
+    of_data, precision = state_slope(posterior)
     return solve(precision, of_data)
 
 
-def state_slope(belief: Belief) -> ArrayPair:
+def state_slope(posterior: Posterior) -> ArrayPair:
     """Returns G (dim X, dim [ỹ; η̃]) and P (dim X, dim X) with ∂F/∂X = G [ỹ; η̃] − P X.
 
     Mean-field terms of θ and λ are included.
     """
-    model = belief.model
-    E = model.error_operator(belief.theta)
+    model = posterior.model
+    E = model.error_operator(posterior.theta)
     data = E[:, : model.hidden.start]
     X = E[:, model.hidden]
-    weights = expected_weights(belief.lambda_, belief.lambda_covariance)
+    weights = expected_weights(posterior.lambda_, posterior.lambda_covariance)
     weighted = X.T @ model.precision(weights)
-    uncertainty = model.state_uncertainty(np.exp(belief.lambda_), belief.theta_covariance)
+    uncertainty = model.state_uncertainty(np.exp(posterior.lambda_), posterior.theta_covariance)
     return -weighted @ data, weighted @ X + uncertainty
 
 
-def e_step(belief: Belief) -> Array:
+def e_step(posterior: Posterior) -> Array:
     """Takes the E step: returns θ at the maximum of F̄ given the rest."""
-    gradient, precision = theta_slope(belief)
-    return belief.theta + solve(precision, gradient)
+    gradient, precision = theta_slope(posterior)
+    return posterior.theta + solve(precision, gradient)
 
 
-def theta_slope(belief: Belief) -> ArrayPair:
+def theta_slope(posterior: Posterior) -> ArrayPair:
     """Returns ∂F̄/∂θ (k,) and −∂²F̄/∂θ² (k, k), the mean-field terms of X and of λ included."""
-    model = belief.model
+    model = posterior.model
     prior = model.prior
-    weights = np.exp(belief.lambda_)
-    expected = expected_weights(belief.lambda_, belief.lambda_covariance)
-    spread = np.zeros_like(belief.moments.joint)
-    spread[model.hidden, model.hidden] = belief.samples.number * belief.state_covariance
+    weights = np.exp(posterior.lambda_)
+    expected = expected_weights(posterior.lambda_, posterior.lambda_covariance)
+    spread = np.zeros_like(posterior.moments.joint)
+    spread[model.hidden, model.hidden] = posterior.samples.number * posterior.state_covariance
     gradient = (
-        prior.theta_precision @ (prior.theta_mean - belief.theta)
-        + model.parameter_slope(expected, belief.moments.products(belief.theta))
-        + model.parameter_slope(weights, model.error_operator(belief.theta) @ spread)
+        prior.theta_precision @ (prior.theta_mean - posterior.theta)
+        + model.parameter_slope(expected, posterior.moments.products(posterior.theta))
+        + model.parameter_slope(weights, model.error_operator(posterior.theta) @ spread)
     )
     precision = (
         prior.theta_precision
-        + model.parameter_precision(expected, belief.moments.joint)
+        + model.parameter_precision(expected, posterior.moments.joint)
         + model.parameter_precision(weights, spread)
     )
     return gradient, precision
 
 
-def m_step(belief: Belief) -> Array:
+def m_step(posterior: Posterior) -> Array:
     """Takes the M step: returns λ at the maximum of F̄ given the rest, which is concave in λ, by Newton's steps.
 
     They are shortened until F̄ rises.
     """
-    of_lambda = FreeEnergyOfLambda.of(belief)
-    lambda_ = belief.lambda_
+    of_lambda = FreeEnergyOfLambda.from_posterior(posterior)
+    lambda_ = posterior.lambda_
     value = of_lambda.value(lambda_)
     for _ in range(MAX_STEPS):
         gradient, precision = of_lambda.slope(lambda_)
@@ -112,17 +112,17 @@ class FreeEnergyOfLambda(NamedTuple):
     precision: Array  # (g, g)
 
     @classmethod
-    def of(cls, belief: Belief) -> FreeEnergyOfLambda:
-        """Returns that of a belief in the rest."""
-        model = belief.model
-        number = belief.samples.number
-        of_X = model.error_operator(belief.theta)[:, model.hidden]
-        squares = belief.moments.squared_errors(belief.theta)
-        spread = number * model.squared_errors(of_X @ belief.state_covariance @ of_X.T)
+    def from_posterior(cls, posterior: Posterior) -> FreeEnergyOfLambda:
+        """Returns that of a posterior in the rest."""
+        model = posterior.model
+        number = posterior.samples.number
+        of_X = model.error_operator(posterior.theta)[:, model.hidden]
+        squares = posterior.moments.squared_errors(posterior.theta)
+        spread = number * model.squared_errors(of_X @ posterior.state_covariance @ of_X.T)
         cost = (
-            squares * (1.0 + 0.5 * belief.lambda_covariance.diagonal())
+            squares * (1.0 + 0.5 * posterior.lambda_covariance.diagonal())
             + spread
-            + model.parameter_spread(belief.moments.joint, belief.theta_covariance)
+            + model.parameter_spread(posterior.moments.joint, posterior.theta_covariance)
         )
         gain = 0.5 * number * model.log_precision_slope
         return cls(cost, gain, model.prior.lambda_mean, model.prior.lambda_precision)
@@ -144,10 +144,10 @@ class FreeEnergyOfLambda(NamedTuple):
         ) + self.precision
 
 
-def with_optimal_precisions(belief: Belief) -> Belief:
-    """Returns the belief with every covariance at the maximum of F̄, Eq. ``Pi_curvature``."""
-    return belief._replace(
-        state_covariance=inverse(-state_curvature(belief)),
-        theta_covariance=inverse(-theta_curvature(belief)),
-        lambda_covariance=inverse(-lambda_curvature(belief)),
+def with_optimal_covariances(posterior: Posterior) -> Posterior:
+    """Returns the posterior with every covariance at the maximum of F̄, Eq. ``Pi_curvature``."""
+    return posterior._replace(
+        state_covariance=inverse(-state_curvature(posterior)),
+        theta_covariance=inverse(-theta_curvature(posterior)),
+        lambda_covariance=inverse(-lambda_curvature(posterior)),
     )

@@ -8,15 +8,15 @@ from mavdem.dem.forecast.var import Forecast
 from mavdem.dem.record import MAX_STEPS, Record, validated_count
 
 
-class Forecasting:
-    """A :class:`mavdem.Forecaster` by :meth:`known_every`, :meth:`unknown_every` and :meth:`from_zero` of its model.
+class ForecasterBase:
+    """Implements the forecasts of a :class:`mavdem.Forecaster` by three methods of its subclasses.
 
     ``ValueError`` from every method for arguments of another shape or not finite, or fewer steps than 1.
     """
 
     record: Record
 
-    def known_every(
+    def rolling_forecast_known_inputs(
         self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
     ) -> Forecast:
         """Returns (H, m) forecasts begun at every ``steps``-th of ``inputs`` (H, r) and ``outputs`` (H, m).
@@ -25,11 +25,13 @@ class Forecasting:
         """
         raise NotImplementedError
 
-    def unknown_every(self, steps: int, inputs: Array, outputs: Array) -> Forecast:
+    def rolling_forecast_unknown_inputs(
+        self, steps: int, inputs: Array, outputs: Array
+    ) -> Forecast:
         """Returns (H, m) forecasts likewise, each without the inputs after its beginning."""
         raise NotImplementedError
 
-    def from_zero(self, inputs: Array) -> Array:
+    def forecast_from_zero_state(self, inputs: Array) -> Array:
         """Returns the outputs (H, m) with ``inputs`` (H, r) from state 0."""
         raise NotImplementedError
 
@@ -39,20 +41,22 @@ class Forecasting:
         >>> learned.predict(100).shape
         (100, 2)
         """
-        return self.predicted(steps).mean
+        return self.predict_with_variance(steps).mean
 
-    def predicted(self, steps: int) -> Forecast:
+    def predict_with_variance(self, steps: int) -> Forecast:
         """Returns :meth:`predict` with its variance."""
         number = validated_count(steps, most=MAX_STEPS)
         tables = self.record.inputs, self.record.outputs
-        return self.unknown_every(number, *(np.zeros((number, each.shape[1])) for each in tables))
+        return self.rolling_forecast_unknown_inputs(
+            number, *(np.zeros((number, each.shape[1])) for each in tables)
+        )
 
     def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
         """Returns the samples (H, m) after the training data, by a new prediction from every ``steps``-th of them on.
 
         Each uses the ``inputs`` (H, r) and ``outputs`` (H, m) before it, and none after; nothing is fitted again.
         """
-        return self.unknown_every(
+        return self.rolling_forecast_unknown_inputs(
             steps, *self.record.validated_samples(steps, inputs, outputs)
         ).mean
 
@@ -70,12 +74,14 @@ class Forecasting:
                 up to it.
         """
         following = self.record.validated_inputs(inputs)
-        return self.from_zero(following) if from_zero else self.forecasted(following, smooth).mean
+        if from_zero:
+            return self.forecast_from_zero_state(following)
+        return self.forecast_with_variance(following, smooth).mean
 
-    def forecasted(self, inputs: Array, smooth: bool = False) -> Forecast:
+    def forecast_with_variance(self, inputs: Array, smooth: bool = False) -> Forecast:
         """Returns :meth:`forecast` of ``inputs`` (H, r) with its variance."""
         unseen = np.zeros((len(inputs), self.record.outputs.shape[1]))
-        return self.known_every(max(1, len(inputs)), inputs, unseen, smooth)
+        return self.rolling_forecast_known_inputs(max(1, len(inputs)), inputs, unseen, smooth)
 
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
         """Returns the samples (H, m) after the training data, by a new forecast from every ``steps``-th of them on.
@@ -83,4 +89,6 @@ class Forecasting:
         Each is as :meth:`forecast`'s, from the state that the filter has after all samples before it, in ``inputs``
         (H, r) and ``outputs`` (H, m); nothing is fitted again.
         """
-        return self.known_every(steps, *self.record.validated_samples(steps, inputs, outputs)).mean
+        return self.rolling_forecast_known_inputs(
+            steps, *self.record.validated_samples(steps, inputs, outputs)
+        ).mean

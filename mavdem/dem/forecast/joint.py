@@ -26,9 +26,9 @@ from mavdem.dem.forecast import var
 from mavdem.dem.record import MIN_MOTORS, Record
 from mavdem.immutable import ImmutableResult
 
-LAGS = (6, 8, 10, 14, 20)  # that F̄ chooses from, samples
+LAG_CANDIDATES = (6, 8, 10, 14, 20)  # that F̄ chooses from, samples
 # likewise, precisions of the prior at lag 1, of channels of deviation 1
-RIDGES = (1e-4, 1e-3, 1e-2)
+RIDGE_CANDIDATES = (1e-4, 1e-3, 1e-2)
 # of the rotors of an X, however they are numbered: each turns one axis
 X_PATTERNS = hadamard(4)[1:] / 2
 # added to their innovations: how well an angle follows from its rate tells nothing of the motors
@@ -36,7 +36,7 @@ MIXER_NOISE = 1e-5
 LEAST_FREEDOM = 3.0  # of Student's t, for which a variance is finite
 
 
-class Choice(NamedTuple):
+class VarHyperparameters(NamedTuple):
     """What F̄ chooses: the samples of the past that count, and the prior of their coefficients."""
 
     lags: int
@@ -48,11 +48,13 @@ class Choice(NamedTuple):
         return var.lag_prior(self.lags, self.ridge)
 
 
-CHOICES = tuple(Choice(lags, ridge) for lags in LAGS for ridge in RIDGES)
+HYPERPARAMETER_GRID = tuple(
+    VarHyperparameters(lags, ridge) for lags in LAG_CANDIDATES for ridge in RIDGE_CANDIDATES
+)
 
 
-def known_combinations(inputs: int, effect_directions: Array | None) -> Array | None:
-    """Returns (r, c) as :func:`turning_combinations`; ``None`` where a flight must tell."""
+def known_axis_mixer(inputs: int, effect_directions: Array | None) -> Array | None:
+    """Returns (r, c) as :func:`axis_mixer`; ``None`` where a flight must tell."""
     if inputs < MIN_MOTORS:
         return np.eye(inputs)
     if effect_directions is None or not effect_directions.any():
@@ -60,7 +62,7 @@ def known_combinations(inputs: int, effect_directions: Array | None) -> Array | 
     return effect_directions[:, None] / np.linalg.norm(effect_directions)
 
 
-def turning_combinations(record: Record) -> Array:
+def axis_mixer(record: Record) -> Array:
     """Returns (r, c) the combinations of the inputs that turn the axis, of unit length.
 
     One where the mixer is known; of other rotors the one of an X, or as the motors' effects come out, that shares most
@@ -68,12 +70,12 @@ def turning_combinations(record: Record) -> Array:
     """
     r = record.inputs.shape[1]
     m = record.outputs.shape[1]
-    combinations = known_combinations(r, record.effect_directions)
+    combinations = known_axis_mixer(r, record.effect_directions)
     if combinations is not None:
         return combinations
-    lags = min(LAGS[2], max(1, record.longest_segment // 4))
-    prior = var.lag_prior(lags, RIDGES[1])
-    units, statistics = var.LagStatistics.of_record(record, lags)
+    lags = min(LAG_CANDIDATES[2], max(1, record.longest_segment // 4))
+    prior = var.lag_prior(lags, RIDGE_CANDIDATES[1])
+    units, statistics = var.LagStatistics.from_record(record, lags)
     ahead = var.regress(statistics.gram, statistics.rows, prior).mean[:-1, m - 1]
     effects = ahead.reshape(lags, m + r)[:, m:].sum(axis=0) / units.scale[m:]
     # What the flight tells of the motors' effects costs as many nats as its numbers (Schwarz, 1978).
@@ -89,7 +91,9 @@ def _shared(record: Record, combination: Array, prior: Array) -> float:
     F̄ of the outputs alone is no criterion: in closed loop what turns the axis follows from the axis, and adds little to
     its past; any slow combination, whose lags are alike and so cost fewer nats, may do as well.
     """
-    _, statistics = var.LagStatistics.of_record(_combined(record, combination[:, None]), len(prior))
+    _, statistics = var.LagStatistics.from_record(
+        _combined(record, combination[:, None]), len(prior)
+    )
     k = record.outputs.shape[1] + 1
     offset = len(prior) * k
     own = np.r_[k - 1 : offset : k, offset, offset + k]
@@ -105,9 +109,11 @@ def _combined(record: Record, combinations: Array) -> Record:
     return replace(record, inputs=record.inputs @ combinations, effect_directions=None)
 
 
-def choose(
-    statistics: var.LagStatistics, lags: int, choices: Sequence[Choice] = CHOICES
-) -> tuple[Choice, var.Regression]:
+def select_hyperparameters(
+    statistics: var.LagStatistics,
+    lags: int,
+    choices: Sequence[VarHyperparameters] = HYPERPARAMETER_GRID,
+) -> tuple[VarHyperparameters, var.Regression]:
     """Returns the one of these ``choices`` of the highest F̄, and its posterior, for ``statistics`` of so many ``lags``.
 
     Where all need more lags, that of so many.
@@ -118,7 +124,7 @@ def choose(
             choice,
             var.regress(statistics.shortened(lags, choice.lags), statistics.rows, choice.prior),
         )
-        for choice in possible or [Choice(lags, ridge) for ridge in RIDGES]
+        for choice in possible or [VarHyperparameters(lags, ridge) for ridge in RIDGE_CANDIDATES]
     ]
     return max(tried, key=lambda fitted: fitted[1].free_energy)
 
@@ -137,8 +143,8 @@ class JointModel(ImmutableResult):
     """
 
     combinations: Array
-    choice: Choice
-    process: var.Var
+    choice: VarHyperparameters
+    process: var.VectorAutoregression
     terms: dict[str, float]
     past: Array
     samples: int
@@ -147,19 +153,19 @@ class JointModel(ImmutableResult):
     def learn(cls, record: Record) -> JointModel:
         """Learns from training data; ``ValueError`` where no segment has two samples."""
         with one_thread():
-            combinations = turning_combinations(record)
+            combinations = axis_mixer(record)
             lags = max(
-                (lag for lag in LAGS if lag <= record.longest_segment // 4),
-                default=max(1, min(LAGS[0], record.longest_segment - 1)),
+                (lag for lag in LAG_CANDIDATES if lag <= record.longest_segment // 4),
+                default=max(1, min(LAG_CANDIDATES[0], record.longest_segment - 1)),
             )
             combined = _combined(record, combinations)
-            units, statistics = var.LagStatistics.of_record(combined, lags)
-            choice, regression = choose(statistics, lags)
-            process = var.Var.of(regression, units)
+            units, statistics = var.LagStatistics.from_record(combined, lags)
+            choice, regression = select_hyperparameters(statistics, lags)
+            process = var.VectorAutoregression.from_regression(regression, units)
             past = process.past(combined)
             return cls(combinations, choice, process, regression.terms, past, len(record))
 
-    def known_every(
+    def rolling_forecast_known_inputs(
         self,
         steps: int,
         inputs: Array,
@@ -173,7 +179,9 @@ class JointModel(ImmutableResult):
         combined = inputs @ self.combinations
         return self.process.infer_every(self.past, steps, combined, outputs, smooth)
 
-    def unknown_every(self, steps: int, inputs: Array, outputs: Array) -> var.Forecast:
+    def rolling_forecast_unknown_inputs(
+        self, steps: int, inputs: Array, outputs: Array
+    ) -> var.Forecast:
         """Returns (H, m) forecasts likewise, each without the inputs after its beginning."""
         return self.process.predict_every(self.past, steps, inputs @ self.combinations, outputs)
 

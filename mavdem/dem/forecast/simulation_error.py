@@ -16,18 +16,18 @@ from scipy.linalg import null_space
 
 from mavdem.arrays import Array, Indices
 from mavdem.dem.engine.gauss_newton import (
-    CONVERGED_NATS,
-    RELATIVE_STEP,
+    CONVERGED_STEP_NATS,
+    FINITE_DIFFERENCE_STEP,
     Damping,
-    Quadratic,
+    QuadraticExpansion,
     gauss_newton,
 )
 from mavdem.dem.engine.generative import GenerativeModel, Sizes
 from mavdem.dem.engine.linalg import inverse, logdet, may_overflow
 from mavdem.dem.engine.model import discretize, unpack
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.forecast.joint import turning_combinations
-from mavdem.dem.priors import KINEMATIC, Scaling
+from mavdem.dem.forecast.joint import axis_mixer
+from mavdem.dem.priors import KINEMATIC_PRECISION, Scaling
 from mavdem.dem.record import Record, Segments
 from mavdem.dem.settings import CompleteSettings
 
@@ -41,13 +41,13 @@ deviation is about 3, since rotors are not quite alike and loads not quite centr
 SAMPLES_PER_PARAMETER = 2.0
 """Least effective sample size for each free parameter. A short record has it over a shorter horizon only."""
 
-SHORTEST_HORIZON = 0.05
+MIN_HORIZON_SECONDS = 0.05
 """Seconds; below, a simulation says no more than the derivatives of the ascent, and there is no such fit."""
 
 STARTS_PER_HORIZON = 4  # segments begin so many times a horizon
 MAX_SEGMENTS = 500  # spread over the whole record, however long it is
 
-DAMPING = Damping(first=1e-3, factor=8.0, attempts=6)
+DAMPING = Damping(initial=1e-3, factor=8.0, max_attempts=6)
 
 
 def models_of(
@@ -65,7 +65,7 @@ def models_of(
     )
     transition = discretize(A, B, dt)
     with np.errstate(over="ignore", invalid="ignore"):
-        return StateSpace.of_transition(transition, C[0], gain)
+        return StateSpace.from_transition(transition, C[0], gain)
 
 
 @may_overflow
@@ -103,7 +103,7 @@ class SimulationSegments(NamedTuple):
     number: float
 
     @classmethod
-    def of(cls, segments: Segments, horizon: int) -> SimulationSegments:
+    def from_segments(cls, segments: Segments, horizon: int) -> SimulationSegments:
         """Returns pieces of ``horizon`` samples before and ahead, all over segments, of which one is long enough."""
         whole = 2 * horizon
         starts = [
@@ -143,7 +143,7 @@ def effective_number(lengths: Sequence[int], horizon: int) -> float:
     )
 
 
-def horizon_of(
+def simulation_horizon(
     model: GenerativeModel,
     settings: CompleteSettings,
     scaling: Scaling,
@@ -151,16 +151,18 @@ def horizon_of(
 ) -> int | None:
     """Returns the number of samples of each simulation: ``settings.horizon`` at most.
 
-    It is less where the effective sample size would be too small, 0 where even ``SHORTEST_HORIZON`` is too long for
+    It is less where the effective sample size would be too small, 0 where even ``MIN_HORIZON_SECONDS`` is too long for
     the record. ``None`` where there is to be no fit: the settings ask for none, inputs are unknown, the prior is the
     paper's, or it leaves no parameter free.
     """
     n, r, m = model.sizes
-    free = np.count_nonzero(np.diag(model.prior.theta_precision)[: n * n + n * r] < KINEMATIC)
+    free = np.count_nonzero(
+        np.diag(model.prior.theta_precision)[: n * n + n * r] < KINEMATIC_PRECISION
+    )
     if settings.horizon is None or settings.prior == "uniform" or not scaling.known or not free:
         return None
     longest = max(1, round(settings.horizon / record.dt))
-    shortest = min(longest, max(1, round(SHORTEST_HORIZON / record.dt)))
+    shortest = min(longest, max(1, round(MIN_HORIZON_SECONDS / record.dt)))
     least = SAMPLES_PER_PARAMETER * free
     steps = range(longest, shortest - 1, -1)
     return next((each for each in steps if effective_number(record.lengths, each) * m >= least), 0)
@@ -180,7 +182,7 @@ class SimulationFit:
     converged: bool
 
     @property
-    def freedom(self) -> float:
+    def degrees_of_freedom(self) -> float:
         """Degrees of freedom that the noise's variance is estimated with."""
         return self.effective_samples - len(self.free)
 
@@ -228,9 +230,9 @@ class SimulationError:
         """Returns the log joint up to a constant, with the noise precision at its maximum."""
         return self._value(at, self.errors(at[None]))
 
-    def quadratic(self, at: Array) -> Quadratic:
+    def expand(self, at: Array) -> QuadraticExpansion:
         """Returns slope and Gauss-Newton curvature, the posterior precision, by differences of errors."""
-        steps = RELATIVE_STEP * np.maximum(1.0, abs(at))
+        steps = FINITE_DIFFERENCE_STEP * np.maximum(1.0, abs(at))
         errors = self.errors(np.vstack([at, at + np.diag(steps)]))
         residuals = errors[0]
         jacobian = (errors[1:] - residuals).reshape(len(at), -1) / steps[:, None]
@@ -240,11 +242,11 @@ class SimulationError:
             at - self.prior_mean
         )
         curvature = each * jacobian @ jacobian.T / mse + self.prior_precision
-        return Quadratic(at, self._value(at, residuals), slope, curvature)
+        return QuadraticExpansion(at, self._value(at, residuals), slope, curvature)
 
-    def terms(self, joint: Quadratic) -> dict[str, float]:
+    def terms(self, joint: QuadraticExpansion) -> dict[str, float]:
         """Returns the named terms of F̄, Eq. ``F_action_opt``; X has no entropy of its own in a simulation."""
-        log_prior = self._log_prior(joint.at)
+        log_prior = self._log_prior(joint.point)
         return {
             "noise entropy": joint.value - log_prior,
             "parameter entropy": -0.5 * (logdet(joint.curvature) - logdet(self.prior_precision)),
@@ -267,7 +269,7 @@ def _mean_square(errors: Array) -> float:
     return (errors**2).mean()
 
 
-def fit_simulation(
+def fit_simulation_error(
     model: GenerativeModel,
     settings: CompleteSettings,
     scaling: Scaling,
@@ -277,23 +279,23 @@ def fit_simulation(
 ) -> SimulationFit | None:
     """Fits the model to a record from θ (k,), with a filter of that gain (n, m), by damped steps that each increase F̄.
 
-    Parameters of A and B with a prior precision below ``KINEMATIC`` are free. Under the package's own prior,
+    Parameters of A and B with a prior precision below ``KINEMATIC_PRECISION`` are free. Under the package's own prior,
     combinations of the motors that are at right angles to the turning one of the joint model hardly turn the vehicle.
-    ``None`` where there is no horizon (:func:`horizon_of`), or errors overflow.
+    ``None`` where there is no horizon (:func:`simulation_horizon`), or errors overflow.
     """
-    horizon = horizon_of(model, settings, scaling, record)
+    horizon = simulation_horizon(model, settings, scaling, record)
     if not horizon:
         return None
-    segments = SimulationSegments.of(scaling.scale_segments(record), horizon)
+    segments = SimulationSegments.from_segments(scaling.scale_segments(record), horizon)
     n, r, _ = model.sizes
     of_A = n * n
     varied = of_A + n * r  # of A and B
     precision = model.prior.theta_precision
-    is_free = np.diag(precision) < KINEMATIC
+    is_free = np.diag(precision) < KINEMATIC_PRECISION
     if settings.prior == "regulated":
         weak = WEAK_PRECISION * np.eye(len(is_free))
         precision = np.where(np.outer(is_free, is_free), weak, precision)
-        quiet = null_space(turning_combinations(record).T)
+        quiet = null_space(axis_mixer(record).T)
         for row in np.flatnonzero(is_free[of_A:varied:r]):
             places = of_A + row * r + np.arange(len(quiet))
             precision[np.ix_(places, places)] += QUIET_PRECISION * quiet @ quiet.T
@@ -304,9 +306,9 @@ def fit_simulation(
     )
     if not np.isfinite(objective.value(theta[free])):
         return None
-    trace, gained = gauss_newton(objective, objective.quadratic(theta[free]), DAMPING)
+    trace, gained = gauss_newton(objective, objective.expand(theta[free]), DAMPING)
     best = theta.copy()
-    best[free] = trace[-1].at
+    best[free] = trace[-1].point
     samples = objective.effective_samples
     terms = [objective.terms(each) for each in trace]
     return SimulationFit(
@@ -317,5 +319,5 @@ def fit_simulation(
         effective_samples=samples,
         horizon=segments.settle,
         terms={name: np.array([row[name] for row in terms]) for name in terms[0]},
-        converged=gained <= CONVERGED_NATS,
+        converged=gained <= CONVERGED_STEP_NATS,
     )

@@ -19,7 +19,7 @@ from scipy.linalg.lapack import dtrtri
 
 from mavdem.arrays import Array, ArrayPair, Indices
 from mavdem.dem.engine.kalman import KalmanFilter
-from mavdem.dem.engine.linalg import ROUNDING, may_overflow
+from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE, may_overflow
 from mavdem.dem.record import ChannelStatistics, Record
 from mavdem.errors import NotLearnable
 from mavdem.facts.model import ModelRefusal
@@ -40,14 +40,14 @@ class Forecast(NamedTuple):
     variance: Array
 
 
-class ChannelUnits(NamedTuple):
+class ChannelScaling(NamedTuple):
     """Units in which each channel, outputs first, has mean 0 and deviation 1; a constant one keeps its unit."""
 
     center: Array  # (k,)
     scale: Array  # (k,)
 
     @classmethod
-    def of(cls, record: Record) -> ChannelUnits:
+    def from_record(cls, record: Record) -> ChannelScaling:
         """Returns those of the training data."""
         inputs, outputs = record.channel_statistics
         spread = ChannelStatistics(
@@ -89,7 +89,7 @@ class LagStatistics(NamedTuple):
     gram: Array  # (q, q) Σ of each row times itself
 
     @classmethod
-    def of(cls, segments: Iterable[Array], lags: int) -> LagStatistics:
+    def from_segments(cls, segments: Iterable[Array], lags: int) -> LagStatistics:
         """Returns those of ``segments`` of channels (T, k), at least one; no row reaches across a gap between them."""
         tables = []
         for channels in segments:
@@ -98,10 +98,10 @@ class LagStatistics(NamedTuple):
         return cls(sum(map(len, tables)), np.asarray(sum(table.T @ table for table in tables)))
 
     @classmethod
-    def of_record(cls, record: Record, lags: int) -> tuple[ChannelUnits, LagStatistics]:
+    def from_record(cls, record: Record, lags: int) -> tuple[ChannelScaling, LagStatistics]:
         """Returns the units of a record's channels, and the statistics in these; ``NotLearnable`` without a row."""
-        units = ChannelUnits.of(record)
-        statistics = cls.of(units.segments(record), lags)
+        units = ChannelScaling.from_record(record)
+        statistics = cls.from_segments(units.segments(record), lags)
         if statistics.rows <= 0:
             raise NotLearnable(
                 ModelRefusal.SEGMENTS_TOO_SHORT_FOR_LAGS,
@@ -145,7 +145,7 @@ def regress(
     gram: Array,
     rows: float,
     prior: Array,
-    least: float = ROUNDING,
+    least: float = ROUNDING_TOLERANCE,
 ) -> Regression:
     """Regresses samples of k channels on their lags.
 
@@ -197,16 +197,16 @@ def regress(
     return Regression(before + change, root, left / max(rows - used, LEAST_FREEDOM), terms)
 
 
-class Var(NamedTuple):
+class VectorAutoregression(NamedTuple):
     """The process with its parameters; samples that it takes and returns are physical."""
 
     coefficients: Array  # (lags, k, k) posterior means of A₁ … A_lags, in ``units``
     offset: Array  # (k,) likewise
     covariance: Array  # (k, k) Σ, of the innovations
-    units: ChannelUnits  # of the channels, between the model and its arguments
+    units: ChannelScaling  # of the channels, between the model and its arguments
 
     @classmethod
-    def of(cls, regression: Regression, units: ChannelUnits) -> Var:
+    def from_regression(cls, regression: Regression, units: ChannelScaling) -> VectorAutoregression:
         """Returns that of the posterior means of a regression."""
         (q, k) = regression.mean.shape
         coefficients = regression.mean.T
@@ -219,10 +219,12 @@ class Var(NamedTuple):
         )
 
     @classmethod
-    def learn(cls, record: Record, lags: int) -> Var:
+    def learn(cls, record: Record, lags: int) -> VectorAutoregression:
         """Learns from training data; ``ValueError`` where no segment has more than ``lags`` samples."""
-        units, statistics = LagStatistics.of_record(record, lags)
-        return cls.of(regress(statistics.gram, statistics.rows, lag_prior(lags, RIDGE)), units)
+        units, statistics = LagStatistics.from_record(record, lags)
+        return cls.from_regression(
+            regress(statistics.gram, statistics.rows, lag_prior(lags, RIDGE)), units
+        )
 
     @property
     def lags(self) -> int:
@@ -299,7 +301,7 @@ class Var(NamedTuple):
 
         They tell them from the sample's inputs, whose innovations they share, and from all before it; in ``units``.
         """
-        noise = self.covariance[m:, m:] + ROUNDING * np.eye(len(self.covariance) - m)
+        noise = self.covariance[m:, m:] + ROUNDING_TOLERANCE * np.eye(len(self.covariance) - m)
         gain = np.linalg.solve(noise, self.covariance[m:, :m]).T
         across = self.across
         weights = np.hstack([np.zeros((m, m)), gain, across[:m] - gain @ across[m:]])
@@ -315,10 +317,10 @@ class Var(NamedTuple):
         A[:m] = output_effect[:m]
         Q = np.zeros((n, n))
         S = np.zeros((n, r))
-        R = self.covariance[m:, m:] + ROUNDING * np.eye(r)
+        R = self.covariance[m:, m:] + ROUNDING_TOLERANCE * np.eye(r)
         Q[:m, :m] = self.covariance[:m, :m]
         S[:m] = self.covariance[:m, m:]
-        return KalmanFilter.of(A, output_effect[m:], Q, R, S, np.zeros((n, n)), steps)
+        return KalmanFilter.design(A, output_effect[m:], Q, R, S, np.zeros((n, n)), steps)
 
     def infer(self, past: Array, inputs: Array, smooth: bool = False) -> Forecast:
         """Returns the outputs (…, H, m) after ``past`` (…, lags, k), each given ``inputs`` (…, H, r) up to its sample.
@@ -341,7 +343,7 @@ class Var(NamedTuple):
         )
         covariances = filtered.covariances_of(steps)
         if smooth:
-            states, covariances, _ = filtered.smoothed(states, errors)
+            states, covariances, _ = filtered.smooth(states, errors)
         variance = np.maximum(np.diagonal(covariances, axis1=1, axis2=2), 0.0)
         return self._physical(states[..., 1:, :m], variance[1:, :m])
 

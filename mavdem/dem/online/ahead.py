@@ -14,8 +14,18 @@ from numpy.linalg import LinAlgError
 
 from mavdem.arrays import Array, ArrayPair
 from mavdem.dem.engine.linalg import may_overflow, one_thread
-from mavdem.dem.forecast.joint import CHOICES, LAGS, Choice, choose
-from mavdem.dem.forecast.var import ChannelUnits, LagStatistics, Var, initial_lags
+from mavdem.dem.forecast.joint import (
+    HYPERPARAMETER_GRID,
+    LAG_CANDIDATES,
+    VarHyperparameters,
+    select_hyperparameters,
+)
+from mavdem.dem.forecast.var import (
+    ChannelScaling,
+    LagStatistics,
+    VectorAutoregression,
+    initial_lags,
+)
 from mavdem.dem.online.memory import MemoryBlock, SampleMemory
 
 MEMORY_SECONDS = 30.0  # time constant of forgetting
@@ -30,7 +40,7 @@ class PredictionMaps(NamedTuple):
     """A fitted model as linear maps of the latest samples."""
 
     combinations: Array  # (r, c) of the inputs, that are channels of the model
-    units: ChannelUnits
+    units: ChannelScaling
     # (H + 1, m, p) of the latest samples, the latest first: the next ones and, last, the latest with its own inputs
     weights: Array
     constants: Array  # (H + 1, m)
@@ -39,7 +49,7 @@ class PredictionMaps(NamedTuple):
     def of(self, inputs: Array, outputs: Array) -> Array:
         """Returns (H + 1, m) what the latest samples, (T, r) and (T, m), predict; what overflows is not finite."""
         channels = self.units.scaled(np.hstack([outputs, inputs @ self.combinations]))
-        past = initial_lags(channels, LAGS[-1] + 1)[::-1].ravel()
+        past = initial_lags(channels, LAG_CANDIDATES[-1] + 1)[::-1].ravel()
         center, scale = (values[: outputs.shape[1]] for values in self.units)
         return center + scale * (self.weights.dot(past) + self.constants)
 
@@ -69,8 +79,8 @@ class OnlineForecaster:
         self._number = 0
         self._mean = np.zeros(outputs)
         self._unknown = np.full(outputs, np.nan)
-        self._choice = Choice(LAGS[2], 1e-3)
-        self._others = cycle(CHOICES)
+        self._choice = VarHyperparameters(LAG_CANDIDATES[2], 1e-3)
+        self._others = cycle(HYPERPARAMETER_GRID)
         self.begin_with((), combinations)
 
     def begin_with(self, blocks: Iterable[MemoryBlock], combinations: Array | None) -> None:
@@ -80,7 +90,7 @@ class OnlineForecaster:
         self._before = np.empty((0, 0))
         self._waiting: list[MemoryBlock] = []
         # of the first second, in which rows are summed
-        self._units: ChannelUnits | None = None
+        self._units: ChannelScaling | None = None
         self._uncounted = 0
         self._sizes = np.full((len(self._horizons), 3, self._outputs), np.nan)
         for block in blocks:
@@ -92,7 +102,7 @@ class OnlineForecaster:
 
     def predict(self, memory: SampleMemory) -> ArrayPair:
         """Returns (m,) the latest sample, from those before it and its own inputs, or NaN; and (H, m) the next ones."""
-        inputs, outputs = memory.latest_samples(LAGS[-1] + 1)
+        inputs, outputs = memory.latest_samples(LAG_CANDIDATES[-1] + 1)
         latest = outputs[-1]
         errors = (
             latest - self._ring[(self._place - self._horizons) % len(self._ring), :, self._rows]
@@ -110,7 +120,7 @@ class OnlineForecaster:
             predicted = self._prediction.of(inputs, outputs)
             if len(outputs) > 1:
                 expected = predicted[-1]
-            if len(outputs) >= LAGS[-1]:  # soon after a gap the lags are not known
+            if len(outputs) >= LAG_CANDIDATES[-1]:  # soon after a gap the lags are not known
                 ahead = np.where(np.isfinite(predicted[:-1]), predicted[:-1], latest)
         row = self._ring[self._place]
         row[0] = ahead
@@ -129,14 +139,14 @@ class OnlineForecaster:
                 return
             channels = np.concatenate([self._channels(block) for block in self._waiting])
             scale = channels.std(axis=0)
-            self._units = ChannelUnits(channels.mean(axis=0), np.where(scale > 0, scale, 1.0))
+            self._units = ChannelScaling(channels.mean(axis=0), np.where(scale > 0, scale, 1.0))
         for block in self._waiting:
             channels = self._units.scaled(self._channels(block))
             if not block.starts_segment and len(self._before):
                 channels = np.vstack([self._before, channels])
-            self._before = channels[-LAGS[-1] :]
+            self._before = channels[-LAG_CANDIDATES[-1] :]
             self._uncounted += len(block.outputs)
-            new = LagStatistics.of([channels], LAGS[-1])
+            new = LagStatistics.from_segments([channels], LAG_CANDIDATES[-1])
             if self._statistics is not None:
                 kept = np.exp(-new.rows * self._dt / MEMORY_SECONDS)
                 new = new.after(self._statistics, kept)
@@ -152,11 +162,11 @@ class OnlineForecaster:
         assert self.combinations is not None
         return np.hstack([block.outputs, block.inputs @ self.combinations])
 
-    def _fit(self, combinations: Array, statistics: LagStatistics, units: ChannelUnits) -> None:
+    def _fit(self, combinations: Array, statistics: LagStatistics, units: ChannelScaling) -> None:
         """Fits the last choice and another; ``LinAlgError`` of these samples, where the next are others."""
         choices = self._choice, next(self._others)
-        choice, regression = choose(statistics, LAGS[-1], choices)
-        process = Var.of(regression, units)
+        choice, regression = select_hyperparameters(statistics, LAG_CANDIDATES[-1], choices)
+        process = VectorAutoregression.from_regression(regression, units)
         if process.spectral_radius > 1 + 1 / self._horizons[-1]:
             # Of the beginning of a manoeuvre, that seems to grow for ever: the next block shows its end.
             self._uncounted = round(REFIT_SECONDS / self._dt)
@@ -168,7 +178,7 @@ class OnlineForecaster:
         )
         latest, constant = process.latest(m)
         # The latest sample follows from one lag more.
-        weights = np.zeros((len(maps) + 1, m, (LAGS[-1] + 1) * len(units.center)))
+        weights = np.zeros((len(maps) + 1, m, (LAG_CANDIDATES[-1] + 1) * len(units.center)))
         weights[:-1, :, : maps.shape[2]] = maps
         weights[-1, :, : latest.shape[1]] = latest
         self._prediction = PredictionMaps(

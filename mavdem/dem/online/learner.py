@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mavdem.arrays import Array
-from mavdem.dem.forecast.joint import known_combinations
+from mavdem.dem.forecast.joint import known_axis_mixer
 from mavdem.dem.learned import Learned
 from mavdem.dem.learning import MIN_SAMPLES, learn, learn_with_fit
 from mavdem.dem.online.ahead import OnlineForecaster
@@ -133,7 +133,7 @@ class OnlineLearner:
         self._last: float | None = None
         self._gaps = 0
         self._bands = ErrorBands(len(self.horizons), n_outputs, self._dt)
-        combinations = known_combinations(n_inputs, directions)
+        combinations = known_axis_mixer(n_inputs, directions)
         self._ahead = OnlineForecaster(self._dt, self.horizons, n_outputs, combinations)
         # The wind torque is estimated by the plant, a room above this one.
         from mavdem.plant.online_wind_torque import OnlineWindTorque

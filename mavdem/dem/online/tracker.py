@@ -14,9 +14,9 @@ import numpy as np
 
 from mavdem.arrays import Array, ArrayPair
 from mavdem.confidence import CONFIDENCE_LEVEL, INTERVAL_QUANTILES, MIN_SAMPLES_FOR_STATISTICS
-from mavdem.dem.engine.free_energy import SampleEnergy
+from mavdem.dem.engine.free_energy import SampleFreeEnergy
 from mavdem.dem.engine.generative import taylor_weights
-from mavdem.dem.engine.linalg import ROUNDING
+from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE
 from mavdem.dem.engine.model import LinearModel
 from mavdem.dem.fitting import Fit
 from mavdem.dem.learned import Learned
@@ -115,21 +115,21 @@ class FreeEnergyMonitor(NamedTuple):
 
     learned: Learned
     until: float  # time of the last sample it was learned from, s
-    energy: SampleEnergy
+    energy: SampleFreeEnergy
     past: Array  # F(t) less its priors, of the latest training data
     weights: ArrayPair  # that make derivatives of the outputs and inputs of a window
 
     @classmethod
     def of(cls, learned: Learned, fit: Fit, until: float) -> FreeEnergyMonitor:
         """Returns that of a result and the fit that it was made from."""
-        energy = SampleEnergy.of(fit.ascent.belief)
+        energy = SampleFreeEnergy.from_posterior(fit.ascent.posterior)
         past = learned.free_energy_of_samples[-round(SURPRISE_SECONDS / learned.dt) :]
         settings = learned.settings
         outputs, inputs = (
             taylor_weights(order, learned.dt, settings.window, settings.window // 2)
             for order in (settings.p, settings.d)
         )
-        return cls(learned, until, energy, past - energy.priors, (outputs, inputs))
+        return cls(learned, until, energy, past - energy.parameter_terms, (outputs, inputs))
 
     def evaluate(self, memory: SampleMemory) -> float:
         """Returns F(t) less its priors at the centre of the latest window; NaN without one."""
@@ -142,7 +142,9 @@ class FreeEnergyMonitor(NamedTuple):
         derivatives = (weights @ each for weights, each in zip(self.weights, scaled, strict=True))
         data = np.concatenate([each.ravel() for each in derivatives])
         states = self.learned.state_map @ data
-        return float(self.energy.at(data[None], states[None])[0]) - self.energy.priors
+        return (
+            float(self.energy.evaluate(data[None], states[None])[0]) - self.energy.parameter_terms
+        )
 
 
 class ErrorBands:
@@ -208,7 +210,7 @@ class Surprise:
                 self._past, [INTERVAL_QUANTILES[0], 0.25, 0.5]
             )
             unit = min(self._median - low, MAX_QUARTILES * (self._median - quartile))
-            self._unit = max(unit, ROUNDING)
+            self._unit = max(unit, ROUNDING_TOLERANCE)
 
 
 class AnomalyMarks:

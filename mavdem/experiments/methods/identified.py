@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mavdem.arrays import Array
-from mavdem.dem.engine.linalg import ROUNDING, one_thread
+from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE, one_thread
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.forecast.forecasting import Forecasting
-from mavdem.dem.forecast.var import Forecast, Var
+from mavdem.dem.forecast.forecasting import ForecasterBase
+from mavdem.dem.forecast.var import Forecast, VectorAutoregression
 from mavdem.dem.record import Record, Segments, TrainingData, validated_count
 from mavdem.facts import Fact, Facts
 from mavdem.facts.forecasts import Forecasts, HeldOutForecast, MethodName
@@ -23,11 +23,11 @@ from mavdem.facts.forecasts import Forecasts, HeldOutForecast, MethodName
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Baseline(Forecasting):
+class Baseline(ForecasterBase):
     """A model with the name of its method and the training data."""
 
     method: str
-    model: StateSpace | Var
+    model: StateSpace | VectorAutoregression
     record: Record
     iterations: int | None = field(default=None, kw_only=True)
 
@@ -42,7 +42,7 @@ class Baseline(Forecasting):
     @property
     def stable(self) -> bool:
         """Whether no mode grows, but for rounding."""
-        return self.spectral_radius <= 1 + ROUNDING
+        return self.spectral_radius <= 1 + ROUNDING_TOLERANCE
 
     @property
     def cautions(self) -> Facts:
@@ -82,19 +82,21 @@ class Identified(Baseline):
         """Returns (T, m): each training sample predicted from those before it in its segment, and the inputs."""
         segments = zip(self.starts, self.record.segments, strict=True)
         return np.concatenate(
-            [self.model.predicted(start, *segment) for start, segment in segments]
+            [self.model.predicted_outputs(start, *segment) for start, segment in segments]
         )
 
-    def unknown_every(self, steps: int, inputs: Array, outputs: Array) -> Forecast:
-        """Returns :meth:`known_every` of these ``steps, inputs, outputs``, where inputs have no effect."""
+    def rolling_forecast_unknown_inputs(
+        self, steps: int, inputs: Array, outputs: Array
+    ) -> Forecast:
+        """Returns forecasts as :meth:`rolling_forecast_known_inputs`, of a model on which inputs have no effect."""
         if self.model.B.any() or self.model.D.any():
             raise ValueError(
                 f"{self.method} needs the inputs of the time it forecasts: use forecast(inputs), or "
                 "mavdem.baselines.var for predictions without them"
             )
-        return self.known_every(steps, inputs, outputs)
+        return self.rolling_forecast_known_inputs(steps, inputs, outputs)
 
-    def known_every(
+    def rolling_forecast_known_inputs(
         self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
     ) -> Forecast:
         """Returns (H, m): a new forecast at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m).
@@ -102,12 +104,12 @@ class Identified(Baseline):
         An unstable model's may overflow to infinity or NaN. Without feedthrough row h depends on the inputs before it.
         Inputs are causes in these models, so that ``smooth`` changes nothing. The size of errors is not known.
         """
-        made = self.model.simulated_every(steps, self._last_state, inputs, outputs)
+        made = self.model.rolling_forecast(steps, self._last_state, inputs, outputs)
         return Forecast(made, np.full_like(made, np.nan))
 
-    def from_zero(self, inputs: Array) -> Array:
+    def forecast_from_zero_state(self, inputs: Array) -> Array:
         """Returns the outputs (H, m) with ``inputs`` (H, r) from state 0."""
-        return self.model.simulated(np.zeros(len(self.model.A)), inputs)
+        return self.model.simulate(np.zeros(len(self.model.A)), inputs)
 
     def simulate(self, inputs: ArrayLike) -> Array:
         """Returns the forecast of these ``inputs`` (H, r): the answer of the plant that is modelled."""
@@ -116,7 +118,7 @@ class Identified(Baseline):
     @cached_property
     def _last_state(self) -> Array:
         """(n,) of the sample after the training data."""
-        return self.model.filtered(self.starts[-1], *self.record.segments[-1])[-1]
+        return self.model.predicted_states(self.starts[-1], *self.record.segments[-1])[-1]
 
 
 class Fitted(NamedTuple):
@@ -260,7 +262,7 @@ def var(train: TrainingData, order: int = 10) -> JointAutoregression:
     record = Record.from_flights(train)
     with one_thread():
         return JointAutoregression(
-            f"{MethodName.JOINT_VAR}({order})", Var.learn(record, order), record
+            f"{MethodName.JOINT_VAR}({order})", VectorAutoregression.learn(record, order), record
         )
 
 
@@ -278,17 +280,19 @@ class JointAutoregression(Baseline):
         ValueError: from every method, for inputs or outputs of another shape or not finite, or fewer steps than 1.
     """
 
-    model: Var
+    model: VectorAutoregression
 
     def one_step(self) -> Array:
         """Returns (T, m): each training sample from those before it in its segment, and the inputs up to its own."""
         return self.model.one_step(self.record)
 
-    def unknown_every(self, steps: int, inputs: Array, outputs: Array) -> Forecast:
+    def rolling_forecast_unknown_inputs(
+        self, steps: int, inputs: Array, outputs: Array
+    ) -> Forecast:
         """Returns (H, m): a new prediction at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m)."""
         return self.model.predict_every(self._past, steps, inputs, outputs)
 
-    def known_every(
+    def rolling_forecast_known_inputs(
         self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
     ) -> Forecast:
         """Returns (H, m): a new forecast at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m).
@@ -297,7 +301,7 @@ class JointAutoregression(Baseline):
         """
         return self.model.infer_every(self._past, steps, inputs, outputs, smooth)
 
-    def from_zero(self, inputs: Array) -> Array:
+    def forecast_from_zero_state(self, inputs: Array) -> Array:
         """Returns the outputs (H, m) with ``inputs`` (H, r), after all channels were at their mean."""
         past = np.tile(self.model.units.center, (self.model.lags, 1))
         return self.model.infer(past, inputs).mean

@@ -10,14 +10,14 @@ from numpy.linalg import LinAlgError
 
 from mavdem.arrays import Array, ArrayPair
 from mavdem.dem.engine.gauss_newton import (
-    CONVERGED_NATS,
-    RELATIVE_STEP,
+    CONVERGED_STEP_NATS,
+    FINITE_DIFFERENCE_STEP,
     Damping,
-    Quadratic,
+    QuadraticExpansion,
     gauss_newton,
 )
-from mavdem.dem.engine.kalman import GaussianModel, Smoothed, smoothed
-from mavdem.dem.engine.linalg import ROUNDING
+from mavdem.dem.engine.kalman import LinearGaussianModel, SmoothedStates, smooth_states
+from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.record import Segments, TrainingData
 from mavdem.errors import NotLearnable
@@ -32,7 +32,7 @@ from mavdem.experiments.methods.identified import (
 from mavdem.experiments.methods.subspace_identification import found_by_projection, innovation_gain
 from mavdem.facts.forecasts import Forecasts
 
-DAMPING = Damping(first=1e-3, factor=8.0, attempts=8)
+DAMPING = Damping(initial=1e-3, factor=8.0, max_attempts=8)
 MAX_ITERATIONS = 300  # of PEM, and of EM: in a flat valley many small steps follow
 
 
@@ -83,7 +83,7 @@ class PredictionErrors(NamedTuple):
         """Returns (T, m) errors of each sample of all segments."""
         model, starts, segments = self.moved(at)
         ahead = [
-            model.predicted(start, *segment)
+            model.predicted_outputs(start, *segment)
             for start, segment in zip(starts, segments, strict=True)
         ]
         seen = np.concatenate([outputs for _, outputs in segments])
@@ -96,10 +96,10 @@ class PredictionErrors(NamedTuple):
         radius = abs(np.linalg.eigvals(predictor)).max()
         return _likelihood(self.errors(at)) if radius < 1 else np.nan
 
-    def quadratic(self, at: Array) -> Quadratic:
+    def expand(self, at: Array) -> QuadraticExpansion:
         """Returns slope and Gauss-Newton curvature of the likelihood, by differences of the errors."""
         residuals = self.errors(at)
-        steps = RELATIVE_STEP * np.maximum(1.0, abs(at))
+        steps = FINITE_DIFFERENCE_STEP * np.maximum(1.0, abs(at))
         beside = np.array([self.errors(at + step) for step in np.diag(steps)])
         slopes = (beside - residuals) / steps[:, None, None]
         precision = np.linalg.inv(_covariance(residuals))
@@ -107,10 +107,10 @@ class PredictionErrors(NamedTuple):
         jacobian = (slopes @ root).reshape(len(at), -1)
         curvature = jacobian @ jacobian.T
         # The choice of states changes no error.
-        floor = ROUNDING * curvature.diagonal().max()
+        floor = ROUNDING_TOLERANCE * curvature.diagonal().max()
         curvature += floor * np.eye(len(at))
         slope = -jacobian @ (residuals @ root).ravel()
-        return Quadratic(at, _likelihood(residuals), slope, curvature)
+        return QuadraticExpansion(at, _likelihood(residuals), slope, curvature)
 
 
 def _likelihood(errors: Array) -> float:
@@ -126,10 +126,10 @@ def _covariance(errors: Array) -> Array:
 def _minimised(segments: Segments, order: int) -> Fitted:
     projected = found_by_projection(segments, order)
     objective = PredictionErrors(projected.model, projected.starts, segments)
-    start = objective.quadratic(objective.at)
+    start = objective.expand(objective.at)
     trace, gained = gauss_newton(objective, start, DAMPING, MAX_ITERATIONS)
-    best = objective.moved(trace[-1].at)
-    iterations = None if gained <= CONVERGED_NATS else len(trace) - 1
+    best = objective.moved(trace[-1].point)
+    iterations = None if gained <= CONVERGED_STEP_NATS else len(trace) - 1
     return Fitted(best.model, best.starts, iterations)
 
 
@@ -153,7 +153,7 @@ def em(train: TrainingData, order: int = 2) -> Identified:
 class EMFit(NamedTuple):
     """What EM came to: ``starts`` (segments, n) are means of first states; one likelihood an iteration."""
 
-    model: GaussianModel
+    model: LinearGaussianModel
     starts: Array
     log_likelihoods: list[float]
 
@@ -163,18 +163,18 @@ def iterated(segments: Segments, order: int, iterations: int = MAX_ITERATIONS) -
     projected, starts, _ = found_by_projection(segments, order)
     pairs = zip(starts, segments, strict=True)
     errors = np.concatenate(
-        [segment[1] - projected.predicted(start, *segment) for start, segment in pairs]
+        [segment[1] - projected.predicted_outputs(start, *segment) for start, segment in pairs]
     )
     R = errors.T @ errors / len(errors)
     noise = projected.K @ R @ projected.K.T + START_NOISE * np.eye(order)
-    R += ROUNDING * np.eye(len(R))
-    model = GaussianModel(
+    R += ROUNDING_TOLERANCE * np.eye(len(R))
+    model = LinearGaussianModel(
         projected.A, projected.B, projected.offset, projected.C, projected.output_trim, noise, R
     )
     likelihoods = []
     for _ in range(iterations):
         expected = [
-            smoothed(model, start, *segment)
+            smooth_states(model, start, *segment)
             for start, segment in zip(starts, segments, strict=True)
         ]
         likelihoods.append(sum(states.log_likelihood for states in expected))
@@ -187,7 +187,9 @@ def iterated(segments: Segments, order: int, iterations: int = MAX_ITERATIONS) -
     return EMFit(model, starts, likelihoods)
 
 
-def _maximized(model: GaussianModel, expected: list[Smoothed], segments: Segments) -> GaussianModel:
+def _maximized(
+    model: LinearGaussianModel, expected: list[SmoothedStates], segments: Segments
+) -> LinearGaussianModel:
     """The model under which the expected likelihood of outputs and states together is highest."""
     n, k = model.B.shape
     dynamics = []
@@ -199,7 +201,7 @@ def _maximized(model: GaussianModel, expected: list[Smoothed], segments: Segment
         moved = np.hstack([means[:-1], inputs[:-1], ones[:-1], means[1:]])
         dynamics.append(moved.T @ moved)
         dynamics[-1][:n, :n] += covariances[:-1].sum(0)
-        dynamics[-1][-n:, :n] += states.lagged.sum(0)
+        dynamics[-1][-n:, :n] += states.lag_one_covariances.sum(0)
         dynamics[-1][-n:, -n:] += covariances[1:].sum(0)
         seen = np.hstack([means, ones, outputs])
         observation.append(seen.T @ seen)
@@ -207,7 +209,7 @@ def _maximized(model: GaussianModel, expected: list[Smoothed], segments: Segment
     samples = sum(len(outputs) for _, outputs in segments)
     best, Q = _regressed(dynamics, n, samples - len(segments))
     trims, R = _regressed(observation, len(model.C), samples)
-    return GaussianModel(
+    return LinearGaussianModel(
         best[:, :n], best[:, n : n + k], best[:, -1], trims[:, :n], trims[:, n], Q, R
     )
 
@@ -216,7 +218,8 @@ def _regressed(products: list[Array], targets: int, number: int) -> ArrayPair:
     """Coefficients of so many ``targets``, the last columns, on those before; and the covariance of what they leave.
 
     ``products`` are the segments' expected sums over a ``number`` of rows, of which the upper right is not used. The
-    covariance is no smaller in any direction than ``ROUNDING``: the likeliest such, states and outputs being of size 1.
+    covariance is no smaller in any direction than ``ROUNDING_TOLERANCE``: the likeliest such, states and outputs
+    being of size 1.
     """
     total = np.sum(products, axis=0)
     zz = total[:-targets, :-targets]
@@ -227,7 +230,7 @@ def _regressed(products: list[Array], targets: int, number: int) -> ArrayPair:
     squared = coefficients @ zz @ coefficients.T
     left = (yy - explained - explained.T + squared) / number
     variances, axes = np.linalg.eigh((left + left.T) / 2)
-    return coefficients, (axes * np.maximum(variances, ROUNDING) @ axes.T)
+    return coefficients, (axes * np.maximum(variances, ROUNDING_TOLERANCE) @ axes.T)
 
 
 def _fitted(segments: Segments, order: int) -> Fitted:

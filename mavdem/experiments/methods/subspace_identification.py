@@ -7,7 +7,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.linalg import LinAlgError
 
 from mavdem.arrays import Array, ArrayPair
-from mavdem.dem.engine.kalman import steady_gain
+from mavdem.dem.engine.kalman import steady_state_gain
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.record import Segments, TrainingData
 from mavdem.errors import NotLearnable
@@ -156,14 +156,16 @@ def innovation_gain(A: Array, C: Array, Q: Array, R: Array, S: Array) -> Array:
         with suppress(LinAlgError):
             process = Q + least * np.eye(len(A))
             measurement = R + least * np.eye(len(C))
-            return steady_gain(A, C, process, measurement, S)[0]
+            return steady_state_gain(A, C, process, measurement, S)[0]
     raise LinAlgError("no noise makes a steady filter")
 
 
 def _start(model: StateSpace, inputs: Array, outputs: Array) -> Array:
     """(n,): the smallest first state with the least prediction errors of a segment."""
-    at_zero = model.predicted(np.zeros(len(model.A)), inputs, outputs)
-    effects = [model.predicted(unit, inputs, outputs) - at_zero for unit in np.eye(len(model.A))]
+    at_zero = model.predicted_outputs(np.zeros(len(model.A)), inputs, outputs)
+    effects = [
+        model.predicted_outputs(unit, inputs, outputs) - at_zero for unit in np.eye(len(model.A))
+    ]
     return regression(
         np.stack(effects, axis=-1).reshape(outputs.size, -1), (outputs - at_zero).ravel()
     )

@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from numpy.random import Generator, default_rng
 
 from mavdem.arrays import Array, ArrayPair
-from mavdem.dem.engine.ascent import plain_rounds
-from mavdem.dem.engine.free_energy import Belief, optimal_terms
+from mavdem.dem.engine.ascent import posterior_after_each_round
+from mavdem.dem.engine.free_energy import Posterior, free_energy_terms
 from mavdem.dem.engine.generative import (
     GenerativeModel,
     Prior,
@@ -24,7 +24,7 @@ from mavdem.dem.engine.generative import (
     embed,
     temporal_precision,
 )
-from mavdem.dem.engine.steps import with_optimal_precisions
+from mavdem.dem.engine.steps import with_optimal_covariances
 from mavdem.experiments.paper.runner import Check, ExperimentResult, Runner
 from mavdem.loops.margins import Complex
 from mavdem.report.figures.style import Picture, picture
@@ -108,7 +108,9 @@ class ScalarSettings:
             embed(each, self.p, world.step, self.p + 1, self.p // 2) for each in world.signals(seed)
         )
         every = round(self.spacing / world.step)
-        return SufficientStatistics.of(np.hstack([outputs[::every], inputs[::every, : self.d + 1]]))
+        return SufficientStatistics.from_segments(
+            np.hstack([outputs[::every], inputs[::every, : self.d + 1]])
+        )
 
     def model(self) -> GenerativeModel:
         """Returns the generative model whose F̄ is maximised."""
@@ -148,19 +150,19 @@ PAPER = ScalarSettings(
 """The paper's section on algorithm settings, with η = (−8, 8) as in its figure."""
 
 
-def value_at(model: GenerativeModel, belief: Belief, a: float, b: float) -> float:
+def value_at(model: GenerativeModel, belief: Posterior, a: float, b: float) -> float:
     """Returns F̄ᵒ (nats) at A = a, B = b, with the belief's states, λ and C held, and every covariance optimal there."""
     moments = replace(belief.moments, model=model)
     there = belief._replace(moments=moments, theta=np.array([a, b, belief.theta[2]]))
-    return sum(optimal_terms(with_optimal_precisions(there)).values())
+    return sum(free_energy_terms(with_optimal_covariances(there)).values())
 
 
-def peak(model: GenerativeModel, belief: Belief) -> float:
+def peak(model: GenerativeModel, belief: Posterior) -> float:
     """Returns F̄ᵒ (nats) at the belief's own A and B."""
     return value_at(model, belief, *belief.theta[:2])
 
 
-def curvature(belief: Belief) -> float:
+def curvature(belief: Posterior) -> float:
     """Returns the curvature of F̄ᵒ along A at the belief: the A entry of Π^θ, Eq. ``Picurvature``."""
     return float(np.linalg.inv(belief.theta_covariance[:2, :2])[0, 0])
 
@@ -183,7 +185,9 @@ def run(runner: Runner) -> ExperimentResult:
     settings = ScalarSettings()
     samples = settings.samples(ScalarWorld(), seed=0)
     model = settings.model()
-    beliefs = [plain_rounds(model, samples, max(DRAWN))[iteration] for iteration in DRAWN]
+    beliefs = [
+        posterior_after_each_round(model, samples, max(DRAWN))[iteration] for iteration in DRAWN
+    ]
     peaks = [peak(model, belief) for belief in beliefs]
     sharpness = [curvature(belief) for belief in beliefs]
     paths = {
@@ -229,22 +233,22 @@ def run(runner: Runner) -> ExperimentResult:
     )
 
 
-def ascents(settings: ScalarSettings, samples: SufficientStatistics) -> list[list[Belief]]:
+def ascents(settings: ScalarSettings, samples: SufficientStatistics) -> list[list[Posterior]]:
     """Returns the beliefs after each iteration, from each prior of the circle."""
     angles = default_rng(0).uniform(0, 2 * np.pi, PRIOR_COUNT)
     priors = CENTRE + RADIUS * np.column_stack([np.cos(angles), np.sin(angles)])
     models = [replace(settings, theta_mean=(a, b, 1.0)).model() for a, b in priors.tolist()]
-    return [plain_rounds(model, samples, ROUNDS) for model in models]
+    return [posterior_after_each_round(model, samples, ROUNDS) for model in models]
 
 
-def ends(paths: list[list[Belief]]) -> ArrayPair:
+def ends(paths: list[list[Posterior]]) -> ArrayPair:
     """Returns (priors, 2) the A and B at which ascents end, and (2,) the posterior standard deviation of one."""
     return np.array([beliefs[-1].theta[:2] for beliefs in paths]), np.sqrt(
         np.diag(paths[0][-1].theta_covariance)[:2]
     )
 
 
-def _from_above(axes: Axes, model: GenerativeModel, belief: Belief) -> None:
+def _from_above(axes: Axes, model: GenerativeModel, belief: Posterior) -> None:
     """Shades F̄ᵒ by its distance from the peak, with contours at ``CONTOUR_LEVELS``, the truth and the estimate."""
     values = np.array([[value_at(model, belief, a, b) for a in AXIS_A] for b in AXIS_B])
     # Half a nat keeps the peak's own grid point on the logarithmic scale.
@@ -258,7 +262,7 @@ def _from_above(axes: Axes, model: GenerativeModel, belief: Belief) -> None:
     axes.set(xlabel="A", aspect="equal")
 
 
-def manifold(model: GenerativeModel, beliefs: list[Belief]) -> Figure:
+def manifold(model: GenerativeModel, beliefs: list[Posterior]) -> Figure:
     """Draws the manifold at each of the ``DRAWN`` iterations."""
     with picture(1.8) as figure:
         panels = figure.subplots(1, len(beliefs), sharey=True)
@@ -269,7 +273,7 @@ def manifold(model: GenerativeModel, beliefs: list[Belief]) -> Figure:
         return figure
 
 
-def circle(model: GenerativeModel, paths: list[list[Belief]]) -> Figure:
+def circle(model: GenerativeModel, paths: list[list[Posterior]]) -> Figure:
     """Draws ascents on the last manifold of one."""
     with picture(2.8) as figure:
         axes = figure.subplots()

@@ -11,7 +11,7 @@ from mavdem.confidence import SIGNIFICANT_SIGMAS
 from mavdem.dem.engine.gauss_newton import (
     MAX_STEPS,
     Damping,
-    Quadratic,
+    QuadraticExpansion,
     gauss_newton,
 )
 from mavdem.dem.engine.linalg import inverse
@@ -68,25 +68,25 @@ def identified(axis: AxisPosterior) -> IdentifiedAxis:
         theta[[effect, *late]] = np.log([2 * np.pi * crossover / back[0], lag, delay])
         begun.append(_ascended(axis, theta, FIRST_STEPS))
     times = STEP_TIMES if axis.densities.between else STEP_TIMES[1:2]
-    ended: list[Quadratic] = []
+    ended: list[QuadraticExpansion] = []
     for fit in sorted(begun, key=lambda fit: fit.value)[-2:]:
         for time in times:
-            theta = lag_first(fit.at)
+            theta = lag_first(fit.point)
             theta[STEP_TIME] = time
             ended.append(_ascended(axis, theta, MAX_STEPS, ended))
     return _averaged(axis, ended)
 
 
-def _averaged(axis: AxisPosterior, ended: Sequence[Quadratic]) -> IdentifiedAxis:
+def _averaged(axis: AxisPosterior, ended: Sequence[QuadraticExpansion]) -> IdentifiedAxis:
     """The mean over ends at different times of steps, each as probable as by Laplace's approximation."""
     finite = (fit for fit in ended if np.isfinite(fit.value))
     ascending = sorted(finite, key=lambda fit: fit.value)
     # Ascents that end at the same time of steps have found the same maximum: the highest stays.
-    maxima = {round(fit.at[STEP_TIME]): fit for fit in ascending}.values()
+    maxima = {round(fit.point[STEP_TIME]): fit for fit in ascending}.values()
     if not maxima:
         raise np.linalg.LinAlgError("nothing has a likelihood")
     shares = softmax([fit.value - np.linalg.slogdet(fit.curvature)[1] / 2 for fit in maxima])
-    thetas = np.array([fit.at for fit in maxima])
+    thetas = np.array([fit.point for fit in maxima])
     theta = shares @ thetas
     within = sum(
         share * _covariance(axis, fit.curvature) for share, fit in zip(shares, maxima, strict=True)
@@ -112,25 +112,25 @@ def lag_first(theta: Array) -> Array:
     return swapped
 
 
-def _apart(now: Quadratic, maximum: Quadratic) -> float:
+def _apart(now: QuadraticExpansion, maximum: QuadraticExpansion) -> float:
     """By how much the function is lower here, about a ``maximum``."""
-    step = now.at - maximum.at
+    step = now.point - maximum.point
     return float(step @ maximum.curvature @ step) / 2
 
 
 def _ascended(
-    axis: AxisPosterior, theta: Array, steps: int, maxima: Sequence[Quadratic] = ()
-) -> Quadratic:
+    axis: AxisPosterior, theta: Array, steps: int, maxima: Sequence[QuadraticExpansion] = ()
+) -> QuadraticExpansion:
     """From parameters ``theta`` after so many damped steps, or where there is nothing to gain.
 
     An ascent that comes to one of the ``maxima`` has no more to find.
     """
 
-    def enough(now: Quadratic) -> bool:
+    def enough(now: QuadraticExpansion) -> bool:
         return any(_apart(now, maximum) < SAME_NATS for maximum in maxima)
 
-    damping = Damping(first=1e-2, factor=5.0, attempts=16, limited=_limited)
-    trace, _ = gauss_newton(axis, axis.quadratic(theta), damping, steps, enough)
+    damping = Damping(initial=1e-2, factor=5.0, max_attempts=16, limit_step=_limited)
+    trace, _ = gauss_newton(axis, axis.expand(theta), damping, steps, enough)
     return trace[-1]
 
 

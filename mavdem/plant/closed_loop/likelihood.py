@@ -6,7 +6,7 @@ Whittle's (Brillinger, Time Series, sec. 5.6), of the spectra of rate, output an
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.dem.engine.gauss_newton import Quadratic
+from mavdem.dem.engine.gauss_newton import QuadraticExpansion
 from mavdem.plant.closed_loop.densities import (
     ASKED,
     OUTPUT,
@@ -57,7 +57,7 @@ class AxisPosterior:
         """Returns the value at parameters (k,); minus infinity where there is none."""
         return self._whitened(self.densities.at(at))[0] + self._log_prior(at)
 
-    def quadratic(self, at: Array) -> Quadratic:
+    def expand(self, at: Array) -> QuadraticExpansion:
         """Returns the value to second order, with Fisher's information for the curvature."""
         model, slopes = self.densities.with_slopes(at)
         value, whitener, seen = self._whitened(model)
@@ -71,7 +71,7 @@ class AxisPosterior:
         precision = self.sd**-2.0
         slope = flat @ unlike.reshape(-1).view(float) - precision * (at - self.mean)
         curvature = flat @ flat.T + np.diag(precision)
-        return Quadratic(at, value + self._log_prior(at), slope, curvature)
+        return QuadraticExpansion(at, value + self._log_prior(at), slope, curvature)
 
     def _log_prior(self, at: Array) -> float:
         return -0.5 * np.sum(((at - self.mean) / self.sd) ** 2)
