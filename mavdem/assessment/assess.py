@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.assessment.autopilot_messages import in_order
+from mavdem.assessment.autopilot_messages import in_time_order
 from mavdem.assessment.axis import AxisFigures, LogAnalysis, Options, analyse
 from mavdem.assessment.axis.analysis import StepProgress, silent
 from mavdem.assessment.axis.figures import ALL
@@ -274,7 +274,7 @@ def assess_signals(
         analysis.learnability,
         analysis.condition,
         air,
-        tuple(in_order(events)),
+        tuple(in_time_order(events)),
         ending,
         ReadOnlyDict(loops),
     )

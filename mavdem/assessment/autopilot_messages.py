@@ -1,7 +1,7 @@
-"""Said: what the autopilot itself reports in words, errors and events, each a fact.
+"""Texts, error codes and event codes with which the autopilot itself reports that something went wrong, as facts.
 
-Words are MAVLink's STATUSTEXT, DataFlash's MSG and ULog's logged messages; errors and events are DataFlash's ERR and
-EV. ``message_patterns.toml`` has what each means.
+Texts are MAVLink's STATUSTEXT, DataFlash's MSG and ULog's logged messages; error and event codes are DataFlash's ERR
+and EV. ``message_patterns.toml`` has the meaning of each.
 """
 
 import re
@@ -14,66 +14,114 @@ from mavdem.facts.events import Reported
 from mavdem.files import load_adjacent_toml
 from mavdem.ingest.telemetry import Telemetry
 
-_SAID = load_adjacent_toml(__file__, "message_patterns.toml")
-PATTERNS = [(re.compile(pattern, re.IGNORECASE), *meant) for pattern, *meant in _SAID["texts"]]
+
+class TextPattern(NamedTuple):
+    """What a text of the autopilot means if a regular expression is found in it."""
+
+    expression: re.Pattern[str]
+    """Named groups: ``motor`` and ``lane`` are numbers, ``subject`` is what the text is about, ``text`` its gist."""
+    code: str
+    """Value of the code of :class:`Reported`; empty for a text that reports the end of a problem."""
+    level: Level | None = None
+    """Level of the fact; None for the usual level of the code."""
+
+
+def _text_patterns(rows: Iterable[list[str]]) -> list[TextPattern]:
+    """Compiles the rows (expression, code and, in some, a level) of the table ``texts``."""
+    patterns = []
+    for expression, code, *levels in rows:
+        level = Level(levels[0]) if levels else None
+        patterns.append(TextPattern(re.compile(expression, re.IGNORECASE), code, level))
+    return patterns
+
+
+_MEANINGS = load_adjacent_toml(__file__, "message_patterns.toml")
+"""The tables ``texts``, ``old_scale``, ``subsystems``, ``events`` and ``reasons`` of the file."""
+
+PATTERNS = _text_patterns(_MEANINGS["texts"])
+"""Patterns of texts in order: the first that is found in a text decides what the text means."""
+
 SEVERITIES = ("emergency", "alert", "critical", "error", "warning")
-"""MAV_SEVERITY of what warns, the worst first."""
-PRIMARY_FILTER = 24  # Subsystem of ERR whose code is a lane, also 0
-AGAIN_SECONDS = 30.0
-"""s after which what is said again is another event: autopilots repeat a standing warning every 5 to 30 s."""
+"""Names of the MAV_SEVERITY values 0 to 4, which warn of something, the worst first."""
+
+ERROR_SEVERITY = SEVERITIES[3]
+"""The severity of the messages ERR, which have none of their own."""
+
+PRIMARY_FILTER_SUBSYSTEM = 24
+"""Subsystem EKF_PRIMARY of ERR, whose error code is the number of the new lane and not an error: 0 is a lane too."""
+
+REPEAT_SECONDS = 30.0
+"""Seconds within which the same report is a repetition of the earlier one: autopilots repeat a warning that persists
+every 5 to 30 s."""
+
+CODES_WITH_TEXT = (Reported.AUTOPILOT_SAID, Reported.ARMING_REFUSED)
+"""Codes whose facts quote the autopilot: two of them with different texts are different events."""
 
 
-QUOTED = (Reported.AUTOPILOT_SAID, Reported.ARMING_REFUSED)
-"""What quotes the autopilot, and is another with another text."""
-
-
-class Text(NamedTuple):
-    """A text of the autopilot at ``time``, s of a ``boot``, with its MAV_SEVERITY; 255 where that is not known."""
+class StatusText(NamedTuple):
+    """One text of the autopilot."""
 
     time: float
+    """Time on the boot clock, s."""
     boot: int
+    """Number of the boot."""
     severity: int
+    """MAV_SEVERITY, 0 for an emergency to 7 for debugging; 255 if it is not known."""
     text: str
+    """The text without surrounding blanks."""
 
 
-def texts(telemetry: Telemetry) -> list[Text]:
-    """Returns all texts of the autopilot, in the order of the stream, those in chunks as one."""
+def status_texts(telemetry: Telemetry) -> list[StatusText]:
+    """Returns all texts of the autopilot in the order of the stream.
+
+    A STATUSTEXT holds 50 characters. A longer text comes in chunks with a common ``id``, numbered by ``chunk_seq``, and
+    is joined here.
+    """
     columns = telemetry.messages.get("STATUSTEXT", {})
     if "text" not in columns:
         return []
-    none = [0] * len(columns["time"])
+    zeros = [0] * len(columns["time"])
     fields = [
-        columns[name].tolist() if name in columns else none
+        columns[name].tolist() if name in columns else zeros
         for name in ("time", "boot", "severity", "id", "chunk_seq", "text")
     ]
-    rows: list[Text] = []
-    begun = dict[int, int]()
-    for time, boot, severity, number, chunk, raw in zip(*fields, strict=True):
-        text = raw.decode(errors="replace") if isinstance(raw, bytes) else raw
-        if number and chunk and number in begun:
-            before = rows[begun[number]]
-            rows[begun[number]] = before._replace(text=before.text + text)
+    texts: list[StatusText] = []
+    # The position in ``texts`` of the latest text with each id.
+    position_of_id = dict[int, int]()
+    for time, boot, severity, text_id, chunk, content in zip(*fields, strict=True):
+        text = content.decode(errors="replace") if isinstance(content, bytes) else content
+        if text_id and chunk and text_id in position_of_id:
+            position = position_of_id[text_id]
+            texts[position] = texts[position]._replace(text=texts[position].text + text)
         else:
-            begun[number] = len(rows)
-            rows.append(Text(time, boot, severity, text))
-    return [text._replace(text=text.text.strip()) for text in rows]
+            position_of_id[text_id] = len(texts)
+            texts.append(StatusText(time, boot, severity, text))
+    return [text._replace(text=text.text.strip()) for text in texts]
 
 
-def said(telemetry: Telemetry) -> list[Fact]:
-    """Returns what the autopilot says went wrong.
+def reported_problems(telemetry: Telemetry) -> list[Fact]:
+    """Returns a fact for each text, error and event by which the autopilot reports a problem.
 
-    Each has ``boot``, ``basis`` (the messages it rests on) and, where it is of a text, ``text`` and the word of its
-    ``severity``.
+    Every fact has the figures ``boot`` and ``basis`` (names of the messages that it rests on). Facts of texts have the
+    ``text`` and the name of its ``severity`` too.
     """
-    return [*_of_texts(telemetry), *_of_errors(telemetry), *_of_events(telemetry)]
+    return [
+        *_problems_of_texts(telemetry),
+        *_problems_of_errors(telemetry),
+        *_problems_of_events(telemetry),
+    ]
 
 
-def _of_texts(telemetry: Telemetry) -> Iterator[Fact]:
-    rows = texts(telemetry)
-    is_old = any(text.text in _SAID["old_scale"] for text in rows)
-    for text in rows:
-        warns = text.severity < len(SEVERITIES) and not is_old
-        fact = _meant(text, warns)
+def _problems_of_texts(telemetry: Telemetry) -> Iterator[Fact]:
+    """Yields the problems that texts report.
+
+    ArduPilot before 3.4 had severities on a scale of its own, so that they do not show which of its texts warn.
+    """
+    texts = status_texts(telemetry)
+    has_old_scale = any(text.text in _MEANINGS["old_scale"] for text in texts)
+    for text in texts:
+        warns = text.severity < len(SEVERITIES) and not has_old_scale
+        fact = _problem_of_text(text, warns)
         if fact is not None:
             yield fact.but(
                 boot=text.boot,
@@ -82,112 +130,156 @@ def _of_texts(telemetry: Telemetry) -> Iterator[Fact]:
             )
 
 
-def _meant(message: Text, warns: bool) -> Fact | None:
-    """What a text means; None where something is over, or where no pattern knows it and it ``warns`` of nothing."""
-    for pattern, code, *level in PATTERNS:
-        match = pattern.search(message.text)
-        if match:
-            if not code:
-                return None
-            groups = match.groupdict()
-            subject = groups.get("subject") or next(
-                (f"{name} {groups[name]}" for name in ("motor", "lane") if groups.get(name)), ""
-            )
-            text = groups.get("text", message.text)
-            subject = subject.lower()
-            return Fact(
-                Reported(code), *map(Level, level), time=message.time, subject=subject, text=text
-            )
-    said = Fact(Reported.AUTOPILOT_SAID, time=message.time, text=message.text)
-    return said if warns else None
+def _problem_of_text(message: StatusText, warns: bool) -> Fact | None:
+    """Returns the problem that a text reports, by the first of the ``PATTERNS`` found in it.
 
+    Args:
+        message: the text.
+        warns: whether its severity is that of a warning or worse. Such a text is quoted where no pattern fits.
 
-def _of_errors(telemetry: Telemetry) -> Iterator[Fact]:
-    """ERR, each until its ECode is 0."""
-    rows = list(_rows(telemetry, "ERR", "Subsys", "ECode"))
-    for time, boot, number, code in rows:
-        has_lane = number == PRIMARY_FILTER
-        if code == 0 and not has_lane:
+    Returns:
+        The fact; None for a text that reports no problem, or the end of one.
+    """
+    for pattern in PATTERNS:
+        match = pattern.expression.search(message.text)
+        if match is None:
             continue
-        ends = [ended for ended, *of in rows if of == [boot, number, 0] and ended > time]
-        names = _SAID["subsystems"][number - 1 : number]
-        name, subject = next(iter(names), (Reported.AUTOPILOT_ERROR, f"{number}"))
+        if not pattern.code:
+            return None
+        groups = match.groupdict()
+        subject = groups.get("subject") or ""
+        for name in ("motor", "lane"):
+            if not subject and groups.get(name):
+                subject = f"{name} {groups[name]}"
+        return Fact(
+            Reported(pattern.code),
+            pattern.level,
+            time=message.time,
+            subject=subject.lower(),
+            text=groups.get("text", message.text),
+        )
+    if warns:
+        return Fact(Reported.AUTOPILOT_SAID, time=message.time, text=message.text)
+    return None
+
+
+def _problems_of_errors(telemetry: Telemetry) -> Iterator[Fact]:
+    """Yields the problems of DataFlash's ERR messages.
+
+    Each lasts until the same subsystem logs the error code 0 in the same boot. A change of the primary EKF lane is a
+    moment, without an end.
+    """
+    rows = list(_rows_of_message(telemetry, "ERR", "Subsys", "ECode"))
+    for time, boot, subsystem, error_code in rows:
+        is_lane_change = subsystem == PRIMARY_FILTER_SUBSYSTEM
+        if error_code == 0 and not is_lane_change:
+            continue
+        end_times = [
+            later_time
+            for later_time, later_boot, later_subsystem, later_code in rows
+            if later_time > time
+            and (later_boot, later_subsystem, later_code) == (boot, subsystem, 0)
+        ]
+        code, subject = Reported.AUTOPILOT_ERROR, f"{subsystem}"
+        if 1 <= subsystem <= len(_MEANINGS["subsystems"]):
+            code, subject = _MEANINGS["subsystems"][subsystem - 1]
         yield Fact(
-            Reported(name),
+            Reported(code),
             time=time,
-            until=min(ends) if ends and not has_lane else None,
-            subject=f"lane {code}" if has_lane else subject,
-            error_code=code,
+            until=min(end_times) if end_times and not is_lane_change else None,
+            subject=f"lane {error_code}" if is_lane_change else subject,
+            error_code=error_code,
             boot=boot,
             basis=("ERR",),
-            severity=SEVERITIES[3],
+            severity=ERROR_SEVERITY,
         )
 
 
-def _of_events(telemetry: Telemetry) -> Iterator[Fact]:
-    for time, boot, number in _rows(telemetry, "EV", "Id"):
-        meant = _SAID["events"].get(str(number))
-        if meant:
-            name, subject = meant
-            yield Fact(Reported(name), time=time, subject=subject, boot=boot, basis=("EV",))
+def _problems_of_events(telemetry: Telemetry) -> Iterator[Fact]:
+    """Yields the problems of DataFlash's EV messages; most events report none."""
+    for time, boot, number in _rows_of_message(telemetry, "EV", "Id"):
+        meaning = _MEANINGS["events"].get(str(number))
+        if meaning:
+            code, subject = meaning
+            yield Fact(Reported(code), time=time, subject=subject, boot=boot, basis=("EV",))
 
 
-def reason(number: float | None) -> tuple[str, Level]:
-    """Returns why ArduPilot changed its mode, by the number that it logs, in a word; empty where that is not known."""
-    names = _SAID["reasons"][int(number) :][:1] if number else []
-    cause, level = next(iter(names), ("", Level.GOOD))
-    return cause, Level(level)
+def mode_change_reason(number: float | None) -> tuple[str, Level]:
+    """Returns why ArduPilot changed its flight mode, in words, and how serious that is.
+
+    Args:
+        number: the field ``Rsn`` of the message MODE, ArduPilot's ModeReason; None or 0 if it is not known.
+
+    Returns:
+        The reason, empty if it is not known, and its level.
+    """
+    reasons = _MEANINGS["reasons"]
+    if not number or int(number) >= len(reasons):
+        return "", Level.GOOD
+    words, level = reasons[int(number)]
+    return words, Level(level)
 
 
-def _rows(telemetry: Telemetry, message: str, *fields: str) -> Iterator[Any]:
-    """Time, boot and fields of each message of DataFlash's own; none where the log is another."""
+def _rows_of_message(telemetry: Telemetry, message: str, *fields: str) -> Iterator[Any]:
+    """Yields a tuple of time, boot and the ``fields`` of each ``message`` of a DataFlash log; nothing of other logs."""
     columns = telemetry.messages.get(message)
     if columns is not None:
         yield from zip(*(columns[name].tolist() for name in ("time", "boot", *fields)), strict=True)
 
 
-def in_order(facts: Iterable[Fact]) -> list[Fact]:
-    """Returns the facts by boot and time."""
+def in_time_order(facts: Iterable[Fact]) -> list[Fact]:
+    """Returns the facts sorted by boot and, within a boot, by time."""
     return sorted(facts, key=lambda fact: (fact.figures["boot"], fact.time))
 
 
-def once(facts: Iterable[Fact]) -> list[Fact]:
-    """Returns facts in order, those that say the same again soon as one, with its ``count`` and until when."""
-    kept: list[Fact] = []
-    of_kind = defaultdict[tuple[Any, ...], list[int]](list)
-    for fact in in_order(facts):
-        quoted = fact.figures["text"] if fact.code in QUOTED else ""
-        before = of_kind[fact.figures["boot"], fact.code, quoted]
-        at = next((at for at in reversed(before) if _is_again(kept[at], fact)), None)
-        if at is None:
-            before.append(len(kept))
-            kept.append(fact.but(count=1))
+def merge_repeats(facts: Iterable[Fact]) -> list[Fact]:
+    """Returns the facts in time order, with repetitions of a report merged into its first fact.
+
+    Two facts are one report if they have the same boot and code (and text, for ``CODES_WITH_TEXT``), no contrary
+    subjects, and follow each other within ``REPEAT_SECONDS``. The merged fact has the number of reports as ``count``,
+    and ends with the last of them.
+    """
+    merged: list[Fact] = []
+    # The positions in ``merged`` of facts with the same boot, code and quoted text.
+    positions_of_kind = defaultdict[tuple[Any, ...], list[int]](list)
+    for fact in in_time_order(facts):
+        quoted_text = fact.figures["text"] if fact.code in CODES_WITH_TEXT else ""
+        positions = positions_of_kind[fact.figures["boot"], fact.code, quoted_text]
+        for position in reversed(positions):
+            if _is_repetition(merged[position], fact):
+                merged[position] = _merged_pair(merged[position], fact)
+                break
         else:
-            kept[at] = _joined(kept[at], fact)
-    return kept
+            positions.append(len(merged))
+            merged.append(fact.but(count=1))
+    return merged
 
 
-def _last(fact: Fact) -> float:
-    return max(each for each in (fact.time, fact.until) if each is not None)
+def _last_time(fact: Fact) -> float:
+    """Returns the latest time of a fact, s: its end if it has one, otherwise its time."""
+    return max(time for time in (fact.time, fact.until) if time is not None)
 
 
-def _is_again(first: Fact, fact: Fact) -> bool:
-    one_subject = first.subject == fact.subject or not (first.subject and fact.subject)
-    return one_subject and (fact.time or 0.0) - _last(first) <= AGAIN_SECONDS
+def _is_repetition(earlier: Fact, later: Fact) -> bool:
+    """Returns whether a ``later`` fact of the same code reports the ``earlier`` one again.
+
+    A report without a subject may be about the subject of the other.
+    """
+    subjects_agree = earlier.subject == later.subject or not earlier.subject or not later.subject
+    return subjects_agree and (later.time or 0.0) - _last_time(earlier) <= REPEAT_SECONDS
 
 
-def _joined(first: Fact, fact: Fact) -> Fact:
-    """The first, with what the next of its kind adds."""
-    last = max(_last(first), _last(fact))
-    basis = dict.fromkeys((*first.figures["basis"], *fact.figures["basis"]))
+def _merged_pair(first: Fact, repetition: Fact) -> Fact:
+    """Returns the ``first`` fact with the end, messages, subject and worse level of its ``repetition``, counted."""
+    last_time = max(_last_time(first), _last_time(repetition))
+    # A dictionary keeps each name once, in order.
+    basis = dict.fromkeys((*first.figures["basis"], *repetition.figures["basis"]))
+    figures = {**repetition.figures, **first.figures}
+    figures["basis"] = tuple(basis)
+    figures["count"] = first.figures["count"] + 1
     return first.but(
-        max(first.level, fact.level, key=list(Level).index),
-        until=None if last == first.time else last,
-        subject=first.subject or fact.subject,
-        **{
-            **fact.figures,
-            **first.figures,
-            "basis": tuple(basis),
-            "count": first.figures["count"] + 1,
-        },
+        max(first.level, repetition.level, key=list(Level).index),
+        until=None if last_time == first.time else last_time,
+        subject=first.subject or repetition.subject,
+        **figures,
     )

@@ -1,295 +1,249 @@
-"""Condition: what a log says of a vehicle at any rate: balance, limits, lean, vibration and battery.
+"""Condition of a vehicle by figures that need no fast stream: motor balance, lean, vibration, battery, oscillation."""
 
-Each mean comes with an interval that allows for the correlation of neighbouring samples. The error of a mean over T
-seconds is decided by the slowest part of the series, below about 1/T. That part is estimated from the first cosines:
-each of q projections of the series on √2 cos(π j t/T) has the mean's own variance, if the spectrum is flat up to
-q/(2T). Their mean square is then its estimate, with q degrees of freedom.
-
-References:
-    E. Lazarus, D. J. Lewis, J. H. Stock and M. W. Watson, "HAR Inference: Recommendations for Practice", Journal of
-    Business & Economic Statistics 36 (2018): the equal-weighted cosine estimator, and Student's t.
-"""
-
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.fft import dct
-from scipy.ndimage import median_filter
 
 from mavdem.arrays import Array
-from mavdem.confidence import half_width
-from mavdem.containers import Names, Numbers
+from mavdem.assessment.flights import segments_of_boots, settled_flight, total_duration
+from mavdem.assessment.mean_interval import MeanFigure, finite_or_none, mean_figure, mean_interval
+from mavdem.containers import Numbers
 from mavdem.dataset import phases
 from mavdem.dataset.axes import AXES, TILT_AXES
-from mavdem.dataset.intervals import Intervals, intersection
+from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.phases import AVERAGING_SECONDS
-from mavdem.dataset.segments import Segment, Segments, in_segments, recorded_spans, settled_segments
+from mavdem.dataset.segments import Segments, in_segments, recorded_spans
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import TimeSeries, clean_series, float_columns, recorded_series
+from mavdem.dataset.time_series import recorded_series
 from mavdem.errors import NotLearnable
 from mavdem.immutable import ImmutableResult
-from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.loops.limit_cycles import Oscillation, detect_limit_cycle
 from mavdem.motors.hover import HoverFigures, hover_of
-
-FASTEST_COSINE = 0.05
-"""Hz, of the fastest cosine: slower than gusts and the position loop, whose seconds are no mean of a flight."""
-# Cosines; fewer than 4 make intervals that are mostly chance, more than 32 hardly change them
-COSINES = (4, 32)
-LEVELS = ("vibration_x", "vibration_y", "vibration_z")
-CLIPS = ("clipping_0", "clipping_1", "clipping_2")
-
-
-@dataclass(frozen=True)
-class Steady:
-    """The ``mean`` and the standard deviation ``sd`` of a quantity over settled flight.
-
-    ``interval`` is the half width of the mean's 90 % interval, by the slow part of the series; None where too short.
-    """
-
-    mean: float
-    interval: float | None
-    sd: float
+from mavdem.vibration.vibration_message import reported_vibration
 
 
 @dataclass(frozen=True)
 class VibrationFigures:
-    """The mean ``level`` of the first IMU's acceleration, m/s², and how often IMUs ``clip`` (were out of range).
+    """Vibration in settled flight, as the autopilot measures it.
 
-    The level is x, y and z from ArduPilot, one for all axes from PX4, and not alike: compare flights of one autopilot.
+    Levels of ArduPilot and PX4 are not comparable, since they measure them in different ways.
     """
 
     level: Numbers
+    """Mean level of the first IMU, m/s²: along x, y and z for ArduPilot, one number for PX4."""
     clips: int
+    """How often an accelerometer of any IMU was out of its range."""
 
 
 @dataclass(frozen=True)
 class BatteryFigures:
-    """The first battery over some time, V and A. None where it was not measured."""
+    """Voltage and current of the first battery over some time."""
 
-    # with voltage_end: medians of the first and the last 2 s; the others are of all samples
     voltage_start: float
+    """Median of the first ``AVERAGING_SECONDS``, V."""
     voltage_end: float
+    """Median of the last ``AVERAGING_SECONDS``, V."""
     voltage_mean: float
+    """Mean of all samples, V."""
     voltage_min: float
+    """Lowest sample, V."""
     current_mean: float | None = None
+    """Mean of all samples, A; None if the current was not measured."""
     current_max: float | None = None
+    """Largest sample, A; None if the current was not measured."""
 
 
 @dataclass(frozen=True)
 class Condition(ImmutableResult):
-    """Figures that need no fast stream: means, spreads and limits. They hold for any rate from 1 Hz.
+    """Means, spreads and limits of a vehicle in a log, which hold for any rate from 1 Hz.
 
-    All of them are of settled flight, but for the first two, and the battery where there was none. None where a figure
-    was not recorded. ``duration`` is of the log over all boots, ``armed`` and ``settled`` of it, s.
-
-    ``hover`` is what each motor does; ``share_interval`` the half widths of the 90 % intervals of its ``trim_share``,
-    within this flight, not between flights. ``command`` is, for each axis known, the motors' combination that turns it,
-    as a share of their range: what balances a shifted load, steady wind or a weak motor; positive to the right, nose
-    up, nose to the right. ``lean`` is roll and pitch, ``tilt_mean``, ``tilt_sd`` and ``tilt_max`` are of the angle from
-    level, rad. ``vibration``, ``battery``, and ``oscillation``, a limit cycle, are None where there is none.
+    Figures are of settled flight unless they say otherwise, and None or empty if they were not recorded.
     """
 
     duration: float
+    """Duration of the log over all boots, s."""
     armed: float | None = None
+    """Time with armed motors, s."""
     settled: float = 0.0
+    """Time of settled flight, s."""
     hover: HoverFigures | None = None
+    """Outputs of each motor."""
     share_interval: tuple[float | None, ...] = ()
-    command: dict[str, Steady] = field(default_factory=dict)
-    lean: dict[str, Steady] = field(default_factory=dict)
+    """Half widths of the 90 % intervals of the motors' ``hover.trim_share``, within this flight, not between flights;
+    None for a flight that is too short."""
+    command: dict[str, MeanFigure] = field(default_factory=dict)
+    """For each axis whose mixer is known, the combination of the motors that turns it, as a share of their range:
+    positive to the right, nose up, nose to the right. It balances a shifted load, steady wind or a weak motor."""
+    lean: dict[str, MeanFigure] = field(default_factory=dict)
+    """Roll and pitch, rad."""
     tilt_mean: float | None = None
+    """Mean angle of the body's vertical axis from the vertical, rad."""
     tilt_sd: float | None = None
+    """Standard deviation of that angle, rad."""
     tilt_max: float | None = None
+    """Largest such angle, rad."""
     vibration: VibrationFigures | None = None
     battery: BatteryFigures | None = None
+    """Of all that was recorded, where there was no settled flight."""
     oscillation: Oscillation | None = None
+    """A limit cycle in settled flight or, if there is none, in all flight."""
 
     @property
     def collective(self) -> float | None:
-        """Mean of all motors, as a share of their range."""
+        """Mean output of all motors in settled flight, as a share of their range."""
         if self.hover is None:
             return None
         return float(np.mean(self.hover.trim_of_range))
 
 
 def condition_of(signals: Signals) -> Condition:
-    """Returns the condition of the vehicle of ``signals``, whatever they are for: it takes the motors' own messages."""
-    signals = signals.about("roll", "motors") if signals.inputs != "motors" else signals
-    span = recorded_spans(signals)
-    settled = settled_parts(signals)
+    """Measures the condition of a vehicle, by the messages of the motors whatever inputs ``signals`` are for."""
+    if signals.inputs != "motors":
+        signals = signals.about("roll", "motors")
+    recorded_segments = recorded_spans(signals)
+    settled = settled_flight(signals)
     try:
         hover = hover_of(signals)
     except NotLearnable:
         hover = None
-    intervals, command = ((), {}) if hover is None else _balance(signals, settled)
-    lean, tilt = _leaning(signals, settled)
-    moving = signals.motors, dict(zip(TILT_AXES, signals.tilts, strict=False))
-    oscillation = detect_limit_cycle(*moving, settled) or detect_limit_cycle(
-        *moving, _parts(signals, phases.airborne_intervals)
-    )
+    share_intervals: tuple[float | None, ...] = ()
+    commands: dict[str, MeanFigure] = {}
+    if hover is not None:
+        assert signals.motors is not None
+        share_intervals = _share_intervals(signals.motors, settled)
+        commands = _mean_commands(signals.motors, settled)
+    tilt = _tilt(signals, settled)
+    armed = None
+    if signals.armed is not None:
+        armed = total_duration(segments_of_boots(signals, phases.armed_intervals))
     return Condition(
-        duration=_seconds(span),
-        armed=None if signals.armed is None else _seconds(_parts(signals, phases.armed_intervals)),
-        settled=_seconds(settled),
+        duration=total_duration(recorded_segments),
+        armed=armed,
+        settled=total_duration(settled),
         hover=hover,
-        share_interval=intervals,
-        command=command,
-        lean=lean,
+        share_interval=share_intervals,
+        command=commands,
+        lean=_mean_lean(signals, settled),
         tilt_mean=tilt.mean() if len(tilt) else None,
         tilt_sd=tilt.std() if len(tilt) else None,
         tilt_max=tilt.max() if len(tilt) else None,
-        vibration=_vibration(signals, settled),
-        battery=_battery(signals, settled or span),
-        oscillation=oscillation,
+        vibration=_vibration_figures(signals, settled),
+        battery=_battery_figures(signals, settled or recorded_segments),
+        oscillation=_oscillation(signals, settled),
     )
 
 
-def settled_parts(signals: Signals) -> Segments:
-    """Returns settled flight with attitude and motor outputs or, where there are no motor outputs, with attitude."""
-    if signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
-        return ()
-    if signals.motors is not None:
-        return tuple(sorted(settled_segments(signals)))
-    return _parts(signals, phases.settled_intervals)
+def _oscillation(signals: Signals, settled: Segments) -> Oscillation | None:
+    """Returns the limit cycle in ``settled`` flight or, without one, in all flight; None if there is none.
 
-
-def _parts(signals: Signals, wanted: Callable[[Signals, int], Intervals]) -> Segments:
-    """The ``wanted`` intervals of each boot, as far as anything was recorded."""
-    recorded = (
-        (part.boot, intersection([(part.start, part.end)], wanted(signals, part.boot)))
-        for part in recorded_spans(signals)
-    )
-    return tuple(Segment(boot, *interval) for boot, intervals in recorded for interval in intervals)
-
-
-def mean_interval(values: Array, seconds: float) -> Array:
-    """Returns half widths (k,) of the means of ``values`` (N, k), uniform over ``seconds``: 90 %, inf if too short."""
-    length = len(values)
-    cosines = int(np.clip(round(2 * FASTEST_COSINE * seconds), *COSINES))
-    if length <= 2 * cosines:
-        return np.full(values.shape[1], np.inf)
-    projections = dct(values - values.mean(axis=0), axis=0)[1 : cosines + 1] / (
-        np.sqrt(2.0) * length
-    )
-    return half_width(np.square(projections).mean(axis=0), freedom=cosines)
-
-
-def _seconds(parts: Segments) -> float:
-    return float(sum(part.duration for part in parts))
-
-
-def _balance(
-    signals: Signals, settled: Segments
-) -> tuple[tuple[float | None, ...], dict[str, Steady]]:
-    """Half widths of the motors' shares, and the steady command of each axis."""
-    motors = signals.motors
-    seconds = _seconds(settled)
-    assert motors is not None
-    shares = motors.scale.fraction(motors.outputs[in_segments(motors, *settled, slack=0)])
-    level = shares.mean(axis=1, keepdims=True)
-    # A ratio of means: its error is the mean of these.
-    mean_level = level.mean()
-    balance = (shares - level * (shares.mean(axis=0) / mean_level)) / mean_level
-    weights = {
-        axis: effect for axis in AXES if (effect := motors.layout.mixer_row(axis)) is not None
-    }
-    return (
-        tuple(or_none(half) for half in mean_interval(balance, seconds)),
-        {axis: _steady(shares @ effect, seconds) for axis, effect in weights.items()},
-    )
-
-
-def _leaning(signals: Signals, settled: Segments) -> tuple[dict[str, Steady], Array]:
-    """Roll and pitch, and the angle from level (N,), rad."""
-    angles = [tilt.angle[in_segments(tilt, *settled, slack=0)] for tilt in signals.tilts]
-    if len(angles) < len(TILT_AXES) or not all(map(len, angles)):
-        return {}, np.zeros(0)
-    lean = {
-        axis: _steady(angle, _seconds(settled))
-        for axis, angle in zip(TILT_AXES, angles, strict=True)
-    }
-    # Both come with the same messages, so they differ in length only where a row of one was left out.
-    roll, pitch = (angle[: min(map(len, angles))] for angle in angles)
-    level = np.cos(roll) * np.cos(pitch)
-    return lean, np.arccos(np.clip(level, -1, 1))
-
-
-def _steady(values: Array, seconds: float) -> Steady:
-    return Steady(
-        values.mean(),
-        or_none(mean_interval(values[:, None], seconds)[0]),
-        values.std(),
-    )
-
-
-def or_none(half_width: float) -> float | None:
-    """Returns a half width, or a share; ``None`` where it is not finite."""
-    if np.isfinite(half_width):
-        return float(half_width)
-    return None
-
-
-class MeasuredVibration(NamedTuple):
-    """The vibration of every IMU, the first one's axes first.
-
-    Attributes:
-        axes: of each IMU that were measured; PX4 measures all together.
-        levels: (N, k) m/s², of so many axes of each IMU.
-        clips: (N, 3) how often each IMU was out of range since the sample before.
+    A vehicle may swing so much that its flight does not count as settled.
     """
+    tilts = dict(zip(TILT_AXES, signals.tilts, strict=False))
+    in_settled_flight = detect_limit_cycle(signals.motors, tilts, settled)
+    if in_settled_flight is not None:
+        return in_settled_flight
+    return detect_limit_cycle(
+        signals.motors, tilts, segments_of_boots(signals, phases.airborne_intervals)
+    )
 
-    axes: Names
-    levels: TimeSeries
-    clips: Array
+
+def _share_intervals(motors: MotorOutputs, settled: Segments) -> tuple[float | None, ...]:
+    """Returns the half widths of the 90 % intervals of each motor's share of the mean output.
+
+    With the outputs u_i and their mean over the motors m, the share is the ratio of means E[u_i]/E[m]. To first order
+    its error is the mean of (u_i − m E[u_i]/E[m])/E[m].
+    """
+    shares = _shares_in(motors, settled)
+    means_of_motors = shares.mean(axis=1, keepdims=True)
+    mean_output = means_of_motors.mean()
+    errors = (shares - means_of_motors * (shares.mean(axis=0) / mean_output)) / mean_output
+    half_widths = mean_interval(errors, total_duration(settled))
+    return tuple(finite_or_none(half_width) for half_width in half_widths)
 
 
-def vibration_of(signals: Signals) -> MeasuredVibration | None:
-    """Returns the vibration, if measured; PX4's (``streams/VIBRATION.hpp``) has acceleration in z only."""
-    names = LEVELS[-1:] if signals.telemetry.autopilot == "PX4" else LEVELS
-    columns = signals.telemetry.messages.get("VIBRATION")
-    if columns is None or not {*names, *CLIPS} <= columns.keys():
+def _mean_commands(motors: MotorOutputs, settled: Segments) -> dict[str, MeanFigure]:
+    """Returns the mean command about each axis whose mixer is known, as a share of the motors' range."""
+    shares = _shares_in(motors, settled)
+    commands = {}
+    for axis in AXES:
+        mixer_row = motors.layout.mixer_row(axis)
+        if mixer_row is not None:
+            commands[axis] = mean_figure(shares @ mixer_row, total_duration(settled))
+    return commands
+
+
+def _shares_in(motors: MotorOutputs, segments: Segments) -> Array:
+    """Returns the outputs (N, k) of k motors in some segments, as shares of their range."""
+    return motors.scale.fraction(motors.outputs[in_segments(motors, *segments, slack=0)])
+
+
+def _roll_and_pitch(signals: Signals, segments: Segments) -> list[Array]:
+    """Returns roll and pitch in some segments, (N,) rad each; nothing if one of them was not recorded there."""
+    angles = [tilt.angle[in_segments(tilt, *segments, slack=0)] for tilt in signals.tilts]
+    if len(angles) < len(TILT_AXES) or not all(map(len, angles)):
+        return []
+    return angles
+
+
+def _mean_lean(signals: Signals, settled: Segments) -> dict[str, MeanFigure]:
+    """Returns the means of roll and pitch, rad; empty if they are not known."""
+    angles = _roll_and_pitch(signals, settled)
+    duration = total_duration(settled)
+    return {
+        axis: mean_figure(angle, duration) for axis, angle in zip(TILT_AXES, angles, strict=False)
+    }
+
+
+def _tilt(signals: Signals, settled: Segments) -> Array:
+    """Returns the angles (N,) of the body's vertical axis from the vertical, rad; (0,) if they are not known."""
+    angles = _roll_and_pitch(signals, settled)
+    if not angles:
+        return np.zeros(0)
+    # Both angles come in the same messages: they differ in length only where a damaged value was left out.
+    sample_count = min(map(len, angles))
+    roll, pitch = (angle[:sample_count] for angle in angles)
+    return np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1, 1))
+
+
+def _vibration_figures(signals: Signals, settled: Segments) -> VibrationFigures | None:
+    """Returns the vibration in settled flight; None if it was not recorded there."""
+    vibration = reported_vibration(signals)
+    if vibration is None:
         return None
-    first = float_columns(columns, names)
-    counted = float_columns(columns, CLIPS)
-    measured = clean_series(columns, np.column_stack([columns.get("levels", first), counted]))
-    levels, counts = np.split(measured.values, [-len(CLIPS)], axis=1)
-    # The counts are of the boot so far; one that stands out from both beside it was damaged.
-    sound = median_filter(counts, size=(3, 1), mode="mirror")
-    rises = np.clip(np.diff(sound, axis=0, prepend=sound[:1]), 0, None)
-    axes = ("",) if len(names) == 1 else tuple("xyz")
-    # A firmware may send zeros.
-    vibration = MeasuredVibration(axes, replace(measured, values=levels), rises)
-    return vibration if levels.any() else None
-
-
-def _vibration(signals: Signals, settled: Segments) -> VibrationFigures | None:
-    """The vibration in settled flight, if measured."""
-    measured = vibration_of(signals)
-    if measured is None:
+    rows = in_segments(vibration.levels, *settled, slack=0)
+    if not rows.any():
         return None
-    here = in_segments(measured.levels, *settled, slack=0)
-    if not here.any():
-        return None
-    levels = measured.levels.values[here, : len(measured.axes)]
-    return VibrationFigures(tuple(levels.mean(axis=0)), int(measured.clips[here].sum()))
+    levels_of_first_imu = vibration.levels.values[rows, : len(vibration.axes)]
+    clips = int(vibration.clips[rows].sum())
+    return VibrationFigures(tuple(levels_of_first_imu.mean(axis=0)), clips)
 
 
-def _battery(signals: Signals, parts: Segments) -> BatteryFigures | None:
+def _battery_figures(signals: Signals, segments: Segments) -> BatteryFigures | None:
+    """Returns the figures of the first battery in some segments; None if its voltage was not recorded there."""
     voltage = signals.voltage
-    if voltage is None or not (here := in_segments(voltage, *parts, slack=0)).any():
+    if voltage is None:
         return None
-    time = voltage.time[here]
-    boot = voltage.boot[here]
-    volts = voltage.values[here]
-    first = volts[(boot == boot[0]) & (time <= time[0] + AVERAGING_SECONDS)]
-    last = volts[(boot == boot[-1]) & (time >= time[-1] - AVERAGING_SECONDS)]
-    figures = [np.median(first), np.median(last), volts.mean(), volts.min()]
-    load = recorded_series(signals.telemetry, "SYS_STATUS", "current_battery")
-    if load is not None:
-        amperes = load.values[in_segments(load, *parts, slack=0)] / 1e2
-        # A negative current stands for none; a sensor that is not there, or not calibrated, reads 0 at times.
-        if amperes.min(initial=np.inf) > 0 and len(amperes):
-            figures += [amperes.mean(), amperes.max()]
-    return BatteryFigures(*figures)
+    rows = in_segments(voltage, *segments, slack=0)
+    if not rows.any():
+        return None
+    time = voltage.time[rows]
+    boot = voltage.boot[rows]
+    volts = voltage.values[rows]
+    is_at_start = (boot == boot[0]) & (time <= time[0] + AVERAGING_SECONDS)
+    is_at_end = (boot == boot[-1]) & (time >= time[-1] - AVERAGING_SECONDS)
+    current_mean, current_max = None, None
+    current = recorded_series(signals.telemetry, "SYS_STATUS", "current_battery")
+    if current is not None:
+        # SYS_STATUS has units of 10 mA.
+        amperes = current.values[in_segments(current, *segments, slack=0)] / 1e2
+        # A negative current stands for none. A sensor that is missing or not calibrated reads 0 at times.
+        if len(amperes) and amperes.min() > 0:
+            current_mean, current_max = amperes.mean(), amperes.max()
+    return BatteryFigures(
+        voltage_start=np.median(volts[is_at_start]),
+        voltage_end=np.median(volts[is_at_end]),
+        voltage_mean=volts.mean(),
+        voltage_min=volts.min(),
+        current_mean=current_mean,
+        current_max=current_max,
+    )

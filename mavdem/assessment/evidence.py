@@ -14,7 +14,8 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.assessment.axis.margins import AxisMargins, margins_of
 from mavdem.assessment.axis.overrides import overrides_of
-from mavdem.assessment.condition import Condition, settled_parts
+from mavdem.assessment.condition import Condition
+from mavdem.assessment.flights import settled_flight
 from mavdem.dataset import intervals, phases
 from mavdem.dataset.learnability import Learnability
 from mavdem.dataset.segments import Segment, Segments
@@ -105,7 +106,7 @@ class Evidence:
     def settled(self, without: frozenset[str]) -> Segments:
         """Returns settled flight in other modes than those."""
         segments = []
-        for part in settled_parts(self.signals):
+        for part in settled_flight(self.signals):
             left_out = phases.mode_intervals(self.signals, part.boot, without)
             spans = intervals.intersection([(part.start, part.end)], intervals.complement(left_out))
             spans = intervals.intersection(spans, self._before_loss(part.boot))

@@ -9,7 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.assessment.autopilot_messages import SEVERITIES, once, said, texts
+from mavdem.assessment.autopilot_messages import (
+    SEVERITIES,
+    merge_repeats,
+    reported_problems,
+    status_texts,
+)
 from mavdem.assessment.condition import Condition, condition_of
 from mavdem.containers import JsonValues
 from mavdem.dataset.learnability import Learnability, learnability_of, slower_stream_rate
@@ -109,7 +114,7 @@ def _sent_number(telemetry: Telemetry) -> str:
 
 
 def _texts(telemetry: Telemetry) -> list[str]:
-    return [text.text for text in texts(telemetry)]
+    return [text.text for text in status_texts(telemetry)]
 
 
 def autopilot_alarms(telemetry: Telemetry) -> list[JsonValues]:
@@ -125,7 +130,7 @@ def autopilot_alarms(telemetry: Telemetry) -> list[JsonValues]:
             "boot": fact.figures["boot"],
             "count": fact.figures["count"],
         }
-        for fact in once(said(telemetry))
+        for fact in merge_repeats(reported_problems(telemetry))
         if not fact.is_good
     ]
     return sorted(alarms, key=lambda alarm: SEVERITIES.index(alarm["severity"]))

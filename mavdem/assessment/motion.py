@@ -1,383 +1,370 @@
-"""Motion: what attitude, height and motors show of a flight that went wrong, whatever the autopilot reports.
+"""Events that attitude, height and accelerometers show of a flight that went wrong, whatever the autopilot reports.
 
-An attitude is lost where it leaves its setpoint by more than 30° for 0.3 s or longer: what is asked for in an ordinary
-flight, tracked as badly as in a step, stays within that. What was asked counts for a second, so that a step is no loss;
-where setpoints are not recorded, half of the lean is taken for asked, and all of it where rates only were asked for.
+The attitude is lost where it is more than 30° from its setpoint for 0.3 s or longer. Ordinary setpoints, tracked as
+badly as in a step, stay within that. :func:`mavdem.assessment.attitude_error.attitude_error` defines the error.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import inf
+from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from mavdem.arrays import Array, Flags
-from mavdem.assessment.autopilot_messages import in_order
-from mavdem.assessment.condition import vibration_of
-from mavdem.confidence import Interval
-from mavdem.dataset.intervals import Intervals, in_intervals, true_intervals, union
-from mavdem.dataset.phases import (
-    MAX_GROUND_HEIGHT,
-    MAX_SETPOINT_DELAY,
-    MAX_TILT,
-    airborne_intervals,
-    has_risen,
-    height_above_take_off,
-    min_airborne_collective,
-    series_of_boot,
+from mavdem.arrays import Array
+from mavdem.assessment.attitude_error import AttitudeError, attitude_error
+from mavdem.assessment.autopilot_messages import in_time_order
+from mavdem.assessment.flights import (
+    RECOVERY_SECONDS,
+    flights_in_boot,
+    height_in_flight,
+    max_sink_rate,
+    merge_close,
+    trusted_climb_rate,
 )
-from mavdem.dataset.quality import STOP_MARGIN, samples_at_limits
+from mavdem.assessment.motor_events import LASTING_SECONDS, lasting_runs, motor_events
+from mavdem.confidence import Interval
+from mavdem.dataset.intervals import Intervals, in_intervals, union
+from mavdem.dataset.phases import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY, has_risen, series_of_boot
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.steady_flight import attitude_tracking
 from mavdem.dataset.time_series import TimeSeries, recorded_series
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
-from mavdem.ingest.telemetry import rate_without_gaps
-from mavdem.ingest.vocabulary import wrapped_angle
-from mavdem.loops.margins import Complex
+from mavdem.vibration.vibration_message import reported_vibration
 
-FAR_ANGLE = np.pi / 4  # rad from the setpoint: a vehicle is on its side, by half of the lean
+FAR_ANGLE = np.pi / 4
+"""Error of the attitude, rad, that is bad even without a known setpoint. Half of the lean counts as error there, so
+that the vehicle lies on its side."""
+
 LOST_ANGLE = np.radians(30.0)
-LOST_SECONDS = 0.3
-"""A loss of attitude, and a motor at its stop, last so long: one sample of a stream at 4 Hz is none."""
+"""Error of the attitude, rad, from which on it may be lost: the threshold of ArduPilot's crash check."""
+
 ONSET_ANGLE = LOST_ANGLE / 3
-"""The error from which on the attitude was leaving: vehicles in order stay within it but for moments."""
-CAUGHT_SECONDS = 5.0
-"""Of flight after a loss of attitude, with which it was caught; events of a kind that follow sooner are one."""
-FALL_SPEED = 5.0  # m/s down: autopilots descend by themselves at 1.5 to 4
-HIT_SPEED = 3.0
-"""m/s by which a fall is braked within ``LOST_SECONDS`` by the ground only: it takes three times the weight."""
-HIT_FORCE = 30.0
-"""m/s², three times the weight: what accelerometers feel when the vehicle hits something, and not in flight."""
-FORCES = {"HIGHRES_IMU": 1.0, "RAW_IMU": 9.80665e-3}
-"""Messages with the acceleration that is felt, the preferred first, and the factor that makes it m/s²."""
+"""Error of the attitude, rad, at which a loss begins: vehicles in order exceed it for moments only."""
 
+FALL_SPEED = 5.0
+"""Speed downward, m/s, of a fall: autopilots descend at 1.5 to 4 m/s by their own decision."""
 
-@dataclass(frozen=True, eq=False)
-class AttitudeError:
-    """How far roll and pitch are from all that was asked in the last second, at ``time`` (N,) s of one boot.
+IMPACT_SPEED_CHANGE = 3.0
+"""Decrease of the speed downward, m/s, within ``IMPACT_SECONDS`` that shows an impact; also the least speed before it.
 
-    ``lean`` (N,) of the body's vertical, forward and, imaginary, to the right, and its ``size`` (N,), rad; ``lies``
-    (N,): whether it leans by more than ``MAX_TILT``; ``asked`` (N,): whether the setpoint is known.
-    """
+It takes a mean of 10 m/s² upward beside the weight, more than autopilots use to end a descent.
+"""
 
-    time: Array
-    lean: Complex
-    size: Array
-    lies: Flags
-    asked: Flags
+IMPACT_SECONDS = 0.3
+"""Duration, s, over which the decrease of the speed in an impact is measured."""
+
+IMPACT_FORCE = 30.0
+"""Specific force, m/s², of an impact: three times the weight, which accelerometers do not feel in flight."""
+
+SINK_AGREEMENT = 0.7
+"""Share of the integrated speed of a fall by which the height must decrease: otherwise the estimated speed diverged."""
+
+FORCE_MESSAGES = {"HIGHRES_IMU": 1.0, "RAW_IMU": 9.80665e-3}
+"""Messages with the specific force, the preferred first, and the factor that converts it to m/s²."""
 
 
 def motion_events(signals: Signals) -> Facts:
-    """Returns what the motion shows, in order of boot and time; nothing of vehicles that are no multirotors."""
+    """Returns the events that the motion shows, in order of boot and time; none for vehicles that are no multirotors.
+
+    They are losses of attitude, falls, impacts, motors at their limit or off, clipping of the accelerometers, and a log
+    that ends in the air.
+    """
     if signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS or not signals.tilts:
         return ()
-    boots = np.unique(signals.tilts[0].boot).tolist()
-    return tuple(in_order(event for boot in boots for event in _events(signals, boot)))
+    events: list[Fact] = []
+    for boot in np.unique(signals.tilts[0].boot).tolist():
+        events += _events_of_boot(signals, boot)
+    return tuple(in_time_order(events))
 
 
-def _events(signals: Signals, boot: int) -> Iterator[Fact]:
+def _events_of_boot(signals: Signals, boot: int) -> Iterator[Fact]:
+    """Yields the events of one boot, in no particular order."""
     error = attitude_error(signals, boot)
     if error is None:
         return
-    flights = flights_of(signals, boot)
-    yield from _clipped(signals, boot, flights)
+    flights = flights_in_boot(signals, boot)
+    yield from _clipping_events(signals, boot, flights)
     out_of_control: Intervals = []
+    # The loss and the fall of the flight under examination; after the loop, those of the last flight.
+    loss: Fact | None = None
+    fall_events: list[Fact] = []
     for flight in flights:
-        lost = None
-        for span in _losses(error, flight, series_of_boot(signals.climb_rate, boot)):
-            loss = _loss(signals, boot, error, flight, span)
-            yield loss
-            if loss.is_bad:
-                lost = loss
-                break
-        fall = [*_fall(signals, boot, flight, lost)]
-        yield from fall
-        for event in filter(None, (lost, *fall)):
-            if event.is_bad:
-                out_of_control.append(((event.time or 0.0) + LOST_SECONDS, flight[1]))
-    for event in _of_motors(signals, boot, flights):
-        # What lies on its back, or falls, drives motors to their stop whatever it weighs.
+        attitude_events = _attitude_events(signals, boot, error, flight)
+        yield from attitude_events
+        loss = None
+        if attitude_events and attitude_events[-1].is_bad:
+            loss = attitude_events[-1]
+        fall_events = list(_fall_events(signals, boot, flight, loss))
+        yield from fall_events
+        for event in (loss, *fall_events):
+            if event is not None and event.is_bad:
+                out_of_control.append(((event.time or 0.0) + LASTING_SECONDS, flight[1]))
+    for event in motor_events(signals, boot, flights):
+        # A vehicle that falls or lies on its back drives motors to their limit whatever they are worth.
         is_explained = in_intervals(event.time or 0.0, out_of_control)
         if event.code is not MotionEvent.MOTOR_AT_ITS_STOP or not is_explained:
             yield event
-    last = error.time[-1]
-    if (
-        flights
-        and flights[-1][1] == inf
-        and last - (lost and lost.time or last) < CAUGHT_SECONDS
-        and all(event.code is not MotionEvent.HIT for event in fall)
-    ):
-        height = height_above(signals, boot, flights[-1], last)
-        is_last = boot == signals.tilts[0].boot[-1]  # after a restart the log goes on
-        if is_last and height is not None and height > MAX_GROUND_HEIGHT:
-            code = MotionEvent.LOG_ENDED_IN_AIR
-            yield Fact(code, time=last, height=height, boot=boot)
+    if flights:
+        yield from _end_in_air(signals, boot, flights[-1], error.time[-1], loss, fall_events)
 
 
-def flights_of(signals: Signals, boot: int) -> Intervals:
-    """Returns the intervals of ``boot`` off the ground; what was mistaken for a landing in the air splits none."""
-    return merged(airborne_intervals(signals, boot), CAUGHT_SECONDS)
+def _end_in_air(
+    signals: Signals,
+    boot: int,
+    flight: Interval,
+    end_time: float,
+    loss: Fact | None,
+    fall_events: list[Fact],
+) -> Iterator[Fact]:
+    """Yields that the log ended in the air, if it did.
 
-
-def merged(intervals: Intervals, gap: float) -> Intervals:
-    """Returns the intervals, those that follow each other within a ``gap``, s, as one."""
-    joined: Intervals = []
-    for start, end in intervals:
-        begins = joined.pop()[0] if joined and start - joined[-1][1] < gap else start
-        joined.append((begins, end))
-    return joined
-
-
-def height_above(signals: Signals, boot: int, flight: Interval, time: float) -> float | None:
-    """Returns the height above where the ``flight`` began, m, at ``time``, s; None where it was not recorded.
-
-    Where it began before the log, it is the height above the autopilot's home.
+    Args:
+        signals: of the vehicle.
+        boot: number of the boot.
+        flight: the last flight of the boot; its end is infinite if no landing was recorded.
+        end_time: of the last sample of the boot, s.
+        loss: the loss of attitude in this flight, if there was one. Long after a loss the vehicle is on the ground.
+        fall_events: of this flight; an impact among them explains why the log ended.
     """
-    height = height_above_take_off(signals, boot, flight)
-    if flight[0] == -inf:
-        height = series_of_boot(signals.height, boot)
-    return None if height is None else np.interp(time, height.time, height.values)
+    _, landing = flight
+    is_long_lost = loss is not None and end_time - (loss.time or end_time) >= RECOVERY_SECONDS
+    has_hit = any(event.code is MotionEvent.HIT for event in fall_events)
+    # After a restart of the autopilot the log goes on.
+    is_last_boot = boot == signals.tilts[0].boot[-1]
+    if landing != inf or is_long_lost or has_hit or not is_last_boot:
+        return
+    height = height_in_flight(signals, boot, flight, end_time)
+    if height is not None and height > MAX_GROUND_HEIGHT:
+        yield Fact(MotionEvent.LOG_ENDED_IN_AIR, time=end_time, height=height, boot=boot)
 
 
-def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
-    """Returns the error of the attitude in ``boot``; None where there is no attitude."""
-    flight = attitude_tracking(signals, boot)
-    if flight is None or len(flight.time) < 2:
-        return None
-    time = flight.time
-    window = max(1, round(MAX_SETPOINT_DELAY * rate_without_gaps(np.diff(time))))
-    past = (window - 1) // 2  # so that the window ends with its sample
-    unknown = np.isnan(flight.asked)
-    asked = np.where(unknown, 0.0, flight.asked)
-    least = minimum_filter1d(asked, window, axis=0, origin=past)
-    most = maximum_filter1d(asked, window, axis=0, origin=past)
-    angles = flight.angles[:, :2]
-    unasked = np.where(flight.by_rate, 0.0, angles / 2)
-    apart = np.where(unknown, unasked, angles - np.clip(angles, least, most))
-    roll, pitch = wrapped_angle(apart).T
-    lean = 1j * roll * np.cos(angles[:, 1]) - pitch
-    lies = np.cos(angles).prod(axis=1) < np.cos(MAX_TILT)
-    return AttitudeError(time, lean, abs(lean), lies, ~unknown[:, 1])
+def _attitude_events(
+    signals: Signals, boot: int, error: AttitudeError, flight: Interval
+) -> list[Fact]:
+    """Returns the losses of attitude of a flight: those that were recovered and, last, one that was not."""
+    events = []
+    for interval in _loss_intervals(error, flight, series_of_boot(signals.climb_rate, boot)):
+        event = _AttitudeLoss(signals, boot, flight, error, *interval).event()
+        events.append(event)
+        if event.is_bad:
+            break
+    return events
 
 
-def _losses(error: AttitudeError, flight: Interval, climb: TimeSeries | None) -> Intervals:
-    """Where the attitude was lost in a flight, or as it ended.
+def _loss_intervals(
+    error: AttitudeError, flight: Interval, climb_rate: TimeSeries | None
+) -> Intervals:
+    """Returns the intervals, s, that begin in a flight or as it ends, in which the attitude was lost.
 
-    What falls, and ends the flight on its side, has lost it, whatever was asked.
+    A vehicle that falls and ends its flight on its side has lost its attitude too, whatever the setpoint was.
     """
-    lost = _lasting(error.time, error.size > LOST_ANGLE, MAX_SETPOINT_DELAY)
-    fallen = [
-        event
-        for event in _lasting(error.time, error.lies, MAX_SETPOINT_DELAY)
-        if event[1] >= flight[1]
-        and (_fastest(climb, event[0], event[0] + CAUGHT_SECONDS) or 0.0) > FALL_SPEED
-    ]
-    latest = flight[1] + MAX_SETPOINT_DELAY
-    return [
-        span
-        for span in merged(union(lost, fallen), CAUGHT_SECONDS)
-        if flight[0] < span[0] <= latest
-    ]
-
-
-def _lasting(time: Array, true: Flags, gap: float) -> Intervals:
-    """Runs, as one where they follow each other within a ``gap``, s, that hold one of ``LOST_SECONDS``."""
-    runs = true_intervals(time, true)
-    after = np.append(time, time[-1])
-    long = [
-        start
-        for start, end in runs
-        if end > start and after[np.searchsorted(time, end, "right")] - start >= LOST_SECONDS
-    ]
+    lost = lasting_runs(error.time, error.magnitude > LOST_ANGLE, MAX_SETPOINT_DELAY)
+    fallen = []
+    for start, end in lasting_runs(error.time, error.is_toppled, MAX_SETPOINT_DELAY):
+        sink_rate = max_sink_rate(climb_rate, start, start + RECOVERY_SECONDS) or 0.0
+        if end >= flight[1] and sink_rate > FALL_SPEED:
+            fallen.append((start, end))
+    latest_start = flight[1] + MAX_SETPOINT_DELAY
     return [
         (start, end)
-        for start, end in merged(runs, gap)
-        if np.searchsorted(long, start) < np.searchsorted(long, end)
+        for start, end in merge_close(union(lost, fallen), RECOVERY_SECONDS)
+        if flight[0] < start <= latest_start
     ]
 
 
-def _loss(
-    signals: Signals, boot: int, error: AttitudeError, flight: Interval, lost: Interval
-) -> Fact:
-    """A loss of the attitude, from when it began to leave."""
-    start, end = lost
-    time = error.time
-    settled = time[(time < start) & (error.size < ONSET_ANGLE)]
-    onset = max(settled[-1] if len(settled) else start, start - CAUGHT_SECONDS)
-    here = in_intervals(time, [lost])
-    angle = error.size[here].max()
-    height = height_above(signals, boot, flight, onset)
-    speed = _fastest(series_of_boot(signals.climb_rate, boot), onset, end + CAUGHT_SECONDS) or 0.0
-    hit = _hit(signals, boot, onset - MAX_SETPOINT_DELAY, start)
-    code = MotionEvent.ATTITUDE_LOST
-    level = None
-    up = has_risen(signals, boot, (flight[0], onset))
-    if not (onset - flight[0] > CAUGHT_SECONDS if up is None else up):
-        code = MotionEvent.TIPPED
-    elif hit is not None or (height is not None and height < MAX_GROUND_HEIGHT):
-        code = MotionEvent.HIT
-    asked = error.asked[here].all()
-    most = 2 * LOST_ANGLE if asked else FAR_ANGLE
-    lasts = min(end, time[-1]) - start
-    harm = max(speed / FALL_SPEED, angle / most, lasts / CAUGHT_SECONDS)
-    if harm < 1 or _is_caught(signals, boot, flight, end):
-        code = MotionEvent.ATTITUDE_CAUGHT
-        level = None if asked else Level.UNKNOWN
-    trusted = _trusted(signals, boot, flight)
-    if height is not None and height < -MAX_GROUND_HEIGHT:
-        trusted = None  # it had run away before
-    # what the ground threw over had its speed before
-    span = (onset, end + CAUGHT_SECONDS)
-    if code is MotionEvent.HIT:
-        span = (onset - MAX_SETPOINT_DELAY, onset + LOST_SECONDS)
-    return Fact(
-        code,
-        level,
-        time=onset if hit is None else min(onset, hit),
-        until=_seen(end),
-        angle=angle,
-        height=height,
-        speed=_fastest(trusted, *span),
-        boot=boot,
-    )
+class _AttitudeLoss(NamedTuple):
+    """One loss of attitude, from ``start`` to ``end``, with the signals that show how serious it was."""
+
+    signals: Signals
+    boot: int
+    flight: Interval
+    error: AttitudeError
+    start: float
+    """When the error exceeded ``LOST_ANGLE``, s."""
+    end: float
+    """When the error was within ``LOST_ANGLE`` again, s; infinite if the record ended before."""
+
+    def event(self) -> Fact:
+        """Returns the fact: recovered, tipped over at take-off, hit the ground or an obstacle, or lost in the air."""
+        rows = in_intervals(self.error.time, [(self.start, self.end)])
+        angle = self.error.magnitude[rows].max()
+        has_setpoint = bool(self.error.has_setpoint[rows].all())
+        onset = self._onset()
+        height = height_in_flight(self.signals, self.boot, self.flight, onset)
+        impact = impact_time(self.signals, self.boot, onset - MAX_SETPOINT_DELAY, self.start)
+        code = self._code(onset, height, impact)
+        level = None
+        if self._is_harmless(angle, has_setpoint, onset) or self._is_recovered():
+            code = MotionEvent.ATTITUDE_CAUGHT
+            level = None if has_setpoint else Level.UNKNOWN
+        return Fact(
+            code,
+            level,
+            time=onset if impact is None else min(onset, impact),
+            until=None if self.end == inf else self.end,
+            angle=angle,
+            height=height,
+            speed=self._sink_rate(code, onset, height),
+            boot=self.boot,
+        )
+
+    def _onset(self) -> float:
+        """Returns when the attitude began to leave its setpoint, s: up to ``RECOVERY_SECONDS`` before the loss."""
+        time = self.error.time
+        is_in_order = (time < self.start) & (self.error.magnitude < ONSET_ANGLE)
+        times_in_order = time[is_in_order]
+        onset = times_in_order[-1] if len(times_in_order) else self.start
+        return max(onset, self.start - RECOVERY_SECONDS)
+
+    def _code(self, onset: float, height: float | None, impact: float | None) -> MotionEvent:
+        """Returns the kind of a loss that was not recovered.
+
+        A vehicle that never rose tipped over. One that felt an impact, or was near the ground, hit something first.
+        """
+        take_off, _ = self.flight
+        is_airborne = has_risen(self.signals, self.boot, (take_off, onset))
+        if is_airborne is None:
+            is_airborne = onset - take_off > RECOVERY_SECONDS
+        if not is_airborne:
+            return MotionEvent.TIPPED
+        if impact is not None or (height is not None and height < MAX_GROUND_HEIGHT):
+            return MotionEvent.HIT
+        return MotionEvent.ATTITUDE_LOST
+
+    def _is_harmless(self, angle: float, has_setpoint: bool, onset: float) -> bool:
+        """Returns whether angle, speed of the fall, and duration all stay below those of a serious loss."""
+        climb_rate = series_of_boot(self.signals.climb_rate, self.boot)
+        sink_rate = max_sink_rate(climb_rate, onset, self.end + RECOVERY_SECONDS) or 0.0
+        serious_angle = 2 * LOST_ANGLE if has_setpoint else FAR_ANGLE
+        duration = min(self.end, self.error.time[-1]) - self.start
+        severity = max(sink_rate / FALL_SPEED, angle / serious_angle, duration / RECOVERY_SECONDS)
+        return severity < 1
+
+    def _is_recovered(self) -> bool:
+        """Returns whether the vehicle flew on afterwards, off the ground as far as its height is known."""
+        collective = series_of_boot(self.signals.collective, self.boot)
+        recovered_at = self.end + RECOVERY_SECONDS
+        if collective is None or min(self.flight[1], collective.time[-1]) < recovered_at:
+            return False
+        after = collective.values[in_intervals(collective.time, [(self.end, recovered_at)])]
+        if not len(after):
+            return False
+        usual = np.median(collective.values[in_intervals(collective.time, [self.flight])])
+        height = height_in_flight(self.signals, self.boot, self.flight, recovered_at)
+        return after.mean() > usual / 2 and (height is None or height > MAX_GROUND_HEIGHT)
+
+    def _sink_rate(self, code: MotionEvent, onset: float, height: float | None) -> float | None:
+        """Returns the largest speed downward of the loss, m/s; None if it is not known.
+
+        A vehicle that the ground threw over had its speed before that.
+        """
+        if height is not None and height < -MAX_GROUND_HEIGHT:
+            # The vertical estimate had diverged before the loss.
+            return None
+        climb_rate = trusted_climb_rate(self.signals, self.boot, self.flight)
+        if code is MotionEvent.HIT:
+            return max_sink_rate(climb_rate, onset - MAX_SETPOINT_DELAY, onset + IMPACT_SECONDS)
+        return max_sink_rate(climb_rate, onset, self.end + RECOVERY_SECONDS)
 
 
-def _trusted(signals: Signals, boot: int, flight: Interval) -> TimeSeries | None:
-    """The vertical speed, m/s up, but not of when the height was below that of the take-off: it may have run away."""
-    climb = series_of_boot(signals.climb_rate, boot)
-    height = height_above_take_off(signals, boot, flight)
-    if climb is None or height is None:
-        return climb
-    above = np.interp(climb.time, height.time, height.values) > -MAX_GROUND_HEIGHT
-    return climb.at(above)
+def impact_time(signals: Signals, boot: int, start: float, end: float) -> float | None:
+    """Returns when the accelerometers felt an impact between ``start`` and ``end``, s; None if they felt none.
 
-
-def _fastest(climb: TimeSeries | None, since: float, until: float) -> float | None:
-    """How fast it sank at most, m/s; None where that is not known."""
-    here = () if climb is None else climb.values[in_intervals(climb.time, [(since, until)])]
-    return -min(here) if len(here) else None
-
-
-def _seen(end: float) -> float | None:
-    return None if end == inf else end
-
-
-def _is_caught(signals: Signals, boot: int, flight: Interval, end: float) -> bool:
-    """Whether the vehicle flew on after a loss, off the ground as far as its height is known."""
-    collective = series_of_boot(signals.collective, boot)
-    if collective is None or min(flight[1], collective.time[-1]) < end + CAUGHT_SECONDS:
-        return False
-    after = collective.values[in_intervals(collective.time, [(end, end + CAUGHT_SECONDS)])]
-    if not len(after):
-        return False
-    usual = np.median(collective.values[in_intervals(collective.time, [flight])])
-    height = height_above(signals, boot, flight, end + CAUGHT_SECONDS)
-    return after.mean() > usual / 2 and (height is None or height > MAX_GROUND_HEIGHT)
-
-
-def _hit(signals: Signals, boot: int, since: float, until: float) -> float | None:
-    """When the accelerometers felt that the vehicle hit something, from ``since`` to ``until``, s, if they did."""
-    message = next((name for name in FORCES if name in signals.telemetry.messages), "")
-    force = series_of_boot(
+    An impact is a specific force above ``IMPACT_FORCE`` and above all of the ``RECOVERY_SECONDS`` before ``start``: the
+    accelerometers of some vehicles feel as much throughout, from vibration.
+    """
+    message = next((name for name in FORCE_MESSAGES if name in signals.telemetry.messages), "")
+    acceleration = series_of_boot(
         recorded_series(signals.telemetry, message, "xacc", "yacc", "zacc"), boot
     )
-    if force is None:
+    if acceleration is None:
         return None
-    felt = FORCES[message] * np.linalg.norm(force.values, axis=1)
-    before = (force.time > since - CAUGHT_SECONDS) & (force.time < since)
-    usual = felt[before].max(initial=HIT_FORCE)
-    hits = force.time[in_intervals(force.time, [(since, until)]) & (felt > usual)]
-    return hits[0] if len(hits) else None
+    time = acceleration.time
+    force = FORCE_MESSAGES[message] * np.linalg.norm(acceleration.values, axis=1)
+    is_before = (time > start - RECOVERY_SECONDS) & (time < start)
+    threshold = force[is_before].max(initial=IMPACT_FORCE)
+    impacts = time[in_intervals(time, [(start, end)]) & (force > threshold)]
+    return impacts[0] if len(impacts) else None
 
 
-def _fall(signals: Signals, boot: int, flight: Interval, lost: Fact | None) -> Iterator[Fact]:
-    """The fall after control was ``lost``, or with which a flight ended, and when it hit the ground."""
-    climb = series_of_boot(signals.climb_rate, boot)
-    if climb is None:
+def _fall_events(
+    signals: Signals, boot: int, flight: Interval, loss: Fact | None
+) -> Iterator[Fact]:
+    """Yields the fall after a ``loss`` of attitude, or with which the flight ended, and the impact at its end."""
+    climb_rate = series_of_boot(signals.climb_rate, boot)
+    if climb_rate is None:
         return
-    time = climb.time
-    end = min(flight[1], time[-1])
-    since, until = end - CAUGHT_SECONDS, end + CAUGHT_SECONDS
-    if lost is not None:
-        since = lost.time or since
-        if lost.code is MotionEvent.HIT:
-            if (lost.figures["height"] or 0.0) < MAX_GROUND_HEIGHT:  # on the ground nothing falls
-                until = since
-            since -= CAUGHT_SECONDS
-    span = (max(flight[0], since), until)
-    trusted = _trusted(signals, boot, flight)
-    assert trusted is not None
-    falls = in_intervals(trusted.time, [span]) & (trusted.values < -FALL_SPEED)
-    if falls.any():
-        height = series_of_boot(signals.height, boot)
-        begun, ended = ends = trusted.time[falls][[0, -1]].tolist()
-        sank = 0.7 * trusted.values[falls].mean() * (ended - begun)
-        # A speed that ran away is not seen in the height.
-        if height is None or np.diff(np.interp(ends, height.time, height.values)) <= sank:
-            speed = _fastest(trusted, *span)
-            yield Fact(MotionEvent.FELL, time=begun, until=ended, speed=speed, boot=boot)
-    if lost is not None:
-        hit = _hit(signals, boot, since, end + CAUGHT_SECONDS)
-        if hit is not None and lost.code is not MotionEvent.HIT:
-            yield Fact(MotionEvent.HIT, Level.WATCH, height=None, time=hit, boot=boot)
-        return
-    braked = np.interp(time + LOST_SECONDS, time, climb.values) - climb.values > HIT_SPEED
-    rises = np.diff(climb.values, append=climb.values[-1])
-    for at in time[in_intervals(time, [span]) & braked & (climb.values < -HIT_SPEED)][:1]:
-        # before the ground does, the vehicle may brake
-        last = np.argmax(np.where(in_intervals(time, [(at, at + LOST_SECONDS)]), rises, -inf))
-        speed = -climb.values[last]
-        if speed > HIT_SPEED:
-            yield Fact(MotionEvent.HIT, height=None, time=time[last], speed=speed, boot=boot)
+    flight_end = min(flight[1], climb_rate.time[-1])
+    start, end = flight_end - RECOVERY_SECONDS, flight_end + RECOVERY_SECONDS
+    if loss is not None:
+        start = loss.time or start
+        if loss.code is MotionEvent.HIT:
+            # The fall was before the impact. On the ground nothing falls any more.
+            if (loss.figures["height"] or 0.0) < MAX_GROUND_HEIGHT:
+                end = start
+            start -= RECOVERY_SECONDS
+    interval = (max(flight[0], start), end)
+    yield from _falls(signals, boot, flight, interval)
+    if loss is None:
+        yield from _impacts_of_fall(climb_rate, boot, interval)
+    elif loss.code is not MotionEvent.HIT:
+        impact = impact_time(signals, boot, start, flight_end + RECOVERY_SECONDS)
+        if impact is not None:
+            yield Fact(MotionEvent.HIT, Level.WATCH, height=None, time=impact, boot=boot)
 
 
-def _of_motors(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
-    """Motors that were lastingly at their upper stop, or off while the others flew the vehicle."""
-    motors = signals.motors
-    if motors is None or boot not in motors.boot:
+def _falls(signals: Signals, boot: int, flight: Interval, interval: Interval) -> Iterator[Fact]:
+    """Yields that the vehicle fell faster than ``FALL_SPEED`` in an ``interval``, s, if its height confirms that."""
+    climb_rate = trusted_climb_rate(signals, boot, flight)
+    assert climb_rate is not None
+    is_falling = in_intervals(climb_rate.time, [interval]) & (climb_rate.values < -FALL_SPEED)
+    if not is_falling.any():
         return
-    commands = motors.shares(boot)
-    time = commands.time
-    shares = commands.values
-    at_stop, _ = samples_at_limits(shares, motors.scale)
-    lowest = 0.0 if signals.telemetry.autopilot == "ARDUPILOTMEGA" else -STOP_MARGIN
-    off = (shares <= lowest) | ((motors.outputs[motors.boot == boot] == 0) & (motors.scale.low > 0))
-    others = (shares.sum(axis=1, keepdims=True) - shares) / max(shares.shape[1] - 1, 1)
-    least = min_airborne_collective(signals.telemetry.parameters)
-    off &= (others > least) & (shares.max(axis=0) > least)  # what never ran is no motor
-    flown = in_intervals(time, flights)
-    # A mixer may stop one for a moment.
-    for code, held, shortest in (
-        (MotionEvent.MOTOR_AT_ITS_STOP, at_stop, 0.0),
-        (MotionEvent.MOTOR_OFF, off, MAX_SETPOINT_DELAY),
-    ):
-        for name, true in zip(motors.layout.names, held.T, strict=True):
-            for start, end in _lasting(time, true & flown, CAUGHT_SECONDS):
-                if min(end, time[-1]) - start <= shortest:
-                    continue
-                yield Fact(
-                    code,
-                    time=start,
-                    until=_seen(end),
-                    subject=name,
-                    share=true[in_intervals(time, [(start, end)])].mean(),
-                    boot=boot,
-                )
+    start, end = climb_rate.time[is_falling][[0, -1]].tolist()
+    height = series_of_boot(signals.height, boot)
+    expected_change = SINK_AGREEMENT * climb_rate.values[is_falling].mean() * (end - start)
+    # An estimate of the speed that diverged does not show in the height.
+    is_confirmed = True
+    if height is not None:
+        height_change = np.diff(np.interp([start, end], height.time, height.values))
+        is_confirmed = bool(height_change <= expected_change)
+    if is_confirmed:
+        speed = max_sink_rate(climb_rate, *interval)
+        yield Fact(MotionEvent.FELL, time=start, until=end, speed=speed, boot=boot)
 
 
-def _clipped(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
-    """Where accelerometers were out of their range in flight, and how often."""
-    measured = vibration_of(signals)
-    if measured is None:
+def _impacts_of_fall(climb_rate: TimeSeries, boot: int, interval: Interval) -> Iterator[Fact]:
+    """Yields the impact in an ``interval``, s, by the vertical speed that the vehicle lost in it, if there was one."""
+    time = climb_rate.time
+    speed_later = np.interp(time + IMPACT_SECONDS, time, climb_rate.values)
+    is_braked = speed_later - climb_rate.values > IMPACT_SPEED_CHANGE
+    is_sinking = climb_rate.values < -IMPACT_SPEED_CHANGE
+    candidates = time[in_intervals(time, [interval]) & is_braked & is_sinking]
+    if not len(candidates):
         return
-    clips = replace(measured.levels, values=measured.clips.sum(axis=1))
-    counted = series_of_boot(clips, boot)
-    if counted is None:
+    # The vehicle may have braked before the ground did, which takes the most speed in one step.
+    first = candidates[0]
+    speed_steps: Array = np.diff(climb_rate.values, append=climb_rate.values[-1])
+    is_impact = in_intervals(time, [(first, first + IMPACT_SECONDS)])
+    row = np.argmax(np.where(is_impact, speed_steps, -inf))
+    speed = -climb_rate.values[row]
+    if speed > IMPACT_SPEED_CHANGE:
+        yield Fact(MotionEvent.HIT, height=None, time=time[row], speed=speed, boot=boot)
+
+
+def _clipping_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
+    """Yields when the accelerometers were out of their range in flight, and how often."""
+    vibration = reported_vibration(signals)
+    if vibration is None:
         return
-    clipped = (counted.values > 0) & in_intervals(counted.time, flights)
-    for start, end in merged([(at, at) for at in counted.time[clipped].tolist()], CAUGHT_SECONDS):
-        count = int(counted.values[in_intervals(counted.time, [(start, end)])].sum())
+    clips_of_log = replace(vibration.levels, values=vibration.clips.sum(axis=1))
+    clips = series_of_boot(clips_of_log, boot)
+    if clips is None:
+        return
+    clipping_times = clips.time[(clips.values > 0) & in_intervals(clips.time, flights)].tolist()
+    moments = [(time, time) for time in clipping_times]
+    for start, end in merge_close(moments, RECOVERY_SECONDS):
+        count = int(clips.values[in_intervals(clips.time, [(start, end)])].sum())
         yield Fact(MotionEvent.CLIPPED, time=start, until=end, count=count, boot=boot)

@@ -1,4 +1,4 @@
-"""Reported: what the autopilot reports of a whole log: its states, its words, and what its sensors lost."""
+"""Events that the autopilot reports in a log: its states, its texts and error codes, and faults of its sensors."""
 
 from collections.abc import Iterator
 from math import inf, isfinite
@@ -8,9 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.arrays import Flags
-from mavdem.assessment.autopilot_messages import in_order, once, reason, said
-from mavdem.assessment.lights.power import SUPPLY
-from mavdem.assessment.motion import flights_of, height_above
+from mavdem.assessment.autopilot_messages import (
+    in_time_order,
+    merge_repeats,
+    mode_change_reason,
+    reported_problems,
+)
+from mavdem.assessment.flights import flights_in_boot, height_in_flight
+from mavdem.assessment.lights.estimator import FIX_3D
+from mavdem.assessment.lights.power import BOARD_VOLTAGE_LIMITS
 from mavdem.dataset.intervals import in_intervals, intersection, true_intervals
 from mavdem.dataset.motor_outputs import DEMAND_MESSAGE
 from mavdem.dataset.phases import (
@@ -25,189 +31,282 @@ from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.events import Reported
 from mavdem.ingest.vocabulary import CRITICAL, OFF_GROUND, mavlink_constant
 
-FIX_3D = mavlink_constant("GPS_FIX_TYPE_3D_FIX")
-LOW_CHARGE = mavlink_constant("MAV_BATTERY_CHARGE_STATE_LOW")  # what is more is worse
-SENSOR_BITS = ("health", "present", "enabled")
-DETECTED = {
-    "fd_roll": (Reported.ATTITUDE_FAILED, "roll"),
-    "fd_pitch": (Reported.ATTITUDE_FAILED, "pitch"),
-    "fd_alt": (Reported.ALTITUDE_FAILED, ""),
-    "fd_motor": (Reported.MOTOR_FAILED, ""),
-    "fd_imbalanced_prop": (Reported.PROPELLER_IMBALANCED, ""),
-}
-HEALTH = {
-    "SENSOR_3D_GYRO": (Reported.SENSOR_FAILED, "gyro"),
-    "SENSOR_3D_ACCEL": (Reported.SENSOR_FAILED, "accel"),
-    "SENSOR_3D_MAG": (Reported.SENSOR_FAILED, "compass"),
-    "SENSOR_ABSOLUTE_PRESSURE": (Reported.SENSOR_FAILED, "barometer"),
-    "SENSOR_GPS": (Reported.SENSOR_FAILED, "gps"),
-    "SENSOR_RC_RECEIVER": (Reported.RADIO_LOST, ""),
-    "AHRS": (Reported.ESTIMATOR_DIVERGED, ""),
-}
-"""By what follows MAV_SYS_STATUS in the name of its bit (MAV_SYS_STATUS_SENSOR)."""
-COUNTED = (
-    ("estimator_selector_status", "primary_instance", Reported.ESTIMATOR_SWITCHED, "lane {}"),
-    ("LOCAL_POSITION_NED", "resets", Reported.ESTIMATOR_RESET, "position"),
-)
-"""Message and field, and what a change of it means."""
+LOW_CHARGE = mavlink_constant("MAV_BATTERY_CHARGE_STATE_LOW")
+"""The charge state "low" of BATTERY_STATUS; larger values are worse."""
+
+SENSOR_MASKS = ("health", "present", "enabled")
+"""Ends of the names of three bit masks of SYS_STATUS, ``onboard_control_sensors_…``, with a bit for each sensor."""
+
+MAX_MOTORS = 16
+"""Number of motors in PX4's ``motor_failure_mask``, one bit each."""
 
 
-class Complaint(NamedTuple):
-    """A ``message``, where each of it (N,) says that something is wrong, and what that is."""
+class Fault(NamedTuple):
+    """What a field or bit of a message reports when it is set."""
+
+    code: Reported
+    subject: str = ""
+    """What is at fault; empty if the code names it."""
+
+
+FAILURE_DETECTORS = {
+    "fd_roll": Fault(Reported.ATTITUDE_FAILED, "roll"),
+    "fd_pitch": Fault(Reported.ATTITUDE_FAILED, "pitch"),
+    "fd_alt": Fault(Reported.ALTITUDE_FAILED),
+    "fd_motor": Fault(Reported.MOTOR_FAILED),
+    "fd_imbalanced_prop": Fault(Reported.PROPELLER_IMBALANCED),
+}
+"""Faults by the fields of PX4's ``failure_detector_status``."""
+
+SENSOR_FAULTS = {
+    "SENSOR_3D_GYRO": Fault(Reported.SENSOR_FAILED, "gyro"),
+    "SENSOR_3D_ACCEL": Fault(Reported.SENSOR_FAILED, "accel"),
+    "SENSOR_3D_MAG": Fault(Reported.SENSOR_FAILED, "compass"),
+    "SENSOR_ABSOLUTE_PRESSURE": Fault(Reported.SENSOR_FAILED, "barometer"),
+    "SENSOR_GPS": Fault(Reported.SENSOR_FAILED, "gps"),
+    "SENSOR_RC_RECEIVER": Fault(Reported.RADIO_LOST),
+    "AHRS": Fault(Reported.ESTIMATOR_DIVERGED),
+}
+"""Faults by the bits of SYS_STATUS: the name of the bit is MAV_SYS_STATUS_ and the key (MAV_SYS_STATUS_SENSOR)."""
+
+
+class CountingField(NamedTuple):
+    """A field of a message whose every change is an event."""
 
     message: str
-    holds: Flags
+    field: str
+    code: Reported
+    subject: str
+    """Subject of the event; ``{}`` stands for the new value."""
+
+
+COUNTING_FIELDS = (
+    CountingField(
+        "estimator_selector_status", "primary_instance", Reported.ESTIMATOR_SWITCHED, "lane {}"
+    ),
+    CountingField("LOCAL_POSITION_NED", "resets", Reported.ESTIMATOR_RESET, "position"),
+)
+"""The estimator's primary lane, and the counter of its resets of the position."""
+
+
+class FaultSignal(NamedTuple):
+    """For each sample of a message, whether it reports one fault."""
+
+    message: str
+    is_faulty: Flags
+    """(N,) for the N samples of the message; (0,) where it or its field was not recorded."""
     code: Reported
     subject: str = ""
 
 
 def reported_events(signals: Signals) -> Facts:
-    """Returns what the autopilot reports, in order of boot and time.
+    """Returns the events that the autopilot reports, in order of boot and time.
 
-    Each has its ``boot``, its ``basis``, the messages it rests on, and its ``height`` above where its flight began, m,
-    None where that is not known. What is said while disarmed, as of a vehicle that is carried, is never bad.
+    Each fact has the figures ``boot``, ``basis`` (names of the messages that it rests on) and ``height`` in metres
+    above where its flight began, None where the height is not known. No fault is bad while the vehicle is disarmed: it
+    may be carried around, or its parts may be unplugged.
     """
-    words = said(signals.telemetry)
+    problems = reported_problems(signals.telemetry)
     events = []
     for part in recorded_spans(signals):
-        states = [fact for make in STATES for fact in make(signals, part)]
-        faults = [fact for make in FAULTS for fact in make(signals, part)]
-        faults += [fact for fact in words if fact.figures["boot"] == part.boot]
-        flights = flights_of(signals, part.boot)
-        on = [
-            (start - AVERAGING_SECONDS, end + AVERAGING_SECONDS)
-            for start, end in armed_intervals(signals, part.boot)
+        boot = part.boot
+        states = [
+            *_arming_events(signals, part),
+            *_take_offs_and_landings(signals, part),
+            *_mode_changes(signals, part),
         ]
-        for fact in in_order([*states, *once(faults)]):
+        faults = [
+            *_restarts(signals, part),
+            *_estimator_changes(signals, part),
+            *_lasting_faults(signals, part),
+            *(fact for fact in problems if fact.figures["boot"] == boot),
+        ]
+        flights = flights_in_boot(signals, boot)
+        around_armed = [
+            (start - AVERAGING_SECONDS, end + AVERAGING_SECONDS)
+            for start, end in armed_intervals(signals, boot)
+        ]
+        for fact in in_time_order([*states, *merge_repeats(faults)]):
             time = fact.time or 0.0
-            if fact.is_bad and not in_intervals(time, on):
+            if fact.is_bad and not in_intervals(time, around_armed):
                 fact = fact.but(Level.WATCH)
-            begun = max((flight for flight in flights if flight[0] <= time), default=(time, inf))
-            events.append(fact.but(height=height_above(signals, part.boot, begun, time)))
+            begun_flights = [flight for flight in flights if flight[0] <= time]
+            flight = max(begun_flights, default=(time, inf))
+            events.append(fact.but(height=height_in_flight(signals, boot, flight, time)))
     return tuple(events)
 
 
 def _event(
     signals: Signals,
     part: Segment,
-    source: str,
+    message: str,
     code: Reported,
     time: float,
     level: Level | None = None,
     **figures: Any,
 ) -> Fact:
-    """A fact of one boot, by the message ``source``."""
-    basis = (signals.telemetry.name_in_source(source),)
+    """Returns a fact at ``time``, s, in the boot of ``part``, which rests on a ``message``."""
+    basis = (signals.telemetry.name_in_source(message),)
     return Fact(code, level, time=time, boot=part.boot, basis=basis, **figures)
 
 
-def _arming(signals: Signals, part: Segment) -> Iterator[Fact]:
+def _arming_events(signals: Signals, part: Segment) -> Iterator[Fact]:
+    """Yields when the motors were armed and disarmed; a log may begin while they are armed."""
     state = series_of_boot(signals.armed, part.boot)
     if state is None:
         return
-    on = state.values > 0
-    for row in np.flatnonzero(np.diff(on, prepend=False)):
-        code = Reported.MOTORS_ARMED if on[row] else Reported.MOTORS_DISARMED
+    is_armed = state.values > 0
+    for row in np.flatnonzero(np.diff(is_armed, prepend=False)):
+        code = Reported.MOTORS_ARMED if is_armed[row] else Reported.MOTORS_DISARMED
         yield _event(signals, part, "HEARTBEAT", code, state.time[row], is_begun=row == 0)
 
 
-def _in_the_air(signals: Signals, part: Segment) -> Iterator[Fact]:
-    """Take-offs and landings: when the land detector says so or, where it says nothing, as the motors show them."""
-    changes = np.zeros(0)
-    if (landed := series_of_boot(signals.landed_state, part.boot)) is not None:
-        defined = landed.values > 0
-        in_air = np.isin(landed.values[defined], OFF_GROUND)
-        changes = landed.time[defined][np.diff(in_air, prepend=in_air[:1])]
-    by_motors = DEMAND_MESSAGE if signals.motors is None else signals.motors.message
-    for flight in flights_of(signals, part.boot):
-        for code, end in zip((Reported.OFF_GROUND, Reported.ON_GROUND), flight, strict=True):
-            near = changes[abs(changes - end) <= AVERAGING_SECONDS]
-            source = "EXTENDED_SYS_STATE" if len(near) else by_motors
-            at = near[np.argmin(abs(near - end))] if len(near) else end
-            if isfinite(end) and without_grounded([flight], signals, part.boot):
-                yield _event(signals, part, source, code, at)
+def _take_offs_and_landings(signals: Signals, part: Segment) -> Iterator[Fact]:
+    """Yields take-offs and landings.
+
+    The flights are those that motors and heights show. A take-off or landing that the land detector reports within
+    ``AVERAGING_SECONDS`` of one has the land detector's time.
+    """
+    detected_changes = np.zeros(0)
+    landed_state = series_of_boot(signals.landed_state, part.boot)
+    if landed_state is not None:
+        # The state 0 is "undefined".
+        is_defined = landed_state.values > 0
+        in_air = np.isin(landed_state.values[is_defined], OFF_GROUND)
+        is_change = np.diff(in_air, prepend=in_air[:1])
+        detected_changes = landed_state.time[is_defined][is_change]
+    motor_message = DEMAND_MESSAGE if signals.motors is None else signals.motors.message
+    for flight in flights_in_boot(signals, part.boot):
+        for code, flight_limit in zip(
+            (Reported.OFF_GROUND, Reported.ON_GROUND), flight, strict=True
+        ):
+            if not isfinite(flight_limit) or not without_grounded([flight], signals, part.boot):
+                continue
+            distances = abs(detected_changes - flight_limit)
+            message, time = motor_message, flight_limit
+            if np.any(distances <= AVERAGING_SECONDS):
+                message = "EXTENDED_SYS_STATE"
+                time = detected_changes[np.argmin(distances)]
+            yield _event(signals, part, message, code, time)
 
 
-def _modes(signals: Signals, part: Segment) -> Iterator[Fact]:
+def _mode_changes(signals: Signals, part: Segment) -> Iterator[Fact]:
+    """Yields changes of the flight mode, with ArduPilot's reason where the log has it."""
     columns = signals.telemetry.messages.get("CURRENT_MODE", {})
-    source = "CURRENT_MODE" if columns else "HEARTBEAT"
-    causes = {}
+    message = "CURRENT_MODE" if columns else "HEARTBEAT"
+    reason_numbers = {}
     if "Rsn" in columns:
-        here = columns["boot"] == part.boot
-        causes = dict(zip(columns["time"][here].tolist(), columns["Rsn"][here], strict=True))
+        rows = columns["boot"] == part.boot
+        reason_numbers = dict(
+            zip(columns["time"][rows].tolist(), columns["Rsn"][rows], strict=True)
+        )
     for time, mode in signals.modes(part.boot):
-        cause, level = reason(causes.get(time))
+        cause, level = mode_change_reason(reason_numbers.get(time))
         code = Reported.MODE_CHANGED
-        yield _event(signals, part, source, code, time, level, subject=mode, cause=cause)
+        yield _event(signals, part, message, code, time, level, subject=mode, cause=cause)
 
 
 def _restarts(signals: Signals, part: Segment) -> Iterator[Fact]:
+    """Yields that the autopilot restarted, at the beginning of each boot but the first."""
     if part.boot > 0:
         yield _event(signals, part, "ATTITUDE", Reported.RESTARTED, part.start)
 
 
-def _changes(signals: Signals, part: Segment) -> Iterator[Fact]:
-    """Changes of the estimator's primary lane, and of the counter of its resets."""
-    for name, field, code, subject in COUNTED:
-        columns = signals.telemetry.messages.get(name, {})
-        if field not in columns:
+def _estimator_changes(signals: Signals, part: Segment) -> Iterator[Fact]:
+    """Yields each change of a field among ``COUNTING_FIELDS``."""
+    for counting in COUNTING_FIELDS:
+        columns = signals.telemetry.messages.get(counting.message, {})
+        if counting.field not in columns:
             continue
-        here = columns["boot"] == part.boot
-        values = columns[field][here]
+        rows = columns["boot"] == part.boot
+        values = columns[counting.field][rows]
+        times = columns["time"][rows]
         for row in 1 + np.flatnonzero(values[1:] != values[:-1]):
-            time = columns["time"][here][row]
-            about = subject.format(int(values[row]))
-            yield _event(signals, part, name, code, time, subject=about)
+            subject = counting.subject.format(int(values[row]))
+            yield _event(
+                signals, part, counting.message, counting.code, times[row], subject=subject
+            )
 
 
-def _lasting(signals: Signals, part: Segment) -> Iterator[Fact]:
-    """What a message says for a time while armed."""
-    inside = intersection(armed_intervals(signals, part.boot), [(part.start, part.end)])
-    for name, true, code, subject in _complaints(signals):
-        if not len(true):
+def _lasting_faults(signals: Signals, part: Segment) -> Iterator[Fact]:
+    """Yields the intervals in which a message reports a fault while the motors are armed.
+
+    A fault that is still there when the boot's record ends has no end.
+    """
+    armed = intersection(armed_intervals(signals, part.boot), [(part.start, part.end)])
+    for fault in _fault_signals(signals):
+        if not len(fault.is_faulty):
             continue
-        columns = signals.telemetry.messages[name]
-        here = columns["boot"] == part.boot
-        for start, end in intersection(true_intervals(columns["time"][here], true[here]), inside):
-            until = end if end < part.end else None
-            yield _event(signals, part, name, code, start, until=until, subject=subject)
+        columns = signals.telemetry.messages[fault.message]
+        rows = columns["boot"] == part.boot
+        faulty_intervals = true_intervals(columns["time"][rows], fault.is_faulty[rows])
+        for start, end in intersection(faulty_intervals, armed):
+            yield _event(
+                signals,
+                part,
+                fault.message,
+                fault.code,
+                start,
+                until=end if end < part.end else None,
+                subject=fault.subject,
+            )
 
 
-def _complaints(signals: Signals) -> Iterator[Complaint]:
-    """What may last; empty for messages that there are not."""
+def _fault_signals(signals: Signals) -> Iterator[FaultSignal]:
+    """Yields every fault that a message may report for a time, with the samples that report it."""
 
-    def values(message: str, field: str) -> NDArray[Any]:
+    def column(message: str, field: str) -> NDArray[Any]:
+        """Returns (N,) values of a field, empty where it was not recorded."""
         return signals.telemetry.messages.get(message, {}).get(field, np.zeros(0, np.int64))
 
-    failing = values("HEARTBEAT", "system_status") >= CRITICAL
-    yield Complaint("HEARTBEAT", failing, Reported.FAILSAFE)
-    fix = values("GPS_RAW_INT", "fix_type")
-    lost = np.logical_or.accumulate(fix >= FIX_3D) & (fix < FIX_3D)
-    yield Complaint("GPS_RAW_INT", lost, Reported.GPS_LOST)
-    yield Complaint("input_rc", values("input_rc", "rc_lost") > 0, Reported.RADIO_LOST)
-    supply = values("POWER_STATUS", "Vcc")
-    low = (supply > 0) & (supply < 1000 * SUPPLY.bad)
-    yield Complaint("POWER_STATUS", low, Reported.BOARD_VOLTAGE_LOW)
-    for name in BATTERY_MESSAGES:
-        charge = values(name, "charge_state")
-        yield Complaint(name, charge == LOW_CHARGE, Reported.BATTERY_WARNED)
-        yield Complaint(name, charge > LOW_CHARGE, Reported.BATTERY_ALARMED)
-    health, *used = (
-        values("SYS_STATUS", f"onboard_control_sensors_{name}").astype(np.int64)
-        for name in SENSOR_BITS
+    is_critical = column("HEARTBEAT", "system_status") >= CRITICAL
+    yield FaultSignal("HEARTBEAT", is_critical, Reported.FAILSAFE)
+
+    # A fix can be lost only after there was one.
+    fix_type = column("GPS_RAW_INT", "fix_type")
+    is_lost = np.logical_or.accumulate(fix_type >= FIX_3D) & (fix_type < FIX_3D)
+    yield FaultSignal("GPS_RAW_INT", is_lost, Reported.GPS_LOST)
+
+    yield FaultSignal("input_rc", column("input_rc", "rc_lost") > 0, Reported.RADIO_LOST)
+
+    # In mV; 0 where the board does not measure it.
+    board_voltage = column("POWER_STATUS", "Vcc")
+    is_low = (board_voltage > 0) & (board_voltage < 1000 * BOARD_VOLTAGE_LIMITS.bad)
+    yield FaultSignal("POWER_STATUS", is_low, Reported.BOARD_VOLTAGE_LOW)
+
+    for message in BATTERY_MESSAGES:
+        charge = column(message, "charge_state")
+        yield FaultSignal(message, charge == LOW_CHARGE, Reported.BATTERY_WARNED)
+        yield FaultSignal(message, charge > LOW_CHARGE, Reported.BATTERY_ALARMED)
+
+    yield from _sensor_faults(
+        *(
+            column("SYS_STATUS", f"onboard_control_sensors_{mask}").astype(np.int64)
+            for mask in SENSOR_MASKS
+        )
     )
-    failed = np.bitwise_and.reduce([~health, *used])
-    for sensor, (code, subject) in HEALTH.items():
+
+    message = "failure_detector_status"
+    for field, fault in FAILURE_DETECTORS.items():
+        is_detected = column(message, field) > 0
+        yield FaultSignal(message, is_detected, fault.code, fault.subject)
+    failed_motors = column(message, "motor_failure_mask").astype(np.int64)
+    for motor in range(MAX_MOTORS):
+        has_failed = failed_motors >> motor & 1 > 0
+        if has_failed.any():
+            subject = f"motor {motor + 1}"
+            yield FaultSignal(message, has_failed, Reported.MOTOR_FAILED, subject)
+
+
+def _sensor_faults(
+    health: NDArray[np.int64], present: NDArray[np.int64], enabled: NDArray[np.int64]
+) -> Iterator[FaultSignal]:
+    """Yields the sensors of SYS_STATUS that are present and enabled, and not healthy.
+
+    Args:
+        health, present, enabled: (N,) masks with a bit for each sensor.
+    """
+    unhealthy = ~health & present & enabled
+    for sensor, fault in SENSOR_FAULTS.items():
         bit = mavlink_constant(f"MAV_SYS_STATUS_{sensor}")
-        yield Complaint("SYS_STATUS", failed & bit > 0, code, subject)
-    name = "failure_detector_status"
-    for field, meant in DETECTED.items():
-        yield Complaint(name, values(name, field) > 0, *meant)
-    motors = values(name, "motor_failure_mask").astype(np.int64)
-    for motor in np.flatnonzero(np.bitwise_or.reduce(motors) >> np.arange(16) & 1).tolist():
-        subject = f"motor {motor + 1}"
-        yield Complaint(name, motors >> motor & 1 > 0, Reported.MOTOR_FAILED, subject)
-
-
-STATES = (_arming, _in_the_air, _modes)
-FAULTS = (_restarts, _changes, _lasting)
+        yield FaultSignal("SYS_STATUS", unhealthy & bit > 0, fault.code, fault.subject)

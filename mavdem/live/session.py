@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from mavdem.assessment.autopilot_messages import AGAIN_SECONDS
+from mavdem.assessment.autopilot_messages import REPEAT_SECONDS
 from mavdem.assessment.axis.findings import Findings, disown_torque, findings_of
 from mavdem.assessment.judgement import Judgement
 from mavdem.dataset.signals import output_names_and_units
@@ -196,7 +196,7 @@ class LiveSession:
             if self._late is None:
                 self._log(Fact(Session.COMPUTER_BEHIND, delay=behind))
             self._late = now
-        elif self._late is not None and now - self._late >= AGAIN_SECONDS:
+        elif self._late is not None and now - self._late >= REPEAT_SECONDS:
             self._late = None
             self._latencies.clear()
             self._log(
@@ -589,7 +589,7 @@ class LiveSession:
         )
         kind = fact.code, fact.subject, about
         self._last_said = {
-            before: at for before, at in self._last_said.items() if now - at < AGAIN_SECONDS
+            before: at for before, at in self._last_said.items() if now - at < REPEAT_SECONDS
         }
         if kind in self._last_said and fact.time is None:
             return  # but each alarm and each recovery is reported

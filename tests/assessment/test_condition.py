@@ -9,8 +9,9 @@ from numpy.random import default_rng
 from pytest import approx, mark
 from refusals import refused
 
-from mavdem.assessment.condition import condition_of, mean_interval
+from mavdem.assessment.condition import condition_of
 from mavdem.assessment.inventory import autopilot_alarms, identity_of, inventory, tier_of
+from mavdem.assessment.mean_interval import mean_interval
 from mavdem.dataset.learnability import learnability_of
 from mavdem.dataset.signals import Signals
 from mavdem.facts.learnability import MotorObstacle, Reason

@@ -8,14 +8,15 @@ from frames import QUAD, geometry
 from hover import X_QUAD_PARAMETERS, Hover, changed, columns, only, pulses, with_pulses
 from pytest import approx, mark
 
-from mavdem.assessment.condition import CLIPS, LEVELS
-from mavdem.assessment.ending import _weak_motor, ending_of
+from mavdem.assessment.ending import ending_of
+from mavdem.assessment.first_failure import _weak_motor
 from mavdem.assessment.motion import motion_events
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND, attitude_target, quaternion
+from mavdem.vibration.vibration_message import CLIPPING_FIELDS, LEVEL_FIELDS
 
 FAILS = 30.0
 NAMES = geometry().names
@@ -38,7 +39,9 @@ def flight(rate=10.0):
     place = made.messages["LOCAL_POSITION_NED"]
     z = np.cumsum(place["vz"]) * 0.1
     made = changed(made, "LOCAL_POSITION_NED", x=0.0, y=0.0, vx=0.0, vy=0.0, z=z)
-    return changed(made, "VIBRATION", **columns(place["time"], **dict.fromkeys(CLIPS, 0.0)))
+    return changed(
+        made, "VIBRATION", **columns(place["time"], **dict.fromkeys(CLIPPING_FIELDS, 0.0))
+    )
 
 
 def leaning(made, towards, angle, seconds):
@@ -298,7 +301,7 @@ def test_a_log_that_ends_in_the_air_and_clips_are_events_and_no_ending():
     made = until(flight(), 0.0)
     time = stamps(made, "VIBRATION")
     counts = 3.0 * (time > 20.0) + 4.0 * (time > 22.0)
-    clipped = changed(made, "VIBRATION", **dict.fromkeys((*LEVELS, *CLIPS), counts))
+    clipped = changed(made, "VIBRATION", **dict.fromkeys((*LEVEL_FIELDS, *CLIPPING_FIELDS), counts))
     events, ending = judged(clipped)
     assert ending is None
     assert events[MotionEvent.LOG_ENDED_IN_AIR].figures["height"] == approx(10.0, abs=0.5)

@@ -7,7 +7,6 @@ from hover import Hover, changed, columns, evidence_of
 from pytest import approx, mark
 from recorded_flights import recorded
 
-from mavdem.assessment.condition import Steady
 from mavdem.assessment.lights.estimator import (
     DOUBT_SECONDS,
     EKF_THRESHOLD,
@@ -17,14 +16,15 @@ from mavdem.assessment.lights.estimator import (
 )
 from mavdem.assessment.lights.log import LONG_GAP, STILL_CHANGE, log_light, simulated_of
 from mavdem.assessment.lights.power import (
+    BOARD_VOLTAGE_LIMITS,
     CELL,
     FULL_CELL,
     LOW_SECONDS,
-    SUPPLY,
     SUPPLY_FALL,
     power_light,
 )
 from mavdem.assessment.lights.wind import wind_light
+from mavdem.assessment.mean_interval import MeanFigure
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.estimator import EstimatorLight
@@ -116,11 +116,16 @@ def test_what_follows_a_loss_is_no_fault_of_the_battery():
 @mark.parametrize(
     "usual, least, code, level",
     [
-        (5.0, SUPPLY.watch + 0.1, PowerLight.SUPPLY_HELD, "unknown"),
+        (5.0, BOARD_VOLTAGE_LIMITS.watch + 0.1, PowerLight.SUPPLY_HELD, "unknown"),
         (5.3, 5.25 - SUPPLY_FALL, PowerLight.SUPPLY_FELL, "watch"),
-        (5.0, SUPPLY.watch - 0.05, PowerLight.SUPPLY_LOW, "watch"),
-        (5.0, SUPPLY.bad - 0.05, PowerLight.SUPPLY_LOW, "bad"),
-        (SUPPLY.bad - 0.1, SUPPLY.bad - 0.2, PowerLight.SUPPLY_LOW, "watch"),
+        (5.0, BOARD_VOLTAGE_LIMITS.watch - 0.05, PowerLight.SUPPLY_LOW, "watch"),
+        (5.0, BOARD_VOLTAGE_LIMITS.bad - 0.05, PowerLight.SUPPLY_LOW, "bad"),
+        (
+            BOARD_VOLTAGE_LIMITS.bad - 0.1,
+            BOARD_VOLTAGE_LIMITS.bad - 0.2,
+            PowerLight.SUPPLY_LOW,
+            "watch",
+        ),
         # It never changes: it is not measured.
         (5.0, 5.0, PowerLight.POWER_UNMEASURED, "unknown"),
         (np.nan, np.nan, PowerLight.POWER_UNMEASURED, "unknown"),
@@ -228,7 +233,7 @@ def test_wind_that_takes_half_of_the_most_lean_leaves_too_little():
     known = evidence(recorded("sitl_events/ap_short_with_climb.tlog"))
     limits = {"ANGLE_MAX": 3000.0, "ATC_ANGLE_MAX": 30.0, "MPC_TILTMAX_AIR": 30.0}
     for lean_angle, level in ((14.0, "good"), (16.0, "watch")):
-        lean = {"roll": Steady(np.radians(lean_angle), None, 0.0)}
+        lean = {"roll": MeanFigure(np.radians(lean_angle), None, 0.0)}
         leaning = replace(known, condition=replace(known.condition, lean=lean))
         for name, limit in limits.items():
             strong = replace(known.signals.telemetry, parameters={name: limit})

@@ -4,8 +4,8 @@ import numpy as np
 from hover import Hover, changed, columns, with_texts
 from pytest import mark
 
-from mavdem.assessment.autopilot_messages import AGAIN_SECONDS, once, said
-from mavdem.assessment.lights.power import SUPPLY
+from mavdem.assessment.autopilot_messages import REPEAT_SECONDS, merge_repeats, reported_problems
+from mavdem.assessment.lights.power import BOARD_VOLTAGE_LIMITS
 from mavdem.assessment.reported import reported_events
 from mavdem.dataset.signals import Signals
 from mavdem.facts.events import Reported
@@ -57,41 +57,43 @@ TEXTS = {
 
 @mark.parametrize("text", TEXTS)
 def test_a_text_says_what_happened(text):
-    (fact,) = said(with_texts(FLOWN, text.encode(), severity=(NO_SEVERITY,)))
+    (fact,) = reported_problems(with_texts(FLOWN, text.encode(), severity=(NO_SEVERITY,)))
     assert (fact.code, fact.level, fact.subject) == TEXTS[text]
     assert fact.time == 1.0 and fact.figures["basis"] == ("STATUSTEXT",)
 
 
 def test_a_warning_that_nobody_knows_is_quoted_and_what_is_no_warning_is_not():
     telemetry = with_texts(FLOWN, b"Toilet seat up", b"EKF3 active", severity=(4, 6))
-    (fact,) = said(telemetry)
+    (fact,) = reported_problems(telemetry)
     assert (fact.code, fact.figures["text"]) == (Reported.AUTOPILOT_SAID, "Toilet seat up")
     assert fact.figures["severity"] == "warning"
-    assert not said(with_texts(FLOWN, b"Radio Failsafe Cleared", severity=(4,)))
-    assert not said(with_texts(FLOWN, b"Mission terminated"))
+    assert not reported_problems(with_texts(FLOWN, b"Radio Failsafe Cleared", severity=(4,)))
+    assert not reported_problems(with_texts(FLOWN, b"Mission terminated"))
     # Severities had another scale.
-    assert not said(with_texts(FLOWN, b"GROUND START", b"ARMING MOTORS", severity=(1, 3)))
+    assert not reported_problems(
+        with_texts(FLOWN, b"GROUND START", b"ARMING MOTORS", severity=(1, 3))
+    )
 
 
 def test_a_text_in_chunks_is_one():
     telemetry = with_texts(FLOWN, b"Potential Thr", b"other", b"ust Loss (2)", severity=(2, 6, 2))
     telemetry = changed(telemetry, "STATUSTEXT", id=[7, 0, 7], chunk_seq=[0, 0, 1])
-    (fact,) = said(telemetry)
+    (fact,) = reported_problems(telemetry)
     assert (fact.code, fact.subject, fact.time) == (Reported.THRUST_LOST, "motor 2", 1.0)
 
 
 def test_what_is_said_again_soon_is_once_with_its_count_and_span():
-    times = np.array([1.0, 1.0 + AGAIN_SECONDS, 1.1 + 2 * AGAIN_SECONDS])
+    times = np.array([1.0, 1.0 + REPEAT_SECONDS, 1.1 + 2 * REPEAT_SECONDS])
     glitches = columns(times, text=b"GPS Glitch", severity=4)
-    found = once(said(changed(FLOWN, "STATUSTEXT", **glitches)))
+    found = merge_repeats(reported_problems(changed(FLOWN, "STATUSTEXT", **glitches)))
     spans = [(fact.time, fact.until, fact.figures["count"]) for fact in found]
-    assert spans == [(1.0, 1.0 + AGAIN_SECONDS, 2), (times[2], None, 1)]
+    assert spans == [(1.0, 1.0 + REPEAT_SECONDS, 2), (times[2], None, 1)]
 
 
 def test_of_two_that_say_the_same_the_worse_level_holds():
     told = columns([0.5], Id=[62])
     telemetry = with_texts(changed(FLOWN, "EV", **told), b"EKF3 IMU0 emergency yaw reset")
-    (fact,) = once(said(telemetry))
+    (fact,) = merge_repeats(reported_problems(telemetry))
     assert (fact.time, fact.level, fact.subject) == (0.5, "watch", "yaw")
     assert fact.figures["basis"] == ("EV", "STATUSTEXT")
 
@@ -104,7 +106,7 @@ def test_errors_of_dataflash_have_their_name_and_last_until_they_are_over():
     )
     told = columns([45.0], Id=[51])
     telemetry = changed(changed(FLOWN, "ERR", **rows), "EV", **told)
-    found = once(said(telemetry))
+    found = merge_repeats(reported_problems(telemetry))
     assert [(fact.code, fact.time, fact.until) for fact in found] == [
         (Reported.ESTIMATOR_DIVERGED, 30.0, None),
         (Reported.RADIO_LOST, 31.0, 34.0),
@@ -142,8 +144,8 @@ STATES = {
     "input_rc": ("rc_lost", 0, 1, Reported.RADIO_LOST),
     "POWER_STATUS": (
         "Vcc",
-        1000 * SUPPLY.bad,
-        1000 * SUPPLY.bad - 1,
+        1000 * BOARD_VOLTAGE_LIMITS.bad,
+        1000 * BOARD_VOLTAGE_LIMITS.bad - 1,
         Reported.BOARD_VOLTAGE_LOW,
     ),
     "SYS_STATUS": ("charge_state", 1, 2, Reported.BATTERY_WARNED),

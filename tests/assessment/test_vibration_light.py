@@ -6,7 +6,12 @@ import numpy as np
 from hover import Hover, changed, columns
 from pytest import approx, mark
 
-from mavdem.assessment.lights.vibration import ARDUPILOT, CLIPS, PX4, vibration_light
+from mavdem.assessment.lights.vibration import (
+    ARDUPILOT_LEVELS,
+    CLIP_LIMITS,
+    PX4_LEVELS,
+    vibration_light,
+)
 from mavdem.dataset.signals import Signals
 from mavdem.facts.vibration import VibrationLight
 
@@ -27,7 +32,7 @@ def light(levels, clips=0, autopilot="ARDUPILOTMEGA"):
     return vibration_light(SimpleNamespace(signals=Signals(made, inputs="motors")))
 
 
-@mark.parametrize("autopilot, limits", [("ARDUPILOTMEGA", ARDUPILOT), ("PX4", PX4)])
+@mark.parametrize("autopilot, limits", [("ARDUPILOTMEGA", ARDUPILOT_LEVELS), ("PX4", PX4_LEVELS)])
 def test_the_limits_are_the_autopilot_s(autopilot, limits):
     near = [share * limit for limit in limits for share in (0.99, 1.01)]
     levels = [light([most, 0.1, 0.1], autopilot=autopilot).level for most in near]
@@ -43,9 +48,9 @@ def test_the_worst_axis_of_the_worst_imu_is_named():
 
 def test_clips_are_counted():
     assert "no clips in settled flight" in light([1, 1, 1]).sentence
-    assert {light([1, 1, 1], clips=count).level for count in (1, CLIPS.bad)} == {"watch"}
-    many = light([1, 1, 1], clips=CLIPS.bad + 1)
-    assert many.level == "bad" and f" {CLIPS.bad + 1} clips " in many.sentence
+    assert {light([1, 1, 1], clips=count).level for count in (1, CLIP_LIMITS.bad)} == {"watch"}
+    many = light([1, 1, 1], clips=CLIP_LIMITS.bad + 1)
+    assert many.level == "bad" and f" {CLIP_LIMITS.bad + 1} clips " in many.sentence
 
 
 def test_without_the_message_it_is_not_known():

@@ -27,7 +27,7 @@ from ulog_files import (
     vehicle_of,
 )
 
-from mavdem.assessment.autopilot_messages import said
+from mavdem.assessment.autopilot_messages import reported_problems
 from mavdem.dataset.segments import recorded_spans
 from mavdem.dataset.signals import Signals
 from mavdem.errors import Unreadable
@@ -248,7 +248,7 @@ def test_damaged_levels_of_texts_and_stamps_of_another_type_are_left_out(tmp_pat
     right, wrong = topic + b"uint64_t timestamp", topic + b"double timestamp  "
     vehicle = vehicle_of(log(*flight(TIMES), *texts).replace(right, wrong), tmp_path)
     assert "ACTUATOR_CONTROL_TARGET" not in vehicle.messages and WANTED in vehicle.messages
-    assert [fact.figures["severity"] for fact in said(vehicle)] == ["error"]
+    assert [fact.figures["severity"] for fact in reported_problems(vehicle)] == ["error"]
 
 
 def test_bytes_that_nobody_wrote_are_skipped_at_once(tmp_path, monkeypatch):

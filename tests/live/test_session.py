@@ -332,7 +332,7 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
 @mark.slow
 def test_a_computer_that_is_too_slow_says_so_sheds_fits_and_then_plots_but_no_row(now, monkeypatch):
     monkeypatch.setattr("time.time", lambda: now[0])
-    monkeypatch.setattr("mavdem.live.session.AGAIN_SECONDS", 5.0)
+    monkeypatch.setattr("mavdem.live.session.REPEAT_SECONDS", 5.0)
     arriving = [
         (stamp - FIRST + 100.0, frame) for stamp, frame in FRAMES if 0.0 <= stamp - FIRST < 30.0
     ]

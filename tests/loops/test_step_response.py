@@ -10,7 +10,7 @@ from pytest import approx, mark
 from scipy.signal import cont2discrete, freqz, lfilter
 
 from mavdem.assessment.axis.responses import predicted_attitude
-from mavdem.assessment.condition import settled_parts
+from mavdem.assessment.flights import settled_flight
 from mavdem.dataset.signals import Signals
 from mavdem.facts.loops import StepResponses
 from mavdem.loops.step_response import (
@@ -58,7 +58,7 @@ def flight(rate, setpoint, angle=None, wanted=None):
 
 def measured(telemetry, response=rate_step_response):
     signals = Signals(telemetry)
-    return response(signals, settled_parts(signals))
+    return response(signals, settled_flight(signals))
 
 
 @mark.parametrize("repeated", [slice(0), slice(3000, 5000)])

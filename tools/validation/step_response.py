@@ -12,7 +12,7 @@ import numpy as np
 from flights import TABLES, Values, command, drawn, flight_of, rows_of, show, telemetry_of
 from numpy.random import default_rng
 
-from mavdem.assessment.condition import settled_parts
+from mavdem.assessment.flights import settled_flight
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.loops.step_response import (
@@ -33,7 +33,7 @@ def judged(number: int) -> list[Values]:
     motion = fly(flight)
     truths = truth(flight, motion)
     signals = Signals(telemetry_of(flight, motion))
-    parts = settled_parts(signals)
+    parts = settled_flight(signals)
     outer = truths["roll_attitude_loop"]
     frequency = truths["loop_frequency"]
     stiff = controller_for(flight).stiff[0]

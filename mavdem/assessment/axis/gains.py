@@ -9,7 +9,7 @@ from math import inf, isfinite
 
 import numpy as np
 
-from mavdem.assessment.autopilot_messages import texts
+from mavdem.assessment.autopilot_messages import status_texts
 from mavdem.dataset.phases import mode_intervals
 from mavdem.dataset.signals import Signals, cached_per_vehicle
 from mavdem.dem.learning import MIN_SAMPLES
@@ -117,7 +117,7 @@ def autotuned(signals: Signals, loop: Loop | Fact) -> Fact | None:
     """
     named = f"AutoTune: {signals.axis.capitalize()}"
     begins = f"{named} ", f"{named}("  # "Yaw(E)", "Yaw(D)": by its error's filter, or D
-    words = [text for text in texts(signals.telemetry) if text.text.startswith(begins)]
+    words = [text for text in status_texts(signals.telemetry) if text.text.startswith(begins)]
     stamps = [(text.boot, text.time) for text in words]
     if signals.telemetry.autopilot == "PX4":
         for _, signal in signals.injected:

@@ -7,7 +7,6 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.lights.limits import worst
-from mavdem.assessment.reported import FIX_3D
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
 from mavdem.dataset.intervals import longest_true_duration
 from mavdem.dataset.time_series import (
@@ -22,6 +21,9 @@ from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import Reported
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import mavlink_constant
+
+FIX_3D = mavlink_constant("GPS_FIX_TYPE_3D_FIX")
+"""The least GPS fix type with a position in three dimensions."""
 
 MEASURED = ("velocity", "position", "height", "compass")
 REPORTS = {

@@ -19,7 +19,7 @@ FULL_CELL = (3.65, 4.36)
 CELL = Limits(3.3, 3.0)
 """V of a cell under load: near the first little charge is left, below the second a lithium cell is damaged."""
 LOW_SECONDS = 10.0  # s below a level that count: ArduPilot's default of BATT_LOW_TIMER
-SUPPLY = Limits(4.65, 4.5)
+BOARD_VOLTAGE_LIMITS = Limits(4.65, 4.5)
 """V of the board below which PX4 warns, at all and critically (``powerCheck.cpp``)."""
 SUPPLY_FALL = 0.3  # V: twice what ArduPilot's page on power in logs calls normal
 # of voltage and current about their means of 2 s: half of the variance is explained
@@ -102,13 +102,15 @@ def _supply(evidence: Evidence) -> Iterator[Fact]:
     usual = np.median(volts)
     code = PowerLight.SUPPLY_HELD
     level = None
-    if least < SUPPLY.watch:
+    if least < BOARD_VOLTAGE_LIMITS.watch:
         # where it is always so low, the vehicle flies, and the scale may be wrong
         code = PowerLight.SUPPLY_LOW
-        level = Level.BAD if least < SUPPLY.bad <= usual else None
+        level = Level.BAD if least < BOARD_VOLTAGE_LIMITS.bad <= usual else None
     elif usual - least > SUPPLY_FALL:
         code = PowerLight.SUPPLY_FELL
-    yield Fact(code, level, voltage=least, voltage_usual=usual, voltage_limit=SUPPLY.watch)
+    yield Fact(
+        code, level, voltage=least, voltage_usual=usual, voltage_limit=BOARD_VOLTAGE_LIMITS.watch
+    )
 
 
 def _cells(signals: Signals, full: float) -> int | None:

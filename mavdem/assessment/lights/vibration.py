@@ -1,53 +1,61 @@
-"""The light of vibration: acceleration and clips of each IMU against the limits of the autopilot that measured it."""
+"""Light on vibration: acceleration and clipping of each IMU against the limits of the autopilot that measured them."""
 
 import numpy as np
 
-from mavdem.assessment.condition import settled_parts, vibration_of
 from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.flights import settled_flight
 from mavdem.assessment.lights.limits import SEVERITY, Limits
 from mavdem.dataset import phases
 from mavdem.dataset.segments import Segment, in_segments
 from mavdem.facts import Fact
 from mavdem.facts.vibration import VibrationLight
+from mavdem.vibration.vibration_message import reported_vibration
 
-ARDUPILOT = Limits(15.0, 30.0)
+ARDUPILOT_LEVELS = Limits(15.0, 30.0)
 """m/s², of VIBE: https://ardupilot.org/copter/docs/common-measuring-vibration.html."""
-PX4 = Limits(4.905, 9.81)
+
+PX4_LEVELS = Limits(4.905, 9.81)
 """m/s², of ``accel_vibration_metric``: https://github.com/PX4/flight_review, app/plot_app/configured_plots.py."""
-CLIPS = Limits(0, 100)
-"""Of an IMU in flight: up to the second ArduPilot's page calls them acceptable."""
+
+CLIP_LIMITS = Limits(0, 100)
+"""Number of clips of one IMU in a flight: ArduPilot's page on vibration calls fewer than 100 acceptable."""
 
 
 def vibration_light(evidence: Evidence) -> Fact:
-    """Returns the largest mean vibration in settled flight, else in the air, and the most clips, of all IMUs."""
+    """Judges the largest mean vibration and the largest number of clips of all IMUs; unknown if none was recorded.
+
+    They are of settled flight or, without any, of all time in the air.
+    """
     signals = evidence.signals
     telemetry = signals.telemetry
-    limits = PX4 if telemetry.autopilot == "PX4" else ARDUPILOT
     unknown = Fact(VibrationLight.VIBRATION_UNKNOWN, recorder=telemetry.translated_from)
-    measured = vibration_of(signals)
-    if measured is None:
+    vibration = reported_vibration(signals)
+    if vibration is None:
         return unknown
-    levels = measured.levels
-    flown = (
-        Segment(boot, *span)
-        for boot in np.unique(levels.boot).tolist()
-        for span in phases.airborne_intervals(signals, boot)
-    )
-    settled = settled_parts(signals)
-    here = in_segments(levels, *(settled or flown))
-    if not here.any():
+    levels = vibration.levels
+    segments = settled = settled_flight(signals)
+    if not settled:
+        segments = [
+            Segment(boot, start, end)
+            for boot in np.unique(levels.boot).tolist()
+            for start, end in phases.airborne_intervals(signals, boot)
+        ]
+    rows = in_segments(levels, *segments)
+    if not rows.any():
         return unknown
-    mean = levels.values[here].mean(axis=0)
-    largest = mean.max()
-    imu, axis = divmod(mean.argmax(), len(measured.axes))
-    clips = int(measured.clips[here].sum(axis=0).max())
+    limits = PX4_LEVELS if telemetry.autopilot == "PX4" else ARDUPILOT_LEVELS
+    # The columns are the axes of the first IMU, then those of the second.
+    mean_levels = levels.values[rows].mean(axis=0)
+    largest_level = mean_levels.max()
+    imu, axis = divmod(mean_levels.argmax(), len(vibration.axes))
+    clips = int(vibration.clips[rows].sum(axis=0).max())
     return Fact(
         VibrationLight.VIBRATION_MEASURED,
-        max(limits.level(largest), CLIPS.level(clips), key=SEVERITY.index),
+        max(limits.level(largest_level), CLIP_LIMITS.level(clips), key=SEVERITY.index),
         subject=f"IMU {imu + 1}",
-        axis=measured.axes[axis],
-        vibration=largest,
-        acceptable_vibration=limits.bad if largest > limits.bad else limits.watch,
+        axis=vibration.axes[axis],
+        vibration=largest_level,
+        acceptable_vibration=limits.bad if largest_level > limits.bad else limits.watch,
         clips=clips,
         is_settled=bool(settled),
     )

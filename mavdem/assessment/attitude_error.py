@@ -1,0 +1,66 @@
+"""How far roll and pitch are from their setpoints, with a second of tolerance for the vehicle to follow them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+from mavdem.arrays import Array, Flags
+from mavdem.dataset.phases import MAX_SETPOINT_DELAY, MAX_TILT
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.steady_flight import attitude_tracking
+from mavdem.ingest.telemetry import rate_without_gaps
+from mavdem.ingest.vocabulary import wrapped_angle
+from mavdem.loops.margins import Complex
+
+
+@dataclass(frozen=True, eq=False)
+class AttitudeError:
+    """The error of roll and pitch at N samples of one boot."""
+
+    time: Array
+    """(N,) s on the boot clock."""
+    lean: Complex
+    """(N,) rad, direction and size of the error as a lean of the body's vertical axis: the real part is forward, the
+    imaginary part to the right."""
+    magnitude: Array
+    """(N,) rad, absolute value of the lean."""
+    is_toppled: Flags
+    """(N,) whether the vehicle itself is tilted by more than ``MAX_TILT``, whatever its setpoint is."""
+    has_setpoint: Flags
+    """(N,) whether the setpoint of the angle is known."""
+
+
+def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
+    """Computes the error of roll and pitch in a boot; None if the attitude was not recorded.
+
+    The error is the distance of an angle from the range of its setpoints in the last ``MAX_SETPOINT_DELAY`` seconds. So
+    a step of the setpoint is no error until the vehicle had time to follow it. Where the setpoint is not known, half of
+    the angle is taken for the error: the other half is taken for intended. Where a rate was the setpoint and not an
+    angle, as in Acro mode, any angle is taken for intended.
+    """
+    flight = attitude_tracking(signals, boot)
+    if flight is None or len(flight.time) < 2:
+        return None
+    window = max(1, round(MAX_SETPOINT_DELAY * rate_without_gaps(np.diff(flight.time))))
+    # SciPy centres its windows; this shift lets them end with their sample.
+    shift = (window - 1) // 2
+    is_unknown = np.isnan(flight.asked)
+    setpoints = np.where(is_unknown, 0.0, flight.asked)
+    lowest = minimum_filter1d(setpoints, window, axis=0, origin=shift)
+    highest = maximum_filter1d(setpoints, window, axis=0, origin=shift)
+    tilts = flight.angles[:, :2]
+    error_without_setpoint = np.where(flight.by_rate, 0.0, tilts / 2)
+    error_with_setpoint = tilts - np.clip(tilts, lowest, highest)
+    errors = np.where(is_unknown, error_without_setpoint, error_with_setpoint)
+    roll_error, pitch_error = wrapped_angle(errors).T
+    pitch = tilts[:, 1]
+    # Positive pitch is nose up, so that it leans the vehicle backward.
+    lean = 1j * roll_error * np.cos(pitch) - pitch_error
+    return AttitudeError(
+        time=flight.time,
+        lean=lean,
+        magnitude=abs(lean),
+        is_toppled=np.cos(tilts).prod(axis=1) < np.cos(MAX_TILT),
+        has_setpoint=~is_unknown[:, 1],
+    )

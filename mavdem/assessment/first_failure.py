@@ -1,0 +1,283 @@
+"""What failed first in a flight that was lost: one motor, all of them, the thrust, or the land detector.
+
+A motor with too little thrust lets the vehicle fall to its side. The autopilot drives that motor to its limit and the
+opposite one to idle, and the attitude is lost all the same. So a motor is named where three things agree: the commands,
+the side to which the vehicle fell, and that it did not swing before. All of it is measured from when the attitude began
+to leave its setpoint until it was lost: later every motor is at a limit. A vehicle that its own controller throws over
+falls the way it was commanded, and one that swings was commanded both ways before: they name no motor.
+"""
+
+from collections.abc import Sequence
+from math import inf, pi
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.assessment.attitude_error import attitude_error
+from mavdem.assessment.flights import RECOVERY_SECONDS
+from mavdem.assessment.motion import LOST_ANGLE
+from mavdem.assessment.motor_events import LASTING_SECONDS
+from mavdem.confidence import Interval
+from mavdem.dataset.intervals import in_intervals
+from mavdem.dataset.motor_outputs import MotorOutputs
+from mavdem.dataset.phases import (
+    AVERAGING_SECONDS,
+    MAX_SETPOINT_DELAY,
+    min_airborne_collective,
+    series_of_boot,
+)
+from mavdem.dataset.quality import samples_at_limits
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import TimeSeries
+from mavdem.facts import Code, Fact
+from mavdem.facts.ending import FailedFirst, MotionEvent
+from mavdem.ingest.vocabulary import ON_GROUND
+
+CAUSES_OF_ALL_MOTORS = (
+    FailedFirst.ALL_OFF_FIRST,
+    FailedFirst.LANDING_ASSUMED_FIRST,
+    FailedFirst.THRUST_SPENT_FIRST,
+)
+"""Causes that concern all motors alike, whatever the autopilot reports of one of them."""
+
+LANDING_PARAMETERS = ("MPC_THR_HOVER", "MPC_THR_MIN", "MOT_THST_HOVER", "MOT_SPIN_MIN")
+"""Parameters of the thrust by which PX4 and ArduPilot distinguish a landed vehicle from one that descends."""
+
+ALIGNMENT_SHARE = 2 / 3
+"""A direction belongs to a motor if it is within this share of half the angle between neighbouring motors: then it
+belongs to no other."""
+
+SPENT_THRUST_SHARE = 0.9
+"""Mean command of all motors, as a share of the highest, from which on all thrust is in use
+(THRUST_LOSS_CHECK_MINIMUM_THROTTLE of ArduCopter's ``crash_check.cpp``)."""
+
+MIN_COMMAND_RANGE = 0.05
+"""Mean range of all motors' commands, as a share of the full range, beside which one that is constant has frozen; also
+the distance from its limit at which it must be constant."""
+
+MIN_FROZEN_SAMPLES = 3
+"""Number of equal samples that show a frozen output: two may be equal by chance."""
+
+
+def first_failure(
+    signals: Signals, events: Sequence[Fact], loss: Fact, collective: float | None
+) -> Fact | None:
+    """Returns what failed first; None if nothing shows it.
+
+    That is a motor that was off, or what the commands show while the attitude left its setpoint or the vehicle fell.
+
+    Args:
+        signals: of the vehicle.
+        events: events of the flight.
+        loss: the event of the motion with which the vehicle was lost.
+        collective: mean output of all motors in the hover, as a share of their range.
+    """
+    boot = loss.figures["boot"]
+    onset = loss.time
+    assert onset is not None
+    motors_off = _events_at(events, MotionEvent.MOTOR_OFF, boot, onset)
+    if motors_off:
+        names = tuple(event.subject for event in motors_off)
+        return Fact(
+            FailedFirst.MOTOR_OFF_FIRST,
+            time=motors_off[0].time,
+            subject=names[0] if len(names) == 1 else "",
+            names=names,
+            settings=_changed_functions(signals, names),
+        )
+    error = attitude_error(signals, boot)
+    if error is None:
+        return None
+    motors_at_limit: list[Fact] = []
+    fall_direction = None
+    if loss.code is MotionEvent.HIT:
+        # Motors fight an obstacle that turns the vehicle over, so that only earlier limits are evidence.
+        for event in _events_at(events, MotionEvent.MOTOR_AT_ITS_STOP, boot, onset):
+            if (event.time or 0.0) < onset - MAX_SETPOINT_DELAY:
+                motors_at_limit.append(event)
+        falls = _events_at(events, MotionEvent.FELL, boot, onset)
+        first_event = [*motors_at_limit, *falls, loss][0]
+        interval = (first_event.time or onset, onset)
+    else:
+        lost_row = np.argmax((error.time >= onset) & (error.magnitude > LOST_ANGLE))
+        interval = (onset, error.time[lost_row])
+        fall_direction = complex(error.lean[lost_row])
+    names_at_limit = [event.subject for event in motors_at_limit]
+    cause = _failure_by_commands(signals, boot, interval, names_at_limit, fall_direction)
+    if cause is None or fall_direction is None or cause.code is not FailedFirst.ALL_OFF_FIRST:
+        return cause
+    if _assumed_landing(signals, boot, onset):
+        return _landing_assumed(signals, cause, collective)
+    return cause
+
+
+def _events_at(events: Sequence[Fact], code: Code, boot: int, time: float) -> list[Fact]:
+    """Returns the events of a code that last at ``time``, s of a boot, or begin within ``LASTING_SECONDS`` after."""
+    return [
+        event
+        for event in events
+        if event.code is code
+        and event.figures["boot"] == boot
+        and (event.time or 0.0) <= time + LASTING_SECONDS
+        and (event.until or inf) >= time
+    ]
+
+
+def _changed_functions(signals: Signals, names: Sequence[str]) -> list[str]:
+    """Returns the parameters SERVOn_FUNCTION of these motors' outputs that were changed in the log."""
+    assert signals.motors is not None
+    layout = signals.motors.layout
+    channels = dict(zip(layout.names, layout.channels, strict=True))
+    functions = [f"SERVO{channels[name]}_FUNCTION" for name in names]
+    return [name for name in functions if name in signals.telemetry.initial_parameters]
+
+
+def _assumed_landing(signals: Signals, boot: int, onset: float) -> bool:
+    """Returns whether the autopilot reported a landed vehicle within ``MAX_SETPOINT_DELAY`` before ``onset``, s."""
+    landed_state = series_of_boot(signals.landed_state, boot)
+    if landed_state is None:
+        return False
+    is_recent = in_intervals(landed_state.time, [(onset - MAX_SETPOINT_DELAY, onset)])
+    return bool((landed_state.values[is_recent] == ON_GROUND).any())
+
+
+def _landing_assumed(signals: Signals, cause: Fact, collective: float | None) -> Fact:
+    """Returns that the autopilot switched all motors off since it took the vehicle for landed.
+
+    ``collective`` is the mean output in the hover. It is the thrust that the autopilot's parameters mean only as long
+    as PX4's THR_MDL_FAC does not bend the relation between the two.
+    """
+    parameters = signals.telemetry.parameters
+    settings = [(name, parameters[name]) for name in LANDING_PARAMETERS if name in parameters]
+    return Fact(
+        FailedFirst.LANDING_ASSUMED_FIRST,
+        time=cause.time,
+        settings=settings,
+        collective=None if parameters.get("THR_MDL_FAC") else collective,
+    )
+
+
+def _failure_by_commands(
+    signals: Signals,
+    boot: int,
+    interval: Interval,
+    names_at_limit: Sequence[str],
+    fall_direction: complex | None,
+) -> Fact | None:
+    """Returns what failed first by the commands of the motors: all of them, or one; None if they show nothing.
+
+    Args:
+        signals: of the vehicle.
+        boot: number of the boot.
+        interval: while the attitude left its setpoint or the vehicle fell, s.
+        names_at_limit: motors that were at their limit some time before.
+        fall_direction: lean with which the vehicle fell, as in :func:`_weak_motor`.
+    """
+    motors = signals.motors
+    if motors is None:
+        return None
+    commands = motors.shares(boot)
+    start, _ = interval
+    usual_commands = _commands_between(commands, start - RECOVERY_SECONDS, start - LASTING_SECONDS)
+    commands_before = _commands_between(commands, start - AVERAGING_SECONDS, start)
+    rows = in_intervals(commands.time, [interval])
+    if not len(usual_commands) or not len(commands_before) or not rows.any():
+        return None
+    time = commands.time[rows]
+    commands_now = commands.values[rows]
+    usual = usual_commands.mean(axis=0)
+    change = commands_now.mean(axis=0) - usual
+    if (change < -usual / 2).all():
+        return Fact(FailedFirst.ALL_OFF_FIRST, time=time[0])
+    thrust_commands = commands_now if fall_direction is None else commands_before
+    thrust_share = thrust_commands.mean() / motors.scale.stop
+    if thrust_share > SPENT_THRUST_SHARE:
+        return Fact(FailedFirst.THRUST_SPENT_FIRST, time=time[0], share=thrust_share)
+    idle = min_airborne_collective(signals.telemetry.parameters)
+    weak = _weak_motor(motors, change, fall_direction)
+    if weak is None:
+        return _frozen_output(signals, motors, commands_now, idle)
+    name = motors.layout.names[weak.motor]
+    at_limit_now, _ = samples_at_limits(commands_now[:, weak.motor], motors.scale)
+    failed_rows = np.flatnonzero(at_limit_now | (commands_now[:, weak.opposite] < idle))
+    # A vehicle that swings was commanded the other way shortly before.
+    opposite_at_limit, _ = samples_at_limits(commands_before[:, weak.opposite], motors.scale)
+    has_swung = (opposite_at_limit | (commands_before[:, weak.motor] < idle)).any()
+    is_only_one = fall_direction is not None or names_at_limit == [name]
+    if has_swung or not len(failed_rows) or not is_only_one:
+        return None
+    return Fact(FailedFirst.LIMIT_FIRST, time=time[failed_rows[0]], subject=name)
+
+
+def _commands_between(commands: TimeSeries, start: float, end: float) -> Array:
+    """Returns the commands (N, k) of k motors between two times, s, without the ends."""
+    is_between = (commands.time > start) & (commands.time < end)
+    return commands.values[is_between]
+
+
+def _frozen_output(
+    signals: Signals, motors: MotorOutputs, commands: Array, idle: float
+) -> Fact | None:
+    """Returns that the output of one motor was constant while the others worked to save the vehicle.
+
+    Args:
+        signals: of the vehicle.
+        motors: its motors, k of them.
+        commands: (N, k) as shares of the motors' range.
+        idle: the least command in flight. A mixer may hold an output at this or at the upper limit.
+    """
+    ranges = np.ptp(commands, axis=0)
+    is_within_limits = (commands[0] > idle) & (commands[0] < motors.scale.stop - MIN_COMMAND_RANGE)
+    frozen = np.flatnonzero((ranges == 0) & is_within_limits)
+    is_shown = len(commands) >= MIN_FROZEN_SAMPLES and ranges.mean() >= MIN_COMMAND_RANGE
+    if len(frozen) != 1 or not is_shown:
+        return None
+    name = motors.layout.names[frozen[0]]
+    settings = _changed_functions(signals, [name])
+    return Fact(FailedFirst.OUTPUT_FROZE_FIRST, subject=name, settings=settings)
+
+
+class _WeakMotor(NamedTuple):
+    """Indices of a motor with too little thrust, and of the motor on the other side of the vehicle."""
+
+    motor: int
+    opposite: int
+
+
+def _weak_motor(
+    motors: MotorOutputs, change: Array, fall_direction: complex | None
+) -> _WeakMotor | None:
+    """Finds the one motor to whose side the vehicle fell and which the commands try to lift.
+
+    The sum of the motors' positions, weighted with the changes of their commands, points to the side that the commands
+    lift. That direction and the one of the fall must both be aligned with one motor, and with no other.
+
+    Args:
+        motors: k motors.
+        change: (k,) change of the commands, as shares of the motors' range.
+        fall_direction: lean with which the vehicle fell, rad: forward and, as imaginary part, to the right; None if it
+            fell upright.
+
+    Returns:
+        The motor and its opposite one, whose command decreased; None if the commands show no such pair.
+    """
+    positions = np.array([complex(*position) for position in motors.layout.positions])
+    if not len(positions) or not positions.all():
+        return None
+    max_angle = ALIGNMENT_SHARE * pi / len(positions)
+    lift_direction = change @ positions
+    if fall_direction is None:
+        fall_direction = lift_direction
+    # The angle of a quotient of complex numbers is the angle between their directions.
+    lift_angles = np.angle(lift_direction / positions)
+    fall_angles = np.angle(fall_direction / positions)
+    is_aligned = (abs(lift_angles) < max_angle) & (abs(fall_angles) < max_angle)
+    motor = int(np.argmax(change))
+    if not is_aligned[motor] or np.count_nonzero(is_aligned) > 1:
+        return None
+    angles_from_motor = abs(np.angle(positions / positions[motor]))
+    opposite = int(np.argmax(angles_from_motor))
+    if change[opposite] < 0 and angles_from_motor[opposite] > pi - max_angle:
+        return _WeakMotor(motor, opposite)
+    return None

@@ -1,0 +1,119 @@
+"""The flights of a log, their settled parts, and height and vertical speed in a flight."""
+
+from collections.abc import Callable
+from math import inf
+
+import numpy as np
+
+from mavdem.confidence import Interval
+from mavdem.dataset import phases
+from mavdem.dataset.intervals import Intervals, in_intervals, intersection
+from mavdem.dataset.phases import (
+    MAX_GROUND_HEIGHT,
+    airborne_intervals,
+    height_above_take_off,
+    series_of_boot,
+)
+from mavdem.dataset.segments import Segment, Segments, recorded_spans, settled_segments
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import TimeSeries
+from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
+
+RECOVERY_SECONDS = 5.0
+"""Seconds of flight after which a loss of attitude counts as recovered; a fall from 100 m takes as long.
+
+Events of one kind that follow each other within this time are one event.
+"""
+
+
+def settled_flight(signals: Signals) -> Segments:
+    """Returns the segments of settled flight; none for vehicles that are no multirotors.
+
+    They have attitude and motor outputs throughout or, if the log has no motor outputs, the attitude.
+    """
+    if signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
+        return ()
+    if signals.motors is not None:
+        return tuple(sorted(settled_segments(signals)))
+    return segments_of_boots(signals, phases.settled_intervals)
+
+
+def segments_of_boots(
+    signals: Signals, intervals_of_boot: Callable[[Signals, int], Intervals]
+) -> Segments:
+    """Returns the intervals of every boot as segments, as far as anything was recorded.
+
+    Args:
+        signals: of the vehicle.
+        intervals_of_boot: a function of :mod:`mavdem.dataset.phases`, which takes the signals and the number of a boot.
+    """
+    segments = []
+    for part in recorded_spans(signals):
+        recorded_interval = [(part.start, part.end)]
+        for start, end in intersection(recorded_interval, intervals_of_boot(signals, part.boot)):
+            segments.append(Segment(part.boot, start, end))
+    return tuple(segments)
+
+
+def total_duration(segments: Segments) -> float:
+    """Returns the sum of the durations of segments, s."""
+    return float(sum(segment.duration for segment in segments))
+
+
+def flights_in_boot(signals: Signals, boot: int) -> Intervals:
+    """Returns the intervals of a boot off the ground, s.
+
+    A pause of less than ``RECOVERY_SECONDS`` is no landing: a land detector may be mistaken in the air.
+    """
+    return merge_close(airborne_intervals(signals, boot), RECOVERY_SECONDS)
+
+
+def merge_close(intervals: Intervals, gap: float) -> Intervals:
+    """Merges intervals of which one begins less than ``gap`` seconds after the end of the one before.
+
+    Args:
+        intervals: (start, end) in s, ascending.
+        gap: s.
+    """
+    merged: Intervals = []
+    for start, end in intervals:
+        if merged and start - merged[-1][1] < gap:
+            earlier_start, _ = merged.pop()
+            merged.append((earlier_start, end))
+        else:
+            merged.append((start, end))
+    return merged
+
+
+def height_in_flight(signals: Signals, boot: int, flight: Interval, time: float) -> float | None:
+    """Returns the height in metres above where a flight began, at ``time``, s; None where it was not recorded.
+
+    For a flight that began before the log it is the height above the autopilot's home.
+    """
+    height = height_above_take_off(signals, boot, flight)
+    take_off, _ = flight
+    if take_off == -inf:
+        height = series_of_boot(signals.height, boot)
+    return None if height is None else np.interp(time, height.time, height.values)
+
+
+def trusted_climb_rate(signals: Signals, boot: int, flight: Interval) -> TimeSeries | None:
+    """Returns the vertical speed of a boot, m/s up, where the estimate of the height can be believed.
+
+    Samples with a height below the take-off by more than ``MAX_GROUND_HEIGHT`` are left out: there the vertical
+    estimate may have diverged. All samples are returned where no height was recorded, None where no speed was.
+    """
+    climb_rate = series_of_boot(signals.climb_rate, boot)
+    height = height_above_take_off(signals, boot, flight)
+    if climb_rate is None or height is None:
+        return climb_rate
+    height_then = np.interp(climb_rate.time, height.time, height.values)
+    return climb_rate.at(height_then > -MAX_GROUND_HEIGHT)
+
+
+def max_sink_rate(climb_rate: TimeSeries | None, start: float, end: float) -> float | None:
+    """Returns the largest speed downward from ``start`` to ``end``, s, in m/s; None without samples there."""
+    if climb_rate is None:
+        return None
+    speeds = climb_rate.values[in_intervals(climb_rate.time, [(start, end)])]
+    return -min(speeds) if len(speeds) else None

@@ -1,0 +1,103 @@
+"""MotorOutputs that stay at their upper limit in flight, or are off while the others fly the vehicle."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from mavdem.arrays import Array, Flags
+from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close
+from mavdem.dataset.intervals import Intervals, in_intervals, true_intervals
+from mavdem.dataset.motor_outputs import MotorOutputs
+from mavdem.dataset.phases import MAX_SETPOINT_DELAY, min_airborne_collective
+from mavdem.dataset.quality import STOP_MARGIN, samples_at_limits
+from mavdem.dataset.signals import Signals
+from mavdem.facts import Fact
+from mavdem.facts.ending import MotionEvent
+
+LASTING_SECONDS = 0.3
+"""Seconds that a loss of attitude, or a motor at its limit, must last: longer than one sample of a stream at 4 Hz."""
+
+
+def lasting_runs(time: Array, is_true: Flags, gap: float) -> Intervals:
+    """Returns the intervals in which a condition holds, merged across gaps, if it lasts in them.
+
+    Args:
+        time: (N,) s, ascending.
+        is_true: (N,) whether the condition holds.
+        gap: runs that follow each other within this time, s, are one interval.
+
+    Returns:
+        (start, end) in s, of those intervals that contain at least one run of ``LASTING_SECONDS`` without a gap.
+    """
+    runs = true_intervals(time, is_true)
+    # A run lasts until the sample after its last one.
+    next_time = np.append(time, time[-1])
+    lasting_starts = []
+    for start, end in runs:
+        following = next_time[np.searchsorted(time, end, "right")]
+        if end > start and following - start >= LASTING_SECONDS:
+            lasting_starts.append(start)
+    intervals = []
+    for start, end in merge_close(runs, gap):
+        starts_before = np.searchsorted(lasting_starts, start)
+        starts_by_end = np.searchsorted(lasting_starts, end)
+        if starts_by_end > starts_before:
+            intervals.append((start, end))
+    return intervals
+
+
+def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
+    """Yields when a motor stayed at its upper limit, or was off, in the ``flights`` of a boot.
+
+    A motor counts as off only if it lasts for more than ``MAX_SETPOINT_DELAY``: a mixer may stop one for a moment.
+    """
+    motors = signals.motors
+    if motors is None or boot not in motors.boot:
+        return
+    commands = motors.shares(boot)
+    is_at_limit, _ = samples_at_limits(commands.values, motors.scale)
+    is_off = _is_off(signals, motors, boot, commands.values)
+    in_flight = in_intervals(commands.time, flights)
+    for code, flags, min_duration in (
+        (MotionEvent.MOTOR_AT_ITS_STOP, is_at_limit, 0.0),
+        (MotionEvent.MOTOR_OFF, is_off, MAX_SETPOINT_DELAY),
+    ):
+        for name, motor_flags in zip(motors.layout.names, flags.T, strict=True):
+            intervals = lasting_runs(commands.time, motor_flags & in_flight, RECOVERY_SECONDS)
+            for start, end in intervals:
+                if min(end, commands.time[-1]) - start <= min_duration:
+                    continue
+                share = motor_flags[in_intervals(commands.time, [(start, end)])].mean()
+                yield Fact(
+                    code,
+                    time=start,
+                    until=None if np.isinf(end) else end,
+                    subject=name,
+                    share=share,
+                    boot=boot,
+                )
+
+
+def _is_off(signals: Signals, motors: MotorOutputs, boot: int, commands: Array) -> Flags:
+    """Returns (N, k) whether each motor is off while the others carry the vehicle.
+
+    The range of ArduPilot's outputs begins below the idle in flight, so that its lower end is off. That of PX4 begins
+    at the idle, so that only what is below it by ``STOP_MARGIN`` is off.
+
+    Args:
+        signals: of the vehicle.
+        motors: its motors, k of them.
+        boot: number of the boot.
+        commands: (N, k) outputs of the motors in this boot, as shares of their range.
+    """
+    is_ardupilot = signals.telemetry.autopilot == "ARDUPILOTMEGA"
+    off_command = 0.0 if is_ardupilot else -STOP_MARGIN
+    # An output of 0 means "no pulses" where pulses begin at a larger number.
+    has_no_pulses = (motors.outputs[motors.boot == boot] == 0) & (motors.scale.low > 0)
+    is_off = (commands <= off_command) | has_no_pulses
+    motor_count = commands.shape[1]
+    mean_of_others = (commands.sum(axis=1, keepdims=True) - commands) / max(motor_count - 1, 1)
+    airborne = min_airborne_collective(signals.telemetry.parameters)
+    # An output that never ran drives no motor.
+    has_run = commands.max(axis=0) > airborne
+    return is_off & (mean_of_others > airborne) & has_run

@@ -1,0 +1,55 @@
+"""Vibration and clipping of each IMU as the autopilot measures them on board and reports them in VIBRATION."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from mavdem.arrays import Array
+from mavdem.containers import Names
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import TimeSeries, clean_series, float_columns
+
+LEVEL_FIELDS = ("vibration_x", "vibration_y", "vibration_z")
+"""Fields with the vibration of the first IMU along each body axis, m/s²."""
+
+CLIPPING_FIELDS = ("clipping_0", "clipping_1", "clipping_2")
+"""Fields that count since boot how often the accelerometer of each IMU was out of its range."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReportedVibration:
+    """Vibration and clipping of all IMUs at N samples."""
+
+    axes: Names
+    """Names of the k measured axes of an IMU: x, y and z; one empty name where all axes are measured together."""
+    levels: TimeSeries
+    """(N, k · IMUs) m/s², the axes of the first IMU first."""
+    clips: Array
+    """(N, 3) how often each IMU was out of its range since the sample before."""
+
+
+def reported_vibration(signals: Signals) -> ReportedVibration | None:
+    """Returns the vibration that the autopilot reports; None if it was not recorded, or is 0 throughout.
+
+    ArduPilot reports three axes of each IMU, PX4 one level for all axes, in the field of z (``streams/VIBRATION.hpp``).
+    """
+    is_px4 = signals.telemetry.autopilot == "PX4"
+    level_fields = LEVEL_FIELDS[-1:] if is_px4 else LEVEL_FIELDS
+    columns = signals.telemetry.messages.get("VIBRATION")
+    if columns is None or not {*level_fields, *CLIPPING_FIELDS} <= columns.keys():
+        return None
+    # DataFlash logs have the levels of all IMUs, MAVLink those of the first.
+    all_levels = columns.get("levels", float_columns(columns, level_fields))
+    table = np.column_stack([all_levels, float_columns(columns, CLIPPING_FIELDS)])
+    samples = clean_series(columns, table)
+    levels, counts = np.split(samples.values, [-len(CLIPPING_FIELDS)], axis=1)
+    # A firmware without the measurement may send zeros.
+    if not levels.any():
+        return None
+    # A single count that differs from both its neighbours was damaged on its way.
+    undamaged = median_filter(counts, size=(3, 1), mode="mirror")
+    # The counts begin again at 0 with each boot.
+    clips = np.clip(np.diff(undamaged, axis=0, prepend=undamaged[:1]), 0, None)
+    axes = ("",) if is_px4 else tuple("xyz")
+    return ReportedVibration(axes, replace(samples, values=levels), clips)
