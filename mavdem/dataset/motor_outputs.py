@@ -23,10 +23,8 @@ from mavdem.facts.learnability import MotorObstacle, Remedy
 from mavdem.ingest.motors import (
     MOTOR_MESSAGES,
     MotorMessage,
-    OutputScale,
     demand_geometry,
     motor_geometry,
-    output_scale,
 )
 from mavdem.ingest.motors import MotorGeometry as MotorGeometry
 from mavdem.ingest.motors import position_name as position_name

@@ -11,7 +11,7 @@ from mavdem.dataset.resampling import mean_rate, resample
 from mavdem.dataset.segments import Segment, in_segments, recorded_spans
 from mavdem.dataset.signals import Signals, rate_between_outages
 from mavdem.flight import Flight
-from mavdem.ingest.motors import OutputScale
+from mavdem.ingest.output_scale import OutputScale
 from mavdem.unit_errors import RATE_INTEGRATION_SPAN
 
 OUTLIER_SHARE = 0.01

@@ -1,19 +1,18 @@
-"""Which output channels drive motors, where each motor is, which way it turns, and the scale of the outputs.
+"""Motor layout of a multirotor: which output channel drives which motor, where each motor is and which way it turns.
 
-Channels and positions come from the autopilot's parameters, or are assumed, which ``MotorGeometry`` reports.
+Channels and positions come from the autopilot's parameters. Where those are missing, they are assumed from the channels
+whose outputs change and from the X quadrotor; ``MotorGeometry`` reports which of the two it was.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import StrEnum
-from itertools import product
 from math import atan2, cos, degrees, radians, sin
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import Interval
 from mavdem.containers import Names, Numbers
 from mavdem.facts import Fact
 from mavdem.facts.sources import Source
@@ -21,28 +20,6 @@ from mavdem.files import load_adjacent_toml
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import NAMES, UNNAMED
 
-
-class ChannelSource(StrEnum):
-    """What says which output channel drives which motor."""
-
-    DEMAND = "demand"
-    PX4_FUNCTIONS = "px4_functions"
-    SERVO_FUNCTIONS = "servo_functions"
-    MOVING_CHANNELS = "moving_channels"
-    FIRST_CHANNELS = "first_channels"
-
-
-class PositionSource(StrEnum):
-    """What says where motors are."""
-
-    PARAMETERS = "parameters"
-    X_QUAD = "x_quad"
-    UNKNOWN = "unknown"
-
-
-Driver = tuple[str, int]  # PX4's, and the channel there, from 1: ("PWM_MAIN", 1)
-Position = tuple[float, float]
-"""(forward, right) of the centre of mass: metres from the autopilot's parameters, else on a unit circle."""
 MOTOR_COUNTS = {
     "TRICOPTER": 3,
     "QUADROTOR": 4,
@@ -51,22 +28,37 @@ MOTOR_COUNTS = {
     "DECAROTOR": 10,
     "DODECAROTOR": 12,
 }
-"""Number of motors of each MAV_TYPE that has one."""
-MULTIROTORS = (*MOTOR_COUNTS, "GENERIC_MULTIROTOR")  # The MAV_TYPEs of vehicles with fixed rotors
+"""Number of motors of each MAV_TYPE (without its prefix) that has a fixed number."""
+
+MULTIROTORS = (*MOTOR_COUNTS, "GENERIC_MULTIROTOR")
+"""MAV_TYPEs of vehicles that fly by fixed-pitch rotors alone."""
+
 POSSIBLE_MULTIROTORS = (*MULTIROTORS, UNNAMED)
+"""MAV_TYPEs of vehicles that are analysed: multirotors, and vehicles whose type is not known."""
+
+PORT_OUTPUTS = 16
+"""Number of output fields of SERVO_OUTPUT_RAW, servo1_raw to servo16_raw (MAVLink ``common.xml``)."""
 
 
 class MotorMessage(NamedTuple):
-    """How a message carries outputs: in one array ``field``, or in a field a channel, of which ports have a message."""
+    """How one kind of MAVLink message carries motor outputs.
+
+    Either one array field has all outputs, or each output has a field of its own, and the field ``port`` says to which
+    bank of channels they belong.
+    """
 
     field: str
+    """Name of the array field; of a message with a field per output, the pattern of their names: ``servo{}_raw``."""
     is_ported: bool = False
+    """Whether the message has a field per output, and ``port``."""
 
     @property
     def fields(self) -> Names:
-        """The names of all its fields with outputs, and of the port's."""
-        channels = (self.field.format(n) for n in range(1, 17))
-        return ("port", *channels) if self.is_ported else (self.field,)
+        """Names of the fields that are read: the array alone, or ``port`` and then each output's field."""
+        if not self.is_ported:
+            return (self.field,)
+        outputs = (self.field.format(number) for number in range(1, PORT_OUTPUTS + 1))
+        return ("port", *outputs)
 
 
 MOTOR_MESSAGES = {
@@ -74,59 +66,90 @@ MOTOR_MESSAGES = {
     "ACTUATOR_OUTPUT_STATUS": MotorMessage("actuator"),
     "HIL_ACTUATOR_CONTROLS": MotorMessage("controls"),
 }
-"""Messages with motor outputs, the preferred first."""
+"""MAVLink messages with motor outputs, the preferred first. Adding one here makes logs and live streams read it."""
 
 
-def motor_parameters(autopilot: str) -> Names:
-    """Returns the parameters of a MAV_AUTOPILOT that say where motors are and how they respond; none if not known."""
-    names = NAMES["motor_parameters"].get(autopilot, ())
-    return tuple(dict.fromkeys(name.format(n, n - 1) for name in names for n in range(1, 9)))
+class ChannelSource(StrEnum):
+    """What assigned output channels to motors."""
+
+    DEMAND = "demand"
+    """There are no motors: the one input is the controller's demand."""
+    PX4_FUNCTIONS = "px4_functions"
+    """PX4's parameters, such as PWM_MAIN_FUNC1."""
+    SERVO_FUNCTIONS = "servo_functions"
+    """ArduPilot's parameters SERVO1_FUNCTION, SERVO2_FUNCTION and so on."""
+    MOVING_CHANNELS = "moving_channels"
+    """An assumption: the channels whose outputs change, in order."""
+    FIRST_CHANNELS = "first_channels"
+    """An assumption: the first channels of the bank, since some motor's output never changes."""
 
 
-def control_parameters(autopilot: str) -> Names:
-    """Returns the parameters of a MAV_AUTOPILOT that its rate and attitude control need; none if not known."""
-    names = NAMES["control_parameters"].get(autopilot, ())
-    axes = NAMES["control_axes"].get(autopilot, ())
-    return tuple(dict.fromkeys(name.format(axis) for name in names for axis in axes))
+class PositionSource(StrEnum):
+    """What gave the positions of the motors."""
+
+    PARAMETERS = "parameters"
+    """The autopilot's parameters."""
+    X_QUAD = "x_quad"
+    """An assumption: the X quadrotor, by far the most common frame."""
+    UNKNOWN = "unknown"
+    """Nothing: the positions are not known."""
+
+
+Position = tuple[float, float]
+"""Where a motor is from the centre of mass: (forward, right).
+
+In metres where PX4's parameters give it, else on a circle of radius 1 (ArduPilot's parameters name a frame only).
+"""
+
+
+class OutputDriver(NamedTuple):
+    """One output of one of PX4's output drivers, as its parameters name it: ("PWM_MAIN", 1)."""
+
+    name: str
+    """Prefix of the driver's parameters: PWM_MAIN, PWM_AUX, DSHOT, UAVCAN_EC …"""
+    channel: int
+    """Number of the output there, from 1."""
 
 
 @dataclass(frozen=True)
 class MotorGeometry:
-    """The motors of one vehicle, in the order of their numbers, and the output channel that drives each, all from 1.
-
-    ``positions`` and ``spins`` are empty when unknown; ``channel_source`` and ``position_source`` say what gave them,
-    or what was assumed. A spin is 1 for a propeller that turns counterclockwise seen from above, -1 for one that turns
-    clockwise. ``labels`` are names of the inputs, where they are not motors. ``drivers`` are PX4's driver of each and
-    its channel there, from 1: ("PWM_MAIN", 1).
-    """
+    """The motors of one vehicle in the order of their numbers; all tuples have one element per motor."""
 
     motors: tuple[int, ...]
+    """Numbers of the motors, from 1, ascending."""
     channels: tuple[int, ...]
+    """Output channel that drives each motor, from 1."""
     positions: tuple[Position, ...]
+    """Position of each motor, forward and right; empty where positions are not known."""
     channel_source: ChannelSource = ChannelSource.SERVO_FUNCTIONS
+    """What assigned the channels."""
     position_source: PositionSource = PositionSource.PARAMETERS
+    """What gave the positions."""
     labels: Names = ()
+    """Names of the inputs where they are not motors; else empty."""
     spins: tuple[int, ...] = ()
-    drivers: tuple[Driver, ...] = ()
+    """1 for a propeller that turns counterclockwise seen from above, -1 for clockwise; empty where not known."""
+    drivers: tuple[OutputDriver, ...] = ()
+    """PX4's output driver behind each channel; empty for other autopilots."""
 
     @property
     def channels_assumed(self) -> bool:
-        """Whether channels are those that move, or the first, for want of parameters."""
+        """Whether the channels are an assumption, for want of parameters."""
         return self.channel_source in (ChannelSource.MOVING_CHANNELS, ChannelSource.FIRST_CHANNELS)
 
     @property
     def positions_assumed(self) -> bool:
-        """Whether positions are those of an X quad, or not known, for want of parameters."""
+        """Whether the positions are an assumption or not known, for want of parameters."""
         return self.position_source is not PositionSource.PARAMETERS
 
     @property
     def assumed(self) -> bool:
-        """Whether any of that is assumed."""
+        """Whether channels or positions are an assumption."""
         return self.channels_assumed or self.positions_assumed
 
     @property
     def basis(self) -> Fact:
-        """The source of channels and positions, or what was assumed."""
+        """The fact that says where channels and positions come from."""
         return Fact(
             Source.MOTOR_BASIS,
             channels_by=self.channel_source,
@@ -136,286 +159,450 @@ class MotorGeometry:
 
     @property
     def names(self) -> Names:
-        """One name a motor: ``motor 1 (front right)``, without the place when it is unknown."""
+        """One name per motor: ``motor 1 (front right)``, or ``motor 1`` where positions are not known."""
         if self.labels:
             return self.labels
         if not self.positions:
             return tuple(f"motor {motor}" for motor in self.motors)
         return tuple(
-            f"motor {motor} ({position_name(at)})"
-            for motor, at in zip(self.motors, self.positions, strict=True)
+            f"motor {motor} ({position_name(position)})"
+            for motor, position in zip(self.motors, self.positions, strict=True)
         )
 
     def mixer_row(self, axis: str) -> Array | None:
-        """Returns (k,) weights of the motors in the torque about ``axis``, magnitudes summing to 1; None when unknown.
+        """Computes how much each motor contributes to the torque about an axis, from the geometry alone.
 
-        Thrust acts upwards, so a motor on the left rolls to the right (positive roll) and a motor in front raises the
-        nose (positive pitch). On an X quad, roll is (left motors − right motors)/4. A propeller turns the vehicle the
-        other way than itself, so one that turns counterclockwise turns the nose to the right (positive yaw).
+        Thrust acts upwards, so a motor on the left rolls the vehicle to the right (positive roll), and a motor in
+        front raises the nose (positive pitch). A propeller turns the vehicle against its own direction, so one that
+        turns counterclockwise yaws the nose to the right (positive yaw). On an X quadrotor the row of roll is
+        (left motors − right motors) / 4.
+
+        Args:
+            axis: "roll", "pitch" or "yaw".
+
+        Returns:
+            Weights (k,) of the k motors, whose magnitudes sum to 1; None where the geometry is not known, or no motor
+            acts on the axis.
         """
-        turning = {
-            "roll": [-right for _, right in self.positions],
-            "pitch": [forward for forward, _ in self.positions],
-            "yaw": self.spins,
-        }
-        weights = np.array(turning[axis], np.float64)
+        levers: Iterable[float]
+        if axis == "roll":
+            levers = [-right for _, right in self.positions]
+        elif axis == "pitch":
+            levers = [forward for forward, _ in self.positions]
+        else:
+            levers = self.spins
+        weights = np.array(levers, np.float64)
         total = abs(weights).sum()
         return weights / total if total > 0 else None
 
 
+def motor_parameters(autopilot: str) -> Names:
+    """Lists the parameters that say where motors are and how they respond.
+
+    Args:
+        autopilot: MAV_AUTOPILOT without its prefix ("PX4").
+
+    Returns:
+        Names of parameters, of motors 1 to 8 where a motor has its own; empty for an autopilot without such a list.
+    """
+    patterns = NAMES["motor_parameters"].get(autopilot, ())
+    names: dict[str, None] = {}
+    for pattern in patterns:
+        for motor in range(1, 9):
+            # ArduPilot numbers motors from 1, PX4's control allocation from 0.
+            names[pattern.format(motor, motor - 1)] = None
+    return tuple(names)
+
+
+def control_parameters(autopilot: str) -> Names:
+    """Lists the parameters of the rate and attitude controllers of all axes.
+
+    Args:
+        autopilot: MAV_AUTOPILOT without its prefix ("PX4").
+
+    Returns:
+        Names of parameters; empty for an autopilot without such a list.
+    """
+    patterns = NAMES["control_parameters"].get(autopilot, ())
+    axes = NAMES["control_axes"].get(autopilot, ())
+    names: dict[str, None] = {}
+    for pattern in patterns:
+        for axis in axes:
+            names[pattern.format(axis)] = None
+    return tuple(names)
+
+
 def demand_geometry(axis: str) -> MotorGeometry:
-    """Returns the controller's demand on an axis as the one input: like a motor with effect 1 about it."""
-    arm = {"roll": (0.0, -1.0), "pitch": (1.0, 0.0), "yaw": (0.0, 0.0)}[axis]
+    """Makes the geometry for a model whose one input is the controller's demand on an axis, not the motors.
+
+    The demand acts like a single motor whose mixer row for this axis is 1.
+    """
+    positions = {"roll": (0.0, -1.0), "pitch": (1.0, 0.0), "yaw": (0.0, 0.0)}
     return MotorGeometry(
-        (1,), (1,), (arm,), ChannelSource.DEMAND, labels=(f"{axis} demand",), spins=(1,)
+        motors=(1,),
+        channels=(1,),
+        positions=(positions[axis],),
+        channel_source=ChannelSource.DEMAND,
+        labels=(f"{axis} demand",),
+        spins=(1,),
     )
+
+
+@dataclass
+class _Wiring:
+    """Which output channel drives which motor, as an autopilot's parameters say it."""
+
+    channel_of_motor: dict[int, int]
+    """Output channel, from 1, by number of the motor, from 1; motors without a parameter are missing."""
+    source: ChannelSource
+    driver_of_channel: dict[int, OutputDriver] = field(default_factory=dict)
+    """PX4's driver behind each channel."""
+    non_motor_channels: set[int] = field(default_factory=set)
+    """Channels that the parameters give to something else, such as a gimbal."""
+
+
+@dataclass
+class _Rotors:
+    """Positions and directions of rotation by number of the motor, from 1, as far as they are known."""
+
+    positions: dict[int, Position] = field(default_factory=dict)
+    spins: dict[int, int] = field(default_factory=dict)
+    """1 for counterclockwise seen from above, -1 for clockwise."""
 
 
 def motor_geometry(
-    vehicle: str, autopilot: str, parameters: Parameters, moving: Sequence[int], bank: int
+    vehicle: str,
+    autopilot: str,
+    parameters: Parameters,
+    moving_channels: Sequence[int],
+    bank_size: int,
 ) -> MotorGeometry | None:
-    """Returns the motors of a vehicle; None when no channel can be one.
+    """Finds the motors of a vehicle: channels, positions and directions of rotation.
 
-    ``vehicle`` and ``autopilot`` are MAV_TYPE and MAV_AUTOPILOT without prefixes, ``moving`` the channels, from 1,
-    whose outputs change, ``bank`` how many channels a bank has (PX4 numbers those of each driver, and bank, from 1).
+    Args:
+        vehicle: MAV_TYPE without its prefix ("QUADROTOR").
+        autopilot: MAV_AUTOPILOT without its prefix; any but "PX4" is taken for ArduPilot.
+        parameters: The autopilot's parameters by name, as far as the log has them.
+        moving_channels: Output channels, from 1, whose outputs change.
+        bank_size: Number of channels of a bank. Channels count through all banks; PX4 counts the outputs of each
+            driver, which fills a bank, from 1.
+
+    Returns:
+        The geometry; None where no channel can be a motor's.
     """
-    drivers: dict[int, Driver] = {}
-    channel_of: dict[int, int] = {}
-    places = {}
-    turns = {}
-    others = set()
     if autopilot == "PX4":
-        channel_of, drivers = _px4_channels(parameters, moving, bank)
-        # n of the control allocation is motor n + 1
-        for n in range(min(int(parameters.get("CA_ROTOR_COUNT", 0)), 12)):
-            x, y, moment = (parameters.get(f"CA_ROTOR{n}_{name}") for name in ("PX", "PY", "KM"))
-            if x is not None and y is not None:
-                places[n + 1] = x, y
-            # Torque over thrust is positive for a rotor that turns counterclockwise.
-            if moment:
-                turns[n + 1] = 1 if moment > 0 else -1
-        channels_by = ChannelSource.PX4_FUNCTIONS
+        wiring = _px4_wiring(parameters, moving_channels, bank_size)
+        rotors = _px4_rotors(parameters)
     else:
-        # SERVOn_FUNCTION 33 to 40 are motors 1 to 8, 82 to 85 motors 9 to 12; of several channels the first.
-        motor_of = {33 + i: 1 + i for i in range(8)} | {82 + i: 9 + i for i in range(4)}
-        for channel in range(32, 0, -1):
-            function = int(parameters.get(f"SERVO{channel}_FUNCTION", 0))
-            if function in motor_of:
-                channel_of[motor_of[function]] = channel
-            # Before ArduCopter 3.5 motors have no function, and gimbals have RCn_FUNCTION.
-            if parameters.get(f"RC{channel}_FUNCTION", function) not in (0, *motor_of):
-                others.add(channel)
-        moving = [channel for channel in moving if channel not in others]
-        if vehicle == "TRICOPTER":
-            channel_of.pop(7, None)  # the servo that tilts the rear motor
-        frame_class = int(parameters.get("FRAME_CLASS", 0))
-        frame_type = int(parameters.get("FRAME_TYPE", -1))
-        if "FRAME_CLASS" not in parameters and "FRAME" in parameters:
-            # Before ArduCopter 3.5 the class was compiled in and FRAME was the type.
-            frame_class = {"QUADROTOR": 1, "HEXAROTOR": 2, "OCTOROTOR": 3}.get(vehicle, 0)
-            frame_type = int(parameters["FRAME"])
-        places, turns = _placed(*_FRAMES.get(str(frame_class), {}).get(str(frame_type), ((), "")))
-        if frame_class == 7:  # a tricopter
-            places, turns = _placed((60, -60, 0, 180), "")
-            del places[3]  # its servo has another number, and it has no motor of this one
-        channels_by = ChannelSource.SERVO_FUNCTIONS
-    # some of the parameters did not come
-    if len(channel_of) < MOTOR_COUNTS.get(vehicle, 1):
-        count = MOTOR_COUNTS.get(vehicle, len(moving))
-        moved = sorted(moving)[:count]
-        channels_by = ChannelSource.MOVING_CHANNELS
-        first = (min(moving, default=1) - 1) // bank * bank + 1
-        usual = [n for n in range(first, 33) if n not in others][:count]
-        # A motor whose output never changes is one all the same. A tricopter's are on no row of channels.
-        if count / 2 <= len(moved) < count and set(moved) <= set(usual) and vehicle != "TRICOPTER":
-            moved = usual
-            channels_by = ChannelSource.FIRST_CHANNELS
-        channel_of = dict(enumerate(moved, 1))
-    motors = tuple(sorted(channel_of))
-    channels = tuple(channel_of[motor] for motor in sorted(channel_of))
-    if not channels:
+        wiring = _ardupilot_wiring(vehicle, parameters)
+        rotors = _ardupilot_rotors(vehicle, parameters)
+    channel_of_motor = wiring.channel_of_motor
+    channel_source = wiring.source
+    # With fewer channels than motors, some of the parameters did not arrive.
+    if len(channel_of_motor) < MOTOR_COUNTS.get(vehicle, 1):
+        candidates = [n for n in moving_channels if n not in wiring.non_motor_channels]
+        channels, channel_source = _assumed_channels(
+            vehicle, candidates, bank_size, wiring.non_motor_channels
+        )
+        channel_of_motor = dict(enumerate(channels, 1))
+    if not channel_of_motor:
         return None
-    places_by = PositionSource.PARAMETERS
-    if not places.keys() >= set(motors):
-        # ArduPilot and PX4 number the motors of an X quad, by far the most common frame, the same way.
-        is_quad = motors == (1, 2, 3, 4)
-        places_by = PositionSource.X_QUAD if is_quad else PositionSource.UNKNOWN
-        places, turns = _placed(*_FRAMES["1"]["1"]) if is_quad else ({}, {})
-    positions = tuple(places[motor] for motor in motors) if places else ()
-    spins = tuple(turns[motor] for motor in motors) if turns.keys() >= set(motors) else ()
-    places_of = tuple(drivers[channel] for channel in channels if channel in drivers)
+    motors = tuple(sorted(channel_of_motor))
+    channels = [channel_of_motor[motor] for motor in motors]
+    rotors, position_source = _rotors_or_assumption(rotors, motors)
+    drivers = [
+        wiring.driver_of_channel[channel]
+        for channel in channels
+        if channel in wiring.driver_of_channel
+    ]
     return MotorGeometry(
-        motors, channels, positions, channels_by, places_by, spins=spins, drivers=places_of
+        motors,
+        tuple(channels),
+        _values_of_all(rotors.positions, motors),
+        channel_source,
+        position_source,
+        spins=_values_of_all(rotors.spins, motors),
+        drivers=tuple(drivers),
     )
+
+
+Value = TypeVar("Value")
+
+
+def _values_of_all(values: Mapping[int, Value], motors: Sequence[int]) -> tuple[Value, ...]:
+    """Returns the value of each motor, or an empty tuple where the value of any motor is not known."""
+    if not all(motor in values for motor in motors):
+        return ()
+    return tuple(values[motor] for motor in motors)
+
+
+POSITION_NAMES = {
+    0: "front",
+    1: "front right",
+    2: "right",
+    3: "rear right",
+    4: "rear",
+    -4: "rear",
+    -3: "rear left",
+    -2: "left",
+    -1: "front left",
+}
+"""Name of each of the eight directions, by the number of eighths of a turn clockwise from the nose."""
 
 
 def position_name(position: Position) -> str:
-    """Returns where a motor is, in words: ``front right``."""
-    bearing = radians(45 * round(degrees(atan2(position[1], position[0])) / 45))
-    along = {1: "front", 0: "", -1: "rear"}[round(cos(bearing))]
-    across = {1: "right", 0: "", -1: "left"}[round(sin(bearing))]
-    return f"{along} {across}".strip()
+    """Returns the direction of a motor from the centre of mass, in words: ``front right``.
 
-
-_FRAMES = load_adjacent_toml(__file__, "frames.toml")
-
-
-def _placed(bearings: Numbers, directions: str) -> tuple[dict[int, Position], dict[int, int]]:
-    """Place and spin of each motor."""
-    places = ((round(cos(radians(at)), 6), round(sin(radians(at)), 6)) for at in bearings)
-    return dict(enumerate(places, 1)), {
-        n: 1 if spin == "+" else -1 for n, spin in enumerate(directions, 1)
-    }
-
-
-def _px4_channels(
-    parameters: Parameters, moving: Sequence[int], bank: int
-) -> tuple[dict[int, int], dict[int, Driver]]:
-    """The channel of each motor ({driver}_FUNCn 101 to 112 are 1 to 12), and the driver behind each channel.
-
-    Of drivers whose channels move, in the first such bank; then of those of which half move.
+    The direction is rounded to the nearest multiple of 45°.
     """
-    channels: dict[int, int] = {}
-    # Before PX4 1.13, which has no *_FUNCn, the first bank is that of the main outputs.
-    drivers = {
-        n: ("PWM_MAIN", n) if n <= bank else ("PWM_AUX", n - bank) for n in range(1, 2 * bank + 1)
-    }
-    banks = [0, bank]
-    for most, driver in product((0.0, 0.5), NAMES["px4_drivers"]):
-        motor_of = {n: int(parameters.get(f"{driver}_FUNC{n}", 0)) - 100 for n in range(1, 17)}
-        # A motor on two drivers is on a spare one.
-        further = {
-            motor: n for n, motor in motor_of.items() if 1 <= motor <= 12 and motor not in channels
-        }
-        still = {first: len({first + n for n in further.values()} - set(moving)) for first in banks}
-        first = next((first for first in banks if still[first] <= most * len(further)), None)
-        if further and first is not None:
-            channels |= {motor: first + n for motor, n in further.items()}
-            drivers |= {first + n: (driver, n) for n in further.values()}
-            banks.remove(first)
-    return channels, drivers
+    forward, right = position
+    bearing = degrees(atan2(right, forward))
+    return POSITION_NAMES[round(bearing / 45)]
 
 
-@dataclass(frozen=True)
-class OutputScale:
-    """How motor outputs are expressed: "PWM" in µs, "normalised", "0-1000", "DShot", "UAVCAN" or "unknown".
+def _assumed_channels(
+    vehicle: str, moving_channels: Sequence[int], bank_size: int, non_motor_channels: set[int]
+) -> tuple[list[int], ChannelSource]:
+    """Guesses the motors' channels from those whose outputs change, where parameters do not say it.
 
-    ``low`` and ``high`` are outputs at no and at full throttle, ``step`` is the smallest difference between two values.
-    ``stop`` is the share of the range beyond which the autopilot sends no motor; 1 where that is not known.
+    Usually each motor's output changes. A motor that stands still, or is at its limit all the time, has a constant
+    output all the same: where at least half of the motors' channels change, and they lie within the first channels of
+    their bank, these first channels are taken. The motors of a tricopter are on no such row of channels.
+
+    Args:
+        vehicle: MAV_TYPE without its prefix.
+        moving_channels: Channels, from 1, whose outputs change, without ``non_motor_channels``.
+        bank_size: Number of channels of a bank.
+        non_motor_channels: Channels that drive something else.
+
+    Returns:
+        The channels in the order of the motors, and which assumption gave them.
     """
-
-    name: str
-    unit: str
-    low: float
-    high: float
-    step: float
-    stop: float = 1.0
-
-    def fraction(self, outputs: Array) -> Array:
-        """Returns outputs as a share of the range, 0 at ``low`` or off, 1 at ``high``.
-
-        Disarmed, they are below 0 on some autopilots.
-        """
-        return np.where(
-            (outputs == 0) & (self.low > 0), 0.0, (outputs - self.low) / (self.high - self.low)
-        )
+    count = MOTOR_COUNTS.get(vehicle, len(moving_channels))
+    moving = sorted(moving_channels)[:count]
+    lowest = min(moving_channels, default=1)
+    bank_start = (lowest - 1) // bank_size * bank_size + 1
+    bank_channels = range(bank_start, MAX_SERVO_CHANNELS + 1)
+    first_channels = [n for n in bank_channels if n not in non_motor_channels][:count]
+    some_are_constant = count / 2 <= len(moving) < count
+    if some_are_constant and set(moving) <= set(first_channels) and vehicle != "TRICOPTER":
+        return first_channels, ChannelSource.FIRST_CHANNELS
+    return moving, ChannelSource.MOVING_CHANNELS
 
 
-# PX4's outputs at full throttle
-MAX_DSHOT = 1999.0
-MAX_UAVCAN = 8191.0
+X_QUAD_MOTORS = (1, 2, 3, 4)
+"""Motor numbers of a quadrotor. ArduPilot and PX4 number the motors of an X quadrotor in the same order."""
 
 
-def output_scale(
-    outputs: Array,
-    parameters: Parameters,
-    drivers: Sequence[Driver] = (),
-) -> OutputScale:
-    """Returns the scale of motor outputs of any shape, as sent, also while disarmed; non-finite values are ignored.
+def _rotors_or_assumption(
+    rotors: _Rotors, motors: tuple[int, ...]
+) -> tuple[_Rotors, PositionSource]:
+    """Returns the rotors if the positions of all motors are known, else those of an X quadrotor, or none.
 
-    Pulse widths never fall below 750 µs except to 0 for "off"; PX4's DShot runs to 1999 and idles far below that, and
-    its simulators send 150..1000. The range is that of the parameters, where it holds the outputs: of PX4's ``drivers``
-    (``MotorGeometry.drivers``), or ArduPilot's MOT_PWM_MIN and MOT_PWM_MAX; where they are 0, and in ArduCopter before
-    3.4, which has neither, that of the throttle's input.
+    An X quadrotor, by far the most common frame, is assumed of every vehicle with the motors 1 to 4.
     """
-    values = np.unique(outputs[np.isfinite(outputs)])
-    running = values[values > 0]
-    if not len(running):
-        return OutputScale("unknown", "", 0.0, 1.0, 0.0)
-    step = float(np.diff(values).min()) if len(values) > 1 else 0.0
-    least = float(running[0])
-    most = float(running[-1])
-    driver = drivers[0][0] if drivers else ""
-    own = _px4_range(drivers, parameters)
-    if not driver.startswith("PWM") and 1.05 < most <= own[1]:
-        return OutputScale("UAVCAN" if driver.startswith("UAVCAN") else "0-1000", "", *own, step)
-    if least >= 750 and 1000 < most <= 2300:
-        throttle = f"RC{parameters['RCMAP_THROTTLE']:.0f}" if "RCMAP_THROTTLE" in parameters else ""
-        ends = (
-            (parameters.get(f"{name}_MIN", 0.0), parameters.get(f"{name}_MAX", 0.0))
-            for name in (() if drivers else ("MOT_PWM", throttle))
-        )
-        # Pulse widths outside are of disarmed and arming motors, or damaged; 300 µs is a speed controller's range.
-        low, high = next(
-            (
-                (low, high)
-                for low, high in (own, *ends)
-                if low > 0
-                and high - low >= 300
-                and np.mean((running < low) | (running > high + 1)) <= 0.5
-            ),
-            (1000.0, 2000.0),
-        )
-        stop = _ardupilot_stop(parameters)
-        return OutputScale("PWM", "µs", low, high, step, stop)
-    if drivers and 10 < most <= 2047 and "DSHOT_MIN" in parameters:
-        return OutputScale(
-            "DShot", "", float(round(parameters["DSHOT_MIN"] * MAX_DSHOT)), MAX_DSHOT, step
-        )
-    # By the largest value; from 1.05 to 10 it is DShot too, hardly above idle.
-    scales = [
-        (1.05, "normalised", 1.0),
-        (10.0, "DShot", 2000.0),
-        (1000.0, "0-1000", 1000.0),
-        (2047.0, "DShot", 2000.0),
-    ]
-    scales += [(MAX_UAVCAN, "UAVCAN", MAX_UAVCAN)] if drivers else []
-    name, high = next(
-        ((name, high) for bound, name, high in scales if most <= bound), ("unknown", most)
+    if all(motor in rotors.positions for motor in motors):
+        return rotors, PositionSource.PARAMETERS
+    if motors == X_QUAD_MOTORS:
+        return _frame_rotors(FRAME_CLASS_QUAD, FRAME_TYPE_X), PositionSource.X_QUAD
+    return _Rotors(), PositionSource.UNKNOWN
+
+
+# ArduPilot.
+
+MAX_SERVO_CHANNELS = 32
+"""Number of ArduPilot's output channels: SERVO1_FUNCTION to SERVO32_FUNCTION."""
+
+MOTOR_OF_FUNCTION = {33 + n: 1 + n for n in range(8)} | {82 + n: 9 + n for n in range(4)}
+"""Number of the motor by value of SERVOn_FUNCTION: 33 to 40 are motors 1 to 8, 82 to 85 motors 9 to 12.
+
+Source: https://ardupilot.org/copter/docs/parameters.html#servo1-function.
+"""
+
+NO_FUNCTION = 0
+"""Value of SERVOn_FUNCTION and RCn_FUNCTION of a channel that has no function (Disabled)."""
+
+TRICOPTER_TAIL_SERVO = 7
+"""Motor number of a tricopter's servo that tilts the rear motor (ArduPilot ``AP_MotorsTri``, AP_MOTORS_CH_TRI_YAW)."""
+
+
+def _ardupilot_wiring(vehicle: str, parameters: Parameters) -> _Wiring:
+    """Reads from SERVOn_FUNCTION which channel drives which motor; of several channels of a motor, the lowest counts.
+
+    Before ArduCopter 3.5 motors have no function, but a gimbal's channels have RCn_FUNCTION.
+    """
+    channel_of_motor: dict[int, int] = {}
+    non_motor_channels = set()
+    for channel in range(1, MAX_SERVO_CHANNELS + 1):
+        function = int(parameters.get(f"SERVO{channel}_FUNCTION", NO_FUNCTION))
+        if function in MOTOR_OF_FUNCTION:
+            channel_of_motor.setdefault(MOTOR_OF_FUNCTION[function], channel)
+        old_function = parameters.get(f"RC{channel}_FUNCTION", function)
+        if old_function != NO_FUNCTION and old_function not in MOTOR_OF_FUNCTION:
+            non_motor_channels.add(channel)
+    if vehicle == "TRICOPTER":
+        channel_of_motor.pop(TRICOPTER_TAIL_SERVO, None)
+    return _Wiring(
+        channel_of_motor, ChannelSource.SERVO_FUNCTIONS, non_motor_channels=non_motor_channels
     )
-    return OutputScale(name, "", 0.0, high, step)
 
 
-def _px4_range(drivers: Sequence[Driver], parameters: Parameters) -> Interval:
-    """Outputs at no and at full throttle, the mean over the motors; 0 and 0 where one has none.
+FRAMES = load_adjacent_toml(__file__, "frames.toml")
+"""Motor bearings and directions of rotation of ArduPilot's frames, by FRAME_CLASS and FRAME_TYPE as texts."""
 
-    A channel has a range of its own or, where that is -1 and before PX4 1.12, that of its driver.
+FRAME_CLASS_QUAD = 1
+FRAME_TYPE_X = 1
+"""Values of ArduPilot's FRAME_CLASS and FRAME_TYPE of an X quadrotor."""
+
+FRAME_CLASS_TRI = 7
+"""Value of ArduPilot's FRAME_CLASS of a tricopter."""
+
+TRICOPTER_BEARINGS = {1: 60.0, 2: -60.0, 4: 180.0}
+"""Bearing of each motor of a tricopter, degrees clockwise from the nose (``AP_MotorsTri``); there is no motor 3."""
+
+OLD_FRAME_CLASSES = {"QUADROTOR": 1, "HEXAROTOR": 2, "OCTOROTOR": 3}
+"""FRAME_CLASS by MAV_TYPE before ArduCopter 3.5, where the class was compiled in and FRAME was the type."""
+
+
+def _ardupilot_rotors(vehicle: str, parameters: Parameters) -> _Rotors:
+    """Looks up the rotors of the frame that FRAME_CLASS and FRAME_TYPE name, or FRAME before ArduCopter 3.5."""
+    frame_class = int(parameters.get("FRAME_CLASS", 0))
+    frame_type = int(parameters.get("FRAME_TYPE", -1))
+    if "FRAME_CLASS" not in parameters and "FRAME" in parameters:
+        frame_class = OLD_FRAME_CLASSES.get(vehicle, 0)
+        frame_type = int(parameters["FRAME"])
+    if frame_class == FRAME_CLASS_TRI:
+        positions = {motor: _on_circle(b) for motor, b in TRICOPTER_BEARINGS.items()}
+        return _Rotors(positions)
+    return _frame_rotors(frame_class, frame_type)
+
+
+def _frame_rotors(frame_class: int, frame_type: int) -> _Rotors:
+    """Returns the rotors of one of ArduPilot's frames; none where ``frames.toml`` does not have it."""
+    bearings: Numbers
+    directions: str
+    bearings, directions = FRAMES.get(str(frame_class), {}).get(str(frame_type), ((), ""))
+    positions = {motor: _on_circle(bearing) for motor, bearing in enumerate(bearings, 1)}
+    spins = {motor: 1 if sign == "+" else -1 for motor, sign in enumerate(directions, 1)}
+    return _Rotors(positions, spins)
+
+
+def _on_circle(bearing: float) -> Position:
+    """Returns the position on the unit circle at a bearing, degrees clockwise from the nose."""
+    angle = radians(bearing)
+    # Rounded, so that a motor on an axis is exactly there.
+    return round(cos(angle), 6), round(sin(angle), 6)
+
+
+# PX4.
+
+MAX_PX4_ROTORS = 12
+"""Number of motors of PX4's control allocation: CA_ROTOR0 to CA_ROTOR11, and output functions 101 to 112."""
+
+PX4_MOTOR_FUNCTION_OFFSET = 100
+"""Value of {driver}_FUNCn less the number of the motor: 101 is Motor 1 (PX4 ``output_functions.yaml``)."""
+
+MAX_PX4_DRIVER_OUTPUTS = 16
+"""Number of outputs of a driver of PX4 at most: {driver}_FUNC1 to {driver}_FUNC16."""
+
+MAX_CONSTANT_SHARES = (0.0, 0.5)
+"""Share of a driver's motor outputs that may be constant for the driver to fit a bank: first none, then half.
+
+A bank all of whose motor channels change fits for certain. In the second pass half of them may be constant, since a
+motor that never ran, or is at its limit, does not change its output.
+"""
+
+
+def _px4_rotors(parameters: Parameters) -> _Rotors:
+    """Reads the rotors from the geometry of PX4's control allocation, CA_ROTORn_PX, _PY and _KM.
+
+    The allocation counts rotors from 0. KM, torque over thrust, is positive for a rotor that turns counterclockwise.
     """
-    ends: tuple[list[float], list[float]] = [], []
-    for driver, n in drivers:
-        for values, end in zip(ends, ("MIN", "MAX"), strict=True):
-            names = (
-                f"{driver}_{end}{n}",
-                f"{driver}_{end}",
-                f"PWM_{end}" if driver == "PWM_MAIN" else "",
+    rotors = _Rotors()
+    count = min(int(parameters.get("CA_ROTOR_COUNT", 0)), MAX_PX4_ROTORS)
+    for index in range(count):
+        motor = index + 1
+        forward = parameters.get(f"CA_ROTOR{index}_PX")
+        right = parameters.get(f"CA_ROTOR{index}_PY")
+        moment_ratio = parameters.get(f"CA_ROTOR{index}_KM")
+        if forward is not None and right is not None:
+            rotors.positions[motor] = (forward, right)
+        if moment_ratio:
+            rotors.spins[motor] = 1 if moment_ratio > 0 else -1
+    return rotors
+
+
+def _px4_wiring(parameters: Parameters, moving_channels: Sequence[int], bank_size: int) -> _Wiring:
+    """Finds which bank of channels each of PX4's output drivers fills, and so the channel of each motor.
+
+    A parameter such as PWM_AUX_FUNC3 says which motor an output of a driver drives, but no message says which bank
+    belongs to which driver. Drivers are tried in a fixed order, the most common first: each gets the first free bank in
+    which its motor outputs change. Drivers for which there is no such bank are tried again, where half of their outputs
+    may be constant.
+
+    Args:
+        parameters: The autopilot's parameters by name.
+        moving_channels: Channels, from 1, whose outputs change.
+        bank_size: Number of channels of a bank; there are two banks.
+    """
+    wiring = _Wiring({}, ChannelSource.PX4_FUNCTIONS)
+    # Before PX4 1.13, which has no *_FUNCn, the first bank is that of the main outputs, the second of the auxiliary.
+    for channel in range(1, bank_size + 1):
+        wiring.driver_of_channel[channel] = OutputDriver("PWM_MAIN", channel)
+        wiring.driver_of_channel[bank_size + channel] = OutputDriver("PWM_AUX", channel)
+    free_banks = [0, bank_size]
+    for max_constant_share in MAX_CONSTANT_SHARES:
+        for driver in NAMES["px4_drivers"]:
+            outputs = _px4_motor_outputs(parameters, driver)
+            # A motor that has a channel already is on a spare output of this driver.
+            new_outputs = {
+                motor: output
+                for motor, output in outputs.items()
+                if motor not in wiring.channel_of_motor
+            }
+            bank = _matching_bank(
+                free_banks, new_outputs.values(), moving_channels, max_constant_share
             )
-            values += [parameters[name] for name in names if parameters.get(name, 0.0) > 0][:1]
-    whole = min(map(len, ends)) == len(drivers) > 0
-    return (float(np.mean(ends[0])), float(np.mean(ends[1]))) if whole else (0.0, 0.0)
+            if bank is None:
+                continue
+            free_banks.remove(bank)
+            for motor, output in new_outputs.items():
+                wiring.channel_of_motor[motor] = bank + output
+                wiring.driver_of_channel[bank + output] = OutputDriver(driver, output)
+    return wiring
 
 
-def _ardupilot_stop(parameters: Parameters) -> float:
-    """The share of the range at which ArduPilot's mixer stops, by the parameter of its version; 1 without one.
+def _px4_motor_outputs(parameters: Parameters, driver: str) -> dict[int, int]:
+    """Returns the output, from 1, of each motor, from 1, that a driver's parameters {driver}_FUNCn name."""
+    outputs = {}
+    for output in range(1, MAX_PX4_DRIVER_OUTPUTS + 1):
+        function = int(parameters.get(f"{driver}_FUNC{output}", 0))
+        motor = function - PX4_MOTOR_FUNCTION_OFFSET
+        if 1 <= motor <= MAX_PX4_ROTORS:
+            outputs[motor] = output
+    return outputs
 
-    MOT_SPIN_MAX from ArduCopter 3.4 on; MOT_THST_MAX in 3.3, of what is above THR_MIN; MOT_TCRV_MAXPCT before. Source:
-    ``AP_MotorsMulticopter`` and, before, ``AP_Motors`` of https://github.com/ArduPilot/ardupilot.
+
+def _matching_bank(
+    banks: Sequence[int],
+    outputs: Iterable[int],
+    moving_channels: Sequence[int],
+    max_constant_share: float,
+) -> int | None:
+    """Returns the first bank in which enough of a driver's motor outputs change; None where there is none.
+
+    Args:
+        banks: Free banks, each as its number of channels before it.
+        outputs: The driver's motor outputs, from 1.
+        moving_channels: Channels, from 1, whose outputs change.
+        max_constant_share: Share of the outputs that may be constant, 0 to 1.
     """
-    stop = 1.0
-    idle = parameters.get("THR_MIN", 0.0) / 1000
-    if "MOT_SPIN_MAX" in parameters:
-        stop = parameters["MOT_SPIN_MAX"]
-    elif "MOT_THST_MAX" in parameters:
-        stop = idle + (1 - idle) * parameters["MOT_THST_MAX"]
-    elif parameters.get("MOT_TCRV_ENABLE"):
-        stop = parameters.get("MOT_TCRV_MAXPCT", 100.0) / 100
-    return stop if 0.5 <= stop <= 1 else 1.0
+    distinct_outputs = set(outputs)
+    if not distinct_outputs:
+        return None
+    for bank in banks:
+        channels = {bank + output for output in distinct_outputs}
+        constant_channels = channels - set(moving_channels)
+        if len(constant_channels) <= max_constant_share * len(channels):
+            return bank
+    return None

@@ -48,7 +48,8 @@ from mavdem.facts import Fact
 from mavdem.facts.lights import Unjudged
 from mavdem.facts.motors import Trim
 from mavdem.facts.session import Session
-from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry, OutputScale, output_scale
+from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry
+from mavdem.ingest.output_scale import OutputScale, output_scale
 from mavdem.ingest.telemetry import Fields, Telemetry, concatenated_columns, log_of_vehicles
 from mavdem.ingest.vocabulary import IN_AIR, UNNAMED
 from mavdem.live.recent_messages import MAX_ROWS, RecentMessages

@@ -17,7 +17,8 @@ from mavdem.errors import NotLearnable
 from mavdem.facts.learnability import MotorObstacle
 from mavdem.files import AnyPath
 from mavdem.ingest import Component, read_log
-from mavdem.ingest.motors import POSSIBLE_MULTIROTORS, OutputScale
+from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
+from mavdem.ingest.output_scale import OutputScale
 
 
 @dataclass(frozen=True)

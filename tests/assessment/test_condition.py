@@ -16,7 +16,7 @@ from mavdem.dataset.learnability import learnability_of
 from mavdem.dataset.signals import Signals
 from mavdem.facts.learnability import MotorObstacle, Reason
 from mavdem.ingest import Log
-from mavdem.ingest.motors import OutputScale
+from mavdem.ingest.output_scale import OutputScale
 from mavdem.ingest.telemetry import Component
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.motors.hover import hover_figures, hover_of

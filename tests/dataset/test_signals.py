@@ -27,7 +27,8 @@ from mavdem.dataset.phases import min_airborne_collective
 from mavdem.dataset.signals import Signals, cached_per_vehicle
 from mavdem.errors import NotLearnable
 from mavdem.facts.learnability import MotorObstacle, Reason
-from mavdem.ingest.motors import ChannelSource, PositionSource, motor_geometry, output_scale
+from mavdem.ingest.motors import ChannelSource, PositionSource, motor_geometry
+from mavdem.ingest.output_scale import output_scale
 
 HOVER = Hover()
 
@@ -146,11 +147,13 @@ def test_yaw_is_by_the_direction_of_the_propellers():
     functions = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, 5)}
     for frame_type, signs in ((1, [1, 1, -1, -1]), (3, [-1, -1, 1, 1]), (14, [1, -1, 1, -1])):
         frame = functions | {"FRAME_CLASS": 1.0, "FRAME_TYPE": float(frame_type)}
-        found = motor_geometry("QUADROTOR", "ARDUPILOTMEGA", frame, moving=range(1, 5), bank=8)
+        found = motor_geometry(
+            "QUADROTOR", "ARDUPILOTMEGA", frame, moving_channels=range(1, 5), bank_size=8
+        )
         assert_array_equal(4 * found.mixer_row("yaw"), signs)
     rotors = {f"PWM_MAIN_FUNC{n}": 100.0 + n for n in range(1, 5)}
     rotors |= px4_rotors((1, 1, 0.05), (-1, -1, 0.04), (1, -1, 0.0), (-1, 1, -0.04))
-    found = motor_geometry("QUADROTOR", "PX4", rotors, moving=range(1, 5), bank=16)
+    found = motor_geometry("QUADROTOR", "PX4", rotors, moving_channels=range(1, 5), bank_size=16)
     assert found.mixer_row("yaw") is None, "it is not known how the third one turns"
 
 
@@ -170,11 +173,15 @@ def test_without_parameters_the_moving_channels_are_assumed_and_said():
 
 def test_the_tilt_servo_of_a_tricopter_is_no_motor_and_an_unknown_frame_has_no_places():
     parameters = {"FRAME_CLASS": 7.0} | {f"SERVO{n}_FUNCTION": 32.0 + n for n in (1, 2, 4, 7)}
-    found = motor_geometry("TRICOPTER", "ARDUPILOTMEGA", parameters, moving=[1, 2, 4, 7], bank=8)
+    found = motor_geometry(
+        "TRICOPTER", "ARDUPILOTMEGA", parameters, moving_channels=[1, 2, 4, 7], bank_size=8
+    )
     assert found.motors == (1, 2, 4) and not found.positions_assumed
     assert found.positions[1] == approx((0.5, -(3**0.5) / 2)), "of 120° from arm to arm"
     # A hexarotor of unknown frame has no places.
-    motors = motor_geometry("HEXAROTOR", "ARDUPILOTMEGA", {}, moving=range(1, 9), bank=8)
+    motors = motor_geometry(
+        "HEXAROTOR", "ARDUPILOTMEGA", {}, moving_channels=range(1, 9), bank_size=8
+    )
     assert motors.channels == (1, 2, 3, 4, 5, 6)
     assert motors.names[0] == "motor 1" and motors.mixer_row("roll") is None
 
@@ -191,7 +198,9 @@ def test_every_frame_balances(frame_class, frame_type, count):
     """Equal thrust on every motor turns nothing, and both axes can be turned."""
     functions = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, count + 1)}
     frame = functions | {"FRAME_CLASS": frame_class, "FRAME_TYPE": frame_type}
-    found = motor_geometry("QUADROTOR", "ARDUPILOTMEGA", frame, moving=range(1, count + 1), bank=8)
+    found = motor_geometry(
+        "QUADROTOR", "ARDUPILOTMEGA", frame, moving_channels=range(1, count + 1), bank_size=8
+    )
     assert len(found.motors) == count and not found.positions_assumed
     yawless = frame_class == 1 and frame_type in (16, 17)
     assert (found.mixer_row("yaw") is None) == yawless

@@ -4,9 +4,10 @@ import numpy as np
 from numpy.testing import assert_allclose
 from pytest import approx, mark
 
-from mavdem.ingest.motors import motor_geometry, output_scale
+from mavdem.ingest.motors import OutputDriver, motor_geometry
+from mavdem.ingest.output_scale import output_scale
 
-OF_MAIN = [("PWM_MAIN", n) for n in range(1, 5)]
+OF_MAIN = [OutputDriver("PWM_MAIN", n) for n in range(1, 5)]
 
 
 @mark.parametrize(
@@ -36,7 +37,7 @@ OF_MAIN = [("PWM_MAIN", n) for n in range(1, 5)]
         ),
         (
             (1100.0, 1300.0),
-            [("PWM_AUX", 1)],
+            [OutputDriver("PWM_AUX", 1)],
             {"PWM_AUX_MIN": 1050.0, "PWM_AUX_MAX": 1900.0, "PWM_MIN": 1.0},
             "PWM",
             1050,
@@ -72,7 +73,7 @@ OF_MAIN = [("PWM_MAIN", n) for n in range(1, 5)]
         ((0.0, 2457.3, 4712.6, 6158.4), OF_MAIN, {"PWM_MIN": 1000.0}, "UAVCAN", 0, 8191),
         (
             (1000.0, 1500.0),
-            [("UAVCAN_EC", 1)],
+            [OutputDriver("UAVCAN_EC", 1)],
             {"UAVCAN_EC_MIN1": 1.0, "UAVCAN_EC_MAX1": 8191.0},
             "UAVCAN",
             1,
@@ -80,7 +81,7 @@ OF_MAIN = [("PWM_MAIN", n) for n in range(1, 5)]
         ),
         (
             (0.0, 0.194, 0.278),
-            [("UAVCAN_EC", 1)],
+            [OutputDriver("UAVCAN_EC", 1)],
             {"UAVCAN_EC_MIN1": 1.0, "UAVCAN_EC_MAX1": 8191.0},
             "normalised",
             0,
@@ -118,7 +119,7 @@ def test_ardupilots_motors_stop_where_its_version_lets_them(parameters, highest)
 def test_a_gimbals_channels_are_no_motors():
     parameters = {"FRAME": 1.0, "RC5_FUNCTION": 7.0, "RC6_FUNCTION": 8.0, "RC7_FUNCTION": 0.0}
     found = motor_geometry(
-        "GENERIC_MULTIROTOR", "ARDUPILOTMEGA", parameters, moving=range(1, 7), bank=8
+        "GENERIC_MULTIROTOR", "ARDUPILOTMEGA", parameters, moving_channels=range(1, 7), bank_size=8
     )
     assert found.channels == (1, 2, 3, 4)
     on_servos = motor_geometry(

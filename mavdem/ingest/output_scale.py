@@ -1,0 +1,222 @@
+"""Scale of motor outputs: the unit of the numbers in a log, and which of them are no throttle and full throttle.
+
+Autopilots log pulse widths, DShot or UAVCAN commands, or shares of the range, and rarely say which. The scale follows
+from the values themselves and from the parameters of the output driver.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.confidence import Interval
+from mavdem.ingest.motors import OutputDriver
+from mavdem.ingest.telemetry import Parameters
+
+
+@dataclass(frozen=True)
+class OutputScale:
+    """How motor outputs are expressed."""
+
+    name: str
+    """"PWM", "normalised", "0-1000", "DShot", "UAVCAN" or "unknown"; "demand" for a controller's demand."""
+    unit: str
+    """"µs" for pulse widths, else empty."""
+    low: float
+    """Output at no throttle."""
+    high: float
+    """Output at full throttle."""
+    step: float
+    """Smallest difference between two values that occurred; 0 where all are equal."""
+    stop: float = 1.0
+    """Share of the range beyond which the autopilot sends no motor, 0 to 1; 1 where that is not known."""
+
+    def fraction(self, outputs: Array) -> Array:
+        """Converts outputs, of any shape, to shares of the range.
+
+        Returns:
+            0 at ``low`` and for a motor that is off (an output of 0), 1 at ``high``. Some autopilots send less than
+            ``low`` while disarmed; those shares are negative.
+        """
+        shares = (outputs - self.low) / (self.high - self.low)
+        is_off = (outputs == 0) & (self.low > 0)
+        return np.where(is_off, 0.0, shares)
+
+
+MAX_NORMALISED = 1.05
+"""Largest output of a scale of 0 to 1, with a margin for overshoot."""
+
+MAX_IDLE_DSHOT = 10.0
+"""Outputs up to this one, and above ``MAX_NORMALISED``, are DShot commands hardly above idle."""
+
+MAX_SIMULATED = 1000.0
+"""Full throttle of PX4's simulators, which send 150 to 1000."""
+
+MAX_DSHOT_COMMAND = 2047.0
+"""Largest command of DShot: it has 11 bits."""
+
+MAX_DSHOT = 1999.0
+"""DShot output of PX4 at full throttle: DSHOT_MAX_THROTTLE of its ``DShot.cpp``, without the 48 special commands."""
+
+NOMINAL_DSHOT_RANGE = 2000.0
+"""Full throttle of DShot where no parameter says it, rounded."""
+
+MAX_UAVCAN = 8191.0
+"""Output of PX4 at full throttle for UAVCAN's esc.RawCommand, which has 14 bits and a sign."""
+
+MIN_PULSE_WIDTH = 750.0
+"""Pulse widths of motors, µs, never fall below this one, except to 0 for "off"; PX4 sends 900 while disarmed."""
+
+MAX_PULSE_WIDTH = 2300.0
+"""Longest pulse width of a motor, µs: a choice, above those that speed controllers take for full throttle."""
+
+MIN_RUNNING_PULSE_WIDTH = 1000.0
+"""At least one pulse width, µs, is above this one if motors ran."""
+
+MIN_PULSE_RANGE = 300.0
+"""Smallest range of pulse widths of a speed controller, µs; parameters with less are of something else."""
+
+MAX_SHARE_OUTSIDE = 0.5
+"""Share of the distinct outputs that may lie outside the range of the parameters for them to be of this driver.
+
+Outputs of disarmed and arming motors lie outside, and damaged ones.
+"""
+
+DEFAULT_PULSE_RANGE = (1000.0, 2000.0)
+"""Pulse widths at no and at full throttle, µs, where no parameter has them (ArduPilot's and PX4's defaults)."""
+
+
+def output_scale(
+    outputs: Array, parameters: Parameters, drivers: Sequence[OutputDriver] = ()
+) -> OutputScale:
+    """Finds the scale of motor outputs from their values and the autopilot's parameters.
+
+    Args:
+        outputs: Outputs of any shape, as they were sent, also while disarmed; values that are not finite are ignored.
+        parameters: The autopilot's parameters by name.
+        drivers: PX4's output driver of each motor (``MotorGeometry.drivers``); empty for other autopilots.
+
+    Returns:
+        The scale. Its name is "unknown", from 0 to the largest output, where no scale fits.
+    """
+    values = np.unique(outputs[np.isfinite(outputs)])
+    positive = values[values > 0]
+    if not len(positive):
+        return OutputScale("unknown", "", low=0.0, high=1.0, step=0.0)
+    step = float(np.diff(values).min()) if len(values) > 1 else 0.0
+    smallest = float(positive[0])
+    largest = float(positive[-1])
+    driver = drivers[0].name if drivers else ""
+    px4_low, px4_high = _px4_range(drivers, parameters)
+    if not driver.startswith("PWM") and MAX_NORMALISED < largest <= px4_high:
+        name = "UAVCAN" if driver.startswith("UAVCAN") else "0-1000"
+        return OutputScale(name, "", px4_low, px4_high, step)
+    if smallest >= MIN_PULSE_WIDTH and MIN_RUNNING_PULSE_WIDTH < largest <= MAX_PULSE_WIDTH:
+        low, high = _pulse_range(positive, parameters, drivers)
+        return OutputScale("PWM", "µs", low, high, step, _ardupilot_stop(parameters))
+    if drivers and MAX_IDLE_DSHOT < largest <= MAX_DSHOT_COMMAND and "DSHOT_MIN" in parameters:
+        # DSHOT_MIN is the idle throttle as a share of the range.
+        low = float(round(parameters["DSHOT_MIN"] * MAX_DSHOT))
+        return OutputScale("DShot", "", low, MAX_DSHOT, step)
+    name, high = _scale_of_largest(largest, is_px4=bool(drivers))
+    return OutputScale(name, "", 0.0, high, step)
+
+
+def _scale_of_largest(largest: float, is_px4: bool) -> tuple[str, float]:
+    """Returns name and full-throttle output of the scale to which the largest output fits best."""
+    if largest <= MAX_NORMALISED:
+        return "normalised", 1.0
+    if largest <= MAX_IDLE_DSHOT:
+        return "DShot", NOMINAL_DSHOT_RANGE
+    if largest <= MAX_SIMULATED:
+        return "0-1000", MAX_SIMULATED
+    if largest <= MAX_DSHOT_COMMAND:
+        return "DShot", NOMINAL_DSHOT_RANGE
+    if is_px4 and largest <= MAX_UAVCAN:
+        return "UAVCAN", MAX_UAVCAN
+    return "unknown", largest
+
+
+def _pulse_range(
+    pulse_widths: Array, parameters: Parameters, drivers: Sequence[OutputDriver]
+) -> Interval:
+    """Returns the pulse widths at no and at full throttle, µs: the first range of the parameters that fits.
+
+    PX4's is that of its drivers. ArduPilot's is MOT_PWM_MIN to MOT_PWM_MAX; where they are 0, and in ArduCopter before
+    3.4, which has neither, the motors' range is that of the radio's throttle channel.
+
+    Args:
+        pulse_widths: Distinct outputs (N,) above 0, µs.
+        parameters: The autopilot's parameters by name.
+        drivers: PX4's output driver of each motor; empty for ArduPilot.
+    """
+    ranges = [_px4_range(drivers, parameters)]
+    if not drivers:
+        prefixes = ["MOT_PWM"]
+        if "RCMAP_THROTTLE" in parameters:
+            prefixes.append(f"RC{parameters['RCMAP_THROTTLE']:.0f}")
+        for prefix in prefixes:
+            lowest = parameters.get(f"{prefix}_MIN", 0.0)
+            highest = parameters.get(f"{prefix}_MAX", 0.0)
+            ranges.append((lowest, highest))
+    for low, high in ranges:
+        is_pulse_range = low > 0 and high - low >= MIN_PULSE_RANGE
+        # One microsecond above the range is rounding.
+        is_outside = (pulse_widths < low) | (pulse_widths > high + 1)
+        if is_pulse_range and np.mean(is_outside) <= MAX_SHARE_OUTSIDE:
+            return low, high
+    return DEFAULT_PULSE_RANGE
+
+
+def _px4_range(drivers: Sequence[OutputDriver], parameters: Parameters) -> Interval:
+    """Returns PX4's outputs at no and at full throttle, the mean over the motors.
+
+    Both are 0 where the parameters do not have the range of every motor, or there are no drivers.
+    """
+    if not drivers:
+        return 0.0, 0.0
+    means = []
+    for end in ("MIN", "MAX"):
+        limits = [_px4_limit(driver, end, parameters) for driver in drivers]
+        if any(limit == 0.0 for limit in limits):
+            return 0.0, 0.0
+        means.append(float(np.mean(limits)))
+    return means[0], means[1]
+
+
+def _px4_limit(driver: OutputDriver, end: str, parameters: Parameters) -> float:
+    """Returns one end, "MIN" or "MAX", of the range of one of PX4's outputs; 0 where no parameter has it.
+
+    An output has a parameter of its own since PX4 1.13 (PWM_MAIN_MIN1), where -1 means the driver's. The driver's is
+    PWM_MAIN_MIN in PX4 1.12, and PWM_MIN, of the main outputs only, before.
+    """
+    names = [f"{driver.name}_{end}{driver.channel}", f"{driver.name}_{end}"]
+    if driver.name == "PWM_MAIN":
+        names.append(f"PWM_{end}")
+    for name in names:
+        if parameters.get(name, 0.0) > 0:
+            return parameters[name]
+    return 0.0
+
+
+MIN_STOP = 0.5
+"""Smallest share of the range that is believed to be the mixer's limit; a parameter with less has another meaning."""
+
+
+def _ardupilot_stop(parameters: Parameters) -> float:
+    """Returns the share of the range at which ArduPilot's mixer limits motors, 0.5 to 1; 1 without such a parameter.
+
+    The parameter is MOT_SPIN_MAX from ArduCopter 3.4 on; MOT_THST_MAX in 3.3, a share of what is above THR_MIN, per
+    mille of the range; and MOT_TCRV_MAXPCT, in percent, before. Source: ``AP_MotorsMulticopter`` and, before it,
+    ``AP_Motors`` of https://github.com/ArduPilot/ardupilot.
+    """
+    stop = 1.0
+    idle = parameters.get("THR_MIN", 0.0) / 1000
+    if "MOT_SPIN_MAX" in parameters:
+        stop = parameters["MOT_SPIN_MAX"]
+    elif "MOT_THST_MAX" in parameters:
+        stop = idle + (1 - idle) * parameters["MOT_THST_MAX"]
+    elif parameters.get("MOT_TCRV_ENABLE"):
+        stop = parameters.get("MOT_TCRV_MAXPCT", 100.0) / 100
+    return stop if MIN_STOP <= stop <= 1 else 1.0
