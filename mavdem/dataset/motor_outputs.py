@@ -28,6 +28,7 @@ from mavdem.ingest.motors import (
 )
 from mavdem.ingest.motors import MotorGeometry as MotorGeometry
 from mavdem.ingest.motors import position_name as position_name
+from mavdem.ingest.output_scale import OutputScale, output_scale
 from mavdem.ingest.telemetry import Columns, Telemetry
 
 # The possible inputs of a model: motor outputs, or the controller's command for the axis
