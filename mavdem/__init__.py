@@ -45,7 +45,7 @@ __all__ = [
     "review",
     "wind",
 ]
-_ROOMS = {
+_MODULES = {
     "Assessment": "assessment",
     "Drag": "wind_velocity.airflow",
     "Flight": "flight",
@@ -68,12 +68,16 @@ _ROOMS = {
     "review": "assessment",
     "wind": "wind_velocity.from_log",
 }
+"""Module below ``mavdem`` that defines each public name, except the modules ``baselines`` and ``evaluate``."""
 
 
 def __getattr__(name: str) -> Any:
-    # Imported when asked for (PEP 562): scipy takes most of a second, which `mavdem --help` need not wait.
-    if name in _ROOMS:
-        return getattr(import_module(f"mavdem.{_ROOMS[name]}"), name)
+    """Imports a public name when it is first used (PEP 562).
+
+    An eager import would load scipy, which takes most of a second: ``mavdem --help`` need not wait for it.
+    """
+    if name in _MODULES:
+        return getattr(import_module(f"mavdem.{_MODULES[name]}"), name)
     if name in ("baselines", "evaluate"):
         return import_module(f"mavdem.{name}")
     if name == "__version__":
@@ -82,4 +86,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
+    """Returns the public names, also those that are not imported yet."""
     return [*__all__, "__version__"]

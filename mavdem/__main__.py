@@ -1,4 +1,7 @@
-"""The entry point, ``mavdem`` and ``python -m mavdem``: signals are set before anything that takes time is imported."""
+"""Entry points of the process: the command ``mavdem``, ``python -m mavdem``, and the loader of the Rerun Viewer.
+
+Signals are handled before anything is imported that takes time, so that Ctrl-C always ends the process at once.
+"""
 
 import gc
 import os
@@ -6,10 +9,16 @@ import sys
 
 from mavdem.cli.output import ending_at_once, unwind_when_terminated
 
+GARBAGE_THRESHOLD = 200_000
+"""Allocations between two searches for cyclic garbage.
+
+Python's own value is 700. The frequent searches took an eighth of the time of ``mavdem learn``.
+"""
+
 
 def run() -> int:
-    """Runs the command of the process and returns its exit code."""
-    _prepare()
+    """Runs the command that the process was called with, and returns its exit code."""
+    _configure_process()
     with ending_at_once():
         from mavdem.cli.commands import main
     unwind_when_terminated()
@@ -17,22 +26,23 @@ def run() -> int:
 
 
 def load() -> int:
-    """Runs as a loader of the Rerun Viewer and returns its exit code."""
-    _prepare()
+    """Runs as a loader of the Rerun Viewer, ``rerun-loader-mavdem``, and returns the exit code."""
+    _configure_process()
     with ending_at_once():
         from mavdem.cli.open import load
     unwind_when_terminated()
     return load(sys.argv[1:])
 
 
-def _prepare() -> None:
-    # Read when NumPy and SciPy are imported. For matrices as small as these more threads only wait for each other: on
-    # two busy cores they doubled the time that `mavdem learn` takes.
+def _configure_process() -> None:
+    """Sets environment variables that libraries read when they are imported, and the pace of garbage collection."""
+    # The matrices are so small that more threads of OpenBLAS only wait for each other: on two busy cores they doubled
+    # the time that `mavdem learn` takes.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Pictures are written to files, and no window is opened: a backend of the user's that is missing matters not.
+    # Matplotlib writes pictures to files and opens no window. "agg" works even if a backend that the user has chosen is
+    # not installed.
     os.environ["MPLBACKEND"] = "agg"
-    # Cyclic garbage is looked for less often: that took an eighth of the time of `mavdem learn`.
-    gc.set_threshold(200_000)
+    gc.set_threshold(GARBAGE_THRESHOLD)
 
 
 if __name__ == "__main__":

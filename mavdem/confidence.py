@@ -1,4 +1,4 @@
-"""Confidence: how probable intervals and bands are, and how wide they are for it; one level for all rooms."""
+"""Statistical confidence: the level of all intervals and bands, their half widths, and thresholds of significance."""
 
 from numbers import Real
 from typing import Any
@@ -6,20 +6,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-# as scipy.stats has them, which takes half a second to import
+# These are the quantile functions of scipy.stats, which itself takes half a second to import.
 from scipy.special import ndtri, stdtrit
 
 Interval = tuple[float, float]
-# probability of the intervals and bands that are shown, unless another level is asked for
+"""Lower and upper end of an interval, in the unit of the figure."""
+
 CONFIDENCE_LEVEL = 0.9
-INTERVAL_QUANTILES = (
-    0.5 - CONFIDENCE_LEVEL / 2,
-    0.5 + CONFIDENCE_LEVEL / 2,
-)  # shares of draws below the ends of such an interval
-MIN_SAMPLES_FOR_STATISTICS = 20  # of which a median, a spread or a share is more than chance
-SIGNIFICANT_SIGMAS = 3.0  # standard deviations or errors that are no chance
-# odds of 20 to 1: strong evidence by Kass and Raftery (1995)
+"""Probability of the intervals and bands that are shown, unless another level is asked for; a choice."""
+
+INTERVAL_QUANTILES = 0.5 - CONFIDENCE_LEVEL / 2, 0.5 + CONFIDENCE_LEVEL / 2
+"""Shares of posterior samples below the lower and the upper end of such an interval: 5 and 95 %."""
+
+MIN_SAMPLES_FOR_STATISTICS = 20
+"""Fewest samples whose median, spread or share is reported; of fewer it is mostly chance. A choice."""
+
+SIGNIFICANT_SIGMAS = 3.0
+"""Deviation, in standard errors, beyond which a difference is taken for real: the three-sigma rule."""
+
 STRONG_EVIDENCE_NATS = 3.0
+"""Difference of log evidence, in nats, that is strong evidence by Kass and Raftery (1995): odds of 20 to 1."""
 
 
 def require_probability(level: float) -> None:
@@ -29,31 +35,43 @@ def require_probability(level: float) -> None:
 
 
 def coverage_factor(level: float = CONFIDENCE_LEVEL, freedom: ArrayLike = np.inf) -> Any:
-    """Returns the half width of an interval in standard deviations, a number or shaped like ``freedom``.
+    """Returns the half width of a two-sided interval in standard deviations (the coverage factor k of the GUM).
+
+    It is the quantile of the normal distribution where the standard deviation is known, and of Student's t
+    distribution where it was estimated.
 
     Args:
-        level: the probability of the interval.
-        freedom: degrees of freedom that the standard deviation was estimated with (Student's t); infinite, the normal
-            distribution, where it is known.
+        level: Probability of the interval.
+        freedom: Degrees of freedom that the standard deviation was estimated with, a number or an array; infinite
+            where the standard deviation is known.
+
+    Returns:
+        A float, or an array shaped like ``freedom``.
 
     Raises:
-        ValueError: the level is no probability between 0 and 1.
+        ValueError: The level is no probability between 0 and 1.
     """
     require_probability(level)
     freedoms = np.asarray(freedom, np.float64)
-    below = 0.5 + level / 2
-    quantiles = np.where(np.isinf(freedoms), ndtri(below), stdtrit(freedoms, below))
-    return quantiles if freedoms.ndim else float(quantiles)
+    upper_quantile = 0.5 + level / 2
+    factors = np.where(np.isinf(freedoms), ndtri(upper_quantile), stdtrit(freedoms, upper_quantile))
+    return factors if freedoms.ndim else float(factors)
 
 
 def half_width(
     variance: ArrayLike, level: float = CONFIDENCE_LEVEL, freedom: ArrayLike = np.inf
 ) -> NDArray[np.float64]:
-    """Returns half widths of intervals of probability ``level``.
+    """Returns the half widths of two-sided intervals about estimates of known or estimated variance.
 
     Args:
-        variance: of the estimates, of any shape.
-        level: as for :func:`coverage_factor`.
-        freedom: as for :func:`coverage_factor`; it broadcasts against ``variance``.
+        variance: Variances of the estimates, of any shape.
+        level: Probability of the intervals.
+        freedom: Degrees of freedom of the variances, broadcast against ``variance``; infinite where they are known.
+
+    Returns:
+        Half widths in the unit of the estimates, with the broadcast shape of ``variance`` and ``freedom``.
+
+    Raises:
+        ValueError: The level is no probability between 0 and 1.
     """
     return coverage_factor(level, freedom) * np.sqrt(variance)

@@ -1,14 +1,23 @@
-"""Errors whose cause is the data: each carries a fact that says why."""
+"""Errors whose cause is the user's data: each carries a fact that states the reason and the remedy."""
 
 from mavdem.facts import Code, Fact, Figure, Level
 from mavdem.facts.forecasts import Forecasts
 
 
 class Refusal(ValueError):
-    """What cannot be done, and why: a ``fact``, whose sentence and remedy are the message."""
+    """A request that cannot be fulfilled, with the reason as a fact.
+
+    Attributes:
+        fact: The reason; its sentence and its remedy are the error's message.
+    """
 
     def __init__(self, fact: Fact | Code, **figures: Figure) -> None:
-        """Takes a ``fact``, or its code with ``figures``."""
+        """Takes the reason.
+
+        Args:
+            fact: The fact, or its code.
+            **figures: Figures of the fact by name, where only its code is given.
+        """
         self.fact = fact if isinstance(fact, Fact) else Fact(fact, **figures)
         super().__init__(self.fact)
 
@@ -17,36 +26,50 @@ class Refusal(ValueError):
 
     @property
     def reason(self) -> str:
-        """The sentence: what is wrong, with the figures."""
+        """The sentence that states what is wrong, with its figures."""
         return self.fact.sentence
 
     @property
     def remedy(self) -> str:
-        """What to change, with a command where there is one; may be empty."""
+        """What the user can change, with a command where there is one; may be empty."""
         return self.fact.remedy
 
 
 class Unreadable(Refusal):
-    """A source that cannot be opened, or that holds nothing which can be read."""
+    """A source that cannot be opened, or that holds no readable data."""
 
 
 class NotLearnable(Refusal):
-    """Data that cannot support the request: fitting them would give numbers that mean nothing."""
+    """Data that cannot support the request: a model fitted to them would have meaningless parameters."""
 
 
 def error_message(error: Exception) -> str:
-    """Returns why the operating system refused, or else what the ``error`` says."""
+    """Returns the operating system's reason for an ``OSError``, or the message of any other error."""
     return getattr(error, "strerror", None) or str(error)
 
 
 def fact_from_error(error: BaseException) -> Fact:
-    """Returns what an ``error`` says: the fact of a refusal, else its message, with its type where that is unusual."""
+    """Converts an error to a fact that can be shown or written to a document.
+
+    Args:
+        error: Any error.
+
+    Returns:
+        The fact of a ``Refusal``. Otherwise a fact with the error's message, and with the name of its type unless
+        that is ``ValueError``, which callers expect of data that do not fit.
+    """
     if isinstance(error, Refusal):
         return error.fact
-    kind = "" if isinstance(error, ValueError) else type(error).__name__
-    return Fact(Forecasts.FAILED, error=kind, text=error)
+    type_name = "" if isinstance(error, ValueError) else type(error).__name__
+    return Fact(Forecasts.FAILED, error=type_name, text=error)
 
 
 def failure_fact(code: Code, error: Exception, finishing: bool = False) -> Fact:
-    """Returns a fact of this ``code`` that says how something failed."""
+    """Returns a fact, to be watched, that a step failed and why.
+
+    Args:
+        code: Code of the fact, which says what failed.
+        error: The error that was raised.
+        finishing: Whether the step failed while the program was ending; the sentence of the fact says so.
+    """
     return Fact(code, Level.WATCH, error=error_message(error).rstrip("."), finishing=finishing)

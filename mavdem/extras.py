@@ -1,4 +1,4 @@
-"""Extras: packages that a core installation can do without, by the names in ``pyproject.toml``."""
+"""Optional dependencies ("extras" of the package): which are installed, and the errors that name the missing ones."""
 
 from importlib.util import find_spec
 
@@ -17,11 +17,15 @@ EXTRAS = {
     "view": ("rerun",),
     "xarray": ("xarray",),
 }
-"""Modules by the name of the extra."""
+"""Modules that each extra of ``pyproject.toml`` installs, by the name of the extra."""
 
 
 class MissingExtra(ImportError):
-    """A package of an extra is not installed: a fact, whose sentence has the command that installs it."""
+    """A package of an extra is not installed.
+
+    Attributes:
+        fact: What is missing; its sentence has the command that installs it.
+    """
 
     def __init__(self, fact: Fact) -> None:
         super().__init__(fact)
@@ -29,18 +33,25 @@ class MissingExtra(ImportError):
 
 
 def missing_modules(extra: str) -> tuple[str, ...]:
-    """Returns the modules of an extra that are not installed; nothing is imported."""
+    """Returns the modules of an extra that are not installed; none of them is imported."""
     return tuple(name for name in EXTRAS[extra] if find_spec(name) is None)
 
 
 def missing_extra_fact(extra: str, subject: str) -> Fact | None:
-    """Returns what an ``extra`` lacks for the ``subject`` that needs it; None where all of it is installed."""
-    if not (names := missing_modules(extra)):
+    """Returns a fact that names the missing modules of an extra, or None where all are installed.
+
+    Args:
+        extra: Name of the extra, a key of ``EXTRAS``.
+        subject: What needs the extra: the beginning of the fact's sentence.
+    """
+    names = missing_modules(extra)
+    if not names:
         return None
     return Fact(Package.EXTRA_MISSING, subject=subject, extra=extra, names=names)
 
 
 def require_extra(extra: str, subject: str = "") -> None:
-    """Raises ``MissingExtra`` where an ``extra``, which the ``subject`` needs, is not installed."""
-    if fact := missing_extra_fact(extra, subject):
+    """Raises ``MissingExtra`` unless all modules of an ``extra``, which the ``subject`` needs, are installed."""
+    fact = missing_extra_fact(extra, subject)
+    if fact is not None:
         raise MissingExtra(fact)

@@ -1,6 +1,6 @@
-"""Files that appear whole or not at all.
+"""Atomic writing of files: a file appears complete or not at all; and TOML tables that are stored beside a module.
 
-A file that was there keeps its mode, and a symbolic link stays: what it leads to is replaced.
+A file that is replaced keeps its mode. Where the path is a symbolic link, the link stays and its target is replaced.
 """
 
 import os
@@ -17,24 +17,38 @@ from mavdem.errors import Unreadable, error_message
 from mavdem.facts.command import Place
 
 PathName = str | os.PathLike[str]
+"""Path of a file, as text or as an object."""
+
 AnyPath = PathName | bytes
+"""Path of a file, also as the bytes that the operating system uses for it."""
+
+UNFINISHED_PREFIX = ".unfinished."
+"""Beginning of the names of temporary folders: hidden, and recognisable where a crash has left one behind."""
 
 
 def load_adjacent_toml(module: str, name: str) -> dict[str, Any]:
-    """Returns the table in the TOML file of this ``name`` beside a ``module``, given by its ``__file__``."""
+    """Loads a TOML file that is stored in the folder of a module.
+
+    Args:
+        module: ``__file__`` of the module.
+        name: Path of the TOML file, relative to the module's folder.
+    """
     return tomllib.loads((Path(module).parent / name).read_text("utf-8"))
 
 
 @contextmanager
 def atomic_write(path: PathName, scratch: Path | None = None) -> Iterator[BinaryIO]:
-    """Gives what to write to; when all is written the file is there, in place of one that was.
+    """Opens a file for writing that appears under its name only when the block has ended without an error.
 
     Args:
-        path: of the file.
-        scratch: the folder, on the same file system, for what is unfinished; beside the file unless given.
+        path: Path of the file; a file that exists there is replaced.
+        scratch: Folder for the unfinished file, on the same file system; the file's own folder unless given.
+
+    Yields:
+        A binary file to write to.
 
     Raises:
-        OSError: it cannot be written there, as when there is no such folder.
+        OSError: The file cannot be written there, for example because there is no such folder.
     """
     with atomic_writes(path, scratch=scratch) as (unfinished,), unfinished.open("wb") as file:
         yield file
@@ -42,40 +56,54 @@ def atomic_write(path: PathName, scratch: Path | None = None) -> Iterator[Binary
 
 @contextmanager
 def atomic_writes(*paths: PathName, scratch: Path | None = None) -> Iterator[tuple[Path, ...]]:
-    """Gives for each file the path of one to write instead; when all are written they take their places together.
+    """Replaces several files together, when all of them are written.
+
+    Args:
+        *paths: Paths of the files; those that exist are replaced.
+        scratch: Folder for the unfinished files, on the same file system; each file's own folder unless given.
+
+    Yields:
+        For each of ``paths`` the path of a temporary file that the block has to write instead.
 
     Raises:
-        OSError: one cannot be written there; then none is replaced.
+        OSError: A file cannot be written there; then none is replaced.
     """
-    unfinished = {}
+    unfinished_by_target: dict[Path, Path] = {}
     with ExitStack() as stack:
         for path in paths:
             target = writable_target(path)
-            if target in unfinished:
+            if target in unfinished_by_target:
                 raise FileExistsError(
                     None, "it is the same file as another that is to be written", str(path)
                 )
             folder = stack.enter_context(
-                TemporaryDirectory(dir=scratch or target.parent, prefix=".unfinished.")
+                TemporaryDirectory(dir=scratch or target.parent, prefix=UNFINISHED_PREFIX)
             )
-            unfinished[target] = Path(folder) / target.name
-        yield tuple(unfinished.values())
-        for target, new in unfinished.items():
+            unfinished_by_target[target] = Path(folder) / target.name
+        yield tuple(unfinished_by_target.values())
+        # All modes are copied first, since that may fail; a replacement in the same file system hardly can.
+        for target, unfinished in unfinished_by_target.items():
             if target.exists():
-                shutil.copymode(target, new)
-        for target, new in unfinished.items():
-            os.replace(new, target)
+                shutil.copymode(target, unfinished)
+        for target, unfinished in unfinished_by_target.items():
+            os.replace(unfinished, target)
 
 
 def write_text_atomically(path: Path, text: str) -> None:
-    """Writes a file, whole or not at all; raises ``Unreadable`` where it cannot be written."""
+    """Writes a text file in UTF-8, complete or not at all; raises ``Unreadable`` where it cannot be written."""
     with reporting_write_errors(path), atomic_write(path) as file:
-        file.write(text.encode(errors="replace"))  # the name of a file in it need not be UTF-8
+        # The text may contain the name of a file, which need not be valid Unicode.
+        file.write(text.encode(errors="replace"))
 
 
 @contextmanager
 def reporting_write_errors(*files: Path, code: Place = Place.FILE_FAILED) -> Iterator[None]:
-    """Raises ``Unreadable`` with this ``code`` for an ``OSError``: files, or a folder, that cannot be written."""
+    """Turns an ``OSError`` of the block into an ``Unreadable`` that names the files.
+
+    Args:
+        *files: Files or folders that the block writes.
+        code: Code of the fact that the error carries.
+    """
     try:
         yield
     except OSError as error:
@@ -84,15 +112,23 @@ def reporting_write_errors(*files: Path, code: Place = Place.FILE_FAILED) -> Ite
 
 
 def writable_target(path: PathName) -> Path:
-    """Returns the file that writing to ``path`` makes or replaces: itself, or where a symbolic link leads.
+    """Returns the regular file that writing to ``path`` creates or replaces, after checking that this is possible.
+
+    Args:
+        path: Path of a file, which may be a symbolic link and need not exist.
+
+    Returns:
+        The path itself, with all symbolic links resolved.
 
     Raises:
-        OSError: something is there that cannot be replaced, or a name is too long, or a folder not writable.
+        OSError: A folder, a device or the like stands there, a name is too long, or the folder does not exist or is
+            not writable.
     """
     target = Path(os.path.realpath(path))
     with suppress(FileNotFoundError):
         mode = target.stat().st_mode
-        if not stat.S_ISREG(mode):  # a device must not be replaced
+        # Replacing a device such as /dev/null by a file would break the system.
+        if not stat.S_ISREG(mode):
             obstacle = "it is a folder" if stat.S_ISDIR(mode) else "it is there and no plain file"
             raise FileExistsError(None, obstacle, str(path))
     for folder in (Path(path).parent, target.parent):
@@ -104,7 +140,10 @@ def writable_target(path: PathName) -> Path:
 
 
 def is_writable(folder: Path) -> bool:
-    """Returns whether something can be made in a ``folder``, by trying: its mode does not tell for all file systems."""
-    with suppress(OSError), TemporaryDirectory(dir=folder, prefix=".unfinished."):
+    """Returns whether files can be created in a folder.
+
+    It creates and removes one, because on some file systems the folder's mode does not say.
+    """
+    with suppress(OSError), TemporaryDirectory(dir=folder, prefix=UNFINISHED_PREFIX):
         return True
     return False

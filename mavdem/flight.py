@@ -1,4 +1,4 @@
-"""Flight: the aligned dataset a model is learned from."""
+"""A flight as a dataset: uniformly sampled motor outputs (inputs) and measured motion (outputs) of one segment."""
 
 from __future__ import annotations
 
@@ -23,12 +23,21 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 
-MAX_VALUE = 1e100  # of any number of a flight: differences and squares of larger ones overflow
+MAX_VALUE = 1e100
+"""Largest size of any number of a flight, in its unit: differences and squares of larger ones could overflow."""
+
+MAX_STEP_RATIO = 1.5
+"""Step between two samples, relative to the median step, beyond which samples are missing between them."""
+
+MAX_GRID_DEVIATION = 1e-3
+"""Distance, in sampling steps, that a time stamp of uniform samples may have from the uniform grid; rounding only."""
 
 
 @dataclass(frozen=True, eq=False)
 class Flight:
     """Uniformly sampled inputs and outputs of one segment of flight; immutable. Slicing gives a ``Flight``.
+
+    The shapes have T samples, r inputs, m outputs and q setpoints.
 
     >>> import numpy as np
     >>> time = np.arange(300) / 100
@@ -42,21 +51,21 @@ class Flight:
     Attributes:
         time: (T,) seconds on the autopilot's boot clock, uniform.
         inputs: (T, r) motor outputs, in the unit of the stream. A (T,) array is one input.
-        outputs: (T, m) what the vehicle did: for ``axis="roll"`` the roll angle (rad) and rate (rad/s), for
-            ``axis="yaw"`` the yaw rate only.
-        dt: sampling step, s. Taken from ``time`` unless given; it must be given for a single sample.
-        input_names, output_names, input_units, output_units: one string a column.
-        provenance: where it came from and how it was made, as plain JSON values.
+        outputs: (T, m) measured motion: for ``axis="roll"`` the roll angle (rad) and rate (rad/s), for ``axis="yaw"``
+            the yaw rate only.
+        dt: Sampling step, s. Taken from ``time`` unless given; it must be given for a single sample.
+        input_names, output_names, input_units, output_units: One string for each column.
+        provenance: Source of the flight and how it was made, as plain JSON values.
         effect_directions: (r,) relative effect of each input on the axis, where the mixer geometry is known; else None.
-        setpoints: (T, q) what the controllers' outer loops asked of the axis: at each sample the
-            last value until then, NaN where there is none. None where the source has no setpoints.
-        setpoint_names, setpoint_units: one string a column of ``setpoints``.
-        cautions: what makes a model less reliable; their sentences are in a log's ``provenance["cautions"]`` too.
+        setpoints: (T, q) setpoints of the controllers' outer loops for the axis: at each sample the latest value, NaN
+            where there is none yet. None where the source has no setpoints.
+        setpoint_names, setpoint_units: One string for each column of ``setpoints``.
+        cautions: Facts that make a model less reliable; their sentences are in a log's ``provenance["cautions"]`` too.
 
     Raises:
-        ValueError: names the argument whose shape, order or values are wrong.
+        ValueError: The shape, order or values of an argument are wrong; the message names it.
 
-    A ``UserWarning`` says where an angle, its rate or time seem to be in degrees or milliseconds.
+    A ``UserWarning`` is issued where an angle, its rate or time seem to be in degrees or milliseconds.
 
     See Also:
         :func:`mavdem.read_flight`: a flight from a log; :meth:`segments`: from arrays with gaps.
@@ -96,41 +105,38 @@ class Flight:
     ) -> None:
         if not isinstance(provenance, Mapping | None):
             raise ValueError(f"provenance must be values by name, not {provenance!r}")
-        time = _stamps(time)
-        inputs = _table(inputs, "inputs", len(time))
-        outputs = _table(outputs, "outputs", len(time))
-        directions = (
-            None if effect_directions is None else _frozen(effect_directions, "effect_directions")
-        )
-        if directions is not None and directions.shape != inputs.shape[1:]:
-            raise ValueError(
-                f"effect_directions must have shape {inputs.shape[1:]}, not {directions.shape}"
-            )
-        none = np.empty((len(time), 0))
-        asked = (
-            none if setpoints is None else _table(setpoints, "setpoints", len(time), missing=True)
-        )
+        time = _checked_time(time)
+        inputs = _checked_table(inputs, "inputs", len(time))
+        outputs = _checked_table(outputs, "outputs", len(time))
+        directions = _checked_directions(effect_directions, inputs)
+        # Names and units of no setpoints are checked against a table without columns.
+        setpoint_table = np.empty((len(time), 0))
+        if setpoints is not None:
+            setpoint_table = _checked_table(setpoints, "setpoints", len(time), allow_nan=True)
         fields = {
             "time": time,
             "inputs": inputs,
             "outputs": outputs,
             "dt": _uniform_step(time, dt),
-            "input_names": _labels(input_names, "input_names", inputs, "input"),
-            "output_names": _labels(output_names, "output_names", outputs, "output"),
-            "input_units": _labels(input_units, "input_units", inputs),
-            "output_units": _labels(output_units, "output_units", outputs),
+            "input_names": _checked_labels(input_names, "input_names", inputs, "input"),
+            "output_names": _checked_labels(output_names, "output_names", outputs, "output"),
+            "input_units": _checked_labels(input_units, "input_units", inputs),
+            "output_units": _checked_labels(output_units, "output_units", outputs),
             "provenance": freeze(dict(provenance or {})),
             "effect_directions": directions,
-            "setpoints": None if setpoints is None else asked,
-            "setpoint_names": _labels(setpoint_names, "setpoint_names", asked, "setpoint"),
-            "setpoint_units": _labels(setpoint_units, "setpoint_units", asked),
+            "setpoints": None if setpoints is None else setpoint_table,
+            "setpoint_names": _checked_labels(
+                setpoint_names, "setpoint_names", setpoint_table, "setpoint"
+            ),
+            "setpoint_units": _checked_labels(setpoint_units, "setpoint_units", setpoint_table),
             "cautions": cautions,
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
-        # of a log, units are known
-        if not self.provenance and (slip := suspected_unit_error(outputs, self.dt)):
-            warn(str(slip), stacklevel=2)
+        # The units of a flight from a log, which has a provenance, are those of its messages.
+        unit_error = None if self.provenance else suspected_unit_error(outputs, self.dt)
+        if unit_error is not None:
+            warn(str(unit_error), stacklevel=2)
 
     @classmethod
     def segments(
@@ -143,7 +149,7 @@ class Flight:
     ) -> tuple[Flight, ...]:
         """Cuts arrays with gaps into one ``Flight`` for each segment between them, all with the same ``dt``.
 
-        ``mavdem.learn`` takes them together.
+        ``mavdem.learn`` takes the segments together.
 
         >>> import numpy as np
         >>> time = np.concatenate([np.arange(100), np.arange(150, 300)]) / 100
@@ -151,61 +157,81 @@ class Flight:
         [100, 150]
 
         Args:
-            time: (T,) seconds, increasing; a step longer than one and a half usual ones is a gap.
-            inputs, outputs: (T, r), (T, m).
-            dt: sampling step, s; the mean step without the gaps unless given.
-            labels: names, units, setpoints and all else of a ``Flight``.
+            time: (T,) seconds, increasing; a step of more than ``MAX_STEP_RATIO`` median steps is a gap.
+            inputs: (T, r) motor outputs.
+            outputs: (T, m) measured motion.
+            dt: Sampling step, s; unless given, the mean step without the gaps.
+            **labels: Names, units, setpoints and all other arguments of a ``Flight``.
+
+        Returns:
+            The segments in order; those of a single sample are left out.
 
         Raises:
-            ValueError: as for a ``Flight``; segments of a single sample are left out.
+            ValueError: As for a ``Flight``.
 
         See Also:
             :func:`mavdem.read_segments`: the segments of a log.
         """
-        stamps = _stamps(time)
+        stamps = _checked_time(time)
         steps = np.diff(stamps)
         if not (len(steps) and (steps > 0).all()):
             raise ValueError(
                 "time must increase from sample to sample, and there must be two at least"
             )
-        gaps = steps > 1.5 * np.median(steps)
+        is_gap = steps > MAX_STEP_RATIO * np.median(steps)
         if dt is None:
-            dt = float(steps[~gaps].mean())
-        cuts = np.flatnonzero(gaps) + 1
+            dt = float(steps[~is_gap].mean())
+        cuts = np.flatnonzero(is_gap) + 1
+
         tables = {"inputs": inputs, "outputs": outputs, "setpoints": labels.pop("setpoints", None)}
-        cut: JsonValues = {
-            name: np.split(_table(values, name, len(stamps), True), cuts)
-            for name, values in tables.items()
-            if values is not None
-        }
-        return tuple(
-            cls(part, **{name: parts[at] for name, parts in cut.items()}, dt=dt, **labels)
-            for at, part in enumerate(np.split(stamps, cuts))
-            if len(part) > 1
-        )
+        parts_by_name: dict[str, list[Array]] = {}
+        for name, values in tables.items():
+            if values is not None:
+                # Each Flight below checks for itself whether NaN is allowed in its table.
+                table = _checked_table(values, name, len(stamps), allow_nan=True)
+                parts_by_name[name] = np.split(table, cuts)
+
+        segments = []
+        for number, segment_time in enumerate(np.split(stamps, cuts)):
+            if len(segment_time) > 1:
+                arrays: JsonValues = {name: parts[number] for name, parts in parts_by_name.items()}
+                segments.append(cls(segment_time, **arrays, dt=dt, **labels))
+        return tuple(segments)
 
     def __len__(self) -> int:
         return len(self.time)
 
     def __getitem__(self, part: slice) -> Flight:
+        """Returns a part of the flight, which keeps its ``dt``, names, units and provenance.
+
+        Args:
+            part: Samples of the part, ``first:stop``; the step must be 1.
+
+        Raises:
+            TypeError: The index is no slice.
+            ValueError: The part has no samples, or the step is not 1.
+        """
         if not isinstance(part, slice):
             raise TypeError(
                 "a Flight is cut with a slice, flight[a:b]; its samples are in time, inputs and outputs"
             )
         if part.step not in (None, 1) or not len(self.time[part]):
             raise ValueError(f"{part} of {len(self)} samples is empty, or its step is not 1")
-        # Not validated anew: a part of what is uniform is uniform, and keeps the step of the whole.
-        cut = copy(self)
+        # The part is not validated again: part of a uniform flight is uniform, and has the exact dt of the flight.
+        flight = copy(self)
         for name in ("time", "inputs", "outputs", "setpoints"):
-            if (values := getattr(self, name)) is not None:
-                object.__setattr__(cut, name, values[part])
-        return cut
+            values = getattr(self, name)
+            if values is not None:
+                object.__setattr__(flight, name, values[part])
+        return flight
 
     def to_pandas(self) -> DataFrame:
-        """Returns a ``pandas.DataFrame``: a row a sample, by time in s; columns with units as in ``flight.csv``.
+        """Returns a ``pandas.DataFrame`` with a row for each sample, indexed by time in s.
+
+        Its columns carry their units as in ``flight.csv``.
 
         Raises:
-            ImportError: ``pandas`` is not installed.
+            ImportError: The package ``pandas`` is not installed.
         """
         require_extra("pandas", "Flight.to_pandas()")
         from mavdem.export.conversion import to_pandas
@@ -213,10 +239,10 @@ class Flight:
         return to_pandas(self)
 
     def to_xarray(self) -> Dataset:
-        """Returns an ``xarray.Dataset``: inputs and outputs by time in s and name, their units beside them.
+        """Returns an ``xarray.Dataset`` of inputs and outputs, indexed by time in s and by name, with their units.
 
         Raises:
-            ImportError: ``xarray`` is not installed.
+            ImportError: The package ``xarray`` is not installed.
         """
         require_extra("xarray", "Flight.to_xarray()")
         from mavdem.export.conversion import to_xarray
@@ -236,7 +262,7 @@ class Flight:
 
     @property
     def duration(self) -> float:
-        """Seconds from the first sample to one step after the last."""
+        """Time from the first sample to one sampling step after the last, s."""
         return len(self) * self.dt
 
 
@@ -245,19 +271,37 @@ Flights = Sequence[Flight]
 
 
 def boot_number(flight: Flight) -> int:
-    """Returns the boot of the autopilot on whose clock a flight read from a log has its times."""
+    """Returns the number of the autopilot's boot on whose clock a flight from a log has its times.
+
+    An autopilot that restarts in a log begins a new clock, so that times of different boots cannot be compared.
+    """
     return int(flight.provenance["segment"]["boot"])
 
 
-def _stamps(values: ArrayLike) -> Array:
-    time = _frozen(values, "time")
+def _checked_time(values: ArrayLike) -> Array:
+    """Returns time stamps as a read-only array (T,); raises ``ValueError`` where there are none."""
+    time = _read_only_copy(values, "time")
     if time.ndim != 1 or not len(time):
         raise ValueError(f"time must be a non-empty array of shape (T,), not {time.shape}")
     return time
 
 
-def _table(values: ArrayLike, name: str, length: int, missing: bool = False) -> Array:
-    array = _frozen(values, name, missing)
+def _checked_table(values: ArrayLike, name: str, length: int, allow_nan: bool = False) -> Array:
+    """Returns samples as a read-only table.
+
+    Args:
+        values: Samples, (length, k), or (length,) for a single column.
+        name: Name of the argument, for the message of an error.
+        length: Number of samples that the table must have, T.
+        allow_nan: Whether NaN may stand for a missing value.
+
+    Returns:
+        The table, (length, k).
+
+    Raises:
+        ValueError: The shape does not fit, or a value is not finite or too large.
+    """
+    array = _read_only_copy(values, name, allow_nan)
     if array.ndim == 1:
         array = array[:, None]
     if array.ndim != 2 or len(array) != length:
@@ -267,42 +311,96 @@ def _table(values: ArrayLike, name: str, length: int, missing: bool = False) -> 
     return array
 
 
-def _frozen(values: ArrayLike, name: str, missing: bool = False) -> Array:
-    """A copy that cannot be written; NaN stands for what is ``missing`` where that may be."""
-    array = as_real_array(values, name)
-    wrong = ~(abs(array) <= MAX_VALUE) & ~(missing & np.isnan(array))
-    if wrong.any():
+def _checked_directions(values: ArrayLike | None, inputs: Array) -> Array | None:
+    """Returns effect directions as a read-only array (r,), one for each column of ``inputs`` (T, r); None for None."""
+    if values is None:
+        return None
+    directions = _read_only_copy(values, "effect_directions")
+    if directions.shape != inputs.shape[1:]:
         raise ValueError(
-            f"{name} must be finite and at most {MAX_VALUE:g}; {wrong.sum()} values are not"
+            f"effect_directions must have shape {inputs.shape[1:]}, not {directions.shape}"
+        )
+    return directions
+
+
+def _read_only_copy(values: ArrayLike, name: str, allow_nan: bool = False) -> Array:
+    """Copies a caller's numbers, so that changing them later does not change the flight.
+
+    Args:
+        values: Numbers of any shape.
+        name: Name of the argument, for the message of an error.
+        allow_nan: Whether NaN may stand for a missing value.
+
+    Returns:
+        The numbers as a read-only array.
+
+    Raises:
+        ValueError: A value is no real number, not finite or larger than ``MAX_VALUE``.
+    """
+    array = as_real_array(values, name)
+    is_usable = abs(array) <= MAX_VALUE
+    if allow_nan:
+        is_usable |= np.isnan(array)
+    if not is_usable.all():
+        raise ValueError(
+            f"{name} must be finite and at most {MAX_VALUE:g}; {(~is_usable).sum()} values are not"
         )
     array.setflags(write=False)
     return array
 
 
 def _uniform_step(time: Array, dt: float | None) -> float:
+    """Returns the sampling step of uniform time stamps.
+
+    Args:
+        time: Time stamps, (T,), s.
+        dt: Sampling step, s, where the caller gives it; None for the mean step of the stamps.
+
+    Returns:
+        The sampling step, s.
+
+    Raises:
+        ValueError: The step is not positive, or a stamp is farther from a uniform grid than ``MAX_GRID_DEVIATION``.
+    """
     if dt is None:
         steps = len(time) - 1
         if not steps:
             raise ValueError("dt must be given for a flight of one sample")
-        # Divided first: stamps far apart must not overflow.
+        # Each stamp is divided before the difference is taken, which could overflow for stamps far apart.
         dt = float(time[-1] / steps - time[0] / steps)
         if not dt > 0:
             raise ValueError(f"time must increase: its mean step is {dt} s")
     elif not (isinstance(dt, Real) and 0 < dt < np.inf):
         raise ValueError(f"dt must be positive seconds, not {dt!r}")
-    # From the place on the uniform grid that suits all stamps best.
-    off_grid = np.ptp(time - dt * np.arange(len(time))) / 2 / dt
-    if off_grid > 1e-3:
+    # The grid may begin anywhere: the best offset halves the range of the deviations from a grid that begins at 0.
+    grid_deviation = np.ptp(time - dt * np.arange(len(time))) / 2 / dt
+    if grid_deviation > MAX_GRID_DEVIATION:
         raise ValueError(
-            f"time must be uniform: a stamp lies {off_grid:.3g} steps off a grid of {dt:.6g} s"
+            f"time must be uniform: a stamp lies {grid_deviation:.3g} steps off a grid of {dt:.6g} s"
         )
     return float(dt)
 
 
-def _labels(labels: Names | None, name: str, table: Array, prefix: str = "") -> Names:
+def _checked_labels(labels: Names | None, name: str, table: Array, prefix: str = "") -> Names:
+    """Returns one label, a name or a unit, for each column of a table.
+
+    Args:
+        labels: The labels, where the caller gives them.
+        name: Name of the argument, for the message of an error.
+        table: The table that is labelled, (T, k).
+        prefix: Beginning of the default labels, which are numbered from 1; empty for empty labels.
+
+    Returns:
+        k labels.
+
+    Raises:
+        ValueError: The labels are no strings, or not one for each column.
+    """
     columns = table.shape[1]
     if labels is None:
-        return tuple(f"{prefix} {i + 1}" if prefix else "" for i in range(columns))
+        if not prefix:
+            return ("",) * columns
+        return tuple(f"{prefix} {number}" for number in range(1, columns + 1))
     are_strings = isinstance(labels, list | tuple) and {str}.issuperset(map(type, labels))
     if not (are_strings and len(labels) == columns):
         raise ValueError(

@@ -1,4 +1,7 @@
-"""Forecaster: the interface that the models of all methods have."""
+"""The interface of all models that forecast a flight, DEM's and those it is compared with.
+
+Symbols of the shapes: T training samples, H forecast samples, r inputs (motor outputs), m outputs (angle and rate).
+"""
 
 from typing import Protocol, runtime_checkable
 
@@ -10,69 +13,135 @@ from mavdem.facts import Fact
 
 @runtime_checkable
 class Forecaster(Protocol):
-    """A model of a flight: ``mavdem.Learned`` and the results of ``mavdem.baselines``.
+    """A model learned from a flight: ``mavdem.Learned``, and the results of ``mavdem.baselines``.
 
-    It answers three questions about the time after the training data, and refuses those it has no answer to with a
-    ``ValueError`` of one sentence: what comes next, the inputs unknown (:meth:`predict`); what happened to the outputs,
-    given the recorded inputs (:meth:`forecast`); what if these inputs were commanded (:meth:`simulate`).
+    It has three questions about the time after the training data, and refuses those that its method cannot answer
+    with a ``ValueError`` of one sentence:
 
-    Rows of inputs and outputs with the same number are of the same instant, as in a ``Flight``. The state at the end of
-    training is that of the method's own filter after all samples of the last segment. Row 0 of a forecast is one
+    - :meth:`predict`: what comes next, while the inputs are unknown?
+    - :meth:`forecast`: what happened to the outputs, given the recorded inputs?
+    - :meth:`simulate`: what would happen if these inputs were commanded?
+
+    Rows of inputs and outputs with the same number belong to the same instant, as in a ``Flight``. The state at the end
+    of training is that of the method's own filter after all samples of the last segment. Row 0 of a forecast is one
     sampling step after it.
     """
 
     @property
     def cautions(self) -> tuple[Fact | str, ...]:
-        """What a user must know before using the model."""
+        """Limits of the model that a user must know before using it."""
 
     @property
     def spectral_radius(self) -> float:
-        """The largest magnitude among the eigenvalues of the model's step from sample to sample."""
+        """Largest magnitude among the eigenvalues of the model's transition from one sample to the next."""
 
     @property
     def stable(self) -> bool:
-        """Whether no mode of the model grows, but for rounding."""
+        """Whether no mode of the model grows, apart from rounding."""
 
     def one_step(self) -> Array:
-        """Returns (T, m) predictions of each training sample from those before it in its segment, and the inputs."""
+        """Predicts each training sample from the samples before it in its segment, and from the inputs.
+
+        Returns:
+            Predicted outputs, (T, m), in the units of the outputs.
+        """
 
     def predict(self, steps: int) -> Array:
-        """Returns (steps, m) outputs after the training data, inputs unknown; row 0 is the first sample after it."""
+        """Predicts the outputs after the training data while the inputs are unknown.
+
+        Args:
+            steps: Number of samples to predict.
+
+        Returns:
+            Predicted outputs, (steps, m); row 0 is the first sample after the training data.
+        """
 
     def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """Predicts anew, (H, m), from every ``steps``-th sample on, of ``inputs`` (H, r) and ``outputs`` (H, m)."""
+        """Predicts samples after the training data, beginning anew at every ``steps``-th of them.
+
+        Each prediction knows all samples before its beginning, and neither inputs nor outputs after it.
+
+        Args:
+            steps: Number of samples from the beginning of one prediction to that of the next.
+            inputs: Inputs after the training data, (H, r).
+            outputs: Outputs of the same samples, (H, m).
+
+        Returns:
+            Predicted outputs, (H, m).
+        """
 
     def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Array:
-        """Returns (H, m) outputs after the training data, given the inputs; row 0 is the first sample after it.
+        """Forecasts the outputs after the training data, given the inputs.
 
-        ``inputs`` (H, r) are of the same instants, in the unit of the training inputs. ``from_zero`` begins with
-        state 0, as the paper's figures do. Each sample is given the inputs up to its own instant; with ``smooth``
-        all of them, which matters where inputs are measurements.
+        Args:
+            inputs: Inputs after the training data, (H, r), in the unit of the training inputs.
+            from_zero: Whether to begin with state 0, as the paper's figures do, in place of the state at the end of
+                training.
+            smooth: Whether each sample is estimated from all inputs, in place of those up to its own instant. That
+                matters where the method treats inputs as measurements.
+
+        Returns:
+            Forecast outputs, (H, m); row 0 is the first sample after the training data.
         """
 
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """Returns (H, m) samples after the training data, by a new forecast from every ``steps``-th of them on.
+        """Forecasts samples after the training data, beginning anew at every ``steps``-th of them.
 
-        Each begins with the state that the model's filter has of all samples before: with H ``steps`` or more it
-        is :meth:`forecast`, with 1 the one-step prediction. ``inputs`` (H, r), ``outputs`` (H, m).
+        Each forecast begins with the state that the model's filter has after all samples before. With ``steps`` of H
+        or more it is :meth:`forecast`; with 1 it is the one-step prediction.
+
+        Args:
+            steps: Number of samples from the beginning of one forecast to that of the next.
+            inputs: Inputs after the training data, (H, r).
+            outputs: Outputs of the same samples, (H, m).
+
+        Returns:
+            Forecast outputs, (H, m).
         """
 
     def simulate(self, inputs: ArrayLike) -> Array:
-        """Returns (H, m) outputs after the training data if ``inputs`` (H, r) were commanded, by the plant alone."""
+        """Simulates the plant alone after the training data, as if ``inputs`` were commanded.
+
+        Args:
+            inputs: Commanded inputs, (H, r), in the unit of the training inputs.
+
+        Returns:
+            Simulated outputs, (H, m).
+        """
 
 
 @runtime_checkable
 class ProbabilisticForecaster(Forecaster, Protocol):
-    """A forecaster that also gives the size of its errors, before the samples are known."""
+    """A forecaster that also states how large its errors will be, before the samples are known."""
 
     def predict_band(self, steps: int, level: float = 0.9) -> Array:
-        """Returns (steps, m) half width of the band where a predicted sample lies with probability ``level``."""
+        """Returns half widths of the band about :meth:`predict`.
+
+        Args:
+            steps: Number of predicted samples.
+            level: Probability that a sample lies in the band.
+
+        Returns:
+            Half widths, (steps, m), in the units of the outputs.
+        """
 
     def forecast_variance(self, inputs: ArrayLike) -> Array:
-        """Returns (H, m) expected squared error of the forecast of ``inputs`` (H, r).
+        """Returns the expected squared errors of :meth:`forecast`.
 
-        It is in the squares of the outputs' units.
+        Args:
+            inputs: Inputs after the training data, (H, r).
+
+        Returns:
+            Expected squared errors, (H, m), in the squares of the outputs' units.
         """
 
     def forecast_band(self, inputs: ArrayLike, level: float = 0.9) -> Array:
-        """Returns (H, m) half width of the band in which a sample of the forecast lies with probability ``level``."""
+        """Returns half widths of the band about :meth:`forecast`.
+
+        Args:
+            inputs: Inputs after the training data, (H, r).
+            level: Probability that a sample lies in the band.
+
+        Returns:
+            Half widths, (H, m), in the units of the outputs.
+        """

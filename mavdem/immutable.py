@@ -1,18 +1,17 @@
-"""Immutable: results of Python's numbers, whose arrays and dictionaries nobody can change, however deep they stand."""
+"""Immutable results: dataclasses whose arrays and dictionaries cannot be changed, however deeply they are nested."""
 
 from dataclasses import is_dataclass
-from operator import is_
 from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
-Kind = TypeVar("Kind")
+ValueType = TypeVar("ValueType")
 Key = TypeVar("Key")
 Value = TypeVar("Value")
 
 
 class ReadOnlyDict(dict[Key, Value]):
-    """A dictionary of a result: it can be read, merged, pickled and written as JSON, but not changed."""
+    """A dictionary that can be read, merged, pickled and written as JSON, but not changed."""
 
     def _refuse(self, *_: Any, **__: Any) -> NoReturn:
         raise TypeError("a result cannot be changed: change a copy, dict(…)")
@@ -21,34 +20,49 @@ class ReadOnlyDict(dict[Key, Value]):
     clear = pop = popitem = setdefault = update = _refuse
 
     def __reduce__(self) -> tuple[Any, ...]:
+        # By default pickle fills a dictionary item by item, which is refused here.
         return ReadOnlyDict, (dict(self),)
 
 
-def freeze(result: Kind) -> Kind:
-    """Returns a result of Python's numbers; arrays and dictionaries in it, tuples and records too, stay as they are."""
-    changed: Any = result
-    if isinstance(result, np.ndarray):
-        result.setflags(write=False)
-    elif isinstance(result, np.generic):
-        changed = result.item()
-    elif isinstance(result, dict) and not isinstance(result, ReadOnlyDict):
-        changed = ReadOnlyDict({key: freeze(value) for key, value in result.items()})
-    elif isinstance(result, tuple):
-        parts = tuple(map(freeze, result))
-        # what can be changed nowhere stays the same object
-        if not all(map(is_, parts, result)):
-            changed = getattr(result, "_make", tuple)(parts)
-    elif is_dataclass(result):
-        for name, value in vars(result).items():
-            object.__setattr__(result, name, freeze(value))
-    return changed
+def freeze(value: ValueType) -> ValueType:
+    """Makes a value immutable, with all that it contains.
+
+    Arrays are set read-only in place, and NumPy's scalars become Python's numbers. Dictionaries are copied to a
+    :class:`ReadOnlyDict`. Tuples, named tuples and dataclasses are searched for such values; a dataclass, also a frozen
+    one, gets its frozen values in place.
+
+    Args:
+        value: Any value. Other types, lists for example, are returned as they are.
+
+    Returns:
+        The frozen value: the same object wherever nothing had to be replaced.
+    """
+    frozen: Any = value
+    if isinstance(value, np.ndarray):
+        value.setflags(write=False)
+    elif isinstance(value, np.generic):
+        frozen = value.item()
+    elif isinstance(value, dict) and not isinstance(value, ReadOnlyDict):
+        frozen = ReadOnlyDict({key: freeze(item) for key, item in value.items()})
+    elif isinstance(value, tuple):
+        items = tuple(freeze(item) for item in value)
+        is_unchanged = all(new is old for new, old in zip(items, value, strict=True))
+        if not is_unchanged:
+            # A named tuple is made by its method ``_make``, since its constructor takes the items one by one.
+            frozen = getattr(value, "_make", tuple)(items)
+    elif is_dataclass(value):
+        for name, item in vars(value).items():
+            object.__setattr__(value, name, freeze(item))
+    return frozen
 
 
 class ImmutableResult:
-    """A dataclass that is :func:`freeze`, where it is made and where it is unpickled."""
+    """Base class of dataclasses that freeze their values (:func:`freeze`) when they are made and when unpickled."""
 
-    __post_init__ = freeze
+    def __post_init__(self) -> None:
+        freeze(self)
 
     def __setstate__(self, values: dict[str, Any]) -> None:
+        # Arrays lose their read-only flag when they are pickled.
         vars(self).update(values)
         freeze(self)

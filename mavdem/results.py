@@ -1,4 +1,4 @@
-"""Results: the files of a folder that say what is known of a log, or of a fleet: pages, documents and recordings."""
+"""Result files of a log or a fleet: which there are, and how the page, the document and the recordings are written."""
 
 from __future__ import annotations
 
@@ -20,42 +20,72 @@ from mavdem.report.flight_page import review_page
 if TYPE_CHECKING:
     from mavdem.view import Target
 
+MODEL_FILE = "model.json"
+"""Name of the file with the learned model."""
+
 REPORT_FILE = "report.json"
+"""Name of the file with the document, as ``--json`` prints it."""
+
 PAGE_FILE = "report.html"
+"""Name of the file with the page for a browser."""
+
 RECORDING_FILE = "flight.rrd"
-RESULT_FILES = ("model.json", REPORT_FILE, PAGE_FILE, RECORDING_FILE, "flight.mcap")
+"""Name of the file with the dashboard for the Rerun Viewer."""
+
+CHANNELS_FILE = "flight.mcap"
+"""Name of the file with the flight and the model's forecasts as channels for Foxglove and PlotJuggler."""
+
+RESULT_FILES = (MODEL_FILE, REPORT_FILE, PAGE_FILE, RECORDING_FILE, CHANNELS_FILE)
+"""Names of all files that the results of a log may consist of."""
+
+PAGE_TOP_LENGTH = 1 << 16
+"""Characters at the beginning of a flight's page that are searched for its headline; pages can be much longer."""
 
 
 def result_files(assessment: Assessment) -> Names:
-    """Returns the ``RESULT_FILES`` that can be written: most need a model, and the recording needs Rerun."""
+    """Returns the names of the ``RESULT_FILES`` that can be written for an assessment.
+
+    Without a model there are only the document and the page; without the package ``rerun`` there is no recording.
+    """
     if assessment.model is None:
         return (REPORT_FILE, PAGE_FILE)
-    return tuple(
-        name for name in RESULT_FILES if name != RECORDING_FILE or not missing_modules("view")
-    )
+    has_rerun = not missing_modules("view")
+    return tuple(name for name in RESULT_FILES if has_rerun or name != RECORDING_FILE)
 
 
 def write_result_files(paths: Mapping[str, Path], document: str, assessment: Assessment) -> None:
-    """Writes the :func:`result_files`, each to its one of ``paths``, with this ``document`` as report."""
+    """Writes the result files of an assessment.
+
+    Args:
+        paths: Path to write to, for each name that :func:`result_files` returns.
+        document: Text of the JSON document, which becomes the ``REPORT_FILE``.
+        assessment: The assessment that the page, the model and the recordings show.
+    """
     analysis = assessment.analysis
     paths[REPORT_FILE].write_text(document + "\n")
     paths[PAGE_FILE].write_text(review_page(assessment), "utf-8", "replace")
-    if analysis is not None and analysis.learned is not None and analysis.held_out is not None:
-        paths["model.json"].write_text(analysis.learned.to_json() + "\n")
-        if RECORDING_FILE in paths:
-            write_dashboard(paths[RECORDING_FILE], assessment)
-        write_channels(
-            paths["flight.mcap"],
-            analysis.flights,
-            analysis.learned,
-            analysis.held_out,
-            assessment.wind_of_model,
-        )
+    if analysis is None or analysis.learned is None or analysis.held_out is None:
+        return
+    paths[MODEL_FILE].write_text(analysis.learned.to_json() + "\n")
+    if RECORDING_FILE in paths:
+        write_dashboard(paths[RECORDING_FILE], assessment)
+    write_channels(
+        paths[CHANNELS_FILE],
+        analysis.flights,
+        analysis.learned,
+        analysis.held_out,
+        assessment.wind_of_model,
+    )
 
 
 def write_dashboard(target: Target, assessment: Assessment) -> None:
-    """Writes an ``assessment`` with a model as an .rrd file, or to a stream."""
-    # Rerun takes a second to load, and a flight that cannot be learned needs none of it.
+    """Writes the Rerun recording of an assessment that has a model.
+
+    Args:
+        target: Path of an .rrd file, or a recording that is streamed to a viewer.
+        assessment: The assessment.
+    """
+    # Rerun takes a second to import, and is not needed where nothing can be learned from a flight.
     from mavdem.view import write_recording
 
     write_recording(target, assessment)
@@ -64,19 +94,41 @@ def write_dashboard(target: Target, assessment: Assessment) -> None:
 def write_fleet_pages(
     folder: Path, rows: FlightRows, changes: Mapping[str, Sequence[Block]]
 ) -> Path:
-    """Writes and returns the index of a fleet, with ``changes`` since a baseline by vehicle.
+    """Writes the index page of a fleet, and updates the pages of its flights.
 
-    Each flight's page says how the flight differs from the vehicle's others, as the rows say it now. Raises
-    ``Unreadable`` where a page cannot be written.
+    The page of each flight states how the flight differs from others of its vehicle, which new flights may change.
+
+    Args:
+        folder: Folder of the fleet.
+        rows: Rows of all flights of the fleet, one for each axis of a flight.
+        changes: Changes of each vehicle since a baseline, as blocks of text, by the vehicle's name.
+
+    Returns:
+        Path of the index page.
+
+    Raises:
+        Unreadable: A page cannot be written.
     """
-    for flight in flights_of(rows):
-        path = folder / PAGES / Path(flight[0].page or "").name
+    for flight_rows in flights_of(rows):
+        path = folder / PAGES / Path(flight_rows[0].page or "").name
         if path.is_file():
-            with path.open(encoding="utf-8", errors="replace") as file:
-                start = file.read(1 << 16)  # of what may be long: the headline is in it
-                judged = with_top(start, beside_others(worst_row(flight)))
-                if judged != start:
-                    write_text_atomically(path, judged + file.read())
+            _update_flight_page(path, beside_others(worst_row(flight_rows)))
     index = folder / "index.html"
     write_text_atomically(index, fleet_page(rows, changes))
     return index
+
+
+def _update_flight_page(path: Path, comparison: str) -> None:
+    """Replaces the comparison with other flights at the top of a flight's page; raises ``Unreadable``.
+
+    A page on which nothing changes is not written again.
+
+    Args:
+        path: Path of the page.
+        comparison: HTML of the comparison.
+    """
+    with path.open(encoding="utf-8", errors="replace") as file:
+        top = file.read(PAGE_TOP_LENGTH)
+        updated_top = with_top(top, comparison)
+        if updated_top != top:
+            write_text_atomically(path, updated_top + file.read())

@@ -1,4 +1,7 @@
-"""Arrays that are given: real numbers, and whether angle, rate or time seem to be in degrees or milliseconds."""
+"""Detection of wrong units: an angle or rate in degrees, or time in milliseconds, is found by comparing angle and rate.
+
+An angle changes by the integral of its rate. Where it changes 57.3 times as much, it is in degrees and its rate is not.
+"""
 
 from math import pi
 
@@ -8,33 +11,60 @@ from numpy.typing import NDArray
 from mavdem.facts import Fact
 from mavdem.facts.sources import Arrays, Slip
 
-# s, one period of 5 Hz, over which an angle and its rate are compared: sensor noise averages out, roll dynamics do not
 RATE_INTEGRATION_SPAN = 0.2
-SLIPS = {
-    1.0: Slip.BOTH_IN_DEGREES,
-    57.3: Slip.ANGLE_IN_DEGREES,
-    1 / 57.3: Slip.RATE_IN_DEGREES,
-    1e-3: Slip.TIME_IN_MILLISECONDS,
-    1e-6: Slip.TIME_IN_MICROSECONDS,
+"""Time, s, over which other modules integrate a rate to compare it with the change of its angle.
+
+One period of 5 Hz: sensor noise averages out, the roll dynamics do not.
+"""
+
+RATIO_BY_UNIT_ERROR = {
+    Slip.BOTH_IN_DEGREES: 1.0,
+    Slip.ANGLE_IN_DEGREES: 57.3,
+    Slip.RATE_IN_DEGREES: 1 / 57.3,
+    Slip.TIME_IN_MILLISECONDS: 1e-3,
+    Slip.TIME_IN_MICROSECONDS: 1e-6,
 }
-"""What is likely by how many times as much an angle changes as its rate says; 1.0 only of angles beyond π."""
+"""Change of the angle over the integral of the rate, by the unit error that explains the ratio."""
+
+RATIO_TOLERANCE = 1.25
+"""Factor by which a measured ratio may differ from such a value; wide, since the values differ by far more."""
+
+COMPARED_STEPS = 8
+"""Steps over which changes of the angle are compared with integrals of the rate, so that noise counts little."""
+
+MIN_CORRELATION = 0.9
+"""Correlation of changes and integrals below which the two columns are no angle and its rate."""
 
 
 def suspected_unit_error(outputs: NDArray[np.float64], dt: float) -> Fact | None:
-    """Returns what unit an angle and its rate, ``outputs`` (T, 2), or time ``dt`` seem to have instead of rad and s."""
+    """Returns the unit error that an angle and its rate show, or None where they agree or are no such pair.
+
+    Args:
+        outputs: Angle and rate, (T, 2), expected in rad and rad/s. Other numbers of columns are not judged.
+        dt: Sampling step, expected in s.
+
+    Returns:
+        A fact with the error, the ``ratio`` of change and integral, and the ``largest`` angle; None without an error.
+    """
     if outputs.shape[1] != 2:
         return None
     angle, rate = outputs.T
-    turned = rate.cumsum() * dt
-    # so that noise counts little
-    changed = angle[8:] - angle[:-8]
-    expected = turned[8:] - turned[:-8]
-    power = expected @ expected
-    if not changed @ expected > 0.9 * (changed @ changed * power) ** 0.5:
-        return None  # no angle and its rate
-    ratio = changed @ expected / power
-    largest = abs(angle).max()
-    slip = next((slip for factor, slip in SLIPS.items() if 0.8 < ratio / factor < 1.25), None)
-    if slip is None or (slip is Slip.BOTH_IN_DEGREES and largest <= pi):
+    integrated_rate = rate.cumsum() * dt
+    change = angle[COMPARED_STEPS:] - angle[:-COMPARED_STEPS]
+    expected_change = integrated_rate[COMPARED_STEPS:] - integrated_rate[:-COMPARED_STEPS]
+
+    expected_power = expected_change @ expected_change
+    least_product = MIN_CORRELATION * (change @ change * expected_power) ** 0.5
+    # Written with "not", so that NaN and overflowing products count as uncorrelated too.
+    if not change @ expected_change > least_product:
         return None
-    return Fact(Arrays.UNIT_SLIP, slip=slip, ratio=ratio, largest=largest)
+
+    ratio = change @ expected_change / expected_power
+    largest_angle = abs(angle).max()
+    for unit_error, expected_ratio in RATIO_BY_UNIT_ERROR.items():
+        if 1 / RATIO_TOLERANCE < ratio / expected_ratio < RATIO_TOLERANCE:
+            # With the right ratio, only an angle beyond half a turn shows that both are in degrees.
+            if unit_error is Slip.BOTH_IN_DEGREES and largest_angle <= pi:
+                return None
+            return Fact(Arrays.UNIT_SLIP, slip=unit_error, ratio=ratio, largest=largest_angle)
+    return None
