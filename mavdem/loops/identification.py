@@ -27,11 +27,16 @@ from mavdem.loops.filters import gyro_delay, gyro_response
 from mavdem.loops.loop_construction import demand_directions, known_controller
 from mavdem.loops.margins import controller_response, rate_loop
 from mavdem.plant import Physical
-from mavdem.plant.closed_loop.densities import ASKED, OUTPUT, RATE, KnownController
-from mavdem.plant.closed_loop.identification import IdentifiedAxis, identified
+from mavdem.plant.closed_loop.identification import IdentifiedAxis, identify_axis
 from mavdem.plant.closed_loop.likelihood import AxisPosterior
-from mavdem.plant.closed_loop.parameters import NAMES, PLANT
-from mavdem.plant.closed_loop.spectra import SPECTRUM_SECONDS, CrossSpectra, Messages, spectra
+from mavdem.plant.closed_loop.parameters import PLANT, LoopParameters
+from mavdem.plant.closed_loop.response import KnownController, Quantity
+from mavdem.plant.closed_loop.spectra import (
+    SPECTRUM_SECONDS,
+    CrossSpectra,
+    Messages,
+    cross_spectra,
+)
 from mavdem.plant.estimation import MOTION_BAND_HZ
 from mavdem.plant.identifiability import PARAMETERS
 from mavdem.plant.parameters import PLANT_MINIMUM, WindComponent, wind_torque_density
@@ -98,7 +103,7 @@ def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
     if len(starts) < FEWEST_WINDOWS:
         least_duration = (FEWEST_WINDOWS + 1) * SPECTRUM_SECONDS / 2
         raise NotLearnable(Loops.LOOP_TOO_SHORT, least_duration=least_duration)
-    limited_share = _limited_share(streams[OUTPUT], limited, starts)
+    limited_share = _limited_share(streams[Quantity.OUTPUT], limited, starts)
     logged_controller = KnownController(
         partial(controller_response, controller),
         partial(gyro_response, controller),
@@ -106,10 +111,11 @@ def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
         controller.loop_period,
     )
     with one_thread(), np.errstate(all="ignore"):
-        seen = spectra(streams, starts)
-        if seen.rate < MIN_SLOW_MOTION_RATE:
+        seen = cross_spectra(streams, starts)
+        if seen.message_rate < MIN_SLOW_MOTION_RATE:
             raise NotLearnable(Loops.NO_RATE_SETPOINT)
-        power = np.average(seen.mean[:, OUTPUT, OUTPUT].real, weights=seen.counts) * seen.rate
+        density = seen.mean_density[:, Quantity.OUTPUT, Quantity.OUTPUT].real
+        power = np.average(density, weights=seen.effective_samples) * seen.message_rate
         if rounding**2 / 12 > MOST_ROUNDED * power:
             scale = signals.drive.scale
             command = scale.step * np.sqrt(power) / rounding
@@ -122,23 +128,26 @@ def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
             )
         used = _used(seen, logged_controller)
         # Folding takes up to half from what is coherent with what was asked.
-        rate, asked = (used.mean[:, of, of].real for of in (RATE, ASKED))
-        coherent = np.abs(used.mean[:, RATE, ASKED]) ** 2 / asked
+        rate, asked = (
+            used.mean_density[:, quantity, quantity].real
+            for quantity in (Quantity.RATE, Quantity.REFERENCE)
+        )
+        coherent = np.abs(used.mean_density[:, Quantity.RATE, Quantity.REFERENCE]) ** 2 / asked
         width = np.gradient(used.frequency)
         share = (width @ coherent) / (width @ rate)
         if not share + limited_share >= LEAST_STEERED / 2:
             raise NotLearnable(Loops.NOT_STEERED, share=share)
         axis = AxisPosterior(used, logged_controller, rounding, limited_share)
         try:
-            fit = identified(axis)
-            steered = fit.steered
+            fit = identify_axis(axis)
+            steered = fit.reference_share
         except np.linalg.LinAlgError:
             raise NotLearnable(Loops.LOOP_NOT_FOUND) from None
     # An output at a limit answers no wind.
-    if not steered + fit.cut_off >= LEAST_STEERED:
+    if not steered + fit.saturation_loss >= LEAST_STEERED:
         raise NotLearnable(Loops.NOT_STEERED, share=steered)
     # A controller of another gain than its parameters': the model makes up for something else.
-    if not fit.explains:
+    if not fit.controller_consistent:
         raise NotLearnable(Loops.LOOP_NOT_FOUND)
     return _InLoop(fit, controller, directions)
 
@@ -218,12 +227,12 @@ def _used(spectra: CrossSpectra, controller: KnownController) -> CrossSpectra:
     unlike = np.stack([back, np.ones(len(back)), -forward])
 
     def left(setpoint: int) -> float:
-        power = spectra.of((RATE, OUTPUT, setpoint)).mean[slow]
-        counts = spectra.counts[slow]
+        power = spectra.select((Quantity.RATE, Quantity.OUTPUT, setpoint)).mean_density[slow]
+        counts = spectra.effective_samples[slow]
         return np.einsum("j,aj,jab,bj->", counts, unlike, power, unlike.conj()).real
 
-    best = min(range(2, len(spectra.late), 2), key=left)
-    return spectra.of((RATE, OUTPUT, best, best + 1))
+    best = min(range(2, len(spectra.stamp_offsets), 2), key=left)
+    return spectra.select((Quantity.RATE, Quantity.OUTPUT, best, best + 1))
 
 
 def _checked(plant: Physical, directions: Array, controller: Controller) -> Physical:
@@ -248,9 +257,9 @@ def _checked(plant: Physical, directions: Array, controller: Controller) -> Phys
 
 def _physical(fit: IdentifiedAxis, directions: Array) -> Physical:
     """Without the gyro's filters, and with what the model lacks."""
-    values = dict(zip(NAMES, np.exp(fit.theta).tolist(), strict=True))
-    effect, damping, lag, delay = (values[name] for name in MODEL_ERRORS)
-    seen = fit.axis.spectra
+    values = LoopParameters.from_logarithms(fit.theta)
+    effect, damping, lag, delay = (getattr(values, name) for name in MODEL_ERRORS)
+    seen = fit.posterior.spectra
     motors = effect * directions / (directions @ directions)
     slopes = block_diag(motors[:, None], damping, lag, delay)
     whole = slopes @ fit.covariance[np.ix_(PLANT, PLANT)] @ slopes.T
@@ -265,11 +274,11 @@ def _physical(fit: IdentifiedAxis, directions: Array) -> Physical:
         bias=0.0,
         wind_share=np.nan,
         components=(
-            WindComponent(FIRST_ORDER, values["drift_size"], values["drift_time"]),
-            WindComponent(FIRST_ORDER, values["eddy_size"], values["eddy_time"]),
-            WindComponent(GAUSSIAN_KERNEL, values["gust_size"], values["gust_time"]),
+            WindComponent(FIRST_ORDER, values.drift_size, values.drift_time),
+            WindComponent(FIRST_ORDER, values.eddy_size, values.eddy_time),
+            WindComponent(GAUSSIAN_KERNEL, values.gust_size, values.gust_time),
         ),
-        noise=np.hypot(values["noise"], values["unfiltered"]),
+        noise=np.hypot(values.gyro_noise, values.filtered_noise),
         refinements={},
         windows=len(seen.densities),
         filtered=False,
@@ -278,13 +287,17 @@ def _physical(fit: IdentifiedAxis, directions: Array) -> Physical:
     motor = np.abs(effect / (1 + 2j * np.pi * at * lag)) ** 2
     width = np.gradient(at)
     by_wind = width @ wind_torque_density(plant, at)
-    by_motors = 2 * width @ (motor * seen.mean[: len(at), OUTPUT, OUTPUT].real)
+    by_motors = (
+        2 * width @ (motor * seen.mean_density[: len(at), Quantity.OUTPUT, Quantity.OUTPUT].real)
+    )
     wind_share = by_wind / (by_wind + by_motors)
     slopes[-2:, 0] = lag, -SHORTER * lag
     # a longer lag with a shorter delay is made up for by more effect
     slopes[:, 2] += np.concatenate([motors, [0.0, 0.0, -lag]]) / 2
-    between = BETWEEN * (1 + 2 * fit.cut_off) * fit.axis.densities.between
-    unseen = np.hypot(BY_LIMITS * fit.cut_off, UNSEEN * fit.axis.densities.between)
+    between = BETWEEN * (1 + 2 * fit.saturation_loss) * fit.posterior.densities.surplus_interval
+    unseen = np.hypot(
+        BY_LIMITS * fit.saturation_loss, UNSEEN * fit.posterior.densities.surplus_interval
+    )
     further = [unseen, 0.0, between / lag, between / delay]
     variances = np.square(list(MODEL_ERRORS.values())) + np.square(further)
     covariance = whole + slopes * variances @ slopes.T

@@ -18,7 +18,7 @@ from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import NoPhysical
 from mavdem.immutable import freeze
-from mavdem.plant.closed_loop.spectra import Complex
+from mavdem.plant.closed_loop.spectra import ComplexArray
 from mavdem.plant.fitting import WINDS, GrayBoxFit, directed, fitted
 from mavdem.plant.identifiability import (
     PARAMETERS,
@@ -228,6 +228,6 @@ def _alias_share(parameters: Parameters, theta: Array, windows: FlightWindows) -
     return power[:, power.shape[1] // 2 :].sum() / power.sum()
 
 
-def _tapered(transform: Complex) -> Complex:
+def _tapered(transform: ComplexArray) -> ComplexArray:
     """Twice a transform (W, F) under Hann's window, but for its ends."""
     return transform[:, 1:-1] - (transform[:, :-2] + transform[:, 2:]) / 2

@@ -19,7 +19,7 @@ from scipy.fft import irfft, rfft
 
 from mavdem.arrays import Array, ArrayPair, Indices
 from mavdem.facts.model import Refinement
-from mavdem.plant.closed_loop.spectra import Complex
+from mavdem.plant.closed_loop.spectra import ComplexArray
 from mavdem.plant.identifiability import RESOLVED_LAG
 from mavdem.plant.sampled_plant import Coloured, jumping
 
@@ -52,10 +52,10 @@ way; and the relative change of the effect for one standard deviation of the inp
 class FlightWindows(NamedTuple):
     """Transforms of W windows of a flight, of N samples each, at F frequencies; each without its mean."""
 
-    rate: Complex  # (W, F) rad/s
+    rate: ComplexArray  # (W, F) rad/s
     # (2 + refinements, r, W, F) in units of the inputs' common standard deviation: inputs but for what answers the rate
     # at the same sample, that, and what each refinement adds for one unit of its parameter
-    inputs: Complex
+    inputs: ComplexArray
     samples: int  # N
     dt: float  # step, s
     unit: float  # of the inputs, in the unit of the record's
@@ -154,7 +154,7 @@ class Parameters(NamedTuple):
         """Returns (…) standard deviation of the measured rate's white noise, rad/s."""
         return np.hypot(np.exp(theta[..., self.noise_index]), self.least_noise)
 
-    def driven(self, thetas: Array, windows: FlightWindows) -> Complex:
+    def driven(self, thetas: Array, windows: FlightWindows) -> ComplexArray:
         """Returns (b, W, F) rate that the motors alone would make, for parameters (b, k)."""
         dt = windows.dt
         # A sample later, and as much as the delay is, interpolated between two samples.
@@ -201,7 +201,7 @@ class Parameters(NamedTuple):
         return errors, variance
 
 
-def minimum_phase(density: Array, samples: int) -> tuple[Complex, Array]:
+def minimum_phase(density: Array, samples: int) -> tuple[ComplexArray, Array]:
     """Returns the factor (b, F) of densities (b, F) that is causal, as its inverse is; and the variance (b,) it leaves.
 
     By the cepstrum (Oppenheim and Schafer, Discrete-Time Signal Processing, 3rd ed., ch. 13): a density is |factor|²

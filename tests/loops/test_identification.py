@@ -26,7 +26,7 @@ from mavdem.loops.controllers import controller_from_parameters
 from mavdem.loops.identification import _streams, identify_plant_in_loop
 from mavdem.loops.loop_construction import loop_from_plant
 from mavdem.plant import physical
-from mavdem.plant.closed_loop.identification import identified
+from mavdem.plant.closed_loop.identification import identify_axis
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
@@ -173,10 +173,10 @@ def test_a_plant_that_cannot_be_drawn_is_not_found_and_an_unknown_margin_at_most
 
     def plant_with(share):
         def spread(axis):
-            found = identified(axis)
+            found = identify_axis(axis)
             return found._replace(covariance=found.covariance * share)
 
-        monkeypatch.setattr(in_flight, "identified", spread)
+        monkeypatch.setattr(in_flight, "identify_axis", spread)
         return identify_plant_in_loop(Signals(signals.telemetry), flights)
 
     assert refused(plant_with, np.nan).code is Loops.LOOP_NOT_FOUND

@@ -9,16 +9,22 @@ from pytest import approx, mark, raises
 from scipy.signal import cont2discrete, lfilter
 
 from mavdem.dem.engine.gauss_newton import QuadraticExpansion
-from mavdem.plant.closed_loop.densities import KnownController
 from mavdem.plant.closed_loop.identification import (
     IdentifiedAxis,
-    _averaged,
-    identified,
-    lag_first,
+    _mixture_of_modes,
+    identify_axis,
+    with_quicker_pole_as_lag,
 )
 from mavdem.plant.closed_loop.likelihood import AxisPosterior
-from mavdem.plant.closed_loop.parameters import MEAN, NAMES, PLANT, SD, STEP_TIME
-from mavdem.plant.closed_loop.spectra import SPECTRUM_SECONDS, Messages, spectra
+from mavdem.plant.closed_loop.parameters import (
+    PARAMETER_NAMES,
+    PLANT,
+    PRIOR_MEAN,
+    PRIOR_SD,
+    STEP_TIME,
+)
+from mavdem.plant.closed_loop.response import KnownController
+from mavdem.plant.closed_loop.spectra import SPECTRUM_SECONDS, Messages, cross_spectra
 
 CYCLE = 0.0025
 SECONDS = 90.0
@@ -87,7 +93,7 @@ def sent(one, every=1, begin=0, late=0):
 
 def axis(flown, *every):
     """As spectra, of every so many messages."""
-    return AxisPosterior(spectra([sent(one, *every) for one in flown], STARTS), KNOWN, 0.0)
+    return AxisPosterior(cross_spectra([sent(one, *every) for one in flown], STARTS), KNOWN, 0.0)
 
 
 FLOWN = fly(3)
@@ -98,23 +104,23 @@ TRUE = {
     "lag": np.log(LAG),
     "delay": np.log((LATE + 0.5) * CYCLE),
 }
-KNOWN_PLANT = np.append(list(TRUE.values()), MEAN[len(TRUE) :])
+KNOWN_PLANT = np.append(list(TRUE.values()), PRIOR_MEAN[len(TRUE) :])
 
 
 @mark.parametrize("every", [(), (4,), (4, 0, 1)])
 def test_a_plant_is_given_back(every):
     """With its delay, which has half a cycle of hold, within three standard deviations and a share of the truth."""
-    found = identified(axis(FLOWN, *every))
+    found = identify_axis(axis(FLOWN, *every))
     allowed = 3 * np.sqrt(found.covariance.diagonal())[: len(TRUE)] + [0.03, 0.3, 0.05, 0.05]
     assert (abs(found.theta - KNOWN_PLANT)[: len(TRUE)] <= allowed).all()
-    assert found.axis.steered_share(found.theta) > 0.5
+    assert found.posterior.reference_share(found.theta) > 0.5
 
 
 @mark.slow
 @mark.parametrize("flown, every", [(FLOWN, 16), (IN_TIME, 4)])
 def test_lag_and_delay_together_are_known_at_25_hz_and_where_steps_keep_time(flown, every):
     """Of neither of which alone much is known there: whether a step comes sooner or the motors later looks alike."""
-    found = np.exp(identified(axis(flown, every)).theta)
+    found = np.exp(identify_axis(axis(flown, every)).theta)
     assert found[2] + found[3] == approx(LAG + (LATE + 0.5) * CYCLE, rel=0.25)
     assert found[0] == approx(EFFECT, rel=0.2)
 
@@ -122,16 +128,19 @@ def test_lag_and_delay_together_are_known_at_25_hz_and_where_steps_keep_time(flo
 def test_eddies_in_turbulence_are_not_taken_for_a_lag():
     """Of one colour for both, the wind made it a quarter shorter."""
     eddies = fly(3, 0.3, turbulence=((2.0, 6.0), (0.03, 6.0)))
-    assert identified(axis(eddies)).theta[2] == approx(TRUE["lag"], abs=0.1)
+    assert identify_axis(axis(eddies)).theta[2] == approx(TRUE["lag"], abs=0.1)
 
 
 @mark.parametrize("noise, every", [(NOISE, 4), (NOISE / 5, 1)])
 def test_the_densities_are_those_of_the_flight(noise, every):
     """Whitened by the model, the spectra of rate and output are one, also of a quiet gyro."""
-    found = identified(axis(fly(3, noise=noise), every))
-    model = found.axis.densities.at(found.theta)
+    found = identify_axis(axis(fly(3, noise=noise), every))
+    model = found.posterior.densities.density(found.theta)
     for quantity in (0, 1):
-        ratio = found.axis.spectra.mean[:, quantity, quantity] / model[:, quantity, quantity]
+        ratio = (
+            found.posterior.spectra.mean_density[:, quantity, quantity]
+            / model[:, quantity, quantity]
+        )
         assert np.mean(ratio.real) == approx(1.0, abs=0.1)
 
 
@@ -140,10 +149,10 @@ def test_the_slopes_are_those_of_the_value(late):
     """Also of setpoints of another cycle, in which the angle has noise of its own."""
     begins = 0, 0, late, late
     streams = [sent(one, 4, begin) for begin, one in zip(begins, FLOWN, strict=True)]
-    one = AxisPosterior(spectra(streams, STARTS), KNOWN, 0.0)
+    one = AxisPosterior(cross_spectra(streams, STARTS), KNOWN, 0.0)
     about = one.expand(KNOWN_PLANT)
-    for k, name in enumerate(NAMES):
-        step = np.eye(len(NAMES))[k] * 1e-4 * SD[k]
+    for k, name in enumerate(PARAMETER_NAMES):
+        step = np.eye(len(PARAMETER_NAMES))[k] * 1e-4 * PRIOR_SD[k]
         slope = (one.value(KNOWN_PLANT + step) - one.value(KNOWN_PLANT - step)) / (2 * step[k])
         sd = np.sqrt(about.curvature[k, k])
         assert about.gradient[k] == approx(slope, rel=1e-3, abs=1e-3 * sd), name
@@ -151,35 +160,35 @@ def test_the_slopes_are_those_of_the_value(late):
 
 def test_nothing_asked_is_nothing_steered():
     still = axis(fly(4, steered=1e-6), 4)
-    assert still.steered_share(KNOWN_PLANT) < 0.05
+    assert still.reference_share(KNOWN_PLANT) < 0.05
 
 
 def test_messages_of_several_rates_count_at_the_slowest():
     """And what is lost of them is not made up."""
-    found = spectra([sent(FLOWN.rate, 4), sent(FLOWN.output, 10)], STARTS)
-    assert found.rate == approx(40.0, rel=1e-3) and found.frequency[-1] < 20.0
-    assert abs(np.array(found.late)).max() < 4 * CYCLE
+    found = cross_spectra([sent(FLOWN.rate, 4), sent(FLOWN.output, 10)], STARTS)
+    assert found.message_rate == approx(40.0, rel=1e-3) and found.frequency[-1] < 20.0
+    assert abs(np.array(found.stamp_offsets)).max() < 4 * CYCLE
     stream = sent(FLOWN.rate, 4)
     kept = default_rng(1).random(len(stream.time)) > 0.2
-    lossy = spectra([Messages(*(part[kept] for part in stream))], STARTS)
-    whole = spectra([stream], STARTS)
+    lossy = cross_spectra([Messages(*(part[kept] for part in stream))], STARTS)
+    whole = cross_spectra([stream], STARTS)
     few = min(len(lossy.frequency), len(whole.frequency), 10)
-    assert np.log(lossy.mean[:few] / whole.mean[:few]).real == approx(0.0, abs=0.3)
+    assert np.log(lossy.mean_density[:few] / whole.mean_density[:few]).real == approx(0.0, abs=0.3)
 
 
 def test_maxima_at_several_times_of_steps_count_as_their_evidence_and_each_once():
     """Two of one curvature, the other three times as probable, and one of them found again; a prior of variance 1."""
-    size = len(MEAN)
-    axis = SimpleNamespace(sd=np.ones(size))
-    one, other = (MEAN + far * (np.arange(size) == STEP_TIME) for far in (-2.0, 2.0))
+    size = len(PRIOR_MEAN)
+    axis = SimpleNamespace(prior_sd=np.ones(size))
+    one, other = (PRIOR_MEAN + far * (np.arange(size) == STEP_TIME) for far in (-2.0, 2.0))
     other[0] += 1.0
     values = (one, 5.0), (other, 5.0 + np.log(3)), (other + 1e-3, 4.9 + np.log(3))
     ended = [QuadraticExpansion(at, value, 0 * at, 4 * np.eye(size)) for at, value in values]
-    found = _averaged(axis, ended)
-    assert found.theta[[0, STEP_TIME]] == approx([MEAN[0] + 0.75, 1.0])
+    found = _mixture_of_modes(axis, ended)
+    assert found.theta[[0, STEP_TIME]] == approx([PRIOR_MEAN[0] + 0.75, 1.0])
     assert found.covariance[0, [0, STEP_TIME]] == approx([0.6 / 4 + 0.4 / 16 + 3 / 16, 4 * 3 / 16])
     with raises(np.linalg.LinAlgError):
-        _averaged(axis, [QuadraticExpansion(MEAN, -np.inf, MEAN, np.eye(size))])
+        _mixture_of_modes(axis, [QuadraticExpansion(PRIOR_MEAN, -np.inf, PRIOR_MEAN, np.eye(size))])
 
 
 def test_the_quicker_pole_is_the_lags():
@@ -188,23 +197,33 @@ def test_the_quicker_pole_is_the_lags():
         return effect / (lag * turn + 1) / (turn + damping)
 
     turn = 2j * np.pi * np.geomspace(0.1, 100, 20)
-    theta = MEAN.copy()
+    theta = PRIOR_MEAN.copy()
     theta[list(PLANT)] = np.log([3e5, 1650.0, 0.4, 0.001])
-    assert response(lag_first(theta)) == approx(response(theta))
-    _, damping, lag, _ = np.exp(lag_first(theta)[list(PLANT)])
+    assert response(with_quicker_pole_as_lag(theta)) == approx(response(theta))
+    _, damping, lag, _ = np.exp(with_quicker_pole_as_lag(theta)[list(PLANT)])
     assert (damping, lag) == approx((2.5, 1 / 1650))
-    assert np.array_equal(lag_first(lag_first(theta)), lag_first(theta))
+    assert np.array_equal(
+        with_quicker_pole_as_lag(with_quicker_pole_as_lag(theta)), with_quicker_pole_as_lag(theta)
+    )
 
 
 def test_limits_explain_a_controller_of_less_gain_and_none_of_more():
-    row = np.eye(len(NAMES))[NAMES.index("controller")]
+    row = np.eye(len(PARAMETER_NAMES))[PARAMETER_NAMES.index("controller")]
 
     def of(gain, limited, likeliest=1.0):
-        theta, best = (MEAN + np.log(each) * row for each in (gain, gain * likeliest))
-        return IdentifiedAxis(SimpleNamespace(limited=limited), theta, np.eye(len(theta)), best)
+        theta, best = (PRIOR_MEAN + np.log(each) * row for each in (gain, gain * likeliest))
+        return IdentifiedAxis(
+            SimpleNamespace(saturated_share=limited), theta, np.eye(len(theta)), best
+        )
 
-    assert of(0.5, 0.6).explains and of(0.5, 0.6).cut_off == approx(0.5)
-    assert of(0.5, 0.3).cut_off == 0.3
-    assert not of(0.5, 0.0).explains and of(0.9, 0.0).explains and of(0.9, 0.0).cut_off == 0.0
-    assert not of(2.0, 0.9).explains and of(2.0, 0.9).cut_off == 0.0
-    assert not of(0.9, 0.0, likeliest=0.6).explains  # of several maxima the highest must, too
+    assert of(0.5, 0.6).controller_consistent and of(0.5, 0.6).saturation_loss == approx(0.5)
+    assert of(0.5, 0.3).saturation_loss == 0.3
+    assert (
+        not of(0.5, 0.0).controller_consistent
+        and of(0.9, 0.0).controller_consistent
+        and of(0.9, 0.0).saturation_loss == 0.0
+    )
+    assert not of(2.0, 0.9).controller_consistent and of(2.0, 0.9).saturation_loss == 0.0
+    assert not of(
+        0.9, 0.0, likeliest=0.6
+    ).controller_consistent  # of several maxima the highest must, too

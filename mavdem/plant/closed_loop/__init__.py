@@ -1,1 +1,1 @@
-"""Closed loop: the plant, the wind's torque and the noise of one axis, whose controller is known, by their spectra."""
+"""Identification of one axis in closed loop: a Whittle likelihood of logged spectra, with the controller known."""

@@ -1,340 +1,450 @@
-"""Densities that a closed loop gives its rate, output and setpoint, and how they change with each parameter.
+"""Model of the cross-spectral densities of one axis in its closed loop, and their gradient by the parameters.
 
-    ṗ = −damping · p + effect · u(t − delay) behind a lag + wind,    u = C(rate setpoint, gyro) + actuation,
-    gyro = filters · (p + noise),    rate setpoint = angle gain · (asked − angle),
+All sources of the loop (see :mod:`~mavdem.plant.closed_loop.response`) are Gaussian and stationary: the reference,
+white noise before and behind the gyro filters and of the angle, a share of the output's own density for what the output
+does besides the control law, and wind torque of three spectra. The larger that share, the more the output counts as a
+known input. Because the loop is closed in the model, noise that goes round it is not taken for wind.
 
-The controller C runs once a cycle, and its response is known; so is that of the gyro's filters. What enters is Gaussian
-and stationary: what is asked, white noise before and behind the gyro's filters and of the angle, and wind of three
-colours. A share of the output's own density stands for whatever else the output did, such as limits: the larger it is,
-the more the output counts as a known input. As the loop is closed in the model, noise that goes round it is not taken
-for wind. What is sampled has at each frequency all that folds onto it (Brillinger, Time Series, sec. 7.6).
+Sampled at the message rate f_s, a quantity has at each frequency f the sum of all that folds onto it from f + k f_s
+(Brillinger, Time Series, sec. 7.6):
 
-Steps are asked at the cycles of an outer loop, which keep time with the messages: then what folds is of one phase, that
-of the time from a step to the next message, and not of any. How much of what is asked does so is a parameter too.
+    Φ(f) = Σ_k Σ_source  φ_source(f_k) · q_source(f_k) q_source(f_k)ᴴ ∘ D_k + Φ_log,     f_k = f + k f_s,
+
+with the closed-loop responses q of the three modelled quantities, the phases D_k by which their stamps differ, and the
+error Φ_log of logging and rounding.
+
+Part of the reference comes in steps at the cycles of an outer loop, synchronous with the messages. Its aliases then
+have a fixed phase, given by the time from a step to the next message, and add coherently instead of in power.
 """
 
-from collections.abc import Callable, Sequence
-from types import SimpleNamespace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.arrays import Array, ArrayPair, Flags
+from mavdem.arrays import Array
 from mavdem.plant.closed_loop.parameters import (
     CONTROLLER,
     DAMPING,
     DELAY,
     EFFECT,
     LAG,
-    NAMES,
+    LOOP_PARAMETERS,
+    PARAMETER_NAMES,
     STEP_TIME,
+    LoopParameters,
 )
-from mavdem.plant.closed_loop.spectra import Complex, CrossSpectra
+from mavdem.plant.closed_loop.reference import denoised, unfolded
+from mavdem.plant.closed_loop.response import (
+    MODELLED_QUANTITIES,
+    ClosedLoopResponse,
+    ControllerResponses,
+    KnownController,
+    Quantity,
+    Source,
+    closed_loop_response,
+)
+from mavdem.plant.closed_loop.spectra import ComplexArray, CrossSpectra
 from mavdem.plant.sampled_plant import FIRST_ORDER
 
-Values = SimpleNamespace
-"""Of parameters by name, no longer logarithms."""
-RATE, OUTPUT, SETPOINT, ASKED = range(4)
-"""Quantities of the spectra: the gyro's rate, rad/s; the output, as a demand; the rate setpoint, rad/s; and what was
-asked, that is the setpoint plus what the angle takes off it, of which the density alone counts."""
-ASKING, NOISE, ACTUATION, WIND = range(4)
-"""Sources: what is asked, with the angle's noise; the gyro's noise; what the output does besides; and the wind."""
-ACTS = (np.arange(WIND + 1) == ACTUATION)[:, None, None]
-MODEL_SHARE = 0.02
-"""Of the motors' torque, that a linear plant leaves out: a floor under the wind."""
-READ_SHARE = 0.01  # of an output or a setpoint, by which it is another than the controller's
-GYRO_NOISE = 1e-9
-"""(rad/s)²/Hz, two-sided, of the best. Simulators' gyros have less, of which a model would be too sure."""
-LEAST_ASKED = 0.05  # of the density that was seen, whatever of it is folded or noise
+QUANTITIES = len(MODELLED_QUANTITIES)
+"""Number C of quantities whose joint density is modelled."""
+
+UNMODELLED_TORQUE_FRACTION = 0.02
+"""Fraction of the motors' torque that no linear plant explains: a floor under the wind torque.
+
+Without it, one of 19 simulated flights had a gain margin that was 10 dB wrong; with it, 0.4 dB.
+"""
+
+LOGGING_ERROR_FRACTION = 0.01
+"""Standard deviation by which a logged setpoint differs from the controller's, relative to the setpoint: a choice."""
+
+OUTPUT_ERROR_FRACTION = LOGGING_ERROR_FRACTION / 2
+"""The same of a logged output: a choice."""
+
+MIN_GYRO_NOISE_DENSITY = 1e-9
+"""Two-sided noise density of the best gyros, (rad/s)²/Hz.
+
+Gyros of simulators have less, and a model without this floor would be too certain of itself.
+"""
+
+MAX_MODELLED_FREQUENCY = 1000.0
+"""Highest frequency that is modelled, Hz. Gyro filters leave nothing beyond, and each alias takes time."""
 
 
-class KnownController(NamedTuple):
-    """The controller of one axis as frequency responses, each of Hz (…), and its cycle."""
+@dataclass(frozen=True)
+class DensityComponent:
+    """One component of a source's spectral density, with its dependence on the parameters."""
 
-    # to the demand, from the rate setpoint and, without its sign, from the gyro's rate
-    transfer: Callable[[Array], tuple[Complex, Complex]]
-    gyro: Callable[[Array], Complex]  # from the rate to the gyro's
-    angle: float  # of the rate setpoint by the angle's error, 1/s
-    cycle: float  # s
+    source: Source
+    """The source that the component belongs to."""
 
+    density: Array
+    """Two-sided density (J, F), in the source's unit² per Hz."""
 
-class _Loop(NamedTuple):
-    """What the loop makes of its S sources, at J frequencies and F that fold onto each."""
-
-    turned: Complex  # (J, F) the rate by an acceleration, of the plant alone
-    lagged: Complex  # (J, F) what comes of a command, by the motors' lag
-    left: Complex  # (J, F) what the loop leaves of a disturbance
-    by_rate: Complex  # (C, J, F) each quantity by the rate
-    rates: Complex  # (S, J, F) the rate by each source
-    seen: Complex  # (S, C, J, F) the quantities by each source
+    log_slopes: dict[str, float | Array] = field(default_factory=dict)
+    """Derivative of the density's logarithm by the logarithm of each parameter it depends on, by parameter name."""
 
 
-class _DensityPart(NamedTuple):
-    """A part of a source's density, and the slopes of its logarithm by parameters."""
+@dataclass(frozen=True)
+class SynchronousSteps:
+    """The part of the reference that comes in steps synchronous with the messages, and what it causes."""
 
-    source: int
-    density: Array  # (J, F)
-    slopes: dict[str, float | Array]
+    density: Array
+    """Two-sided density (J, 1, 1) of the steps as they are sampled, (rad/s)²/Hz."""
+
+    log_slopes: dict[str, float | Array]
+    """Derivative of the density's logarithm by the logarithm of each parameter it depends on, by parameter name."""
+
+    alias_shares: ComplexArray
+    """Complex share of each alias in the sampled steps (J, F), with sum 1 over the aliases."""
+
+    response: ComplexArray
+    """Sampled response of each modelled quantity to the sampled steps (J, C)."""
+
+    @property
+    def quantity_density(self) -> ComplexArray:
+        """Cross-spectral density (J, C, C) that the steps cause in the modelled quantities."""
+        return self.density * _outer(self.response, self.response)
 
 
-class _Steps(NamedTuple):
-    """What is asked in steps that keep time, the slopes of its logarithm, and what it makes of the quantities."""
+class DensityModel:
+    """Cross-spectral densities of one axis as functions of θ, at the frequencies and stamps of given spectra.
 
-    density: Array  # (J, 1, 1)
-    slopes: dict[str, float | Array]
-    shape: Complex  # (J, F) share of each frequency that folds
-    seen: Complex  # (J, C)
-
-
-class Densities:
-    """Densities of one axis's spectra by its controller and parameters in the order of ``NAMES``."""
+    J are the frequencies of the spectra, F the aliases of each, C the modelled quantities, S the sources, k the
+    parameters.
+    """
 
     def __init__(self, spectra: CrossSpectra, controller: KnownController, rounding: float) -> None:
-        """Prepares for the spectra of all four quantities; ``rounding`` is the output's step, as a demand."""
-        self.known = controller
-        self.rate = spectra.rate
-        # beyond 1 kHz gyro filters leave nothing, and folds cost time
-        highest = min(0.5 / controller.cycle, 1000.0)
-        folds = np.arange(-np.ceil(highest / spectra.rate), np.ceil(highest / spectra.rate) + 1)
-        frequency = spectra.frequency[:, None] + folds * spectra.rate
-        self.inside = np.abs(frequency) < highest
-        self.frequency = np.where(self.inside, frequency, 1.0)
-        size = np.abs(self.frequency)
-        seen = np.einsum("jaa->ja", spectra.mean).real
-        self.output = np.interp(size, spectra.frequency, seen[:, OUTPUT]) * self.inside
-        own = READ_SHARE**2 * seen[:, :ASKED]
-        own[:, RATE] = GYRO_NOISE
-        own[:, OUTPUT] /= 4
-        own[:, OUTPUT] += rounding**2 / 12 / spectra.rate
-        self.read = own[..., None] * np.eye(ASKED)
-        self.s = 2j * np.pi * self.frequency
-        self.turn = np.abs(self.s)
-        self.forward, self.back = controller.transfer(self.frequency)
-        self.gyro = controller.gyro(self.frequency)
-        self.white = np.where(self.inside, controller.cycle, 0.0)
-        self.asked_seen = seen[:, ASKED, None, None]
-        unfolded = _unfolded(seen[:, ASKED], size, folds == 0, self.inside)
-        self.asked = np.where(self.inside, unfolded, 1.0)
-        late = np.array(spectra.late[:ASKED])
-        self.turns = 2j * np.pi * spectra.rate * folds
-        turns = np.exp(self.turns[:, None, None] * late)
-        by_fold = turns @ turns.mT.conj() / late.shape[1]
-        self.turned = by_fold.transpose(1, 2, 0)[:, :, None]  # (C, C, 1, F)
-        # the angle that is taken off is of another cycle than the controller's, with noise of its own
-        other = np.abs(late[SETPOINT] - late[RATE]) > controller.cycle / 2
-        self.angle_noise = 2 * other.mean() * controller.angle**2
-        self.between = max(1 / spectra.rate - controller.cycle, 0.0)
-        self.step = self.inside / (1 - np.exp(-self.s * controller.cycle))
+        """Computes all that does not depend on θ.
 
-    def at(self, theta: Array, is_asked: bool = True) -> Complex:
-        """Returns (J, C, C) of parameters θ (k,); of a vehicle of which something ``is_asked``, or nothing."""
-        values = _values(theta)
-        loop = self._loop(values)
-        sources = _by_source(self._parts(values, loop, is_asked))
-        whole = self.read + _of_steps(self._steps(values, loop, is_asked))
-        for density, seen in zip(sources, loop.seen, strict=True):
-            whole += self._folded(density[None], seen, seen.conj())[:, 0]
-        return whole
+        Args:
+            spectra: estimated spectra of all four quantities, in the order of ``Quantity``.
+            controller: the controller that flew.
+            rounding: resolution of the logged output, as a demand.
+        """
+        self._angle_gain = controller.angle_gain
+        self._cycle_time = controller.cycle_time
+        self._message_rate = spectra.message_rate
+        self.surplus_interval = max(1 / spectra.message_rate - controller.cycle_time, 0.0)
+        """Time between two messages beyond one cycle of the controller, s; 0 where every cycle is logged."""
 
-    def with_slopes(self, theta: Array) -> tuple[Complex, Complex]:
-        """Returns what ``at`` does, and (J, k, C, C) how it changes with each parameter."""
-        values = _values(theta)
-        loop = self._loop(values)
-        parts = self._parts(values, loop)
-        sources = _by_source(parts)
-        steps = self._steps(values, loop)
-        of_steps = _of_steps(steps)
-        whole = self.read + of_steps
-        slopes = np.zeros((len(whole), len(NAMES), ASKED, ASKED), complex)
-        slopes[:, : CONTROLLER + 1] = self._by_loop(values, loop, sources, steps)
-        slopes[:, STEP_TIME] = self._by_step_time(values, loop, steps)
-        for name, slope in steps.slopes.items():
-            slopes[:, NAMES.index(name)] += slope * of_steps
-        for source, seen in enumerate(loop.seen):
-            of_source = [
-                (NAMES.index(name), part.density * slope)
-                for part in parts
-                if part.source == source
-                for name, slope in part.slopes.items()
-            ]
-            rows, changes = zip(*of_source, strict=True)
-            folded = self._folded(np.array([sources[source], *changes]), seen, seen.conj())
-            whole += folded[:, 0]
-            # one by one: a parameter of two parts has two rows
-            for row, change in zip(rows, folded[:, 1:].swapaxes(0, 1), strict=True):
-                slopes[:, row] += change
-        return whole, slopes
+        self._set_frequencies(spectra)
+        self._set_controller(controller)
+        self._set_logged_densities(spectra, rounding)
+        self._set_alias_phases(spectra)
 
-    def _loop(self, values: Values) -> _Loop:
-        forward, back = (values.controller * part for part in (self.forward, self.back))
-        turned = 1 / (self.s + values.damping)
-        lagged = 1 / (values.lag * self.s + 1)
-        acted = values.effect * lagged * np.exp(-self.s * values.delay) * turned
-        corrected = -self.known.angle / self.s
-        by_rate = np.array([self.gyro, forward * corrected - back * self.gyro, corrected])
-        left = 1 / (1 - acted * by_rate[OUTPUT])
-        rates = left * np.array([acted * forward, -acted * back, acted, turned])
-        seen = rates[:, None] * by_rate
-        seen[ASKING, SETPOINT] += 1.0
-        seen[ASKING, OUTPUT] += forward
-        seen[NOISE, RATE] += 1.0
-        seen[NOISE, OUTPUT] -= back
-        seen[ACTUATION, OUTPUT] += 1.0
-        return _Loop(turned, lagged, left, by_rate, rates, seen)
+    def _set_frequencies(self, spectra: CrossSpectra) -> None:
+        """Sets the frequencies (J, F) that fold onto those of the spectra, up to half of the controller's rate."""
+        nyquist = 0.5 / self._cycle_time
+        highest = min(nyquist, MAX_MODELLED_FREQUENCY)
+        count = np.ceil(highest / self._message_rate)
+        self._alias_numbers = np.arange(-count, count + 1)
+        frequency = spectra.frequency[:, None] + self._alias_numbers * self._message_rate
+        self._in_range = np.abs(frequency) < highest
+        # Out of range, any frequency but 0 will do: the densities there are 0.
+        self._frequency = np.where(self._in_range, frequency, 1.0)
+        self._s = 2j * np.pi * self._frequency
+        self._angular_frequency = np.abs(self._s)
 
-    def _parts(self, values: Values, loop: _Loop, is_asked: bool = True) -> list[_DensityPart]:
-        share = _share(values.steps)
-        asked, by_noise = _without(self.asked, self._angle_noise(values) * self.known.cycle)
-        lagged = np.abs(loop.lagged) ** 2
-        left_out = (MODEL_SHARE * values.effect) ** 2 * lagged * self.output
-        white = self.white
-        return [
-            _DensityPart(
-                ASKING,
-                asked * self.inside * (is_asked * (1 - share)),
-                {"steps": -share, "angle_noise": by_noise},
-            ),
-            _DensityPart(
-                ASKING, (self.known.angle * values.angle_noise) ** 2 * white, {"angle_noise": 2.0}
-            ),
-            _DensityPart(NOISE, (values.noise * np.abs(self.gyro)) ** 2 * white, {"noise": 2.0}),
-            _DensityPart(NOISE, values.unfiltered**2 * white, {"unfiltered": 2.0}),
-            _DensityPart(ACTUATION, values.actuation**2 * self.output, {"actuation": 2.0}),
-            _DensityPart(WIND, left_out, {"effect": 2.0, "lag": 2 * (lagged - 1)}),
-            self._drift("drift", values.drift_size, values.drift_time),
-            self._drift("eddy", values.eddy_size, values.eddy_time),
-            self._gusts(values.gust_size, values.gust_time),
-        ]
+    def _set_controller(self, controller: KnownController) -> None:
+        """Sets the responses of the controller and the gyro filters at all frequencies (J, F)."""
+        self._controller = ControllerResponses(*controller.transfer(self._frequency))
+        self._gyro_filter = controller.gyro_filter(self._frequency)
+        # White noise of variance 1, one value a cycle, has the density of one cycle time.
+        self._white_density = np.where(self._in_range, self._cycle_time, 0.0)
+        # A unit step at one of the controller's cycles has the z-transform 1 / (1 − 1/z).
+        self._step_transform = self._in_range / (1 - np.exp(-self._s * self._cycle_time))
 
-    def _drift(self, name: str, size: float, time: float) -> _DensityPart:
-        """Wind of first order."""
-        square = (self.turn * time) ** 2
-        density = FIRST_ORDER.density(self.turn, size, time) * self.inside
-        by_time = (1 - square) / (1 + square)
-        return _DensityPart(WIND, density, {f"{name}_size": 2.0, f"{name}_time": by_time})
+    def _set_logged_densities(self, spectra: CrossSpectra, rounding: float) -> None:
+        """Sets the densities of output and reference (J, F), and the error of the log (J, C, C), by the estimates."""
+        size = np.abs(self._frequency)
+        densities = np.einsum("jaa->ja", spectra.mean_density).real
+        output = np.interp(size, spectra.frequency, densities[:, Quantity.OUTPUT])
+        self._output_density = output * self._in_range
 
-    def _gusts(self, size: float, time: float) -> _DensityPart:
-        """Smooth wind, with the autocorrelation exp(−τ²/4 time²)."""
-        square = (self.turn * time) ** 2
-        density = 2 * np.sqrt(np.pi) * size**2 * time * self.inside * np.exp(-square)
-        return _DensityPart(WIND, density, {"gust_size": 2.0, "gust_time": 1 - 2 * square})
+        errors = LOGGING_ERROR_FRACTION**2 * densities[:, :QUANTITIES]
+        errors[:, Quantity.RATE] = MIN_GYRO_NOISE_DENSITY
+        rounding_density = rounding**2 / 12 / self._message_rate
+        errors[:, Quantity.OUTPUT] = (
+            OUTPUT_ERROR_FRACTION**2 * densities[:, Quantity.OUTPUT] + rounding_density
+        )
+        self._logging_error = errors[..., None] * np.eye(QUANTITIES)
 
-    def _steps(self, values: Values, loop: _Loop, is_asked: bool = True) -> _Steps:
-        share = _share(values.steps)
-        shape = self.step * np.exp(self.turns * _share(values.step_time) * self.between)
-        shape /= shape.sum(axis=-1, keepdims=True)
-        asked, by_noise = _without(self.asked_seen, self._angle_noise(values) / self.rate)
-        return _Steps(
-            asked * (is_asked * share),
-            {"steps": 1 - share, "angle_noise": by_noise},
-            shape,
-            self._in_steps(shape[None], loop.seen[ASKING])[:, 0],
+        self._folded_reference = densities[:, Quantity.REFERENCE, None, None]
+        reference = unfolded(
+            densities[:, Quantity.REFERENCE], size, self._alias_numbers == 0, self._in_range
+        )
+        self._reference_density = np.where(self._in_range, reference, 1.0)
+
+    def _set_alias_phases(self, spectra: CrossSpectra) -> None:
+        """Sets the mean phase (C, C, 1, F) between two quantities in each alias, as their stamps differ."""
+        offsets = np.array(spectra.stamp_offsets[:QUANTITIES])
+        self._alias_s = 2j * np.pi * self._message_rate * self._alias_numbers
+        phases = np.exp(self._alias_s[:, None, None] * offsets)
+        mean_products = phases @ phases.mT.conj() / offsets.shape[1]
+        self._alias_phases = mean_products.transpose(1, 2, 0)[:, :, None]
+
+        # Where a setpoint is of another cycle than the rate, the angle that is added to it to get the reference has
+        # noise that the setpoint does not have: its own, and that of the angle in the setpoint.
+        difference = np.abs(offsets[Quantity.SETPOINT] - offsets[Quantity.RATE])
+        is_other_cycle = difference > self._cycle_time / 2
+        self._reference_noise_gain = 2 * is_other_cycle.mean() * self._angle_gain**2
+
+    def density(self, theta: Array, with_reference: bool = True) -> ComplexArray:
+        """Returns the modelled cross-spectral density (J, C, C) of the quantities.
+
+        Args:
+            theta: logarithms of the parameters (k,).
+            with_reference: whether the reference moves; without it, noise and wind torque remain.
+        """
+        parameters = LoopParameters.from_logarithms(theta)
+        loop = self._closed_loop(parameters)
+        components = self._components(parameters, loop, with_reference)
+        source_densities = _source_densities(components)
+        steps = self._synchronous_steps(parameters, loop, with_reference)
+        density = self._logging_error + steps.quantity_density
+        for source_density, response in zip(source_densities, loop.from_source, strict=True):
+            density += self._folded(source_density[None], response, response.conj())[:, 0]
+        return density
+
+    def density_and_gradient(self, theta: Array) -> tuple[ComplexArray, ComplexArray]:
+        """Returns the modelled density (J, C, C), and its derivatives by each entry of θ (J, k, C, C).
+
+        Args:
+            theta: logarithms of the parameters (k,).
+        """
+        parameters = LoopParameters.from_logarithms(theta)
+        loop = self._closed_loop(parameters)
+        components = self._components(parameters, loop)
+        source_densities = _source_densities(components)
+        steps = self._synchronous_steps(parameters, loop)
+        steps_density = steps.quantity_density
+        density = self._logging_error + steps_density
+
+        gradient = np.zeros((len(density), len(PARAMETER_NAMES), QUANTITIES, QUANTITIES), complex)
+        gradient[:, :LOOP_PARAMETERS] = self._loop_gradient(
+            parameters, loop, source_densities, steps
+        )
+        gradient[:, STEP_TIME] = self._step_time_gradient(parameters, loop, steps)
+        for name, slope in steps.log_slopes.items():
+            gradient[:, PARAMETER_NAMES.index(name)] += slope * steps_density
+
+        for source in Source:
+            # The source's density and its derivatives fold in one product.
+            rows = list[int]()
+            densities = [source_densities[source]]
+            for component in components:
+                if component.source != source:
+                    continue
+                for name, slope in component.log_slopes.items():
+                    rows.append(PARAMETER_NAMES.index(name))
+                    densities.append(component.density * slope)
+            response = loop.from_source[source]
+            folded = self._folded(np.array(densities), response, response.conj())
+            density += folded[:, 0]
+            # One by one: a parameter of two components has two rows.
+            for number, row in enumerate(rows, start=1):
+                gradient[:, row] += folded[:, number]
+        return density, gradient
+
+    def _closed_loop(self, parameters: LoopParameters) -> ClosedLoopResponse:
+        """Returns the frequency responses of the closed loop at all frequencies and aliases."""
+        return closed_loop_response(
+            parameters, self._controller, self._gyro_filter, self._angle_gain, self._s
         )
 
-    def _angle_noise(self, values: Values) -> Array:
-        """Of what was asked, by the angle that was added to it: its variance, (rad/s)²."""
-        return self.angle_noise * values.angle_noise**2
+    def _components(
+        self, parameters: LoopParameters, loop: ClosedLoopResponse, with_reference: bool = True
+    ) -> list[DensityComponent]:
+        """Returns the components of the densities of all sources but the synchronous steps."""
+        synchronous = _share_from_odds(parameters.synchronous_odds)
+        asynchronous = (1 - synchronous) if with_reference else 0.0
+        reference, noise_slope = denoised(
+            self._reference_density, self._reference_noise(parameters) * self._cycle_time
+        )
+        angle_noise = (self._angle_gain * parameters.angle_noise) ** 2 * self._white_density
+        gyro_noise = (parameters.gyro_noise * np.abs(self._gyro_filter)) ** 2 * self._white_density
+        filtered_noise = parameters.filtered_noise**2 * self._white_density
+        actuation = parameters.actuation**2 * self._output_density
+        lag_power = np.abs(loop.motor_lag) ** 2
+        torque_fraction = UNMODELLED_TORQUE_FRACTION * parameters.effect
+        unmodelled_torque = torque_fraction**2 * lag_power * self._output_density
+        return [
+            DensityComponent(
+                Source.REFERENCE,
+                reference * self._in_range * asynchronous,
+                {"synchronous_odds": -synchronous, "angle_noise": noise_slope},
+            ),
+            DensityComponent(Source.REFERENCE, angle_noise, {"angle_noise": 2.0}),
+            DensityComponent(Source.GYRO_NOISE, gyro_noise, {"gyro_noise": 2.0}),
+            DensityComponent(Source.GYRO_NOISE, filtered_noise, {"filtered_noise": 2.0}),
+            DensityComponent(Source.ACTUATION, actuation, {"actuation": 2.0}),
+            DensityComponent(
+                Source.WIND, unmodelled_torque, {"effect": 2.0, "lag": 2 * (lag_power - 1)}
+            ),
+            self._first_order_wind("drift", parameters.drift_size, parameters.drift_time),
+            self._first_order_wind("eddy", parameters.eddy_size, parameters.eddy_time),
+            self._smooth_wind(parameters.gust_size, parameters.gust_time),
+        ]
 
-    def _in_steps(self, shapes: Complex, seen: Complex) -> Complex:
-        """(J, n, C) what steps of n ``shapes`` (n, J, F) make of what is ``seen`` (C, J, F) of all that is asked."""
-        return shapes.swapaxes(0, 1) @ (seen * self.turned[:, SETPOINT]).transpose(1, 2, 0)
+    def _first_order_wind(self, name: str, size: float, time: float) -> DensityComponent:
+        """Returns wind torque with the autocorrelation size² exp(−|τ|/time); ``name`` is that of its parameters."""
+        squared = (self._angular_frequency * time) ** 2
+        density = FIRST_ORDER.density(self._angular_frequency, size, time) * self._in_range
+        time_slope = (1 - squared) / (1 + squared)
+        return DensityComponent(
+            Source.WIND, density, {f"{name}_size": 2.0, f"{name}_time": time_slope}
+        )
 
-    def _folded(self, weights: NDArray[Any], left: Complex, right: Complex) -> Complex:
-        """(J, n, C, C) products of ``left`` and ``right`` (C, J, F), with n weights (n, J, F), and all that folds."""
-        products = (left[:, None] * right * self.turned).reshape(ASKED**2, *right.shape[1:])
+    def _smooth_wind(self, size: float, time: float) -> DensityComponent:
+        """Returns wind torque with the Gaussian autocorrelation size² exp(−τ²/(4 time²))."""
+        squared = (self._angular_frequency * time) ** 2
+        density = 2 * np.sqrt(np.pi) * size**2 * time * self._in_range * np.exp(-squared)
+        return DensityComponent(
+            Source.WIND, density, {"gust_size": 2.0, "gust_time": 1 - 2 * squared}
+        )
+
+    def _synchronous_steps(
+        self, parameters: LoopParameters, loop: ClosedLoopResponse, with_reference: bool = True
+    ) -> SynchronousSteps:
+        """Returns the part of the reference that comes in steps synchronous with the messages."""
+        share = _share_from_odds(parameters.synchronous_odds)
+        step_time_share = _share_from_odds(parameters.step_time_odds)
+        delay_phases = np.exp(self._alias_s * step_time_share * self.surplus_interval)
+        alias_shares = self._step_transform * delay_phases
+        alias_shares /= alias_shares.sum(axis=-1, keepdims=True)
+        reference, noise_slope = denoised(
+            self._folded_reference, self._reference_noise(parameters) / self._message_rate
+        )
+        return SynchronousSteps(
+            density=reference * (share if with_reference else 0.0),
+            log_slopes={"synchronous_odds": 1 - share, "angle_noise": noise_slope},
+            alias_shares=alias_shares,
+            response=self._step_responses(alias_shares[None], loop.from_source[Source.REFERENCE])[
+                :, 0
+            ],
+        )
+
+    def _reference_noise(self, parameters: LoopParameters) -> float:
+        """Returns the variance, (rad/s)², of noise in the estimated reference by the angle that is added to it."""
+        return self._reference_noise_gain * parameters.angle_noise**2
+
+    def _step_responses(self, alias_shares: ComplexArray, response: ComplexArray) -> ComplexArray:
+        """Adds the aliases of responses to synchronous steps coherently.
+
+        Args:
+            alias_shares: n sets of shares of each alias in the sampled steps (n, J, F).
+            response: each quantity per reference (C, J, F).
+
+        Returns:
+            Sampled responses (J, n, C), with the phase of each quantity's stamps relative to the setpoint's.
+        """
+        phased = response * self._alias_phases[:, Quantity.SETPOINT]
+        return alias_shares.swapaxes(0, 1) @ phased.transpose(1, 2, 0)
+
+    def _folded(
+        self, weights: NDArray[np.inexact], left: ComplexArray, right: ComplexArray
+    ) -> ComplexArray:
+        """Sums products of responses over all aliases, which add in power.
+
+        Args:
+            weights: n densities or other weights (n, J, F).
+            left: response of each quantity (C, J, F).
+            right: conjugate response of each quantity (C, J, F).
+
+        Returns:
+            Folded products (J, n, C, C).
+        """
+        products = left[:, None] * right * self._alias_phases
+        products = products.reshape(QUANTITIES**2, *right.shape[1:])
         folded = weights.swapaxes(0, 1) @ products.transpose(1, 2, 0)
-        return folded.reshape(*folded.shape[:2], ASKED, ASKED)
+        return folded.reshape(*folded.shape[:2], QUANTITIES, QUANTITIES)
 
-    def _by_loop(self, values: Values, loop: _Loop, sources: Array, steps: _Steps) -> Complex:
-        """(J, 5, C, C) by the parameters of the plant and the controller."""
-        of_damping = -values.damping * loop.turned
-        of_lag = -values.lag * self.s * loop.lagged
-        of_delay = -values.delay * self.s
-        whole = np.ones_like(of_delay)
-        seen = loop.seen.conj()
-        by_source = sources * loop.rates
-        every = loop.left * np.einsum("sjf,scjf->cjf", by_source, seen)
-        # of less damping the wind makes more before the loop answers, of all else not
-        but_wind = every - by_source[WIND] * seen[WIND]
-        motors = np.array([whole, of_lag, of_delay])
-        half = np.empty((len(whole), CONTROLLER + 1, ASKED, ASKED), complex)
-        half[:, [EFFECT, LAG, DELAY]] = self._folded(motors, loop.by_rate, but_wind)
-        half[:, [DAMPING]] = self._folded(of_damping[None], loop.by_rate, every)
-        # the controller makes more of all but of what the output does besides
-        asked = but_wind - by_source[ACTUATION] * seen[ACTUATION]
-        half[:, [CONTROLLER]] = self._folded(whole[None], loop.by_rate, asked)
-        demands = sources * (loop.seen[:, OUTPUT] - ACTS)
-        demanded = np.einsum("sjf,scjf->cjf", demands, seen)
-        half[:, CONTROLLER, OUTPUT] += (demanded * self.turned[OUTPUT]).sum(axis=-1).T
-        relative = np.array([whole, of_damping, of_lag, of_delay, whole])
-        asking = relative * (loop.left * loop.rates[ASKING] * steps.shape)
-        in_steps = self._in_steps(asking, loop.by_rate)
-        in_steps[:, CONTROLLER, OUTPUT] += steps.seen[:, OUTPUT]
-        half += steps.density[..., None] * in_steps[..., None] * steps.seen[:, None, None].conj()
-        return _with_adjoint(half)
+    def _loop_gradient(
+        self,
+        parameters: LoopParameters,
+        loop: ClosedLoopResponse,
+        source_densities: Array,
+        steps: SynchronousSteps,
+    ) -> ComplexArray:
+        """Returns the derivatives (J, 5, C, C) of the density by the plant's parameters and the controller's gain.
 
-    def _by_step_time(self, values: Values, loop: _Loop, steps: _Steps) -> Complex:
-        """(J, C, C)."""
-        late = _share(values.step_time)
-        turns = self.turns * (self.between * late * (1 - late))
-        turning = steps.shape * (turns - (steps.shape * turns).sum(axis=-1, keepdims=True))
-        later = self._in_steps(turning[None], loop.seen[ASKING])[:, 0]
-        return _with_adjoint(steps.density * _outer(later, steps.seen))
+        With X the body rate by a source and Q the quantities per body rate, a relative change dA/A of the path from
+        output to rate changes the quantities by Q S X dA/A, but for wind torque, which enters behind the motors, by
+        Q (S − 1) X dA/A. A relative change of the plant alone changes them by Q S X for every source. One of the
+        controller acts like dA/A, with (S − 1) for what the output does besides, and changes the output directly. The
+        derivative of q qᴴ is that of q, times qᴴ, plus its adjoint.
+        """
+        damping_slope = -parameters.damping * loop.plant
+        lag_slope = -parameters.lag * self._s * loop.motor_lag
+        delay_slope = -parameters.delay * self._s
+        unit_slope = np.ones_like(delay_slope)
+
+        conjugate = loop.from_source.conj()
+        rate_spectra = source_densities * loop.rate_from_source
+        all_sources = loop.sensitivity * np.einsum("sjf,scjf->cjf", rate_spectra, conjugate)
+        wind = rate_spectra[Source.WIND] * conjugate[Source.WIND]
+        actuation = rate_spectra[Source.ACTUATION] * conjugate[Source.ACTUATION]
+        by_actuation_path = all_sources - wind
+
+        half = np.empty((len(unit_slope), LOOP_PARAMETERS, QUANTITIES, QUANTITIES), complex)
+        path_slopes = np.array([unit_slope, lag_slope, delay_slope])
+        half[:, [EFFECT, LAG, DELAY]] = self._folded(path_slopes, loop.from_rate, by_actuation_path)
+        half[:, [DAMPING]] = self._folded(damping_slope[None], loop.from_rate, all_sources)
+        half[:, [CONTROLLER]] = self._folded(
+            unit_slope[None], loop.from_rate, by_actuation_path - actuation
+        )
+        # The output by the control law, without what it does besides, is proportional to the gain.
+        control_law = loop.from_source[:, Quantity.OUTPUT].copy()
+        control_law[Source.ACTUATION] -= 1
+        direct = np.einsum("sjf,scjf->cjf", source_densities * control_law, conjugate)
+        direct_folded = (direct * self._alias_phases[Quantity.OUTPUT]).sum(axis=-1).T
+        half[:, CONTROLLER, Quantity.OUTPUT] += direct_folded
+
+        # The same for the synchronous steps, in the order of θ: effect, damping, lag, delay, controller.
+        slopes = np.array([unit_slope, damping_slope, lag_slope, delay_slope, unit_slope])
+        rate_by_steps = (
+            loop.sensitivity * loop.rate_from_source[Source.REFERENCE] * steps.alias_shares
+        )
+        step_slopes = self._step_responses(slopes * rate_by_steps, loop.from_rate)
+        step_slopes[:, CONTROLLER, Quantity.OUTPUT] += steps.response[:, Quantity.OUTPUT]
+        response_conjugate = steps.response[:, None, None].conj()
+        half += steps.density[..., None] * step_slopes[..., None] * response_conjugate
+        return _plus_adjoint(half)
+
+    def _step_time_gradient(
+        self, parameters: LoopParameters, loop: ClosedLoopResponse, steps: SynchronousSteps
+    ) -> ComplexArray:
+        """Returns the derivative (J, C, C) of the density by the logarithm of ``step_time_odds``."""
+        share = _share_from_odds(parameters.step_time_odds)
+        phase_slopes = self._alias_s * (self.surplus_interval * share * (1 - share))
+        mean_slope = (steps.alias_shares * phase_slopes).sum(axis=-1, keepdims=True)
+        share_slopes = steps.alias_shares * (phase_slopes - mean_slope)
+        response_slopes = self._step_responses(
+            share_slopes[None], loop.from_source[Source.REFERENCE]
+        )[:, 0]
+        return _plus_adjoint(steps.density * _outer(response_slopes, steps.response))
 
 
-def _values(theta: Array) -> Values:
-    return Values(**dict(zip(NAMES, np.exp(theta).tolist(), strict=True)))
-
-
-def _share(odds: float) -> float:
+def _share_from_odds(odds: float) -> float:
+    """Returns the share p of the odds p / (1 − p)."""
     return odds / (1 + odds)
 
 
-def _by_source(parts: Sequence[_DensityPart]) -> Array:
-    """(S, J, F)."""
-    sources = np.zeros((WIND + 1, *parts[0].density.shape))
-    for part in parts:
-        sources[part.source] += part.density
-    return sources
+def _source_densities(components: list[DensityComponent]) -> Array:
+    """Returns the sum of all components of each source (S, J, F)."""
+    densities = np.zeros((len(Source), *components[0].density.shape))
+    for component in components:
+        densities[component.source] += component.density
+    return densities
 
 
-def _of_steps(steps: _Steps) -> Complex:
-    return steps.density * _outer(steps.seen, steps.seen)
-
-
-def _outer(left: Complex, right: Complex) -> Complex:
-    """(J, C, C) of (J, C) each."""
+def _outer(left: ComplexArray, right: ComplexArray) -> ComplexArray:
+    """Returns the outer products left · rightᴴ (J, C, C) of vectors (J, C)."""
     return left[:, :, None] * right[:, None].conj()
 
 
-def _with_adjoint(matrices: Complex) -> Complex:
+def _plus_adjoint(matrices: ComplexArray) -> ComplexArray:
+    """Returns matrices (…, C, C) plus their conjugate transposes."""
     return matrices + matrices.mT.conj()
-
-
-def _without(seen: Array, noise: Array) -> ArrayPair:
-    """A density of what was asked without the ``noise`` in it, and its logarithm's slope by that of the noise."""
-    less = np.maximum(seen - noise, LEAST_ASKED * seen)
-    return less, np.where(less > LEAST_ASKED * seen, -2 * noise / less, 0.0)
-
-
-def _unfolded(seen: Array, at: Array, first: Flags, inside: Flags) -> Array:
-    """The density of what was asked: a power law with white noise where it is folded, what was seen less that, else."""
-    from scipy.optimize import minimize  # it takes half a second to import
-
-    def law(values: Array) -> Array:
-        size, corner, slope, white = np.exp(values.clip(-50.0, [50.0, 50.0, 2.0, 50.0]))
-        return size * (1 + (at / corner) ** 2) ** -slope + white
-
-    def cost(values: Array) -> float:
-        folded = np.where(inside, law(values), 0.0).sum(axis=1)
-        return (np.log(folded) + seen / folded).sum()
-
-    start = np.array(
-        [np.log(seen[:5].mean()), 0.0, -0.35, np.log(np.median(seen[-5:]) / len(first))]
-    )
-    phases = minimize(cost, start, method="Nelder-Mead", options={"maxiter": 600}).x
-    whole = np.where(inside, law(phases), 0.0)
-    folded = whole[:, ~first].sum(axis=1)
-    whole[:, first] = np.maximum(seen - folded, LEAST_ASKED * seen)[:, None]
-    return whole

@@ -1,4 +1,8 @@
-"""Identification: the plant of one axis by the maxima of its likelihood, by Fisher's scoring from several starts."""
+"""Identification of the plant of one axis in its closed loop, by maximising its posterior from several starts.
+
+Each ascent is Fisher scoring with Levenberg-Marquardt damping. The posterior may have several modes, above all in the
+time of synchronous steps; the result is their mixture, each weighted by Laplace's approximation of its evidence.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -16,94 +20,205 @@ from mavdem.dem.engine.gauss_newton import (
 )
 from mavdem.dem.engine.linalg import inverse
 from mavdem.plant.closed_loop.likelihood import AxisPosterior
-from mavdem.plant.closed_loop.parameters import CONTROLLER, PLANT, SD, STEP_TIME
+from mavdem.plant.closed_loop.parameters import (
+    CONTROLLER,
+    DELAY,
+    EFFECT,
+    LAG,
+    PLANT,
+    PRIOR_SD,
+    STEP_TIME,
+)
 
-STARTS = (1.0, 0.05, 0.009), (3.0, 0.05, 0.009), (10.0, 0.02, 0.005)
-"""Crossover, Hz, lag and delay, s, to begin with: of slow yaw, and of large and of small vehicles."""
-FIRST_STEPS = 8  # from each start, of which the two best go on
-STEP_TIMES = (-2.0, 0.0, 2.0)
-"""To go on from: in streams slower than the controller there may be a maximum near each, with other plants. On half of
-the flights of ``tools/validation/loops.py``, one ascent of 50 Hz in five ended 3 nats below the highest maximum."""
-SCATTER = 0.6
-"""Of the variance by ``DEPENDENT`` values that count as one, which keeps slow logs to their priors: that of estimates
-from flight to flight. Chosen on half of the flights of ``tools/validation/loops.py``."""
-SAME_NATS = 4.0  # below a maximum, an ascent ends there
-LONGEST_PARAMETER_STEP = 1.5  # of any parameter, and a standard deviation beforehand at most
+
+class InitialPlant(NamedTuple):
+    """A plant from which an ascent begins."""
+
+    crossover: float
+    """Frequency at which the rate loop's gain is 1, Hz, which gives the effect."""
+
+    lag: float
+    """Motor time constant, s."""
+
+    delay: float
+    """Dead time, s."""
+
+
+INITIAL_PLANTS = (
+    InitialPlant(crossover=1.0, lag=0.05, delay=0.009),
+    InitialPlant(crossover=3.0, lag=0.05, delay=0.009),
+    InitialPlant(crossover=10.0, lag=0.02, delay=0.005),
+)
+"""Plants to begin with, typical of slow yaw, of large vehicles, and of small ones."""
+
+INITIAL_STEPS = 8
+"""Steps of each ascent before the best of them are chosen."""
+
+CONTINUED_ASCENTS = 2
+"""Number of ascents, those with the highest posterior, that go on to convergence."""
+
+LOG_STEP_TIME_ODDS = (-2.0, 0.0, 2.0)
+"""Logarithms of ``step_time_odds`` from which each of these ascents goes on, where messages do not come every cycle.
+
+There may be a mode near each, with another plant. With one ascent only, one flight in five of those at 50 Hz in half of
+``tools/validation/loops.py`` ended 3 nats below the highest mode.
+"""
+
+LIKELIHOOD_VARIANCE_FACTOR = 0.6
+"""Factor on the variance that the likelihood's information contributes.
+
+The likelihood counts few values as independent, which keeps slow logs to the prior. The scatter of estimates from
+flight to flight is smaller. Chosen on half of the flights of ``tools/validation/loops.py``.
+"""
+
+SAME_MODE_NATS = 4.0
+"""An ascent ends when it comes to within so many nats of a mode that is already known, by that mode's curvature."""
+
+MAX_PARAMETER_STEP = 1.5
+"""Largest change of any entry of θ in one step: a choice. It is smaller for entries with a narrower prior."""
+
+INITIAL_DAMPING = 1e-2
+"""Levenberg-Marquardt damping of the first step, relative to the curvature's diagonal: a choice."""
+
+DAMPING_FACTOR = 5.0
+"""Factor by which the damping changes after a step that fails or succeeds: a choice."""
+
+MAX_DAMPING_ATTEMPTS = 16
+"""Times that a step is damped more before the ascent gives up: a choice."""
 
 
 class IdentifiedAxis(NamedTuple):
-    """The parameters of an axis, as probable as its spectra and what is known beforehand make them."""
+    """Posterior of the parameters of one axis, as a normal approximation of all its modes."""
 
-    axis: AxisPosterior
-    theta: Array  # (k,) in the order of ``parameters.NAMES``
-    covariance: Array  # (k, k)
-    likeliest: Array  # (k,) of the ascent's end that has the largest share in them
+    posterior: AxisPosterior
+    """The log posterior that was maximised."""
 
-    @property
-    def cut_off(self) -> float:
-        """The share of what the controller asked that limits kept from coming."""
-        return float(np.clip(1 - np.exp(self.theta[CONTROLLER]), 0.0, self.axis.limited))
+    theta: Array
+    """Posterior mean of θ (k,), in the order of ``parameters.PARAMETER_NAMES``."""
 
-    @property
-    def explains(self) -> bool:
-        """Whether the controller has the gain of its parameters, or as much less as limits may make of it."""
-        gains = np.array([self.theta, self.likeliest])[:, CONTROLLER]
-        unsure = SIGNIFICANT_SIGMAS * SD[CONTROLLER]
-        least = np.log1p(-self.axis.limited) - unsure
-        return bool(((least <= gains) & (gains <= unsure)).all())
+    covariance: Array
+    """Posterior covariance of θ (k, k)."""
+
+    main_mode: Array
+    """θ (k,) at the mode with the largest evidence."""
 
     @property
-    def steered(self) -> float:
-        """The share of the rate's variance that follows what was asked, by the parameters and by the likeliest."""
-        return min(map(self.axis.steered_share, (self.theta, self.likeliest)))
+    def saturation_loss(self) -> float:
+        """Share of the commanded output that limits cut off, from the controller's gain; 0 to ``saturated_share``."""
+        gain_loss = 1 - np.exp(self.theta[CONTROLLER])
+        return float(np.clip(gain_loss, 0.0, self.posterior.saturated_share))
+
+    @property
+    def controller_consistent(self) -> bool:
+        """Whether the controller acts with the gain of its logged parameters, or with less by saturation only.
+
+        It must do so in the mean and at the main mode, within three prior standard deviations.
+        """
+        log_gains = np.array([self.theta, self.main_mode])[:, CONTROLLER]
+        tolerance = SIGNIFICANT_SIGMAS * PRIOR_SD[CONTROLLER]
+        lowest = np.log1p(-self.posterior.saturated_share) - tolerance
+        return bool(((lowest <= log_gains) & (log_gains <= tolerance)).all())
+
+    @property
+    def reference_share(self) -> float:
+        """Share of the rate's variance that follows the reference: the lower of that by the mean and the main mode."""
+        return min(
+            self.posterior.reference_share(self.theta),
+            self.posterior.reference_share(self.main_mode),
+        )
 
 
-def identified(axis: AxisPosterior) -> IdentifiedAxis:
-    """Returns the parameters of an ``axis`` by its likelihood's maxima; ``LinAlgError`` where there are none."""
-    begun = []
-    for crossover, lag, delay in STARTS:
-        theta = axis.mean.copy()
-        _, back = np.abs(axis.known.transfer(np.array([crossover])))
-        effect, _, *late = PLANT
-        theta[[effect, *late]] = np.log([2 * np.pi * crossover / back[0], lag, delay])
-        begun.append(_ascended(axis, theta, FIRST_STEPS))
-    times = STEP_TIMES if axis.densities.between else STEP_TIMES[1:2]
-    ended: list[QuadraticExpansion] = []
-    for fit in sorted(begun, key=lambda fit: fit.value)[-2:]:
-        for time in times:
-            theta = lag_first(fit.point)
-            theta[STEP_TIME] = time
-            ended.append(_ascended(axis, theta, MAX_STEPS, ended))
-    return _averaged(axis, ended)
+def identify_axis(posterior: AxisPosterior) -> IdentifiedAxis:
+    """Identifies the parameters of one axis by the modes of its posterior.
+
+    Short ascents begin from several plants. The best go on to convergence, from several times of synchronous steps.
+
+    Raises:
+        numpy.linalg.LinAlgError: no ascent ends where the posterior is finite.
+    """
+    first_ascents = []
+    for initial in INITIAL_PLANTS:
+        start = _initial_parameters(posterior, initial)
+        first_ascents.append(_ascend(posterior, start, INITIAL_STEPS))
+    first_ascents.sort(key=lambda ascent: ascent.value)
+
+    log_odds: tuple[float, ...] = LOG_STEP_TIME_ODDS
+    if not posterior.densities.surplus_interval:
+        # Every cycle is logged, and the time of steps has no effect.
+        log_odds = (0.0,)
+    ascents = list[QuadraticExpansion]()
+    for ascent in first_ascents[-CONTINUED_ASCENTS:]:
+        for step_time in log_odds:
+            start = with_quicker_pole_as_lag(ascent.point)
+            start[STEP_TIME] = step_time
+            ascents.append(_ascend(posterior, start, MAX_STEPS, ascents))
+    return _mixture_of_modes(posterior, ascents)
 
 
-def _averaged(axis: AxisPosterior, ended: Sequence[QuadraticExpansion]) -> IdentifiedAxis:
-    """The mean over ends at different times of steps, each as probable as by Laplace's approximation."""
-    finite = (fit for fit in ended if np.isfinite(fit.value))
-    ascending = sorted(finite, key=lambda fit: fit.value)
-    # Ascents that end at the same time of steps have found the same maximum: the highest stays.
-    maxima = {round(fit.point[STEP_TIME]): fit for fit in ascending}.values()
-    if not maxima:
+def _initial_parameters(posterior: AxisPosterior, initial: InitialPlant) -> Array:
+    """Returns the prior mean of θ (k,), with an initial plant in it."""
+    _, gain = np.abs(posterior.controller.transfer(np.array([initial.crossover])))
+    theta = posterior.prior_mean.copy()
+    # At the crossover, the plant is taken for an integrator.
+    effect = 2 * np.pi * initial.crossover / gain[0]
+    theta[[EFFECT, LAG, DELAY]] = np.log([effect, initial.lag, initial.delay])
+    return theta
+
+
+def _mixture_of_modes(
+    posterior: AxisPosterior, ascents: Sequence[QuadraticExpansion]
+) -> IdentifiedAxis:
+    """Combines the ends of ascents to one normal approximation of the posterior.
+
+    Ends with different step times count as different modes. Each mode has a weight proportional to its evidence by
+    Laplace's approximation. The covariance is that of a mixture: the mean within the modes, and that between them.
+
+    Raises:
+        numpy.linalg.LinAlgError: no ascent has a finite value.
+    """
+    finite = [ascent for ascent in ascents if np.isfinite(ascent.value)]
+    if not finite:
         raise np.linalg.LinAlgError("nothing has a likelihood")
-    shares = softmax([fit.value - np.linalg.slogdet(fit.curvature)[1] / 2 for fit in maxima])
-    thetas = np.array([fit.point for fit in maxima])
-    theta = shares @ thetas
+    # Ascents that end at the same rounded step time found the same mode: the highest, which comes last, stays.
+    mode_by_step_time = dict[int, QuadraticExpansion]()
+    for ascent in sorted(finite, key=lambda ascent: ascent.value):
+        mode_by_step_time[round(ascent.point[STEP_TIME])] = ascent
+    modes = list(mode_by_step_time.values())
+
+    log_evidences = [mode.value - np.linalg.slogdet(mode.curvature)[1] / 2 for mode in modes]
+    weights = softmax(log_evidences)
+    thetas = np.array([mode.point for mode in modes])
+    mean = weights @ thetas
     within = sum(
-        share * _covariance(axis, fit.curvature) for share, fit in zip(shares, maxima, strict=True)
+        weight * _covariance(posterior, mode.curvature)
+        for weight, mode in zip(weights, modes, strict=True)
     )
-    between = (thetas - theta).T * shares @ (thetas - theta)
-    return IdentifiedAxis(axis, theta, within + between, thetas[np.argmax(shares)])
+    between = (thetas - mean).T * weights @ (thetas - mean)
+    return IdentifiedAxis(posterior, mean, within + between, thetas[np.argmax(weights)])
 
 
-def _covariance(axis: AxisPosterior, curvature: Array) -> Array:
-    """At a maximum of this ``curvature``: the sandwich of the prior and ``SCATTER`` of what the spectra say."""
-    whole = inverse(curvature)
-    prior = np.diag(axis.sd**-2.0)
-    return whole @ (SCATTER * curvature + (1 - SCATTER) * prior) @ whole
+def _covariance(posterior: AxisPosterior, curvature: Array) -> Array:
+    """Returns the sandwich covariance (k, k) of θ at a mode.
+
+    Args:
+        posterior: the log posterior.
+        curvature: its negative second derivative (k, k): information of the likelihood and precision of the prior.
+    """
+    bread = inverse(curvature)
+    prior_precision = np.diag(posterior.prior_sd**-2.0)
+    # The prior's precision counts in full, the likelihood's information with a factor.
+    filling = (
+        LIKELIHOOD_VARIANCE_FACTOR * curvature + (1 - LIKELIHOOD_VARIANCE_FACTOR) * prior_precision
+    )
+    return bread @ filling @ bread
 
 
-def lag_first(theta: Array) -> Array:
-    """Returns parameters (k,) of the same response as ``theta`` whose quicker pole is the lag's, not the damping's."""
+def with_quicker_pole_as_lag(theta: Array) -> Array:
+    """Returns θ (k,) of the same frequency response whose quicker pole is the motor lag and the slower the damping.
+
+    The response b / ((τ s + 1)(s + d)) stays the same when the poles 1/τ and d change places and b becomes b / (τ d).
+    Where 1/τ is the quicker one already, θ stays as it is.
+    """
     effect, damping, lag, _ = PLANT
     excess = max(theta[damping] + theta[lag], 0.0)
     swapped = theta.copy()
@@ -112,29 +227,43 @@ def lag_first(theta: Array) -> Array:
     return swapped
 
 
-def _apart(now: QuadraticExpansion, maximum: QuadraticExpansion) -> float:
-    """By how much the function is lower here, about a ``maximum``."""
-    step = now.point - maximum.point
-    return float(step @ maximum.curvature @ step) / 2
+def _nats_below(mode: QuadraticExpansion, theta: Array) -> float:
+    """Returns how much lower the posterior is at θ (k,) than at a mode, by the mode's curvature, in nats."""
+    difference = theta - mode.point
+    return float(difference @ mode.curvature @ difference) / 2
 
 
-def _ascended(
-    axis: AxisPosterior, theta: Array, steps: int, maxima: Sequence[QuadraticExpansion] = ()
+def _ascend(
+    posterior: AxisPosterior,
+    start: Array,
+    max_steps: int,
+    known_modes: Sequence[QuadraticExpansion] = (),
 ) -> QuadraticExpansion:
-    """From parameters ``theta`` after so many damped steps, or where there is nothing to gain.
+    """Maximises the posterior by damped Fisher scoring, and returns it about the last iterate.
 
-    An ascent that comes to one of the ``maxima`` has no more to find.
+    Args:
+        posterior: the log posterior.
+        start: θ (k,) to begin with.
+        max_steps: number of steps, at most.
+        known_modes: modes near which the ascent ends early, since nothing new is to be found there.
     """
 
-    def enough(now: QuadraticExpansion) -> bool:
-        return any(_apart(now, maximum) < SAME_NATS for maximum in maxima)
+    def is_near_known_mode(now: QuadraticExpansion) -> bool:
+        return any(_nats_below(mode, now.point) < SAME_MODE_NATS for mode in known_modes)
 
-    damping = Damping(initial=1e-2, factor=5.0, max_attempts=16, limit_step=_limited)
-    trace, _ = gauss_newton(axis, axis.expand(theta), damping, steps, enough)
+    damping = Damping(
+        initial=INITIAL_DAMPING,
+        factor=DAMPING_FACTOR,
+        max_attempts=MAX_DAMPING_ATTEMPTS,
+        limit_step=_limited_step,
+    )
+    trace, _ = gauss_newton(
+        posterior, posterior.expand(start), damping, max_steps, is_near_known_mode
+    )
     return trace[-1]
 
 
-def _limited(step: Array) -> Array:
-    """A step that changes no parameter by more than ``LONGEST_PARAMETER_STEP``."""
-    longest = np.minimum(SD, LONGEST_PARAMETER_STEP)
-    return step / max(1.0, np.abs(step / longest).max())
+def _limited_step(step: Array) -> Array:
+    """Shortens a step (k,) of θ so that no entry changes by more than is trusted, and keeps its direction."""
+    largest = np.minimum(PRIOR_SD, MAX_PARAMETER_STEP)
+    return step / max(1.0, np.abs(step / largest).max())

@@ -1,32 +1,64 @@
-"""The likelihood of a closed loop whose controller is known, of its spectra in bands.
+"""Posterior of the parameters of one axis in its closed loop, by the Whittle likelihood of its spectra.
 
-Whittle's (Brillinger, Time Series, sec. 5.6), of the spectra of rate, output and setpoint by the model's densities.
+The estimated cross-spectral densities I_j in J bands are compared with the model's densities Φ_j(θ). With n_j values in
+each band, the log likelihood of complex normal transforms is, up to a constant,
+
+    −Σ_j n_j [ln det Φ_j + tr(Φ_j⁻¹ I_j)]
+
+(Brillinger, Time Series, secs. 4.4 and 5.6; Pintelon and Schoukens, System Identification: A Frequency Domain Approach,
+2nd ed.). Its Fisher information for two entries of θ with gradients A_j and B_j is Σ_j n_j tr(Φ_j⁻¹ A_j Φ_j⁻¹ B_j).
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.dem.engine.gauss_newton import QuadraticExpansion
-from mavdem.plant.closed_loop.densities import (
-    ASKED,
-    OUTPUT,
-    RATE,
-    SETPOINT,
-    Densities,
-    KnownController,
+from mavdem.plant.closed_loop.densities import QUANTITIES, DensityModel
+from mavdem.plant.closed_loop.parameters import (
+    CONTROLLER,
+    PARAMETER_NAMES,
+    PRIOR_MEAN,
+    PRIOR_SD,
 )
-from mavdem.plant.closed_loop.parameters import CONTROLLER, MEAN, NAMES, SD
-from mavdem.plant.closed_loop.spectra import Complex, CrossSpectra
+from mavdem.plant.closed_loop.response import MODELLED_QUANTITIES, KnownController, Quantity
+from mavdem.plant.closed_loop.spectra import ComplexArray, CrossSpectra
 
-DEPENDENT = 6.25
-"""Values of the spectra that count as one: winds differ from window to window, and no flight is linear or stationary.
-What is known beforehand counts whole, so that slow logs, which leave lag and delay open, keep to it."""
+VALUES_PER_INDEPENDENT_ONE = 6.25
+"""Number of values of the spectra that count as one independent value.
+
+The wind differs from window to window, and no flight is linear or stationary. The prior counts in full, so that slow
+logs, which leave lag and delay open, keep to it. Chosen on simulated flights.
+"""
+
+MAX_SATURATED_SHARE = 0.95
+"""Largest share of saturated output that the prior of the controller's gain allows for, which keeps it finite."""
+
+
+class WhitenedSpectra(NamedTuple):
+    """Estimated spectra whitened by a model: C⁻¹ I C⁻ᴴ, with the Cholesky factor Φ = C Cᴴ of the model's density."""
+
+    log_likelihood: float
+    """Log likelihood of the model, up to a constant; minus infinity where its density is not positive definite."""
+
+    whitener: ComplexArray
+    """Inverse Cholesky factors C⁻¹ (J, C, C); NaN without a likelihood."""
+
+    spectra: ComplexArray
+    """Whitened spectra (J, C, C), identity where the model is right; NaN without a likelihood."""
 
 
 class AxisPosterior:
-    """The log joint of one axis's spectra and parameters in the order of ``NAMES``, up to a constant.
+    """Log posterior density of θ for one axis, up to a constant; an ``Objective`` for Fisher scoring.
 
-    It is an ``Objective`` of Fisher's scoring.
+    Attributes:
+        spectra: estimated spectra of the modelled quantities.
+        controller: the controller that flew.
+        densities: the model of the spectra.
+        saturated_share: share of the output's power while the output was at a limit, up to ``MAX_SATURATED_SHARE``.
+        prior_mean: prior mean of θ (k,).
+        prior_sd: prior standard deviation of θ (k,).
     """
 
     def __init__(
@@ -34,64 +66,79 @@ class AxisPosterior:
         spectra: CrossSpectra,
         controller: KnownController,
         rounding: float,
-        limited: float = 0.0,
+        saturated_share: float = 0.0,
     ) -> None:
-        """Takes the spectra of all four quantities; ``rounding`` is the output's step, as a demand.
+        """Prepares the model and the prior.
 
-        ``limited`` is the share of the output's power while it is at a limit. What the controller asks beyond does not
-        come: it acts as one of less gain, by all of that share where all of the output is cut (J. J. Bussgang, MIT RLE
-        Report 216, 1952), by less where other motors make up for it.
+        An output at a limit acts like a controller of less gain (the describing function of saturation: J. J. Bussgang,
+        MIT RLE Report 216, 1952). The gain is lower by all of the saturated share where all of the output is cut, and
+        by less where other motors make up for it. So the prior of its logarithm is centred half way, and is wider.
+
+        Args:
+            spectra: estimated spectra of all four quantities, in the order of ``Quantity``.
+            controller: the controller that flew.
+            rounding: resolution of the logged output, as a demand.
+            saturated_share: share of the output's power while the output was at a limit.
         """
-        self.spectra = spectra.of((RATE, OUTPUT, SETPOINT))
-        self.known = controller
-        self.limited = min(limited, 0.95)
-        less = -np.log1p(-self.limited) / 2
-        of_controller = np.arange(len(NAMES)) == CONTROLLER
-        self.mean = MEAN - less * of_controller
-        self.sd = SD + less * of_controller
-        self.densities = Densities(spectra, controller, rounding)
-        self.seen = self.spectra.mean
-        self.weights = spectra.counts * len(spectra.densities) / DEPENDENT
+        self.spectra = spectra.select(MODELLED_QUANTITIES)
+        self.controller = controller
+        self.densities = DensityModel(spectra, controller, rounding)
+        self.saturated_share = min(saturated_share, MAX_SATURATED_SHARE)
+        half_log_loss = -np.log1p(-self.saturated_share) / 2
+        is_controller = np.arange(len(PARAMETER_NAMES)) == CONTROLLER
+        self.prior_mean = PRIOR_MEAN - half_log_loss * is_controller
+        self.prior_sd = PRIOR_SD + half_log_loss * is_controller
+        self._estimate = self.spectra.mean_density
+        windows = len(spectra.densities)
+        self._counts = spectra.effective_samples * windows / VALUES_PER_INDEPENDENT_ONE
 
     def value(self, at: Array) -> float:
-        """Returns the value at parameters (k,); minus infinity where there is none."""
-        return self._whitened(self.densities.at(at))[0] + self._log_prior(at)
+        """Returns the log posterior density of θ = ``at`` (k,); minus infinity where the model has no likelihood."""
+        whitened = self._whitened(self.densities.density(at))
+        return whitened.log_likelihood + self._log_prior(at)
 
     def expand(self, at: Array) -> QuadraticExpansion:
-        """Returns the value to second order, with Fisher's information for the curvature."""
-        model, slopes = self.densities.with_slopes(at)
-        value, whitener, seen = self._whitened(model)
-        # of two slopes A and B the information is tr(S⁻¹ A S⁻¹ B), in white spectra tr(A B)
-        shares = np.sqrt(self.weights)
-        white = np.einsum("j,jab,jdc->jbcad", shares, whitener, whitener.conj())
-        parts = ASKED**2
-        whitened = slopes.reshape(-1, len(at), parts) @ white.reshape(-1, parts, parts)
-        flat = whitened.swapaxes(0, 1).reshape(len(at), -1).view(float)
-        unlike = shares[:, None, None] * (seen - np.eye(ASKED))
-        precision = self.sd**-2.0
-        slope = flat @ unlike.reshape(-1).view(float) - precision * (at - self.mean)
-        curvature = flat @ flat.T + np.diag(precision)
-        return QuadraticExpansion(at, value + self._log_prior(at), slope, curvature)
-
-    def _log_prior(self, at: Array) -> float:
-        return -0.5 * np.sum(((at - self.mean) / self.sd) ** 2)
-
-    def _whitened(self, model: Complex) -> tuple[float, Complex, Complex]:
-        """The log likelihood of a model (J, C, C), what makes it white, and what that makes of the spectra."""
-        try:
-            factor = np.linalg.cholesky(model)
-        except np.linalg.LinAlgError:
-            unknown = np.full_like(model, np.nan)
-            return -np.inf, unknown, unknown
-        whitener = np.linalg.inv(factor).astype(complex)
-        seen = whitener @ self.seen @ whitener.mT.conj()
-        size = 2 * np.log(np.einsum("jaa->ja", factor).real) + np.einsum("jaa->ja", seen).real
-        return -float(self.weights @ size.sum(axis=1)), whitener, seen
-
-    def steered_share(self, theta: Array) -> float:
-        """Returns the share of the rate's variance that follows what was asked, by parameters θ."""
-        whole, unasked = (
-            self.densities.at(theta, is_asked)[:, RATE, RATE].real for is_asked in (True, False)
+        """Returns the log posterior about θ = ``at`` (k,) to second order, with the Fisher information as curvature."""
+        density, gradient = self.densities.density_and_gradient(at)
+        whitened = self._whitened(density)
+        # A whitened gradient is C⁻¹ A C⁻ᴴ. Flattened, with the root of the count in it, the information is a product
+        # of real matrices: tr(Φ⁻¹ A Φ⁻¹ B) is the inner product of the whitened A and B.
+        root_counts = np.sqrt(self._counts)
+        whitening = np.einsum(
+            "j,jab,jdc->jbcad", root_counts, whitened.whitener, whitened.whitener.conj()
         )
-        width = np.gradient(self.spectra.frequency)
-        return 1 - float(width @ unasked) / float(width @ whole)
+        entries = QUANTITIES**2
+        products = gradient.reshape(-1, len(at), entries) @ whitening.reshape(-1, entries, entries)
+        flat_gradient = products.swapaxes(0, 1).reshape(len(at), -1).view(float)
+        residual = root_counts[:, None, None] * (whitened.spectra - np.eye(QUANTITIES))
+        precision = self.prior_sd**-2.0
+        slope = flat_gradient @ residual.reshape(-1).view(float)
+        slope = slope - precision * (at - self.prior_mean)
+        curvature = flat_gradient @ flat_gradient.T + np.diag(precision)
+        value = whitened.log_likelihood + self._log_prior(at)
+        return QuadraticExpansion(at, value, slope, curvature)
+
+    def reference_share(self, theta: Array) -> float:
+        """Returns the share of the gyro rate's variance that follows the reference, by the model with θ (k,)."""
+        rate = (..., Quantity.RATE, Quantity.RATE)
+        total = self.densities.density(theta)[rate].real
+        without_reference = self.densities.density(theta, with_reference=False)[rate].real
+        bandwidth = np.gradient(self.spectra.frequency)
+        return 1 - float(bandwidth @ without_reference) / float(bandwidth @ total)
+
+    def _log_prior(self, theta: Array) -> float:
+        """Returns the logarithm of the normal prior density of θ (k,), up to a constant."""
+        return -0.5 * np.sum(((theta - self.prior_mean) / self.prior_sd) ** 2)
+
+    def _whitened(self, density: ComplexArray) -> WhitenedSpectra:
+        """Whitens the estimated spectra by a model's density (J, C, C), and returns them with its log likelihood."""
+        try:
+            factor = np.linalg.cholesky(density)
+        except np.linalg.LinAlgError:
+            undefined = np.full_like(density, np.nan)
+            return WhitenedSpectra(-np.inf, undefined, undefined)
+        whitener = np.linalg.inv(factor).astype(complex)
+        spectra = whitener @ self._estimate @ whitener.mT.conj()
+        log_diagonal = np.log(np.einsum("jaa->ja", factor).real)
+        deviance = 2 * log_diagonal + np.einsum("jaa->ja", spectra).real
+        return WhitenedSpectra(-float(self._counts @ deviance.sum(axis=1)), whitener, spectra)

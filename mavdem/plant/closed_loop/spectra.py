@@ -1,8 +1,8 @@
-"""Spectra of messages, each at its own stamps: what the likelihood of a closed loop needs of a flight.
+"""Cross-spectral densities of logged messages, each quantity at its own time stamps.
 
-Windows of a few seconds are weighted and transformed at the stamps of the messages, without interpolation; what is
-sampled at a rate is folded about its half, which the model's densities are likewise. Source: D. R. Brillinger, Time
-Series: Data Analysis and Theory, secs. 4.3 and 5.6.
+Windows of a few seconds are tapered and Fourier-transformed at the stamps of the messages themselves, without
+interpolation. Content above half of the message rate folds (aliases) in these spectra; the model's densities are folded
+in the same way. Source: D. R. Brillinger, Time Series: Data Analysis and Theory, secs. 4.3 and 5.6.
 """
 
 from __future__ import annotations
@@ -15,110 +15,193 @@ from numpy.typing import NDArray
 
 from mavdem.arrays import Array
 
-Complex = NDArray[np.complex128]
+ComplexArray = NDArray[np.complex128]
+"""Complex numbers of any shape."""
+
 SPECTRUM_SECONDS = 8.0
-FINE_SECONDS = 2.5e-4
-"""To which stamps are split between two neighbours: a tenth of a control cycle, so that 100 Hz lose 0.2 %."""
+"""Length of a window, s: its frequencies are multiples of 1/8 Hz."""
+
+STAMP_RESOLUTION = 2.5e-4
+"""Spacing of the fine time grid onto whose points each sample is split, s.
+
+A tenth of a control cycle of 400 Hz: messages at 100 Hz lose 0.2 % of their power by it.
+"""
+
 LOWEST_FREQUENCY = 0.8
-"""Hz: what is slower is of position control and drag, which the model of one axis does not have."""
-HIGHEST_FREQUENCY = 100.0  # Hz
-BAND = 0.04  # of a frequency, over which densities are averaged
-MAX_SHARE = 0.48  # of the messages' rate
-EARLY_SHARE = 0.37  # of a step, that a message may come before the one it is matched with: no whole share of it
+"""Lowest frequency of the spectra, Hz. Below it position control and drag matter, which one axis does not model."""
+
+HIGHEST_FREQUENCY = 100.0
+"""Highest frequency of the spectra, Hz: a choice, far above the crossover of any rate loop."""
+
+RELATIVE_BANDWIDTH = 0.04
+"""Width of the bands over which densities are averaged, relative to their frequency: a choice."""
+
+MAX_RELATIVE_FREQUENCY = 0.48
+"""Highest frequency of the spectra, relative to the message rate: just below half of it."""
+
+MAX_EARLINESS = 0.37
+"""How long before a message of the slowest stream the matched message of another may come, in its median steps.
+
+The number is not a simple fraction, so that streams whose stamps keep a constant distance of a half or a third of a
+step are always matched to the same side.
+"""
+
+MAX_COUNTED_GAP = 1.0
+"""Longest time between two messages that counts in the message rate, s: a longer gap is a loss of the link."""
+
+MAX_SAMPLE_WEIGHT = 2.5
+"""Largest time that one sample stands for in a transform, in median steps: samples beside a gap do not replace it."""
+
+MAX_STRIDE = 4
+"""Up to every so many-th message is tried in the search for even steps."""
+
+MIN_EVEN_STEPS = 3 / 5
+"""Share of equal steps from which on a stream counts as evenly sampled: up to a fifth of the messages may be lost."""
+
+EVEN_STEP_TOLERANCE = 5 * STAMP_RESOLUTION
+"""Difference from the median step up to which a step counts as equal, s: stamps may be rounded to 1 ms."""
 
 
 class Messages(NamedTuple):
-    """One quantity at the stamps of its messages."""
+    """One logged quantity at the time stamps of its messages."""
 
-    time: Array  # (N,) s
-    values: Array  # (N,)
+    time: Array
+    """Stamps (N,), s, ascending."""
+
+    values: Array
+    """The quantity at each stamp (N,)."""
 
 
 class CrossSpectra(NamedTuple):
-    """Averaged cross-spectral densities of C quantities in J bands of W windows."""
+    """Band-averaged cross-spectral densities of C quantities, in J bands and W windows."""
 
-    frequency: Array  # (J,) Hz
-    counts: Array  # (J,) independent values of a window in each band
-    densities: Complex  # (W, J, C, C), two-sided, of a window each
-    late: tuple[Array, ...]  # of each quantity: stamps after those of the first, s
-    rate: float  # of the messages, Hz
+    frequency: Array
+    """Mean frequency of each band (J,), Hz."""
+
+    effective_samples: Array
+    """Number of independent values that a window adds to each band (J,)."""
+
+    densities: ComplexArray
+    """Two-sided cross-spectral densities of each window (W, J, C, C), in unit² per Hz."""
+
+    stamp_offsets: tuple[Array, ...]
+    """For each quantity, the stamps (N,) of its matched messages minus those of the first quantity, s."""
+
+    message_rate: float
+    """Rate of the slowest stream, Hz: half of it is the frequency about which the spectra fold."""
 
     @property
-    def mean(self) -> Complex:
-        """(J, C, C) of all windows."""
+    def mean_density(self) -> ComplexArray:
+        """Cross-spectral densities averaged over all windows (J, C, C)."""
         return self.densities.mean(axis=0)
 
-    def of(self, some: Sequence[int]) -> CrossSpectra:
-        """Returns the spectra of some of the quantities."""
-        densities = self.densities[:, :, some][:, :, :, some]
-        return self._replace(densities=densities, late=tuple(self.late[row] for row in some))
+    def select(self, quantities: Sequence[int]) -> CrossSpectra:
+        """Returns the spectra of only the quantities with these indices, in their order."""
+        densities = self.densities[:, :, quantities][:, :, :, quantities]
+        offsets = tuple(self.stamp_offsets[index] for index in quantities)
+        return self._replace(densities=densities, stamp_offsets=offsets)
 
 
-def spectra(streams: Sequence[Messages], starts: Array) -> CrossSpectra:
-    """Returns the spectra of ``streams`` in windows that begin at ``starts`` (W,) s, at the rate of the slowest one."""
-    slowest = _even(min((stream.time for stream in streams), key=len))
-    matched = [_matched(stream, slowest) for stream in streams]
-    rate = (len(slowest) - 1) / np.diff(slowest).clip(max=1.0).sum()
-    count = int(min(MAX_SHARE * rate, HIGHEST_FREQUENCY) * SPECTRUM_SECONDS)
+def cross_spectra(streams: Sequence[Messages], window_starts: Array) -> CrossSpectra:
+    """Estimates the cross-spectral densities of several streams of messages.
+
+    The streams are reduced to the messages that belong to those of the slowest one, and each window is transformed with
+    a Hann taper. Densities are averages over neighbouring frequencies; windows overlap by half, so a window counts for
+    half of its values.
+
+    Args:
+        streams: C quantities, each with the stamps of its own messages.
+        window_starts: times (W,) at which windows of ``SPECTRUM_SECONDS`` begin, s.
+    """
+    slowest = min((stream.time for stream in streams), key=len)
+    stamps = _evenly_spaced(slowest)
+    matched = [_matched(stream, stamps) for stream in streams]
+    rate = (len(stamps) - 1) / np.diff(stamps).clip(max=MAX_COUNTED_GAP).sum()
+
+    count = int(min(MAX_RELATIVE_FREQUENCY * rate, HIGHEST_FREQUENCY) * SPECTRUM_SECONDS)
     frequency = np.arange(1, count + 1) / SPECTRUM_SECONDS
     transforms = np.array(
-        [[_transform(stream, start)[1 : count + 1] for stream in matched] for start in starts]
+        [
+            [_windowed_transform(stream, start)[1 : count + 1] for stream in matched]
+            for start in window_starts
+        ]
     )
-    kept = frequency >= LOWEST_FREQUENCY
-    frequency = frequency[kept]
-    transforms = transforms[:, :, kept]
-    begins = [0]
-    while begins[-1] < len(frequency):
-        width = max(1, round(BAND * frequency[begins[-1]] * SPECTRUM_SECONDS))
-        begins.append(min(begins[-1] + width, len(frequency)))
-    counts = np.diff(begins)
+    in_range = frequency >= LOWEST_FREQUENCY
+    frequency = frequency[in_range]
+    transforms = transforms[:, :, in_range]
+
+    edges = _band_edges(frequency)
+    counts = np.diff(edges)
     products = np.einsum("wcf,wdf->wfcd", transforms, transforms.conj())
-    densities = np.add.reduceat(products, begins[:-1], axis=1) / counts[:, None, None]
-    middle = np.add.reduceat(frequency, begins[:-1]) / counts
-    # windows overlap by half
-    late = tuple(stream.time - matched[0].time for stream in matched)
-    return CrossSpectra(middle, counts / 2, np.asarray(densities, complex), late, rate)
+    densities = np.add.reduceat(products, edges[:-1], axis=1) / counts[:, None, None]
+    return CrossSpectra(
+        frequency=np.add.reduceat(frequency, edges[:-1]) / counts,
+        effective_samples=counts / 2,
+        densities=np.asarray(densities, complex),
+        stamp_offsets=tuple(stream.time - matched[0].time for stream in matched),
+        message_rate=rate,
+    )
 
 
-def _even(stamps: Array) -> Array:
-    """The ``stamps`` (N,), or every second to fourth, if only so three steps of five are even; a fifth may be lost.
+def _band_edges(frequency: Array) -> list[int]:
+    """Divides frequencies (F,), Hz, into bands of about constant relative width.
 
-    Stamps may be rounded to 1 ms. A control cycle of 4 ms sends at 100 Hz after 8 and 12 ms in turn: what is at 2 Hz is
-    seen at 48 Hz too, which no fold about half of 100 Hz explains. Every other message comes after 20 ms.
+    Returns the index of the first frequency of each band, and F at the end.
     """
-    for stride in range(1, 5):
-        fewer = stamps[::stride]
-        steps = np.diff(fewer)
-        if np.mean(np.abs(steps - np.median(steps)) < 5 * FINE_SECONDS) >= 3 / 5:
-            return fewer
+    edges = [0]
+    while edges[-1] < len(frequency):
+        width = max(1, round(RELATIVE_BANDWIDTH * frequency[edges[-1]] * SPECTRUM_SECONDS))
+        edges.append(min(edges[-1] + width, len(frequency)))
+    return edges
+
+
+def _evenly_spaced(stamps: Array) -> Array:
+    """Returns the stamps (N,), s, or every second, third or fourth of them if only these are evenly spaced.
+
+    A controller with a cycle of 4 ms sends messages at 100 Hz after 8 and 12 ms in turn. What is at 2 Hz then also
+    appears at 48 Hz, which no folding about half of 100 Hz explains. Every second message comes after 20 ms.
+    """
+    for stride in range(1, MAX_STRIDE + 1):
+        candidates = stamps[::stride]
+        steps = np.diff(candidates)
+        is_even = np.abs(steps - np.median(steps)) < EVEN_STEP_TOLERANCE
+        if np.mean(is_even) >= MIN_EVEN_STEPS:
+            return candidates
     return stamps
 
 
 def _matched(stream: Messages, stamps: Array) -> Messages:
-    """The messages of a stream about the ``stamps`` (N,) of a slower one, as early for each of them.
+    """Returns, for each stamp (N,) of a slower stream, the first message that is not too early for it.
 
-    Neither the nearest nor the next: of two streams that keep half a step apart these would be now one, now the other.
+    All messages are matched with the same tolerance. The nearest message, or the next one, would do no good: of two
+    streams that keep half a step apart, these would now be on one side and now on the other.
     """
-    early = EARLY_SHARE * np.median(np.diff(stream.time))
-    rows = np.searchsorted(stream.time, stamps - early).clip(max=len(stream.time) - 1)
+    tolerance = MAX_EARLINESS * np.median(np.diff(stream.time))
+    rows = np.searchsorted(stream.time, stamps - tolerance).clip(max=len(stream.time) - 1)
     return Messages(stream.time[rows], stream.values[rows])
 
 
-def _transform(stream: Messages, start: float) -> Complex:
-    """Of a window from ``start`` on, s, without its trend, such that its square's mean is the density."""
-    rows = slice(*np.searchsorted(stream.time, [start, start + SPECTRUM_SECONDS]))
-    time = stream.time[rows] - start
+def _windowed_transform(stream: Messages, start: float) -> ComplexArray:
+    """Returns the Fourier transform of one window of a stream, whose mean square is the two-sided density.
+
+    The window begins at ``start``, s. Its linear trend is removed, and a Hann taper is applied at the stamps of the
+    messages. Each sample is split between its two neighbours on a fine grid, whose fast Fourier transform is returned
+    (frequencies from 0 in steps of 1 / ``SPECTRUM_SECONDS``).
+    """
+    first, last = np.searchsorted(stream.time, [start, start + SPECTRUM_SECONDS])
+    time = stream.time[first:last] - start
+    values = stream.values[first:last]
     steps = np.gradient(time)
-    # what is lost counts no more than what came
-    steps = steps.clip(max=2.5 * np.median(steps))
-    values = stream.values[rows]
+    steps = steps.clip(max=MAX_SAMPLE_WEIGHT * np.median(steps))
     values = values - np.polyval(np.polyfit(time, values, 1), time)
-    weights = (
-        np.sqrt(8 / 3 / SPECTRUM_SECONDS) * np.sin(np.pi * time / SPECTRUM_SECONDS) ** 2 * steps
-    )
-    length = round(SPECTRUM_SECONDS / FINE_SECONDS)
-    row, share = np.divmod(time / FINE_SECONDS, 1.0)
-    whole = row.astype(int)
-    fine = np.bincount(whole, weights * values * (1 - share), length)
-    fine += np.bincount((whole + 1) % length, weights * values * share, length)
-    return np.fft.rfft(fine)
+
+    # The mean square of the taper sin² is 3/8.
+    taper = np.sqrt(8 / 3 / SPECTRUM_SECONDS) * np.sin(np.pi * time / SPECTRUM_SECONDS) ** 2
+    weights = taper * steps
+
+    length = round(SPECTRUM_SECONDS / STAMP_RESOLUTION)
+    position, fraction = np.divmod(time / STAMP_RESOLUTION, 1.0)
+    index = position.astype(int)
+    grid = np.bincount(index, weights * values * (1 - fraction), length)
+    grid += np.bincount((index + 1) % length, weights * values * fraction, length)
+    return np.fft.rfft(grid)

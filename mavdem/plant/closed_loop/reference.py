@@ -1,0 +1,79 @@
+"""Spectral density of the reference of a loop, recovered from its folded estimate."""
+
+import numpy as np
+
+from mavdem.arrays import Array, ArrayPair, Flags
+
+MIN_REFERENCE_FRACTION = 0.05
+"""Least density of the reference, relative to its estimate, however much of that is folded or noise: a choice."""
+
+MAX_ABSOLUTE_LOGARITHM = 50.0
+"""Bound of the logarithms of the power law's parameters, which keeps the exponentials finite."""
+
+MAX_LOG_EXPONENT = 2.0
+"""Bound of the logarithm of the power law's exponent: densities fall by no more than the 15th power of frequency."""
+
+MAX_ITERATIONS = 600
+"""Iterations of the simplex search for the power law, at most."""
+
+
+def denoised(density: Array, noise_density: float) -> ArrayPair:
+    """Subtracts noise from an estimated density of the reference.
+
+    Args:
+        density: estimate that contains the noise, of any shape.
+        noise_density: density of the noise, white.
+
+    Returns:
+        The density without the noise, at least ``MIN_REFERENCE_FRACTION`` of the estimate; and the derivative of its
+        logarithm with respect to the logarithm of the noise's standard deviation, of the same shape.
+    """
+    floor = MIN_REFERENCE_FRACTION * density
+    difference = np.maximum(density - noise_density, floor)
+    slope = np.where(difference > floor, -2 * noise_density / difference, 0.0)
+    return difference, slope
+
+
+def unfolded(density: Array, frequency: Array, is_base: Flags, in_range: Flags) -> Array:
+    """Distributes the folded density of the reference over the frequencies that fold onto each other.
+
+    A power law with a white floor, folded, is fitted to the estimate by its Whittle likelihood. Beyond half of the
+    message rate the fitted law is the result; below it, the estimate less what the law folds onto it.
+
+    Args:
+        density: estimate at J frequencies (J,), each with all that folds onto it.
+        frequency: magnitudes of the frequencies and their F aliases (J, F), Hz.
+        is_base: which of the aliases is the frequency itself (F,).
+        in_range: which of the frequencies the controller can have at its cycle (J, F).
+
+    Returns:
+        Unfolded density (J, F), 0 out of range but for the base.
+    """
+    # Importing scipy.optimize takes half a second.
+    from scipy.optimize import minimize
+
+    def power_law(logarithms: Array) -> Array:
+        upper = [
+            MAX_ABSOLUTE_LOGARITHM,
+            MAX_ABSOLUTE_LOGARITHM,
+            MAX_LOG_EXPONENT,
+            MAX_ABSOLUTE_LOGARITHM,
+        ]
+        size, corner, exponent, white = np.exp(logarithms.clip(-MAX_ABSOLUTE_LOGARITHM, upper))
+        return size * (1 + (frequency / corner) ** 2) ** -exponent + white
+
+    def negative_log_likelihood(logarithms: Array) -> float:
+        folded = np.where(in_range, power_law(logarithms), 0.0).sum(axis=1)
+        return (np.log(folded) + density / folded).sum()
+
+    low_frequency_size = np.log(density[:5].mean())
+    white_floor = np.log(np.median(density[-5:]) / len(is_base))
+    start = np.array([low_frequency_size, 0.0, -0.35, white_floor])
+    fit = minimize(
+        negative_log_likelihood, start, method="Nelder-Mead", options={"maxiter": MAX_ITERATIONS}
+    )
+    result = np.where(in_range, power_law(fit.x), 0.0)
+    aliases = result[:, ~is_base].sum(axis=1)
+    base = np.maximum(density - aliases, MIN_REFERENCE_FRACTION * density)
+    result[:, is_base] = base[:, None]
+    return result
