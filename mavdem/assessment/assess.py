@@ -260,10 +260,10 @@ def assess_signals(
     )  # first: what it reads of the signals the analysis need not read again
     analysis = analyse(log, signals, axis, options, progress=progress)
     with progress("Identifying the loops", measured=False):
-        about = signals.about(AXES[0], options.inputs)
+        about = signals.for_axis(AXES[0], options.inputs)
         loops = loops_of_axes(log, about, options.start, analysis.axis_figures)
     events = [*reported_events(signals), *motion_events(signals)]
-    tuned = [autotuned(about.about(axis), loop) for axis, loop in loops.items()]
+    tuned = [autotuned(about.for_axis(axis), loop) for axis, loop in loops.items()]
     ending = ending_of(signals, events, analysis.condition.collective)
     changes = while_controlled(analysis.alarms, ending)
     events += [*losses_of(changes), *(change.fact for change in changes if not change.weak)]

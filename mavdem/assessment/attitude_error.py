@@ -45,12 +45,12 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
     window = max(1, round(MAX_SETPOINT_DELAY * rate_without_gaps(np.diff(flight.time))))
     # SciPy centres its windows; this shift lets them end with their sample.
     shift = (window - 1) // 2
-    is_unknown = np.isnan(flight.asked)
-    setpoints = np.where(is_unknown, 0.0, flight.asked)
+    is_unknown = np.isnan(flight.setpoints)
+    setpoints = np.where(is_unknown, 0.0, flight.setpoints)
     lowest = minimum_filter1d(setpoints, window, axis=0, origin=shift)
     highest = maximum_filter1d(setpoints, window, axis=0, origin=shift)
     tilts = flight.angles[:, :2]
-    error_without_setpoint = np.where(flight.by_rate, 0.0, tilts / 2)
+    error_without_setpoint = np.where(flight.is_rate_controlled, 0.0, tilts / 2)
     error_with_setpoint = tilts - np.clip(tilts, lowest, highest)
     errors = np.where(is_unknown, error_without_setpoint, error_with_setpoint)
     roll_error, pitch_error = wrapped_angle(errors).T

@@ -99,7 +99,7 @@ class Condition(ImmutableResult):
 def condition_of(signals: Signals) -> Condition:
     """Measures the condition of a vehicle, by the messages of the motors whatever inputs ``signals`` are for."""
     if signals.inputs != "motors":
-        signals = signals.about("roll", "motors")
+        signals = signals.for_axis("roll", "motors")
     recorded_segments = recorded_spans(signals)
     settled = settled_flight(signals)
     try:
@@ -166,7 +166,7 @@ def _mean_commands(motors: MotorOutputs, settled: Segments) -> dict[str, MeanFig
     shares = _shares_in(motors, settled)
     commands = {}
     for axis in AXES:
-        mixer_row = motors.layout.mixer_row(axis)
+        mixer_row = motors.geometry.mixer_row(axis)
         if mixer_row is not None:
             commands[axis] = mean_figure(shares @ mixer_row, total_duration(settled))
     return commands

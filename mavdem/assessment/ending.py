@@ -73,7 +73,7 @@ def _motor_report(signals: Signals, bad_events: Sequence[Fact], boot: int) -> Fa
     """
     if signals.motors is None:
         return None
-    full_names = {name.partition(" (")[0]: name for name in signals.motors.layout.names}
+    full_names = {name.partition(" (")[0]: name for name in signals.motors.geometry.names}
     for event in reversed(bad_events):
         is_report = event.code in (Reported.THRUST_LOST, Reported.MOTOR_FAILED)
         if is_report and event.subject in full_names and event.figures["boot"] == boot:

@@ -96,7 +96,7 @@ class Evidence:
             for flight in self.flights(int(boot)):
                 rows = here & intervals.in_intervals(signal.time, [flight])
                 if rows.any():
-                    yield signal.at(rows)
+                    yield signal.select(rows)
 
     def averaged(self, signal: TimeSeries | None) -> Array:
         """Returns the means over 2 s of a ``signal`` in flight."""

@@ -127,7 +127,7 @@ def _events_at(events: Sequence[Fact], code: Code, boot: int, time: float) -> li
 def _changed_functions(signals: Signals, names: Sequence[str]) -> list[str]:
     """Returns the parameters SERVOn_FUNCTION of these motors' outputs that were changed in the log."""
     assert signals.motors is not None
-    layout = signals.motors.layout
+    layout = signals.motors.geometry
     channels = dict(zip(layout.names, layout.channels, strict=True))
     functions = [f"SERVO{channels[name]}_FUNCTION" for name in names]
     return [name for name in functions if name in signals.telemetry.initial_parameters]
@@ -177,7 +177,7 @@ def _failure_by_commands(
     motors = signals.motors
     if motors is None:
         return None
-    commands = motors.shares(boot)
+    commands = motors.range_fractions(boot)
     start, _ = interval
     usual_commands = _commands_between(commands, start - RECOVERY_SECONDS, start - LASTING_SECONDS)
     commands_before = _commands_between(commands, start - AVERAGING_SECONDS, start)
@@ -198,7 +198,7 @@ def _failure_by_commands(
     weak = _weak_motor(motors, change, fall_direction)
     if weak is None:
         return _frozen_output(signals, motors, commands_now, idle)
-    name = motors.layout.names[weak.motor]
+    name = motors.geometry.names[weak.motor]
     at_limit_now, _ = samples_at_limits(commands_now[:, weak.motor], motors.scale)
     failed_rows = np.flatnonzero(at_limit_now | (commands_now[:, weak.opposite] < idle))
     # A vehicle that swings was commanded the other way shortly before.
@@ -233,7 +233,7 @@ def _frozen_output(
     is_shown = len(commands) >= MIN_FROZEN_SAMPLES and ranges.mean() >= MIN_COMMAND_RANGE
     if len(frozen) != 1 or not is_shown:
         return None
-    name = motors.layout.names[frozen[0]]
+    name = motors.geometry.names[frozen[0]]
     settings = _changed_functions(signals, [name])
     return Fact(FailedFirst.OUTPUT_FROZE_FIRST, subject=name, settings=settings)
 
@@ -262,7 +262,7 @@ def _weak_motor(
     Returns:
         The motor and its opposite one, whose command decreased; None if the commands show no such pair.
     """
-    positions = np.array([complex(*position) for position in motors.layout.positions])
+    positions = np.array([complex(*position) for position in motors.geometry.positions])
     if not len(positions) or not positions.all():
         return None
     max_angle = ALIGNMENT_SHARE * pi / len(positions)

@@ -108,7 +108,7 @@ def trusted_climb_rate(signals: Signals, boot: int, flight: Interval) -> TimeSer
     if climb_rate is None or height is None:
         return climb_rate
     height_then = np.interp(climb_rate.time, height.time, height.values)
-    return climb_rate.at(height_then > -MAX_GROUND_HEIGHT)
+    return climb_rate.select(height_then > -MAX_GROUND_HEIGHT)
 
 
 def max_sink_rate(climb_rate: TimeSeries | None, start: float, end: float) -> float | None:

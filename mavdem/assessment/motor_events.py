@@ -54,7 +54,7 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
     motors = signals.motors
     if motors is None or boot not in motors.boot:
         return
-    commands = motors.shares(boot)
+    commands = motors.range_fractions(boot)
     is_at_limit, _ = samples_at_limits(commands.values, motors.scale)
     is_off = _is_off(signals, motors, boot, commands.values)
     in_flight = in_intervals(commands.time, flights)
@@ -62,7 +62,7 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
         (MotionEvent.MOTOR_AT_ITS_STOP, is_at_limit, 0.0),
         (MotionEvent.MOTOR_OFF, is_off, MAX_SETPOINT_DELAY),
     ):
-        for name, motor_flags in zip(motors.layout.names, flags.T, strict=True):
+        for name, motor_flags in zip(motors.geometry.names, flags.T, strict=True):
             intervals = lasting_runs(commands.time, motor_flags & in_flight, RECOVERY_SECONDS)
             for start, end in intervals:
                 if min(end, commands.time[-1]) - start <= min_duration:

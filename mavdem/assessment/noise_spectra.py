@@ -86,7 +86,7 @@ def noise_of(evidence: Evidence) -> MeasuredNoise:
     noise = MeasuredNoise(
         spectra, {name: find_spectral_lines(spectrum) for name, spectrum in spectra.items()}
     )
-    controller = controller_if_known(signals.about("roll"))
+    controller = controller_if_known(signals.for_axis("roll"))
     if controller is None:
         return noise
     before, behind = spectra.get(BEFORE), spectra.get(GYRO)

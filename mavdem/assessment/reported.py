@@ -200,7 +200,7 @@ def _mode_changes(signals: Signals, part: Segment) -> Iterator[Fact]:
         reason_numbers = dict(
             zip(columns["time"][rows].tolist(), columns["Rsn"][rows], strict=True)
         )
-    for time, mode in signals.modes(part.boot):
+    for time, mode in signals.mode_changes(part.boot):
         cause, level = mode_change_reason(reason_numbers.get(time))
         code = Reported.MODE_CHANGED
         yield _event(signals, part, message, code, time, level, subject=mode, cause=cause)

@@ -40,7 +40,7 @@ def aligned_flight(signals: Signals, segment: Segment, dt: float | None = None) 
     learn; interpolation has none. It looks one message ahead: an input between two messages uses up to one interval of
     the future. Setpoints are held (see ``setpoints``).
     """
-    attitude, motors = signals.streams
+    attitude, motors = signals.attitude_and_inputs
     telemetry = signals.telemetry
     axis = signals.axis
     near = in_segments(attitude, segment)
@@ -54,7 +54,7 @@ def aligned_flight(signals: Signals, segment: Segment, dt: float | None = None) 
     time = common_grid(stamps, driven, dt)
     outputs, attitude_way = resample(time, dt, stamps, motion[near])
     inputs, motors_way = resample(time, dt, driven, motors.outputs[drive])
-    layout = motors.layout
+    layout = motors.geometry
     scale = motors.scale
     asked = signals.setpoints
     return Flight(

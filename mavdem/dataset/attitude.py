@@ -33,20 +33,20 @@ class Attitude:
     angle: Array  # (N,) Euler angle, rad; that of yaw without its jumps by a turn
     rate: Array  # (N,) body rate, rad/s: p for roll, q for pitch, r for yaw
     # (N,) the derivative of ``angle`` that the three body rates and the attitude imply, rad/s
-    slope: Array
-    sent: int  # messages in the stream
+    euler_rate: Array
+    sent_count: int  # messages in the stream
     # those not used: not finite, impossible, or with the stamp of another. Exact copies do not count.
-    left_out: int
+    unused_count: int
     # those with an angle beyond ``MAX_ANGLE`` or a body rate beyond ``MAX_BODY_RATE``
-    impossible: int
+    impossible_count: int
 
     @property
-    def angles(self) -> TimeSeries:
+    def angle_series(self) -> TimeSeries:
         """The angle alone."""
         return TimeSeries(self.time, self.boot, self.angle)
 
     @property
-    def rates(self) -> TimeSeries:
+    def rate_series(self) -> TimeSeries:
         """The body rate alone."""
         return TimeSeries(self.time, self.boot, self.rate)
 
@@ -102,7 +102,7 @@ def attitude_of_axis(telemetry: Telemetry, axis: str) -> Attitude | None:
             drift = sent.angle[rows] - np.interp(time, at, turned)
             angle[within] = turned + np.interp(at, time, drift)
             covered += int(np.count_nonzero((time >= at[0]) & (time <= at[-1])))
-            slope[within] += np.interp(at, time, sent.slope[rows] - sent.rate[rows])
+            slope[within] += np.interp(at, time, sent.euler_rate[rows] - sent.rate[rows])
     # What is flown without these rates is not to be lost.
     if covered < MIN_PREFERRED_SHARE * len(sent.time):
         return sent
@@ -114,9 +114,9 @@ def attitude_of_axis(telemetry: Telemetry, axis: str) -> Attitude | None:
         angle[kept],
         rate[kept],
         slope[kept],
-        tuning.sent,
-        tuning.left_out,
-        sent.impossible,
+        tuning.sent_count,
+        tuning.unused_count,
+        sent.impossible_count,
     )
 
 
@@ -152,5 +152,13 @@ def attitude_from_messages(telemetry: Telemetry, axis: str) -> Attitude | None:
         angle = np.unwrap(angle)
     far_out = int(np.count_nonzero(impossible))
     return Attitude(
-        message, kept.time, kept.boot, angle, rate, slope, kept.sent, kept.left_out, far_out
+        message,
+        kept.time,
+        kept.boot,
+        angle,
+        rate,
+        slope,
+        kept.sent_count,
+        kept.unused_count,
+        far_out,
     )

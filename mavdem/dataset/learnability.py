@@ -93,7 +93,7 @@ def segment_learnabilities(
     if (reason := _unusable(signals, components)) is not None:
         yield Learnability(signals.axis, False, reason)
         return
-    attitude, drive = signals.streams
+    attitude, drive = signals.attitude_and_inputs
     segments = settled_segments(signals)
     figures = quality.log_quality(signals, len(segments))
     log = _Evidence(signals, attitude, drive, components, figures, segments, least_rate)
@@ -137,11 +137,11 @@ def _unusable(signals: Signals, components: Sequence[Component]) -> Fact | None:
         )
     if attitude is None:
         return Fact(Reason.NO_ATTITUDE, recorder=recorder, remedy=rate_advice(telemetry))
-    if signals.drive is None:
+    if signals.model_inputs is None:
         never = signals.armed is not None and not signals.armed.values.any()
         return NEVER_ARMED if never else _without_drive(signals)
     name = telemetry.name_in_source(attitude.message)
-    if attitude.impossible > REFUSED_IMPOSSIBLE * attitude.sent:
+    if attitude.impossible_count > REFUSED_IMPOSSIBLE * attitude.sent_count:
         return _impossible(Reason.ATTITUDE_UNIT, attitude, name).but(recorder=recorder)
     if not len(attitude.time):
         return Fact(Reason.ATTITUDE_NOT_FINITE, name=name, axis=signals.axis)
@@ -150,7 +150,11 @@ def _unusable(signals: Signals, components: Sequence[Component]) -> Fact | None:
 
 def _impossible(code: Reason | Caution, attitude: Attitude, name: str) -> Fact:
     return Fact(
-        code, count=attitude.impossible, sent=attitude.sent, name=name, body_rate=MAX_BODY_RATE
+        code,
+        count=attitude.impossible_count,
+        sent=attitude.sent_count,
+        name=name,
+        body_rate=MAX_BODY_RATE,
     )
 
 
@@ -330,7 +334,7 @@ def slow_streams(rates: Parameters, axis: str, least: float = MIN_STREAM_RATE) -
 def _grounded(signals: Signals, figures: QualityFigures) -> Fact:
     """On a vehicle that was armed and did not fly: what shows that, if anything does."""
     name = signals.telemetry.name_in_source("EXTENDED_SYS_STATE")
-    attitude, _ = signals.streams
+    attitude, _ = signals.attitude_and_inputs
     held = any(phases.airborne_intervals(signals, int(boot)) for boot in np.unique(attitude.boot))
     by_collective = not held and signals.landed_state is None
     if by_collective and signals.collective is None:
@@ -349,17 +353,17 @@ def _grounded(signals: Signals, figures: QualityFigures) -> Fact:
 def segment_cautions(signals: Signals, figures: QualityFigures) -> Iterator[Fact]:
     """Yields what was left out of attitude and inputs, what was assumed, and what a segment of ``figures`` lacks."""
     axis = signals.axis
-    attitude, drive = signals.streams
+    attitude, drive = signals.attitude_and_inputs
     called = signals.telemetry.name_in_source
-    if attitude.impossible:
+    if attitude.impossible_count:
         name = called(attitude.message)
         yield _impossible(Caution.IMPOSSIBLE_ATTITUDE, attitude, name)
     for stream in (attitude, drive):
-        if stream.left_out > DOUBTFUL_LOSS * stream.sent:
+        if stream.unused_count > DOUBTFUL_LOSS * stream.sent_count:
             yield Fact(
                 Caution.MESSAGES_LEFT_OUT,
-                count=stream.left_out,
-                sent=stream.sent,
+                count=stream.unused_count,
+                sent=stream.sent_count,
                 name=called(stream.message),
             )
     if drive.message == DEMAND_MESSAGE:
@@ -371,8 +375,8 @@ def segment_cautions(signals: Signals, figures: QualityFigures) -> Iterator[Fact
         )
     if signals.telemetry.vehicle == "UNKNOWN":
         yield Fact(Caution.VEHICLE_ASSUMED)
-    if drive.layout.assumed:
-        yield Fact(Caution.MIXER_ASSUMED, basis=drive.layout.basis)
+    if drive.geometry.assumed:
+        yield Fact(Caution.MIXER_ASSUMED, basis=drive.geometry.basis)
     if figures.output_snr is not None and figures.output_snr < MIN_TRUSTED_SNR:
         yield Fact(
             Caution.NEAR_RESOLUTION,

@@ -58,21 +58,21 @@ class MotorOutputs:
     time: Array  # with boot: (N,) s on the clock of a boot
     boot: Integers
     outputs: Array  # (N, k) in the unit of the stream
-    layout: MotorGeometry  # which channels and where their motors are
+    geometry: MotorGeometry  # which channels and where their motors are
     scale: OutputScale  # unit, range and resolution
-    sent: int  # messages in the stream
+    sent_count: int  # messages in the stream
     # those not used: not finite, or with the stamp of another. Exact copies do not count.
-    left_out: int
+    unused_count: int
 
     @property
     def collective(self) -> TimeSeries:
         """How hard they work together, 0 to 1: the mean of their shares (N,)."""
         return TimeSeries(self.time, self.boot, self.scale.fraction(self.outputs).mean(axis=1))
 
-    def shares(self, boot: int) -> TimeSeries:
+    def range_fractions(self, boot: int) -> TimeSeries:
         """Returns the shares (N, k) of their range in one boot."""
         shares = TimeSeries(self.time, self.boot, self.scale.fraction(self.outputs))
-        return shares.at(self.boot == boot)
+        return shares.select(self.boot == boot)
 
 
 def motor_outputs_or_obstacle(telemetry: Telemetry) -> MotorOutputs | Fact:
@@ -130,10 +130,10 @@ def _motors_in(telemetry: Telemetry, message: str) -> MotorOutputs | Fact:
         return Fact(MotorObstacle.OUTPUTS_NOT_FINITE, name=name)
     # Of the values as sent: interpolated ones fall between the steps of the stream.
     scale = output_scale(np.concatenate(sent), telemetry.parameters, plan.drivers)
-    left_out = signal.left_out + whole.left_out
+    left_out = signal.unused_count + whole.unused_count
     scale = replace(scale, stop=min(scale.stop, _observed_upper_stop(scale.fraction(whole.values))))
     return MotorOutputs(
-        message, whole.time, whole.boot, whole.values, plan, scale, signal.sent, left_out
+        message, whole.time, whole.boot, whole.values, plan, scale, signal.sent_count, left_out
     )
 
 
@@ -167,8 +167,8 @@ def axis_demand(telemetry: Telemetry, axis: str) -> MotorOutputs | None:
         outputs,
         demand_geometry(axis),
         scale,
-        signal.sent,
-        signal.left_out,
+        signal.sent_count,
+        signal.unused_count,
     )
 
 

@@ -77,8 +77,8 @@ def settled_intervals(signals: Signals, boot: int) -> Intervals:
 
     Neither take-off nor landing, where it reports them, nor what the ground holds; both axes must stay upright.
     """
-    if signals.settled is not None:
-        return signals.settled
+    if signals.preset_settled_intervals is not None:
+        return signals.preset_settled_intervals
     climb = series_of_boot(signals.climb_rate, boot)
     landing = series_of_boot(signals.landing, boot)
     flights = intersection(
@@ -87,7 +87,7 @@ def settled_intervals(signals: Signals, boot: int) -> Intervals:
     if landing is not None and climb is None and series_of_boot(signals.landed_state, boot) is None:
         flights = intersection(flights, true_intervals(landing.time, landing.values == 0))
     flights = without_grounded(flights, signals, boot)
-    tilts = [tilt.angles.at(tilt.boot == boot) for tilt in signals.tilts]
+    tilts = [tilt.angle_series.select(tilt.boot == boot) for tilt in signals.tilts]
     for tilt in tilts[:1]:  # what lies on its back has crashed
         flights = intersection(flights, true_intervals(tilt.time, abs(tilt.values) < np.pi / 2))
     level = [
@@ -146,7 +146,7 @@ def _ignored_tilt_setpoints(signals: Signals, boot: int, flight: Interval) -> bo
         return False
     for axis, tilt in zip(TILT_AXES, signals.tilts, strict=False):
         here = (tilt.boot == boot) & in_intervals(tilt.time, [flight])
-        for setpoint in signals.about(axis).setpoints:
+        for setpoint in signals.for_axis(axis).setpoints:
             squares = held_setpoint(setpoint, boot, tilt.time[here]) ** 2
             finite = np.isfinite(squares)
             if setpoint.unit != "rad" or not finite.any():
@@ -175,14 +175,14 @@ def grounded_intervals(signals: Signals, boot: int) -> Intervals:
     hover = np.median(mean[running & (mean > np.quantile(mean[running], 0.9) / 2)])
     squares = np.zeros(len(mean))
     for tilt in signals.tilts:
-        turning = TimeSeries(tilt.time, tilt.boot, tilt.rate**2).at(tilt.boot == boot)
+        turning = TimeSeries(tilt.time, tilt.boot, tilt.rate**2).select(tilt.boot == boot)
         if len(turning.time):
             squares += np.interp(collective.time, turning.time, moving_average(turning))
     lively = np.quantile(squares[running], 0.9)
     moving = running & (squares >= HELD_RATE_RATIO * lively)
     fighting = np.zeros(len(mean), dtype=bool)
     if signals.motors is not None:
-        for share in signals.motors.shares(boot).values.T:
+        for share in signals.motors.range_fractions(boot).values.T:
             apart = moving_average(TimeSeries(collective.time, collective.boot, share)) - mean
             fighting |= abs(apart - np.median(apart[moving])) > HELD_MOTOR_DEVIATION * hover
     still = squares < HELD_RATE_RATIO**2 * lively
@@ -214,7 +214,7 @@ def max_collective(signals: Signals) -> float:
     if collective is None:
         return 0.0
     boots = np.unique(collective.boot)
-    return max(moving_average(collective.at(collective.boot == boot)).max() for boot in boots)
+    return max(moving_average(collective.select(collective.boot == boot)).max() for boot in boots)
 
 
 def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals:
@@ -248,7 +248,7 @@ def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...])
 
 def mode_intervals(signals: Signals, boot: int, modes: Container[str]) -> Intervals:
     """Returns the intervals of ``boot`` in one of these flight ``modes``, by name."""
-    changes = [*signals.modes(boot), (inf, "")]
+    changes = [*signals.mode_changes(boot), (inf, "")]
     return [(start, end) for (start, name), (end, _) in pairwise(changes) if name in modes]
 
 
@@ -276,7 +276,7 @@ def series_of_boot(signal: TimeSeries | None, boot: int) -> TimeSeries | None:
     if signal is None:
         return None
     here = signal.boot == boot
-    return signal.at(here) if here.any() else None
+    return signal.select(here) if here.any() else None
 
 
 def moving_average(signal: TimeSeries) -> Array:

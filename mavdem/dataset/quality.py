@@ -63,7 +63,7 @@ class QualityFigures:
 
 def log_quality(signals: Signals, segments: int) -> QualityFigures:
     """Returns the figures of a whole log with so many ``segments``; its rates are those between outages."""
-    attitude, drive = signals.streams
+    attitude, drive = signals.attitude_and_inputs
     armed = sum(
         total_duration(
             intersection([(part.start, part.end)], phases.armed_intervals(signals, part.boot))
@@ -91,12 +91,12 @@ def segment_quality(
     signals: Signals, segment: Segment, flight: Flight, log: QualityFigures
 ) -> QualityFigures:
     """Returns the figures of one segment and the flight made of it, with those of the ``log`` that hold for all."""
-    attitude, motors = signals.streams
+    attitude, motors = signals.attitude_and_inputs
     here = in_segments(attitude, segment)
     there = in_segments(motors, segment)
     time = attitude.time[here]
     angle = attitude.angle[here]
-    slope = attitude.slope[here]
+    slope = attitude.euler_rate[here]
     flown, _ = resample(flight.time, flight.dt, time, np.column_stack([angle, slope]))
     flown_angle, flown_slope, flown_rate = *flown.T, flight.outputs[:, -1]
     consistencies = [
@@ -109,7 +109,7 @@ def segment_quality(
     stepped = zip(motion.T[measured], steps[measured], strict=True)
     output_snrs = [_snr_of_changes(time, column, step) for column, step in stepped]
     # The motors' combination (T,) that turns the axis, and the standard deviation that rounding alone gives it.
-    if (weights := motors.layout.mixer_row(signals.axis)) is not None:
+    if (weights := motors.geometry.mixer_row(signals.axis)) is not None:
         combination = flight.inputs @ weights
         rounding = motors.scale.step * np.sqrt((weights**2).sum() / 12)
     else:

@@ -95,7 +95,7 @@ def _sampled(
 ) -> Iterator[Segment]:
     """Where both streams are unbroken, in the ``wanted`` intervals of each boot."""
     attitude = signals.attitude
-    drive = signals.drive
+    drive = signals.model_inputs
     if attitude is not None and drive is not None:
         for boot in np.intersect1d(attitude.boot, drive.boot):
             runs = (unbroken_runs(stream.time[stream.boot == boot]) for stream in (attitude, drive))

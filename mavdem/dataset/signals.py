@@ -119,12 +119,12 @@ def cached_per_vehicle(*of: str) -> Callable[[Find], Find]:
                 *arguments,
                 *named.items(),
             )
-            if key not in signals.known:
+            if key not in signals.cache:
                 try:
-                    signals.known[key] = freeze(find(signals, *arguments, **named))
+                    signals.cache[key] = freeze(find(signals, *arguments, **named))
                 except NotLearnable as error:
-                    signals.known[key] = NotLearnable(error.fact)
-            result = signals.known[key]
+                    signals.cache[key] = NotLearnable(error.fact)
+            result = signals.cache[key]
             if isinstance(result, NotLearnable):
                 raise NotLearnable(result.fact)
             return result
@@ -193,7 +193,7 @@ class InjectedSignal(NamedTuple):
     ArduCopter logs it as it is made, and adds it in the next cycle of its loop.
     """
 
-    where: Injection
+    injection_point: Injection
     signal: TimeSeries
 
 
@@ -203,10 +203,10 @@ class VehicleSignals:
 
     telemetry: Telemetry
 
-    settled: list[tuple[float, float]] | None = field(default=None, kw_only=True)
+    preset_settled_intervals: list[tuple[float, float]] | None = field(default=None, kw_only=True)
     """Settled flight of its one boot, where that is known already; see ``phases.settled_intervals``."""
 
-    known: dict[Hashable, Any] = field(default_factory=dict, kw_only=True, repr=False)
+    cache: dict[Hashable, Any] = field(default_factory=dict, kw_only=True, repr=False)
     """What was found and why nothing was, by what it is of; see :func:`once`."""
 
     @property
@@ -291,7 +291,7 @@ class VehicleSignals:
         order = np.lexsort((columns["time"][own], columns["boot"][own]))
         return selected_rows(columns, np.flatnonzero(own)[order])
 
-    def modes(self, boot: int) -> list[tuple[float, str]]:
+    def mode_changes(self, boot: int) -> list[tuple[float, str]]:
         """Returns when each flight mode of a ``boot`` began, s, and its name, from CURRENT_MODE or else HEARTBEAT."""
         columns = self.telemetry.messages.get("CURRENT_MODE") or self.heartbeats
         if columns is None or "custom_mode" not in columns:
@@ -394,7 +394,7 @@ class Signals(VehicleSignals):
         if self.inputs not in (None, *INPUT_KINDS):
             raise ValueError(f"inputs must be one of {', '.join(INPUT_KINDS)}, not {self.inputs!r}")
 
-    def about(self, axis: str, inputs: str | None = None) -> Signals:
+    def for_axis(self, axis: str, inputs: str | None = None) -> Signals:
         """Returns the signals for another ``axis`` or other ``inputs``; those of the vehicle are not read again."""
         return replace(self, axis=axis, inputs=inputs)
 
@@ -410,7 +410,7 @@ class Signals(VehicleSignals):
         return axis_demand(self.telemetry, self.axis)
 
     @cached_property
-    def drive(self) -> MotorOutputs | None:
+    def model_inputs(self) -> MotorOutputs | None:
         """The model's inputs: the motors, or the demand where that was chosen or only it comes fast enough."""
         if self.inputs is not None:
             return self.demand if self.inputs == "demand" else self.motors
@@ -420,10 +420,10 @@ class Signals(VehicleSignals):
         )
 
     @property
-    def streams(self) -> tuple[Attitude, MotorOutputs]:
+    def attitude_and_inputs(self) -> tuple[Attitude, MotorOutputs]:
         """Attitude and inputs of the model, where there are both."""
-        assert self.attitude is not None and self.drive is not None
-        return self.attitude, self.drive
+        assert self.attitude is not None and self.model_inputs is not None
+        return self.attitude, self.model_inputs
 
     @property
     @cached_per_vehicle("axis")
@@ -432,7 +432,7 @@ class Signals(VehicleSignals):
         return recorded_setpoints(self.telemetry, self.axis)
 
     @cached_property
-    def asked(self) -> TimeSeries | None:
+    def angle_setpoint(self) -> TimeSeries | None:
         """The angle that was asked for, rad, from ATTITUDE_TARGET, or of ArduPilot from NAV_CONTROLLER_OUTPUT."""
         for setpoint in self.setpoints:
             if setpoint.unit == "rad":
@@ -446,7 +446,7 @@ class Signals(VehicleSignals):
         return clean_series(columns, angles)
 
     @cached_property
-    def injected(self) -> tuple[InjectedSignal, ...]:
+    def injected_signals(self) -> tuple[InjectedSignal, ...]:
         """What system identification, or PX4's autotune, added to commands of the axis; empty where nothing was."""
         columns = self.telemetry.messages.get("SIDD")
         if columns is None:
@@ -461,7 +461,7 @@ class Signals(VehicleSignals):
         return tuple(injected)
 
     @cached_property
-    def rates(self) -> tuple[TimeSeries, TimeSeries] | None:
+    def rate_and_setpoint(self) -> tuple[TimeSeries, TimeSeries] | None:
         """The body rate and what was asked of it, rad/s, from where they come fastest; None without setpoints.
 
         That is PID_TUNING, or else attitude and rate setpoint.
@@ -475,7 +475,7 @@ class Signals(VehicleSignals):
         asked_rates = [setpoint.signal for setpoint in self.setpoints if setpoint.unit == "rad/s"]
         if attitude is None or not asked_rates:
             return None
-        return attitude.rates, asked_rates[0]
+        return attitude.rate_series, asked_rates[0]
 
 
 def global_positions(columns: Columns) -> tuple[Array, Flags]:

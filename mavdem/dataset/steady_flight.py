@@ -28,26 +28,26 @@ class AttitudeTracking(NamedTuple):
 
     Attributes:
         angles: (N, 3) roll, pitch and heading, rad, the last without jumps.
-        asked: (N, 2) setpoints of roll and pitch, rad; NaN where there is none.
-        by_rate: (N, 2) where rates of roll and pitch were asked for.
+        setpoints: (N, 2) setpoints of roll and pitch, rad; NaN where there is none.
+        is_rate_controlled: (N, 2) where rates of roll and pitch were asked for.
     """
 
     time: Array
     angles: Array
-    asked: Array
-    by_rate: Flags
+    setpoints: Array
+    is_rate_controlled: Flags
 
     @property
-    def strays(self) -> Flags:
+    def is_straying(self) -> Flags:
         """(N,) where roll or pitch is known to be far from its setpoint."""
-        return strays_from_setpoint(self.angles[:, :2], self.asked)
+        return strays_from_setpoint(self.angles[:, :2], self.setpoints)
 
     @property
-    def steady(self) -> Flags:
+    def is_steady(self) -> Flags:
         """(N,) where it does not stray, and the nose keeps its heading."""
         heading = self.angles[:, 2]
         turned = abs(heading - np.interp(self.time - TURN_SECONDS, self.time, heading))
-        return ~self.strays & ~(turned > MAX_HEADING_CHANGE)
+        return ~self.is_straying & ~(turned > MAX_HEADING_CHANGE)
 
 
 def strays_from_setpoint(angles: Array, asked: Array) -> Flags:
@@ -61,14 +61,14 @@ def attitude_tracking(signals: Signals, boot: int) -> AttitudeTracking | None:
     angles = [
         angle
         for each in signals.attitudes
-        if (angle := series_of_boot(each.angles, boot)) is not None
+        if (angle := series_of_boot(each.angle_series, boot)) is not None
     ]
     if len(angles) < len(AXES):
         return None
     time = angles[-1].time
     asked = {unit: np.full((len(time), len(TILT_AXES)), nan) for unit in ("rad", "rad/s")}
     for column, axis in enumerate(TILT_AXES):
-        for setpoint in signals.about(axis).setpoints:
+        for setpoint in signals.for_axis(axis).setpoints:
             asked[setpoint.unit][:, column] = held_setpoint(setpoint, boot, time)
     columns = [np.interp(time, angle.time, angle.values) for angle in angles]
     return AttitudeTracking(time, np.column_stack(columns), asked["rad"], ~np.isnan(asked["rad/s"]))
@@ -82,7 +82,7 @@ def steady_intervals(signals: Signals, boot: int) -> Intervals:
     return (
         intervals
         if flight is None
-        else intersection(intervals, true_intervals(flight.time, flight.steady))
+        else intersection(intervals, true_intervals(flight.time, flight.is_steady))
     )
 
 
@@ -91,5 +91,5 @@ def tracked_headings(signals: Signals, boot: int, time: Array) -> Array:
     flight = attitude_tracking(signals, boot)
     if flight is None:
         return np.zeros(len(time))
-    heading = np.where(flight.strays, nan, flight.angles[:, 2])
+    heading = np.where(flight.is_straying, nan, flight.angles[:, 2])
     return np.interp(time, flight.time, heading)

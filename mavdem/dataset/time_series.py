@@ -26,10 +26,10 @@ class TimeSeries:
     time: Array
     boot: Integers
     values: Array
-    sent: int = 0
-    left_out: int = 0
+    sent_count: int = 0
+    unused_count: int = 0
 
-    def at(self, rows: Flags) -> TimeSeries:
+    def select(self, rows: Flags) -> TimeSeries:
         """Returns the samples of these ``rows`` (N,)."""
         return TimeSeries(self.time[rows], self.boot[rows], self.values[rows])
 

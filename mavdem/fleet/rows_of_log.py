@@ -67,7 +67,7 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
     """
     first = assessment.analysis
     assert first is not None and assessment.evidence is not None
-    signals = assessment.evidence.signals.about(AXES[0], "motors")
+    signals = assessment.evidence.signals.for_axis(AXES[0], "motors")
     columns = {"file": file, "component": signals.telemetry.component}
     judged = assessment.of_documents | {"headline_fact": assessment.headline}
     if all(analysis.tier.tier is None for analysis in assessment.analyses.values()):
@@ -93,7 +93,7 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
         }
     columns |= {} if assessment.wind is None else _wind(assessment.wind)
     if signals.motors is not None:
-        layout = signals.motors.layout
+        layout = signals.motors.geometry
         columns |= {"positions": layout.positions or None, "spins": layout.spins or None}
     rows = []
     for axis, analysis in assessment.analyses.items():

@@ -112,7 +112,7 @@ class Inputs:
     @property
     def key(self) -> tuple[object, ...]:
         """What must not change within a segment."""
-        return self.motors.message, self.motors.layout.channels, self.picks
+        return self.motors.message, self.motors.geometry.channels, self.picks
 
 
 class InputChoice:
@@ -144,9 +144,9 @@ class InputChoice:
         if motors is None:
             return None
         _, width = motor_outputs.channel_outputs(motors.message, messages[motors.message])
-        picks = tuple(divmod(n - 1, width) for n in motors.layout.channels)
+        picks = tuple(divmod(n - 1, width) for n in motors.geometry.channels)
         # A climb at one throttle of a few seconds looks like a stop: only parameters say where one is.
-        scale = output_scale(motors.outputs, vehicle.parameters, motors.layout.drivers)
+        scale = output_scale(motors.outputs, vehicle.parameters, motors.geometry.drivers)
         recent = motors.time >= now - KEPT_SECONDS
         parts = {name: getattr(motors, name)[recent] for name in ("time", "boot", "outputs")}
         motors = replace(motors, scale=replace(motors.scale, stop=scale.stop), **parts)

@@ -65,9 +65,9 @@ class MotorAlarms:
             self.standing = ()
             self.landed = False
         # balances on two ranges differ
-        watched = boot, motors.layout, motors.scale.low, motors.scale.high
+        watched = boot, motors.geometry, motors.scale.low, motors.scale.high
         if self._watch is None or watched != self._watched:
-            self._watch = MotorWatch(motors.layout, boot)
+            self._watch = MotorWatch(motors.geometry, boot)
             self._watched = watched
         changes = self._watch.take(time, commands, heading)
         for change in changes:

@@ -335,7 +335,7 @@ class LiveStream:
         """Reports the segment that begins, if its rows are others than before."""
         grid = self._grid
         before = self.row_format
-        plan = inputs.motors.layout
+        plan = inputs.motors.geometry
         assert grid.dt is not None and self._attitude is not None
         names = self._attitude, inputs.motors.message
         self.row_format = now = RowFormat(
@@ -404,7 +404,7 @@ class LiveStream:
         if inputs is None:
             return  # after a silence there is no evidence of a change
         self._inputs = inputs
-        layout = inputs.motors.layout
+        layout = inputs.motors.geometry
         if before is not None and running and inputs.key != before.key:
             self._report(Fact(Rows.INPUTS_CHANGED, names=layout.names))
             self._grid.end(forget_step=True)
@@ -439,7 +439,7 @@ class LiveStream:
         time = tilt.time[-1]
         rates = (motion.rate,) * 2
         setup = RowFormat(
-            self.boot, 1 / motion.rate, *names, motors.layout, motors.scale, rates, time
+            self.boot, 1 / motion.rate, *names, motors.geometry, motors.scale, rates, time
         )
         outputs = np.array([tilt.angle[-1], tilt.rate[-1]])
         row = AlignedRow(time, motors.outputs[-1], outputs, self._grid.segment, False, False)

@@ -112,7 +112,11 @@ class Watchdog:
         time, states = zip(*self._phases, (now, self._phases[-1][1]), strict=True)
         boots = np.full(len(time), self._recent.boot)
         landed = TimeSeries(np.array(time), boots, np.array(states))
-        return LiveSignals(replace(vehicle, messages=columns), landed_state=landed, settled=settled)
+        return LiveSignals(
+            replace(vehicle, messages=columns),
+            landed_state=landed,
+            preset_settled_intervals=settled,
+        )
 
     def _reported(self, signals: Signals, now: float) -> Iterator[Fact]:
         """What the autopilot has reported since the last review."""
@@ -151,7 +155,7 @@ class Watchdog:
                 Watched.MOTOR_LIMITS,
                 Fact(
                     MotorsLight.MOTOR_LIMITED,
-                    subject=motors.layout.names[motor],
+                    subject=motors.geometry.names[motor],
                     share=limited[motor],
                 ),
             )

@@ -93,8 +93,8 @@ def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
     """Of the axis of ``signals``; what it takes is that of :func:`identify_plant_in_loop`."""
     boot = boot_number(flights[0])
     record = Record.from_flights(flights)
-    assert signals.drive is not None
-    layout = signals.drive.layout
+    assert signals.model_inputs is not None
+    layout = signals.model_inputs.geometry
     weights = None if layout.positions_assumed else layout.mixer_row(signals.axis)
     controller = known_controller(record.parameters, signals.axis, weights)
     directions = demand_directions(controller, record)
@@ -117,7 +117,7 @@ def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
         density = seen.mean_density[:, Quantity.OUTPUT, Quantity.OUTPUT].real
         power = np.average(density, weights=seen.effective_samples) * seen.message_rate
         if rounding**2 / 12 > MOST_ROUNDED * power:
-            scale = signals.drive.scale
+            scale = signals.model_inputs.scale
             command = scale.step * np.sqrt(power) / rounding
             raise NotLearnable(
                 Reason.COMMAND_ROUNDED,
@@ -159,14 +159,14 @@ def _streams(
     directions: Array,
 ) -> tuple[list[Messages], Messages, float]:
     """Rate, output as a demand, each setpoint with what was asked; whether an output was at a limit; its steps."""
-    attitude, drive = signals.attitude, signals.drive
+    attitude, drive = signals.attitude, signals.model_inputs
     assert attitude is not None and drive is not None
 
     def here(stream: Attitude | TimeSeries, values: Array) -> Messages:
         rows = stream.boot == boot
         return Messages(stream.time[rows], values[rows])
 
-    outputs = drive.shares(boot)
+    outputs = drive.range_fractions(boot)
     step = np.median(np.diff(outputs.time))
     demand = Messages(outputs.time, controller.demand_from_outputs(outputs.values, step))
     angle = here(attitude, attitude.angle)

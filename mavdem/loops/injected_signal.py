@@ -29,13 +29,18 @@ def injected_loop(signals: Signals, parts: Segments) -> OpenLoop | None:
     """
     demand = signals.demand
     controller = controller_if_known(signals)
-    if demand is None or signals.rates is None or not signals.injected or controller is None:
+    if (
+        demand is None
+        or signals.rate_and_setpoint is None
+        or not signals.injected_signals
+        or controller is None
+    ):
         return None
     injected = max(
-        (signal.signal for signal in signals.injected), key=lambda signal: len(signal.time)
+        (signal.signal for signal in signals.injected_signals), key=lambda signal: len(signal.time)
     )
     acted = replace(injected, time=demand.time, boot=demand.boot, values=demand.outputs[:, 0])
-    cross = spectra((injected, signals.rates[0], acted), parts)
+    cross = spectra((injected, signals.rate_and_setpoint[0], acted), parts)
     if cross is None:
         return None
     coherent = (cross.coherence >= MIN_COHERENCE) & (cross.frequency >= LOWEST_RESPONSE)

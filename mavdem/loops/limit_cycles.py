@@ -142,7 +142,7 @@ def _limit_cycles(
     upper, lower = (limit.any(axis=1) for limit in samples_at_limits(shares, motors.scale))
     columns = [*(shares - shares.mean(axis=1, keepdims=True)).T, upper & lower, upper | lower]
     outputs = [TimeSeries(motors.time, motors.boot, column) for column in columns]
-    grid = evenly_sampled([tilt.rates, *outputs], parts, seconds, FEWEST_SAMPLES / seconds)
+    grid = evenly_sampled([tilt.rate_series, *outputs], parts, seconds, FEWEST_SAMPLES / seconds)
     if grid is None:
         return
     sampled, pieces = grid

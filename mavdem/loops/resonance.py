@@ -107,9 +107,9 @@ def setpoint_resonance(signals: Signals, parts: Segments) -> Resonance | None:
 
     None where the messages are slower than ``MINIMUM_RATE``, or too little of the rate is by the setpoint.
     """
-    if signals.rates is None:
+    if signals.rate_and_setpoint is None:
         return None
-    rate, asked = signals.rates
+    rate, asked = signals.rate_and_setpoint
     cross = spectra((asked, rate), parts)
     if cross is None:
         return None
@@ -163,12 +163,12 @@ def spectral_resonance(signals: Signals, parts: Segments) -> Resonance | None:
     it by its sensitivity. None where the messages are slow, or nothing is as much over the line as ``PROMINENT``.
     """
     attitude = signals.attitude
-    drive = signals.drive
+    drive = signals.model_inputs
     if attitude is None or drive is None:
         return None
-    weights = drive.layout.mixer_row(signals.axis)
+    weights = drive.geometry.mixer_row(signals.axis)
     command = drive.outputs[:, 0] if weights is None else drive.outputs @ weights
-    cross = spectra((TimeSeries(drive.time, drive.boot, command), attitude.rates), parts)
+    cross = spectra((TimeSeries(drive.time, drive.boot, command), attitude.rate_series), parts)
     if cross is None or not cross.usual.all():
         return None
     top = min(HIGHEST_SHARE * cross.frequency[-1], MAX_LOOP_FREQUENCY)

@@ -168,21 +168,25 @@ def rate_step_response(signals: Signals, parts: Segments) -> StepResponse | Fact
 
     ArduPilot's ATTITUDE_TARGET lacks the attitude controller's correction of the rate, which is added then.
     """
-    if signals.rates is None:
+    if signals.rate_and_setpoint is None:
         return Fact(StepResponses.NO_SETPOINT, subject=f"{signals.axis} rate")
-    rate, asked = signals.rates
+    rate, asked = signals.rate_and_setpoint
     used = [asked, rate]
     attitude = signals.attitude
     if attitude is not None and rate.time is attitude.time:
-        used += [signal for signal in (attitude.angles, signals.asked) if signal is not None]
+        used += [
+            signal
+            for signal in (attitude.angle_series, signals.angle_setpoint)
+            if signal is not None
+        ]
     return _response(signals, "rate", used, parts, MIN_STREAM_RATE)
 
 
 def attitude_step_response(signals: Signals, parts: Segments) -> StepResponse | Fact:
     """Returns the response of the angle to its setpoint in ``parts`` of a flight, or why it is not known."""
-    if signals.asked is None or signals.attitude is None:
+    if signals.angle_setpoint is None or signals.attitude is None:
         return Fact(StepResponses.NO_SETPOINT, subject=f"{signals.axis} attitude")
-    used = [signals.asked, signals.attitude.angles]
+    used = [signals.angle_setpoint, signals.attitude.angle_series]
     return _response(signals, "attitude", used, parts, MIN_SLOW_MOTION_RATE)
 
 

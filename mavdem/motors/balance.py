@@ -102,7 +102,7 @@ def balance_of_signals(signals: Signals) -> BalanceFigures | None:
     motors = signals.motors
     if motors is None:
         return None
-    signatures = motor_signatures(motors.layout)
+    signatures = motor_signatures(motors.geometry)
     runs = []
     seconds = 0.0
     for segment in sorted(settled_segments(signals)):

@@ -94,7 +94,7 @@ def hover_of(signals: Signals, components: Sequence[Component] = ()) -> HoverFig
         for axis, tilt in tilts
     }
     seconds = sum(segment.duration for segment in segments)
-    return hover_figures(motors.layout.names, motors.scale, seconds, motors.outputs[rows], lean)
+    return hover_figures(motors.geometry.names, motors.scale, seconds, motors.outputs[rows], lean)
 
 
 def hover_figures(

@@ -35,7 +35,7 @@ def trim_of_signals(signals: Signals) -> Fact | None:
     motors = signals.motors
     if motors is None:
         return None
-    return trim_of(balance_of_signals(signals), motors.layout)
+    return trim_of(balance_of_signals(signals), motors.geometry)
 
 
 def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:

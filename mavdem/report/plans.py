@@ -27,7 +27,7 @@ WAY = 600  # points of a path
 def frame_plan(motors: MotorOutputs | None, condition: Condition | None) -> Plan | None:
     """Returns the motors where they are, with their trim deviation and their headroom; None where that is not known."""
     hover = None if condition is None else condition.hover
-    places = () if motors is None else motors.layout.positions
+    places = () if motors is None else motors.geometry.positions
     if condition is None or hover is None or len(places) != len(hover.motors):
         return None
     at = np.array(places, np.float64)

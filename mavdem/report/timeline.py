@@ -107,7 +107,7 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
         if analysis.learned is not None
     )
     torque = over_time("Wind torque", TORQUE.name, filter(None, torques))
-    changes = signals.modes(boot)
+    changes = signals.mode_changes(boot)
     ends_of_modes = zip(changes, [*changes[1:], (last, "")], strict=False)
     modes = ((max(at, first), min(end, last), name) for (at, name), (end, _) in ends_of_modes)
     events = (
@@ -119,7 +119,7 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
     return Timeline(
         tuple(row for row in _driven(signals, part) if row.lines),
         (first, last),
-        {axis: tuple(_of_axis(signals.about(axis), part)) for axis in AXES},
+        {axis: tuple(_of_axis(signals.for_axis(axis), part)) for axis in AXES},
         tuple((flight.time[0], flight.time[-1]) for flight in analysis.flights),
         tuple(mode for mode in modes if mode[0] < mode[1]),
         tuple(events),
@@ -133,7 +133,7 @@ def _of(signal: TimeSeries, part: Segment) -> TimeSeries | None:
     rows = in_segments(signal, part, slack=0)
     if np.count_nonzero(rows) < 2:
         return None
-    return signal.at(rows)
+    return signal.select(rows)
 
 
 def _of_axis(signals: Signals, part: Segment) -> Iterator[Chart]:
@@ -142,10 +142,10 @@ def _of_axis(signals: Signals, part: Segment) -> Iterator[Chart]:
     if seen is None:
         return
     name = signals.axis
-    rate, asked = signals.rates or (seen.rates, None)
+    rate, asked = signals.rate_and_setpoint or (seen.rate_series, None)
     # some firmware sends degrees
     scale = 1.0 if np.nanstd(rate.values) > 10 * np.nanstd(seen.rate) else ANGLE.scale
-    angles = _beside(name, ANGLE.scale, seen.angles, signals.asked, part)
+    angles = _beside(name, ANGLE.scale, seen.angle_series, signals.angle_setpoint, part)
     rates = _beside("rate", scale, rate, asked, part)
     title = name.capitalize()
     if angles:
@@ -178,7 +178,7 @@ def _driven(signals: Signals, part: Segment) -> Iterator[Chart]:
     if (motors := signals.motors) is not None:
         percent = 100 * motors.scale.fraction(motors.outputs).clip(0.0)
         shares = TimeSeries(motors.time, motors.boot, percent)
-        names = [short(name) for name in motors.layout.names]
+        names = [short(name) for name in motors.geometry.names]
         mean = shares.values.mean(axis=1, keepdims=True)
         apart = replace(shares, values=shares.values - mean)
         yield over_time("Motors", "%", _lines(shares, part, names))

@@ -123,10 +123,14 @@ def _sampled(signals: Signals) -> Iterator[tuple[str, str, TimeSeries]]:
         values = recorded_series(signals.telemetry, message, *fields)
         if values is not None:
             yield name, message, values
-    about = [signals.about(axis) for axis in AXES]
+    about = [signals.for_axis(axis) for axis in AXES]
     for rates in (
-        [of_axis.rates[0] for of_axis in about if of_axis.rates is not None],
-        [of_axis.attitude.rates for of_axis in about if of_axis.attitude is not None],
+        [
+            of_axis.rate_and_setpoint[0]
+            for of_axis in about
+            if of_axis.rate_and_setpoint is not None
+        ],
+        [of_axis.attitude.rate_series for of_axis in about if of_axis.attitude is not None],
     ):
         if len(rates) == len(AXES) and len({len(rate.time) for rate in rates}) == 1:
             table = np.column_stack([rate.values for rate in rates])

@@ -82,7 +82,7 @@ def test_a_recorded_autotune_has_its_span_and_what_it_found():
     assert (round(tuned.time), round(tuned.until)) == (64, 184)
     _, before, after = zip(*sorted(tuned.figures["changes"]), strict=True)
     assert (before, after) == (approx((4.5, 0.0018, 0.0675, 0.0675)), (36.0, 0.0006, 0.116, 0.116))
-    assert autotuned(signals.about("pitch"), refusal) is None
+    assert autotuned(signals.for_axis("pitch"), refusal) is None
 
 
 def test_autotune_of_yaw_names_what_it_tuned_and_damage_is_no_number():

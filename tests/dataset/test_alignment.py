@@ -93,7 +93,7 @@ def eight_and_twelve(phase):
 def test_signals_of_another_axis_know_what_was_found_and_those_of_another_flight_do_not():
     signals = Signals(HOVER.telemetry())
     found = settled_segments(signals)
-    assert settled_segments(signals.about("roll")) is found
+    assert settled_segments(signals.for_axis("roll")) is found
     assert aligned_flight(signals, found[0], dt=0.02).dt == approx(0.02)
     other = replace(signals, telemetry=HOVER.telemetry(without=("ATTITUDE",)))
     assert settled_segments(other) != found

@@ -105,7 +105,9 @@ def test_slope_is_the_derivative_of_the_angle_in_a_banked_turn():
     assert_allclose(heading.angle, yaw_rate * time, atol=1e-12)
     assert_allclose(heading.rate, telemetry.messages["ATTITUDE"]["yawspeed"])
     for axis, derivative in (("roll", roll_rate), ("pitch", pitch_rate), ("yaw", yaw_rate)):
-        assert_allclose(attitude.attitude_of_axis(telemetry, axis).slope, derivative, atol=1e-12)
+        assert_allclose(
+            attitude.attitude_of_axis(telemetry, axis).euler_rate, derivative, atol=1e-12
+        )
 
 
 def test_disordered_repeated_and_broken_samples_leave_clean_columns():
@@ -118,7 +120,7 @@ def test_disordered_repeated_and_broken_samples_leave_clean_columns():
     shuffled["roll"][shuffled["time"] == lost] = np.nan
     shuffled["roll"][-1] += 1.0  # another value at the same stamp
     got = attitude.attitude_of_axis(changed(telemetry, "ATTITUDE", **shuffled), "roll")
-    assert got.left_out == 1 + np.count_nonzero(np.isnan(shuffled["roll"]))
+    assert got.unused_count == 1 + np.count_nonzero(np.isnan(shuffled["roll"]))
     whole = attitude.attitude_of_axis(telemetry, "roll")
     assert_array_equal(got.time, whole.time[whole.time != lost])
     assert_array_equal(got.angle, whole.angle[whole.time != lost])
@@ -128,16 +130,16 @@ def test_ardupilot_motors_by_servo_function_and_frame():
     parameters = {"FRAME_CLASS": 1, "FRAME_TYPE": 0, "SERVO1_FUNCTION": 36, "SERVO2_FUNCTION": 33}
     parameters |= {"SERVO3_FUNCTION": 34, "SERVO4_FUNCTION": 35, "SERVO5_FUNCTION": 70}
     motors = motor_outputs.motor_outputs_or_obstacle(HOVER.telemetry(parameters=parameters))
-    assert motors.layout.channels == (2, 3, 4, 1)
-    assert motors.layout.names == (
+    assert motors.geometry.channels == (2, 3, 4, 1)
+    assert motors.geometry.names == (
         "motor 1 (right)",
         "motor 2 (left)",
         "motor 3 (front)",
         "motor 4 (rear)",
     )
-    assert not motors.layout.channels_assumed and not motors.layout.positions_assumed
-    assert_allclose(motors.layout.mixer_row("roll"), [-0.5, 0.5, 0, 0], atol=1e-12)
-    assert_allclose(motors.layout.mixer_row("pitch"), [0, 0, 0.5, -0.5], atol=1e-12)
+    assert not motors.geometry.channels_assumed and not motors.geometry.positions_assumed
+    assert_allclose(motors.geometry.mixer_row("roll"), [-0.5, 0.5, 0, 0], atol=1e-12)
+    assert_allclose(motors.geometry.mixer_row("pitch"), [0, 0, 0.5, -0.5], atol=1e-12)
     expected = HOVER.motors(motors.time)[:, [1, 2, 3, 0]]
     assert_array_equal(motors.outputs, expected)
 
@@ -161,7 +163,7 @@ def test_without_parameters_the_moving_channels_are_assumed_and_said():
     for incomplete in ({}, {"SERVO7_FUNCTION": 35.0, "SERVO2_FUNCTION": 34.0}):
         motors = motor_outputs.motor_outputs_or_obstacle(
             HOVER.telemetry(parameters=incomplete)
-        ).layout
+        ).geometry
         assert motors.channels == (1, 2, 3, 4)
         assert motors.channels_assumed and motors.positions_assumed
     assert dict(motors.basis.figures) == {
@@ -228,7 +230,7 @@ def test_rounding_is_measured_before_a_bank_is_moved_to_the_stamps_of_another():
     motors = motor_outputs.motor_outputs_or_obstacle(
         changed(telemetry, "SERVO_OUTPUT_RAW", **both, boot=0)
     )
-    assert motors.layout.channels == (5, 6, 7, 8, 9, 10)
+    assert motors.geometry.channels == (5, 6, 7, 8, 9, 10)
     assert np.any(motors.outputs % 1), "the second bank falls between the stamps"
     assert motors.scale.step == 1.0
     apart = motor_outputs.motor_outputs_or_obstacle(
@@ -277,8 +279,8 @@ def test_armed_outvotes_strays_and_foreign_heartbeats():
 def test_the_demand_on_an_axis_is_one_input_that_turns_it():
     demand = motor_outputs.axis_demand(with_demand(HOVER.telemetry()), "roll")
     assert_allclose(demand.outputs[:, 0], 0.1 * np.sin(demand.time))
-    assert demand.layout.names == ("roll demand",)
-    assert_array_equal(demand.layout.mixer_row("roll"), [1.0])
+    assert demand.geometry.names == ("roll demand",)
+    assert_array_equal(demand.geometry.mixer_row("roll"), [1.0])
     assert (demand.scale.low, demand.scale.high) == (-1.0, 1.0)
     # A demand that never moves, one of another group, and none at all are no input.
     assert motor_outputs.axis_demand(with_demand(HOVER.telemetry()), "pitch") is None
@@ -378,8 +380,8 @@ def test_what_is_sought_once_is_known_of_its_axis_and_so_is_why_nothing_was_foun
         return signals.axis
 
     roll = Signals(HOVER.telemetry())
-    yaw = roll.about("yaw")
+    yaw = roll.for_axis("yaw")
     assert [find(each, 0) for each in (roll, yaw, roll)] == ["roll", "yaw", "roll"]
     assert {refused(find, yaw, 1).code for _ in range(2)} == {Reason.NO_ATTITUDE}
     assert sought == [("roll", 0), ("yaw", 0), ("yaw", 1)]
-    assert len(pickle.loads(pickle.dumps(roll)).known) == 3
+    assert len(pickle.loads(pickle.dumps(roll)).cache) == 3

@@ -276,7 +276,7 @@ def test_what_system_identification_injects_is_known_by_its_axis(tmp_path):
             stamp = 20_504_000 + 200_000 * row + 2500 * step
             pieces[20 * row] += made.message("SIDD", stamp, 0.0, size * step)
     vehicle = vehicle_in(tmp_path, *pieces)
-    injected = Signals(vehicle).injected
+    injected = Signals(vehicle).injected_signals
     found = {one.where: one.signal.values[1] for one in injected}
     assert found == {
         Injection.ANGLE_SETPOINT: approx(np.radians(2)),
@@ -285,8 +285,10 @@ def test_what_system_identification_injects_is_known_by_its_axis(tmp_path):
         Injection.DEMAND: 0.5,
     }
     assert injected[-1].signal.time == approx(21.104 + 0.0025 * np.arange(3))
-    assert [one.where for one in Signals(vehicle, axis="pitch").injected] == [Injection.DEMAND]
-    assert Signals(vehicle, axis="yaw").injected == ()
+    assert [one.injection_point for one in Signals(vehicle, axis="pitch").injected_signals] == [
+        Injection.DEMAND
+    ]
+    assert Signals(vehicle, axis="yaw").injected_signals == ()
 
 
 @mark.parametrize("names", ["RPY", "RP"])

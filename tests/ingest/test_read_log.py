@@ -293,7 +293,7 @@ def test_a_signalling_nan_is_no_number_and_no_warning(tmp_path):
     vehicle = vehicle_of([heartbeat(), odd, *rolls, *flight(TIMES)], tmp_path)
     assert "SYSID_THISMAV" not in vehicle.parameters
     seen = attitude_of_axis(vehicle, "roll")
-    assert seen.sent == len(TIMES) + 3 and len(seen.time) == len(TIMES)
+    assert seen.sent_count == len(TIMES) + 3 and len(seen.time) == len(TIMES)
 
 
 def test_a_path_may_be_bytes_and_have_any_name(tmp_path):

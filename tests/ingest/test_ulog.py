@@ -159,11 +159,11 @@ def test_what_the_autotune_adds_to_the_rates_is_injected(tmp_path):
         data("autotune_attitude_control_status", 20 + row / 2, row, 0, 0) for row in range(4)
     ]
     vehicle = vehicle_in(tmp_path, *pieces)
-    (injected,) = Signals(vehicle).injected
+    (injected,) = Signals(vehicle).injected_signals
     assert injected.where is Injection.RATE_SETPOINT
     assert_allclose(injected.signal.time, 20 + np.arange(4) / 2)
     assert_allclose(injected.signal.values, np.arange(4), rtol=1e-6)
-    assert Signals(vehicle, axis="pitch").injected == ()
+    assert Signals(vehicle, axis="pitch").injected_signals == ()
 
 
 def test_drivers_that_publish_outputs_in_turn_are_told_apart_by_their_number_of_outputs(tmp_path):

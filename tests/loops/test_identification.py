@@ -226,7 +226,7 @@ def test_with_motors_at_their_limits_the_margins_are_true(tmp_path):
     known, log = logged(scenario_of(hard), tmp_path)
     signals, flights = flown(log)
     loop = loop_from_plant(identify_plant_in_loop(signals, flights), Record.from_flights(flights))
-    fit, *_ = (found.fit for found in signals.known.values() if hasattr(found, "fit"))
+    fit, *_ = (found.fit for found in signals.cache.values() if hasattr(found, "fit"))
     assert 0.5 < fit.cut_off < fit.axis.limited
     _, phase, gain, _ = known["roll_rate_margins"]
     assert abs(loop.phase_margin - phase) < 5 and abs(loop.gain_margin - gain) < 1.5

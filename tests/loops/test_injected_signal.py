@@ -26,7 +26,7 @@ def test_the_recorded_flight_has_its_chirped_margins():
     asked = 1 / (1 + 1j * found.frequency / 20.0)
     followed = found.response[0] / (1 + found.response[0])
     assert_allclose(found.closed[0, :10], (asked * followed)[:10], rtol=0.02)
-    assert injected_loop(signals.about("roll"), recorded_spans(signals)) is None
+    assert injected_loop(signals.for_axis("roll"), recorded_spans(signals)) is None
 
 
 @mark.parametrize("gain, level", [(12.0, "good"), (20.0, "watch"), (24.0, "bad")])

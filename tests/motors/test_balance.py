@@ -110,7 +110,7 @@ def test_axes_and_names_are_those_of_the_layout(layout):
 def health_figures(path):
     signals = Signals(read_log(path).vehicles[0], inputs="motors")
     condition = condition_of(signals)
-    layout = signals.motors.layout
+    layout = signals.motors.geometry
     balance = balance_of_signals(signals)
     effort = condition.collective, condition.battery.voltage_mean
     named = path.stem, layout.names, motor_signatures(layout)

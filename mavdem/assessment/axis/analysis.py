@@ -110,7 +110,7 @@ def analyse(
     """
     options = options or Options()
     inputs = options.inputs
-    signals = signals.about(AXES[0] if axis == ALL else axis, inputs)
+    signals = signals.for_axis(AXES[0] if axis == ALL else axis, inputs)
     segments, learnability = usable_segments(signals, log.components)
     analysis = _without_model(log, signals, learnability, other_axis)
     slow = analysis.tier.tier == "b" and signals.axis in TILT_AXES
@@ -147,7 +147,7 @@ def analyse(
         axes = {**analysis.axis_figures}
         with progress("Estimating the physical parameters") as done:
             for other in AXES[1:]:
-                about = signals.about(other, inputs)
+                about = signals.for_axis(other, inputs)
                 axes[other] = axis_figures(about, log.components, analysis.changes)
                 done(len(axes) / len(AXES))
         analysis = replace(analysis, axes=ReadOnlyDict(axes))
@@ -185,7 +185,7 @@ def _without_model(
         alarms=motor_alarms(signals),
         trim=trim_of_signals(signals),
         watched=motors is not None
-        and bool(motors.layout.positions)
+        and bool(motors.geometry.positions)
         and rate_between_outages(motors) >= MIN_RATE,
     )
 
@@ -209,8 +209,8 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
         return ()
     alarms = []
     for boot in np.unique(motors.boot).tolist():
-        watch = MotorWatch(motors.layout, boot)
-        shares = motors.shares(boot)
+        watch = MotorWatch(motors.geometry, boot)
+        shares = motors.range_fractions(boot)
         heading = tracked_headings(signals, boot, shares.time)
         flown = in_intervals(shares.time, settled_intervals(signals, boot))
         columns = shares.time[flown].tolist(), shares.values[flown], heading[flown].tolist()

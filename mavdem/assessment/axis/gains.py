@@ -120,7 +120,7 @@ def autotuned(signals: Signals, loop: Loop | Fact) -> Fact | None:
     words = [text for text in status_texts(signals.telemetry) if text.text.startswith(begins)]
     stamps = [(text.boot, text.time) for text in words]
     if signals.telemetry.autopilot == "PX4":
-        for _, signal in signals.injected:
+        for _, signal in signals.injected_signals:
             stamps += [
                 (boot, time)
                 for boot, time, value in zip(signal.boot, signal.time, signal.values, strict=True)

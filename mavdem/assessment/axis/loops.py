@@ -31,7 +31,7 @@ def loops_of_axes(
     loops = dict[str, Loop | Fact]()
     for axis in AXES:
         try:
-            about = signals.about(axis, signals.inputs)
+            about = signals.for_axis(axis, signals.inputs)
             loops[axis] = loops_of_log(about, log, start, figures.get(axis))
         except NotLearnable as error:
             loops[axis] = error.fact

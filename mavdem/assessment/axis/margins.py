@@ -97,7 +97,7 @@ def margins_of(
             spectral_resonance(about, parts),
             injected_loop(about, recorded_spans(about)),
         )
-        for about in map(signals.about, AXES)
+        for about in map(signals.for_axis, AXES)
     )
 
 

@@ -48,7 +48,7 @@ def responses_of(evidence: Evidence) -> Responses:
     parts = evidence.settled(INJECTED)
     responses = {}
     for axis in AXES:
-        signals = evidence.signals.about(axis)
+        signals = evidence.signals.for_axis(axis)
         loop = evidence.loops.get(axis)
         rate = rate_step_response(signals, parts)
         attitude = attitude_step_response(signals, parts)

@@ -46,7 +46,7 @@ def assessed_twin(evidence: Evidence, mass: float | None = None) -> AssessedTwin
         raise NotLearnable((*evidence.grounds, missing["roll"])[0])
     loops = identified_loops(evidence.loops)
     signals = evidence.signals
-    hover = hover_of(signals.about("roll", "motors"), evidence.log.components)
+    hover = hover_of(signals.for_axis("roll", "motors"), evidence.log.components)
     share = float(np.mean(hover.trim_of_range))
     telemetry = signals.telemetry
     air, *_ = evidence.air

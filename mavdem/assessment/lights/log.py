@@ -26,11 +26,11 @@ def log_light(evidence: Evidence) -> Fact:
     """Returns the rates of attitude and of what drives it, its longest gap in flight, and what would show more."""
     signals = evidence.signals
     attitude = signals.attitude
-    drive = signals.drive
+    drive = signals.model_inputs
     if attitude is None or drive is None:
         return Fact(LogLight.MOTION_NOT_RECORDED, because=evidence.learnability.reason)
     rates = rate_between_outages(attitude), rate_between_outages(drive)
-    gaps = [np.diff(part.time).max(initial=0.0) for part in evidence.flown(attitude.angles)]
+    gaps = [np.diff(part.time).max(initial=0.0) for part in evidence.flown(attitude.angle_series)]
     longest = max(gaps, default=0.0)
     telemetry = signals.telemetry
     code = LogLight.RECORDED_FAST

@@ -20,7 +20,7 @@ LITTLE_HEADROOM = 0.1  # of the motors' range
 def motors_light(evidence: Evidence) -> Fact:
     """Returns the worst that a log shows of its motors: an event or alarm that names one, limits, trim, or headroom."""
     motors = evidence.signals.motors
-    names = () if motors is None else motors.layout.names
+    names = () if motors is None else motors.geometry.names
     hover = evidence.condition.hover
     # Where there was no hover to judge, a moment at the limit is all that shows.
     telling = [

@@ -47,12 +47,12 @@ def tracking_light(evidence: Evidence) -> Fact:
 def tracking_of(evidence: Evidence) -> NamedFacts:
     """Returns how roll, pitch and yaw follow their setpoints in settled flight, by axis."""
     parts = evidence.settled(INJECTED | FREE_MODES)
-    return {axis: _tracking(evidence.signals.about(axis), parts) for axis in AXES}
+    return {axis: _tracking(evidence.signals.for_axis(axis), parts) for axis in AXES}
 
 
 def _tracking(signals: Signals, parts: Segments) -> Fact:
     """How one axis follows its setpoint, by the setpoint ``delay`` s before; or the error of its rate alone."""
-    asked = signals.asked
+    asked = signals.angle_setpoint
     rate_error = _rate_error(signals, parts)
     unknown = Fact(
         TrackingLight.TRACKING_UNKNOWN,
@@ -63,7 +63,7 @@ def _tracking(signals: Signals, parts: Segments) -> Fact:
     )
     if signals.attitude is None or asked is None:
         return unknown
-    angle = signals.attitude.angles
+    angle = signals.attitude.angle_series
     setpoint, errors = _errors(asked, angle, parts, DELAYS)
     if len(setpoint) < MIN_SAMPLES_FOR_STATISTICS:
         return unknown
@@ -97,7 +97,7 @@ def _rate_error(signals: Signals, parts: Segments) -> float | None:
     setpoints = [setpoint.signal for setpoint in signals.setpoints if setpoint.unit == "rad/s"]
     if signals.attitude is None or not setpoints:
         return None
-    _, errors = _errors(setpoints[0], signals.attitude.rates, parts, DELAYS[:1])
+    _, errors = _errors(setpoints[0], signals.attitude.rate_series, parts, DELAYS[:1])
     return np.sqrt(np.mean(np.square(errors))) if errors.size else None
 
 
