@@ -27,7 +27,7 @@ FLOORS = (
         "unit_errors",
         "units",
     },
-    {"files", "flight"},
+    {"files", "flight", "log_formats"},
     {"ingest"},
     {"dataset"},
     {"dem"},

@@ -27,9 +27,9 @@ from mavdem.errors import NotLearnable, Unreadable, error_message
 from mavdem.extras import MissingExtra
 from mavdem.facts import Fact
 from mavdem.facts.command import End
+from mavdem.log_formats import COMPRESSED_ENDING, UNCOMPRESSED_ENDINGS
 
 PIPE_CLOSED = OF_SIGNAL + signal.SIGPIPE  # the exit code, as a shell reports SIGPIPE
-LOGS = (".tlog", ".mcap", ".bin", ".log", ".ulg")
 HELP = {
     "review": "Reports all that a log says: what happened, lights, next step.",
     "info": "Reports what a log holds and if a model can be learned.",
@@ -72,7 +72,9 @@ def _no_option(context: click.Context, parameter: click.Parameter, value: Any) -
 
 def is_log(word: str) -> bool:
     """Returns whether a first ``word`` is a log's name, there or not, or that of any file or folder: no command."""
-    return os.path.exists(word) or word.lower().removesuffix(".xz").endswith(LOGS)
+    return os.path.exists(word) or word.lower().removesuffix(COMPRESSED_ENDING).endswith(
+        UNCOMPRESSED_ENDINGS
+    )
 
 
 class _Commands(click.Group):

@@ -14,8 +14,8 @@ from mavdem.errors import Unreadable
 from mavdem.extras import require_extra
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Folder
-from mavdem.ingest.contents import LOG_ENDINGS
 from mavdem.ingest.formats import looks_like_log
+from mavdem.log_formats import LOG_ENDINGS
 
 URL = re.compile(r"[a-z][a-z0-9+.-]*://", re.IGNORECASE)
 VERSIONS = (

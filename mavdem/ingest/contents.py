@@ -1,61 +1,89 @@
-"""The bytes of a file, unpacked if it is an xz archive, or why they cannot be read."""
+"""The bytes of a log file, unpacked if it is an xz archive, or the reason why they cannot be read."""
 
 import lzma
 import stat
 from pathlib import Path
 
-from mavdem.errors import Unreadable, error_message
+from mavdem.errors import Unreadable, cause_of
 from mavdem.facts import Fact
 from mavdem.facts.sources import Source
 from mavdem.files import PathName
+from mavdem.log_formats import LOG_ENDINGS
 
-LOG_ENDINGS = (".tlog", ".mcap", ".bin", ".log", ".ulg", ".ulg.xz")
-# Bytes that are read of a file for its beginning; unpacked they are hardly ever fewer
+RECOGNITION_BYTES = 4096
+"""Number of a file's first bytes by which its format is recognised: a choice, enough for the remarks before a text log."""
+
 BEGINNING_BYTES = 1 << 16
-# Of a file that is read into memory, and of an archive's content: hours of the densest logs
+"""Number of bytes that are read of a file for its beginning; unpacked they are hardly ever fewer."""
+
 MAX_LOG_BYTES = 1 << 30
+"""Largest file that is read into memory, and largest content of an archive: hours of the densest logs."""
+
 MIN_UNPACKED_LIMIT = 1 << 26
+"""Number of bytes that any archive may unpack to, however small it is."""
+
 MAX_COMPRESSION_RATIO = 100
-"""Bytes that any archive may unpack to, and more for each of its own: a small one can be made to hold any number."""
+"""Number of bytes that an archive may unpack to beyond ``MIN_UNPACKED_LIMIT``, for each byte of its own.
+
+An archive of a few bytes can be made to unpack to any number of them. Logs compress by less than 10.
+"""
+
+UNPACKING_MEMORY = 1 << 27
+"""Memory, bytes, that unpacking an xz archive may take by itself; the strongest setting of xz takes half of it."""
+
+XZ_MAGIC = b"\xfd7zXZ\x00"
+"""First bytes of an xz archive (https://tukaani.org/xz/xz-file-format.txt, section 2.1.1.1)."""
+
+DATAFLASH_TEXT_DEFINITION = b"\nFMT,"
+"""Beginning of a line that defines a message in a DataFlash log written as text."""
 
 
 def file_bytes(path: PathName) -> bytes:
     """Returns the whole file, or the contents of an xz archive.
 
-    Raises Unreadable: it is missing, no plain file, not permitted, empty, or larger than the memory; or an archive that
-    is damaged. Neither may have more than ``MAX_LOG_BYTES``.
+    Raises:
+        Unreadable: It is missing, no plain file, not permitted, empty, larger than ``MAX_LOG_BYTES`` or than the
+            memory, or a damaged archive.
     """
     return _content(path)
 
 
 def file_beginning(path: PathName) -> bytes:
-    """Returns the first 4096 bytes; raises as ``file_bytes``, as far as these show it."""
-    return _content(path, limit=BEGINNING_BYTES)[:4096]
+    """Returns the first 4096 bytes of a file or of the contents of an xz archive; fewer where it is shorter.
+
+    Raises:
+        Unreadable: As ``file_bytes``, as far as these bytes show it.
+    """
+    return _content(path, limit=BEGINNING_BYTES)[:RECOGNITION_BYTES]
 
 
 def is_dataflash_text(content: bytes) -> bool:
-    """Returns whether a log with this beginning is a DataFlash log as text; there may be words before the first FMT."""
-    return b"\nFMT," in b"\n" + content[:4096]
+    """Returns whether a log with this beginning is a DataFlash log as text.
+
+    Some ground stations write a few words before the first definition.
+    """
+    return DATAFLASH_TEXT_DEFINITION in b"\n" + content[:RECOGNITION_BYTES]
 
 
 def _content(path: PathName, limit: int | None = None) -> bytes:
-    """The contents of a file or an archive; the first ``limit`` bytes of either, if given."""
+    """Reads a file, and unpacks it if it is an xz archive.
+
+    Args:
+        path: The file.
+        limit: Number of bytes to read at most, of the file and of what it unpacks to; None for everything.
+
+    Raises:
+        Unreadable: As ``file_bytes``.
+    """
     path = Path(path)
     try:
         status = path.stat()
         if stat.S_ISDIR(status.st_mode):
-            raise Unreadable(_folder(path))
+            raise Unreadable(_folder_fact(path))
         if not stat.S_ISREG(status.st_mode):
             raise Unreadable(Source.SPECIAL_FILE, path=path)
-        with path.open("rb") as file:
-            # Not to the end: a file of size 0 may never end (/proc), and one that is being recorded grows.
-            size = status.st_size if limit is None else min(status.st_size, limit)
-            if size > MAX_LOG_BYTES:
-                raise Unreadable(
-                    Source.FILE_TOO_LARGE, path=path, size_limit=MAX_LOG_BYTES, archive=False
-                )
-            content = file.read(size)
-        if content[:6] == b"\xfd7zXZ\x00":
+        content = _packed_content(path, status.st_size, limit)
+        if content.startswith(XZ_MAGIC):
             content = _unpacked(content, path, limit)
     except FileNotFoundError:
         raise Unreadable(Source.FILE_MISSING, path=path) from None
@@ -64,19 +92,34 @@ def _content(path: PathName, limit: int | None = None) -> bytes:
     except Unreadable:
         raise
     except (OSError, ValueError) as error:
-        raise Unreadable(Source.FILE_NOT_OPENED, path=path, because=error_message(error)) from None
+        raise Unreadable(Source.FILE_NOT_OPENED, path=path, because=cause_of(error)) from None
     if not content.rstrip(b"\0"):
         raise Unreadable(Source.FILE_EMPTY, path=path, zeros=bool(status.st_size))
     return content
 
 
-def _folder(path: Path) -> Fact:
-    """What is said of a folder where a log is needed, with the first log in it."""
-    logs = sorted(
-        file
-        for file in path.iterdir()
-        if file.name.lower().endswith(LOG_ENDINGS) and file.is_file()
-    )
+def _packed_content(path: Path, size: int, limit: int | None) -> bytes:
+    """Returns the bytes of a file of this size as they are, up to a limit if one is given.
+
+    It is not read to its end: a file of size 0 may never end (in /proc), and one that is being recorded grows.
+    """
+    if limit is not None:
+        size = min(size, limit)
+    with path.open("rb") as file:
+        if size > MAX_LOG_BYTES:
+            raise Unreadable(
+                Source.FILE_TOO_LARGE, path=path, size_limit=MAX_LOG_BYTES, archive=False
+            )
+        return file.read(size)
+
+
+def _folder_fact(path: Path) -> Fact:
+    """Returns the fact that a folder was given where a log is needed, with the first log in it as an example."""
+    logs = []
+    for file in path.iterdir():
+        if file.name.lower().endswith(LOG_ENDINGS) and file.is_file():
+            logs.append(file)
+    logs.sort()
     example = str(logs[0]) if logs else None
     return Fact(
         Source.FOLDER_GIVEN, path=path, count=len(logs), example=example, endings=LOG_ENDINGS
@@ -84,20 +127,26 @@ def _folder(path: Path) -> Fact:
 
 
 def _unpacked(content: bytes, path: Path, limit: int | None) -> bytes:
-    """The first stream of an xz archive, or its first ``limit`` bytes; ``xz`` writes no second stream."""
-    # Unpacking itself may take 128 MiB; the strongest setting of xz takes half.
-    decompressor = lzma.LZMADecompressor(lzma.FORMAT_XZ, 1 << 27)
-    most = (
-        min(MAX_LOG_BYTES, MIN_UNPACKED_LIMIT + MAX_COMPRESSION_RATIO * len(content))
-        if limit is None
-        else limit
-    )
+    """Unpacks the first stream of an xz archive; ``xz`` writes no second stream.
+
+    Args:
+        content: The archive, or its beginning.
+        path: Its file, for errors.
+        limit: Number of bytes to unpack at most; None for everything, where the archive must be complete.
+
+    Raises:
+        Unreadable: The archive is damaged, cut off, or unpacks to more than an honest one would.
+    """
+    decompressor = lzma.LZMADecompressor(lzma.FORMAT_XZ, UNPACKING_MEMORY)
+    max_size = limit
+    if max_size is None:
+        max_size = min(MAX_LOG_BYTES, MIN_UNPACKED_LIMIT + MAX_COMPRESSION_RATIO * len(content))
     try:
-        unpacked = decompressor.decompress(content, most)
+        unpacked = decompressor.decompress(content, max_size)
     except lzma.LZMAError as error:
         raise Unreadable(Source.ARCHIVE_DAMAGED, path=path, because=error) from None
     if limit is None and not decompressor.eof:
-        if len(unpacked) < most:
+        if len(unpacked) < max_size:
             raise Unreadable(Source.ARCHIVE_DAMAGED, path=path, because=None)
-        raise Unreadable(Source.FILE_TOO_LARGE, path=path, size_limit=most, archive=True)
+        raise Unreadable(Source.FILE_TOO_LARGE, path=path, size_limit=max_size, archive=True)
     return unpacked

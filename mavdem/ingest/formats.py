@@ -1,7 +1,6 @@
-"""Which format a log file has, by its first bytes and then by its name, and which reader it takes."""
+"""Reading a flight log of any format: the format is recognised by the file's first bytes, or else by its name."""
 
 import os
-from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
@@ -14,33 +13,10 @@ from mavdem.ingest.mavlink.framing import MARKERS
 from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.telemetry import Log
 from mavdem.ingest.tlog import STAMP_BYTES, tlog_stream
+from mavdem.log_formats import COMPRESSED_ENDING, FORMAT_OF_ENDING, FORMAT_SIGNATURES, Format
 
 
-class Format(StrEnum):
-    """What logs are written in."""
-
-    ULOG = "ulog"
-    DATAFLASH = "dataflash"
-    MCAP = "mcap"
-    TLOG = "tlog"
-
-
-BEGINNINGS = {
-    b"ULog\x01\x12\x35": Format.ULOG,
-    b"\xa3\x95": Format.DATAFLASH,
-    b"\x89MCAP0\r\n": Format.MCAP,
-}
-"""First bytes of each format that has fixed ones."""
-EXTENSIONS = {".ulg": Format.ULOG, ".bin": Format.DATAFLASH, ".mcap": Format.MCAP}
-"""Format by file name, for a file whose beginning is damaged."""
-ARCHIVES = {b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"PAR1": "parquet", b"time_s,": "csv"}
-"""First bytes of files that often contain a log, or a table of its flight, but are not read."""
-
-# µs since 1970, of the years 2000 to 2099
-STAMPS = range(946_684_800_000_000, 4_102_444_800_000_000)
-
-
-# Damage makes numbers that are none; who uses a message leaves them out.
+# Damaged files hold numbers that overflow or are NaN. Whoever uses a message leaves them out, without a warning.
 @np.errstate(all="ignore")
 def read_log(path: AnyPath) -> Log:
     """Reads a recorded flight.
@@ -62,9 +38,9 @@ def read_log(path: AnyPath) -> Log:
     See Also:
         :func:`mavdem.read_flight`: what a model is learned from; :class:`mavdem.Telemetry`.
     """
-    name, kind = format_of(path)
+    name, log_format = detect_format(path)
     # A library that only one format needs is imported when a file of that format is read.
-    match kind:
+    match log_format:
         case Format.ULOG:
             from mavdem.ingest.ulog import read_ulog as read
         case Format.DATAFLASH:
@@ -76,57 +52,118 @@ def read_log(path: AnyPath) -> Log:
     return read(name)
 
 
+def read_stream(path: AnyPath) -> FrameStream:
+    """Reads the MAVLink frames of a telemetry log (.tlog) or of an MCAP recording (.mcap), whatever the file's name.
+
+    Raises:
+        Unreadable: the file cannot be opened, has another format, or contains no MAVLink.
+        ValueError: ``path`` is not a path.
+    """
+    name, log_format = detect_format(path)
+    if log_format is Format.MCAP:
+        from mavdem.ingest.mcap.log import mcap_stream
+
+        return mcap_stream(name)
+    if log_format is not Format.TLOG:
+        raise Unreadable(Source.FORMAT_WITHOUT_FRAMES, path=name, name=log_format)
+    return tlog_stream(name)
+
+
+PLAUSIBLE_STAMPS = range(946_684_800_000_000, 4_102_444_800_000_000)
+"""Receive stamps of a telemetry log, UNIX µs, that are plausible: those of the years 2000 to 2099."""
+
+
 def looks_like_log(path: AnyPath) -> bool:
     """Returns whether a file is a log, by its name or else by its first bytes; it need not be readable."""
     name = os.fsdecode(path)
-    if Path(name.lower().removesuffix(".xz")).suffix in (*EXTENSIONS, ".tlog"):
+    if _format_of_name(name) is not None:
         return True
     try:
         beginning = file_beginning(name)
     except Unreadable:
         return False
-    stamped = int.from_bytes(beginning[:STAMP_BYTES], "big") in STAMPS
-    return (
-        (stamped and beginning.startswith(MARKERS, STAMP_BYTES))
-        or is_dataflash_text(beginning)
-        or beginning.startswith(tuple(BEGINNINGS))
-    )
+    stamp = int.from_bytes(beginning[:STAMP_BYTES], "big")
+    if stamp in PLAUSIBLE_STAMPS and beginning.startswith(MARKERS, STAMP_BYTES):
+        return True
+    return is_dataflash_text(beginning) or _format_of_first_bytes(beginning) is not None
 
 
-def read_stream(path: AnyPath) -> FrameStream:
-    """Reads the MAVLink frames of a telemetry log (.tlog) or of an MCAP recording (.mcap), whatever the file's name.
+OTHER_FORMATS = {b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"PAR1": "parquet", b"time_s,": "csv"}
+"""First bytes of files that often contain a log, or a table of its flight, but are not read, and their names."""
 
-    Raises Unreadable: it cannot be opened, has another format, or no MAVLink; ValueError: ``path`` is not a path.
+GIT_LFS_POINTER = b"version https://git-lfs.github.com/spec/"
+"""First bytes of the text that stands for a file in a Git repository whose large files were not fetched."""
+
+
+def detect_format(path: AnyPath) -> tuple[str, Format]:
+    """Recognises the format of a log.
+
+    Fixed first bytes decide, whatever the name. A file without them is a telemetry log if a MAVLink frame follows the
+    first receive stamp. Else the name decides, since a beginning may be damaged; a binary file of another name may be
+    a telemetry log whose first frames are damaged.
+
+    Args:
+        path: The file; str, bytes or path-like.
+
+    Returns:
+        The name of the file as text, and its format.
+
+    Raises:
+        Unreadable: The file cannot be opened, or has another format.
+        ValueError: ``path`` is not a path.
     """
-    name, kind = format_of(path)
-    if kind is Format.MCAP:
-        from mavdem.ingest.mcap.log import mcap_stream
-
-        return mcap_stream(name)
-    if kind is not Format.TLOG:
-        raise Unreadable(Source.FORMAT_WITHOUT_FRAMES, path=name, name=kind)
-    return tlog_stream(name)
-
-
-def format_of(path: AnyPath) -> tuple[str, Format]:
-    """Returns the name of a file and its format; raises ``Unreadable`` where that is none, ``ValueError``: no path."""
     if not isinstance(path, str | bytes | os.PathLike):
         raise ValueError(f"path must name a file, not be {path!r}")
     name = os.fsdecode(path)
     beginning = file_beginning(name)
-    kind = next((kind for first, kind in BEGINNINGS.items() if beginning.startswith(first)), None)
-    if kind or is_dataflash_text(beginning):
-        return name, kind or Format.DATAFLASH
-    if beginning.startswith(b"version https://git-lfs.github.com/spec/"):
+    log_format = _format_of_first_bytes(beginning)
+    if log_format is not None:
+        return name, log_format
+    if is_dataflash_text(beginning):
+        return name, Format.DATAFLASH
+    if beginning.startswith(GIT_LFS_POINTER):
         raise Unreadable(Source.GIT_LFS_POINTER, path=name)
-    other = next((other for first, other in ARCHIVES.items() if beginning.startswith(first)), None)
-    if other is None:
-        if beginning.startswith(MARKERS, STAMP_BYTES):
-            return name, Format.TLOG
-        kind_by_name = EXTENSIONS.get(Path(name.removesuffix(".xz")).suffix.lower())
-        binary = any(
-            byte < 9 or (13 < byte < 32 and byte != 27) or byte > 126 for byte in beginning
-        )
-        if kind_by_name is not None or binary:
-            return name, kind_by_name or Format.TLOG
-    raise Unreadable(Source.FORMAT_UNKNOWN, path=name, name=other or "text")
+    for first_bytes, other_format in OTHER_FORMATS.items():
+        if beginning.startswith(first_bytes):
+            raise Unreadable(Source.FORMAT_UNKNOWN, path=name, name=other_format)
+    if beginning.startswith(MARKERS, STAMP_BYTES):
+        return name, Format.TLOG
+    log_format = _format_of_name(name)
+    if log_format is not None and log_format is not Format.TLOG:
+        return name, log_format
+    if _is_binary(beginning):
+        return name, Format.TLOG
+    raise Unreadable(Source.FORMAT_UNKNOWN, path=name, name="text")
+
+
+def _format_of_first_bytes(beginning: bytes) -> Format | None:
+    """Returns the format whose fixed first bytes a file has; None without any."""
+    for log_format, signature in FORMAT_SIGNATURES.items():
+        if signature.first_bytes and beginning.startswith(signature.first_bytes):
+            return log_format
+    return None
+
+
+def _format_of_name(name: str) -> Format | None:
+    """Returns the format that the ending of a file's name says, also of an archive; None where it says none."""
+    uncompressed_name = name.lower().removesuffix(COMPRESSED_ENDING)
+    return FORMAT_OF_ENDING.get(Path(uncompressed_name).suffix)
+
+
+FIRST_TEXT_CONTROL, LAST_TEXT_CONTROL = 9, 13
+"""Range of the control characters that texts contain: tabulator, line feed, vertical tab, form feed, return."""
+
+ESCAPE = 27
+"""Control character with which coloured texts begin their colours."""
+
+FIRST_PRINTABLE, LAST_PRINTABLE = 32, 126
+"""Range of the printable ASCII characters."""
+
+
+def _is_binary(content: bytes) -> bool:
+    """Returns whether some byte is no character of an ASCII text."""
+    for byte in content:
+        is_control = FIRST_TEXT_CONTROL <= byte <= LAST_TEXT_CONTROL or byte == ESCAPE
+        if not is_control and not FIRST_PRINTABLE <= byte <= LAST_PRINTABLE:
+            return True
+    return False

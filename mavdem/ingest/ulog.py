@@ -36,8 +36,9 @@ from mavdem.ingest.telemetry import (
     selected_rows,
 )
 from mavdem.ingest.vocabulary import version_text
+from mavdem.log_formats import FORMAT_SIGNATURES, Format
 
-MAGIC = b"ULog\x01\x12\x35"
+MAGIC = FORMAT_SIGNATURES[Format.ULOG].first_bytes
 """First bytes of a ULog file."""
 HEADER_BYTES = calcsize("<HB")  # Of each message: how long it is, and of what type
 

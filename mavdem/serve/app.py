@@ -42,7 +42,7 @@ from mavdem.fleet.difference import (
 )
 from mavdem.fleet.row import FlightRow, vehicles_of, worst_row
 from mavdem.fleet.workers import LOOK_SECONDS, PAGES
-from mavdem.ingest.formats import format_of
+from mavdem.ingest.formats import detect_format
 from mavdem.report.difference import baseline_blocks
 from mavdem.report.difference_page import comparison_page
 from mavdem.report.fleet import TROUBLE
@@ -285,7 +285,7 @@ class Server:
                 raise Refusal(Request.NO_RIGHT, name=Use.DOWNLOAD)
             path = self.library.path_of(entry)
             if not entry.digest and path.is_file():
-                format_of(path)  # whatever an altered index says, only logs are given out
+                detect_format(path)  # whatever an altered index says, only logs are given out
             name = entry.name
         elif entry.digest and name in entry.file_names:
             path = self.library.results_of(entry) / name
@@ -422,7 +422,7 @@ class Server:
                 # What some browsers send as name is a path of their machine.
                 name = PureWindowsPath(_unicode(file.filename or "")).name[:200] or "log"
                 try:
-                    format_of(path)
+                    detect_format(path)
                     entry = self.library.entered(path, name, **columns)
                     if self.rights.may(request, Use.WRITE):
                         entry = self.library.widened(entry, columns)

@@ -38,8 +38,9 @@ from mavdem.facts.sources import Repair
 from mavdem.ingest.contents import MAX_COMPRESSION_RATIO, MIN_UNPACKED_LIMIT
 from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.telemetry import repair_facts
+from mavdem.log_formats import FORMAT_SIGNATURES, Format
 
-MAGIC = b"\x89MCAP0\r\n"
+MAGIC = FORMAT_SIGNATURES[Format.MCAP].first_bytes
 READ = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
 RECORD_HEAD = struct.Struct("<BQ")  # Opcode and length before each record
 _LIKELY_HEAD = re.compile(rb"[\x01-\x%02x](?=.{4}\0{4})" % max(Opcode), re.DOTALL)
