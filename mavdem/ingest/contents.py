@@ -4,14 +4,14 @@ import lzma
 import stat
 from pathlib import Path
 
-from mavdem.errors import Unreadable, cause_of
+from mavdem.errors import Unreadable, error_message
 from mavdem.facts import Fact
 from mavdem.facts.sources import Source
 from mavdem.files import PathName
 from mavdem.log_formats import LOG_ENDINGS
 
 RECOGNITION_BYTES = 4096
-"""Number of a file's first bytes by which its format is recognised: a choice, enough for the remarks before a text log."""
+"""Number of a file's first bytes by which its format is recognised: a choice, with room for remarks before it."""
 
 BEGINNING_BYTES = 1 << 16
 """Number of bytes that are read of a file for its beginning; unpacked they are hardly ever fewer."""
@@ -92,7 +92,7 @@ def _content(path: PathName, limit: int | None = None) -> bytes:
     except Unreadable:
         raise
     except (OSError, ValueError) as error:
-        raise Unreadable(Source.FILE_NOT_OPENED, path=path, because=cause_of(error)) from None
+        raise Unreadable(Source.FILE_NOT_OPENED, path=path, because=error_message(error)) from None
     if not content.rstrip(b"\0"):
         raise Unreadable(Source.FILE_EMPTY, path=path, zeros=bool(status.st_size))
     return content
