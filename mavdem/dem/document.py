@@ -10,7 +10,7 @@ from typing import Any, TypeVar, cast
 
 from pydantic import TypeAdapter, ValidationError
 
-from mavdem.dem.record import first_problem
+from mavdem.dem.validation import first_problem
 from mavdem.document_heading import document_heading
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact

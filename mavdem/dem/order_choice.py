@@ -13,7 +13,8 @@ from mavdem.confidence import STRONG_EVIDENCE_NATS, Interval
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.dem.order_search import BlackBox, fits_by_order
 from mavdem.dem.parallel import parallel_map
-from mavdem.dem.record import Record, TrainingData, is_integer
+from mavdem.dem.record import Record, TrainingData
+from mavdem.dem.validation import is_integer
 from mavdem.errors import NotLearnable, fact_from_error
 from mavdem.facts import Fact, Facts
 from mavdem.facts.model import ModelRefusal, OrderFact

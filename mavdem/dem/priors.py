@@ -32,7 +32,7 @@ class Scaling:
         """
         inputs, outputs = record.channel_statistics
         has_inputs = settings.known_inputs
-        record.require_varying(has_inputs and not inputs.moving.any())
+        record.require_varying(has_inputs and not inputs.varying.any())
         m = len(outputs.mean)
         constant = settings.scaling == "channel"
         output_trim = np.zeros(m)

@@ -15,7 +15,7 @@ from pydantic import Field
 from mavdem.arrays import ArrayPair, as_real_array
 from mavdem.containers import JsonValues, Numbers
 from mavdem.dem.engine.linalg import require_positive_definite
-from mavdem.dem.record import MAX_ABS_VALUE, checked_values
+from mavdem.dem.validation import MAX_ABS_VALUE, checked_values
 from mavdem.facts.fact import plain
 
 FORMER = {"learning_rates"}  # of documents of earlier versions, where they were ``None``

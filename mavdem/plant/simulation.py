@@ -10,7 +10,8 @@ from mavdem.arrays import Array, ArrayPair
 from mavdem.dem.engine.model import linear_recursion
 from mavdem.dem.forecast.var import Forecast
 from mavdem.dem.priors import derivative_pairs
-from mavdem.dem.record import Record, require_finite_and_bounded
+from mavdem.dem.record import Record
+from mavdem.dem.validation import require_finite_and_bounded
 from mavdem.plant.parameters import Physical, parameter_vector, slopes_of
 from mavdem.plant.sampled_plant import Plant, plant
 from mavdem.plant.wind_torque import steady

@@ -13,7 +13,7 @@ from simulated import simulated
 
 from mavdem import Learned, Settings, learn
 from mavdem.dem import Gaussian
-from mavdem.dem.record import LABELS
+from mavdem.dem.record import LABEL_FIELDS
 from mavdem.dem.settings import CompleteSettings
 from mavdem.document_heading import document_heading
 
@@ -81,8 +81,8 @@ def test_what_a_flight_says_of_its_vehicle_is_kept():
     record = Learned.from_json(learned.to_json()).record
     assert_array_equal(record.effect_directions, directions)
     assert record.begins == (flight.time[0],)
-    assert {name: getattr(record, name) for name in LABELS} == {
-        name: getattr(known, name) for name in LABELS
+    assert {name: getattr(record, name) for name in LABEL_FIELDS} == {
+        name: getattr(known, name) for name in LABEL_FIELDS
     }
 
 

@@ -5,7 +5,8 @@ from numpy.typing import ArrayLike
 
 from mavdem.arrays import Array
 from mavdem.dem.forecast.var import Forecast
-from mavdem.dem.record import MAX_STEPS, Record, validated_count
+from mavdem.dem.record import Record
+from mavdem.dem.validation import MAX_STEPS, validated_count
 
 
 class ForecasterBase:
@@ -45,7 +46,7 @@ class ForecasterBase:
 
     def predict_with_variance(self, steps: int) -> Forecast:
         """Returns :meth:`predict` with its variance."""
-        number = validated_count(steps, most=MAX_STEPS)
+        number = validated_count(steps, limit=MAX_STEPS)
         tables = self.record.inputs, self.record.outputs
         return self.rolling_forecast_unknown_inputs(
             number, *(np.zeros((number, each.shape[1])) for each in tables)

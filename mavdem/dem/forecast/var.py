@@ -53,7 +53,7 @@ class ChannelScaling(NamedTuple):
         spread = ChannelStatistics(
             *(np.concatenate(pair) for pair in zip(outputs, inputs, strict=True))
         )
-        return cls(spread.mean, np.where(spread.moving, np.sqrt(spread.variance), 1.0))
+        return cls(spread.mean, np.where(spread.varying, np.sqrt(spread.variance), 1.0))
 
     def scaled(self, channels: Array) -> Array:
         """Returns channels (…, k) in these units; or the first columns of them, as those of the outputs alone."""

@@ -26,9 +26,10 @@ from mavdem.dem.online.tracker import (
     FreeEnergyMonitor,
     Surprise,
 )
-from mavdem.dem.record import (
+from mavdem.dem.record import Record
+from mavdem.dem.settings import Settings
+from mavdem.dem.validation import (
     MAX_STEPS,
-    Record,
     is_number,
     require_finite_and_bounded,
     validated_count,
@@ -36,7 +37,6 @@ from mavdem.dem.record import (
     validated_step,
     validated_table,
 )
-from mavdem.dem.settings import Settings
 from mavdem.errors import NotLearnable, fact_from_error
 from mavdem.facts import Fact
 from mavdem.facts.online import Online

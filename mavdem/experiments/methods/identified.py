@@ -15,7 +15,8 @@ from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE, one_thread
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.forecast.forecasting import ForecasterBase
 from mavdem.dem.forecast.var import Forecast, VectorAutoregression
-from mavdem.dem.record import Record, Segments, TrainingData, validated_count
+from mavdem.dem.record import Record, Segments, TrainingData
+from mavdem.dem.validation import validated_count
 from mavdem.facts import Fact, Facts
 from mavdem.facts.forecasts import Forecasts, HeldOutForecast, MethodName
 
@@ -187,7 +188,7 @@ class Units(NamedTuple):
         """Returns units in which the training data have mean 0 and variance 1; ``ValueError`` for a constant output."""
         inputs, outputs = record.channel_statistics
         record.require_varying(False)
-        scale = np.where(inputs.moving, np.sqrt(inputs.variance), np.inf)
+        scale = np.where(inputs.varying, np.sqrt(inputs.variance), np.inf)
         _, sizes, directions = np.linalg.svd(
             (record.inputs - inputs.mean) / scale, full_matrices=False
         )
