@@ -129,7 +129,18 @@ def validated_count(number: int, name: str = "steps", limit: int = MAX_COUNT) ->
 
 
 def validated_directions(values: ArrayLike, motors: int) -> Array:
-    """Returns effect directions of r = ``motors`` as an array (r,); raises ``ValueError`` for other than r finite ones."""
+    """Checks that effect directions are finite numbers, one for each motor.
+
+    Args:
+        values: Relative effect of each motor on the axis, (r,).
+        motors: Number of motors, r.
+
+    Returns:
+        The effect directions as an array, (r,).
+
+    Raises:
+        ValueError: There are more or fewer, or one is not finite.
+    """
     directions = as_real_array(values, "effect_directions")
     if directions.shape != (motors,) or not np.isfinite(directions).all():
         raise ValueError(f"effect_directions must be {motors} finite numbers, not {values!r}")
