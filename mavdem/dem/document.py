@@ -1,6 +1,7 @@
-"""The document of a learned model, ``model.json``: every field by its name, arrays as nested lists.
+"""The JSON document of a learned model, ``model.json``: writing it, and reading it with errors that say what is wrong.
 
-pydantic reads and writes it by the types of the records' fields.
+Every field of the result and of the records within it is a key; arrays are nested lists. pydantic writes and reads the
+document by the annotations of the fields.
 """
 
 import json
@@ -17,40 +18,61 @@ from mavdem.facts import Fact
 from mavdem.facts.model import ModelFile
 
 VERSION = 1
-"""Of the document's schema."""
-UNITS = {"record.dt": "s", "settings.horizon": "s"}
+"""Version of the document's schema; documents of later versions are refused."""
 
-Kind = TypeVar("Kind")
+UNITS = {"record.dt": "s", "settings.horizon": "s"}
+"""Unit by dotted key, for the document's heading."""
+
+HEADING_PATTERN = re.compile(r'\{"document": "model", "schema_version": (\d{1,9})\b')
+"""Beginning of a document that has a heading; its group is the version of the schema."""
+
+FORMER_BEGINNING = '{"settings"'
+"""Beginning of documents of earlier versions, which had no heading."""
+
+ResultType = TypeVar("ResultType")
 
 
 def to_text(result: Any) -> str:
-    """Returns the document of a result, a dataclass."""
+    """Returns the JSON document of a result, which is a dataclass."""
     values = _adapter(cast(Any, type(result))).dump_python(result, mode="json")
     return json.dumps(document_heading("model", VERSION, UNITS) | values)
 
 
-def from_text(kind: type[Kind], text: str) -> Kind:
-    """Returns the result of this ``kind`` whose document is ``text``; ``ValueError`` names what is wrong in it."""
-    later = (
-        re.match(r'\{"document": "model", "schema_version": (\d{1,9})\b', text)
-        if isinstance(text, str)
-        else None
-    )
-    if later and int(later[1]) > VERSION:
+def from_text(result_type: type[ResultType], text: str) -> ResultType:
+    """Reads a result from its JSON document.
+
+    Args:
+        result_type: The dataclass of the result.
+        text: The document, as :func:`to_text` returns it.
+
+    Raises:
+        Unreadable: The document has a later version of the schema, or is no such document; the message names the first
+            key that is missing or whose value is wrong.
+    """
+    version = _schema_version(text)
+    if version is not None and version > VERSION:
         raise Unreadable(ModelFile.OF_LATER_VERSION)
     try:
-        return _adapter(cast(Any, kind)).validate_json(text, strict=True)
+        return _adapter(cast(Any, result_type)).validate_json(text, strict=True)
     except (ValidationError, TypeError) as error:
         problem = first_problem(error) if isinstance(error, ValidationError) else str(error)
-        # before documents said what they are
         fact = Fact(
             ModelFile.NO_MODEL_DOCUMENT,
             error=problem,
-            is_old=isinstance(text, str) and text.startswith('{"settings"'),
+            is_old=isinstance(text, str) and text.startswith(FORMER_BEGINNING),
         )
         raise Unreadable(fact) from None
 
 
+def _schema_version(text: object) -> int | None:
+    """Returns the version of the schema in a document's heading; None where it has none, or is no text."""
+    if not isinstance(text, str):
+        return None
+    heading = HEADING_PATTERN.match(text)
+    return int(heading[1]) if heading else None
+
+
 @cache
-def _adapter(kind: type) -> TypeAdapter[Any]:
-    return TypeAdapter(kind)
+def _adapter(result_type: type) -> TypeAdapter[Any]:
+    """Returns pydantic's reader and writer of a type, which is made once for each type."""
+    return TypeAdapter(result_type)

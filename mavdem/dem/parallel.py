@@ -1,6 +1,6 @@
-"""Many calls of one function: on this machine's cores, on threads, or on a cluster.
+"""Parallel execution: many calls of one function in worker processes, on threads or on a cluster.
 
-The processes started here end with their work, also when a signal ends this process.
+Worker processes end with their work, also when a signal ends this process, or when this process is killed.
 """
 
 import os
@@ -24,20 +24,24 @@ from mavdem.facts.model import Workers
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
-# up to this many jobs are sooner done in this process than by workers, which take about a second to start
 MAX_SERIAL_JOBS = 8
+"""Most jobs that are done in this process: workers take about a second to start."""
 
-JOBS_AHEAD = 256  # jobs that are sent ahead of the result that is waited for: a given executor may have many workers
-# niceness, 0 to 19, of a process that learns beside samples: they do not wait for a core
+JOBS_AHEAD = 256
+"""Most jobs that are sent ahead of the result that is waited for; a given executor may have as many workers."""
+
 LOW_PRIORITY = 10
-TERMINATION_SIGNALS = (
-    signal.SIGINT,
-    signal.SIGTERM,
-    signal.SIGHUP,
-)  # signals that end a program from outside
+"""Niceness, 0 to 19, of a process that learns while samples arrive: the samples do not wait for a core."""
 
-_starting = Lock()  # of one pool after the other: new processes are its own
-_alone = False  # whether this process starts no others, because others like it have the other cores
+TERMINATION_SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
+"""Signals that end a program from outside: Ctrl-C, a request to terminate, and a closed terminal."""
+
+_pool_start_lock = Lock()
+"""Held while a pool starts, so that the processes that appear meanwhile are its own."""
+
+_child_processes_forbidden = False
+"""Whether this process starts no workers, because it is one of several that share the cores."""
+
 _stop_pipe: Connection | None = None
 """In a worker: the end of a pipe that becomes readable when its results are no longer wanted."""
 
@@ -45,117 +49,160 @@ _stop_pipe: Connection | None = None
 def parallel_map(
     work: Callable[[Job], Result], jobs: Iterable[Job], executor: Executor | None = None
 ) -> Generator[Result, None, None]:
-    """Yields ``work`` of each of many jobs, in their order, as :func:`mavdem.dem.learn_many` does.
+    """Calls a function for each of many jobs, and yields the results in the order of the jobs.
 
-    For other processes ``work`` is a function of a module, or a ``partial`` of one, whose jobs and results pickle.
+    A few jobs are done in this process. For more, a pool of one process for each core is started and ends with the
+    generator. See :func:`mavdem.dem.learn_many`.
+
+    Args:
+        work: The function. For other processes it is a function of a module, or a ``partial`` of one.
+        jobs: Arguments of the calls, without end if need be. For other processes jobs and results must pickle.
+        executor: Executor that does the work in place of a pool; it is not shut down.
+
+    Yields:
+        The result of each job.
+
+    Raises:
+        concurrent.futures.BrokenExecutor: A worker died.
+        Exception: Any error that ``work`` or ``jobs`` raises.
     """
     jobs = iter(jobs)
     if executor is not None:
-        yield from _map_on(executor, work, jobs)
+        yield from _map_on_executor(executor, work, jobs)
         return
-    first = list(islice(jobs, MAX_SERIAL_JOBS + 1))
-    workers = available_workers() if len(first) > MAX_SERIAL_JOBS else 1
+    first_jobs = list(islice(jobs, MAX_SERIAL_JOBS + 1))
+    workers = available_workers() if len(first_jobs) > MAX_SERIAL_JOBS else 1
     if workers == 1:
-        yield from map(work, chain(first, jobs))
+        yield from map(work, chain(first_jobs, jobs))
         return
     with process_pool(workers) as executor:
-        yield from _map_on(executor, work, chain(first, jobs))
+        yield from _map_on_executor(executor, work, chain(first_jobs, jobs))
 
 
-def _map_on(
-    executor: Executor,
-    work: Callable[[Job], Result],
-    jobs: Iterable[Job],
+def _map_on_executor(
+    executor: Executor, work: Callable[[Job], Result], jobs: Iterable[Job]
 ) -> Generator[Result, None, None]:
-    """At most ``JOBS_AHEAD`` jobs are on their way."""
-    sent: deque[Future[Result]] = deque()
+    """Yields the result of each job in order, while at most ``JOBS_AHEAD`` jobs are with the executor.
+
+    Args:
+        executor: Executor that does the work.
+        work: Function to call.
+        jobs: Arguments of the calls.
+    """
+    futures: deque[Future[Result]] = deque()
     try:
         for job in jobs:
-            sent.append(executor.submit(partial(_unless_stopped, work), job))
-            while sent and (len(sent) >= JOBS_AHEAD or sent[0].done()):
-                yield sent[0].result()
-                sent.popleft()
-        while sent:
-            yield sent[0].result()
-            sent.popleft()
+            futures.append(executor.submit(partial(_work_unless_stopped, work), job))
+            while futures and (len(futures) >= JOBS_AHEAD or futures[0].done()):
+                yield futures[0].result()
+                futures.popleft()
+        while futures:
+            yield futures[0].result()
+            futures.popleft()
     except BrokenExecutor as error:
-        # A broken pool breaks these off itself, and before Python 3.13 it cannot where they are cancelled.
-        sent.clear()
+        # A broken pool ends its jobs itself. Before Python 3.13 it cannot where they have been cancelled.
+        futures.clear()
         raise type(error)(str(Fact(Workers.WORKER_DIED))) from error
     finally:
-        # Workers that a signal to the whole group has ended break a pool, which before Python 3.13 waits for ever
-        # where jobs are cancelled.
+        # The jobs of a ProcessPool stop with its block and are not cancelled: where a signal to the whole process
+        # group has ended its workers, a pool with cancelled jobs waits for ever before Python 3.13.
         if not isinstance(executor, ProcessPool):
-            for future in sent:
+            for future in futures:
                 future.cancel()
 
 
-def _unless_stopped(work: Callable[[Job], Result], job: Job) -> Result:
-    """``work`` of a job; nothing in a worker whose results nobody waits for, so that it ends soon."""
-    # true once the other end is closed: nothing is ever sent
+def _work_unless_stopped(work: Callable[[Job], Result], job: Job) -> Result:
+    """Does a job in a worker, unless nobody waits for its result any more: the worker then ends soon."""
+    # The parent sends nothing, so that the pipe is readable only after the parent has closed its end.
     if _stop_pipe is not None and _stop_pipe.poll():
         raise CancelledError
     return work(job)
 
 
 def available_workers() -> int:
-    """Returns how many workers are worth starting: the cores this process may use, or 1 where it is a worker itself."""
-    if _alone or (parent_process() is not None and not _importing_main()):
+    """Returns how many workers are worth starting.
+
+    That is the number of cores that this process may use, or 1 where it is itself a worker of a pool.
+    """
+    is_child = parent_process() is not None and not _is_importing_main()
+    if _child_processes_forbidden or is_child:
         return 1
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def forbid_child_processes() -> None:
-    """Lets nothing here start processes from now on: this one is a worker, of whatever kind."""
-    global _alone
-    _alone = True
+    """Makes :func:`available_workers` return 1 from now on, for a worker of a cluster or of another kind of pool."""
+    global _child_processes_forbidden
+    _child_processes_forbidden = True
 
 
 class ProcessPool(ProcessPoolExecutor):
-    """An executor of :func:`process_pool`: its jobs stop when its block is left, and need not be cancelled."""
+    """An executor of :func:`process_pool`: its jobs stop when its block is left, and need not be cancelled.
+
+    Attributes:
+        processes: Its worker processes.
+    """
 
     processes: list[BaseProcess]
 
 
 @contextmanager
 def process_pool(workers: int) -> Iterator[ProcessPool]:
-    """Yields an executor of ``workers`` processes that have ended when its block is left.
+    """Starts worker processes for a block, and waits for their end when the block is left.
 
-    Processes are started afresh ("spawn"): a fork of a process with threads may wait for one of their locks for ever.
+    The processes are started afresh ("spawn"), since a fork of a process with threads may wait for ever for a lock that
+    one of them held.
+
+    Args:
+        workers: Number of processes.
+
+    Yields:
+        An executor whose processes have started.
+
+    Raises:
+        SystemExit: The running script starts workers while a worker imports it, so that there would be no end of them.
     """
-    if _importing_main():
+    if _is_importing_main():
         sys.exit(str(Fact(Workers.SCRIPT_IMPORTED_BY_WORKER)))
     context = get_context("spawn")
-    stop_pipe, parents_end = context.Pipe(duplex=False)
-    # Ctrl-C, and a terminal that closes, reach every process of it, but not those begun in here, Python's own for
-    # semaphores among them: the parent decides what it means. Nor may a signal interrupt the start of a process.
+    stop_pipe, parent_end = context.Pipe(duplex=False)
+    # Ctrl-C and a closed terminal send signals to all processes of the terminal. Those that are started here inherit
+    # the blocked signals, also Python's own process for semaphores, and the parent decides what a signal means. Nor may
+    # a signal interrupt the start of a process.
     with blocked_signals(*TERMINATION_SIGNALS):
-        executor = ProcessPool(workers, context, initializer=_begin, initargs=(stop_pipe,))
+        executor = ProcessPool(
+            workers, context, initializer=_initialize_worker, initargs=(stop_pipe,)
+        )
     try:
-        with blocked_signals(*TERMINATION_SIGNALS), _starting:
-            others = active_children()
+        with blocked_signals(*TERMINATION_SIGNALS), _pool_start_lock:
+            earlier_processes = active_children()
+            # An executor starts its processes one by one, when jobs are submitted.
             for _ in range(workers):
                 executor.submit(os.getpid)
-            executor.processes = [child for child in active_children() if child not in others]
+            executor.processes = [
+                process for process in active_children() if process not in earlier_processes
+            ]
         yield executor
     finally:
-        # The parent's end is closed first, which stops the workers; then they are waited for. A wait for a thread that
-        # an exception interrupts takes the thread for ended (bpo-45274): of the executor's own, that leaves the workers
-        # running, and Python waits for them for ever. So signals are handled after it.
+        # The parent's end of the pipe is closed first, which stops the workers; then they are waited for. An exception
+        # from a signal would interrupt that wait and make Python take the executor's thread for ended (bpo-45274): the
+        # workers would go on, and Python would wait for them for ever. So signals are handled after the wait.
         with stop_pipe, blocked_signals(*TERMINATION_SIGNALS):
-            parents_end.close()
+            parent_end.close()
             executor.shutdown()
 
 
 class LearningProcess(Executor):
-    """An executor with one process of low priority; if that is killed, the next job runs in a new one."""
+    """An executor with one process of low priority; if the process is killed, the next job runs in a new one."""
 
     def __init__(self) -> None:
         self._exits = ExitStack()
         self._start()
 
     def submit(self, job: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
-        """Runs a job; see ``concurrent.futures.Executor``."""
+        """Runs a job in the process; see ``concurrent.futures.Executor``."""
         try:
             return self._pool.submit(job, *args, **kwargs)
         except BrokenExecutor:
@@ -163,12 +210,13 @@ class LearningProcess(Executor):
             return self._pool.submit(job, *args, **kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Kills the process, whatever it computes."""
+        """Kills the process, whatever it computes; the arguments of ``concurrent.futures.Executor`` do not matter."""
         for process in self._pool.processes:
             process.kill()
         self._exits.close()
 
     def _start(self) -> None:
+        """Ends the process, if there is one, and starts a new one."""
         self._exits.close()
         self._pool = self._exits.enter_context(process_pool(1))
         self._pool.submit(os.nice, LOW_PRIORITY)
@@ -176,43 +224,51 @@ class LearningProcess(Executor):
 
 @contextmanager
 def blocked_signals(*numbers: signal.Signals) -> Iterator[None]:
-    """Lets signals of these ``numbers`` wait until the block is left; processes started in it inherit the mask.
+    """Postpones signals until the block is left; processes that are started in the block inherit the mask.
 
-    The mask holds for this thread only, and Python handles here what another thread has received.
+    The mask holds for this thread only. A signal that another thread receives is handled by Python in the main thread,
+    so that its handler is replaced there as well.
+
+    Args:
+        *numbers: The signals.
     """
-    waiting = []
-    handlers = {}
+    postponed = []
+    original_handlers = {}
     if current_thread() is main_thread():
         for number in numbers:
             if signal.getsignal(number) not in (None, signal.SIG_IGN):
-                handlers[number] = signal.signal(number, lambda came, _: waiting.append(came))
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+                original_handlers[number] = signal.signal(
+                    number, lambda received, _: postponed.append(received)
+                )
+    original_mask = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
     try:
         yield
     finally:
-        for number, handler in handlers.items():
+        for number, handler in original_handlers.items():
             signal.signal(number, handler)
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        for came in waiting:
-            signal.raise_signal(came)
+        signal.pthread_sigmask(signal.SIG_SETMASK, original_mask)
+        for received in postponed:
+            signal.raise_signal(received)
 
 
-def _importing_main() -> bool:
-    """Whether this is a process that another has started, which still imports the other's script."""
-    # There is no public name for it; multiprocessing itself uses this to refuse what is refused here.
+def _is_importing_main() -> bool:
+    """Returns whether this process was started by another and is still importing the other's script."""
+    # There is no public name for it; multiprocessing itself uses this attribute to detect the same case.
     return getattr(current_process(), "_inheriting", False)
 
 
-def _begin(stop_pipe: Connection) -> None:
+def _initialize_worker(stop_pipe: Connection) -> None:
+    """Prepares a worker process: it stops when ``stop_pipe`` becomes readable, and ends with its parent."""
     global _stop_pipe
     _stop_pipe = stop_pipe
-    # Blocked while it began; a worker alone may be ended, and a pool that broke ends its others so.
+    # The signal was blocked while the process started. A worker alone may be ended, and a broken pool ends its others
+    # with this signal.
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
-    Thread(target=_end_with_parent, daemon=True).start()
+    Thread(target=_exit_with_parent, daemon=True).start()
 
 
-def _end_with_parent() -> None:
-    """A worker waits for its next job for ever, also when the parent was killed."""
+def _exit_with_parent() -> None:
+    """Ends the process when its parent has ended; else a worker of a killed parent would wait for jobs for ever."""
     parent = parent_process()
     assert parent is not None
     parent.join()

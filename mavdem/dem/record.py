@@ -179,7 +179,7 @@ class Record:
         _require_same_columns(inputs, "inputs")
         _require_same_columns(outputs, "outputs")
         dt = _common_step([segment.dt for segment in samples])
-        labels = {name: tuple(getattr(flights[0], name, ())) for name in LABEL_FIELDS}
+        labels: JsonValues = {name: tuple(getattr(flights[0], name, ())) for name in LABEL_FIELDS}
         return cls(
             inputs=np.concatenate(inputs),
             outputs=np.concatenate(outputs),

@@ -1,4 +1,4 @@
-"""Settings: everything that decides a fit; and the complete ones, with nothing left to the data."""
+"""Settings of a fit: model order, embedding, noise, priors, iterations and forecasts, with checks and JSON."""
 
 from __future__ import annotations
 
@@ -18,21 +18,59 @@ from mavdem.dem.engine.linalg import require_positive_definite
 from mavdem.dem.validation import MAX_ABS_VALUE, checked_values
 from mavdem.facts.fact import plain
 
-FORMER = {"learning_rates"}  # of documents of earlier versions, where they were ``None``
-LARGEST_LOG = 100.0  # of a log precision: e^±100 is beyond anything measured, and far from overflow
+FORMER_SETTINGS = {"learning_rates"}
+"""Settings of earlier versions that documents may still contain; their value was ``None`` there, and is ignored."""
+
+MAX_LOG_PRECISION = 100.0
+"""Largest size of a log precision: exp(±100) is beyond anything measured, and far from overflow."""
+
+MAX_INTEGER = 2**63 - 1
+"""Largest integer of a setting: the largest of 64 bits."""
+
+MAX_ORDER = 12
+"""Most states of a model: a fit takes memory of the order of n⁴, and no flight shows as many states."""
+
+MIN_POSITIVE_VALUE = 1e-50
+"""Smallest positive number of a setting; the squares of smaller ones could vanish."""
+
+NonNegativeInteger = Annotated[int, Field(ge=0, le=MAX_INTEGER)]
+"""An integer of at least 0."""
+
+PositiveInteger = Annotated[int, Field(ge=1, le=MAX_INTEGER)]
+"""An integer of at least 1."""
+
+PositiveNumber = Annotated[float, Field(ge=MIN_POSITIVE_VALUE, le=MAX_ABS_VALUE)]
+"""A positive number whose square neither overflows nor vanishes."""
+
+LogPrecision = Annotated[float, Field(ge=-MAX_LOG_PRECISION, le=MAX_LOG_PRECISION)]
+"""Natural logarithm of a precision."""
 
 
 @dataclass(frozen=True)
 class Gaussian:
-    """N(mean, precision⁻¹): ``mean`` (k,), ``precision`` (k, k), positive definite; a number or (k,) is a diagonal.
+    """A multivariate normal distribution N(mean, precision⁻¹), as a prior of parameters.
 
-    A known entry is one of high precision; a structure is a matrix of them.
+    A known parameter is one of high precision; the structure of a model is a matrix of them.
+
+    Attributes:
+        mean: k means.
+        precision: Rows of the precision matrix, (k, k), which is positive definite.
     """
 
     mean: Numbers
     precision: tuple[Numbers, ...]
 
     def __init__(self, mean: ArrayLike, precision: ArrayLike) -> None:
+        """Takes mean and precision.
+
+        Args:
+            mean: Means, (k,).
+            precision: Precision matrix, (k, k); its diagonal, (k,), where it has no other entries; or one number for
+                all of the diagonal.
+
+        Raises:
+            ValueError: An argument has another shape or is not finite, or the matrix is not positive definite.
+        """
         means = as_real_array(mean, "mean")
         precisions = as_real_array(precision, "precision")
         if means.ndim != 1 or not len(means) or not np.isfinite(means).all():
@@ -49,12 +87,19 @@ class Gaussian:
 
     @property
     def arrays(self) -> ArrayPair:
-        """Mean (k,) and precision (k, k)."""
+        """Mean, (k,), and precision, (k, k), as arrays."""
         return np.array(self.mean), np.array(self.precision)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Gaussian:
-        """Returns the one of ``values`` = {"mean": …, "precision": …}; ``ValueError`` for anything else."""
+        """Returns the distribution of a JSON object.
+
+        Args:
+            values: The object ``{"mean": …, "precision": …}``.
+
+        Raises:
+            ValueError: It has other keys, or its values are no mean and precision.
+        """
         if not isinstance(values, Mapping) or set(values) != {"mean", "precision"}:
             raise ValueError(
                 f'a Gaussian must be {{"mean": [...], "precision": ...}}, not {values!r}'
@@ -62,19 +107,12 @@ class Gaussian:
         return cls(values["mean"], values["precision"])
 
 
-Whole = Annotated[int, Field(ge=0, le=2**63 - 1)]
-Natural = Annotated[int, Field(ge=1, le=2**63 - 1)]
-# of a model: its fit takes memory of order n⁴, and no flight shows as many states
-LARGEST_ORDER = 12
-Positive = Annotated[float, Field(ge=1e-50, le=MAX_ABS_VALUE)]
-Log = Annotated[float, Field(ge=-LARGEST_LOG, le=LARGEST_LOG)]
-
-
 @dataclass(frozen=True, eq=False)
 class Settings:
     """Everything that decides a fit. ``Settings()`` is for real flights, :meth:`paper` for the paper's experiments.
 
-    Settings are equal where all their values are, complete (:class:`CompleteSettings`) or not.
+    Settings are equal where all their values are, whether they are complete (:class:`CompleteSettings`) or not. The
+    names of the fields are keys of the JSON document of a model.
 
     >>> settings = mavdem.Settings(order=4, horizon=None)
     >>> mavdem.Settings.from_json(settings.to_json()) == settings
@@ -83,113 +121,117 @@ class Settings:
     **The model**
 
     Attributes:
-        order: number of states n; states beyond the outputs are hidden. ``None``: one more than outputs.
-        p: embedding order of outputs and states.
-        d: embedding order of the inputs; ``None``: 2, or p if that is less.
-        window: samples that each generalized vector is computed from, more than p and d; ``None``: 0.09 s of them,
-            or as few as possible where segments are too short.
-        scaling: "channel": every output and the inputs are centred and brought to unit variance, and a constant input
-            learns the trim; "paper": outputs as they are, one mean and one range for all inputs; "none": both as they
+        order: Number of states n, at most 12; states beyond the outputs are hidden. ``None``: one more than outputs.
+        p: Embedding order of outputs and states: the highest derivative in their generalized coordinates.
+        d: Embedding order of the inputs; ``None``: 2, or p if that is less.
+        window: Samples that each generalized vector is computed from, more than p and d. ``None``: 0.09 s of them, or
+            as few as possible where segments are too short.
+        scaling: "channel": every output and the inputs are centred and scaled to unit variance, and a constant input
+            learns the trim. "paper": outputs as they are, one mean and one range for all inputs. "none": both as they
             are.
-        known_inputs: whether the recorded inputs are η̃ᵛ; if not, it is 0, and B belongs to unrecorded inputs.
+        known_inputs: Whether the recorded inputs are the prior mean η̃ᵛ of the inputs. If not, it is 0, and B belongs to
+            unrecorded inputs.
 
     **The noise**
 
     Attributes:
-        smoothness: kernel width s of the noise, seconds; ``None``: one sampling step.
-        correlation: "sampled": the highest derivative of the process noise is left out, since samples do not show it;
-            "continuous": it is taken to be that of a state whose next derivative is zero, and counted as evidence, as
-            the paper's D does.
+        smoothness: Width s of the noise's Gaussian autocorrelation kernel, seconds; ``None``: one sampling step.
+        correlation: Treatment of the highest derivative of the process noise. "sampled": it is left out, since samples
+            do not show it. "continuous": the state's next derivative is taken to be zero, and the resulting noise is
+            counted as evidence, as the paper's D does.
 
     **Priors**, in the units of ``scaling``
 
     Attributes:
         prior: "regulated": each output returns to its trim, rates are derivatives of angles, hidden states are
-            actuator lags, C = [I 0]; "uniform": a mean drawn from U[−1, 1] for every parameter; or a ``Gaussian`` of
+            actuator lags, C = [I 0]. "uniform": a mean drawn from U[−1, 1] for every parameter. Or a ``Gaussian`` of
             θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)] in physical units, in which a known parameter is one of high precision.
-        parameter_precision: prior precision P of each free parameter; under a ``Gaussian`` prior, only of the trim;
+        parameter_precision: Prior precision P of each free parameter; under a ``Gaussian`` prior, only of the trim.
             ``None``: 10 under the "regulated" prior, 1 under others.
-        lambda_z, lambda_w: prior means of the log precisions of measurement and process noise, each one for all
-            outputs or states, as in the paper.
-        lambda_log_precision: the log precisions of these two priors: e²⁵ fixes λᶻ, e^−4.6 leaves λʷ to the data.
-        input_precision: of every input about η̃ᵛ, and of each of its derivatives: P̃ᵛ is diagonal. 1.6e5: known to
-            0.25 % of a unit.
+        lambda_z, lambda_w: Prior means of the log precisions of measurement and process noise, one for all outputs and
+            one for all states, as in the paper.
+        lambda_log_precision: Log precisions of these two priors: e²⁵ fixes λᶻ, e^−4.6 leaves λʷ to the data.
+        input_precision: Precision of every input about η̃ᵛ, and of each of its derivatives: P̃ᵛ is diagonal. With 1.6e5
+            an input is known to 0.25 % of a unit.
 
     **Inference**
 
     Attributes:
-        iterations: the most rounds of D, E and M steps; fewer when F̄ has converged.
-        seed: of everything random (the "uniform" prior).
+        iterations: Most rounds of D, E and M steps; there are fewer when the free energy action F̄ has converged.
+        seed: Seed of the random numbers that the "uniform" prior draws.
 
     **Forecasts**
 
     Attributes:
-        horizon: seconds of the simulation-error fit that refines θ after DEM, where inputs are known and the prior is
-            not "uniform" (``mavdem.dem.forecast.simulation_error``), less where the training data are too short;
-            ``None``: no such fit.
+        horizon: Length, s, of the segments of the simulation-error fit that refines θ after DEM, where inputs are known
+            and the prior is not "uniform" (``mavdem.dem.forecast.simulation_error``); it is shorter where the training
+            data are too short. ``None``: no such fit.
         forecasts: "joint": by the joint model of outputs and motors, in which the motors measure the motion
-            (``mavdem.dem.forecast.joint``); "plant": by A, B and C alone, motors as causes, as the paper does.
+            (``mavdem.dem.forecast.joint``). "plant": by A, B and C alone, with the motors as causes, as in the paper.
+
+    Raises:
+        ValueError: A setting has a wrong type or value, or two contradict each other; the message names it.
     """
 
-    order: Annotated[int, Field(ge=1, le=LARGEST_ORDER)] | None = None
-    p: Whole = 2
-    d: Whole | None = None
-    window: Natural | None = None
+    order: Annotated[int, Field(ge=1, le=MAX_ORDER)] | None = None
+    p: NonNegativeInteger = 2
+    d: NonNegativeInteger | None = None
+    window: PositiveInteger | None = None
     scaling: Literal["channel", "paper", "none"] = "channel"
     known_inputs: bool = True
 
-    smoothness: Positive | None = None
+    smoothness: PositiveNumber | None = None
     correlation: Literal["sampled", "continuous"] = "sampled"
 
     prior: Literal["regulated", "uniform"] | Gaussian = "regulated"
-    parameter_precision: Positive | None = None
-    lambda_z: Log = 20.0
-    lambda_w: Log = 3.0
-    lambda_log_precision: tuple[Log, Log] = (25.0, -4.6)
-    input_precision: Positive = 1.6e5
+    parameter_precision: PositiveNumber | None = None
+    lambda_z: LogPrecision = 20.0
+    lambda_w: LogPrecision = 3.0
+    lambda_log_precision: tuple[LogPrecision, LogPrecision] = (25.0, -4.6)
+    input_precision: PositiveNumber = 1.6e5
 
-    iterations: Natural = 200
-    seed: Whole = 0
+    iterations: PositiveInteger = 200
+    seed: NonNegativeInteger = 0
 
-    horizon: Positive | None = 0.3
+    horizon: PositiveNumber | None = 0.3
     forecasts: Literal["joint", "plant"] = "joint"
 
     def __post_init__(self) -> None:
+        """Checks each field by its annotation, and the settings as a whole."""
         values = {name: plain(value) for name, value in vars(self).items()}
         for name, value in checked_values(type(self), values).items():
             object.__setattr__(self, name, value)
         self._require_consistent()
 
     def _require_consistent(self) -> None:
-        """Raises ``ValueError`` for what no field can satisfy by itself."""
-        fewest = max(self.p, self.d or 0) + 1
+        """Raises ``ValueError`` where a setting contradicts another; no field can be checked for that by itself."""
         continuous = self.last_derivative_zero
-        needs = (
-            (
-                self.window is None or self.window >= fewest,
-                "window",
-                f"at least {fewest} for p and d",
-            ),
-            # With C free, nothing fixes the scale of x, and F̄ is largest at C = 0.
-            (
-                self.prior != "uniform" or continuous,
-                "correlation",
-                '"continuous" with the uniform prior, which leaves C free',
-            ),
-            (continuous or self.p > 0, "correlation", '"continuous" with p = 0'),
-            (
-                self.known_inputs or self.prior != "regulated",
-                "known_inputs",
-                "True with the regulated prior, under which B would stay 0",
-            ),
-        )
-        for holds, name, expected in needs:
-            if not holds:
-                raise ValueError(f"{name} must be {expected}, not {getattr(self, name)!r}")
+        # A derivative of order k needs at least k + 1 samples.
+        min_window = max(self.p, self.d or 0) + 1
+        if self.window is not None and self.window < min_window:
+            raise self._contradiction("window", f"at least {min_window} for p and d")
+        # With C free, nothing fixes the scale of x, and F̄ is largest at C = 0.
+        if self.prior == "uniform" and not continuous:
+            raise self._contradiction(
+                "correlation", '"continuous" with the uniform prior, which leaves C free'
+            )
+        if self.p == 0 and not continuous:
+            raise self._contradiction("correlation", '"continuous" with p = 0')
+        if self.prior == "regulated" and not self.known_inputs:
+            raise self._contradiction(
+                "known_inputs", "True with the regulated prior, under which B would stay 0"
+            )
+
+    def _contradiction(self, name: str, expected: str) -> ValueError:
+        """Returns the error that the setting of this ``name`` is not as ``expected``."""
+        return ValueError(f"{name} must be {expected}, not {getattr(self, name)!r}")
 
     @property
     def last_derivative_zero(self) -> bool:
-        """Whether the derivative of the highest order is taken to be zero and counted as evidence, or left out."""
+        """Whether the state's derivative above the highest order is taken to be zero and counted as evidence.
+
+        Otherwise the highest derivative of the process noise is left out (setting ``correlation``).
+        """
         return self.correlation == "continuous"
 
     def __eq__(self, other: object) -> bool:
@@ -200,11 +242,15 @@ class Settings:
 
     @classmethod
     def paper(cls, order: int = 2, seed: int = 0) -> Self:
-        """Returns those of the paper, section V.D (``alg_settings``), of ``order`` states, η drawn with ``seed``.
+        """Returns the settings of the paper's experiments, section V.D (``alg_settings``).
 
         Where the paper and its authors' code leave a choice: outputs are not centred; the D step takes the exact
         limit k → ∞; D's last row is zero and counts; F̄ and its mean-field terms are exact; the first step already
         uses the prior λ; inputs are embedded over the outputs' window, so that both belong to one instant.
+
+        Args:
+            order: Number of states n.
+            seed: Seed of the random prior means of the parameters.
         """
         return cls(
             order=order,
@@ -224,16 +270,20 @@ class Settings:
         )
 
     def to_dict(self) -> JsonValues:
-        """Returns the settings as plain JSON values by name; :meth:`from_dict` is its inverse."""
+        """Returns the settings as JSON values by name; :meth:`from_dict` is the inverse."""
         return asdict(self)
 
     def to_json(self) -> str:
-        """Returns the settings as a JSON object; :meth:`from_json` is its inverse."""
+        """Returns the settings as the text of a JSON object; :meth:`from_json` is the inverse."""
         return json.dumps(self.to_dict(), indent=1)
 
     @classmethod
     def from_json(cls, text: str) -> Self:
-        """Returns settings from the ``text`` of :meth:`to_json`; ``ValueError`` names a key that is not a setting."""
+        """Reads settings from the text of a JSON object, as :meth:`to_json` returns it.
+
+        Raises:
+            ValueError: The text is no JSON object of settings; the message names a key or value that is wrong.
+        """
         try:
             values = json.loads(text)
         except (TypeError, ValueError, RecursionError) as error:
@@ -242,11 +292,18 @@ class Settings:
 
     @classmethod
     def from_dict(cls, values: JsonValues) -> Self:
-        """Returns settings from plain values by name; ``ValueError`` names a key that is not a setting."""
+        """Returns settings from JSON values by name; those that are left out have their defaults.
+
+        Args:
+            values: Values by name, as :meth:`to_dict` returns them.
+
+        Raises:
+            ValueError: A key is not a setting, or a value is wrong; the message names it.
+        """
         if not isinstance(values, dict):
             raise ValueError(f"settings must be an object of settings by name, not {values!r}")
-        names = {f.name for f in fields(cls)}
-        unknown = set(values) - names - FORMER
+        names = {field.name for field in fields(cls)}
+        unknown = set(values) - names - FORMER_SETTINGS
         if unknown:
             raise ValueError(f"not a setting: {', '.join(sorted(unknown))}")
         if isinstance(values.get("prior"), dict):
@@ -256,9 +313,9 @@ class Settings:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CompleteSettings(Settings):
-    """Settings with a number for all that may be left to the data; the fields are those of :class:`Settings`."""
+    """Settings with a value for everything that :class:`Settings` may leave to the data; its fields are the same."""
 
-    order: Natural
-    d: Whole
-    window: Natural
-    parameter_precision: Positive
+    order: PositiveInteger
+    d: NonNegativeInteger
+    window: PositiveInteger
+    parameter_precision: PositiveNumber

@@ -162,8 +162,8 @@ def test_threads_that_learn_take_turns(monkeypatch):
         return fit_them(*arguments)
 
     turn = threading.Lock()
-    fit_them = sys.modules["mavdem.dem.learning"].complete
-    monkeypatch.setattr(sys.modules["mavdem.dem.learning"], "complete", slowly)
+    fit_them = sys.modules["mavdem.dem.learning"].complete_settings
+    monkeypatch.setattr(sys.modules["mavdem.dem.learning"], "complete_settings", slowly)
     with ThreadPoolExecutor(3) as executor:
         answers = list(executor.map(learn, [FLIGHTS[0]] * 6, [JOBS[0][1]] * 6))
     assert len({answer.to_json() for answer in answers}) == 1
