@@ -234,7 +234,7 @@ class Flight:
             ImportError: The package ``pandas`` is not installed.
         """
         require_extra("pandas", "Flight.to_pandas()")
-        from mavdem.export.conversion import to_pandas
+        from mavdem.export.tables import to_pandas
 
         return to_pandas(self)
 
@@ -245,7 +245,7 @@ class Flight:
             ImportError: The package ``xarray`` is not installed.
         """
         require_extra("xarray", "Flight.to_xarray()")
-        from mavdem.export.conversion import to_xarray
+        from mavdem.export.tables import to_xarray
 
         return to_xarray(self)
 

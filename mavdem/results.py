@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from mavdem.assessment import Assessment
 from mavdem.containers import Names
-from mavdem.export.conversion import write_channels
+from mavdem.export.mcap_channels import write_channels
 from mavdem.extras import missing_modules
 from mavdem.files import write_text_atomically
 from mavdem.fleet.row import FlightRows, flights_of, worst_row

@@ -55,7 +55,7 @@ has, stand below.
 
 UPWARD_IMPORTS = {
     ("facts.fact", "report.words"),  # Fact.sentence
-    ("flight", "export.conversion"),  # Flight.to_pandas(), to_xarray()
+    ("flight", "export.tables"),  # Flight.to_pandas(), to_xarray()
     ("flight", "report.page"),  # Flight in a notebook
     ("dem.learned", "plant"),  # Learned.physical
     ("dem.learned", "plant.wind_torque"),  # Learned.wind_torque
@@ -63,7 +63,7 @@ UPWARD_IMPORTS = {
     ("dem.learned", "loops.axis_loops"),  # Learned.loop(), its type
     ("dem.learned", "loops.controllers"),
     ("dem.learned", "loops.loop_construction"),
-    ("dem.learned", "export.conversion"),  # Learned.to_control()
+    ("dem.learned", "export.control_systems"),  # Learned.to_control()
     ("dem.learned", "report.figures"),  # Learned.plot
     ("dem.learned", "report.page"),  # Learned in a notebook
     ("dem.learned", "report.screen"),  # Learned.summary()

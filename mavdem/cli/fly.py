@@ -18,7 +18,7 @@ from mavdem.cli.output import (
     say_aside,
 )
 from mavdem.containers import JsonValues, Names
-from mavdem.export.conversion import STREAMS
+from mavdem.export.conversion import STREAM_WRITERS
 from mavdem.extras import require_extra
 from mavdem.files import atomic_writes, reporting_write_errors
 from mavdem.ingest.parameter_file import read_parameters
@@ -191,7 +191,7 @@ def _chosen(
 
 
 def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None) -> JsonValues:
-    check_file(out, "--out", tuple(STREAMS))
+    check_file(out, "--out", tuple(STREAM_WRITERS))
     truth = None if out is None else out.with_suffix(".truth.npz")
     check_file(truth, "--out", (".npz",))
     check_file(rrd, "--rrd", (".rrd",))
@@ -214,7 +214,7 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
             with unfinished_of[out].open("wb") as file:
                 report |= {
                     "out": str(out),
-                    "frames": STREAMS[out.suffix.lower()](file, stream),
+                    "frames": STREAM_WRITERS[out.suffix.lower()](file, stream),
                     "truth": str(truth),
                 }
             write_truth(unfinished_of[truth], scenario, motion)

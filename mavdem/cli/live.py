@@ -31,7 +31,7 @@ from mavdem.dem import Settings
 from mavdem.dem.parallel import LearningProcess
 from mavdem.documents.session import live_document
 from mavdem.errors import Unreadable
-from mavdem.export.conversion import STREAMS
+from mavdem.export.conversion import STREAM_WRITERS
 from mavdem.extras import missing_extra_fact, require_extra
 from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.session import Session
@@ -305,7 +305,7 @@ def _at_end(
 ) -> tuple[Path | None, Path | None]:
     """Returns where model and page are to be written, and refuses before the flight what could not be after it."""
     check_file(rrd, "--rrd", (".rrd",))
-    check_file(record, "--record", tuple(STREAMS))
+    check_file(record, "--record", tuple(STREAM_WRITERS))
     beside = rrd or record or model
     page = page or (beside and beside.with_suffix(".html"))
     model = model or (beside and beside.with_suffix(".model.json"))

@@ -353,7 +353,7 @@ class Learned(ImmutableResult, ForecasterBase):
             ValueError: there is no physical plant, with the reason.
         """
         require_extra("control", "Learned.to_control()")
-        from mavdem.export.conversion import to_control
+        from mavdem.export.control_systems import to_control
 
         return to_control(self, model)
 

@@ -16,7 +16,7 @@ from recorded_flights import FLIGHT, LOGS, SLOW
 from mavdem import read_flight
 from mavdem.cli import commands as command_line
 from mavdem.cli.commands import main, mavdem
-from mavdem.export.conversion import write_channels
+from mavdem.export.mcap_channels import write_channels
 
 BROKEN = {
     "empty.tlog": b"",

@@ -16,7 +16,9 @@ from simulated import simulated
 
 import mavdem
 from mavdem.evaluate import held_out_test
-from mavdem.export.conversion import _identified, columns, write_channels
+from mavdem.export.control_systems import identified_parameters
+from mavdem.export.mcap_channels import write_channels
+from mavdem.export.tables import columns
 from mavdem.facts.model import NoPlant
 from mavdem.flight import Flight
 from mavdem.report.series import series_of
@@ -77,7 +79,7 @@ def test_a_system_has_the_names_and_the_matrices_of_the_model(learned):
 def test_a_model_without_a_plant_says_why(physical, names, code):
     record = SimpleNamespace(output_names=names)
     model = SimpleNamespace(physical=physical, physical_reason=prose("Why."), record=record)
-    assert refused(_identified, model).code is code
+    assert refused(identified_parameters, model).code is code
 
 
 @mark.slow

@@ -203,7 +203,7 @@ def _nothing_in(source: str, recording: McapRecording, messages: int) -> Fact:
         code = Source.MCAP_OF_ROS2
     elif recording.repairs() and any(name.lstrip("/").startswith("mavlink/") for name in names):
         code = Source.MCAP_DAMAGED
-    elif names >= {"flight/inputs", "flight/outputs"}:  # of mavdem.export.conversion
+    elif names >= {"flight/inputs", "flight/outputs"}:  # of mavdem.export.mcap_channels
         code = Source.MCAP_OF_MAVDEM
     return Fact(code, path=source, names=sorted(names))
 

@@ -1,0 +1,141 @@
+"""Learned models as systems of python-control: the identified plant with its delay, and DEM's own model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, TypedDict
+from warnings import warn
+
+import numpy as np
+
+from mavdem.dem import Learned
+from mavdem.errors import NotLearnable
+from mavdem.export.tables import column_name
+from mavdem.facts.identifiability import Status
+from mavdem.facts.model import NoPlant
+from mavdem.loops.loop_construction import POSTERIOR_DRAWS
+from mavdem.plant import Physical
+from mavdem.report.labels import Labels, state_names, states_are_outputs
+
+if TYPE_CHECKING:
+    import control
+
+PADE_ORDER = 2
+"""Order of the Padé approximation of the delay. Its phase is exact to 1° up to 0.3/delay Hz."""
+
+MAX_PLANT_OUTPUTS = 2
+"""Outputs of a plant at most: the angle and the rate of its axis."""
+
+
+class SignalNames(TypedDict):
+    """The names of a system and of its signals, as keyword arguments of ``control.StateSpace``."""
+
+    inputs: list[str]
+    outputs: list[str]
+    name: str
+
+
+def to_control(learned: Learned, model: str = "physical") -> control.StateSpace:
+    """Returns a model of one axis in continuous time, about its trim.
+
+    The ``model`` "physical" is the plant: from the motors to angle and rate by their effect, motor time constant, delay
+    and the rate damping. The delay is approximated by ``PADE_ORDER``. The system's ``delay`` is the delay in s, and its
+    ``draws`` are plants from the posterior, for designs that must hold under its uncertainty. The plant contains no
+    controller and has no closed-loop bias.
+
+    The ``model`` "dem" is DEM's own ẋ = A x + B u, y = C x of the flight in closed loop, without noise and offset.
+
+    Args:
+        learned: the model.
+        model: "physical" or "dem".
+
+    Returns:
+        A system in the units of the data, rad and s. Its ``name`` says which model it is; its signals are named as the
+        columns of ``flight.csv``: "motor_1_us", "roll_rad".
+
+    Raises:
+        NotLearnable: the physical parameters are not identifiable. A ``UserWarning`` says where they are biased.
+        ValueError: ``model`` is neither "physical" nor "dem".
+    """
+    import control
+
+    if model not in ("physical", "dem"):
+        raise ValueError(f"model must be 'physical' or 'dem', not {model!r}")
+    labels = Labels.of(learned)
+    names = SignalNames(
+        inputs=list(map(column_name, labels.input_names, labels.input_units)),
+        outputs=list(map(column_name, labels.output_names, labels.output_units)),
+        name=f"mavdem {model} model",
+    )
+    if model == "physical":
+        # The first draw is the estimate itself.
+        draws = identified_parameters(learned).draws(POSTERIOR_DRAWS).tolist()
+        plants = [plant_system(draw, names) for draw in draws]
+        estimate = plants[0]
+        estimate.delay = draws[0][-1]
+        estimate.draws = plants[1:]
+        return estimate
+    states = [column_name(name, "") for name in state_names(labels.output_names, learned)]
+    if states_are_outputs(learned):
+        output_states = names["outputs"][: len(states)]
+        states = output_states + states[len(output_states) :]
+    A, B, C = learned.model.A, learned.model.B, learned.model.C
+    D = np.zeros((len(C), len(names["inputs"])))
+    return control.StateSpace(A, B, C, D, states=states, **names)
+
+
+def identified_parameters(learned: Learned) -> Physical:
+    """Returns the physical parameters of a model, and warns of those that are not reported without reserve.
+
+    Raises:
+        NotLearnable: the parameters are not identifiable, or the model has other outputs than an angle and its rate.
+    """
+    physical = learned.physical
+    output_count = len(learned.record.output_names)
+    if physical is None or physical.caution is not None:
+        reason = learned.physical_reason if physical is None else physical.caution
+        raise NotLearnable(NoPlant.NO_PLANT, because=reason)
+    if output_count > MAX_PLANT_OUTPUTS:
+        raise NotLearnable(NoPlant.TOO_MANY_OUTPUTS, count=output_count)
+    doubtful = []
+    for name, status in physical.status.items():
+        if status is not Status.REPORTED:
+            doubtful.append(f"{name} {status}")
+    if doubtful:
+        # Several parameters may have the same reason, which is said once.
+        unique_reasons = dict.fromkeys(fact.advised for fact in physical.reasons.values() if fact)
+        reasons = " ".join(unique_reasons)
+        warn(f"Poorly known of this plant: {', '.join(doubtful)}. {reasons}", stacklevel=4)
+    return physical
+
+
+def plant_system(parameters: Sequence[float], names: SignalNames) -> control.StateSpace:
+    """Returns the plant of one set of physical parameters in continuous time.
+
+    With the motors' torque τ, the rate ω and the angle φ: τ̇ = (u(t − delay) − τ)/lag, ω̇ = τ − damping ω, φ̇ = ω, where
+    u is the sum of the inputs by their effects.
+
+    Args:
+        parameters: effect of each input, rad/s² per unit, then the damping, 1/s, the motor time constant, s, and the
+            delay, s.
+        names: of the system and its signals; with one output the plant ends at the rate.
+    """
+    import control
+
+    effect = parameters[:-3]
+    damping, lag, delay = parameters[-3:]
+    outputs = names["outputs"]
+    output_count = len(outputs)
+    pade_order = PADE_ORDER if delay else 0
+    delay_system = control.tf2ss(*control.pade(delay, pade_order))
+    angle_rate_torque = np.array([[0, 1, 0], [0, -damping, 1], [0, 0, -1 / lag]])
+    # A plant with the rate as its only output has no state of the angle.
+    first_state = MAX_PLANT_OUTPUTS - output_count
+    A = angle_rate_torque[first_state:, first_state:]
+    B = np.zeros((output_count + 1, 1))
+    B[-1] = 1 / lag
+    C = np.eye(output_count, output_count + 1)
+    motion = control.StateSpace(A, B, C, np.zeros((output_count, 1)))
+    delay_states = [f"delay_{index + 1}" for index in range(pade_order)]
+    states = [*delay_states, *outputs, "motors_torque"]
+    return control.StateSpace(motion * delay_system * np.array([effect]), states=states, **names)
