@@ -216,7 +216,7 @@ def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> F
     values where the parameters have no controller.
     """
     changes = []
-    for cycle in (oscillation, *oscillation.others):
+    for cycle in (oscillation, *oscillation.other_axes):
         with suppress(NotLearnable):
             controller = controller_from_parameters(parameters, cycle.axis, (1.0,))
             turning = 2 * np.pi * (cycle.frequency or np.inf)

@@ -1,9 +1,12 @@
-"""Injected: the rate loop as a flight in system identification shows it, without a model of the vehicle.
+"""The open rate loop measured with an injected signal (system identification mode), without a model of the vehicle.
 
-A signal that the autopilot adds to a command depends on neither wind nor noise. So the ratio of its cross-spectra with
-the rate and with the demand is the vehicle's response without the bias of a closed loop (it is an instrument: L. Ljung,
-System Identification, 2nd ed., sec. 7.6), and times the known controller it is the open loop. Rate and demand come in
-one message, so that neither is late.
+A signal v that the autopilot adds to a command depends on neither wind nor noise: it is an instrument (L. Ljung,
+System Identification, 2nd ed., sec. 7.6). So the ratio of its cross-spectra with rate p and demand u is the vehicle's
+response without the bias of a closed loop, and with the known controller C it gives the open loop:
+
+    P = S_vp / S_vu,    L = C P
+
+Rate and demand come in one message, so that neither is late.
 """
 
 from dataclasses import replace
@@ -14,18 +17,18 @@ import numpy as np
 from mavdem.dataset.segments import Segments
 from mavdem.dataset.signals import Signals
 from mavdem.loops.margins import OpenLoop, controller_response
-from mavdem.loops.resonance import (
-    LOWEST_RESPONSE,
-    MIN_COHERENCE,
-    controller_if_known,
-    spectra,
-)
+from mavdem.loops.resonance import MIN_RESPONSE_FREQUENCY, controller_if_known
+from mavdem.loops.welch import MIN_COHERENCE, welch_spectra
+
+MIN_FREQUENCIES = 2
+"""Fewest frequencies at which the rate must be coherent with the signal: a crossover lies between two."""
 
 
-def injected_loop(signals: Signals, parts: Segments) -> OpenLoop | None:
-    """Returns the rate loop of the axis where a signal was injected in ``parts`` of a flight, at its frequencies.
+def injected_loop(signals: Signals, segments: Segments) -> OpenLoop | None:
+    """Returns the rate loop of the axis of ``signals``, measured where a signal was injected in ``segments``.
 
-    None without a signal, the gains, or a crossover among the frequencies.
+    It has the frequencies at which the rate is coherent with the injected signal, and no response to torques of wind.
+    None without a signal or the autopilot's gains, or where the loop does not cross over at these frequencies.
     """
     demand = signals.demand
     controller = controller_if_known(signals)
@@ -36,20 +39,24 @@ def injected_loop(signals: Signals, parts: Segments) -> OpenLoop | None:
         or controller is None
     ):
         return None
-    injected = max(
-        (signal.signal for signal in signals.injected_signals), key=lambda signal: len(signal.time)
+    injected_signals = [injection.signal for injection in signals.injected_signals]
+    injected = max(injected_signals, key=lambda series: len(series.time))
+    demand_series = replace(
+        injected, time=demand.time, boot=demand.boot, values=demand.outputs[:, 0]
     )
-    acted = replace(injected, time=demand.time, boot=demand.boot, values=demand.outputs[:, 0])
-    cross = spectra((injected, signals.rate_and_setpoint[0], acted), parts)
-    if cross is None:
+    rate, _ = signals.rate_and_setpoint
+    spectra = welch_spectra((injected, rate, demand_series), segments)
+    if spectra is None:
         return None
-    coherent = (cross.coherence >= MIN_COHERENCE) & (cross.frequency >= LOWEST_RESPONSE)
-    if np.count_nonzero(coherent) < 2:
+    is_measured = spectra.coherence >= MIN_COHERENCE
+    is_measured &= spectra.frequency >= MIN_RESPONSE_FREQUENCY
+    if np.count_nonzero(is_measured) < MIN_FREQUENCIES:
         return None
-    frequency = cross.frequency[coherent]
-    plant = (cross.power[0, 1] / cross.power[0, 2])[coherent]
-    forward, back = controller_response(controller, frequency)
-    response = back * plant
-    closed = forward * plant / (1 + response)
-    loop = OpenLoop(frequency, response[None], closed[None], 0 * closed[None])
+    frequency = spectra.frequency[is_measured]
+    to_rate, to_demand = spectra.power[0, 1], spectra.power[0, 2]
+    plant = (to_rate / to_demand)[is_measured]
+    from_setpoint, from_rate = controller_response(controller, frequency)
+    response = from_rate * plant
+    closed = from_setpoint * plant / (1 + response)
+    loop = OpenLoop(frequency, response[None], closed[None], disturbance=0 * closed[None])
     return loop if isfinite(loop.crossover) else None

@@ -1,18 +1,21 @@
-"""Limit cycles: a vehicle that oscillates by its own controller, which no wind does.
+"""Limit cycles: oscillations that a vehicle's own controller keeps up, as lines in the spectra of rate and motors.
 
-Wind spreads over all frequencies. A loop without margin turns to and fro at one: nearly all that the body rate and the
-motors do is then in one narrow band of their spectra.
+Wind spreads over all frequencies. A loop without stability margin oscillates at one: nearly all that the body rate and
+the motors do is then in one narrow band of their spectra. What tells a limit cycle from a gust that rings is that
+motors reach their limits, that the amplitude grows, or that it lasts.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from math import radians
 from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.arrays import Array, Flags, Indices
 from mavdem.containers import JsonValues
 from mavdem.dataset.attitude import Attitude
 from mavdem.dataset.motor_outputs import MotorOutputs
@@ -21,52 +24,74 @@ from mavdem.dataset.segments import Segment, Segments
 from mavdem.dataset.signals import MIN_STREAM_RATE
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.dem.engine.linalg import SMALLEST_POSITIVE
-from mavdem.loops.resonance import evenly_sampled, spectra_of, windows_of
+from mavdem.loops.welch import half_overlapping_windows, resampled_signals, windowed_transforms
 
 WINDOW_LENGTHS = (4.0, 8.0)
-FEWEST_SAMPLES = 32
-PERIODS = 8
-"""Of one spectrum: seconds, samples, and periods of the slowest line that can be told from what is merely slow."""
-# Half width of a line, as a share of its frequency, and two bins at least, as Hann's window blurs
+"""Lengths of the windows of a flight, s: with long ones, slow oscillations are told from steering."""
+MIN_WINDOW_SAMPLES = 32
+"""Fewest samples of a window."""
+MIN_PERIODS = 8
+"""Periods of the slowest oscillation in a window: fewer are not told from what is merely slow."""
+MIN_LINE_WIDTH_BINS = 2.01
+"""Least half width of a line, in bins: Hann's window blurs a line over two to each side."""
 LINE_WIDTH = 0.1
-LINE_SHARE = 0.6
-SURE_SHARE = 0.8
-"""Of the variance of the rate, and of the motors', that is in the line: in two successive windows of sound flights at
-most 0.55. Fewer than three windows must show it surely, and so must those with fewer than 2 ``PERIODS`` of it."""
-SLIGHT_RATE = 2.0
-LEAST_RATE = 10.0
-"""deg/s, standard deviations: less may be rounding; and less is no danger where motors do not reach their limits."""
+"""Half width of a line, as a fraction of its frequency."""
+MIN_LINE_SHARE = 0.6
+"""Fraction of the variance of the rate, and of the motors', in the line of a limit cycle.
+
+In two successive windows of sound flights it is at most 0.55.
+"""
+SURE_LINE_SHARE = 0.8
+"""The same fraction where there are fewer than three windows, or fewer than twice ``MIN_PERIODS`` in each."""
+MIN_DURATION = 6.0
+"""Shortest limit cycle that counts, s."""
+MIN_RATE = 2.0
+"""Least body rate of a limit cycle, deg/s, standard deviation: less may be rounding."""
+MIN_DANGEROUS_RATE = 10.0
+"""Body rate, deg/s, standard deviation: less is no danger while motors do not reach their limits."""
 MIN_AT_LIMIT_SHARE = 0.05
-GROWTH = 2.0
+"""Fraction of the time with a motor at a limit, from which on an oscillation is a limit cycle."""
+MIN_GROWTH = 2.0
+"""Rate in the last third of an oscillation over that in the first, from which on it grows."""
 LASTING_SHARE = 0.5
-"""What tells a limit cycle from a gust that rings: motors at a limit so much of the time, an amplitude that grows so
-many times, or that it lasts so much of the flight."""
-# From its frequency, as a share of the median: what wanders more is a sweep, flown to identify
+"""Fraction of the flight from which on an oscillation lasts; and of a window in which motors go from stop to stop."""
 MAX_DRIFT = 0.3
-BEGUN_WINDOWS = (
-    0.5,
-    1.0,
-    2.0,
-)  # s, of a limit cycle that has begun, of which twice as much must show it
-STEERED = 3.5  # Hz, below which a lasting line that reaches no limit may be steered
+"""Deviation of the frequency from its median, as a fraction, at most: what wanders more is a sweep to identify."""
+MIN_LASTING_FREQUENCY = 3.5
+"""Hz, below which a lasting oscillation that reaches no limit may be steered."""
+
+STARTING_WINDOWS = (0.5, 1.0, 2.0)
+"""Lengths of the windows in which a limit cycle that has just started is looked for, s."""
+STARTING_SPAN = 2.2
+"""Window lengths of recent flight in which it is looked for: three windows, half over each other, and some slack."""
+STARTING_DURATION = 1.9
+"""Window lengths that it must have lasted."""
 
 
 class Oscillation(NamedTuple):
     """A limit cycle."""
 
-    axis: str  # "roll" or "pitch": the one that turns faster
-    # Hz; None where messages come so slowly that what they show may be an alias
+    axis: str
+    """"roll" or "pitch": the one that turns faster."""
     frequency: float | None
-    rate: float  # standard deviation of the body rate while it oscillates, deg/s
-    at_limit: float  # share of that time with a motor at a limit
-    growing: bool  # whether the amplitude grew
-    seconds: float  # how long it oscillates
-    others: tuple[Oscillation, ...] = ()  # of axes that oscillate too, and turn more slowly
+    """Hz; None where messages come so slowly that it may be an alias."""
+    rate: float
+    """Standard deviation of the body rate while it oscillates, deg/s."""
+    at_limit: float
+    """Fraction of that time with a motor at a limit."""
+    growing: bool
+    """Whether the amplitude grew."""
+    seconds: float
+    """How long it oscillates, s."""
+    other_axes: tuple[Oscillation, ...] = ()
+    """The limit cycles of other axes, which turn more slowly."""
 
     @property
     def figures(self) -> JsonValues:
-        """What facts say of it: axis, frequency and rate, rad/s, and the same of all axes that oscillate."""
-        axes = [(each.axis, each.frequency, radians(each.rate)) for each in (self, *self.others)]
+        """The figures of a fact about it: axis, frequency and rate, rad/s, and the same of all axes that oscillate."""
+        axes = [
+            (cycle.axis, cycle.frequency, radians(cycle.rate)) for cycle in (self, *self.other_axes)
+        ]
         return {
             "subject": self.axis,
             "frequency": self.frequency,
@@ -76,116 +101,226 @@ class Oscillation(NamedTuple):
 
 
 def detect_limit_cycle(
-    motors: MotorOutputs | None, tilts: Mapping[str, Attitude], parts: Segments
+    motors: MotorOutputs | None, tilts: Mapping[str, Attitude], segments: Segments
 ) -> Oscillation | None:
-    """Returns the limit cycle in these ``parts`` of a flight; None where there is none, or no motor outputs.
+    """Returns the limit cycle in ``segments`` of a flight.
 
-    ``tilts``: the attitude by axis.
+    Args:
+        motors: the motors' outputs.
+        tilts: the attitude by axis.
+        segments: of the flight.
+
+    Returns:
+        The limit cycle of the axis that turns fastest; None where there is none, or no motor outputs.
     """
     if motors is None:
         return None
-    whole = sum(part.duration for part in parts)
+    flight_duration = sum(segment.duration for segment in segments)
     cycles = [
         cycle
         for axis, tilt in tilts.items()
-        for seconds in WINDOW_LENGTHS
-        for cycle in _limit_cycles(axis, tilt, motors, parts, seconds, whole)
+        for window_seconds in WINDOW_LENGTHS
+        for cycle in _limit_cycles(axis, tilt, motors, segments, window_seconds, flight_duration)
     ]
-    return _of_vehicle(cycles)
+    return _strongest(cycles)
 
 
 def detect_starting_limit_cycle(
-    motors: MotorOutputs, tilts: Mapping[str, Attitude], boot: int, since: float, now: float
+    motors: MotorOutputs, tilts: Mapping[str, Attitude], boot: int, start_time: float, now: float
 ) -> Oscillation | None:
-    """Returns the limit cycle that reaches the motors' limits in the last seconds before ``now``; None without one.
+    """Returns the limit cycle that reached the motors' limits in the last seconds; None without one.
 
-    Nothing before ``since``, s of the ``boot``, counts. ``tilts``: the attitude by axis.
+    Args:
+        motors: the motors' outputs so far.
+        tilts: the attitude by axis.
+        boot: whose clock counts.
+        start_time: nothing before it is looked at, s.
+        now: the end of the data, s.
     """
-    begun = list[Oscillation]()
-    for seconds in BEGUN_WINDOWS:
-        part = Segment(boot, max(since, now - 2.2 * seconds), now)
+    cycles = list[Oscillation]()
+    for window_seconds in STARTING_WINDOWS:
+        segment = Segment(boot, max(start_time, now - STARTING_SPAN * window_seconds), now)
+        min_duration = STARTING_DURATION * window_seconds
         for axis, tilt in tilts.items():
-            begun += _limit_cycles(axis, tilt, motors, [part], seconds, np.inf, 1.9 * seconds)
-    return _of_vehicle(
+            cycles += _limit_cycles(
+                axis, tilt, motors, [segment], window_seconds, np.inf, min_duration
+            )
+    dangerous = [
         cycle
-        for cycle in begun
-        if cycle.at_limit >= MIN_AT_LIMIT_SHARE and cycle.rate >= LEAST_RATE
-    )
+        for cycle in cycles
+        if cycle.at_limit >= MIN_AT_LIMIT_SHARE and cycle.rate >= MIN_DANGEROUS_RATE
+    ]
+    return _strongest(dangerous)
 
 
-def _of_vehicle(cycles: Iterable[Oscillation]) -> Oscillation | None:
-    """The strongest of all ``cycles``, with the strongest of each other axis."""
-    of_axes = dict[str, Oscillation]()
+def _strongest(cycles: Iterable[Oscillation]) -> Oscillation | None:
+    """Returns the limit cycle with the highest rate, together with the strongest of each other axis."""
+    strongest_by_axis = dict[str, Oscillation]()
     for cycle in sorted(cycles, key=attrgetter("rate"), reverse=True):
-        of_axes.setdefault(cycle.axis, cycle)
-    if not of_axes:
+        strongest_by_axis.setdefault(cycle.axis, cycle)
+    if not strongest_by_axis:
         return None
-    strongest, *others = of_axes.values()
-    return strongest._replace(others=tuple(others))
+    strongest, *further = strongest_by_axis.values()
+    return strongest._replace(other_axes=tuple(further))
 
 
 def _limit_cycles(
     axis: str,
     tilt: Attitude,
     motors: MotorOutputs,
-    parts: Segments,
-    seconds: float,
-    whole: float,
-    least: float = 6.0,
+    segments: Segments,
+    window_seconds: float,
+    flight_duration: float,
+    min_duration: float = MIN_DURATION,
 ) -> Iterator[Oscillation]:
-    """Those of ``least`` s or more in ``parts`` of a flight of ``whole`` s.
+    """Yields the limit cycles of one axis: runs of windows with a line at one frequency.
 
-    Successive windows of so many ``seconds``, half over each other, show one line. Motors that go from stop to stop for
-    ``LASTING_SHARE`` of a window leave the rate to whatever else turns the vehicle: then the line is theirs alone.
+    Args:
+        axis: "roll" or "pitch".
+        tilt: its attitude.
+        motors: the motors' outputs.
+        segments: of the flight.
+        window_seconds: length of the half-overlapping windows, s.
+        flight_duration: of all segments, s.
+        min_duration: shortest limit cycle, s.
     """
     shares = motors.scale.fraction(motors.outputs)
-    upper, lower = (limit.any(axis=1) for limit in samples_at_limits(shares, motors.scale))
-    columns = [*(shares - shares.mean(axis=1, keepdims=True)).T, upper & lower, upper | lower]
-    outputs = [TimeSeries(motors.time, motors.boot, column) for column in columns]
-    grid = evenly_sampled([tilt.rate_series, *outputs], parts, seconds, FEWEST_SAMPLES / seconds)
-    if grid is None:
+    at_upper, at_lower = (
+        is_at_limit.any(axis=1) for is_at_limit in samples_at_limits(shares, motors.scale)
+    )
+    # What all motors do together is thrust, and turns nothing.
+    differential = shares - shares.mean(axis=1, keepdims=True)
+    columns = [*differential.T, at_upper & at_lower, at_upper | at_lower]
+    motor_series = [TimeSeries(motors.time, motors.boot, column) for column in columns]
+    resampled = resampled_signals(
+        [tilt.rate_series, *motor_series],
+        segments,
+        window_seconds,
+        MIN_WINDOW_SAMPLES / window_seconds,
+    )
+    if resampled is None:
         return
-    sampled, pieces = grid
-    size = round(seconds * sampled)
-    bins = np.fft.rfftfreq(size, 1 / sampled)
-    for piece in pieces:
-        powers = np.square(abs(spectra_of(piece[:-2], size)))
-        power = np.array([powers[0], powers[1:].sum(axis=0)])
-        slammed = windows_of(piece[-2], size).mean(axis=1) >= LASTING_SHARE
-        telling = np.where(slammed[:, None], power[1], power[0])
-        seen = np.where(bins >= PERIODS * bins[1], telling, 0.0)
-        peak = bins[np.argmax(seen, axis=1)]
-        width = np.maximum(2.01 * bins[1], LINE_WIDTH * peak)
-        line = abs(bins - peak[:, None]) <= width[:, None]
-        whole_power = np.maximum(power.sum(axis=-1), SMALLEST_POSITIVE)
-        shown = (power * line).sum(axis=-1) / whole_power
-        share = np.where(slammed, shown[1], shown.min(axis=0))
-        rate = np.degrees(windows_of(piece[0], size).std(axis=1))
-        rate *= np.where(slammed, np.sqrt(shown[0]), 1.0)
-        at_limit = windows_of(piece[-1], size).mean(axis=1)
-        sure = np.where(peak < 2 * PERIODS * bins[1], SURE_SHARE, LINE_SHARE)
-        lines = (share >= sure) & (rate >= SLIGHT_RATE)
-        steady = abs(np.diff(peak)) <= 2 * LINE_WIDTH * peak[1:]
-        same = lines[1:] & lines[:-1] & steady
-        ends = np.flatnonzero(~same) + 1
-        for run in np.split(np.arange(len(lines)), ends):
-            lasted = (len(run) + 1) / 2 * seconds
-            frequency = np.median(peak[run])
-            drift = abs(peak[run] - frequency).max()
-            is_sure = len(run) > 2 or share[run].min() >= SURE_SHARE
-            drifts = drift > MAX_DRIFT * frequency
-            if not (lines[run[0]] and lasted >= least and is_sure) or drifts:
+    is_fast = resampled.rate >= MIN_STREAM_RATE
+    for piece in resampled.pieces:
+        lines = _lines_of_windows(piece, resampled.rate, window_seconds)
+        for run in _runs_at_one_frequency(lines):
+            cycle = _oscillation_in_run(lines, run, window_seconds, min_duration)
+            if cycle is None:
                 continue
-            third = -(-len(run) // 3)
-            last = rate[run[-third:]].mean()
-            first = rate[run[:third]].mean()
-            growth = last / first
-            growing = len(run) > 2 and growth >= GROWTH
-            strength = np.sqrt(np.mean(rate[run] ** 2))
-            limit = at_limit[run].mean()
-            is_fast = sampled >= MIN_STREAM_RATE
-            # Lines of an alias may be of any frequency.
-            lasting = lasted >= LASTING_SHARE * whole and (frequency >= STEERED or not is_fast)
-            if limit >= MIN_AT_LIMIT_SHARE or (strength >= LEAST_RATE and (growing or lasting)):
-                seen_frequency = frequency if is_fast else None
-                yield Oscillation(axis, seen_frequency, strength, limit, growing, lasted)
+            # An alias may have any frequency, so that slow messages do not show whether it is steered.
+            may_be_steered = is_fast and cycle.frequency < MIN_LASTING_FREQUENCY
+            lasts = cycle.duration >= LASTING_SHARE * flight_duration and not may_be_steered
+            is_dangerous = cycle.rate >= MIN_DANGEROUS_RATE and (cycle.grows or lasts)
+            if cycle.at_limit >= MIN_AT_LIMIT_SHARE or is_dangerous:
+                yield Oscillation(
+                    axis=axis,
+                    frequency=cycle.frequency if is_fast else None,
+                    rate=cycle.rate,
+                    at_limit=cycle.at_limit,
+                    growing=cycle.grows,
+                    seconds=cycle.duration,
+                )
+
+
+@dataclass(frozen=True)
+class _Lines:
+    """The strongest line in each of W windows, shared by the body rate and the motors."""
+
+    frequency: Array
+    """(W,) Hz."""
+    share: Array
+    """(W,) fraction of the variance that is in the line: the lesser of the rate's and the motors'."""
+    rate: Array
+    """(W,) standard deviation of the body rate, deg/s."""
+    at_limit: Array
+    """(W,) fraction of the window with a motor at a limit."""
+    is_clear: Flags
+    """(W,) whether the line has enough of the variance, and the vehicle turns fast enough, for a limit cycle."""
+
+
+def _lines_of_windows(piece: Array, sampling_rate: float, window_seconds: float) -> _Lines:
+    """Returns the strongest line in each window.
+
+    It is looked for in the rate. Motors that go from stop to stop for ``LASTING_SHARE`` of a window leave the rate to
+    whatever else turns the vehicle: then it is looked for in the motors, and of the rate only its part counts.
+
+    Args:
+        piece: (k + 3, N) the body rate, rad/s, k motors' outputs without their mean, whether motors are at both limits
+            at once, and whether one is at a limit.
+        sampling_rate: Hz.
+        window_seconds: length of the windows, s.
+    """
+    signals, at_both_limits, at_a_limit = piece[:-2], piece[-2], piece[-1]
+    size = round(window_seconds * sampling_rate)
+    frequency = np.fft.rfftfreq(size, 1 / sampling_rate)
+    resolution = frequency[1]
+    signal_power = np.square(abs(windowed_transforms(signals, size)))
+    # Rate and motors by window and frequency, (2, W, F).
+    power = np.array([signal_power[0], signal_power[1:].sum(axis=0)])
+    is_slammed = half_overlapping_windows(at_both_limits, size).mean(axis=1) >= LASTING_SHARE
+    searched_power = np.where(is_slammed[:, None], power[1], power[0])
+    searched_power = np.where(frequency >= MIN_PERIODS * resolution, searched_power, 0.0)
+    line_frequency = frequency[np.argmax(searched_power, axis=1)]
+    half_width = np.maximum(MIN_LINE_WIDTH_BINS * resolution, LINE_WIDTH * line_frequency)
+    is_in_line = abs(frequency - line_frequency[:, None]) <= half_width[:, None]
+    total_power = np.maximum(power.sum(axis=-1), SMALLEST_POSITIVE)
+    rate_share, motor_share = (power * is_in_line).sum(axis=-1) / total_power
+    share = np.where(is_slammed, motor_share, np.minimum(rate_share, motor_share))
+    rate = np.degrees(half_overlapping_windows(piece[0], size).std(axis=1))
+    rate *= np.where(is_slammed, np.sqrt(rate_share), 1.0)
+    has_few_periods = line_frequency < 2 * MIN_PERIODS * resolution
+    needed_share = np.where(has_few_periods, SURE_LINE_SHARE, MIN_LINE_SHARE)
+    return _Lines(
+        frequency=line_frequency,
+        share=share,
+        rate=rate,
+        at_limit=half_overlapping_windows(at_a_limit, size).mean(axis=1),
+        is_clear=(share >= needed_share) & (rate >= MIN_RATE),
+    )
+
+
+def _runs_at_one_frequency(lines: _Lines) -> list[Indices]:
+    """Returns runs of successive windows with a clear line of nearly the same frequency, as indices of windows."""
+    steps = abs(np.diff(lines.frequency))
+    is_same_frequency = steps <= 2 * LINE_WIDTH * lines.frequency[1:]
+    continues = lines.is_clear[1:] & lines.is_clear[:-1] & is_same_frequency
+    ends_of_runs = np.flatnonzero(~continues) + 1
+    runs = np.split(np.arange(len(lines.frequency)), ends_of_runs)
+    return [run for run in runs if lines.is_clear[run[0]]]
+
+
+class _RunOscillation(NamedTuple):
+    """A limit cycle, or a steered or damped oscillation, in a run of windows."""
+
+    frequency: float
+    """Median of the windows, Hz."""
+    rate: float
+    """Standard deviation of the body rate, deg/s."""
+    at_limit: float
+    """Fraction of the time with a motor at a limit."""
+    grows: bool
+    """Whether the rate of the last third is ``MIN_GROWTH`` times that of the first."""
+    duration: float
+    """Seconds."""
+
+
+def _oscillation_in_run(
+    lines: _Lines, run: Indices, window_seconds: float, min_duration: float
+) -> _RunOscillation | None:
+    """Returns the oscillation in a ``run`` of windows; None where it is short, unsure, or drifts like a sweep."""
+    duration = (len(run) + 1) / 2 * window_seconds
+    frequency = np.median(lines.frequency[run])
+    drift = abs(lines.frequency[run] - frequency).max()
+    is_sure = len(run) > 2 or lines.share[run].min() >= SURE_LINE_SHARE
+    if duration < min_duration or not is_sure or drift > MAX_DRIFT * frequency:
+        return None
+    rate = lines.rate[run]
+    third = -(-len(run) // 3)
+    growth = rate[-third:].mean() / rate[:third].mean()
+    return _RunOscillation(
+        frequency=frequency,
+        rate=np.sqrt(np.mean(rate**2)),
+        at_limit=lines.at_limit[run].mean(),
+        grows=len(run) > 2 and growth >= MIN_GROWTH,
+        duration=duration,
+    )

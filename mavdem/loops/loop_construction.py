@@ -17,7 +17,7 @@ from mavdem.loops.autopilot_parameters import MOTOR_COUNT
 from mavdem.loops.axis_loops import Loop, parameters_changed_in_flight
 from mavdem.loops.controllers import Controller, controller_from_parameters
 from mavdem.loops.filters import gyro_delay
-from mavdem.loops.measured_response import measured_response
+from mavdem.loops.measured_response import measured_rate_response
 from mavdem.plant import Physical
 from mavdem.plant.likelihood import DELAY_PRIOR
 from mavdem.plant.parameters import PLANT_MINIMUM, parameter_vector
@@ -76,7 +76,9 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
         changes = [(name, old, record.parameters[name]) for name, old in earlier.items()]
         cautions.append(Fact(Loops.PARAMETERS_CHANGED, changes=changes))
     else:
-        measured = measured_response(record, controller, per_demand, rate.frequency, rate.closed[0])
+        measured = measured_rate_response(
+            record, controller, per_demand, rate.frequency, rate.closed[0]
+        )
     return replace(loop, cautions=(*cautions, *controller.cautions), measured=measured)
 
 

@@ -1,4 +1,7 @@
-"""The measured response of the rate to its setpoint, beside the predicted one: spectra and fit."""
+"""The response of the body rate to its setpoint as measured in flight, compared with the one that the loop predicts.
+
+Spectra of setpoint r, rate p and demand u are estimated by Welch's method, and compared where r explains most of p.
+"""
 
 from typing import NamedTuple
 
@@ -11,125 +14,199 @@ from mavdem.facts import Fact
 from mavdem.facts.loops import Responses
 from mavdem.loops.controllers import Controller
 from mavdem.loops.margins import Complex, controller_response
-from mavdem.loops.resonance import WELCH_SECONDS, Spectra, spectra_of_pieces
+from mavdem.loops.welch import WELCH_SECONDS, WelchSpectra, welch_spectra_of_pieces
 from mavdem.plant.identifiability import MIN_RESOLVED_RATE
 from mavdem.plant.parameters import rate_column
 
-# Hz, Hz and share: of the band that is compared
 MIN_COMPARED_FREQUENCY = 0.3
-LEAST_COMPARED_BAND = 1.0
+"""Lowest frequency at which responses are compared, Hz."""
 MIN_COMPARED_COHERENCE = 0.8
-MIN_RESPONSE_FIT = 80.0  # %, from which the two agree
-# of the demand and the parameters', where compared; of their ratio's logarithm
-SURE_COHERENCE = 0.9
-GAIN_ERROR = 0.3
+"""Coherence of setpoint and rate up to whose first loss responses are compared."""
+MIN_COMPARED_BAND = 1.0
+"""Hz up to which responses must be compared, at least, for a judgement."""
+MIN_RESPONSE_FIT = 80.0
+"""Fit, 100 (1 − NRMSE) %, from which on prediction and measurement agree."""
+
+MIN_DEMAND_COHERENCE = 0.9
+"""Coherence of the logged demand with the one that the parameters give, from which on their ratio is taken."""
+MIN_DEMAND_FREQUENCIES = 6
+"""Fewest frequencies with that coherence."""
+MAX_DEMAND_FREQUENCY_RATIO = 0.25
+"""Highest of these frequencies, by the sampling rate."""
+MAX_LOG_GAIN_ERROR = 0.3
+"""Natural logarithm of the ratio of both demands beyond which the autopilot flew other gains than its parameters."""
 
 
 class MeasuredResponse(NamedTuple):
-    """Of the rate to its setpoint, in flight, and as the loop predicts it."""
+    """How well the response of the rate to its setpoint, measured in flight, is the one that the loop predicts."""
 
-    # Hz from and to which the setpoint explains enough of the rate's power to compare
     band: Interval
-    fit: float  # of the predicted rate to the measured one in the band, 100 (1 - NRMSE) %
-    agreement: float  # likewise of what the setpoint explains: what is missing is the loop's error
-    # of the motors' demand in flight, over that of the parameters; NaN where it is not known
+    """Hz from and to which the setpoint explains enough of the rate's power to compare."""
+    fit: float
+    """Fit of the predicted rate to the measured one in the band, 100 (1 − NRMSE) %."""
+    agreement: float
+    """The same fit to what the setpoint explains of the rate: what it lacks is the error of the loop."""
     controller_gain: float
-    reason: Fact | None  # why the two do not agree; None where they do
+    """Gain of the logged demand over the one that the parameters give; NaN where it is not known."""
+    reason: Fact | None
+    """Why the two do not agree; None where they do."""
 
 
-def measured_response(
-    record: Record, controller: Controller, per_demand: Array, at: Array, closed: Complex
+def measured_rate_response(
+    record: Record,
+    controller: Controller,
+    outputs_per_demand: Array,
+    frequency: Array,
+    closed: Complex,
 ) -> MeasuredResponse | None:
-    """Returns the response that a ``record`` measures, beside ``closed`` (F′,) ``at`` Hz (F′,); None without setpoints.
+    """Returns how well the response that a ``record`` shows is the predicted one.
 
-    A demand of 1 moves the inputs by ``per_demand`` (r,). ArduPilot's ATTITUDE_TARGET lacks the attitude controller's
-    correction of the rate, its RATE has it: of both that setpoint counts which predicts the rate better.
+    ArduPilot's ATTITUDE_TARGET lacks the attitude controller's correction of the rate, its log message RATE has it.
+    Both are tried, and the setpoint counts that predicts the rate better.
+
+    Args:
+        record: the flight, with setpoints.
+        controller: of the axis.
+        outputs_per_demand: (r,) how much a demand of 1 moves the inputs.
+        frequency: (F,) Hz of the prediction.
+        closed: (F,) predicted response from setpoint to rate.
+
+    Returns:
+        None where the record has no setpoint of the rate, or too few windows.
     """
-    setpoints = () if record.setpoints is None else record.setpoints.T
-    by_name = dict(zip(record.setpoint_names, setpoints, strict=False))
-    setpoint = by_name.get(f"{controller.axis} rate setpoint")
-    if setpoint is None:
+    demand = record.inputs @ outputs_per_demand / (outputs_per_demand @ outputs_per_demand)
+    setpoints = _setpoints_by_name(record)
+    rate_setpoint = setpoints.get(f"{controller.axis} rate setpoint")
+    if rate_setpoint is None:
         return None
-    demand = record.inputs @ per_demand / (per_demand @ per_demand)
-    table = [setpoint, record.outputs[:, rate_column(record)], demand]
-    wanted = by_name.get(f"{controller.axis} setpoint")
-    if controller.derivative_of_error and wanted is not None:
-        table += [wanted, record.outputs[:, 0]]
-    given = np.isfinite(table).all(axis=0)
-    changes = np.flatnonzero(np.diff(given)) + 1
+    signals = [rate_setpoint, record.outputs[:, rate_column(record)], demand]
+    angle_setpoint = None
+    if controller.derivative_of_error:
+        angle_setpoint = setpoints.get(f"{controller.axis} setpoint")
+    if angle_setpoint is not None:
+        signals += [angle_setpoint, record.outputs[:, 0]]
+    as_logged = []
+    with_correction = []
+    for piece in _finite_pieces(np.array(signals), record):
+        setpoint = interpolated_setpoint(piece[0])
+        rate_and_demand = piece[1:3]
+        as_logged.append(np.vstack([setpoint, rate_and_demand]))
+        if angle_setpoint is not None:
+            angle_error = interpolated_setpoint(piece[3]) - piece[4]
+            corrected = setpoint + controller.angle_gain * angle_error
+            with_correction.append(np.vstack([corrected, rate_and_demand]))
+    comparisons = []
+    for pieces in (as_logged, with_correction):
+        spectra = welch_spectra_of_pieces(1 / record.dt, pieces, 2 * WELCH_SECONDS)
+        if spectra is not None:
+            comparisons.append(_compared(spectra, record.dt, controller, frequency, closed))
+    return max(comparisons, key=lambda comparison: comparison.fit, default=None)
+
+
+def _setpoints_by_name(record: Record) -> dict[str, Array]:
+    """Returns (T,) each setpoint of a ``record`` by its name."""
+    if record.setpoints is None:
+        return {}
+    return dict(zip(record.setpoint_names, record.setpoints.T, strict=False))
+
+
+def _finite_pieces(signals: Array, record: Record) -> list[Array]:
+    """Returns pieces (k, N) of ``signals`` (k, T), without gaps, in each of which the first signal moves.
+
+    They end at the ends of the record's segments and wherever a signal begins or ceases to be finite. A setpoint that
+    does not move is that of a heading that is held.
+    """
+    is_finite = np.isfinite(signals).all(axis=0)
+    changes = np.flatnonzero(np.diff(is_finite)) + 1
     cuts = np.union1d(record.segment_starts[1:], changes)
-    plain = []
-    corrected = []
-    for piece in np.split(np.array(table), cuts, axis=1):
-        if np.isfinite(piece).all() and np.ptp(piece[0]):  # not as of a heading that is held
-            asked, rate, moved, *angles = piece
-            asked = evenly(asked)
-            plain.append(np.array([asked, rate, moved]))
-            if angles:
-                error = evenly(angles[0]) - angles[1]
-                turn = controller.angle_gain * error
-                corrected.append(np.array([asked + turn, rate, moved]))
-    spectra = [
-        spectra_of_pieces(1 / record.dt, pieces, 2 * WELCH_SECONDS) for pieces in (plain, corrected)
+    return [
+        piece
+        for piece in np.split(signals, cuts, axis=1)
+        if np.isfinite(piece).all() and np.ptp(piece[0])
     ]
-    ways = [
-        _compared(cross, record.dt, controller, at, closed)
-        for cross in spectra
-        if cross is not None
-    ]
-    return max(ways, key=lambda way: way.fit, default=None)
 
 
 def _compared(
-    cross: Spectra, dt: float, controller: Controller, at: Array, closed: Complex
+    spectra: WelchSpectra, dt: float, controller: Controller, frequency: Array, closed: Complex
 ) -> MeasuredResponse:
-    """The response by the spectra of setpoint, rate and demand."""
-    hertz = cross.frequency
-    of_rate = cross.power[1, 1].real
-    coherence = cross.coherence
-    is_unclear = (hertz > MIN_COMPARED_FREQUENCY) & ~(coherence >= MIN_COMPARED_COHERENCE)
-    unclear = hertz[is_unclear]
-    highest = min([*unclear, at[-1], hertz[-1]])
-    inside = (hertz >= MIN_COMPARED_FREQUENCY) & (hertz < highest)
-    predicted = np.interp(hertz, at, closed)
-    unlike = np.abs(cross.response - predicted) ** 2 * cross.driver
-    by_wind = (1 - coherence) * of_rate
+    """Returns the comparison of one estimate with the prediction ``closed`` (F,) at ``frequency`` (F,), Hz.
+
+    Args:
+        spectra: of setpoint, rate and demand.
+        dt: time between samples of these, s.
+        controller: of the axis.
+        frequency: Hz of the prediction.
+        closed: predicted response from setpoint to rate.
+    """
+    hertz = spectra.frequency
+    coherence = spectra.coherence
+    is_incoherent = (hertz > MIN_COMPARED_FREQUENCY) & ~(coherence >= MIN_COMPARED_COHERENCE)
+    highest = min([*hertz[is_incoherent], frequency[-1], hertz[-1]])
+    is_in_band = (hertz >= MIN_COMPARED_FREQUENCY) & (hertz < highest)
+    rate_power = spectra.power[1, 1].real
+    predicted = np.interp(hertz, frequency, closed)
+    prediction_error = np.abs(spectra.response - predicted) ** 2 * spectra.driver_power
+    unexplained = (1 - coherence) * rate_power
     fit = agreement = 0.0
-    if inside.any():
-        power = of_rate[inside].sum()
-        fit, agreement = (
-            100 * (1 - (error[inside].sum() / power) ** 0.5) for error in (unlike + by_wind, unlike)
-        )
-    # What the controller should have asked for, by its parameters, and what it did.
-    positive = np.maximum(hertz, hertz[1])
-    forward, back = controller_response(controller, positive)
-    asks = np.stack([forward, -back])
-    likewise = (asks.conj() * cross.power[:2, 2]).sum(axis=0)
-    asked = np.einsum("if,ijf,jf->f", asks.conj(), cross.power[:2, :2], asks).real
-    least = SURE_COHERENCE * asked * cross.power[2, 2].real
-    sure = np.abs(likewise) ** 2 > least
-    sure &= (hertz > MIN_COMPARED_FREQUENCY) & (hertz < 0.25 / dt)
-    gain = np.nan
-    if dt < 1 / MIN_RESOLVED_RATE and sure.sum() > 5:
-        ratios = np.abs(likewise / asked)[sure]
-        gain = np.median(ratios)
+    if is_in_band.any():
+        power = rate_power[is_in_band].sum()
+        total_error = prediction_error + unexplained
+        fit = 100 * (1 - (total_error[is_in_band].sum() / power) ** 0.5)
+        agreement = 100 * (1 - (prediction_error[is_in_band].sum() / power) ** 0.5)
+    controller_gain = _controller_gain(spectra, dt, controller)
     reason = None
-    if abs(np.log(gain)) > GAIN_ERROR:
-        reason = Fact(Responses.CONTROLLER_GAIN_DIFFERS, ratio=gain)
-    elif highest < LEAST_COMPARED_BAND:
+    if abs(np.log(controller_gain)) > MAX_LOG_GAIN_ERROR:
+        reason = Fact(Responses.CONTROLLER_GAIN_DIFFERS, ratio=controller_gain)
+    elif highest < MIN_COMPARED_BAND:
         reason = Fact(Responses.RESPONSE_UNEXPLAINED, rate=highest)
     elif agreement < MIN_RESPONSE_FIT:
         share = agreement / 100
         needed = MIN_RESPONSE_FIT / 100
         reason = Fact(Responses.RESPONSE_DISAGREES, share=share, needed=needed)
-    return MeasuredResponse((MIN_COMPARED_FREQUENCY, highest), fit, agreement, gain, reason)
+    return MeasuredResponse(
+        (MIN_COMPARED_FREQUENCY, highest), fit, agreement, controller_gain, reason
+    )
 
 
-def evenly(asked: Array) -> Array:
-    """Returns a setpoint (T,) that holds until the next, linear between the times at which it was given."""
-    new = np.flatnonzero(np.diff(asked, prepend=np.nan))
-    usual = int(np.median(np.diff(new))) if len(new) > 1 else 1
-    # a plateau ends one step before the next
-    ends = np.maximum(new[1:] - usual, 0)
-    kept = np.union1d(new, ends)
-    return np.interp(np.arange(len(asked)), kept, asked[kept])
+def _controller_gain(spectra: WelchSpectra, dt: float, controller: Controller) -> float:
+    """Returns the gain of the logged demand over the one that the controller makes of setpoint and rate.
+
+    The expected demand is û = C_r r − C_p p. The gain is the median of |S_ûu / S_ûû| over the frequencies at which the
+    two are coherent. NaN where there are too few, or messages are too slow.
+
+    Args:
+        spectra: of setpoint r, rate p and demand u.
+        dt: time between samples, s.
+        controller: C.
+    """
+    setpoint_and_rate = slice(0, 2)
+    demand = 2
+    hertz = np.maximum(spectra.frequency, spectra.frequency[1])
+    from_setpoint, from_rate = controller_response(controller, hertz)
+    responses = np.stack([from_setpoint, -from_rate])
+    inputs_to_demand = spectra.power[setpoint_and_rate, demand]
+    expected_to_demand = (responses.conj() * inputs_to_demand).sum(axis=0)
+    input_power = spectra.power[setpoint_and_rate, setpoint_and_rate]
+    expected_power = np.einsum("if,ijf,jf->f", responses.conj(), input_power, responses).real
+    demand_power = spectra.power[demand, demand].real
+    least = MIN_DEMAND_COHERENCE * expected_power * demand_power
+    is_coherent = np.abs(expected_to_demand) ** 2 > least
+    is_coherent &= spectra.frequency > MIN_COMPARED_FREQUENCY
+    is_coherent &= spectra.frequency < MAX_DEMAND_FREQUENCY_RATIO / dt
+    is_fast = dt < 1 / MIN_RESOLVED_RATE
+    if not is_fast or is_coherent.sum() < MIN_DEMAND_FREQUENCIES:
+        return np.nan
+    ratios = np.abs(expected_to_demand / expected_power)[is_coherent]
+    return np.median(ratios)
+
+
+def interpolated_setpoint(setpoint: Array) -> Array:
+    """Returns a setpoint (T,) that was held until the next message, linear between the times at which it was given.
+
+    A setpoint that stays the same for longer than usual is a plateau, which ends one usual step before the next change.
+    """
+    changes = np.flatnonzero(np.diff(setpoint, prepend=np.nan))
+    usual_step = int(np.median(np.diff(changes))) if len(changes) > 1 else 1
+    ends_of_plateaus = np.maximum(changes[1:] - usual_step, 0)
+    nodes = np.union1d(changes, ends_of_plateaus)
+    return np.interp(np.arange(len(setpoint)), nodes, setpoint[nodes])

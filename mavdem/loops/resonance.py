@@ -1,50 +1,50 @@
-"""Resonance: the measured response of a body rate to its setpoint, and peaks of the rate that the motors share.
+"""Resonance of a rate loop: in the response of the body rate to its setpoint, or in the rate's own spectrum.
 
-The response is T = S_rp / S_rr, of setpoint r and rate p, by Welch. Where the wind and not the pilot moves the vehicle,
-the setpoint only answers the rate by the attitude's controller, r = −K p / s, and T would be −s / K however coherent
-both are: such frequencies, where r + K p / s is less than half of r, are left out. With the controller C that the
-parameters give, from the setpoint and back from the rate, L / (1 + L) = T C_back / C_forward is without its filters,
-and so is the sensitivity 1 / (1 + L) = 1 − L / (1 + L).
+The response from setpoint r to rate p is estimated as T = S_rp / S_rr by Welch's method. Where the wind and not the
+pilot moves the vehicle, the setpoint only answers the rate through the attitude controller, r = −K p / s, and the
+estimate would be −s / K however coherent both are. So frequencies are left out at which x = r + K p / s, what pilot or
+navigation ask for, has less than half of the power of r.
 
-Reference: J. S. Bendat and A. G. Piersol, Random Data, 4th ed., sec. 9.2: the error of T by its coherence.
+With the known controller C_r from the setpoint and C_p from the rate, L / (1 + L) = T C_p / C_r is the complementary
+sensitivity without the controller's filters, and S = 1 − L / (1 + L) the sensitivity.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array
+from mavdem.arrays import Array, Indices
 from mavdem.confidence import Interval, coverage_factor
-from mavdem.dataset.intervals import intersection, split_at_gaps
-from mavdem.dataset.segments import Segments, in_segments
-from mavdem.dataset.signals import MIN_STREAM_RATE, Signals, rate_between_outages
+from mavdem.dataset.segments import Segments
+from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
-from mavdem.dem.engine.linalg import SMALLEST_POSITIVE
 from mavdem.errors import NotLearnable
 from mavdem.loops.controllers import Controller, controller_from_parameters
-from mavdem.loops.margins import Complex, controller_response
+from mavdem.loops.margins import HALF_POWER_GAIN, Complex, controller_response
+from mavdem.loops.welch import MIN_COHERENCE, WelchSpectra, welch_spectra
 
-WELCH_SECONDS = 2.0
-FEWEST_WINDOWS = 10
-"""Of the spectra, by Welch, half over each other: so the error of T where the coherence is a half is a fifth."""
-MIN_COHERENCE = 0.5  # of the rate with its setpoint, or with the motors
-# times the lowest frequency, up to which T is known without a gap between
-LEAST_BAND = 2.0
-STILL_RESPONSE = 2.0  # |T| at the lowest frequency, over which the setpoint does not move the rate
-PROMINENT = 3.0
-SIDES = 1.5
-"""Times the straight line between the frequencies so many times lower and higher: a maximum sensitivity of up to 2.3
-makes at most 2.5 of it, one of 4.9 makes 5 and more."""
-# Hz: rate loops of multirotors cross over below, most at several Hz to half of it; motors and propellers turn above
 MAX_LOOP_FREQUENCY = 40.0
-USUAL_ANGLE_GAIN = 4.5
-"""1/s, ArduCopter's default, where the log has none; PX4's is 6.5."""
-LOWEST_RESPONSE = 1.0  # Hz, of T: below, the vehicle is moved to another place
-SLOWEST_PEAK = 6.0  # Hz, of the rate's own spectrum: below, it is steered, also by sines, and moved by the wind
-# of the highest frequency: above, interpolation between messages has lost a fifth of the power
-HIGHEST_SHARE = 0.8
+"""Hz. Rate loops of multirotors cross over below it, most at several Hz to half of it; rotors turn above it."""
+MAX_FREQUENCY_RATIO = 0.8
+"""Of half the sampling rate: above, interpolation between messages has lost a fifth of the power."""
+
+DEFAULT_ANGLE_GAIN = 4.5
+"""1/s, gain of the attitude controller where the log has none: ArduCopter's default. PX4's is 6.5."""
+MIN_RESPONSE_FREQUENCY = 1.0
+"""Hz, lowest frequency of the response: below, the vehicle is moved from place to place."""
+MIN_BAND_RATIO = 2.0
+"""Highest over lowest frequency of the response, at least, without a gap between."""
+MIN_SETPOINT_SHARE = 0.5
+"""Least power of what pilot or navigation ask for, by that of the setpoint."""
+MAX_LOWEST_GAIN = 2.0
+"""|T| at the lowest frequency beyond which the setpoint does not move the rate, as that of a heading that is held."""
+
+MIN_PEAK_FREQUENCY = 6.0
+"""Hz, for peaks of the rate's own spectrum: below, vehicles are steered, also by sines, and moved by the wind."""
+MIN_PEAK_RATIO = 3.0
+"""Least ratio of a peak to its background. A maximum sensitivity of 2.3 makes at most 2.5, one of 4.9 at least 5."""
+BACKGROUND_RATIO = 1.5
+"""The background is the straight line between the frequencies so many times lower and higher."""
 
 
 @dataclass(frozen=True)
@@ -52,218 +52,152 @@ class Resonance:
     """A peak of the rate of one axis."""
 
     axis: str
+    """"roll", "pitch" or "yaw"."""
     peak: float
-    """The largest |T|; or how many times a straight line under it, about the maximum sensitivity."""
+    """The largest |T|; or, without a setpoint, the peak of the spectrum over its background, about the sensitivity."""
     frequency: float
-    """Hz, of the peak."""
+    """Of the peak, Hz."""
     coherence: float
-    """There, of the rate with its setpoint, or with the motors."""
+    """Of the rate with its setpoint, or with the motors, at the peak."""
     max_frequency: float
-    """Hz up to which it was looked for."""
+    """Hz up to which a peak was looked for."""
     ms_interval: Interval | None = None
     """The 90 % interval of the maximum sensitivity; None without setpoint."""
     rolls_off: bool = False
-    """Whether the response was seen to fall below −3 dB."""
-
-
-class Spectra(NamedTuple):
-    """Of a driver r and what follows it, p, and perhaps more: summed over windows."""
-
-    frequency: Array
-    """(F,) Hz, from 0 to half of the rate of the slowest."""
-    windows: int
-    power: Complex
-    """(k, k, F) of each pair r and p: r* p."""
-    usual: Array
-    """(F,) the median of |p|² over windows: that of a flight that is steered at times."""
-
-    @property
-    def driver(self) -> Array:
-        """(F,) |r|²."""
-        return np.maximum(self.power[0, 0].real, SMALLEST_POSITIVE)
-
-    @property
-    def response(self) -> Complex:
-        """(F,) of p to r."""
-        return self.power[0, 1] / self.driver
-
-    @property
-    def coherence(self) -> Array:
-        """(F,) of r and p."""
-        powers = self.driver * self.power[1, 1].real
-        return abs(self.power[0, 1]) ** 2 / np.maximum(powers, SMALLEST_POSITIVE)
+    """Whether the response falls below −3 dB at the highest frequency, after it was above."""
 
 
 def controller_if_known(signals: Signals) -> Controller | None:
-    """Returns the controller of the axis of ``signals``, of the demand itself; None where it is not known."""
+    """Returns the controller of the axis of ``signals``, whose output is the demand; None where it is not known."""
     try:
         return controller_from_parameters(signals.telemetry.parameters, signals.axis, (1.0,))
     except NotLearnable:
         return None
 
 
-def setpoint_resonance(signals: Signals, parts: Segments) -> Resonance | None:
-    """Returns the largest response of the rate to its setpoint in ``parts`` of a flight.
+def setpoint_resonance(signals: Signals, segments: Segments) -> Resonance | None:
+    """Returns the largest response of the body rate to its setpoint in ``segments`` of a flight.
 
-    None where the messages are slower than ``MINIMUM_RATE``, or too little of the rate is by the setpoint.
+    None where there are no setpoints, messages are slower than ``MIN_STREAM_RATE``, or too little of the rate follows
+    the setpoint.
     """
     if signals.rate_and_setpoint is None:
         return None
-    rate, asked = signals.rate_and_setpoint
-    cross = spectra((asked, rate), parts)
-    if cross is None:
+    rate, setpoint = signals.rate_and_setpoint
+    spectra = welch_spectra((setpoint, rate), segments)
+    if spectra is None:
         return None
-    hertz = np.maximum(cross.frequency, cross.frequency[1])
-    response = cross.response
-    gain = USUAL_ANGLE_GAIN
-    without_filters = response
+    # The integrals and the angle divide by the frequency, which is 0 in the first row.
+    frequency = np.maximum(spectra.frequency, spectra.frequency[1])
+    angle_gain = DEFAULT_ANGLE_GAIN
+    complementary = spectra.response
     controller = controller_if_known(signals)
     if controller is not None:
-        gain = controller.angle_gain
-        forward, back = controller_response(controller, hertz)
-        without_filters = response * back / forward
-    coherence = cross.coherence
-    back_by_angle = gain / (2j * np.pi * hertz)
-    own = abs(1 + back_by_angle * response) ** 2
-    whole = cross.power[1, 1].real / cross.driver
-    by_wind = whole - abs(response) ** 2
-    own += abs(back_by_angle) ** 2 * by_wind
-    coherent = (coherence >= MIN_COHERENCE) & (own >= 0.5)
-    coherent &= (hertz >= LOWEST_RESPONSE) & (hertz <= HIGHEST_SHARE * hertz[-1])
-    rows = np.flatnonzero(coherent)
-    # the run of frequencies that reaches over most octaves
-    ends = np.flatnonzero(np.diff(rows) > 1) + 1
-    runs = filter(len, np.split(rows, ends))
-    rows = max(runs, key=lambda run: hertz[run[-1]] / hertz[run[0]], default=rows)
-    size = abs(response[rows])
-    # A setpoint that does not move the rate, as of a heading that is held, gives far more than 1.
-    if not len(rows) or hertz[rows[-1]] < LEAST_BAND * hertz[rows[0]] or size[0] > STILL_RESPONSE:
+        angle_gain = controller.angle_gain
+        from_setpoint, from_rate = controller_response(controller, frequency)
+        complementary = spectra.response * from_rate / from_setpoint
+    rows = _steered_rows(spectra, frequency, angle_gain)
+    gain = abs(spectra.response[rows])
+    if len(rows) == 0 or frequency[rows[-1]] < MIN_BAND_RATIO * frequency[rows[0]]:
         return None
-    at = rows[np.argmax(size)]
-    seen = coherence[rows]
-    error = np.sqrt((1 - seen) / (2 * seen * cross.windows))
-    complementary = abs(without_filters[rows])
-    sensitivity = abs(1 - without_filters[rows])
-    half = coverage_factor() * error * complementary
+    if gain[0] > MAX_LOWEST_GAIN:
+        return None
+    peak_row = rows[np.argmax(gain)]
+    complementary_gain = abs(complementary[rows])
     return Resonance(
         axis=signals.axis,
-        peak=abs(response[at]),
-        frequency=hertz[at],
-        coherence=coherence[at],
-        max_frequency=hertz[rows[-1]],
-        ms_interval=((sensitivity - half).max(), (sensitivity + half).max()),
-        rolls_off=complementary.max() > 2**-0.5 > complementary[-1],  # half of the power
+        peak=abs(spectra.response[peak_row]),
+        frequency=frequency[peak_row],
+        coherence=spectra.coherence[peak_row],
+        max_frequency=frequency[rows[-1]],
+        ms_interval=_max_sensitivity_interval(spectra, complementary, rows),
+        rolls_off=complementary_gain.max() > HALF_POWER_GAIN > complementary_gain[-1],
     )
 
 
-def spectral_resonance(signals: Signals, parts: Segments) -> Resonance | None:
-    """Returns the peak of the rate's spectrum over a straight line, in ``parts`` of a flight, that the motors share.
+def _steered_rows(spectra: WelchSpectra, frequency: Array, angle_gain: float) -> Indices:
+    """Returns the longest run of frequencies, in octaves, at which setpoints of pilot or navigation move the rate.
 
-    Wind, noise and the plant make a spectrum that is straight over the logarithm of the frequency; the loop multiplies
-    it by its sensitivity. None where the messages are slow, or nothing is as much over the line as ``PROMINENT``.
+    The power of x = r + K p / s over that of r is |1 + K T / s|² of what follows r, and |K / s|² times what does not.
+
+    Args:
+        spectra: of the setpoint r and the rate p.
+        frequency: (F,) Hz, positive.
+        angle_gain: K, 1/s.
+
+    Returns:
+        Consecutive rows of the spectra; empty where there are none.
+    """
+    angle_feedback = angle_gain / (2j * np.pi * frequency)
+    steered_share = abs(1 + angle_feedback * spectra.response) ** 2
+    rate_per_setpoint_power = spectra.power[1, 1].real / spectra.driver_power
+    incoherent = rate_per_setpoint_power - abs(spectra.response) ** 2
+    steered_share += abs(angle_feedback) ** 2 * incoherent
+    is_steered = (spectra.coherence >= MIN_COHERENCE) & (steered_share >= MIN_SETPOINT_SHARE)
+    is_steered &= frequency >= MIN_RESPONSE_FREQUENCY
+    is_steered &= frequency <= MAX_FREQUENCY_RATIO * frequency[-1]
+    rows = np.flatnonzero(is_steered)
+    ends_of_runs = np.flatnonzero(np.diff(rows) > 1) + 1
+    runs = [run for run in np.split(rows, ends_of_runs) if len(run)]
+    return max(runs, key=lambda run: frequency[run[-1]] / frequency[run[0]], default=rows)
+
+
+def _max_sensitivity_interval(
+    spectra: WelchSpectra, complementary: Complex, rows: Indices
+) -> Interval:
+    """Returns the 90 % interval of Ms = max |1 − T| over some ``rows``, by the error of the gain |T| at each.
+
+    Args:
+        spectra: of setpoint and rate, for coherence γ² and number of windows n.
+        complementary: (F,) T, the complementary sensitivity.
+        rows: of the frequencies.
+    """
+    coherence = spectra.coherence[rows]
+    relative_error = np.sqrt((1 - coherence) / (2 * coherence * spectra.windows))
+    sensitivity = abs(1 - complementary[rows])
+    half_width = coverage_factor() * relative_error * abs(complementary[rows])
+    return (sensitivity - half_width).max(), (sensitivity + half_width).max()
+
+
+def spectral_resonance(signals: Signals, segments: Segments) -> Resonance | None:
+    """Returns the highest peak of the rate's own spectrum over its background, if the motors share it.
+
+    On logarithmic scales, wind, noise and plant make a nearly straight spectrum, and the loop multiplies it by its
+    sensitivity: so a peak over a straight line is about the maximum sensitivity.
+
+    None where messages are slower than ``MIN_STREAM_RATE``, nothing exceeds the line by ``MIN_PEAK_RATIO``, or the
+    motors' command is not coherent with it.
     """
     attitude = signals.attitude
-    drive = signals.model_inputs
-    if attitude is None or drive is None:
+    inputs = signals.model_inputs
+    if attitude is None or inputs is None:
         return None
-    weights = drive.geometry.mixer_row(signals.axis)
-    command = drive.outputs[:, 0] if weights is None else drive.outputs @ weights
-    cross = spectra((TimeSeries(drive.time, drive.boot, command), attitude.rate_series), parts)
-    if cross is None or not cross.usual.all():
+    mixer_row = inputs.geometry.mixer_row(signals.axis)
+    command = inputs.outputs[:, 0] if mixer_row is None else inputs.outputs @ mixer_row
+    command_series = TimeSeries(inputs.time, inputs.boot, command)
+    spectra = welch_spectra((command_series, attitude.rate_series), segments)
+    if spectra is None or not spectra.median_power.all():
         return None
-    top = min(HIGHEST_SHARE * cross.frequency[-1], MAX_LOOP_FREQUENCY)
-    inside = (cross.frequency >= SLOWEST_PEAK) & (cross.frequency <= top / SIDES)
-    rows = np.flatnonzero(inside)
-    if not len(rows):
+    frequency = spectra.frequency
+    max_frequency = min(MAX_FREQUENCY_RATIO * frequency[-1], MAX_LOOP_FREQUENCY)
+    is_in_band = frequency >= MIN_PEAK_FREQUENCY
+    is_in_band &= frequency <= max_frequency / BACKGROUND_RATIO
+    rows = np.flatnonzero(is_in_band)
+    if len(rows) == 0:
         return None
-    hertz = cross.frequency[rows]
-    size = np.log(cross.usual) / 2
-    beside = (np.interp(side, cross.frequency, size) for side in (hertz * SIDES, hertz / SIDES))
-    over = np.exp(size[rows] - sum(beside) / 2)
-    best = np.argmax(over)
-    coherence = cross.coherence[rows[best]]
-    if not (over[best] >= PROMINENT and coherence >= MIN_COHERENCE):
+    log_amplitude = np.log(spectra.median_power) / 2
+    above = np.interp(frequency[rows] * BACKGROUND_RATIO, frequency, log_amplitude)
+    below = np.interp(frequency[rows] / BACKGROUND_RATIO, frequency, log_amplitude)
+    background = (above + below) / 2
+    peak_ratio = np.exp(log_amplitude[rows] - background)
+    highest = np.argmax(peak_ratio)
+    coherence = spectra.coherence[rows[highest]]
+    if not (peak_ratio[highest] >= MIN_PEAK_RATIO and coherence >= MIN_COHERENCE):
         return None
     return Resonance(
         axis=signals.axis,
-        peak=over[best],
-        frequency=hertz[best],
+        peak=peak_ratio[highest],
+        frequency=frequency[rows[highest]],
         coherence=coherence,
-        max_frequency=top,
+        max_frequency=max_frequency,
     )
-
-
-def spectra(
-    signals: Sequence[TimeSeries],
-    parts: Segments,
-    seconds: float = WELCH_SECONDS,
-    least_rate: float = MIN_STREAM_RATE,
-) -> Spectra | None:
-    """Returns those of all windows of so many ``seconds`` without gaps in ``parts`` of a flight.
-
-    None where a signal comes slower than ``least_rate``, Hz, or there are fewer than ``FEWEST_WINDOWS``.
-    """
-    sampled = evenly_sampled(signals, parts, seconds, least_rate)
-    if sampled is None:
-        return None
-    return spectra_of_pieces(*sampled, seconds)
-
-
-def spectra_of_pieces(
-    sampled: float, pieces: Sequence[Array], seconds: float = WELCH_SECONDS
-) -> Spectra | None:
-    """Returns those of ``pieces`` (k, N) of series at so many Hz, as :func:`spectra` does."""
-    size = round(seconds * sampled)
-    windows = [spectra_of(piece, size) for piece in pieces if piece.shape[1] >= size]
-    if sum(window.shape[1] for window in windows) < FEWEST_WINDOWS:
-        return None
-    transforms = np.concatenate(windows, axis=1)
-    return Spectra(
-        frequency=np.asarray(np.fft.rfftfreq(size, 1 / sampled), np.float64),
-        windows=transforms.shape[1],
-        power=np.einsum("iwf,jwf->ijf", transforms.conj(), transforms),
-        usual=np.median(np.square(abs(transforms[1])), axis=0),
-    )
-
-
-def evenly_sampled(
-    signals: Sequence[TimeSeries],
-    parts: Segments,
-    seconds: float,
-    least_rate: float,
-    most_rate: float = np.inf,
-) -> tuple[float, list[Array]] | None:
-    """Returns a rate, Hz, and the k ``signals`` at it, (k, N) for each stretch of so many ``seconds`` without gaps.
-
-    That of the slowest, or ``most_rate``. None where one comes slower than ``least_rate``, Hz, or there is no stretch.
-    """
-    sampled = min(most_rate, *map(rate_between_outages, signals))
-    if sampled < least_rate:
-        return None
-    pieces = []
-    for part in parts:
-        spans = [(part.start, part.end)]
-        streams = []
-        for signal in signals:
-            rows = in_segments(signal, part)
-            time = signal.time[rows]
-            streams.append((time, signal.values[rows]))
-            spans = intersection(spans, split_at_gaps(time, np.diff(time) > 4 / least_rate))
-        for start, end in spans:
-            grid = np.arange(start, end, 1 / sampled)
-            if len(grid) > sampled * seconds:
-                pieces.append(np.array([np.interp(grid, *stream) for stream in streams]))
-    return (sampled, pieces) if pieces else None
-
-
-def windows_of(values: Array, size: int) -> Array:
-    """Returns the windows (…, W, size) of ``values`` (…, N), half over each other."""
-    windows = np.lib.stride_tricks.sliding_window_view(values, size, axis=-1)
-    return windows[..., :: size // 2, :]
-
-
-def spectra_of(values: Array, size: int) -> Complex:
-    """Returns the spectra (…, W, F) of those windows, about their means, through Hann's window."""
-    windows = windows_of(values, size)
-    centred = windows - windows.mean(axis=-1, keepdims=True)
-    return np.fft.rfft(centred * np.hanning(size))

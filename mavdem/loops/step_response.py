@@ -1,18 +1,7 @@
-"""Step response: the closed loops of rate and attitude as a flight shows them, at any rate of its messages.
+"""Step responses of the closed rate and attitude loop as a flight shows them, at any rate of its messages.
 
-The response T of what is seen, p, to what is asked, r, is an impulse response of ``TAPS`` values, fitted by generalised
-least squares: residuals are whitened by an autoregression, and windows with more of the wind count less, which is what
-weights by coherence do. A smooth, decaying Gaussian process is its prior, averaged over sizes and decays by their
-evidence; that tells resonances from noise without smoothing them, and shows in the band what was not asked.
-
-Wind moves r as well, by the controller of the attitude: r = x − K φ. So r is replaced among the regressors by what of
-it the pilot or the autopilot's navigation asks, x / (1 + K T / s), x = r + K φ: an instrument, with the last T.
-
-The band is that of the scatter of the windows' scores, as of a jackknife, and of what the prior left out. A controller
-with an integrator settles at 1, within ``STEADY``.
-
-References: G. Pillonetto and G. De Nicolao, A new kernel-based approach for linear system identification, Automatica
-46(1), 2010; L. Ljung, System Identification, 2nd ed., secs. 7.6 and 13.5, of instruments and of feedback.
+The impulse response is estimated as in ``impulse_response``; steps, frequency responses and their figures follow from
+it, with 90 % intervals from draws of its weights.
 """
 
 from collections.abc import Sequence
@@ -20,11 +9,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_toeplitz
-from scipy.special import softmax
 
 from mavdem.arrays import Array
-from mavdem.confidence import INTERVAL_QUANTILES, coverage_factor
+from mavdem.confidence import INTERVAL_QUANTILES, Interval, coverage_factor
 from mavdem.dataset.segments import Segments
 from mavdem.dataset.signals import (
     MIN_SLOW_MOTION_RATE,
@@ -33,93 +20,107 @@ from mavdem.dataset.signals import (
     rate_between_outages,
 )
 from mavdem.dataset.time_series import TimeSeries
-from mavdem.dem.engine.linalg import SMALLEST_POSITIVE, normal_draws, one_thread
+from mavdem.dem.engine.linalg import normal_draws
 from mavdem.facts import Fact
 from mavdem.facts.loops import StepResponses
 from mavdem.immutable import ImmutableResult
+from mavdem.loops.impulse_response import (
+    STEADY_STATE_ERROR,
+    ImpulseResponse,
+    estimate_impulse_response,
+)
 from mavdem.loops.margins import Complex
-from mavdem.loops.resonance import (
-    FEWEST_WINDOWS,
-    HIGHEST_SHARE,
+from mavdem.loops.resonance import DEFAULT_ANGLE_GAIN, MAX_FREQUENCY_RATIO, controller_if_known
+from mavdem.loops.welch import (
     MIN_COHERENCE,
-    USUAL_ANGLE_GAIN,
-    Spectra,
-    controller_if_known,
-    evenly_sampled,
-    spectra_of_pieces,
+    MIN_WINDOWS,
+    WelchSpectra,
+    resampled_signals,
+    welch_spectra_of_pieces,
 )
 
-SECONDS = {"rate": 0.5, "attitude": 2.0}
-"""Of a step's response, until it has settled; a window is two of them, and the one before."""
-TAPS = 100  # of it at most: of rates up to 200 Hz, for resonances of up to half of that
-MOST_WINDOWS = 300
-NOISE_PASSES = 4
-ORDER = 12  # of the autoregression of the residuals
-SMOOTH = 0.04
-SLOW_TAIL = 0.2, 2.0
-SLOW_SHARE = 0.03
-"""Of the prior, in shares of the step: lengths over which it is alike, and of the slow tail that an integrator leaves
-that length, its decay, and its share of the variance."""
-DECAYS = np.geomspace(0.06, 2.0, 6)
-SIZES = np.geomspace(0.1, 1e5, 13)
-STEADY = 0.03
-LEAST_POWER = (
-    1e-4  # of the setpoint's largest density: interpolation between samples leaves as much
-)
-LEAST_KNOWN = 0.25  # standard deviation of |T| beyond which it is not known
-SETTLED = 0.05  # of the step: the band of the settling time
+RESPONSE_SECONDS = {"rate": 0.5, "attitude": 2.0}
+"""Duration of a step response until it has settled, s, by loop."""
+MAX_TAPS = 100
+"""Weights of an impulse response at most: of rates up to 200 Hz, for resonances of up to half of that."""
+MIN_CORRECTION = 0.5
+"""Fraction of the attitude controller's correction in a rate setpoint, from which on it is taken to be in it."""
 RESPONSE_DRAWS = 300
-STEP_HERTZ = 0.05  # of the sum over a predicted response
-DISAGREES = 0.3
-"""Of the frequencies, at which prediction and band lie apart, where a tenth does by chance alone."""
+"""Draws of the weights that intervals are made of."""
 
+MIN_FREQUENCY = 0.5
+"""Lowest frequency of a response, Hz."""
+MIN_DRIVER_POWER_RATIO = 1e-4
+"""Least power of the setpoint at a frequency, by its largest: interpolation between samples leaves as much."""
+MAX_GAIN_DEVIATION = 0.25
+"""Standard deviation of |T| beyond which it is not known."""
+MAX_STEP_HALF_WIDTH = 1.0
+"""Half width of the band of a step from which on nothing is known: it holds no response, and twice the step."""
+SETTLING_BAND = 0.05
+"""Distance from 1 within which a step has settled."""
+FREQUENCY_STEP = 0.05
+"""Step of the integral over a predicted frequency response, Hz."""
+MAX_DISAGREEING_SHARE = 0.3
+"""Fraction of the frequencies at which prediction and band may lie apart; a tenth does by chance alone."""
 
 FIGURES = ("overshoot", "rise_time", "settling", "delay", "peak", "peak_frequency")
+"""Figures of a :class:`StepResponse`, by the names of its attributes."""
 
 
 class IntervalEstimate(NamedTuple):
     """A figure with its 90 % interval."""
 
     value: float
+    """The estimate."""
     low: float
+    """Lower end of the interval."""
     high: float
+    """Upper end of the interval."""
+
+    @property
+    def interval(self) -> Interval:
+        """The ends of the interval."""
+        return self.low, self.high
 
 
 @dataclass(frozen=True, eq=False)
 class StepResponse(ImmutableResult):
-    """The closed loop of one axis as measured: after a step of 1 of its setpoint, and by frequency.
-
-    Attributes:
-        axis, loop: "roll", "pitch" or "yaw"; "rate" or "attitude".
-        time: (K,) s after the step.
-        step, step_half: (K,) response, and half widths of its 90 % band.
-        frequency: (F,) Hz up to ``highest``.
-        response, gain_half: (F,) T, and half widths of the 90 % band of |T|.
-        max_frequency: Hz, up to which the flight shows it.
-        windows: how many there were.
-        overshoot: the largest step less 1, and less what noise adds to it.
-        rise_time, settling, delay: s from 10 to 90 %, until it stays within 5 %, until one half.
-        peak, peak_frequency: the largest |T|, and where it is, Hz.
-        coherence: of setpoint and response there.
-    """
+    """The closed loop of one axis as measured: after a step of 1 of its setpoint, and by frequency."""
 
     axis: str
+    """"roll", "pitch" or "yaw"."""
     loop: str
+    """"rate" or "attitude"."""
     time: Array
+    """(K,) s after the step."""
     step: Array
+    """(K,) response to the step."""
     step_half: Array
+    """(K,) half widths of its 90 % band."""
     frequency: Array
+    """(F,) Hz up to ``max_frequency``."""
     response: Complex
+    """(F,) T, the frequency response."""
     gain_half: Array
+    """(F,) half widths of the 90 % band of |T|."""
     max_frequency: float
+    """Hz up to which the flight shows the response."""
     windows: int
+    """How many windows of flight it was estimated from."""
     overshoot: IntervalEstimate
+    """The largest value of the step less 1, and less what noise adds to it."""
     rise_time: IntervalEstimate
+    """Time from 10 to 90 % of the step, s."""
     settling: IntervalEstimate
+    """Time until the step stays within ``SETTLING_BAND``, s."""
     delay: IntervalEstimate
+    """Time until the step is at one half, s."""
     peak: IntervalEstimate
+    """The largest |T|."""
     peak_frequency: IntervalEstimate
+    """Frequency of the largest |T|, Hz."""
     coherence: float
+    """Coherence of setpoint and response at that frequency."""
 
     @property
     def gain(self) -> Array:
@@ -128,347 +129,328 @@ class StepResponse(ImmutableResult):
 
     @property
     def fact(self) -> Fact:
-        """What it shows, with its highest frequency."""
+        """The fact with the figures of the response."""
         figures = {name: getattr(self, name).value for name in FIGURES}
         return Fact(
             StepResponses.STEP_MEASURED,
             subject=f"{self.axis} {self.loop}",
-            overshoot_interval=self.overshoot[1:],
-            peak_interval=self.peak[1:],
+            overshoot_interval=self.overshoot.interval,
+            peak_interval=self.peak.interval,
             coherence=self.coherence,
             highest=self.max_frequency,
             **figures,
         )
 
     def comparison(self, frequency: Array, closed: Complex) -> Fact:
-        """Returns whether the ``closed`` loop (F′,) at Hz (F′,) that was predicted is the measured one.
+        """Returns whether a predicted closed loop agrees with the measured one, by gain.
 
-        Where it is not, the prediction is doubted, unless it peaks beyond what the flight shows.
+        Where it does not, the prediction is doubted, or the measurement if the prediction peaks beyond the frequencies
+        that the flight shows.
+
+        Args:
+            frequency: (F′,) of the prediction, Hz.
+            closed: (F′,) predicted response.
         """
-        visible = frequency <= self.max_frequency
-        predicted = np.interp(self.frequency, frequency, abs(closed))
-        band = np.maximum(self.gain_half, STEADY)
-        off = abs(predicted - self.gain) > band
-        share = off.mean()
         subject = f"{self.axis} {self.loop}"
-        peak = frequency[np.argmax(abs(closed))]
-        if share <= DISAGREES:
-            agrees = StepResponses.PREDICTION_AGREES
-            return Fact(agrees, subject=subject, highest=self.max_frequency)
+        predicted_gain = abs(closed)
+        predicted_here = np.interp(self.frequency, frequency, predicted_gain)
+        half_width = np.maximum(self.gain_half, STEADY_STATE_ERROR)
+        disagrees = abs(predicted_here - self.gain) > half_width
+        share = disagrees.mean()
+        if share <= MAX_DISAGREEING_SHARE:
+            return Fact(
+                StepResponses.PREDICTION_AGREES, subject=subject, highest=self.max_frequency
+            )
+        is_shown = frequency <= self.max_frequency
         code = StepResponses.PREDICTION_DOUBTED
-        highest_peak = abs(closed).max()
-        known_peak = abs(closed[visible]).max(initial=0.0)
-        if highest_peak > known_peak:
+        if predicted_gain.max() > predicted_gain[is_shown].max(initial=0.0):
             code = StepResponses.MEASUREMENT_DOUBTED
-        return Fact(code, subject=subject, share=share, frequency=peak, highest=self.max_frequency)
+        return Fact(
+            code,
+            subject=subject,
+            share=share,
+            frequency=frequency[np.argmax(predicted_gain)],
+            highest=self.max_frequency,
+        )
 
 
-def rate_step_response(signals: Signals, parts: Segments) -> StepResponse | Fact:
-    """Returns the response of the body rate to its setpoint in ``parts`` of a flight, or why it is not known.
+def rate_step_response(signals: Signals, segments: Segments) -> StepResponse | Fact:
+    """Returns the response of the body rate to its setpoint in ``segments`` of a flight, or why it is not known.
 
-    ArduPilot's ATTITUDE_TARGET lacks the attitude controller's correction of the rate, which is added then.
+    ArduPilot's ATTITUDE_TARGET lacks the attitude controller's correction of the rate, which is added where it lacks.
     """
     if signals.rate_and_setpoint is None:
         return Fact(StepResponses.NO_SETPOINT, subject=f"{signals.axis} rate")
-    rate, asked = signals.rate_and_setpoint
-    used = [asked, rate]
+    rate, setpoint = signals.rate_and_setpoint
+    series = [setpoint, rate]
     attitude = signals.attitude
+    # Angles help only if they come with the rates, at the same times.
     if attitude is not None and rate.time is attitude.time:
-        used += [
-            signal
-            for signal in (attitude.angle_series, signals.angle_setpoint)
-            if signal is not None
-        ]
-    return _response(signals, "rate", used, parts, MIN_STREAM_RATE)
+        for angle_series in (attitude.angle_series, signals.angle_setpoint):
+            if angle_series is not None:
+                series.append(angle_series)
+    return _measured(signals, "rate", series, segments, MIN_STREAM_RATE)
 
 
-def attitude_step_response(signals: Signals, parts: Segments) -> StepResponse | Fact:
-    """Returns the response of the angle to its setpoint in ``parts`` of a flight, or why it is not known."""
+def attitude_step_response(signals: Signals, segments: Segments) -> StepResponse | Fact:
+    """Returns the response of the angle to its setpoint in ``segments`` of a flight, or why it is not known."""
     if signals.angle_setpoint is None or signals.attitude is None:
         return Fact(StepResponses.NO_SETPOINT, subject=f"{signals.axis} attitude")
-    used = [signals.angle_setpoint, signals.attitude.angle_series]
-    return _response(signals, "attitude", used, parts, MIN_SLOW_MOTION_RATE)
+    series = [signals.angle_setpoint, signals.attitude.angle_series]
+    return _measured(signals, "attitude", series, segments, MIN_SLOW_MOTION_RATE)
 
 
-def _response(
-    signals: Signals, loop: str, used: Sequence[TimeSeries], parts: Segments, least: float
+def _measured(
+    signals: Signals,
+    loop: str,
+    series: Sequence[TimeSeries],
+    segments: Segments,
+    min_rate: float,
 ) -> StepResponse | Fact:
-    """That of the second of ``used`` to the first; or that messages are too slow, too few, or too little was asked."""
+    """Returns a step response; or the fact that messages are too slow or too few, or that the setpoint hardly moves.
+
+    Args:
+        signals: of the axis.
+        loop: "rate" or "attitude".
+        series: setpoint, response and, of the rate, perhaps the angle and its setpoint.
+        segments: of the flight.
+        min_rate: slowest rate of messages, Hz.
+    """
     subject = f"{signals.axis} {loop}"
-    seconds = SECONDS[loop]
-    if min(map(rate_between_outages, used)) < least:
-        return Fact(StepResponses.TOO_SLOW, subject=subject, least_rate=least)
-    grid = evenly_sampled(used, parts, 4 * seconds, least, TAPS / seconds)
-    if grid is None:
-        return Fact(StepResponses.TOO_LITTLE_FLIGHT, subject=subject, least_duration=4 * seconds)
-    sampled, pieces = grid
-    pieces = [piece for piece in pieces if np.ptp(piece[0])]
+    seconds = RESPONSE_SECONDS[loop]
+    min_duration = 4 * seconds
+    if min(map(rate_between_outages, series)) < min_rate:
+        return Fact(StepResponses.TOO_SLOW, subject=subject, least_rate=min_rate)
+    resampled = resampled_signals(series, segments, min_duration, min_rate, MAX_TAPS / seconds)
+    if resampled is None:
+        return Fact(StepResponses.TOO_LITTLE_FLIGHT, subject=subject, least_duration=min_duration)
+    sampling_rate = resampled.rate
+    pieces = [piece for piece in resampled.pieces if np.ptp(piece[0])]
     samples = sum(piece.shape[1] for piece in pieces)
-    least_samples = 2 * FEWEST_WINDOWS * seconds * sampled
-    if samples < least_samples:
+    if samples < 2 * MIN_WINDOWS * seconds * sampling_rate:
         return Fact(StepResponses.TOO_LITTLE_ASKED, subject=subject)
-    controller = controller_if_known(signals)
-    gain = USUAL_ANGLE_GAIN if controller is None else controller.angle_gain
-    gain *= loop == "rate"
-    if loop == "rate" and len(used) < 3:
-        pieces = [np.vstack([piece, np.cumsum(piece[1]) / sampled]) for piece in pieces]
-    if len(used) > 3 and not _is_corrected(sampled, pieces, gain):
+    angle_gain = 0.0
+    if loop == "rate":
+        controller = controller_if_known(signals)
+        angle_gain = DEFAULT_ANGLE_GAIN if controller is None else controller.angle_gain
+        pieces = _with_angle_and_correction(sampling_rate, pieces, angle_gain)
+    impulse_response = estimate_impulse_response(sampling_rate, pieces, angle_gain, seconds)
+    spectra = welch_spectra_of_pieces(sampling_rate, pieces)
+    if spectra is None:
+        return Fact(StepResponses.TOO_LITTLE_ASKED, subject=subject)
+    return _described(signals.axis, loop, sampling_rate, impulse_response, spectra)
+
+
+def _with_angle_and_correction(
+    sampling_rate: float, pieces: Sequence[Array], angle_gain: float
+) -> list[Array]:
+    """Returns pieces of a rate's setpoint, with the attitude controller's correction in it, the rate and the angle.
+
+    An angle that was not recorded is the integral of the rate. Without a setpoint of the angle, the rate's is taken to
+    have the correction.
+
+    Args:
+        sampling_rate: Hz.
+        pieces: (2 to 4, N) setpoint of the rate, rate and, as far as recorded, angle and setpoint of the angle.
+        angle_gain: of the attitude controller, 1/s.
+    """
+    rows = len(pieces[0])
+    if rows < 3:
+        return [np.vstack([piece, np.cumsum(piece[1]) / sampling_rate]) for piece in pieces]
+    if rows > 3 and not _is_corrected(sampling_rate, pieces, angle_gain):
         for piece in pieces:
-            piece[0] += gain * (piece[3] - piece[2])
-    fit = _fitted(sampled, pieces, gain, seconds)
-    spectra = spectra_of_pieces(sampled, pieces)
-    return _described(signals.axis, loop, sampled, fit, spectra)
+            angle, angle_setpoint = piece[2], piece[3]
+            piece[0] += angle_gain * (angle_setpoint - angle)
+    return list(pieces)
 
 
-def _is_corrected(sampled: float, pieces: Sequence[Array], gain: float) -> bool:
-    """Whether the rate's setpoint has the correction of the attitude's error in it, by ``gain``, 1/s."""
-    asked, _, angle, wanted = np.concatenate(pieces, axis=1)
-    turning = sampled * np.gradient(wanted)
-    terms = np.column_stack([turning, gain * (wanted - angle)])
-    fitted = np.linalg.lstsq(terms, asked)[0]
-    return fitted[1] > 0.5
+def _is_corrected(sampling_rate: float, pieces: Sequence[Array], angle_gain: float) -> bool:
+    """Returns whether a rate's setpoint has the attitude controller's correction in it, by a regression on both terms.
+
+    Setpoint = a · slope of the angle's setpoint + b · angle gain · error of the angle: it is in it where b is near 1.
+
+    Args:
+        sampling_rate: Hz.
+        pieces: (4, N) each: setpoint of the rate, rate, angle and setpoint of the angle.
+        angle_gain: 1/s.
+    """
+    rate_setpoint, _, angle, angle_setpoint = np.concatenate(pieces, axis=1)
+    slope = sampling_rate * np.gradient(angle_setpoint)
+    correction = angle_gain * (angle_setpoint - angle)
+    _, correction_factor = np.linalg.lstsq(np.column_stack([slope, correction]), rate_setpoint)[0]
+    return correction_factor > MIN_CORRECTION
 
 
-class _Fit(NamedTuple):
-    """Impulse response, and its covariance."""
+class _Responses(NamedTuple):
+    """Step and frequency responses of N impulse responses: of the estimate, and then of draws."""
 
-    weights: Array  # (K,) of the last K setpoints, the last first; their sum is T at 0 Hz
-    covariance: Array  # (K, K)
-    windows: int
-
-
-def _fitted(sampled: float, pieces: Sequence[Array], angle_gain: float, seconds: float) -> _Fit:
-    """By ``pieces`` (k, N) of a setpoint, what follows it and, with an ``angle_gain``, the angle."""
-    taps = round(seconds * sampled)
-    size = 3 * taps
-    lags = np.arange(1, taps + 1) / taps
-    decay = np.exp(-5 * lags)
-    weights = decay / decay.sum()
-    asked, seen = (_windows([piece[row] for piece in pieces], taps, size) for row in range(2))
-    with one_thread():
-        for _ in range(NOISE_PASSES):
-            driver = asked
-            if angle_gain:
-                clean = [_without_feedback(piece, angle_gain, weights, sampled) for piece in pieces]
-                driver = _windows(clean, taps, size)
-            explained = _regressors(asked, taps) @ weights
-            left = seen[:, taps:] - explained
-            whitening = _autoregression(left)
-            spread = _filtered(left, whitening).std(axis=1)
-            # A window of nothing but repeated samples leaves nothing, and would count for all the others.
-            scale = np.maximum(spread, spread.max() / 1e3 + SMALLEST_POSITIVE)[:, None]
-            r, p, z = (_filtered(series, whitening) / scale for series in (asked, seen, driver))
-            fit = _step(r, p, z, taps)
-            weights = fit.weights
-    return fit
+    time: Array
+    """(K,) s after the step."""
+    steps: Array
+    """(N, K) responses to a step of 1."""
+    frequency: Array
+    """(F,) Hz."""
+    responses: Complex
+    """(N, F) frequency responses."""
 
 
-def _without_feedback(piece: Array, angle_gain: float, weights: Array, sampled: float) -> Array:
-    """(N,) the rate's setpoint that remains where the angle moves by it alone: x / (1 + K T / s)."""
-    size = piece.shape[1]
-    outer = piece[0] + angle_gain * piece[2]
-    there_and_back = np.append(outer, outer[::-1])
-    mirrored = np.fft.rfft(there_and_back)
-    frequency = np.fft.rfftfreq(2 * size, 1 / sampled)
-    positive = np.maximum(frequency, frequency[1] / 100)
-    s = 2j * np.pi * positive
-    impulse = np.append(0.0, weights)
-    closed = np.fft.rfft(impulse, 2 * size)
-    feedback = angle_gain * closed / s
-    driving = mirrored / (1 + feedback)
-    return np.fft.irfft(driving, 2 * size)[:size]
+def _responses(estimate: ImpulseResponse, sampling_rate: float, max_frequency: float) -> _Responses:
+    """Returns the responses of an ``estimate`` and of ``RESPONSE_DRAWS`` draws of its weights.
 
+    A step response is the integral of the impulse response by the trapezoidal rule with the end correction of Euler and
+    Maclaurin, since between two weights it is not straight.
 
-def _windows(series: Sequence[Array], taps: int, size: int) -> Array:
-    """(W, size) windows of all pieces but their first ``2 taps``, each with ``taps`` of the one before."""
-    views = [
-        np.lib.stride_tricks.sliding_window_view(part[2 * taps :], size)[:: size - taps]
-        for part in series
-        if len(part) >= 2 * taps + size
-    ]
-    windows = np.concatenate([*views, np.zeros((0, size))])
-    every = -(-len(windows) // MOST_WINDOWS) or 1
-    return windows[::every]
-
-
-def _regressors(windows: Array, taps: int) -> Array:
-    """(W, B, K) the ``taps`` values before each sample of windows, but for their first K, the last first."""
-    return np.lib.stride_tricks.sliding_window_view(windows, taps, axis=1)[:, :-1, ::-1]
-
-
-def _filtered(windows: Array, polynomial: Array) -> Array:
-    """(W, T − P) windows (W, T) through a filter of P + 1 taps."""
-    views = np.lib.stride_tricks.sliding_window_view(windows, len(polynomial), axis=1)
-    return views @ polynomial[::-1]
-
-
-def _autoregression(left: Array) -> Array:
-    """The filter (P,) that whitens residuals (W, B), and takes their mean away."""
-    steps = np.diff(left, axis=1)
-    size = steps.shape[1]
-    covariance = [np.mean(steps[:, : size - lag] * steps[:, lag:]) for lag in range(ORDER + 1)]
-    covariance[0] *= 1 + 1e-6
-    own = solve_toeplitz(covariance[:-1], covariance[1:])
-    whitening = np.append(1.0, -own)
-    return np.convolve(whitening, [1.0, -1.0])
-
-
-def _step(asked: Array, seen: Array, driver: Array, taps: int) -> _Fit:
-    """The weights of ``asked`` that explain ``seen``, all (W, size), by the instrument ``driver``; errors are white."""
-    measured, instruments = (_regressors(values, taps) for values in (asked, driver))
-    target = seen[:, taps:]
-    normal, own = (
-        np.tensordot(instruments, values, axes=((0, 1), (0, 1)))
-        for values in (instruments, measured)
-    )
-    moment = np.tensordot(instruments, target, axes=((0, 1), (0, 1)))
-    steady = np.full(taps, 1 / STEADY)
-    constraint = np.outer(steady, steady)
-    precision = normal + constraint
-    pulled = moment + steady / STEADY
-    prior = _prior(precision, pulled)
-    informed = own + constraint
-    identity = np.eye(taps)
-    inverse = np.linalg.solve(identity + prior @ informed, prior)
-    weights = inverse @ pulled
-    left = target - measured @ weights
-    scores = np.einsum("wbk,wb->wk", instruments, left) @ inverse.T
-    used = np.trace(inverse @ own)
-    windows = len(seen)
-    # As a jackknife has it: each window draws the estimate towards itself.
-    free_windows = max(windows - used, windows / 4)
-    scatter = scores.T @ scores * windows / free_windows
-    missed = identity - inverse @ informed
-    by_steady = inverse @ steady
-    biased = missed @ prior @ missed.T
-    covariance = scatter + biased + np.outer(by_steady, by_steady)
-    return _Fit(weights, covariance, windows)
-
-
-def _prior(precision: Array, moment: Array) -> Array:
-    """(K, K) the covariance of the weights before the flight, over sizes and decays by their evidence."""
-    taps = len(moment)
-    after = np.linspace(0.0, 1.0, taps + 1)
-    shapes = []
-    evidence = []
-    for decay in DECAYS:
-        slow = SLOW_SHARE * _matern(after, *SLOW_TAIL)
-        shape = _matern(after, SMOOTH, decay) + slow
-        # The response begins at 0.
-        from_zero = shape - np.outer(shape[0], shape[0]) / shape[0, 0]
-        shape = from_zero[1:, 1:] / taps**2
-        jitter = 1e-8 * np.trace(shape) / taps * np.eye(taps)
-        root = np.linalg.cholesky(shape + jitter)
-        projected = root.T @ precision @ root
-        values, vectors = np.linalg.eigh(projected)
-        sizes = SIZES[:, None]
-        gained = sizes * np.maximum(values, 0.0)
-        along = vectors.T @ (root.T @ moment)
-        fits = sizes * along**2 / (1 + gained)
-        shapes.append(shape)
-        evidence.append((fits - np.log1p(gained)).sum(axis=1) / 2)
-    return np.tensordot(softmax(evidence) @ SIZES, shapes, axes=1)
-
-
-def _matern(after: Array, length: float, decay: float) -> Array:
-    """(K, K) Matérn's covariance of 5/2, decaying, at shares of the step's duration (K,)."""
-    between = np.abs(np.subtract.outer(after, after))
-    apart = between * 5**0.5 / length
-    polynomial = 1 + apart + apart**2 / 3
-    alike = polynomial * np.exp(-apart)
-    decayed = np.exp(-np.add.outer(after, after) / decay)
-    return alike * decayed
+    Args:
+        estimate: K weights, and their covariance.
+        sampling_rate: Hz.
+        max_frequency: of the frequency responses, Hz.
+    """
+    taps = len(estimate.weights)
+    time = np.arange(1, taps + 1) / sampling_rate
+    frequency = np.linspace(MIN_FREQUENCY, max_frequency, 2 * taps)
+    draws = normal_draws(estimate.weights, estimate.covariance, RESPONSE_DRAWS, seed=31)
+    weights = np.vstack([estimate.weights, draws])
+    central_difference = np.eye(taps, k=-1) - np.eye(taps, k=1)
+    end_correction = weights @ central_difference / 24
+    steps = np.cumsum(weights, axis=1) - weights / 2 - end_correction
+    cycles = np.outer(time, frequency)
+    responses = weights @ np.exp(-2j * np.pi * cycles)
+    return _Responses(time, steps, frequency, responses)
 
 
 def _described(
-    axis: str, loop: str, sampled: float, fit: _Fit, spectra: Spectra | None
+    axis: str, loop: str, sampling_rate: float, estimate: ImpulseResponse, spectra: WelchSpectra
 ) -> StepResponse | Fact:
-    """Figures of a fit, with intervals of draws; or that too little is known at any frequency."""
-    nothing = Fact(StepResponses.TOO_LITTLE_ASKED, subject=f"{axis} {loop}")
-    if spectra is None:
-        return nothing
-    taps = len(fit.weights)
-    time = np.arange(1, taps + 1) / sampled
+    """Returns the step response of an impulse response with its figures; or that too little is known of it.
+
+    Args:
+        axis: "roll", "pitch" or "yaw".
+        loop: "rate" or "attitude".
+        sampling_rate: of the impulse response, Hz.
+        estimate: the impulse response.
+        spectra: of setpoint and response, for their coherence.
+    """
     # Setpoints of the angle may come without stamps of their own.
-    highest = HIGHEST_SHARE * sampled / (2 if loop == "rate" else 4)
-    hertz = np.linspace(0.5, highest, 2 * taps)
-    drawn = normal_draws(fit.weights, fit.covariance, RESPONSE_DRAWS, seed=31)
-    every = np.vstack([fit.weights, drawn])
-    # By Euler and Maclaurin: between two values the response is not straight.
-    slopes = np.eye(taps, k=-1) - np.eye(taps, k=1)
-    bends = every @ slopes / 24
-    steps = np.cumsum(every, axis=1) - every / 2 - bends
-    turns = np.outer(time, hertz)
-    responses = every @ np.exp(-2j * np.pi * turns)
-    gains = abs(responses)
-    spread = gains[1:].std(axis=0)
-    too_wide = np.flatnonzero(spread > LEAST_KNOWN)
-    unknown = np.append(too_wide, len(hertz))[0]
-    is_asked = spectra.driver >= LEAST_POWER * spectra.driver.max()
-    coherence = np.where(is_asked, spectra.coherence, 0.0)
-    is_coherent = coherence >= MIN_COHERENCE
-    asked = spectra.frequency[is_coherent].max(initial=0.0)
-    unknown = min(unknown, np.searchsorted(hertz, asked))
-    half = coverage_factor() * steps[1:].std(axis=0)
-    if unknown < 2 or half.max() >= 1.0:  # such a band holds no response, and twice as much
-        return nothing
-    hertz = hertz[:unknown]
-    overshoot, *others = _figures(time, steps, hertz, gains[:, :unknown])
-    # Noise adds to the highest value of a step: as much as each draw adds to it again.
-    added = overshoot - overshoot[0]
-    added[0] = added[1:].mean()
-    estimates = map(_estimate, [np.maximum(overshoot[0] - added, 0.0), *others])
-    figures = dict(zip(FIGURES, estimates, strict=True))
+    nyquist_frequency = sampling_rate / (2 if loop == "rate" else 4)
+    responses = _responses(estimate, sampling_rate, MAX_FREQUENCY_RATIO * nyquist_frequency)
+    gains = np.abs(responses.responses)
+    coherence = _coherence_where_driven(spectra)
+    known = _known_frequencies(responses.frequency, gains, spectra.frequency, coherence)
+    step_half_width = coverage_factor() * responses.steps[1:].std(axis=0)
+    if known < 2 or step_half_width.max() >= MAX_STEP_HALF_WIDTH:
+        return Fact(StepResponses.TOO_LITTLE_ASKED, subject=f"{axis} {loop}")
+    frequency = responses.frequency[:known]
+    gains = gains[:, :known]
+    figures = _figures(responses.time, responses.steps, frequency, gains)
     return StepResponse(
         axis=axis,
         loop=loop,
-        time=time,
-        step=steps[0],
-        step_half=half,
-        frequency=hertz,
-        response=responses[0, :unknown],
-        gain_half=coverage_factor() * gains[1:, :unknown].std(axis=0),
-        max_frequency=hertz[-1],
-        windows=fit.windows,
+        time=responses.time,
+        step=responses.steps[0],
+        step_half=step_half_width,
+        frequency=frequency,
+        response=responses.responses[0, :known],
+        gain_half=coverage_factor() * gains[1:].std(axis=0),
+        max_frequency=frequency[-1],
+        windows=estimate.windows,
         coherence=np.interp(figures["peak_frequency"].value, spectra.frequency, coherence),
         **figures,
     )
 
 
-def _figures(time: Array, steps: Array, hertz: Array, gains: Array) -> tuple[Array, ...]:
-    """Those of ``FIGURES``, each (N,), of steps (N, K) and |T| (N, F)."""
-    tenth, half, most = (_reached(time, steps, level) for level in (0.1, 0.5, 0.9))
-    rise = np.where(most < time[-1], most - tenth, most)
-    is_off = abs(steps - 1) > SETTLED
-    settled = (is_off * time).max(axis=1, initial=time[0])
-    overshoot = np.maximum(steps.max(axis=1) - 1, 0.0)
-    return overshoot, rise, settled, half, gains.max(axis=1), hertz[gains.argmax(axis=1)]
+def _coherence_where_driven(spectra: WelchSpectra) -> Array:
+    """Returns (F,) the coherence of setpoint and response, 0 where the setpoint has hardly any power."""
+    power = spectra.driver_power
+    is_driven = power >= MIN_DRIVER_POWER_RATIO * power.max()
+    return np.where(is_driven, spectra.coherence, 0.0)
 
 
-def _reached(time: Array, steps: Array, level: float) -> Array:
-    """(N,) when steps (N, K) first have a ``level``, between their values; the last time where one never has."""
-    highest = np.maximum.accumulate(steps, axis=1)
-    is_below = highest <= level
-    low = highest.max(axis=1, where=is_below, initial=0.0)
-    high = highest.min(axis=1, where=~is_below, initial=np.inf)
-    values = is_below.sum(axis=1) + (level - low) / (high - low)
-    return np.interp(values, np.arange(len(time) + 1), [0.0, *time])
+def _known_frequencies(
+    frequency: Array, gains: Array, spectrum_frequency: Array, coherence: Array
+) -> int:
+    """Returns how many of the first frequencies of a response are known.
 
+    They end where the deviation of |T| exceeds ``MAX_GAIN_DEVIATION``, and at the highest frequency at which setpoint
+    and response are coherent.
 
-def step_from_frequency_response(frequency: Array, closed: Complex, time: Array) -> Array:
-    """Returns (T,) what follows a step of 1 of the setpoint of a ``closed`` loop (F,), by its frequencies, Hz.
-
-    It is 2/π ∫ Re(T) sin(ωt)/ω dω.
+    Args:
+        frequency: (F,) of the response, Hz.
+        gains: (N, F) |T| of the estimate, and then of draws.
+        spectrum_frequency: (F′,) of the coherence, Hz.
+        coherence: (F′,) of setpoint and response.
     """
-    even = np.arange(STEP_HERTZ / 2, frequency[-1], STEP_HERTZ)
-    real = np.interp(even, frequency, closed.real)
-    angles = 2 * np.pi * np.outer(time, even)
-    waves = np.sin(angles) / even
-    return waves @ real * STEP_HERTZ * 2 / np.pi
+    deviation = gains[1:].std(axis=0)
+    uncertain = np.flatnonzero(deviation > MAX_GAIN_DEVIATION)
+    certain = np.append(uncertain, len(frequency))[0]
+    highest_coherent = spectrum_frequency[coherence >= MIN_COHERENCE].max(initial=0.0)
+    return min(certain, np.searchsorted(frequency, highest_coherent))
 
 
-def _estimate(values: Array) -> IntervalEstimate:
-    """The first of values (N,), and the interval of the others, widened to hold it."""
+def _figures(
+    time: Array, steps: Array, frequency: Array, gains: Array
+) -> dict[str, IntervalEstimate]:
+    """Returns each of ``FIGURES`` with its interval.
+
+    Args:
+        time: (K,) s after the step.
+        steps: (N, K) responses to a step, of the estimate and then of draws.
+        frequency: (F,) Hz.
+        gains: (N, F) |T|, likewise.
+    """
+    to_tenth = _first_times(time, steps, 0.1)
+    to_half = _first_times(time, steps, 0.5)
+    to_nine_tenths = _first_times(time, steps, 0.9)
+    # What never reaches 90 % rises for all the time there is.
+    has_risen = to_nine_tenths < time[-1]
+    is_unsettled = abs(steps - 1) > SETTLING_BAND
+    overshoot = np.maximum(steps.max(axis=1) - 1, 0.0)
+    # Noise adds to the highest value of a step: as much as each draw adds to it again.
+    added_by_noise = overshoot - overshoot[0]
+    added_by_noise[0] = added_by_noise[1:].mean()
+    values = {
+        "overshoot": np.maximum(overshoot[0] - added_by_noise, 0.0),
+        "rise_time": np.where(has_risen, to_nine_tenths - to_tenth, to_nine_tenths),
+        "settling": (is_unsettled * time).max(axis=1, initial=time[0]),
+        "delay": to_half,
+        "peak": gains.max(axis=1),
+        "peak_frequency": frequency[gains.argmax(axis=1)],
+    }
+    return {name: _with_interval(figure) for name, figure in values.items()}
+
+
+def _first_times(time: Array, steps: Array, level: float) -> Array:
+    """Returns (N,) the times at which ``steps`` (N, K) first reach a ``level``, linearly interpolated.
+
+    They begin from 0 at time 0; where one never reaches the level, it is the last of ``time`` (K,).
+    """
+    running_maximum = np.maximum.accumulate(steps, axis=1)
+    is_below = running_maximum <= level
+    before = running_maximum.max(axis=1, where=is_below, initial=0.0)
+    after = running_maximum.min(axis=1, where=~is_below, initial=np.inf)
+    position = is_below.sum(axis=1) + (level - before) / (after - before)
+    return np.interp(position, np.arange(len(time) + 1), [0.0, *time])
+
+
+def _with_interval(values: Array) -> IntervalEstimate:
+    """Returns the first of ``values`` (N,), with the 90 % interval of the others, widened to hold it."""
     low, high = np.quantile(values[1:], INTERVAL_QUANTILES).tolist()
     value = values[0]
     return IntervalEstimate(value, min(low, value), max(high, value))
+
+
+def step_from_frequency_response(frequency: Array, closed: Complex, time: Array) -> Array:
+    """Returns the response of a closed loop to a step of 1 of its setpoint: 2/π ∫ Re(T) sin(ωt) / ω dω.
+
+    Args:
+        frequency: (F,) Hz.
+        closed: (F,) frequency response T.
+        time: (K,) s after the step.
+
+    Returns:
+        (K,) step response.
+    """
+    uniform = np.arange(FREQUENCY_STEP / 2, frequency[-1], FREQUENCY_STEP)
+    real_part = np.interp(uniform, frequency, closed.real)
+    phases = 2 * np.pi * np.outer(time, uniform)
+    kernel = np.sin(phases) / uniform
+    return kernel @ real_part * FREQUENCY_STEP * 2 / np.pi

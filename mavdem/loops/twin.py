@@ -27,7 +27,7 @@ from mavdem.loops.autopilot_parameters import (
 )
 from mavdem.loops.axis_loops import Loop, LoopsByAxis
 from mavdem.loops.controllers import controller_from_parameters
-from mavdem.loops.measured_response import evenly
+from mavdem.loops.measured_response import interpolated_setpoint
 from mavdem.plant.parameters import wind_torque_density
 from mavdem.wind_velocity.airflow import Drag
 from mavdem.wind_velocity.estimation import WindVelocity
@@ -266,7 +266,9 @@ def _again(loop: Loop, segment: slice) -> ReplaySegment | None:
     if finite.mean() < 0.5:
         return None
     at = np.arange(len(asked))
-    *angles, rate = (evenly(np.interp(at, at[finite], column[finite])) for column in asked.T)
+    *angles, rate = (
+        interpolated_setpoint(np.interp(at, at[finite], column[finite])) for column in asked.T
+    )
     outputs = record.outputs[segment]
     if not angles:
         # A heading that is only held is turned by roll and pitch of a leaned vehicle.

@@ -118,7 +118,7 @@ def test_what_the_autopilot_injects_shows_no_margin():
 def oscillating(found):
     """The same of a vehicle that oscillates."""
     swinging = Oscillation("pitch", 5.0, 40.0, 0.98, False, 20.0)
-    swinging = swinging._replace(others=(swinging._replace(axis="roll", rate=9.0),))
+    swinging = swinging._replace(other_axes=(swinging._replace(axis="roll", rate=9.0),))
     return replace(found, condition=replace(found.condition, oscillation=swinging))
 
 

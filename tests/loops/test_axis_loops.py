@@ -50,7 +50,7 @@ from mavdem.loops.controllers import (
 from mavdem.loops.limit_cycles import Oscillation
 from mavdem.loops.loop_construction import loop_from_plant
 from mavdem.loops.margins import OpenLoop, controller_response
-from mavdem.loops.measured_response import measured_response
+from mavdem.loops.measured_response import measured_rate_response
 from mavdem.loops.twin import build_twin, replay_segments
 from mavdem.plant import Physical
 from mavdem.plant.parameters import WindComponent
@@ -179,7 +179,7 @@ def test_what_the_controllers_model_leaves_out_is_said_of_the_parameters_that_ha
 
 def test_gains_that_change_in_flight_come_with_it(monkeypatch):
     read = Mock(wraps=decoded_parameters)
-    monkeypatch.setattr("mavdem.dataset.align.decoded_parameters", read)
+    monkeypatch.setattr("mavdem.dataset.alignment.decoded_parameters", read)
     telemetry = HOVER.telemetry(parameters={"ATC_RAT_RLL_P": 0.25, "ATC_RAT_RLL_D": 0.125})
     names = np.repeat([b"ATC_RAT_RLL_P", b"ATC_RAT_RLL_D"], 2)
     sent = columns([1.0, 40.0, 1.0, 2.0], param_id=names, param_value=[0.5, 0.25, 0.5, 0.125])
@@ -389,7 +389,7 @@ def test_an_oscillating_vehicle_lowers_the_gains_that_act_at_its_frequency(frequ
     lower = [(name, PX4[name], approx(PX4[name] * 2 / 3)) for name in names]
     assert [*fact.figures["changes"]] == lower
     assert all(name in fact.sentence for name in names)
-    both = oscillation._replace(others=(oscillation,))
+    both = oscillation._replace(other_axes=(oscillation,))
     assert [*gain_reduction_advice(both, PX4).figures["changes"]] == 2 * lower
     unknown = gain_reduction_advice(oscillation, {})
     assert (unknown.code, unknown.figures["changes"]) == (Gains.LOWER_GAINS, ())
@@ -529,6 +529,6 @@ def test_a_response_that_is_not_the_predicted_one_says_how(by_wind, factor, code
         setpoints=setpoint[:, None],
         setpoint_names=("roll rate setpoint",),
     )
-    measured = measured_response(record, sound.controller, np.array(X_ROLL), *predicted)
+    measured = measured_rate_response(record, sound.controller, np.array(X_ROLL), *predicted)
     assert getattr(measured.reason, "code", None) == code
     assert replace(sound, measured=measured).agrees is agrees

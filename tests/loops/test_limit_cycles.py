@@ -53,7 +53,7 @@ def test_a_limit_cycle_has_its_frequency_rate_and_time_at_a_limit(hertz):
     assert one.frequency == approx(hertz, abs=0.25)
     assert one.rate == approx(np.hypot(85.0 / np.sqrt(2), 10.0), rel=0.05)
     assert one.at_limit > 0.5 and one.seconds > 30
-    (other,) = one.others
+    (other,) = one.other_axes
     assert (other.axis, other.rate) == ("pitch", approx(one.rate / 2))
 
 

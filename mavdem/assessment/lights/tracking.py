@@ -13,7 +13,7 @@ from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.margins import TrackingLight
 from mavdem.loops.measured_response import MIN_COMPARED_COHERENCE
-from mavdem.loops.resonance import WELCH_SECONDS, spectra
+from mavdem.loops.welch import WELCH_SECONDS, welch_spectra
 
 DELAYS = np.arange(0.0, 0.62, 0.02)
 """s, that are tried: a multirotor is behind by 0.1 to 0.4, and what was sent less often comes later."""
@@ -120,7 +120,7 @@ def _errors(
 
 def _overshoot(asked: TimeSeries, angle: TimeSeries, parts: Segments) -> float | None:
     """That of the second-order system whose response has as large a peak as the measured one; None where none shows."""
-    estimate = spectra((asked, angle), parts, 2 * WELCH_SECONDS, MIN_SLOW_MOTION_RATE)
+    estimate = welch_spectra((asked, angle), parts, 2 * WELCH_SECONDS, MIN_SLOW_MOTION_RATE)
     if estimate is None or not (coherent := estimate.coherence >= MIN_COMPARED_COHERENCE).any():
         return None
     peak = abs(estimate.response[coherent]).max()
