@@ -1,12 +1,12 @@
-"""Parameter files of ground stations: what a log without its autopilot's parameters lacks.
+"""Parameter files of ground stations, which stand in for the parameters that a log lacks.
 
-QGroundControl's .params has a line of vehicle, component, name, value and type, by tabs; the .param of Mission Planner
-and of MAVProxy one of name and value, by a comma or spaces. Lines that begin with # are remarks.
+QGroundControl's .params has a line of vehicle, component, name, value and type, separated by tabs; the .param of
+Mission Planner and of MAVProxy one of name and value, separated by a comma or spaces. Lines that begin with # are
+remarks.
 """
 
 import os
 import re
-from contextlib import suppress
 from dataclasses import replace
 from math import isfinite
 
@@ -18,43 +18,92 @@ from mavdem.ingest.telemetry import Log, Parameters, Telemetry, repair_facts
 from mavdem.ingest.vocabulary import mavlink_constant
 
 REAL32 = mavlink_constant("MAV_PARAM_TYPE_REAL32")
+"""MAVLink's number of the type of parameters in files that are written: float32."""
+
+_PARAMETER_NAME = re.compile(r"[A-Z]\w*")
 
 
 def read_parameters(path: PathName) -> Parameters:
-    """Returns the parameters of a file by name; raises ``Unreadable``: it cannot be opened, or has none."""
+    """Reads a parameter file of any ground station.
+
+    Returns:
+        Finite values by name; of several lines of one parameter the last counts.
+
+    Raises:
+        Unreadable: The file cannot be opened, or has no parameters.
+    """
     parameters = {}
     for line in file_bytes(path).decode("utf-8", "replace").splitlines():
-        words = re.split(r"[,\s]+", line.strip())
-        if words[0].isdigit():
-            words = words[2:]
-        with suppress(ValueError, IndexError):
-            name, value = words[0], float(words[1])
-            if isfinite(value) and re.fullmatch(r"[A-Z]\w*", name):
-                parameters[name] = value
+        name, value = _parameter_of_line(line)
+        if name:
+            parameters[name] = value
     if not parameters:
         raise Unreadable(Source.NO_PARAMETERS_IN_FILE, path=os.fspath(path))
     return parameters
 
 
+def _parameter_of_line(line: str) -> tuple[str, float]:
+    """Returns name and finite value of the parameter in a line; an empty name where there is none."""
+    words = re.split(r"[,\s]+", line.strip())
+    if words[0].isdigit():
+        # QGroundControl's lines begin with the numbers of the vehicle and of the component.
+        words = words[2:]
+    try:
+        name, value = words[0], float(words[1])
+    except (ValueError, IndexError):
+        return "", 0.0
+    if not isfinite(value) or _PARAMETER_NAME.fullmatch(name) is None:
+        return "", 0.0
+    return name, value
+
+
 def with_parameters(log: Log, path: PathName) -> Log:
-    """Returns a ``log`` whose vehicles have the parameters of the file where they have none of that name."""
-    given = read_parameters(path)
+    """Adds the parameters of a file to a log: each vehicle gets those that it does not have.
+
+    Args:
+        log: The log, which stays as it is.
+        path: The parameter file.
+
+    Returns:
+        A new log, whose vehicles report the addition among their repairs.
+
+    Raises:
+        Unreadable: The file cannot be opened, or has no parameters.
+    """
+    file_parameters = read_parameters(path)
     vehicles = []
     for vehicle in log.vehicles:
-        count = len(given.keys() - vehicle.parameters.keys())
-        added = repair_facts(Repair.PARAMETERS_ADDED, count=count, path=os.fspath(path))
-        parameters = {**given, **vehicle.parameters}
-        vehicles.append(replace(vehicle, parameters=parameters, repairs=(*vehicle.repairs, *added)))
+        count = len(file_parameters.keys() - vehicle.parameters.keys())
+        additions = repair_facts(Repair.PARAMETERS_ADDED, count=count, path=os.fspath(path))
+        vehicles.append(
+            replace(
+                vehicle,
+                parameters={**file_parameters, **vehicle.parameters},
+                repairs=(*vehicle.repairs, *additions),
+            )
+        )
     return replace(log, vehicles=tuple(vehicles))
 
 
 def parameter_files(parameters: Parameters, vehicle: Telemetry) -> dict[str, str]:
-    """Returns files with these ``parameters`` of a ``vehicle`` by their ending: .param of ArduPilot's alone."""
-    who = f"{vehicle.system}\t{vehicle.component}"
-    head = "# Gains (mavdem)\n"
-    values = {name: f"{value:.9g}" for name, value in parameters.items()}
-    lines = (f"{who}\t{name}\t{value}\t{REAL32}\n" for name, value in values.items())
-    texts = {".params": head + "".join(lines)}
+    """Writes parameters as ground stations read them.
+
+    Args:
+        parameters: Values by name.
+        vehicle: The vehicle they are for.
+
+    Returns:
+        The text of each file by the ending of its name: .params, and for ArduPilot .param too.
+    """
+    header = "# Gains (mavdem)\n"
+    qgroundcontrol_text = header
+    mission_planner_text = header
+    for name, value in parameters.items():
+        digits = f"{value:.9g}"
+        columns = (str(vehicle.system), str(vehicle.component), name, digits, str(REAL32))
+        qgroundcontrol_text += "\t".join(columns) + "\n"
+        mission_planner_text += f"{name},{digits}\n"
+    texts = {".params": qgroundcontrol_text}
     if vehicle.autopilot == "ARDUPILOTMEGA":
-        texts[".param"] = head + "".join(f"{name},{value}\n" for name, value in values.items())
+        texts[".param"] = mission_planner_text
     return texts

@@ -27,12 +27,12 @@ from mavdem.ingest.telemetry import (
     Parameters,
     Tables,
     concatenated_columns,
-    held,
     interpolated,
+    last_values,
     rate_without_gaps,
-    renamed,
     repair_facts,
     selected_rows,
+    translated_fields,
 )
 from mavdem.ingest.vocabulary import (
     ACTIVE,
@@ -305,7 +305,10 @@ def _in_time(parts: Sequence[Columns]) -> Fields:
 def _renamed(topics: Topics, message: str) -> Fields:
     rule = _RENAMED[message]
     topic = next(filter(None, (_first(topics, name) for name in rule["topics"])), {})
-    return {"time": topic["time"], **renamed(topic, rule)}
+    return {
+        "time": topic["time"],
+        **translated_fields(topic, rule["fields"], rule.get("optional_fields")),
+    }
 
 
 def _sys_status(topics: Topics) -> Fields:
@@ -429,7 +432,7 @@ def _held(topic: Columns, field: str, time: Array) -> NDArray[Any]:
     """The field's last value at each time (N,); 0 before the first, and where it was not logged."""
     if field not in topic:
         return np.zeros(len(time))
-    return held(time, topic["time"], topic[field])
+    return last_values(time, topic["time"], topic[field])
 
 
 def _local_position_ned(topics: Topics) -> Fields:

@@ -14,8 +14,12 @@ from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.sources import Flaw, Repair
 from mavdem.immutable import ImmutableResult
 
-Parameters = Mapping[str, float]  # Values by name
-Fields = dict[str, NDArray[Any]]  # Columns of a message that is being made
+Parameters = Mapping[str, float]
+"""Values of an autopilot's parameters by name."""
+
+Fields = dict[str, NDArray[Any]]
+"""Columns of a message by field name, while the message is being made."""
+
 Columns = Mapping[str, NDArray[Any]]
 """One message type's fields by name; every array has one row per message, in stream order.
 
@@ -26,14 +30,25 @@ Beside the fields of the message definition, in the units of the definition, two
 - ``boot`` (N,) int64: 0 for the first boot in the source, one more after each reboot. ``time`` restarts with each
   boot, so times of different boots must never be compared.
 """
-Tables = Mapping[str, Columns]  # The columns of messages by the name of each
+
+Tables = Mapping[str, Columns]
+"""The columns of each message type by its name."""
+
 MIN_PREFERRED_SHARE = 0.9
-"""A preferred message gives way to another only when it comes less often than this share of the other's count."""
-MAX_GAP_SECONDS = (
-    0.1  # Longest silence that is bridged: half a period of 5 Hz, at which roll still moves
-)
+"""A preferred message gives way to another only where it comes less often than this share of the other's count.
+
+A choice: a tenth fewer messages is less harm than the disadvantages of the other message.
+"""
+
+MAX_GAP_SECONDS = 0.1
+"""Longest silence, s, across which signals are interpolated: half a period of 5 Hz, at which roll still moves."""
+
 MAX_FIELDS = 2000
-"""Numbers in a message, of which PX4's and MAVROS's have up to some hundreds: libraries lay out each."""
+"""Largest number of numbers in one message that is decoded.
+
+PX4's and MAVROS's have up to some hundreds. A malicious definition can announce millions, for each of which the
+libraries that decode messages allocate memory.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +62,6 @@ class Telemetry(ImmutableResult):
         autopilot: the MAV_AUTOPILOT without its prefix ("ARDUPILOTMEGA", "PX4").
         messages: columns by message name ("ATTITUDE").
         parameters: the autopilot's parameters by name, as numbers, the last value sent.
-        initial_parameters: the first values of those that changed.
         source: the file or link it came from.
         repairs: what was odd or damaged, and what was done about it (a wrap, a reboot, damage).
         translated_from: the source of messages that the autopilot did not send as MAVLink: "DataFlash", "ULog", or
@@ -57,6 +71,7 @@ class Telemetry(ImmutableResult):
         source_names: what the source calls messages that were translated ("RCOU"), by their name here.
         board: the number of the autopilot's board, which no other has, in hexadecimal; empty where the log has none.
         hardware: the kind of board, as its firmware calls it ("PX4_FMU_V5"); empty where the log has none.
+        initial_parameters: the first values of those parameters that changed, by name.
     """
 
     system: int
@@ -76,64 +91,128 @@ class Telemetry(ImmutableResult):
     initial_parameters: Parameters = field(default_factory=dict)
 
     def name_in_source(self, message: str) -> str:
-        """Returns the name of ``message`` in the source: DataFlash's "RCOU" for "SERVO_OUTPUT_RAW"."""
+        """Returns the name of a message in the source: DataFlash's "RCOU" for "SERVO_OUTPUT_RAW"."""
         return self.source_names.get(message, message)
 
 
+MAX_USUAL_STEP_RATIO = 3.0
+"""A time step longer than this many median steps is a gap in a stream."""
+
+
 def rate_without_gaps(steps: Array) -> float:
-    """Returns messages a second by the ``steps`` (N,), s, between them, without gaps of over three usual ones."""
-    usual = steps[steps <= 3 * np.median(steps)] if len(steps) else steps
-    return 1 / float(usual.mean()) if usual.any() else 0.0
+    """Estimates how many messages per second a stream has while it is not interrupted.
+
+    Args:
+        steps: Times (N,) between successive messages, s.
+
+    Returns:
+        Messages per second, without the gaps; 0 without any steps, and where all are 0.
+    """
+    if not len(steps):
+        return 0.0
+    usual_steps = steps[steps <= MAX_USUAL_STEP_RATIO * np.median(steps)]
+    if not usual_steps.any():
+        return 0.0
+    return 1 / float(usual_steps.mean())
 
 
-def interpolated(at: Array, time: Array, values: Array) -> Array:
-    """Returns the columns of ``values`` (N, k), known at ``time`` (N,), at other times ``at`` (T,)."""
-    return np.column_stack([np.interp(at, time, column) for column in values.T])
+def interpolated(query_time: Array, time: Array, values: Array) -> Array:
+    """Interpolates columns linearly; before the first and after the last sample they stay constant.
+
+    Args:
+        query_time: Times (T,), s, at which values are wanted.
+        time: Times (N,) of the samples, s, ascending.
+        values: Samples (N, k).
+
+    Returns:
+        Values (T, k).
+    """
+    return np.column_stack([np.interp(query_time, time, column) for column in values.T])
 
 
-def held(at: Array, time: Array, values: NDArray[Any]) -> NDArray[Any]:
-    """Returns the last of ``values`` (N,), known at ``time`` (N,), at other times ``at`` (T,); 0 before the first."""
-    return np.insert(values, 0, 0)[np.searchsorted(time, at, side="right")]
+def last_values(query_time: Array, time: Array, values: NDArray[Any]) -> NDArray[Any]:
+    """Returns the last value before or at each time (a zero-order hold).
+
+    Args:
+        query_time: Times (T,), s, at which values are wanted.
+        time: Times (N,) of the samples, s, ascending.
+        values: Samples (N,).
+
+    Returns:
+        Values (T,); 0 before the first sample.
+    """
+    samples_before = np.searchsorted(time, query_time, side="right")
+    return np.insert(values, 0, 0)[samples_before]
 
 
 def rows_by_value(values: NDArray[np.integer[Any]]) -> dict[int, NDArray[np.intp]]:
-    """Returns the rows of each value in ``values`` (N,), both ascending."""
+    """Groups the rows of a column by their value.
+
+    Args:
+        values: The column (N,).
+
+    Returns:
+        The rows of each value, ascending; the values are in ascending order too.
+    """
     order = np.argsort(values, kind="stable")
-    distinct, first = np.unique(values[order], return_index=True)
-    return dict(zip(distinct.tolist(), np.split(order, first)[1:], strict=True))
+    distinct_values, first_rows = np.unique(values[order], return_index=True)
+    # What lies before the first row of the first value is empty.
+    groups = np.split(order, first_rows)[1:]
+    return dict(zip(distinct_values.tolist(), groups, strict=True))
 
 
 def selected_rows(columns: Columns, rows: slice | NDArray[Any]) -> Fields:
-    """Returns those rows of every column."""
+    """Returns some rows of every column; ``rows`` is a slice, row numbers, or flags (N,)."""
     return {name: values[rows] for name, values in columns.items()}
 
 
 def concatenated_columns(parts: Sequence[Columns]) -> Fields:
-    """Returns parts, one at least, one after the other, with the columns that all have; one alone is not copied."""
+    """Joins tables of the same message one after the other, with the columns that all of them have.
+
+    Args:
+        parts: The tables, at least one. A single one is not copied.
+    """
     if len(parts) == 1:
         return dict(parts[0])
-    names = [name for name in parts[0] if all(name in part for part in parts)]
-    return {name: np.concatenate([part[name] for part in parts]) for name in names}
+    common_names = [name for name in parts[0] if all(name in part for part in parts)]
+    return {name: np.concatenate([part[name] for part in parts]) for name in common_names}
 
 
-Choices = Mapping[str, Sequence[tuple[float, str]]]  # By field, factors and names
+SourceFields = Mapping[str, Sequence[tuple[float, str]]]
+"""How fields of a MAVLink message are named in another format, by name of the field in MAVLink.
+
+For each there are pairs of factor and name: the factor turns the unit of the format into MAVLink's, and the name is
+one of those that the field has had over the versions of the format, the preferred first.
+"""
 
 
-def renamed(logged: Columns, rule: Mapping[str, Choices]) -> Fields:
-    """Returns the columns of a message by a ``rule`` of another's: by field, factors and names; raises ``KeyError``.
+def translated_fields(
+    source: Columns, required: SourceFields, optional: SourceFields | None = None
+) -> Fields:
+    """Translates columns of another format into the fields of a MAVLink message: names and units.
 
-    Fields of ``also`` may be lacking, of ``fields`` each must have one of its names.
+    Args:
+        source: Columns (N,) of the other format.
+        required: Names and factors of the fields that the message must have.
+        optional: Those of fields that the source may lack.
+
+    Returns:
+        Columns by name of MAVLink, in its units.
+
+    Raises:
+        KeyError: The source has none of the names of a required field.
     """
-    also = rule.get("also", {})
-    made = {}
-    for name, choices in {**rule["fields"], **also}.items():
-        there = [(factor, logged[own]) for factor, own in choices if own in logged]
-        if there:
-            factor, values = there[0]
-            made[name] = values if factor == 1 else np.asarray(values, np.float64) * factor
-        elif name not in also:
+    fields: Fields = {}
+    for name, choices in {**required, **(optional or {})}.items():
+        for factor, source_name in choices:
+            if source_name in source:
+                values = source[source_name]
+                # Without a factor integers stay integers.
+                fields[name] = values if factor == 1 else np.asarray(values, np.float64) * factor
+                break
+        if name in required and name not in fields:
             raise KeyError(name)
-    return made
+    return fields
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,17 +237,20 @@ class Component(ImmutableResult):
 
 @dataclass(frozen=True)
 class UnreadFrames:
-    """Frames of ``message_id`` from ``system`` and ``component``: so many ``frames`` of ``total`` cannot be read.
-
-    ``cause`` is another dialect when none agrees with the dialect's definition, damage when some do.
-    """
+    """Frames of one message from one sender that cannot be read."""
 
     message_id: int
+    """MAVLink's number of the message."""
     system: int
+    """System id of the sender."""
     component: int
+    """Component id of the sender."""
     frames: int
+    """Number of frames that cannot be read."""
     total: int
+    """Number of all frames of this message from this sender."""
     cause: Flaw
+    """Another dialect when no frame agrees with the dialect's definition, damage when some do."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,8 +277,18 @@ class Log:
 
 
 def repair_facts(code: Repair, **figures: Any) -> Facts:
-    """Returns the repair as a fact; none where its ``count`` is 0."""
-    return (Fact(code, Level.WATCH, **figures),) if figures.get("count", 1) else ()
+    """Reports a repair of a stream as a fact, unless there was nothing to repair.
+
+    Args:
+        code: What was repaired.
+        figures: The fact's figures. ``count``, where there is one, is how often it was repaired.
+
+    Returns:
+        One fact; none where ``count`` is 0.
+    """
+    if figures.get("count", 1) == 0:
+        return ()
+    return (Fact(code, Level.WATCH, **figures),)
 
 
 def log_of_vehicles(
@@ -206,15 +298,36 @@ def log_of_vehicles(
     receive_time: Interval = (nan, nan),
     counts: Mapping[str, int] | None = None,
 ) -> Log:
-    """Returns the log of a file of vehicles only, one at least; ``counts`` are the messages by their own names."""
+    """Makes the log of a file in which nobody but vehicles sent messages.
+
+    Args:
+        vehicles: The vehicles, at least one.
+        frames: Number of messages in the file.
+        bytes_skipped: Number of bytes that belong to no message.
+        receive_time: (first, last) receive stamp, UNIX s.
+        counts: Number of messages by the names of the file; without it those of MAVLink's messages are counted.
+    """
     components = []
     for vehicle in vehicles:
-        sent = counts or {name: len(columns["time"]) for name, columns in vehicle.messages.items()}
+        message_counts = counts or {
+            name: len(columns["time"]) for name, columns in vehicle.messages.items()
+        }
         components.append(
             Component(
-                vehicle.system, vehicle.component, vehicle.vehicle, vehicle.autopilot, sent, lost=0
+                vehicle.system,
+                vehicle.component,
+                vehicle.vehicle,
+                vehicle.autopilot,
+                message_counts,
+                lost=0,
             )
         )
     return Log(
-        vehicles[0].source, vehicles, tuple(components), (), frames, bytes_skipped, receive_time
+        source=vehicles[0].source,
+        vehicles=vehicles,
+        components=tuple(components),
+        unread=(),
+        frames=frames,
+        bytes_skipped=bytes_skipped,
+        receive_time=receive_time,
     )

@@ -1,4 +1,4 @@
-"""Telemetry logs (.tlog): reading and writing frames, each behind the 8-byte time at which it was received.
+"""Telemetry logs (.tlog): reading and writing MAVLink frames, each behind the 8-byte time at which it was received.
 
 The receive stamp is big-endian microseconds since 1970. It may be late by seconds, so messages are placed in time by
 the autopilot's own stamps (``mavlink.clocks``) instead. Layout: pymavlink ``mavutil.mavlogfile``.
@@ -28,33 +28,52 @@ from mavdem.ingest.mavlink.framing import (
 from mavdem.ingest.mavlink.vehicles import FrameStream, assemble
 from mavdem.ingest.telemetry import Log, repair_facts
 
-STAMP_BYTES = np.dtype(np.uint64).itemsize  # Bytes of the receive stamp before each frame
+STAMP_BYTES = np.dtype(np.uint64).itemsize
+"""Number of bytes of the receive stamp before each frame."""
+
+MIN_FRAME_DENSITY = 1e-6
+"""Frames with a matching checksum per byte that belongs to no frame, below which a file is no telemetry log.
+
+In random bytes a frame is found by chance every 7 million bytes (1.5e-7).
+"""
+
+MIN_LINE_FEEDS = 8
+"""Number of line feeds that must all follow a carriage return for a text-mode transfer to be undone.
+
+By chance, 8 such bytes follow 8 carriage returns once in 2^64.
+"""
 
 
 def read_tlog(path: PathName) -> Log:
-    """Reads a telemetry log; a damaged one as far as possible.
+    """Reads a telemetry log, a damaged one as far as possible.
 
-    Raises Unreadable: the file cannot be opened, or contains no MAVLink.
+    Raises:
+        Unreadable: The file cannot be opened, or contains no MAVLink.
     """
     return assemble(tlog_stream(path))
 
 
 def tlog_stream(path: PathName) -> FrameStream:
-    """Returns the frames of a telemetry log with their stamps, in the order received; raises as ``read_tlog``."""
+    """Finds the frames of a telemetry log and their receive stamps, in the order received.
+
+    Raises:
+        Unreadable: The file cannot be opened, or contains no MAVLink.
+    """
     source = os.fspath(path)
     data, repairs = _without_carriage_returns(file_bytes(path))
     frames = find_frames(data, crc_extra_table(), STAMP_BYTES)
-    space = frames.start - np.concatenate([[0], frames.end[:-1]])
-    covered = np.minimum(space, STAMP_BYTES) + frames.size
+    bytes_before = frames.start - np.concatenate([[0], frames.end[:-1]])
+    covered = np.minimum(bytes_before, STAMP_BYTES) + frames.size
     skipped = len(data) - int(covered.sum())
-    good = np.count_nonzero(frames.checksum == CHECKSUM_MATCHES)
-    if len(frames) and not good:
+    matching = np.count_nonzero(frames.checksum == CHECKSUM_MATCHES)
+    if len(frames) and not matching:
         count = len(frames)
         raise Unreadable(Source.DIALECT_UNKNOWN, path=source, count=count, recording=False)
-    if good <= 1e-6 * skipped:  # random bytes have some 1.5e-7 good frames each
+    if matching <= MIN_FRAME_DENSITY * skipped:
         raise Unreadable(Source.FORMAT_UNKNOWN, path=source, name="mavlink")
-    # Behind damage, the bytes before a frame may be anything.
-    stamps = np.where(space == STAMP_BYTES, _stamps(data, frames.start), np.uint64(0))
+    # After damage, the bytes before a frame may be anything.
+    has_stamp = bytes_before == STAMP_BYTES
+    stamps = np.where(has_stamp, _receive_stamps(data, frames.start), np.uint64(0))
     return FrameStream(source, ".tlog", data, frames, stamps, skipped, repairs)
 
 
@@ -64,7 +83,15 @@ def write_tlog(file: BinaryIO, stream: FrameStream) -> int:
 
 
 def write_stamped(file: BinaryIO, frames: Iterable[tuple[int, bytes]]) -> int:
-    """Writes frames, each after its receive stamp, UNIX µs, and returns how many there were."""
+    """Writes frames, each behind its receive stamp.
+
+    Args:
+        file: Where to write.
+        frames: Receive stamp, UNIX µs, and bytes of each frame.
+
+    Returns:
+        The number of frames.
+    """
     count = 0
     for stamp, frame in frames:
         file.write(struct.pack(">Q", stamp) + frame)
@@ -72,20 +99,22 @@ def write_stamped(file: BinaryIO, frames: Iterable[tuple[int, bytes]]) -> int:
     return count
 
 
-def _stamps(data: Bytes, start: Integers) -> NDArray[np.uint64]:
-    """Big-endian µs before each frame; undefined for a frame that begins before a stamp fits."""
-    return (
-        rows_of(data, np.maximum(start - STAMP_BYTES, 0), STAMP_BYTES)
-        .view(">u8")[:, 0]
-        .astype(np.uint64)
-    )
+def _receive_stamps(data: Bytes, frame_start: Integers) -> NDArray[np.uint64]:
+    """Reads the stamp (N,), UNIX µs, before each frame; it is undefined where no stamp fits before the frame."""
+    stamp_start = np.maximum(frame_start - STAMP_BYTES, 0)
+    big_endian = rows_of(data, stamp_start, STAMP_BYTES).view(">u8")
+    return big_endian[:, 0].astype(np.uint64)
 
 
 def _without_carriage_returns(content: bytes) -> tuple[Bytes, Facts]:
-    """Undoes the conversion of line ends by a text-mode transfer: each line feed then follows a carriage return."""
-    feeds = content.count(b"\n")
-    if feeds < 8 or content.count(b"\r\n") < feeds:  # chance gives 1 in 2^64
+    """Undoes the conversion of line ends by a transfer in text mode, which puts a carriage return before line feeds.
+
+    Returns:
+        The bytes as they were recorded, and the repair if there was one.
+    """
+    line_feeds = content.count(b"\n")
+    if line_feeds < MIN_LINE_FEEDS or content.count(b"\r\n") < line_feeds:
         return np.frombuffer(content, dtype=np.uint8), ()
     restored = content.replace(b"\r\n", b"\n")
-    undone = repair_facts(Repair.CARRIAGE_RETURNS_UNDONE, count=feeds)
-    return np.frombuffer(restored, dtype=np.uint8), undone
+    repairs = repair_facts(Repair.CARRIAGE_RETURNS_UNDONE, count=line_feeds)
+    return np.frombuffer(restored, dtype=np.uint8), repairs

@@ -1,6 +1,6 @@
-"""MAVLink's numbers for a vehicle, its board, its state and its attitude, and HEARTBEAT, which carries most of them.
+"""MAVLink's constants, names of autopilots' parameters, and conversions of attitude that all readers of logs share.
 
-Source: MAV_MODE_FLAG, MAV_AUTOPILOT, MAV_COMPONENT, MAV_STATE and MAV_LANDED_STATE of ``minimal.xml`` and
+Sources: MAV_MODE_FLAG, MAV_AUTOPILOT, MAV_COMPONENT, MAV_STATE and MAV_LANDED_STATE of MAVLink's ``minimal.xml`` and
 ``common.xml``; modes of ArduCopter's ``mode.h`` and PX4's ``px4_custom_mode.h``.
 """
 
@@ -24,38 +24,69 @@ def mavlink_constant(name: str) -> int:
     return int(getattr(dialect, name))
 
 
-# of HEARTBEAT.base_mode
+# Flags of HEARTBEAT.base_mode.
+
 ARMED: int = dialect.MAV_MODE_FLAG_SAFETY_ARMED
+"""The motors are armed."""
 CUSTOM_MODE: int = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-# of EXTENDED_SYS_STATE.landed_state
+"""The field custom_mode has the flight mode."""
+
+# Values of EXTENDED_SYS_STATE.landed_state.
+
 ON_GROUND: int = dialect.MAV_LANDED_STATE_ON_GROUND
+"""The vehicle stands on the ground."""
 IN_AIR: int = dialect.MAV_LANDED_STATE_IN_AIR
+"""The vehicle flies."""
 TAKING_OFF: int = dialect.MAV_LANDED_STATE_TAKEOFF
+"""The vehicle is taking off."""
 LANDING: int = dialect.MAV_LANDED_STATE_LANDING
-# ArduPilot and PX4 report the last two only once they have left the ground
+"""The vehicle is landing."""
 OFF_GROUND = (IN_AIR, TAKING_OFF, LANDING)
-# of HEARTBEAT.system_status: on the ground, in flight, and in a failsafe
+"""The states in the air: ArduPilot and PX4 report taking off and landing only while they are off the ground."""
+
+# Values of HEARTBEAT.system_status.
+
 STANDBY: int = dialect.MAV_STATE_STANDBY
+"""The vehicle is ready on the ground."""
 ACTIVE: int = dialect.MAV_STATE_ACTIVE
+"""The vehicle is in flight."""
 CRITICAL: int = dialect.MAV_STATE_CRITICAL
-NO_SEVERITY = np.iinfo(
-    np.uint8
-).max  # of STATUSTEXT whose source does not log it, beside MAV_SEVERITY's 0 to 7
-GENERIC: int = dialect.MAV_AUTOPILOT_GENERIC  # where the autopilot is not known
+"""The vehicle is in a failsafe."""
+
+NO_SEVERITY = np.iinfo(np.uint8).max
+"""Value of STATUSTEXT.severity for texts whose source does not log it; MAV_SEVERITY has 0 to 7."""
+
+# Values of HEARTBEAT.autopilot.
+
+GENERIC: int = dialect.MAV_AUTOPILOT_GENERIC
+"""The autopilot is not known."""
 ARDUPILOT: int = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
+"""ArduPilot."""
 PX4: int = dialect.MAV_AUTOPILOT_PX4
+"""PX4."""
+
 AUTOPILOT_COMPONENT: int = dialect.MAV_COMP_ID_AUTOPILOT1
+"""Component id of a vehicle's autopilot."""
+
 LANDING_MODES = {
-    ARDUPILOT: {6, 9, 21, 27},  # RTL, LAND, SMART_RTL, AUTO_RTL
-    PX4: {sub << 24 | 4 << 16 for sub in (5, 6, 9)},  # of AUTO: RTL, LAND, PRECLAND
+    # RTL, LAND, SMART_RTL and AUTO_RTL of ArduCopter.
+    ARDUPILOT: {6, 9, 21, 27},
+    # RTL, LAND and PRECLAND: sub modes 5, 6 and 9, in bits 24 to 31, of the main mode AUTO, 4, in bits 16 to 23.
+    PX4: {sub_mode << 24 | 4 << 16 for sub_mode in (5, 6, 9)},
 }
-"""HEARTBEAT.custom_mode of multirotors that land by themselves, sooner or later, by MAV_AUTOPILOT."""
-# What sends ``RADIO_MESSAGES`` only, and no HEARTBEAT: a SiK radio, usually as 51:68
+"""Values of HEARTBEAT.custom_mode in which a multirotor lands by itself, sooner or later, by MAV_AUTOPILOT."""
+
 RADIO = "TELEMETRY_RADIO"
+"""Kind of a component that sends ``RADIO_MESSAGES`` only, and no HEARTBEAT: a SiK radio, usually as 51:68."""
 RADIO_MESSAGES = frozenset({"RADIO_STATUS", "RADIO"})
-UNNAMED = "UNKNOWN"  # Name of a vehicle or an autopilot that no HEARTBEAT gives
+"""The messages that a telemetry radio adds to a stream."""
+
+UNNAMED = "UNKNOWN"
+"""Name of a vehicle's type, or of an autopilot, that no HEARTBEAT gives."""
 
 NAMES = load_adjacent_toml(__file__, "names.toml")
+"""Tables of names: MAV_TYPEs, drivers, parameters and flight modes; ``names.toml`` says what each table holds."""
+
 CONTROL_PARAMETERS = re.compile(
     r"ATC_RAT_|ATC_ANG_(RLL|PIT|YAW)_P$|INS_GYRO_(FILTER|RATE)$|INS_(HNTC[H23]|NOTCH)_|SCHED_LOOP_RATE$|"
     r"FSTRATE_ENABLE$|FRAME_CLASS$|MOT_(THST_EXPO|THST_HOVER|SPIN_MIN|SPIN_MAX|BAT_VOLT_MAX)$|"
@@ -64,117 +95,211 @@ CONTROL_PARAMETERS = re.compile(
     r"RATE_(RLL|PIT|YAW)_|STB_(RLL|PIT|YAW)_P$|FRAME$|THR_MIN$|MOT_THST_MAX$|FILT[1-8]_(TYPE$|NOTCH_)"
 )
 """Names of ArduPilot's and PX4's parameters that rate and attitude control depend on."""
+
 RATE_GAIN = re.compile(r"(ATC_RAT|RATE)_RLL_P$|MC_ROLLRATE_P$")
-"""Names of the gain P of roll's rate, which each controller has."""
+"""Names of the proportional gain of the roll rate, which each version of each autopilot has."""
+
 AUTOPILOT_SET_PARAMETERS = re.compile(
     r"^(STAT_|CAL_|TC_|_HASH_CHECK|LND_FLIGHT_T|COM_FLIGHT_UUID|MOT_THST_HOVER|RC\d+_(MIN|MAX|TRIM))|"
     r"_(PRESS|TEMP|CALTEMP|DEC|TOTAL|LASTFILE|RESETS)$|(OFFS?|OFS\d?|SCAL|DIA|ODI|MOT|AHRS_TRIM)_[XYZ]$"
 )
-"""Names of parameters that autopilots set by themselves: counters, and in flight, at their start and by calibration."""
+"""Names of parameters that autopilots set by themselves: counters, and what they learn in flight and by calibration."""
 
 
 class Injection(IntEnum):
-    """What a signal of system identification is added to: SID_AXIS of ArduCopter for roll; pitch and yaw follow."""
+    """Where the controller adds a test signal of system identification: SID_AXIS of ArduCopter, of the roll axis.
+
+    Pitch and yaw follow: RATE_SETPOINT + 1 is the pitch rate, RATE_SETPOINT + 2 the yaw rate.
+    """
 
     ANGLE_SETPOINT = 1
-    RECOVERED_ANGLE_SETPOINT = 4  # without shaping of the input
+    """Added to the angle setpoint before it is shaped."""
+    RECOVERED_ANGLE_SETPOINT = 4
+    """Added to the angle setpoint, while the shaping of the setpoint is off."""
     RATE_SETPOINT = 7
+    """Added to the rate setpoint."""
     DEMAND = 10
+    """Added to what the rate controller demands of the mixer."""
 
 
 VERSION_KINDS = ("official", "rc", "beta", "alpha", "dev")
-"""Kinds of version; the last byte of a version number is that of FIRMWARE_VERSION_TYPE, or more."""
+"""Kinds of firmware version, in falling order of their numbers in MAVLink's FIRMWARE_VERSION_TYPE."""
 
 
 def version_text(number: int) -> str:
-    """Returns a firmware's version as PX4 and ArduPilot number it, a byte each: "1.16.1-rc"."""
-    major, minor, patch, last = number.to_bytes(4, "big")
-    least = "FIRMWARE_VERSION_TYPE_"
-    kind = next(kind for kind in VERSION_KINDS if last >= mavlink_constant(least + kind.upper()))
-    return f"{major}.{minor}.{patch}-{kind}".removesuffix("-official")
+    """Formats a firmware's version as PX4 and ArduPilot number it: "1.16.1-rc".
+
+    Args:
+        number: The version, 32 bits: a byte each for major, minor and patch number, and a byte for the kind. The
+            last is a value of FIRMWARE_VERSION_TYPE, or up to the next one: the number of a release candidate.
+    """
+    major, minor, patch, kind_number = number.to_bytes(4, "big")
+    text = f"{major}.{minor}.{patch}"
+    for kind in VERSION_KINDS:
+        if kind_number >= mavlink_constant(f"FIRMWARE_VERSION_TYPE_{kind.upper()}"):
+            break
+    return text if kind == "official" else f"{text}-{kind}"
 
 
 def heartbeat_fields(vehicle_type: int, autopilot: int, armed: NDArray[Any]) -> Fields:
-    """Returns fields of HEARTBEAT (N,) for one vehicle.
+    """Makes the fields of HEARTBEAT for one vehicle.
 
-    They follow from its MAV_TYPE, its MAV_AUTOPILOT and where it is ``armed`` (N,).
+    Args:
+        vehicle_type: MAV_TYPE.
+        autopilot: MAV_AUTOPILOT.
+        armed: Whether the motors are armed (N,); a number above 0 stands for true.
+
+    Returns:
+        The columns (N,) type, autopilot and base_mode.
     """
-    base = np.where(armed > 0, ARMED, 0).astype(np.uint8)
+    base_mode = np.where(armed > 0, ARMED, 0).astype(np.uint8)
     return {
-        "type": np.full_like(base, vehicle_type),
-        "autopilot": np.full_like(base, autopilot),
-        "base_mode": base,
+        "type": np.full_like(base_mode, vehicle_type),
+        "autopilot": np.full_like(base_mode, autopilot),
+        "base_mode": base_mode,
     }
 
 
-ARDUPILOT_TEXT = re.compile(r"^\S+ ([0-9A-F]{8}) ([0-9A-F]{8}) ([0-9A-F]{8})$")
-"""What ArduPilot says at boot: the board's name, and the processor's number as three words of four bytes."""
-SIMULATED_TEXT = re.compile(r"^.[0-9a-f]{31}$")
-"""What its simulator says instead: the machine's number, with the vehicle's added to the first letter."""
-SIMULATED_LETTERS = 17  # Letters of it that AUTOPILOT_VERSION has room for
-WORD = np.dtype(np.uint32).itemsize  # Bytes of such a word, the last byte first
+BOARD_TEXT = re.compile(r"^\S+ ([0-9A-F]{8}) ([0-9A-F]{8}) ([0-9A-F]{8})$")
+"""Text that ArduPilot sends at boot: the board's name, and the processor's number as three words of four bytes."""
+
+SIMULATOR_TEXT = re.compile(r"^.[0-9a-f]{31}$")
+"""Text that ArduPilot's simulator sends instead: the machine's number, the vehicle's added to its first letter."""
+
+SIMULATOR_LETTERS = 17
+"""Number of letters of the simulator's text for which AUTOPILOT_VERSION.uid2 has room."""
+
+WORD_BYTES = np.dtype(np.uint32).itemsize
+"""Number of bytes of one word of the processor's number; the last byte comes first."""
+
+WORDS = 3
+"""Number of words of the processor's number (STM32: 96 bits)."""
+
+MIN_NUMBER_BYTES = 6
+"""Number of bytes other than 0 that a board's number has at least; simulators number vehicles in one or two bytes."""
 
 
 def board_number_in_texts(texts: Iterable[str]) -> str:
-    """Returns the number in what ArduPilot says at boot ("CUAVv5Nano 001A002F 30395113 33333539").
+    """Returns the board's number from the texts that ArduPilot sends at boot ("CUAVv5Nano 001A002F 30395113 33333539").
 
-    It is empty where there is none.
+    Returns:
+        The number in hexadecimal, lower case; empty where no text has it.
     """
     for text in texts:
-        if match := ARDUPILOT_TEXT.match(text.strip()):
+        match = BOARD_TEXT.match(text.strip())
+        if match is not None:
             return "".join(match.groups()).lower()
-        if SIMULATED_TEXT.match(text.strip()):
-            return text[:SIMULATED_LETTERS].encode().hex()
+        if SIMULATOR_TEXT.match(text.strip()):
+            return text[:SIMULATOR_LETTERS].encode().hex()
     return ""
 
 
 def board_name_in_texts(texts: Iterable[str]) -> str:
-    """Returns the kind of board in what ArduPilot says at boot ("CUAVv5Nano"); empty where it does not."""
-    return next((text.split()[0] for text in texts if ARDUPILOT_TEXT.match(text.strip())), "")
+    """Returns the kind of board from the texts that ArduPilot sends at boot ("CUAVv5Nano"); empty without one."""
+    for text in texts:
+        if BOARD_TEXT.match(text.strip()):
+            return text.split()[0]
+    return ""
 
 
-def board_number_in_bytes(uid2: bytes, words: bool) -> str:
-    """Returns the number in AUTOPILOT_VERSION.uid2; with ``words``, as ArduPilot's text has it.
+def board_number_in_bytes(uid2: bytes, in_words: bool) -> str:
+    """Returns the board's number from AUTOPILOT_VERSION.
 
-    It is empty where there is none.
+    Args:
+        uid2: The field uid2, 18 bytes.
+        in_words: Whether to return what ``board_number_in_texts`` returns for the same board, as ArduPilot's texts
+            have it: in words of four bytes, each the other way round.
+
+    Returns:
+        The number in hexadecimal; empty where there is none.
     """
-    if sum(byte > 0 for byte in uid2) < 6:  # simulators number their vehicles in one byte or two
+    bytes_in_use = sum(byte > 0 for byte in uid2)
+    if bytes_in_use < MIN_NUMBER_BYTES:
         return ""
+    if not in_words:
+        return uid2.hex()
     number = uid2.rstrip(b"\0")
-    if not words or len(number) > 3 * WORD:
-        return (number[:SIMULATED_LETTERS] if words else uid2).hex()
-    number = uid2[: 3 * WORD]
-    return b"".join(number[at : at + WORD][::-1] for at in range(0, len(number), WORD)).hex()
+    if len(number) > WORDS * WORD_BYTES:
+        # Longer than a processor's number: the simulator's.
+        return number[:SIMULATOR_LETTERS].hex()
+    digits = ""
+    for start in range(0, WORDS * WORD_BYTES, WORD_BYTES):
+        word = uid2[start : start + WORD_BYTES]
+        digits += word[::-1].hex()
+    return digits
 
 
 def wrapped_angle(angle: Any) -> Any:
-    """Returns an angle, rad, or an array of angles, within half a turn of 0."""
+    """Returns an angle, rad, or an array of angles, moved by whole turns into the range from −π to below π."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
 def euler_angles(attitude: Array) -> tuple[Array, Array, Array]:
-    """Returns roll, pitch and yaw (N,), rad, of unit quaternions (N, 4): w, x, y, z, body to north-east-down, Z-Y-X."""
+    """Converts unit quaternions to Euler angles, Z-Y-X convention.
+
+    Args:
+        attitude: Quaternions (N, 4): w, x, y, z, from the body to north-east-down.
+
+    Returns:
+        Roll, pitch and yaw (N,) each, rad.
+    """
     w, x, y, z = attitude.T
     roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    # Rounding may bring the sine of pitch beyond 1.
     pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))
-    return roll, pitch, np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return roll, pitch, yaw
 
 
 def quaternion(roll: Array, pitch: Array, yaw: Array) -> Array:
-    """Returns unit quaternions (N, 4), w, x, y, z, of Euler angles (N,), rad: the inverse of :func:`euler_angles`."""
-    turned = Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll]))
-    return turned.as_quat(scalar_first=True)
+    """Converts Euler angles to unit quaternions: the inverse of :func:`euler_angles`.
+
+    Args:
+        roll, pitch, yaw: Angles (N,), rad, Z-Y-X convention.
+
+    Returns:
+        Quaternions (N, 4): w, x, y, z, from the body to north-east-down.
+    """
+    rotations = Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll]))
+    return rotations.as_quat(scalar_first=True)
 
 
-def attitude_target(asked: Array) -> Fields:
-    """Returns the fields of ATTITUDE_TARGET of attitudes (N, 4), or body rates (N, 3), rad/s; the other is masked."""
-    is_attitude = asked.shape[1] == 4
-    unknown = np.full((len(asked), 4), np.nan)
-    roll, pitch, yaw = (unknown[:, :3] if is_attitude else asked).T
+IGNORE_BODY_RATES = (
+    mavlink_constant("ATTITUDE_TARGET_TYPEMASK_BODY_ROLL_RATE_IGNORE")
+    | mavlink_constant("ATTITUDE_TARGET_TYPEMASK_BODY_PITCH_RATE_IGNORE")
+    | mavlink_constant("ATTITUDE_TARGET_TYPEMASK_BODY_YAW_RATE_IGNORE")
+)
+"""Flags of ATTITUDE_TARGET.type_mask of a message whose body rates are to be ignored."""
+
+IGNORE_ATTITUDE = mavlink_constant("ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE")
+"""Flag of ATTITUDE_TARGET.type_mask of a message whose attitude is to be ignored."""
+
+
+def attitude_target(setpoints: Array) -> Fields:
+    """Makes the fields of ATTITUDE_TARGET for setpoints of the attitude or of the body rates.
+
+    The other of the two is NaN, and ``type_mask`` says that it is to be ignored.
+
+    Args:
+        setpoints: Attitudes (N, 4), quaternions w, x, y, z, or body rates (N, 3), rad/s.
+
+    Returns:
+        The columns type_mask, q and the three body rates.
+    """
+    count, width = setpoints.shape
+    unknown = np.full((count, 4), np.nan)
+    if width == 4:
+        type_mask = IGNORE_BODY_RATES
+        attitude = setpoints
+        roll_rate, pitch_rate, yaw_rate = unknown[:, :3].T
+    else:
+        type_mask = IGNORE_ATTITUDE
+        attitude = unknown
+        roll_rate, pitch_rate, yaw_rate = setpoints.T
     return {
-        "type_mask": np.full(len(asked), 1 | 2 | 4 if is_attitude else 128, np.uint8),
-        "q": asked if is_attitude else unknown,
-        "body_roll_rate": roll,
-        "body_pitch_rate": pitch,
-        "body_yaw_rate": yaw,
+        "type_mask": np.full(count, type_mask, np.uint8),
+        "q": attitude,
+        "body_roll_rate": roll_rate,
+        "body_pitch_rate": pitch_rate,
+        "body_yaw_rate": yaw_rate,
     }

@@ -277,7 +277,7 @@ def test_what_system_identification_injects_is_known_by_its_axis(tmp_path):
             pieces[20 * row] += made.message("SIDD", stamp, 0.0, size * step)
     vehicle = vehicle_in(tmp_path, *pieces)
     injected = Signals(vehicle).injected_signals
-    found = {one.where: one.signal.values[1] for one in injected}
+    found = {one.injection_point: one.signal.values[1] for one in injected}
     assert found == {
         Injection.ANGLE_SETPOINT: approx(np.radians(2)),
         Injection.RECOVERED_ANGLE_SETPOINT: approx(np.radians(3)),

@@ -160,7 +160,7 @@ def test_what_the_autotune_adds_to_the_rates_is_injected(tmp_path):
     ]
     vehicle = vehicle_in(tmp_path, *pieces)
     (injected,) = Signals(vehicle).injected_signals
-    assert injected.where is Injection.RATE_SETPOINT
+    assert injected.injection_point is Injection.RATE_SETPOINT
     assert_allclose(injected.signal.time, 20 + np.arange(4) / 2)
     assert_allclose(injected.signal.values, np.arange(4), rtol=1e-6)
     assert Signals(vehicle, axis="pitch").injected_signals == ()

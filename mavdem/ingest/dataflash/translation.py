@@ -30,11 +30,11 @@ from mavdem.ingest.telemetry import (
     Columns,
     Tables,
     concatenated_columns,
-    held,
     interpolated,
-    renamed,
+    last_values,
     repair_facts,
     selected_rows,
+    translated_fields,
 )
 from mavdem.ingest.vocabulary import (
     NO_SEVERITY,
@@ -438,7 +438,7 @@ def _injected(tables: Tables) -> Columns:
     logged = having(tables, "SIDD", ("Targ",))
     if not runs or not logged:
         return {}
-    axis = held(_across_boots(logged), _across_boots(runs), runs["Ax"])
+    axis = last_values(_across_boots(logged), _across_boots(runs), runs["Ax"])
     return stamped(logged, {"axis": axis, "target": logged["Targ"]})
 
 
@@ -474,7 +474,9 @@ def _renamed(tables: Tables, message: str) -> tuple[str, Columns]:
         logged = instance(tables.get(name, {}), "C", core)
         with suppress(KeyError):
             if count(logged):
-                return name, stamped(logged, renamed(logged, rule))
+                return name, stamped(
+                    logged, translated_fields(logged, rule["fields"], rule.get("optional_fields"))
+                )
     first = rule["messages"][0]
     if first in tables and not instance(tables[first], "C", primary):
         first += f"[{primary}]"

@@ -32,15 +32,15 @@ from mavdem.ingest.mcap.records import McapRecording
 from mavdem.ingest.px4_topics import NEEDED, SETPOINTS
 from mavdem.ingest.ros2.messages import CDR, TopicColumns, columns_of, decoder
 from mavdem.ingest.telemetry import (
-    Choices,
     Columns,
     Log,
+    SourceFields,
     Tables,
     Telemetry,
     log_of_vehicles,
-    renamed,
     repair_facts,
     selected_rows,
+    translated_fields,
 )
 from mavdem.ingest.vocabulary import (
     ARDUPILOT,
@@ -119,7 +119,7 @@ class MavrosTopic(NamedTuple):
     message: str
     schema: str
     numbers: list[str]
-    fields: Choices = {}
+    fields: SourceFields = {}
 
 
 SECOND = 1_000_000_000  # Nanoseconds
@@ -150,7 +150,7 @@ def mavros_autopilot(modes: Counter[str]) -> int:
 def mavros_message(topic: str, fields: Fields, vehicle_autopilot: int) -> dict[str, NDArray[Any]]:
     """Returns the fields of the MAVLink message of one of ``MAVROS_TOPICS``, without its stamps."""
     kind = MAVROS_TOPICS[topic]
-    made = renamed(fields, {"fields": kind.fields})
+    made = translated_fields(fields, kind.fields)
     if kind.message == "ATTITUDE_QUATERNION":
         made |= dict(zip(("q1", "q2", "q3", "q4"), _quaternion(fields), strict=True))
     elif kind.message == "ATTITUDE_TARGET":
