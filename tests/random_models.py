@@ -46,8 +46,8 @@ def random_model(
         p,
         d,
         p - drop,
-        output_correlation=temporal_precision(p, rng.uniform(0.3, 3.0)),
-        state_correlation=temporal_precision(p - drop, rng.uniform(0.3, 3.0)),
+        output_temporal_precision=temporal_precision(p, rng.uniform(0.3, 3.0)),
+        state_temporal_precision=temporal_precision(p - drop, rng.uniform(0.3, 3.0)),
         output_groups=np.arange(m) if groups else np.zeros(m, np.intp),
         state_groups=m + np.arange(n) if groups else np.ones(n, np.intp),
         input_precision=10 * positive_definite(rng, r * (d + 1)),
@@ -64,7 +64,7 @@ def random_model(
 
 def random_samples(seed, model):
     rng = default_rng(seed + 1)
-    return SufficientStatistics.from_segments(rng.standard_normal((40, model.hidden.start)))
+    return SufficientStatistics.from_segments(rng.standard_normal((40, model.hidden_columns.start)))
 
 
 def random_posterior(seed, model, samples):
@@ -72,8 +72,8 @@ def random_posterior(seed, model, samples):
     rng = default_rng(seed + 2)
     k = len(model.prior.theta_mean)
     g = len(model.prior.lambda_mean)
-    size = model.error_operator(model.prior.theta_mean).shape[1] - model.hidden.start
-    state_map = rng.standard_normal((size, model.hidden.start))
+    size = model.error_operator(model.prior.theta_mean).shape[1] - model.hidden_columns.start
+    state_map = rng.standard_normal((size, model.hidden_columns.start))
     return state_map, Posterior(
         GeneralizedMoments.from_state_map(model, samples, state_map),
         0.1 * positive_definite(rng, size),

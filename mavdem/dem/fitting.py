@@ -10,8 +10,8 @@ from mavdem.dem.engine.ascent import CoordinateAscent, maximise_free_energy
 from mavdem.dem.engine.free_energy import Posterior
 from mavdem.dem.engine.generative import (
     GenerativeModel,
+    ModelSizes,
     Prior,
-    Sizes,
     SufficientStatistics,
     embed,
     temporal_precision,
@@ -192,7 +192,7 @@ def gain_of(
 
 def predictor_from_theta(
     theta: Array,
-    sizes: Sizes,
+    sizes: ModelSizes,
     gain: Array,
     dt: float,
 ) -> StateSpace:

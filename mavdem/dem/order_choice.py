@@ -144,7 +144,7 @@ def free_energy_by_order(
     with one_thread():
         box = BlackBox.from_record(record, max_order, known_inputs)
         # No more parameters, less n² for the coordinates, than effective values.
-        allowed = min(max_order, max(1, int(box.counted.number * box.m / (box.r + box.m))))
+        allowed = min(max_order, max(1, int(box.counted.sample_count * box.m / (box.r + box.m))))
         fits = fits_by_order(box, allowed)
     values = np.full(max_order, np.nan)
     values[:allowed] = [np.nan if fit is None else fit.free_energy for fit in fits]
@@ -157,7 +157,7 @@ def free_energy_by_order(
     ]
     if allowed < max_order:
         remarks.append(Fact(OrderFact.ORDERS_NOT_FITTED, order=allowed + 1))
-    return FlightFreeEnergy(values, box.width, box.counted.number, tuple(remarks))
+    return FlightFreeEnergy(values, box.width, box.counted.sample_count, tuple(remarks))
 
 
 def free_energy_of_flights(

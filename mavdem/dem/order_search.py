@@ -20,7 +20,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from mavdem.arrays import Array
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
-from mavdem.dem.engine.ascent import Iterate, continued, started
+from mavdem.dem.engine.ascent import Iterate, initial_iterate, run_rounds
 from mavdem.dem.engine.generative import (
     GenerativeModel,
     Prior,
@@ -122,7 +122,7 @@ class BlackBox:
     def counted(self) -> SufficientStatistics:
         """The data with their effective sample size."""
         share = 1 / _repeated(self.smoothness, self.dt)
-        return SufficientStatistics(share * self.data.number, share * self.data.gram)
+        return SufficientStatistics(share * self.data.sample_count, share * self.data.gram)
 
     def model(self, order: int) -> GenerativeModel:
         """Returns the generative model of so many states."""
@@ -134,8 +134,8 @@ class BlackBox:
         lambda_precision = LAMBDA_PRECISION * np.eye(1 + n)
         return GenerativeModel(
             *(n, self.r, m, self.p, self.p - 1, self.p - 1),
-            output_correlation=temporal_precision(self.p, read),
-            state_correlation=temporal_precision(self.p - 1, read),
+            output_temporal_precision=temporal_precision(self.p, read),
+            state_temporal_precision=temporal_precision(self.p - 1, read),
             output_groups=np.zeros(m, int),
             state_groups=1 + np.arange(n),
             input_precision=self.input_precision,
@@ -218,8 +218,8 @@ def _fitted(box: BlackBox, order: int) -> Iterate:
     samples = box.counted
     prior = model.prior
     given = chain(box, order), prior.lambda_mean
-    start = started(model, samples, given, np.zeros_like(prior.lambda_precision))
-    return continued(start, ROUNDS)[0][-1]
+    start = initial_iterate(model, samples, given, np.zeros_like(prior.lambda_precision))
+    return run_rounds(start, ROUNDS)[0][-1]
 
 
 def chain(box: BlackBox, order: int) -> Array:
@@ -262,7 +262,7 @@ def _channels(box: BlackBox) -> tuple[list[Array], list[Array]]:
 
 def _moments(box: BlackBox, left: Array, right: Array) -> Array:
     """Mean products of two linear functions of the data."""
-    return left @ box.data.gram @ right.T / box.data.number
+    return left @ box.data.gram @ right.T / box.data.sample_count
 
 
 def _regression(
@@ -297,7 +297,7 @@ def _theta(box: BlackBox, states: Array, rates: Array) -> Array:
     rates = whitening @ rates
     regressors = np.vstack([states, v[0]])
     # Like the priors, it has the weight of one sample.
-    ridge = 1 / box.data.number
+    ridge = 1 / box.data.sample_count
     dynamics = _regression(box, rates, regressors, ridge)
     noise = rates - dynamics @ regressors
     turn = _directions(_moments(box, noise, noise))

@@ -34,8 +34,8 @@ def case_a_model(data):
         p=6,
         d=2,
         q=6,
-        output_correlation=correlation,
-        state_correlation=correlation,
+        output_temporal_precision=correlation,
+        state_temporal_precision=correlation,
         output_groups=np.zeros(4, np.intp),
         state_groups=np.ones(2, np.intp),
         # A sub-block of the larger S, not the S of d = 2.

@@ -26,8 +26,8 @@ from mavdem.dem.engine.steps import (
     d_step,
     e_step,
     m_step,
-    state_slope,
-    theta_slope,
+    state_gradient,
+    theta_gradient,
     with_optimal_covariances,
 )
 from mavdem.dem.fitting import generalized_data, generative_model
@@ -35,8 +35,8 @@ from mavdem.dem.priors import Scaling
 from mavdem.dem.record import Record
 
 
-def lambda_slope(posterior):
-    return FreeEnergyOfLambda.from_posterior(posterior).slope(posterior.lambda_)
+def lambda_gradient(posterior):
+    return FreeEnergyOfLambda.from_posterior(posterior).gradient(posterior.lambda_)
 
 
 def of_any_model(test):
@@ -66,12 +66,12 @@ def close(actual, expected):
 def test_gradients_are_those_of_the_free_energy(model, seed):
     """Of F in X, and of the action in θ and λ, at any posterior, mean-field terms included."""
     rng = default_rng(seed)
-    data = rng.standard_normal((5, model.hidden.start))
+    data = rng.standard_normal((5, model.hidden_columns.start))
     samples = SufficientStatistics.from_segments(data)
     state_map, posterior = random_posterior(seed, model, samples)
     states = data @ state_map.T
 
-    of_data, precision = state_slope(posterior)
+    of_data, precision = state_gradient(posterior)
     energy = SampleFreeEnergy.from_posterior(posterior)
     numeric = gradient(lambda X: energy.evaluate(data, X).sum(), states)
     close(data @ of_data.T - states @ precision, numeric)
@@ -79,19 +79,20 @@ def test_gradients_are_those_of_the_free_energy(model, seed):
     def action(**changed):
         return SampleFreeEnergy.from_posterior(posterior._replace(**changed)).action(data, states)
 
-    slope, precision = theta_slope(posterior)
+    slope, precision = theta_gradient(posterior)
     close(slope, gradient(lambda at: action(theta=at), posterior.theta))
     direction = rng.standard_normal(len(slope))
     ahead, behind = (
-        theta_slope(posterior._replace(theta=posterior.theta + d)) for d in (direction, -direction)
+        theta_gradient(posterior._replace(theta=posterior.theta + d))
+        for d in (direction, -direction)
     )
     close(precision @ direction, (behind[0] - ahead[0]) / 2)
 
-    slope, precision = lambda_slope(posterior)
+    slope, precision = lambda_gradient(posterior)
     close(slope, gradient(lambda at: action(lambda_=at), posterior.lambda_))
     direction = rng.standard_normal(len(slope))
     along = gradient(
-        lambda at: direction @ lambda_slope(posterior._replace(lambda_=at))[0],
+        lambda at: direction @ lambda_gradient(posterior._replace(lambda_=at))[0],
         posterior.lambda_,
     )
     close(-precision @ direction, along)
@@ -109,34 +110,34 @@ def test_curvatures_of_the_internal_energy_are_those_of_the_free_energy_at_a_cer
             for name in ("state_covariance", "theta_covariance", "lambda_covariance")
         }
     )
-    of_states = state_slope(sure)
+    of_states = state_gradient(sure)
     close(-state_curvature(posterior), of_states[1])
-    close(-theta_curvature(posterior), theta_slope(sure)[1])
-    close(-lambda_curvature(posterior), lambda_slope(sure)[1])
+    close(-theta_curvature(posterior), theta_gradient(sure)[1])
+    close(-lambda_curvature(posterior), lambda_gradient(sure)[1])
 
 
 @of_any_model
 def test_each_step_ends_where_the_gradient_of_the_free_energy_is_zero(model, seed):
     """By the gradients that the test above compares with differences."""
     samples, posterior = random_samples_and_posterior(seed, model)
-    of_data, precision = state_slope(posterior)
+    of_data, precision = state_gradient(posterior)
     close(precision @ d_step(posterior), of_data)
-    start_slope = abs(theta_slope(posterior)[0]).max()
-    slope, _ = theta_slope(posterior._replace(theta=e_step(posterior)))
-    assert abs(slope).max() < 1e-6 * (start_slope + samples.number)
-    slope, _ = lambda_slope(posterior._replace(lambda_=m_step(posterior)))
-    assert abs(slope).max() < 1e-5 * samples.number
+    start_slope = abs(theta_gradient(posterior)[0]).max()
+    slope, _ = theta_gradient(posterior._replace(theta=e_step(posterior)))
+    assert abs(slope).max() < 1e-6 * (start_slope + samples.sample_count)
+    slope, _ = lambda_gradient(posterior._replace(lambda_=m_step(posterior)))
+    assert abs(slope).max() < 1e-5 * samples.sample_count
 
 
 @of_any_model
 def test_named_terms_sum_to_the_free_energy_at_optimal_precisions(model, seed):
-    data = default_rng(seed).standard_normal((6, model.hidden.start))
+    data = default_rng(seed).standard_normal((6, model.hidden_columns.start))
     samples = SufficientStatistics.from_segments(data)
     state_map, posterior = random_posterior(seed, model, samples)
     posterior = with_optimal_covariances(posterior)
     terms = free_energy_terms(posterior)
     estimated = (
-        samples.number * len(posterior.state_covariance)
+        samples.sample_count * len(posterior.state_covariance)
         + len(posterior.theta)
         + len(posterior.lambda_)
     )
@@ -168,9 +169,9 @@ def test_the_energy_is_that_of_the_generative_model_written_out(model, seed):
     of_y = outputs - x @ np.kron(np.eye(p + 1), C).T
     noise = np.exp(posterior.lambda_)
     precision = block_diag(
-        np.kron(model.output_correlation, np.diag(noise[model.output_groups])),
+        np.kron(model.output_temporal_precision, np.diag(noise[model.output_groups])),
         model.input_precision,
-        np.kron(model.state_correlation, np.diag(noise[model.state_groups])),
+        np.kron(model.state_temporal_precision, np.diag(noise[model.state_groups])),
     )
     prior = model.prior
     energy = log_density(posterior.theta - prior.theta_mean, prior.theta_precision)
@@ -189,7 +190,7 @@ def test_the_energy_is_that_of_the_generative_model_written_out(model, seed):
 @given(model=models, seed=seeds)
 @settings(max_examples=30)
 def test_a_climb_never_falls(model, seed):
-    data = default_rng(seed).standard_normal((40, model.hidden.start))
+    data = default_rng(seed).standard_normal((40, model.hidden_columns.start))
     climb = maximise_free_energy(model, SufficientStatistics.from_segments(data), 12)
     assert (np.diff(climb.free_energy) >= 0).all() and np.isfinite(climb.learning.theta).all()
     assert (

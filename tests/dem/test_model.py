@@ -227,11 +227,11 @@ def joint(model, start, inputs, outputs, spread=None):
     m=st.integers(1, 3),
     samples=st.integers(2, 25),
     radius=st.floats(0.1, 1.1),
-    stands_still=st.sampled_from([1e-11, 0.0]),
+    steady_change=st.sampled_from([1e-11, 0.0]),
 )
-def test_it_is_the_joint_gaussian_given_the_outputs(seed, n, k, m, samples, radius, stands_still):
+def test_it_is_the_joint_gaussian_given_the_outputs(seed, n, k, m, samples, radius, steady_change):
     with MonkeyPatch.context() as patched:
-        patched.setattr(kalman, "STEADY_CHANGE", stands_still)
+        patched.setattr(kalman, "STEADY_CHANGE", steady_change)
         rng = default_rng(seed)
         model = random_gaussian_model(seed, n, k, m, radius)
         start, inputs, outputs = (

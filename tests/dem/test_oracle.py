@@ -103,12 +103,12 @@ def equal_by_unit(actual, theirs):
 
 def test_noise_precisions_are_theirs():
     theirs = twenty()
-    (of_y, of_v, of_x) = case_a().errors
+    of_y, of_v, of_x, _ = case_a().error_rows
     for weights, names in (
         (np.ones(2), ("Q_V0y", "Q_W0")),
         (theirs["F_exp_h"][:, -1], ("V0y", "W0")),
     ):
-        precision = case_a().precision(weights)
+        precision = case_a().error_precision(weights)
         equal_by_unit(precision[of_y, of_y], theirs[names[0]])
         equal_by_unit(precision[of_x, of_x], theirs[names[1]])
         equal_by_unit(precision[of_v, of_v], theirs["V0v"])

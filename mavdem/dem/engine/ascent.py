@@ -1,4 +1,8 @@
-"""Dynamic Expectation Maximization: D, E and M steps in turn until F̄ converges."""
+"""The iteration of Dynamic Expectation Maximization: D, E and M steps in turn until the free energy F̄ converges.
+
+The steps are coordinate ascent on one function: each maximises F̄ over one quantity, so F̄ never decreases. A round is
+one D, one E and one M step, after which the covariances are set to their optimum. F̄ᵒ is F̄ at optimal covariances.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,28 +18,37 @@ from mavdem.dem.engine.free_energy import Posterior, free_energy_terms
 from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics
 from mavdem.dem.engine.linalg import inverse
 
-# F̄ has converged when a round gains less: so little does not separate two models
 CONVERGED_ROUND_NATS = 0.02
+"""Gain of F̄ by a round, nats, below which F̄ has converged.
+
+A choice: strong evidence for one of two models is 3 nats or more, so such a gain does not decide between models.
+"""
+
+ROUNDS_AT_FIXED_THETA = 3
+"""Rounds of D and M steps for a given θ; λ and the states converge within a few, since only θ couples them slowly."""
+
+MAX_ABS_LAMBDA = 150.0
+"""Largest log noise precision; beyond e^±150 all other terms are lost in rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class FreeEnergy:
-    """F̄ᵒ by iteration, row 0 being the priors' means; behaves as its array of totals, (I + 1,).
+    """The free energy action F̄ᵒ by iteration, nats; row 0 is at the prior means.
 
-    Attributes:
-        terms: the named terms of Eq. ``F_action_opt``, (I + 1,) each, which sum to the total.
+    It behaves like the array of its totals, (I + 1,), where I is the number of iterations.
     """
 
     terms: Mapping[str, Array]
+    """The named terms of Eq. ``F_action_opt``, (I + 1,) each, which sum to the total."""
 
     @cached_property
     def total(self) -> Array:
-        """F̄ᵒ by iteration, (I + 1,)."""
+        """F̄ᵒ by iteration, (I + 1,), nats."""
         return np.sum(list(self.terms.values()), axis=0)
 
     @property
     def gained(self) -> float:
-        """Nats gained from the priors' means to the end."""
+        """Increase of F̄ᵒ from the prior means to the last iteration, nats."""
         return float(self.total[-1] - self.total[0])
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
@@ -50,169 +63,238 @@ class FreeEnergy:
 
 @dataclass(frozen=True, eq=False)
 class Learning:
-    """The estimates by iteration: rows are those of :class:`FreeEnergy`.
+    """Estimates of parameters and noise precisions by iteration; the rows are those of :class:`FreeEnergy`.
 
-    Attributes:
-        theta, theta_sd: (I + 1, k) in physical units, θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)] without the trim offset; those of
-            an ``CoordinateAscent`` in the engine's, with it.
-        lambda_, lambda_sd: (I + 1, g) log noise precisions in the engine's units: measurement noise, process noise.
+    A result has θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)] in physical units, without the column of B for the trim. A
+    :class:`CoordinateAscent` has it in the units of the engine, with that column.
     """
 
     theta: Array
+    """(I + 1, k) posterior means of θ."""
+
     theta_sd: Array
+    """(I + 1, k) posterior standard deviations of θ."""
+
     lambda_: Array
+    """(I + 1, g) log noise precisions in the units of the engine: of measurement noise, then of process noise."""
+
     lambda_sd: Array
+    """(I + 1, g) their posterior standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
 class CoordinateAscent:
-    """The iterations of one fit, in the engine's units."""
+    """All iterations of one fit, in the units of the engine."""
 
-    posterior: Posterior  # at the end
+    posterior: Posterior
+    """The posterior after the last iteration."""
+
     free_energy: FreeEnergy
+    """F̄ᵒ by iteration."""
+
     learning: Learning
-    # whether a round gained less than ``CONVERGED_ROUND_NATS`` before the iterations ran out
+    """Estimates by iteration."""
+
     converged: bool
+    """Whether F̄ converged before the iterations ran out."""
 
 
-ROUNDS_AT_FIXED_THETA = 3  # rounds of D and M steps with θ fixed: λ and X then converge quickly
-LARGEST_LAMBDA = 150.0  # noise precisions beyond e^±150 are lost in rounding
+@dataclass(frozen=True, eq=False)
+class Iterate:
+    """One iterate of the ascent: a posterior with optimal covariances, and its free energy."""
+
+    posterior: Posterior
+    """Means and optimal covariances of X, θ and λ."""
+
+    terms: Mapping[str, float]
+    """The terms of F̄ᵒ by name, nats."""
+
+    @property
+    def free_energy(self) -> float:
+        """F̄ᵒ, nats."""
+        return sum(self.terms.values())
 
 
 def maximise_free_energy(
     model: GenerativeModel, samples: SufficientStatistics, iterations: int
 ) -> CoordinateAscent:
-    """Maximises F̄ by at most ``iterations`` rounds from the priors' means.
+    """Maximises F̄ from the prior means, by rounds of D, E and M steps.
 
-    After each round the covariances are set to their optimum, so F̄ᵒ increases monotonically. When a round gains less
-    than ``CONVERGED_ROUND_NATS``, F̄ has converged.
+    Args:
+        model: the generative model.
+        samples: statistics of the generalized data.
+        iterations: largest number of rounds.
+
+    Returns:
+        All iterations, the prior means first.
+
+    Raises:
+        numpy.linalg.LinAlgError: a curvature at the prior means is not negative definite.
     """
-    iterates, converged = continued(started(model, samples), iterations)
+    iterates, converged = run_rounds(initial_iterate(model, samples), iterations)
     posteriors = [iterate.posterior for iterate in iterates]
-    return CoordinateAscent(
-        posterior=posteriors[-1],
-        free_energy=FreeEnergy(
-            {
-                name: np.array([iterate.terms[name] for iterate in iterates])
-                for name in iterates[0].terms
-            }
-        ),
-        learning=Learning(
-            np.array([posterior.theta for posterior in posteriors]),
-            np.sqrt([np.diag(posterior.theta_covariance) for posterior in posteriors]),
-            np.array([posterior.lambda_ for posterior in posteriors]),
-            np.sqrt([np.diag(posterior.lambda_covariance) for posterior in posteriors]),
-        ),
-        converged=converged,
+    terms = {
+        name: np.array([iterate.terms[name] for iterate in iterates]) for name in iterates[0].terms
+    }
+    learning = Learning(
+        theta=np.array([posterior.theta for posterior in posteriors]),
+        theta_sd=np.sqrt([np.diag(posterior.theta_covariance) for posterior in posteriors]),
+        lambda_=np.array([posterior.lambda_ for posterior in posteriors]),
+        lambda_sd=np.sqrt([np.diag(posterior.lambda_covariance) for posterior in posteriors]),
     )
+    return CoordinateAscent(posteriors[-1], FreeEnergy(terms), learning, converged)
 
 
 def posterior_after_each_round(
-    model: GenerativeModel, samples: SufficientStatistics, number: int
+    model: GenerativeModel, samples: SufficientStatistics, rounds: int
 ) -> list[Posterior]:
-    """Returns the posterior at the start and after each of so many rounds, without a test of convergence."""
-    iterates = [started(model, samples)]
-    for _ in range(number):
-        iterates.append(_round(iterates[-1], iterates[-1].posterior))
+    """Runs a fixed number of rounds from the prior means, without extrapolation and without a test of convergence.
+
+    Args:
+        model: the generative model.
+        samples: statistics of the generalized data.
+        rounds: number of rounds.
+
+    Returns:
+        The posterior at the start and after each round, ``rounds`` + 1 in all.
+    """
+    iterates = [initial_iterate(model, samples)]
+    for _ in range(rounds):
+        iterates.append(_next_iterate(iterates[-1], iterates[-1].posterior))
     return [iterate.posterior for iterate in iterates]
 
 
-@dataclass(frozen=True, eq=False)
-class Iterate:
-    """One iterate of the ascent: a posterior with optimal precisions, and the terms of F̄ᵒ by name."""
-
-    posterior: Posterior
-    terms: Mapping[str, float]
-
-    @property
-    def free_energy(self) -> float:
-        """F̄ᵒ."""
-        return sum(self.terms.values())
-
-
-def started(
+def initial_iterate(
     model: GenerativeModel,
     samples: SufficientStatistics,
-    given: ArrayPair | None = None,
+    start: ArrayPair | None = None,
     lambda_covariance: Array | None = None,
 ) -> Iterate:
-    """Starts at ``given`` θ (k,) and λ (g,), or the priors' means, with λ's prior covariance or another (g, g)."""
+    """Returns the iterate from which the rounds begin, after a first D step.
+
+    Args:
+        model: the generative model.
+        samples: statistics of the generalized data.
+        start: θ (k,) and λ (g,) to start from; the prior means unless given.
+        lambda_covariance: (g, g) covariance of λ in the first D step; the prior's unless given.
+
+    Raises:
+        numpy.linalg.LinAlgError: a curvature at the start is not negative definite.
+    """
     prior = model.prior
-    theta, lambda_ = given or (prior.theta_mean, prior.lambda_mean)
-    # The first D step takes the parameters for certain: a weak prior's mean-field term would erase the states.
-    certain = np.zeros_like(prior.theta_precision)
-    uncertain = inverse(prior.lambda_precision) if lambda_covariance is None else lambda_covariance
-    none = np.empty(0)
-    unstated = GeneralizedMoments.from_state_map(model, samples, np.empty((0, len(samples.gram))))
-    posterior = Posterior(unstated, none, theta, certain, lambda_, uncertain)
-    return _iterate(_d_step(posterior))
+    theta, lambda_ = (prior.theta_mean, prior.lambda_mean) if start is None else start
+    if lambda_covariance is None:
+        lambda_covariance = inverse(prior.lambda_precision)
+    no_states = GeneralizedMoments.from_state_map(
+        model, samples, state_map=np.empty((0, len(samples.gram)))
+    )
+    posterior = Posterior(
+        moments=no_states,
+        # The first D step estimates the states, and does not use their covariance.
+        state_covariance=np.empty(0),
+        theta=theta,
+        # The first D step takes θ as certain: the mean-field term of a weak prior would shrink the states to zero.
+        theta_covariance=np.zeros_like(prior.theta_precision),
+        lambda_=lambda_,
+        lambda_covariance=lambda_covariance,
+    )
+    return _optimal_iterate(_after_d_step(posterior))
 
 
-def continued(start: Iterate, iterations: int) -> tuple[list[Iterate], bool]:
-    """Returns the iterates from ``start`` on, after at most so many rounds, and whether F̄ has converged.
+def run_rounds(start: Iterate, iterations: int) -> tuple[list[Iterate], bool]:
+    """Runs rounds of D, E and M steps until F̄ converges.
 
-    Where X and θ are strongly coupled, rounds converge slowly. So each begins ever further along the last one's change
-    of θ and λ, as long as F̄ᵒ increases (Salakhutdinov and Roweis, "Adaptive overrelaxed bound optimization", 2003).
+    Where the states and θ are strongly coupled, plain rounds converge slowly. So a round starts from θ and λ that are
+    extrapolated along their last change, ever further as long as F̄ᵒ increases; a round that gains nothing is discarded,
+    and the next one starts without extrapolation (Salakhutdinov and Roweis, "Adaptive overrelaxed bound optimization
+    methods", ICML 2003).
+
+    Args:
+        start: the first iterate.
+        iterations: largest number of iterates after it.
+
+    Returns:
+        The iterates, ``start`` first, and whether F̄ has converged: a round without extrapolation gained less than
+        ``CONVERGED_ROUND_NATS``.
     """
     iterates = [start]
-    reach = 0.0
+    extrapolation = 0.0
     while len(iterates) <= iterations:
-        now = iterates[-1]
-        before = iterates[-2:][0].posterior
-        theta = now.posterior.theta + reach * (now.posterior.theta - before.theta)
-        lambda_ = now.posterior.lambda_ + reach * (now.posterior.lambda_ - before.lambda_)
-        then = _round(now, now.posterior._replace(theta=theta, lambda_=lambda_))
-        gains = then.free_energy - now.free_energy > CONVERGED_ROUND_NATS
-        if gains or not reach:
-            iterates.append(then)
-        if not gains and not reach:
+        current = iterates[-1]
+        previous = iterates[-2].posterior if len(iterates) > 1 else current.posterior
+        theta_change = current.posterior.theta - previous.theta
+        lambda_change = current.posterior.lambda_ - previous.lambda_
+        extrapolated = current.posterior._replace(
+            theta=current.posterior.theta + extrapolation * theta_change,
+            lambda_=current.posterior.lambda_ + extrapolation * lambda_change,
+        )
+        candidate = _next_iterate(current, extrapolated)
+        gains = candidate.free_energy - current.free_energy > CONVERGED_ROUND_NATS
+        if gains:
+            iterates.append(candidate)
+            extrapolation = 2 * extrapolation + 0.5
+        elif extrapolation:
+            extrapolation = 0.0
+        else:
+            iterates.append(candidate)
             return iterates, True
-        reach = 2 * reach + 0.5 if gains else 0.0
     return iterates, False
 
 
 def condition_on_theta(theta: Array, posterior: Posterior) -> Posterior:
-    """Takes D and M steps in turn with θ fixed at ``theta``, from a posterior, to the λ and X that belong to that θ."""
-    posterior = _d_step(posterior._replace(theta=theta))
+    """Fits the noise precisions and the states to parameters that another method has estimated.
+
+    D and M steps in turn, with θ held.
+
+    Args:
+        theta: (k,) the parameters.
+        posterior: where λ and the covariances start from.
+
+    Returns:
+        The posterior with θ as given, and with λ, the states and all covariances that belong to it.
+    """
+    posterior = _after_d_step(posterior._replace(theta=theta))
     for _ in range(ROUNDS_AT_FIXED_THETA):
         posterior = steps.with_optimal_covariances(posterior)
-        posterior = posterior._replace(lambda_=_m_step(posterior))
-        posterior = _d_step(posterior)
+        posterior = posterior._replace(lambda_=_bounded_m_step(posterior))
+        posterior = _after_d_step(posterior)
     return steps.with_optimal_covariances(posterior)
 
 
-def _round(now: Iterate, start: Posterior) -> Iterate:
-    """D, E and M steps from ``start``; ``now`` again if F̄ᵒ would decrease.
+def _next_iterate(current: Iterate, start: Posterior) -> Iterate:
+    """Takes a D, an E and an M step from ``start``; returns ``current`` unless F̄ᵒ is at least as high as there.
 
-    From ``now`` itself only rounding can decrease it; from further on anything can. The covariances are updated at the
-    end of the round: updating them after each step as well would raise F̄ hardly more, at twice the cost.
+    From the current posterior only rounding can decrease F̄ᵒ; from an extrapolated one anything can. The covariances
+    are updated at the end of the round only: after each step as well, it would cost twice as much and gain hardly more.
     """
     try:
-        posterior = _d_step(start)
+        posterior = _after_d_step(start)
         posterior = posterior._replace(theta=steps.e_step(posterior))
-        posterior = posterior._replace(lambda_=_m_step(posterior))
-        then = _iterate(posterior)
+        posterior = posterior._replace(lambda_=_bounded_m_step(posterior))
+        candidate = _optimal_iterate(posterior)
     except (LinAlgError, FloatingPointError):
-        # Noise so small, or a start so far, that the rest is lost in rounding.
-        return now
-    return then if then.free_energy >= now.free_energy else now
+        # A noise so small, or a start so far off, that all other terms are lost in rounding.
+        return current
+    return candidate if candidate.free_energy >= current.free_energy else current
 
 
-def _d_step(posterior: Posterior) -> Posterior:
-    """A posterior with X at its maximum."""
+def _after_d_step(posterior: Posterior) -> Posterior:
+    """Returns the posterior with the states at the maximum of F."""
     moments = GeneralizedMoments.from_state_map(
         posterior.model, posterior.samples, steps.d_step(posterior)
     )
     return posterior._replace(moments=moments)
 
 
-def _m_step(posterior: Posterior) -> Array:
+def _bounded_m_step(posterior: Posterior) -> Array:
+    """Returns λ (g,) of the M step; raises ``LinAlgError`` where a noise precision vanishes or diverges."""
     lambda_ = steps.m_step(posterior)
-    if not abs(lambda_).max() < LARGEST_LAMBDA:
+    if not abs(lambda_).max() < MAX_ABS_LAMBDA:
         raise LinAlgError("a noise precision diverges")
     return lambda_
 
 
-def _iterate(posterior: Posterior) -> Iterate:
+def _optimal_iterate(posterior: Posterior) -> Iterate:
+    """Returns the iterate of a posterior's means, with optimal covariances and its free energy."""
     posterior = steps.with_optimal_covariances(posterior)
     return Iterate(posterior, free_energy_terms(posterior))

@@ -1,4 +1,8 @@
-"""Free energy: the one definition of F̄. The D, E and M steps maximise it and are tested against it."""
+"""The variational free energy of a linear generative model: the one definition of F̄ that the D, E and M steps maximise.
+
+F(t) is the free energy of one sample, and F̄, the free energy action, its sum over all samples with the priors counted
+once. Every gradient and curvature of the steps is tested against finite differences of this definition.
+"""
 
 from __future__ import annotations
 
@@ -14,116 +18,159 @@ from mavdem.dem.engine.linalg import logdet
 
 
 class Posterior(NamedTuple):
-    """The recognition density q: Gaussian in X (at every sample), θ and λ."""
+    """The recognition density q: independent Gaussians of the states X of each sample, of θ and of λ (mean field)."""
 
-    moments: GeneralizedMoments  # of the data and the means of X
-    state_covariance: Array  # Σˣ of X = [x̃; ṽ], the same at every sample
+    moments: GeneralizedMoments
+    """The data, and the means of X as a linear map of them."""
+
+    state_covariance: Array
+    """(dim X, dim X) covariance Σˣ of X = [x̃; ṽ], the same at every sample."""
+
     theta: Array
+    """(k,) mean of the parameters."""
+
     theta_covariance: Array
+    """(k, k) covariance Σ^θ."""
+
     lambda_: Array
+    """(g,) mean of the log noise precisions."""
+
     lambda_covariance: Array
+    """(g, g) covariance Σ^λ."""
 
     @property
     def model(self) -> GenerativeModel:
-        """The generative model that it is about."""
+        """The generative model whose posterior this is."""
         return self.moments.model
 
     @property
     def samples(self) -> SufficientStatistics:
-        """The data."""
+        """Sufficient statistics of the data."""
         return self.moments.samples
 
     @property
     def state_map(self) -> Array:
-        """L with X = L [ỹ; η̃], (dim X, dim [ỹ; η̃])."""
-        return self.moments.stack[self.model.hidden]
+        """L, (dim X, dim [ỹ; η̃]), which maps the data of a sample to the means of its states: X = L [ỹ; η̃]."""
+        return self.moments.joint_map[self.model.hidden_columns]
 
 
 class SampleFreeEnergy(NamedTuple):
-    """F(t) = U + W + H, Eq. ``free_E``, as a function of the sample; constants in 2π are left out.
+    """F(t) = U + W + H, Eq. ``free_E``, as a function of the sample, for a fixed posterior of θ and λ.
 
-    W is the expectation of the curvature, ½ tr(Σ U_ϑϑ): the ½ that Eq. ``F_bar_MF`` has and Eq. ``free_E`` lost. So it
-    is a constant less half the squares of the sample's errors and of its states. The priors and entropies of θ and λ,
-    which are the same at every sample, are in each F(t) and only once in F̄.
+    It is a constant less half the weighted squares of the sample's errors and of its states. W is the expectation of
+    the curvature, ½ tr(Σ U_ϑϑ), with the ½ that Eq. ``F_bar_MF`` has and Eq. ``free_E`` has lost. Constants in 2π are
+    left out. The terms of θ and λ are the same at every sample: each F(t) contains them, F̄ only once.
     """
 
-    constant: float  # F(t) of a sample without errors, at states 0
-    # what of it the priors and entropies of θ and λ make up, which are in F̄ only once
+    constant: float
+    """F(t), nats, of a sample whose errors and states are zero."""
+
     parameter_terms: float
-    errors: Array  # E with ε̃ = E [ỹ; η̃; X]
-    precision: Array  # of ε̃, that of the noise included that uncertain λ make
-    uncertainty: Array  # of X, which uncertain θ make
+    """The part of ``constant`` that the priors and entropies of θ and λ make up, nats."""
+
+    error_operator: Array
+    """E with the errors ε̃ = E [ỹ; η̃; X]."""
+
+    error_precision: Array
+    """Precision of ε̃, including the uncertainty of λ."""
+
+    mean_field_curvature: Array
+    """(dim X, dim X) penalty of the states, which the uncertainty of θ makes."""
 
     @classmethod
     def from_posterior(cls, posterior: Posterior) -> SampleFreeEnergy:
-        """Returns that under a posterior, whose moments are not used."""
+        """Returns F(t) under a posterior. The states are arguments of F(t), so those of the posterior play no part."""
         model = posterior.model
         theta = posterior.theta
         lambda_ = posterior.lambda_
         prior = model.prior
-        # W^λ and W^θ of a sample are expand in its errors and in its X.
-        precision = model.precision(expected_weights(lambda_, posterior.lambda_covariance))
-        uncertainty = model.state_uncertainty(np.exp(lambda_), posterior.theta_covariance)
-        priors = 0.5 * float(
-            sum(model.log_precision_of_priors)
+        # The mean-field terms of λ and of θ are quadratic in the errors and in the states of a sample.
+        error_precision = model.error_precision(
+            expected_noise_precisions(lambda_, posterior.lambda_covariance)
+        )
+        mean_field_curvature = model.mean_field_curvature_in_states(
+            np.exp(lambda_), posterior.theta_covariance
+        )
+        parameter_terms = 0.5 * float(
+            sum(model.log_det_prior_precisions)
             + logdet(posterior.theta_covariance)
             + logdet(posterior.lambda_covariance)
             - sum(prior.squared_errors(theta, lambda_))
             - np.sum(posterior.theta_covariance * prior.theta_precision)
             - np.sum(posterior.lambda_covariance * prior.lambda_precision)
         )
-        noise = 0.5 * float(
-            model.log_precision(lambda_)
+        sample_terms = 0.5 * float(
+            model.log_det_error_precision(lambda_)
             + np.sum(posterior.state_covariance * state_curvature(posterior))
             + logdet(posterior.state_covariance)
         )
-        return cls(priors + noise, priors, model.error_operator(theta), precision, uncertainty)
+        return cls(
+            constant=parameter_terms + sample_terms,
+            parameter_terms=parameter_terms,
+            error_operator=model.error_operator(theta),
+            error_precision=error_precision,
+            mean_field_curvature=mean_field_curvature,
+        )
 
     def evaluate(self, data: Array, states: Array) -> Array:
-        """Returns F(t), (T,), of generalized data [ỹ; η̃] (T, ·) and means of the states X (T, dim X)."""
-        errors = np.hstack([data, states]) @ self.errors.T
-        squares = np.sum(errors @ self.precision * errors, axis=1) + np.sum(
-            states @ self.uncertainty * states, axis=1
+        """Returns F(t) of each sample, (T,), nats.
+
+        Args:
+            data: (T, dim [ỹ; η̃]) generalized data.
+            states: (T, dim X) means of the states.
+        """
+        errors = np.hstack([data, states]) @ self.error_operator.T
+        squares = np.sum(errors @ self.error_precision * errors, axis=1) + np.sum(
+            states @ self.mean_field_curvature * states, axis=1
         )
         return self.constant - 0.5 * squares
 
     def action(self, data: Array, states: Array) -> float:
-        """Returns F̄, the sum over all samples (T, ·) with the priors counted once."""
+        """Returns F̄, nats: the sum of F(t) over all samples, with the terms of θ and λ counted once.
+
+        Args:
+            data: (T, dim [ỹ; η̃]) generalized data.
+            states: (T, dim X) means of the states.
+        """
         return self.evaluate(data, states).sum() - (len(data) - 1) * self.parameter_terms
 
 
-def expected_weights(lambda_: Array, lambda_covariance: Array) -> Array:
-    """Returns noise precisions as the squared errors feel them: e^λ (1 + ½ Σ^λ).
+def expected_noise_precisions(lambda_: Array, lambda_covariance: Array) -> Array:
+    """Returns the expected noise precisions e^λ (1 + ½ Σ^λ), (g,), to second order in the uncertainty of λ.
 
-    The mean-field term of λ is included.
+    With them, instead of e^λ, the squared errors include the mean-field term of λ.
+
+    Args:
+        lambda_: (g,) means of the log noise precisions.
+        lambda_covariance: (g, g) their covariance.
     """
     return np.exp(lambda_) * (1.0 + 0.5 * lambda_covariance.diagonal())
 
 
 def state_curvature(posterior: Posterior) -> Array:
-    """Returns U_XX, the same at every sample."""
+    """Returns the second derivative U_XX of the internal energy by the states, (dim X, dim X), of any one sample."""
     model = posterior.model
-    of_X = model.error_operator(posterior.theta)[:, model.hidden]
-    return -of_X.T @ model.precision(np.exp(posterior.lambda_)) @ of_X
+    E_X = model.error_operator(posterior.theta)[:, model.hidden_columns]
+    return -E_X.T @ model.error_precision(np.exp(posterior.lambda_)) @ E_X
 
 
 def theta_curvature(posterior: Posterior) -> Array:
-    """Returns Ū_θθ (k, k)."""
-    weights = np.exp(posterior.lambda_)
-    of_errors = posterior.model.parameter_precision(weights, posterior.moments.joint)
-    return -posterior.model.prior.theta_precision - of_errors
+    """Returns the second derivative Ū_θθ of the internal action by the parameters, (k, k)."""
+    error_curvature = posterior.model.error_curvature_in_theta(
+        np.exp(posterior.lambda_), posterior.moments.joint_moments
+    )
+    return -posterior.model.prior.theta_precision - error_curvature
 
 
 def lambda_curvature(posterior: Posterior) -> Array:
-    """Returns Ū_λλ (g, g)."""
-    squares = posterior.moments.squared_errors(posterior.theta)
-    return (
-        -np.diag(0.5 * np.exp(posterior.lambda_) * squares) - posterior.model.prior.lambda_precision
-    )
+    """Returns the second derivative Ū_λλ of the internal action by the log noise precisions, (g, g)."""
+    squares = posterior.moments.squared_errors_by_noise(posterior.theta)
+    error_curvature = np.diag(0.5 * np.exp(posterior.lambda_) * squares)
+    return -error_curvature - posterior.model.prior.lambda_precision
 
 
 class Term(StrEnum):
-    """The named terms of F̄ᵒ, Eq. ``F_action_opt``."""
+    """Names of the terms of F̄ᵒ, Eq. ``F_action_opt``, as results and documents report them."""
 
     NOISE_ENTROPY = "noise entropy"
     STATE_AND_INPUT_ENTROPY = "state and input entropy"
@@ -137,27 +184,34 @@ class Term(StrEnum):
 
 
 def free_energy_terms(posterior: Posterior) -> Mapping[str, float]:
-    """Returns the named terms of F̄ᵒ, Eq. ``F_action_opt``, of a posterior whose precisions are the negative curvatures.
+    """Returns the terms of F̄ᵒ by name, nats, Eq. ``F_action_opt``: F̄ at optimal covariances.
 
-    They sum to F̄ᵒ, which is :meth:`SampleFreeEnergy.action` there plus half the number of everything estimated,
-    T·dim X + dim θ + dim λ (the mean-field terms, which the paper drops with the constants).
+    The sum of the terms is F̄ᵒ. It is :meth:`SampleFreeEnergy.action` plus half the number of all estimated quantities,
+    T · dim X + dim θ + dim λ: at optimal covariances the mean-field terms are constants, which the paper drops.
+
+    Args:
+        posterior: a posterior whose covariances are the inverses of the negative curvatures, as
+            ``steps.with_optimal_covariances`` makes them.
     """
     model = posterior.model
-    of_theta, of_lambda = model.log_precision_of_priors
+    log_det_theta_prior, log_det_lambda_prior = model.log_det_prior_precisions
     theta_error, lambda_error = model.prior.squared_errors(posterior.theta, posterior.lambda_)
-    T = posterior.samples.number
-    squares = model.precision(np.exp(posterior.lambda_)) * posterior.moments.errors(posterior.theta)
-    of_y, of_v, of_x = model.errors
-    of_x = slice(of_x.start, None)  # with x itself, where something is known of it
-    values = (
-        0.5 * T * model.log_precision(posterior.lambda_),
-        0.5 * T * logdet(posterior.state_covariance),
-        0.5 * (logdet(posterior.theta_covariance) + of_theta),
-        0.5 * (logdet(posterior.lambda_covariance) + of_lambda),
-        -0.5 * squares[of_y, of_y].sum(),
-        -0.5 * squares[of_v, of_v].sum(),
-        -0.5 * squares[of_x, of_x].sum(),
-        -0.5 * theta_error,
-        -0.5 * lambda_error,
-    )
-    return dict(zip(Term, values, strict=True))
+    T = posterior.samples.sample_count
+    weighted_squares = model.error_precision(
+        np.exp(posterior.lambda_)
+    ) * posterior.moments.error_moments(posterior.theta)
+    output_rows, input_rows, state_rows, _ = model.error_rows
+    # The error of a prior of x, which comes after those of the states, counts among them.
+    state_rows = slice(state_rows.start, None)
+    return {
+        Term.NOISE_ENTROPY: 0.5 * T * model.log_det_error_precision(posterior.lambda_),
+        Term.STATE_AND_INPUT_ENTROPY: 0.5 * T * logdet(posterior.state_covariance),
+        Term.PARAMETER_ENTROPY: 0.5 * (logdet(posterior.theta_covariance) + log_det_theta_prior),
+        Term.HYPERPARAMETER_ENTROPY: 0.5
+        * (logdet(posterior.lambda_covariance) + log_det_lambda_prior),
+        Term.PREDICTION_ERROR_OF_OUTPUTS: -0.5 * weighted_squares[output_rows, output_rows].sum(),
+        Term.PREDICTION_ERROR_OF_INPUTS: -0.5 * weighted_squares[input_rows, input_rows].sum(),
+        Term.PREDICTION_ERROR_OF_STATES: -0.5 * weighted_squares[state_rows, state_rows].sum(),
+        Term.PREDICTION_ERROR_OF_PARAMETERS: -0.5 * theta_error,
+        Term.PREDICTION_ERROR_OF_HYPERPARAMETERS: -0.5 * lambda_error,
+    }

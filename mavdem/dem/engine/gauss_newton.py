@@ -1,4 +1,4 @@
-"""Gauss-Newton: maximises a function that is nearly expand, by damped steps."""
+"""Maximisation by damped Gauss-Newton steps (Levenberg and Marquardt) of a function that is nearly quadratic."""
 
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
@@ -7,53 +7,89 @@ import numpy as np
 
 from mavdem.arrays import Array
 
-FINITE_DIFFERENCE_STEP = (
-    1e-4  # of a parameter, for slopes by differences: between rounding and curvature
-)
-CONVERGED_STEP_NATS = 5e-3  # that the last step gains: so little does not separate two models
-MAX_STEPS = 40  # of one search, at most
+FINITE_DIFFERENCE_STEP = 1e-4
+"""Relative change of a parameter by which derivatives are computed as finite differences.
+
+Smaller steps lose the difference in rounding, larger ones measure the curvature as well.
+"""
+
+CONVERGED_STEP_NATS = 5e-3
+"""Gain of the last step, nats, below which a maximisation has converged.
+
+A choice: strong evidence for one of two models is 3 nats, so such a gain does not decide between models.
+"""
+
+MAX_STEPS = 40
+"""Largest number of steps of one maximisation, unless the caller sets another."""
+
+MIN_DAMPING = 1e-6
+"""Smallest damping, as a fraction of the curvature's diagonal: below it, the steps are Gauss-Newton's own."""
+
+POOR_GAIN_FACTOR = 4
+"""Factor by which the damping grows after a step that gained less than a fifth of what the expansion predicted."""
 
 
 class QuadraticExpansion(NamedTuple):
-    """A function to second order about a point: its value and slope there, and its negative's curvature."""
+    """Second-order expansion of a function about a point x₀: f(x) ≈ f(x₀) + gᵀ(x − x₀) − ½ (x − x₀)ᵀ H (x − x₀)."""
 
     point: Array
+    """(f,) the point x₀ about which the function is expanded."""
+
     value: float
+    """Value f(x₀) of the function at the point, nats."""
+
     gradient: Array
+    """(f,) gradient g at the point."""
+
     curvature: Array
+    """(f, f) negative second derivative H, positive definite; of a log posterior, its precision."""
 
     @property
     def predicted_gain(self) -> float:
-        """What the function gains up to the maximum of the expand."""
+        """Increase of the function from the point to the maximum of the expansion, ½ gᵀ H⁻¹ g."""
         return float(0.5 * self.gradient @ np.linalg.solve(self.curvature, self.gradient))
 
 
 class Objective(Protocol):
-    """A function to maximise."""
+    """A function of f variables to maximise."""
 
-    def value(self, at: Array) -> float:
-        """Returns the value at a point (f,), NaN where there is none."""
+    def value(self, point: Array, /) -> float:
+        """Returns the value at a point (f,); NaN where the function is not defined."""
 
-    def expand(self, at: Array) -> QuadraticExpansion:
-        """Returns the function to second order about a point."""
+    def expand(self, point: Array, /) -> QuadraticExpansion:
+        """Returns the second-order expansion about a point (f,)."""
 
 
 class Damping(NamedTuple):
-    """How steps are damped."""
+    """How Levenberg and Marquardt's method damps and limits its steps."""
 
-    initial: float  # damping of the first step, as a share of the curvature's diagonal
-    # times more after a step that does not increase the function, and less after one that does
+    initial: float
+    """Damping of the first step, as a fraction of the curvature's diagonal."""
+
     factor: float
-    max_attempts: int  # at most for one step
-    limit_step: Callable[[Array], Array] = (
-        np.asarray
-    )  # makes a step (f,) short enough to be trusted
+    """Factor by which damping grows after an attempt without a gain, and shrinks after a step with a good gain."""
 
-    def after(self, damping: float, gained: float, predicted: float) -> float:
-        """Returns the damping after a step that increased the function, by how much the expand predicted."""
-        if gained > predicted / 2:
-            return max(damping / self.factor, 1e-6)
-        return damping if gained > predicted / 5 else 4 * damping
+    max_attempts: int
+    """Largest number of attempts, each damped more, at one step."""
+
+    limit_step: Callable[[Array], Array] = np.asarray
+    """Shortens a step (f,) to a length at which the expansion can be trusted; leaves it as it is unless given."""
+
+    def after_step(self, damping: float, gain: float, predicted_gain: float) -> float:
+        """Returns the damping of the next step, by how well the expansion predicted the gain of the last one.
+
+        Above half of the predicted gain the damping shrinks, below a fifth it grows, and in between it stays.
+
+        Args:
+            damping: damping of the last step.
+            gain: increase of the function by that step, positive.
+            predicted_gain: increase that the expansion predicted.
+        """
+        if gain > predicted_gain / 2:
+            return max(damping / self.factor, MIN_DAMPING)
+        if gain > predicted_gain / 5:
+            return damping
+        return POOR_GAIN_FACTOR * damping
 
 
 def gauss_newton(
@@ -61,33 +97,45 @@ def gauss_newton(
     start: QuadraticExpansion,
     damping: Damping,
     iterations: int = MAX_STEPS,
-    enough: Callable[[QuadraticExpansion], bool] = lambda now: False,
+    stop: Callable[[QuadraticExpansion], bool] = lambda expansion: False,
 ) -> tuple[list[QuadraticExpansion], float]:
-    """Maximises from ``start`` until a step gains no more than ``CONVERGED_STEP_NATS``, or ``enough`` is true.
+    """Maximises a function by Levenberg and Marquardt's method.
 
-    By Levenberg and Marquardt's method (Nocedal and Wright, Numerical Optimization, 2nd ed., 10.3), in at most so many
-    ``iterations``: a step that does not increase the function is damped more; after one that does, the next is damped
-    less.
+    Each step maximises the expansion with a damped curvature, H + damping · diag(H). A step that does not increase the
+    function is tried again with more damping; after a step that does, the damping follows how well the expansion
+    predicted the gain (Nocedal and Wright, Numerical Optimization, 2nd ed., sec. 10.3).
 
-    Returns the function about each iterate, the start's first; and what the last step gained or, where no attempt at a
-    step increased the function, what the last expand still predicts.
+    Args:
+        objective: the function.
+        start: its expansion about the starting point.
+        damping: how steps are damped.
+        iterations: largest number of steps.
+        stop: ends the search where it returns true for the latest expansion.
+
+    Returns:
+        The expansions about all iterates, ``start`` first, and the gain of the last step, nats: below
+        ``CONVERGED_STEP_NATS`` where the search has converged. Where no attempt at a step increased the function, the
+        gain that the last expansion still predicts.
     """
     trace = [start]
-    damped = damping.initial
-    gained = np.inf
-    while gained > CONVERGED_STEP_NATS and len(trace) <= iterations and not enough(trace[-1]):
-        now = trace[-1]
+    damping_now = damping.initial
+    gain = np.inf
+    while gain > CONVERGED_STEP_NATS and len(trace) <= iterations and not stop(trace[-1]):
+        current = trace[-1]
         for _ in range(damping.max_attempts):
-            curvature = now.curvature + damped * np.diag(now.curvature.diagonal())
-            step = damping.limit_step(np.asarray(np.linalg.solve(curvature, now.gradient), float))
-            gained = objective.value(now.point + step) - now.value
-            if gained > 0:
+            damped_curvature = current.curvature + damping_now * np.diag(
+                current.curvature.diagonal()
+            )
+            newton_step = np.asarray(np.linalg.solve(damped_curvature, current.gradient), float)
+            step = damping.limit_step(newton_step)
+            gain = objective.value(current.point + step) - current.value
+            if gain > 0:
                 break
-            damped *= damping.factor
-        if not gained > 0:
-            return trace, now.predicted_gain
-        damped = damping.after(
-            damped, gained, float(now.gradient @ step - 0.5 * step @ now.curvature @ step)
-        )
-        trace.append(objective.expand(now.point + step))
-    return trace, gained
+            damping_now *= damping.factor
+        # A gain of NaN, where the function is not defined, is no gain either.
+        if not gain > 0:
+            return trace, current.predicted_gain
+        predicted_gain = float(current.gradient @ step - 0.5 * step @ current.curvature @ step)
+        damping_now = damping.after_step(damping_now, gain, predicted_gain)
+        trace.append(objective.expand(current.point + step))
+    return trace, gain

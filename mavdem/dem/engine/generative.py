@@ -1,8 +1,9 @@
-"""The generative model in generalized coordinates: how the data are assumed to arise.
+"""The generative model of DEM in generalized coordinates, and the embedding of samples into these coordinates.
 
-    ỹ = C̃ x̃ + z̃,   D x̃ = Ã x̃ + B̃ ṽ + w̃,   ṽ = η̃ + (input noise)            Eq. ``generative_process``
+    ỹ = C̃ x̃ + z̃,   D x̃ = Ã x̃ + B̃ ṽ + w̃,   ṽ = η̃ + input noise            Eq. ``generative_process``
 
-Everything here is linear in the data, so the data enter the engine as one matrix of second moments.
+A generalized vector stacks a signal and its derivatives, x̃ = [x; x'; x''; …], by order; D shifts each order up by one.
+Everything is linear in the data, so the D, E and M steps need of the data only one matrix of second moments.
 """
 
 from __future__ import annotations
@@ -20,26 +21,45 @@ from mavdem.arrays import Array, Indices
 from mavdem.dem.engine.linalg import logdet
 from mavdem.dem.engine.model import unpack
 
-Sizes = tuple[int, int, int]  # of states, inputs and outputs
+
+class ModelSizes(NamedTuple):
+    """Numbers of states n, inputs r and outputs m of a linear model."""
+
+    n: int
+    """Number of states."""
+
+    r: int
+    """Number of inputs."""
+
+    m: int
+    """Number of outputs."""
 
 
 def taylor_weights(
     order: int,
     dt: float,
     window: int,
-    at: float,
+    position: float,
 ) -> Array:
-    """Returns weights that turn samples into derivatives.
+    """Returns the weights by which the samples of a window give a signal and its derivatives.
 
-    They are of the least-squares polynomial of degree ``order`` over a window. With ``window = order + 1`` the
-    polynomial interpolates, which is the inverse of the Taylor matrix that the literature embeds with. A wider window
-    averages measurement noise away, at the price of bandwidth. The derivatives are taken ``at`` a place in the window,
-    in samples from its first, of samples ``dt`` s apart; row k of (order + 1, window) gives the k-th.
+    They belong to the least-squares polynomial of degree ``order`` over the window (a Savitzky-Golay filter). With
+    ``window = order + 1`` the polynomial interpolates, and the weights are the inverse of the Taylor matrix, as the DEM
+    literature embeds. A wider window averages measurement noise, at the price of bandwidth.
+
+    Args:
+        order: highest derivative.
+        dt: sampling step, s.
+        window: number of samples, more than ``order``.
+        position: where in the window the derivatives are taken, in samples from the first one.
+
+    Returns:
+        Weights (order + 1, window): row k times the samples is the k-th derivative, per second to the k.
     """
-    offsets = np.arange(window) - at
-    # The fit is made in steps, where it is well conditioned, and scaled to seconds afterwards.
-    taylor = np.stack([offsets**k / factorial(k) for k in range(order + 1)], axis=1)
-    per_step = np.linalg.pinv(taylor)
+    offsets = np.arange(window) - position
+    # The fit is made in units of the sampling step, where it is well conditioned, and scaled to seconds afterwards.
+    taylor_matrix = np.stack([offsets**k / factorial(k) for k in range(order + 1)], axis=1)
+    per_step = np.linalg.pinv(taylor_matrix)
     return per_step / dt ** np.arange(order + 1)[:, None]
 
 
@@ -48,24 +68,43 @@ def embed(
     order: int,
     dt: float,
     window: int,
-    at: int,
+    position: int,
 ) -> Array:
-    """Returns generalized vectors of ``samples`` (T, m).
+    """Embeds samples into generalized coordinates, by the polynomial fit of :func:`taylor_weights`.
 
-    There is one for each place the whole window of :func:`taylor_weights` fits, (T − window + 1, (order + 1)·m): row i
-    belongs to sample ``i + at``. Nothing is padded.
+    Args:
+        samples: (T, m) uniformly sampled signals.
+        order: highest derivative.
+        dt: sampling step, s.
+        window: number of samples of the polynomial fit.
+        position: sample of the window at which the derivatives are taken.
+
+    Returns:
+        Generalized vectors (T − window + 1, (order + 1) · m), order after order. Row i belongs to sample
+        i + ``position``; there are none where the window would reach beyond the samples.
     """
-    weights = taylor_weights(order, dt, window, at)
-    # The filter centres itself on window // 2; what it pads beyond the ends is cut off again.
-    whole = slice(window // 2, len(samples) - (window - 1 - window // 2))
-    return np.hstack([correlate1d(samples, row, axis=0)[whole] for row in weights])
+    weights = taylor_weights(order, dt, window, position)
+    # The correlation centres its window on window // 2 and pads the ends; the padded rows are cut off again.
+    first_complete = window // 2
+    after_complete = len(samples) - (window - 1 - window // 2)
+    return np.hstack(
+        [correlate1d(samples, row, axis=0)[first_complete:after_complete] for row in weights]
+    )
 
 
 def temporal_covariance(order: int, smoothness: float) -> Array:
-    """Returns the covariance of [w, w′, …] of a noise of unit variance and kernel width s.
+    """Returns the covariance of [w, w', w'', …] for smooth noise w of variance 1.
 
-    It is that of Eq. ``Smatrix`` before it is inverted, (order + 1, order + 1), in powers of 1/s: entry (i, j) is (−1)ⁱ
-    times the (i+j)-th derivative of the autocorrelation at zero, which vanishes where i + j is odd.
+    The noise is white noise filtered by a Gaussian kernel of width s, with the autocorrelation ρ(τ) = exp(−τ²/4s²).
+    Entry (i, j) is (−1)ⁱ times the (i + j)-th derivative of ρ at 0, which is zero where i + j is odd (the matrix that
+    Eq. ``Smatrix`` inverts).
+
+    Args:
+        order: highest derivative of w.
+        smoothness: kernel width s, s.
+
+    Returns:
+        Covariance (order + 1, order + 1), entry (i, j) in s^−(i + j).
     """
     covariance = np.zeros((order + 1, order + 1))
     for i in range(order + 1):
@@ -77,24 +116,39 @@ def temporal_covariance(order: int, smoothness: float) -> Array:
 
 
 def temporal_precision(order: int, smoothness: float) -> Array:
-    """Returns S(s²), the inverse of :func:`temporal_covariance`, (order + 1, order + 1).
+    """Returns S(s²), Eq. ``Smatrix``: the precision of [w, w', w'', …] for smooth noise w of variance 1.
 
-    It is inverted in units of s, where its condition does not depend on the unit of time.
+    It is the inverse of :func:`temporal_covariance`, computed in units of s, where the condition of the matrix does not
+    depend on the unit of time.
+
+    Args:
+        order: highest derivative of w.
+        smoothness: kernel width s, s.
+
+    Returns:
+        Precision (order + 1, order + 1).
     """
     units = smoothness ** np.arange(order + 1)
     return inv(temporal_covariance(order, 1.0)) * np.outer(units, units)
 
 
 class Prior(NamedTuple):
-    """Gaussian priors of θ and λ."""
+    """Gaussian priors of the parameters θ and of the log noise precisions λ."""
 
-    theta_mean: Array  # (k,)
-    theta_precision: Array  # (k, k)
-    lambda_mean: Array  # (g,)
-    lambda_precision: Array  # (g, g)
+    theta_mean: Array
+    """(k,) prior mean η^θ."""
+
+    theta_precision: Array
+    """(k, k) prior precision P^θ."""
+
+    lambda_mean: Array
+    """(g,) prior mean η^λ."""
+
+    lambda_precision: Array
+    """(g, g) prior precision P^λ."""
 
     def squared_errors(self, theta: Array, lambda_: Array) -> tuple[float, float]:
-        """Returns those of θ and of λ, in units of their precision."""
+        """Returns (θ − η^θ)ᵀ P^θ (θ − η^θ) of parameters ``theta`` (k,), and the same of ``lambda_`` (g,)."""
         theta_error = theta - self.theta_mean
         lambda_error = lambda_ - self.lambda_mean
         return (
@@ -104,239 +158,356 @@ class Prior(NamedTuple):
 
 
 class SufficientStatistics(NamedTuple):
-    """The data, as far as the steps need them: the number of generalized samples, and their second moments."""
+    """Sufficient statistics of the generalized data: their number and their second moments."""
 
-    number: float  # whole, unless correlated neighbours count for less than one each
-    gram: Array  # Σ_t [ỹ; η̃][ỹ; η̃]ᵀ
+    sample_count: float
+    """Number of samples; not an integer where autocorrelated samples count as an effective sample size."""
+
+    gram: Array
+    """Σ_t [ỹ; η̃][ỹ; η̃]ᵀ, square, as wide as the generalized data."""
 
     @classmethod
     def from_segments(cls, *segments: Array) -> SufficientStatistics:
-        """Returns those of generalized data [ỹ; η̃], (T, (p+1)m + (d+1)r) of each segment; their moments add up."""
+        """Sums up the statistics of generalized data [ỹ; η̃], one array (T, (p + 1)m + (d + 1)r) for each segment."""
         gram = np.asarray(sum(data.T @ data for data in segments))
         return cls(sum(map(len, segments)), gram)
 
 
+class ErrorRows(NamedTuple):
+    """Rows of the vector of prediction errors ε̃, by what is predicted."""
+
+    outputs: slice
+    """ỹ − C̃ x̃."""
+
+    inputs: slice
+    """ṽ − η̃."""
+
+    states: slice
+    """D x̃ − Ã x̃ − B̃ ṽ."""
+
+    state_prior: slice
+    """x itself, where x has a prior about 0; empty where it has none."""
+
+
+class OperatorStructure(NamedTuple):
+    """Where the parameters stand in the error operator E: P entries of it are −θ, all others are constants."""
+
+    constant: Array
+    """E at θ = 0."""
+
+    rows: Indices
+    """(P,) row of each entry that is a parameter."""
+
+    columns: Indices
+    """(P,) column of each such entry."""
+
+    parameters: Indices
+    """(P,) index in θ of each such entry."""
+
+
+class PrecisionStructure(NamedTuple):
+    """How the precision Π̃ of the errors depends on λ: each column is scaled by one noise precision e^λ."""
+
+    at_zero: Array
+    """Π̃ at λ = 0."""
+
+    groups: Indices
+    """Index in λ of each column's noise; −1 for the columns that do not depend on λ."""
+
+
 @dataclass(frozen=True, eq=False)
 class GenerativeModel:
-    """Sizes, noise correlations and priors of the model; θ and λ are what is learned.
+    """Dimensions, noise and priors of a linear generative model; its θ and λ are what is learned.
 
-    Attributes:
-        n, r, m: states, inputs, outputs.
-        p, d, q: embedding orders of states and outputs, of inputs, and of the process noise.
-        output_correlation: S of z̃, (p + 1, p + 1): the precision of a noise of unit variance and its derivatives.
-        state_correlation: S of w̃, (q + 1, q + 1).
-        output_groups, state_groups: (m,) and (n,) which entry of λ each output's and each state's noise has.
-        input_precision: P̃ᵛ, ((d + 1)r, (d + 1)r).
-        prior: of θ and λ.
-        state_precision: of x about 0 at every sample, (n, n). ``None``: x has no prior. The density of X is then
-            improper, so that F̄ of different n cannot be compared, and where θ leaves the unit of x free, F̄ is highest
-            at C = 0.
+    The errors are ε̃ = [ỹ − C̃x̃; ṽ − η̃; Dx̃ − Ãx̃ − B̃ṽ], with the precision Π̃ = blockdiag(S⊗Πᶻ, P̃ᵛ, S⊗Πʷ).
+    X = [x̃; ṽ] are the hidden generalized states and inputs.
     """
 
     n: int
+    """Number of states."""
+
     r: int
+    """Number of inputs."""
+
     m: int
+    """Number of outputs."""
+
     p: int
+    """Embedding order of the outputs and states."""
+
     d: int
+    """Embedding order of the inputs."""
+
     q: int
-    output_correlation: Array
-    state_correlation: Array
+    """Embedding order of the process noise: p, or p − 1 where the highest derivative has no dynamics."""
+
+    output_temporal_precision: Array
+    """(p + 1, p + 1) S of the measurement noise z̃: the precision of noise of variance 1 and its derivatives."""
+
+    state_temporal_precision: Array
+    """(q + 1, q + 1) S of the process noise w̃."""
+
     output_groups: Indices
+    """(m,) index in λ of each output's measurement noise."""
+
     state_groups: Indices
+    """(n,) index in λ of each state's process noise."""
+
     input_precision: Array
+    """((d + 1)r, (d + 1)r) prior precision P̃ᵛ of the generalized inputs."""
+
     prior: Prior
+    """Priors of θ and λ."""
+
     state_precision: Array | None = None
+    """(n, n) prior precision of x about 0 at every sample, or ``None`` for a flat prior.
+
+    With a flat prior the density of X is improper: F̄ of different n cannot be compared, and where θ leaves the unit of
+    x free, F̄ is highest at C = 0.
+    """
 
     @property
-    def sizes(self) -> Sizes:
-        """n, r and m."""
-        return self.n, self.r, self.m
+    def sizes(self) -> ModelSizes:
+        """Numbers of states, inputs and outputs."""
+        return ModelSizes(self.n, self.r, self.m)
 
     @property
-    def errors(self) -> tuple[slice, slice, slice]:
-        """Rows of ε̃: prediction errors of outputs, of inputs, of states."""
-        y = self.m * (self.p + 1)
-        v = y + self.r * (self.d + 1)
-        return slice(0, y), slice(y, v), slice(v, v + self.n * (self.q + 1))
+    def error_rows(self) -> ErrorRows:
+        """Rows of ε̃ by what is predicted."""
+        end_of_outputs = self.m * (self.p + 1)
+        end_of_inputs = end_of_outputs + self.r * (self.d + 1)
+        end_of_states = end_of_inputs + self.n * (self.q + 1)
+        prior_rows = 0 if self.state_precision is None else self.n
+        return ErrorRows(
+            outputs=slice(0, end_of_outputs),
+            inputs=slice(end_of_outputs, end_of_inputs),
+            states=slice(end_of_inputs, end_of_states),
+            state_prior=slice(end_of_states, end_of_states + prior_rows),
+        )
 
     @property
-    def about_zero(self) -> slice:
-        """Rows of ε̃ after these: x itself, where its precision is given."""
-        end = self.errors[2].stop
-        return slice(end, end if self.state_precision is None else end + self.n)
-
-    @property
-    def hidden(self) -> slice:
-        """Where X = [x̃; ṽ] begins in the joint vector [ỹ; η̃; X]; before it are the data."""
+    def hidden_columns(self) -> slice:
+        """Columns of X in the joint vector [ỹ; η̃; X]; those of the data come before them."""
         return slice(self.m * (self.p + 1) + self.r * (self.d + 1), None)
 
     def error_operator(self, theta: Array) -> Array:
-        """Returns E with ε̃ = E [ỹ; η̃; x̃; ṽ]: the three prediction errors below Eq. ``free_E``, stacked."""
-        fixed, (rows, columns, parameters) = self._operator_parts
-        operator = fixed.copy()
-        operator[rows, columns] = -theta[parameters]
+        """Returns E with ε̃ = E [ỹ; η̃; x̃; ṽ]: the prediction errors below Eq. ``free_E`` as one matrix.
+
+        Args:
+            theta: (k,) parameters [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)].
+        """
+        structure = self._operator_structure
+        operator = structure.constant.copy()
+        operator[structure.rows, structure.columns] = -theta[structure.parameters]
         return operator
 
     @cached_property
-    def _operator_parts(self) -> tuple[Array, tuple[Indices, Indices, Indices]]:
-        """E at θ = 0; rows and columns of the places in E that hold a parameter, and which: −C̃, −Ã and −B̃."""
+    def _operator_structure(self) -> OperatorStructure:
+        """Where the blocks −C̃, −Ã and −B̃ put the parameters into the error operator, and its constant part."""
         n, r, m = self.sizes
-        of_y, of_v, of_x = self.errors
-        y = of_y.stop
-        data = of_v.stop
-        v = data - y
-        x = n * (self.p + 1)
-        at_x = slice(data, data + x)
-        at_v = slice(at_x.stop, None)
-        fixed = np.zeros((self.about_zero.stop, at_x.stop + v))
-        fixed[self.about_zero, at_x] = np.eye(self.about_zero.stop - self.about_zero.start, x)
-        fixed[of_y, :y] = np.eye(y)
-        fixed[of_v, y:data] = -np.eye(v)
-        fixed[of_v, at_v] = np.eye(v)
-        # D moves every block up by one order. The highest order's derivative is not modelled: D's last row is zero, or,
-        # for q < p, not there.
-        fixed[of_x, at_x] = np.eye(of_x.stop - of_x.start, x, k=n)
-        # Numbered from 1, so that the zeros of the Kronecker products stay no parameter's place.
-        A, B, C = (
-            part.astype(int) for part in unpack(1.0 + np.arange(n * n + n * r + m * n), n, r, m)
+        rows = self.error_rows
+        data_columns = rows.inputs.stop
+        generalized_states = n * (self.p + 1)
+        x_columns = slice(data_columns, data_columns + generalized_states)
+        v_columns = slice(x_columns.stop, None)
+        generalized_inputs = data_columns - rows.outputs.stop
+
+        constant = np.zeros((rows.state_prior.stop, x_columns.stop + generalized_inputs))
+        constant[rows.state_prior, x_columns] = np.eye(
+            rows.state_prior.stop - rows.state_prior.start, generalized_states
         )
-        number = np.zeros(fixed.shape, int)
-        p = self.p + 1
-        d = self.d + 1
-        q = self.q + 1
-        number[of_y, at_x] = np.kron(np.eye(p, dtype=int), C)
-        number[of_x, at_x] = np.kron(np.eye(q, p, dtype=int), A)
-        number[of_x, at_v] = np.kron(np.eye(q, d, dtype=int), B)
-        rows, columns = np.nonzero(number)
-        return fixed, (rows, columns, number[rows, columns] - 1)
+        constant[rows.outputs, : rows.outputs.stop] = np.eye(rows.outputs.stop)
+        constant[rows.inputs, rows.outputs.stop : data_columns] = -np.eye(generalized_inputs)
+        constant[rows.inputs, v_columns] = np.eye(generalized_inputs)
+        # D shifts every order up by one. The derivative of the highest order is not modelled: the last rows of D are
+        # zero or, for q < p, absent.
+        constant[rows.states, x_columns] = np.eye(
+            rows.states.stop - rows.states.start, generalized_states, k=n
+        )
 
-    def _pairs(self, precision: Array, moments: Array) -> Array:
-        """(P, P) precision of the errors times moments of what parameters multiply, of each pair of places in E."""
-        _, (rows, columns, _) = self._operator_parts
-        return precision[np.ix_(rows, rows)] * moments[np.ix_(columns, columns)]
-
-    @cached_property
-    def _of_parameters(self) -> Array:
-        """(P, k) 1 where a place in E holds a parameter: adds up places by parameter."""
-        _, (_, _, parameters) = self._operator_parts
-        return np.eye(len(self.prior.theta_mean))[parameters]
-
-    def parameter_precision(self, weights: Array, joint: Array) -> Array:
-        """Returns (k, k) curvature by θ of ½ Σ ε̃ᵀ Π̃ ε̃.
-
-        It is for noise precisions e^λ and second moments of [ỹ; η̃; X].
-        """
-        each = self._pairs(self.precision(weights), joint)
-        return self._of_parameters.T @ each @ self._of_parameters
-
-    def parameter_slope(self, weights: Array, products: Array) -> Array:
-        """Returns (k,) slope by θ of −½ Σ ε̃ᵀ Π̃ ε̃.
-
-        It is for noise precisions e^λ and second moments of ε̃ with [ỹ; η̃; X].
-        """
-        _, (rows, columns, _) = self._operator_parts
-        return (self.precision(weights) @ products)[rows, columns] @ self._of_parameters
-
-    def state_uncertainty(self, weights: Array, theta_covariance: Array) -> Array:
-        """Returns (dim X, dim X) M with −½ XᵀM X the share of W^θ that a sample's X makes."""
-        _, (rows, columns, parameters) = self._operator_parts
-        unit = self.precision(weights)[np.ix_(rows, rows)]
-        each = unit * theta_covariance[np.ix_(parameters, parameters)]
-        size = self.n * (self.p + 1) + self.r * (self.d + 1)
-        of_states = np.eye(size)[columns - self.hidden.start]
-        return of_states.T @ each @ of_states
-
-    def parameter_spread(self, joint: Array, theta_covariance: Array) -> Array:
-        """Returns Σ ε̃ᵀ (S⊗Ω_g) ε̃ that the uncertainty of θ adds for each λ, (g,).
-
-        It is for second moments of [ỹ; η̃; X].
-        """
-        unit, groups = self._precision_parts
-        _, (rows, _, parameters) = self._operator_parts
-        each = self._pairs(unit, joint) * theta_covariance[np.ix_(parameters, parameters)]
-        return np.asarray(np.bincount(groups[rows], each.sum(axis=0)), float)
-
-    def precision(self, weights: Array) -> Array:
-        """Returns Π̃ = blockdiag(S⊗Πᶻ, P̃ᵛ, S⊗Πʷ) for noise precisions ``weights`` (g,), which are e^λ."""
-        unit, groups = self._precision_parts
-        # Ω is diagonal, so each error's column is scaled by its own noise precision; those of inputs by 1.
-        return unit * np.append(weights, 1.0)[groups]
+        # The Kronecker products repeat A, B and C for each order. Parameters are numbered from 1 in them, so that 0
+        # marks the entries that are no parameters.
+        parameter_count = n * n + n * r + m * n
+        A, B, C = (
+            matrix.astype(int) for matrix in unpack(1.0 + np.arange(parameter_count), n, r, m)
+        )
+        orders_of_y = self.p + 1
+        orders_of_v = self.d + 1
+        orders_of_w = self.q + 1
+        numbers = np.zeros(constant.shape, int)
+        numbers[rows.outputs, x_columns] = np.kron(np.eye(orders_of_y, dtype=int), C)
+        numbers[rows.states, x_columns] = np.kron(np.eye(orders_of_w, orders_of_y, dtype=int), A)
+        numbers[rows.states, v_columns] = np.kron(np.eye(orders_of_w, orders_of_v, dtype=int), B)
+        entry_rows, entry_columns = np.nonzero(numbers)
+        return OperatorStructure(
+            constant, entry_rows, entry_columns, parameters=numbers[entry_rows, entry_columns] - 1
+        )
 
     @cached_property
-    def _precision_parts(self) -> tuple[Array, Indices]:
-        """Π̃ at λ = 0, and for each column its entry of λ, or −1."""
-        of_y, of_v, of_x = self.errors
-        unit = np.zeros((self.about_zero.stop, self.about_zero.stop))
-        unit[of_y, of_y] = np.kron(self.output_correlation, np.eye(self.m))
-        unit[of_v, of_v] = self.input_precision
-        unit[of_x, of_x] = np.kron(self.state_correlation, np.eye(self.n))
+    def _entry_parameters(self) -> Array:
+        """(P, k) indicator of the parameter in each entry of E: its transpose sums over the entries of a parameter."""
+        return np.eye(len(self.prior.theta_mean))[self._operator_structure.parameters]
+
+    def _entry_products(self, error_precision: Array, moments: Array) -> Array:
+        """Returns the products of precision and moments that a quadratic form in the entries of E consists of.
+
+        Args:
+            error_precision: precision of ε̃.
+            moments: second moments of [ỹ; η̃; X].
+
+        Returns:
+            (P, P): for entries e and f the precision of their rows times the moment of their columns.
+        """
+        _, rows, columns, _ = self._operator_structure
+        return error_precision[np.ix_(rows, rows)] * moments[np.ix_(columns, columns)]
+
+    def error_curvature_in_theta(self, noise_precisions: Array, moments: Array) -> Array:
+        """Returns the second derivative of ½ Σ ε̃ᵀ Π̃ ε̃ by θ, (k, k).
+
+        Args:
+            noise_precisions: (g,) e^λ.
+            moments: second moments of [ỹ; η̃; X], summed over the samples.
+        """
+        products = self._entry_products(self.error_precision(noise_precisions), moments)
+        return self._entry_parameters.T @ products @ self._entry_parameters
+
+    def error_gradient_in_theta(self, noise_precisions: Array, cross_moments: Array) -> Array:
+        """Returns the gradient of −½ Σ ε̃ᵀ Π̃ ε̃ by θ, (k,).
+
+        Args:
+            noise_precisions: (g,) e^λ.
+            cross_moments: second moments of ε̃ with [ỹ; η̃; X], summed over the samples.
+        """
+        _, rows, columns, _ = self._operator_structure
+        by_entry = (self.error_precision(noise_precisions) @ cross_moments)[rows, columns]
+        return by_entry @ self._entry_parameters
+
+    def mean_field_curvature_in_states(
+        self, noise_precisions: Array, theta_covariance: Array
+    ) -> Array:
+        """Returns M, (dim X, dim X), with which the uncertainty of θ penalizes the states by −½ Xᵀ M X a sample.
+
+        This is the part of the mean-field term W^θ that depends on X.
+
+        Args:
+            noise_precisions: (g,) e^λ.
+            theta_covariance: (k, k) covariance Σ^θ.
+        """
+        _, rows, columns, parameters = self._operator_structure
+        error_precision = self.error_precision(noise_precisions)[np.ix_(rows, rows)]
+        products = error_precision * theta_covariance[np.ix_(parameters, parameters)]
+        hidden_size = self.n * (self.p + 1) + self.r * (self.d + 1)
+        entry_states = np.eye(hidden_size)[columns - self.hidden_columns.start]
+        return entry_states.T @ products @ entry_states
+
+    def mean_field_squared_errors(self, moments: Array, theta_covariance: Array) -> Array:
+        """Returns what the uncertainty of θ adds to the squared errors Σ ε̃ᵀ (S⊗Ω_g) ε̃ of each noise, (g,).
+
+        Args:
+            moments: second moments of [ỹ; η̃; X], summed over the samples.
+            theta_covariance: (k, k) covariance Σ^θ.
+        """
+        at_zero, groups = self._precision_structure
+        _, rows, _, parameters = self._operator_structure
+        products = self._entry_products(at_zero, moments)
+        products = products * theta_covariance[np.ix_(parameters, parameters)]
+        return np.asarray(np.bincount(groups[rows], products.sum(axis=0)), float)
+
+    def error_precision(self, noise_precisions: Array) -> Array:
+        """Returns Π̃ = blockdiag(S⊗Πᶻ, P̃ᵛ, S⊗Πʷ) for noise precisions e^λ (g,)."""
+        at_zero, groups = self._precision_structure
+        # The noise precisions are diagonal, so each error's column is scaled by its own one. The index −1 of the inputs
+        # finds the 1 at the end.
+        return at_zero * np.append(noise_precisions, 1.0)[groups]
+
+    @cached_property
+    def _precision_structure(self) -> PrecisionStructure:
+        """Π̃ at λ = 0, and the index in λ by which each of its columns is scaled."""
+        rows = self.error_rows
+        at_zero = np.zeros((rows.state_prior.stop, rows.state_prior.stop))
+        at_zero[rows.outputs, rows.outputs] = np.kron(
+            self.output_temporal_precision, np.eye(self.m)
+        )
+        at_zero[rows.inputs, rows.inputs] = self.input_precision
+        at_zero[rows.states, rows.states] = np.kron(self.state_temporal_precision, np.eye(self.n))
         if self.state_precision is not None:
-            unit[self.about_zero, self.about_zero] = self.state_precision
-        groups = np.full(len(unit), -1)
-        groups[of_y] = np.tile(self.output_groups, self.p + 1)
-        groups[of_x] = np.tile(self.state_groups, self.q + 1)
-        return unit, groups
+            at_zero[rows.state_prior, rows.state_prior] = self.state_precision
+        groups = np.full(len(at_zero), -1)
+        groups[rows.outputs] = np.tile(self.output_groups, self.p + 1)
+        groups[rows.states] = np.tile(self.state_groups, self.q + 1)
+        return PrecisionStructure(at_zero, groups)
 
-    def log_precision(self, lambda_: Array) -> float:
-        """Returns ln|Π̃|."""
-        return float(self.log_precision_at_zero + self.log_precision_slope @ lambda_)
+    def log_det_error_precision(self, lambda_: Array) -> float:
+        """Returns ln|Π̃| for log noise precisions λ (g,)."""
+        return float(self._log_det_at_zero + self.log_det_gradient @ lambda_)
 
     @cached_property
-    def log_precision_slope(self) -> Array:
-        """∂ ln|Π̃| / ∂λ, (g,): ln|Π̃| is linear in λ."""
-        _, groups = self._precision_parts
+    def log_det_gradient(self) -> Array:
+        """∂ ln|Π̃| / ∂λ, (g,): the number of errors that each noise precision scales, since ln|Π̃| is linear in λ."""
+        groups = self._precision_structure.groups
         return np.bincount(groups[groups >= 0]).astype(float)
 
     @cached_property
-    def log_precision_at_zero(self) -> float:
+    def _log_det_at_zero(self) -> float:
         """ln|Π̃| at λ = 0."""
-        return np.linalg.slogdet(self._precision_parts[0])[1]
+        return np.linalg.slogdet(self._precision_structure.at_zero)[1]
 
     @cached_property
-    def log_precision_of_priors(self) -> tuple[float, float]:
+    def log_det_prior_precisions(self) -> tuple[float, float]:
         """ln|P^θ| and ln|P^λ|."""
         return logdet(self.prior.theta_precision), logdet(self.prior.lambda_precision)
 
-    def squared_errors(self, moments: Array) -> Array:
-        """Returns Σ ε̃ᵀ (S⊗Ω_g) ε̃ for each λ, (g,), of second moments Σ ε̃ε̃ᵀ of the errors."""
-        unit, groups = self._precision_parts
-        noisy = groups >= 0
-        squares = np.bincount(groups[noisy], (unit * moments).sum(axis=0)[noisy])
+    def squared_errors_by_noise(self, error_moments: Array) -> Array:
+        """Returns Σ ε̃ᵀ (S⊗Ω_g) ε̃ for each entry of λ, (g,): the squared errors that its noise precision weights.
+
+        Args:
+            error_moments: second moments Σ ε̃ε̃ᵀ of the errors, summed over the samples.
+        """
+        at_zero, groups = self._precision_structure
+        is_scaled = groups >= 0
+        squares = np.bincount(groups[is_scaled], (at_zero * error_moments).sum(axis=0)[is_scaled])
         return np.asarray(squares, float)
 
 
 @dataclass(frozen=True, eq=False)
 class GeneralizedMoments:
-    """Second moments of data and means, Σ_t [ỹ; η̃; X][ỹ; η̃; X]ᵀ, and what the steps need of them."""
+    """Second moments of the data [ỹ; η̃] and of the state estimates X = L [ỹ; η̃], summed over the samples."""
 
     model: GenerativeModel
+    """The generative model."""
+
     samples: SufficientStatistics
-    stack: Array  # (dim [ỹ; η̃; X], dim [ỹ; η̃]): [ỹ; η̃; X] from [ỹ; η̃]
+    """Statistics of the generalized data."""
+
+    joint_map: Array
+    """[I; L], which maps the data [ỹ; η̃] of a sample to the joint vector [ỹ; η̃; X]."""
 
     @classmethod
     def from_state_map(
         cls, model: GenerativeModel, samples: SufficientStatistics, state_map: Array
     ) -> GeneralizedMoments:
-        """Returns those of X = L [ỹ; η̃], for L = ``state_map`` (dim X, dim [ỹ; η̃])."""
+        """Returns the moments for the estimates X = L [ỹ; η̃], with L = ``state_map``, (dim X, dim [ỹ; η̃])."""
         return cls(model, samples, np.vstack([np.eye(len(samples.gram)), state_map]))
 
     @cached_property
-    def joint(self) -> Array:
-        """The matrix of moments."""
-        return self.stack @ self.samples.gram @ self.stack.T
+    def joint_moments(self) -> Array:
+        """Σ_t [ỹ; η̃; X][ỹ; η̃; X]ᵀ."""
+        return self.joint_map @ self.samples.gram @ self.joint_map.T
 
-    def products(self, theta: Array) -> Array:
-        """Returns Σ_t ε̃ [ỹ; η̃; X]ᵀ."""
-        return self.model.error_operator(theta) @ self.stack @ self.samples.gram @ self.stack.T
+    def cross_moments(self, theta: Array) -> Array:
+        """Returns Σ_t ε̃ [ỹ; η̃; X]ᵀ for parameters θ (k,)."""
+        error_map = self.model.error_operator(theta) @ self.joint_map
+        return error_map @ self.samples.gram @ self.joint_map.T
 
-    def errors(self, theta: Array) -> Array:
-        """Returns Σ_t ε̃ε̃ᵀ.
+    def error_moments(self, theta: Array) -> Array:
+        """Returns Σ_t ε̃ε̃ᵀ for parameters θ (k,).
 
-        The errors are taken before the moments, since they are far smaller than what they lie between.
+        The map from the data to the errors is formed before the moments: errors are far smaller than the signals that
+        they are differences of, and would be lost in the rounding of the joint moments.
         """
-        errors = self.model.error_operator(theta) @ self.stack
-        return errors @ self.samples.gram @ errors.T
+        error_map = self.model.error_operator(theta) @ self.joint_map
+        return error_map @ self.samples.gram @ error_map.T
 
-    def squared_errors(self, theta: Array) -> Array:
-        """Returns Σ_t ε̃ᵀ (S⊗Ω_g) ε̃ for each λ, (g,)."""
-        return self.model.squared_errors(self.errors(theta))
+    def squared_errors_by_noise(self, theta: Array) -> Array:
+        """Returns Σ_t ε̃ᵀ (S⊗Ω_g) ε̃ for each entry of λ, (g,), at parameters θ (k,)."""
+        return self.model.squared_errors_by_noise(self.error_moments(theta))

@@ -1,11 +1,16 @@
-"""Linear-Gaussian filters and smoothers: the steady gain, the steady filter and its smoother, and the smoother of EM.
+"""Kalman filters and fixed-interval smoothers of linear-Gaussian state-space models, in steady state and before it.
 
-A filter of a time-invariant system becomes steady: every pass over the samples is then a linear recursion with constant
-coefficients, which is vectorized.
+A system is x⁺ = A x + g + w, y = C x + v, where g is a known forcing term, such as B u, and the noises have the
+covariances Q = E wwᵀ, R = E vvᵀ and S = E wvᵀ. x̂ is the state predicted from all earlier samples, P its covariance, and
 
-The steady filter is exact for a first state that is as uncertain as its later ones. Its backward pass is the
-disturbance smoother: x̂ₜ + P rₜ₋₁ with rₜ₋₁ = Cᵀ eₜ / F + Lᵀ rₜ and L = Φ − K C (Durbin and Koopman, Time Series
-Analysis by State Space Methods, 2nd ed., sec. 4.4). It inverts no covariance of states.
+    K = (A P Cᵀ + S) F⁻¹,   F = C P Cᵀ + R,   x̂⁺ = A x̂ + g + K (y − C x̂)
+
+is the filter in prediction form (Anderson and Moore, Optimal Filtering, 1979, sec. 5.4). Of a time-invariant system the
+gain K becomes steady; the filter is then a linear recursion with constant coefficients, which is vectorized over time.
+
+The smoothers are disturbance smoothers: the smoothed state is x̂ₜ + P rₜ₋₁ with rₜ₋₁ = Cᵀ F⁻¹ eₜ + Lᵀ rₜ, the
+innovations e and L = A − K C (Durbin and Koopman, Time Series Analysis by State Space Methods, 2nd ed., sec. 4.4). They
+give the same result as the RTS smoother, without inverting a covariance of states, which may be singular.
 """
 
 from __future__ import annotations
@@ -15,14 +20,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from mavdem.arrays import Array, ArrayPair
+from mavdem.arrays import Array, ArrayPair, Indices
 from mavdem.dem.engine.linalg import may_overflow
 from mavdem.dem.engine.model import linear_recursion
 
-STEADY_CHANGE = (
-    1e-11  # change of a covariance, relative to its largest entry, below which it is steady
-)
-MOST_DOUBLINGS = 60  # of steps: a covariance that then still changes has no bound
+STEADY_CHANGE = 1e-11
+"""Change of a covariance in one step, relative to its largest entry, below which it counts as steady.
+
+A choice: well above rounding, and far below what a gain needs.
+"""
+
+MAX_DOUBLINGS = 60
+"""Largest number of doublings in the search for a steady covariance.
+
+A covariance that still changes after 2⁶⁰ samples grows without bound.
+"""
 
 
 def steady_state_gain(
@@ -32,96 +44,175 @@ def steady_state_gain(
     R: Array,
     S: Array | None = None,
 ) -> ArrayPair:
-    """Returns the gain (…, n, m) K of x̂⁺ = A x̂ + K (y − C x̂), and the covariance (…, n, n) of the predicted state.
+    """Computes the gain of the steady-state Kalman filter, by solving the discrete algebraic Riccati equation.
 
-    That is of x⁺ = A x + w, y = C x + v, once it is steady, of one system or of several side by side. ``Q`` (…, n, n),
-    ``R`` (…, m, m) and ``S`` (…, n, m) are the covariances E wwᵀ, E vvᵀ and E wvᵀ. By doubling the steps of Riccati's
-    equation; ``LinAlgError`` where one has no steady filter, with which A − K C is stable.
+    The structure-preserving doubling algorithm is used: iteration k has the covariance after 2ᵏ samples (E. K.-W. Chu,
+    H.-Y. Fan, W.-W. Lin and C.-S. Wang, "Structure-preserving algorithms for periodic discrete-time algebraic Riccati
+    equations", International Journal of Control 77, 2004). Leading axes are several systems, solved at once.
 
-    Reference: E. K.-W. Chu, H.-Y. Fan, W.-W. Lin and C.-S. Wang, "Structure-preserving algorithms for periodic
-    discrete-time algebraic Riccati equations", International Journal of Control 77 (2004).
+    Args:
+        A: (…, n, n) state transition matrix.
+        C: (…, m, n) output matrix.
+        Q: (…, n, n) covariance of the process noise.
+        R: (…, m, m) covariance of the measurement noise, positive definite.
+        S: (…, n, m) covariance between process and measurement noise; zero unless given.
+
+    Returns:
+        The gain K (…, n, m) of x̂⁺ = A x̂ + K (y − C x̂), and the covariance P (…, n, n) of the predicted state.
+
+    Raises:
+        numpy.linalg.LinAlgError: a system has no steady filter, with which A − K C is stable.
     """
     n = A.shape[-1]
     identity = np.eye(n)
-    crossed = np.zeros((n, C.shape[-2])) if S is None else S
-    heard = np.linalg.solve(R, C)
-    step = (A - crossed @ heard).mT
-    seen = C.mT @ heard
-    P = (Q + Q.mT) / 2 - crossed @ np.linalg.solve(R, crossed.mT)
-    with np.errstate(all="ignore"):  # what has no bound overflows
-        for _ in range(MOST_DOUBLINGS):
-            solved = np.linalg.solve(identity + seen @ P, np.concatenate([step, seen], axis=-1))
-            more = step.mT @ P @ solved[..., :n]
-            seen = seen + step @ solved[..., n:] @ step.mT
-            step = step @ solved[..., :n]
-            P = P + more
-            sizes = (abs(part).max(axis=(-1, -2)) for part in (more, P))
-            if np.all(np.divide(*sizes) <= STEADY_CHANGE):
-                gain = A @ P @ C.mT + crossed
-                return gain @ np.linalg.inv(C @ P @ C.mT + R), P
+    if S is None:
+        S = np.zeros((n, C.shape[-2]))
+    # The process noise is split into a part S R⁻¹ v that the measurement shows and a rest that is independent of v.
+    R_inverse_C = np.linalg.solve(R, C)
+    transition = (A - S @ R_inverse_C).mT
+    information = C.mT @ R_inverse_C
+    P = (Q + Q.mT) / 2 - S @ np.linalg.solve(R, S.mT)
+    # Without a steady filter the covariance overflows, which ends in the error below.
+    with np.errstate(all="ignore"):
+        for _ in range(MAX_DOUBLINGS):
+            # (I + information · P)⁻¹ times the transition, and times the information.
+            solved = np.linalg.solve(
+                identity + information @ P, np.concatenate([transition, information], axis=-1)
+            )
+            increase = transition.mT @ P @ solved[..., :n]
+            information = information + transition @ solved[..., n:] @ transition.mT
+            transition = transition @ solved[..., :n]
+            P = P + increase
+            largest_change = abs(increase).max(axis=(-1, -2))
+            largest_entry = abs(P).max(axis=(-1, -2))
+            if np.all(np.divide(largest_change, largest_entry) <= STEADY_CHANGE):
+                cross_covariance = A @ P @ C.mT + S
+                return cross_covariance @ np.linalg.inv(C @ P @ C.mT + R), P
     raise LinAlgError("there is no steady filter: an unstable state may not be seen")
 
 
 class SmoothedSignal(NamedTuple):
-    """Of a segment given all of it: mean and variance (T,) of a sum of states, and the filter's states (T, n)."""
+    """A scalar signal h · x of the state, smoothed over a segment of T samples."""
 
     mean: Array
+    """(T,) mean, given all samples of the segment."""
+
     variance: Array
+    """(T,) variance, given all samples of the segment."""
+
     states: Array
+    """(T, n) state of the filter: predicted from the samples before each one."""
 
 
 class SteadyStateFilter(NamedTuple):
-    """The steady Kalman filter of x⁺ = Φ x + push + w, whose first state is measured with white noise."""
+    """The steady-state Kalman filter of a system whose first state is measured with white noise: y = x₁ + v.
 
-    P: Array  # (n, n) covariance of the predicted state
-    K: Array  # (n,) gain
-    F: float  # variance of the innovations
-    L: Array  # (n, n) Φ − K C
+    It is exact for an initial state that is as uncertain as all later ones.
+    """
+
+    P: Array
+    """(n, n) covariance of the predicted state."""
+
+    K: Array
+    """(n,) gain."""
+
+    F: float
+    """Variance of the innovations."""
+
+    L: Array
+    """(n, n) transition matrix A − K C of the filter."""
 
     @classmethod
-    def design(cls, transition: Array, process: Array, noise: float) -> SteadyStateFilter:
-        """Returns that for w of covariance ``process`` (n, n) and a measurement of sd ``noise``, or ``LinAlgError``."""
-        C = np.eye(1, len(transition))
-        gain, P = steady_state_gain(transition, C, process, np.array([[noise**2]]))
-        return cls(P, gain[:, 0], P[0, 0] + noise**2, transition - gain @ C)
+    def design(cls, A: Array, process_covariance: Array, noise_sd: float) -> SteadyStateFilter:
+        """Computes the filter.
+
+        Args:
+            A: (n, n) state transition matrix.
+            process_covariance: (n, n) covariance of the process noise.
+            noise_sd: standard deviation of the measurement noise.
+
+        Raises:
+            numpy.linalg.LinAlgError: there is no steady filter.
+        """
+        C = np.eye(1, len(A))
+        K, P = steady_state_gain(A, C, process_covariance, np.array([[noise_sd**2]]))
+        return cls(P=P, K=K[:, 0], F=P[0, 0] + noise_sd**2, L=A - K @ C)
 
     @may_overflow
     def smooth(
         self,
-        pushes: Array,
-        measured: Array,
-        first: Array,
-        read: Array,
+        forcing: Array,
+        measurements: Array,
+        initial_state: Array,
+        signal: Array,
     ) -> SmoothedSignal:
-        """Returns ``read`` (n,) · x in a segment, from all of its samples ``measured`` (T,).
+        """Smooths a signal h · x over one segment, by the filter and a disturbance smoother backward in time.
 
-        ``pushes`` (T − 1, n) are of each sample on the state of the next; the first state has mean ``first`` (n,).
+        Args:
+            forcing: (T − 1, n) known terms g that are added to the next state at each sample but the last.
+            measurements: (T,) measurements of the first state.
+            initial_state: (n,) mean of the state at the first sample.
+            signal: (n,) weights h of the states in the signal.
+
+        Returns:
+            Mean and variance of the signal at each sample, given all samples, and the states of the filter.
         """
-        pushed = pushes + measured[:-1, None] * self.K
-        predicted = np.vstack([first, linear_recursion(self.L, pushed, first)])
-        back = np.zeros_like(predicted)
-        back[:, 0] = (measured - predicted[:, 0])[::-1] / self.F
-        later = np.vstack([back[0], linear_recursion(self.L.T, back[1:], back[0])])[::-1]
-        toward = self.P @ read
-        # Each sample is known by the innovations of those from it on.
-        following = linear_recursion(self.L, np.zeros_like(pushes), toward)[:, 0]
-        information = np.cumsum(np.append(toward[0], following) ** 2)[::-1] / self.F
+        filter_forcing = forcing + measurements[:-1, None] * self.K
+        predicted = np.vstack(
+            [initial_state, linear_recursion(self.L, filter_forcing, initial_state)]
+        )
+        # Backward in time: rₜ₋₁ = Cᵀ eₜ / F + Lᵀ rₜ.
+        backward_forcing = np.zeros_like(predicted)
+        backward_forcing[:, 0] = (measurements - predicted[:, 0])[::-1] / self.F
+        backward_states = linear_recursion(self.L.T, backward_forcing[1:], backward_forcing[0])
+        r = np.vstack([backward_forcing[0], backward_states])[::-1]
+        P_h = self.P @ signal
+        # The covariance of the signal with the innovation k samples later is the first entry of Lᵏ P h. Each innovation
+        # from a sample on reduces the variance of the signal there by the square of that covariance, over F.
+        later_covariances = linear_recursion(self.L, np.zeros_like(forcing), P_h)[:, 0]
+        innovation_covariances = np.append(P_h[0], later_covariances)
+        variance_reduction = np.cumsum(innovation_covariances**2)[::-1] / self.F
         return SmoothedSignal(
-            predicted @ read + later @ toward, read @ toward - information, predicted
+            mean=predicted @ signal + r @ P_h,
+            variance=signal @ P_h - variance_reduction,
+            states=predicted,
         )
 
 
-class KalmanFilter(NamedTuple):
-    """The filter of x⁺ = A x + push + w, y = C x + v from an uncertain first state on, until it is steady.
+class SmoothingResult(NamedTuple):
+    """Smoothed states of a segment of T samples, and of the sample after it, given all measurements."""
 
-    The last covariance, gain and weight are those of all later samples.
+    means: Array
+    """(…, T + 1, n) means; leading axes are segments side by side."""
+
+    covariances: Array
+    """(T + 1, n, n) covariances, the same for all segments."""
+
+    lag_one_covariances: Array
+    """(T, n, n) covariances of each state but the first with the one before it."""
+
+
+class KalmanFilter(NamedTuple):
+    """The time-varying Kalman filter from an uncertain initial state on, computed until its covariance is steady.
+
+    h is the number of samples after which it is steady, or for which it was computed; the last gain, covariance and
+    innovation precision hold for all later samples. Gains do not depend on the measurements.
     """
 
-    A: Array  # (n, n)
-    C: Array  # (m, n)
-    covariances: Array  # (h + 1, n, n) P of the state before each sample
-    gains: Array  # (h, n, m) K of each sample
-    weights: Array  # (h, m, m) S⁻¹ of the errors of prediction
+    A: Array
+    """(n, n) state transition matrix."""
+
+    C: Array
+    """(m, n) output matrix."""
+
+    covariances: Array
+    """(h + 1, n, n) covariance P of the predicted state, before each sample and after the last."""
+
+    gains: Array
+    """(h, n, m) gain K at each sample."""
+
+    innovation_precisions: Array
+    """(h, m, m) inverse F⁻¹ of the covariance of each sample's innovation."""
 
     @classmethod
     def design(
@@ -131,126 +222,190 @@ class KalmanFilter(NamedTuple):
         Q: Array,
         R: Array,
         S: Array,
-        first: Array,
+        initial_covariance: Array,
         samples: int,
     ) -> KalmanFilter:
-        """Returns that for noises as in :func:`steady_state_gain`, and a first state of covariance ``first`` (n, n)."""
-        covariances = [first]
+        """Computes the gains and covariances of the filter.
+
+        Args:
+            A: (n, n) state transition matrix.
+            C: (m, n) output matrix.
+            Q: (n, n) covariance of the process noise.
+            R: (m, m) covariance of the measurement noise.
+            S: (n, m) covariance between process and measurement noise.
+            initial_covariance: (n, n) covariance of the state at the first sample.
+            samples: number of samples that the filter is needed for; it may become steady earlier.
+        """
+        covariances = [initial_covariance]
         gains = []
-        weights = []
+        innovation_precisions = []
+        # The covariance of an unstable system may overflow; its forecasts are then not finite.
         with np.errstate(all="ignore"):
             for _ in range(max(samples, 1)):
                 P = covariances[-1]
                 try:
-                    weights.append(np.linalg.inv(C @ P @ C.T + R))
-                except LinAlgError:  # after an overflow
-                    weights.append(np.full_like(R, np.nan))
-                gain = (A @ P @ C.T + S) @ weights[-1]
-                gains.append(gain)
-                # In Joseph's form it stays positive.
-                kept = A - gain @ C
-                after = kept @ P @ kept.T + Q + (gain @ R - 2 * S) @ gain.T
-                covariances.append((after + after.T) / 2)
+                    F_inverse = np.linalg.inv(C @ P @ C.T + R)
+                except LinAlgError:
+                    # The covariance has overflowed.
+                    F_inverse = np.full_like(R, np.nan)
+                K = (A @ P @ C.T + S) @ F_inverse
+                innovation_precisions.append(F_inverse)
+                gains.append(K)
+                # Joseph's form, with which the covariance stays positive semidefinite.
+                L = A - K @ C
+                next_P = L @ P @ L.T + Q + (K @ R - 2 * S) @ K.T
+                covariances.append((next_P + next_P.T) / 2)
                 if abs(covariances[-1] - P).max() <= STEADY_CHANGE * abs(P).max():
                     break
-        return cls(A, C, np.array(covariances), np.array(gains), np.array(weights))
+        return cls(A, C, np.array(covariances), np.array(gains), np.array(innovation_precisions))
 
-    def covariances_of(self, samples: int) -> Array:
-        """Returns (T + 1, n, n) those before each sample and after the last."""
-        return self.covariances[np.minimum(np.arange(samples + 1), len(self.covariances) - 1)]
+    def predicted_covariances(self, samples: int) -> Array:
+        """Returns the covariances of the predicted state before each sample and after the last, (samples + 1, n, n)."""
+        rows = np.minimum(np.arange(samples + 1), len(self.covariances) - 1)
+        return self.covariances[rows]
+
+    def gain_rows(self, samples: int) -> Indices:
+        """Returns the row of ``gains`` that holds at each sample, (samples,): the last one once they are steady."""
+        return np.minimum(np.arange(samples), len(self.gains) - 1)
 
     @may_overflow
-    def states(self, start: Array, pushes: Array, measured: Array) -> ArrayPair:
-        """Returns states (…, T + 1, n) before each sample and after the last, and errors (…, T, m) of predicting it.
+    def filter(self, initial_state: Array, forcing: Array, measurements: Array) -> ArrayPair:
+        """Runs the filter over segments of T samples each.
 
-        ``start`` is (…, n), ``pushes`` (…, T, n) act on the next state, ``measured`` is (…, T, m); leading axes are
-        segments side by side.
+        Args:
+            initial_state: (…, n) mean of the state at the first sample; leading axes are segments side by side.
+            forcing: (…, T, n) known terms g that are added to the next state.
+            measurements: (…, T, m).
+
+        Returns:
+            The predicted states (…, T + 1, n), before each sample and after the last, and the innovations (…, T, m).
         """
-        samples = measured.shape[-2]
-        places = np.minimum(np.arange(samples), len(self.gains) - 1)
-        states = np.empty((*measured.shape[:-2], samples + 1, len(self.A)))
-        states[..., 0, :] = start
-        closed = (self.A - self.gains @ self.C).mT
-        driven = pushes + np.einsum("...tm,tnm->...tn", measured, self.gains[places])
-        for t, row in enumerate(places):
-            states[..., t + 1, :] = states[..., t, :] @ closed[row] + driven[..., t, :]
-        return states, measured - states[..., :-1, :] @ self.C.T
+        samples = measurements.shape[-2]
+        rows = self.gain_rows(samples)
+        states = np.empty((*measurements.shape[:-2], samples + 1, len(self.A)))
+        states[..., 0, :] = initial_state
+        # Transposed, since states are rows here.
+        L_transposed = (self.A - self.gains @ self.C).mT
+        driving = forcing + np.einsum("...tm,tnm->...tn", measurements, self.gains[rows])
+        for t, row in enumerate(rows):
+            states[..., t + 1, :] = states[..., t, :] @ L_transposed[row] + driving[..., t, :]
+        return states, measurements - states[..., :-1, :] @ self.C.T
 
-    def smooth(self, states: Array, errors: Array) -> tuple[Array, Array, Array]:
-        """Returns means (…, T + 1, n) and covariances (T + 1, n, n) of all states given all measurements.
+    def smooth(self, states: Array, innovations: Array) -> SmoothingResult:
+        """Smooths the states over each segment, by the disturbance smoother.
 
-        By the disturbance smoother, which inverts no covariance of states (de Jong, "Smoothing and interpolation with
-        the state-space model", Journal of the American Statistical Association 84(408), 1989). The third are
-        covariances (T, n, n) of each state but the first with the one before it.
+        Means are x̂ₜ + Pₜ rₜ₋₁ and covariances Pₜ − Pₜ Nₜ₋₁ Pₜ, with Nₜ₋₁ = Cᵀ F⁻¹ C + Lᵀ Nₜ L (P. de Jong, "Smoothing
+        and interpolation with the state-space model", Journal of the American Statistical Association 84(408), 1989).
+
+        Args:
+            states: (…, T + 1, n) predicted states of :meth:`filter`.
+            innovations: (…, T, m) innovations of :meth:`filter`.
         """
-        samples = errors.shape[-2]
-        places = np.minimum(np.arange(samples), len(self.gains) - 1)
+        samples = innovations.shape[-2]
+        rows = self.gain_rows(samples)
         n = len(self.A)
-        closed = self.A - self.gains @ self.C
-        heard = self.weights @ self.C
-        information = np.zeros((samples + 1, n, n))
-        pull = np.zeros_like(states)
+        L = self.A - self.gains @ self.C
+        F_inverse_C = self.innovation_precisions @ self.C
+        N = np.zeros((samples + 1, n, n))
+        r = np.zeros_like(states)
         for t in range(samples - 1, -1, -1):
-            step = closed[places[t]]
-            seen = heard[places[t]]
-            information[t] = self.C.T @ seen + step.T @ information[t + 1] @ step
-            pull[..., t, :] = errors[..., t, :] @ seen + pull[..., t + 1, :] @ step
-        P = self.covariances_of(samples)
-        means = states + np.einsum("...ti,tij->...tj", pull, P)
-        covariances = P - P @ information @ P
-        rest = np.eye(n) - P[1:] @ information[1:]
-        return means, covariances, rest @ closed[places] @ P[:-1]
+            L_t = L[rows[t]]
+            F_inverse_C_t = F_inverse_C[rows[t]]
+            N[t] = self.C.T @ F_inverse_C_t + L_t.T @ N[t + 1] @ L_t
+            r[..., t, :] = innovations[..., t, :] @ F_inverse_C_t + r[..., t + 1, :] @ L_t
+        P = self.predicted_covariances(samples)
+        return SmoothingResult(
+            means=states + np.einsum("...ti,tij->...tj", r, P),
+            covariances=P - P @ N @ P,
+            lag_one_covariances=(np.eye(n) - P[1:] @ N[1:]) @ L[rows] @ P[:-1],
+        )
 
 
 class LinearGaussianModel(NamedTuple):
-    """x⁺ = A x + B u + offset + w,  y = C x + trim + v; w ~ N(0, Q) and v ~ N(0, R), white and independent."""
+    """The linear-Gaussian model x⁺ = A x + B u + offset + w, y = C x + trim + v.
 
-    A: Array  # (n, n)
-    B: Array  # (n, k)
-    offset: Array  # (n,)
-    C: Array  # (m, n)
-    trim: Array  # (m,)
-    Q: Array  # (n, n)
-    R: Array  # (m, m)
+    The noises w ~ N(0, Q) and v ~ N(0, R) are white and independent.
+    """
+
+    A: Array
+    """(n, n) state transition matrix."""
+
+    B: Array
+    """(n, k) input matrix."""
+
+    offset: Array
+    """(n,) constant that is added to the state at each step."""
+
+    C: Array
+    """(m, n) output matrix."""
+
+    trim: Array
+    """(m,) outputs at state 0."""
+
+    Q: Array
+    """(n, n) covariance of the process noise."""
+
+    R: Array
+    """(m, m) covariance of the measurement noise."""
 
 
 class SmoothedStates(NamedTuple):
-    """States of a segment given all of its outputs: means (T, n) and covariances (T, n, n).
-
-    ``lag_one_covariances`` (T − 1, n, n) are the covariances of each state but the first with the one before it.
-    """
+    """Smoothed states of a segment of T samples, given all of its outputs, and the likelihood of these."""
 
     means: Array
+    """(T, n) means."""
+
     covariances: Array
+    """(T, n, n) covariances."""
+
     lag_one_covariances: Array
+    """(T − 1, n, n) covariances of each state but the first with the one before it."""
+
     log_likelihood: float
+    """Log likelihood of the outputs."""
 
 
 def smooth_states(
     model: LinearGaussianModel,
-    start: Array,
+    initial_state: Array,
     inputs: Array,
     outputs: Array,
 ) -> SmoothedStates:
-    """Returns the smoothed states of one segment, and the likelihood of its outputs.
+    """Smooths the states of one segment, and computes the likelihood of its outputs: the E step of the EM algorithm.
 
-    The first state has mean ``start`` (n,) and the identity as covariance; ``LinAlgError`` where a covariance is not
-    positive or not finite.
+    Args:
+        model: the model.
+        initial_state: (n,) mean of the state at the first sample, whose covariance is the identity.
+        inputs: (T, k) inputs u.
+        outputs: (T, m) outputs y.
+
+    Raises:
+        numpy.linalg.LinAlgError: a covariance overflows.
     """
     n = len(model.A)
-    apart = np.zeros((n, len(model.C)))
-    filtered = KalmanFilter.design(
-        model.A, model.C, model.Q, model.R, apart, np.eye(n), len(outputs)
+    kalman_filter = KalmanFilter.design(
+        model.A,
+        model.C,
+        model.Q,
+        model.R,
+        S=np.zeros((n, len(model.C))),
+        initial_covariance=np.eye(n),
+        samples=len(outputs),
     )
-    if not np.isfinite(filtered.covariances).all():
+    if not np.isfinite(kalman_filter.covariances).all():
         raise LinAlgError("the filter's covariance overflows")
-    pushes = inputs @ model.B.T + model.offset
-    measured = outputs - model.trim
-    states, errors = filtered.states(start, pushes, measured)
-    weights = filtered.weights[np.minimum(np.arange(len(errors)), len(filtered.weights) - 1)]
-    squares = np.einsum("ti,tij,tj->", errors, weights, errors)
+    forcing = inputs @ model.B.T + model.offset
+    states, innovations = kalman_filter.filter(initial_state, forcing, outputs - model.trim)
+    precisions = kalman_filter.innovation_precisions[kalman_filter.gain_rows(len(innovations))]
+    squares = np.einsum("ti,tij,tj->", innovations, precisions, innovations)
     log_likelihood = 0.5 * (
-        np.linalg.slogdet(weights)[1].sum() - squares - errors.size * np.log(2 * np.pi)
+        np.linalg.slogdet(precisions)[1].sum() - squares - innovations.size * np.log(2 * np.pi)
     )
-    means, covariances, lagged = filtered.smooth(states, errors)
-    return SmoothedStates(means[:-1], covariances[:-1], lagged[:-1], log_likelihood)
+    smoothed = kalman_filter.smooth(states, innovations)
+    # The filter also predicts the sample after the segment, which is no part of the result.
+    return SmoothedStates(
+        smoothed.means[:-1],
+        smoothed.covariances[:-1],
+        smoothed.lag_one_covariances[:-1],
+        log_likelihood,
+    )

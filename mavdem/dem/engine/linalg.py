@@ -1,7 +1,8 @@
-"""Linear algebra of small matrices: Cholesky's factorization, overflow as an error, and one BLAS thread.
+"""Linear algebra of small positive definite matrices, Gaussian samples, and guards for overflow and BLAS threads.
 
-Matrices are first scaled to a unit diagonal: derivatives of different orders differ by powers of the sampling rate.
-LAPACK is called directly, since SciPy's wrappers would cost more than the work.
+Positive definite matrices are scaled to a unit diagonal before they are factorized: in generalized coordinates
+derivatives of different orders differ by powers of the sampling rate. LAPACK is called directly, because the checks
+of SciPy's wrappers take longer than the factorization of such small matrices.
 """
 
 import os
@@ -18,72 +19,116 @@ from threadpoolctl import ThreadpoolController
 
 from mavdem.arrays import Array, ArrayPair
 
-# keeps zeros from being divided by, or their logarithms from being taken
 SMALLEST_POSITIVE = np.finfo(np.float64).tiny
+"""Smallest normal float, 2e-308: added or used as a floor, it avoids division by zero and the logarithm of zero."""
+
 ROUNDING_TOLERANCE = 1e-9
-"""Of a number, relative to the largest like it: what differs, grows or varies by less does so by rounding."""
+"""Relative size, to the largest number of the same kind, below which a difference is taken for rounding.
+
+A choice: rounding of a float is 2e-16, and the computations here lose up to six digits.
+"""
 
 
 def solve(matrix: Array, right: Array) -> Array:
-    """Returns matrix⁻¹ right, for a positive definite matrix (k, k); ``numpy.linalg.LinAlgError`` if it is not."""
-    unit, scaled = _scaled(matrix)
-    _, solution, failed = dposv(scaled, (right.T * unit).T)
-    _check(failed)
-    return (solution.T * unit).T
+    """Solves matrix · X = right for a symmetric positive definite matrix, by Cholesky's factorization.
+
+    Args:
+        matrix: (k, k) symmetric positive definite.
+        right: (k,) or (k, columns) right-hand side.
+
+    Returns:
+        The solution, shaped like ``right``.
+
+    Raises:
+        numpy.linalg.LinAlgError: the matrix is not positive definite.
+    """
+    scale, scaled = _scaled_to_unit_diagonal(matrix)
+    _, solution, info = dposv(scaled, (right.T * scale).T)
+    _raise_if_not_factorized(info)
+    return (solution.T * scale).T
 
 
 def inverse(matrix: Array) -> Array:
-    """Returns matrix⁻¹, symmetric to the last bit; ``numpy.linalg.LinAlgError`` if it is not positive definite."""
-    unit, scaled = _scaled(matrix)
-    factor, failed = dpotrf(scaled, clean=1)
-    _check(failed)
-    # Both keep to the upper triangle and leave zeros below it.
-    upper = dpotri(factor)[0] * unit * unit[:, None]
+    """Inverts a symmetric positive definite matrix (k, k); the result is symmetric to the last bit.
+
+    Raises:
+        numpy.linalg.LinAlgError: the matrix is not positive definite.
+    """
+    scale, scaled = _scaled_to_unit_diagonal(matrix)
+    factor, info = dpotrf(scaled, clean=1)
+    _raise_if_not_factorized(info)
+    # LAPACK fills the upper triangle only, and leaves zeros below it.
+    upper = dpotri(factor)[0] * scale * scale[:, None]
     upper.flat[:: len(upper) + 1] *= 0.5
     return upper + upper.T
 
 
 def logdet(matrix: Array) -> float:
-    """Returns ln|matrix|; ``numpy.linalg.LinAlgError`` if it is not positive definite."""
-    unit, scaled = _scaled(matrix)
-    factor, failed = dpotrf(scaled)
-    _check(failed)
-    return 2.0 * float(np.log(factor.diagonal() / unit).sum())
+    """Returns the logarithm of the determinant of a symmetric positive definite matrix (k, k).
+
+    Raises:
+        numpy.linalg.LinAlgError: the matrix is not positive definite.
+    """
+    scale, scaled = _scaled_to_unit_diagonal(matrix)
+    factor, info = dpotrf(scaled)
+    _raise_if_not_factorized(info)
+    return 2.0 * float(np.log(factor.diagonal() / scale).sum())
 
 
-def _scaled(matrix: Array) -> ArrayPair:
-    # A diagonal that is not positive stays so, and the factorization fails: a check here would cost as much.
-    unit = 1.0 / np.sqrt(abs(matrix.diagonal()) + SMALLEST_POSITIVE)
-    return unit, matrix * unit * unit[:, None]
+def _scaled_to_unit_diagonal(matrix: Array) -> ArrayPair:
+    """Returns the scale s (k,) and the matrix diag(s) · matrix · diag(s), whose diagonal is ±1.
+
+    A diagonal entry that is not positive stays so, and the factorization that follows reports it.
+    """
+    scale = 1.0 / np.sqrt(abs(matrix.diagonal()) + SMALLEST_POSITIVE)
+    return scale, matrix * scale * scale[:, None]
 
 
-def _check(failed: int) -> None:
-    if failed:
+def _raise_if_not_factorized(info: int) -> None:
+    """Raises ``LinAlgError`` where LAPACK's ``info`` says that Cholesky's factorization broke down."""
+    if info:
         raise LinAlgError("the matrix is not positive definite")
 
 
 def normal_draws(mean: Array, covariance: Array, number: int, seed: int) -> Array:
-    """Returns a ``number`` of Gaussian draws (number, k) by ``seed``, the same on every processor.
+    """Draws samples of a Gaussian, in antithetic pairs and with matched moments.
 
-    An even number has this ``mean`` and, of no more than half as many parameters, this ``covariance`` exactly, which
-    may be singular.
+    An even number of samples has exactly the mean that is asked for. With at least twice as many samples as dimensions
+    it has exactly the covariance as well, since the standard normal samples are made orthonormal first. Few samples
+    then represent the Gaussian well.
+
+    Args:
+        mean: (k,) mean.
+        covariance: (k, k) covariance; it may be singular.
+        number: number of samples.
+        seed: seed of the generator; the samples are the same on every processor.
+
+    Returns:
+        Samples (number, k).
     """
     half = default_rng(seed).standard_normal(((number + 1) // 2, len(mean)))
     if len(mean) <= len(half):
         half = np.linalg.qr(half)[0] * np.sqrt(len(half))
-    # By the symmetric root: in others the signs of eigenvectors are any.
+    # The symmetric root is unique, while the signs of eigenvectors differ between processors.
     values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
     root = vectors * np.sqrt(values.clip(0)) @ vectors.T
     return mean + np.vstack([half, -half])[:number] @ root
 
 
 def require_positive_definite(matrix: Array, name: str, size: int) -> None:
-    """Raises ``ValueError``, which names the argument, unless it is symmetric positive definite, (size, size)."""
+    """Raises ``ValueError`` unless an argument is a finite, symmetric positive definite matrix (size, size).
+
+    Args:
+        matrix: the argument.
+        name: its name, with which the message begins.
+        size: expected number of rows and columns.
+    """
     if np.shape(matrix) != (size, size):
         raise ValueError(f"{name} must have shape ({size}, {size}), not {np.shape(matrix)}")
     if not np.isfinite(matrix).all():
         raise ValueError(f"{name} must be finite")
-    if abs(matrix - matrix.T).max(initial=0.0) > ROUNDING_TOLERANCE * abs(matrix).max(initial=0.0):
+    asymmetry = abs(matrix - matrix.T).max(initial=0.0)
+    if asymmetry > ROUNDING_TOLERANCE * abs(matrix).max(initial=0.0):
         raise ValueError(f"{name} must be symmetric")
     if size:
         try:
@@ -93,12 +138,15 @@ def require_positive_definite(matrix: Array, name: str, size: int) -> None:
 
 
 may_overflow = np.errstate(over="ignore", invalid="ignore")
-"""Of functions: what an unstable model forecasts, or huge inputs make, becomes infinity or NaN without a warning."""
+"""Decorator of functions whose results may overflow to infinity or NaN, without a warning.
+
+Forecasts of an unstable model overflow, and so do those of huge inputs; callers look at the result.
+"""
 
 
 @contextmanager
 def raise_on_overflow() -> Iterator[None]:
-    """Raises ``numpy.linalg.LinAlgError`` instead of continuing with infinity or NaN."""
+    """Raises ``numpy.linalg.LinAlgError`` where arithmetic overflows or is undefined, instead of going on with NaN."""
     try:
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             yield
@@ -106,33 +154,41 @@ def raise_on_overflow() -> Iterator[None]:
         raise LinAlgError(f"overflow: {error}") from None
 
 
-_lock = RLock()
+_blas_lock = RLock()
+"""Held by the thread that has limited BLAS to one thread: the limit is one for the whole process."""
 
 
 @contextmanager
 def one_thread(wait: bool = True) -> Iterator[bool]:
-    """Limits linear algebra to one thread; other threads that call this ``wait``, or are yielded ``False`` at once."""
-    lock = _lock
+    """Limits BLAS to one thread while the context is open: matrices here are so small that threads only cost time.
+
+    Args:
+        wait: whether to wait while another thread of this process is inside such a context.
+
+    Yields:
+        Whether the limit is in force. ``False``, at once, where another thread has it and this one does not wait.
+    """
+    lock = _blas_lock
     if not lock.acquire(blocking=wait):
         yield False
         return
     try:
-        with _linear_algebra().limit(limits=1, user_api="blas"):
+        with _blas_controller().limit(limits=1, user_api="blas"):
             yield True
     finally:
         lock.release()
 
 
-def _new_lock() -> None:
-    """In a forked process: a thread of the parent that has the lock is not there to release it."""
-    global _lock
-    _lock = RLock()
+def _renew_lock_after_fork() -> None:
+    """Gives a forked process a lock of its own: the parent's thread that may hold the lock does not exist in it."""
+    global _blas_lock
+    _blas_lock = RLock()
 
 
-os.register_at_fork(after_in_child=_new_lock)
+os.register_at_fork(after_in_child=_renew_lock_after_fork)
 
 
 @cache
-def _linear_algebra() -> ThreadpoolController:
-    """Looking for the libraries takes longer than a fit."""
+def _blas_controller() -> ThreadpoolController:
+    """Returns the controller of the loaded BLAS libraries; finding these takes longer than a fit, so it is kept."""
     return ThreadpoolController()

@@ -1,7 +1,6 @@
-"""The linear model, the parameter vector it is packed into, and its motion from sample to sample."""
+"""The continuous linear state-space model: its parameter vector θ, its discretization, and its recursion in time."""
 
 from dataclasses import dataclass
-from itertools import accumulate
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -15,26 +14,42 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 @dataclass(frozen=True, eq=False)
 class LinearModel:
-    """ẋ = A x + B (u − input_trim) + offset + w,  y = C x + output_trim + z, Eq. ``general_LTI`` with its trim.
+    """The linear model of the vehicle about its trim, Eq. ``general_LTI``, in physical units.
 
-    The state x is a deviation from trim, in the units of the outputs for the first states.
+        ẋ = A x + B (u − input_trim) + offset + w,    y = C x + output_trim + z
+
+    The first states have the units of the outputs (rad, rad/s); w and z are process and measurement noise.
     """
 
-    A: Array  # (n, n) 1/s
-    B: Array  # (n, r)
-    C: Array  # (m, n)
-    offset: Array  # (n,) what the trim inputs leave over, per second
-    input_trim: Array  # (r,)
-    output_trim: Array  # (m,)
+    A: Array
+    """(n, n) system matrix, 1/s."""
+
+    B: Array
+    """(n, r) input matrix, units of the states per second and per unit of the inputs."""
+
+    C: Array
+    """(m, n) output matrix."""
+
+    offset: Array
+    """(n,) constant rate of the states that remains at the trim inputs, units of the states per second."""
+
+    input_trim: Array
+    """(r,) inputs about which the model is linear, in the unit of the recorded inputs."""
+
+    output_trim: Array
+    """(m,) outputs about which the model is linear, rad and rad/s."""
 
     @property
     def spectral_abscissa(self) -> float:
-        """The largest real part among the eigenvalues of A, 1/s: positive means unstable."""
+        """Largest real part of the eigenvalues of A, 1/s. The model is unstable where it is positive."""
         return float(np.linalg.eigvals(self.A).real.max())
 
 
 def pack(A: NDArray[Scalar], B: NDArray[Scalar], C: NDArray[Scalar]) -> NDArray[Scalar]:
-    """Returns θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)]: the rows of A, then of B, then of C."""
+    """Packs A (n, n), B (n, r) and C (m, n) into θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], as the paper does.
+
+    Row after row of A, then of B, then of C; :func:`unpack` is the inverse.
+    """
     return np.concatenate([A.ravel(), B.ravel(), C.ravel()])
 
 
@@ -44,59 +59,118 @@ def unpack(
     r: int,
     m: int,
 ) -> tuple[NDArray[Scalar], NDArray[Scalar], NDArray[Scalar]]:
-    """Returns A (n, n), B (n, r) and C (m, n) out of θ (n² + n·r + m·n,)."""
-    a = n * n
-    b = n * n + n * r
-    return theta[:a].reshape(n, n), theta[a:b].reshape(n, r), theta[b:].reshape(m, n)
+    """Unpacks θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)] into the matrices of the model.
+
+    Args:
+        theta: (n² + n·r + m·n,) the parameter vector, or anything arranged like it, such as variances.
+        n: number of states.
+        r: number of inputs.
+        m: number of outputs.
+
+    Returns:
+        A (n, n), B (n, r) and C (m, n), views of ``theta``.
+    """
+    end_of_A = n * n
+    end_of_B = n * n + n * r
+    return (
+        theta[:end_of_A].reshape(n, n),
+        theta[end_of_A:end_of_B].reshape(n, r),
+        theta[end_of_B:].reshape(m, n),
+    )
 
 
 class Transition(NamedTuple):
-    """x⁺ = Φ x + Γ₀ u + Γ₁ u⁺: one sampling step, exact for inputs that run linearly between samples."""
+    """The model over one sampling step, x_{t+1} = Φ x_t + Γ₀ u_t + Γ₁ u_{t+1}.
 
-    Phi: Array  # (..., n, n) Φ
-    Gamma0: Array  # (..., n, r) Γ₀
-    Gamma1: Array  # (..., n, r) Γ₁
+    It is exact for inputs that change linearly between samples (first-order hold). Leading axes are several models.
+    """
+
+    Phi: Array
+    """(…, n, n) state transition matrix Φ."""
+
+    Gamma0: Array
+    """(…, n, r) effect Γ₀ of the inputs at the start of the step."""
+
+    Gamma1: Array
+    """(…, n, r) effect Γ₁ of the inputs at the end of the step."""
 
 
 def discretize(A: Array, B: Array, dt: float) -> Transition:
-    """Returns the exact transition over ``dt`` s with first-order hold (Franklin, Powell and Workman, sec. 4.3.2).
+    """Discretizes ẋ = A x + B u with a first-order hold of the inputs.
 
-    A and B are (..., n, n) and (..., n, r), of one model or of several.
+    With inputs that change linearly over the step, the states, the inputs and the change of the inputs follow one
+    autonomous linear system, so that all three matrices are blocks of one matrix exponential (Franklin, Powell and
+    Workman, Digital Control of Dynamic Systems, 3rd ed., sec. 4.3.2).
+
+    Args:
+        A: (…, n, n) system matrices, 1/s; leading axes are several models.
+        B: (…, n, r) input matrices.
+        dt: sampling step, s.
+
+    Returns:
+        The transition over one step.
     """
     n, r = B.shape[-2:]
-    held = n + r
-    generator = np.zeros((*B.shape[:-2], held + r, held + r))
+    end_of_inputs = n + r
+    # The state [x; u; change of u over the step], in units of the step: x' = A dt x + B dt u, u' = change.
+    generator = np.zeros((*B.shape[:-2], end_of_inputs + r, end_of_inputs + r))
     generator[..., :n, :n] = A * dt
-    generator[..., :n, n:held] = B * dt
-    generator[..., n:held, held:] = np.eye(r)
+    generator[..., :n, n:end_of_inputs] = B * dt
+    generator[..., n:end_of_inputs, end_of_inputs:] = np.eye(r)
     flow = expm(generator)
-    ramp = flow[..., :n, held:]
-    return Transition(flow[..., :n, :n], flow[..., :n, n:held] - ramp, ramp)
+    effect_of_start = flow[..., :n, n:end_of_inputs]
+    effect_of_change = flow[..., :n, end_of_inputs:]
+    # The change is u_{t+1} − u_t, so that part of it counts against the inputs at the start.
+    return Transition(
+        Phi=flow[..., :n, :n], Gamma0=effect_of_start - effect_of_change, Gamma1=effect_of_change
+    )
 
 
-# condition of the eigenvectors that costs half of the digits: it runs sample by sample instead of mode by mode
 MAX_MODE_CONDITION = 1 / np.sqrt(np.finfo(np.float64).eps)
+"""Condition number of the eigenvectors above which a recursion runs sample by sample.
+
+At this number, 7e7, the transformation to the eigenvectors loses half of the digits of a float.
+"""
 
 
-def linear_recursion(F: Array, pushes: Array, first: Array) -> Array:
-    """Returns x₁ … x_T of x_{t} = F x_{t−1} + push_t from x₀ = ``first``, mode by mode, in which it is vectorized."""
-    from scipy.signal import lfilter  # it takes half a second to import
+def linear_recursion(F: Array, forcing: Array, x0: Array) -> Array:
+    """Runs the recursion x_t = F x_{t−1} + g_t over all samples, vectorized over time.
 
-    if not pushes.size:
-        return np.empty_like(pushes)
-    eigenvalues, modes = np.linalg.eig(F)
-    if np.linalg.cond(modes) > MAX_MODE_CONDITION:
-        return np.array(
-            [*accumulate(pushes, lambda state, push: F @ state + push, initial=first)][1:]
-        )
-    # Of a conjugate pair one is enough: the other has the same real part.
-    kept = eigenvalues.imag >= 0
-    shares = 1.0 + (eigenvalues.imag[kept] > 0)
-    inward = np.linalg.inv(modes)[kept]
-    starts = inward @ first
-    driven = inward @ pushes.T
-    states = [
-        lfilter([1.0], [1.0, -value], row, zi=[value * start])[0]
-        for value, start, row in zip(eigenvalues[kept], starts, driven, strict=True)
-    ]
-    return (np.array(states).T @ (shares * modes[:, kept]).T).real
+    With F = V Λ V⁻¹ the coordinates V⁻¹ x follow one scalar recursion for each eigenvalue, and SciPy runs such a
+    recursion over all samples at once, as a first-order recursive filter. Where the eigenvectors are too ill
+    conditioned, as of a defective F, the recursion runs sample by sample.
+
+    Args:
+        F: (n, n) state transition matrix.
+        forcing: (T, n) terms g₁ … g_T that are added at each step.
+        x0: (n,) state before the first step.
+
+    Returns:
+        States x₁ … x_T, (T, n).
+    """
+    # Imported here, since it takes half a second.
+    from scipy.signal import lfilter
+
+    if not forcing.size:
+        return np.empty_like(forcing)
+    eigenvalues, V = np.linalg.eig(F)
+    if np.linalg.cond(V) > MAX_MODE_CONDITION:
+        states = []
+        state = x0
+        for term in forcing:
+            state = F @ state + term
+            states.append(state)
+        return np.array(states)
+    # Of a pair of conjugate eigenvalues one is enough: the other adds the same real part.
+    is_used = eigenvalues.imag >= 0
+    multiplicity = np.where(eigenvalues.imag[is_used] > 0, 2.0, 1.0)
+    to_modes = np.linalg.inv(V)[is_used]
+    modes_at_start = to_modes @ x0
+    forcing_of_modes = to_modes @ forcing.T
+    modes = []
+    for eigenvalue, start, terms in zip(
+        eigenvalues[is_used], modes_at_start, forcing_of_modes, strict=True
+    ):
+        mode, _ = lfilter([1.0], [1.0, -eigenvalue], terms, zi=[eigenvalue * start])
+        modes.append(mode)
+    return (np.array(modes).T @ (multiplicity * V[:, is_used]).T).real

@@ -1,8 +1,8 @@
-"""The discrete linear model in innovation form: it filters, predicts, forecasts and simulates.
+"""The discrete linear model in innovation form, which filters, predicts, forecasts and simulates.
 
-The D step uses the samples of one window, which cannot carry a hidden state from one sample to the next. So the learned
-model and its noises are put into a steady-state Kalman filter, in which the coloured noises count with their power at
-low frequency, Σ · 2s√π: the effect that noise of that colour has on a slower state.
+The D step uses the samples of one short window, and carries no hidden state from one sample to the next. So the learned
+model and its noises are put into a steady-state Kalman filter. A noise with the correlation of a Gaussian kernel of
+width s acts on a slower state like white noise of the same power density at low frequency, Σ · 2s√π.
 """
 
 from __future__ import annotations
@@ -19,109 +19,173 @@ from mavdem.dem.engine.model import Transition, discretize, linear_recursion
 
 @dataclass(frozen=True, eq=False)
 class StateSpace:
-    """x⁺ = A x + B (u − input_trim) + offset + K e,  y = C x + D (u − input_trim) + output_trim + e.
+    """A linear model in innovation form (Ljung, System Identification, 2nd ed., sec. 4.3).
 
-    One step is one sample, e is the error of predicting y from all samples before it. With D = 0 the input of an
-    instant moves the outputs from the next sample on. Several models may be held at once, their matrices with a leading
-    axis. A segment's second state is ``second_of_outputs`` times its first outputs plus ``second_of_inputs`` times its
-    first inputs.
+        x⁺ = A x + B (u − input_trim) + offset + K e,    y = C x + D (u − input_trim) + output_trim + e
+
+    One step is one sample. The state x of a sample is predicted from all samples before it, and the innovation e is the
+    error of predicting y. With D = 0 the inputs of a sample move the outputs from the next sample on. Several models
+    may be held at once, their matrices with a leading axis.
     """
 
-    A: Array  # (n, n)
-    B: Array  # (n, r)
-    C: Array  # (m, n)
-    D: Array  # (m, r)
-    K: Array  # (n, m)
-    offset: Array  # (n,)
-    input_trim: Array  # (r,)
-    output_trim: Array  # (m,)
-    # (n, m) state of a segment's second sample, from the outputs of its first
+    A: Array
+    """(n, n) state transition matrix."""
+
+    B: Array
+    """(n, r) input matrix."""
+
+    C: Array
+    """(m, n) output matrix."""
+
+    D: Array
+    """(m, r) feedthrough of the inputs to the outputs of the same sample."""
+
+    K: Array
+    """(n, m) innovation gain."""
+
+    offset: Array
+    """(n,) constant that is added to the state at each step."""
+
+    input_trim: Array
+    """(r,) inputs about which the model is linear."""
+
+    output_trim: Array
+    """(m,) outputs about which the model is linear."""
+
     second_of_outputs: Array | None = None
-    second_of_inputs: Array | None = None  # (n, r) likewise from the inputs of its first
+    """(n, m) effect of a segment's first outputs on the state of its second sample; ``None`` if not defined."""
+
+    second_of_inputs: Array | None = None
+    """(n, r) effect of a segment's first inputs on the state of its second sample; ``None`` if not defined."""
 
     @staticmethod
     def from_transition(transition: Transition, C: Array, gain: Array) -> StateSpace:
-        """Returns the same model as one whose state is corrected by gain · e at each sample: A = Φ, K = Φ gain.
+        """Returns the innovation form of a first-order-hold model with a Kalman filter.
 
-        Inputs run linearly between samples, so that B = Φ Γ₁ + Γ₀ and D = C Γ₁ (Franklin, Powell and Workman, sec.
-        4.3.2). The ``transition`` is over one sampling step, C is (m, n), and ``gain`` (n, m) is of the filter.
-        The corrected state at a first sample is the least that gives its outputs.
+        The filter corrects its state at each sample by gain · e, so that A = Φ and K = Φ · gain. The effect Γ₁ u of a
+        sample's inputs is moved out of the state, which gives B = Φ Γ₁ + Γ₀ and D = C Γ₁ (Franklin, Powell and Workman,
+        sec. 4.3.2). A segment starts with the state of least norm that has its first outputs.
+
+        Args:
+            transition: the model over one sampling step; leading axes are several models.
+            C: (m, n) output matrix.
+            gain: (n, m) gain of the filter.
         """
-        state, now, later = transition
-        n, r = now.shape[-2:]
-        matrices = state, state @ later + now, C, C @ later, state @ gain
-        constants = np.zeros(n), np.zeros(r), np.zeros(len(C))
-        second = state @ np.linalg.pinv(C), now
-        # In C order, as those of a loaded document: in another order a product rounds differently.
+        Phi, Gamma0, Gamma1 = transition
+        n, r = Gamma0.shape[-2:]
+        model = StateSpace(
+            A=Phi,
+            B=Phi @ Gamma1 + Gamma0,
+            C=C,
+            D=C @ Gamma1,
+            K=Phi @ gain,
+            offset=np.zeros(n),
+            input_trim=np.zeros(r),
+            output_trim=np.zeros(len(C)),
+            second_of_outputs=Phi @ np.linalg.pinv(C),
+            second_of_inputs=Gamma0,
+        )
+        # In C order, as the arrays of a loaded document are: in another order a matrix product may round differently.
         return StateSpace(
-            *(np.ascontiguousarray(array) for array in (*matrices, *constants, *second))
+            **{name: np.ascontiguousarray(array) for name, array in vars(model).items()}
         )
 
     @property
     def spectral_radius(self) -> float:
-        """The largest magnitude among the eigenvalues of A; 0 of a model without states."""
+        """Largest magnitude of the eigenvalues of A; 0 for a model without states."""
         return float(abs(np.linalg.eigvals(self.A)).max(initial=0.0))
 
     def second_state(self, inputs: Array, outputs: Array) -> Array:
-        """Returns (n,) state of a segment's second sample, from the inputs (r,) and outputs (m,) of its first."""
+        """Returns the state (n,) of a segment's second sample, from its first ``inputs`` (r,) and ``outputs`` (m,)."""
         assert self.second_of_outputs is not None and self.second_of_inputs is not None
         return outputs @ self.second_of_outputs.T + inputs @ self.second_of_inputs.T
 
     def predicted_states(self, start: Array, inputs: Array, outputs: Array) -> Array:
-        """Returns states (T + 1, n): of each sample predicted from those before it, and of the one after the last.
+        """Runs the filter over a segment.
 
-        They begin at ``start`` (n,), with ``inputs`` (T, r) and ``outputs`` (T, m).
+        Args:
+            start: (n,) state of the first sample.
+            inputs: (T, r) inputs.
+            outputs: (T, m) measured outputs.
+
+        Returns:
+            States (T + 1, n), each predicted from the samples before it; the last is that of the sample after the
+            segment.
         """
-        pushes = self._pushes(inputs) + (outputs - self.feedthrough(inputs)) @ self.K.T
-        return np.vstack([start, linear_recursion(self.A - self.K @ self.C, pushes, start)])
+        # With e = y − C x − D u the state follows x⁺ = (A − K C) x + B u + K (y − D u).
+        forcing = self._input_forcing(inputs) + (outputs - self.feedthrough(inputs)) @ self.K.T
+        return np.vstack([start, linear_recursion(self.A - self.K @ self.C, forcing, start)])
 
     def predicted_outputs(self, start: Array, inputs: Array, outputs: Array) -> Array:
-        """Returns (T, m) samples predicted from those before.
+        """Predicts each sample of a segment from those before it.
 
-        ``start``, ``inputs`` and ``outputs`` are as in :meth:`filtered`.
+        Args:
+            start: (n,) state of the first sample.
+            inputs: (T, r) inputs.
+            outputs: (T, m) measured outputs.
+
+        Returns:
+            One-step predictions (T, m).
         """
         return self.noise_free_outputs(self.predicted_states(start, inputs, outputs)[:-1], inputs)
 
     def one_step_predictions(self, inputs: Array, outputs: Array) -> Array:
-        """Predicts ``outputs`` (T, m) but the first, (T − 1, m), from those before and ``inputs`` (T, r)."""
-        return self.predicted_outputs(
-            self.second_state(inputs[0], outputs[0]), inputs[1:], outputs[1:]
-        )
+        """Predicts each sample of a segment but the first from those before it.
+
+        Args:
+            inputs: (T, r) inputs.
+            outputs: (T, m) measured outputs.
+
+        Returns:
+            One-step predictions (T − 1, m).
+        """
+        start = self.second_state(inputs[0], outputs[0])
+        return self.predicted_outputs(start, inputs[1:], outputs[1:])
 
     def state_after(self, inputs: Array, outputs: Array) -> Array:
-        """Returns (n,) state of the sample after a segment of ``inputs`` (T, r) and ``outputs`` (T, m)."""
-        return self.predicted_states(
-            self.second_state(inputs[0], outputs[0]), inputs[1:], outputs[1:]
-        )[-1]
+        """Returns the state (n,) of the sample after a segment of ``inputs`` (T, r) and ``outputs`` (T, m)."""
+        start = self.second_state(inputs[0], outputs[0])
+        return self.predicted_states(start, inputs[1:], outputs[1:])[-1]
 
     def simulate(self, start: Array, inputs: Array) -> Array:
-        """Returns (H, m) outputs without noise, the first of state ``start`` (n,), of inputs (H, r).
+        """Simulates the model without noise; outputs of an unstable model may overflow to infinity or NaN.
 
-        Outputs of an unstable model may overflow to infinity or NaN.
+        Args:
+            start: (n,) state of the first sample.
+            inputs: (H, r) inputs.
+
+        Returns:
+            Outputs (H, m).
         """
-        first = np.zeros(1, int)
-        return self.simulate_from(first, len(inputs), start[None], inputs)[0]
+        return self.simulate_from(np.zeros(1, int), len(inputs), start[None], inputs)[0]
 
     @may_overflow
     def simulate_from(
         self,
-        begins: Indices,
+        start_rows: Indices,
         horizon: int,
         states: Array,
         inputs: Array,
     ) -> Array:
-        """Returns (S, H, m) outputs without noise, from each of the samples ``begins`` (S,), of ``states`` (S, n), on.
+        """Runs several simulations without noise, each from another sample of the same inputs.
 
-        The ``horizon`` is H; beyond the last row of ``inputs`` (T, r) they stay as they are there.
+        Args:
+            start_rows: (S,) row of ``inputs`` at which each simulation starts.
+            horizon: number of samples H of each simulation.
+            states: (S, n) state of each first sample.
+            inputs: (T, r) inputs; after the last row they are held.
+
+        Returns:
+            Outputs (S, H, m).
         """
-        direct = self.feedthrough(inputs)
-        pushes = self._pushes(inputs)
-        predicted = np.empty((len(begins), horizon, len(self.C)))
+        feedthrough = self.feedthrough(inputs)
+        forcing = self._input_forcing(inputs)
+        outputs = np.empty((len(start_rows), horizon, len(self.C)))
         for step in range(horizon):
-            rows = np.minimum(begins + step, len(inputs) - 1)
-            predicted[:, step] = states @ self.C.T + direct[rows]
-            states = states @ self.A.T + pushes[rows]
-        return predicted
+            rows = np.minimum(start_rows + step, len(inputs) - 1)
+            outputs[:, step] = states @ self.C.T + feedthrough[rows]
+            states = states @ self.A.T + forcing[rows]
+        return outputs
 
     @may_overflow
     def rolling_forecast(
@@ -131,27 +195,37 @@ class StateSpace:
         inputs: Array,
         outputs: Array,
     ) -> Array:
-        """Returns (T, m) outputs without noise, from every ``steps``-th sample's state on.
+        """Forecasts a segment with known inputs, starting anew at every ``steps``-th sample.
 
-        That state is predicted from all samples before it. ``start`` (n,) is the first sample's state, with ``inputs``
-        (T, r) and ``outputs`` (T, m).
+        Each forecast starts from the state that the filter predicts from all samples before it, and continues without
+        measurements until the next one starts.
+
+        Args:
+            steps: number of samples from one start to the next.
+            start: (n,) state of the first sample.
+            inputs: (T, r) inputs.
+            outputs: (T, m) measured outputs.
+
+        Returns:
+            Forecasts (T, m).
         """
-        begins = np.arange(0, len(inputs), steps)
-        steps = min(steps, len(inputs))
-        states = self.predicted_states(start, inputs, outputs)[begins]
-        return self.simulate_from(begins, steps, states, inputs).reshape(-1, len(self.C))[
-            : len(inputs)
-        ]
+        start_rows = np.arange(0, len(inputs), steps)
+        horizon = min(steps, len(inputs))
+        states = self.predicted_states(start, inputs, outputs)[start_rows]
+        forecasts = self.simulate_from(start_rows, horizon, states, inputs)
+        # The last forecast may reach beyond the segment.
+        return forecasts.reshape(-1, len(self.C))[: len(inputs)]
 
     def noise_free_outputs(self, states: Array, inputs: Array) -> Array:
-        """Returns (T, m) outputs of states (T, n) and inputs (T, r), without noise."""
+        """Returns the outputs (T, m) of states (T, n) and inputs (T, r), without noise."""
         return states @ self.C.T + self.feedthrough(inputs)
 
     def feedthrough(self, inputs: Array) -> Array:
-        """Returns (T, m) part of the outputs that ``inputs`` (T, r) and the trim make, not the state."""
+        """Returns the part of the outputs (T, m) that comes from the inputs (T, r) and the trim, not from the state."""
         return (inputs - self.input_trim) @ self.D.T + self.output_trim
 
-    def _pushes(self, inputs: Array) -> Array:
+    def _input_forcing(self, inputs: Array) -> Array:
+        """Returns what the inputs (T, r) and the offset add to the next state, (T, n)."""
         return (inputs - self.input_trim) @ self.B.T + self.offset
 
 
@@ -159,18 +233,30 @@ def filter_gain(
     A: Array,
     C: Array,
     dt: float,
-    measurement_noise: Array,
-    process_noise: Array,
+    measurement_variances: Array,
+    process_covariance: Array,
     smoothness: float,
 ) -> Array:
-    """Returns (n, m) gain of the steady-state Kalman filter of a continuous model with coloured noise.
+    """Computes the gain of the steady-state Kalman filter of a continuous model whose noises are smooth.
 
-    Variances of z are ``measurement_noise`` (m,), the covariance of w is ``process_noise`` (n, n); both have kernel
-    width ``smoothness``, s. ``LinAlgError`` where there is no steady filter, as when no output shows an unstable state.
+    Args:
+        A: (n, n) system matrix, 1/s.
+        C: (m, n) output matrix.
+        dt: sampling step, s.
+        measurement_variances: (m,) variances of the measurement noise z.
+        process_covariance: (n, n) covariance of the process noise w.
+        smoothness: width s of the Gaussian kernel of both noises, s.
+
+    Returns:
+        The gain (n, m) with which an innovation corrects the state of the same sample.
+
+    Raises:
+        numpy.linalg.LinAlgError: there is no steady filter, such as where no output shows an unstable state.
     """
-    state = discretize(A, np.empty((len(A), 0)), dt).Phi
-    power = 2 * smoothness * np.sqrt(np.pi)
+    Phi = discretize(A, np.empty((len(A), 0)), dt).Phi
+    # ∫ exp(−τ²/4s²) dτ: power density at low frequency of a smooth noise of variance 1, s.
+    power_density = 2 * smoothness * np.sqrt(np.pi)
     # Measurements are samples: noise whose correlation is shorter than a step has its variance and no more.
-    R = np.diag(measurement_noise) * max(power / dt, 1.0)
-    _, P = steady_state_gain(state, C, process_noise * power * dt, R)
+    R = np.diag(measurement_variances) * max(power_density / dt, 1.0)
+    _, P = steady_state_gain(Phi, C, process_covariance * power_density * dt, R)
     return np.ascontiguousarray(np.linalg.solve(C @ P @ C.T + R, C @ P).T)

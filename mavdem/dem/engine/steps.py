@@ -1,7 +1,8 @@
-"""The D, E and M steps: each raises F̄ over one part of the posterior with the others held.
+"""The D, E and M steps of DEM: each maximises F̄ over the states X, the parameters θ or the log noise precisions λ.
 
-X and θ enter F̄ quadratically, so their steps are exact; λ enters through e^λ and takes guarded Newton steps. Each
-follows its gradient flow, Eq. ``GA_basic``, to the end: the limit of infinite learning rates k, which is always stable.
+Each step holds the other quantities, and takes the gradient ascent of Eq. ``GA_basic`` to its end: the limit of
+infinite learning rates k, which is always stable. F̄ is quadratic in X and in θ, so their maxima have closed forms. In λ
+it has exponentials e^λ, and is maximised by Newton's method.
 """
 
 from __future__ import annotations
@@ -13,139 +14,199 @@ import numpy as np
 from mavdem.arrays import Array, ArrayPair
 from mavdem.dem.engine.free_energy import (
     Posterior,
-    expected_weights,
+    expected_noise_precisions,
     lambda_curvature,
     state_curvature,
     theta_curvature,
 )
-from mavdem.dem.engine.gauss_newton import MAX_STEPS
 from mavdem.dem.engine.linalg import inverse, solve
 
-LONGEST_PRECISION_STEP = 4.0
-"""A step of λ changes a noise precision at most by e⁴: far from the maximum the curvature says little."""
-SHORTEST_PRECISION_STEP = 1e-6
-"""A step of λ shorter than this ends the M step: Newton's method has then converged to twice as many digits."""
+MAX_NEWTON_STEPS = 40
+"""Largest number of Newton steps of one M step: a guard, since the method converges in far fewer."""
+
+MAX_LAMBDA_STEP = 4.0
+"""Largest change of a log noise precision in one Newton step.
+
+A choice: the precision changes by a factor of e⁴ = 55 at most. Far from the maximum the curvature, which is
+exponential in λ, suggests steps that are much too long.
+"""
+
+MIN_LAMBDA_STEP = 1e-6
+"""Change of the log noise precisions below which the M step has converged.
+
+Newton's method converges quadratically: after a step of 1e-6 the error is about 1e-12.
+"""
 
 
 def d_step(posterior: Posterior) -> Array:
-    """Takes the D step: every sample's X at the maximum of F under a posterior in θ and λ.
+    """Takes the D step: finds the states X of every sample at the maximum of F, given θ and λ.
 
-    F is expand in X with the same curvature at every sample, so X(t) = L [ỹ(t); η̃(t)] with one L (dim X,
-    dim [ỹ; η̃]), which is returned.
+    F is quadratic in X with the same curvature at every sample. So the maximum is linear in the data, X = L [ỹ; η̃],
+    with one matrix L for all samples.
+
+    Args:
+        posterior: the posterior of θ and λ; its states play no part.
+
+    Returns:
+        L, (dim X, dim [ỹ; η̃]).
     """
-    of_data, precision = state_slope(posterior)
-    return solve(precision, of_data)
+    data_effect, precision = state_gradient(posterior)
+    return solve(precision, data_effect)
 
 
-def state_slope(posterior: Posterior) -> ArrayPair:
-    """Returns G (dim X, dim [ỹ; η̃]) and P (dim X, dim X) with ∂F/∂X = G [ỹ; η̃] − P X.
+def state_gradient(posterior: Posterior) -> ArrayPair:
+    """Returns the gradient of F by the states of a sample, as the matrices of a linear function.
 
-    Mean-field terms of θ and λ are included.
+    The mean-field terms of θ and λ are included.
+
+    Returns:
+        G (dim X, dim [ỹ; η̃]) and P (dim X, dim X), with ∂F/∂X = G [ỹ; η̃] − P X.
     """
     model = posterior.model
     E = model.error_operator(posterior.theta)
-    data = E[:, : model.hidden.start]
-    X = E[:, model.hidden]
-    weights = expected_weights(posterior.lambda_, posterior.lambda_covariance)
-    weighted = X.T @ model.precision(weights)
-    uncertainty = model.state_uncertainty(np.exp(posterior.lambda_), posterior.theta_covariance)
-    return -weighted @ data, weighted @ X + uncertainty
+    E_data = E[:, : model.hidden_columns.start]
+    E_X = E[:, model.hidden_columns]
+    noise_precisions = expected_noise_precisions(posterior.lambda_, posterior.lambda_covariance)
+    weighted = E_X.T @ model.error_precision(noise_precisions)
+    mean_field_curvature = model.mean_field_curvature_in_states(
+        np.exp(posterior.lambda_), posterior.theta_covariance
+    )
+    return -weighted @ E_data, weighted @ E_X + mean_field_curvature
 
 
 def e_step(posterior: Posterior) -> Array:
-    """Takes the E step: returns θ at the maximum of F̄ given the rest."""
-    gradient, precision = theta_slope(posterior)
+    """Takes the E step: returns the parameters θ (k,) at the maximum of F̄, given the states and λ.
+
+    F̄ is quadratic in θ, so one Newton step arrives there.
+    """
+    gradient, precision = theta_gradient(posterior)
     return posterior.theta + solve(precision, gradient)
 
 
-def theta_slope(posterior: Posterior) -> ArrayPair:
-    """Returns ∂F̄/∂θ (k,) and −∂²F̄/∂θ² (k, k), the mean-field terms of X and of λ included."""
+def theta_gradient(posterior: Posterior) -> ArrayPair:
+    """Returns the first and the negative second derivative of F̄ by θ.
+
+    The mean-field terms of the states and of λ are included.
+
+    Returns:
+        ∂F̄/∂θ (k,) and −∂²F̄/∂θ² (k, k), at the θ of the posterior.
+    """
     model = posterior.model
     prior = model.prior
-    weights = np.exp(posterior.lambda_)
-    expected = expected_weights(posterior.lambda_, posterior.lambda_covariance)
-    spread = np.zeros_like(posterior.moments.joint)
-    spread[model.hidden, model.hidden] = posterior.samples.number * posterior.state_covariance
+    moments = posterior.moments
+    noise_precisions = np.exp(posterior.lambda_)
+    expected_precisions = expected_noise_precisions(posterior.lambda_, posterior.lambda_covariance)
+    # The uncertainty of the states adds their covariance to the second moments of each sample.
+    state_spread = np.zeros_like(moments.joint_moments)
+    state_spread[model.hidden_columns, model.hidden_columns] = (
+        posterior.samples.sample_count * posterior.state_covariance
+    )
     gradient = (
         prior.theta_precision @ (prior.theta_mean - posterior.theta)
-        + model.parameter_slope(expected, posterior.moments.products(posterior.theta))
-        + model.parameter_slope(weights, model.error_operator(posterior.theta) @ spread)
+        + model.error_gradient_in_theta(expected_precisions, moments.cross_moments(posterior.theta))
+        + model.error_gradient_in_theta(
+            noise_precisions, model.error_operator(posterior.theta) @ state_spread
+        )
     )
     precision = (
         prior.theta_precision
-        + model.parameter_precision(expected, posterior.moments.joint)
-        + model.parameter_precision(weights, spread)
+        + model.error_curvature_in_theta(expected_precisions, moments.joint_moments)
+        + model.error_curvature_in_theta(noise_precisions, state_spread)
     )
     return gradient, precision
 
 
 def m_step(posterior: Posterior) -> Array:
-    """Takes the M step: returns λ at the maximum of F̄ given the rest, which is concave in λ, by Newton's steps.
+    """Takes the M step: returns the log noise precisions λ (g,) at the maximum of F̄, given the states and θ.
 
-    They are shortened until F̄ rises.
+    F̄ is concave in λ. Newton's method finds its maximum; steps are limited, and halved until F̄ increases.
     """
-    of_lambda = FreeEnergyOfLambda.from_posterior(posterior)
+    free_energy = FreeEnergyOfLambda.from_posterior(posterior)
     lambda_ = posterior.lambda_
-    value = of_lambda.value(lambda_)
-    for _ in range(MAX_STEPS):
-        gradient, precision = of_lambda.slope(lambda_)
-        step = np.clip(solve(precision, gradient), -LONGEST_PRECISION_STEP, LONGEST_PRECISION_STEP)
-        while (raised := of_lambda.value(lambda_ + step)) < value and abs(
-            step
-        ).max() > SHORTEST_PRECISION_STEP:
+    value = free_energy.value(lambda_)
+    for _ in range(MAX_NEWTON_STEPS):
+        gradient, precision = free_energy.gradient(lambda_)
+        step = np.clip(solve(precision, gradient), -MAX_LAMBDA_STEP, MAX_LAMBDA_STEP)
+        next_value = free_energy.value(lambda_ + step)
+        while next_value < value and abs(step).max() > MIN_LAMBDA_STEP:
             step = step / 2
-        if raised < value:
+            next_value = free_energy.value(lambda_ + step)
+        if next_value < value:
+            # Even the smallest step decreases F̄: only rounding is left.
             break
         lambda_ = lambda_ + step
-        value = raised
-        if abs(step).max() <= SHORTEST_PRECISION_STEP:
+        value = next_value
+        if abs(step).max() <= MIN_LAMBDA_STEP:
             break
     return lambda_
 
 
 class FreeEnergyOfLambda(NamedTuple):
-    """F̄ as a function of λ alone: −½ Σ_g c_g e^{λ_g} + gain·λ − ½ (λ−η)ᵀP(λ−η) and a constant."""
+    """F̄ as a function of λ alone, up to a constant: −½ Σ_g c_g e^{λ_g} + bᵀλ − ½ (λ − η)ᵀ P (λ − η)."""
 
-    cost: Array  # (g,)
-    gain: Array  # (g,)
-    mean: Array  # (g,)
-    precision: Array  # (g, g)
+    c: Array
+    """(g,) expected squared errors that each noise precision weights, summed over the samples."""
+
+    b: Array
+    """(g,) half the number of errors of each noise: the derivative of the noise entropy."""
+
+    eta: Array
+    """(g,) prior mean η^λ."""
+
+    P: Array
+    """(g, g) prior precision P^λ."""
 
     @classmethod
     def from_posterior(cls, posterior: Posterior) -> FreeEnergyOfLambda:
-        """Returns that of a posterior in the rest."""
+        """Returns F̄ as a function of λ, with the states and θ of a posterior.
+
+        The mean-field terms of the states, of θ and of λ (at the covariance that the posterior has) are included.
+        """
         model = posterior.model
-        number = posterior.samples.number
-        of_X = model.error_operator(posterior.theta)[:, model.hidden]
-        squares = posterior.moments.squared_errors(posterior.theta)
-        spread = number * model.squared_errors(of_X @ posterior.state_covariance @ of_X.T)
-        cost = (
-            squares * (1.0 + 0.5 * posterior.lambda_covariance.diagonal())
-            + spread
-            + model.parameter_spread(posterior.moments.joint, posterior.theta_covariance)
+        sample_count = posterior.samples.sample_count
+        E_X = model.error_operator(posterior.theta)[:, model.hidden_columns]
+        squares = posterior.moments.squared_errors_by_noise(posterior.theta)
+        state_spread = sample_count * model.squared_errors_by_noise(
+            E_X @ posterior.state_covariance @ E_X.T
         )
-        gain = 0.5 * number * model.log_precision_slope
-        return cls(cost, gain, model.prior.lambda_mean, model.prior.lambda_precision)
+        theta_spread = model.mean_field_squared_errors(
+            posterior.moments.joint_moments, posterior.theta_covariance
+        )
+        expected_squares = (
+            squares * (1.0 + 0.5 * posterior.lambda_covariance.diagonal())
+            + state_spread
+            + theta_spread
+        )
+        return cls(
+            c=expected_squares,
+            b=0.5 * sample_count * model.log_det_gradient,
+            eta=model.prior.lambda_mean,
+            P=model.prior.lambda_precision,
+        )
 
     def value(self, lambda_: Array) -> float:
-        """Returns F̄ but for the constant."""
-        error = lambda_ - self.mean
+        """Returns F̄, nats, up to the constant, at λ (g,)."""
+        error = lambda_ - self.eta
         return float(
-            -0.5 * self.cost @ np.exp(lambda_)
-            + self.gain @ lambda_
-            - 0.5 * error @ self.precision @ error
+            -0.5 * self.c @ np.exp(lambda_) + self.b @ lambda_ - 0.5 * error @ self.P @ error
         )
 
-    def slope(self, lambda_: Array) -> ArrayPair:
-        """Returns ∂F̄/∂λ (g,) and −∂²F̄/∂λ² (g, g), the mean-field terms of X and of θ included."""
-        pull = 0.5 * self.cost * np.exp(lambda_)
-        return self.gain - pull - self.precision @ (lambda_ - self.mean), np.diag(
-            pull
-        ) + self.precision
+    def gradient(self, lambda_: Array) -> ArrayPair:
+        """Returns ∂F̄/∂λ (g,) and −∂²F̄/∂λ² (g, g) at λ (g,)."""
+        weighted_squares = 0.5 * self.c * np.exp(lambda_)
+        gradient = self.b - weighted_squares - self.P @ (lambda_ - self.eta)
+        precision = np.diag(weighted_squares) + self.P
+        return gradient, precision
 
 
 def with_optimal_covariances(posterior: Posterior) -> Posterior:
-    """Returns the posterior with every covariance at the maximum of F̄, Eq. ``Pi_curvature``."""
+    """Returns the posterior with every covariance at the maximum of F̄, Eq. ``Pi_curvature``.
+
+    These are the inverses of the negative curvatures of the internal energy, or action, at the means.
+
+    Raises:
+        numpy.linalg.LinAlgError: a negative curvature is not positive definite.
+    """
     return posterior._replace(
         state_covariance=inverse(-state_curvature(posterior)),
         theta_covariance=inverse(-theta_curvature(posterior)),

@@ -22,7 +22,7 @@ from mavdem.dem.engine.gauss_newton import (
     QuadraticExpansion,
     gauss_newton,
 )
-from mavdem.dem.engine.generative import GenerativeModel, Sizes
+from mavdem.dem.engine.generative import GenerativeModel, ModelSizes
 from mavdem.dem.engine.linalg import inverse, logdet, may_overflow
 from mavdem.dem.engine.model import discretize, unpack
 from mavdem.dem.engine.state_space import StateSpace
@@ -52,7 +52,7 @@ DAMPING = Damping(initial=1e-3, factor=8.0, max_attempts=6)
 
 def models_of(
     thetas: Array,
-    sizes: Sizes,
+    sizes: ModelSizes,
     gain: Array,
     dt: float,
 ) -> StateSpace:
@@ -206,7 +206,7 @@ class SimulationError:
     free: Indices
     prior_mean: Array
     prior_precision: Array
-    sizes: Sizes
+    sizes: ModelSizes
     gain: Array
     dt: float
     segments: SimulationSegments

@@ -338,10 +338,10 @@ class VectorAutoregression(NamedTuple):
         drives = earlier @ across[:, :, m:].reshape(k, lags * r).T + self.offset
         pushes = np.zeros((*drives.shape[:-1], m * lags))
         pushes[..., :m] = drives[..., :m]
-        states, errors = filtered.states(
+        states, errors = filtered.filter(
             latest_first(before[..., :m]), pushes, now - drives[..., m:]
         )
-        covariances = filtered.covariances_of(steps)
+        covariances = filtered.predicted_covariances(steps)
         if smooth:
             states, covariances, _ = filtered.smooth(states, errors)
         variance = np.maximum(np.diagonal(covariances, axis1=1, axis2=2), 0.0)
