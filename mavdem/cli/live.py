@@ -25,8 +25,7 @@ from mavdem.cli.output import (
     printable,
     say_aside,
 )
-from mavdem.dataset.axes import TILT_AXES
-from mavdem.dataset.signals import output_names_and_units
+from mavdem.dataset.axes import TILT_AXES, output_names_and_units
 from mavdem.dem import Settings
 from mavdem.dem.parallel import LearningProcess
 from mavdem.documents.session import live_document

@@ -4,14 +4,12 @@ from dataclasses import asdict
 
 import numpy as np
 
+from mavdem.dataset.axes import output_names_and_units
 from mavdem.dataset.resampling import common_grid, common_step, mean_rate, resample
 from mavdem.dataset.segments import Segment, in_segments
-from mavdem.dataset.signals import (
-    Signals,
-    cached_per_vehicle,
-    held_setpoint,
-    output_names_and_units,
-)
+from mavdem.dataset.setpoints import held_setpoint
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.flight import Flight
 from mavdem.ingest.mavlink.definitions import decoded_parameters, latest_parameters
 from mavdem.ingest.telemetry import (

@@ -1,10 +1,13 @@
-"""Attitude: angle and body rate of an axis, from the messages that have them."""
+"""Attitude of a vehicle: Euler angle and body rate of each axis, from the messages that have them."""
+
+from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array, Integers
+from mavdem.arrays import Array, Flags, Integers
 from mavdem.dataset.axes import AXES, MAX_ANGLE, MAX_BODY_RATE
 from mavdem.dataset.time_series import (
     TimeSeries,
@@ -14,66 +17,75 @@ from mavdem.dataset.time_series import (
     message_counts,
     preferred_message,
 )
-from mavdem.ingest.telemetry import MIN_PREFERRED_SHARE, Telemetry, rows_by_value
+from mavdem.ingest.telemetry import MIN_PREFERRED_SHARE, Columns, Telemetry, rows_by_value
 from mavdem.ingest.vocabulary import euler_angles
 
-# Messages with the attitude, the preferred first
 ATTITUDE_MESSAGES = ("ATTITUDE", "ATTITUDE_QUATERNION")
+"""MAVLink messages with the attitude, the preferred one first."""
+
 TUNING_MESSAGE = "PID_TUNING"
-DEGREES = 10.0  # times the rate of the attitude, from which on a rate is in degrees
+"""MAVLink message of ArduPilot with the body rate of one axis and its setpoint."""
+
+FIRST_TUNING_AXIS = 1
+"""Number of roll in the field ``axis`` of that message (PID_TUNING_AXIS); pitch and yaw follow."""
+
+MIN_DEGREES_RATIO = 10.0
+"""Ratio of a body rate's standard deviation to that of the attitude message, above which the rate is in degrees.
+
+A rate in degrees is 57 times as large; a choice between 1 and that.
+"""
+
+MAX_STEP_WITHOUT_OUTAGE = 3.0
+"""Step between two attitudes, in median steps, above which messages were lost; a choice."""
 
 
 @dataclass(frozen=True, eq=False)
 class Attitude:
-    """One axis at ``time`` (N,) s of ``boot`` (N,), from ``message``, without rows not finite or impossible."""
+    """N samples of the motion about one axis, without rows that are not finite or impossible."""
 
     message: str
+    """Name of the message that the samples come from."""
     time: Array
+    """(N,) seconds on the clock of the sample's boot."""
     boot: Integers
-    angle: Array  # (N,) Euler angle, rad; that of yaw without its jumps by a turn
-    rate: Array  # (N,) body rate, rad/s: p for roll, q for pitch, r for yaw
-    # (N,) the derivative of ``angle`` that the three body rates and the attitude imply, rad/s
+    """(N,) number of the boot of each sample, from 0."""
+    angle: Array
+    """(N,) Euler angle, rad; that of yaw is unwrapped, without jumps by a turn."""
+    rate: Array
+    """(N,) body rate, rad/s: p of roll, q of pitch, r of yaw."""
     euler_rate: Array
-    sent_count: int  # messages in the stream
-    # those not used: not finite, impossible, or with the stamp of another. Exact copies do not count.
+    """(N,) derivative of ``angle``, rad/s, that attitude and all three body rates imply."""
+    sent_count: int
+    """Number of messages that were recorded."""
     unused_count: int
-    # those with an angle beyond ``MAX_ANGLE`` or a body rate beyond ``MAX_BODY_RATE``
+    """Number of those that could not be used: not finite, impossible, or a second value at the same stamp."""
     impossible_count: int
+    """Number of those with an angle beyond ``MAX_ANGLE`` or a body rate beyond ``MAX_BODY_RATE``."""
 
     @property
     def angle_series(self) -> TimeSeries:
-        """The angle alone."""
+        """The Euler angle, rad, as a time series."""
         return TimeSeries(self.time, self.boot, self.angle)
 
     @property
     def rate_series(self) -> TimeSeries:
-        """The body rate alone."""
+        """The body rate, rad/s, as a time series."""
         return TimeSeries(self.time, self.boot, self.rate)
 
 
-def tuning_rates(telemetry: Telemetry, axis: str, sent: Attitude | None) -> TimeSeries | None:
-    """Returns body rate and its setpoint (N, 2), rad/s, from PID_TUNING; None where there are none.
-
-    Firmware sends deg/s or rad/s, which the attitude that was ``sent`` tells, where there is one.
-    """
-    columns = telemetry.messages.get(TUNING_MESSAGE)
-    if columns is None:
-        return None
-    pair = np.column_stack([float_column(columns, "achieved"), float_column(columns, "desired")])
-    pair[abs(pair) > np.degrees(MAX_BODY_RATE)] = np.nan
-    tuning = clean_series(columns, pair, columns["axis"] == 1 + AXES.index(axis))
-    if not len(tuning.time):
-        return None
-    if sent is not None and tuning.values[:, 0].std() > DEGREES * sent.rate.std():
-        return replace(tuning, values=np.radians(tuning.values))
-    return tuning
-
-
 def attitude_of_axis(telemetry: Telemetry, axis: str) -> Attitude | None:
-    """Returns angle and body rate of ``axis``, with the rates of PID_TUNING where those come clearly faster throughout.
+    """Returns Euler angle and body rate of an axis from the fastest source that covers the flight.
 
-    The angle is then the integral of the rate, held to the angles sent. Only a log's PID_TUNING is taken: in
-    a stream it has no stamp of its own.
+    Logs of ArduPilot can have the body rate of PID_TUNING far more often than the attitude. Then the samples are those
+    of PID_TUNING, with an angle that is the integral of the rate, held to the attitude that was sent. PID_TUNING of a
+    telemetry stream is not used: it has no stamp of its own.
+
+    Args:
+        telemetry: Messages of the vehicle.
+        axis: "roll", "pitch" or "yaw".
+
+    Returns:
+        The attitude; None where no attitude was recorded.
     """
     sent = attitude_from_messages(telemetry, axis)
     if sent is None or telemetry.name_in_source(TUNING_MESSAGE) == TUNING_MESSAGE:
@@ -81,84 +93,173 @@ def attitude_of_axis(telemetry: Telemetry, axis: str) -> Attitude | None:
     tuning = tuning_rates(telemetry, axis, sent)
     if tuning is None:
         return sent
-    from scipy.integrate import cumulative_trapezoid  # it takes half a second to import
-
-    lengths = {sent.message: len(sent.time), TUNING_MESSAGE: len(tuning.time)}
-    if preferred_message(lengths) == sent.message:
+    counts = {sent.message: len(sent.time), TUNING_MESSAGE: len(tuning.time)}
+    if preferred_message(counts) == sent.message:
         return sent
-    rate = tuning.values[:, 0]
-    angle = np.full_like(rate, np.nan)
-    slope = rate.copy()
-    covered = 0
-    for boot, rows in rows_by_value(sent.boot).items():
-        time = sent.time[rows]
-        within = (tuning.boot == boot) & (tuning.time >= time[0]) & (tuning.time <= time[-1])
-        steps = np.diff(time, append=time[-1])
-        outages = steps > 3 * np.median(steps)
-        within &= ~outages[np.searchsorted(time, tuning.time, side="right") - 1]
-        if np.any(within):
-            at = tuning.time[within]
-            turned = cumulative_trapezoid(rate[within], at, initial=0)
-            drift = sent.angle[rows] - np.interp(time, at, turned)
-            angle[within] = turned + np.interp(at, time, drift)
-            covered += int(np.count_nonzero((time >= at[0]) & (time <= at[-1])))
-            slope[within] += np.interp(at, time, sent.euler_rate[rows] - sent.rate[rows])
-    # What is flown without these rates is not to be lost.
-    if covered < MIN_PREFERRED_SHARE * len(sent.time):
+    integrated = _integrated_rates(sent, tuning)
+    # What was flown without these rates must not be lost.
+    if integrated.covered_count < MIN_PREFERRED_SHARE * len(sent.time):
         return sent
-    kept = np.isfinite(angle)
+    rows = np.isfinite(integrated.angle)
     return Attitude(
-        TUNING_MESSAGE,
-        tuning.time[kept],
-        tuning.boot[kept],
-        angle[kept],
-        rate[kept],
-        slope[kept],
-        tuning.sent_count,
-        tuning.unused_count,
-        sent.impossible_count,
+        message=TUNING_MESSAGE,
+        time=tuning.time[rows],
+        boot=tuning.boot[rows],
+        angle=integrated.angle[rows],
+        rate=tuning.values[rows, 0],
+        euler_rate=integrated.euler_rate[rows],
+        sent_count=tuning.sent_count,
+        unused_count=tuning.unused_count,
+        impossible_count=sent.impossible_count,
     )
 
 
-@np.errstate(all="ignore")  # rows that are not finite are left out at the end
+def tuning_rates(telemetry: Telemetry, axis: str, sent: Attitude | None) -> TimeSeries | None:
+    """Returns the body rate of an axis and its setpoint from PID_TUNING.
+
+    Some firmware sends them in deg/s, some in rad/s. Which it is shows in the spread of the rates in the attitude
+    message.
+
+    Args:
+        telemetry: Messages of the vehicle.
+        axis: "roll", "pitch" or "yaw".
+        sent: Attitude of the axis as it was sent; without it the rates are taken as they are.
+
+    Returns:
+        Body rate and setpoint (N, 2), rad/s; None where none were recorded.
+    """
+    columns = telemetry.messages.get(TUNING_MESSAGE)
+    if columns is None:
+        return None
+    rates = np.column_stack([float_column(columns, "achieved"), float_column(columns, "desired")])
+    rates[abs(rates) > np.degrees(MAX_BODY_RATE)] = np.nan
+    is_of_axis = columns["axis"] == FIRST_TUNING_AXIS + AXES.index(axis)
+    tuning = clean_series(columns, rates, is_of_axis)
+    if not len(tuning.time):
+        return None
+    if sent is not None and tuning.values[:, 0].std() > MIN_DEGREES_RATIO * sent.rate.std():
+        return replace(tuning, values=np.radians(tuning.values))
+    return tuning
+
+
+# Rows that are not finite are left out at the end, so their warnings say nothing.
+@np.errstate(all="ignore")
 def attitude_from_messages(telemetry: Telemetry, axis: str) -> Attitude | None:
-    """Returns that of ATTITUDE or, where it is clearly faster, ATTITUDE_QUATERNION."""
+    """Returns Euler angle and body rate of an axis from ATTITUDE, or ATTITUDE_QUATERNION if that is clearly faster.
+
+    Args:
+        telemetry: Messages of the vehicle.
+        axis: "roll", "pitch" or "yaw".
+
+    Returns:
+        The attitude; None where neither message was recorded.
+    """
     message = preferred_message(message_counts(telemetry, ATTITUDE_MESSAGES))
     if message is None:
         return None
     columns = telemetry.messages[message]
+    roll, pitch, yaw = _euler_angles(columns, message, axis)
+    p = float_column(columns, "rollspeed")
+    q = float_column(columns, "pitchspeed")
+    r = float_column(columns, "yawspeed")
+
+    is_impossible = _exceeds([roll, pitch, yaw], MAX_ANGLE) | _exceeds([p, q, r], MAX_BODY_RATE)
+    # Kinematics of Z-Y-X Euler angles (Stevens and Lewis, "Aircraft Control and Simulation", chapter 1).
+    heading_term = q * np.sin(roll) + r * np.cos(roll)
+    if axis == "roll":
+        motion = (roll, p, p + heading_term * np.tan(pitch))
+    elif axis == "pitch":
+        motion = (pitch, q, q * np.cos(roll) - r * np.sin(roll))
+    else:
+        motion = (yaw, r, heading_term / np.cos(pitch))
+    table = np.column_stack(motion)
+    table[is_impossible] = np.nan
+
+    series = clean_series(columns, table)
+    angle, rate, euler_rate = series.values.T
+    return Attitude(
+        message=message,
+        time=series.time,
+        boot=series.boot,
+        angle=np.unwrap(angle) if axis == "yaw" else angle,
+        rate=rate,
+        euler_rate=euler_rate,
+        sent_count=series.sent_count,
+        unused_count=series.unused_count,
+        impossible_count=int(np.count_nonzero(is_impossible)),
+    )
+
+
+def _euler_angles(columns: Columns, message: str, axis: str) -> tuple[Array, Array, Array]:
+    """Returns roll, pitch and yaw (N,), rad, of a message with the attitude.
+
+    The heading of ATTITUDE is 0 unless ``axis`` is yaw: a bad heading must not exclude rows of the other axes.
+    """
     if message == "ATTITUDE_QUATERNION":
         roll, pitch, yaw = euler_angles(float_columns(columns, ("q1", "q2", "q3", "q4")))
-    else:
-        roll = float_column(columns, "roll")
-        pitch = float_column(columns, "pitch")
-        yaw = float_column(columns, "yaw") if axis == "yaw" else np.zeros_like(roll)
-    p, q, r = (float_column(columns, field) for field in ("rollspeed", "pitchspeed", "yawspeed"))
-    sizes = np.abs([roll, pitch, yaw, p, q, r])
-    limits = np.repeat([MAX_ANGLE, MAX_BODY_RATE], 3)
-    impossible = (np.isfinite(sizes) & (sizes > limits[:, None])).any(axis=0)
-    # Z-Y-X Euler kinematics (any flight dynamics text, e.g. Stevens and Lewis, chapter 1).
-    turning = q * np.sin(roll) + r * np.cos(roll)
-    motion = {
-        "roll": (roll, p, p + turning * np.tan(pitch)),
-        "pitch": (pitch, q, q * np.cos(roll) - r * np.sin(roll)),
-        "yaw": (yaw, r, turning / np.cos(pitch)),
-    }
-    table = np.column_stack(motion[axis])
-    table[impossible] = np.nan
-    kept = clean_series(columns, table)
-    angle, rate, slope = kept.values.T
-    if axis == "yaw":
-        angle = np.unwrap(angle)
-    far_out = int(np.count_nonzero(impossible))
-    return Attitude(
-        message,
-        kept.time,
-        kept.boot,
-        angle,
-        rate,
-        slope,
-        kept.sent_count,
-        kept.unused_count,
-        far_out,
-    )
+        return roll, pitch, yaw
+    roll = float_column(columns, "roll")
+    pitch = float_column(columns, "pitch")
+    yaw = float_column(columns, "yaw") if axis == "yaw" else np.zeros_like(roll)
+    return roll, pitch, yaw
+
+
+def _exceeds(quantities: list[Array], limit: float) -> Flags:
+    """Returns in which rows (N,) one of several quantities (N,) is finite and beyond a limit, whatever its sign."""
+    magnitudes = np.abs(quantities)
+    exceeds: Flags = np.isfinite(magnitudes) & (magnitudes > limit)
+    return np.asarray(exceeds.any(axis=0))
+
+
+class _IntegratedRates(NamedTuple):
+    """The attitude at the N stamps of a body rate, by integration of the rate."""
+
+    angle: Array
+    """(N,) Euler angle, rad; NaN where no attitude was sent."""
+    euler_rate: Array
+    """(N,) derivative of the Euler angle, rad/s."""
+    covered_count: int
+    """Number of attitude messages in the time that the rates cover."""
+
+
+def _integrated_rates(sent: Attitude, tuning: TimeSeries) -> _IntegratedRates:
+    """Integrates a body rate to an Euler angle, and holds it to the attitude that was sent.
+
+    The difference between sent and integrated angle is interpolated between the messages and added, so the angle has
+    the detail of the rate and the drift of neither.
+
+    Args:
+        sent: Attitude as it was sent.
+        tuning: Body rate and its setpoint (N, 2), rad/s.
+    """
+    # SciPy's integration takes half a second to import, and few logs need it.
+    from scipy.integrate import cumulative_trapezoid
+
+    rate = tuning.values[:, 0]
+    angle = np.full_like(rate, np.nan)
+    euler_rate = rate.copy()
+    covered_count = 0
+    for boot, rows in rows_by_value(sent.boot).items():
+        sent_time = sent.time[rows]
+        is_covered = (tuning.boot == boot) & _is_between_messages(tuning.time, sent_time)
+        if not np.any(is_covered):
+            continue
+        time = tuning.time[is_covered]
+        integral = cumulative_trapezoid(rate[is_covered], time, initial=0)
+        drift = sent.angle[rows] - np.interp(sent_time, time, integral)
+        angle[is_covered] = integral + np.interp(time, sent_time, drift)
+        is_in_span = (sent_time >= time[0]) & (sent_time <= time[-1])
+        covered_count += int(np.count_nonzero(is_in_span))
+        # Only the body rate of this axis is fast; what the other rates add changes with the attitude.
+        coupling = sent.euler_rate[rows] - sent.rate[rows]
+        euler_rate[is_covered] += np.interp(time, sent_time, coupling)
+    return _IntegratedRates(angle, euler_rate, covered_count)
+
+
+def _is_between_messages(time: Array, sent_time: Array) -> Flags:
+    """Returns which times (N,) lie between two messages of one boot, at ``sent_time`` (M,), that no outage parts."""
+    is_in_span = (time >= sent_time[0]) & (time <= sent_time[-1])
+    steps = np.diff(sent_time, append=sent_time[-1])
+    is_outage = steps > MAX_STEP_WITHOUT_OUTAGE * np.median(steps)
+    preceding_message = np.searchsorted(sent_time, time, side="right") - 1
+    return is_in_span & ~is_outage[preceding_message]

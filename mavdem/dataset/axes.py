@@ -1,21 +1,35 @@
-"""Roll, pitch and yaw: the axes that a vehicle turns about, and the range of an angle and a rate about one."""
-
-from __future__ import annotations
+"""Axes of rotation of a vehicle, the outputs of a model of each, and the range of angles and body rates."""
 
 from math import tau
 
 import numpy as np
 
-from mavdem.ingest.motors import MotorGeometry as MotorGeometry
-from mavdem.ingest.motors import position_name as position_name
+TILT_AXES = ("roll", "pitch")
+"""Axes whose model has two outputs, Euler angle and body rate: gravity acts on the angle."""
 
-pass
-
-
-MAX_ANGLE = tau  # rad: no Euler angle lies beyond, whatever the convention
-MAX_BODY_RATE = np.radians(4000.0)
-"""rad/s: beyond the range of the gyroscopes that autopilots carry, 2000 °/s and at most 4000."""
-
-
-TILT_AXES = ("roll", "pitch")  # The axes of a model with angle and rate; yaw has its rate only
 AXES = (*TILT_AXES, "yaw")
+"""All axes, in the order of the columns of attitudes and body rates."""
+
+MAX_ANGLE = tau
+"""Largest absolute Euler angle, rad, that a message can mean, whatever its convention: a whole turn."""
+
+MAX_BODY_RATE = np.radians(4000.0)
+"""Largest absolute body rate, rad/s, that a gyroscope can measure: most reach 2000 deg/s, none over 4000."""
+
+
+def output_names_and_units(axis: str) -> tuple[tuple[str, str], ...]:
+    """Returns the name and the unit of each output of a flight that is aligned for one axis.
+
+    Roll and pitch have the Euler angle and the body rate. Yaw has the body rate only: a heading may have any value,
+    and the dynamics do not depend on it.
+
+    Args:
+        axis: "roll", "pitch" or "yaw".
+
+    Returns:
+        One (name, unit) pair per output, such as ("roll", "rad").
+    """
+    rate = (f"{axis} rate", "rad/s")
+    if axis in TILT_AXES:
+        return (axis, "rad"), rate
+    return (rate,)

@@ -10,8 +10,9 @@ from mavdem.dataset.learnability import (
     learnability_of,
     segment_learnabilities,
 )
-from mavdem.dataset.signals import MIN_STREAM_RATE, Signals, cached_per_vehicle
+from mavdem.dataset.signals import MIN_STREAM_RATE, Signals
 from mavdem.dataset.time_series import message_counts
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Caution, Reason

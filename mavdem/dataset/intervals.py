@@ -1,4 +1,7 @@
-"""Sets of time intervals: lists of (start, end) in seconds of one boot, sorted and disjoint; an end may be infinite."""
+"""Sets of time intervals: their union, intersection and complement, and the intervals in which a condition holds.
+
+A set is a list of (start, end) pairs in seconds on the clock of one boot, sorted and disjoint. An end may be infinite.
+"""
 
 from math import inf
 
@@ -7,77 +10,117 @@ import numpy as np
 from mavdem.arrays import Array, Flags
 from mavdem.confidence import Interval
 
-pass
-
-
 Intervals = list[Interval]
+"""A set of time intervals: (start, end) pairs in seconds, sorted and disjoint."""
 
 
-def true_intervals(time: Array, true: Flags) -> Intervals:
-    """Returns from the first to the last stamp of each run of ``true`` (N,) at ``time`` (N,).
+def true_intervals(time: Array, condition: Flags) -> Intervals:
+    """Returns the intervals in which a sampled condition is true, from its first to its last true stamp.
 
-    A run that holds at the first or last stamp is taken to hold before or after it too, so only the changes that were
-    seen bound an interval.
+    A condition that is true at the first or the last stamp is taken to be true before or after it as well, so only
+    changes that were recorded bound an interval.
+
+    Args:
+        time: (N,) stamps in seconds, rising.
+        condition: (N,) whether the condition is true at each stamp.
+
+    Returns:
+        The intervals, the first from -inf or the last to inf where the condition is true at the end of the record.
     """
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], true, [False]]).astype(np.int8)))
-    runs = zip(edges[::2], edges[1::2], strict=True)
-    return [
-        (-inf if a == 0 else float(time[a]), inf if b == len(time) else float(time[b - 1]))
-        for a, b in runs
-    ]
+    padded = np.concatenate([[False], condition, [False]]).astype(np.int8)
+    # Changes alternate: the first true row of a run, then the row after its last true one.
+    changes = np.flatnonzero(np.diff(padded))
+    intervals = []
+    for first_row, row_after in zip(changes[::2], changes[1::2], strict=True):
+        start = -inf if first_row == 0 else float(time[first_row])
+        end = inf if row_after == len(time) else float(time[row_after - 1])
+        intervals.append((start, end))
+    return intervals
 
 
-def longest_true_duration(time: Array, true: Flags) -> float:
-    """Returns for how long, s, without a break ``true`` (N,) holds at ``time`` (N,)."""
-    ends = np.clip(true_intervals(time, true), time[0], time[-1])
-    return float(max((end - start for start, end in ends), default=0.0))
+def longest_true_duration(time: Array, condition: Flags) -> float:
+    """Returns for how many seconds at most a sampled condition is true without a break.
+
+    Args:
+        time: (N,) stamps in seconds, rising; one at least.
+        condition: (N,) whether the condition is true at each stamp.
+    """
+    recorded = np.clip(true_intervals(time, condition), time[0], time[-1])
+    return float(max((end - start for start, end in recorded), default=0.0))
 
 
-def split_at_gaps(time: Array, broken: Flags) -> Intervals:
-    """Returns the runs of ``time`` (N,) between the steps (N - 1,) that are ``broken``; none of a single stamp."""
+def split_at_gaps(time: Array, is_gap: Flags) -> Intervals:
+    """Splits a record at its gaps.
+
+    Args:
+        time: (N,) stamps in seconds, rising.
+        is_gap: (N - 1,) whether the step from each stamp to the next is a gap.
+
+    Returns:
+        The intervals between the gaps; a single stamp between two gaps makes none.
+    """
     if not len(time):
         return []
-    breaks = np.flatnonzero(broken)
-    starts = time[np.append(0, breaks + 1)]
-    ends = time[np.append(breaks, -1)]
-    last = starts < ends
-    return [*zip(starts[last].tolist(), ends[last].tolist(), strict=True)]
+    gaps = np.flatnonzero(is_gap)
+    starts = time[np.append(0, gaps + 1)]
+    ends = time[np.append(gaps, -1)]
+    has_duration = starts < ends
+    return list(zip(starts[has_duration].tolist(), ends[has_duration].tolist(), strict=True))
 
 
-def intersection(a: Intervals, b: Intervals) -> Intervals:
-    """Returns where ``a`` and ``b`` overlap."""
+def intersection(first: Intervals, second: Intervals) -> Intervals:
+    """Returns the times that are in both sets of intervals."""
     overlaps = []
     i = 0
     j = 0
-    while i < len(a) and j < len(b):
-        start = max(a[i][0], b[j][0])
-        end = min(a[i][1], b[j][1])
+    while i < len(first) and j < len(second):
+        start = max(first[i][0], second[j][0])
+        end = min(first[i][1], second[j][1])
         if start < end:
             overlaps.append((start, end))
-        if a[i][1] < b[j][1]:
+        # The interval that ends earlier overlaps with no later one of the other set.
+        if first[i][1] < second[j][1]:
             i += 1
         else:
             j += 1
     return overlaps
 
 
-def union(a: Intervals, b: Intervals) -> Intervals:
-    """Returns where ``a`` or ``b`` is; intervals that touch are joined."""
-    return complement(intersection(complement(a), complement(b)))
+def union(first: Intervals, second: Intervals) -> Intervals:
+    """Returns the times that are in one of two sets of intervals or in both; intervals that touch are joined."""
+    return complement(intersection(complement(first), complement(second)))
 
 
 def complement(intervals: Intervals) -> Intervals:
-    """Returns everywhere else."""
-    edges = [-inf, *(edge for interval in intervals for edge in interval), inf]
-    return [(start, end) for start, end in zip(edges[::2], edges[1::2], strict=True) if start < end]
+    """Returns all times from -inf to inf that are not in a set of intervals."""
+    gaps = []
+    previous_end = -inf
+    for start, end in intervals:
+        if previous_end < start:
+            gaps.append((previous_end, start))
+        previous_end = end
+    if previous_end < inf:
+        gaps.append((previous_end, inf))
+    return gaps
 
 
 def total_duration(intervals: Intervals) -> float:
-    """Returns the seconds in all of them."""
+    """Returns the sum of the durations of all intervals, in seconds."""
     return sum(end - start for start, end in intervals)
 
 
 def in_intervals(time: Array | float, intervals: Intervals) -> Flags:
-    """Returns which stamps (N,) are in the intervals, or whether one is."""
-    at = np.asarray(time)
-    return np.any([(at >= start) & (at <= end) for start, end in [(inf, inf), *intervals]], axis=0)
+    """Returns whether each time is in a set of intervals, their ends included.
+
+    Args:
+        time: (N,) times in seconds, or a single one.
+        intervals: The set of intervals.
+
+    Returns:
+        Flags with the shape of ``time``.
+    """
+    times = np.asarray(time)
+    is_inside = np.zeros(times.shape, dtype=bool)
+    for start, end in intervals:
+        is_inside = is_inside | ((times >= start) & (times <= end))
+    return is_inside

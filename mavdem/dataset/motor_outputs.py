@@ -1,10 +1,9 @@
-"""Motor outputs, or the controller's demand in their place: what turns the vehicle, as a log recorded it."""
+"""Motor outputs of a vehicle, or the controller's demand in their place: the inputs of a model, as recorded."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -22,208 +21,343 @@ from mavdem.facts import Fact
 from mavdem.facts.learnability import MotorObstacle, Remedy
 from mavdem.ingest.motors import (
     MOTOR_MESSAGES,
-    MotorMessage,
+    MotorGeometry,
     demand_geometry,
     motor_geometry,
 )
-from mavdem.ingest.motors import MotorGeometry as MotorGeometry
-from mavdem.ingest.motors import position_name as position_name
 from mavdem.ingest.output_scale import OutputScale, output_scale
 from mavdem.ingest.telemetry import Columns, Telemetry
 
-# The possible inputs of a model: motor outputs, or the controller's command for the axis
 INPUT_KINDS = ("motors", "demand")
+"""The possible inputs of a model: motor outputs, or the controller's demand for the axis."""
+
 RECORD_A_FLIGHT = Fact(Remedy.RECORD_A_FLIGHT)
+"""Advice where a log has no motor outputs of a flight."""
+
 DEMAND_MESSAGE = "ACTUATOR_CONTROL_TARGET"
-DEMAND_FORM = MotorMessage("controls")
-THRUST_COLUMN = len(AXES)  # Place of thrust in ACTUATOR_CONTROL_TARGET.controls of group 0
-PORT_CHANNELS = 8
-"""Channels a port of SERVO_OUTPUT_RAW; firmware that fills the message's extension counts ports by all of them."""
-LEAST_STOP = 0.5
-STOP_SHARE = 0.01
-STOP_WIDTH = 0.003
-STOP_BINS = 5
-STOP_EXCESS = 8
-"""An upper stop that the outputs show: at least so much of the range, so often reached, this wide, how many bins of
-that width below it show what is usual, and how many times as often it is reached: the crest of a sine 3 to 5 times."""
-# MAVLink's uint16 for what there is none of: an output, or the voltage of a cell
+"""MAVLink message with the controller's demands."""
+
+DEMAND_FIELD = "controls"
+"""Array field of that message; in group 0 it holds roll, pitch, yaw and thrust."""
+
+FLIGHT_CONTROL_GROUP = 0
+"""Group of that message (``group_mlx``) with the demands of the flight controller."""
+
+THRUST_COLUMN = len(AXES)
+"""Column of thrust in the field with the demands, after those of the axes."""
+
+CHANNELS_PER_PORT = 8
+"""Output channels of one port of SERVO_OUTPUT_RAW, as first defined.
+
+Firmware that fills the sixteen fields of the extended message counts sixteen channels per port.
+"""
+
 UINT16_UNKNOWN = np.iinfo(np.uint16).max
+"""Value of MAVLink's 16-bit fields that means "not available": an unused output, or no voltage."""
+
+MIN_OBSERVED_STOP = 0.5
+"""Lowest upper stop, as a fraction of the range, that is inferred from outputs; a choice, far above hover."""
+
+MIN_STOP_SHARE = 0.01
+"""Share of a motor's samples that must be at an upper stop before one is inferred; a choice."""
+
+MIN_STOP_SAMPLES = 3
+"""Number of samples that must be at an upper stop before one is inferred; a choice."""
+
+STOP_BIN_WIDTH = 0.003
+"""Width of the histogram bins in which a stop is looked for, as a fraction of the range; a choice."""
+
+STOP_NEIGHBOUR_BINS = 5
+"""Number of bins below the highest output whose mean says how often outputs come without a stop; a choice."""
+
+MIN_STOP_EXCESS = 8
+"""How many times as many samples the bin of a stop has as the bins below it. The crest of a sine has 3 to 5 times."""
 
 
 @dataclass(frozen=True, eq=False)
 class MotorOutputs:
-    """Motor outputs, or the demand as one column."""
+    """The outputs of all k motors of a vehicle, or the demand for one axis as a single output."""
 
-    message: str  # they come from
-    time: Array  # with boot: (N,) s on the clock of a boot
+    message: str
+    """Name of the message that they were recorded in."""
+    time: Array
+    """(N,) seconds on the clock of the sample's boot."""
     boot: Integers
-    outputs: Array  # (N, k) in the unit of the stream
-    geometry: MotorGeometry  # which channels and where their motors are
-    scale: OutputScale  # unit, range and resolution
-    sent_count: int  # messages in the stream
-    # those not used: not finite, or with the stamp of another. Exact copies do not count.
+    """(N,) number of the boot of each sample, from 0."""
+    outputs: Array
+    """(N, k) outputs in the unit of the stream."""
+    geometry: MotorGeometry
+    """Output channel and position of each motor."""
+    scale: OutputScale
+    """Unit, range and resolution of the outputs."""
+    sent_count: int
+    """Number of messages that were recorded."""
     unused_count: int
+    """Number of those that could not be used: not finite, or a second value at the same stamp; without exact copies."""
 
     @property
     def collective(self) -> TimeSeries:
-        """How hard they work together, 0 to 1: the mean of their shares (N,)."""
+        """The mean output of all motors (N,), as a fraction of the range, 0 to 1."""
         return TimeSeries(self.time, self.boot, self.scale.fraction(self.outputs).mean(axis=1))
 
     def range_fractions(self, boot: int) -> TimeSeries:
-        """Returns the shares (N, k) of their range in one boot."""
-        shares = TimeSeries(self.time, self.boot, self.scale.fraction(self.outputs))
-        return shares.select(self.boot == boot)
+        """Returns the outputs (N, k) of one boot as fractions of the range."""
+        fractions = TimeSeries(self.time, self.boot, self.scale.fraction(self.outputs))
+        return fractions.select(self.boot == boot)
 
 
 def motor_outputs_or_obstacle(telemetry: Telemetry) -> MotorOutputs | Fact:
-    """Returns the outputs of the most preferred message that has those of all motors; else why there are none."""
-    obstacles = []
-    for message in names_by_preference(message_counts(telemetry, tuple(MOTOR_MESSAGES))):
-        motors = _motors_in(telemetry, message)
-        if isinstance(motors, MotorOutputs):
-            return motors
-        obstacles.append(motors)
-    return (
-        obstacles[0]
-        if obstacles
-        else Fact(
-            MotorObstacle.NO_MOTOR_MESSAGE,
-            name=telemetry.name_in_source(next(iter(MOTOR_MESSAGES))),
-        )
-    )
+    """Returns the motor outputs of a vehicle, or why a log has none.
 
+    Several messages can hold them. The most preferred one that has the outputs of all motors is taken.
 
-def _motors_in(telemetry: Telemetry, message: str) -> MotorOutputs | Fact:
-    name = telemetry.name_in_source(message)
-    banks = tuple(_banks(message, telemetry.messages[message]))
-    width = banks[0].signal.values.shape[1]
-    bank_of = {bank.first + i: bank for bank in banks for i in range(width)}
-    moving = [channel for channel, bank in bank_of.items() if _moves(bank.sent(channel))]
-    # A motor that is disabled in flight keeps its place.
-    parameters = {**telemetry.parameters, **telemetry.initial_parameters}
-    plan = motor_geometry(telemetry.vehicle, telemetry.autopilot, parameters, moving, width)
-    if plan is None or not moving:
-        return Fact(MotorObstacle.MOTORS_CONSTANT, name=name, remedy=RECORD_A_FLIGHT)
-    missing = sorted(set(plan.channels) - bank_of.keys())
-    if missing or not set(plan.channels) & set(moving):
-        return Fact(
-            MotorObstacle.CHANNELS_MISSING if missing else MotorObstacle.CHANNELS_CONSTANT,
-            name=name,
-            basis=plan.basis,
-            channels=sorted(plan.channels),
-            missing=missing,
-            moving=sorted(moving),
-            remedy=RECORD_A_FLIGHT,
-        )
-    # One row a message of the bank that holds most motors; the other bank's rows come a moment before or after.
-    chosen = [bank_of[channel] for channel in plan.channels]
-    main = max(chosen, key=chosen.count)
-    signal = main.signal
-    sent = [bank.sent(channel) for bank, channel in zip(chosen, plan.channels, strict=True)]
-    columns = [
-        values if bank is main else _interpolated(signal, bank.signal, values)
-        for bank, values in zip(chosen, sent, strict=True)
-    ]
-    outputs = np.column_stack(columns)
-    whole = clean_series({"time": signal.time, "boot": signal.boot}, outputs)
-    if not len(whole.time):
-        return Fact(MotorObstacle.OUTPUTS_NOT_FINITE, name=name)
-    # Of the values as sent: interpolated ones fall between the steps of the stream.
-    scale = output_scale(np.concatenate(sent), telemetry.parameters, plan.drivers)
-    left_out = signal.unused_count + whole.unused_count
-    scale = replace(scale, stop=min(scale.stop, _observed_upper_stop(scale.fraction(whole.values))))
-    return MotorOutputs(
-        message, whole.time, whole.boot, whole.values, plan, scale, signal.sent_count, left_out
-    )
-
-
-def _observed_upper_stop(shares: Array) -> float:
-    """The share of the range at which motors (N, k) stay, as no output does that moves freely; 1 where they do not.
-
-    That is the highest of all, with ``STOP_SHARE`` of some motor's samples and far more than in the bins below it.
+    Returns:
+        The outputs; where no message has them, the obstacle (``MotorObstacle``) of the most preferred message.
     """
-    highest = float(shares.max())
-    for column in shares.T if highest >= LEAST_STOP else ():
-        bins = np.floor((highest - column[column > 0]) / STOP_WIDTH)
-        at_stop = np.count_nonzero(bins == 0)
-        near = np.count_nonzero((bins > 0) & (bins <= STOP_BINS)) / STOP_BINS
-        reached = at_stop >= max(STOP_SHARE * len(column), STOP_EXCESS * near, 3)
-        if reached and np.count_nonzero(bins > STOP_BINS) > np.count_nonzero(bins > 0) / 2:
-            return highest
-    return 1.0
+    counts = message_counts(telemetry, tuple(MOTOR_MESSAGES))
+    first_obstacle = None
+    for message in names_by_preference(counts):
+        result = _outputs_in_message(telemetry, message)
+        if isinstance(result, MotorOutputs):
+            return result
+        if first_obstacle is None:
+            first_obstacle = result
+    if first_obstacle is not None:
+        return first_obstacle
+    preferred = next(iter(MOTOR_MESSAGES))
+    return Fact(MotorObstacle.NO_MOTOR_MESSAGE, name=telemetry.name_in_source(preferred))
 
 
 def axis_demand(telemetry: Telemetry, axis: str) -> MotorOutputs | None:
-    """Returns the controller's command for the axis, −1 to 1; None when it never moved."""
-    signal = control_target(telemetry, AXES.index(axis))
-    if signal is None or not _moves(signal.values):
+    """Returns the controller's demand for one axis, -1 to 1, in the form of motor outputs with a single column.
+
+    Returns:
+        The demand; None where it was not recorded or never moved.
+    """
+    demand = control_target(telemetry, AXES.index(axis))
+    if demand is None or not _is_moving(demand.values):
         return None
-    scale = OutputScale("demand", "", -1.0, 1.0, float(np.diff(np.unique(signal.values)).min()))
-    outputs = signal.values[:, None]
+    resolution = float(np.diff(np.unique(demand.values)).min())
     return MotorOutputs(
-        DEMAND_MESSAGE,
-        signal.time,
-        signal.boot,
-        outputs,
-        demand_geometry(axis),
-        scale,
-        signal.sent_count,
-        signal.unused_count,
+        message=DEMAND_MESSAGE,
+        time=demand.time,
+        boot=demand.boot,
+        outputs=demand.values[:, None],
+        geometry=demand_geometry(axis),
+        scale=OutputScale("demand", "", -1.0, 1.0, resolution),
+        sent_count=demand.sent_count,
+        unused_count=demand.unused_count,
     )
 
 
 def control_target(telemetry: Telemetry, column: int) -> TimeSeries | None:
-    """Returns the controller's command for roll, pitch, yaw, -1 to 1, or thrust, 0 to 1, by its number, from 0."""
+    """Returns one of the controller's demands, as the mixer receives them.
+
+    Args:
+        telemetry: Messages of the vehicle.
+        column: Number of an axis in ``AXES``, -1 to 1, or ``THRUST_COLUMN``, 0 to 1.
+
+    Returns:
+        The demand (N,); None where no demands were recorded.
+    """
     columns = telemetry.messages.get(DEMAND_MESSAGE)
     if columns is None:
         return None
-    # Group 0 is flight control: roll, pitch, yaw and thrust.
-    group_0 = np.asarray(columns["group_mlx"]) == 0 if "group_mlx" in columns else None
-    return clean_series(columns, float_column(columns, DEMAND_FORM.field)[:, column], group_0)
-
-
-class _Bank(NamedTuple):
-    """Output channels ``first``, ``first`` + 1, … as one stream sends them: values (N, width)."""
-
-    first: int
-    signal: TimeSeries
-
-    def sent(self, channel: int) -> Array:
-        return self.signal.values[:, channel - self.first]
+    rows = None
+    if "group_mlx" in columns:
+        rows = np.asarray(columns["group_mlx"]) == FLIGHT_CONTROL_GROUP
+    return clean_series(columns, float_column(columns, DEMAND_FIELD)[:, column], rows)
 
 
 def channel_outputs(message: str, columns: Columns) -> tuple[Array, int]:
-    """Returns the outputs (N, k) of a message, unused ones as 0, and how many channels one port has."""
-    first, *channels = MOTOR_MESSAGES[message].fields
-    if not channels:
-        values = np.atleast_2d(float_column(columns, first))
-        return values, values.shape[1]
-    values = float_columns(columns, (field for field in channels if field in columns))
-    values[values == UINT16_UNKNOWN] = 0.0
-    wide = values.shape[1] == len(channels) and np.any(values[:, PORT_CHANNELS:])
-    return values, len(channels) if wide else PORT_CHANNELS
+    """Returns the outputs of all channels in a message, and how many of them belong to one port.
+
+    Args:
+        message: Name of a message in ``MOTOR_MESSAGES``.
+        columns: Its fields, N rows each.
+
+    Returns:
+        Outputs (N, k), with 0 for unused channels, and the number of channels per port.
+    """
+    form = MOTOR_MESSAGES[message]
+    if not form.is_ported:
+        outputs = np.atleast_2d(float_column(columns, form.field))
+        return outputs, outputs.shape[1]
+    output_fields = form.fields[1:]
+    outputs = float_columns(columns, [field for field in output_fields if field in columns])
+    outputs[outputs == UINT16_UNKNOWN] = 0.0
+    has_all_fields = outputs.shape[1] == len(output_fields)
+    if has_all_fields and np.any(outputs[:, CHANNELS_PER_PORT:]):
+        return outputs, len(output_fields)
+    return outputs, CHANNELS_PER_PORT
 
 
-def _banks(message: str, columns: Columns) -> Iterator[_Bank]:
-    """A bank of outputs a port; a channel that never has a number has none."""
-    values, width = channel_outputs(message, columns)
-    port = float_column(columns, "port") if "port" in columns else np.zeros(len(values))
+@dataclass(frozen=True, eq=False)
+class _OutputBank:
+    """Neighbouring output channels that one port sends in one stream."""
+
+    first_channel: int
+    """Number of the first channel, from 1."""
+    series: TimeSeries
+    """Outputs (N, w) of the bank's w channels."""
+
+    @property
+    def channels(self) -> range:
+        """Numbers of the bank's channels."""
+        return range(self.first_channel, self.first_channel + self.series.values.shape[1])
+
+    def outputs(self, channel: int) -> Array:
+        """Returns the outputs (N,) of one channel of the bank."""
+        return self.series.values[:, channel - self.first_channel]
+
+
+def _outputs_in_message(telemetry: Telemetry, message: str) -> MotorOutputs | Fact:
+    """Returns the outputs of all motors from one message, or the obstacle if it does not have them."""
+    name = telemetry.name_in_source(message)
+    banks = _output_banks(message, telemetry.messages[message])
+    bank_of_channel = {channel: bank for bank in banks for channel in bank.channels}
+    moving = [
+        channel for channel, bank in bank_of_channel.items() if _is_moving(bank.outputs(channel))
+    ]
+    # Parameters of before a change count too, so a motor that is disabled in flight keeps its channel.
+    parameters = {**telemetry.parameters, **telemetry.initial_parameters}
+    geometry = motor_geometry(
+        telemetry.vehicle, telemetry.autopilot, parameters, moving, len(banks[0].channels)
+    )
+    if geometry is None or not moving:
+        return Fact(MotorObstacle.MOTORS_CONSTANT, name=name, remedy=RECORD_A_FLIGHT)
+    missing = sorted(set(geometry.channels) - bank_of_channel.keys())
+    if missing or not set(geometry.channels) & set(moving):
+        return Fact(
+            MotorObstacle.CHANNELS_MISSING if missing else MotorObstacle.CHANNELS_CONSTANT,
+            name=name,
+            basis=geometry.basis,
+            channels=sorted(geometry.channels),
+            missing=missing,
+            moving=sorted(moving),
+            remedy=RECORD_A_FLIGHT,
+        )
+    return _combined_outputs(
+        telemetry, message, geometry, [bank_of_channel[channel] for channel in geometry.channels]
+    )
+
+
+def _combined_outputs(
+    telemetry: Telemetry, message: str, geometry: MotorGeometry, banks: Sequence[_OutputBank]
+) -> MotorOutputs | Fact:
+    """Combines the outputs of all motors to one table on the stamps of the bank that holds most motors.
+
+    Args:
+        telemetry: Messages of the vehicle.
+        message: Name of the message with the outputs.
+        geometry: The k motors.
+        banks: The bank of each motor's channel.
+
+    Returns:
+        The outputs; an obstacle where no row has a finite output of every motor.
+    """
+    main_bank = max(banks, key=banks.count)
+    sent_outputs = [
+        bank.outputs(channel) for bank, channel in zip(banks, geometry.channels, strict=True)
+    ]
+    # The rows of another bank come a moment before or after those of the main one.
+    columns = []
+    for bank, outputs in zip(banks, sent_outputs, strict=True):
+        if bank is not main_bank:
+            outputs = _at_stamps_of(main_bank.series, bank.series, outputs)
+        columns.append(outputs)
+    stamps = {"time": main_bank.series.time, "boot": main_bank.series.boot}
+    combined = clean_series(stamps, np.column_stack(columns))
+    if not len(combined.time):
+        return Fact(MotorObstacle.OUTPUTS_NOT_FINITE, name=telemetry.name_in_source(message))
+    # The resolution is that of the outputs as sent: interpolated ones fall between the steps of the stream.
+    scale = output_scale(np.concatenate(sent_outputs), telemetry.parameters, geometry.drivers)
+    observed_stop = _observed_upper_stop(scale.fraction(combined.values))
+    return MotorOutputs(
+        message=message,
+        time=combined.time,
+        boot=combined.boot,
+        outputs=combined.values,
+        geometry=geometry,
+        scale=replace(scale, stop=min(scale.stop, observed_stop)),
+        sent_count=main_bank.series.sent_count,
+        unused_count=main_bank.series.unused_count + combined.unused_count,
+    )
+
+
+def _output_banks(message: str, columns: Columns) -> list[_OutputBank]:
+    """Returns the bank of output channels of each port in a message, in the order of the ports.
+
+    A channel without a finite output on its port counts as unused, with outputs of 0.
+    """
+    outputs, channels_per_port = channel_outputs(message, columns)
+    port = float_column(columns, "port") if "port" in columns else np.zeros(len(outputs))
+    banks = []
     for number in np.unique(port):
-        sent = values[port == number, :width]
-        table = np.where(np.isfinite(sent).any(axis=0), values[:, :width], 0.0)
-        yield _Bank(1 + width * int(number), clean_series(columns, table, port == number))
+        of_port = port == number
+        has_output = np.isfinite(outputs[of_port, :channels_per_port]).any(axis=0)
+        table = np.where(has_output, outputs[:, :channels_per_port], 0.0)
+        first_channel = 1 + channels_per_port * int(number)
+        banks.append(_OutputBank(first_channel, clean_series(columns, table, of_port)))
+    return banks
 
 
-def _moves(values: Array) -> bool:
-    """Whether a channel takes several values beside 0, which stands for "no output yet"."""
-    running = values[values != 0]
-    return len(running) > 0 and np.ptp(running) > 0
+def _is_moving(outputs: Array) -> bool:
+    """Returns whether a channel (N,) takes several values besides 0, which stands for "no output yet"."""
+    nonzero = outputs[outputs != 0]
+    return len(nonzero) > 0 and np.ptp(nonzero) > 0
 
 
-def _interpolated(main: TimeSeries, bank: TimeSeries, values: Array) -> Array:
-    moved = np.full(len(main.time), np.nan)
+def _at_stamps_of(main: TimeSeries, bank: TimeSeries, outputs: Array) -> Array:
+    """Interpolates outputs of one bank to the stamps of another, within each boot.
+
+    Args:
+        main: Series of N samples, whose stamps are wanted.
+        bank: Series of M samples, whose stamps the outputs have.
+        outputs: (M,) outputs of one channel of ``bank``.
+
+    Returns:
+        (N,) outputs; NaN in boots of which ``bank`` has no sample.
+    """
+    interpolated = np.full(len(main.time), np.nan)
     for boot in np.intersect1d(main.boot, bank.boot):
-        there = bank.boot == boot
-        here = main.boot == boot
-        moved[here] = np.interp(main.time[here], bank.time[there], values[there])
-    return moved
+        main_rows = main.boot == boot
+        bank_rows = bank.boot == boot
+        interpolated[main_rows] = np.interp(
+            main.time[main_rows], bank.time[bank_rows], outputs[bank_rows]
+        )
+    return interpolated
+
+
+def _observed_upper_stop(fractions: Array) -> float:
+    """Infers the upper stop of the outputs from how often their highest value comes.
+
+    An output that moves freely is seldom exactly at its maximum; one that is limited stays there. The histogram of some
+    motor must have far more samples in the bin of the highest value than in the bins just below it, and most samples
+    below those.
+
+    Args:
+        fractions: (N, k) outputs as fractions of the range.
+
+    Returns:
+        The stop as a fraction of the range: the highest output of all motors, or 1 where no motor shows a stop.
+    """
+    highest = float(fractions.max())
+    if highest < MIN_OBSERVED_STOP:
+        return 1.0
+    for column in fractions.T:
+        running = column[column > 0]
+        bins = np.floor((highest - running) / STOP_BIN_WIDTH)
+        samples_at_stop = np.count_nonzero(bins == 0)
+        is_neighbour = (bins > 0) & (bins <= STOP_NEIGHBOUR_BINS)
+        samples_per_neighbour = np.count_nonzero(is_neighbour) / STOP_NEIGHBOUR_BINS
+        min_samples = max(
+            MIN_STOP_SHARE * len(column),
+            MIN_STOP_EXCESS * samples_per_neighbour,
+            MIN_STOP_SAMPLES,
+        )
+        samples_far_below = np.count_nonzero(bins > STOP_NEIGHBOUR_BINS)
+        is_mostly_far_below = samples_far_below > np.count_nonzero(bins > 0) / 2
+        if samples_at_stop >= min_samples and is_mostly_far_below:
+            return highest
+    return 1.0

@@ -1,6 +1,7 @@
-"""Flight phases: which parts of a boot are settled flight, between climb-out and landing, as sets of time intervals.
+"""Phases of a flight: when a vehicle is armed, airborne, held by the ground, or in settled flight.
 
-A set of intervals is a list of (start, end) pairs in seconds of one boot, sorted and disjoint; an end may be infinite.
+Each phase is a set of intervals (``mavdem.dataset.intervals``) in seconds on the clock of one boot. Settled flight is
+what models are learned from: airborne, upright, and neither in climb-out nor in landing.
 """
 
 from collections.abc import Container
@@ -9,7 +10,7 @@ from math import inf, isinf
 
 import numpy as np
 
-from mavdem.arrays import Array
+from mavdem.arrays import Array, Flags
 from mavdem.confidence import Interval
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.intervals import (
@@ -21,267 +22,445 @@ from mavdem.dataset.intervals import (
     true_intervals,
     union,
 )
-from mavdem.dataset.signals import Signals, cached_per_vehicle, held_setpoint
+from mavdem.dataset.setpoints import Setpoint, held_setpoint
+from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import IN_AIR, OFF_GROUND
 
-MAX_IDLE_COLLECTIVE = 0.15
-MIN_COLLECTIVE_ABOVE_IDLE = 0.05
-"""Highest share of the motors' range at which autopilots idle on the ground, ArduPilot's default for MOT_SPIN_MIN, and
-how much more a multirotor needs at least to stay up."""
-TRANSIENT_SECONDS = 5.0
-"""Seconds after lift-off and before touch-down that are never settled. Spool-up, ground effect and the estimator's
-first metres."""
-MAX_LEVEL_FLIGHT_SPEED = 0.25
-"""m/s: climb-out and landing last while the vehicle rises or sinks faster. Autopilots land at 0.3 m/s and more."""
-# m/s, for ``TRANSIENT_SECONDS`` or longer: a climb or a descent in the midst of a flight
-MIN_CLIMB_SPEED = 1.0
-MAX_TILT = np.radians(60.0)
-"""Tilt beyond which no hover model holds: half the thrust no longer carries, and Euler angles leave the body rates."""
-MIN_CARRYING_RATIO = 0.7
-"""Of the motors' mean in hover: with less, in the mean of 2 s, no multirotor stays up, be its thrust as the square of
-its command or as the command."""
-HELD_RATE_RATIO = 0.1
-HELD_MOTOR_DEVIATION = 0.5
-"""What the ground holds turns so little beside the flight, while some motor does so much more or less than in flight,
-as a share of the hover's mean, that it would turn what nothing holds: of four, one that lost half its thrust does 0.3
-more."""
-MIN_GROUND_SECONDS = (
-    3.0  # As long it lasts at least: motors are throttled for a moment in the air, too
-)
-MIN_LIFT_OFF_SPEED = 0.1  # m/s, averaged, of what leaves the ground
-MAX_GROUND_HEIGHT = (
-    1.0  # m above the take-off: what never rose above it stood, and what is no higher may stand
-)
-MAX_SETPOINT_DELAY = 1.0
-"""As late a setpoint may be followed: the attitude loops of the largest multirotors take about a second."""
-MIN_SETPOINT_TILT = np.radians(10.0)
-MIN_FOLLOWED_RATIO = 1 / 3
-"""Root mean squares, of what a flight was asked to lean and of what it did of that: free vehicles do 0.8 and more."""
-MAX_REPORT_INTERVAL = 10.0
-"""Longest time between two reports of EXTENDED_SYS_STATE that they cover: autopilots send it at 0.2 Hz and faster, and
-what the vehicle did in a longer gap the other evidence shows better."""
 AVERAGING_SECONDS = 2.0
-"""Seconds over which vertical speed and collective are averaged, so that a gust does not end a climb."""
+"""Seconds over which vertical speed and collective are averaged, so that a gust does not end a climb; a choice."""
 
+MAX_IDLE_COLLECTIVE = 0.15
+"""Highest fraction of the range at which motors idle on the ground: the default of ArduPilot's MOT_SPIN_MIN."""
 
-def min_airborne_collective(parameters: Parameters) -> float:
-    """Returns the least share of the motors' range, 0 to 1, that holds a multirotor up."""
-    return parameters.get("MOT_SPIN_MIN", MAX_IDLE_COLLECTIVE) + MIN_COLLECTIVE_ABOVE_IDLE
+MIN_COLLECTIVE_ABOVE_IDLE = 0.05
+"""Fraction of the range above idle that a multirotor needs at least to stay in the air; a choice."""
+
+TRANSIENT_SECONDS = 5.0
+"""Seconds after lift-off and before touch-down that are never settled flight.
+
+They hold spool-up, ground effect and the first metres, in which the estimator still converges. A choice.
+"""
+
+MAX_LEVEL_FLIGHT_SPEED = 0.25
+"""Vertical speed, m/s, above which climb-out lasts, and landing has begun: autopilots land at 0.3 m/s or more."""
+
+MIN_CLIMB_SPEED = 1.0
+"""Vertical speed, m/s, from which ``TRANSIENT_SECONDS`` or more of a flight are a climb or a descent; a choice."""
+
+MAX_TILT = np.radians(60.0)
+"""Roll or pitch, rad, beyond which no model of hover holds.
+
+There half the thrust no longer carries the vehicle, and derivatives of Euler angles are no longer the body rates.
+"""
+
+MIN_CARRYING_RATIO = 0.7
+"""Collective, relative to that in hover, below which no multirotor stays in the air.
+
+It holds for motors whose thrust goes with the square of their command and for those whose thrust goes with the command.
+"""
+
+HELD_RATE_RATIO = 0.1
+"""Body rates below this fraction of their RMS in hover: the vehicle does not rotate."""
+
+MIN_ROTATING_SQUARE_RATIO = 0.1
+"""Mean square of the body rates, relative to that in hover, from which the vehicle certainly rotates freely."""
+
+HELD_MOTOR_DEVIATION = 0.5
+"""Deviation of a motor from its mean in flight, relative to the collective in hover, that would rotate a free vehicle.
+
+Together with body rates near zero it means that the ground holds the vehicle. In flight, a motor of a quadrotor that
+lost half its thrust deviates by 0.3.
+"""
+
+HIGH_QUANTILE = 0.9
+"""Quantile of collective and of body rates that stands for flight, in records that are partly from the ground."""
+
+MIN_GROUND_SECONDS = 3.0
+"""Seconds that signs of the ground must last, since motors are throttled for a moment in the air too; a choice."""
+
+MIN_LIFT_OFF_SPEED = 0.1
+"""Vertical speed, m/s, that every vehicle that leaves the ground exceeds, averaged over ``AVERAGING_SECONDS``."""
+
+MAX_GROUND_HEIGHT = 1.0
+"""Height, m, above the take-off at which a vehicle may stand on the ground: the error of height estimates."""
+
+MAX_SETPOINT_DELAY = 1.0
+"""Seconds by which an attitude may follow its setpoint: the response of the largest multirotors."""
+
+MIN_SETPOINT_TILT = np.radians(10.0)
+"""RMS, rad, of a setpoint of roll or pitch that a vehicle in the air must follow; a choice."""
+
+MIN_FOLLOWED_RATIO = 1 / 3
+"""RMS of the tilt relative to that of its setpoint, below which the ground holds the vehicle: in the air it is 0.8."""
+
+MAX_REPORT_INTERVAL = 10.0
+"""Longest time, s, between two reports of the landed state that they cover.
+
+Autopilots send EXTENDED_SYS_STATE at 0.2 Hz and faster. In a longer gap the collective shows better what happened.
+"""
+
+UNDEFINED_LANDED_STATE = 0
+"""MAV_LANDED_STATE_UNDEFINED."""
 
 
 @cached_per_vehicle()
 def settled_intervals(signals: Signals, boot: int) -> Intervals:
-    """Returns the intervals of ``boot`` in settled flight, as the autopilot reports it or else as the motors show it.
+    """Returns the intervals of settled flight in a boot.
 
-    Neither take-off nor landing, where it reports them, nor what the ground holds; both axes must stay upright.
+    They are armed, in the air and upright, without what the ground holds, without climb-out and landing, and without
+    long climbs and descents.
+
+    Args:
+        signals: Signals of the vehicle.
+        boot: Number of the boot.
+
+    Returns:
+        The intervals; none where no attitude was recorded.
     """
     if signals.preset_settled_intervals is not None:
         return signals.preset_settled_intervals
-    climb = series_of_boot(signals.climb_rate, boot)
-    landing = series_of_boot(signals.landing, boot)
+    if not signals.tilts:
+        return []
+    climb_rate = series_of_boot(signals.climb_rate, boot)
+    tilts = [tilt.angle_series.select(tilt.boot == boot) for tilt in signals.tilts]
+    flights = without_grounded(_flights_in_air(signals, boot), signals, boot)
+    # A vehicle that lies on its back has crashed.
+    roll = tilts[0]
+    flights = intersection(flights, true_intervals(roll.time, abs(roll.values) < np.pi / 2))
+    settled = []
+    for flight in flights:
+        level_part = without_transients(flight, climb_rate)
+        if level_part is not None:
+            settled.append(level_part)
+    if climb_rate is not None:
+        settled = _without_long_climbs(settled, climb_rate)
+    for tilt in tilts:
+        settled = intersection(settled, true_intervals(tilt.time, abs(tilt.values) < MAX_TILT))
+    return settled
+
+
+def _flights_in_air(signals: Signals, boot: int) -> Intervals:
+    """Returns when a vehicle is armed and in the air, neither taking off nor landing as far as that is reported.
+
+    Where neither the landed state nor the vertical speed is known, the flight modes that land say when it lands.
+    """
     flights = intersection(
         armed_intervals(signals, boot), landed_state_intervals(signals, boot, (IN_AIR,))
     )
-    if landing is not None and climb is None and series_of_boot(signals.landed_state, boot) is None:
+    landing = series_of_boot(signals.landing, boot)
+    climb_rate = series_of_boot(signals.climb_rate, boot)
+    landed_state = series_of_boot(signals.landed_state, boot)
+    if landing is not None and climb_rate is None and landed_state is None:
         flights = intersection(flights, true_intervals(landing.time, landing.values == 0))
-    flights = without_grounded(flights, signals, boot)
-    tilts = [tilt.angle_series.select(tilt.boot == boot) for tilt in signals.tilts]
-    for tilt in tilts[:1]:  # what lies on its back has crashed
-        flights = intersection(flights, true_intervals(tilt.time, abs(tilt.values) < np.pi / 2))
-    level = [
-        between for flight in flights if (between := without_transients(flight, climb)) is not None
-    ]
-    if climb is not None and np.any(
-        (speed := moving_average(climb))[in_intervals(climb.time, level)] > -MAX_LEVEL_FLIGHT_SPEED
-    ):
-        climbs = intersection(level, true_intervals(climb.time, abs(speed) > MIN_CLIMB_SPEED))
-        level = intersection(
-            level, complement([part for part in climbs if part[1] - part[0] >= TRANSIENT_SECONDS])
-        )
-    for tilt in tilts:
-        level = intersection(level, true_intervals(tilt.time, abs(tilt.values) < MAX_TILT))
-    return level if tilts else []
+    return flights
 
 
-def without_grounded(flights: Intervals, signals: Signals, boot: int) -> Intervals:
-    """Returns the ``flights`` of ``boot`` that rose, without what the ground held for ``GROUND_SECONDS`` or longer."""
-    if (climb := series_of_boot(signals.climb_rate, boot)) is not None:
-        speed = abs(moving_average(climb))
-        rose = (
-            climb.time[0] > start or speed[climb.time <= end].max() >= MIN_LIFT_OFF_SPEED
-            for start, end in flights
-        )
-        flights = [flight for flight, up in zip(flights, rose, strict=True) if up]
-    stood = [flight for flight in flights if _ignored_tilt_setpoints(signals, boot, flight)]
-    stood += [
-        part
-        for part in intersection(flights, grounded_intervals(signals, boot))
-        if part[1] - part[0] >= MIN_GROUND_SECONDS
-    ]
-    return intersection(flights, complement(sorted(stood)))
+def without_transients(flight: Interval, climb_rate: TimeSeries | None) -> Interval | None:
+    """Returns a flight without its climb-out and its landing.
+
+    Both last ``TRANSIENT_SECONDS`` at least, and as long as the vehicle still rises, or already sinks, faster than
+    ``MAX_LEVEL_FLIGHT_SPEED``. An infinite end of the flight was not recorded, and nothing is cut there.
+
+    Args:
+        flight: Start and end of the flight, s.
+        climb_rate: Vertical speed, m/s upwards, of the same boot; None where it was not recorded.
+
+    Returns:
+        Start and end of the level part, s; None where nothing is left.
+    """
+    start, end = flight
+    level_start = start + TRANSIENT_SECONDS
+    level_end = end - TRANSIENT_SECONDS
+    if climb_rate is not None:
+        speed = moving_average(climb_rate)
+        is_inside = (climb_rate.time >= level_start) & (climb_rate.time <= level_end)
+        is_sinking = speed <= -MAX_LEVEL_FLIGHT_SPEED
+        is_rising = speed >= MAX_LEVEL_FLIGHT_SPEED
+        # A whole flight cannot only sink: there the estimate of the height has diverged, and says nothing.
+        is_whole_flight = not (isinf(start) or isinf(end))
+        has_diverged = is_whole_flight and not np.any(is_inside & ~is_sinking)
+        if is_inside.any() and not has_diverged:
+            if not isinf(start):
+                level_times = climb_rate.time[is_inside & ~is_rising]
+                level_start = float(level_times[0]) if len(level_times) else level_end
+            if not isinf(end):
+                level_times = climb_rate.time[is_inside & ~is_sinking]
+                level_end = float(level_times[-1]) if len(level_times) else level_start
+    return (level_start, level_end) if level_start < level_end else None
 
 
-def has_risen(signals: Signals, boot: int, flight: Interval) -> bool | None:
-    """Returns whether a ``flight`` of ``boot`` rose by ``GROUND_HEIGHT``; None where its height was not recorded."""
-    height = height_above_take_off(signals, boot, flight)
-    if height is None:
-        return None
-    return bool((height.values[in_intervals(height.time, [flight])] > MAX_GROUND_HEIGHT).any())
+def _without_long_climbs(level: Intervals, climb_rate: TimeSeries) -> Intervals:
+    """Returns level flight without climbs and descents of ``TRANSIENT_SECONDS`` or longer in its midst.
 
-
-def height_above_take_off(signals: Signals, boot: int, flight: Interval) -> TimeSeries | None:
-    """Returns the heights above where a ``flight`` of ``boot`` began, m, or else the log; None without heights."""
-    height = series_of_boot(signals.height, boot)
-    if height is None:
-        return None
-    ground = np.interp(flight[0], height.time, height.values)
-    return TimeSeries(height.time, height.boot, height.values - ground)
-
-
-def _ignored_tilt_setpoints(signals: Signals, boot: int, flight: Interval) -> bool:
-    """Whether a flight never rose, and hardly leaned although it was asked to."""
-    if has_risen(signals, boot, flight) is not False:
-        return False
-    for axis, tilt in zip(TILT_AXES, signals.tilts, strict=False):
-        here = (tilt.boot == boot) & in_intervals(tilt.time, [flight])
-        for setpoint in signals.for_axis(axis).setpoints:
-            squares = held_setpoint(setpoint, boot, tilt.time[here]) ** 2
-            finite = np.isfinite(squares)
-            if setpoint.unit != "rad" or not finite.any():
-                continue
-            asked = squares[finite].mean()
-            leaned = np.mean(tilt.angle[here][finite] ** 2)
-            if asked > MIN_SETPOINT_TILT**2 and leaned < MIN_FOLLOWED_RATIO**2 * asked:
-                return True
-    return False
+    Args:
+        level: Intervals without climb-out and landing, s.
+        climb_rate: Vertical speed, m/s upwards.
+    """
+    speed = moving_average(climb_rate)
+    # Where all level flight sinks, the estimate of the height has diverged.
+    if not np.any(speed[in_intervals(climb_rate.time, level)] > -MAX_LEVEL_FLIGHT_SPEED):
+        return level
+    is_climbing = abs(speed) > MIN_CLIMB_SPEED
+    climbs = intersection(level, true_intervals(climb_rate.time, is_climbing))
+    long_climbs = [(start, end) for start, end in climbs if end - start >= TRANSIENT_SECONDS]
+    return intersection(level, complement(long_climbs))
 
 
 @cached_per_vehicle()
-def grounded_intervals(signals: Signals, boot: int) -> Intervals:
-    """Returns where the ground holds the vehicle, whatever is reported: its motors do much less than in hover.
-
-    Or its attitude stands still while its motors fight what holds it.
-    """
-    collective = series_of_boot(signals.collective, boot)
-    if collective is None:
-        return []
-    mean = moving_average(collective)
-    # a powerful vehicle hovers below any threshold: the land detector goes before it
-    running = in_intervals(collective.time, landed_state_intervals(signals, boot, OFF_GROUND))
-    if not running.any():
-        return []
-    hover = np.median(mean[running & (mean > np.quantile(mean[running], 0.9) / 2)])
-    squares = np.zeros(len(mean))
-    for tilt in signals.tilts:
-        turning = TimeSeries(tilt.time, tilt.boot, tilt.rate**2).select(tilt.boot == boot)
-        if len(turning.time):
-            squares += np.interp(collective.time, turning.time, moving_average(turning))
-    lively = np.quantile(squares[running], 0.9)
-    moving = running & (squares >= HELD_RATE_RATIO * lively)
-    fighting = np.zeros(len(mean), dtype=bool)
-    if signals.motors is not None:
-        for share in signals.motors.range_fractions(boot).values.T:
-            apart = moving_average(TimeSeries(collective.time, collective.boot, share)) - mean
-            fighting |= abs(apart - np.median(apart[moving])) > HELD_MOTOR_DEVIATION * hover
-    still = squares < HELD_RATE_RATIO**2 * lively
-    return true_intervals(collective.time, (mean < MIN_CARRYING_RATIO * hover) | (still & fighting))
+def free_flight_intervals(signals: Signals, boot: int) -> Intervals:
+    """Returns the intervals of a boot in which the vehicle is armed, airborne and not held by the ground."""
+    return without_grounded(airborne_intervals(signals, boot), signals, boot)
 
 
 def airborne_intervals(signals: Signals, boot: int) -> Intervals:
-    """Returns the intervals of ``boot`` when armed and off the ground."""
+    """Returns the intervals of a boot in which the vehicle is armed and off the ground, with take-off and landing."""
     return intersection(
         armed_intervals(signals, boot), landed_state_intervals(signals, boot, OFF_GROUND)
     )
 
 
-@cached_per_vehicle()
-def free_flight_intervals(signals: Signals, boot: int) -> Intervals:
-    """Returns the intervals of ``boot`` when flying and not held by the ground."""
-    return without_grounded(airborne_intervals(signals, boot), signals, boot)
-
-
 def armed_intervals(signals: Signals, boot: int) -> Intervals:
-    """Returns the intervals of ``boot`` when armed; always, where no heartbeat came."""
-    state = series_of_boot(signals.armed, boot)
-    return [(-inf, inf)] if state is None else true_intervals(state.time, state.values > 0)
-
-
-def max_collective(signals: Signals) -> float:
-    """Returns the highest share of their range at which the motors worked together, averaged."""
-    collective = signals.collective
-    if collective is None:
-        return 0.0
-    boots = np.unique(collective.boot)
-    return max(moving_average(collective.select(collective.boot == boot)).max() for boot in boots)
-
-
-def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals:
-    """Returns intervals of ``boot`` in one of MAV_LANDED_STATE's ``states``, in the air where only the thrust shows it.
-
-    The states are those of EXTENDED_SYS_STATE while it comes. A report counts for the time up to the next, not for what
-    came before all reports, nor across a long gap.
-    """
-    reported = series_of_boot(signals.landed_state, boot)
-    collective = series_of_boot(signals.collective, boot)
-    carried = []
-    if collective is not None:
-        carried = true_intervals(
-            collective.time,
-            moving_average(collective) > min_airborne_collective(signals.telemetry.parameters),
-        )
-    if reported is None:
-        return carried
-    undefined = reported.values == 0
-    covered = split_at_gaps(
-        reported.time,
-        (np.diff(reported.time) > MAX_REPORT_INTERVAL) | undefined[1:] | undefined[:-1],
-    )
-    inside = true_intervals(reported.time, np.isin(reported.values, states))
-    return (
-        inside
-        if collective is None
-        else union(intersection(inside, covered), intersection(carried, complement(covered)))
-    )
+    """Returns the intervals of a boot in which the vehicle is armed; all times where no heartbeat was recorded."""
+    armed = series_of_boot(signals.armed, boot)
+    if armed is None:
+        return [(-inf, inf)]
+    return true_intervals(armed.time, armed.values > 0)
 
 
 def mode_intervals(signals: Signals, boot: int, modes: Container[str]) -> Intervals:
-    """Returns the intervals of ``boot`` in one of these flight ``modes``, by name."""
+    """Returns the intervals of a boot in which the vehicle is in one of several flight modes, by their names."""
     changes = [*signals.mode_changes(boot), (inf, "")]
     return [(start, end) for (start, name), (end, _) in pairwise(changes) if name in modes]
 
 
-def without_transients(flight: Interval, climb: TimeSeries | None) -> Interval | None:
-    """Returns the settled part of one flight; an end of the flight that was not seen has no transient to cut."""
+def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals:
+    """Returns the intervals of a boot in which the vehicle is in one of several landed states.
+
+    The state is that of EXTENDED_SYS_STATE while it is reported. A report holds until the next one, but not across a
+    gap longer than ``MAX_REPORT_INTERVAL``. At all other times the vehicle counts as in one of the states where its
+    collective is high enough to stay in the air.
+
+    Args:
+        signals: Signals of the vehicle.
+        boot: Number of the boot.
+        states: Numbers of MAV_LANDED_STATE, all of them states in the air.
+    """
+    reports = series_of_boot(signals.landed_state, boot)
+    collective = series_of_boot(signals.collective, boot)
+    carried: Intervals = []
+    if collective is not None:
+        min_collective = min_airborne_collective(signals.telemetry.parameters)
+        carried = true_intervals(collective.time, moving_average(collective) > min_collective)
+    if reports is None:
+        return carried
+    reported = true_intervals(reports.time, np.isin(reports.values, states))
+    if collective is None:
+        return reported
+    is_undefined = reports.values == UNDEFINED_LANDED_STATE
+    is_gap = np.diff(reports.time) > MAX_REPORT_INTERVAL
+    covered = split_at_gaps(reports.time, is_gap | is_undefined[1:] | is_undefined[:-1])
+    return union(intersection(reported, covered), intersection(carried, complement(covered)))
+
+
+def min_airborne_collective(parameters: Parameters) -> float:
+    """Returns the least collective, as a fraction of the range, that keeps a multirotor in the air."""
+    return parameters.get("MOT_SPIN_MIN", MAX_IDLE_COLLECTIVE) + MIN_COLLECTIVE_ABOVE_IDLE
+
+
+def max_collective(signals: Signals) -> float:
+    """Returns the highest averaged collective of a log, as a fraction of the range; 0 where it was not recorded."""
+    collective = signals.collective
+    if collective is None:
+        return 0.0
+    highest = []
+    for boot in np.unique(collective.boot):
+        highest.append(moving_average(collective.select(collective.boot == boot)).max())
+    return max(highest)
+
+
+def without_grounded(flights: Intervals, signals: Signals, boot: int) -> Intervals:
+    """Returns those parts of flights in which the ground does not hold the vehicle, whatever the autopilot reports.
+
+    Left out are flights without any vertical speed, flights in which the vehicle never rose and did not follow its
+    setpoints, and ``MIN_GROUND_SECONDS`` or more in which the motors show that the ground carries or holds it.
+
+    Args:
+        flights: Intervals in which the vehicle is said to fly.
+        signals: Signals of the vehicle.
+        boot: Number of the boot that the intervals belong to.
+    """
+    climb_rate = series_of_boot(signals.climb_rate, boot)
+    if climb_rate is not None:
+        speed = TimeSeries(climb_rate.time, climb_rate.boot, abs(moving_average(climb_rate)))
+        flights = [flight for flight in flights if _has_vertical_speed(flight, speed)]
+    excluded = []
+    for flight in flights:
+        if _ignored_tilt_setpoints(signals, boot, flight):
+            excluded.append(flight)
+    for start, end in intersection(flights, grounded_intervals(signals, boot)):
+        if end - start >= MIN_GROUND_SECONDS:
+            excluded.append((start, end))
+    return intersection(flights, complement(sorted(excluded)))
+
+
+def _has_vertical_speed(flight: Interval, speed: TimeSeries) -> bool:
+    """Returns whether the vertical speed shows that a flight left the ground, or was not recorded from its start.
+
+    All speeds up to the end of the flight count, since a report of the take-off may come late.
+
+    Args:
+        flight: Start and end of the flight, s.
+        speed: Averaged vertical speed without its sign, m/s.
+    """
     start, end = flight
-    after = start + TRANSIENT_SECONDS
-    before = end - TRANSIENT_SECONDS
-    if climb is not None:
-        speed = moving_average(climb)
-        inside = (climb.time >= after) & (climb.time <= before)
-        # No whole flight only sinks: then the estimate has run away.
-        if isinf(start) or isinf(end) or np.any(speed[inside] > -MAX_LEVEL_FLIGHT_SPEED):
-            rising = climb.time[inside & (speed < MAX_LEVEL_FLIGHT_SPEED)]
-            sinking = climb.time[inside & (speed > -MAX_LEVEL_FLIGHT_SPEED)]
-            if inside.any() and not isinf(start):
-                after = float(rising[0]) if len(rising) else before
-            if inside.any() and not isinf(end):
-                before = float(sinking[-1]) if len(sinking) else after
-    return (after, before) if after < before else None
+    if speed.time[0] > start:
+        return True
+    return bool(speed.values[speed.time <= end].max() >= MIN_LIFT_OFF_SPEED)
 
 
-def series_of_boot(signal: TimeSeries | None, boot: int) -> TimeSeries | None:
-    """Returns the samples of ``boot``; None where there are none."""
-    if signal is None:
+def has_risen(signals: Signals, boot: int, flight: Interval) -> bool | None:
+    """Returns whether the vehicle was more than ``MAX_GROUND_HEIGHT`` above its take-off in a flight.
+
+    Args:
+        signals: Signals of the vehicle.
+        boot: Number of the boot.
+        flight: Start and end of the flight, s.
+
+    Returns:
+        None where the height was not recorded.
+    """
+    height = height_above_take_off(signals, boot, flight)
+    if height is None:
         return None
-    here = signal.boot == boot
-    return signal.select(here) if here.any() else None
+    in_flight = in_intervals(height.time, [flight])
+    return bool((height.values[in_flight] > MAX_GROUND_HEIGHT).any())
 
 
-def moving_average(signal: TimeSeries) -> Array:
-    """Returns centred mean of the samples within half of ``AVERAGING_SECONDS`` on either side."""
-    total = np.concatenate([[0.0], np.cumsum(signal.values)])
-    first = np.searchsorted(signal.time, signal.time - AVERAGING_SECONDS / 2, side="left")
-    after = np.searchsorted(signal.time, signal.time + AVERAGING_SECONDS / 2, side="right")
-    return (total[after] - total[first]) / (after - first)
+def height_above_take_off(signals: Signals, boot: int, flight: Interval) -> TimeSeries | None:
+    """Returns the height (N,), m, of a whole boot above where a flight began.
+
+    A flight that began before the record counts from the first height that was recorded.
+
+    Args:
+        signals: Signals of the vehicle.
+        boot: Number of the boot.
+        flight: Start and end of the flight, s.
+
+    Returns:
+        None where the height was not recorded.
+    """
+    height = series_of_boot(signals.height, boot)
+    if height is None:
+        return None
+    start_height = np.interp(flight[0], height.time, height.values)
+    return TimeSeries(height.time, height.boot, height.values - start_height)
+
+
+def _ignored_tilt_setpoints(signals: Signals, boot: int, flight: Interval) -> bool:
+    """Returns whether a vehicle never rose in a flight, and hardly tilted although its setpoints asked it to."""
+    if has_risen(signals, boot, flight) is not False:
+        return False
+    for axis, tilt in zip(TILT_AXES, signals.tilts, strict=False):
+        rows = (tilt.boot == boot) & in_intervals(tilt.time, [flight])
+        for setpoint in signals.for_axis(axis).setpoints:
+            if setpoint.unit == "rad" and _is_not_followed(
+                setpoint, boot, tilt.time[rows], tilt.angle[rows]
+            ):
+                return True
+    return False
+
+
+def _is_not_followed(setpoint: Setpoint, boot: int, time: Array, angle: Array) -> bool:
+    """Returns whether a setpoint asks for a large tilt, of which the vehicle makes hardly any.
+
+    Args:
+        setpoint: Setpoint of the angle, rad.
+        boot: Number of the boot.
+        time: (N,) seconds.
+        angle: (N,) roll or pitch at these times, rad.
+    """
+    setpoint_squares = held_setpoint(setpoint, boot, time) ** 2
+    is_finite = np.isfinite(setpoint_squares)
+    if not is_finite.any():
+        return False
+    mean_square_setpoint = setpoint_squares[is_finite].mean()
+    mean_square_angle = np.mean(angle[is_finite] ** 2)
+    is_large = mean_square_setpoint > MIN_SETPOINT_TILT**2
+    return bool(is_large and mean_square_angle < MIN_FOLLOWED_RATIO**2 * mean_square_setpoint)
+
+
+@cached_per_vehicle()
+def grounded_intervals(signals: Signals, boot: int) -> Intervals:
+    """Returns the intervals of a boot in which the motors show that the ground carries or holds the vehicle.
+
+    The ground carries it where the motors give much less thrust than in hover. The ground holds it where it does not
+    rotate although some motor deviates so far from its mean in flight that it would rotate a free vehicle. What the
+    autopilot reports decides only which part of the boot is taken for flight.
+
+    Args:
+        signals: Signals of the vehicle.
+        boot: Number of the boot.
+
+    Returns:
+        The intervals; none where no motor outputs were recorded or nothing was flown.
+    """
+    collective = series_of_boot(signals.collective, boot)
+    if collective is None:
+        return []
+    mean = moving_average(collective)
+    # The autopilot's landed state comes first, since a powerful vehicle hovers below any fixed collective.
+    is_flown = in_intervals(collective.time, landed_state_intervals(signals, boot, OFF_GROUND))
+    if not is_flown.any():
+        return []
+    is_carrying = mean > np.quantile(mean[is_flown], HIGH_QUANTILE) / 2
+    hover_collective = float(np.median(mean[is_flown & is_carrying]))
+    square_rates = _mean_square_tilt_rates(signals, boot, collective.time)
+    flight_square_rate = np.quantile(square_rates[is_flown], HIGH_QUANTILE)
+    is_rotating = is_flown & (square_rates >= MIN_ROTATING_SQUARE_RATIO * flight_square_rate)
+    is_still = square_rates < HELD_RATE_RATIO**2 * flight_square_rate
+
+    is_deviating = np.zeros(len(mean), dtype=bool)
+    if signals.motors is not None:
+        for fractions in signals.motors.range_fractions(boot).values.T:
+            motor = TimeSeries(collective.time, collective.boot, fractions)
+            deviation = moving_average(motor) - mean
+            change = deviation - np.median(deviation[is_rotating])
+            is_deviating |= abs(change) > HELD_MOTOR_DEVIATION * hover_collective
+    is_carried = mean < MIN_CARRYING_RATIO * hover_collective
+    return true_intervals(collective.time, is_carried | (is_still & is_deviating))
+
+
+def _mean_square_tilt_rates(signals: Signals, boot: int, time: Array) -> Array:
+    """Returns the sum (N,) of the mean squares of roll and pitch rate, (rad/s)², at the times (N,) of a boot."""
+    total = np.zeros(len(time))
+    for tilt in signals.tilts:
+        squares = TimeSeries(tilt.time, tilt.boot, tilt.rate**2).select(tilt.boot == boot)
+        if len(squares.time):
+            total += np.interp(time, squares.time, moving_average(squares))
+    return total
+
+
+def series_of_boot(series: TimeSeries | None, boot: int) -> TimeSeries | None:
+    """Returns the samples of one boot; None where there are none."""
+    if series is None:
+        return None
+    rows: Flags = series.boot == boot
+    return series.select(rows) if rows.any() else None
+
+
+def moving_average(series: TimeSeries) -> Array:
+    """Returns the centred moving average of a series of one boot over ``AVERAGING_SECONDS``.
+
+    Args:
+        series: N samples (N,), whose stamps need not be uniform.
+
+    Returns:
+        (N,) the mean of all samples within half of ``AVERAGING_SECONDS`` of each stamp.
+    """
+    cumulative = np.concatenate([[0.0], np.cumsum(series.values)])
+    first_row = np.searchsorted(series.time, series.time - AVERAGING_SECONDS / 2, side="left")
+    row_after = np.searchsorted(series.time, series.time + AVERAGING_SECONDS / 2, side="right")
+    return (cumulative[row_after] - cumulative[first_row]) / (row_after - first_row)

@@ -15,8 +15,9 @@ from mavdem.dataset.resampling import (
     STAMP_RESOLUTION,
     STEP_TOLERANCE,
 )
-from mavdem.dataset.signals import MIN_STREAM_RATE, Signals, cached_per_vehicle
+from mavdem.dataset.signals import MIN_STREAM_RATE, Signals
 from mavdem.dataset.time_series import TimeSeries
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.telemetry import (
     MAX_GAP_SECONDS,
 )

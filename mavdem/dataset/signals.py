@@ -1,32 +1,24 @@
-"""Signals: which message means what, worked out once for a vehicle and an axis.
+"""Signals of one vehicle for a model of one axis: which message means which quantity, in SI units.
 
-Message and field names occur only here, in ``attitude`` and in ``drive``. Every signal is on the vehicle's boot clock,
-in time order, each stamp once, per boot; a signal that was not recorded is None.
-
-A setpoint is a command: it holds until the next one, for ``HOLD_SECONDS`` at most, so a sample has the last one at or
-before its own stamp, on average half an interval late.
-
-Stamps have the resolution of their messages (1 ms in MAVLink, 1 µs in most logs). ArduPilot stamps ATTITUDE_TARGET when
-it sends it; PX4 with the time of its attitude setpoint, and the body rates in it were 0 to 8 ms newer on a flight
-recorded both ways, 4 ms at the 95th percentile, as those in its ATTITUDE are.
-
-A rate setpoint is not the same everywhere: in ArduPilot's ATTITUDE_TARGET it is the rate of the attitude setpoint; in
-DataFlash's RATE and from PX4 it corrects the error of the attitude as well.
+Names of messages and fields occur only here and in ``attitude``, ``motor_outputs`` and ``setpoints``. Every signal is a
+time series on the clock of the vehicle's boot; a signal that was not recorded is None. Stamps have the resolution of
+their messages: 1 ms in MAVLink, 1 µs in most logs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, wraps
-from typing import Any, NamedTuple, TypeVar
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import median_filter
 
 from mavdem.arrays import Array, Flags
 from mavdem.dataset.attitude import TUNING_MESSAGE, Attitude, attitude_of_axis, tuning_rates
-from mavdem.dataset.axes import AXES, MAX_ANGLE, MAX_BODY_RATE, TILT_AXES
+from mavdem.dataset.axes import AXES, MAX_ANGLE, TILT_AXES
+from mavdem.dataset.intervals import Intervals
 from mavdem.dataset.motor_outputs import (
     INPUT_KINDS,
     THRUST_COLUMN,
@@ -36,6 +28,7 @@ from mavdem.dataset.motor_outputs import (
     control_target,
     motor_outputs_or_obstacle,
 )
+from mavdem.dataset.setpoints import InjectedSignal, Setpoint, recorded_setpoints
 from mavdem.dataset.time_series import (
     TimeSeries,
     clean_series,
@@ -43,8 +36,7 @@ from mavdem.dataset.time_series import (
     float_columns,
     recorded_series,
 )
-from mavdem.errors import NotLearnable
-from mavdem.immutable import freeze
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.flight_modes import mode_name
 from mavdem.ingest.mavlink.clocks import deviates_from_median
 from mavdem.ingest.mavlink.definitions import enum_name
@@ -54,8 +46,6 @@ from mavdem.ingest.vocabulary import (
     CUSTOM_MODE,
     LANDING_MODES,
     Injection,
-    euler_angles,
-    mavlink_constant,
     wrapped_angle,
 )
 
@@ -64,167 +54,83 @@ CLIMB_RATE_FIELDS = {
     "GLOBAL_POSITION_INT": ("vz", -0.01),
     "VFR_HUD": ("climb", 1.0),
 }
+"""Messages with the vertical speed, the preferred one first: the field, and the factor to m/s upwards."""
+
 HEIGHT_FIELDS = {
     "LOCAL_POSITION_NED": ("z", -1.0),
     "GLOBAL_POSITION_INT": ("relative_alt", 0.001),
     "ALTITUDE": ("altitude_relative", 1.0),
 }
-"""Messages with vertical speed, and height, the preferred first: the field, and the factor that makes it m/s, m, up."""
-BATTERY_MESSAGES = ("SYS_STATUS", "BATTERY_STATUS")  # With the state of the battery
-EARTH_RADIUS = 6_371_000.0  # m, in the mean
+"""Messages with the height, the preferred one first: the field, and the factor to m upwards."""
+
+BATTERY_MESSAGES = ("SYS_STATUS", "BATTERY_STATUS")
+"""Messages with the state of the battery."""
+
+EARTH_RADIUS = 6_371_000.0
+"""Mean radius of the Earth, m."""
+
 POSSIBLE_VOLTAGE = (1.0, 1000.0)
-"""V: below, there is no battery monitor, or the simulator has no battery; above, the message is damaged."""
+"""Voltages, V, that a battery can have.
+
+Below, there is no battery monitor, or a simulator has no battery; above, the message is damaged.
+"""
+
+VOLTAGE_MEDIAN_SAMPLES = 9
+"""Number of neighbouring voltages whose median shows a damaged one; a choice."""
+
+MIN_VOLTAGE_SAMPLES = 5
+"""Number of possible voltages below which the battery counts as not measured; a choice."""
+
+HEARTBEAT_MEDIAN_SAMPLES = 3
+"""Number of neighbouring heartbeats whose majority decides, so that a single stray one does not."""
+
 MIN_STREAM_RATE = 40.0
-"""Hz, of attitude and of motors. Ten times the roughly 4 Hz at which a multirotor's roll loop crosses over, and what is
-left of a 50 Hz stream on a link that loses a fifth. On recorded flights motors add nothing to a forecast at 1-10 Hz and
-do at 50."""
+"""Rate, Hz, of attitude and of motor outputs from which a full model can be learned.
+
+It is ten times the roughly 4 Hz at which a multirotor's roll loop crosses over, and what remains of a 50 Hz stream on a
+link that loses a fifth. On recorded flights motors add nothing to a forecast at 1 to 10 Hz and do at 50.
+"""
+
 MIN_SLOW_MOTION_RATE = 8.0
-"""Hz, of both, from which a model may predict the slow motion: of flights decimated to 10 Hz and recorded at 10 Hz,
-nine in ten were predicted better than without a model. Motors' effect, damping and lag show at higher frequencies."""
-SETPOINT_MESSAGE = "ATTITUDE_TARGET"
-IGNORED_SETPOINT_BITS = {
-    field: mavlink_constant(f"ATTITUDE_TARGET_TYPEMASK_{name}_IGNORE")
-    for field, name in {
-        "roll": "BODY_ROLL_RATE",
-        "pitch": "BODY_PITCH_RATE",
-        "yaw": "BODY_YAW_RATE",
-        "attitude": "ATTITUDE",
-    }.items()
-}
-"""Bits of ATTITUDE_TARGET.type_mask: a field with its bit set is no setpoint."""
-# s: stamps have no more digits, and the sum of steps that a grid point is may fall just before one
-STAMP_ROUNDING = 1e-6
-MAX_SETPOINT_AGE = 2.0
-"""Age beyond which a setpoint is unknown: in flight modes that have no such setpoint its messages end."""
+"""Rate, Hz, of attitude and of motor outputs from which a model may predict the slow motion.
 
-
-Find = TypeVar("Find", bound=Callable[..., Any])
-
-
-def cached_per_vehicle(*of: str) -> Callable[[Find], Find]:
-    """Decorates functions of signals and more that find the same by the same arguments and attributes ``of`` signals.
-
-    What they have found, or why they found nothing, is ``known`` to the signals of all axes of the vehicle.
-    """
-
-    def decorated(find: Any) -> Any:
-        @wraps(find)
-        def found(signals: VehicleSignals, *arguments: Hashable, **named: Hashable) -> Any:
-            own = (getattr(signals, name) for name in of)
-            key = (
-                find.__module__,
-                find.__qualname__,
-                signals.telemetry,
-                *own,
-                *arguments,
-                *named.items(),
-            )
-            if key not in signals.cache:
-                try:
-                    signals.cache[key] = freeze(find(signals, *arguments, **named))
-                except NotLearnable as error:
-                    signals.cache[key] = NotLearnable(error.fact)
-            result = signals.cache[key]
-            if isinstance(result, NotLearnable):
-                raise NotLearnable(result.fact)
-            return result
-
-        return found
-
-    return decorated
-
-
-@dataclass(frozen=True, eq=False)
-class Setpoint:
-    """One setpoint of one axis: ``signal`` from ``message``, called ``name``, in ``unit``."""
-
-    name: str
-    unit: str
-    message: str
-    signal: TimeSeries
-
-
-def recorded_setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
-    """Returns the setpoints of ``axis`` that were recorded in ATTITUDE_TARGET.
-
-    "roll rate setpoint" (rad/s) and, not of yaw, "roll setpoint" (rad).
-    """
-    targets = telemetry.messages.get(SETPOINT_MESSAGE)
-    logged = []
-    if targets is not None:
-        masks = targets.get("type_mask", np.zeros(len(targets["time"])))
-        ignored = np.asarray(masks).astype(int)
-        rates = np.where(
-            ignored & IGNORED_SETPOINT_BITS[axis],
-            np.nan,
-            float_column(targets, f"body_{axis}_rate"),
-        )
-        rates[abs(rates) > MAX_BODY_RATE] = np.nan
-        logged.append(
-            Setpoint(
-                f"{axis} rate setpoint", "rad/s", SETPOINT_MESSAGE, clean_series(targets, rates)
-            )
-        )
-        if axis != "yaw":
-            asked = np.atleast_2d(float_column(targets, "q"))
-            with np.errstate(invalid="ignore", divide="ignore"):  # NaN where the quaternion is none
-                angles = euler_angles(asked / np.linalg.norm(asked, axis=1, keepdims=True))[
-                    TILT_AXES.index(axis)
-                ]
-            angles = np.where(ignored & IGNORED_SETPOINT_BITS["attitude"], np.nan, angles)
-            logged.append(
-                Setpoint(f"{axis} setpoint", "rad", SETPOINT_MESSAGE, clean_series(targets, angles))
-            )
-    return tuple(setpoint for setpoint in logged if len(setpoint.signal.time))
-
-
-def held_setpoint(setpoint: Setpoint, boot: int, time: Array) -> Array:
-    """Returns the last setpoint until ``time`` (T,) s of ``boot``; NaN where none came in ``HOLD_SECONDS``."""
-    here = setpoint.signal.boot == boot
-    stamps = np.append(-np.inf, setpoint.signal.time[here])
-    values = np.append(np.nan, setpoint.signal.values[here])
-    last = np.searchsorted(stamps, time + STAMP_ROUNDING, side="right") - 1
-    return np.where(time - stamps[last] <= MAX_SETPOINT_AGE + STAMP_ROUNDING, values[last], np.nan)
-
-
-class InjectedSignal(NamedTuple):
-    """A known ``signal``, rad, rad/s or a demand, that the autopilot added to what ``where`` names.
-
-    ArduCopter logs it as it is made, and adds it in the next cycle of its loop.
-    """
-
-    injection_point: Injection
-    signal: TimeSeries
+Of flights decimated to 10 Hz or recorded at 10 Hz, nine in ten were predicted better than without a model. Control
+effectiveness, rate damping and motor lag show only at higher frequencies.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class VehicleSignals:
-    """The signals of one vehicle, each worked out when first asked for, and once."""
+    """The signals of one vehicle, each derived from its messages when it is first used, and then cached."""
 
     telemetry: Telemetry
+    """Messages of the vehicle."""
 
-    preset_settled_intervals: list[tuple[float, float]] | None = field(default=None, kw_only=True)
-    """Settled flight of its one boot, where that is known already; see ``phases.settled_intervals``."""
+    preset_settled_intervals: Intervals | None = field(default=None, kw_only=True)
+    """Settled flight of its single boot, if that is known without a look at the signals.
+
+    See ``phases.settled_intervals``.
+    """
 
     cache: dict[Hashable, Any] = field(default_factory=dict, kw_only=True, repr=False)
-    """What was found and why nothing was, by what it is of; see :func:`once`."""
+    """Results that were derived from the signals; see :func:`cached_per_vehicle`."""
 
     @property
     @cached_per_vehicle()
     def attitudes(self) -> tuple[Attitude, ...]:
-        """Roll, pitch and yaw; empty where they were not recorded."""
-        attitudes = (attitude_of_axis(self.telemetry, axis) for axis in AXES)
-        return tuple(each for each in attitudes if each is not None)
+        """Roll, pitch and yaw; empty where no attitude was recorded."""
+        attitudes = [attitude_of_axis(self.telemetry, axis) for axis in AXES]
+        return tuple(attitude for attitude in attitudes if attitude is not None)
 
     @property
     def tilts(self) -> tuple[Attitude, ...]:
-        """Roll and pitch, by which a vehicle is upright or not; empty where they were not recorded."""
-        return self.attitudes[:2]
+        """Roll and pitch, whose angles are the tilt of the vehicle; empty where no attitude was recorded."""
+        return self.attitudes[: len(TILT_AXES)]
 
     @property
     @cached_per_vehicle()
     def motors(self) -> MotorOutputs | None:
-        """Motor outputs."""
+        """Outputs of all motors; None where no message has them."""
         motors = motor_outputs_or_obstacle(self.telemetry)
         return motors if isinstance(motors, MotorOutputs) else None
 
@@ -235,115 +141,145 @@ class VehicleSignals:
         columns = self.telemetry.messages.get("SYS_STATUS")
         if columns is None:
             return None
-        volts = float_column(columns, "voltage_battery")
-        volts = np.where(volts == UINT16_UNKNOWN, np.nan, volts) / 1000
-        least, most = POSSIBLE_VOLTAGE
-        possible = (volts >= least) & (volts <= most)
-        # damage doubles single ones
-        possible[possible] = ~deviates_from_median(volts[possible], 9, volts[possible] / 2)
-        # Of a battery that is not measured, single messages have a voltage by damage.
-        usual = np.count_nonzero(possible) >= max(5, np.count_nonzero(~np.isnan(volts)) / 2)
-        return clean_series(columns, volts, possible) if usual else None
+        millivolts = float_column(columns, "voltage_battery")
+        volts = np.where(millivolts == UINT16_UNKNOWN, np.nan, millivolts) / 1000
+        lowest, highest = POSSIBLE_VOLTAGE
+        is_possible = (volts >= lowest) & (volts <= highest)
+        # A damaged message can have twice the voltage of its neighbours.
+        candidates = volts[is_possible]
+        is_outlier = deviates_from_median(candidates, VOLTAGE_MEDIAN_SAMPLES, candidates / 2)
+        is_possible[is_possible] = ~is_outlier
+        # Where no battery is measured, a few damaged messages still have a voltage.
+        min_samples = max(MIN_VOLTAGE_SAMPLES, np.count_nonzero(~np.isnan(volts)) / 2)
+        if np.count_nonzero(is_possible) < min_samples:
+            return None
+        return clean_series(columns, volts, is_possible)
 
     @property
     @cached_per_vehicle()
     def armed(self) -> TimeSeries | None:
-        """Whether the vehicle was armed, from HEARTBEAT; None where no heartbeat is its own."""
-        return self._beats and replace(self._beats, values=self._beats.values[:, 0])
+        """Whether the vehicle was armed, 0 or 1, from HEARTBEAT; None without heartbeats of the vehicle."""
+        return self._heartbeat_flag(column=0)
 
     @property
     @cached_per_vehicle()
     def landing(self) -> TimeSeries | None:
-        """Whether the autopilot was in a mode that lands by itself, from HEARTBEAT; None where none is its own."""
-        return self._beats and replace(self._beats, values=self._beats.values[:, 1])
+        """Whether the autopilot was in a mode that lands by itself, 0 or 1; None without heartbeats of the vehicle."""
+        return self._heartbeat_flag(column=1)
+
+    def _heartbeat_flag(self, column: int) -> TimeSeries | None:
+        """Returns one of the flags (N,) in the heartbeats: column 0 is "armed", column 1 "in a landing mode"."""
+        flags = self._heartbeat_flags
+        if flags is None:
+            return None
+        return replace(flags, values=flags.values[:, column])
 
     @property
     @cached_per_vehicle()
-    def _beats(self) -> TimeSeries | None:
-        """Both (N, 2) of them; a single stray heartbeat is outvoted by its neighbours."""
-        if (columns := self.heartbeats) is None:
+    def _heartbeat_flags(self) -> TimeSeries | None:
+        """Whether the vehicle is armed and whether its mode lands it (N, 2), 0 or 1; without stray heartbeats."""
+        columns = self.heartbeats
+        if columns is None:
             return None
-        flags = columns["base_mode"].astype(int)
-        modes = columns.get("custom_mode", np.zeros(len(columns["time"])))
-        number = int(columns["autopilot"][0])
-        lands = np.isin(modes, list(LANDING_MODES.get(number, ()))) & (flags & CUSTOM_MODE > 0)
-        state = np.column_stack([flags & ARMED > 0, lands]).astype(float)
-        outvoted = median_filter(state, size=(3, 1), mode="nearest")
-        return TimeSeries(columns["time"], columns["boot"], outvoted)
+        mode_bits = columns["base_mode"].astype(int)
+        custom_modes = columns.get("custom_mode", np.zeros(len(columns["time"])))
+        landing_modes = list(LANDING_MODES.get(int(columns["autopilot"][0]), ()))
+        is_armed = mode_bits & ARMED > 0
+        is_landing = np.isin(custom_modes, landing_modes) & (mode_bits & CUSTOM_MODE > 0)
+        flags = np.column_stack([is_armed, is_landing]).astype(float)
+        majority = median_filter(flags, size=(HEARTBEAT_MEDIAN_SAMPLES, 1), mode="nearest")
+        return TimeSeries(columns["time"], columns["boot"], majority)
 
     @property
     @cached_per_vehicle()
     def heartbeats(self) -> Columns | None:
-        """HEARTBEAT of the vehicle itself, in order of time: those that name another type or autopilot are not."""
+        """HEARTBEAT of the vehicle itself, sorted by time; without those that name another type or autopilot."""
         telemetry = self.telemetry
         columns = telemetry.messages.get("HEARTBEAT")
         if columns is None or not len(columns["time"]):
             return None
-        # An unknown vehicle sends heartbeats of type GENERIC.
-        kind = "GENERIC" if telemetry.vehicle == "UNKNOWN" else telemetry.vehicle
-        kinds = [enum_name("MAV_TYPE", number) for number in columns["type"].tolist()]
+        # A vehicle of unknown type sends heartbeats of type GENERIC.
+        vehicle_type = "GENERIC" if telemetry.vehicle == "UNKNOWN" else telemetry.vehicle
+        types = [enum_name("MAV_TYPE", number) for number in columns["type"].tolist()]
         autopilots = [
             enum_name("MAV_AUTOPILOT", number) for number in columns["autopilot"].tolist()
         ]
-        own = (np.array(kinds) == kind) & (np.array(autopilots) == telemetry.autopilot)
-        if not own.any():
+        is_own_type = np.array(types) == vehicle_type
+        is_own_autopilot = np.array(autopilots) == telemetry.autopilot
+        rows = np.flatnonzero(is_own_type & is_own_autopilot)
+        if not len(rows):
             return None
-        order = np.lexsort((columns["time"][own], columns["boot"][own]))
-        return selected_rows(columns, np.flatnonzero(own)[order])
+        order = np.lexsort((columns["time"][rows], columns["boot"][rows]))
+        return selected_rows(columns, rows[order])
 
     def mode_changes(self, boot: int) -> list[tuple[float, str]]:
-        """Returns when each flight mode of a ``boot`` began, s, and its name, from CURRENT_MODE or else HEARTBEAT."""
+        """Returns when the flight mode changed, from CURRENT_MODE or else HEARTBEAT.
+
+        Args:
+            boot: Number of the boot.
+
+        Returns:
+            A pair of time, s, and name of the new mode for each change, the first mode included.
+        """
         columns = self.telemetry.messages.get("CURRENT_MODE") or self.heartbeats
         if columns is None or "custom_mode" not in columns:
             return []
         rows = np.flatnonzero((columns["boot"] == boot) & np.isfinite(columns["custom_mode"]))
         numbers = columns["custom_mode"][rows].astype(int)
-        changed = np.flatnonzero(np.diff(numbers, prepend=-1))
-        named = [
+        changes = np.flatnonzero(np.diff(numbers, prepend=-1))
+        times = columns["time"][rows[changes]].tolist()
+        names = [
             mode_name(self.telemetry.autopilot, self.telemetry.vehicle, int(number))
-            for number in numbers[changed]
+            for number in numbers[changes]
         ]
-        return list(zip(columns["time"][rows[changed]].tolist(), named, strict=True))
+        return list(zip(times, names, strict=True))
 
     @property
     @cached_per_vehicle()
     def landed_state(self) -> TimeSeries | None:
-        """MAV_LANDED_STATE as the autopilot reported it in EXTENDED_SYS_STATE; 0 where that is undefined."""
+        """MAV_LANDED_STATE as the autopilot reports it in EXTENDED_SYS_STATE; 0 where that is undefined."""
         return recorded_series(self.telemetry, "EXTENDED_SYS_STATE", "landed_state")
 
     @property
     @cached_per_vehicle()
     def climb_rate(self) -> TimeSeries | None:
-        """Vertical speed, m/s, upwards, from LOCAL_POSITION_NED, GLOBAL_POSITION_INT or VFR_HUD."""
-        return self._first_of(CLIMB_RATE_FIELDS)
+        """Vertical speed, m/s upwards, from LOCAL_POSITION_NED, GLOBAL_POSITION_INT or VFR_HUD."""
+        return self._preferred_field(CLIMB_RATE_FIELDS)
 
     @property
     @cached_per_vehicle()
     def position(self) -> TimeSeries | None:
-        """The position (N, 3) where it is known, m north, east and down of where the log or the estimator began."""
-        if "x" in (columns := self.telemetry.messages.get("LOCAL_POSITION_NED", {})):
-            valid = columns["valid"].astype(bool) if "valid" in columns else None
-            return clean_series(columns, float_columns(columns, "xyz"), valid)
+        """Position (N, 3), m north, east and down of the estimator's origin, or of the first position fix."""
+        columns = self.telemetry.messages.get("LOCAL_POSITION_NED", {})
+        if "x" in columns:
+            is_valid = columns["valid"].astype(bool) if "valid" in columns else None
+            return clean_series(columns, float_columns(columns, ("x", "y", "z")), is_valid)
         columns = self.telemetry.messages.get("GLOBAL_POSITION_INT", {})
-        if columns:
-            places, fixed = global_positions(columns)
-            angles = np.radians(places)
-            if fixed.any():
-                first = angles[np.argmax(fixed)]
-                moved = wrapped_angle(angles - first)  # across the date line too
-                plane = EARTH_RADIUS * moved * [1.0, np.cos(first[0])]
-                down = -float_column(columns, "relative_alt") / 1000
-                return clean_series(columns, np.column_stack([plane, down]), fixed)
-        return None
+        if not columns:
+            return None
+        degrees, is_fix = global_positions(columns)
+        if not is_fix.any():
+            return None
+        radians = np.radians(degrees)
+        origin = radians[np.argmax(is_fix)]
+        # Wrapping keeps the distance small across the date line too.
+        angles = wrapped_angle(radians - origin)
+        horizontal = EARTH_RADIUS * angles * [1.0, np.cos(origin[0])]
+        down = -float_column(columns, "relative_alt") / 1000
+        return clean_series(columns, np.column_stack([horizontal, down]), is_fix)
 
     @property
     @cached_per_vehicle()
     def height(self) -> TimeSeries | None:
-        """The height, m, above where the estimator or the flight began."""
-        return self._first_of(HEIGHT_FIELDS)
+        """Height, m, above the estimator's origin or above where the flight began."""
+        return self._preferred_field(HEIGHT_FIELDS)
 
-    def _first_of(self, fields: Mapping[str, tuple[str, float]]) -> TimeSeries | None:
-        """The first message with one of these fields that is not always 0, which measures nothing, times its factor."""
+    def _preferred_field(self, fields: Mapping[str, tuple[str, float]]) -> TimeSeries | None:
+        """Returns a quantity from the first message that measures it; a field that is always 0 measures nothing.
+
+        Args:
+            fields: Name of the field and factor to the wanted unit, by message, the preferred message first.
+        """
         for message, (name, factor) in fields.items():
             columns = self.telemetry.messages.get(message, {})
             if name in columns and len(columns["time"]) > 1 and columns[name].any():
@@ -353,24 +289,28 @@ class VehicleSignals:
     @property
     @cached_per_vehicle()
     def autopilot_wind(self) -> TimeSeries | None:
-        """The autopilot's own estimate of the wind, (N, 2) m/s north and east, where the air moves to."""
-        if (columns := self.telemetry.messages.get("WIND_COV")) is not None:
-            moving = [float_column(columns, "wind_x"), float_column(columns, "wind_y")]
-        elif (columns := self.telemetry.messages.get("WIND")) is not None:
-            angle = np.radians(float_column(columns, "direction"))
-            moving = [
-                -float_column(columns, "speed") * part for part in (np.cos(angle), np.sin(angle))
-            ]
+        """The autopilot's own estimate of the wind: velocity of the air (N, 2), m/s to the north and to the east."""
+        messages = self.telemetry.messages
+        if "WIND_COV" in messages:
+            columns = messages["WIND_COV"]
+            north = float_column(columns, "wind_x")
+            east = float_column(columns, "wind_y")
+        elif "WIND" in messages:
+            columns = messages["WIND"]
+            # WIND has the direction that the wind comes from.
+            direction = np.radians(float_column(columns, "direction"))
+            north = -float_column(columns, "speed") * np.cos(direction)
+            east = -float_column(columns, "speed") * np.sin(direction)
         else:
             return None
-        wind = clean_series(columns, np.column_stack(moving))
-        # without drag fusion ArduCopter sends 0
+        wind = clean_series(columns, np.column_stack([north, east]))
+        # ArduCopter sends zeros unless it fuses drag, and then it has no estimate.
         return wind if wind.values.any() else None
 
     @property
     @cached_per_vehicle()
     def collective(self) -> TimeSeries | None:
-        """How hard the motors work together, 0 to 1: their mean, or the controller's thrust command."""
+        """Mean output of all motors, 0 to 1, or the controller's demand for thrust where motors were not recorded."""
         if self.motors is not None:
             return self.motors.collective
         thrust = control_target(self.telemetry, THRUST_COLUMN)
@@ -381,12 +321,14 @@ class VehicleSignals:
 class Signals(VehicleSignals):
     """The signals of one vehicle for a model of one axis.
 
-    Raises ValueError: an axis or inputs that are neither.
+    Raises:
+        ValueError: The axis or the kind of inputs is none of those below.
     """
 
-    axis: str = "roll"  # "roll", "pitch" or "yaw"
-    # "motors" or "demand"; None for the motors, unless they come too slowly and the demand does not
+    axis: str = "roll"
+    """Axis of the model: "roll", "pitch" or "yaw"."""
     inputs: str | None = None
+    """Inputs of the model: "motors" or "demand". None: the motors, unless only the demand comes fast enough."""
 
     def __post_init__(self) -> None:
         if self.axis not in AXES:
@@ -395,51 +337,56 @@ class Signals(VehicleSignals):
             raise ValueError(f"inputs must be one of {', '.join(INPUT_KINDS)}, not {self.inputs!r}")
 
     def for_axis(self, axis: str, inputs: str | None = None) -> Signals:
-        """Returns the signals for another ``axis`` or other ``inputs``; those of the vehicle are not read again."""
+        """Returns the signals for a model of another axis or with other inputs; the cache is shared."""
         return replace(self, axis=axis, inputs=inputs)
 
     @cached_property
     def attitude(self) -> Attitude | None:
-        """Angle and rate of the axis."""
+        """Euler angle and body rate of the axis; None where no attitude was recorded."""
         attitudes = self.tilts if self.axis in TILT_AXES else self.attitudes
         return attitudes[AXES.index(self.axis)] if attitudes else None
 
     @cached_property
     def demand(self) -> MotorOutputs | None:
-        """The controller's command for the axis."""
+        """The controller's demand for the axis; None where it was not recorded or never moved."""
         return axis_demand(self.telemetry, self.axis)
 
     @cached_property
     def model_inputs(self) -> MotorOutputs | None:
-        """The model's inputs: the motors, or the demand where that was chosen or only it comes fast enough."""
-        if self.inputs is not None:
-            return self.demand if self.inputs == "demand" else self.motors
-        streams = [stream for stream in (self.motors, self.demand) if stream is not None]
-        return max(
-            streams, key=lambda each: rate_between_outages(each) >= MIN_STREAM_RATE, default=None
-        )
+        """The inputs of the model: the motors, or the demand where that was chosen or only it comes fast enough."""
+        if self.inputs == "demand":
+            return self.demand
+        if self.inputs == "motors" or self.demand is None:
+            return self.motors
+        if self.motors is None:
+            return self.demand
+        is_motor_rate_low = rate_between_outages(self.motors) < MIN_STREAM_RATE
+        if is_motor_rate_low and rate_between_outages(self.demand) >= MIN_STREAM_RATE:
+            return self.demand
+        return self.motors
 
     @property
     def attitude_and_inputs(self) -> tuple[Attitude, MotorOutputs]:
-        """Attitude and inputs of the model, where there are both."""
+        """Attitude and inputs of the model, for logs that are known to have both."""
         assert self.attitude is not None and self.model_inputs is not None
         return self.attitude, self.model_inputs
 
     @property
     @cached_per_vehicle("axis")
     def setpoints(self) -> tuple[Setpoint, ...]:
-        """What was asked of the axis; empty where that was not recorded."""
+        """Setpoints of the axis; empty where none were recorded."""
         return recorded_setpoints(self.telemetry, self.axis)
 
     @cached_property
     def angle_setpoint(self) -> TimeSeries | None:
-        """The angle that was asked for, rad, from ATTITUDE_TARGET, or of ArduPilot from NAV_CONTROLLER_OUTPUT."""
+        """Setpoint of the Euler angle, rad, from ATTITUDE_TARGET or, of ArduPilot, from NAV_CONTROLLER_OUTPUT."""
         for setpoint in self.setpoints:
             if setpoint.unit == "rad":
                 return setpoint.signal
         columns = self.telemetry.messages.get("NAV_CONTROLLER_OUTPUT")
-        is_own = self.telemetry.autopilot == "ARDUPILOTMEGA" and self.axis in TILT_AXES
-        if columns is None or not is_own:
+        # Only ArduPilot writes the setpoints of roll and pitch into this message.
+        is_ardupilot = self.telemetry.autopilot == "ARDUPILOTMEGA"
+        if columns is None or not is_ardupilot or self.axis not in TILT_AXES:
             return None
         angles = np.radians(float_column(columns, f"nav_{self.axis}"))
         angles[abs(angles) > MAX_ANGLE] = np.nan
@@ -447,53 +394,56 @@ class Signals(VehicleSignals):
 
     @cached_property
     def injected_signals(self) -> tuple[InjectedSignal, ...]:
-        """What system identification, or PX4's autotune, added to commands of the axis; empty where nothing was."""
+        """Signals that system identification, or PX4's autotune, added to the commands of the axis."""
         columns = self.telemetry.messages.get("SIDD")
         if columns is None:
             return ()
-        injected = []
-        for where in Injection:
-            own = columns["axis"] == where + AXES.index(self.axis)
-            scale = 1.0 if where is Injection.DEMAND else np.radians(1.0)
-            signal = clean_series(columns, scale * float_column(columns, "target"), own)
+        injected_signals = []
+        for point in Injection:
+            # The numbers of pitch and yaw follow that of roll.
+            rows = columns["axis"] == point + AXES.index(self.axis)
+            # Angles and rates are logged in degrees.
+            factor = 1.0 if point is Injection.DEMAND else np.radians(1.0)
+            signal = clean_series(columns, factor * float_column(columns, "target"), rows)
             if signal.values.any():
-                injected.append(InjectedSignal(where, signal))
-        return tuple(injected)
+                injected_signals.append(InjectedSignal(point, signal))
+        return tuple(injected_signals)
 
     @cached_property
     def rate_and_setpoint(self) -> tuple[TimeSeries, TimeSeries] | None:
-        """The body rate and what was asked of it, rad/s, from where they come fastest; None without setpoints.
+        """Body rate and its setpoint, rad/s, from where they come fastest; None where no setpoint was recorded.
 
-        That is PID_TUNING, or else attitude and rate setpoint.
+        Both are in PID_TUNING. Else the rate is that of the attitude, and the setpoint that of ATTITUDE_TARGET.
         """
         attitude = self.attitude
         tuning = tuning_rates(self.telemetry, self.axis, attitude)
-        others = 0 if attitude is None or attitude.message == TUNING_MESSAGE else len(attitude.time)
-        if tuning is not None and len(tuning.time) > others:
-            rate, asked = tuning.values.T
-            return replace(tuning, values=rate), replace(tuning, values=asked)
-        asked_rates = [setpoint.signal for setpoint in self.setpoints if setpoint.unit == "rad/s"]
-        if attitude is None or not asked_rates:
+        attitude_count = 0
+        if attitude is not None and attitude.message != TUNING_MESSAGE:
+            attitude_count = len(attitude.time)
+        if tuning is not None and len(tuning.time) > attitude_count:
+            rate, setpoint = tuning.values.T
+            return replace(tuning, values=rate), replace(tuning, values=setpoint)
+        rate_setpoints = [item.signal for item in self.setpoints if item.unit == "rad/s"]
+        if attitude is None or not rate_setpoints:
             return None
-        return attitude.rate_series, asked_rates[0]
+        return attitude.rate_series, rate_setpoints[0]
 
 
 def global_positions(columns: Columns) -> tuple[Array, Flags]:
-    """Returns latitude and longitude (N, 2), degrees, of messages with a position, and which of them (N,) are fixes."""
-    places = 1e-7 * float_columns(columns, ("lat", "lon"))
-    valid = places.any(axis=1) & (abs(places) <= [90.0, 180.0]).all(axis=1)
-    return places, np.asarray(valid)
+    """Returns the geographic positions in a message, and which of them are position fixes.
+
+    Args:
+        columns: Fields of N messages, of which ``lat`` and ``lon``, in units of 1e-7 degrees, are used.
+
+    Returns:
+        Latitude and longitude (N, 2), degrees, and flags (N,). Before a fix, receivers send zeros.
+    """
+    degrees = 1e-7 * float_columns(columns, ("lat", "lon"))
+    is_fix = degrees.any(axis=1) & (abs(degrees) <= [90.0, 180.0]).all(axis=1)
+    return degrees, np.asarray(is_fix)
 
 
 def rate_between_outages(stream: Attitude | MotorOutputs | TimeSeries) -> float:
-    """Returns messages a second between outages, steps of over three usual ones, and boots."""
-    return rate_without_gaps(np.diff(stream.time)[np.diff(stream.boot) == 0])
-
-
-def output_names_and_units(axis: str) -> tuple[tuple[str, str], ...]:
-    """Returns name and unit of each output of a flight of ``axis``: angle and rate, of yaw the rate only.
-
-    A heading is any angle and nothing of the dynamics depends on it.
-    """
-    rate = (f"{axis} rate", "rad/s")
-    return ((axis, "rad"), rate) if axis in TILT_AXES else (rate,)
+    """Returns the mean rate of a stream, Hz, without outages: steps of over three usual ones and changes of boot."""
+    is_same_boot = np.diff(stream.boot) == 0
+    return rate_without_gaps(np.diff(stream.time)[is_same_boot])

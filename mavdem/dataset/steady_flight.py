@@ -13,7 +13,9 @@ from mavdem.arrays import Array, Flags
 from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dataset.intervals import Intervals, intersection, true_intervals
 from mavdem.dataset.phases import series_of_boot, settled_intervals
-from mavdem.dataset.signals import Signals, cached_per_vehicle, held_setpoint
+from mavdem.dataset.setpoints import held_setpoint
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
 
 TURN_SECONDS = 1.0
 MAX_HEADING_CHANGE = np.radians(10.0)

@@ -1,4 +1,4 @@
-"""Time series of one quantity, made from the columns of a message in a vehicle's Telemetry."""
+"""Time series of one quantity, made from the fields of recorded messages: sorted, finite, each stamp once."""
 
 from __future__ import annotations
 
@@ -9,80 +9,137 @@ import numpy as np
 
 from mavdem.arrays import Array, Flags, Integers
 from mavdem.containers import Names
-from mavdem.ingest.motors import MotorGeometry as MotorGeometry
-from mavdem.ingest.motors import position_name as position_name
 from mavdem.ingest.telemetry import MIN_PREFERRED_SHARE, Columns, Telemetry
-
-pass
 
 
 @dataclass(frozen=True, eq=False)
 class TimeSeries:
-    """One quantity: ``values`` (N,) or (N, k) at ``time`` (N,) s of ``boot`` (N,), of ``sent`` messages.
-
-    ``left_out`` counts those not used: not finite, or with the stamp of another. Exact copies do not count.
-    """
+    """N samples of one quantity, sorted by boot and time; within a boot the stamps rise strictly."""
 
     time: Array
+    """(N,) seconds on the clock of the sample's boot."""
     boot: Integers
+    """(N,) number of the boot in which each sample was taken, from 0."""
     values: Array
+    """(N,) or (N, k) samples."""
     sent_count: int = 0
+    """Number of messages that the samples were taken from."""
     unused_count: int = 0
+    """Number of those messages without a sample here: not finite, or a second value at the same stamp.
+
+    Exact copies of a message do not count.
+    """
 
     def select(self, rows: Flags) -> TimeSeries:
-        """Returns the samples of these ``rows`` (N,)."""
+        """Returns the samples of those rows for which ``rows`` (N,) is true; without the counts of messages."""
         return TimeSeries(self.time[rows], self.boot[rows], self.values[rows])
 
 
 def float_column(columns: Columns, field: str) -> Array:
-    """Returns a field of a message as floats; what is no number becomes NaN."""
+    """Returns a field of a message as floating-point numbers; what is no number becomes NaN.
+
+    Args:
+        columns: Fields of one kind of message, N rows each.
+        field: Name of a field; (N,) numbers or, of an array field, (N, k).
+
+    Raises:
+        KeyError: The message has no such field.
+    """
     with np.errstate(invalid="ignore"):
         return np.asarray(columns[field], dtype=float)
 
 
 def float_columns(columns: Columns, fields: Iterable[str]) -> Array:
-    """Returns fields of a message (N, k) as :func:`floats`."""
+    """Returns several scalar fields of a message as the columns (N, k) of one array, like :func:`float_column`."""
     return np.column_stack([float_column(columns, field) for field in fields])
 
 
 def clean_series(columns: Columns, values: Array, rows: Flags | None = None) -> TimeSeries:
-    """Returns ``values`` (N,) or (N, k) of all messages, or ``rows`` (N,), in time order, each stamp once, finite."""
-    time, boot = columns["time"], columns["boot"]
-    table = np.atleast_2d(values.T).T
-    chosen = np.ones(len(time), dtype=bool) if rows is None else rows
-    order = np.flatnonzero(chosen & np.isfinite(table).all(axis=1) & np.isfinite(time))
-    finite = len(order)
+    """Makes a time series of values that were computed from a message: sorted, finite, each stamp once.
+
+    Links repeat and reorder messages. Of several rows with one stamp the first is kept.
+
+    Args:
+        columns: Fields of the message, of which ``time`` and ``boot`` (N,) are used.
+        values: (N,) or (N, k) values of all its rows.
+        rows: (N,) which rows belong to the series; all by default.
+
+    Returns:
+        The series, with the number of rows that belong to it and of those that could not be used.
+    """
+    time = columns["time"]
+    boot = columns["boot"]
+    table = values[:, np.newaxis] if values.ndim == 1 else values
+    belongs = np.ones(len(time), dtype=bool) if rows is None else rows
+    is_finite = np.isfinite(table).all(axis=1) & np.isfinite(time)
+    order = np.flatnonzero(belongs & is_finite)
+    finite_count = len(order)
     order = order[np.lexsort((time[order], boot[order]))]
-    again = np.flatnonzero((np.diff(time[order]) <= 0) & (np.diff(boot[order]) <= 0))
-    others = int(np.count_nonzero((table[order[again]] != table[order[again + 1]]).any(axis=1)))
-    order = np.delete(order, again + 1)
-    sent = int(np.count_nonzero(chosen))
-    return TimeSeries(time[order], boot[order], values[order], sent, sent - finite + others)
+
+    # A stamp that does not rise within its boot repeats the one before it.
+    repeats = np.flatnonzero((np.diff(time[order]) <= 0) & (np.diff(boot[order]) <= 0))
+    differs = (table[order[repeats]] != table[order[repeats + 1]]).any(axis=1)
+    order = np.delete(order, repeats + 1)
+
+    sent_count = int(np.count_nonzero(belongs))
+    unused_count = sent_count - finite_count + int(np.count_nonzero(differs))
+    return TimeSeries(time[order], boot[order], values[order], sent_count, unused_count)
 
 
 def recorded_series(telemetry: Telemetry, message: str, *fields: str) -> TimeSeries | None:
-    """Returns a field of a message (N,), or several (N, k), as :func:`series` does; None where none was finite."""
+    """Returns the time series of one or several fields of a message.
+
+    Args:
+        telemetry: Messages of the vehicle.
+        message: Name of the message.
+        fields: Names of k of its scalar fields.
+
+    Returns:
+        The series, with values (N,) of a single field and (N, k) of several. None where the message or a field was not
+        recorded, or no row is finite.
+    """
     columns = telemetry.messages.get(message, {})
     if not all(field in columns for field in fields):
         return None
     table = float_columns(columns, fields)
-    signal = clean_series(columns, table if len(fields) > 1 else table[:, 0])
-    return signal if len(signal.time) else None
+    series = clean_series(columns, table if len(fields) > 1 else table[:, 0])
+    return series if len(series.time) else None
 
 
 def message_counts(telemetry: Telemetry, names: Names) -> dict[str, int]:
-    """Returns how many of each message there are, of those that there are."""
-    return {
-        name: len(telemetry.messages[name]["time"]) for name in names if name in telemetry.messages
-    }
+    """Returns the number of messages of each of these names that was recorded, in the order of ``names``."""
+    counts = {}
+    for name in names:
+        if name in telemetry.messages:
+            counts[name] = len(telemetry.messages[name]["time"])
+    return counts
 
 
 def preferred_message(counts: Mapping[str, int]) -> str | None:
-    """Returns the first of ``counts``, the preferred first, that came about as often as the most frequent."""
-    return next(iter(names_by_preference(counts)), None)
+    """Returns the most preferred message among those that came about as often as the most frequent one.
+
+    Args:
+        counts: Number of messages by name, the preferred name first.
+
+    Returns:
+        Its name; None where no message came at all.
+    """
+    names = names_by_preference(counts)
+    return names[0] if names else None
 
 
 def names_by_preference(counts: Mapping[str, int]) -> list[str]:
-    """Returns the names of ``counts``, the preferred first; behind them those that came clearly less often."""
-    enough = MIN_PREFERRED_SHARE * max(counts.values(), default=0)
-    return sorted(filter(counts.get, counts), key=lambda name: counts[name] < enough)
+    """Sorts messages by preference, those that came clearly less often than the most frequent one at the end.
+
+    Args:
+        counts: Number of messages by name, the preferred name first.
+
+    Returns:
+        The names of messages that came at all. "Clearly less often" is below ``MIN_PREFERRED_SHARE`` of the largest
+        count.
+    """
+    min_count = MIN_PREFERRED_SHARE * max(counts.values(), default=0)
+    came = [name for name, count in counts.items() if count]
+    frequent = [name for name in came if counts[name] >= min_count]
+    rare = [name for name in came if counts[name] < min_count]
+    return frequent + rare

@@ -14,7 +14,6 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.containers import JsonValues, Numbers
-from mavdem.dataset.motor_outputs import MotorGeometry
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Facts
 from mavdem.facts.fleet import Folder, Reading
@@ -24,6 +23,7 @@ from mavdem.fleet.row import SHARED, UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.sources import LogSource, find_logs
 from mavdem.fleet.store import AssessRows, Store, is_fleet, opened, read_rows
 from mavdem.fleet.workers import Job, MakePage, WorkerPool
+from mavdem.ingest.motors import MotorGeometry
 from mavdem.motors.balance import BalanceFigures, HealthFigures, motor_signatures
 from mavdem.motors.health import assess
 

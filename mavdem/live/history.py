@@ -11,7 +11,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.confidence import Interval
 from mavdem.containers import Names
-from mavdem.dataset.signals import STAMP_ROUNDING
+from mavdem.dataset.setpoints import STAMP_ROUNDING
 from mavdem.dem import Estimate
 from mavdem.facts.event import Event
 

@@ -16,7 +16,7 @@ import numpy as np
 from mavdem.containers import Names, Numbers
 from mavdem.dataset.axes import MAX_ANGLE, MAX_BODY_RATE
 from mavdem.dataset.motor_outputs import UINT16_UNKNOWN
-from mavdem.dataset.signals import IGNORED_SETPOINT_BITS
+from mavdem.dataset.setpoints import IGNORED_SETPOINT_BITS
 from mavdem.ingest.mavlink import framing
 from mavdem.ingest.mavlink.definitions import definitions_by_id, latest_parameters
 from mavdem.ingest.mavlink.vehicles import BOOT_CLOCK_UNITS

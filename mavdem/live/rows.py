@@ -21,7 +21,8 @@ from mavdem.containers import Numbers
 from mavdem.dataset import resampling, segments
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.dataset.learnability import MAX_STEP_RATIO
-from mavdem.dataset.signals import MIN_STREAM_RATE, STAMP_ROUNDING
+from mavdem.dataset.setpoints import STAMP_ROUNDING
+from mavdem.dataset.signals import MIN_STREAM_RATE
 from mavdem.facts import Fact
 from mavdem.facts.session import VehicleFact
 from mavdem.ingest.mavlink.clocks import (

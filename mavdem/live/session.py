@@ -17,7 +17,7 @@ import numpy as np
 from mavdem.assessment.autopilot_messages import REPEAT_SECONDS
 from mavdem.assessment.axis.findings import Findings, disown_torque, findings_of
 from mavdem.assessment.judgement import Judgement
-from mavdem.dataset.signals import output_names_and_units
+from mavdem.dataset.axes import output_names_and_units
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.errors import NotLearnable, fact_from_error, failure_fact
 from mavdem.facts import Fact, Level

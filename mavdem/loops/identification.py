@@ -10,8 +10,9 @@ from scipy.linalg import block_diag
 from mavdem.arrays import Array
 from mavdem.dataset.attitude import Attitude
 from mavdem.dataset.flights import flights_of_longest_boot
-from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals, cached_per_vehicle
+from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
 from mavdem.dataset.time_series import TimeSeries
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable

@@ -22,12 +22,13 @@ from mavdem.confidence import coverage_factor
 from mavdem.containers import Names
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.intervals import intersection, total_duration
-from mavdem.dataset.motor_outputs import MotorGeometry
 from mavdem.dataset.segments import Segment, in_segments, settled_segments
-from mavdem.dataset.signals import Signals, cached_per_vehicle
+from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import steady_intervals
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts import Fact
 from mavdem.facts.motors import HealthUnknown
+from mavdem.ingest.motors import MotorGeometry
 
 BLOCK_SECONDS = 3.0
 """Over which commands and lean are averaged: longer than the attitude's motion, shorter than most gusts."""

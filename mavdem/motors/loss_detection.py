@@ -27,12 +27,12 @@ from numpy.typing import NDArray
 from mavdem.arrays import Array, Flags
 from mavdem.confidence import STRONG_EVIDENCE_NATS, Interval, coverage_factor
 from mavdem.containers import JsonValues, Numbers
-from mavdem.dataset.motor_outputs import MotorGeometry
 from mavdem.dataset.phases import TRANSIENT_SECONDS
 from mavdem.dataset.steady_flight import MAX_HEADING_CHANGE
 from mavdem.facts import Fact, Level
 from mavdem.facts.motors import InFlight
 from mavdem.facts.session import Session
+from mavdem.ingest.motors import MotorGeometry
 from mavdem.motors.balance import LEAST_SECONDS, motor_signatures
 from mavdem.motors.health import lost_thrust
 

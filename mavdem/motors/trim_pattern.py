@@ -9,10 +9,10 @@ what it may explain widens the intervals (``mavdem.motors.balance``).
 import numpy as np
 
 from mavdem.confidence import half_width
-from mavdem.dataset.motor_outputs import MotorGeometry, position_name
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.facts.motors import Trim
+from mavdem.ingest.motors import MotorGeometry, position_name
 from mavdem.motors.balance import (
     BLOCK_SECONDS,
     FEWEST_BLOCKS,

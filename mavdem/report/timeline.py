@@ -15,7 +15,8 @@ from mavdem.confidence import Interval
 from mavdem.dataset import phases
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.segments import Segment, in_segments
-from mavdem.dataset.signals import Setpoint, Signals, held_setpoint
+from mavdem.dataset.setpoints import Setpoint, held_setpoint
+from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts.event import Event
 from mavdem.report.charts import TIME, Axis, Chart, Charts, Line, Mark, over_time

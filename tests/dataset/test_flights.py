@@ -13,7 +13,8 @@ from mavdem.dataset.alignment import aligned_flight
 from mavdem.dataset.flights import choose_vehicle, learnable_flight, usable_segments
 from mavdem.dataset.learnability import segment_learnabilities
 from mavdem.dataset.segments import settled_segments
-from mavdem.dataset.signals import Signals, recorded_setpoints
+from mavdem.dataset.setpoints import recorded_setpoints
+from mavdem.dataset.signals import Signals
 from mavdem.facts.learnability import Caution, Reason
 from mavdem.ingest.vocabulary import quaternion
 

@@ -24,7 +24,8 @@ from scipy.spatial.transform import Rotation
 
 from mavdem.dataset import attitude, motor_outputs
 from mavdem.dataset.phases import min_airborne_collective
-from mavdem.dataset.signals import Signals, cached_per_vehicle
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.errors import NotLearnable
 from mavdem.facts.learnability import MotorObstacle, Reason
 from mavdem.ingest.motors import ChannelSource, PositionSource, motor_geometry

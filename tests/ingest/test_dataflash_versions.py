@@ -7,7 +7,8 @@ import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import mark
 
-from mavdem.dataset.signals import Signals, recorded_setpoints
+from mavdem.dataset.setpoints import recorded_setpoints
+from mavdem.dataset.signals import Signals
 from mavdem.facts.sources import Repair
 from mavdem.ingest.dataflash.log import read_dataflash
 

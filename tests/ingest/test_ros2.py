@@ -25,7 +25,8 @@ from ulog_files import roll
 
 import mavdem
 from mavdem.dataset import signals
-from mavdem.dataset.signals import Signals, recorded_setpoints
+from mavdem.dataset.setpoints import recorded_setpoints
+from mavdem.dataset.signals import Signals
 from mavdem.errors import NotLearnable
 from mavdem.extras import MissingExtra
 from mavdem.facts.sources import Flaw, Repair, Source

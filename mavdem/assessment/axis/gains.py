@@ -11,7 +11,8 @@ import numpy as np
 
 from mavdem.assessment.autopilot_messages import status_texts
 from mavdem.dataset.phases import mode_intervals
-from mavdem.dataset.signals import Signals, cached_per_vehicle
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.dem.learning import MIN_SAMPLES
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, Level
