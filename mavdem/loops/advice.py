@@ -1,14 +1,17 @@
-"""Advice: gains of one axis with which wind moves the vehicle least, among those that keep stated margins.
+"""Advice: gains of one axis with which wind moves the vehicle least, among those that keep stated stability margins.
 
-P, I and D of the rate controller and the gain of the attitude controller are each free, by a bounded step at once. The
+P, I and D of the rate controller and the gain of the attitude controller are each free, within a bounded step. The
 margins hold in draws of the plant's posterior with more and less control effectiveness than in the flight, as by a
 full and an empty battery, or load. Half of the draws choose the gains, the others judge them. Nothing is sent to a
 vehicle.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 from typing import NamedTuple
 
@@ -31,68 +34,119 @@ from mavdem.loops.axis_loops import (
 )
 from mavdem.loops.controllers import Controller, controller_from_parameters
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE, Oscillation
-from mavdem.loops.margins import FrequencyGrid, controller_response
+from mavdem.loops.margins import MAX_FREQUENCY_RATIO, FrequencyGrid, controller_response
 
-GAINS = "p", "i", "d", "angle_gain"
+ADVISED_GAINS = ("p", "i", "d", "angle_gain")
+"""The gains of a controller that are free, by the names of its fields."""
 MAX_GAIN_STEP = 3.0
-"""Times, that a gain grows or falls at most at once: with 2, wind leans simulated vehicles a tenth more."""
-EFFECTS = 1.0, 0.8, 1.2
-"""Of the flight's control effectiveness: a full battery raises it by up to a fifth, an empty one or load lowers it."""
-LOUDER = 1.25
-SLOWER = 0.9
-"""Times the noise in the demand, at most, and times the bandwidth of both loops, at least; margins come first."""
-CHOOSING = 20  # draws that the gains are searched by
-COARSE = FrequencyGrid(0.05, 100.0, 60)
-SHORT = 0.035  # share of the draws that may lack the margins, for 0.05 of the others to lack them
-PRICES = np.array([30.0, 30.0, 1.0, 1.0])
-"""Of a share that margins, noise and the two bandwidths are beyond their limits, by the logarithm of the lean."""
-PASSES = (0.4, 80), (-0.4, 80), (0.3, 80), (-0.1, 60)
-"""First steps of each search, as logarithms of gains, and how many gains it tries."""
-LOWERED = 2 / 3  # times the gains by which a vehicle oscillates: 3.5 dB
-# 1/s, that PX4 takes; ArduPilot recommends 12 for all
+"""Factor by which a gain grows or falls at most: with 2, wind leans simulated vehicles a tenth more."""
+EFFECTIVENESS_FACTORS = (1.0, 0.8, 1.2)
+"""Times the flight's control effectiveness, with all of which gains must have their margins.
+
+A full battery raises it by up to a fifth, an empty one or load lowers it.
+"""
 MAX_ANGLE_GAIN = {"roll": 12.0, "pitch": 12.0, "yaw": 5.0}
-# times the crossover, and Hz: what is faster in the gyro is noise, not motion
-NOISE_FROM = 3.0, 10.0
+"""Largest gain of the attitude controller, 1/s, that PX4 takes; ArduPilot recommends at most 12 for all axes."""
+MAX_NOISE_RATIO = 1.25
+"""Noise in the demand over that of the flight's gains, at most."""
+MIN_BANDWIDTH_RATIO = 0.9
+"""Bandwidth of either loop over that with the flight's gains, at least; margins come first."""
+
+SEARCH_DRAWS = 20
+"""Draws of the plant that the gains are searched with."""
+SEARCH_GRID = FrequencyGrid(0.05, 100.0, 60)
+"""Frequencies that the gains are searched with."""
+SEARCH_MISS_SHARE = 0.035
+"""Fraction of the draws of the search that may lack the margins, so that at most 0.05 of the other draws lack them."""
+MARGIN_PENALTY = 30.0
+"""Cost of margins that are too small, per relative shortfall, in units of the logarithm of the lean."""
+NOISE_PENALTY = 30.0
+"""Cost of noise that is too large, per relative excess."""
+BANDWIDTH_PENALTY = 1.0
+"""Cost of each bandwidth that is too small, per relative shortfall."""
+START_STEPS = (-1.0, -0.4, 0.6)
+"""Logarithms of factors of each gain, all combinations of which the search starts from the best of."""
+MIN_SCORE = -1.0
+"""Least score of margins that the search distinguishes: unstable loops have minus infinity."""
+AIM_TOLERANCE = 0.99
+"""Fraction of the margins aimed at from which on a pass has reached them."""
+AIM_RESERVE = 1.005
+"""Margins, by those of the target, that the passes aim at in all draws."""
+
+
+class SearchPass(NamedTuple):
+    """One run of the simplex search."""
+
+    first_step: float
+    """Size of the simplex, as logarithm of the gains' factors."""
+    evaluations: int
+    """How many sets of gains it tries."""
+
+
+SEARCH_PASSES = (
+    SearchPass(0.4, 80),
+    SearchPass(-0.4, 80),
+    SearchPass(0.3, 80),
+    SearchPass(-0.1, 60),
+)
+"""The runs of the search, each from where the last one ended."""
+
+GAIN_REDUCTION = 2 / 3
+"""Factor of the gains by which a vehicle oscillates: 3.5 dB less."""
+MIN_NOISE_CROSSOVER_RATIO = 3.0
+"""Times the crossover frequency, and …"""
+MIN_NOISE_FREQUENCY = 10.0
+"""… Hz, above both of which the gyro shows noise and no motion."""
+NOISE_WINDOW = 256
+"""Samples of a window of the noise's spectrum, at most."""
 
 
 class Gain(NamedTuple):
-    """A gain in the log, and to set."""
+    """A gain of the autopilot, in its unit."""
 
     now: float
+    """The value in the log."""
     set: float
+    """The value to set."""
 
 
 class DemandNoise(NamedTuple):
-    """What noise of the gyro makes of the demand, standard deviations of the demand, 1 being all the mixer takes."""
+    """Noise of the gyro in the demand, as standard deviations; a demand of 1 is all that the mixer takes."""
 
-    lowest: float  # Hz, from which on
-    highest: float  # up to which the log shows the gyro
+    lowest: float
+    """Lowest frequency that counts as noise, Hz."""
+    highest: float
+    """Highest frequency that the log shows, Hz."""
     before: float
+    """Noise with the gains of the log."""
     after: float
-    by_d: float  # of the term D alone, before
-    heat: float  # how many times that of fast commands in the motors: it grows with their square
+    """Noise with the gains to set."""
+    by_d: float
+    """Noise of the D term alone, with the gains of the log."""
+    heat: float
+    """Factor by which fast commands heat the motors more: it grows with the square of the noise."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Advice(ImmutableResult):
-    """Gains to set, and what to expect of them."""
+    """Gains of one axis to set, and what to expect of them."""
 
     target: MarginTarget
     """The margins asked for."""
     rating: Fact
     """Whether the loops of the flight have them."""
     refusals: Facts
-    """Why there are no gains; none where there are."""
+    """Why no gains are advised; empty where they are."""
     before: Loop
-    """By the gains of the log."""
+    """The loops with the gains of the log."""
     after: Loop
-    """By the gains to set, of draws that did not choose them."""
+    """The loops with the gains to set, of draws that did not choose them."""
     gains: dict[str, Gain]
-    """By the autopilot's name; those that there are, changed or not."""
+    """Each gain by the autopilot's name, changed or not."""
     sure: float
-    """Share of the draws, each with all ``EFFECTS``, in which both loops have the margins."""
+    """Fraction of the draws, each with all ``EFFECTIVENESS_FACTORS``, in which both loops have the margins."""
     noise: DemandNoise | None
-    """Of the gyro in the demand; None where the log is too slow to show it."""
+    """Noise of the gyro in the demand; None where the log is too slow to show it."""
 
     @property
     def parameters(self) -> Parameters:
@@ -101,7 +155,7 @@ class Advice(ImmutableResult):
 
     @property
     def sentence(self) -> Fact:
-        """What to do, or why there is no advice."""
+        """The fact that says what to do, or why there is no advice."""
         if self.refusals:
             return Fact(Gains.NO_GAINS_ADVISED, reasons=self.refusals)
         code = Gains.STEP_TOWARDS_MARGINS
@@ -120,172 +174,294 @@ class Advice(ImmutableResult):
 def advise(
     loop: Loop, tune: str = "default", doubts: Sequence[Fact] = (), *, more: bool = False
 ) -> Advice:
-    """Returns gains with which the ``loop`` has the margins of ``MARGIN_TARGETS[tune]`` and wind moves it least.
+    """Returns gains with which a loop has the margins of ``MARGIN_TARGETS[tune]`` and wind moves it least.
 
-    A loop that has these margins, surely or perhaps, keeps its gains unless ``more`` is asked: so do gains that were
-    advised and then flown. None where gains must not follow from this flight: for the ``doubts`` about it, gains that
-    change, motors at their limits, a loop that the flight contradicts, or that is unstable; nor where wind makes
-    the effectiveness seem low, by more than ``EFFECTS`` allow, unless the loop surely lacks the least margins: it must
-    not fly the movements that show more.
+    A loop that has these margins, surely or perhaps, keeps its gains unless ``more`` is asked for. So do gains that
+    were advised and then flown.
+
+    There is no advice where gains must not follow from this flight: for ``doubts`` about it, gains that changed, motors
+    at their limits, a loop that is unstable or that the flight contradicts. Neither is there where wind makes the
+    effectiveness seem low by more than ``EFFECTIVENESS_FACTORS`` allow, unless the loop surely lacks the least margins:
+    such a vehicle must not fly the movements that would show more.
+
+    Args:
+        loop: rate and attitude loop of one axis.
+        tune: name of the target.
+        doubts: about the flight, if any.
+        more: whether gains are changed though the loop has its margins.
     """
     target = MARGIN_TARGETS[tune]
     rating = margin_rating(loop, target)
-    changes = more or rating.is_bad
-    refusals = tuple(doubts) or _refusals(loop, changes)
-    chosen = {} if refusals else dict(_gains_of(loop))
-    if chosen and changes:
-        chosen |= _best(loop, target)
-    after = loop.with_draws(slice(len(loop.effectiveness) // 2, None)).with_parameters(chosen)
+    may_change = more or rating.is_bad
+    refusals = tuple(doubts) or _refusals(loop, may_change)
+    new_gains: dict[str, float] = {}
+    if not refusals:
+        new_gains = _logged_gains(loop)
+        if new_gains and may_change:
+            new_gains |= _GainSearch(loop, target).best_gains()
+    second_half = slice(len(loop.effectiveness) // 2, None)
+    after = loop.with_draws(second_half).with_parameters(new_gains)
+    judging = after.with_draws(slice(1, None), EFFECTIVENESS_FACTORS)
     return Advice(
         target=target,
         rating=rating,
         refusals=refusals,
         before=loop,
         after=after,
-        gains={name: Gain(loop.controller.parameters[name], new) for name, new in chosen.items()},
-        sure=after.with_draws(slice(1, None), EFFECTS).share_meeting(target),
-        noise=_noise(loop, after.controller),
+        gains={
+            name: Gain(loop.controller.parameters[name], value) for name, value in new_gains.items()
+        },
+        sure=judging.share_meeting(target),
+        noise=_demand_noise(loop, after.controller),
     )
 
 
-def _best(loop: Loop, target: MarginTarget) -> Parameters:
-    """The gains to set, by name: of the least lean in wind, or else those that come closest to the margins.
+@dataclass(frozen=True)
+class _GainSearch:
+    """A search of the gains with the least lean in wind or, if none has the margins, those that come closest.
 
-    Their cost is the logarithm of the lean and, of each limit that is crossed, how far: an exact penalty.
+    A set of gains is given by the logarithms of its factors to the logged gains, (G,). Their cost is the logarithm of
+    the lean plus an exact penalty for each limit that is exceeded: margins, noise in the demand, and two bandwidths.
     """
-    from scipy.optimize import minimize  # it takes half a second to import
 
-    gains = _gains_of(loop)
-    largest = {loop.controller.parameter_names["angle_gain"]: MAX_ANGLE_GAIN[loop.axis]}
-    most = [max(value, largest.get(name, np.inf)) for name, value in gains.items()]
-    half = len(loop.effectiveness) // 2
-    many = loop.with_draws(slice(1, half), EFFECTS, COARSE)
-    few = loop.with_draws(slice(1, half, -(-half // CHOOSING)), EFFECTS, COARSE)
-    frequency, shown = _gyro(loop)
-    density = np.ones(len(frequency)) if shown is None else shown
-    loudest = LOUDER * _demand(loop.controller, frequency, density)
-    slowest = [SLOWER * margins_now.bandwidth for margins_now in (few.rate, few.attitude)]
+    loop: Loop
+    """The loops with the logged gains."""
+    target: MarginTarget
+    """The margins to have."""
 
-    def stepped(steps: Array) -> Parameters:
-        factors = np.exp(steps).clip(1 / MAX_GAIN_STEP, MAX_GAIN_STEP)
-        new = np.minimum(factors * list(gains.values()), most)
-        return {name: float(f"{value:.4g}") for name, value in zip(gains, new, strict=True)}
+    @cached_property
+    def logged_gains(self) -> dict[str, float]:
+        """G gains by the autopilot's name."""
+        return _logged_gains(self.loop)
 
-    def margins(now: Loop) -> float:
-        scores = margin_scores(target, now.rate, now.attitude)
-        return np.quantile(scores.clip(-1.0), SHORT)
+    @cached_property
+    def upper_limits(self) -> list[float]:
+        """(G,) largest value of each gain; those that are larger already may stay."""
+        angle_gain_name = self.loop.controller.parameter_names["angle_gain"]
+        limits = {angle_gain_name: MAX_ANGLE_GAIN[self.loop.axis]}
+        return [max(value, limits.get(name, np.inf)) for name, value in self.logged_gains.items()]
 
-    def cost(steps: Array, aim: float) -> float:
-        now = few.with_parameters(stepped(steps))
-        noise = _demand(now.controller, frequency, density) / loudest
-        faster = np.array([now.rate.bandwidth, now.attitude.bandwidth]) / slowest
-        too_slow = 1 - np.nan_to_num(faster, nan=1.0)
-        crossed = [1 - margins(now) / aim, noise - 1, *too_slow]
-        return np.log(now.angle_deviation(few.wind)) + np.maximum(crossed, 0.0) @ PRICES
+    @cached_property
+    def choosing_loop(self) -> Loop:
+        """The loops of all draws that choose gains, with each effectiveness."""
+        half = len(self.loop.effectiveness) // 2
+        return self.loop.with_draws(slice(1, half), EFFECTIVENESS_FACTORS, SEARCH_GRID)
 
-    # there are several minima: less I, or more of it with less P
-    begun = map(np.array, product((-1.0, -0.4, 0.6), repeat=len(gains)))
-    steps = min(begun, key=lambda trial: cost(trial, 1.0))
-    aim = 1.0
-    for size, tries in PASSES:
-        simplex = np.vstack([steps, steps + size * np.eye(len(gains))])
-        steps = minimize(
-            cost,
-            steps,
-            (aim,),
-            "Nelder-Mead",
-            options={"maxfev": tries, "initial_simplex": simplex},
-        ).x
-        new = stepped(steps)
-        if margins(few.with_parameters(new)) >= 0.99 * aim:
-            aim *= 1.005 / min(margins(many.with_parameters(new)), 1.005)
-    return new
+    @cached_property
+    def search_loop(self) -> Loop:
+        """The loops of ``SEARCH_DRAWS`` of these draws."""
+        half = len(self.loop.effectiveness) // 2
+        stride = -(-half // SEARCH_DRAWS)
+        return self.loop.with_draws(slice(1, half, stride), EFFECTIVENESS_FACTORS, SEARCH_GRID)
+
+    @cached_property
+    def gyro_noise(self) -> _GyroNoise:
+        """The noise of the gyro in flight."""
+        return _gyro_noise(self.loop)
+
+    @cached_property
+    def max_demand_noise(self) -> float:
+        """Largest standard deviation of the demand by that noise."""
+        return MAX_NOISE_RATIO * _demand_deviation(self.loop.controller, self.gyro_noise)
+
+    @cached_property
+    def min_bandwidths(self) -> list[float]:
+        """Least bandwidth of rate and attitude loop, Hz."""
+        loops = (self.search_loop.rate, self.search_loop.attitude)
+        return [MIN_BANDWIDTH_RATIO * loop.bandwidth for loop in loops]
+
+    def gains(self, log_factors: Array) -> dict[str, float]:
+        """Returns gains by name, within their limits, to four digits."""
+        factors = np.exp(log_factors).clip(1 / MAX_GAIN_STEP, MAX_GAIN_STEP)
+        values = np.minimum(factors * list(self.logged_gains.values()), self.upper_limits)
+        return {
+            name: float(f"{value:.4g}")
+            for name, value in zip(self.logged_gains, values, strict=True)
+        }
+
+    def margin_score(self, loop: Loop) -> float:
+        """Returns the score that all but ``SEARCH_MISS_SHARE`` of the draws of a loop have; 1 has the target's."""
+        scores = margin_scores(self.target, loop.rate, loop.attitude)
+        return np.quantile(scores.clip(MIN_SCORE), SEARCH_MISS_SHARE)
+
+    def cost(self, log_factors: Array, aim: float) -> float:
+        """Returns the cost of gains, where margins ``aim`` times the target's are asked for."""
+        loop = self.search_loop.with_parameters(self.gains(log_factors))
+        noise_ratio = _demand_deviation(loop.controller, self.gyro_noise) / self.max_demand_noise
+        bandwidths = np.array([loop.rate.bandwidth, loop.attitude.bandwidth])
+        # A bandwidth beyond all frequencies is NaN, and large enough.
+        bandwidth_ratios = np.nan_to_num(bandwidths / self.min_bandwidths, nan=1.0)
+        excesses = [
+            1 - self.margin_score(loop) / aim,
+            noise_ratio - 1,
+            *(1 - bandwidth_ratios),
+        ]
+        penalties = np.array([MARGIN_PENALTY, NOISE_PENALTY, BANDWIDTH_PENALTY, BANDWIDTH_PENALTY])
+        lean = loop.angle_deviation(self.search_loop.wind)
+        return np.log(lean) + np.maximum(excesses, 0.0) @ penalties
+
+    def best_gains(self) -> dict[str, float]:
+        """Returns the gains of the least cost that a simplex search from several starts finds, by name.
+
+        After each pass that has the margins it aims at, the aim is set such that all draws have ``AIM_RESERVE`` times
+        the target's.
+        """
+        # It takes half a second to import.
+        from scipy.optimize import minimize
+
+        # There are several minima: less I, or more of it with less P.
+        count = len(self.logged_gains)
+        starts = [np.array(start) for start in product(START_STEPS, repeat=count)]
+        log_factors = min(starts, key=lambda start: self.cost(start, 1.0))
+        aim = 1.0
+        for search_pass in SEARCH_PASSES:
+            simplex = np.vstack([log_factors, log_factors + search_pass.first_step * np.eye(count)])
+            log_factors = minimize(
+                self.cost,
+                log_factors,
+                (aim,),
+                "Nelder-Mead",
+                options={"maxfev": search_pass.evaluations, "initial_simplex": simplex},
+            ).x
+            gains = self.gains(log_factors)
+            if self.margin_score(self.search_loop.with_parameters(gains)) >= AIM_TOLERANCE * aim:
+                score = self.margin_score(self.choosing_loop.with_parameters(gains))
+                aim *= AIM_RESERVE / min(score, AIM_RESERVE)
+        return gains
 
 
-def _gains_of(loop: Loop) -> Parameters:
-    """The gains that there are, by name; a gain of 0 stays so."""
-    names = (loop.controller.parameter_names[gain] for gain in GAINS)
+def _logged_gains(loop: Loop) -> dict[str, float]:
+    """Returns the gains of a loop's controller that can be changed, by the autopilot's name; one of 0 stays 0."""
     parameters = loop.controller.parameters
-    return {name: parameters[name] for name in names if parameters.get(name)}
+    gains = {}
+    for field in ADVISED_GAINS:
+        name = loop.controller.parameter_names[field]
+        if parameters.get(name):
+            gains[name] = parameters[name]
+    return gains
+
+
+def _refusals(loop: Loop, may_change: bool) -> Facts:
+    """Returns why the loop itself allows no gains to be advised, or none that change; the first reason only."""
+    record = loop.record
+    changed = parameters_changed_in_flight(record, loop.controller)
+    if changed:
+        return (Fact(Gains.GAINS_CHANGED, names=sorted(changed)),)
+    limited_share = 0.0
+    if len(record.input_range) == 2:
+        low, high = record.input_range
+        limited_share = loop.controller.outputs_at_limit(
+            (record.inputs - low) / (high - low)
+        ).mean()
+    if limited_share > MIN_AT_LIMIT_SHARE:
+        return (Fact(Gains.MOTOR_AT_LIMIT, share=limited_share),)
+    if not (loop.rate.stable[0] and loop.attitude.stable[0]):
+        return (Fact(Gains.LOOP_UNSTABLE),)
+    if loop.disagreement:
+        return (loop.disagreement,)
+    is_effectiveness_low = loop.plant.bias < 0
+    if not may_change or not is_effectiveness_low:
+        return ()
+    surely_lacks_margins = loop.share_meeting(MARGIN_TARGETS["sharp"]) <= 1 - CONFIDENCE_LEVEL
+    if surely_lacks_margins:
+        return ()
+    return tuple(caution for caution in loop.cautions if caution.code is Loops.EFFECT_BIASED)
+
+
+class _GyroNoise(NamedTuple):
+    """Noise of the gyro in flight, above the motion of the vehicle."""
+
+    frequency: Array
+    """(F,) Hz."""
+    density: Array
+    """(F,) of the rate behind the gyro's filters, (rad/s)²/Hz."""
+    is_measured: bool
+    """Whether the log shows it; where it is too slow for that, white noise is assumed."""
+
+
+def _gyro_noise(loop: Loop) -> _GyroNoise:
+    """Returns the noise of the gyro in the flight of a ``loop``, by Welch's method."""
+    # It takes half a second to import.
+    from scipy.signal import welch
+
+    record = loop.record
+    highest = MAX_FREQUENCY_RATIO / record.dt
+    lowest = max(MIN_NOISE_CROSSOVER_RATIO * loop.rate.crossover, MIN_NOISE_FREQUENCY)
+    if not 2 * lowest < highest:
+        loop_highest = MAX_FREQUENCY_RATIO / loop.controller.loop_period
+        assumed_frequency = np.linspace(lowest, loop_highest)
+        return _GyroNoise(assumed_frequency, np.ones(len(assumed_frequency)), is_measured=False)
+    rate = record.outputs[:, -1]
+    window = min(NOISE_WINDOW, len(record))
+    frequency, density = welch(rate, 1 / record.dt, nperseg=window)
+    is_noise = (frequency >= lowest) & (frequency <= highest)
+    return _GyroNoise(frequency[is_noise], density[is_noise], is_measured=True)
+
+
+def _demand_noise(loop: Loop, new_controller: Controller) -> DemandNoise | None:
+    """Returns what the gyro's noise makes of the demand, with the logged and with new gains; None if not shown."""
+    noise = _gyro_noise(loop)
+    if not noise.is_measured:
+        return None
+    controller = loop.controller
+    before = _demand_deviation(controller, noise)
+    after = _demand_deviation(new_controller, noise)
+    by_d = _demand_deviation(controller, noise, subtracted=replace(controller, d=0.0))
+    return DemandNoise(
+        lowest=noise.frequency[0],
+        highest=noise.frequency[-1],
+        before=before,
+        after=after,
+        by_d=by_d,
+        heat=(after / before) ** 2,
+    )
+
+
+def _demand_deviation(
+    controller: Controller, noise: _GyroNoise, subtracted: Controller | None = None
+) -> float:
+    """Returns the standard deviation of the demand by the gyro's noise: σ² = ∫ |C(jω)|² S df.
+
+    Args:
+        controller: C, from the rate to the demand.
+        noise: whose density is S.
+        subtracted: a controller whose response is taken off that of C, so that a part of it is left.
+    """
+    response = controller_response(controller, noise.frequency).from_rate
+    if subtracted is not None:
+        response = response - controller_response(subtracted, noise.frequency).from_rate
+    power = np.abs(response) ** 2 * noise.density
+    return float(np.sqrt(np.trapezoid(power, noise.frequency)))
 
 
 def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> Fact:
-    """Returns which gains to lower by a third, of a vehicle that oscillates by the controller of these ``parameters``.
+    """Returns which gains to lower by a third, of a vehicle that oscillates in a limit cycle.
 
-    They are P and D of the rate or, where it oscillates so slowly that these do little, the gain of the angle or I. No
-    values where the parameters have no controller.
+    They are P and D of the rate controller or, where it oscillates so slowly that these do little, the gain of the
+    attitude controller or I: those whose corner frequency is above half of the oscillation's.
+
+    Args:
+        oscillation: with all axes that oscillate.
+        parameters: of the autopilot, by name; where they have no known controller, no values are advised.
     """
     changes = []
     for cycle in (oscillation, *oscillation.other_axes):
         with suppress(NotLearnable):
             controller = controller_from_parameters(parameters, cycle.axis, (1.0,))
-            turning = 2 * np.pi * (cycle.frequency or np.inf)
-            corners = {"angle_gain": controller.angle_gain, "i": controller.i / controller.p}
-            slow = [gain for gain, corner in corners.items() if corner > turning / 2]
-            names = [controller.parameter_names[gain] for gain in slow or ("p", "d")]
-            values = [(name, parameters[name]) for name in names]
-            changes += [(name, value, LOWERED * value) for name, value in values if value]
+            # A frequency that is not known is taken for a high one.
+            angular_frequency = 2 * np.pi * (cycle.frequency or np.inf)
+            corner_frequencies = {
+                "angle_gain": controller.angle_gain,
+                "i": controller.i / controller.p,
+            }
+            slow_gains = [
+                gain
+                for gain, corner in corner_frequencies.items()
+                if corner > angular_frequency / 2
+            ]
+            for gain in slow_gains or ("p", "d"):
+                name = controller.parameter_names[gain]
+                value = parameters[name]
+                if value:
+                    changes.append((name, value, GAIN_REDUCTION * value))
     return Fact(Gains.LOWER_GAINS, changes=changes, **oscillation.figures)
-
-
-def _refusals(loop: Loop, changes: bool) -> Facts:
-    """Why the loop itself gives no gains, or none that are ``changes``; the first reason."""
-    record = loop.record
-    if changed := parameters_changed_in_flight(record, loop.controller):
-        return (Fact(Gains.GAINS_CHANGED, names=sorted(changed)),)
-    limited = 0.0
-    if len(record.input_range) == 2:
-        low, high = record.input_range
-        # within 0.5 % of a limit
-        limited = loop.controller.outputs_at_limit((record.inputs - low) / (high - low)).mean()
-    if limited > MIN_AT_LIMIT_SHARE:
-        return (Fact(Gains.MOTOR_AT_LIMIT, share=limited),)
-    if not (loop.rate.stable[0] and loop.attitude.stable[0]):
-        return (Fact(Gains.LOOP_UNSTABLE),)
-    if loop.disagreement:
-        return (loop.disagreement,)
-    if (
-        not changes
-        or loop.plant.bias >= 0
-        or loop.share_meeting(MARGIN_TARGETS["sharp"]) <= 1 - CONFIDENCE_LEVEL
-    ):
-        return ()
-    return tuple(doubt for doubt in loop.cautions if doubt.code is Loops.EFFECT_BIASED)
-
-
-def _noise(loop: Loop, after: Controller) -> DemandNoise | None:
-    """Of the gyro, by the controllers of the ``loop`` and ``after``; None where the log does not show it."""
-    frequency, density = _gyro(loop)
-    if density is None:
-        return None
-    now = loop.controller
-    size, new = (_demand(chain, frequency, density) for chain in (now, after))
-    by_d = _demand(now, frequency, density, replace(now, d=0.0))
-    return DemandNoise(frequency[0], frequency[-1], size, new, by_d, (new / size) ** 2)
-
-
-def _gyro(loop: Loop) -> tuple[Array, Array | None]:
-    """(F,) Hz above the motion, and the rate's spectrum there as logged behind the gyro's filter, where it shows."""
-    from scipy.signal import welch  # it takes half a second to import
-
-    record = loop.record
-    times, least = NOISE_FROM
-    highest = 0.45 / record.dt
-    lowest = max(times * loop.rate.crossover, least)
-    if not 2 * lowest < highest:
-        return np.linspace(lowest, 0.45 / loop.controller.loop_period), None
-    rate = record.outputs[:, -1]
-    frequency, density = welch(rate, 1 / record.dt, nperseg=min(256, len(record)))
-    kept = (frequency >= lowest) & (frequency <= highest)
-    return frequency[kept], density[kept]
-
-
-def _demand(
-    controller: Controller, frequency: Array, density: Array, without: Controller | None = None
-) -> float:
-    """Standard deviation of the demand by noise of this ``density``; less what goes through another controller."""
-    _, response = controller_response(controller, frequency)
-    if without is not None:
-        response = response - controller_response(without, frequency)[1]
-    power = np.abs(response) ** 2 * density
-    return float(np.sqrt(np.trapezoid(power, frequency)))

@@ -25,7 +25,7 @@ from mavdem.flight import Flight, boot_number
 from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.loops.controllers import Controller
 from mavdem.loops.filters import gyro_delay, gyro_response
-from mavdem.loops.loop_construction import demand_directions, known_controller
+from mavdem.loops.loop_construction import inputs_per_demand, logged_controller
 from mavdem.loops.margins import controller_response, rate_loop
 from mavdem.plant import Physical
 from mavdem.plant.closed_loop.identification import IdentifiedAxis, identify_axis
@@ -97,8 +97,8 @@ def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
     assert signals.model_inputs is not None
     layout = signals.model_inputs.geometry
     weights = None if layout.positions_assumed else layout.mixer_row(signals.axis)
-    controller = known_controller(record.parameters, signals.axis, weights)
-    directions = demand_directions(controller, record)
+    controller = logged_controller(record.parameters, signals.axis, weights)
+    directions = inputs_per_demand(controller, record)
     streams, limited, rounding = _streams(signals, boot, controller, directions)
     starts = np.array(list(_windows(flights, streams)))
     if len(starts) < FEWEST_WINDOWS:

@@ -1,6 +1,7 @@
-"""From a flight: the loops of the identified plant, with its posterior, and of the controller of the parameters."""
+"""Construction of a rate and attitude loop from an identified plant, its posterior, and the autopilot's parameters."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.random import default_rng
@@ -22,58 +23,66 @@ from mavdem.plant import Physical
 from mavdem.plant.likelihood import DELAY_PRIOR
 from mavdem.plant.parameters import PLANT_MINIMUM, parameter_vector
 
-POSTERIOR_DRAWS = 400  # of the plant's posterior
-# of a step of the stream: standard deviation of a delay by the times between its samples
-SPLIT = 0.25
-AT_HALF = np.polyval([1.0, np.sqrt(2.0), 1.0], 0.5j)
-"""What a second-order Butterworth filter divides by at half of its cut-off; its delay goes with the imaginary part."""
+POSTERIOR_DRAWS = 400
+"""Draws from the posterior of the plant."""
+DRAWS_SEED = 31
+"""Seed of these draws, so that the same flight has the same figures."""
+DELAY_SEED = 32
+"""Seed of the draws of a delay that the flight leaves open."""
+SAMPLING_DELAY_DEVIATION = 0.25
+"""Standard deviation of a delay, in steps of the stream, by the times of events between its samples."""
+BUTTERWORTH_AT_HALF_CUTOFF = np.polyval([1.0, np.sqrt(2.0), 1.0], 0.5j)
+"""Denominator s² + √2 s + 1 of a second-order Butterworth filter at half of its cut-off frequency, s = 0.5 j.
+
+The delay of the filter is √2 / ω_c, so that the imaginary part √2 / 2 is half of the cut-off times the delay.
+"""
 
 
 def loop_from_learned(learned: Learned, controller: Controller | None = None) -> Loop:
-    """Returns the loops of what was ``learned``; the ``controller`` is that of the log's parameters unless given.
+    """Returns rate and attitude loop of the plant that was ``learned``.
 
-    Raises ``NotLearnable``: the plant is not identifiable, or the controller is not known.
+    Args:
+        learned: a model with an identifiable plant.
+        controller: the autopilot's; that of the log's parameters unless given.
+
+    Raises:
+        NotLearnable: the plant is not identifiable, or the controller is not known.
     """
     return loop_from_plant(learned.require_physical(), learned.record, controller)
 
 
 def loop_from_plant(plant: Physical, record: Record, controller: Controller | None = None) -> Loop:
-    """Returns the loops of a ``plant`` identified from the ``record``, as :func:`loop_from_learned`."""
+    """Returns rate and attitude loop of an identified plant, with the cautions that its figures need.
+
+    Args:
+        plant: identified from the ``record``.
+        record: the flight.
+        controller: the autopilot's; that of the record's parameters unless given.
+
+    Raises:
+        NotLearnable: the plant is doubtful, the controller is not known or has no proportional gain, the mixer acts
+            against it, or the loop is too fast for the record.
+    """
     if plant.caution is not None:
         raise NotLearnable(Loops.NO_MARGINS, because=plant.caution)
-    axis = axis_of(record)
-    weights = record.effect_directions
-    controller = controller or known_controller(record.parameters, axis, weights)
+    axis = record_axis(record)
+    if controller is None:
+        controller = logged_controller(record.parameters, axis, record.effect_directions)
     if not controller.p > 0:
         name = controller.parameter_names["p"]
         raise NotLearnable(Loops.NO_PROPORTIONAL_GAIN, name=name, value=controller.p)
-    filters = gyro_delay(controller)
-    if plant.filtered:
-        drawn = _drawn(plant, filters, record.dt)
-    else:
-        drawn = plant.draws(POSTERIOR_DRAWS, seed=31)
-        drawn[:, -1] -= filters
-    per_demand = demand_directions(controller, record)
-    gains = drawn[:, :-3] @ per_demand
-    if not gains[0] > 0:
+    draws = _plant_draws(plant, gyro_delay(controller), record.dt)
+    per_demand = inputs_per_demand(controller, record)
+    effectiveness = draws.effect @ per_demand
+    if not effectiveness[0] > 0:
         raise NotLearnable(Loops.MIXER_REVERSED)
-    draws = np.maximum(drawn[:, -3:], PLANT_MINIMUM)
-    loop = Loop(axis, plant, record, controller, gains, draws)
+    loop = Loop(axis, plant, record, controller, effectiveness, draws.dynamics)
+    cautions = _cautions(loop)
     rate = loop.rate
-    cautions = list[Fact]()
-    if plant.bias:
-        because = plant.reasons["effect"]
-        cautions.append(Fact(Loops.EFFECT_BIASED, because=because))
-    nearest = np.argmin(np.abs(rate.response[0] + 10 ** (-rate.gain_margin / 20)))
-    seen = 0.5 / record.dt
-    # ArduCopter's simulator, with 19° at 20 Hz, had 44° by 50 Hz
-    if plant.filtered and rate.crossover > seen / 2:
-        raise NotLearnable(Loops.CROSSOVER_UNSEEN, crossover=rate.crossover, rate=1 / record.dt)
-    if not plant.filtered and np.isfinite(rate.gain_margin) and rate.frequency[nearest] >= seen:
-        cautions.append(Fact(Loops.GAIN_MARGIN_EXTRAPOLATED, rate=seen))
     measured = None
-    if earlier := parameters_changed_in_flight(record, controller):
-        changes = [(name, old, record.parameters[name]) for name, old in earlier.items()]
+    earlier_values = parameters_changed_in_flight(record, controller)
+    if earlier_values:
+        changes = [(name, value, record.parameters[name]) for name, value in earlier_values.items()]
         cautions.append(Fact(Loops.PARAMETERS_CHANGED, changes=changes))
     else:
         measured = measured_rate_response(
@@ -82,62 +91,142 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
     return replace(loop, cautions=(*cautions, *controller.cautions), measured=measured)
 
 
-def axis_of(record: Record) -> str:
-    """Returns the axis of a record."""
-    return record.output_names[-1].removesuffix(" rate") if record.output_names else "roll"
+def _cautions(loop: Loop) -> list[Fact]:
+    """Returns cautions about a biased plant and about a gain margin at frequencies that the record does not show.
+
+    Raises:
+        NotLearnable: a plant with the gyro's filters in it crosses over at more than half of these frequencies.
+            (The loop of ArduCopter's simulator, with a margin of 19° at a crossover of 20 Hz, had 44° by messages at 50
+            Hz.)
+    """
+    plant, record, rate = loop.plant, loop.record, loop.rate
+    cautions = []
+    if plant.bias:
+        cautions.append(Fact(Loops.EFFECT_BIASED, because=plant.reasons["effect"]))
+    nyquist_frequency = 0.5 / record.dt
+    if plant.filtered:
+        if rate.crossover > nyquist_frequency / 2:
+            raise NotLearnable(Loops.CROSSOVER_UNSEEN, crossover=rate.crossover, rate=1 / record.dt)
+    elif np.isfinite(rate.gain_margin):
+        # The gain margin is where L is nearest to −1 over the margin.
+        point = -(10 ** (-rate.gain_margin / 20))
+        nearest = np.argmin(np.abs(rate.response[0] - point))
+        if rate.frequency[nearest] >= nyquist_frequency:
+            cautions.append(Fact(Loops.GAIN_MARGIN_EXTRAPOLATED, rate=nyquist_frequency))
+    return cautions
 
 
-def known_controller(parameters: Parameters, axis: str, weights: Array | None) -> Controller:
-    """Returns the controller of a record's ``parameters``; raises ``NotLearnable``: they do not say it.
+def record_axis(record: Record) -> str:
+    """Returns the axis of a ``record``, by the name of its rate; "roll" where its outputs have no names."""
+    if not record.output_names:
+        return "roll"
+    return record.output_names[-1].removesuffix(" rate")
 
-    ``weights`` (r,) are those of the inputs in the torque about the ``axis``, where they are known.
+
+def logged_controller(parameters: Parameters, axis: str, motor_weights: Array | None) -> Controller:
+    """Returns the controller of the ``parameters`` of a log.
+
+    Args:
+        parameters: of the autopilot, by name.
+        axis: "roll", "pitch" or "yaw".
+        motor_weights: (r,) of the inputs in the torque about the axis; None where they are not known.
+
+    Raises:
+        NotLearnable: there are no parameters, or they do not describe a known controller.
     """
     if not parameters:
         raise NotLearnable(Loops.CONTROLLER_UNKNOWN)
-    return controller_from_parameters(parameters, axis, () if weights is None else weights.tolist())
+    weights = () if motor_weights is None else motor_weights.tolist()
+    return controller_from_parameters(parameters, axis, weights)
 
 
-def _drawn(plant: Physical, filters: float, dt: float) -> Array:
-    """(N, r + 3) effect, damping, lag and delay without the gyro's filters: the estimate, and draws.
+def inputs_per_demand(controller: Controller, record: Record) -> Array:
+    """Returns (r,) how much each input changes per unit of demand, in the record's unit, about its mean in flight.
 
-    The plant's lag and delay hold that of the ``filters``, s. Where it is most of them, both are alike in size and
-    phase at half of the cut-off of one that is as late, else in their delay at low frequencies. The sum of lag and
-    delay is better determined than either: a delay is taken for that of common autopilots as far as the flight leaves
-    it open, and the lag is what is left.
+    An input that is the demand itself changes by 1.
+
+    Raises:
+        NotLearnable: the inputs are neither the demand nor those of a quadrotor.
     """
-    theta = parameter_vector(plant)
-    covariance = plant.covariance.copy()
-    usual, sd = DELAY_PRIOR
-    variance = covariance[-1, -1] + (SPLIT * dt) ** 2
-    if covariance[-1, -1] > sd**2:
-        covariance[-1] = 0.0
-        covariance[:, -1] = 0.0
-    drawn = np.vstack([theta, normal_draws(theta, covariance, POSTERIOR_DRAWS, seed=31)])
-    late = drawn[:, -2:].sum(axis=1)
-    whole = np.maximum(late - filters, 0.0)
-    if filters > late[0] / 2:
-        half = AT_HALF.imag / filters
-        lags = np.arctan(half * drawn[:, -2]) - np.angle(AT_HALF)
-        whole = np.maximum(lags / half + drawn[:, -1], 0.0)
-        drawn[:, :-3] *= abs(AT_HALF) / np.hypot(1.0, half * drawn[:, -2])[:, None]
-    unknown = variance / (variance + sd**2)
-    errors = (
-        sd * np.sqrt(unknown) * np.append(0.0, default_rng(32).standard_normal(POSTERIOR_DRAWS))
-    )
-    delay = (1 - unknown) * max(plant.delay - filters, 0.0) + unknown * usual + errors
-    delay = np.clip(delay, 0.0, whole / 2)
-    drawn[:, -2:] = np.column_stack([whole - delay, delay])
-    return drawn
-
-
-def demand_directions(controller: Controller, record: Record) -> Array:
-    """Returns (r,) of the inputs, in their unit, by a demand of 1 about the trim; a demand itself is one."""
     trim = record.inputs.mean(axis=0)
     if len(trim) == 1 and record.input_range == (-1.0, 1.0):
         return np.ones(1)
     if len(trim) != MOTOR_COUNT or len(record.input_range) != 2:
         raise NotLearnable(Controllers.MIXER_UNKNOWN, autopilot=None, motors=len(trim))
     low, high = record.input_range
-    return (high - low) * np.array(
-        controller.outputs_per_demand(((trim - low) / (high - low)).tolist())
+    trim_shares = ((trim - low) / (high - low)).tolist()
+    return (high - low) * np.array(controller.outputs_per_demand(trim_shares))
+
+
+class _PlantDraws(NamedTuple):
+    """N plants without the gyro's filters: the estimate, and then draws from the posterior."""
+
+    effect: Array
+    """(N, r) angular acceleration per input, rad/s² per unit of the input."""
+    dynamics: Array
+    """(N, 3) damping, 1/s, motor lag and delay, s, at least ``PLANT_MINIMUM``."""
+
+
+def _plant_draws(plant: Physical, filter_delay: float, dt: float) -> _PlantDraws:
+    """Returns draws from the posterior of a ``plant``, without the gyro's filters.
+
+    Args:
+        plant: whose delay has that of the gyro's filters or, where it is ``filtered``, whose lag and delay have.
+        filter_delay: of the gyro's filters at low frequencies, s.
+        dt: step of the record, s.
+    """
+    if plant.filtered:
+        draws = _draws_without_filters(plant, filter_delay, dt)
+    else:
+        draws = plant.draws(POSTERIOR_DRAWS, seed=DRAWS_SEED)
+        draws[:, -1] -= filter_delay
+    return _PlantDraws(effect=draws[:, :-3], dynamics=np.maximum(draws[:, -3:], PLANT_MINIMUM))
+
+
+def _draws_without_filters(plant: Physical, filter_delay: float, dt: float) -> Array:
+    """Returns draws of a plant whose lag and delay hold those of the gyro's filters, with these taken out.
+
+    Where the filters are less than half of lag and delay together, delays at low frequencies are subtracted. Else
+    first-order lag and Butterworth filter are made alike in gain and phase at half of the cut-off of one that is as
+    late.
+
+    The sum of lag and delay is better determined than either. So the delay is taken for that of common autopilots as
+    far as the flight leaves it open, and the lag is the rest.
+
+    Args:
+        plant: the posterior.
+        filter_delay: of the gyro's filters at low frequencies, s.
+        dt: step of the record, s.
+
+    Returns:
+        (N, r + 3) effect, damping, lag and delay: of the estimate, and then of draws.
+    """
+    estimate = parameter_vector(plant)
+    covariance = plant.covariance.copy()
+    typical_delay, delay_deviation = DELAY_PRIOR
+    delay_variance = covariance[-1, -1] + (SAMPLING_DELAY_DEVIATION * dt) ** 2
+    if covariance[-1, -1] > delay_deviation**2:
+        # The flight says less of the delay than what is known beforehand: it is drawn from that alone, below.
+        covariance[-1] = 0.0
+        covariance[:, -1] = 0.0
+    draws = np.vstack(
+        [estimate, normal_draws(estimate, covariance, POSTERIOR_DRAWS, seed=DRAWS_SEED)]
     )
+    lag_and_delay = draws[:, -2:].sum(axis=1)
+    remaining = np.maximum(lag_and_delay - filter_delay, 0.0)
+    if filter_delay > lag_and_delay[0] / 2:
+        half_cutoff = BUTTERWORTH_AT_HALF_CUTOFF.imag / filter_delay
+        lag_phase = np.arctan(half_cutoff * draws[:, -2])
+        remaining_phase = lag_phase - np.angle(BUTTERWORTH_AT_HALF_CUTOFF)
+        remaining = np.maximum(remaining_phase / half_cutoff + draws[:, -1], 0.0)
+        lag_attenuation = np.hypot(1.0, half_cutoff * draws[:, -2])
+        draws[:, :-3] *= (abs(BUTTERWORTH_AT_HALF_CUTOFF) / lag_attenuation)[:, None]
+    # The delay's posterior, by its prior and what the flight shows of it.
+    prior_weight = delay_variance / (delay_variance + delay_deviation**2)
+    normals = np.append(0.0, default_rng(DELAY_SEED).standard_normal(POSTERIOR_DRAWS))
+    errors = delay_deviation * np.sqrt(prior_weight) * normals
+    flight_delay = max(plant.delay - filter_delay, 0.0)
+    delay = (1 - prior_weight) * flight_delay + prior_weight * typical_delay + errors
+    delay = np.clip(delay, 0.0, remaining / 2)
+    draws[:, -2:] = np.column_stack([remaining - delay, delay])
+    return draws

@@ -32,11 +32,11 @@ from mavdem.facts.noise import NotchAdvice
 from mavdem.ingest.mavlink.definitions import decoded_parameters
 from mavdem.ingest.vocabulary import Injection
 from mavdem.loops.advice import (
-    EFFECTS,
-    LOUDER,
+    EFFECTIVENESS_FACTORS,
     MAX_ANGLE_GAIN,
     MAX_GAIN_STEP,
-    SLOWER,
+    MAX_NOISE_RATIO,
+    MIN_BANDWIDTH_RATIO,
     advise,
     gain_reduction_advice,
 )
@@ -269,7 +269,9 @@ def test_advised_gains_have_the_margins_in_95_of_100_plants_and_let_wind_move_it
     )
     damping, lag, delay = found.after.dynamics[1:].T[:, :, np.newaxis]
     plants = back * np.exp(-s * delay) / (s + damping) / (lag * s + 1)
-    plants = np.multiply.outer(EFFECTS, found.after.effectiveness[1:, np.newaxis] * plants)
+    plants = np.multiply.outer(
+        EFFECTIVENESS_FACTORS, found.after.effectiveness[1:, np.newaxis] * plants
+    )
     loops = plants.reshape(-1, len(s))
     of_all = OpenLoop(frequency, loops, loops, loops).figures
     have = (of_all["phase_margin"] + 0.1 >= least_phase) & (of_all["ms"] * 0.999 <= most)
@@ -281,10 +283,10 @@ def test_advised_gains_have_the_margins_in_95_of_100_plants_and_let_wind_move_it
     assert found.gains["MC_ROLL_P"].set <= MAX_ANGLE_GAIN["roll"]
     code = Gains.SET_GAINS if factor < 4 else Gains.STEP_TOWARDS_MARGINS
     assert (found.sentence.code, found.sentence.figures["share"]) == (code, found.sure)
-    assert factor > 4 or found.noise.heat <= LOUDER**2 * 1.01
+    assert factor > 4 or found.noise.heat <= MAX_NOISE_RATIO**2 * 1.01
     if factor < 2:
         assert found.after.lean_in_wind < 0.85 * before.lean_in_wind
-        assert found.after.bandwidth > 0.98 * SLOWER * before.bandwidth
+        assert found.after.bandwidth > 0.98 * MIN_BANDWIDTH_RATIO * before.bandwidth
 
 
 @mark.parametrize("factor", [1.0, 1.7])  # surely, and perhaps
