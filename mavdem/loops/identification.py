@@ -105,7 +105,7 @@ def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
         least_duration = (FEWEST_WINDOWS + 1) * SPECTRUM_SECONDS / 2
         raise NotLearnable(Loops.LOOP_TOO_SHORT, least_duration=least_duration)
     limited_share = _limited_share(streams[Quantity.OUTPUT], limited, starts)
-    logged_controller = KnownController(
+    known_controller = KnownController(
         partial(controller_response, controller),
         partial(gyro_response, controller),
         controller.angle_gain,
@@ -127,7 +127,7 @@ def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
                 command_step=scale.step,
                 unit=scale.unit,
             )
-        used = _used(seen, logged_controller)
+        used = _used(seen, known_controller)
         # Folding takes up to half from what is coherent with what was asked.
         rate, asked = (
             used.mean_density[:, quantity, quantity].real
@@ -138,7 +138,7 @@ def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
         share = (width @ coherent) / (width @ rate)
         if not share + limited_share >= LEAST_STEERED / 2:
             raise NotLearnable(Loops.NOT_STEERED, share=share)
-        axis = AxisPosterior(used, logged_controller, rounding, limited_share)
+        axis = AxisPosterior(used, known_controller, rounding, limited_share)
         try:
             fit = identify_axis(axis)
             steered = fit.reference_share
