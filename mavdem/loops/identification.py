@@ -40,8 +40,8 @@ from mavdem.plant.closed_loop.spectra import (
 )
 from mavdem.plant.estimation import MOTION_BAND_HZ
 from mavdem.plant.identifiability import PARAMETERS
-from mavdem.plant.parameters import PLANT_MINIMUM, WindComponent, wind_torque_density
-from mavdem.plant.sampled_plant import FIRST_ORDER, GAUSSIAN_KERNEL
+from mavdem.plant.parameters import PLANT_MINIMUM, wind_torque_density
+from mavdem.plant.sampled_plant import FIRST_ORDER, GAUSSIAN_KERNEL, WindComponent
 
 FEWEST_WINDOWS = 4
 MODEL_ERRORS = {"effect": 0.02, "damping": 0.1, "lag": 0.0, "delay": 0.03}

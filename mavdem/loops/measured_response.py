@@ -16,7 +16,7 @@ from mavdem.loops.controllers import Controller
 from mavdem.loops.margins import Complex, controller_response
 from mavdem.loops.welch import WELCH_SECONDS, WelchSpectra, welch_spectra_of_pieces
 from mavdem.plant.identifiability import MIN_RESOLVED_RATE
-from mavdem.plant.parameters import rate_column
+from mavdem.plant.windows import rate_column
 
 MIN_COMPARED_FREQUENCY = 0.3
 """Lowest frequency at which responses are compared, Hz."""

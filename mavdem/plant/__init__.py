@@ -1,4 +1,4 @@
-"""Gray-box model: physical parameters of the vehicle, with the wind as a coloured state."""
+"""Gray-box model of one axis: its physical parameters, and the wind torque as a coloured disturbance."""
 
 from mavdem.plant.estimation import physical
 from mavdem.plant.gusts import DetectedGust

@@ -1,9 +1,11 @@
-"""Estimation of physical parameters from a whole flight, cut into windows of about 7 s (docs/physical.md).
+"""Estimation of the physical parameters of an axis from a whole flight, cut into windows of about 7 s.
 
-Effect, damping and lag are the same in all windows; trim and the level of the wind are each window's own.
+Effect, damping, lag and delay are the same in all windows; trim, and the level of wind torque and noise, are each
+window's own. Method and limits: docs/physical.md.
 """
 
 from contextlib import suppress
+from typing import NamedTuple
 
 import numpy as np
 from numpy.linalg import LinAlgError
@@ -19,7 +21,7 @@ from mavdem.facts.identifiability import Status
 from mavdem.facts.model import NoPhysical
 from mavdem.immutable import freeze
 from mavdem.plant.closed_loop.spectra import ComplexArray
-from mavdem.plant.fitting import WINDS, GrayBoxFit, directed, fitted
+from mavdem.plant.fitting import WIND_SPECTRA, GrayBoxFit, fit_gray_box, initial_model
 from mavdem.plant.identifiability import (
     PARAMETERS,
     IdentifiabilityFigures,
@@ -27,162 +29,198 @@ from mavdem.plant.identifiability import (
     OmissionErrors,
     identifiability,
 )
-from mavdem.plant.likelihood import REFINEMENTS, FlightWindows, Parameters
-from mavdem.plant.parameters import Physical, WindComponent, slopes_of, updated, windows_of
+from mavdem.plant.likelihood import GrayBoxModel
+from mavdem.plant.parameters import Physical, parameter_gradient, updated
+from mavdem.plant.sampled_plant import WindComponent
+from mavdem.plant.windows import REFINEMENTS, FlightWindows, cut_windows
 from mavdem.unit_errors import suspected_unit_error
 
-CHOOSING_WINDOWS = 10  # of which the wind's spectrum and the refinements are chosen
-# of the roll motion
+MAX_SELECTION_WINDOWS = 10
+"""Number of windows, spread over the flight, by which the wind torque's spectrum and the refinements are chosen."""
+
 MOTION_BAND_HZ = (0.4, 6.0)
+"""Band of the rotation of a multirotor about roll, Hz: from its attitude control to its rate control."""
+
+
+class _SelectedModel(NamedTuple):
+    """The model that is most probable on a part of the windows, and how much the spectrum matters."""
+
+    fit: GrayBoxFit
+    """Fit of the model with the largest evidence."""
+
+    spectrum_range: Array
+    """Range of the logarithms of mean effect, damping and lag over the spectra of the wind torque (3,)."""
 
 
 def physical(train: TrainingData, prior: Physical | None = None) -> Physical | NotIdentifiable:
-    """Estimates the motors' effect, damping and lag from all that is given.
+    """Estimates control effectiveness, damping, motor time constant and delay of one axis.
 
     >>> str(mavdem.dem.physical(mavdem.read_flight("flight.tlog")[:2000]).status["effect"])
     'biased'
 
-    The rate, rad/s, is the output of ``train``, a ``Flight`` or segments of one, that is the derivative of another, or
-    the only one. A ``prior`` is of an earlier flight of the vehicle: what this one does not identify stays, but for
-    what changes between flights; one of other inputs, or that the flight contradicts, counts for nothing. Returns the
-    parameters, each with its status; or the reason why there are none: units, no output is the rate of another, too few
-    samples, no motor moves, or no likelihood.
+    Args:
+        train: a ``Flight``, or segments of one. Its rate, in rad/s, is the output that is the derivative of another, or
+            the only output.
+        prior: physical parameters by an earlier flight of the vehicle. What this flight does not identify stays as it
+            was then, but for changes from flight to flight. A prior of other inputs, or one that the flight
+            contradicts, is ignored.
+
+    Returns:
+        The parameters, each with its status; or the reason why there are none: wrong units, no output is the rate of
+        another, too few samples, no motor moves, or no likelihood.
     """
     record = Record.from_flights(train)
-    if slip := suspected_unit_error(record.outputs, record.dt):
-        return NotIdentifiable(slip)
+    unit_error = suspected_unit_error(record.outputs, record.dt)
+    if unit_error:
+        return NotIdentifiable(unit_error)
     try:
-        # what overflows is not finite, and no step goes there
+        # Values that overflow are not finite, and the fit takes no step to them.
         with one_thread(), np.errstate(all="ignore"):
-            return _estimated(windows_of(record), _mixer(record), prior)
+            return _estimated(cut_windows(record), _mixer_directions(record), prior)
     except NotLearnable as error:
         return NotIdentifiable(error.fact)
-    except ValueError:  # LinAlgError is one
+    except ValueError:
+        # LinAlgError is a ValueError.
         return NotIdentifiable(Fact(NoPhysical.NO_LIKELIHOOD))
 
 
-def _mixer(record: Record) -> Array | None:
-    """(r,) effect directions, as known or those of the X or plus that the joint model finds; else ``None``."""
+def _mixer_directions(record: Record) -> Array | None:
+    """Returns the relative effect of each motor on the axis (r,), or ``None`` where it is not known.
+
+    A mixer that the record does not have is recognised by the joint model of motors and motion, if that finds the
+    pattern of an X or plus frame: effects of one magnitude, or 0.
+    """
     if record.effect_directions is not None or record.inputs.shape[1] < MIN_MOTORS:
         return record.effect_directions
-    turning = axis_mixer(record)[:, 0]
-    sizes = abs(turning[turning != 0])
-    return turning if np.ptp(sizes) < ROUNDING_TOLERANCE else None
+    directions = axis_mixer(record)[:, 0]
+    magnitudes = abs(directions[directions != 0])
+    if np.ptp(magnitudes) < ROUNDING_TOLERANCE:
+        return directions
+    return None
 
 
 def _estimated(
     windows: FlightWindows, directions: Array | None, prior: Physical | None
 ) -> Physical:
-    fits, refined = _chosen(windows, directions)
-    whole = (
-        fitted(refined.parameters, windows, refined.theta)
-        if len(windows.rate) > CHOOSING_WINDOWS
-        else refined
-    )
-    by_spectrum = [_logarithms(_values(fit.parameters, fit.theta, windows.dt)) for fit in fits]
-    plant = _physical(whole, np.ptp(by_spectrum, axis=0), windows)
-    return plant if prior is None else updated(plant, prior)
+    """Estimates the physical parameters from windows of a flight.
+
+    Args:
+        windows: of the flight.
+        directions: relative effect of each input (r,), or ``None``.
+        prior: physical parameters by an earlier flight, or ``None``.
+
+    Raises:
+        numpy.linalg.LinAlgError: no model has a likelihood.
+    """
+    selected = _select_model(windows, directions)
+    fit = selected.fit
+    if len(windows.rate) > MAX_SELECTION_WINDOWS:
+        fit = fit_gray_box(fit.model, windows, fit.theta)
+    plant = _physical(fit, selected.spectrum_range, windows)
+    if prior is None:
+        return plant
+    return updated(plant, prior)
 
 
-def _chosen(
-    windows: FlightWindows, directions: Array | None
-) -> tuple[list[GrayBoxFit], GrayBoxFit]:
-    """A fit for each wind that has one, and the most probable one with the refinements that it bears out."""
+def _select_model(windows: FlightWindows, directions: Array | None) -> _SelectedModel:
+    """Selects the spectrum of the wind torque and the refinements with the largest evidence, on a part of the windows.
+
+    A refinement is added where the evidence rises. It is fitted only if strong evidence for it is predicted at all.
+    """
     count = len(windows.rate)
-    some = windows.some(np.linspace(0, count - 1, min(count, CHOOSING_WINDOWS)).round().astype(int))
-    plain, start = directed(some, directions)
+    selection = np.linspace(0, count - 1, min(count, MAX_SELECTION_WINDOWS)).round().astype(int)
+    selected_windows = windows.select(selection)
+    model, start = initial_model(selected_windows, directions)
     fits = []
-    for wind in WINDS:
-        parameters = plain._replace(wind=wind)
-        first = parameters.prior[0]
-        first[: len(start) - 1] = start[:-1]
-        first[-1] = start[-1]
+    for wind in WIND_SPECTRA:
+        candidate = model._replace(wind=wind)
+        # Each fit begins where the last one ended; components that it adds to the wind torque begin at the prior.
+        initial, _ = candidate.prior
+        initial[: len(start) - 1] = start[:-1]
+        initial[-1] = start[-1]
         try:
-            fits.append(fitted(parameters, some, first))
-            start = fits[-1].theta
+            fits.append(fit_gray_box(candidate, selected_windows, initial))
         except LinAlgError:
             continue
-    chosen = max(fits, key=lambda fit: fit.evidence)
+        start = fits[-1].theta
+
+    best = max(fits, key=lambda fit: fit.evidence)
     for name in REFINEMENTS:
-        parameters = chosen.parameters._replace(refinements=(*chosen.parameters.refinements, name))
+        candidate = best.model._replace(refinements=(*best.model.refinements, name))
+        initial = np.append(best.theta, 0.0)
         with suppress(LinAlgError):
-            refined = fitted(parameters, some, np.append(chosen.theta, 0.0), STRONG_EVIDENCE_NATS)
-            chosen = max(chosen, refined, key=lambda fit: fit.evidence)
-    return fits, chosen
+            refined = fit_gray_box(candidate, selected_windows, initial, STRONG_EVIDENCE_NATS)
+            best = max(best, refined, key=lambda fit: fit.evidence)
+
+    logarithms = [_log_estimates(_plant_values(fit.model, fit.theta, windows.dt)) for fit in fits]
+    return _SelectedModel(best, np.ptp(logarithms, axis=0))
 
 
-def _values(parameters: Parameters, theta: Array, dt: float) -> Array:
-    """(r + 3,) effects, damping, lag and delay."""
-    effect = parameters.effect(theta)
-    return np.array(
-        [
-            *effect,
-            parameters.damping(theta),
-            parameters.lag(theta, dt),
-            theta[parameters.motors + 3],
-        ]
-    )
+def _plant_values(model: GrayBoxModel, theta: Array, dt: float) -> Array:
+    """Returns effect of each input, damping, lag and delay (r + 3,) for θ (k,), with samples every dt seconds."""
+    effect = model.effect(theta)
+    damping = model.damping(theta)
+    lag = model.lag(theta, dt)
+    return np.array([*effect, damping, lag, theta[model.delay_index]])
 
 
-def _logarithms(values: Array) -> Array:
-    """(3,) of mean effect, damping and lag."""
+def _log_estimates(values: Array) -> Array:
+    """Returns the logarithms (3,) of mean effect, damping and lag, for effects, damping, lag and delay (r + 3,)."""
     return np.log([abs(values[:-3]).mean(), *values[-3:-1]])
 
 
-def _physical(whole: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) -> Physical:
-    """In the units of the flight, with what the model leaves out."""
-    parameters = whole.parameters
-    theta = whole.theta
-    errors = OmissionErrors
+def _physical(fit: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) -> Physical:
+    """Returns the physical parameters of a fit, in units of the flight, with their uncertainty and identifiability.
+
+    Args:
+        fit: of the gray-box model to all windows.
+        spectrum_range: of the logarithms of mean effect, damping and lag over the wind torque's spectra (3,).
+        windows: of the flight.
+    """
+    model = fit.model
+    theta = fit.theta
+    r = model.motors
 
     def values_at(theta: Array) -> Array:
-        return _values(parameters, theta, windows.dt)
+        return _plant_values(model, theta, windows.dt)
 
     values = values_at(theta)
-    r = parameters.motors
     effect = values[:r]
     damping, lag, delay = values[r:].tolist()
-    slopes = slopes_of(values_at, theta, values).T
-    covariance = slopes @ inverse(whole.curvature) @ slopes.T
+    jacobian = parameter_gradient(values_at, theta, values).T
+    covariance = jacobian @ inverse(fit.curvature) @ jacobian.T
+
+    # Relative changes of mean effect, damping and lag by the values.
     relative = np.zeros((3, r + 3))
     relative[0, :r] = np.sign(effect) / abs(effect).sum()
     relative[1, r] = 1 / damping
     relative[2, r + 1] = 1 / lag
-    sd = errors.own * np.sqrt(np.diag(relative @ covariance @ relative.T))
+    likelihood_sd = np.sqrt(np.diag(relative @ covariance @ relative.T))
+    relative_sd = OmissionErrors.likelihood_factor * likelihood_sd
     figures = IdentifiabilityFigures(
-        wind_share=_wind_share(parameters, theta, windows, whole.levels),
-        alias_share=_alias_share(parameters, theta, windows),
-        sd=dict(zip(PARAMETERS, sd.tolist(), strict=True)),
+        wind_share=_wind_share(fit, windows),
+        alias_share=_alias_share(fit, windows),
+        sd=dict(zip(PARAMETERS, relative_sd.tolist(), strict=True)),
         spectrum_range=dict(zip(PARAMETERS, spectrum_range.tolist(), strict=True)),
-        lag=np.exp(theta[r + 2]),
+        lag=np.exp(theta[model.lag_index]),
         dt=windows.dt,
     )
     status, reasons = identifiability(figures)
-    # The wind's spectrum is as wrong for all motors.
-    alike = np.eye(r + 3)
-    alike[:r, :r] = np.outer(effect, relative[0, :r])
-    covariance += (errors.own**2 - 1) * alike @ covariance @ alike.T
-    # The range of three values is 3/√π of their standard deviations in the mean (Tippett 1925).
-    varied = np.pi * np.square(spectrum_range / 3)
     bias = 0.0
     if status["effect"] == Status.BIASED:
-        bias = errors.lag_bias if figures.quick else errors.wind_bias
-    common = varied[0] + errors.effect**2 + bias**2
-    if status["effect"] == Status.NOT_IDENTIFIABLE:
-        common += errors.unknown_effect**2
-    covariance[:r, :r] += np.outer(effect, effect) * common
-    damped = errors.lag_damping if figures.quick else errors.damping
-    own = [
-        *(effect * errors.motor) ** 2,
-        damping**2 * varied[1] + damped**2,
-        lag**2 * (varied[2] + errors.lag**2),
-        errors.delay**2,
-    ]
-    covariance += np.diag(own)
+        bias = OmissionErrors.wind_bias
+        if figures.lag_unresolved:
+            bias = OmissionErrors.lag_bias
+    effect_unknown = status["effect"] == Status.NOT_IDENTIFIABLE
+    covariance = _with_omission_errors(
+        covariance, values, relative[0, :r], spectrum_range, bias, effect_unknown, figures
+    )
+
+    # So far effects are per common standard deviation of the inputs.
     scale = np.append(np.full(r, 1 / windows.unit), np.ones(3))
-    level = np.sqrt(np.mean(whole.levels**2))
-    sizes = level * parameters.sizes(theta)
-    refined = zip(parameters.refinements, theta[parameters.noise_index + 1 :].tolist(), strict=True)
+    level = np.sqrt(np.mean(fit.levels**2))
+    sizes = level * model.wind_sizes(theta)
+    refinements = model.refinement_values(theta).tolist()
     estimate = Physical(
         effect=effect / windows.unit,
         damping=damping,
@@ -194,40 +232,98 @@ def _physical(whole: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) 
         bias=bias,
         wind_share=figures.wind_share,
         components=tuple(
-            map(WindComponent, parameters.wind, sizes.tolist(), parameters.times(theta).tolist())
+            map(WindComponent, model.wind, sizes.tolist(), model.wind_times(theta).tolist())
         ),
-        noise=level * float(parameters.noise(theta)),
-        refinements=dict(refined),
+        noise=level * float(model.noise(theta)),
+        refinements=dict(zip(model.refinements, refinements, strict=True)),
         windows=len(windows.rate),
     )
     return freeze(estimate)
 
 
-def _wind_share(
-    parameters: Parameters,
-    theta: Array,
-    windows: FlightWindows,
-    levels: Array,
-) -> float:
-    """Of the variance of wind and motors together, in the band of the motion; windows count as they do in the fit."""
-    turn = windows.turn[1:-1]
-    band = (2 * np.pi * MOTION_BAND_HZ[0] <= turn) & (turn <= 2 * np.pi * MOTION_BAND_HZ[1])
-    motors = parameters.driven(theta[None], windows)[0]
-    turning = np.hypot(turn, parameters.damping(theta)) * band
-    wind_power, motor_power = (
-        float(np.mean(np.sum(abs(turning * _tapered(part)) ** 2, axis=1) / levels**2))
-        for part in (windows.rate - motors, motors)
+def _with_omission_errors(
+    covariance: Array,
+    values: Array,
+    mean_effect_weights: Array,
+    spectrum_range: Array,
+    bias: float,
+    effect_unknown: bool,
+    figures: IdentifiabilityFigures,
+) -> Array:
+    """Adds to a covariance the errors by what the model leaves out (``OmissionErrors``).
+
+    Args:
+        covariance: of effects, damping, lag and delay (r + 3, r + 3), by the likelihood.
+        values: effects, damping, lag and delay (r + 3,).
+        mean_effect_weights: relative change of the mean effect by each effect (r,).
+        spectrum_range: of the logarithms of mean effect, damping and lag over the wind torque's spectra (3,).
+        bias: likely relative bias of the effect.
+        effect_unknown: whether the effect is not identifiable.
+        figures: of the fit.
+
+    Returns:
+        The covariance with these errors (r + 3, r + 3).
+    """
+    errors = OmissionErrors
+    r = len(values) - 3
+    effect = values[:r]
+    damping, lag, _ = values[r:].tolist()
+
+    # The likelihood's error is larger by a factor, which is common to all motors: their spectrum of the wind torque is
+    # the same. What motors err by differently stays.
+    common_part = np.eye(r + 3)
+    common_part[:r, :r] = np.outer(effect, mean_effect_weights)
+    covariance = covariance + (
+        (errors.likelihood_factor**2 - 1) * common_part @ covariance @ common_part.T
     )
+
+    # The expected range of three normal values is 3/√π standard deviations (L. H. C. Tippett, Biometrika 17, 1925).
+    spectrum_variance = np.pi * np.square(spectrum_range / 3)
+    common_variance = spectrum_variance[0] + errors.effect**2 + bias**2
+    if effect_unknown:
+        common_variance += errors.unidentified_effect**2
+    covariance[:r, :r] += np.outer(effect, effect) * common_variance
+
+    damping_error = errors.damping
+    if figures.lag_unresolved:
+        damping_error = errors.unresolved_lag_damping
+    separate_variances = [
+        *(effect * errors.motor) ** 2,
+        damping**2 * spectrum_variance[1] + damping_error**2,
+        lag**2 * (spectrum_variance[2] + errors.lag**2),
+        errors.delay**2,
+    ]
+    return covariance + np.diag(separate_variances)
+
+
+def _wind_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
+    """Returns the share of the wind torque in the variance of wind and motor torque, in ``MOTION_BAND_HZ``.
+
+    Torque is the rate times |jω + damping|. Windows count inversely to their level, as in the fit.
+    """
+    omega = windows.omega[1:-1]
+    low, high = MOTION_BAND_HZ
+    in_band = (2 * np.pi * low <= omega) & (omega <= 2 * np.pi * high)
+    torque_per_rate = np.hypot(omega, fit.model.damping(fit.theta)) * in_band
+
+    def power(rate: ComplexArray) -> float:
+        torque = abs(torque_per_rate * _tapered(rate)) ** 2
+        return float(np.mean(np.sum(torque, axis=1) / fit.levels**2))
+
+    rate_by_motors = fit.model.rate_by_motors(fit.theta[None], windows)[0]
+    wind_power = power(windows.rate - rate_by_motors)
+    motor_power = power(rate_by_motors)
     return wind_power / (wind_power + motor_power)
 
 
-def _alias_share(parameters: Parameters, theta: Array, windows: FlightWindows) -> float:
-    """The share of the commands' variance above half of the Nyquist frequency, each window without its mean."""
-    commands = np.einsum("crwf,r->wf", windows.inputs[:2], parameters.effect(theta))
+def _alias_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
+    """Returns the share of the commanded torque's variance that lies above half of the Nyquist frequency."""
+    # The first two channels add up to the inputs.
+    commands = np.einsum("crwf,r->wf", windows.inputs[:2], fit.model.effect(fit.theta))
     power = abs(_tapered(commands)) ** 2
     return power[:, power.shape[1] // 2 :].sum() / power.sum()
 
 
 def _tapered(transform: ComplexArray) -> ComplexArray:
-    """Twice a transform (W, F) under Hann's window, but for its ends."""
+    """Returns twice the transform (W, F − 2) of Hann-tapered windows, from their transform (W, F) without a taper."""
     return transform[:, 1:-1] - (transform[:, :-2] + transform[:, 2:]) / 2

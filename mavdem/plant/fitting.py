@@ -1,4 +1,4 @@
-"""The most probable parameters of the gray-box model, by Fisher's scoring over all windows of a flight."""
+"""Maximum a posteriori fit of the gray-box model to all windows of a flight, by Fisher scoring."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -14,63 +14,121 @@ from mavdem.dem.engine.gauss_newton import (
     QuadraticExpansion,
     gauss_newton,
 )
-from mavdem.plant.likelihood import FlightWindows, Parameters
+from mavdem.plant.likelihood import GrayBoxModel
 from mavdem.plant.sampled_plant import FIRST_ORDER, GAUSSIAN_KERNEL
+from mavdem.plant.windows import FlightWindows
 
-WINDS = ((FIRST_ORDER,), (FIRST_ORDER, GAUSSIAN_KERNEL), (GAUSSIAN_KERNEL, GAUSSIAN_KERNEL))
-"""Winds to choose from: turbulence, turbulence with smooth gusts, two kinds of smooth gusts, the slow ones first."""
+WIND_SPECTRA = (
+    (FIRST_ORDER,),
+    (FIRST_ORDER, GAUSSIAN_KERNEL),
+    (GAUSSIAN_KERNEL, GAUSSIAN_KERNEL),
+)
+"""Spectra of the wind torque to choose from, slow component first.
 
-LONGEST_LOG_STEP = 0.7  # of any logarithm, in one step
-EFFECT_SD = 0.05
-UNLIKE = 1.0
-"""Standard deviation of a motor's effect from the mixer's direction, relative to the mean effect, beforehand: where the
-mixer is known or recognised, and where it is neither."""
-# of the rate: the least white noise, below which steps of the stream are modelled and not the vehicle
-FLOOR = 0.01
-MAX_CHUNK = 24  # windows whose prediction errors are in memory together
+They are turbulence, turbulence with smooth gusts, and two kinds of smooth gusts.
+"""
+
+MAX_LOG_STEP = 0.7
+"""Largest change of any logarithm in one step of the fit, about a factor of 2: a choice."""
+
+KNOWN_MIXER_SD = 0.05
+"""Prior standard deviation of a motor's effect from the mixer's direction, relative to the mean effect.
+
+It is for a mixer that is known or recognised: a choice, as motors and propellers of one type differ.
+"""
+
+UNKNOWN_MIXER_SD = 1.0
+"""The same where the mixer is neither known nor recognised."""
+
+MIN_RELATIVE_NOISE = 0.01
+"""Least white noise of the rate, relative to its standard deviation.
+
+Below it, rounding steps of the telemetry would be modelled and not the vehicle.
+"""
+
+MIN_PARAMETER_SCALE = 0.01
+"""Least magnitude of a parameter for the size of its finite difference: a choice."""
+
+RELATIVE_RIDGE = 1e-9
+"""Ridge of the first regression, relative to the mean diagonal of its Gram matrix: it only keeps it invertible."""
+
+MIN_INITIAL_EFFECT = 1e-6
+"""Least effect to begin with, rad/s² per unit of the inputs, so that its logarithm is finite."""
+
+INITIAL_DAMPING = 1e-2
+"""Levenberg-Marquardt damping of the first step, relative to the curvature's diagonal: a choice."""
+
+DAMPING_FACTOR = 6.0
+"""Factor by which the damping changes after a step that fails or succeeds: a choice."""
+
+MAX_DAMPING_ATTEMPTS = 12
+"""Times that a step is damped more before the fit ends: a choice."""
+
+MAX_CHUNK = 24
+"""Number of windows whose prediction errors are in memory together."""
 
 
 class GrayBoxFit(NamedTuple):
-    """The log joint about parameters θ."""
+    """Log posterior of the gray-box model, expanded to second order about its maximum."""
 
-    parameters: Parameters  # what θ means
-    theta: Array  # (k,)
-    value: float  # of the log joint
-    curvature: Array  # (k, k) of the negative log joint, prior included
-    # (W,) standard deviation of each window's prediction errors, relative to what θ says
+    model: GrayBoxModel
+    """The model, which says what the entries of θ are."""
+
+    theta: Array
+    """Most probable parameters (k,)."""
+
+    value: float
+    """Value of the log posterior there, in nats, up to a constant."""
+
+    curvature: Array
+    """Negative second derivative of the log posterior (k, k): information of the likelihood and of the prior."""
+
     levels: Array
+    """Standard deviation of each window's prediction errors (W,), relative to what θ predicts."""
 
     @property
     def evidence(self) -> float:
-        """Laplace's evidence, up to a constant that is the same for all winds."""
-        _, sd = self.parameters.prior
-        return self.value - 0.5 * np.linalg.slogdet(self.curvature)[1] - np.log(sd).sum()
+        """Log evidence of the model by Laplace's approximation, up to a constant that all wind spectra share."""
+        _, prior_sd = self.model.prior
+        return self.value - 0.5 * np.linalg.slogdet(self.curvature)[1] - np.log(prior_sd).sum()
 
 
-class LogJoint(NamedTuple):
-    """The log joint of the innovations and the parameters, an ``Objective`` of Fisher's scoring.
+class LogPosterior(NamedTuple):
+    """Log posterior density of the gray-box model's parameters; an ``Objective`` for Fisher scoring.
 
-    The level of each window's innovations is solved for: its likelihood is −N/2 log of their mean square.
+    The level of each window's prediction errors is maximised over, so that a window of N errors contributes
+    −N/2 · ln(mean square) to the log likelihood.
     """
 
-    parameters: Parameters
+    model: GrayBoxModel
+    """The model."""
+
     windows: FlightWindows
+    """The data."""
 
     def value(self, at: Array) -> float:
-        """Returns the value, NaN where there is none."""
+        """Returns the log posterior density of θ = ``at`` (k,), up to a constant; NaN where there is none."""
         value = self._log_prior(at)
         for errors, _ in self.innovations(at[None]):
             value += _log_likelihood(errors[0])
         return value
 
     def expand(self, at: Array) -> QuadraticExpansion:
-        """Returns the value to second order, by differences, all at once; ``LinAlgError`` where there is none."""
-        mean, sd = self.parameters.prior
-        steps = FINITE_DIFFERENCE_STEP * np.maximum(0.01, abs(at))
+        """Returns the log posterior about θ = ``at`` (k,) to second order, with the Fisher information as curvature.
+
+        Prediction errors are differentiated by forward differences in all parameters, evaluated in one batch.
+
+        Raises:
+            numpy.linalg.LinAlgError: the log posterior or its curvature is not finite.
+        """
+        mean, sd = self.model.prior
+        steps = FINITE_DIFFERENCE_STEP * np.maximum(MIN_PARAMETER_SCALE, abs(at))
         value = self._log_prior(at)
         slope = (mean - at) / sd**2
         curvature = np.diag(sd**-2.0)
         for errors, _ in self.innovations(np.vstack([at, at + np.diag(steps)])):
+            # The first row has the errors at the point itself, the others with one parameter changed. To save memory
+            # they become slopes in place, of errors scaled to a mean square of 1 in each window.
             value += _log_likelihood(errors[0])
             errors /= np.sqrt(np.mean(errors[0] ** 2, axis=1))[:, None]
             errors[1:] -= errors[0]
@@ -82,73 +140,109 @@ class LogJoint(NamedTuple):
             raise LinAlgError("nothing has a likelihood")
         return QuadraticExpansion(at, value, slope, curvature)
 
-    def limited(self, step: Array) -> Array:
-        """Returns a step that changes no logarithm by more than ``LONGEST_LOG_STEP``."""
-        return step * min(1.0, LONGEST_LOG_STEP / abs(step[self.parameters.logarithms]).max())
+    def limited_step(self, step: Array) -> Array:
+        """Shortens a step (k,) so that no logarithm changes by more than ``MAX_LOG_STEP``, and keeps its direction."""
+        largest = abs(step[self.model.logarithm_indices]).max()
+        return step * min(1.0, MAX_LOG_STEP / largest)
 
-    def innovations(self, points: Array) -> Iterator[ArrayPair]:
-        """Yields those of some windows at a time, as of ``Parameters``."""
+    def innovations(self, thetas: Array) -> Iterator[ArrayPair]:
+        """Yields the prediction errors (b, chunk, N′) of some windows at a time, with their variances (b,).
+
+        Args:
+            thetas: b parameter vectors (b, k).
+        """
         for start in range(0, len(self.windows.rate), MAX_CHUNK):
             with np.errstate(all="ignore"):
-                part = self.windows.some(slice(start, start + MAX_CHUNK))
-                yield self.parameters.innovations(points, part)
+                chunk = self.windows.select(slice(start, start + MAX_CHUNK))
+                yield self.model.innovations(thetas, chunk)
 
-    def _log_prior(self, at: Array) -> float:
-        mean, sd = self.parameters.prior
-        return -0.5 * np.sum(((at - mean) / sd) ** 2)
+    def _log_prior(self, theta: Array) -> float:
+        """Returns the logarithm of the normal prior density of θ (k,), up to a constant."""
+        mean, sd = self.model.prior
+        return -0.5 * np.sum(((theta - mean) / sd) ** 2)
 
 
 def _log_likelihood(errors: Array) -> float:
-    """Of the innovations (W, N) of windows, each of a level of its own."""
+    """Returns the log likelihood of prediction errors (W, N) of W windows, each with the level that maximises it."""
     return -0.5 * errors.shape[1] * np.log(np.mean(errors**2, axis=1)).sum()
 
 
-def fitted(
-    parameters: Parameters, windows: FlightWindows, start: Array, promised: float = 0.0
+def fit_gray_box(
+    model: GrayBoxModel, windows: FlightWindows, start: Array, min_gain: float = 0.0
 ) -> GrayBoxFit:
-    """Returns the most probable parameters, from ``start`` (k,) on; ``LinAlgError`` where there is no likelihood there.
+    """Fits the gray-box model to windows of a flight by damped Fisher scoring.
 
-    It stays at ``start`` where less than the ``promised`` gain, in nats, is expected of the first step.
+    Args:
+        model: the model.
+        windows: the data.
+        start: parameters (k,) to begin with.
+        min_gain: gain of the log posterior, in nats, that must be predicted at the start; else the fit stays there.
+
+    Raises:
+        numpy.linalg.LinAlgError: the log posterior is not finite at the start.
     """
-    objective = LogJoint(parameters, windows)
-    damping = Damping(initial=1e-2, factor=6.0, max_attempts=12, limit_step=objective.limited)
+    objective = LogPosterior(model, windows)
+    damping = Damping(
+        initial=INITIAL_DAMPING,
+        factor=DAMPING_FACTOR,
+        max_attempts=MAX_DAMPING_ATTEMPTS,
+        limit_step=objective.limited_step,
+    )
     first = objective.expand(start)
-    iterations = MAX_STEPS if first.predicted_gain >= promised else 0
-    trace, _ = gauss_newton(objective, first, damping, iterations)
+    max_steps = MAX_STEPS if first.predicted_gain >= min_gain else 0
+    trace, _ = gauss_newton(objective, first, damping, max_steps)
     last = trace[-1]
-    levels = [
-        np.sqrt(np.mean(errors[0] ** 2, axis=1) / variance)
-        for errors, variance in objective.innovations(last.point[None])
-    ]
-    return GrayBoxFit(parameters, last.point, last.value, last.curvature, np.concatenate(levels))
+    levels = []
+    for errors, variance in objective.innovations(last.point[None]):
+        levels.append(np.sqrt(np.mean(errors[0] ** 2, axis=1) / variance))
+    return GrayBoxFit(model, last.point, last.value, last.curvature, np.concatenate(levels))
 
 
-def directed(windows: FlightWindows, effect_directions: Array | None) -> tuple[Parameters, Array]:
-    """Returns directions of the motors' effect, and the parameters to begin with.
+def initial_model(
+    windows: FlightWindows, effect_directions: Array | None
+) -> tuple[GrayBoxModel, Array]:
+    """Returns the gray-box model with the motors' directions, and parameters to begin its fit with.
 
-    By linear regression on the innovations at the prior's mean, where there are no ``effect_directions`` (r,).
+    The effects are estimated by linear regression of the prediction errors at the prior mean. They give the directions
+    where the mixer is not known, and the size of the effect along its directions where it is.
+
+    Args:
+        windows: the data, with r inputs.
+        effect_directions: relative effect of each input by the mixer (r,), or ``None``.
+
+    Returns:
+        The model with the first of ``WIND_SPECTRA``; and its prior mean θ (k,) with the estimated effect in it.
     """
     r = windows.inputs.shape[1]
     power = 2 * np.sum(abs(windows.rate) ** 2, axis=1).mean()
-    plain = Parameters(np.ones(r), UNLIKE, WINDS[0], FLOOR * np.sqrt(power) / windows.samples)
-    mean, _ = plain.prior
-    # Effects 0 and, one after the other, 1: log effect 0 and deviations −1, but for the motor's own.
+    min_noise = MIN_RELATIVE_NOISE * np.sqrt(power) / windows.samples
+    model = GrayBoxModel(np.ones(r), UNKNOWN_MIXER_SD, WIND_SPECTRA[0], min_noise)
+
+    # The errors are linear in the effects, so their slopes are differences: between all effects 0 (each deviation −1
+    # from its direction 1), and one effect 1 (its deviation 0).
+    mean, _ = model.prior
     points = np.repeat(mean[None], r + 1, axis=0)
     points[:, 0] = 0.0
     points[:, 1 : r + 1] = -1.0 + np.eye(r + 1, r, k=-1)
-    errors, _ = plain.innovations(points, windows)
+    errors, _ = model.innovations(points, windows)
     target = errors[0].ravel()
     slopes = (errors[0] - errors[1:]).reshape(r, -1).T
     gram = slopes.T @ slopes
-    ridge = 1e-9 * np.trace(gram) / r * np.eye(r)
-    effect = np.linalg.solve(gram + ridge, slopes.T @ target)
-    directions = effect if effect_directions is None else effect_directions
-    deviation = UNLIKE if effect_directions is None else EFFECT_SD
+    ridge = RELATIVE_RIDGE * np.trace(gram) / r
+    effect = np.linalg.solve(gram + ridge * np.eye(r), slopes.T @ target)
+
+    if effect_directions is None:
+        directions = effect
+        deviation_sd = UNKNOWN_MIXER_SD
+    else:
+        directions = effect_directions
+        deviation_sd = KNOWN_MIXER_SD
     directions = directions / abs(directions).mean()
-    along = (directions @ gram @ effect) / (directions @ gram @ directions + ridge[0, 0])
-    # The autopilot's parameters may count turns the other way round.
-    directions = directions if along >= 0 else -directions
-    parameters = plain._replace(directions=directions, deviation=deviation)
-    start, _ = parameters.prior
-    start[0] = np.log(max(abs(along), 1e-6))
-    return parameters, start
+    projected_effect = (directions @ gram @ effect) / (directions @ gram @ directions + ridge)
+    # The autopilot's parameters may count rotations with the opposite sign.
+    if projected_effect < 0:
+        directions = -directions
+    model = model._replace(directions=directions, deviation_sd=deviation_sd)
+    start, _ = model.prior
+    start[0] = np.log(max(abs(projected_effect), MIN_INITIAL_EFFECT))
+    return model, start

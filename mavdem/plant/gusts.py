@@ -1,6 +1,6 @@
-"""Gusts: where the wind's torque leaves its running level by more than its turbulence does, and returns to it.
+"""Gusts: where the wind torque leaves its running level by more than turbulence does, and returns to it.
 
-They last as long as the estimate resolves. A step that stays, as of a motor that weakens, is none.
+A gust is at least as long as the estimate resolves. A step that stays, as when a motor weakens, is no gust.
 """
 
 from itertools import pairwise
@@ -14,23 +14,30 @@ from mavdem.confidence import coverage_factor
 from mavdem.dem.record import Record
 from mavdem.plant.parameters import Physical
 
-# of the estimate's variance, that its errors may have before it is not resolved
 MAX_ERROR_SHARE = 0.75
-RUNNING_LEVEL_SECONDS = 10.0  # of the running median, which a gust stands out from
-THRESHOLD = 4.0  # standard deviations from it, by the median absolute deviation
-END = 0.5  # of the threshold, within which a gust begins and ends
-# half widths of the band, which a gust exceeds: errors in quick manoeuvres are no gusts
-CERTAIN_BANDS = 2.0
+"""Largest variance of the wind torque's errors, relative to the variance of its estimate, with which it is resolved."""
+
+RUNNING_LEVEL_SECONDS = 10.0
+"""Width of the running median that gusts stand out from, s: a choice, longer than a gust."""
+
+GUST_THRESHOLD = 4.0
+"""Peak distance of a gust from the running level, in robust standard deviations: a choice, rare in turbulence."""
+
+END_THRESHOLD_SHARE = 0.5
+"""Distance from the running level at which a gust begins and ends, relative to the threshold: a choice."""
+
+MIN_BAND_MULTIPLE = 2.0
+"""Least peak distance of a gust, in half widths of the torque's band: errors in quick manoeuvres are no gusts."""
 
 
 class DetectedGust(NamedTuple):
-    """Wind that leaves its running level by ``THRESHOLD`` standard deviations.
+    """A gust: wind torque that leaves its running level by ``GUST_THRESHOLD`` standard deviations, and returns.
 
     Attributes:
-        sample: the first of it, in the record.
-        start: that sample's time since the record's first, s; gaps between segments do not count.
-        length: s, for which it stays beyond half the threshold.
-        size: its largest distance from the level, with its sign, rad/s².
+        sample: index of its first sample in the record.
+        start: time of that sample since the record's first, s; gaps between segments do not count.
+        length: time for which it stays beyond half of the threshold, s.
+        size: largest distance from the running level, with its sign, rad/s².
     """
 
     sample: int
@@ -40,17 +47,22 @@ class DetectedGust(NamedTuple):
 
 
 class Gusts(NamedTuple):
-    """What was found, the threshold in rad/s², and how many a minute Gaussian turbulence alone would give."""
+    """Result of the detection of gusts."""
 
     found: tuple[DetectedGust, ...]
+    """The gusts, in order of time."""
+
     threshold: float
+    """Distance from the running level that a gust exceeds, rad/s²."""
+
     false_per_minute: float
+    """Number of false gusts a minute to expect of Gaussian turbulence alone."""
 
 
 def min_gust_duration(physical: Physical, dt: float) -> float:
-    """Returns how long a gust lasts at least, s: longer than the motors take to answer, and two steps.
+    """Returns the least duration of a gust, s: the motors' lag and delay, and two steps of dt seconds.
 
-    Within that an error of lag or delay looks like a gust.
+    Within that time an error of lag or delay looks like a gust.
     """
     return 2 * dt + physical.lag + physical.delay
 
@@ -59,42 +71,78 @@ def gusts(
     torque: Array,
     band: Array,
     record: Record,
-    shortest: float = 0.0,
+    min_duration: float = 0.0,
 ) -> Gusts:
-    """Returns the gusts of the wind's ``torque`` (T,), no less than twice the half width of its ``band`` (T,).
+    """Detects the gusts in a course of wind torque.
 
-    There are none where the errors that the band stands for are most of what the torque is.
-    They last ``shortest`` s or more and return to the level they left: a step, as of a motor, is none. The rate of
-    false ones is that at which a Gaussian process of the same variance and the same variance of its derivative crosses
-    the threshold, on both sides (Rice, "Mathematical analysis of random noise", 1944, sec. 3.3).
+    The rate of false gusts is that at which a Gaussian process with the same variance, and the same variance of its
+    derivative, crosses the threshold on either side (S. O. Rice, "Mathematical analysis of random noise", 1944, sec.
+    3.3). Both are estimated by medians, so that gusts and gaps do not count. Where the errors have most of the torque's
+    variance, there are no gusts.
+
+    Args:
+        torque: wind torque (T,), rad/s².
+        band: half width of its 90 % band (T,), rad/s²; a gust is at least twice as large.
+        record: the samples' time step and segments.
+        min_duration: least duration of a gust, s.
     """
     width = round(RUNNING_LEVEL_SECONDS / record.dt)
-    parts = np.split(torque, record.segment_starts[1:])
-    levels = [median_filter(part, min(len(part), width) | 1) for part in parts]
-    away = torque - np.concatenate(levels)
-    sd = float(np.median(abs(away))) / coverage_factor(0.5)
-    if sd == 0.0 or np.mean((band / coverage_factor()) ** 2) > MAX_ERROR_SHARE * np.var(torque):
-        return Gusts((), THRESHOLD * sd, 0.0)
-    # Likewise by the median, so that gusts and gaps do not count.
-    slope = float(np.median(abs(np.diff(away)))) / coverage_factor(0.5) / record.dt
-    false = 2 * 60 * slope / sd / (2 * np.pi) * float(np.exp(-(THRESHOLD**2) / 2))
-    # A change of sign ends a gust, and so does a gap.
-    signs = np.sign(away) * (abs(away) > END * THRESHOLD * sd)
-    changes = 1 + np.flatnonzero(np.diff(signs))
-    edges = sorted({0, len(away), *changes.tolist(), *record.segment_starts.tolist()})
+    deviation = torque - _running_level(torque, record, width)
+    sd = float(np.median(abs(deviation))) / coverage_factor(0.5)
+    threshold = GUST_THRESHOLD * sd
+    error_variance = np.mean((band / coverage_factor()) ** 2)
+    if sd == 0.0 or error_variance > MAX_ERROR_SHARE * np.var(torque):
+        return Gusts((), threshold, 0.0)
+
+    slope_sd = float(np.median(abs(np.diff(deviation)))) / coverage_factor(0.5) / record.dt
+    exceedance = float(np.exp(-(GUST_THRESHOLD**2) / 2))
+    false_per_minute = 2 * 60 * slope_sd / sd / (2 * np.pi) * exceedance
+
+    # A gust ends where the deviation changes its sign, and at a gap.
+    signs = np.sign(deviation) * (abs(deviation) > END_THRESHOLD_SHARE * GUST_THRESHOLD * sd)
+    sign_changes = 1 + np.flatnonzero(np.diff(signs))
+    edges = sorted({0, len(deviation), *sign_changes.tolist(), *record.segment_starts.tolist()})
     detected = []
     for start, stop in pairwise(edges):
-        peak = start + int(np.argmax(abs(away[start:stop])))
-        length = (stop - start) * record.dt
-        high = abs(away[peak]) > max(THRESHOLD * sd, CERTAIN_BANDS * band[peak])
-        if high and length >= shortest and not _stays(torque, start, stop, width // 2, sd, record):
-            detected.append(DetectedGust(start, start * record.dt, length, away[peak]))
-    return Gusts(tuple(detected), THRESHOLD * sd, false)
+        peak = start + int(np.argmax(abs(deviation[start:stop])))
+        duration = (stop - start) * record.dt
+        is_large = abs(deviation[peak]) > max(threshold, MIN_BAND_MULTIPLE * band[peak])
+        if not is_large or duration < min_duration:
+            continue
+        if _level_changes(torque, start, stop, width // 2, threshold, record):
+            continue
+        detected.append(DetectedGust(start, start * record.dt, duration, deviation[peak]))
+    return Gusts(tuple(detected), threshold, false_per_minute)
 
 
-def _stays(torque: Array, start: int, stop: int, beside: int, sd: float, record: Record) -> bool:
-    """Whether what begins and ends at these samples leaves the torque at another level, so many samples ``beside``."""
-    first = record.segment_starts[record.segment_starts <= start].max()
-    end = record.segment_starts[record.segment_starts >= stop].min(initial=len(torque))
-    sides = torque[max(start - beside, first) : start], torque[stop : min(stop + beside, end)]
-    return all(map(len, sides)) and abs(np.ptp(list(map(np.median, sides)))) > THRESHOLD * sd
+def _running_level(torque: Array, record: Record, width: int) -> Array:
+    """Returns the running median (T,) of a torque (T,) over so many samples, in each segment by itself."""
+    levels = []
+    for segment in np.split(torque, record.segment_starts[1:]):
+        # The width of a median filter must be odd.
+        odd_width = min(len(segment), width) | 1
+        levels.append(median_filter(segment, odd_width))
+    return np.concatenate(levels)
+
+
+def _level_changes(
+    torque: Array, start: int, stop: int, reach: int, threshold: float, record: Record
+) -> bool:
+    """Returns whether the torque has another level after an excursion than before it.
+
+    Args:
+        torque: wind torque (T,), rad/s².
+        start: first sample of the excursion.
+        stop: first sample after it.
+        reach: number of samples before and after it whose medians are compared, within its segment.
+        threshold: difference of the medians that counts, rad/s².
+        record: the segments.
+    """
+    starts = record.segment_starts
+    segment_start = starts[starts <= start].max()
+    segment_end = starts[starts >= stop].min(initial=len(torque))
+    before = torque[max(start - reach, segment_start) : start]
+    after = torque[stop : min(stop + reach, segment_end)]
+    if not len(before) or not len(after):
+        return False
+    return abs(np.ptp([np.median(before), np.median(after)])) > threshold

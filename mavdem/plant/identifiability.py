@@ -1,7 +1,7 @@
-"""Identifiability: whether a flight determines effect, damping and lag, and the reason where it does not.
+"""Identifiability: whether a flight determines effect, damping and lag, and why where it does not.
 
-All limits and model errors of the room stand here. They were chosen on simulated flights of three vehicles in seven
-winds, steered in four ways and not at all, and tried on as many others (``tools/validation/physical.py``;
+All limits and model errors of the gray-box model stand here. They were chosen on simulated flights of three vehicles in
+seven winds, steered in four ways and not at all, and validated on as many others (``tools/validation/physical.py``;
 docs/physical.md).
 """
 
@@ -15,146 +15,235 @@ from mavdem.facts.identifiability import Status
 from mavdem.facts.model import ParameterDoubt
 
 PARAMETERS = ("effect", "damping", "lag")
+"""Names of the physical parameters whose identifiability is judged; the delay goes with the lag."""
 
 
-class Limit(NamedTuple):
-    """The largest figure up to which a parameter is reported, and up to which it is reported with a bias."""
+class Limits(NamedTuple):
+    """Limits of a figure by which a parameter is judged."""
 
     reported: float
+    """Largest figure with which a parameter is reported."""
+
     biased: float
+    """Largest figure with which a parameter is reported as biased; beyond it is not identifiable."""
 
     def status(self, figure: float) -> Status:
-        """Returns what a figure makes of its parameter."""
+        """Returns the status of a parameter with this figure."""
         if figure <= self.reported:
             return Status.REPORTED
-        return Status.BIASED if figure <= self.biased else Status.NOT_IDENTIFIABLE
+        if figure <= self.biased:
+            return Status.BIASED
+        return Status.NOT_IDENTIFIABLE
 
 
-WIND_SHARE = Limit(0.20, 0.29)  # of the wind, in the torque's variance
-RELATIVE_SD = {"effect": Limit(0.08, 0.20), "damping": Limit(0.75, 0.75), "lag": Limit(0.25, 0.35)}
-SPECTRUM_RANGE = {
-    "effect": Limit(0.06, 0.30),
-    "damping": Limit(0.60, 0.90),
-    "lag": Limit(0.40, 0.40),
+WIND_SHARE = Limits(reported=0.20, biased=0.29)
+"""Limits of the wind torque's share of the variance of all torque, in the band of the motion."""
+
+RELATIVE_SD = {
+    "effect": Limits(reported=0.08, biased=0.20),
+    "damping": Limits(reported=0.75, biased=0.75),
+    "lag": Limits(reported=0.25, biased=0.35),
 }
-"""Of the logarithm of the estimate, over the spectra that the wind may have. An effect cannot be told from its lag."""
-MAX_ALIAS_SHARE = 0.12  # of the commands' variance, above half of the Nyquist frequency
-MIN_RESOLVED_RATE = 80.0  # Hz, below which the commands between samples matter
-RESOLVED_LAG = 0.5  # steps of the stream: a shorter lag cannot be told from a delay
+"""Limits of the relative standard deviation of each parameter."""
+
+SPECTRUM_RANGE = {
+    "effect": Limits(reported=0.06, biased=0.30),
+    "damping": Limits(reported=0.60, biased=0.90),
+    "lag": Limits(reported=0.40, biased=0.40),
+}
+"""Limits of the range of the logarithm of each estimate over the assumed spectra of the wind torque.
+
+In closed loop the inputs are correlated with the wind torque, so a wrong spectrum biases the estimates.
+"""
+
+MAX_ALIAS_SHARE = 0.12
+"""Largest share of the commands' variance above half of the Nyquist frequency: beyond, samples miss commands."""
+
+MIN_RESOLVED_RATE = 80.0
+"""Rate of the samples, Hz, below which what the commands do between samples matters."""
+
+RESOLVED_LAG = 0.5
+"""Shortest motor lag, in time steps of the samples, that can be distinguished from a delay."""
+
+SEPARABLE_LAG = 5 * RESOLVED_LAG
+"""Shortest motor lag, in time steps, that samples slower than ``MIN_RESOLVED_RATE`` separate from delay and damping."""
 
 
 class OmissionErrors:
-    """Standard deviations of what the model leaves out, by which estimates differ from the truth besides by chance.
+    """Errors of the estimates by what the model leaves out, as standard deviations unless stated otherwise.
 
-    By so much simulated flights differ from the same vehicle linearised, sampled at every step of their controller:
-    the effect changes with the tilt in wind, and rotors spin up twice as fast as they slow down.
+    Simulated flights of nonlinear vehicles differ by so much from the same vehicle linearised and sampled at every
+    cycle of its controller: the effect changes with the tilt in wind, and rotors spin up faster than they slow down.
     """
 
-    # times the likelihood's standard deviation: the wind's spectrum is not quite that of the model
-    own = 3.0
-    effect = 0.02  # of all motors together, as a share of the effect
-    motor = 0.015  # of each by itself, likewise
-    damping = 0.3  # 1/s
-    lag = 0.08  # as a share of the lag
-    delay = 0.002  # s
-    unknown_effect = 0.4  # of an effect that is not identifiable, as a share of it
-    # of an effect that is biased by wind, as a share: likely, and as uncertain
+    likelihood_factor = 3.0
+    """Factor on the likelihood's standard deviation, as the wind torque's spectrum is not quite that of the model."""
+
+    effect = 0.02
+    """Error common to the effects of all motors, relative to the effect."""
+
+    motor = 0.015
+    """Error of the effect of each motor by itself, relative to the effect."""
+
+    damping = 0.3
+    """Error of the damping, 1/s."""
+
+    lag = 0.08
+    """Error of the lag, relative to the lag."""
+
+    delay = 0.002
+    """Error of the delay, s."""
+
+    unidentified_effect = 0.4
+    """Error of an effect that is not identifiable, relative to the effect."""
+
     wind_bias = -0.15
-    # likewise where the lag is not resolved: what delays the rate, as a filter, adds to it
+    """Likely bias of an effect with much wind torque, relative to the effect; its error is as large."""
+
     lag_bias = 0.1
-    lag_damping = 1.2  # 1/s, of damping there
-    # of an effect: by the battery's voltage and the load, as a share of it
+    """Likely bias of an effect where the lag is not resolved, relative to the effect; its error is as large.
+
+    What delays the rate, such as a gyro filter, is then taken for motor lag.
+    """
+
+    unresolved_lag_damping = 1.2
+    """Error of the damping where the lag is not resolved, 1/s."""
+
     between_flights = 0.1
-    # of the wind's torque, as a share of its sd: drag and cross-coupling are not modelled
+    """Change of the effect from flight to flight by battery voltage and load, relative to the effect."""
+
     wind = 0.15
-    wind_sd = 0.1  # of its sd and of its mean, likewise
+    """Error of the wind torque's course by drag and cross-coupling, relative to its standard deviation."""
+
+    wind_sd = 0.1
+    """Error of the wind torque's standard deviation and of its mean, relative to its standard deviation."""
 
 
 class NotIdentifiable(NamedTuple):
-    """There are no physical parameters: ``reason`` says why, and ``refusal`` why none in the loop."""
+    """The result where a flight has no physical parameters at all."""
 
     reason: Fact
+    """Why there are none."""
+
     refusal: Fact | None = None
+    """Why there are none of the plant in its closed loop either, where that was asked for."""
 
 
 class IdentifiabilityFigures(NamedTuple):
-    """What decides whether parameters are identifiable; dictionaries by name of parameter."""
+    """Figures of a fit that decide whether its parameters are identifiable; dictionaries by parameter name."""
 
-    # of the wind's torque, in the variance of its sum with the motors', in the roll motion's band
     wind_share: float
-    # share of the commands' variance that is above half of the Nyquist frequency
+    """Share of the wind torque in the variance of its sum with the motors' torque, in the band of the motion."""
+
     alias_share: float
-    sd: dict[str, float]  # relative standard deviation of the estimate, by ``OmissionErrors.own``
-    spectrum_range: dict[str, float]  # of the logarithm, over the wind's possible spectra
-    lag: float  # estimate beyond the shortest that a stream can hold, s
-    dt: float  # step of the stream, s
+    """Share of the commands' variance above half of the Nyquist frequency."""
+
+    sd: dict[str, float]
+    """Relative standard deviation of each estimate, with ``OmissionErrors.likelihood_factor``."""
+
+    spectrum_range: dict[str, float]
+    """Range of the logarithm of each estimate over the assumed spectra of the wind torque."""
+
+    lag: float
+    """Estimated lag without its lower bound, s."""
+
+    dt: float
+    """Time step of the samples, s."""
 
     @property
-    def quick(self) -> bool:
-        """Whether the motors are quicker than the stream, at ``MIN_RESOLVED_RATE`` or more."""
+    def lag_unresolved(self) -> bool:
+        """Whether the motors are quicker than one step of samples that are fast enough (``MIN_RESOLVED_RATE``)."""
         return self.lag < self.dt <= 1 / MIN_RESOLVED_RATE
+
+
+class _Obstacle(NamedTuple):
+    """Something that may stand in the way of identifying a parameter."""
+
+    status: Status
+    """Status that it leaves the parameter; it may be REPORTED."""
+
+    doubt: Fact
+    """The reason, where the status is not REPORTED."""
 
 
 def identifiability(
     figures: IdentifiabilityFigures,
 ) -> tuple[dict[str, Status], dict[str, Fact | None]]:
-    """Returns status and reason by name of parameter; ``None`` where nothing is to be said."""
+    """Judges which parameters a flight identifies.
+
+    The worst obstacle of a parameter decides. Damping and lag are no better than the effect, because a wrong effect is
+    compensated by a wrong lag.
+
+    Returns:
+        Status by parameter name; and reason by parameter name, ``None`` where the parameter is reported.
+    """
     statuses = dict[str, Status]()
-    reasons = {}
+    reasons = dict[str, Fact | None]()
     for name in PARAMETERS:
         obstacles = [
-            obstacle for obstacle in _obstacles(name, figures) if obstacle[0] != Status.REPORTED
+            obstacle for obstacle in _obstacles(name, figures) if obstacle.status != Status.REPORTED
         ]
-        effect = statuses.get("effect", Status.REPORTED)
-        if effect not in (Status.REPORTED, *(status for status, _ in obstacles)):
-            # A wrong effect is made up for by a wrong lag.
-            follows = Fact(ParameterDoubt.FOLLOWS_FROM_EFFECT, status=effect)
-            obstacles.append((effect, follows))
-        is_unknown = any(status == Status.NOT_IDENTIFIABLE for status, _ in obstacles)
-        worst = Status.NOT_IDENTIFIABLE if is_unknown else Status.BIASED
-        level = Level.UNKNOWN if is_unknown else Level.WATCH
-        doubts = [doubt for status, doubt in obstacles if status == worst]
-        statuses[name] = worst if doubts else Status.REPORTED
-        reasons[name] = doubts[0].but(level) if doubts else None
-        if len(doubts) > 1:
-            reasons[name] = Fact(ParameterDoubt.SEVERAL_DOUBTS, level, because=doubts)
+        effect_status = statuses.get("effect", Status.REPORTED)
+        found_statuses = [obstacle.status for obstacle in obstacles]
+        if effect_status != Status.REPORTED and effect_status not in found_statuses:
+            follows = Fact(ParameterDoubt.FOLLOWS_FROM_EFFECT, status=effect_status)
+            obstacles.append(_Obstacle(effect_status, follows))
+        statuses[name], reasons[name] = _worst(obstacles)
     return statuses, reasons
 
 
-def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Status, Fact]]:
-    """What stands in the way of a parameter, with the status that it leaves; some may leave "reported"."""
+def _worst(obstacles: list[_Obstacle]) -> tuple[Status, Fact | None]:
+    """Returns the status that obstacles leave a parameter, and the reason; several reasons become one fact."""
+    if not obstacles:
+        return Status.REPORTED, None
+    status = Status.BIASED
+    level = Level.WATCH
+    if any(obstacle.status == Status.NOT_IDENTIFIABLE for obstacle in obstacles):
+        status = Status.NOT_IDENTIFIABLE
+        level = Level.UNKNOWN
+    doubts = [obstacle.doubt for obstacle in obstacles if obstacle.status == status]
+    if len(doubts) == 1:
+        return status, doubts[0].but(level)
+    return status, Fact(ParameterDoubt.SEVERAL_DOUBTS, level, because=doubts)
+
+
+def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[_Obstacle]:
+    """Yields what may stand in the way of the parameter with this name, each with the status that it leaves."""
     rate = 1 / figures.dt
-    spread = figures.spectrum_range[name]
-    by_wind = WIND_SHARE.status(figures.wind_share)
-    is_low = by_wind == Status.BIASED and name == "effect"
-    yield (
-        by_wind,
-        Fact(
-            ParameterDoubt.WIND_SHARE_HIGH,
-            share=figures.wind_share,
-            share_limit=WIND_SHARE.reported,
-            bias=OmissionErrors.wind_bias if is_low else None,
-        ),
+
+    wind_status = WIND_SHARE.status(figures.wind_share)
+    # Wind torque biases the effect in a known direction.
+    has_known_bias = wind_status == Status.BIASED and name == "effect"
+    wind_doubt = Fact(
+        ParameterDoubt.WIND_SHARE_HIGH,
+        share=figures.wind_share,
+        share_limit=WIND_SHARE.reported,
+        bias=OmissionErrors.wind_bias if has_known_bias else None,
     )
+    yield _Obstacle(wind_status, wind_doubt)
+
     if figures.alias_share > MAX_ALIAS_SHARE:
         aliased = Fact(ParameterDoubt.COMMANDS_TOO_FAST, share=figures.alias_share, rate=rate)
-        yield Status.NOT_IDENTIFIABLE, aliased
+        yield _Obstacle(Status.NOT_IDENTIFIABLE, aliased)
+
     sd = figures.sd[name]
-    yield RELATIVE_SD[name].status(sd), Fact(ParameterDoubt.ESTIMATE_UNCERTAIN, share=sd)
-    # the relative change that this logarithm is; none beyond a factor of e
-    changes = Fact(
-        ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM, share=np.expm1(spread) if spread < 1 else None
-    )
-    yield SPECTRUM_RANGE[name].status(spread), changes
-    least = RESOLVED_LAG * figures.dt
-    if name == "effect" and figures.quick:
-        yield (
-            Status.BIASED,
-            Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=OmissionErrors.lag_bias),
-        )
-    if name == "lag" and figures.lag < least:
+    uncertain = Fact(ParameterDoubt.ESTIMATE_UNCERTAIN, share=sd)
+    yield _Obstacle(RELATIVE_SD[name].status(sd), uncertain)
+
+    spectrum_range = figures.spectrum_range[name]
+    # A range of a logarithm is stated as a relative change, up to a factor of e.
+    relative_change = np.expm1(spectrum_range) if spectrum_range < 1 else None
+    depends = Fact(ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM, share=relative_change)
+    yield _Obstacle(SPECTRUM_RANGE[name].status(spectrum_range), depends)
+
+    if name == "effect" and figures.lag_unresolved:
+        taken_for_lag = Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=OmissionErrors.lag_bias)
+        yield _Obstacle(Status.BIASED, taken_for_lag)
+
+    if name == "lag" and figures.lag < RESOLVED_LAG * figures.dt:
         too_short = Fact(ParameterDoubt.LAG_TOO_SHORT, time_step=figures.dt)
-        yield Status.NOT_IDENTIFIABLE, too_short
-    # Up to five times that, slow streams mix it up with delay and damping.
-    if name != "effect" and rate < MIN_RESOLVED_RATE and figures.lag < 5 * least:
-        yield Status.BIASED, Fact(ParameterDoubt.MIXED_WITH_DELAY, rate=rate)
+        yield _Obstacle(Status.NOT_IDENTIFIABLE, too_short)
+
+    is_slow = rate < MIN_RESOLVED_RATE
+    if name != "effect" and is_slow and figures.lag < SEPARABLE_LAG * figures.dt:
+        yield _Obstacle(Status.BIASED, Fact(ParameterDoubt.MIXED_WITH_DELAY, rate=rate))

@@ -1,13 +1,15 @@
-"""The likelihood of the gray-box model: one-step prediction errors of windows of a flight, by their Fourier transforms.
+"""Gray-box model of one axis in the frequency domain, and its one-step prediction errors.
 
-    rate = response · effect · commands + noise,
+The sampled rate of a window has the transform
 
-with the response of :mod:`~mavdem.plant.sampled_plant` and white noise beside the wind's. As the gains of the
-controller are not asked for, commands are known inputs. A prediction error is the transform of what they leave
-unexplained over the minimum-phase factor of its density: maximising their likelihood is consistent in closed loop as
-far as the wind's spectrum is right (Ljung, System Identification, 2nd ed., secs. 8.4, 13.4). Each window has a constant
-of its own, which balances its trim, and a level of its own of wind and noise together; both are solved for. What
-remains is the same in all windows.
+    y = P(jω) · Σ_i b_i u_i + v,       P = e^(−jωθ) Σ_folds H / ((jω + d)(jωτ + 1)),
+
+with effects b_i of the inputs u_i, damping d, motor lag τ, delay θ, the hold H by which samples of the inputs act, and
+noise v: wind torque through the damped rate, and white measurement noise. The gains of the controller are not used, so
+the inputs count as known. The prediction errors are y − P Σ b u over the minimum-phase factor of the density of v.
+Maximising their likelihood is consistent in closed loop as far as the spectrum of the wind torque is right (Ljung,
+System Identification, 2nd ed., secs. 8.4 and 13.4). Each window has a constant of its own, which balances its trim, and
+a level of wind torque and noise of its own; both are solved for. All other parameters are the same in all windows.
 """
 
 from __future__ import annotations
@@ -17,198 +19,279 @@ from typing import NamedTuple
 import numpy as np
 from scipy.fft import irfft, rfft
 
-from mavdem.arrays import Array, ArrayPair, Indices
+from mavdem.arrays import Array, ArrayPair
 from mavdem.facts.model import Refinement
 from mavdem.plant.closed_loop.spectra import ComplexArray
 from mavdem.plant.identifiability import RESOLVED_LAG
-from mavdem.plant.sampled_plant import Coloured, jumping
+from mavdem.plant.sampled_plant import ColouredNoise
+from mavdem.plant.windows import (
+    HELD_CHANNEL,
+    INTERPOLATED_CHANNEL,
+    REFINEMENT_CHANNEL,
+    REFINEMENTS,
+    FlightWindows,
+)
 
-# of each window, whose prediction errors do not count: a transform takes its end for what was before
 SETTLING_SECONDS = 0.25
-# for which an autopilot answers one sample of the rate: then it has the next
-ANSWERED_SECONDS = 0.004
-MAX_DAMPING = 25.0  # 1/s: five times that of the smallest published vehicles
-FOLDS = np.arange(-1, 2)[:, None]
-"""Multiples of the sampling rate that fold: the next ones would add 1 % at half of it, and less below."""
+"""Beginning of each window whose prediction errors do not count, s.
 
-EFFECT = (0.0, 2.0)
-DAMPING = (np.log(2.0), 1.0)
-LAG = (np.log(0.03), 1.0)
-DELAY_PRIOR = (0.006, 0.004)
-SIZE = (np.log(0.5), 1.5)
-NOISE = (np.log(0.005), 2.0)
-"""Mean and standard deviation beforehand, in s, rad/s and rad/s², of logarithms but for the delay: as of common
-multirotors and their autopilots. Damping of a rotor in air is positive, and so are the lag and the effect along the
-mixer's direction. The effect's mean is that of a first estimate."""
+A transform takes the end of a window for what was before its beginning.
+"""
 
-TIMES = ((np.log(1.0), 1.0), (np.log(0.07), 1.0))
-"""Likewise of the time of each component of the wind: the drift of the air, and gusts."""
+RESPONSE_SECONDS = 0.004
+"""Time for which an autopilot's response to one sample of the rate lasts, s: it has the next gyro sample then."""
 
-REFINEMENTS = {Refinement.JUMPS: (0.0, 0.3), Refinement.THRUST_CURVE: (0.0, 0.3)}
-"""Refinements, each a parameter: by what share of a step inputs that jump between two samples did so sooner than half
-way; and the relative change of the effect for one standard deviation of the inputs."""
+MAX_DAMPING = 25.0
+"""Upper bound of the rate damping, 1/s: five times that of the smallest published vehicles."""
+
+ALIAS_NUMBERS = np.arange(-1, 2)[:, None]
+"""Multiples of the sampling rate whose content folds onto each frequency.
+
+The next ones would add 1 % at half of the sampling rate, and less below.
+"""
 
 
-class FlightWindows(NamedTuple):
-    """Transforms of W windows of a flight, of N samples each, at F frequencies; each without its mean."""
+class Prior(NamedTuple):
+    """Normal prior distribution of one entry of θ."""
 
-    rate: ComplexArray  # (W, F) rad/s
-    # (2 + refinements, r, W, F) in units of the inputs' common standard deviation: inputs but for what answers the rate
-    # at the same sample, that, and what each refinement adds for one unit of its parameter
-    inputs: ComplexArray
-    samples: int  # N
-    dt: float  # step, s
-    unit: float  # of the inputs, in the unit of the record's
+    mean: float
+    """Its mean."""
 
-    @classmethod
-    def of(
-        cls, inputs: Array, rate: Array, answers: Array, dt: float, unit: float = 1.0
-    ) -> FlightWindows:
-        """Returns the transforms of deviations from the trim (W, N, r), of the rate (W, N) and of what answers it."""
-        refined = {
-            Refinement.JUMPS: jumping(inputs, 1.0) - inputs,
-            Refinement.THRUST_CURVE: inputs**2 / 2,
-        }
-        channels = np.array([inputs - answers, answers, *(refined[name] for name in REFINEMENTS)])
-        transforms = rfft(np.moveaxis(channels, 3, 1)), rfft(rate)
-        for transform in transforms:
-            transform[..., 0] = 0.0
-        return cls(transforms[1], transforms[0], rate.shape[1], dt, unit)
-
-    @property
-    def turn(self) -> Array:
-        """(F,) frequencies, rad/s."""
-        return np.asarray(2 * np.pi / (self.samples * self.dt) * np.arange(self.rate.shape[1]))
-
-    @property
-    def folded(self) -> Array:
-        """(folds, F) frequencies that a sample cannot tell from them, rad/s."""
-        return self.turn + 2 * np.pi / self.dt * FOLDS
-
-    def some(self, windows: slice | Indices) -> FlightWindows:
-        """Returns some of them."""
-        return self._replace(rate=self.rate[windows], inputs=self.inputs[:, :, windows])
+    sd: float
+    """Its standard deviation."""
 
 
-class Parameters(NamedTuple):
-    """What the entries of θ are.
+# The priors below are those of common multirotors and their autopilots.
 
-    Log effect, deviation of each motor, log damping, log lag, delay; log size and log time of each component of the
-    wind; log noise; refinements. The effect of motor i is exp(log effect) · (direction i + deviation i).
+LOG_EFFECT_PRIOR = Prior(0.0, 2.0)
+"""Of the logarithm of the effect, rad/s² per unit of the inputs; the mean is replaced by a first estimate."""
+
+LOG_DAMPING_PRIOR = Prior(np.log(2.0), 1.0)
+"""Of the logarithm of the damping, 1/s: damping of a rotor in air is positive."""
+
+LOG_LAG_PRIOR = Prior(np.log(0.03), 1.0)
+"""Of the logarithm of the motor lag, s."""
+
+DELAY_PRIOR = Prior(0.006, 0.004)
+"""Of the delay, s."""
+
+LOG_WIND_SIZE_PRIOR = Prior(np.log(0.5), 1.5)
+"""Of the logarithm of the standard deviation of each component of the wind torque, rad/s²."""
+
+LOG_WIND_TIME_PRIORS = (Prior(np.log(1.0), 1.0), Prior(np.log(0.07), 1.0))
+"""Of the logarithm of the time of the first component of the wind torque (drift), and the second (gusts), s."""
+
+LOG_NOISE_PRIOR = Prior(np.log(0.005), 2.0)
+"""Of the logarithm of the standard deviation of the rate's white noise, rad/s."""
+
+REFINEMENT_PRIOR = Prior(0.0, 0.3)
+"""Of the parameter of each refinement; ``windows.REFINEMENTS`` says what it is."""
+
+
+class GrayBoxModel(NamedTuple):
+    """Gray-box model of one axis, as functions of its k parameters θ.
+
+    The entries of θ, in this order: log effect; deviation of each motor (r of them); log damping; log lag; delay; log
+    size and log time of each component of the wind torque; log noise; refinements. The effect of motor i is
+    exp(log effect) · (direction i + deviation i).
     """
 
-    directions: Array  # (r,) mean of magnitudes 1
-    deviation: float  # standard deviation beforehand of each motor's effect from its direction
-    wind: tuple[Coloured, ...]
-    least_noise: float  # rad/s
+    directions: Array
+    """Direction of the motors' effects (r,), with mean magnitude 1."""
+
+    deviation_sd: float
+    """Prior standard deviation of each motor's deviation from its direction."""
+
+    wind: tuple[ColouredNoise, ...]
+    """Spectra of the components of the wind torque, without scale."""
+
+    min_noise: float
+    """Lower bound of the standard deviation of the rate's white noise, rad/s."""
+
     refinements: tuple[Refinement, ...] = ()
+    """Refinements that have a parameter in θ."""
 
     @property
     def motors(self) -> int:
-        """Number of inputs r."""
+        """Number r of motors, or other inputs."""
         return len(self.directions)
 
     @property
     def prior(self) -> ArrayPair:
-        """Mean and standard deviation (k,)."""
-        wind = [each for time in TIMES[: len(self.wind)] for each in (SIZE, time)]
-        deviations = [(0.0, self.deviation)] * self.motors
-        refined = [REFINEMENTS[name] for name in self.refinements]
-        mean, sd = np.array(
-            [EFFECT, *deviations, DAMPING, LAG, DELAY_PRIOR, *wind, NOISE, *refined]
-        ).T
+        """Prior mean (k,) and standard deviation (k,) of θ."""
+        priors = [LOG_EFFECT_PRIOR]
+        priors += [Prior(0.0, self.deviation_sd)] * self.motors
+        priors += [LOG_DAMPING_PRIOR, LOG_LAG_PRIOR, DELAY_PRIOR]
+        for time_prior in LOG_WIND_TIME_PRIORS[: len(self.wind)]:
+            priors += [LOG_WIND_SIZE_PRIOR, time_prior]
+        priors.append(LOG_NOISE_PRIOR)
+        priors += [REFINEMENT_PRIOR] * len(self.refinements)
+        mean, sd = np.array(priors).T
         return mean, sd
 
     @property
-    def noise_index(self) -> int:
-        """Index of the log noise."""
-        return self.motors + 4 + 2 * len(self.wind)
+    def damping_index(self) -> int:
+        """Index of the log damping in θ."""
+        return self.motors + 1
 
     @property
-    def logarithms(self) -> list[int]:
-        """Indices of logarithms."""
-        r = self.motors
-        return [0, r + 1, r + 2, *range(r + 4, self.noise_index + 1)]
+    def lag_index(self) -> int:
+        """Index of the log lag in θ."""
+        return self.motors + 2
+
+    @property
+    def delay_index(self) -> int:
+        """Index of the delay in θ."""
+        return self.motors + 3
+
+    @property
+    def wind_index(self) -> int:
+        """Index of the first log size of the wind torque's components in θ; their log times follow each."""
+        return self.motors + 4
+
+    @property
+    def noise_index(self) -> int:
+        """Index of the log noise in θ."""
+        return self.wind_index + 2 * len(self.wind)
+
+    @property
+    def logarithm_indices(self) -> list[int]:
+        """Indices of all entries of θ that are logarithms."""
+        wind_and_noise = range(self.wind_index, self.noise_index + 1)
+        return [0, self.damping_index, self.lag_index, *wind_and_noise]
 
     def effect(self, thetas: Array) -> Array:
-        """Returns (…, r) effect of each motor, rad/s² per unit of ``FlightWindows.inputs``."""
-        return np.exp(thetas[..., :1]) * (self.directions + thetas[..., 1 : self.motors + 1])
+        """Returns the effect of each motor (…, r), rad/s² per unit of ``FlightWindows.inputs``, for θ (…, k)."""
+        deviations = thetas[..., 1 : self.motors + 1]
+        return np.exp(thetas[..., :1]) * (self.directions + deviations)
 
     def damping(self, thetas: Array) -> Array:
-        """Returns (…) damping, 1/s: less than that of any multirotor's rotors in air, ``MAX_DAMPING``."""
-        return 1 / (np.exp(-thetas[..., self.motors + 1]) + 1 / MAX_DAMPING)
+        """Returns the damping (…), 1/s, for θ (…, k); it approaches ``MAX_DAMPING`` smoothly."""
+        return 1 / (np.exp(-thetas[..., self.damping_index]) + 1 / MAX_DAMPING)
 
     def lag(self, thetas: Array, dt: float) -> Array:
-        """Returns (…) lag, s: no shorter than half a step, which a stream cannot tell from a delay."""
-        return np.hypot(np.exp(thetas[..., self.motors + 2]), RESOLVED_LAG * dt)
+        """Returns the motor lag (…), s, for θ (…, k), at least half a step of dt seconds: a shorter one is a delay."""
+        return np.hypot(np.exp(thetas[..., self.lag_index]), RESOLVED_LAG * dt)
 
-    def sizes(self, theta: Array) -> Array:
-        """Returns (…, components) standard deviations of the wind's components, rad/s²."""
-        return np.exp(theta[..., self.motors + 4 : self.noise_index : 2])
+    def wind_sizes(self, thetas: Array) -> Array:
+        """Returns the standard deviations of the wind torque's components (…, components), rad/s², for θ (…, k)."""
+        return np.exp(thetas[..., self.wind_index : self.noise_index : 2])
 
-    def times(self, theta: Array) -> Array:
-        """Returns (…, components) times of the wind's components, s."""
-        return np.exp(theta[..., self.motors + 5 : self.noise_index : 2])
+    def wind_times(self, thetas: Array) -> Array:
+        """Returns the times of the wind torque's components (…, components), s, for θ (…, k)."""
+        return np.exp(thetas[..., self.wind_index + 1 : self.noise_index : 2])
 
-    def noise(self, theta: Array) -> Array:
-        """Returns (…) standard deviation of the measured rate's white noise, rad/s."""
-        return np.hypot(np.exp(theta[..., self.noise_index]), self.least_noise)
+    def noise(self, thetas: Array) -> Array:
+        """Returns the standard deviation of the rate's white noise (…), rad/s, for θ (…, k)."""
+        return np.hypot(np.exp(thetas[..., self.noise_index]), self.min_noise)
 
-    def driven(self, thetas: Array, windows: FlightWindows) -> ComplexArray:
-        """Returns (b, W, F) rate that the motors alone would make, for parameters (b, k)."""
+    def refinement_values(self, thetas: Array) -> Array:
+        """Returns the parameter of each refinement (…, refinements), for θ (…, k)."""
+        return thetas[..., self.noise_index + 1 :]
+
+    def rate_by_motors(self, thetas: Array, windows: FlightWindows) -> ComplexArray:
+        """Returns the transform of the rate that the motors alone cause.
+
+        Args:
+            thetas: b parameter vectors (b, k).
+            windows: W windows with F frequencies.
+
+        Returns:
+            Transforms (b, W, F), rad/s.
+        """
         dt = windows.dt
-        # A sample later, and as much as the delay is, interpolated between two samples.
-        later = np.exp(-1j * windows.turn * dt)
-        whole, share = np.divmod(np.maximum(thetas[:, [self.motors + 3]], 0.0) / dt, 1.0)
-        delayed = later**whole * (1 - share + share * later)
-        turn = windows.folded
+        # The delay is a number of whole samples, and a linear interpolation between two samples for the rest.
+        one_sample_later = np.exp(-1j * windows.omega * dt)
+        delay_steps = np.maximum(thetas[:, [self.delay_index]], 0.0) / dt
+        whole_steps, fraction = np.divmod(delay_steps, 1.0)
+        delayed = one_sample_later**whole_steps * (1 - fraction + fraction * one_sample_later)
+
+        omega = _aliases(windows)
         damping = self.damping(thetas)[:, None, None]
         lag = self.lag(thetas, dt)[:, None, None]
-        plant = 1 / (damping - lag * turn**2 + 1j * turn * (1 + damping * lag))
-        line = np.sinc(turn * dt / (2 * np.pi))
-        # A command that reacts to a sample must not help to predict it: what answers a sample is held from then on.
-        hold = min(1.0, ANSWERED_SECONDS / dt) * line * np.exp(-0.5j * turn * dt)
-        interpolated, held = (delayed * np.sum(plant * shape, axis=1) for shape in (line**2, hold))
-        refined = (interpolated * value[:, None] for value in thetas[:, self.noise_index + 1 :].T)
-        added = [2 + list(REFINEMENTS).index(name) for name in self.refinements]
-        inputs = windows.inputs[[0, 1, *added]]
+        plant = 1 / (damping - lag * omega**2 + 1j * omega * (1 + damping * lag))
+
+        # Inputs are interpolated between samples. But a command that responds to a sample must not help to predict it:
+        # the response is held from that sample on.
+        held_spectrum = np.sinc(omega * dt / (2 * np.pi))
+        interpolation = held_spectrum**2
+        hold = min(1.0, RESPONSE_SECONDS / dt) * held_spectrum * np.exp(-0.5j * omega * dt)
+        interpolated_response = delayed * np.sum(plant * interpolation, axis=1)
+        held_response = delayed * np.sum(plant * hold, axis=1)
+
+        channels = [INTERPOLATED_CHANNEL, HELD_CHANNEL]
+        responses = [interpolated_response, held_response]
+        values = self.refinement_values(thetas).T
+        for name, value in zip(self.refinements, values, strict=True):
+            channels.append(REFINEMENT_CHANNEL + REFINEMENTS.index(name))
+            responses.append(interpolated_response * value[:, None])
+        inputs = windows.inputs[channels]
         torques = self.effect(thetas).astype(complex) @ inputs.reshape(*inputs.shape[:2], -1)
         torques = torques.reshape(len(inputs), len(thetas), *windows.rate.shape)
-        responses = [interpolated, held, *refined]
         return np.einsum("cbwf,cbf->bwf", torques, responses)
 
-    def density(self, thetas: Array, windows: FlightWindows) -> Array:
-        """Returns (b, F) density of the rate that wind and noise make, a sample's variance where it is white."""
-        components = zip(self.wind, self.sizes(thetas).T, self.times(thetas).T, strict=True)
-        wind = [
-            colour.density(windows.folded, size[:, None, None], time[:, None, None])
+    def noise_density(self, thetas: Array, windows: FlightWindows) -> Array:
+        """Returns the density of the rate that wind torque and measurement noise cause.
+
+        Args:
+            thetas: b parameter vectors (b, k).
+            windows: windows with F frequencies.
+
+        Returns:
+            Folded densities (b, F), in (rad/s)², normalised so that white noise has the variance of its samples.
+        """
+        omega = _aliases(windows)
+        components = zip(
+            self.wind, self.wind_sizes(thetas).T, self.wind_times(thetas).T, strict=True
+        )
+        torque_densities = [
+            colour.density(omega, size[:, None, None], time[:, None, None])
             for colour, size, time in components
         ]
-        folded = np.sum(wind, axis=0) / (
-            windows.folded**2 + self.damping(thetas)[:, None, None] ** 2
-        )
-        return folded.sum(axis=1) / windows.dt + self.noise(thetas)[:, None] ** 2
+        torque_density = np.sum(torque_densities, axis=0)
+        damping = self.damping(thetas)[:, None, None]
+        rate_density = torque_density / (omega**2 + damping**2)
+        return rate_density.sum(axis=1) / windows.dt + self.noise(thetas)[:, None] ** 2
 
     def innovations(self, thetas: Array, windows: FlightWindows) -> ArrayPair:
-        """Returns (b, W, N′) innovations of all windows but for their beginnings, for parameters (b, k).
+        """Returns the one-step prediction errors of all windows, without their beginnings.
 
-        Their variance is (b,). They are without their mean in each window, as a constant acceleration explains it.
+        Args:
+            thetas: b parameter vectors (b, k).
+            windows: W windows of N samples.
+
+        Returns:
+            Prediction errors (b, W, N′), rad/s, without their mean in each window, since a constant acceleration
+            explains that; and the variance (b,) that the model gives them.
         """
-        factor, variance = minimum_phase(self.density(thetas, windows), windows.samples)
-        left = (windows.rate - self.driven(thetas, windows)) / factor[:, None]
-        errors = irfft(left, windows.samples)[..., round(SETTLING_SECONDS / windows.dt) + 1 :]
+        factor, variance = minimum_phase(self.noise_density(thetas, windows), windows.samples)
+        residual = (windows.rate - self.rate_by_motors(thetas, windows)) / factor[:, None]
+        first = round(SETTLING_SECONDS / windows.dt) + 1
+        errors = irfft(residual, windows.samples)[..., first:]
         errors -= errors.mean(axis=-1, keepdims=True)
         return errors, variance
 
 
-def minimum_phase(density: Array, samples: int) -> tuple[ComplexArray, Array]:
-    """Returns the factor (b, F) of densities (b, F) that is causal, as its inverse is; and the variance (b,) it leaves.
+def _aliases(windows: FlightWindows) -> Array:
+    """Returns the angular frequencies (folds, F) that samples cannot distinguish from those of the windows, rad/s."""
+    return windows.omega + 2 * np.pi / windows.dt * ALIAS_NUMBERS
 
-    By the cepstrum (Oppenheim and Schafer, Discrete-Time Signal Processing, 3rd ed., ch. 13): a density is |factor|²
-    times the variance of what is new in each sample.
+
+def minimum_phase(density: Array, samples: int) -> tuple[ComplexArray, Array]:
+    """Factorises densities as variance · |factor|², with a factor that is causal and has a causal inverse.
+
+    By the cepstrum (Oppenheim and Schafer, Discrete-Time Signal Processing, 3rd ed., ch. 13).
+
+    Args:
+        density: b densities (b, F) at the frequencies of a real transform.
+        samples: number of samples of the transform, of which F = samples // 2 + 1.
+
+    Returns:
+        Factors (b, F); and variances (b,), those of the one-step prediction errors.
     """
     cepstrum = irfft(np.log(density), samples)
     variance = np.exp(cepstrum[:, 0])
+    # The causal half of the cepstrum stays. An even number of samples has one in the middle, of which half stays.
     cepstrum[:, 0] = 0.0
     cepstrum[:, samples // 2 + 1 :] = 0.0
     cepstrum[:, (samples + 1) // 2 : samples // 2 + 1] /= 2

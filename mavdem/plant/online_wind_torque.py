@@ -1,8 +1,8 @@
-"""OnlineWindTorque: the wind's torque of a stream, a stated delay after it acted.
+"""Online estimate of the wind torque in a telemetry stream, a fixed delay behind the latest sample.
 
-The physical parameters are fitted now and then, by the learner's executor, to the latest minute. In between the
-smoother of a recorded flight runs over the latest samples whenever a block of them is closed, and the samples of the
-next block bring what it says of those a delay before them.
+The physical parameters are fitted from time to time to the samples of the last minute, in the learner's executor. In
+between, the smoother of recorded flights runs over the latest samples whenever a block of them is complete. The
+estimates for the samples of that block, each ``DELAY_SECONDS`` old, are then returned with the samples of the next one.
 """
 
 from collections import deque
@@ -27,100 +27,162 @@ from mavdem.dem.record import Record
 from mavdem.facts.model import Refinement
 from mavdem.plant.estimation import physical
 from mavdem.plant.identifiability import NotIdentifiable, OmissionErrors
-from mavdem.plant.parameters import Physical, rate_column
-from mavdem.plant.sampled_plant import Plant, plant
-from mavdem.plant.wind_torque import balanced, steady
+from mavdem.plant.parameters import Physical
+from mavdem.plant.sampled_plant import SampledPlant, sampled_plant
+from mavdem.plant.wind_torque import mean_external_torque, torque_balanced_by_trim
+from mavdem.plant.windows import rate_column
 
-DELAY_SECONDS = 0.25  # of the wind's torque, behind the latest sample
-MEMORY_SECONDS = 60.0  # of the latest samples, which the physical parameters are fitted to
+DELAY_SECONDS = 0.25
+"""Age of the samples whose wind torque is estimated, s: a choice. Smoothing needs samples after them."""
+
+MEMORY_SECONDS = 60.0
+"""Length of the latest samples that the physical parameters are fitted to, s: a choice."""
+
 FIRST_FIT_SECONDS = 8.0
-LONGEST_PAUSE_SECONDS = 20.0
-"""Of samples before the first fit; and between fits at most, each otherwise with twice as many samples as the last."""
-FILTER_SECONDS = 1.0  # of samples, over which the filter finds the state
+"""Length of samples before the first fit, s: a choice, one window of the gray-box fit."""
+
+MAX_FIT_PAUSE_SECONDS = 20.0
+"""Longest time between two fits, s: a choice. Until then, each fit waits for twice as many samples as the last."""
+
+FILTER_SECONDS = 1.0
+"""Length of samples, beside the delay, over which the filter converges to the state, s: a choice."""
+
+NO_TORQUE = (np.nan, np.nan)
+"""Torque and half width where there is no estimate."""
 
 
 class WeakenedMotors(NamedTuple):
-    """Commands by which sound motors would do what weak ones do, since a time, s; with half widths of 90 %."""
+    """Weakened motors, as the commands with which sound motors would give the same thrust."""
 
-    since: float
-    inputs: Array  # (r,)
-    band: Array  # (r,)
+    start_time: float
+    """Time since which the motors are weak, s on the stream's clock."""
+
+    inputs: Array
+    """Commands (r,) for sound motors that give the thrust of the weakened ones."""
+
+    band: Array
+    """Half widths (r,) of their 90 % intervals."""
 
 
-class WindFilter(NamedTuple):
-    """Physical parameters, and what smooths the latest samples by them."""
+class WindTorqueSmoother(NamedTuple):
+    """Smoother of the wind torque in the latest samples of a stream, for given physical parameters."""
 
-    physical: Physical  # what it is made from
-    axis: Plant  # with the wind
-    steady: SteadyStateFilter  # of that
-    trim: Array  # (r,) of the inputs
-    constant: float  # torque that acts besides the commands, rad/s²
-    balance: Array  # (r,) torque that each input's trim balances, by its effect
-    column: int  # of the rate, in the outputs
-    dt: float  # step, s
+    physical: Physical
+    """The physical parameters."""
+
+    plant: SampledPlant
+    """The sampled axis with its wind torque, by these parameters."""
+
+    rate_filter: SteadyStateFilter
+    """Steady-state Kalman filter of the plant."""
+
+    trim: Array
+    """Mean inputs (r,) of the samples that were fitted."""
+
+    constant: float
+    """Mean torque per inertia that acts besides the motors, rad/s²."""
+
+    trim_torque_gradient: Array
+    """Derivatives (r,) by each input's effect of the torque that the trim balances, in units of the inputs."""
+
+    rate_column: int
+    """Column of the rate in the outputs."""
+
+    dt: float
+    """Time step, s."""
 
     def torques(self, inputs: Array, outputs: Array) -> Array:
-        """Returns (T, 2) the wind's torque and the half width of its band, rad/s², of the latest samples of a segment.
+        """Estimates the wind torque in the latest samples of one segment, with its 90 % band.
 
-        Where samples are worse predicted than usual, so is the torque known worse. What is faster than the samples is
-        no wind, but what the commands do between them. Of the slopes by the motors' effects those of the answer to
-        each command are taken; what turns the vehicle otherwise, or lifts it, is by motors that differ.
+        The band has these errors: that of the smoother, larger while the rate is predicted worse than usual; wind
+        torque quicker than a sample, which cannot be distinguished from commands between samples; what the model leaves
+        out; and the uncertainty of the physical parameters. The derivative by a motor's effect is that of the lagged
+        response to its command, and of the torque that its trim balances.
+
+        Args:
+            inputs: (T, r).
+            outputs: (T, m).
+
+        Returns:
+            Torque and half width of its band (T, 2), rad/s².
         """
-        from scipy.signal import lfilter  # it takes half a second to import
+        # Importing scipy.signal takes half a second.
+        from scipy.signal import lfilter
 
-        plant = self.physical
-        moved = inputs - self.trim
-        commanded = moved @ plant.effect + self.constant
-        rate = outputs[:, self.column]
-        smoothed = self.axis.smoothed(self.steady, commanded, plant.delay / self.dt, rate)
-        errors = (rate - smoothed.states[:, 0])[-round(DELAY_SECONDS / self.dt) :]
-        unusual = max(1.0, float(np.mean(errors**2)) / self.steady.F)
-        between = sum(each.size**2 for each in plant.components if each.time < self.dt)
-        left_out = between + (OmissionErrors.wind * plant.wind) ** 2
-        keeps = np.exp(-self.dt / plant.lag)
-        answered = lfilter([1 - keeps], [1, -keeps], moved, axis=0)
-        change = (commanded - smoothed.states[:, 1]) / plant.lag
-        slopes = np.column_stack([self.balance - answered, rate, change, change])
-        variance = unusual * (smoothed.variance + left_out)
-        variance += ((slopes @ plant.covariance) * slopes).sum(axis=1)
-        level = self.constant + plant.effect @ self.balance
-        return np.column_stack([smoothed.mean + level, half_width(variance)])
+        parameters = self.physical
+        deviation = inputs - self.trim
+        commanded = deviation @ parameters.effect + self.constant
+        rate = outputs[:, self.rate_column]
+        smoothed = self.plant.smooth_wind_torque(
+            self.rate_filter, commanded, parameters.delay / self.dt, rate
+        )
+
+        latest = -round(DELAY_SECONDS / self.dt)
+        errors = (rate - smoothed.states[:, 0])[latest:]
+        error_ratio = max(1.0, float(np.mean(errors**2)) / self.rate_filter.F)
+        unresolved_variance = sum(
+            component.size**2 for component in parameters.components if component.time < self.dt
+        )
+        omission_variance = unresolved_variance + (OmissionErrors.wind * parameters.wind) ** 2
+        variance = error_ratio * (smoothed.variance + omission_variance)
+
+        decay = np.exp(-self.dt / parameters.lag)
+        lagged_inputs = lfilter([1 - decay], [1, -decay], deviation, axis=0)
+        torque_change = (commanded - smoothed.states[:, 1]) / parameters.lag
+        # Columns by effects, damping, lag and delay. A longer lag and a longer delay act alike.
+        gradient = np.column_stack(
+            [self.trim_torque_gradient - lagged_inputs, rate, torque_change, torque_change]
+        )
+        variance += ((gradient @ parameters.covariance) * gradient).sum(axis=1)
+        mean = self.constant + parameters.effect @ self.trim_torque_gradient
+        return np.column_stack([smoothed.mean + mean, half_width(variance)])
 
 
-def wind_filter(record: Record, prior: Physical | None = None) -> WindFilter:
-    """Returns the filter fitted to a record, with the ``prior`` of :func:`physical`.
+def fit_wind_torque_smoother(record: Record, prior: Physical | None = None) -> WindTorqueSmoother:
+    """Fits the physical parameters to a record, and returns the smoother of the wind torque with them.
+
+    Args:
+        record: of the latest samples.
+        prior: physical parameters by an earlier flight, as :func:`physical` takes them.
 
     Raises:
-        ValueError: no physical parameters can be fitted to it.
-        numpy.linalg.LinAlgError: there is no steady filter for them.
+        ValueError: no physical parameters can be fitted to the record.
+        numpy.linalg.LinAlgError: there is no steady-state filter for them.
     """
     fitted = physical(record, prior)
     if isinstance(fitted, NotIdentifiable):
         raise ValueError(fitted.reason)
     column = rate_column(record)
     dt = record.dt
-    jumps = fitted.refinements.get(Refinement.JUMPS, 0.0)
-    axis = plant(fitted.damping, fitted.lag, fitted.components, dt, jumps)
-    inputs, outputs = record.segments[-1]
+    jump_lead = fitted.refinements.get(Refinement.JUMPS, 0.0)
+    plant = sampled_plant(fitted.damping, fitted.lag, fitted.components, dt, jump_lead)
     trim = record.inputs.mean(axis=0)
-    balance = [balanced(unit, trim, record.effect_directions) for unit in np.eye(len(trim))]
-    return WindFilter(
+    # The balanced torque is linear in the effects, so unit effects give its derivatives.
+    trim_torque_gradient = [
+        torque_balanced_by_trim(unit_effect, trim, record.effect_directions)
+        for unit_effect in np.eye(len(trim))
+    ]
+    inputs, outputs = record.segments[-1]
+    commanded = (inputs - trim) @ fitted.effect
+    return WindTorqueSmoother(
         physical=fitted,
-        axis=axis,
-        steady=axis.filter(fitted.noise),
+        plant=plant,
+        rate_filter=plant.rate_filter(fitted.noise),
         trim=trim,
-        constant=steady(outputs[:, column], (inputs - trim) @ fitted.effect, fitted.damping, dt),
-        balance=np.array(balance),
-        column=column,
+        constant=mean_external_torque(outputs[:, column], commanded, fitted.damping, dt),
+        trim_torque_gradient=np.array(trim_torque_gradient),
+        rate_column=column,
         dt=dt,
     )
 
 
-NOTHING = np.nan, np.nan
-
-
 class OnlineWindTorque:
-    """Fits the physical parameters to the latest blocks of samples now and then, and follows the wind's torque."""
+    """Follows the wind torque of a stream, and refits the physical parameters to its latest samples from time to time.
+
+    Attributes:
+        smoother: by the last fit; ``None`` before the first.
+        delay: time of the estimated torque behind the latest sample, s.
+    """
 
     def __init__(
         self, memory: SampleMemory, executor: Executor | None, prior: Physical | None = None
@@ -128,102 +190,133 @@ class OnlineWindTorque:
         """Begins without a sample.
 
         Args:
-            memory: of the latest samples, each of which is in it before :meth:`update` is called.
-            executor: where the fits run; unless given, inside :meth:`add`.
-            prior: the vehicle's physical parameters as of an earlier flight.
+            memory: of the latest samples; each sample is in it before :meth:`update` is called.
+            executor: where the fits run; without one, they run inside :meth:`add`.
+            prior: the vehicle's physical parameters by an earlier flight.
         """
-        self.filter: WindFilter | None = None  # of the last fit
+        self.smoother: WindTorqueSmoother | None = None
         self._dt = memory.dt
-        self._lag = round(DELAY_SECONDS / memory.dt)
+        self._delay_samples = round(DELAY_SECONDS / memory.dt)
+        self.delay = self._delay_samples * self._dt
         self._memory = memory
         self._executor = executor
         self._prior = prior
-        self._blocks: deque[MemoryBlock] = deque(
-            maxlen=max(1, round(MEMORY_SECONDS / memory.dt / memory.block_size))
-        )
-        self._coming = deque[Interval]()  # of the samples of the next block
-        # of sound motors, since the last gap or change of a motor
-        self._inputs: deque[Array] = deque(maxlen=round(FILTER_SECONDS / memory.dt) + self._lag)
-        self._weak: WeakenedMotors | None = None
-        self._pending: Future[WindFilter] | None = None
-        self._samples = 0
-        self._next = round(FIRST_FIT_SECONDS / self._dt)
-        # of the torque behind the latest sample, s
-        self.delay = self._lag * self._dt
+        memory_blocks = round(MEMORY_SECONDS / memory.dt / memory.block_size)
+        self._blocks: deque[MemoryBlock] = deque(maxlen=max(1, memory_blocks))
+        # Torques with half widths that the samples of the next block will return.
+        self._upcoming = deque[Interval]()
+        # Inputs of sound motors, since the last gap or change of a motor.
+        self._smoothed_samples = round(FILTER_SECONDS / memory.dt) + self._delay_samples
+        self._inputs: deque[Array] = deque(maxlen=self._smoothed_samples)
+        self._weakened: WeakenedMotors | None = None
+        self._pending: Future[WindTorqueSmoother] | None = None
+        self._sample_count = 0
+        self._next_fit = round(FIRST_FIT_SECONDS / self._dt)
 
     def update(self, inputs: Array, weak: WeakenedMotors | None = None) -> Interval:
-        """Takes a sample's inputs (r,); returns the torque and its half width, rad/s², or NaN.
+        """Takes the inputs of the next sample, and returns the wind torque ``delay`` seconds before it.
 
-        Nothing is fitted to samples of ``weak`` motors.
+        Samples of weakened motors are smoothed with the commands of sound ones, and nothing is fitted to them.
+
+        Args:
+            inputs: of the sample (r,).
+            weak: the weakened motors, if there are any.
+
+        Returns:
+            Torque and half width of its 90 % band, rad/s²; NaN without an estimate.
         """
-        before = self._weak
-        if (before and before.since) != (weak and weak.since):
+        if _start_time(self._weakened) != _start_time(weak):
             self.end_segment()
-        self._weak = weak
+        self._weakened = weak
         if weak is None:
-            self._samples += 1
+            self._sample_count += 1
+            self._inputs.append(inputs)
         else:
-            self.drop_blocks_since(weak.since)
-        self._inputs.append(inputs if weak is None else weak.inputs)
-        return self._coming.popleft() if self._coming else NOTHING
+            self.drop_blocks_since(weak.start_time)
+            self._inputs.append(weak.inputs)
+        if not self._upcoming:
+            return NO_TORQUE
+        return self._upcoming.popleft()
 
     def end_segment(self) -> None:
-        """Ends a segment, as a gap follows, or a motor has changed."""
-        self._coming.clear()
+        """Ends a segment, because a gap follows or a motor has changed."""
+        self._upcoming.clear()
         self._inputs.clear()
 
     def add(self, block: MemoryBlock, fits: bool = True) -> None:
-        """Keeps a block that was just closed; takes what was fitted meanwhile, and ``fits`` again when due."""
-        gap = (
-            len(self._blocks)
-            and block.end_time - self._blocks[-1].end_time > (len(block.outputs) + 1) * self._dt
-        )
-        self._blocks.append(block._replace(starts_segment=block.starts_segment or bool(gap)))
+        """Takes a complete block of samples, adopts a fit that has ended meanwhile, and starts another when it is due.
+
+        Args:
+            block: the block that the memory has just closed.
+            fits: whether a new fit may start.
+        """
+        follows_gap = False
+        if self._blocks:
+            # Blocks may have been dropped in between.
+            elapsed = block.end_time - self._blocks[-1].end_time
+            follows_gap = elapsed > (len(block.outputs) + 1) * self._dt
+        starts_segment = block.starts_segment or bool(follows_gap)
+        self._blocks.append(block._replace(starts_segment=starts_segment))
         if self._pending is not None and self._pending.done():
             pending = self._pending
             self._pending = None
             self._adopt(pending.result)
-        if self._pending is None and fits and self._samples >= self._next:
-            self._fit()
-        self._follow()
+        if self._pending is None and fits and self._sample_count >= self._next_fit:
+            self._start_fit()
+        self._smooth_latest()
 
     def drop_blocks_since(self, time: float) -> None:
-        """Drops the samples from ``time``, s, on: they were not what they seemed to be."""
+        """Forgets the samples since a time, s, which turned out to be wrong, and cancels a fit to them."""
         if drop_blocks_since(self._blocks, time) and self._pending is not None:
             self._pending.cancel()
             self._pending = None
 
-    def _fit(self) -> None:
-        self._next = self._samples + min(self._samples, round(LONGEST_PAUSE_SECONDS / self._dt))
+    def _start_fit(self) -> None:
+        """Starts a fit to all remembered blocks, in the executor if there is one, and schedules the next."""
+        pause = min(self._sample_count, round(MAX_FIT_PAUSE_SECONDS / self._dt))
+        self._next_fit = self._sample_count + pause
         record = record_from_blocks(self._blocks, self._dt, self._memory.effect_directions)
         if self._executor is None:
-            self._adopt(partial(wind_filter, record, self._prior))
+            self._adopt(partial(fit_wind_torque_smoother, record, self._prior))
             return
         try:
-            self._pending = self._executor.submit(wind_filter, record, self._prior)
+            self._pending = self._executor.submit(fit_wind_torque_smoother, record, self._prior)
         except RuntimeError:
-            return  # The executor is gone; the learner says so.
-
-    def _adopt(self, made: Callable[[], WindFilter]) -> None:
-        """Takes a new filter; what was identified before is kept where the new samples identify nothing."""
-        with suppress(ValueError, RuntimeError, CancelledError):  # LinAlgError is a ValueError
-            new = made()
-            if self.filter is None or new.physical.identifiable:
-                self.filter = new
-
-    def _follow(self) -> None:
-        """What the samples of the next block bring."""
-        self._coming.clear()
-        number = self._inputs.maxlen or 0
-        _, outputs = self._memory.latest_samples(number)
-        if self.filter is None or not self.filter.physical.identifiable:
+            # The executor has been shut down; the learner reports it.
             return
-        if min(len(self._inputs), len(outputs)) < number:
+
+    def _adopt(self, fit_result: Callable[[], WindTorqueSmoother]) -> None:
+        """Adopts the result of a fit, unless it failed or has lost what an earlier fit had identified.
+
+        Args:
+            fit_result: returns the smoother, or raises what the fit raised.
+        """
+        # LinAlgError is a ValueError.
+        with suppress(ValueError, RuntimeError, CancelledError):
+            smoother = fit_result()
+            if self.smoother is None or smoother.physical.identifiable:
+                self.smoother = smoother
+
+    def _smooth_latest(self) -> None:
+        """Smooths the latest samples, and queues the torques that the samples of the next block will return."""
+        self._upcoming.clear()
+        smoother = self.smoother
+        if smoother is None or not smoother.physical.identifiable:
             return
-        torques = self.filter.torques(np.array(self._inputs), outputs)[-self._lag :][
-            : self._memory.block_size
-        ]
-        if self._weak is not None:
-            unsure = np.linalg.norm(self.filter.physical.effect * self._weak.band)
-            torques[:, 1] = np.hypot(torques[:, 1], unsure)
-        self._coming.extend((float(torque), float(band)) for torque, band in torques)
+        _, outputs = self._memory.latest_samples(self._smoothed_samples)
+        if min(len(self._inputs), len(outputs)) < self._smoothed_samples:
+            return
+        torques = smoother.torques(np.array(self._inputs), outputs)
+        torques = torques[-self._delay_samples :][: self._memory.block_size]
+        if self._weakened is not None:
+            weakness_band = np.linalg.norm(smoother.physical.effect * self._weakened.band)
+            torques[:, 1] = np.hypot(torques[:, 1], weakness_band)
+        for torque, band in torques:
+            self._upcoming.append((float(torque), float(band)))
+
+
+def _start_time(weakened: WeakenedMotors | None) -> float | None:
+    """Returns since when motors are weakened, s; ``None`` if none are."""
+    if weakened is None:
+        return None
+    return weakened.start_time

@@ -1,62 +1,80 @@
-"""Physical parameters (gray-box model) of a flight, and the windows of the flight that they are estimated from."""
+"""Physical parameters of one axis (gray-box model), with their uncertainty, and their update from flight to flight."""
 
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array, Indices
+from mavdem.arrays import Array
 from mavdem.confidence import CONFIDENCE_LEVEL, SIGNIFICANT_SIGMAS, Interval, half_width
 from mavdem.dem.engine.gauss_newton import FINITE_DIFFERENCE_STEP
 from mavdem.dem.engine.linalg import normal_draws
-from mavdem.dem.priors import derivative_pairs
-from mavdem.dem.record import Record
-from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import NoPhysical, ParameterDoubt, Refinement
 from mavdem.plant.identifiability import PARAMETERS, OmissionErrors
-from mavdem.plant.likelihood import FlightWindows
-from mavdem.plant.sampled_plant import Coloured
+from mavdem.plant.sampled_plant import WindComponent
+
+MIN_DRAWN_SHARE = 0.05
+"""Least lag and delay of a posterior sample, relative to the estimate: both are positive."""
 
 
-class WindComponent(NamedTuple):
-    """One component of the wind: noise of this ``colour`` with standard deviation ``size``, rad/s², and ``time``, s."""
+class PlantMinimum(NamedTuple):
+    """Least damping, lag and delay that a vehicle can have."""
 
-    colour: Coloured
-    size: float
-    time: float
+    damping: float
+    """Rate damping, 1/s."""
+
+    lag: float
+    """Motor time constant, s."""
+
+    delay: float
+    """Delay of the motors' commands, s."""
+
+
+PLANT_MINIMUM = PlantMinimum(damping=0.05, lag=1e-3, delay=0.0)
+"""Bounds that keep loops and simulations finite: a choice, far below any multirotor's values."""
 
 
 class PhysicalInterval(NamedTuple):
-    """Half widths; NaN where a parameter is not identifiable."""
+    """Half widths of the intervals of physical parameters; NaN where a parameter is not identifiable."""
 
-    effect: Array  # (r,)
+    effect: Array
+    """Half width of each motor's effect (r,), in the unit of the effect."""
+
     damping: float
+    """Half width of the damping, 1/s."""
+
     lag: float
+    """Half width of the lag, s."""
+
     delay: float
+    """Half width of the delay, s."""
 
 
 class Physical(NamedTuple):
     """Physical parameters of one axis.
 
     Attributes:
-        effect: (r,) of each motor on the angular acceleration in steady state, rad/s² per unit of input.
-        damping: of the rate by itself, 1/s.
-        lag: time constant of the motors, s.
-        delay: of their commands, s; dead time of the stream is in it.
-        covariance: (r + 3, r + 3) of effect, damping, lag and delay: of the estimate, its spread from window to window,
-            over the wind's possible spectra, and nonlinear effects.
-        status: by "effect", "damping" and "lag".
-        reasons: likewise, why it is so; ``None`` where nothing is to be said.
-        bias: likely relative error of the effect, negative where it comes out low; 0 unless it is biased.
-        wind_share: of the wind's variance in the sum with that of the motors' torque, in the band of the motion.
-        components: of the wind.
+        effect: (r,) control effectiveness of each motor: angular acceleration in steady state, rad/s² per unit of
+            input.
+        damping: rate damping, 1/s.
+        lag: motor time constant, s.
+        delay: delay of the motors' commands, s; dead time of the telemetry stream is part of it.
+        covariance: (r + 3, r + 3) of effect, damping, lag and delay, by the likelihood, the range over the assumed
+            spectra of the wind torque, and nonlinear effects.
+        status: by parameter name, "effect", "damping" and "lag".
+        reasons: by parameter name, why it is biased or not identifiable, or known from elsewhere; else ``None``.
+        bias: likely relative error of the effect, negative where the estimate is too low; 0 unless it is biased.
+        wind_share: share of the wind torque in the variance of its sum with the motors' torque, in the band of the
+            motion.
+        components: of the wind torque.
         noise: standard deviation of the measured rate's white noise, rad/s.
-        refinements: parameters that predict unseen windows better, by name (docs/physical.md).
-        windows: how many of the flight it is fitted to.
-        filtered: whether the lag too has the gyro's filters in it; the delay always has.
-        refusal: why they are not those of the plant in its loop, where that was asked for.
+        refinements: value of each refinement of the model that predicts unseen windows better, by name
+            (docs/physical.md).
+        windows: number of windows of the flight that were fitted.
+        filtered: whether the lag includes that of the gyro's filters; the delay always does.
+        refusal: why these are not the parameters of the plant in its closed loop, where that was asked for.
     """
 
     effect: Array
@@ -81,23 +99,27 @@ class Physical(NamedTuple):
 
     @property
     def wind(self) -> float:
-        """Standard deviation of the angular acceleration that is not by the motors, rad/s², without its constant."""
+        """Standard deviation of the wind torque per moment of inertia, rad/s², without its constant part."""
         return float(np.linalg.norm([component.size for component in self.components]))
 
     def mean_effect(self, level: float = CONFIDENCE_LEVEL) -> Interval:
-        """Returns the mean magnitude of the motors' effect, and its half width, NaN where it is not identifiable.
+        """Returns the mean magnitude of the motors' effects, and the half width of its interval.
 
-        The interval of probability ``level`` is narrower than the motors' own: they move together.
+        The half width is NaN where the effect is not identifiable. Errors common to all motors are part of it, and
+        errors of single motors average out, so relative to the mean it is smaller than those of the motors.
+
+        Args:
+            level: probability of the interval.
         """
-        share = np.sign(self.effect) / len(self.effect)
-        mean = float(share @ self.effect)
         r = len(self.effect)
-        half = float(half_width(share @ self.covariance[:r, :r] @ share, level))
+        weights = np.sign(self.effect) / r
+        mean = float(weights @ self.effect)
+        half = float(half_width(weights @ self.covariance[:r, :r] @ weights, level))
         return mean, half if self.identifiable else np.nan
 
     @property
     def identifiable(self) -> bool:
-        """Whether the motors' effect is reported, be it with a bias."""
+        """Whether the motors' effect is reported, if only as biased."""
         return self.status["effect"] != Status.NOT_IDENTIFIABLE
 
     @property
@@ -108,162 +130,144 @@ class Physical(NamedTuple):
         return Fact(NoPhysical.EFFECT_NOT_IDENTIFIABLE, because=self.reasons["effect"])
 
     def draws(self, number: int, seed: int = 0) -> Array:
-        """Returns (number + 1, r + 3) effect, damping, lag and delay: the estimate, then draws by ``seed``."""
+        """Draws samples of the parameters from their normal posterior.
+
+        Args:
+            number: of samples.
+            seed: of the random numbers.
+
+        Returns:
+            (number + 1, r + 3) effect, damping, lag and delay. The first row is the estimate itself.
+        """
         theta = parameter_vector(self)
-        drawn = normal_draws(theta, self.covariance, number, seed)
-        drawn[:, -2:] = drawn[:, -2:].clip(0.05 * theta[-2:])  # a lag and a delay are positive
-        return np.vstack([theta, drawn])
+        samples = normal_draws(theta, self.covariance, number, seed)
+        samples[:, -2:] = samples[:, -2:].clip(MIN_DRAWN_SHARE * theta[-2:])
+        return np.vstack([theta, samples])
 
     def interval(self, level: float = CONFIDENCE_LEVEL) -> PhysicalInterval:
-        """Returns half widths of intervals of probability ``level``."""
+        """Returns half widths of the intervals of all parameters.
+
+        Args:
+            level: probability of the intervals.
+        """
         half = half_width(self.covariance.diagonal(), level)
-        effect, damping, lag = (
-            np.where(self.status[name] == Status.NOT_IDENTIFIABLE, np.nan, part)
-            for name, part in zip(PARAMETERS, (half[:-3], half[-3], half[-2]), strict=True)
-        )
+        parts = {"effect": half[:-3], "damping": half[-3], "lag": half[-2]}
+        known = {
+            name: np.where(self.status[name] == Status.NOT_IDENTIFIABLE, np.nan, parts[name])
+            for name in PARAMETERS
+        }
         delay = np.nan if self.status["lag"] == Status.NOT_IDENTIFIABLE else half[-1]
-        return PhysicalInterval(effect, float(damping), float(lag), float(delay))
+        return PhysicalInterval(
+            known["effect"], float(known["damping"]), float(known["lag"]), float(delay)
+        )
 
     @property
     def interval_90_percent(self) -> PhysicalInterval:
-        """The half widths of 90 % intervals."""
+        """Half widths of the 90 % intervals."""
         return self.interval()
 
 
 def parameter_vector(physical: Physical) -> Array:
-    """Returns (r + 3,) effect, damping, lag and delay."""
+    """Returns effect, damping, lag and delay as one vector (r + 3,)."""
     return np.array([*physical.effect, physical.damping, physical.lag, physical.delay])
 
 
 def wind_torque_density(physical: Physical, frequency: Array) -> Array:
-    """Returns (F,) the spectral density of the wind's components at Hz (F,), one-sided, (rad/s²)²/Hz."""
-    turn = 2 * np.pi * frequency
-    densities = [colour.density(turn, size, time) for colour, size, time in physical.components]
+    """Returns the one-sided spectral density (F,) of the modelled wind torque, (rad/s²)²/Hz.
+
+    Args:
+        physical: physical parameters, with the components of the wind torque.
+        frequency: (F,) in Hz.
+    """
+    omega = 2 * np.pi * frequency
+    densities = [
+        component.colour.density(omega, component.size, component.time)
+        for component in physical.components
+    ]
     return 2 * np.sum(densities, axis=0)
 
 
-def slopes_of(function: Callable[[Array], Array], theta: Array, value: Array) -> Array:
-    """Returns (k, …) the slopes of a ``function`` at θ (k,), where its ``value`` is known, by differences."""
-    nudges = FINITE_DIFFERENCE_STEP * np.maximum(abs(theta), FINITE_DIFFERENCE_STEP)
-    return np.array([(function(theta + nudge) - value) / nudge.sum() for nudge in np.diag(nudges)])
+def parameter_gradient(function: Callable[[Array], Array], theta: Array, value: Array) -> Array:
+    """Returns the derivatives of a function by each parameter, by forward differences.
 
+    Args:
+        function: of a parameter vector (k,), with values of any shape (…).
+        theta: parameters (k,) at which it is differentiated.
+        value: of the function there (…), known already.
 
-PLANT_MINIMUM = 0.05, 1e-3, 0.0  # damping, 1/s, lag and delay, s, of a vehicle
+    Returns:
+        Derivatives (k, …).
+    """
+    steps = FINITE_DIFFERENCE_STEP * np.maximum(abs(theta), FINITE_DIFFERENCE_STEP)
+    derivatives = []
+    for index, step in enumerate(steps):
+        shift = np.zeros(len(theta))
+        shift[index] = step
+        derivatives.append((function(theta + shift) - value) / step)
+    return np.array(derivatives)
 
 
 def updated(plant: Physical, prior: Physical) -> Physical:
-    """Returns what a flight and, as :func:`physical` says, the ``prior`` of an earlier one tell of the vehicle.
+    """Combines the physical parameters of a flight with those of an earlier flight of the same vehicle.
 
-    Beyond ``SIGNIFICANT_SIGMAS`` between the two, the vehicle is not as it was.
-    A flight that does not identify the effect, on which the others depend, says nothing of any of them.
+    Both are normal distributions, and the result has the product of their densities (the update step of a Kalman
+    filter). The effect of the earlier flight is less certain by its change from flight to flight. The flight is kept
+    alone where the prior is of other inputs, is not identifiable, or differs from the flight's mean effect by more than
+    ``SIGNIFICANT_SIGMAS`` standard deviations, because the vehicle has changed then. A flight that does not identify
+    the effect, on which the others depend, does not change the prior.
+
+    Args:
+        plant: of this flight.
+        prior: of the earlier flight.
+
+    Returns:
+        This flight's parameters with the combined estimates, status and reasons.
     """
-    theta = parameter_vector(prior)
-    now = parameter_vector(plant)
-    if len(theta) != len(now) or not prior.identifiable:
+    prior_theta = parameter_vector(prior)
+    theta = parameter_vector(plant)
+    if len(prior_theta) != len(theta) or not prior.identifiable:
         return plant
-    alike = np.append(theta[:-3], np.zeros(3))
-    covariance = prior.covariance + np.outer(alike, alike) * OmissionErrors.between_flights**2
-    earlier = Fact(ParameterDoubt.KNOWN_FROM_EARLIER_FLIGHT)
-    reasons = {
-        name: prior.reasons[name] if prior.status[name] == Status.NOT_IDENTIFIABLE else earlier
-        for name in PARAMETERS
-    }
-    judged = prior._replace(reasons=reasons)
+    common_effect = np.append(prior_theta[:-3], np.zeros(3))
+    change = np.outer(common_effect, common_effect) * OmissionErrors.between_flights**2
+    prior_covariance = prior.covariance + change
+
     if plant.identifiable:
-        both = covariance + plant.covariance
-        share = np.sign(alike)
-        judged = plant
-        if abs(share @ (now - theta)) > SIGNIFICANT_SIGMAS * np.sqrt(share @ both @ share):
+        total = prior_covariance + plant.covariance
+        signs = np.sign(common_effect)
+        difference = signs @ (theta - prior_theta)
+        if abs(difference) > SIGNIFICANT_SIGMAS * np.sqrt(signs @ total @ signs):
             return plant
-        gain = np.linalg.solve(both, covariance).T
-        theta = theta + gain @ (now - theta)
-        covariance = covariance - gain @ covariance
-    damping, lag, delay = np.maximum(theta[-3:], PLANT_MINIMUM).tolist()
+        gain = np.linalg.solve(total, prior_covariance).T
+        combined = prior_theta + gain @ (theta - prior_theta)
+        covariance = prior_covariance - gain @ prior_covariance
+        status = plant.status
+        reasons = plant.reasons
+        bias = plant.bias
+    else:
+        combined = prior_theta
+        covariance = prior_covariance
+        status = prior.status
+        reasons = _reasons_of_earlier_flight(prior)
+        bias = prior.bias
+    damping, lag, delay = np.maximum(combined[-3:], PLANT_MINIMUM).tolist()
     return plant._replace(
-        effect=theta[:-3],
+        effect=combined[:-3],
         damping=damping,
         lag=lag,
         delay=delay,
         covariance=covariance,
-        status=judged.status,
-        reasons=judged.reasons,
-        bias=judged.bias,
+        status=status,
+        reasons=reasons,
+        bias=bias,
     )
 
 
-WINDOW_SECONDS = (
-    7.0  # of a window; up to half as long again, so that little of a flight is left over
-)
-MIN_SAMPLES = 200  # of a window at the least
-PAST = 4  # samples that tell what is new in the next
-FEWEST_RATE = 39.0
-"""Hz: of fewer samples, a lag and damping of tens of milliseconds are no more than a guess. A grid of 40 Hz may have a
-little less."""
-FASTEST_RATE = 199.0  # Hz: of twice that or more, every so many samples are taken
-
-
-def windows_of(record: Record) -> FlightWindows:
-    """Cuts a record into windows of one length, with one trim and one unit of inputs; ``NotLearnable`` says why not."""
-    if 1 / record.dt < FEWEST_RATE:
-        raise NotLearnable(NoPhysical.SAMPLED_TOO_SLOWLY, rate=1 / record.dt)
-    rate = rate_column(record)
-    samples = _window_samples(record)
-    inputs = record.inputs[samples]
-    inputs = inputs - inputs.mean(axis=(0, 1))
-    unit = np.sqrt(np.mean(inputs**2))
-    if not unit:
-        raise NotLearnable(NoPhysical.MOTORS_STILL)
-    dt = (samples[0, 1] - samples[0, 0]) * record.dt
-    inputs = inputs / unit
-    turning = record.outputs[samples, rate]
-    return FlightWindows.of(inputs, turning, answers(inputs, turning), dt, unit)
-
-
-def answers(inputs: Array, rate: Array) -> Array:
-    """Returns what in ``inputs`` (W, N, r) answers what is new in the ``rate`` (W, N) at the same sample, (W, N, r).
-
-    New is what a linear regression on the samples before does not predict.
-    """
-    both = np.concatenate([rate[:, :, None], inputs], axis=2)
-    count = rate.shape[1]
-    past = np.concatenate([both[:, lag : count - PAST + lag] for lag in range(PAST)], axis=2)
-    now, past = (part.reshape(-1, part.shape[2]) for part in (both[:, PAST:], past))
-    new = now - past @ np.linalg.lstsq(past, now)[0]
-    response = np.zeros_like(inputs)
-    gains = new[:, 0] @ new[:, 1:] / (new[:, 0] @ new[:, 0])
-    response[:, PAST:] = (new[:, :1] * gains).reshape(len(rate), -1, inputs.shape[2])
-    return response
-
-
-def rate_column(record: Record) -> int:
-    """Returns which output is the rate: the derivative of another, or the only one; ``NotLearnable`` where none is."""
-    if record.outputs.shape[1] == 1:
-        return 0
-    pairs = derivative_pairs(record)
-    if not pairs:
-        raise NotLearnable(NoPhysical.NO_RATE)
-    return pairs[0][1]
-
-
-def _window_samples(record: Record) -> Indices:
-    """(W, N) samples of each window."""
-    step = max(1, int(1 / record.dt / FASTEST_RATE))
-    shortest = step * MIN_SAMPLES
-    if record.longest_segment < shortest:
-        raise NotLearnable(
-            NoPhysical.TOO_FEW_SAMPLES_WITHOUT_GAPS,
-            least_samples=shortest,
-            samples=record.longest_segment,
-        )
-    # Up to half as long again, or down to what there is, so that as little as possible is left over.
-    usual = min(round(WINDOW_SECONDS / record.dt), record.longest_segment)
-    longest = min(int(1.5 * usual), record.longest_segment)
-    lengths = range(usual, longest + 1, max(1, usual // 50))
-    length = max(
-        lengths, key=lambda length: sum(whole // length for whole in record.lengths) * length
-    )
-    segments = zip(record.segment_starts, record.lengths, strict=True)
-    begins = np.concatenate(
-        [start + length * np.arange(whole // length) for start, whole in segments]
-    )
-    return np.asarray(begins[:, None] + np.arange(0, length - step + 1, step), int)
+def _reasons_of_earlier_flight(prior: Physical) -> dict[str, Fact | None]:
+    """Returns by parameter name that it is known from an earlier flight, or why it is not identifiable."""
+    reasons = dict[str, Fact | None]()
+    for name in PARAMETERS:
+        if prior.status[name] == Status.NOT_IDENTIFIABLE:
+            reasons[name] = prior.reasons[name]
+        else:
+            reasons[name] = Fact(ParameterDoubt.KNOWN_FROM_EARLIER_FLIGHT)
+    return reasons

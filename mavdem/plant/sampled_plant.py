@@ -1,8 +1,11 @@
-"""The plant of one axis in the wind, sampled: what the wind's torque is smoothed with, and commands are simulated with.
+"""Discrete-time state-space model of one axis with coloured wind torque, for smoothing and for simulation.
 
-    rate' = −damping · rate + torque + constant + wind,    torque' = (effect · u(t − delay) − torque) / lag,
+In continuous time, with the body rate p, the motors' torque T and the wind torque w per moment of inertia (rad/s²):
 
-torque and wind per moment of inertia, rad/s². The wind is coloured noise of one or two components.
+    dp/dt = −d p + T + c + w            d rate damping, 1/s; c constant torque
+    dT/dt = (b u(t − θ) − T) / τ        b effect, θ delay, τ motor time constant
+
+The wind torque is a sum of stationary coloured noises, each with a state-space form of its own.
 """
 
 from collections.abc import Sequence
@@ -17,148 +20,251 @@ from mavdem.dem.engine.kalman import SmoothedSignal, SteadyStateFilter
 from mavdem.dem.engine.model import Transition, discretize
 
 
-class Coloured(NamedTuple):
-    """Stationary noise of variance 1, y = C x with ẋ = A x + white noise, in units of its own time."""
+class ColouredNoise(NamedTuple):
+    """Stationary noise of variance 1 in state-space form, dx/dt = A x + white noise, y = C x; time in its own unit."""
 
-    A: Array  # (k, k)
-    drive: Array  # (k, k) intensity of the white noise
-    C: Array  # (k,)
-    # of the inverse of its density, in powers of −ω², the highest first
-    rarity: Array
+    A: Array
+    """System matrix (k, k)."""
 
-    def density(self, turn: Array, size: Array | float, time: Array | float) -> Array:
-        """Returns its two-sided spectral density at ``turn``, rad/s, with this standard deviation and time, s."""
-        return np.asarray(size**2 * time / np.polyval(self.rarity, -((turn * time) ** 2)))
+    Q: Array
+    """Intensity of the white noise (k, k)."""
+
+    C: Array
+    """Output row (k,)."""
+
+    inverse_density: Array
+    """Coefficients of 1 / spectral density, as a polynomial in −ω², highest power first."""
+
+    def density(self, omega: Array, sd: Array | float, time: Array | float) -> Array:
+        """Returns the two-sided spectral density of the scaled noise, in unit² per Hz.
+
+        Args:
+            omega: angular frequencies, rad/s.
+            sd: standard deviation of the noise, which broadcasts against them.
+            time: unit of the noise's time, s, likewise.
+        """
+        return np.asarray(sd**2 * time / np.polyval(self.inverse_density, -((omega * time) ** 2)))
 
 
-def step_covariance(A: Array, drive: Array, dt: float) -> Array:
-    """Returns (…, n, n) covariance that white noise of intensity ``drive`` (…, n, n) adds to ẋ = A x in ``dt`` s.
+class WindComponent(NamedTuple):
+    """One component of the wind torque."""
 
-    Van Loan, "Computing integrals involving the matrix exponential", 1978.
+    colour: ColouredNoise
+    """Its spectrum, up to scale."""
+
+    size: float
+    """Its standard deviation, rad/s²."""
+
+    time: float
+    """Its time scale, s."""
+
+
+def process_covariance(A: Array, Q: Array, dt: float) -> Array:
+    """Returns the covariance (…, n, n) that white noise of intensity Q adds to dx/dt = A x within dt seconds.
+
+    By the matrix exponential of a block matrix (C. F. Van Loan, "Computing integrals involving the matrix exponential",
+    IEEE Transactions on Automatic Control 23(3), 1978).
+
+    Args:
+        A: system matrices (…, n, n), 1/s.
+        Q: intensities of the white noise (…, n, n).
+        dt: time step, s.
     """
     n = A.shape[-1]
-    flow = expm(np.block([[-A, drive], [np.zeros_like(A), A.mT]]) * dt)
-    return flow[..., n:, n:].mT @ flow[..., :n, n:]
+    exponential = expm(np.block([[-A, Q], [np.zeros_like(A), A.mT]]) * dt)
+    return exponential[..., n:, n:].mT @ exponential[..., :n, n:]
 
 
-def _autoregressive(coefficients: Array) -> Coloured:
-    """Of a denominator with the leading coefficient 1, highest power first, each state of variance 1."""
-    order = len(coefficients) - 1
+def _autoregressive_noise(denominator: Array) -> ColouredNoise:
+    """Returns the noise of variance 1 that white noise through an all-pole filter makes.
+
+    Args:
+        denominator: coefficients (k + 1,) of the filter's denominator in s, highest power first, which is 1.
+
+    Returns:
+        The noise in companion form, with states scaled to variance 1.
+    """
+    order = len(denominator) - 1
     A = np.eye(order, k=1)
-    A[-1] = -coefficients[:0:-1]
-    drive = np.zeros((order, order))
-    drive[-1, -1] = 1.0
-    size = np.sqrt(solve_continuous_lyapunov(A, -drive).diagonal())
-    drive[-1, -1] /= size[-1] ** 2
-    backward = coefficients * (-1.0) ** np.arange(order, -1, -1)
-    rarity = size[0] ** 2 * np.polymul(coefficients, backward)[::2]
-    return Coloured(A * size / size[:, None], drive, np.eye(order)[0], rarity)
+    A[-1] = -denominator[:0:-1]
+    Q = np.zeros((order, order))
+    Q[-1, -1] = 1.0
+    state_sd = np.sqrt(solve_continuous_lyapunov(A, -Q).diagonal())
+    Q[-1, -1] /= state_sd[-1] ** 2
+    # |D(jω)|² is D(s) D(−s), of which only even powers of s remain.
+    mirrored = denominator * (-1.0) ** np.arange(order, -1, -1)
+    inverse_density = state_sd[0] ** 2 * np.polymul(denominator, mirrored)[::2]
+    return ColouredNoise(A * state_sd / state_sd[:, None], Q, np.eye(order)[0], inverse_density)
 
 
-def gaussian_kernel_noise(order: int) -> Coloured:
-    """Returns noise of the Gaussian kernel whose width is the unit of time, of spectrum exp(−ω²).
+def gaussian_kernel_noise(order: int) -> ColouredNoise:
+    """Returns noise with nearly the Gaussian autocorrelation exp(−τ²/4), whose spectrum is proportional to exp(−ω²).
 
-    1/exp(ω²) by Taylor's series in the denominator: Hartikainen and Särkkä, "Kalman filtering and smoothing solutions
-    to temporal Gaussian process regression models", MLSP 2010, sec. 3.3.
+    The spectrum is approximated as 1 / (Taylor series of exp(ω²)), and the stable half of its poles makes the filter
+    (J. Hartikainen and S. Särkkä, "Kalman filtering and smoothing solutions to temporal Gaussian process regression
+    models", MLSP 2010, sec. 3.3).
+
+    Args:
+        order: number of states, and of terms of the series beyond the first.
     """
     series = np.zeros(2 * order + 1)
+    # With ω² = −s², the series of exp(ω²) has the coefficients (−1)^i / i! of s^(2i).
     series[::2] = [(-1) ** power / factorial(power) for power in range(order, -1, -1)]
     roots = np.roots(series)
-    return _autoregressive(np.real(np.poly(roots[roots.real < 0])))
+    stable = roots[roots.real < 0]
+    return _autoregressive_noise(np.real(np.poly(stable)))
 
 
-# autocorrelation exp(−|τ|): turbulence along its mean wind
-FIRST_ORDER = _autoregressive(np.ones(2))
+FIRST_ORDER = _autoregressive_noise(np.ones(2))
+"""Noise with the autocorrelation exp(−|τ|), like turbulence along its mean wind (Dryden)."""
 
 GAUSSIAN_KERNEL = gaussian_kernel_noise(4)
-"""Autocorrelation exp(−τ²/4), nearly: noise with a Gaussian kernel, the noise of generalized coordinates (Eq.
-``Smatrix``), to an order that is enough for the spectrum where there is power."""
+"""Noise with nearly the autocorrelation exp(−τ²/4), that of the noise of generalized coordinates (Eq. ``Smatrix``).
+
+Four states are enough for the part of the spectrum that has power.
+"""
 
 
-def jumping(inputs: Array, sooner: float) -> Array:
-    """Returns (W, N, r) inputs whose jumps between two samples come ``sooner`` than half way, in shares of a step.
+def with_early_jumps(inputs: Array, lead: float) -> Array:
+    """Moves jumps between two samples of inputs that are interpolated linearly towards the earlier sample.
 
-    A jump is what a change has beyond the one before it, and of it alone where their signs differ.
+    A jump is the part of a change between two samples that exceeds the change before it in the same direction; where
+    the direction reverses, all of the change is a jump.
+
+    Args:
+        inputs: W windows of inputs (W, N, r).
+        lead: time by which a jump comes before the middle of its step, as a fraction of the step.
+
+    Returns:
+        Inputs (W, N, r) whose linear interpolation acts like the earlier jumps.
     """
     changes = np.diff(inputs, axis=1, prepend=inputs[:, :1])
-    before = np.concatenate([np.zeros_like(changes[:, :1]), changes[:, :-1]], axis=1)
-    return inputs + sooner * (
-        changes - np.clip(before, np.minimum(changes, 0.0), np.maximum(changes, 0.0))
-    )
+    previous = np.concatenate([np.zeros_like(changes[:, :1]), changes[:, :-1]], axis=1)
+    lower = np.minimum(changes, 0.0)
+    upper = np.maximum(changes, 0.0)
+    jumps = changes - np.clip(previous, lower, upper)
+    return inputs + lead * jumps
 
 
-def delayed(inputs: Array, steps: float) -> ArrayPair:
-    """Returns commands (T − 1, r) as they act at the beginning and the end of each step, interpolated."""
-    whole = int(min(max(0.0, steps), len(inputs)))
-    share = min(max(0.0, steps) - whole, 1.0)
-    later = np.concatenate([np.repeat(inputs[:1], whole + 1, axis=0), inputs])[: len(inputs) + 1]
-    moved = (1 - share) * later[1:] + share * later[:-1]
-    return moved[:-1], moved[1:]
+def delayed(inputs: Array, delay_steps: float) -> ArrayPair:
+    """Returns delayed inputs at the beginning and at the end of each step, interpolated linearly.
+
+    Args:
+        inputs: samples (T, r).
+        delay_steps: delay in steps; a negative one counts as 0. Before the first sample, the inputs are constant.
+
+    Returns:
+        Two arrays (T − 1, r): inputs at the beginnings, and at the ends.
+    """
+    delay = max(0.0, delay_steps)
+    whole_steps = int(min(delay, len(inputs)))
+    fraction = min(delay - whole_steps, 1.0)
+    padded = np.concatenate([np.repeat(inputs[:1], whole_steps + 1, axis=0), inputs])
+    padded = padded[: len(inputs) + 1]
+    interpolated = (1 - fraction) * padded[1:] + fraction * padded[:-1]
+    return interpolated[:-1], interpolated[1:]
 
 
-class Plant(NamedTuple):
-    """x⁺ = Φ x + Γ₀ c + Γ₁ c⁺ + noise, with the state x = [rate, torque, wind's states] and the commanded torque c."""
+class SampledPlant(NamedTuple):
+    """The sampled axis: x⁺ = Φ x + Γ₀ c + Γ₁ c⁺ + noise, with commanded torque c at a sample and c⁺ at the next.
 
-    step: Transition  # it has one input, c in rad/s²
-    process: Array  # (n, n) covariance of the noise, which drives the wind
-    wind: Array  # (n,) the wind's torque, rad/s², out of a state
-    jumps: float  # share of a step by which commands that jump do so sooner than half way
+    The n states are the rate (rad/s), the motors' torque (rad/s²), and those of the wind torque's components.
+    """
 
-    def pushes(self, commanded: Array, steps: float) -> Array:
-        """Returns (T − 1, n) what commands (T,), rad/s², that act so many ``steps`` later do to the next state."""
-        early, late = delayed(jumping(commanded[None, :, None], self.jumps)[0], steps)
-        return early * self.step.Gamma0[:, 0] + late * self.step.Gamma1[:, 0]
+    transition: Transition
+    """Φ, Γ₀ and Γ₁, with one input: the commanded torque, rad/s²."""
 
-    def filter(self, noise: float) -> SteadyStateFilter:
-        """Returns the steady filter of a rate measured with white ``noise``, rad/s; ``LinAlgError`` without one."""
-        return SteadyStateFilter.design(self.step.Phi, self.process, noise)
+    Q: Array
+    """Covariance of the noise in one step (n, n), which drives the wind torque."""
 
-    def smoothed(
+    wind_output: Array
+    """Row (n,) that gives the wind torque, rad/s², from the state."""
+
+    jump_lead: float
+    """Time by which jumps of commands come before the middle of a step, as a fraction of the step."""
+
+    def input_contributions(self, commanded: Array, delay_steps: float) -> Array:
+        """Returns what a commanded torque adds to each next state, Γ₀ c + Γ₁ c⁺ (T − 1, n).
+
+        Args:
+            commanded: commanded torque (T,), rad/s².
+            delay_steps: its delay, in steps.
+        """
+        commands = with_early_jumps(commanded[None, :, None], self.jump_lead)[0]
+        at_start, at_end = delayed(commands, delay_steps)
+        return at_start * self.transition.Gamma0[:, 0] + at_end * self.transition.Gamma1[:, 0]
+
+    def rate_filter(self, noise_sd: float) -> SteadyStateFilter:
+        """Returns the steady-state Kalman filter of a rate that is measured with white noise.
+
+        Args:
+            noise_sd: standard deviation of the noise, rad/s.
+
+        Raises:
+            numpy.linalg.LinAlgError: there is no steady-state filter.
+        """
+        return SteadyStateFilter.design(self.transition.Phi, self.Q, noise_sd)
+
+    def smooth_wind_torque(
         self,
-        steady: SteadyStateFilter,
+        rate_filter: SteadyStateFilter,
         commanded: Array,
-        steps: float,
+        delay_steps: float,
         rate: Array,
     ) -> SmoothedSignal:
-        """Returns the wind's torque in a segment, rad/s², from all of its ``rate`` (T,), rad/s, by a ``steady`` filter.
+        """Returns the smoothed wind torque (T,) of one segment, rad/s², from all of its rates.
 
-        At its beginning the motors have settled at what is commanded, with all that is steady, and there is no wind.
+        At the first sample the motors have settled at the commanded torque, and the wind torque is 0.
+
+        Args:
+            rate_filter: the filter of this plant.
+            commanded: commanded torque with all that is constant in it (T,), rad/s².
+            delay_steps: delay of the commands, in steps.
+            rate: measured rate (T,), rad/s.
         """
-        first = np.zeros(len(self.wind))
-        first[:2] = rate[0], commanded[0]
-        return steady.smooth(self.pushes(commanded, steps), rate, first, self.wind)
+        initial_state = np.zeros(len(self.wind_output))
+        initial_state[0] = rate[0]
+        initial_state[1] = commanded[0]
+        contributions = self.input_contributions(commanded, delay_steps)
+        return rate_filter.smooth(contributions, rate, initial_state, self.wind_output)
 
 
-def plant(
+def sampled_plant(
     damping: Array | float,
     lag: Array | float,
-    components: Sequence[tuple[Coloured, Array | float, Array | float]],
+    components: Sequence[WindComponent | tuple[ColouredNoise, Array | float, Array | float]],
     dt: float,
-    jumps: float = 0.0,
-) -> Plant:
-    """Returns the plant with ``damping``, 1/s, ``lag``, s, and wind, sampled every ``dt`` seconds.
+    jump_lead: float = 0.0,
+) -> SampledPlant:
+    """Discretizes one axis, or several side by side (…), exactly for commands that run linearly between samples.
 
-    ``components`` of the wind are colour, standard deviation in rad/s² (…), and time in s (…) of each. Of several (…)
-    side by side its arrays have these axes first.
+    Args:
+        damping: rate damping (…), 1/s.
+        lag: motor time constant (…), s.
+        components: of the wind torque: spectrum, standard deviation (…) in rad/s² and time (…) in s of each.
+        dt: time step, s.
+        jump_lead: time by which jumps of commands come before the middle of a step, as a fraction of the step.
     """
     shape = np.shape(damping)
     n = 2 + sum(len(colour.A) for colour, _, _ in components)
-    A, drive = np.zeros((2, *shape, n, n))
+    A = np.zeros((*shape, n, n))
+    intensity = np.zeros((*shape, n, n))
     B = np.zeros((*shape, n, 1))
-    wind = np.zeros((*shape, n))
-    start = 2
+    wind_output = np.zeros((*shape, n))
+    first = 2
     for colour, size, time in components:
-        states = slice(start, start + len(colour.A))
-        pace = 1 / np.asarray(time)[..., None, None]
-        A[..., states, states] = colour.A * pace
-        drive[..., states, states] = colour.drive * pace
-        wind[..., states] = colour.C * np.asarray(size)[..., None]
-        start = states.stop
-    A[..., 0, :] = wind
+        states = slice(first, first + len(colour.A))
+        rate_of_time = 1 / np.asarray(time)[..., None, None]
+        A[..., states, states] = colour.A * rate_of_time
+        intensity[..., states, states] = colour.Q * rate_of_time
+        wind_output[..., states] = colour.C * np.asarray(size)[..., None]
+        first = states.stop
+    # The rate is driven by its damping, the motors' torque and the wind torque; the torque follows the command.
+    A[..., 0, :] = wind_output
     A[..., 0, 0] = -damping
     A[..., 0, 1] = 1.0
     B[..., 1, 0] = 1 / lag
     A[..., 1, 1] = -B[..., 1, 0]
-    process = step_covariance(A, drive, dt)
-    process = (process + process.mT) / 2
-    return Plant(discretize(A, B, dt), process, wind, jumps)
+    Q = process_covariance(A, intensity, dt)
+    Q = (Q + Q.mT) / 2
+    return SampledPlant(discretize(A, B, dt), Q, wind_output, jump_lead)

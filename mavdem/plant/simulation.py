@@ -1,31 +1,40 @@
-"""Simulation: what commanded motors would do, by the physical parameters: the plant alone, no autopilot answers."""
+"""Simulation of one axis by its physical parameters: what commanded motors would do, with no autopilot in the loop."""
 
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import solve_discrete_lyapunov
 
-from mavdem.arrays import Array, ArrayPair
+from mavdem.arrays import Array
 from mavdem.dem.engine.model import linear_recursion
 from mavdem.dem.forecast.var import Forecast
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record
 from mavdem.dem.validation import require_finite_and_bounded
-from mavdem.plant.parameters import Physical, parameter_vector, slopes_of
-from mavdem.plant.sampled_plant import Plant, plant
-from mavdem.plant.wind_torque import steady
+from mavdem.plant.parameters import Physical, parameter_gradient, parameter_vector
+from mavdem.plant.sampled_plant import SampledPlant, sampled_plant
+from mavdem.plant.wind_torque import mean_external_torque
 
 
 def simulated(physical: Physical, record: Record, inputs: ArrayLike) -> Forecast:
-    """Returns the forecast of an angle and its rate under commanded ``inputs`` (H, r), after the training data.
+    """Simulates an angle and its rate under commanded inputs, from the end of the training data on.
 
-    Its mean and variance are (H, m). It begins with the last measured sample, and with the torque that the last
-    commands left in the motors. The steady disturbance of the training data stays: it balances the mean inputs. The
-    variance is that of the wind, of which nothing else is known, and of motors' effect, damping and lag, to first
-    order.
+    The simulation begins with the last measured sample, and with the torque that the last commands left in the motors.
+    The steady disturbance of the training data stays, because it balances the mean inputs.
 
-    ``ValueError`` for outputs that are not an angle and its rate, and for inputs larger than may be learned from.
+    Args:
+        physical: physical parameters of the axis.
+        record: the training data, with two outputs: an angle and its rate.
+        inputs: commanded inputs (H, r) after it.
+
+    Returns:
+        Mean and variance (H, 2) in the order of the record's outputs. The variance is that of the wind torque, of which
+        nothing else is known, and of effect, damping and lag, to first order.
+
+    Raises:
+        ValueError: the outputs are not an angle and its rate, or the inputs are larger than may be learned from.
     """
     commanded = record.validated_inputs(inputs)
     require_finite_and_bounded(commanded, "inputs")
@@ -34,65 +43,111 @@ def simulated(physical: Physical, record: Record, inputs: ArrayLike) -> Forecast
         raise ValueError(
             "a simulation needs two outputs, an angle and its rate: the plant has no others"
         )
-    columns = list(pairs[0])
+    angle_and_rate = list(pairs[0])
+    # The delay is held at its estimate: its uncertainty is not in the variance.
     theta = parameter_vector(physical)[:-1]
-    mean_of = partial(_mean, delay=physical.delay, record=record, columns=columns, inputs=commanded)
-    mean = mean_of(theta)
-    slopes = slopes_of(mean_of, theta, mean)
-    variance = np.einsum("iht,ij,jht->ht", slopes, physical.covariance[:-1, :-1], slopes)
-    variance += _of_wind(physical, record.dt, len(commanded))
-    back = np.argsort(columns)
-    return Forecast(mean[:, back], variance[:, back])
+    mean_at = partial(
+        _simulated_mean,
+        delay=physical.delay,
+        record=record,
+        angle_and_rate=angle_and_rate,
+        inputs=commanded,
+    )
+    mean = mean_at(theta)
+    gradient = parameter_gradient(mean_at, theta, mean)
+    variance = np.einsum("iht,ij,jht->ht", gradient, physical.covariance[:-1, :-1], gradient)
+    variance += _wind_variance(physical, record.dt, len(commanded))
+    output_order = np.argsort(angle_and_rate)
+    return Forecast(mean[:, output_order], variance[:, output_order])
 
 
-def _mean(
+def _simulated_mean(
     theta: Array,
     delay: float,
     record: Record,
-    columns: list[int],
+    angle_and_rate: list[int],
     inputs: Array,
 ) -> Array:
-    """(H, 2) angle and rate of the plant with motors, damping and lag ``theta`` (r + 2,), without wind."""
+    """Simulates the axis without wind torque.
+
+    Args:
+        theta: effect of each input, damping and lag (r + 2,).
+        delay: of the commands, s.
+        record: the training data.
+        angle_and_rate: columns of the angle and of its rate in the record's outputs.
+        inputs: commanded inputs (H, r).
+
+    Returns:
+        Angle and rate (H, 2), rad and rad/s.
+    """
     dt = record.dt
+    effect = theta[:-2]
     damping, lag = theta[-2:]
-    axis = plant(damping, lag, (), dt)
+    plant = sampled_plant(damping, lag, (), dt)
     trim = record.inputs.mean(axis=0)
+
+    # The motors' torque in each segment gives the steady torque that acts besides; that of the last one stays.
     constants = []
-    for before, outputs in record.segments:
-        commanded = (before - trim) @ theta[:-2]
-        pushes = axis.pushes(commanded, delay / dt)
-        driven = linear_recursion(axis.step.Phi[1:, 1:], pushes[:, 1:], commanded[:1])
-        torque = np.append(commanded[0], driven)
-        constants.append(steady(outputs[:, columns[1]], torque, damping, dt))
-    # A steady disturbance acts like a steady command.
+    for segment_inputs, outputs in record.segments:
+        commanded = (segment_inputs - trim) @ effect
+        contributions = plant.input_contributions(commanded, delay / dt)
+        motor_transition = plant.transition.Phi[1:, 1:]
+        later_torque = linear_recursion(motor_transition, contributions[:, 1:], commanded[:1])
+        torque = np.append(commanded[0], later_torque)
+        rate = outputs[:, angle_and_rate[1]]
+        constants.append(mean_external_torque(rate, torque, damping, dt))
     constant = np.average(constants, weights=record.lengths)
-    whole = np.append(commanded, (inputs - trim) @ theta[:-2]) + constant
-    ahead = axis.pushes(whole, delay / dt)[len(commanded) - 1 :]
-    first = np.append(outputs[-1, columns], torque[-1] + constant)
-    step, turned = _with_angle(axis, dt)
-    return linear_recursion(step, ahead @ turned.T, first)[:, :2]
+
+    # A steady disturbance acts like a steady command. The last commands are still on their way to the motors.
+    all_commands = np.append(commanded, (inputs - trim) @ effect) + constant
+    contributions = plant.input_contributions(all_commands, delay / dt)[len(commanded) - 1 :]
+    initial_state = np.append(outputs[-1, angle_and_rate], torque[-1] + constant)
+    augmented = _with_angle(plant, dt)
+    states = linear_recursion(
+        augmented.transition, contributions @ augmented.input_map.T, initial_state
+    )
+    return states[:, :2]
 
 
-def _of_wind(physical: Physical, dt: float, steps: int) -> Array:
-    """(H, 2) variance that the wind gives angle and rate from a known beginning."""
-    axis = plant(physical.damping, physical.lag, physical.components, dt)
-    step, turned = _with_angle(axis, dt)
-    process = turned @ axis.process @ turned.T
-    P = np.zeros_like(process)
-    P[3:, 3:] = solve_discrete_lyapunov(step[3:, 3:], process[3:, 3:])
+def _wind_variance(physical: Physical, dt: float, steps: int) -> Array:
+    """Returns the variance (H, 2) that the wind torque gives angle and rate, both known at the beginning.
+
+    Args:
+        physical: physical parameters of the axis, with the components of the wind torque.
+        dt: time step, s.
+        steps: H, number of steps.
+    """
+    plant = sampled_plant(physical.damping, physical.lag, physical.components, dt)
+    augmented = _with_angle(plant, dt)
+    transition = augmented.transition
+    Q = augmented.input_map @ plant.Q @ augmented.input_map.T
+    # States of the wind torque, behind angle, rate and motors' torque, begin with their stationary covariance.
+    P = np.zeros_like(Q)
+    P[3:, 3:] = solve_discrete_lyapunov(transition[3:, 3:], Q[3:, 3:])
     variance = np.empty((steps, 2))
-    for row in variance:
-        P = step @ P @ step.T + process
-        row[:] = P.diagonal()[:2]
+    for step in range(steps):
+        P = transition @ P @ transition.T + Q
+        variance[step] = P.diagonal()[:2]
     return variance
 
 
-def _with_angle(axis: Plant, dt: float) -> ArrayPair:
-    """The plant's step with the angle before its states, and what a push on these, (n,), does to all of them."""
-    n = len(axis.wind)
-    half = np.eye(1, n) * dt / 2  # of the rate before and after each step
-    turned = np.vstack([half, np.eye(n)])
-    step = np.eye(n + 1)
-    step[:, 1:] = turned @ axis.step.Phi
-    step[:1, 1:] += half
-    return step, turned
+class _AngleAugmented(NamedTuple):
+    """A sampled plant whose state begins with the angle."""
+
+    transition: Array
+    """Transition matrix (n + 1, n + 1)."""
+
+    input_map: Array
+    """Map (n + 1, n) from what is added to the plant's states to what is added to all states."""
+
+
+def _with_angle(plant: SampledPlant, dt: float) -> _AngleAugmented:
+    """Adds the angle as first state, the integral of the rate by the trapezoidal rule over steps of dt seconds."""
+    n = len(plant.wind_output)
+    # The angle grows by half a step of the rate before, and half a step of the rate after.
+    half_step_of_rate = np.eye(1, n) * dt / 2
+    input_map = np.vstack([half_step_of_rate, np.eye(n)])
+    transition = np.eye(n + 1)
+    transition[:, 1:] = input_map @ plant.transition.Phi
+    transition[:1, 1:] += half_step_of_rate
+    return _AngleAugmented(transition, input_map)

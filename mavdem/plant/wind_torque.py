@@ -1,13 +1,13 @@
-"""The wind's torque in a recorded flight: its course with a band, and its level, spectrum and gusts.
+"""Wind torque of a recorded flight: its course with a band, its mean and standard deviation, spectrum and gusts.
 
-With the physical parameters known, the rate's equation leaves the wind's torque d = rate' + damping · rate − torque.
-It is smoothed over each segment, as coloured noise of the components that the fit found.
+With known physical parameters, the equation of the rate leaves the wind torque w = dp/dt + damping · p − motor torque.
+It is smoothed over each segment by a Kalman smoother, as coloured noise of the components that the gray-box fit found.
 
-**The steady part.** Its mean is what the motors' mean balances. A motor's absolute command says nothing about torque,
-only differences between motors do: so the steady part is that of equal motors and a centred load. An unequal motor or
-a load to one side adds to it what it takes to balance it.
+**The mean.** The mean wind torque is what the motors' mean balances. The absolute command of a motor says nothing about
+torque, only differences between motors do. So the mean is that for equal motors and a centred load: an unequal motor,
+or a load to one side, adds to it what balances it.
 
-Where the vehicle changed, as by a motor's loss of thrust, the series is cut.
+Where the vehicle changed, for example when a motor lost thrust, the course is cut.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array, ArrayPair
+from mavdem.arrays import Array
 from mavdem.confidence import half_width
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.dem.record import Record
@@ -34,49 +34,61 @@ from mavdem.plant.gusts import (
 from mavdem.plant.identifiability import OmissionErrors
 from mavdem.plant.parameters import (
     Physical,
+    parameter_gradient,
     parameter_vector,
-    rate_column,
-    slopes_of,
     wind_torque_density,
 )
-from mavdem.plant.sampled_plant import plant
+from mavdem.plant.sampled_plant import sampled_plant
+from mavdem.plant.windows import rate_column
 
-CHANGE_SECONDS = 2.0  # on either side of a step
-STEP_SHARE = 0.5
-STEP_SHARPNESS = 0.75
-"""Of the variance by a step, and of the step within ``CHANGE_SECONDS``: no wind of 105 simulated flights had both."""
+STEP_EDGE_SECONDS = 2.0
+"""Time on either side of a step within which its sharpness is measured, s."""
+
+MIN_STEP_VARIANCE_SHARE = 0.5
+"""Least share of the torque's variance that a step explains.
+
+No wind of 105 simulated flights reached both this and ``MIN_STEP_SHARPNESS``.
+"""
+
+MIN_STEP_SHARPNESS = 0.75
+"""Least change of the level within ``STEP_EDGE_SECONDS`` on either side of a step, relative to the step's size."""
 
 
 class WindSpectrum(NamedTuple):
-    """One-sided spectral densities (F,), (rad/s²)²/Hz, of the estimate and of the model that smooths it."""
+    """One-sided spectral densities of the wind torque, (rad/s²)²/Hz."""
 
-    frequency: Array  # Hz
+    frequency: Array
+    """Frequencies (F,), Hz."""
+
     density: Array
+    """Density of the estimated course (F,)."""
+
     model: Array
+    """Density of the model that smooths it (F,)."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WindTorque(ImmutableResult):
-    """The wind's torque on one axis per moment of inertia, rad/s²; T samples.
+    """Wind torque on one axis per moment of inertia, rad/s², at the T samples of a flight.
 
     Attributes:
-        torque: (T,) its course, steady part included.
-        band: (T,) half width that holds the truth with probability 90 %: of the smoother, of the physical parameters to
-            first order, and of what the model leaves out.
-        mean: its mean, that of equal motors and a centred load.
-        mean_band: likewise the half width for the mean.
-        sd: the standard deviation of the wind's torque, between changes of the vehicle; the estimate's own is less,
-            since smoothing shrinks it.
-        scale_error: standard deviation of the error of ``sd``, relative: by effect, damping, lag and delay, and by what
-            the model leaves out. Large where the motors' effect is not identifiable: motors that do more balance more.
-        step: the sample at which its level changes at once and stays, and by how much, rad/s²: a load that moved, a
-            motor, or the front of a wind; ``None`` without one. ``sd`` is that on either side.
-        gusts: in order of time; none where the wind is not resolved.
-        gust_threshold: rad/s² from the running level.
+        torque: (T,) its course, with the mean.
+        band: (T,) half width of the band that holds the truth with probability 90 %: by the smoother, by the physical
+            parameters to first order, and by what the model leaves out.
+        mean: its mean, for equal motors and a centred load.
+        mean_band: half width of the 90 % interval of the mean.
+        sd: standard deviation of the wind torque, between changes of the vehicle; larger than that of ``torque``, since
+            smoothing shrinks it.
+        scale_error: relative standard error of ``sd``, by effect, damping, lag and delay, and by what the model leaves
+            out. Large where the motors' effect is not identifiable: motors that do more balance more.
+        step: sample at which the level changes at once and stays, and by how much, rad/s²: a load that moved, a motor,
+            or a front of the wind; ``None`` without one. ``sd`` is that on either side.
+        gusts: in order of time; none where the wind torque is not resolved.
+        gust_threshold: distance from the running level that a gust exceeds, rad/s².
         false_gusts_per_minute: to expect of Gaussian turbulence with the same spectrum, without gusts.
         spectrum: of the estimate and of the model.
-        resolved: whether its course is larger than its errors, but for those of its size.
-        reason: why it is not to be taken for the wind's; ``None`` where it is.
+        resolved: whether its variance is larger than that of its errors, apart from a common error of its size.
+        reason: why it is not to be taken for the wind's; ``None`` where it is resolved.
     """
 
     torque: Array
@@ -94,142 +106,246 @@ class WindTorque(ImmutableResult):
     reason: Fact | None
 
 
+class _SmoothedTorque(NamedTuple):
+    """Smoothed wind torque of all segments."""
+
+    torque: Array
+    """Its course (T,), with the mean, rad/s²."""
+
+    variance: Array
+    """Variance of the smoother's error (T,), (rad/s²)²."""
+
+
+class _TorqueErrors(NamedTuple):
+    """Errors of a course of wind torque by the uncertainty of the physical parameters."""
+
+    unscaled_variance: float
+    """Mean variance of the errors, without those that scale the course or are in proportion to it, (rad/s²)²."""
+
+    scale_error: float
+    """Relative standard error of the course's standard deviation."""
+
+
 def estimate_wind_torque(
     physical: Physical, record: Record, changes: Sequence[float] = ()
 ) -> WindTorque:
-    """Returns the wind's torque in a record, from all of it; ``LinAlgError`` where no filter is steady.
+    """Estimates the wind torque in a record, each sample from all of its segment.
 
-    ``changes`` are times on the record's clock, s, at which the vehicle changed, as by a motor's loss of thrust.
+    Args:
+        physical: physical parameters of the axis.
+        record: inputs and outputs.
+        changes: times on the record's clock, s, at which the vehicle changed, for example by a motor's loss of thrust.
+
+    Raises:
+        numpy.linalg.LinAlgError: there is no steady-state filter for these parameters.
     """
     column = rate_column(record)
     theta = parameter_vector(physical)
+
+    def torque_at(theta: Array) -> Array:
+        return _smoothed_torque(theta, physical, record, column).torque
+
     with one_thread():
-        torque, spread = _torques(theta, physical, record, column)
-        slopes = slopes_of(
-            lambda theta: _torques(theta, physical, record, column)[0], theta, torque
-        )
+        torque, smoother_variance = _smoothed_torque(theta, physical, record, column)
+        gradient = parameter_gradient(torque_at, theta, torque)
+
     cuts = record.sample_indices(changes)
-    levels = slopes.mean(axis=1)
-    covariance = physical.covariance
-    step = _step(_about_means(torque, cuts), record.dt)
-    cuts = sorted({*cuts, *([] if step is None else step[:1])})
-    moved = _about_means(torque, cuts)
-    moving = _about_means(slopes, cuts)
-    size = float(np.mean(moved**2))
-    smoother = spread + OmissionErrors.wind**2 * size
-
-    def with_parameters(slopes: Array) -> Array:
-        return smoother + np.einsum("it,ij,jt->t", slopes, covariance, slopes)
-
-    variance = with_parameters(slopes)
-    # Motors that do more, and balance more: an error of the size alone leaves the course as it is. Where the motors do
-    # more than balance the wind, as in steering, no more of it counts as one of the size.
-    samples = len(moved)
-    shares = moving @ moved / (samples * size)
-    scales = np.append(shares[:-3], np.zeros(3))
-    scales /= max(1.0, abs(float(theta @ scales)))
-    error = float(with_parameters(moving - np.outer(scales, moved)).mean())
-    resolved = error < MAX_ERROR_SHARE * size
-    unresolved = Fact(
-        NoPhysical.WIND_TORQUE_NOT_RESOLVED, torque_error=np.sqrt(error), torque_sd=np.sqrt(size)
+    step = _step(_without_part_means(torque, cuts), record.dt)
+    if step is not None:
+        step_sample, _ = step
+        cuts = sorted({*cuts, step_sample})
+    deviation = _without_part_means(torque, cuts)
+    power = float(np.mean(deviation**2))
+    omission_variance = OmissionErrors.wind**2 * power
+    variance = (smoother_variance + omission_variance) + _variance_by_parameters(
+        gradient, physical.covariance
     )
-    # An error of the parameters adds to the size in proportion, and by the square of what is not like the wind.
-    unlike = moving - np.outer(shares, moved)
-    added = np.sum((unlike @ unlike.T) * covariance) / (2 * samples * size)
-    scale_error = np.sqrt(shares @ covariance @ shares + added**2 + OmissionErrors.wind_sd**2)
+    errors = _torque_errors(
+        deviation,
+        _without_part_means(gradient, cuts),
+        smoother_variance + omission_variance,
+        theta,
+        physical.covariance,
+    )
+    resolved = errors.unscaled_variance < MAX_ERROR_SHARE * power
+    reason = None
+    if not resolved:
+        reason = Fact(
+            NoPhysical.WIND_TORQUE_NOT_RESOLVED,
+            torque_error=np.sqrt(errors.unscaled_variance),
+            torque_sd=np.sqrt(power),
+        )
+    mean_gradient = gradient.mean(axis=1)
+    mean_variance = (
+        mean_gradient @ physical.covariance @ mean_gradient + OmissionErrors.wind_sd**2 * power
+    )
     band = half_width(variance)
-    gusty = gusts(torque, band, record, min_gust_duration(physical, record.dt))
+    detected = gusts(torque, band, record, min_gust_duration(physical, record.dt))
     return WindTorque(
         torque=torque,
         band=band,
         mean=torque.mean(),
-        mean_band=float(
-            half_width(levels @ covariance @ levels + OmissionErrors.wind_sd**2 * size)
-        ),
-        sd=np.sqrt(size + spread.mean()),
-        scale_error=float(scale_error),
+        mean_band=float(half_width(mean_variance)),
+        sd=np.sqrt(power + smoother_variance.mean()),
+        scale_error=errors.scale_error,
         step=step,
-        gusts=gusty.found if resolved else (),
-        gust_threshold=gusty.threshold,
-        false_gusts_per_minute=gusty.false_per_minute,
+        gusts=detected.found if resolved else (),
+        gust_threshold=detected.threshold,
+        false_gusts_per_minute=detected.false_per_minute,
         spectrum=_spectrum(torque, record, physical),
         resolved=resolved,
-        reason=None if resolved else unresolved,
+        reason=reason,
     )
 
 
-def _about_means(values: Array, cuts: Sequence[int]) -> Array:
-    """(…, T) without the mean of each part between cuts."""
-    parts = np.split(values, cuts, axis=-1)
-    return np.concatenate(
-        [part - part.mean(axis=-1, keepdims=True) for part in parts if part.size], axis=-1
+def _variance_by_parameters(gradient: Array, covariance: Array) -> Array:
+    """Returns the variance (T,) of a course by uncertain parameters, to first order.
+
+    Args:
+        gradient: derivatives of the course by the k parameters (k, T).
+        covariance: of the parameters (k, k).
+    """
+    return np.einsum("it,ij,jt->t", gradient, covariance, gradient)
+
+
+def _torque_errors(
+    deviation: Array, gradient: Array, other_variance: Array, theta: Array, covariance: Array
+) -> _TorqueErrors:
+    """Splits the errors of a wind torque by its physical parameters into those of its size and others.
+
+    Motors with more effect balance more torque: such an error only scales the course. The part of each parameter's
+    gradient that is proportional to the course is found by regression on it.
+
+    Args:
+        deviation: wind torque about its means (T,), rad/s².
+        gradient: its derivatives by the parameters (r + 3, T), likewise about their means.
+        other_variance: variance (T,) of the errors that the parameters do not cause, (rad/s²)².
+        theta: effects, damping, lag and delay (r + 3,).
+        covariance: of these (r + 3, r + 3).
+    """
+    samples = len(deviation)
+    power = float(np.mean(deviation**2))
+    proportional = gradient @ deviation / (samples * power)
+
+    # Where the motors do more than balance the wind torque, as in steering, no more of it than all counts as scale.
+    effect_scales = np.append(proportional[:-3], np.zeros(3))
+    effect_scales /= max(1.0, abs(float(theta @ effect_scales)))
+    unscaled_gradient = gradient - np.outer(effect_scales, deviation)
+    unscaled = other_variance + _variance_by_parameters(unscaled_gradient, covariance)
+
+    # An error of the parameters changes the standard deviation in proportion to its part that is like the course, and
+    # by the square of the rest.
+    rest = gradient - np.outer(proportional, deviation)
+    quadratic = np.sum((rest @ rest.T) * covariance) / (2 * samples * power)
+    scale_variance = (
+        proportional @ covariance @ proportional + quadratic**2 + OmissionErrors.wind_sd**2
     )
+    return _TorqueErrors(float(unscaled.mean()), float(np.sqrt(scale_variance)))
+
+
+def _without_part_means(values: Array, cuts: Sequence[int]) -> Array:
+    """Returns values (…, T) about their mean in each part between cuts, which are sample indices."""
+    centred = []
+    for part in np.split(values, cuts, axis=-1):
+        if part.size:
+            centred.append(part - part.mean(axis=-1, keepdims=True))
+    return np.concatenate(centred, axis=-1)
 
 
 def _step(torque: Array, dt: float) -> tuple[int, float] | None:
-    """The sample and size of the step that explains most of a torque (T,) of mean 0, where it is one."""
-    number = len(torque)
-    least = round(RUNNING_LEVEL_SECONDS / dt)
-    near = round(CHANGE_SECONDS / dt)
-    at = np.arange(least, number - least)
-    if not len(at):
+    """Finds a single step in a torque, if one explains most of its variance and is sharp.
+
+    Args:
+        torque: of mean 0 (T,), rad/s².
+        dt: time step, s.
+
+    Returns:
+        First sample after the step, and the step's size in rad/s²; or ``None``. It is no nearer to the ends than
+        ``RUNNING_LEVEL_SECONDS``.
+    """
+    count = len(torque)
+    margin = round(RUNNING_LEVEL_SECONDS / dt)
+    candidates = np.arange(margin, count - margin)
+    if not len(candidates):
         return None
-    sums = np.cumsum(torque)[at - 1]
-    explained = sums**2 * number / (at * (number - at))
-    sample = int(at[np.argmax(explained)])
+    sums_before = np.cumsum(torque)[candidates - 1]
+    explained = sums_before**2 * count / (candidates * (count - candidates))
+    sample = int(candidates[np.argmax(explained)])
     size = float(torque[sample:].mean() - torque[:sample].mean())
-    sharp = (torque[sample : sample + near].mean() - torque[sample - near : sample].mean()) / size
-    return (
-        (sample, size)
-        if explained.max() > STEP_SHARE * (torque @ torque) and sharp > STEP_SHARPNESS
-        else None
-    )
+    edge = round(STEP_EDGE_SECONDS / dt)
+    just_before = torque[sample - edge : sample].mean()
+    just_after = torque[sample : sample + edge].mean()
+    sharpness = (just_after - just_before) / size
+    is_large = explained.max() > MIN_STEP_VARIANCE_SHARE * (torque @ torque)
+    if is_large and sharpness > MIN_STEP_SHARPNESS:
+        return sample, size
+    return None
 
 
-def _torques(
+def _smoothed_torque(
     theta: Array,
     physical: Physical,
     record: Record,
     column: int,
-) -> ArrayPair:
-    """The wind's torque in all segments (T,) and its smoother's variance, of the rate in a ``column``.
+) -> _SmoothedTorque:
+    """Smooths the wind torque in all segments.
 
-    With effect, damping, lag and delay ``theta`` (r + 3,).
+    Args:
+        theta: effects, damping, lag and delay (r + 3,), in the place of those of ``physical``.
+        physical: the other parameters: components of the wind torque, noise and refinements.
+        record: inputs and outputs.
+        column: of the rate in the outputs.
     """
     effect = theta[:-3]
-    (damping, lag, delay) = theta[-3:].tolist()
-    jumps = physical.refinements.get(Refinement.JUMPS, 0.0)
-    axis = plant(damping, lag, physical.components, record.dt, jumps)
-    filtered = axis.filter(physical.noise)
+    damping, lag, delay = theta[-3:].tolist()
+    jump_lead = physical.refinements.get(Refinement.JUMPS, 0.0)
+    plant = sampled_plant(damping, lag, physical.components, record.dt, jump_lead)
+    rate_filter = plant.rate_filter(physical.noise)
     trim = record.inputs.mean(axis=0)
-    level = balanced(effect, trim, record.effect_directions)
-    parts = []
+    trim_torque = torque_balanced_by_trim(effect, trim, record.effect_directions)
+    torques = []
+    variances = []
     for inputs, outputs in record.segments:
         rate = outputs[:, column]
         commanded = (inputs - trim) @ effect
-        # What is steady acts like a steady command; about it the wind's mean is 0.
-        constant = steady(rate, commanded, damping, record.dt)
-        smoothed = axis.smoothed(filtered, commanded + constant, delay / record.dt, rate)
-        parts.append((smoothed.mean + constant + level, smoothed.variance))
-    torque, variance = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-    return torque, variance
+        # A steady torque acts like a steady command; about it the wind torque has mean 0.
+        constant = mean_external_torque(rate, commanded, damping, record.dt)
+        smoothed = plant.smooth_wind_torque(
+            rate_filter, commanded + constant, delay / record.dt, rate
+        )
+        torques.append(smoothed.mean + constant + trim_torque)
+        variances.append(smoothed.variance)
+    return _SmoothedTorque(np.concatenate(torques), np.concatenate(variances))
 
 
-def steady(
+def mean_external_torque(
     rate: Array,
-    commanded: Array,
+    motor_torque: Array,
     damping: float,
     dt: float,
 ) -> float:
-    """Returns the mean torque, rad/s², that a segment's rate (T,) has besides the ``commanded`` torque (T,)."""
-    return (rate[-1] - rate[0]) / (len(rate) * dt) + damping * rate.mean() - commanded.mean()
+    """Returns the mean torque per inertia, rad/s², that acts in a segment besides the motors.
+
+    It is the mean of dp/dt + damping · p − motor torque.
+
+    Args:
+        rate: body rate p (T,), rad/s.
+        motor_torque: (T,), rad/s².
+        damping: rate damping, 1/s.
+        dt: time step, s.
+    """
+    mean_acceleration = (rate[-1] - rate[0]) / (len(rate) * dt)
+    return mean_acceleration + damping * rate.mean() - motor_torque.mean()
 
 
-def balanced(effect: Array, trim: Array, directions: Array | None) -> float:
-    """Returns the wind's torque, rad/s², that inputs ``trim`` (r,) of motors with this ``effect`` (r,) balance.
+def torque_balanced_by_trim(effect: Array, trim: Array, directions: Array | None) -> float:
+    """Returns the steady wind torque, rad/s², that the mean inputs balance if the motors are equal.
 
-    Of motors that are equal: along the mixer's ``directions`` (r,), or, where these are not known, without what all
-    have in common, since the common command lifts the vehicle. A single input is the torque's own command.
+    Args:
+        effect: of each input (r,), rad/s² per unit.
+        trim: mean inputs (r,).
+        directions: relative effect of each input by the mixer (r,). Where they are not known, what all inputs have in
+            common is left out, since that lifts the vehicle. A single input commands the torque itself.
     """
     if directions is not None:
         effect = directions * (directions @ effect) / (directions @ directions)
@@ -239,13 +355,22 @@ def balanced(effect: Array, trim: Array, directions: Array | None) -> float:
 
 
 def _spectrum(torque: Array, record: Record, physical: Physical) -> WindSpectrum:
-    """By Welch's method, of windows of ``SPECTRUM_SECONDS``, or as long as the longest segment."""
-    from scipy.signal import detrend, welch  # it takes half a second to import
+    """Estimates the spectral density of the wind torque (T,) by Welch's method, beside the model's density.
+
+    Windows have ``SPECTRUM_SECONDS``, or the length of the longest segment. Segments count by their overlapping
+    windows.
+    """
+    # Importing scipy.signal takes half a second.
+    from scipy.signal import detrend, welch
 
     length = min(round(SPECTRUM_SECONDS / record.dt), record.longest_segment)
-    parts = [part for part in np.split(torque, record.segment_starts[1:]) if len(part) >= length]
-    densities = [welch(part, 1 / record.dt, nperseg=length, detrend=detrend) for part in parts]
-    weights = [2 * len(part) // length - 1 for part in parts]
-    density = np.average([density for _, density in densities], axis=0, weights=weights)
-    frequency = densities[0][0]
-    return WindSpectrum(frequency, density, wind_torque_density(physical, frequency))
+    densities = []
+    window_counts = []
+    for segment in np.split(torque, record.segment_starts[1:]):
+        if len(segment) < length:
+            continue
+        frequency, density = welch(segment, 1 / record.dt, nperseg=length, detrend=detrend)
+        densities.append(density)
+        window_counts.append(2 * len(segment) // length - 1)
+    mean_density = np.average(densities, axis=0, weights=window_counts)
+    return WindSpectrum(frequency, mean_density, wind_torque_density(physical, frequency))

@@ -53,8 +53,7 @@ from mavdem.loops.margins import OpenLoop, controller_response
 from mavdem.loops.measured_response import measured_rate_response
 from mavdem.loops.twin import build_twin, replay_segments
 from mavdem.plant import Physical
-from mavdem.plant.parameters import WindComponent
-from mavdem.plant.sampled_plant import gaussian_kernel_noise
+from mavdem.plant.sampled_plant import WindComponent, gaussian_kernel_noise
 from mavdem.report.flight_charts import loop_charts
 from mavdem.report.vehicle_files import vehicle_text
 from mavdem.wind_velocity.airflow import Drag

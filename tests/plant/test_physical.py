@@ -20,12 +20,19 @@ from mavdem.facts.identifiability import Status
 from mavdem.facts.model import NoPhysical, ParameterDoubt, Refinement
 from mavdem.plant import identifiability as limits
 from mavdem.plant import physical
-from mavdem.plant.fitting import LogJoint, directed
+from mavdem.plant.fitting import LogPosterior, initial_model
 from mavdem.plant.identifiability import PARAMETERS, NotIdentifiable, identifiability
-from mavdem.plant.likelihood import FlightWindows, minimum_phase
-from mavdem.plant.parameters import Physical, WindComponent, answers
-from mavdem.plant.sampled_plant import FIRST_ORDER, GAUSSIAN_KERNEL, delayed, gaussian_kernel_noise
+from mavdem.plant.likelihood import minimum_phase
+from mavdem.plant.parameters import Physical
+from mavdem.plant.sampled_plant import (
+    FIRST_ORDER,
+    GAUSSIAN_KERNEL,
+    WindComponent,
+    delayed,
+    gaussian_kernel_noise,
+)
 from mavdem.plant.simulation import simulated
+from mavdem.plant.windows import FlightWindows, responses_to_innovations
 
 
 @mark.parametrize(
@@ -38,7 +45,7 @@ from mavdem.plant.simulation import simulated
     ids=["first order", "smooth", "gusts"],
 )
 def test_noise_has_the_autocorrelation_it_is_named_for(noise, autocorrelation, error):
-    P = solve_continuous_lyapunov(noise.A, -noise.drive)
+    P = solve_continuous_lyapunov(noise.A, -noise.Q)
     turn = np.linspace(0.0, 400.0, 200_001)
     density = noise.density(turn, 1.0, 1.0)
     for tau in (0.0, 0.5, 1.0, 2.0, 4.0):
@@ -73,7 +80,7 @@ def test_what_answers_a_sample_is_found(gain):
     new = np.diff(rate, axis=1, prepend=0.0)
     slow = np.cumsum(0.2 * rng.standard_normal((3, 600)), axis=1)
     inputs = (slow - gain * new)[:, :, None]
-    found = answers(inputs, rate)[:, 10:, 0]
+    found = responses_to_innovations(inputs, rate)[:, 10:, 0]
     assert_allclose(found, -gain * new[:, 10:], atol=0.25 * max(gain, 1))
 
 
@@ -81,9 +88,9 @@ def test_the_slope_of_the_log_joint_is_that_of_its_value():
     flight = in_closed_loop(2, steering=1.0, samples=900)
     inputs = (flight.inputs - flight.inputs.mean(axis=0)).reshape(3, 300, -1)
     rate = flight.outputs[:, 1].reshape(3, -1)
-    windows = FlightWindows.of(inputs, rate, answers(inputs, rate), DT)
-    plain, start = directed(windows, np.sign(MOTORS))
-    objective = LogJoint(plain, windows)
+    windows = FlightWindows.from_samples(inputs, rate, responses_to_innovations(inputs, rate), DT)
+    plain, start = initial_model(windows, np.sign(MOTORS))
+    objective = LogPosterior(plain, windows)
     about = objective.expand(start)
     for place, slope in enumerate(about.gradient):
         step = 1e-5 * np.eye(len(start))[place]

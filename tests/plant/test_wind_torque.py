@@ -25,10 +25,10 @@ from mavdem.plant.online_wind_torque import (
     FILTER_SECONDS,
     OnlineWindTorque,
     WeakenedMotors,
-    wind_filter,
+    fit_wind_torque_smoother,
 )
 from mavdem.plant.parameters import Physical, updated
-from mavdem.plant.sampled_plant import FIRST_ORDER, delayed, gaussian_kernel_noise, plant
+from mavdem.plant.sampled_plant import FIRST_ORDER, delayed, gaussian_kernel_noise, sampled_plant
 from mavdem.plant.wind_torque import _step, estimate_wind_torque
 from sitl_scenarios.wind import gaussian_noise
 
@@ -46,23 +46,23 @@ def test_the_smoother_is_the_posterior_of_the_joint_gaussian(components, damping
     commanded = rng.standard_normal(90)
     rate = 0.2 * rng.standard_normal(90)
     noise = 0.02
-    of = plant(damping, 0.05, components, 0.02)
-    found = of.smoothed(of.filter(noise), commanded, 0.7, rate)
+    of = sampled_plant(damping, 0.05, components, 0.02)
+    found = of.smooth_wind_torque(of.rate_filter(noise), commanded, 0.7, rate)
     early, late = delayed(commanded[:, None], 0.7)
-    pushed = np.column_stack([of.step.Gamma0[:, 0], of.step.Gamma1[:, 0]])
-    n = len(of.wind)
+    pushed = np.column_stack([of.transition.Gamma0[:, 0], of.transition.Gamma1[:, 0]])
+    n = len(of.wind_output)
     one = np.eye(1, n)
     nothing = np.zeros(n)
     model = LinearGaussianModel(
-        of.step.Phi, pushed, nothing, one, np.zeros(1), of.process, np.array([[noise**2]])
+        of.transition.Phi, pushed, nothing, one, np.zeros(1), of.Q, np.array([[noise**2]])
     )
     start = nothing.copy()
     start[:2] = rate[0], commanded[0]
     pushes = np.append(np.column_stack([early, late]), [[0.0, 0.0]], axis=0)[:90]
-    steady = of.filter(noise).P
+    steady = of.rate_filter(noise).P
     means, covariances, _ = joint(model, start, pushes, rate[:, None], steady)
-    mean = means @ of.wind
-    variance = np.einsum("i,titj,j->t", of.wind, covariances, of.wind)
+    mean = means @ of.wind_output
+    variance = np.einsum("i,titj,j->t", of.wind_output, covariances, of.wind_output)
     assert_allclose(found.mean, mean, atol=1e-8 * abs(mean).max())
     assert_allclose(found.variance, variance, atol=1e-8 * variance.max())
 
@@ -205,22 +205,22 @@ def identified(of):
 @mark.slow
 def test_it_is_nearly_the_smoother_s_of_the_whole_flight():
     online, memory = online_wind()
-    online.filter = of = wind_filter(Record.from_flights(WINDY))
-    online._next = len(WINDY) + 1
+    online.smoother = of = fit_wind_torque_smoother(Record.from_flights(WINDY))
+    online._next_fit = len(WINDY) + 1
     assert of.physical.status["effect"] == Status.NOT_IDENTIFIABLE
-    online.filter = identified(of)
+    online.smoother = identified(of)
     live = followed(online, memory, WINDY)[:, 0]
     whole, band = of.torques(WINDY.inputs, WINDY.outputs).T
     assert np.std(live[500:] - whole[500 - LAG : -LAG]) < 0.1 * whole.std()
     # Its latest samples are predicted as well as the others, so that they widen the band by little.
-    usual = of._replace(steady=of.steady._replace(variance=np.inf))
+    usual = of._replace(rate_filter=of.rate_filter._replace(variance=np.inf))
     assert_allclose(band, usual.torques(WINDY.inputs, WINDY.outputs)[:, 1], rtol=0.5)
 
 
 @mark.slow
 def test_its_band_has_the_slopes_by_each_motor_s_effect():
     """Against finite differences, also where the motors lift or turn the vehicle."""
-    of = wind_filter(Record.from_flights(CALM))
+    of = fit_wind_torque_smoother(Record.from_flights(CALM))
     turning = np.sin(2 * np.pi * 0.5 * CALM.time)
     inputs = CALM.inputs + np.outer(turning, [0.1, 0.1, -0.1, -0.1])
 
@@ -273,7 +273,9 @@ def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steerin
     assert updated(known, unknown) is known
     online, memory = online_wind(prior=known)
     hover = followed(online, memory, calm)[-90:]
-    assert online.filter.physical.reasons["effect"].code is ParameterDoubt.KNOWN_FROM_EARLIER_FLIGHT
+    assert (
+        online.smoother.physical.reasons["effect"].code is ParameterDoubt.KNOWN_FROM_EARLIER_FLIGHT
+    )
     memory.end_segment()
     online.end_segment()
     doublets = followed(online, memory, steering)[BEGINS + 1 :]
@@ -283,20 +285,20 @@ def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steerin
             and not gusts(torque, band, record_of(len(torque))).found
         )
     assert np.median(doublets[:, 1]) > 3 * np.median(hover[:, 1])
-    of = online.filter
+    of = online.smoother
     told = replace(steering, inputs=steering.inputs * [1.25, 1, 1, 1])
     for weak, (least, most) in ((steering.inputs, (0.85, 1.0)), (told.inputs, (0.0, 0.2))):
         torque, band = followed(online, memory, told, weak)[BEGINS + 1 :].T
         assert least <= np.mean(abs(torque) <= band) <= most
         assert band.min() > 2 * abs(of.physical.effect[0])
-    assert online.filter is of, "nothing is fitted to weak motors"
+    assert online.smoother is of, "nothing is fitted to weak motors"
 
 
 def test_a_fit_that_fails_leaves_the_last_one():
     still = replace(WINDY, inputs=np.full_like(WINDY.inputs, 1500.0))
     online, memory = online_wind()
     assert np.isnan(followed(online, memory, still)).all()
-    assert online.filter is None
+    assert online.smoother is None
     with ThreadPoolExecutor(1) as executor:
         gone = online_wind(executor)
     assert np.isnan(followed(*gone, WINDY[:900])).all()

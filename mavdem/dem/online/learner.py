@@ -185,7 +185,7 @@ class OnlineLearner:
             wind_torque=torque[0],
             wind_torque_band=torque[1],
             wind_time=time - self._wind.delay,
-            physical=None if self._wind.filter is None else self._wind.filter.physical,
+            physical=None if self._wind.smoother is None else self._wind.smoother.physical,
         )
         self._last = time
         if closed:

@@ -1,0 +1,214 @@
+"""Windows of a flight, in which the gray-box model is fitted, as Fourier transforms of rate and inputs."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.fft import rfft
+
+from mavdem.arrays import Array, Indices
+from mavdem.dem.priors import derivative_pairs
+from mavdem.dem.record import Record
+from mavdem.errors import NotLearnable
+from mavdem.facts.model import NoPhysical, Refinement
+from mavdem.plant.closed_loop.spectra import ComplexArray
+from mavdem.plant.sampled_plant import with_early_jumps
+
+WINDOW_SECONDS = 7.0
+"""Usual length of a window, s: a choice."""
+
+MAX_WINDOW_STRETCH = 1.5
+"""Factor by which windows may be longer than usual, so that little of a flight remains unused: a choice."""
+
+LENGTH_STEPS = 50
+"""Number of steps, per usual length, in which lengths of windows are tried."""
+
+MIN_WINDOW_SAMPLES = 200
+"""Least number of samples of a window: a choice."""
+
+REGRESSION_LAGS = 4
+"""Number of past samples from which the next one is predicted, to find its innovation: a choice."""
+
+MIN_RATE = 39.0
+"""Lowest rate of samples, Hz, at which motor lag and damping of tens of milliseconds can be estimated.
+
+A time grid of 40 Hz may have a little less than 40 Hz.
+"""
+
+MAX_RATE = 199.0
+"""Rate of samples, Hz, from twice which on only every so many samples are used."""
+
+INTERPOLATED_CHANNEL = 0
+"""Channel of ``FlightWindows.inputs`` with the part of the inputs that does not respond to the sample's innovation."""
+
+HELD_CHANNEL = 1
+"""Channel of ``FlightWindows.inputs`` with the part that responds to it, and acts only from the sample on."""
+
+REFINEMENT_CHANNEL = 2
+"""First of the channels of ``FlightWindows.inputs`` with the refinements, in the order of ``REFINEMENTS``."""
+
+REFINEMENTS = (Refinement.JUMPS, Refinement.THRUST_CURVE)
+"""Possible refinements of the model, each with one parameter.
+
+JUMPS: by what fraction of a step inputs that jump between two samples did so before the middle of the step.
+THRUST_CURVE: the relative change of the effect for one standard deviation of the inputs.
+"""
+
+
+class FlightWindows(NamedTuple):
+    """Fourier transforms of W windows of a flight, of N samples each, at F frequencies; the mean is 0 in each."""
+
+    rate: ComplexArray
+    """Body rate (W, F), rad/s."""
+
+    inputs: ComplexArray
+    """Channels of the r inputs (2 + refinements, r, W, F), in units of the inputs' common standard deviation.
+
+    The first two add up to the inputs. The others are what each refinement adds for one unit of its parameter.
+    """
+
+    samples: int
+    """N, number of samples of a window."""
+
+    dt: float
+    """Time step of the samples, s."""
+
+    unit: float
+    """Common standard deviation of the inputs, in the record's unit of them."""
+
+    @classmethod
+    def from_samples(
+        cls, inputs: Array, rate: Array, responses: Array, dt: float, unit: float = 1.0
+    ) -> FlightWindows:
+        """Transforms windows of samples.
+
+        Args:
+            inputs: deviations of the inputs from their trim (W, N, r), in ``unit``.
+            rate: body rate (W, N), rad/s.
+            responses: part of the inputs that responds to the innovation of the same sample (W, N, r).
+            dt: time step, s.
+            unit: of the inputs, in the record's unit.
+        """
+        refined = {
+            Refinement.JUMPS: with_early_jumps(inputs, 1.0) - inputs,
+            # The integral of an effect that grows in proportion to the input.
+            Refinement.THRUST_CURVE: inputs**2 / 2,
+        }
+        channels = [inputs - responses, responses]
+        for name in REFINEMENTS:
+            channels.append(refined[name])
+        input_transforms = rfft(np.moveaxis(np.array(channels), 3, 1))
+        rate_transforms = rfft(rate)
+        input_transforms[..., 0] = 0.0
+        rate_transforms[..., 0] = 0.0
+        return cls(rate_transforms, input_transforms, rate.shape[1], dt, unit)
+
+    @property
+    def omega(self) -> Array:
+        """Angular frequencies (F,), rad/s."""
+        step = 2 * np.pi / (self.samples * self.dt)
+        return np.asarray(step * np.arange(self.rate.shape[1]))
+
+    def select(self, windows: slice | Indices) -> FlightWindows:
+        """Returns only some of the windows."""
+        return self._replace(rate=self.rate[windows], inputs=self.inputs[:, :, windows])
+
+
+def cut_windows(record: Record) -> FlightWindows:
+    """Cuts a record into windows of one length, with one trim and one unit of the inputs, and transforms them.
+
+    Raises:
+        NotLearnable: the samples are too slow or too few, no output is a rate, or no input changes.
+    """
+    if 1 / record.dt < MIN_RATE:
+        raise NotLearnable(NoPhysical.SAMPLED_TOO_SLOWLY, rate=1 / record.dt)
+    column = rate_column(record)
+    samples = _window_samples(record)
+    inputs = record.inputs[samples]
+    inputs = inputs - inputs.mean(axis=(0, 1))
+    unit = np.sqrt(np.mean(inputs**2))
+    if not unit:
+        raise NotLearnable(NoPhysical.MOTORS_STILL)
+    dt = (samples[0, 1] - samples[0, 0]) * record.dt
+    inputs = inputs / unit
+    rate = record.outputs[samples, column]
+    responses = responses_to_innovations(inputs, rate)
+    return FlightWindows.from_samples(inputs, rate, responses, dt, unit)
+
+
+def responses_to_innovations(inputs: Array, rate: Array) -> Array:
+    """Returns the part of the inputs (W, N, r) that responds to the innovation of the rate at the same sample.
+
+    The innovations of rate and inputs are the residuals of a linear regression on the samples before. Their regression
+    on each other gives the immediate response of the controller.
+
+    Args:
+        inputs: (W, N, r) in W windows of N samples.
+        rate: (W, N).
+    """
+    signals = np.concatenate([rate[:, :, None], inputs], axis=2)
+    count = rate.shape[1]
+    lagged = [signals[:, lag : count - REGRESSION_LAGS + lag] for lag in range(REGRESSION_LAGS)]
+    past = np.concatenate(lagged, axis=2)
+    past = past.reshape(-1, past.shape[2])
+    present = signals[:, REGRESSION_LAGS:].reshape(-1, signals.shape[2])
+    innovations = present - past @ np.linalg.lstsq(past, present)[0]
+    rate_innovations = innovations[:, 0]
+    gains = rate_innovations @ innovations[:, 1:] / (rate_innovations @ rate_innovations)
+    responses = np.zeros_like(inputs)
+    responses[:, REGRESSION_LAGS:] = (innovations[:, :1] * gains).reshape(
+        len(rate), -1, inputs.shape[2]
+    )
+    return responses
+
+
+def rate_column(record: Record) -> int:
+    """Returns which output of a record is the body rate: the derivative of another output, or the only one.
+
+    Raises:
+        NotLearnable: of several outputs, none is the derivative of another.
+    """
+    if record.outputs.shape[1] == 1:
+        return 0
+    pairs = derivative_pairs(record)
+    if not pairs:
+        raise NotLearnable(NoPhysical.NO_RATE)
+    _, derivative = pairs[0]
+    return derivative
+
+
+def _window_samples(record: Record) -> Indices:
+    """Returns the indices of the samples of each window (W, N), of windows inside segments that do not overlap.
+
+    Raises:
+        NotLearnable: no segment is as long as the shortest window.
+    """
+    stride = max(1, int(1 / record.dt / MAX_RATE))
+    shortest = stride * MIN_WINDOW_SAMPLES
+    if record.longest_segment < shortest:
+        raise NotLearnable(
+            NoPhysical.TOO_FEW_SAMPLES_WITHOUT_GAPS,
+            least_samples=shortest,
+            samples=record.longest_segment,
+        )
+    length = _window_length(record)
+    starts = []
+    for segment_start, segment_length in zip(record.segment_starts, record.lengths, strict=True):
+        starts.append(segment_start + length * np.arange(segment_length // length))
+    offsets = np.arange(0, length - stride + 1, stride)
+    return np.asarray(np.concatenate(starts)[:, None] + offsets, int)
+
+
+def _window_length(record: Record) -> int:
+    """Returns the length of windows, in samples of the record, that leaves the fewest samples unused.
+
+    It is between the usual length and ``MAX_WINDOW_STRETCH`` times that, or less where all segments are shorter.
+    """
+    usual = min(round(WINDOW_SECONDS / record.dt), record.longest_segment)
+    longest = min(int(MAX_WINDOW_STRETCH * usual), record.longest_segment)
+
+    def used_samples(length: int) -> int:
+        return sum(segment_length // length for segment_length in record.lengths) * length
+
+    return max(range(usual, longest + 1, max(1, usual // LENGTH_STEPS)), key=used_samples)
