@@ -69,7 +69,7 @@ UPWARD_IMPORTS = {
     ("dem.learned", "report.screen"),  # Learned.summary()
     ("dem.online.learner", "plant.online_wind_torque"),  # OnlineLearner.update()
     ("dem.online.learner", "plant.parameters"),
-    ("dem.online.tracker", "plant.parameters"),  # Estimate.physical, its type
+    ("dem.online.estimate", "plant.parameters"),  # Estimate.physical, its type
     ("loops.axis_loops", "loops.advice"),  # Loop.advice
     ("loops.twin", "report.vehicle_files"),  # Twin.replayed()
     ("loops.twin", "sitl_scenarios.files"),

@@ -4,8 +4,8 @@ from mavdem.dem.engine.ascent import FreeEnergy, Learning
 from mavdem.dem.engine.model import LinearModel
 from mavdem.dem.learned import Learned
 from mavdem.dem.learning import learn, learn_many
+from mavdem.dem.online.estimate import Estimate
 from mavdem.dem.online.learner import OnlineLearner
-from mavdem.dem.online.tracker import Estimate
 from mavdem.dem.settings import Gaussian, Settings
 
 __all__ = [

@@ -13,8 +13,8 @@ from mavdem.confidence import CONFIDENCE_LEVEL, Interval
 from mavdem.containers import Names
 from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dem import Estimate
+from mavdem.dem.online.anomaly_marks import MEAN_SECONDS_BETWEEN_FALSE_MARKS
 from mavdem.dem.online.learner import TOO_FEW_SAMPLES
-from mavdem.dem.online.tracker import MEAN_SECONDS_BETWEEN_FALSE_MARKS
 from mavdem.live import SessionStatus
 from mavdem.live.display import DisplayRow
 from mavdem.live.history import REPORTED_HORIZON

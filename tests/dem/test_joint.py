@@ -12,7 +12,7 @@ from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE
 from mavdem.dem.forecast import joint
 from mavdem.dem.forecast.joint import LAG_CANDIDATES, JointModel, VarHyperparameters
 from mavdem.dem.forecast.var import CONSTANT_RIDGE, LagStatistics, lagged, regress
-from mavdem.dem.online.ahead import OnlineForecaster
+from mavdem.dem.online.forecaster import OnlineForecaster
 from mavdem.dem.online.memory import SampleMemory
 from mavdem.dem.record import Record
 
@@ -157,23 +157,25 @@ def followed(flight, outputs, gap=None):
         closed = memory.add(flight.inputs[row], outputs[row], flight.time[row])
         yield ahead, *ahead.predict(memory)
         if closed:
-            ahead.add(memory.blocks[-1])
+            ahead.add_block(memory.blocks[-1])
 
 
 def test_live_it_is_the_model_learnt_of_the_same_samples(monkeypatch):
     """Unforgotten, but for the units: here of all samples, there of the first second. To 0.05 of the deviation."""
-    monkeypatch.setattr("mavdem.dem.online.ahead.MEMORY_SECONDS", 1e9)
+    monkeypatch.setattr("mavdem.dem.online.forecaster.MEMORY_SECONDS", 1e9)
     flight = replace(in_closed_loop(wind=10.0, samples=2500), effect_directions=X_FRAME)
     learnt = JointModel.learn(Record.from_flights(flight[:2450]))
     channels = np.hstack([flight.outputs, flight.inputs @ X_FRAME[:, None]])
-    for row, (ahead, expected_live, _) in enumerate(followed(flight, flight.outputs)):
+    for row, (live_model, expected_live, ahead_live) in enumerate(
+        followed(flight, flight.outputs)
+    ):
         if row >= 2450:
-            live = np.vstack([expected_live, ahead._ring[ahead._place - 1, 0]])
+            live = np.vstack([expected_live, ahead_live])
             past = channels[row + 1 - learnt.choice.lags : row + 1]
             expected = learnt.one_step(Record.from_flights(flight[row - 30 : row + 1]))[-1]
             offline = np.vstack([expected, learnt.process.predict(past, 25).mean[[0, 4, 24], :2]])
             assert_allclose((live - offline) / flight.outputs.std(axis=0), 0, atol=0.05)
-    assert ahead._choice == learnt.choice
+    assert live_model._hyperparameters == learnt.choice
 
 
 def test_no_lag_reaches_across_a_gap():

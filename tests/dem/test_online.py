@@ -16,21 +16,18 @@ import mavdem
 from mavdem import Flight, OnlineLearner, Settings
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.dem.learning import learn_with_fit
-from mavdem.dem.online import learner, tracker
-from mavdem.dem.online.ahead import OnlineForecaster
-from mavdem.dem.online.learner import LEARNING_SECONDS
-from mavdem.dem.online.memory import SampleMemory, drop_blocks_since
-from mavdem.dem.online.tracker import (
-    BAND_SECONDS,
-    MAX_MEDIANS,
-    MAX_QUARTILES,
+from mavdem.dem.online import learner
+from mavdem.dem.online.anomaly_marks import (
     MEAN_SECONDS_BETWEEN_FALSE_MARKS,
     PEAK_SECONDS,
     AnomalyMarks,
-    ErrorBands,
-    FreeEnergyMonitor,
-    Surprise,
+    evidence_limit,
 )
+from mavdem.dem.online.error_bands import BAND_SECONDS, MAX_MEDIANS, ErrorBands
+from mavdem.dem.online.forecaster import OnlineForecaster
+from mavdem.dem.online.free_energy_monitor import MAX_QUARTILES, FreeEnergyMonitor, Surprise
+from mavdem.dem.online.learner import LEARNING_SECONDS
+from mavdem.dem.online.memory import SampleMemory, drop_blocks_since
 from mavdem.facts.online import Online
 
 pytestmark = mark.usefixtures("without_wind_fits")
@@ -49,7 +46,7 @@ def filled(memory, samples):
 
 
 def test_a_memory_has_its_latest_samples():
-    memory = SampleMemory(0.01, block=4, most=3)
+    memory = SampleMemory(0.01, block_size=4, max_blocks=3)
     filled(memory, range(100))
     inputs, outputs = memory.latest_samples(7)
     assert inputs.ravel().tolist() == list(range(93, 100))
@@ -63,7 +60,7 @@ def test_a_memory_has_its_latest_samples():
 
 
 def test_what_is_taken_back_is_forgotten_and_nothing_of_an_earlier_boot():
-    memory = SampleMemory(0.01, block=4, most=9)
+    memory = SampleMemory(0.01, block_size=4, max_blocks=9)
     for start in (500.0, 3.0):
         for sample in range(13):
             memory.add(np.array([sample]), np.array([-sample]), start + 0.01 * sample)
@@ -121,10 +118,10 @@ def test_a_vehicle_that_stood_still_is_learnt_from_soon_after_it_moves():
 
 @mark.slow
 def test_of_many_samples_it_learns_less_often(monkeypatch):
-    tracker = FreeEnergyMonitor.of(*learn_with_fit(WINDY[:300], COMPLETE), 3.0)
+    tracker = FreeEnergyMonitor.from_fit(*learn_with_fit(WINDY[:300], COMPLETE), 3.0)
     learns = Mock(return_value=tracker)
-    monkeypatch.setattr(learner, "_learn", learns)
-    monkeypatch.setattr(learner, "MOST_SAMPLES", 400)
+    monkeypatch.setattr(learner, "_learn_and_monitor", learns)
+    monkeypatch.setattr(learner, "FULL_RATE_SAMPLES", 400)
     flown(OnlineLearner(COMPLETE, dt=WINDY.dt), WINDY[:1400])
     assert [len(call.args[0]) for call in learns.call_args_list] == [200, 400, 600, 900, 1350]
 
@@ -147,7 +144,7 @@ def test_an_executor_that_is_gone_is_an_obstacle_and_no_error():
     assert online.obstacle.figures["because"].figures["error"] == "RuntimeError"
     dead = Future()
     dead.set_exception(BrokenExecutor("a process was killed"))
-    online._pending = dead
+    online._pending_fit = dead
     online.update(4.5, WINDY.outputs[450], WINDY.inputs[450])
     assert online.obstacle.figures["because"].figures["text"] == "a process was killed"
 
@@ -265,21 +262,21 @@ def test_predictions_meet_their_own_sample():
         memory.add(np.zeros(1), np.array([sample + 1000.0 * (sample >= 30)]), DT * sample)
         ahead.predict(memory)
         errors = {30: [np.nan, np.nan], 32: [1.0, np.nan], 33: [1.0, 3.0]}.get(
-            sample, ahead.errors[:, 0]
+            sample, ahead.errors.latest[:, 0]
         )
-        assert_array_equal(ahead.errors[:, 0], errors)
+        assert_array_equal(ahead.errors.latest[:, 0], errors)
 
 
 def test_a_new_model_brings_the_past_of_its_own_free_energy():
     """Its level shifts by nats from one model to the next, which is no change of the vehicle."""
     flight = simulated(samples=300, wind=0.5)
     memory = SampleMemory(DT, 10, 30)
-    tracker = FreeEnergyMonitor.of(*learn_with_fit(flight), 3.0)
+    tracker = FreeEnergyMonitor.from_fit(*learn_with_fit(flight), 3.0)
     energies = []
     for row in zip(flight.inputs, flight.outputs, flight.time, strict=True):
         memory.add(*row)
         energies.append(tracker.evaluate(memory))
-    assert_allclose(tracker.past, energies[tracker.learned.settings.window - 1 :], rtol=1e-9)
+    assert_allclose(tracker.past_values, energies[tracker.learned.settings.window - 1 :], rtol=1e-9)
 
 
 def test_surprise_is_in_units_of_the_lowest_twentieth():
@@ -305,12 +302,17 @@ def surprises(rng, seconds, alike=10):
 def test_the_limit_of_evidence_is_the_peak_of_once_in_five_minutes():
     """By Gumbel's distribution, of peaks whose median deviation is 1, or less than what they scatter by at least."""
     marks = AnomalyMarks(DT)
-    times = marks._peaks.maxlen, marks._block, marks._rest, marks._share
+    times = (
+        marks._peaks.maxlen,
+        marks._samples_per_peak,
+        marks._refractory_samples,
+        marks._smoothing,
+    )
     assert times == approx((60, 500, 2000, 0.01))
     far = np.sqrt(1 + 1 / 3) * (gumbel_r.isf(1 / 60) - gumbel_r.median())
-    assert tracker._limit(np.array([1.0, 2.0, 3.0])) == approx(2 + far / 0.767)
-    assert tracker._limit(np.full(3, 2.0)) == approx(2 + far * 0.09)
-    assert tracker._limit(np.array([1.0, 2.0])) == np.inf
+    assert evidence_limit(np.array([1.0, 2.0, 3.0])) == approx(2 + far / 0.767)
+    assert evidence_limit(np.full(3, 2.0)) == approx(2 + far * 0.09)
+    assert evidence_limit(np.array([1.0, 2.0])) == np.inf
 
 
 def marked(marks, surprise):

@@ -1,14 +1,15 @@
-"""OnlineLearner: the same model on a stream, learned again from the latest samples whenever that is due.
+"""The online learner: it learns the same model as ``learn`` from a stream, and predicts every sample meanwhile.
 
-``learn`` runs in an executor, whenever its last call is done and two seconds have passed, or more after
-many samples. In between every sample is filtered and predicted by the newest model.
+``learn`` runs in an executor on the samples in the memory. It runs again when its last call has ended and two seconds
+of samples have come since that began, or more where there are many samples. Between the calls every sample is
+predicted, and compared with the newest model.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,15 +18,12 @@ from mavdem.arrays import Array
 from mavdem.dem.forecast.joint import known_axis_mixer
 from mavdem.dem.learned import Learned
 from mavdem.dem.learning import MIN_SAMPLES, learn, learn_with_fit
-from mavdem.dem.online.ahead import OnlineForecaster
+from mavdem.dem.online.anomaly_marks import AnomalyMarks
+from mavdem.dem.online.error_bands import ErrorBands
+from mavdem.dem.online.estimate import Estimate
+from mavdem.dem.online.forecaster import OnlineForecaster
+from mavdem.dem.online.free_energy_monitor import FreeEnergyMonitor, Surprise
 from mavdem.dem.online.memory import SampleMemory, drop_blocks_since
-from mavdem.dem.online.tracker import (
-    AnomalyMarks,
-    ErrorBands,
-    Estimate,
-    FreeEnergyMonitor,
-    Surprise,
-)
 from mavdem.dem.record import Record
 from mavdem.dem.settings import Settings
 from mavdem.dem.validation import (
@@ -45,32 +43,64 @@ if TYPE_CHECKING:
     from mavdem.plant.online_wind_torque import WeakenedMotors
     from mavdem.plant.parameters import Physical
 
-MEMORY_BLOCK_SECONDS = 0.1  # of samples, which are remembered and forgotten together
-LEARNING_SECONDS = 2.0  # of samples, before the first call of ``learn``, and between two
-# In the memory, up to which a call takes a tenth of that at most: of more, calls come as many times farther apart
-MOST_SAMPLES = 2000
-DEFAULT_HORIZONS = (1, 5, 10, 25, 50)  # default steps ahead
-ALIKE_COSINE = 0.9  # cosine of the angle between turning combinations that differ by chance
-MAX_GAPS = 5  # in a row, after which ``dt`` is wrong rather than samples missing
+MEMORY_BLOCK_SECONDS = 0.1
+"""Length of the blocks in which samples are remembered and forgotten, s; a choice."""
+
+LEARNING_SECONDS = 2.0
+"""Length of the samples before the first call of ``learn``, and between two calls, s; a choice."""
+
+FULL_RATE_SAMPLES = 2000
+"""Most samples in the memory with which ``learn`` is called every ``LEARNING_SECONDS``.
+
+A call with as many takes up to a tenth of that time. With more samples, the calls are as many times farther apart.
+"""
+
+DEFAULT_HORIZONS = (1, 5, 10, 25, 50)
+"""Steps ahead that are predicted unless others are given."""
+
+MIN_MIXER_COSINE = 0.9
+"""Cosine of the angle between two estimates of the axis mixer, above which they differ by chance only; a choice."""
+
+MAX_STEP_DEVIATION = 0.5
+"""Deviation of a step from ``dt``, in units of ``dt``, beyond which there is a gap."""
+
+MAX_GAPS = 5
+"""Gaps from sample to sample in a row, from which on ``dt`` is taken to be wrong, in place of missing samples."""
+
 TOO_FEW_SAMPLES = Fact(Online.TOO_FEW_SAMPLES_YET)
-FIRST_RUNS = Fact(Online.FIRST_LEARNING)
+"""Reason of no model: there are fewer samples than a fit needs."""
+
+FIRST_FIT_RUNNING = Fact(Online.FIRST_LEARNING)
+"""Reason of no model: the first fit is still being computed."""
 
 
-def _learn(record: Record, settings: Settings, until: float) -> FreeEnergyMonitor:
+class _Sample(NamedTuple):
+    """One checked sample: its time in s, inputs (r,) and outputs (m,)."""
+
+    time: float
+    inputs: Array
+    outputs: Array
+
+
+def _learn_and_monitor(record: Record, settings: Settings, end_time: float) -> FreeEnergyMonitor:
+    """Learns a model of a record whose last sample is of ``end_time``, in s; runs in the executor."""
     learned, fit = learn_with_fit(record, settings)
-    learned.joint  # noqa: B018  here, not where samples come
-    return FreeEnergyMonitor.of(learned, fit, until)
+    # The joint model is computed when it is first used: it is used here, so that samples do not wait for it later.
+    learned.joint  # noqa: B018
+    return FreeEnergyMonitor.from_fit(learned, fit, end_time)
 
 
 class OnlineLearner:
-    """Learns from samples as they come, whatever their source.
+    """Learns a model from samples as they come, whatever their source, and returns estimates for each of them.
 
     Attributes:
-        horizons: steps ahead of ``Estimate.ahead``.
-        learned, until: the last result of ``learn``, the model in use, and the end of its samples, s; None, NaN before.
-        refits, fits_physical: whether model and physical parameters are fitted again: a caller may put that off.
-        follows_torque: whether samples are for the wind torque, too: those of a climb after take-off are not.
-        obstacle: why there is no model, or no newer one; ``None`` without a reason.
+        horizons: Steps ahead of ``Estimate.ahead``.
+        learned: The model in use, the result of the last call of ``learn``; None before.
+        until: Time of the last sample that it was learned from, s; NaN before.
+        refits: Whether the model is fitted again when that is due; a caller under load may put that off.
+        fits_physical: Whether the physical parameters are, likewise.
+        follows_torque: Whether samples are used for the wind torque, too: those of a climb after take-off are not.
+        obstacle: Why there is no model, or no newer one; ``None`` without a reason.
     """
 
     def __init__(
@@ -85,61 +115,69 @@ class OnlineLearner:
         effect_directions: ArrayLike | None = None,
         prior: Physical | None = None,
     ) -> None:
-        """Begins without a sample.
+        """Begins without samples.
 
         Args:
-            settings: what decides the fit; ``Settings()`` unless given.
-            dt: sampling step, s.
-            n_inputs, n_outputs: r and m.
-            memory: seconds of samples that the model is fitted to; older ones are dropped.
-            horizons: steps ahead to predict, increasing.
-            executor: of processes, where ``learn`` runs; unless given, it runs inside an update, which then takes as
-                long. With one of threads an update may wait for them.
+            settings: Settings of the fit; ``Settings()`` unless given.
+            dt: Sampling step, s.
+            n_inputs: Number of inputs, r.
+            n_outputs: Number of outputs, m.
+            memory: Length of the samples that the model is fitted to, s; older ones are dropped.
+            horizons: Steps ahead to predict, increasing.
+            executor: Executor of processes where ``learn`` runs. Unless given, it runs inside an update, which then
+                takes as long. With an executor of threads an update may wait for them.
             effect_directions: (r,) relative effect of each input on the axis, where the mixer geometry is known.
-            prior: the vehicle's physical parameters as of an earlier flight, such as ``Learned.physical``.
+            prior: Physical parameters of the vehicle as of an earlier flight, such as ``Learned.physical``.
 
         Raises:
-            ValueError: names the argument that does not fit.
+            ValueError: An argument does not fit; the message names it.
         """
         self._dt = validated_step(dt)
-        self._sizes = validated_count(n_inputs, "n_inputs"), validated_count(n_outputs, "n_outputs")
-        given = horizons if np.ndim(horizons) else ()
-        self.horizons = tuple(validated_count(steps, "horizons", MAX_STEPS) for steps in given)
-        if not self.horizons or list(self.horizons) != sorted(set(self.horizons)):
-            raise ValueError(f"horizons must be steps, increasing, not {horizons!r}")
-        block = max(1, round(MEMORY_BLOCK_SECONDS / dt))
-        most = round(memory / dt / block) if is_number(memory) and np.isfinite(memory / dt) else 0
-        if most * block < 2 * MIN_SAMPLES:
+        self._n_inputs = validated_count(n_inputs, "n_inputs")
+        self._n_outputs = validated_count(n_outputs, "n_outputs")
+        self.horizons = _validated_horizons(horizons)
+        block_size = max(1, round(MEMORY_BLOCK_SECONDS / dt))
+        max_blocks = 0
+        if is_number(memory) and np.isfinite(memory / dt):
+            max_blocks = round(memory / dt / block_size)
+        if max_blocks * block_size < 2 * MIN_SAMPLES:
             raise ValueError(
                 f"memory must be at least {2 * MIN_SAMPLES * dt:g} s at this dt, not {memory!r}"
             )
+        directions = None
+        if effect_directions is not None:
+            directions = validated_directions(effect_directions, n_inputs)
+
         self.learned: Learned | None = None
+        self.until = np.nan
         self.obstacle: Fact | None = TOO_FEW_SAMPLES
         self.refits = True
         self.fits_physical = True
         self.follows_torque = True
-        self.until = np.nan
         self._settings = Settings() if settings is None else settings
         self._executor = executor
-        directions = None
-        if effect_directions is not None:
-            directions = validated_directions(effect_directions, n_inputs)
-        self._memory = SampleMemory(dt, block, most, directions)
-        self._samples = 0
-        self._first = max(round(LEARNING_SECONDS / dt), 2 * MIN_SAMPLES)
-        self._next = self._first
-        self._pending: Future[FreeEnergyMonitor] | None = None
-        self._tracker: FreeEnergyMonitor | None = None
-        self._last: float | None = None
-        self._gaps = 0
-        self._bands = ErrorBands(len(self.horizons), n_outputs, self._dt)
-        combinations = known_axis_mixer(n_inputs, directions)
-        self._ahead = OnlineForecaster(self._dt, self.horizons, n_outputs, combinations)
-        # The wind torque is estimated by the plant, a room above this one.
+
+        # Time of the last sample, s, unless a segment begins; number of gaps in a row; number of samples so far.
+        self._last_time: float | None = None
+        self._gaps_in_a_row = 0
+        self._sample_count = 0
+        # Number of samples before the first fit and after a failed one; number from which on the next fit is due.
+        self._samples_before_fit = max(round(LEARNING_SECONDS / dt), 2 * MIN_SAMPLES)
+        self._next_fit_sample = self._samples_before_fit
+        # The fit that the executor computes; the result of the last one.
+        self._pending_fit: Future[FreeEnergyMonitor] | None = None
+        self._monitor: FreeEnergyMonitor | None = None
+
+        self._memory = SampleMemory(dt, block_size, max_blocks, directions)
+        self._error_bands = ErrorBands(len(self.horizons), n_outputs, self._dt)
+        axis_mixer = known_axis_mixer(n_inputs, directions)
+        self._forecaster = OnlineForecaster(self._dt, self.horizons, n_outputs, axis_mixer)
+        self._surprise = Surprise(self._dt)
+        self._anomaly_marks = AnomalyMarks(self._dt)
+        # The wind torque is estimated by the plant, a package above this one.
         from mavdem.plant.online_wind_torque import OnlineWindTorque
 
-        self._wind = OnlineWindTorque(self._memory, executor, prior)
-        self._surprise, self._marks = Surprise(self._dt), AnomalyMarks(self._dt)
+        self._wind_torque = OnlineWindTorque(self._memory, executor, prior)
 
     def update(
         self,
@@ -148,7 +186,11 @@ class OnlineLearner:
         inputs: ArrayLike,
         weak: WeakenedMotors | None = None,
     ) -> Estimate:
-        """Takes the next sample, ``outputs`` (m,) and ``inputs`` (r,) at a ``time`` in s.
+        """Takes the next sample and returns the estimates as of this sample.
+
+        A step other than ``dt`` from the last sample, also backwards, begins a new segment: the model is kept, and
+        nothing is predicted or differentiated across the gap. After ``MAX_GAPS`` gaps in a row, ``obstacle`` states
+        that samples do not come every ``dt``.
 
         >>> online = mavdem.OnlineLearner(dt=0.01, n_inputs=4, n_outputs=2)
         >>> for time, outputs, inputs in zip(train.time[:50], train.outputs, train.inputs):
@@ -156,69 +198,77 @@ class OnlineLearner:
         >>> estimate.ahead.shape[1]  # outputs some steps ahead
         2
 
-        A time other than one step after the last, also one that goes back, begins a new segment: the model is kept, and
-        nothing is predicted or differentiated across the gap. After ``MAX_GAPS`` in a row, ``obstacle`` states that
-        samples do not come every ``dt``. While motors are ``weak``, the wind torque is by what they do.
+        Args:
+            time: Time of the sample, s.
+            outputs: Measured motion, (m,): angle (rad) and rate (rad/s).
+            inputs: Motor outputs, (r,), in the unit of the stream.
+            weak: Motors that have lost thrust, and since when: the wind torque then follows from their actual thrust.
 
         Returns:
-            the estimate as of this sample, by the model before it.
+            The estimates, by the model that was learned before this sample.
 
         Raises:
-            ValueError: values that are not finite, larger than ``mavdem.learn`` takes, or of another number.
+            ValueError: A value is not finite or larger than ``mavdem.learn`` takes, or there are more or fewer values.
 
         See Also:
             :func:`mavdem.learn`: from a whole flight.
         """
-        time, u, y = self._checked(time, inputs, outputs)
-        step = self._dt if self._last is None else time - self._last
-        if abs(step - self._dt) > 0.5 * self._dt:
-            self._begin_segment()
-            self._gaps += 1
-        elif self._gaps:
-            if self._gaps >= MAX_GAPS:
-                self.obstacle = self._missing()
-            self._gaps = 0
-        closed = self._memory.add(u, y, time)
-        self._samples += 1
-        torque = self._wind.update(u, weak) if self.follows_torque else (np.nan, np.nan)
-        estimate = self._estimate(time, y)._replace(
-            wind_torque=torque[0],
-            wind_torque_band=torque[1],
-            wind_time=time - self._wind.delay,
-            physical=None if self._wind.smoother is None else self._wind.smoother.physical,
+        sample = self._checked_sample(time, inputs, outputs)
+        step = self._dt if self._last_time is None else sample.time - self._last_time
+        self._count_gaps(step)
+        has_completed_block = self._memory.add(sample.inputs, sample.outputs, sample.time)
+        self._sample_count += 1
+        wind_torque, wind_torque_band = np.nan, np.nan
+        if self.follows_torque:
+            wind_torque, wind_torque_band = self._wind_torque.update(sample.inputs, weak)
+        smoother = self._wind_torque.smoother
+        estimate = self._estimate(sample)._replace(
+            wind_torque=wind_torque,
+            wind_torque_band=wind_torque_band,
+            wind_time=sample.time - self._wind_torque.delay,
+            physical=None if smoother is None else smoother.physical,
         )
-        self._last = time
-        if closed:
-            self._bands.update()
+        self._last_time = sample.time
+        if has_completed_block:
+            self._error_bands.update()
             self._surprise.update_quantiles()
-            self._remember()
-        self._relearn()
-        if self._gaps >= MAX_GAPS:
+            self._learn_from_last_block()
+        self._adopt_finished_fit()
+        self._start_fit_when_due()
+        if self._gaps_in_a_row >= MAX_GAPS:
             self.obstacle = Fact(Online.SAMPLES_MISPLACED, interval=step, step=self._dt)
         return estimate
 
     def forget_since(self, time: float) -> None:
-        """Takes back the samples of the latest segments from ``time``, s, on: they were not what they seemed to be.
+        """Forgets the samples from a time on, where they proved to be of something else, as of a vehicle on the ground.
 
-        The model is learned anew from those before; a running call of ``learn`` is not waited for.
+        The forecasts are learned anew from the samples before; a running call of ``learn`` is cancelled.
+
+        Args:
+            time: Time on the clock of the latest segments, s.
         """
         self._begin_segment()
         if not drop_blocks_since(self._memory.blocks, time):
             return
-        self._ahead.begin_with(self._memory.blocks, self._ahead.combinations)
-        self._wind.drop_blocks_since(time)
-        if self._pending is not None:
-            self._pending.cancel()
-            self._pending = None
-        # Without a sample left there is nothing to learn from: as in the beginning, but the model stays.
-        self._next = self._samples + (0 if self._memory.blocks else self._first)
+        self._forecaster.relearn(self._memory.blocks, self._forecaster.axis_mixer)
+        self._wind_torque.drop_blocks_since(time)
+        if self._pending_fit is not None:
+            self._pending_fit.cancel()
+            self._pending_fit = None
+        self._next_fit_sample = self._sample_count
+        if not self._memory.blocks:
+            # There is nothing to learn from, as in the beginning; but the model stays.
+            self._next_fit_sample += self._samples_before_fit
 
     def learn_now(self, timeout: float | None = None) -> Learned:
-        """Returns the result of ``learn`` on the samples in the memory.
+        """Returns the result of ``learn`` on the samples in the memory; the model in use is not changed.
+
+        Args:
+            timeout: Longest time to wait for the executor, s; without an end unless given.
 
         Raises:
-            ValueError: they do not support one, or there is no full block of samples yet.
-            TimeoutError: the executor took longer than ``timeout``, s.
+            ValueError: The samples do not support a model, or there is no block of samples yet.
+            TimeoutError: The executor took longer than ``timeout``.
         """
         if not self._memory.blocks:
             raise NotLearnable(TOO_FEW_SAMPLES)
@@ -227,121 +277,169 @@ class OnlineLearner:
             return learn(record, self._settings)
         return self._executor.submit(learn, record, self._settings).result(timeout)
 
-    def _checked(
-        self, time: float, inputs: ArrayLike, outputs: ArrayLike
-    ) -> tuple[float, Array, Array]:
-        r, m = self._sizes
-        given: list[tuple[str, Any, int]] = [
-            ("time", time, 1),
-            ("inputs", inputs, r),
-            ("outputs", outputs, m),
-        ]
-        rows = []
-        for name, values, size in given:
-            rows.append(validated_table([values], name, size)[0])
-            require_finite_and_bounded(rows[-1], name)
-        now, u, y = rows
-        return float(now[0]), u, y
+    def _checked_sample(self, time: float, inputs: ArrayLike, outputs: ArrayLike) -> _Sample:
+        """Returns a sample as arrays; raises ``ValueError`` where values do not fit or are not finite."""
+        return _Sample(
+            time=float(_checked_row(time, "time", 1)[0]),
+            inputs=_checked_row(inputs, "inputs", self._n_inputs),
+            outputs=_checked_row(outputs, "outputs", self._n_outputs),
+        )
+
+    def _count_gaps(self, step: float) -> None:
+        """Begins a segment where a ``step``, in s, from the last sample shows a gap, and counts the gaps in a row."""
+        if abs(step - self._dt) > MAX_STEP_DEVIATION * self._dt:
+            self._begin_segment()
+            self._gaps_in_a_row += 1
+            return
+        if self._gaps_in_a_row >= MAX_GAPS:
+            # Samples come as expected again: the obstacle is another now, or none.
+            self.obstacle = self._reason_of_no_model()
+        self._gaps_in_a_row = 0
 
     def _begin_segment(self) -> None:
-        if self._memory.end_segment():
-            self._remember()
-        self._ahead.end_segment()
-        self._wind.end_segment()
-        self._last = None
+        """Ends the segment of the samples so far; the next sample begins another."""
+        has_completed_block = self._memory.end_segment()
+        if has_completed_block:
+            self._learn_from_last_block()
+        self._forecaster.end_segment()
+        self._wind_torque.end_segment()
+        self._last_time = None
 
-    def _estimate(self, time: float, y: Array) -> Estimate:
-        tracker = self._tracker
-        (expected, ahead) = self._ahead.predict(self._memory)
-        expected_band, *ahead_band = self._bands.half_widths
-        self._bands.add(y - expected, self._ahead.errors)
-        estimate = Estimate(
-            time,
-            expected,
-            expected_band,
-            time + self._dt * np.array(self.horizons),
-            ahead,
-            np.array(ahead_band),
-            self._ahead.error_ratio,
-        )
-        if tracker is None:
-            return estimate
-        energy = tracker.evaluate(self._memory)
-        surprise = self._surprise.add(energy) if np.isfinite(energy) else np.nan
-        learned = tracker.learned
-        window = learned.settings.window
-        return estimate._replace(
-            seen=time - (window - 1 - window // 2) * self._dt,
-            free_energy=energy,
-            surprise=surprise,
-            model=learned.model,
-            until=tracker.until,
-            unusual=self._marks.add(surprise),
-        )
-
-    def _remember(self) -> None:
-        """Learns what comes next, and the wind's torque, from the block that was just closed."""
-        self._ahead.add(self._memory.blocks[-1], self.refits)
+    def _learn_from_last_block(self) -> None:
+        """Learns the forecasts, and the wind torque, from the block that was just completed."""
+        block = self._memory.blocks[-1]
+        self._forecaster.add_block(block, self.refits)
         if self.follows_torque:
-            self._wind.add(self._memory.blocks[-1], self.fits_physical)
+            self._wind_torque.add(block, self.fits_physical)
 
-    def _missing(self) -> Fact | None:
-        """Why there is no model yet; ``None`` where there is one."""
-        if self._tracker is not None:
+    def _estimate(self, sample: _Sample) -> Estimate:
+        """Returns the estimates as of a sample that is in the memory already, except those of the wind torque."""
+        expected, ahead = self._forecaster.predict(self._memory)
+        # The bands are those of the errors before this sample, whose errors are added for the next one.
+        half_widths = self._error_bands.half_widths
+        errors = self._forecaster.errors
+        self._error_bands.add(sample.outputs - expected, errors.latest)
+        estimate = Estimate(
+            time=sample.time,
+            expected=expected,
+            expected_band=half_widths[0],
+            ahead_times=sample.time + self._dt * np.array(self.horizons),
+            ahead=ahead,
+            ahead_band=half_widths[1:],
+            ahead_ratio=errors.ratio,
+        )
+        monitor = self._monitor
+        if monitor is None:
+            return estimate
+        free_energy = monitor.evaluate(self._memory)
+        surprise = np.nan
+        if np.isfinite(free_energy):
+            surprise = self._surprise.add(free_energy)
+        window = monitor.learned.settings.window
+        samples_since_center = window - 1 - window // 2
+        return estimate._replace(
+            seen=sample.time - samples_since_center * self._dt,
+            free_energy=free_energy,
+            surprise=surprise,
+            model=monitor.learned.model,
+            until=monitor.end_time,
+            unusual=self._anomaly_marks.add(surprise),
+        )
+
+    def _reason_of_no_model(self) -> Fact | None:
+        """Returns why there is no model yet; ``None`` where there is one."""
+        if self._monitor is not None:
             return None
-        return TOO_FEW_SAMPLES if self._pending is None else FIRST_RUNS
+        return TOO_FEW_SAMPLES if self._pending_fit is None else FIRST_FIT_RUNNING
 
-    def _relearn(self) -> None:
-        """Adopts what was learned meanwhile; calls ``learn`` again where that is due."""
-        if self._pending is not None and self._pending.done():
-            pending = self._pending
-            self._pending = None  # also where what was learned cannot be adopted
-            self._adopt(pending.result)
-        if (
-            not self.refits
-            or self._samples < self._next
-            or self._pending is not None
-            or not self._memory.blocks
-        ):
+    def _adopt_finished_fit(self) -> None:
+        """Takes the result of the executor's fit into use, if it has ended."""
+        if self._pending_fit is None or not self._pending_fit.done():
+            return
+        finished_fit = self._pending_fit
+        # There is no pending fit any more, also where its result cannot be adopted.
+        self._pending_fit = None
+        self._adopt(finished_fit.result)
+
+    def _start_fit_when_due(self) -> None:
+        """Calls ``learn`` on the samples in the memory, in the executor or here, where that is due."""
+        is_due = self.refits and self._sample_count >= self._next_fit_sample
+        if not is_due or self._pending_fit is not None or not self._memory.blocks:
             return
         record = self._memory.record()
-        until = self._memory.blocks[-1].end_time
-        pause = LEARNING_SECONDS * max(len(record) / MOST_SAMPLES, 1.0)
-        self._next = self._samples + round(pause / self._dt)
+        end_time = self._memory.blocks[-1].end_time
+        pause = LEARNING_SECONDS * max(len(record) / FULL_RATE_SAMPLES, 1.0)
+        self._next_fit_sample = self._sample_count + round(pause / self._dt)
         if self._executor is None:
-            self._adopt(lambda: _learn(record, self._settings, until))
+            self._adopt(lambda: _learn_and_monitor(record, self._settings, end_time))
             return
         try:
-            self._pending = self._executor.submit(_learn, record, self._settings, until)
-        except RuntimeError as error:  # the executor's processes are gone
-            self._put_off(error)
+            self._pending_fit = self._executor.submit(
+                _learn_and_monitor, record, self._settings, end_time
+            )
+        except RuntimeError as error:
+            # The processes of the executor are gone.
+            self._retry_later(error)
         if self.obstacle == TOO_FEW_SAMPLES:
-            self.obstacle = self._missing()
+            self.obstacle = self._reason_of_no_model()
 
     def _adopt(self, result: Callable[[], FreeEnergyMonitor]) -> None:
-        try:
-            tracker = result()
-        except (ValueError, RuntimeError, CancelledError) as error:
-            self._put_off(error)
-            return
-        self.learned = tracker.learned
-        self.until = tracker.until
-        self.obstacle = None
-        self._surprise = Surprise(self._dt, tracker.past)
-        self._tracker = tracker
-        before = self._ahead.combinations
-        now = tracker.learned.joint.combinations
-        if before is None or abs(np.sum(before * now, axis=0)).min() < ALIKE_COSINE:
-            self._ahead.begin_with(self._memory.blocks, now)
+        """Takes the result of a fit into use.
 
-    def _put_off(self, error: BaseException) -> None:
-        """Tries again soon, with half the memory: a vehicle on the ground may have taken off since."""
+        Args:
+            result: Function that returns the result, or raises the error of the fit, which becomes the obstacle.
+        """
+        try:
+            monitor = result()
+        except (ValueError, RuntimeError, CancelledError) as error:
+            self._retry_later(error)
+            return
+        self.learned = monitor.learned
+        self.until = monitor.end_time
+        self.obstacle = None
+        self._surprise = Surprise(self._dt, monitor.past_values)
+        self._monitor = monitor
+        # The joint model of the fit shows the axis mixer. Where the forecaster had none, or another, it learns anew.
+        mixer = self._forecaster.axis_mixer
+        fitted_mixer = monitor.learned.joint.combinations
+        if mixer is None or not _is_same_mixer(mixer, fitted_mixer):
+            self._forecaster.relearn(self._memory.blocks, fitted_mixer)
+
+    def _retry_later(self, error: BaseException) -> None:
+        """States why a fit failed, and lets it be tried again soon.
+
+        Without a model the older half of the memory is dropped, since a vehicle that stood on the ground may have taken
+        off.
+        """
         self.obstacle = Fact(
             Online.LEARNING_FAILED,
             because=fact_from_error(error) if str(error) else None,
-            kept=self._tracker is not None,
+            kept=self._monitor is not None,
         )
-        self._next = self._samples + self._first
-        if isinstance(error, ValueError) and self._tracker is None:
+        self._next_fit_sample = self._sample_count + self._samples_before_fit
+        if isinstance(error, ValueError) and self._monitor is None:
             for _ in range(len(self._memory.blocks) // 2):
                 self._memory.blocks.popleft()
+
+
+def _validated_horizons(horizons: tuple[int, ...]) -> tuple[int, ...]:
+    """Returns steps ahead as integers; raises ``ValueError`` unless they are positive and increase."""
+    steps: list[int] = []
+    if np.ndim(horizons):
+        steps = [validated_count(number, "horizons", MAX_STEPS) for number in horizons]
+    if not steps or steps != sorted(set(steps)):
+        raise ValueError(f"horizons must be steps, increasing, not {horizons!r}")
+    return tuple(steps)
+
+
+def _checked_row(values: Any, name: str, columns: int) -> Array:
+    """Returns the values of one sample, (columns,); raises ``ValueError``, with this ``name``, where they are wrong."""
+    row: Array = validated_table([values], name, columns)[0]
+    require_finite_and_bounded(row, name)
+    return row
+
+
+def _is_same_mixer(mixer: Array, other_mixer: Array) -> bool:
+    """Returns whether two axis mixers, (r, c) with columns of unit length, differ by chance only, apart from signs."""
+    cosines = np.sum(mixer * other_mixer, axis=0)
+    return bool(abs(cosines).min() >= MIN_MIXER_COSINE)

@@ -1,4 +1,4 @@
-"""Memory: the latest samples of a stream, in blocks that are remembered and forgotten together."""
+"""The memory of a stream: its latest samples, in blocks of which the oldest is dropped for each new one."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -12,7 +12,14 @@ from mavdem.dem.record import Record
 
 
 class MemoryBlock(NamedTuple):
-    """Consecutive samples (b, r), (b, m), physical; whether a segment begins with them, and the last one's time, s."""
+    """Consecutive samples of one segment that are remembered and dropped together.
+
+    Attributes:
+        inputs: (b, r) motor outputs, in the unit of the stream.
+        outputs: (b, m) measured motion of the same samples: angle (rad) and rate (rad/s).
+        starts_segment: Whether a gap lies before the first sample; else it follows the block before.
+        end_time: Time of the last sample, s.
+    """
 
     inputs: Array
     outputs: Array
@@ -23,7 +30,14 @@ class MemoryBlock(NamedTuple):
 def record_from_blocks(
     blocks: Iterable[MemoryBlock], dt: float, effect_directions: Array | None
 ) -> Record:
-    """Returns the samples of consecutive blocks, of which there is one at least, every ``dt`` seconds."""
+    """Joins blocks to a record for a fit.
+
+    Args:
+        blocks: Blocks in the order of time, at least one. The first begins a segment, also where the block before it,
+            of the same segment, has been dropped.
+        dt: Sampling step, s.
+        effect_directions: (r,) relative effect of each input on the axis, where it is known.
+    """
     blocks = list(blocks)
     lengths: list[int] = []
     for block in blocks:
@@ -36,66 +50,110 @@ def record_from_blocks(
 
 
 def drop_blocks_since(blocks: deque[MemoryBlock], time: float) -> bool:
-    """Drops the latest blocks that end after ``time``, s, of the same clock; returns whether there were any."""
-    latest = np.inf
-    # Where time goes back, another boot begins.
-    while blocks and time < blocks[-1].end_time < latest:
-        latest = blocks.pop().end_time
-    return latest < np.inf
+    """Drops the latest blocks that end after a time.
+
+    Blocks of an earlier boot of the autopilot, whose clock was another, are kept whatever their times: where times go
+    back from one block to the next, a boot begins.
+
+    Args:
+        blocks: Blocks in the order in which they were recorded; changed in place.
+        time: Time on the clock of the latest block, s.
+
+    Returns:
+        Whether any block was dropped.
+    """
+    earliest_dropped = np.inf
+    while blocks and time < blocks[-1].end_time < earliest_dropped:
+        earliest_dropped = blocks.pop().end_time
+    return earliest_dropped < np.inf
 
 
 class SampleMemory:
-    """Samples of several segments with gaps between, in closed ``blocks``; the last block of a segment may be short."""
+    """The latest samples of a stream, from several segments with gaps between.
+
+    Attributes:
+        blocks: Complete blocks in the order of time. The last block of a segment may be shorter than the others.
+        dt: Sampling step, s.
+        block_size: Number of samples of a full block.
+        effect_directions: (r,) relative effect of each input on the axis, where it is known.
+    """
 
     def __init__(
         self,
         dt: float,
-        block: int,
-        most: int,
+        block_size: int,
+        max_blocks: int,
         effect_directions: Array | None = None,
     ) -> None:
-        """Begins empty; keeps at ``most`` this many blocks of ``block`` samples."""
+        """Begins without samples.
+
+        Args:
+            dt: Sampling step, s.
+            block_size: Number of samples of a full block.
+            max_blocks: Number of blocks that are kept.
+            effect_directions: (r,) relative effect of each input on the axis, where it is known.
+        """
         self.effect_directions = effect_directions
-        self.blocks: deque[MemoryBlock] = deque(maxlen=most)
+        self.blocks: deque[MemoryBlock] = deque(maxlen=max_blocks)
         self.dt = dt
-        self.block_size = block
-        # since the last gap, the latest first
-        self._recent: deque[ArrayPair] = deque(maxlen=most * block)
-        self._open = 0  # of these, which no block holds yet
-        self._begins = True
-        self._time = np.nan
+        self.block_size = block_size
+        # Inputs and outputs of each sample since the last gap, the latest first, also of those within blocks.
+        self._samples_since_gap: deque[ArrayPair] = deque(maxlen=max_blocks * block_size)
+        # The latest so many of them belong to no block yet.
+        self._open_samples = 0
+        self._next_block_starts_segment = True
+        self._latest_time = np.nan
 
     def add(self, inputs: Array, outputs: Array, time: float) -> bool:
-        """Takes the next sample, (r,) and (m,), of a ``time`` in s; returns whether it filled a block."""
-        self._recent.appendleft((inputs, outputs))
-        self._open += 1
-        self._time = time
-        if self._open < self.block_size:
+        """Takes the next sample.
+
+        Args:
+            inputs: Motor outputs, (r,).
+            outputs: Measured motion, (m,).
+            time: Time of the sample, s.
+
+        Returns:
+            Whether the sample has completed a block, which is now the last of ``blocks``.
+        """
+        self._samples_since_gap.appendleft((inputs, outputs))
+        self._open_samples += 1
+        self._latest_time = time
+        if self._open_samples < self.block_size:
             return False
-        self._close()
+        self._complete_block()
         return True
 
     def end_segment(self) -> bool:
-        """Ends a segment, as a gap follows; returns whether that closed a block."""
-        closed = self._open > 0
-        if closed:
-            self._close()
-        self._begins = True
-        self._recent.clear()
-        return closed
+        """Ends the segment because a gap follows; returns whether that has completed a block, which may be short."""
+        has_open_samples = self._open_samples > 0
+        if has_open_samples:
+            self._complete_block()
+        self._next_block_starts_segment = True
+        self._samples_since_gap.clear()
+        return has_open_samples
 
     def record(self) -> Record:
-        """Returns the samples of all blocks, of which there is one at least."""
+        """Returns the samples of all blocks, of which there must be at least one, as a record for a fit."""
         return record_from_blocks(self.blocks, self.dt, self.effect_directions)
 
     def latest_samples(self, number: int) -> ArrayPair:
-        """Returns inputs and outputs of so many of the latest samples since the last gap, or of fewer."""
-        samples = [*islice(self._recent, number)][::-1]
-        inputs, outputs = zip(*samples, strict=True) if samples else ((), ())
+        """Returns the latest samples since the last gap, also those that belong to no block yet.
+
+        Args:
+            number: Number of samples; fewer are returned where there are fewer since the gap.
+
+        Returns:
+            Inputs and outputs in the order of time, (number, r) and (number, m).
+        """
+        latest_first = list(islice(self._samples_since_gap, number))
+        inputs = [sample[0] for sample in reversed(latest_first)]
+        outputs = [sample[1] for sample in reversed(latest_first)]
         return np.array(inputs), np.array(outputs)
 
-    def _close(self) -> None:
-        inputs, outputs = self.latest_samples(self._open)
-        self.blocks.append(MemoryBlock(inputs, outputs, self._begins, self._time))
-        self._open = 0
-        self._begins = False
+    def _complete_block(self) -> None:
+        """Moves the samples that belong to no block yet to a new block."""
+        inputs, outputs = self.latest_samples(self._open_samples)
+        block = MemoryBlock(inputs, outputs, self._next_block_starts_segment, self._latest_time)
+        self.blocks.append(block)
+        self._open_samples = 0
+        self._next_block_starts_segment = False

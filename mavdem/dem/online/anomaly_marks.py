@@ -1,0 +1,102 @@
+"""Marks of unusual samples: where surprise stays above what is usual for this vehicle in this flight."""
+
+from collections import deque
+
+import numpy as np
+
+from mavdem.arrays import Array
+
+MEAN_SECONDS_BETWEEN_FALSE_MARKS = 300.0
+"""Mean time between two marks, s, in a flight without a change, manoeuvres included; a choice."""
+
+EVIDENCE_SECONDS = 1.0
+"""Time constant of the average of the evidence, s; a choice."""
+
+PEAK_SECONDS = 5.0
+"""Length of the intervals whose largest evidence is a peak, s; a choice."""
+
+MAX_PEAKS = round(MEAN_SECONDS_BETWEEN_FALSE_MARKS / PEAK_SECONDS)
+"""Number of the latest peaks that the limit is computed from."""
+
+MIN_PEAKS = 3
+"""Number of peaks below which there is no limit, and no mark."""
+
+MIN_GUMBEL_SCALE = 0.09
+"""Smallest scale of Gumbel's distribution of the peaks, which a few peaks that happen to be equal do not show."""
+
+GUMBEL_MEDIAN_DEVIATION = 0.767
+"""Median absolute deviation from the median of Gumbel's distribution of scale 1."""
+
+REFRACTORY_SECONDS = 20.0
+"""Time after a mark without another, s: as long as the learner's memory holds samples from before the change."""
+
+
+class AnomalyMarks:
+    """Decides which samples of a stream are marked as unusual, from their surprise.
+
+    The evidence is log(1 + surprise), averaged over ``EVIDENCE_SECONDS``: a short manoeuvre gives less than a change
+    that lasts, and a failure gives most. The largest evidence of every ``PEAK_SECONDS`` is a peak; peaks are
+    characteristic of the vehicle and the flight. A sample is marked where its evidence exceeds the limit that the
+    next peak exceeds once in ``MEAN_SECONDS_BETWEEN_FALSE_MARKS``. The limit is a quantile of Gumbel's distribution of
+    largest values, whose tail is longer than a normal one, with the median and the median deviation of the peaks.
+    """
+
+    def __init__(self, dt: float) -> None:
+        """Begins without a past, for samples every ``dt`` seconds."""
+        self._smoothing = min(1.0, dt / EVIDENCE_SECONDS)
+        self._samples_per_peak = max(1, round(PEAK_SECONDS / dt))
+        self._refractory_samples = max(1, round(REFRACTORY_SECONDS / dt))
+        self._peaks: deque[float] = deque(maxlen=MAX_PEAKS)
+        self._evidence = 0.0
+        # Largest evidence since the last interval ended.
+        self._current_peak = 0.0
+        self._limit = np.inf
+        # Numbers of samples so far, and at the last mark.
+        self._sample_count = 0
+        self._marked_sample = -np.inf
+
+    def add(self, surprise: float) -> bool:
+        """Takes the surprise of the next sample; returns whether the sample is marked.
+
+        A surprise that is not finite, as after a gap, is ignored. There is at most one mark in ``REFRACTORY_SECONDS``.
+        """
+        if not np.isfinite(surprise):
+            return False
+        self._sample_count += 1
+        self._evidence += self._smoothing * (np.log1p(max(surprise, 0.0)) - self._evidence)
+        self._current_peak = max(self._current_peak, self._evidence)
+        samples_since_mark = self._sample_count - self._marked_sample
+        is_marked = self._evidence > self._limit and samples_since_mark >= self._refractory_samples
+        if is_marked:
+            self._marked_sample = self._sample_count
+        if self._sample_count % self._samples_per_peak == 0:
+            # A peak counts as the limit at most, whatever its size: one failure must not hide the next.
+            self._peaks.append(min(self._current_peak, self._limit))
+            self._current_peak = self._evidence
+            self._limit = evidence_limit(np.array(self._peaks))
+        return bool(is_marked)
+
+
+def evidence_limit(peaks: Array) -> float:
+    """Returns the evidence that the next peak exceeds once in ``MEAN_SECONDS_BETWEEN_FALSE_MARKS``.
+
+    The peaks are taken to have Gumbel's distribution, whose quantile is x(P) = μ − β log(−log P). The location μ
+    follows from the median of the peaks, the scale β from their median deviation. For n peaks the distance from the
+    median is widened by the factor √(1 + 1/n), since the median is uncertain.
+
+    Args:
+        peaks: (n,) largest evidence of each interval of ``PEAK_SECONDS``.
+
+    Returns:
+        The limit; infinite for fewer peaks than ``MIN_PEAKS``.
+    """
+    count = len(peaks)
+    if count < MIN_PEAKS:
+        return np.inf
+    median = np.median(peaks)
+    probability = 1 - PEAK_SECONDS / MEAN_SECONDS_BETWEEN_FALSE_MARKS
+    # Distance of the quantile from the median, which is the quantile of P = 1/2, in units of the scale.
+    distance = np.log(np.log(2)) - np.log(-np.log(probability))
+    median_deviation = np.median(abs(peaks - median))
+    scale = max(median_deviation / GUMBEL_MEDIAN_DEVIATION, MIN_GUMBEL_SCALE)
+    return median + np.sqrt(1 + 1 / count) * distance * scale

@@ -1,0 +1,75 @@
+"""Bands of predictions from their latest errors: the half width that contains 90 % of these errors."""
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.confidence import CONFIDENCE_LEVEL, MIN_SAMPLES_FOR_STATISTICS
+
+BAND_SECONDS = 6.0
+"""Length of the errors that are kept, s; a choice.
+
+Fewer give no steady quantile. A change of the vehicle widens the bands for this long.
+"""
+
+MIN_ERRORS = 100
+"""Number of errors that are kept at least, however long the sampling step is; a choice."""
+
+MAX_MEDIANS = 12.0
+"""Largest half width of a band, in medians of the errors' sizes.
+
+For normal errors the 90 % quantile is 2.4 medians; where manoeuvres alternate with hover it reaches 12. A failure would
+give hundreds, by errors that are not those of the model that follows it.
+"""
+
+
+class ErrorBands:
+    """Half widths of the 90 % bands of online predictions: of a sample from those before it, and at each horizon.
+
+    An error is kept for a fixed time, whatever its size: bands recover as soon as the predictions have.
+
+    Attributes:
+        half_widths: (1 + H, m) half widths in the units of the outputs: row 0 of the prediction of a sample from those
+            before it, the others at each horizon; NaN where there are too few errors.
+    """
+
+    def __init__(self, horizons: int, outputs: int, dt: float) -> None:
+        """Begins without errors.
+
+        Args:
+            horizons: Number of horizons, H.
+            outputs: Number of outputs, m.
+            dt: Sampling step, s.
+        """
+        capacity = max(round(BAND_SECONDS / dt), MIN_ERRORS)
+        # Ring buffer over the last axis; NaN where there is no error.
+        self._errors = np.full((1 + horizons, outputs, capacity), np.nan)
+        self._next_slot = 0
+        self.half_widths = np.full((1 + horizons, outputs), np.nan)
+
+    def add(self, one_step_error: Array, horizon_errors: Array) -> None:
+        """Takes the errors of the predictions of one sample; those that are not finite are ignored.
+
+        Args:
+            one_step_error: (m,) error of its prediction from the samples before it.
+            horizon_errors: (H, m) errors of its predictions at each horizon.
+        """
+        self._errors[0, :, self._next_slot] = one_step_error
+        self._errors[1:, :, self._next_slot] = horizon_errors
+        self._next_slot = (self._next_slot + 1) % self._errors.shape[2]
+
+    def update(self) -> None:
+        """Computes the half widths from the errors.
+
+        It sorts all errors, and is therefore called once for each block of samples.
+        """
+        # Sorting puts infinity and NaN last, so that the first ``count`` sizes are the finite ones.
+        sizes = np.sort(abs(self._errors))
+        count = np.isfinite(sizes).sum(axis=-1, keepdims=True)
+        # The next error is below the k-th smallest of n with probability k / (n + 1).
+        rank = np.ceil(CONFIDENCE_LEVEL * (count + 1)).astype(int)
+        quantile_index = np.clip(rank, 1, np.maximum(count, 1)) - 1
+        quantile = np.take_along_axis(sizes, quantile_index, axis=-1)
+        median = np.take_along_axis(sizes, count // 2, axis=-1)
+        half_widths = np.minimum(quantile, MAX_MEDIANS * median)
+        has_enough = count >= MIN_SAMPLES_FOR_STATISTICS
+        self.half_widths = np.where(has_enough, half_widths, np.nan)[:, :, 0]

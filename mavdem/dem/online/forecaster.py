@@ -1,0 +1,284 @@
+"""The joint model of a stream: it predicts each sample from those before it, and the next samples with inputs unknown.
+
+The joint model is a vector autoregression of the outputs and of the combination of motors that turns the axis
+(``mavdem.dem.forecast.joint``). The sums over samples that its regression needs are forgotten exponentially, and every
+half second the model is fitted to them again.
+"""
+
+from collections.abc import Iterable
+from contextlib import suppress
+from itertools import cycle
+from typing import NamedTuple
+
+import numpy as np
+from numpy.linalg import LinAlgError
+
+from mavdem.arrays import Array, ArrayPair
+from mavdem.dem.engine.linalg import may_overflow, one_thread
+from mavdem.dem.forecast.joint import (
+    HYPERPARAMETER_GRID,
+    LAG_CANDIDATES,
+    VarHyperparameters,
+    select_hyperparameters,
+)
+from mavdem.dem.forecast.var import (
+    ChannelScaling,
+    LagStatistics,
+    VectorAutoregression,
+    initial_lags,
+)
+from mavdem.dem.online.memory import MemoryBlock, SampleMemory
+from mavdem.dem.online.prediction_errors import PredictionErrors
+
+MEMORY_SECONDS = 30.0
+"""Time constant with which samples are forgotten, s; a choice."""
+
+FIRST_FIT_SECONDS = 1.0
+"""Length of the samples before the first fit, s; their means and deviations scale the channels."""
+
+REFIT_SECONDS = 0.5
+"""Length of new samples from one fit to the next, s; a choice."""
+
+MAX_LAGS = LAG_CANDIDATES[-1]
+"""Most lags that a model may have, samples; the sums are kept for as many."""
+
+INITIAL_HYPERPARAMETERS = VarHyperparameters(LAG_CANDIDATES[2], 1e-3)
+"""Lags and ridge of the first fit, in the middle of those that are tried."""
+
+
+class PredictionMaps(NamedTuple):
+    """A fitted model as linear maps from the latest samples to its predictions.
+
+    With k = m + c channels, [outputs, inputs @ axis_mixer], scaled, and L = ``MAX_LAGS``.
+
+    Attributes:
+        axis_mixer: (r, c) combinations of the inputs that turn the axis.
+        scaling: Centre and scale of each channel.
+        weights: (H + 1, m, (L + 1) k) maps of the L + 1 latest samples, the latest first. The first H give the outputs
+            at each horizon; the last gives the outputs of the latest sample from its own inputs and the samples before.
+        constants: (H + 1, m) constants that are added.
+    """
+
+    axis_mixer: Array
+    scaling: ChannelScaling
+    weights: Array
+    constants: Array
+
+    @may_overflow
+    def predict(self, inputs: Array, outputs: Array) -> Array:
+        """Predicts from the latest samples.
+
+        Args:
+            inputs: Inputs of the latest samples, (T, r); where T is below L + 1, the first stands for all before.
+            outputs: Outputs of the same samples, (T, m).
+
+        Returns:
+            (H + 1, m) outputs at each horizon and, last, of the latest sample. What overflows is not finite.
+        """
+        channels = self.scaling.scaled(np.hstack([outputs, inputs @ self.axis_mixer]))
+        latest_first = initial_lags(channels, MAX_LAGS + 1)[::-1].ravel()
+        m = outputs.shape[1]
+        predictions = self.weights.dot(latest_first) + self.constants
+        return self.scaling.center[:m] + self.scaling.scale[:m] * predictions
+
+
+class OnlineForecaster:
+    """Predicts every sample of a stream at H horizons, and learns from each block of samples.
+
+    Before the first fit the last sample is held.
+
+    Attributes:
+        axis_mixer: (r, c) combinations of the inputs that turn the axis; ``None`` while they are not known, so that
+            there is no model.
+        errors: Errors of the predictions, compared with those of trivial predictions.
+    """
+
+    def __init__(
+        self,
+        dt: float,
+        horizons: tuple[int, ...],
+        outputs: int,
+        axis_mixer: Array | None,
+    ) -> None:
+        """Begins without samples.
+
+        Args:
+            dt: Sampling step, s.
+            horizons: Steps ahead to predict, increasing.
+            outputs: Number of outputs, m.
+            axis_mixer: (r, c) combinations of the inputs that turn the axis, or ``None`` where :meth:`relearn` brings
+                them later.
+        """
+        self._dt = dt
+        self._horizons = np.array(horizons)
+        self._outputs = outputs
+        self.errors = PredictionErrors(dt, horizons, outputs)
+        self._maps: PredictionMaps | None = None
+        # The hyperparameters of the last fit, and those to compare with: each fit tries one other, in turn.
+        self._hyperparameters = INITIAL_HYPERPARAMETERS
+        self._alternatives = cycle(HYPERPARAMETER_GRID)
+        self.relearn((), axis_mixer)
+
+    def relearn(self, blocks: Iterable[MemoryBlock], axis_mixer: Array | None) -> None:
+        """Forgets all samples and learns from these blocks, where the mixer or later samples proved to be wrong.
+
+        The last model predicts until the next fit.
+
+        Args:
+            blocks: Blocks in the order of time.
+            axis_mixer: (r, c) combinations of the inputs that turn the axis.
+        """
+        self.axis_mixer = axis_mixer
+        # Blocks of the first second, whose samples determine the scaling of the channels.
+        self._blocks_before_scaling: list[MemoryBlock] = []
+        self._scaling: ChannelScaling | None = None
+        # Sums over the samples since then, exponentially forgotten.
+        self._statistics: LagStatistics | None = None
+        # Scaled channels (up to L, k) of the latest samples in the sums: the lags of the first samples that follow.
+        self._latest_channels = np.empty((0, 0))
+        self._samples_since_fit = 0
+        self.errors.forget_averages()
+        for block in blocks:
+            self.add_block(block, may_fit=False)
+
+    def end_segment(self) -> None:
+        """Ends a segment, as a gap follows: no sample after it is compared with predictions before it."""
+        self.errors.forget_predictions()
+
+    def predict(self, memory: SampleMemory) -> ArrayPair:
+        """Compares the latest sample with its predictions, and predicts the next ones.
+
+        Args:
+            memory: Memory to which the latest sample has been added.
+
+        Returns:
+            (m,) the latest sample as predicted from those before it and from its own inputs, NaN where there is no
+            prediction; and (H, m) predictions at each horizon.
+        """
+        inputs, outputs = memory.latest_samples(MAX_LAGS + 1)
+        latest = outputs[-1]
+        self.errors.compare(latest)
+        expected = np.full(self._outputs, np.nan)
+        ahead = np.tile(latest, (len(self._horizons), 1))
+        if self._maps is not None:
+            predictions = self._maps.predict(inputs, outputs)
+            if len(outputs) > 1:
+                expected = predictions[-1]
+            # Soon after a gap not all lags are known, and the sample is held.
+            if len(outputs) >= MAX_LAGS:
+                at_horizons = predictions[:-1]
+                ahead = np.where(np.isfinite(at_horizons), at_horizons, latest)
+        self.errors.store(ahead, latest)
+        return expected, ahead
+
+    def add_block(self, block: MemoryBlock, may_fit: bool = True) -> None:
+        """Learns from a block of samples that has just been completed.
+
+        Args:
+            block: The block.
+            may_fit: Whether the model is fitted when a fit is due. While another thread computes a fit, it is put off,
+                so that samples do not wait.
+        """
+        if self.axis_mixer is None:
+            return
+        if self._scaling is None:
+            self._blocks_before_scaling.append(block)
+            self._scaling = self._scaling_of_first_second(self.axis_mixer)
+            if self._scaling is None:
+                return
+            for first_block in self._blocks_before_scaling:
+                statistics = self._count_samples(first_block, self.axis_mixer, self._scaling)
+            self._blocks_before_scaling.clear()
+        else:
+            statistics = self._count_samples(block, self.axis_mixer, self._scaling)
+        is_due = self._samples_since_fit * self._dt >= REFIT_SECONDS and statistics.rows >= 1
+        if may_fit and is_due:
+            # Where the regression fails, it is tried again with the next samples.
+            with one_thread(wait=False) as is_free, suppress(LinAlgError):
+                if is_free:
+                    self._samples_since_fit = 0
+                    self._fit(self.axis_mixer, statistics, self._scaling)
+
+    def _channels(self, block: MemoryBlock, axis_mixer: Array) -> Array:
+        """Returns the channels of a block, (b, m + c): its outputs, and its inputs' combinations, not scaled."""
+        return np.hstack([block.outputs, block.inputs @ axis_mixer])
+
+    def _scaling_of_first_second(self, axis_mixer: Array) -> ChannelScaling | None:
+        """Returns mean and deviation of each channel in the blocks so far; None before they last a second."""
+        blocks = self._blocks_before_scaling
+        if sum(len(block.outputs) for block in blocks) * self._dt < FIRST_FIT_SECONDS:
+            return None
+        channels = np.concatenate([self._channels(block, axis_mixer) for block in blocks])
+        deviation = channels.std(axis=0)
+        # A channel that is constant at first may vary later: it keeps its unit.
+        return ChannelScaling(channels.mean(axis=0), np.where(deviation > 0, deviation, 1.0))
+
+    def _count_samples(
+        self, block: MemoryBlock, axis_mixer: Array, scaling: ChannelScaling
+    ) -> LagStatistics:
+        """Adds the samples of a block to the sums of the regression, in which the samples before it fade.
+
+        Args:
+            block: The block.
+            axis_mixer: (r, c) combinations of the inputs.
+            scaling: Centre and scale of each channel.
+
+        Returns:
+            The new sums.
+        """
+        channels = scaling.scaled(self._channels(block, axis_mixer))
+        if not block.starts_segment and len(self._latest_channels):
+            channels = np.vstack([self._latest_channels, channels])
+        self._latest_channels = channels[-MAX_LAGS:]
+        self._samples_since_fit += len(block.outputs)
+        statistics = LagStatistics.from_segments([channels], MAX_LAGS)
+        if self._statistics is not None:
+            remaining_weight = np.exp(-statistics.rows * self._dt / MEMORY_SECONDS)
+            statistics = statistics.after(self._statistics, remaining_weight)
+        self._statistics = statistics
+        return statistics
+
+    def _fit(self, axis_mixer: Array, statistics: LagStatistics, scaling: ChannelScaling) -> None:
+        """Fits the model with the last hyperparameters and with one alternative, and keeps the better.
+
+        Args:
+            axis_mixer: (r, c) combinations of the inputs.
+            statistics: Sums over the samples.
+            scaling: Centre and scale of each channel.
+
+        Raises:
+            numpy.linalg.LinAlgError: The regression fails for these samples; it may succeed with more.
+        """
+        candidates = self._hyperparameters, next(self._alternatives)
+        chosen, regression = select_hyperparameters(statistics, MAX_LAGS, candidates)
+        process = VectorAutoregression.from_regression(regression, scaling)
+        if process.spectral_radius > 1 + 1 / self._horizons[-1]:
+            # The beginning of a manoeuvre can look like motion that grows for ever. The model is kept, and the next
+            # block, which shows how the manoeuvre goes on, is fitted at once.
+            self._samples_since_fit = round(REFIT_SECONDS / self._dt)
+            return
+        self._hyperparameters = chosen
+        self._maps = self._prediction_maps(axis_mixer, process, scaling)
+
+    def _prediction_maps(
+        self, axis_mixer: Array, process: VectorAutoregression, scaling: ChannelScaling
+    ) -> PredictionMaps:
+        """Returns the maps that predict with a fitted process.
+
+        Args:
+            axis_mixer: (r, c) combinations of the inputs that are channels of the process.
+            process: The fitted process, of up to ``MAX_LAGS`` lags.
+            scaling: Centre and scale of each channel.
+        """
+        m = self._outputs
+        all_maps, all_constants = process.ahead(int(self._horizons[-1]))
+        horizon_maps = all_maps[self._horizons - 1, :m]
+        horizon_constants = all_constants[self._horizons - 1, :m]
+        latest_map, latest_constant = process.latest(m)
+        # The process may have fewer lags than are kept: the weights of the others are zero. The latest sample follows
+        # from one lag more than the next ones, since it counts itself.
+        weights = np.zeros((len(horizon_maps) + 1, m, (MAX_LAGS + 1) * len(scaling.center)))
+        weights[:-1, :, : horizon_maps.shape[2]] = horizon_maps
+        weights[-1, :, : latest_map.shape[1]] = latest_map
+        constants = np.vstack([horizon_constants, latest_constant[None]])
+        return PredictionMaps(axis_mixer, scaling, weights, constants)

@@ -1,0 +1,140 @@
+"""How well each sample of a stream agrees with the current model: its free energy F(t), and the surprise of a drop.
+
+Surprise is the drop of F(t) below its recent median, in units of the usual drops.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.confidence import INTERVAL_QUANTILES
+from mavdem.dem.engine.free_energy import SampleFreeEnergy
+from mavdem.dem.engine.generative import taylor_weights
+from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE
+from mavdem.dem.fitting import Fit
+from mavdem.dem.learned import Learned
+from mavdem.dem.online.memory import SampleMemory
+
+SURPRISE_SECONDS = 10.0
+"""Length of the past of F(t) by which the next value is standardised, s; a choice."""
+
+MIN_PAST_VALUES = 100
+"""Values of F(t) that are needed before a surprise is reported; a choice."""
+
+MAX_QUARTILES = 3.0
+"""Largest unit of surprise, in distances of the lower quartile of F(t) from its median.
+
+For normal values the 5 % quantile is 2.4 such distances away. Larger ones come from a failure that lasts, which must
+not hide the next.
+"""
+
+
+class FreeEnergyMonitor(NamedTuple):
+    """A learned model with all that is needed to evaluate F(t) of the samples that follow.
+
+    It is made in the process that learns the model, and sent from there.
+
+    Attributes:
+        learned: The model.
+        end_time: Time of the last sample that it was learned from, s.
+        free_energy: Free energy of a sample as a function of data and states.
+        past_values: F(t) of the latest training samples, up to ``SURPRISE_SECONDS``, without its terms of θ and λ.
+        output_weights: (p + 1, window) weights that give the derivatives of the outputs at the centre of a window.
+        input_weights: (d + 1, window) weights that give those of the inputs.
+    """
+
+    learned: Learned
+    end_time: float
+    free_energy: SampleFreeEnergy
+    past_values: Array
+    output_weights: Array
+    input_weights: Array
+
+    @classmethod
+    def from_fit(cls, learned: Learned, fit: Fit, end_time: float) -> FreeEnergyMonitor:
+        """Returns the monitor of a learned model.
+
+        Args:
+            learned: The model.
+            fit: The fit that it was made from.
+            end_time: Time of the last sample that it was learned from, s.
+        """
+        free_energy = SampleFreeEnergy.from_posterior(fit.ascent.posterior)
+        latest_values = learned.free_energy_of_samples[-round(SURPRISE_SECONDS / learned.dt) :]
+        settings = learned.settings
+        center = settings.window // 2
+        return cls(
+            learned=learned,
+            end_time=end_time,
+            free_energy=free_energy,
+            past_values=latest_values - free_energy.parameter_terms,
+            output_weights=taylor_weights(settings.p, learned.dt, settings.window, center),
+            input_weights=taylor_weights(settings.d, learned.dt, settings.window, center),
+        )
+
+    def evaluate(self, memory: SampleMemory) -> float:
+        """Returns F(t) at the centre of the latest window of samples, without its terms of θ and λ, in nats.
+
+        NaN where there are too few samples for a window since the last gap.
+        """
+        window = self.learned.settings.window
+        inputs, outputs = memory.latest_samples(window)
+        if len(outputs) < window:
+            return np.nan
+        scaling = self.learned.scaling
+        output_derivatives = self.output_weights @ scaling.scale_outputs(outputs)
+        input_derivatives = self.input_weights @ scaling.scale_inputs(inputs)
+        data = np.concatenate([output_derivatives.ravel(), input_derivatives.ravel()])
+        states = self.learned.state_map @ data
+        value = float(self.free_energy.evaluate(data[None], states[None])[0])
+        return value - self.free_energy.parameter_terms
+
+
+class Surprise:
+    """Standardises F(t) by the median and the 5 % quantile of its past.
+
+    A standard deviation would not do: F(t) has a long lower tail, and one gust would hide the next. Each model has its
+    own level of F(t), so that each new one begins with its own past.
+    """
+
+    def __init__(self, dt: float, past_values: Iterable[float] = ()) -> None:
+        """Begins with a past.
+
+        Args:
+            dt: Time from one value to the next, s.
+            past_values: F(t) of the latest samples, in the order of time.
+        """
+        capacity = max(round(SURPRISE_SECONDS / dt), 2 * MIN_PAST_VALUES)
+        self._past_values = deque(past_values, capacity)
+        self._median = np.nan
+        self._unit = np.nan
+        self.update_quantiles()
+
+    def add(self, value: float) -> float:
+        """Takes the next value of F(t) and returns its surprise.
+
+        Returns:
+            The distance below the median, in units of the distance of the 5 % quantile; negative above the median, NaN
+            while the past is too short.
+        """
+        self._past_values.append(value)
+        return (self._median - value) / self._unit
+
+    def update_quantiles(self) -> None:
+        """Computes median and unit from the past.
+
+        It sorts the whole past, and is therefore called once for each block of samples.
+        """
+        if len(self._past_values) < MIN_PAST_VALUES:
+            return
+        low, quartile, self._median = np.quantile(
+            self._past_values, [INTERVAL_QUANTILES[0], 0.25, 0.5]
+        )
+        unit = min(self._median - low, MAX_QUARTILES * (self._median - quartile))
+        # Of an F(t) that did not vary a drop is still a finite number.
+        self._unit = max(unit, ROUNDING_TOLERANCE)

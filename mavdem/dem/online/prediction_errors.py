@@ -1,0 +1,81 @@
+"""Errors of the predictions of a stream at several horizons, compared with those of two trivial predictions."""
+
+import numpy as np
+
+from mavdem.arrays import Array
+
+ERROR_SECONDS = 10.0
+"""Time constant of the averages of the squared errors, s; a choice."""
+
+MODEL, LAST_SAMPLE, MEAN = range(3)
+"""Ways of prediction, as indices: by the model, by repeating the last sample, by the mean of all samples so far."""
+
+
+class PredictionErrors:
+    """Compares each sample of a stream with what was predicted of it at each of H horizons.
+
+    Attributes:
+        latest: (H, m) errors of the model's predictions of the latest sample; NaN where it was not predicted.
+    """
+
+    def __init__(self, dt: float, horizons: tuple[int, ...], outputs: int) -> None:
+        """Begins without predictions.
+
+        Args:
+            dt: Sampling step, s.
+            horizons: Steps ahead of the predictions, increasing, H of them.
+            outputs: Number of outputs, m.
+        """
+        self._horizons = np.array(horizons)
+        self._horizon_indices = np.arange(len(horizons))
+        self._update_weight = 1 - np.exp(-dt / ERROR_SECONDS)
+        # Ring buffer: for each of the latest samples what was predicted at it, by each way at each horizon. With one
+        # slot more than the longest horizon, a sample's predictions are there until they can be compared.
+        self._predictions = np.full((horizons[-1] + 1, 3, len(horizons), outputs), np.nan)
+        self._next_slot = 0
+        self._sample_count = 0
+        self._mean = np.zeros(outputs)
+        # Averages of the squared errors at each horizon, of each way of prediction.
+        self._mean_squares = np.full((len(horizons), 3, outputs), np.nan)
+        self.latest = np.full((len(horizons), outputs), np.nan)
+
+    def forget_predictions(self) -> None:
+        """Forgets all predictions, as after a gap: no sample after it is compared with predictions before it."""
+        self._predictions[:] = np.nan
+
+    def forget_averages(self) -> None:
+        """Forgets the averages of the squared errors, as of a model that has been replaced."""
+        self._mean_squares[:] = np.nan
+
+    def compare(self, sample: Array) -> None:
+        """Compares the next sample, (m,), with what was predicted of it at earlier samples."""
+        slots = (self._next_slot - self._horizons) % len(self._predictions)
+        errors = sample - self._predictions[slots, :, self._horizon_indices]
+        self.latest = errors[:, MODEL]
+        squares = errors**2
+        # The first error of all is the beginning of its average.
+        averages = np.where(np.isfinite(self._mean_squares), self._mean_squares, squares)
+        averages += self._update_weight * (squares - averages)
+        self._mean_squares = np.where(np.isfinite(squares), averages, self._mean_squares)
+        self._sample_count += 1
+        self._mean += (sample - self._mean) / self._sample_count
+
+    def store(self, predictions: Array, sample: Array) -> None:
+        """Keeps the predictions that are made at a sample, after it has been compared.
+
+        Args:
+            predictions: (H, m) predictions of the model at each horizon.
+            sample: (m,) the sample.
+        """
+        slot = self._predictions[self._next_slot]
+        slot[MODEL] = predictions
+        slot[LAST_SAMPLE] = sample
+        slot[MEAN] = self._mean
+        self._next_slot = (self._next_slot + 1) % len(self._predictions)
+
+    @property
+    def ratio(self) -> Array:
+        """Recent mean squared error of the model over that of the better trivial prediction, (H, m); NaN at first."""
+        best_trivial = np.minimum(self._mean_squares[:, LAST_SAMPLE], self._mean_squares[:, MEAN])
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return self._mean_squares[:, MODEL] / best_trivial
