@@ -166,9 +166,7 @@ def test_live_it_is_the_model_learnt_of_the_same_samples(monkeypatch):
     flight = replace(in_closed_loop(wind=10.0, samples=2500), effect_directions=X_FRAME)
     learnt = JointModel.learn(Record.from_flights(flight[:2450]))
     channels = np.hstack([flight.outputs, flight.inputs @ X_FRAME[:, None]])
-    for row, (live_model, expected_live, ahead_live) in enumerate(
-        followed(flight, flight.outputs)
-    ):
+    for row, (live_model, expected_live, ahead_live) in enumerate(followed(flight, flight.outputs)):
         if row >= 2450:
             live = np.vstack([expected_live, ahead_live])
             past = channels[row + 1 - learnt.choice.lags : row + 1]
