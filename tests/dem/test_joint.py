@@ -166,13 +166,15 @@ def test_live_it_is_the_model_learnt_of_the_same_samples(monkeypatch):
     flight = replace(in_closed_loop(wind=10.0, samples=2500), effect_directions=X_FRAME)
     learnt = JointModel.learn(Record.from_flights(flight[:2450]))
     channels = np.hstack([flight.outputs, flight.inputs @ X_FRAME[:, None]])
-    for row, (live_model, expected_live, ahead_live) in enumerate(followed(flight, flight.outputs)):
+    results = list(followed(flight, flight.outputs))
+    for row, (_, expected_live, ahead_live) in enumerate(results):
         if row >= 2450:
             live = np.vstack([expected_live, ahead_live])
             past = channels[row + 1 - learnt.choice.lags : row + 1]
             expected = learnt.one_step(Record.from_flights(flight[row - 30 : row + 1]))[-1]
             offline = np.vstack([expected, learnt.process.predict(past, 25).mean[[0, 4, 24], :2]])
             assert_allclose((live - offline) / flight.outputs.std(axis=0), 0, atol=0.05)
+    live_model = results[-1][0]
     assert live_model._hyperparameters == learnt.choice
 
 
