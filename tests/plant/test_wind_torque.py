@@ -28,7 +28,13 @@ from mavdem.plant.online_wind_torque import (
     fit_wind_torque_smoother,
 )
 from mavdem.plant.parameters import Physical, updated
-from mavdem.plant.sampled_plant import FIRST_ORDER, delayed, gaussian_kernel_noise, sampled_plant
+from mavdem.plant.sampled_plant import (
+    FIRST_ORDER,
+    WindComponent,
+    delayed,
+    gaussian_kernel_noise,
+    sampled_plant,
+)
 from mavdem.plant.wind_torque import _step, estimate_wind_torque
 from sitl_scenarios.wind import gaussian_noise
 
@@ -95,7 +101,8 @@ def test_the_uncertainty_of_the_motors_effect_is_in_the_bands():
 def test_wind_weaker_than_the_errors_is_not_resolved():
     flight = in_closed_loop(6, steering=0.0, samples=2000, wind=0.02)
     found = estimate_wind_torque(
-        TRUE._replace(components=((FIRST_ORDER, 0.02, 0.02),)), Record.from_flights(flight)
+        TRUE._replace(components=(WindComponent(FIRST_ORDER, 0.02, 0.02),)),
+        Record.from_flights(flight),
     )
     assert not found.resolved
     assert found.reason.code is NoPhysical.WIND_TORQUE_NOT_RESOLVED
@@ -138,14 +145,14 @@ def test_a_gust_lasts_as_long_as_the_estimate_resolves_and_returns_to_the_level_
     torque[4000:] += 20.0  # a step stays
     (short,) = gusts(torque, np.zeros(6000), record_of(6000)).found
     assert short.start == approx(30.0, abs=0.2)
-    assert gusts(torque, np.zeros(6000), record_of(6000), shortest=0.05).found == ()
+    assert gusts(torque, np.zeros(6000), record_of(6000), min_duration=0.05).found == ()
 
 
 @mark.slow
 def test_a_motors_step_is_no_wind():
     """From 30 s on the motors hold against what a weak one lacks: neither a gust nor the size is by that."""
     flight = in_closed_loop(5, steering=0.0, samples=6000, wind=0.5)
-    known = TRUE._replace(components=((FIRST_ORDER, 0.5, 0.5),))
+    known = TRUE._replace(components=(WindComponent(FIRST_ORDER, 0.5, 0.5),))
     inputs = flight.inputs + np.outer(np.arange(6000) >= 3000, 20 * np.sign(MOTORS))
     record = Record(inputs, flight.outputs, DT, (6000,), begins=(7.0,))
     for found in (estimate_wind_torque(known, record), estimate_wind_torque(known, record, [37.0])):
