@@ -1,4 +1,9 @@
-"""The plant of a loop as it flies: from messages at their own stamps, with the controller of the parameters."""
+"""Identification of the plant of one axis in its closed loop, from messages at their own time stamps.
+
+The model is that of ``plant.closed_loop``, with the controller that the autopilot's parameters describe. This file
+makes its data of a log, refuses logs that cannot support it, and turns the result into physical parameters with honest
+covariances.
+"""
 
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -43,68 +48,101 @@ from mavdem.plant.identifiability import PARAMETERS
 from mavdem.plant.parameters import PLANT_MINIMUM, wind_torque_density
 from mavdem.plant.sampled_plant import FIRST_ORDER, GAUSSIAN_KERNEL, WindComponent
 
-FEWEST_WINDOWS = 4
-MODEL_ERRORS = {"effect": 0.02, "damping": 0.1, "lag": 0.0, "delay": 0.03}
-"""Standard deviations of the logarithm of each parameter, beside the likelihood's: what is sampled does not change
-evenly between its stamps. Chosen on half of the flights of ``tools/validation/loops.py``, as those below."""
-BY_LIMITS, SHORTER = 0.1, 0.2
-"""Likewise of the effect, by what limits cut off: rotors spin up faster than they slow down. And of a lag: how much
-shorter a delay comes with an effect too large by one in its logarithm, and with a lag as much too long. What a flight
-shows best is the response to quick changes."""
-BETWEEN, UNSEEN = 1 / 24, 1.5
-"""Of the time between messages less a cycle: standard deviation of lag less delay, which the messages hardly tell apart
-there, and of the delay by itself. It triples where limits cut off all that is asked: outputs jump unseen then. And of
-the effect's logarithm, 1/s: what turns the vehicle between messages is not seen."""
-WIDEST = 15.0  # degrees, of the phase margin's 90 % interval to each side
-MOST_ROUNDED = 0.2
-"""Of the outputs' power, by resolution: ArduCopter's simulator, hardly moving at 20 Hz, had 66° for 19° beyond."""
-LEAST_STEERED = 0.6
-"""Of the rate's variance, by what was asked: below, wind that the controller answers is half of what there is to learn
-from, and on half of the flights of ``tools/validation/loops.py`` phases erred by 14° (above by 3°)."""
-EXPLAINED_FREQUENCY = 4.0  # Hz, up to which a setpoint must explain the output
+MIN_WINDOWS = 4
+"""Fewest windows of ``SPECTRUM_SECONDS``, half over each other."""
+MAX_MESSAGE_GAP = 1.0
+"""Longest time without a message in a window, s."""
+MAX_ROUNDING_SHARE = 0.2
+"""Variance of rounding by that of the outputs, at most.
+
+The loop of ArduCopter's simulator, hardly moving at 20 Hz, had a phase margin of 66° for 19° beyond.
+"""
+MIN_REFERENCE_SHARE = 0.6
+"""Fraction of the rate's variance that follows pilot or navigation, at least.
+
+With less, wind that the controller answers is half of what there is to learn from, and on half of the flights of
+``tools/validation/loops.py`` phase margins erred by 14°; above, by 3°.
+"""
+MAX_EXPLAINED_FREQUENCY = 4.0
+"""Hz up to which the controller must explain the output by the setpoint."""
+MAX_PHASE_MARGIN_HALF_WIDTH = 15.0
+"""Half width of the phase margin's 90 % interval, degrees, at most."""
+MARGIN_DRAWS = 100
+"""Draws of the plant for that interval."""
+
+LOG_MODEL_DEVIATIONS = {"effect": 0.02, "damping": 0.1, "lag": 0.0, "delay": 0.03}
+"""Standard deviations of the logarithm of each parameter, besides the likelihood's.
+
+What is sampled does not change evenly between its stamps. Chosen on half of the flights of
+``tools/validation/loops.py``, as are the next four.
+"""
+SATURATION_EFFECT_DEVIATION = 0.1
+"""The same of the effect, times the fraction that limits cut off: rotors spin up faster than they slow down."""
+UNSEEN_EFFECT_DEVIATION = 1.5
+"""The same of the effect, per second between messages beyond a control cycle: what moves the vehicle is not seen."""
+LAG_DELAY_DEVIATION = 1 / 24
+"""Standard deviation of lag and delay against each other, by the time between messages beyond a control cycle.
+
+Messages hardly tell them apart there. It triples where limits cut off all of the output, which then jumps unseen.
+"""
+DELAY_PER_EFFECT = 0.2
+"""Lags by which the delay is too short, where the effect is too large by one in its logarithm and the lag too long by
+one lag: a flight shows best the response to quick changes, which stays the same."""
 
 
 def identify_plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
-    """Returns the plant of the axis of ``signals`` in ``flights``, identified with the controller that flew it.
+    """Returns the plant of one axis, identified in closed loop with the controller that flew it.
 
-    Its delay has that of the gyro's filters. Of several boots, that of the longest flight counts. Raises
-    ``NotLearnable``: no controller, no setpoints that change several times a second, too few seconds, too little was
-    asked of it, or the phase margin stays unknown.
+    Its delay includes that of the gyro's filters. Of several boots, that of the longest flight counts.
+
+    Args:
+        signals: of the vehicle and the axis.
+        flights: settled flight.
+
+    Raises:
+        NotLearnable: there is no known controller, or no setpoint of the rate that changes several times a second; the
+            flight is too short; too little of the motion follows setpoints; or the phase margin stays unknown.
     """
-    identified = _in_loop(signals, tuple(flights_of_longest_boot(flights)))
+    identified = _identified_loop(signals, tuple(flights_of_longest_boot(flights)))
     with one_thread(), np.errstate(all="ignore"):
-        plant = _physical(identified.fit, identified.directions)
+        plant = _physical_plant(identified.fit, identified.inputs_per_demand)
         try:
-            plant = _checked(plant, identified.directions, identified.controller)
+            plant = _checked_plant(plant, identified.inputs_per_demand, identified.controller)
         except np.linalg.LinAlgError:
             raise NotLearnable(Loops.LOOP_NOT_FOUND) from None
     return plant._replace(delay=plant.delay + gyro_delay(identified.controller))
 
 
-class _InLoop(NamedTuple):
-    """The identified parameters of one axis with its controller, and the inputs of a demand of 1."""
+class _IdentifiedLoop(NamedTuple):
+    """The identified parameters of one axis, with its controller."""
 
     fit: IdentifiedAxis
+    """Posterior of the parameters."""
     controller: Controller
-    directions: Array
+    """The controller of the logged parameters."""
+    inputs_per_demand: Array
+    """(r,) how much each input changes per unit of demand."""
 
 
 @cached_per_vehicle("axis", "inputs")
-def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
-    """Of the axis of ``signals``; what it takes is that of :func:`identify_plant_in_loop`."""
-    boot = boot_number(flights[0])
+def _identified_loop(signals: Signals, flights: tuple[Flight, ...]) -> _IdentifiedLoop:
+    """Returns the identified parameters of the axis of ``signals`` in ``flights`` of one boot.
+
+    Raises:
+        NotLearnable: as :func:`identify_plant_in_loop`.
+    """
     record = Record.from_flights(flights)
     assert signals.model_inputs is not None
-    layout = signals.model_inputs.geometry
-    weights = None if layout.positions_assumed else layout.mixer_row(signals.axis)
+    geometry = signals.model_inputs.geometry
+    weights = None if geometry.positions_assumed else geometry.mixer_row(signals.axis)
     controller = logged_controller(record.parameters, signals.axis, weights)
-    directions = inputs_per_demand(controller, record)
-    streams, limited, rounding = _streams(signals, boot, controller, directions)
-    starts = np.array(list(_windows(flights, streams)))
-    if len(starts) < FEWEST_WINDOWS:
-        least_duration = (FEWEST_WINDOWS + 1) * SPECTRUM_SECONDS / 2
+    per_demand = inputs_per_demand(controller, record)
+    messages = _loop_messages(signals, boot_number(flights[0]), controller, per_demand)
+    starts = np.array(list(_window_starts(flights, messages.streams)))
+    if len(starts) < MIN_WINDOWS:
+        least_duration = (MIN_WINDOWS + 1) * SPECTRUM_SECONDS / 2
         raise NotLearnable(Loops.LOOP_TOO_SHORT, least_duration=least_duration)
-    limited_share = _limited_share(streams[Quantity.OUTPUT], limited, starts)
+    saturated_share = _saturated_share(messages, starts)
     known_controller = KnownController(
         partial(controller_response, controller),
         partial(gyro_response, controller),
@@ -112,164 +150,249 @@ def _in_loop(signals: Signals, flights: tuple[Flight, ...]) -> _InLoop:
         controller.loop_period,
     )
     with one_thread(), np.errstate(all="ignore"):
-        seen = cross_spectra(streams, starts)
-        if seen.message_rate < MIN_SLOW_MOTION_RATE:
+        spectra = cross_spectra(messages.streams, starts)
+        if spectra.message_rate < MIN_SLOW_MOTION_RATE:
             raise NotLearnable(Loops.NO_RATE_SETPOINT)
-        density = seen.mean_density[:, Quantity.OUTPUT, Quantity.OUTPUT].real
-        power = np.average(density, weights=seen.effective_samples) * seen.message_rate
-        if rounding**2 / 12 > MOST_ROUNDED * power:
-            scale = signals.model_inputs.scale
-            command = scale.step * np.sqrt(power) / rounding
-            raise NotLearnable(
-                Reason.COMMAND_ROUNDED,
-                axis=signals.axis,
-                command=command,
-                command_step=scale.step,
-                unit=scale.unit,
-            )
-        used = _used(seen, known_controller)
-        # Folding takes up to half from what is coherent with what was asked.
-        rate, asked = (
-            used.mean_density[:, quantity, quantity].real
-            for quantity in (Quantity.RATE, Quantity.REFERENCE)
-        )
-        coherent = np.abs(used.mean_density[:, Quantity.RATE, Quantity.REFERENCE]) ** 2 / asked
-        width = np.gradient(used.frequency)
-        share = (width @ coherent) / (width @ rate)
-        if not share + limited_share >= LEAST_STEERED / 2:
-            raise NotLearnable(Loops.NOT_STEERED, share=share)
-        axis = AxisPosterior(used, known_controller, rounding, limited_share)
+        _require_resolution(signals, spectra, messages.rounding)
+        spectra = _with_best_setpoint(spectra, known_controller)
+        # Aliases take up to half from what is coherent with the reference.
+        coherent_share = _coherent_share(spectra)
+        if not coherent_share + saturated_share >= MIN_REFERENCE_SHARE / 2:
+            raise NotLearnable(Loops.NOT_STEERED, share=coherent_share)
+        posterior = AxisPosterior(spectra, known_controller, messages.rounding, saturated_share)
         try:
-            fit = identify_axis(axis)
-            steered = fit.reference_share
+            fit = identify_axis(posterior)
+            reference_share = fit.reference_share
         except np.linalg.LinAlgError:
             raise NotLearnable(Loops.LOOP_NOT_FOUND) from None
     # An output at a limit answers no wind.
-    if not steered + fit.saturation_loss >= LEAST_STEERED:
-        raise NotLearnable(Loops.NOT_STEERED, share=steered)
-    # A controller of another gain than its parameters': the model makes up for something else.
+    if not reference_share + fit.saturation_loss >= MIN_REFERENCE_SHARE:
+        raise NotLearnable(Loops.NOT_STEERED, share=reference_share)
+    # With a controller of another gain than its parameters', the model makes up for something else.
     if not fit.controller_consistent:
         raise NotLearnable(Loops.LOOP_NOT_FOUND)
-    return _InLoop(fit, controller, directions)
+    return _IdentifiedLoop(fit, controller, per_demand)
 
 
-def _streams(
-    signals: Signals,
-    boot: int,
-    controller: Controller,
-    directions: Array,
-) -> tuple[list[Messages], Messages, float]:
-    """Rate, output as a demand, each setpoint with what was asked; whether an output was at a limit; its steps."""
-    attitude, drive = signals.attitude, signals.model_inputs
-    assert attitude is not None and drive is not None
+class _LoopMessages(NamedTuple):
+    """The quantities of a loop at the stamps of their messages."""
 
-    def here(stream: Attitude | TimeSeries, values: Array) -> Messages:
-        rows = stream.boot == boot
-        return Messages(stream.time[rows], values[rows])
+    streams: list[Messages]
+    """Rate, output as a demand, and then a pair for each candidate of the rate's setpoint.
 
-    outputs = drive.range_fractions(boot)
-    step = np.median(np.diff(outputs.time))
-    demand = Messages(outputs.time, controller.demand_from_outputs(outputs.values, step))
-    angle = here(attitude, attitude.angle)
-    asked = {given.unit: here(given.signal, given.signal.values) for given in signals.setpoints}
-    asked = {unit: messages for unit, messages in asked.items() if np.diff(messages.values).any()}
-    if "rad/s" not in asked:
+    The pair is the setpoint and the reference, which is the setpoint plus what the attitude controller feeds back.
+    """
+    at_limit: Messages
+    """1 where an output is at a limit, else 0, at the stamps of the output."""
+    rounding: float
+    """Step of the output, as a demand."""
+
+
+def _loop_messages(
+    signals: Signals, boot: int, controller: Controller, per_demand: Array
+) -> _LoopMessages:
+    """Returns the quantities of the loop of ``signals`` in one boot.
+
+    ArduPilot's ATTITUDE_TARGET lacks the attitude controller's correction of the rate, its log message RATE has it:
+    both are candidates of the setpoint.
+
+    Args:
+        signals: of the vehicle and the axis.
+        boot: whose messages count.
+        controller: of the axis.
+        per_demand: (r,) how much each input changes per unit of demand.
+
+    Raises:
+        NotLearnable: there is no setpoint of the rate that moves.
+    """
+    attitude, inputs = signals.attitude, signals.model_inputs
+    assert attitude is not None and inputs is not None
+    angle = _messages_of_boot(attitude, attitude.angle, boot)
+    rate = _messages_of_boot(attitude, attitude.rate, boot)
+    setpoints = {}
+    for setpoint in signals.setpoints:
+        messages = _messages_of_boot(setpoint.signal, setpoint.signal.values, boot)
+        if np.diff(messages.values).any():
+            setpoints[setpoint.unit] = messages
+    if "rad/s" not in setpoints:
         raise NotLearnable(Loops.NO_RATE_SETPOINT)
-    setpoint = asked["rad/s"]
-    turned = controller.angle_gain * np.interp(setpoint.time, *angle)
-    candidates = [setpoint.values]
-    if controller.derivative_of_error and "rad" in asked:
-        # ArduPilot's ATTITUDE_TARGET lacks the correction of the angle's error, its RATE has it
-        wanted = controller.angle_gain * np.interp(setpoint.time, *asked["rad"])
-        candidates.append(setpoint.values + wanted - turned)
-    streams = [here(attitude, attitude.rate), demand]
+    rate_setpoint = setpoints["rad/s"]
+    time = rate_setpoint.time
+    angle_feedback = controller.angle_gain * np.interp(time, angle.time, angle.values)
+    candidates = [rate_setpoint.values]
+    if controller.derivative_of_error and "rad" in setpoints:
+        angle_setpoint = setpoints["rad"]
+        angle_demand = controller.angle_gain * np.interp(
+            time, angle_setpoint.time, angle_setpoint.values
+        )
+        candidates.append(rate_setpoint.values + angle_demand - angle_feedback)
+    outputs = inputs.range_fractions(boot)
+    output_step = np.median(np.diff(outputs.time))
+    demand = controller.demand_from_outputs(outputs.values, output_step)
+    streams = [rate, Messages(outputs.time, demand)]
     for values in candidates:
-        streams += [Messages(setpoint.time, wanted) for wanted in (values, values + turned)]
-    limited = controller.outputs_at_limit(outputs.values, drive.scale.stop).astype(np.float64)
-    rounding = drive.scale.step / float(np.linalg.norm(directions))
-    return streams, Messages(outputs.time, limited), rounding
+        streams += [Messages(time, values), Messages(time, values + angle_feedback)]
+    at_limit = controller.outputs_at_limit(outputs.values, inputs.scale.stop)
+    return _LoopMessages(
+        streams=streams,
+        at_limit=Messages(outputs.time, at_limit.astype(np.float64)),
+        rounding=inputs.scale.step / float(np.linalg.norm(per_demand)),
+    )
 
 
-def _windows(flights: Sequence[Flight], streams: Sequence[Messages]) -> Iterator[float]:
-    """Where windows begin, s: every half of one, in settled flight, where all messages come."""
-    begin = max(stream.time[0] for stream in streams)
-    end = min(stream.time[-1] for stream in streams)
+def _messages_of_boot(stream: Attitude | TimeSeries, values: Array, boot: int) -> Messages:
+    """Returns ``values`` (N,) of a ``stream`` in one boot, at their stamps."""
+    rows = stream.boot == boot
+    return Messages(stream.time[rows], values[rows])
+
+
+def _window_starts(flights: Sequence[Flight], streams: Sequence[Messages]) -> Iterator[float]:
+    """Yields where windows of ``SPECTRUM_SECONDS`` begin in ``flights``, s, half over each other.
+
+    All ``streams`` come in them without a gap of ``MAX_MESSAGE_GAP``.
+    """
+    first_common = max(stream.time[0] for stream in streams)
+    last_common = min(stream.time[-1] for stream in streams)
     for flight in flights:
-        first = max(flight.time[0], begin)
-        last = min(flight.time[-1], end) - SPECTRUM_SECONDS
+        first = max(flight.time[0], first_common)
+        last = min(flight.time[-1], last_common) - SPECTRUM_SECONDS
+        # A stamp may be rounded: so the last window may end 1 µs late.
         for start in np.arange(first, last + 1e-6, SPECTRUM_SECONDS / 2):
-            edges = {"prepend": start, "append": start + SPECTRUM_SECONDS}
-            if all(
-                np.diff(stream.time[_inside(stream, start)], **edges).max() < 1
-                for stream in streams
-            ):
+            if all(_longest_gap(stream, start) < MAX_MESSAGE_GAP for stream in streams):
                 yield start
 
 
-def _inside(stream: Messages, start: float) -> slice:
-    return slice(*np.searchsorted(stream.time, [start, start + SPECTRUM_SECONDS]).tolist())
+def _longest_gap(stream: Messages, start: float) -> float:
+    """Returns the longest time without a message, s, in the window that begins at ``start``."""
+    stamps = stream.time[_rows_of_window(stream, start)]
+    return np.diff(stamps, prepend=start, append=start + SPECTRUM_SECONDS).max()
 
 
-def _limited_share(output: Messages, limited: Messages, starts: Array) -> float:
-    """Of the output's power in windows from ``starts`` on: what came while an output was at a limit."""
-    power = at_limit = 0.0
+def _rows_of_window(stream: Messages, start: float) -> slice:
+    """Returns the rows of a ``stream`` in the window of ``SPECTRUM_SECONDS`` that begins at ``start``, s."""
+    first, end = np.searchsorted(stream.time, [start, start + SPECTRUM_SECONDS]).tolist()
+    return slice(first, end)
+
+
+def _saturated_share(messages: _LoopMessages, starts: Array) -> float:
+    """Returns the fraction of the output's power, in windows from ``starts`` on, while an output was at a limit."""
+    output = messages.streams[Quantity.OUTPUT]
+    power = power_at_limit = 0.0
     for start in starts:
-        rows = _inside(output, start)
-        squared = np.square(output.values[rows] - output.values[rows].mean())
-        power += squared.sum()
-        at_limit += squared @ limited.values[rows]
-    return at_limit / power if power else 0.0
+        rows = _rows_of_window(output, start)
+        squares = np.square(output.values[rows] - output.values[rows].mean())
+        power += squares.sum()
+        power_at_limit += squares @ messages.at_limit.values[rows]
+    return power_at_limit / power if power else 0.0
 
 
-def _used(spectra: CrossSpectra, controller: KnownController) -> CrossSpectra:
-    """Of rate, output and that setpoint which explains the output better by the controller."""
-    slow = spectra.frequency < EXPLAINED_FREQUENCY
-    forward, back = controller.transfer(spectra.frequency[slow])
-    unlike = np.stack([back, np.ones(len(back)), -forward])
+def _require_resolution(signals: Signals, spectra: CrossSpectra, rounding: float) -> None:
+    """Raises ``NotLearnable`` if the outputs hardly move by more than their resolution, ``rounding`` as a demand.
 
-    def left(setpoint: int) -> float:
-        power = spectra.select((Quantity.RATE, Quantity.OUTPUT, setpoint)).mean_density[slow]
-        counts = spectra.effective_samples[slow]
-        return np.einsum("j,aj,jab,bj->", counts, unlike, power, unlike.conj()).real
+    A uniformly distributed rounding error has a variance of rounding² / 12.
+    """
+    density = spectra.mean_density[:, Quantity.OUTPUT, Quantity.OUTPUT].real
+    mean_density = np.average(density, weights=spectra.effective_samples)
+    variance = mean_density * spectra.message_rate
+    if rounding**2 / 12 > MAX_ROUNDING_SHARE * variance:
+        assert signals.model_inputs is not None
+        scale = signals.model_inputs.scale
+        raise NotLearnable(
+            Reason.COMMAND_ROUNDED,
+            axis=signals.axis,
+            command=scale.step * np.sqrt(variance) / rounding,
+            command_step=scale.step,
+            unit=scale.unit,
+        )
 
-    best = min(range(2, len(spectra.stamp_offsets), 2), key=left)
-    return spectra.select((Quantity.RATE, Quantity.OUTPUT, best, best + 1))
+
+def _with_best_setpoint(spectra: CrossSpectra, controller: KnownController) -> CrossSpectra:
+    """Returns the spectra of rate, output, setpoint and reference, with the setpoint that explains the output best.
+
+    That is the one with the least power of u − C_r r + C_p p at low frequencies, of output u, setpoint r and rate p.
+
+    Args:
+        spectra: of rate, output, and pairs of setpoint and reference.
+        controller: C_r from the setpoint, C_p from the rate.
+    """
+    is_slow = spectra.frequency < MAX_EXPLAINED_FREQUENCY
+    from_setpoint, from_rate = controller.transfer(spectra.frequency[is_slow])
+    coefficients = np.stack([from_rate, np.ones(len(from_rate)), -from_setpoint])
+    weights = spectra.effective_samples[is_slow]
+
+    def unexplained_power(setpoint: int) -> float:
+        quantities = (Quantity.RATE, Quantity.OUTPUT, setpoint)
+        density = spectra.select(quantities).mean_density[is_slow]
+        power = np.einsum("j,aj,jab,bj->", weights, coefficients, density, coefficients.conj())
+        return power.real
+
+    candidates = range(Quantity.SETPOINT, len(spectra.stamp_offsets), 2)
+    setpoint = min(candidates, key=unexplained_power)
+    return spectra.select((Quantity.RATE, Quantity.OUTPUT, setpoint, setpoint + 1))
 
 
-def _checked(plant: Physical, directions: Array, controller: Controller) -> Physical:
-    """The ``plant``, biased where its loop rings; raises ``NotLearnable`` where the phase margin stays unknown."""
-    drawn = plant.draws(100)
-    rate = rate_loop(
-        controller, drawn[:, :-3] @ directions, np.maximum(drawn[:, -3:], PLANT_MINIMUM)
-    )
+def _coherent_share(spectra: CrossSpectra) -> float:
+    """Returns the fraction of the rate's variance that is coherent with the reference."""
+    density = spectra.mean_density
+    rate_density = density[:, Quantity.RATE, Quantity.RATE].real
+    reference_density = density[:, Quantity.REFERENCE, Quantity.REFERENCE].real
+    cross_density = density[:, Quantity.RATE, Quantity.REFERENCE]
+    coherent_density = np.abs(cross_density) ** 2 / reference_density
+    width = np.gradient(spectra.frequency)
+    return float((width @ coherent_density) / (width @ rate_density))
+
+
+def _checked_plant(plant: Physical, per_demand: Array, controller: Controller) -> Physical:
+    """Returns the ``plant``, whose parameters are marked as biased where its loop rings.
+
+    Where the loop crosses over beyond the corner frequency of the motors' lag, most of the motion is beyond it, and
+    only the effect over the lag counts.
+
+    Args:
+        plant: without the gyro's filters.
+        per_demand: (r,) how much each input changes per unit of demand.
+        controller: of the axis.
+
+    Raises:
+        NotLearnable: the phase margin stays unknown, or the loop is unstable, though it flew settled.
+    """
+    draws = plant.draws(MARGIN_DRAWS)
+    effectiveness = draws[:, :-3] @ per_demand
+    dynamics = np.maximum(draws[:, -3:], PLANT_MINIMUM)
+    rate = rate_loop(controller, effectiveness, dynamics)
     low, high = rate.phase_margin_interval
-    # what flew settled was not unstable
-    if not (high - low <= 2 * WIDEST and rate.stable[0]):
-        within = np.clip([low, high], -180.0, 180.0)  # infinite where nothing crosses over
-        raise NotLearnable(Loops.MARGIN_UNCERTAIN, phase_margin_interval=within)
-    # Most of the motion is then beyond the motors' corner frequency, where only the effect over the lag counts.
-    is_beyond = 2 * np.pi * rate.crossover * plant.lag > 1
-    if is_beyond and rate.phase_margin < MARGIN_TARGETS["default"].phase_margin / 2:
+    is_certain = high - low <= 2 * MAX_PHASE_MARGIN_HALF_WIDTH
+    if not (is_certain and rate.stable[0]):
+        # The margin is infinite where nothing crosses over.
+        interval = np.clip([low, high], -180.0, 180.0)
+        raise NotLearnable(Loops.MARGIN_UNCERTAIN, phase_margin_interval=interval)
+    is_beyond_motors = 2 * np.pi * rate.crossover * plant.lag > 1
+    if is_beyond_motors and rate.phase_margin < MARGIN_TARGETS["default"].phase_margin / 2:
         rings = Fact(ParameterDoubt.LOOP_RINGS, frequency=rate.crossover)
         status = dict.fromkeys(PARAMETERS, Status.BIASED)
         return plant._replace(status=status, reasons=dict.fromkeys(PARAMETERS, rings))
     return plant
 
 
-def _physical(fit: IdentifiedAxis, directions: Array) -> Physical:
-    """Without the gyro's filters, and with what the model lacks."""
+def _physical_plant(fit: IdentifiedAxis, per_demand: Array) -> Physical:
+    """Returns the physical parameters of a fit, without the gyro's filters, with the errors of the model added.
+
+    Args:
+        fit: posterior of the logarithms of the parameters.
+        per_demand: (r,) how much each input changes per unit of demand.
+    """
     values = LoopParameters.from_logarithms(fit.theta)
-    effect, damping, lag, delay = (getattr(values, name) for name in MODEL_ERRORS)
-    seen = fit.posterior.spectra
-    motors = effect * directions / (directions @ directions)
-    slopes = block_diag(motors[:, None], damping, lag, delay)
-    whole = slopes @ fit.covariance[np.ix_(PLANT, PLANT)] @ slopes.T
+    # Each input's effect, of which a demand has the identified one.
+    effect = values.effect * per_demand / (per_demand @ per_demand)
+    # Derivatives of effect, damping, lag and delay by the four logarithms, (r + 3, 4).
+    jacobian = block_diag(effect[:, None], [values.damping], [values.lag], [values.delay])
+    covariance = jacobian @ fit.covariance[np.ix_(PLANT, PLANT)] @ jacobian.T
     plant = Physical(
-        effect=motors,
-        damping=damping,
-        lag=lag,
-        delay=delay,
-        covariance=whole,
+        effect=effect,
+        damping=values.damping,
+        lag=values.lag,
+        delay=values.delay,
+        covariance=covariance,
         status=dict.fromkeys(PARAMETERS, Status.REPORTED),
         reasons=dict.fromkeys(PARAMETERS),
         bias=0.0,
@@ -281,25 +404,65 @@ def _physical(fit: IdentifiedAxis, directions: Array) -> Physical:
         ),
         noise=np.hypot(values.gyro_noise, values.filtered_noise),
         refinements={},
-        windows=len(seen.densities),
+        windows=len(fit.posterior.spectra.densities),
         filtered=False,
     )
-    at = seen.frequency[seen.frequency <= MOTION_BAND_HZ[1]]
-    motor = np.abs(effect / (1 + 2j * np.pi * at * lag)) ** 2
-    width = np.gradient(at)
-    by_wind = width @ wind_torque_density(plant, at)
-    by_motors = (
-        2 * width @ (motor * seen.mean_density[: len(at), Quantity.OUTPUT, Quantity.OUTPUT].real)
+    return plant._replace(
+        wind_share=_wind_share(plant, values, fit.posterior.spectra),
+        covariance=covariance + _model_error_covariance(fit, effect, values, jacobian),
     )
-    wind_share = by_wind / (by_wind + by_motors)
-    slopes[-2:, 0] = lag, -SHORTER * lag
-    # a longer lag with a shorter delay is made up for by more effect
-    slopes[:, 2] += np.concatenate([motors, [0.0, 0.0, -lag]]) / 2
-    between = BETWEEN * (1 + 2 * fit.saturation_loss) * fit.posterior.densities.surplus_interval
-    unseen = np.hypot(
-        BY_LIMITS * fit.saturation_loss, UNSEEN * fit.posterior.densities.surplus_interval
+
+
+def _wind_share(plant: Physical, values: LoopParameters, spectra: CrossSpectra) -> float:
+    """Returns the fraction of the torque's variance that is by the wind, in the band of the vehicle's motion.
+
+    Args:
+        plant: with the wind's components.
+        values: with the effect of a demand, rad/s², and the motors' lag, s.
+        spectra: whose densities of the output are two-sided; those of the wind are one-sided.
+    """
+    frequency = spectra.frequency[spectra.frequency <= MOTION_BAND_HZ[1]]
+    torque_per_demand = values.effect / (1 + 2j * np.pi * frequency * values.lag)
+    output_density = spectra.mean_density[: len(frequency), Quantity.OUTPUT, Quantity.OUTPUT].real
+    width = np.gradient(frequency)
+    by_wind = width @ wind_torque_density(plant, frequency)
+    by_motors = 2 * width @ (np.abs(torque_per_demand) ** 2 * output_density)
+    return float(by_wind / (by_wind + by_motors))
+
+
+def _model_error_covariance(
+    fit: IdentifiedAxis, effect: Array, values: LoopParameters, jacobian: Array
+) -> Array:
+    """Returns the covariance (r + 3, r + 3) of effect, damping, lag and delay by what the model does not have.
+
+    Its four independent errors are those of the logarithms of the parameters. Those of effect and lag come with errors
+    of the others that leave the response to quick changes as it is.
+
+    Args:
+        fit: posterior, with the time between messages beyond a cycle and the fraction that limits cut off.
+        effect: (r,) of each input.
+        values: parameters of the axis.
+        jacobian: (r + 3, 4) of the parameters by their logarithms.
+    """
+    lag, delay = values.lag, values.delay
+    effect_column, lag_column = 0, 2
+    lag_and_delay_rows = slice(-2, None)
+    directions = jacobian.copy()
+    directions[lag_and_delay_rows, effect_column] = lag, -DELAY_PER_EFFECT * lag
+    # A longer lag with a shorter delay is made up for by more effect.
+    directions[:, lag_column] += np.concatenate([effect, [0.0, 0.0, -lag]]) / 2
+    surplus_interval = fit.posterior.densities.surplus_interval
+    lag_against_delay = LAG_DELAY_DEVIATION * (1 + 2 * fit.saturation_loss) * surplus_interval
+    effect_deviation = np.hypot(
+        SATURATION_EFFECT_DEVIATION * fit.saturation_loss,
+        UNSEEN_EFFECT_DEVIATION * surplus_interval,
     )
-    further = [unseen, 0.0, between / lag, between / delay]
-    variances = np.square(list(MODEL_ERRORS.values())) + np.square(further)
-    covariance = whole + slopes * variances @ slopes.T
-    return plant._replace(wind_share=wind_share, covariance=covariance)
+    sampling_deviations = [
+        effect_deviation,
+        0.0,
+        lag_against_delay / lag,
+        lag_against_delay / delay,
+    ]
+    model_deviations = list(LOG_MODEL_DEVIATIONS.values())
+    variances = np.square(model_deviations) + np.square(sampling_deviations)
+    return directions * variances @ directions.T

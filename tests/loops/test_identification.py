@@ -23,7 +23,7 @@ from mavdem.facts.loops import Loops, Responses
 from mavdem.ingest import read_log
 from mavdem.loops import identification as in_flight
 from mavdem.loops.controllers import controller_from_parameters
-from mavdem.loops.identification import _streams, identify_plant_in_loop
+from mavdem.loops.identification import _loop_messages, identify_plant_in_loop
 from mavdem.loops.loop_construction import loop_from_plant
 from mavdem.plant import physical
 from mavdem.plant.closed_loop.identification import identify_axis
@@ -115,19 +115,19 @@ def test_what_a_plant_in_its_loop_takes_is_said(log, monkeypatch):
     blind = Signals(replace(signals.telemetry, messages=without))
     assert refusal(blind, flights) is Loops.NO_RATE_SETPOINT
     # The last reason first, so that each stands before those that are there already.
-    monkeypatch.setattr(in_flight, "WIDEST", 0.1)
+    monkeypatch.setattr(in_flight, "MAX_PHASE_MARGIN_HALF_WIDTH", 0.1)
     assert refusal(signals, flights) is Loops.MARGIN_UNCERTAIN
-    monkeypatch.setattr(in_flight, "LEAST_STEERED", 2.0)
+    monkeypatch.setattr(in_flight, "MIN_REFERENCE_SHARE", 2.0)
     assert refusal(signals, flights) is Loops.NOT_STEERED
     monkeypatch.undo()
-    monkeypatch.setattr(in_flight, "MOST_ROUNDED", 0.0)
+    monkeypatch.setattr(in_flight, "MAX_ROUNDING_SHARE", 0.0)
     rounded = refused(identify_plant_in_loop, Signals(signals.telemetry), flights)
     assert rounded.code is Reason.COMMAND_ROUNDED
     # A step's rounding has a twelfth of its square as variance.
     share = (rounded.figures["command_step"] / rounded.figures["command"]) ** 2 / 12
-    monkeypatch.setattr(in_flight, "MOST_ROUNDED", 0.9 * share)
+    monkeypatch.setattr(in_flight, "MAX_ROUNDING_SHARE", 0.9 * share)
     assert refusal(signals, flights) is Reason.COMMAND_ROUNDED
-    monkeypatch.setattr(in_flight, "MOST_ROUNDED", 1.1 * share)
+    monkeypatch.setattr(in_flight, "MAX_ROUNDING_SHARE", 1.1 * share)
     assert identify_plant_in_loop(Signals(signals.telemetry), flights).effect.shape == (4,)
 
 
@@ -202,9 +202,9 @@ def test_of_a_loop_that_rings_beyond_its_motors_effect_and_lag_are_biased(
 ):
     signals, flights = flown(thinned(log, 16))
     plant = identify_plant_in_loop(signals, flights)
-    _, controller, directions = in_flight._in_loop(signals, tuple(flights))
+    _, controller, directions = in_flight._identified_loop(signals, tuple(flights))
     sure = plant._replace(effect=more * plant.effect, covariance=1e-4 * plant.covariance)
-    checked = in_flight._checked(sure._replace(**change), directions, controller)
+    checked = in_flight._checked_plant(sure._replace(**change), directions, controller)
     assert set(checked.status.values()) == {status}
 
 
@@ -227,7 +227,7 @@ def test_with_motors_at_their_limits_the_margins_are_true(tmp_path):
     signals, flights = flown(log)
     loop = loop_from_plant(identify_plant_in_loop(signals, flights), Record.from_flights(flights))
     fit, *_ = (found.fit for found in signals.cache.values() if hasattr(found, "fit"))
-    assert 0.5 < fit.cut_off < fit.axis.limited
+    assert 0.5 < fit.saturation_loss < fit.posterior.saturated_share
     _, phase, gain, _ = known["roll_rate_margins"]
     assert abs(loop.phase_margin - phase) < 5 and abs(loop.gain_margin - gain) < 1.5
 
@@ -255,7 +255,7 @@ def test_what_the_angles_error_asks_for_is_added_to_ardupilots_setpoint_of_the_r
     wanted, ahead = 0.1 * np.sin(time), 0.1 * np.cos(time)
     controller = controller_from_parameters(ARDUPILOT, "roll", X_ROLL)
     signals = Signals(asking(Hover().telemetry(), time, 0, ahead, wanted))
-    streams, *_ = _streams(signals, 0, controller, np.ones(4))
+    streams = _loop_messages(signals, 0, controller, np.ones(4)).streams
     assert_allclose(streams[5].values, ahead + controller.angle_gain * wanted, atol=1e-6)
 
 
