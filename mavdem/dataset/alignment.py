@@ -1,135 +1,184 @@
-"""Alignment: attitude and inputs of a segment on one uniform clock, as a Flight."""
+"""Alignment: attitude and model inputs of a segment on one uniform clock, as a Flight."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 
-from mavdem.dataset.axes import output_names_and_units
+from mavdem.arrays import Array
+from mavdem.containers import JsonValues
+from mavdem.dataset.axes import TILT_AXES, output_names_and_units
 from mavdem.dataset.resampling import common_grid, common_step, mean_rate, resample
 from mavdem.dataset.segments import Segment, in_segments
-from mavdem.dataset.setpoints import held_setpoint
+from mavdem.dataset.setpoints import Setpoint, held_setpoint
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.flight import Flight
 from mavdem.ingest.mavlink.definitions import decoded_parameters, latest_parameters
-from mavdem.ingest.telemetry import (
-    Columns,
-    Parameters,
-    selected_rows,
-)
+from mavdem.ingest.telemetry import Columns, Parameters, selected_rows
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS
 
 
 @cached_per_vehicle("axis", "inputs")
 def aligned_flight(signals: Signals, segment: Segment, dt: float | None = None) -> Flight:
-    """Returns the flight of a sampled ``segment``, uniform on the boot clock, in steps of ``dt``, s.
+    """Resamples attitude, model inputs and setpoints of a segment to one uniform grid.
 
-    Its inputs are one column a motor, or the demand (``Signals.drive``), its outputs angle and rate of the axis, of yaw
-    the rate only.
+    Its inputs are the outputs of all motors, or the demand for the axis (``Signals.model_inputs``). Its outputs are
+    Euler angle and body rate of the axis; of yaw only the rate.
 
-    Unless given, the step is the mean interval of the slower of attitude and motors, to 0.1 ms. The mean, because an
-    autopilot that rounds 10 ms to its 4 ms loop alternates 8 and 12 and the median is neither (but see ``_interval``).
+    Attitude and inputs keep their samples, are interpolated linearly or are low-passed first (see
+    ``resampling.resample``). Inputs are not held, although the speed controllers of the motors hold them: they do so
+    only until the next turn of the mixer, a few milliseconds later and long before the next message. Holding the last
+    message would date every input half an interval late on average, and a model would learn that as a lag.
+    Interpolation has no lag, but it uses an input up to one interval ahead of its time. Setpoints are held (see
+    ``setpoints.held_setpoint``).
 
-    A stream with a sample within ``STAMP_SECONDS`` of every grid point keeps its samples as they are, unless it is so
-    much faster that it has to be low-passed (see :func:`sample`). Otherwise it is interpolated linearly.
+    Args:
+        signals: Signals with attitude and model inputs.
+        segment: Span without gaps in both.
+        dt: Step of the grid, s. By default the mean interval of the slower stream, to 0.1 ms. The mean, because an
+            autopilot that rounds 10 ms to its cycles of 4 ms alternates between 8 and 12, and the median is neither.
 
-    A motor output is held by the ESC, but only until the mixer's next turn, a few ms later and long before the next
-    message. Holding the last message would date every input half an interval late on average, a lag the model would
-    learn; interpolation has none. It looks one message ahead: an input between two messages uses up to one interval of
-    the future. Setpoints are held (see ``setpoints``).
+    Returns:
+        The flight, on the clock of the segment's boot.
     """
     attitude, motors = signals.attitude_and_inputs
-    telemetry = signals.telemetry
-    axis = signals.axis
-    near = in_segments(attitude, segment)
-    stamps = attitude.time[near]
-    measured = output_names_and_units(axis)
-    motion = np.column_stack([attitude.angle, attitude.rate])[:, -len(measured) :]
-    drive = in_segments(motors, segment)
-    driven = motors.time[drive]
-    rates = {"attitude": mean_rate(stamps), "motors": mean_rate(driven)}
-    dt = common_step((stamps, driven)) if dt is None else dt
-    time = common_grid(stamps, driven, dt)
-    outputs, attitude_way = resample(time, dt, stamps, motion[near])
-    inputs, motors_way = resample(time, dt, driven, motors.outputs[drive])
-    layout = motors.geometry
-    scale = motors.scale
-    asked = signals.setpoints
+    attitude_rows = in_segments(attitude, segment)
+    attitude_time = attitude.time[attitude_rows]
+    motor_rows = in_segments(motors, segment)
+    motor_time = motors.time[motor_rows]
+    if signals.axis in TILT_AXES:
+        motion = np.column_stack([attitude.angle, attitude.rate])
+    else:
+        motion = attitude.rate[:, np.newaxis]
+
+    if dt is None:
+        dt = common_step((attitude_time, motor_time))
+    grid = common_grid(attitude_time, motor_time, dt)
+    outputs, attitude_resampling = resample(grid, dt, attitude_time, motion[attitude_rows])
+    inputs, motor_resampling = resample(grid, dt, motor_time, motors.outputs[motor_rows])
+
+    names_and_units = output_names_and_units(signals.axis)
+    geometry = motors.geometry
+    setpoints = signals.setpoints
     return Flight(
-        time=time,
+        time=grid,
         inputs=inputs,
         outputs=outputs,
         dt=dt,
-        input_names=layout.names,
-        output_names=tuple(name for name, _ in measured),
-        input_units=(scale.unit,) * len(layout.names),
-        output_units=tuple(unit for _, unit in measured),
+        input_names=geometry.names,
+        output_names=tuple(name for name, _ in names_and_units),
+        input_units=(motors.scale.unit,) * len(geometry.names),
+        output_units=tuple(unit for _, unit in names_and_units),
         provenance={
-            **{
-                name: getattr(telemetry, name)
-                for name in ("source", "system", "component", "vehicle", "autopilot")
+            **_source_provenance(signals, segment),
+            "rates": {
+                "attitude": round(mean_rate(attitude_time), 3),
+                "motors": round(mean_rate(motor_time), 3),
             },
-            "axis": axis,
-            "segment": asdict(segment),
-            "messages": {"attitude": attitude.message, "motors": motors.message},
-            "rates": {name: round(rate, 3) for name, rate in rates.items()},
             "dt": dt,
-            "resampling": {"attitude": str(attitude_way), "motors": str(motors_way)},
-            "motors": {
-                "channels": list(layout.channels),
-                "positions": [list(position) for position in layout.positions],
-                "basis": str(layout.basis),
-                "channels_assumed": layout.channels_assumed,
-                "positions_assumed": layout.positions_assumed,
-                "spins": list(layout.spins),
-            },
-            "scale": asdict(scale),
-            "setpoints": {
-                setpoint.name: telemetry.name_in_source(setpoint.message) for setpoint in asked
-            },
-            "repairs": list(map(str, telemetry.repairs)),
-            "parameters": {
-                name: value
-                for name, value in telemetry.parameters.items()
-                if CONTROL_PARAMETERS.match(name)
-            },
-            "earlier": _earlier_parameters(signals, segment),
+            "resampling": {"attitude": str(attitude_resampling), "motors": str(motor_resampling)},
+            **_vehicle_provenance(signals, segment),
         },
-        effect_directions=None if layout.positions_assumed else layout.mixer_row(axis),
-        setpoints=np.column_stack(
-            [held_setpoint(setpoint, segment.boot, time) for setpoint in asked]
-        )
-        if asked
-        else None,
-        setpoint_names=tuple(setpoint.name for setpoint in asked),
-        setpoint_units=tuple(setpoint.unit for setpoint in asked),
+        effect_directions=None if geometry.positions_assumed else geometry.mixer_row(signals.axis),
+        setpoints=_setpoint_columns(setpoints, segment.boot, grid),
+        setpoint_names=tuple(setpoint.name for setpoint in setpoints),
+        setpoint_units=tuple(setpoint.unit for setpoint in setpoints),
     )
+
+
+def _setpoint_columns(setpoints: Sequence[Setpoint], boot: int, time: Array) -> Array | None:
+    """Returns the values (T, k) of k setpoints at times (T,), s, of a boot; None where there are no setpoints."""
+    if not setpoints:
+        return None
+    return np.column_stack([held_setpoint(setpoint, boot, time) for setpoint in setpoints])
+
+
+def _source_provenance(signals: Signals, segment: Segment) -> JsonValues:
+    """Returns the part of a flight's provenance that says where it comes from: source, segment and messages."""
+    telemetry = signals.telemetry
+    attitude, motors = signals.attitude_and_inputs
+    return {
+        "source": telemetry.source,
+        "system": telemetry.system,
+        "component": telemetry.component,
+        "vehicle": telemetry.vehicle,
+        "autopilot": telemetry.autopilot,
+        "axis": signals.axis,
+        "segment": asdict(segment),
+        "messages": {"attitude": attitude.message, "motors": motors.message},
+    }
+
+
+def _vehicle_provenance(signals: Signals, segment: Segment) -> JsonValues:
+    """Returns the part of a flight's provenance that says what flew: motors, setpoints and parameters."""
+    telemetry = signals.telemetry
+    _, motors = signals.attitude_and_inputs
+    geometry = motors.geometry
+    control_parameters: dict[str, Any] = {}
+    for name, value in telemetry.parameters.items():
+        if CONTROL_PARAMETERS.match(name):
+            control_parameters[name] = value
+    return {
+        "motors": {
+            "channels": list(geometry.channels),
+            "positions": [list(position) for position in geometry.positions],
+            "basis": str(geometry.basis),
+            "channels_assumed": geometry.channels_assumed,
+            "positions_assumed": geometry.positions_assumed,
+            "spins": list(geometry.spins),
+        },
+        "scale": asdict(motors.scale),
+        "setpoints": {
+            setpoint.name: telemetry.name_in_source(setpoint.message)
+            for setpoint in signals.setpoints
+        },
+        "repairs": [str(repair) for repair in telemetry.repairs],
+        "parameters": control_parameters,
+        "earlier": _earlier_parameters(signals, segment),
+    }
+
+
+def _earlier_parameters(signals: Signals, segment: Segment) -> Parameters:
+    """Returns the controller's parameters whose values at the start of a segment are not their last ones.
+
+    Where a log has no messages with parameters, their first values stand for those at the start of the segment.
+    Parameters that the autopilot sets itself do not count.
+
+    Returns:
+        Their values at the start of the segment, by name.
+    """
+    telemetry = signals.telemetry
+    values_at_start = telemetry.initial_parameters
+    if "PARAM_VALUE" in telemetry.messages:
+        sent = _changed_parameter_messages(signals)
+        is_before = (sent["boot"] < segment.boot) | (
+            (sent["boot"] == segment.boot) & (sent["time"] <= segment.start)
+        )
+        values_at_start = latest_parameters(selected_rows(sent, is_before), telemetry.autopilot)
+    earlier = {}
+    for name, value in values_at_start.items():
+        is_control_parameter = CONTROL_PARAMETERS.match(name)
+        is_set_by_autopilot = AUTOPILOT_SET_PARAMETERS.search(name)
+        has_changed = telemetry.parameters.get(name) != value
+        if is_control_parameter and not is_set_by_autopilot and has_changed:
+            earlier[name] = value
+    return earlier
 
 
 @cached_per_vehicle()
 def _changed_parameter_messages(signals: Signals) -> Columns:
-    """The messages of parameters that had other values than the last: few, where many boots send all again."""
+    """Returns the messages of those parameters that did not always have their last value.
+
+    They are few, even where every boot sends all parameters again.
+    """
     telemetry = signals.telemetry
     sent = telemetry.messages["PARAM_VALUE"]
-    named = decoded_parameters(sent, telemetry.autopilot)
-    changed = {name for name, value in named if value != telemetry.parameters.get(name)}
-    return selected_rows(sent, np.array([name in changed for name, _ in named], dtype=bool))
-
-
-def _earlier_parameters(signals: Signals, segment: Segment) -> Parameters:
-    """The controller's parameters that changed after the segment began, or sometime, with their values before."""
-    telemetry = signals.telemetry
-    before = telemetry.initial_parameters
-    if "PARAM_VALUE" in telemetry.messages:
-        sent = _changed_parameter_messages(signals)
-        rows = (sent["boot"] < segment.boot) | (
-            (sent["boot"] == segment.boot) & (sent["time"] <= segment.start)
-        )
-        before = latest_parameters(selected_rows(sent, rows), telemetry.autopilot)
-    return {
-        name: value
-        for name, value in before.items()
-        if CONTROL_PARAMETERS.match(name)
-        and not AUTOPILOT_SET_PARAMETERS.search(name)
-        and telemetry.parameters[name] != value
-    }
+    names_and_values = decoded_parameters(sent, telemetry.autopilot)
+    changed_names = set()
+    for name, value in names_and_values:
+        if value != telemetry.parameters.get(name):
+            changed_names.add(name)
+    is_changed = [name in changed_names for name, _ in names_and_values]
+    return selected_rows(sent, np.array(is_changed, dtype=bool))

@@ -1,4 +1,4 @@
-"""Resampling of recorded streams to one uniform grid of time, with a low-pass filter before a slower grid."""
+"""Resampling of recorded streams to one uniform grid of time, with a low-pass filter where the grid is slower."""
 
 from collections.abc import Iterable
 
@@ -8,147 +8,251 @@ from numpy.typing import NDArray
 from mavdem.arrays import Array, Flags
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Resampling
-from mavdem.ingest.telemetry import (
-    interpolated,
-)
+from mavdem.ingest.telemetry import interpolated
 
-pass
-
-STEP_TOLERANCE = 1.1
-"""How much longer than 1/``MINIMUM_RATE`` usual steps may be, so that jitter of the stamps does not split a stream.
-Learnability decides whether the mean rate of a segment is enough."""
-# Share of steps below which they are rare, and cycles of a scheduler that an interval may be.
-USUAL_SHARE = 0.02
-MAX_CYCLES = 3
-# Resolution of ``time_boot_ms``: two stamps no further apart may belong to the same moment
 STAMP_RESOLUTION = 1e-3
+"""Resolution, s, of MAVLink's ``time_boot_ms``: two stamps no further apart may mean the same moment."""
 
+STEP_DECIMALS = 4
+"""Decimals to which the step of a grid is rounded: 0.1 ms."""
+
+MIN_STEP = 1e-4
+"""Shortest step of a grid, s: one unit of the last decimal."""
+
+RARE_STEP_SHARE = 0.02
+"""Share of all steps below which a step, or a deviation from the scheduler's cycle, is an exception; a choice."""
+
+MAX_CYCLES_PER_STEP = 3
+"""Number of cycles of a scheduler up to which a usual step is recognised as a multiple of its cycle; a choice."""
+
+MAX_MEAN_RATIO = 1.1
+"""Ratio of the usual interval to the mean interval up to which jitter explains the difference; a choice."""
 
 LOW_PASS_RATIO = 1.5
-"""A stream that comes so many times as fast as the grid is low-passed first. Below that the filter would reach into the
-band in which the stream itself is already aliased."""
+"""Rate of a stream relative to that of the grid, from which the stream is low-passed first.
+
+Below that, the filter would reach into the band in which the stream itself is already aliased.
+"""
+
 CUTOFF_RATIO = 0.4
-"""Cut-off of that filter in grid rates: 0.5 is the Nyquist frequency, and 0.1 (5 Hz at 50) passes unchanged."""
+"""Cut-off frequency of the filter relative to the rate of the grid.
+
+The Nyquist frequency is 0.5 of that rate, and 0.1, which is 5 Hz at 50, passes unchanged.
+"""
+
+FILTER_ORDER = 4
+"""Order of the Butterworth filter, which is applied forwards and backwards."""
+
 FILTER_EDGE_STEPS = 5
-"""Grid steps after which the filter has forgotten its start to a hundredth. Its slowest pole, at a rate of 2 pi
-``CUTOFF_RATIO`` sin(22.5°), decays by a factor e a step."""
+"""Grid steps after which the filter has forgotten its start to a hundredth.
+
+Its slowest pole has the rate 2 pi ``CUTOFF_RATIO`` sin(22.5°) per step, and decays by a factor of e in each step.
+"""
+
+MIN_CUTOFF = 1e-4
+"""Lowest cut-off frequency relative to the rate of the stream, below which the filter is lost in rounding errors.
+
+It never matters: a flight on so coarse a grid is refused for its rate.
+"""
 
 
 def common_step(streams: Iterable[Array]) -> float:
-    """Returns the step, s, of a grid for streams with these stamps (N,): the interval of the slowest, to 0.1 ms."""
-    return max(round(max(map(_interval, streams)), 4), 1e-4)
+    """Returns the step of a uniform grid for several streams: the sampling interval of the slowest, to 0.1 ms.
+
+    Args:
+        streams: Stamps (N,), s, of each stream, rising.
+
+    Returns:
+        The step in seconds.
+    """
+    slowest = max(_sampling_interval(time) for time in streams)
+    return max(round(slowest, STEP_DECIMALS), MIN_STEP)
 
 
-def _interval(time: Array) -> float:
-    """The mean interval, s, of stamps (N,); with jitter of a scheduler's whole cycles, the nearest two or three cycles.
+def _sampling_interval(time: Array) -> float:
+    """Estimates the interval at which a stream was meant to be sampled.
 
-    Steps of 4, 8 and 12 ms are 8 ms with jitter, whatever the mean of some seconds. 8 and 12 alone are their mean.
+    Autopilots sample at whole cycles of their scheduler. Steps of 4, 8 and 12 ms are 8 ms with jitter by a cycle,
+    whatever the mean of a few seconds. Steps of 8 and 12 ms alone are an interval of 10 ms, rounded to cycles of 4 ms,
+    and their mean is the interval.
+
+    Args:
+        time: (N,) stamps, s, rising.
+
+    Returns:
+        The nearest multiple of the cycle, up to ``MAX_CYCLES_PER_STEP`` of them, where jitter shows; else the mean
+        interval, s.
     """
     mean = 1 / mean_rate(time)
-    since = time - time[0]
-    steps, counts = np.unique(
-        np.rint(np.diff(time) / STAMP_RESOLUTION).astype(int), return_counts=True
-    )
-    steps = steps[counts >= USUAL_SHARE * len(time)]
-    cycle = STAMP_RESOLUTION * np.gcd.reduce(steps)
-    usual = cycle * min(round(mean / cycle), MAX_CYCLES) if cycle else mean
-    even = (
-        np.mean(abs(since - cycle * np.rint(since / (cycle or 1.0))) > STAMP_RESOLUTION)
-        < USUAL_SHARE
-    )
-    jitter = even and steps[0] * STAMP_RESOLUTION < usual - STAMP_RESOLUTION
-    return usual if jitter and abs(usual / mean - 1) <= STEP_TOLERANCE - 1 else mean
+    elapsed = time - time[0]
+    milliseconds = np.rint(np.diff(time) / STAMP_RESOLUTION).astype(int)
+    steps, counts = np.unique(milliseconds, return_counts=True)
+    usual_steps = steps[counts >= RARE_STEP_SHARE * len(time)]
+    cycle = STAMP_RESOLUTION * np.gcd.reduce(usual_steps)
+    if not cycle:
+        return mean
+    interval = cycle * min(round(mean / cycle), MAX_CYCLES_PER_STEP)
+    deviations = abs(elapsed - cycle * np.rint(elapsed / cycle))
+    is_on_cycles = np.mean(deviations > STAMP_RESOLUTION) < RARE_STEP_SHARE
+    has_shorter_steps = usual_steps[0] * STAMP_RESOLUTION < interval - STAMP_RESOLUTION
+    if is_on_cycles and has_shorter_steps and abs(interval / mean - 1) <= MAX_MEAN_RATIO - 1:
+        return interval
+    return mean
 
 
 def mean_rate(time: Array) -> float:
-    """Returns the mean rate, samples a second, over the whole of ``time`` (N,), N ≥ 2."""
+    """Returns the mean rate, Hz, of samples with the stamps ``time`` (N,), s; there must be two at least."""
     return float((len(time) - 1) / (time[-1] - time[0]))
 
 
-def resample(grid: Array, dt: float, time: Array, values: Array) -> tuple[Array, Fact]:
-    """Resamples the columns of ``values`` (N, k) from ``time`` (N,) to ``grid`` (T,) of step ``dt``, and says how.
+def common_grid(attitude_time: Array, motor_time: Array, dt: float) -> Array:
+    """Returns a uniform grid over the time in which both streams have samples.
 
-    Kept, interpolated linearly between the neighbours or, from a stream at ``LOW_PASS_RATIO`` times the rate of the
-    grid or more, low-passed before: else a vibration at 49 Hz, on a grid of 50, would look slow.
+    It begins at an attitude sample if then both streams have a sample at every grid point. Otherwise it begins at a
+    motor sample: motor outputs change more from one message to the next, so attitude is the one to interpolate.
+
+    Args:
+        attitude_time: (N,) stamps of the attitude, s.
+        motor_time: (M,) stamps of the motor outputs, s.
+        dt: Step of the grid, s.
+
+    Returns:
+        (T,) times, s, without those that the edges of a low-pass filter spoil; all of them where it spoils all.
     """
-    way = Fact(Resampling.INTERPOLATED)
-    if needs_low_pass(time, dt):
-        time, values = _low_passed(time, values, CUTOFF_RATIO / dt)
-        way = Fact(Resampling.LOW_PASSED, rate=CUTOFF_RATIO / dt)
-    elif (rows := nearest_rows(grid, time)) is not None:
-        return values[rows], Fact(Resampling.SAMPLES_KEPT)
-    return interpolated(grid, time, values), way
-
-
-def common_grid(attitude: Array, motors: Array, dt: float) -> Array:
-    """Returns the steps of ``dt`` where both streams have samples.
-
-    From an attitude sample when both streams then keep theirs; otherwise from a motor sample: motor outputs change more
-    from one message to the next, so it is attitude that should be moved.
-    """
-    first = max(attitude[0], motors[0])
-    last = min(attitude[-1], motors[-1])
-    for stamps in (attitude, motors):
+    first = max(attitude_time[0], motor_time[0])
+    last = min(attitude_time[-1], motor_time[-1])
+    for stamps in (attitude_time, motor_time):
         start = min(stamps[stamps >= first - STAMP_RESOLUTION][0], last)
         grid = start + dt * np.arange(int((last - start) / dt + STAMP_RESOLUTION) + 1)
-        if nearest_rows(grid, attitude) is not None and nearest_rows(grid, motors) is not None:
+        attitude_rows = nearest_rows(grid, attitude_time)
+        motor_rows = nearest_rows(grid, motor_time)
+        if attitude_rows is not None and motor_rows is not None:
             break
-    sure = _sure(grid, dt, attitude) & _sure(grid, dt, motors)
-    return grid[sure] if sure.any() else grid
+    is_valid = _is_free_of_edges(grid, dt, attitude_time)
+    is_valid &= _is_free_of_edges(grid, dt, motor_time)
+    return grid[is_valid] if is_valid.any() else grid
+
+
+def resample(grid: Array, dt: float, time: Array, values: Array) -> tuple[Array, Fact]:
+    """Resamples a stream to a uniform grid.
+
+    A stream whose rate is ``LOW_PASS_RATIO`` times that of the grid or more is low-passed and interpolated: otherwise a
+    vibration at 49 Hz would appear as a slow motion on a grid of 50 Hz. A stream with a sample at every grid point
+    keeps its samples. Any other is interpolated linearly.
+
+    Args:
+        grid: (T,) times of the grid, s.
+        dt: Step of the grid, s.
+        time: (N,) stamps of the stream, s.
+        values: (N, k) samples.
+
+    Returns:
+        (T, k) values on the grid, and the fact (``Resampling``) that says how they were made.
+    """
+    if needs_low_pass(time, dt):
+        cutoff = CUTOFF_RATIO / dt
+        even_time, filtered = _low_passed(time, values, cutoff)
+        return interpolated(grid, even_time, filtered), Fact(Resampling.LOW_PASSED, rate=cutoff)
+    rows = nearest_rows(grid, time)
+    if rows is not None:
+        return values[rows], Fact(Resampling.SAMPLES_KEPT)
+    return interpolated(grid, time, values), Fact(Resampling.INTERPOLATED)
 
 
 def nearest_rows(grid: Array, time: Array) -> NDArray[np.intp] | None:
-    """Returns the rows of ``time`` (N,) at each point of ``grid`` (T,).
+    """Returns which sample of a stream is at each grid point, if each grid point has its own.
 
-    None unless all differ and lie within ``STAMP_SECONDS``.
+    Args:
+        grid: (T,) times of the grid, s.
+        time: (N,) stamps of the stream, s.
+
+    Returns:
+        (T,) rows of the stream; None unless all differ and lie within ``STAMP_RESOLUTION`` of their grid points.
     """
-    nearest = np.searchsorted((time[1:] + time[:-1]) / 2, grid, side="right")
-    kept = np.all(abs(time[nearest] - grid) <= STAMP_RESOLUTION) and np.all(np.diff(nearest) > 0)
-    return nearest if kept else None
+    midpoints = (time[1:] + time[:-1]) / 2
+    rows = np.searchsorted(midpoints, grid, side="right")
+    is_near = abs(time[rows] - grid) <= STAMP_RESOLUTION
+    if np.all(is_near) and np.all(np.diff(rows) > 0):
+        return rows
+    return None
 
 
 def needs_low_pass(time: Array, dt: float) -> bool:
-    """Returns whether a stream sampled at ``time`` (N,) is so much faster than a grid of ``dt`` to be low-passed."""
+    """Returns whether a stream with stamps (N,), s, has to be low-passed before it is put on a grid of step ``dt``, s."""
     return mean_rate(time) * dt >= LOW_PASS_RATIO
 
 
-def _sure(grid: Array, dt: float, time: Array) -> Flags:
-    """Which grid points (T,) are free of edge effects of the stream's low-pass filter, if there is one."""
-    margin = FILTER_EDGE_STEPS * dt if needs_low_pass(time, dt) else 0.0
-    return (grid >= time[0] + margin - STAMP_RESOLUTION) & (
-        grid <= time[-1] - margin + STAMP_RESOLUTION
-    )
-
-
-def _low_passed(time: Array, values: Array, cutoff: float) -> tuple[Array, Array]:
-    """The columns at as many even stamps, through a Butterworth filter of fourth order, forwards and then backwards.
-
-    Flat where the dynamics are, and without phase. At the cut-off half the amplitude is left, at twice that 1/257.
-    """
-    even = np.linspace(time[0], time[-1], len(time))
-    table = interpolated(even, time, values)
-    rate = mean_rate(time)
-    # A slower filter's numbers are lost in rounding; whatever is sampled on so coarse a grid is refused for its rate.
-    cutoff = max(cutoff, 1e-4 * rate)
-    # until it settles
-    return even, _filtered(table, rate, cutoff, min(round(3 * rate / cutoff), len(table) - 1))
-
-
 def low_pass_impulse_response(rate: float, dt: float) -> Array:
-    """Returns (2 L + 1,) response of the low-pass filter to one sample of a stream of ``rate`` Hz.
+    """Returns the weights of the low-pass filter for a stream that is filtered as it comes.
 
-    It is for streams as they come. It reaches ``FILTER_EDGE_STEPS`` steps ``dt`` either way; what is cut off beyond is
-    less than a hundredth of it.
+    Args:
+        rate: Rate of the stream, Hz.
+        dt: Step of the grid, s.
+
+    Returns:
+        (2 L + 1,) response to one sample, ``FILTER_EDGE_STEPS`` grid steps either way, with the sum 1. What is cut off
+        beyond is less than a hundredth of it.
     """
     reach = round(FILTER_EDGE_STEPS * dt * rate)
-    sample = np.zeros(8 * reach + 1)
-    sample[4 * reach] = 1.0
-    response = _filtered(sample, rate, CUTOFF_RATIO / dt, 0)[3 * reach : 5 * reach + 1]
+    centre = 4 * reach
+    impulse = np.zeros(2 * centre + 1)
+    impulse[centre] = 1.0
+    response = _butterworth_filtered(impulse, rate, CUTOFF_RATIO / dt, padding=0)
+    response = response[centre - reach : centre + reach + 1]
     return response / response.sum()
 
 
-def _filtered(values: Array, rate: float, cutoff: float, padding: int) -> Array:
-    # it takes half a second to import, and few flights need it
+def _is_free_of_edges(grid: Array, dt: float, time: Array) -> Flags:
+    """Returns which grid points (T,) are far enough from the ends of a stream that its filter does not spoil them.
+
+    Args:
+        grid: (T,) times of the grid, s.
+        dt: Step of the grid, s.
+        time: (N,) stamps of the stream, s; one that is not low-passed has no edges.
+    """
+    margin = FILTER_EDGE_STEPS * dt if needs_low_pass(time, dt) else 0.0
+    first_valid = time[0] + margin - STAMP_RESOLUTION
+    last_valid = time[-1] - margin + STAMP_RESOLUTION
+    return (grid >= first_valid) & (grid <= last_valid)
+
+
+def _low_passed(time: Array, values: Array, cutoff: float) -> tuple[Array, Array]:
+    """Interpolates a stream to as many uniform stamps and low-passes it.
+
+    The filter has no phase, since it runs forwards and then backwards. The band of the dynamics passes unchanged; at
+    the cut-off half the amplitude remains, at twice that 1/257.
+
+    Args:
+        time: (N,) stamps, s.
+        values: (N, k) samples.
+        cutoff: Cut-off frequency, Hz.
+
+    Returns:
+        (N,) uniform stamps, s, and (N, k) filtered samples.
+    """
+    even_time = np.linspace(time[0], time[-1], len(time))
+    table = interpolated(even_time, time, values)
+    rate = mean_rate(time)
+    cutoff = max(cutoff, MIN_CUTOFF * rate)
+    # Padding of three periods of the cut-off frequency lets the filter settle before the first sample.
+    padding = min(round(3 * rate / cutoff), len(table) - 1)
+    return even_time, _butterworth_filtered(table, rate, cutoff, padding)
+
+
+def _butterworth_filtered(values: Array, rate: float, cutoff: float, padding: int) -> Array:
+    """Applies a Butterworth low-pass filter forwards and backwards (zero phase).
+
+    Args:
+        values: (N,) or (N, k) uniform samples.
+        rate: Their rate, Hz.
+        cutoff: Cut-off frequency, Hz.
+        padding: Number of samples by which both ends are extended first.
+
+    Returns:
+        Filtered samples with the shape of ``values``.
+    """
+    # SciPy's filters take half a second to import, and few flights need them.
     from scipy.signal import butter, sosfiltfilt
 
-    return sosfiltfilt(butter(4, cutoff, fs=rate, output="sos"), values, axis=0, padlen=padding)
+    sections = butter(FILTER_ORDER, cutoff, fs=rate, output="sos")
+    return sosfiltfilt(sections, values, axis=0, padlen=padding)

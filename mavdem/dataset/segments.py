@@ -1,7 +1,8 @@
 """Segments of a log: spans of one boot in which attitude and model inputs were recorded without gaps."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -11,32 +12,41 @@ from mavdem.dataset import phases
 from mavdem.dataset.attitude import Attitude
 from mavdem.dataset.intervals import Intervals, intersection, split_at_gaps
 from mavdem.dataset.motor_outputs import MotorOutputs
-from mavdem.dataset.resampling import (
-    STAMP_RESOLUTION,
-    STEP_TOLERANCE,
-)
+from mavdem.dataset.resampling import STAMP_RESOLUTION
 from mavdem.dataset.signals import MIN_STREAM_RATE, Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
-from mavdem.ingest.telemetry import (
-    MAX_GAP_SECONDS,
-)
-
-pass
-
+from mavdem.ingest.telemetry import MAX_GAP_SECONDS
 
 MEDIAN_STEPS = 41
-"""Steps, about 1 s at ``MINIMUM_RATE``, whose median is a stream's usual step. A median follows a change of rate to the
-very step, and is not moved by the loss of a fifth of the messages."""
+"""Number of steps between stamps whose running median is the usual step, about 1 s at ``MIN_STREAM_RATE``.
+
+A median follows a change of rate to the very step, and the loss of a fifth of the messages does not move it.
+"""
+
+STEP_TOLERANCE = 1.1
+"""Usual step of a stream, in steps at ``MIN_STREAM_RATE``, above which the stream is too slow.
+
+Jitter of the stamps must not split a stream. Learnability decides whether the mean rate of a segment is enough.
+"""
+
+MAX_STEP_AT_ANY_RATE = 3.0
+"""Step, in median steps, above which a stream of any rate has a gap; a choice."""
+
+MIN_SEGMENT_SECONDS = 1.0
+"""Duration, s, below which settled flight makes no segment."""
 
 
 @dataclass(frozen=True, order=True)
 class Segment:
-    """Settled flight from ``start`` to ``end``, seconds on one boot's clock, with attitude and inputs throughout."""
+    """A span of one boot; segments sort by boot and time."""
 
     boot: int
+    """Number of the boot, from 0."""
     start: float
+    """Seconds on the clock of that boot."""
     end: float
+    """Seconds on the clock of that boot."""
 
     @property
     def duration(self) -> float:
@@ -45,64 +55,65 @@ class Segment:
 
 
 Segments = Sequence[Segment]
-"""Of one flight, or of a log."""
+"""Segments of one flight, or of a log."""
 
 
 @cached_per_vehicle()
 def recorded_spans(signals: Signals) -> Segments:
-    """Returns each boot from its first message to its last, but for texts: a log may begin with older ones."""
-    messages = [
-        columns for name, columns in signals.telemetry.messages.items() if name != "STATUSTEXT"
-    ]
-    if not messages:
+    """Returns one span per boot, from its first to its last message.
+
+    Texts do not count: a log may begin with older ones.
+    """
+    times = []
+    boots = []
+    for name, columns in signals.telemetry.messages.items():
+        if name != "STATUSTEXT":
+            times.append(columns["time"])
+            boots.append(columns["boot"])
+    if not times:
         return ()
-    time, boot = (
-        np.concatenate([columns[name] for columns in messages]) for name in ("time", "boot")
-    )
-    parts = []
-    for number in np.unique(boot[np.isfinite(time)]):
-        stamps = time[(boot == number) & np.isfinite(time)]
-        parts.append(Segment(int(number), float(stamps.min()), float(stamps.max())))
-    return tuple(parts)
+    time = np.concatenate(times)
+    boot = np.concatenate(boots)
+    is_finite = np.isfinite(time)
+    spans = []
+    for number in np.unique(boot[is_finite]):
+        stamps = time[(boot == number) & is_finite]
+        spans.append(Segment(int(number), float(stamps.min()), float(stamps.max())))
+    return tuple(spans)
 
 
 @cached_per_vehicle("axis", "inputs")
 def settled_segments(signals: Signals) -> Segments:
-    """Returns segments of one boot each: armed, airborne, settled, upright, fast and without gaps; the longest first.
+    """Returns the segments of settled flight in which attitude and model inputs come fast and without gaps.
 
-    A step longer than ``MAX_GAP_SECONDS``, or messages that usually come slower than ``MINIMUM_RATE``, end a segment:
-    ground stations change the rates in flight. Only where that leaves no segment at all is any rate allowed, and steps
-    of three intervals; learnability then decides.
+    A step longer than ``MAX_GAP_SECONDS``, or messages that usually come slower than ``MIN_STREAM_RATE``, end a
+    segment, since ground stations change the rates in flight. Only where that leaves no segment at all, any rate is
+    allowed, and steps of three usual ones; learnability then decides.
+
+    Returns:
+        Segments of one boot each, the longest first.
     """
-    segments: list[Segment] = []
-    for unbroken_runs in (_fast, _at_any_rate):
-        sampled = _sampled(
-            signals, unbroken_runs, lambda boot: phases.settled_intervals(signals, boot)
-        )
-        segments = segments or [segment for segment in sampled if segment.duration >= 1.0]
-    return tuple(sorted(segments, key=lambda segment: -segment.duration))
+    for runs_without_gaps in (_fast_runs, _runs_at_any_rate):
+        segments = []
+        for boot in _boots_with_both_streams(signals):
+            settled = phases.settled_intervals(signals, boot)
+            segments += _sampled_segments(signals, boot, settled, runs_without_gaps)
+        segments = [segment for segment in segments if segment.duration >= MIN_SEGMENT_SECONDS]
+        if segments:
+            return tuple(sorted(segments, key=lambda segment: -segment.duration))
+    return ()
 
 
 def longest_recorded_segment(signals: Signals) -> Segment | None:
-    """Returns the longest part, flown or not, with attitude and inputs without gaps, at any rate; None without any."""
-    sampled = _sampled(signals, _at_any_rate, lambda _: [(-np.inf, np.inf)])
-    return max(sampled, key=lambda segment: segment.duration, default=None)
+    """Returns the longest segment with attitude and model inputs without gaps, at any rate, in flight or not.
 
-
-def _sampled(
-    signals: Signals,
-    unbroken_runs: Callable[[Array], Intervals],
-    wanted: Callable[[int], Intervals],
-) -> Iterator[Segment]:
-    """Where both streams are unbroken, in the ``wanted`` intervals of each boot."""
-    attitude = signals.attitude
-    drive = signals.model_inputs
-    if attitude is not None and drive is not None:
-        for boot in np.intersect1d(attitude.boot, drive.boot):
-            runs = (unbroken_runs(stream.time[stream.boot == boot]) for stream in (attitude, drive))
-            for span in intersection(intersection(*runs), wanted(int(boot))):
-                if has_both_streams(attitude, drive, segment := Segment(int(boot), *span)):
-                    yield segment
+    Returns:
+        None where there is none.
+    """
+    segments = []
+    for boot in _boots_with_both_streams(signals):
+        segments += _sampled_segments(signals, boot, [(-inf, inf)], _runs_at_any_rate)
+    return max(segments, key=lambda segment: segment.duration, default=None)
 
 
 def in_segments(
@@ -110,41 +121,92 @@ def in_segments(
     *segments: Segment,
     slack: float = STAMP_RESOLUTION,
 ) -> Flags:
-    """Returns which samples (N,) belong to the segments, those up to ``slack``, s, beyond an end included."""
-    inside = np.zeros(len(stream.time), dtype=bool)
-    for part in segments:
-        near = (stream.time >= part.start - slack) & (stream.time <= part.end + slack)
-        inside |= near & (stream.boot == part.boot)
-    return inside
+    """Returns which samples of a stream belong to segments.
+
+    Args:
+        stream: N samples with their times and boots.
+        segments: The segments.
+        slack: Seconds beyond the ends of a segment whose samples still belong to it.
+
+    Returns:
+        Flags (N,).
+    """
+    is_inside = np.zeros(len(stream.time), dtype=bool)
+    for segment in segments:
+        is_in_span = (stream.time >= segment.start - slack) & (stream.time <= segment.end + slack)
+        is_inside |= is_in_span & (stream.boot == segment.boot)
+    return is_inside
 
 
-def has_both_streams(attitude: Attitude, motors: MotorOutputs, segment: Segment) -> bool:
-    """Returns whether both streams have the two samples in the segment that a rate takes, and a time in common."""
-    near = attitude.time[in_segments(attitude, segment)]
-    driven = motors.time[in_segments(motors, segment)]
-    return len(near) > 1 < len(driven) and bool(
-        max(near[0], driven[0]) <= min(near[-1], driven[-1])
-    )
+def _boots_with_both_streams(signals: Signals) -> list[int]:
+    """Returns the numbers of all boots with both attitude and model inputs."""
+    if signals.attitude is None or signals.model_inputs is None:
+        return []
+    boots = np.intersect1d(signals.attitude.boot, signals.model_inputs.boot)
+    return [int(boot) for boot in boots]
 
 
-def _fast(time: Array) -> Intervals:
-    """Where the stamps (N,) of one boot come at ``MINIMUM_RATE`` or faster and without gaps."""
+def _sampled_segments(
+    signals: Signals,
+    boot: int,
+    intervals: Intervals,
+    runs_without_gaps: Callable[[Array], Intervals],
+) -> list[Segment]:
+    """Returns the segments of a boot in which neither attitude nor model inputs have a gap.
+
+    Args:
+        signals: Signals with both streams.
+        boot: Number of the boot.
+        intervals: The intervals of the boot that segments may lie in.
+        runs_without_gaps: Function that splits the stamps (N,) of a stream at its gaps.
+    """
+    attitude, inputs = signals.attitude_and_inputs
+    attitude_runs = runs_without_gaps(attitude.time[attitude.boot == boot])
+    input_runs = runs_without_gaps(inputs.time[inputs.boot == boot])
+    segments = []
+    for start, end in intersection(intersection(attitude_runs, input_runs), intervals):
+        segment = Segment(boot, start, end)
+        if _has_samples_of_both(attitude, inputs, segment):
+            segments.append(segment)
+    return segments
+
+
+def _has_samples_of_both(attitude: Attitude, inputs: MotorOutputs, segment: Segment) -> bool:
+    """Returns whether both streams have two samples in a segment, which a rate takes, and a time in common."""
+    attitude_time = attitude.time[in_segments(attitude, segment)]
+    input_time = inputs.time[in_segments(inputs, segment)]
+    if len(attitude_time) < 2 or len(input_time) < 2:
+        return False
+    common_start = max(attitude_time[0], input_time[0])
+    common_end = min(attitude_time[-1], input_time[-1])
+    return bool(common_start <= common_end)
+
+
+def _fast_runs(time: Array) -> Intervals:
+    """Returns the intervals in which the stamps (N,) of a boot come without gaps, at ``MIN_STREAM_RATE`` or faster."""
+    if len(time) < 2:
+        return []
     steps = np.diff(time)
-    return (
-        split_at_gaps(time, slow_steps(steps) | (steps > MAX_GAP_SECONDS)) if len(time) > 1 else []
-    )
+    return split_at_gaps(time, slow_steps(steps) | (steps > MAX_GAP_SECONDS))
 
 
 def slow_steps(steps: Array) -> Flags:
-    """Returns which steps (N,) between the stamps of one boot are usually too long for ``MINIMUM_RATE``."""
-    return median_filter(steps, size=MEDIAN_STEPS, mode="mirror") > STEP_TOLERANCE / MIN_STREAM_RATE
+    """Returns where a stream is usually slower than ``MIN_STREAM_RATE``.
+
+    Args:
+        steps: (N,) seconds between its stamps.
+
+    Returns:
+        Flags (N,): whether the median of ``MEDIAN_STEPS`` steps around each one is too long.
+    """
+    usual_steps = median_filter(steps, size=MEDIAN_STEPS, mode="mirror")
+    return usual_steps > STEP_TOLERANCE / MIN_STREAM_RATE
 
 
-def _at_any_rate(time: Array) -> Intervals:
-    """Where the stamps (N,) of one boot come without gaps, by the measure of their own usual step."""
+def _runs_at_any_rate(time: Array) -> Intervals:
+    """Returns the intervals in which the stamps (N,) of a boot come without gaps, judged by their own median step."""
+    if len(time) < 2:
+        return []
     steps = np.diff(time)
-    return (
-        split_at_gaps(time, steps > max(MAX_GAP_SECONDS, 3 * np.median(steps)))
-        if len(time) > 1
-        else []
-    )
+    max_step = max(MAX_GAP_SECONDS, MAX_STEP_AT_ANY_RATE * np.median(steps))
+    return split_at_gaps(time, steps > max_step)

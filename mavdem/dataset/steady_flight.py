@@ -1,7 +1,7 @@
-"""Steadiness: where motors may be compared, for the vehicle neither turns its nose nor strays from its setpoint.
+"""Steady flight: when motors may be compared, since the vehicle follows its attitude setpoint and keeps its heading.
 
-While the nose turns, wind and load pull from elsewhere, and the yaw controller works; and motors of a vehicle that does
-not follow its attitude setpoint work against something else than their own weakness.
+While the heading turns, the direction of wind and load changes relative to the vehicle, and the yaw controller works.
+The motors of a vehicle that does not follow its attitude setpoint work against something else than their own weakness.
 """
 
 from math import nan
@@ -17,81 +17,121 @@ from mavdem.dataset.setpoints import held_setpoint
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 
-TURN_SECONDS = 1.0
+HEADING_CHANGE_SECONDS = 1.0
+"""Seconds over which the change of heading is measured."""
+
 MAX_HEADING_CHANGE = np.radians(10.0)
-"""Change of heading, rad, over so many seconds, from which the nose turns: five times what holding it in gusts takes,
-half of a turn by the stick in slow flight."""
+"""Change of heading, rad, over ``HEADING_CHANGE_SECONDS``, above which the vehicle turns.
+
+It is five times what holding the heading in gusts takes, and half of a turn by the stick in slow flight.
+"""
+
 MAX_SETPOINT_ERROR = np.radians(15.0)
-"""Of roll and pitch from their setpoints: half of the error from which ArduPilot's crash check counts a loss."""
+"""Deviation, rad, of roll or pitch from its setpoint, above which the vehicle does not follow it.
+
+It is half of the error from which ArduPilot's crash check counts.
+"""
 
 
 class AttitudeTracking(NamedTuple):
-    """The attitude of one boot and its setpoint at ``time`` (N,), s.
-
-    Attributes:
-        angles: (N, 3) roll, pitch and heading, rad, the last without jumps.
-        setpoints: (N, 2) setpoints of roll and pitch, rad; NaN where there is none.
-        is_rate_controlled: (N, 2) where rates of roll and pitch were asked for.
-    """
+    """Attitude and attitude setpoint of one boot at N times."""
 
     time: Array
+    """(N,) seconds on the clock of the boot."""
     angles: Array
+    """(N, 3) roll, pitch and heading, rad; the heading is unwrapped."""
     setpoints: Array
+    """(N, 2) setpoints of roll and pitch, rad; NaN where there is none."""
     is_rate_controlled: Flags
+    """(N, 2) whether the rate of roll or pitch had a setpoint."""
 
     @property
     def is_straying(self) -> Flags:
-        """(N,) where roll or pitch is known to be far from its setpoint."""
+        """(N,) whether roll or pitch is known to be far from its setpoint."""
         return strays_from_setpoint(self.angles[:, :2], self.setpoints)
 
     @property
     def is_steady(self) -> Flags:
-        """(N,) where it does not stray, and the nose keeps its heading."""
+        """(N,) whether the vehicle neither strays from its setpoint nor turns."""
         heading = self.angles[:, 2]
-        turned = abs(heading - np.interp(self.time - TURN_SECONDS, self.time, heading))
-        return ~self.is_straying & ~(turned > MAX_HEADING_CHANGE)
+        earlier_heading = np.interp(self.time - HEADING_CHANGE_SECONDS, self.time, heading)
+        is_turning = abs(heading - earlier_heading) > MAX_HEADING_CHANGE
+        return ~self.is_straying & ~is_turning
 
 
-def strays_from_setpoint(angles: Array, asked: Array) -> Flags:
-    """Returns where angles (..., 2) of roll and pitch, rad, are known to be far from what is ``asked`` (..., 2)."""
-    return (abs(angles - asked) > MAX_SETPOINT_ERROR).any(axis=-1)
+def strays_from_setpoint(angles: Array, setpoints: Array) -> Flags:
+    """Returns where roll or pitch is known to be far from its setpoint.
+
+    Args:
+        angles: (..., 2) roll and pitch, rad.
+        setpoints: (..., 2) their setpoints, rad; NaN where there is none.
+
+    Returns:
+        Flags (...).
+    """
+    return (abs(angles - setpoints) > MAX_SETPOINT_ERROR).any(axis=-1)
 
 
 @cached_per_vehicle()
 def attitude_tracking(signals: Signals, boot: int) -> AttitudeTracking | None:
-    """Returns the attitude of ``boot`` beside its setpoint; None where it was not recorded."""
-    angles = [
-        angle
-        for each in signals.attitudes
-        if (angle := series_of_boot(each.angle_series, boot)) is not None
-    ]
+    """Returns the attitude of a boot and its setpoint, at the stamps of the heading.
+
+    Args:
+        signals: Signals of the vehicle.
+        boot: Number of the boot.
+
+    Returns:
+        None where the attitude was not recorded.
+    """
+    angles = []
+    for attitude in signals.attitudes:
+        angle = series_of_boot(attitude.angle_series, boot)
+        if angle is not None:
+            angles.append(angle)
     if len(angles) < len(AXES):
         return None
     time = angles[-1].time
-    asked = {unit: np.full((len(time), len(TILT_AXES)), nan) for unit in ("rad", "rad/s")}
+    angle_setpoints = np.full((len(time), len(TILT_AXES)), nan)
+    rate_setpoints = np.full((len(time), len(TILT_AXES)), nan)
     for column, axis in enumerate(TILT_AXES):
         for setpoint in signals.for_axis(axis).setpoints:
-            asked[setpoint.unit][:, column] = held_setpoint(setpoint, boot, time)
-    columns = [np.interp(time, angle.time, angle.values) for angle in angles]
-    return AttitudeTracking(time, np.column_stack(columns), asked["rad"], ~np.isnan(asked["rad/s"]))
+            table = angle_setpoints if setpoint.unit == "rad" else rate_setpoints
+            table[:, column] = held_setpoint(setpoint, boot, time)
+    return AttitudeTracking(
+        time=time,
+        angles=np.column_stack([np.interp(time, angle.time, angle.values) for angle in angles]),
+        setpoints=angle_setpoints,
+        is_rate_controlled=~np.isnan(rate_setpoints),
+    )
 
 
 @cached_per_vehicle()
 def steady_intervals(signals: Signals, boot: int) -> Intervals:
-    """Returns the intervals of settled flight of ``boot`` in which its motors may be compared."""
-    flight = attitude_tracking(signals, boot)
-    intervals = settled_intervals(signals, boot)
-    return (
-        intervals
-        if flight is None
-        else intersection(intervals, true_intervals(flight.time, flight.is_steady))
-    )
+    """Returns the intervals of settled flight of a boot in which its motors may be compared.
+
+    Without a recorded attitude all settled flight counts as steady.
+    """
+    tracking = attitude_tracking(signals, boot)
+    settled = settled_intervals(signals, boot)
+    if tracking is None:
+        return settled
+    return intersection(settled, true_intervals(tracking.time, tracking.is_steady))
 
 
 def tracked_headings(signals: Signals, boot: int, time: Array) -> Array:
-    """Returns the heading at ``time`` (N,), s of ``boot``, rad; NaN where the attitude strays, 0 where not recorded."""
-    flight = attitude_tracking(signals, boot)
-    if flight is None:
+    """Returns the heading of a vehicle, as far as its attitude follows the setpoint.
+
+    Args:
+        signals: Signals of the vehicle.
+        boot: Number of the boot.
+        time: (N,) seconds on the clock of that boot.
+
+    Returns:
+        (N,) headings, rad, unwrapped: NaN where roll or pitch strays from its setpoint, 0 where no attitude was
+        recorded.
+    """
+    tracking = attitude_tracking(signals, boot)
+    if tracking is None:
         return np.zeros(len(time))
-    heading = np.where(flight.is_straying, nan, flight.angles[:, 2])
-    return np.interp(time, flight.time, heading)
+    heading = np.where(tracking.is_straying, nan, tracking.angles[:, 2])
+    return np.interp(time, tracking.time, heading)

@@ -13,7 +13,7 @@ from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.learnability import slow_streams
 from mavdem.dataset.phases import AVERAGING_SECONDS, MAX_TILT
-from mavdem.dataset.resampling import STEP_TOLERANCE
+from mavdem.dataset.segments import STEP_TOLERANCE
 from mavdem.dataset.setpoints import MAX_SETPOINT_AGE, SETPOINT_MESSAGE
 from mavdem.dataset.signals import MIN_STREAM_RATE
 from mavdem.dataset.steady_flight import strays_from_setpoint
