@@ -178,7 +178,7 @@ def nearest_rows(grid: Array, time: Array) -> NDArray[np.intp] | None:
 
 
 def needs_low_pass(time: Array, dt: float) -> bool:
-    """Returns whether a stream with stamps (N,), s, has to be low-passed before it is put on a grid of step ``dt``, s."""
+    """Returns whether a stream with stamps (N,), s, must be low-passed before it is put on a grid of step ``dt``, s."""
     return mean_rate(time) * dt >= LOW_PASS_RATIO
 
 
