@@ -31,8 +31,10 @@ def having_seen(model, samples):
     """The model as it is, where the flight has come so far: what is learnt when it is asked for is not learnt anew."""
     seen = replace(model, record=Record.from_flights(FLIGHT[:samples]))
     if "joint" in vars(model):
-        channels = np.hstack([FLIGHT.outputs, FLIGHT.inputs @ model.joint.combinations])[:samples]
-        vars(seen)["joint"] = replace(model.joint, past=channels[-model.joint.choice.lags :])
+        channels = np.hstack([FLIGHT.outputs, FLIGHT.inputs @ model.joint.mixer])[:samples]
+        vars(seen)["joint"] = replace(
+            model.joint, last_samples=channels[-model.joint.hyperparameters.lags :]
+        )
     return seen
 
 

@@ -222,7 +222,7 @@ class Learned(ImmutableResult, ForecasterBase):
 
     @cached_property
     def _one_step(self) -> Array:
-        return self._forecaster.one_step(self.record)
+        return self._forecaster.one_step_predictions(self.record)
 
     @property
     def spectral_radius(self) -> float:
@@ -398,7 +398,7 @@ class PlantForecasts:
     scaling: Scaling
     process: StateSpace
 
-    def one_step(self, record: Record) -> Array:
+    def one_step_predictions(self, record: Record) -> Array:
         """Returns (T, m): each sample of ``record`` from those before it in its segment; of the first, the trim."""
         predictions = []
         for inputs, outputs in self.scaling.scale_segments(record):

@@ -11,7 +11,7 @@ from simulated import in_closed_loop
 from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE
 from mavdem.dem.forecast import joint
 from mavdem.dem.forecast.joint import LAG_CANDIDATES, JointModel, VarHyperparameters
-from mavdem.dem.forecast.var import CONSTANT_RIDGE, LagStatistics, lagged, regress
+from mavdem.dem.forecast.var import CONSTANT_RIDGE, LagStatistics, lagged_rows, regress
 from mavdem.dem.online.forecaster import OnlineForecaster
 from mavdem.dem.online.memory import SampleMemory
 from mavdem.dem.record import Record
@@ -37,11 +37,11 @@ def regressed(choice):
     most = LAG_CANDIDATES[0]
     lags = choice.lags
     statistics = LagStatistics.from_segments([WALK], most)
-    design = np.hstack([lagged(WALK, lags)[most - lags :], np.ones((len(WALK) - most, 1))])
+    design = np.hstack([lagged_rows(WALK, lags)[most - lags :], np.ones((len(WALK) - most, 1))])
     precision = CONSTANT_RIDGE * np.eye(lags * K + 1)
-    precision[:-1, :-1] = np.kron(choice.prior, np.eye(K))
+    precision[:-1, :-1] = np.kron(choice.prior_precision, np.eye(K))
     spread = np.eye(len(design)) + design @ np.linalg.inv(precision) @ design.T
-    found = regress(statistics.shortened(most, lags), statistics.rows, choice.prior)
+    found = regress(statistics.gram_of_fewer_lags(most, lags), statistics.row_count, choice.prior_precision)
     return design, WALK[most:] - design[:, :K], precision, spread, found
 
 
@@ -60,7 +60,7 @@ def test_the_terms_of_the_free_energy_are_what_they_are_named_and_sum_to_the_log
     moved = posterior @ design.T @ error
     weights = np.linalg.inv(noise)
     assert_allclose(found.mean, np.eye(*moved.shape) + moved, atol=1e-7)
-    assert_allclose(found.root.T @ found.root, posterior, rtol=1e-6, atol=1e-9)
+    assert_allclose(found.covariance_root.T @ found.covariance_root, posterior, rtol=1e-6, atol=1e-9)
     left = error - design @ moved
     narrower = np.linalg.slogdet(posterior @ precision)[1]
     expected = {
@@ -73,12 +73,12 @@ def test_the_terms_of_the_free_energy_are_what_they_are_named_and_sum_to_the_log
 
 
 def test_the_prior_is_of_each_lag():
-    assert_allclose(SHORTER.prior, np.diag([0.3, 1.2, 2.7]), atol=1e-12)
+    assert_allclose(SHORTER.prior_precision, np.diag([0.3, 1.2, 2.7]), atol=1e-12)
 
 
 def test_predictions_are_the_process_s(model):
     combined = AHEAD[0] @ X_FRAME[:, None]
-    plain = model.process.predict_every(model.past, 60, combined, AHEAD[1])
+    plain = model.process.rolling_forecast_unknown_inputs(model.last_samples, 60, combined, AHEAD[1])
     assert_array_equal(model.rolling_forecast_unknown_inputs(60, *AHEAD).mean, plain.mean)
 
 
@@ -170,12 +170,12 @@ def test_live_it_is_the_model_learnt_of_the_same_samples(monkeypatch):
     for row, (_, expected_live, ahead_live) in enumerate(results):
         if row >= 2450:
             live = np.vstack([expected_live, ahead_live])
-            past = channels[row + 1 - learnt.choice.lags : row + 1]
-            expected = learnt.one_step(Record.from_flights(flight[row - 30 : row + 1]))[-1]
-            offline = np.vstack([expected, learnt.process.predict(past, 25).mean[[0, 4, 24], :2]])
+            past = channels[row + 1 - learnt.hyperparameters.lags : row + 1]
+            expected = learnt.one_step_predictions(Record.from_flights(flight[row - 30 : row + 1]))[-1]
+            offline = np.vstack([expected, learnt.process.forecast_unknown_inputs(past, 25).mean[[0, 4, 24], :2]])
             assert_allclose((live - offline) / flight.outputs.std(axis=0), 0, atol=0.05)
     live_model = results[-1][0]
-    assert live_model._hyperparameters == learnt.choice
+    assert live_model._hyperparameters == learnt.hyperparameters
 
 
 def test_no_lag_reaches_across_a_gap():
@@ -186,4 +186,4 @@ def test_no_lag_reaches_across_a_gap():
     *_, (ahead, _, later) = followed(flight, outputs, gap=1200)
     assert abs(later - far).max() < 10
     # Of 12 s, by what is forgotten in 30.
-    assert ahead._statistics.rows == approx(3000 * (1 - np.exp(-0.4)), rel=0.02)
+    assert ahead._statistics.row_count == approx(3000 * (1 - np.exp(-0.4)), rel=0.02)

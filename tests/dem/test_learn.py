@@ -38,7 +38,7 @@ def test_a_clean_system_is_recovered_and_forecast():
     assert evaluate.relative_mspe(train, test, learned.forecast(test.inputs)) < 0.02
     errors = learned.plant.errors
     assert len(errors) == 150 and (errors < 0.02 * train.outputs.var(axis=0)).all()
-    ahead = learned.plant.one_step(learned.record)
+    ahead = learned.plant.one_step_predictions(learned.record)
     assert_allclose(errors[0], np.mean((ahead - train.outputs)[38:] ** 2, axis=0), rtol=0.3)
     assert isinstance(learned, Forecaster)
 
@@ -222,7 +222,7 @@ def test_predictions_and_noise_belong_to_their_segments():
     outputs = record.outputs.copy()
     outputs[:400] += 1.0
     outputs[500:] += 1.0
-    changed = learned.joint.one_step(replace(record, outputs=outputs))
+    changed = learned.joint.one_step_predictions(replace(record, outputs=outputs))
     assert_array_equal(changed[400:501], ahead[400:501])
     assert abs(changed[501:] - ahead[501:]).max() > 0.1
 

@@ -28,11 +28,11 @@ def climb_of(flight):
     scaling = fitted.scaling
     model = fitted.model
     segments = [(scaling.scale_inputs(u), scaling.scale_outputs(y)) for u, y in record.segments]
-    stretches = simulation_error.SimulationSegments.from_segments(segments, 30)
+    stretches = simulation_error.SimulationPieces.from_segments(segments, 30)
     places = np.array([3, 4, 8, 14, 15, 19])
     mean = model.prior.theta_mean[places]
     precision = np.diag(np.linspace(0.1, 1.0, len(places)))
-    climb = simulation_error.SimulationError(
+    climb = simulation_error.SimulationObjective(
         fitted.ascent.posterior.theta,
         places,
         mean,
@@ -48,7 +48,7 @@ def climb_of(flight):
 def test_errors_are_those_of_forecasts_that_begin_at_every_middle():
     climb, free = climb_of(FLIGHT[:300])
     errors = climb.errors(free[None])[0]
-    inputs, outputs, settle, _ = climb.segments
+    inputs, outputs, settle, _ = climb.pieces
     n, r, m = climb.sizes
     A, B, C = unpack(climb.theta, n, r, m)
     textbook = TextbookFilter.of(A, B, C, climb.dt, climb.gain)
@@ -104,7 +104,7 @@ def test_the_posterior_holds_the_truth_as_often_as_it_says():
 def test_the_horizon_is_as_long_as_the_samples_suffice_for(samples, seconds):
     found = learn(FLIGHT[:samples], COMPLETE).simulation_fit
     assert found.horizon == round(seconds / FLIGHT.dt)
-    assert found.effective_samples >= simulation_error.SAMPLES_PER_PARAMETER * len(found.free)
+    assert found.effective_samples >= simulation_error.MIN_SAMPLES_PER_PARAMETER * len(found.free)
 
 
 @mark.parametrize("rate", [50, 400])
@@ -138,15 +138,15 @@ def test_nothing_runs_across_a_gap_and_long_flights_are_thinned():
         (flight.inputs[:150], flight.outputs[:150]),
         (flight.inputs[200:], flight.outputs[200:]),
     ]
-    both = simulation_error.SimulationSegments.from_segments(parts, 30)
-    alone = [simulation_error.SimulationSegments.from_segments([part], 30) for part in parts]
+    both = simulation_error.SimulationPieces.from_segments(parts, 30)
+    alone = [simulation_error.SimulationPieces.from_segments([part], 30) for part in parts]
     assert both is not None and all(alone)
     assert_array_equal(both.outputs, np.concatenate([each.outputs for each in alone], axis=2))
-    assert both.number == approx((150 + 200) / 30)
-    nothing = np.zeros((simulation_error.MAX_SEGMENTS * 20, 1))
-    many = simulation_error.SimulationSegments.from_segments([(nothing, nothing)], 30)
-    assert many.outputs.shape[2] == simulation_error.MAX_SEGMENTS
-    assert many.number == approx(simulation_error.MAX_SEGMENTS * 20 / 30)
+    assert both.effective_count == approx((150 + 200) / 30)
+    nothing = np.zeros((simulation_error.MAX_PIECES * 20, 1))
+    many = simulation_error.SimulationPieces.from_segments([(nothing, nothing)], 30)
+    assert many.outputs.shape[2] == simulation_error.MAX_PIECES
+    assert many.effective_count == approx(simulation_error.MAX_PIECES * 20 / 30)
 
 
 @fixture(scope="module")
@@ -171,7 +171,7 @@ def test_a_known_geometry_takes_the_place_of_the_one_that_is_inferred():
         learn(replace(flight, effect_directions=directions), COMPLETE)
         for directions in (None, [0.2, -0.2, -0.2, 0.2], [1.0, 1.0, -1.0, -1.0])
     )
-    assert_allclose(known.joint.combinations[:, 0], np.array([1, -1, -1, 1]) / 2, atol=1e-12)
+    assert_allclose(known.joint.mixer[:, 0], np.array([1, -1, -1, 1]) / 2, atol=1e-12)
     assert_allclose(known.theta, inferred.theta, atol=1e-4)
     assert abs(other.theta - inferred.theta).max() > 1e-2
 

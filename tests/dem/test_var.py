@@ -12,8 +12,8 @@ from mavdem.dem.forecast.var import (
     ChannelScaling,
     LagStatistics,
     VectorAutoregression,
-    initial_lags,
-    lag_prior,
+    lag_prior_precision,
+    latest_samples,
     regress,
 )
 from mavdem.dem.record import Record
@@ -31,14 +31,14 @@ def model():
     return VectorAutoregression(
         coefficients=0.12 * rng.standard_normal((LAGS, CHANNELS, CHANNELS)),
         offset=rng.standard_normal(CHANNELS),
-        covariance=root @ root.T,
-        units=ChannelScaling(np.zeros(CHANNELS), np.ones(CHANNELS)),
+        innovation_covariance=root @ root.T,
+        scaling=ChannelScaling(np.zeros(CHANNELS), np.ones(CHANNELS)),
     )
 
 
 def run(true, samples, seed=1):
     rng = default_rng(seed)
-    root = np.linalg.cholesky(true.covariance)
+    root = np.linalg.cholesky(true.innovation_covariance)
     channels = np.zeros((samples, CHANNELS))
     for t in range(true.lags, samples):
         lagged = sum(A @ channels[t - 1 - lag] for lag, A in enumerate(true.coefficients))
@@ -48,7 +48,7 @@ def run(true, samples, seed=1):
 
 def fitted(segments):
     statistics = LagStatistics.from_segments(segments, LAGS)
-    found = regress(statistics.gram, statistics.rows, lag_prior(LAGS, RIDGE))
+    found = regress(statistics.gram, statistics.row_count, lag_prior_precision(LAGS, RIDGE))
     k = found.mean.shape[1]
     return VectorAutoregression.from_regression(found, ChannelScaling(np.zeros(k), np.ones(k)))
 
@@ -66,7 +66,7 @@ def joint(true, past, steps):
             else:
                 drive[rows] += A @ past[len(past) + t - lag]
     back = np.linalg.inv(unrolled)
-    return back @ drive, back @ np.kron(np.eye(steps), true.covariance) @ back.T
+    return back @ drive, back @ np.kron(np.eye(steps), true.innovation_covariance) @ back.T
 
 
 def given(
@@ -87,8 +87,10 @@ def test_predicted_filtered_and_smoothed_are_those_of_the_joint_gaussian_for_eac
     pasts = samples[:, :LAGS]
     inputs = samples[:, LAGS:, OUTPUTS:]
     places = np.arange(STEPS * CHANNELS).reshape(STEPS, CHANNELS)
-    predicted = true.predict(pasts, STEPS)
-    inferred = {smooth: true.infer(pasts, inputs, smooth) for smooth in (False, True)}
+    predicted = true.forecast_unknown_inputs(pasts, STEPS)
+    inferred = {
+        smooth: true.forecast_known_inputs(pasts, inputs, smooth) for smooth in (False, True)
+    }
     for number, past in enumerate(pasts):
         mean, covariance = joint(true, past, STEPS)
         assert_allclose(predicted.mean[number].ravel(), mean, rtol=1e-9)
@@ -110,21 +112,26 @@ def test_inputs_that_are_constant_copied_or_mixed_change_nothing_and_may_move_la
     ahead = default_rng(3).standard_normal((40, INPUTS))
     wider = np.hstack([ahead, np.ones((40, 1)), ahead[:, :1], np.diff(ahead[:, :2])])
     for smooth in (False, True):
-        expected = plain.infer(samples[-LAGS:], ahead, smooth)
-        got = found.infer(more[-LAGS:], wider, smooth)
+        expected = plain.forecast_known_inputs(samples[-LAGS:], ahead, smooth)
+        got = found.forecast_known_inputs(more[-LAGS:], wider, smooth)
         # The prior is of other coefficients, so that the posterior is not quite the same.
         assert_allclose(got.mean, expected.mean, atol=0.02 * expected.mean.std())
         assert_allclose(got.variance, expected.variance, rtol=0.02)
         # Motors that contradict what they always did.
-        assert np.isfinite(found.infer(more[-LAGS:], wider[::-1] * wider, smooth).mean).all()
+        assert np.isfinite(
+            found.forecast_known_inputs(more[-LAGS:], wider[::-1] * wider, smooth).mean
+        ).all()
 
 
 def test_what_overflows_is_the_training_mean_with_infinite_variance():
     growing = model()._replace(coefficients=1e30 * model().coefficients)
     samples = run(model(), LAGS + 40)
     for found in (
-        growing.predict(samples[:LAGS], 40),
-        *(growing.infer(samples[:LAGS], samples[LAGS:, OUTPUTS:], each) for each in (False, True)),
+        growing.forecast_unknown_inputs(samples[:LAGS], 40),
+        *(
+            growing.forecast_known_inputs(samples[:LAGS], samples[LAGS:, OUTPUTS:], each)
+            for each in (False, True)
+        ),
     ):
         assert np.isfinite(found.mean).all()
         assert not np.isnan(found.variance).any()
@@ -135,15 +142,17 @@ def test_one_step_ahead_of_each_sample_is_the_mean_of_that_step():
     true = model()
     samples = run(true, LAGS + 9)
     outputs, inputs = np.split(samples, [OUTPUTS], axis=1)
-    ahead = true.one_step(
+    ahead = true.one_step_predictions(
         Record.from_flights(Flight(np.arange(len(samples)) / 100, inputs, outputs))
     )
     for row in range(LAGS, len(samples)):
-        (expected,) = true.infer(samples[row - LAGS : row], inputs[row : row + 1], False).mean
+        (expected,) = true.forecast_known_inputs(
+            samples[row - LAGS : row], inputs[row : row + 1], False
+        ).mean
         assert_allclose(ahead[row], expected)
 
 
 def test_a_past_shorter_than_the_lags_begins_with_its_first_sample():
     samples = run(model(), 5)
-    assert_array_equal(initial_lags(samples, 3), samples[2:])
-    assert_array_equal(initial_lags(samples[:2], 4), samples[[0, 0, 0, 1]])
+    assert_array_equal(latest_samples(samples, 3), samples[2:])
+    assert_array_equal(latest_samples(samples[:2], 4), samples[[0, 0, 0, 1]])

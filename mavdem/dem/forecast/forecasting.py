@@ -1,4 +1,4 @@
-"""What all models of a record answer alike, once they can forecast from every so many samples on."""
+"""The forecasts that all models of a record have in common, derived from rolling forecasts of each model."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,30 +10,52 @@ from mavdem.dem.validation import MAX_STEPS, validated_count
 
 
 class ForecasterBase:
-    """Implements the forecasts of a :class:`mavdem.Forecaster` by three methods of its subclasses.
+    """Base class of models with the methods of :class:`mavdem.Forecaster`; a subclass implements three forecasts.
 
-    ``ValueError`` from every method for arguments of another shape or not finite, or fewer steps than 1.
+    Rolling forecasts start anew at every ``steps``-th sample after the training data, each from all samples before it.
+    A single forecast is one whose ``steps`` are as many as its samples. Outputs and inputs are in physical units.
+
+    Raises:
+        ValueError: from every method, for arguments of another shape or not finite, or fewer steps than 1.
     """
 
     record: Record
+    """The training data."""
 
     def rolling_forecast_known_inputs(
         self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
     ) -> Forecast:
-        """Returns (H, m) forecasts begun at every ``steps``-th of ``inputs`` (H, r) and ``outputs`` (H, m).
+        """Forecasts the samples after the training data with known inputs, starting anew at every ``steps``-th one.
 
-        Of inputs those up to each sample count; or, to ``smooth``, all of a forecast's.
+        Args:
+            steps: number of samples from the start of one forecast to the next.
+            inputs: (H, r) inputs after the training data.
+            outputs: (H, m) outputs after the training data; each forecast uses those before its start only.
+            smooth: whether all inputs of a forecast count for each of its samples, not only those up to the sample. It
+                matters to models that take the inputs as measurements.
+
+        Returns:
+            The outputs (H, m) with their variance.
         """
         raise NotImplementedError
 
     def rolling_forecast_unknown_inputs(
         self, steps: int, inputs: Array, outputs: Array
     ) -> Forecast:
-        """Returns (H, m) forecasts likewise, each without the inputs after its beginning."""
+        """Forecasts the samples after the training data with unknown inputs, starting anew at every ``steps``-th one.
+
+        Args:
+            steps: number of samples from the start of one forecast to the next.
+            inputs: (H, r) inputs after the training data; each forecast uses those before its start only.
+            outputs: (H, m) outputs after the training data; each forecast uses those before its start only.
+
+        Returns:
+            The outputs (H, m) with their variance.
+        """
         raise NotImplementedError
 
     def forecast_from_zero_state(self, inputs: Array) -> Array:
-        """Returns the outputs (H, m) with ``inputs`` (H, r) from state 0."""
+        """Forecasts the outputs (H, m) with ``inputs`` (H, r), from state 0: the outputs at their trim."""
         raise NotImplementedError
 
     def predict(self, steps: int) -> Array:
@@ -46,20 +68,27 @@ class ForecasterBase:
 
     def predict_with_variance(self, steps: int) -> Forecast:
         """Returns :meth:`predict` with its variance."""
-        number = validated_count(steps, limit=MAX_STEPS)
-        tables = self.record.inputs, self.record.outputs
-        return self.rolling_forecast_unknown_inputs(
-            number, *(np.zeros((number, each.shape[1])) for each in tables)
-        )
+        horizon = validated_count(steps, limit=MAX_STEPS)
+        # A single forecast uses no samples after its start, so that their values do not matter.
+        unused_inputs = np.zeros((horizon, self.record.inputs.shape[1]))
+        unused_outputs = np.zeros((horizon, self.record.outputs.shape[1]))
+        return self.rolling_forecast_unknown_inputs(horizon, unused_inputs, unused_outputs)
 
     def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """Returns the samples (H, m) after the training data, by a new prediction from every ``steps``-th of them on.
+        """Predicts the samples after the training data, inputs unknown, starting anew at every ``steps``-th sample.
 
-        Each uses the ``inputs`` (H, r) and ``outputs`` (H, m) before it, and none after; nothing is fitted again.
+        Nothing is fitted again.
+
+        Args:
+            steps: number of samples from the start of one prediction to the next.
+            inputs: (H, r) inputs after the training data; each prediction uses those before its start only.
+            outputs: (H, m) outputs after the training data; each prediction uses those before its start only.
+
+        Returns:
+            The outputs (H, m).
         """
-        return self.rolling_forecast_unknown_inputs(
-            steps, *self.record.validated_samples(steps, inputs, outputs)
-        ).mean
+        checked_inputs, checked_outputs = self.record.validated_samples(steps, inputs, outputs)
+        return self.rolling_forecast_unknown_inputs(steps, checked_inputs, checked_outputs).mean
 
     def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Array:
         """Returns the outputs (H, m) after the training data: row 0 is the first sample after it.
@@ -74,22 +103,31 @@ class ForecasterBase:
             smooth: lets a model that takes the motors for measurements use all of them for each sample, not only those
                 up to it.
         """
-        following = self.record.validated_inputs(inputs)
+        checked_inputs = self.record.validated_inputs(inputs)
         if from_zero:
-            return self.forecast_from_zero_state(following)
-        return self.forecast_with_variance(following, smooth).mean
+            return self.forecast_from_zero_state(checked_inputs)
+        return self.forecast_with_variance(checked_inputs, smooth).mean
 
     def forecast_with_variance(self, inputs: Array, smooth: bool = False) -> Forecast:
-        """Returns :meth:`forecast` of ``inputs`` (H, r) with its variance."""
-        unseen = np.zeros((len(inputs), self.record.outputs.shape[1]))
-        return self.rolling_forecast_known_inputs(max(1, len(inputs)), inputs, unseen, smooth)
+        """Returns :meth:`forecast` of validated ``inputs`` (H, r) with its variance."""
+        # A single forecast uses no outputs after its start, so that their values do not matter.
+        unused_outputs = np.zeros((len(inputs), self.record.outputs.shape[1]))
+        horizon = max(1, len(inputs))
+        return self.rolling_forecast_known_inputs(horizon, inputs, unused_outputs, smooth)
 
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """Returns the samples (H, m) after the training data, by a new forecast from every ``steps``-th of them on.
+        """Forecasts the samples after the training data, inputs known, starting anew at every ``steps``-th sample.
 
-        Each is as :meth:`forecast`'s, from the state that the filter has after all samples before it, in ``inputs``
-        (H, r) and ``outputs`` (H, m); nothing is fitted again.
+        Each forecast is as :meth:`forecast`'s, from the state that the filter has after all samples before its start.
+        Nothing is fitted again.
+
+        Args:
+            steps: number of samples from the start of one forecast to the next.
+            inputs: (H, r) inputs after the training data.
+            outputs: (H, m) outputs after the training data; each forecast uses those before its start only.
+
+        Returns:
+            The outputs (H, m).
         """
-        return self.rolling_forecast_known_inputs(
-            steps, *self.record.validated_samples(steps, inputs, outputs)
-        ).mean
+        checked_inputs, checked_outputs = self.record.validated_samples(steps, inputs, outputs)
+        return self.rolling_forecast_known_inputs(steps, checked_inputs, checked_outputs).mean

@@ -1,13 +1,14 @@
-"""The joint model: outputs and the motors that turn the axis as one process, of which the motors measure the motion.
+"""The joint model: outputs and motors as one vector autoregression, whose order and prior the free energy selects.
 
-In closed loop the motors answer the very disturbance that moves the vehicle. So they are no inputs: they are outputs
-of one generative model of vehicle, wind and autopilot, z = [outputs, turning combination of the motors],
+In closed loop the motors answer the very disturbance that moves the vehicle. So they are no inputs: they are outputs of
+one generative model of vehicle, wind and autopilot, z = [outputs, motors combined by the mixer row of the axis],
 
-    z_t = Σᵢ Wᵢ z_{t−i} + c + e_t,    i = 1 … L.
+    z_t = Σᵢ Aᵢ z_{t−i} + offset + e_t,    i = 1 … L.
 
-Its hidden states — lagging torque, wind, what the controller remembers — are what the past of z shows of them. The
-model is linear in W and Gaussian, so that DEM's steps have closed forms. F̄ is the logarithm of the evidence; it chooses
-L, the prior's precision and, where the mixer is not known, the combination of the motors: docs/how_it_works.md.
+Its hidden states, such as the lagging torque, the wind and what the controller remembers, are what the past of z shows
+of them. The model is linear in its parameters and Gaussian, so that DEM's steps have closed forms and F̄ is the log
+evidence. F̄ selects L, the prior's precision and, where the mixer is not known, the combination of the motors:
+docs/how_it_works.md.
 """
 
 from __future__ import annotations
@@ -26,35 +27,69 @@ from mavdem.dem.forecast import var
 from mavdem.dem.record import MIN_MOTORS, Record
 from mavdem.immutable import ImmutableResult
 
-LAG_CANDIDATES = (6, 8, 10, 14, 20)  # that F̄ chooses from, samples
-# likewise, precisions of the prior at lag 1, of channels of deviation 1
+LAG_CANDIDATES = (6, 8, 10, 14, 20)
+"""Numbers of lags L, in samples, from which F̄ selects. A choice: at 100 Hz, 0.06 to 0.2 s of the past."""
+
 RIDGE_CANDIDATES = (1e-4, 1e-3, 1e-2)
-# of the rotors of an X, however they are numbered: each turns one axis
-X_PATTERNS = hadamard(4)[1:] / 2
-# added to their innovations: how well an angle follows from its rate tells nothing of the motors
+"""Prior precisions of the first lag's coefficients, of channels of variance 1, from which F̄ selects."""
+
+MIXER_LAGS = 10
+"""Number of lags with which the motors' effects are estimated where the mixer is not known."""
+
+MIXER_RIDGE = 1e-3
+"""Prior precision of the first lag's coefficients in that estimate."""
+
+QUADROTOR_X_MIXERS = hadamard(4)[1:] / 2
+"""(3, 4) mixer rows of a quadrotor X, of unit length: roll, pitch and yaw in some order, for any motor numbering.
+
+On each axis two motors turn the vehicle one way and two the other.
+"""
+
 MIXER_NOISE = 1e-5
-LEAST_FREEDOM = 3.0  # of Student's t, for which a variance is finite
+"""Variance added to that of the innovations, of channels of variance 1, where F̄ compares combinations of the motors.
+
+Without it the angle, which follows from its rate almost exactly, would dominate F̄, and it says nothing of the motors.
+"""
+
+MIN_STUDENT_FREEDOM = 3.0
+"""Fewest degrees of freedom of Student's t in a band; with 2 or fewer its variance would be infinite."""
+
+MIN_SAMPLES_PER_LAG = 4
+"""Fewest samples of the longest segment for each lag."""
 
 
 class VarHyperparameters(NamedTuple):
-    """What F̄ chooses: the samples of the past that count, and the prior of their coefficients."""
+    """Hyperparameters of the joint autoregression, which F̄ selects."""
 
     lags: int
+    """Number of lags L."""
+
     ridge: float
+    """Prior precision of the coefficients of the first lag; it grows with the square of the lag."""
 
     @property
-    def prior(self) -> Array:
-        """(lags, lags) precision of a channel's coefficients by lag."""
-        return var.lag_prior(self.lags, self.ridge)
+    def prior_precision(self) -> Array:
+        """(L, L) prior precision of a channel's coefficients by lag."""
+        return var.lag_prior_precision(self.lags, self.ridge)
 
 
 HYPERPARAMETER_GRID = tuple(
     VarHyperparameters(lags, ridge) for lags in LAG_CANDIDATES for ridge in RIDGE_CANDIDATES
 )
+"""All combinations of the candidates."""
 
 
 def known_axis_mixer(inputs: int, effect_directions: Array | None) -> Array | None:
-    """Returns (r, c) as :func:`axis_mixer`; ``None`` where a flight must tell."""
+    """Returns the mixer of the axis where it need not be estimated from a flight.
+
+    Args:
+        inputs: number of inputs r.
+        effect_directions: (r,) relative effect of each motor on the axis, or ``None`` where it is not known.
+
+    Returns:
+        (r, c) unit-length combinations of the inputs, as columns: of motors with known effects one; of fewer inputs
+        than a multirotor has motors, each input by itself. ``None`` where a flight must show the effects.
+    """
     if inputs < MIN_MOTORS:
         return np.eye(inputs)
     if effect_directions is None or not effect_directions.any():
@@ -63,107 +98,151 @@ def known_axis_mixer(inputs: int, effect_directions: Array | None) -> Array | No
 
 
 def axis_mixer(record: Record) -> Array:
-    """Returns (r, c) the combinations of the inputs that turn the axis, of unit length.
+    """Returns the combinations of the inputs that turn the axis, which become channels of the joint model.
 
-    One where the mixer is known; of other rotors the one of an X, or as the motors' effects come out, that shares most
-    with the outputs; inputs that are no rotors as they are.
+    Where the mixer is not known, the motors' effects are estimated by a regression of the last output. Four motors may
+    also have a mixer row of a quadrotor X. Of these candidates, that with the largest mutual information with the
+    outputs is used. The estimated effects cost ½ ln N nats for each of their r − 1 free numbers, N being the number of
+    samples (the BIC; Schwarz, "Estimating the dimension of a model", 1978).
+
+    Args:
+        record: the training data.
+
+    Returns:
+        (r, c) unit-length combinations as columns: one for a multirotor, each input by itself for fewer inputs.
+
+    Raises:
+        NotLearnable: no segment has two samples.
     """
     r = record.inputs.shape[1]
     m = record.outputs.shape[1]
-    combinations = known_axis_mixer(r, record.effect_directions)
-    if combinations is not None:
-        return combinations
-    lags = min(LAG_CANDIDATES[2], max(1, record.longest_segment // 4))
-    prior = var.lag_prior(lags, RIDGE_CANDIDATES[1])
-    units, statistics = var.LagStatistics.from_record(record, lags)
-    ahead = var.regress(statistics.gram, statistics.rows, prior).mean[:-1, m - 1]
-    effects = ahead.reshape(lags, m + r)[:, m:].sum(axis=0) / units.scale[m:]
-    # What the flight tells of the motors' effects costs as many nats as its numbers (Schwarz, 1978).
-    cost = 0.5 * (r - 1) * np.log(statistics.rows)
-    tried = [(effects / (np.linalg.norm(effects) or 1.0), cost)]
-    tried += [(pattern, 0.0) for pattern in X_PATTERNS if r == len(pattern)]
-    return max(tried, key=lambda each: _shared(record, each[0], prior) - each[1])[0][:, None]
+    mixer = known_axis_mixer(r, record.effect_directions)
+    if mixer is not None:
+        return mixer
+    lags = min(MIXER_LAGS, max(1, record.longest_segment // MIN_SAMPLES_PER_LAG))
+    prior_precision = var.lag_prior_precision(lags, MIXER_RIDGE)
+    scaling, statistics = var.LagStatistics.from_record(record, lags)
+    regression = var.regress(statistics.gram, statistics.row_count, prior_precision)
+    # A motor's effect is the sum over its lags of the coefficients with which the last output follows it.
+    last_output_coefficients = regression.mean[:-1, m - 1].reshape(lags, m + r)
+    effects = last_output_coefficients[:, m:].sum(axis=0) / scaling.scale[m:]
+    estimated_row = effects / (np.linalg.norm(effects) or 1.0)
+    estimation_cost = 0.5 * (r - 1) * np.log(statistics.row_count)
+
+    best_row = estimated_row
+    best_score = _mutual_information(record, estimated_row, prior_precision) - estimation_cost
+    for mixer_row in QUADROTOR_X_MIXERS:
+        if r == len(mixer_row):
+            score = _mutual_information(record, mixer_row, prior_precision)
+            if score > best_score:
+                best_row = mixer_row
+                best_score = score
+    return best_row[:, None]
 
 
-def _shared(record: Record, combination: Array, prior: Array) -> float:
-    """Shared information of outputs and a ``combination`` of the inputs, nats: F̄ of both together, less its own.
+def _mutual_information(record: Record, mixer_row: Array, prior_precision: Array) -> float:
+    """Returns how much the outputs and a combination of the inputs tell of each other, nats.
 
-    F̄ of the outputs alone is no criterion: in closed loop what turns the axis follows from the axis, and adds little to
-    its past; any slow combination, whose lags are alike and so cost fewer nats, may do as well.
+    This is F̄ of a joint autoregression of both, less F̄ of an autoregression of the combination alone; that of the
+    outputs alone is the same for every combination. F̄ of the outputs given the combination is no criterion: in closed
+    loop what turns the axis follows from the axis and adds little to its past, and any slow combination, whose few
+    distinct coefficients cost fewer nats, may do as well.
+
+    Args:
+        record: the training data.
+        mixer_row: (r,) the combination.
+        prior_precision: (L, L) prior precision of a channel's coefficients by lag.
     """
-    _, statistics = var.LagStatistics.from_record(
-        _combined(record, combination[:, None]), len(prior)
-    )
+    lags = len(prior_precision)
+    combined = _with_combined_inputs(record, mixer_row[:, None])
+    _, statistics = var.LagStatistics.from_record(combined, lags)
     k = record.outputs.shape[1] + 1
-    offset = len(prior) * k
-    own = np.r_[k - 1 : offset : k, offset, offset + k]
-    both, alone = (
-        var.regress(gram, statistics.rows, prior, MIXER_NOISE).free_energy
-        for gram in (statistics.gram, statistics.gram[np.ix_(own, own)])
-    )
-    return both - alone
+    # A row has the channels of all lags, the constant and the sample, and the combination is the last of k channels.
+    constant_column = lags * k
+    lag_columns = np.arange(k - 1, constant_column, k)
+    own_columns = np.append(lag_columns, [constant_column, constant_column + k])
+    own_gram = statistics.gram[np.ix_(own_columns, own_columns)]
+    joint = var.regress(statistics.gram, statistics.row_count, prior_precision, MIXER_NOISE)
+    alone = var.regress(own_gram, statistics.row_count, prior_precision, MIXER_NOISE)
+    return joint.free_energy - alone.free_energy
 
 
-def _combined(record: Record, combinations: Array) -> Record:
-    """The record with these (r, c) combinations of its inputs as the inputs."""
-    return replace(record, inputs=record.inputs @ combinations, effect_directions=None)
+def _with_combined_inputs(record: Record, mixer: Array) -> Record:
+    """Returns the record with the combinations ``mixer`` (r, c) of its inputs in the place of the inputs."""
+    return replace(record, inputs=record.inputs @ mixer, effect_directions=None)
 
 
 def select_hyperparameters(
     statistics: var.LagStatistics,
     lags: int,
-    choices: Sequence[VarHyperparameters] = HYPERPARAMETER_GRID,
+    candidates: Sequence[VarHyperparameters] = HYPERPARAMETER_GRID,
 ) -> tuple[VarHyperparameters, var.Regression]:
-    """Returns the one of these ``choices`` of the highest F̄, and its posterior, for ``statistics`` of so many ``lags``.
+    """Selects the hyperparameters of the highest free energy.
 
-    Where all need more lags, that of so many.
+    Args:
+        statistics: statistics of the samples with ``lags`` lags.
+        lags: number of lags of the statistics.
+        candidates: hyperparameters to select from. Those with more lags are left out; where no candidate remains,
+            all ridges are tried with ``lags`` lags.
+
+    Returns:
+        The selected hyperparameters and the regression with them; of equal ones the first.
     """
-    possible = [choice for choice in choices if choice.lags <= lags]
-    tried = [
-        (
-            choice,
-            var.regress(statistics.shortened(lags, choice.lags), statistics.rows, choice.prior),
-        )
-        for choice in possible or [VarHyperparameters(lags, ridge) for ridge in RIDGE_CANDIDATES]
-    ]
-    return max(tried, key=lambda fitted: fitted[1].free_energy)
+    possible = [candidate for candidate in candidates if candidate.lags <= lags]
+    if not possible:
+        possible = [VarHyperparameters(lags, ridge) for ridge in RIDGE_CANDIDATES]
+    fits = []
+    for candidate in possible:
+        gram = statistics.gram_of_fewer_lags(lags, candidate.lags)
+        regression = var.regress(gram, statistics.row_count, candidate.prior_precision)
+        fits.append((candidate, regression))
+    return max(fits, key=lambda fit: fit[1].free_energy)
 
 
 @dataclass(frozen=True, eq=False)
 class JointModel(ImmutableResult):
-    """The learned joint model and its forecasts; all arguments and results are physical.
+    """A learned joint model with its forecasts; arguments and results are in physical units."""
 
-    Attributes:
-        combinations: (r, c) of the inputs, that are channels of the model.
-        choice: what F̄ chose.
-        process: the model at the posterior's mean.
-        terms: of F̄, nats.
-        past: (L, k) the last samples of the training data.
-        samples: of the training data.
-    """
+    mixer: Array
+    """(r, c) combinations of the inputs, as columns, that are channels of the model after the m outputs."""
 
-    combinations: Array
-    choice: VarHyperparameters
+    hyperparameters: VarHyperparameters
+    """Number of lags and prior precision that F̄ selected."""
+
     process: var.VectorAutoregression
+    """The autoregression with the posterior means of its parameters."""
+
     terms: dict[str, float]
-    past: Array
-    samples: int
+    """Terms of F̄ by name, nats."""
+
+    last_samples: Array
+    """(L, m + c) last samples of the training data, from which forecasts start."""
+
+    sample_count: int
+    """Number of samples of the training data."""
 
     @classmethod
     def learn(cls, record: Record) -> JointModel:
-        """Learns from training data; ``ValueError`` where no segment has two samples."""
+        """Learns the joint model from training data.
+
+        Raises:
+            NotLearnable: no segment has two samples.
+        """
         with one_thread():
-            combinations = axis_mixer(record)
-            lags = max(
-                (lag for lag in LAG_CANDIDATES if lag <= record.longest_segment // 4),
-                default=max(1, min(LAG_CANDIDATES[0], record.longest_segment - 1)),
+            mixer = axis_mixer(record)
+            lags = _largest_lags(record)
+            combined = _with_combined_inputs(record, mixer)
+            scaling, statistics = var.LagStatistics.from_record(combined, lags)
+            hyperparameters, regression = select_hyperparameters(statistics, lags)
+            process = var.VectorAutoregression.from_regression(regression, scaling)
+            return cls(
+                mixer,
+                hyperparameters,
+                process,
+                regression.terms,
+                last_samples=process.last_samples(combined),
+                sample_count=len(record),
             )
-            combined = _combined(record, combinations)
-            units, statistics = var.LagStatistics.from_record(combined, lags)
-            choice, regression = select_hyperparameters(statistics, lags)
-            process = var.VectorAutoregression.from_regression(regression, units)
-            past = process.past(combined)
-            return cls(combinations, choice, process, regression.terms, past, len(record))
 
     def rolling_forecast_known_inputs(
         self,
@@ -172,29 +251,67 @@ class JointModel(ImmutableResult):
         outputs: Array,
         smooth: bool = False,
     ) -> var.Forecast:
-        """Returns (H, m) forecasts begun at every ``steps``-th of ``inputs`` (H, r) and ``outputs`` (H, m).
+        """Forecasts the outputs given the inputs, which it takes as measurements, anew from every ``steps``-th sample.
 
-        Inputs are measured up to each sample; or, to ``smooth``, all of a forecast's.
+        Args:
+            steps: number of samples from the start of one forecast to the next.
+            inputs: (H, r) inputs after the training data.
+            outputs: (H, m) outputs after the training data; each forecast uses those before its start only.
+            smooth: whether all inputs of a forecast count for each of its samples, not only those up to the sample.
+
+        Returns:
+            The outputs (H, m) with their variance.
         """
-        combined = inputs @ self.combinations
-        return self.process.infer_every(self.past, steps, combined, outputs, smooth)
+        return self.process.rolling_forecast_known_inputs(
+            self.last_samples, steps, inputs @ self.mixer, outputs, smooth
+        )
 
     def rolling_forecast_unknown_inputs(
         self, steps: int, inputs: Array, outputs: Array
     ) -> var.Forecast:
-        """Returns (H, m) forecasts likewise, each without the inputs after its beginning."""
-        return self.process.predict_every(self.past, steps, inputs @ self.combinations, outputs)
+        """Forecasts the outputs without knowing the inputs to come, anew from every ``steps``-th sample.
 
-    def one_step(self, record: Record) -> Array:
-        """Returns (T, m): each sample of ``record`` from those before it in its segment and the inputs up to it."""
-        return self.process.one_step(_combined(record, self.combinations))
+        Args:
+            steps: number of samples from the start of one forecast to the next.
+            inputs: (H, r) inputs after the training data; each forecast uses those before its start only.
+            outputs: (H, m) outputs after the training data; each forecast uses those before its start only.
+
+        Returns:
+            The outputs (H, m) with their variance.
+        """
+        return self.process.rolling_forecast_unknown_inputs(
+            self.last_samples, steps, inputs @ self.mixer, outputs
+        )
+
+    def one_step_predictions(self, record: Record) -> Array:
+        """Predicts each sample of a record, (T, m), from those before it in its segment and from its own inputs."""
+        return self.process.one_step_predictions(_with_combined_inputs(record, self.mixer))
 
     def half_widths(self, variance: Array, level: float, steps: int) -> Array:
-        """Returns (H, m) of the band of probability ``level`` of forecasts of that ``variance``, begun each ``steps``.
+        """Returns the half widths of bands about rolling forecasts, by Student's t.
 
-        The variance is known by as many forecasts as the training data hold, a quarter of them one after the other, so
-        that their errors are hardly correlated: Student's t.
+        The variance is estimated from the training data, which hold as many independent forecast errors as a quarter of
+        the forecasts that fit one after the other: consecutive errors are correlated. That number is the degrees of
+        freedom.
+
+        Args:
+            variance: (H, m) variances of the forecasts.
+            level: probability of the band.
+            steps: number of samples from the start of one forecast to the next.
+
+        Returns:
+            Half widths (H, m).
         """
-        lengths = np.arange(len(variance)) % max(1, steps) + 1
-        freedom = np.maximum(self.samples / (4 * lengths), LEAST_FREEDOM)
+        forecast_lengths = np.arange(len(variance)) % max(1, steps) + 1
+        freedom = np.maximum(self.sample_count / (4 * forecast_lengths), MIN_STUDENT_FREEDOM)
         return half_width(variance, level, freedom[:, None])
+
+
+def _largest_lags(record: Record) -> int:
+    """Returns the largest number of lags that a record suffices for: a candidate, or fewer where all are too many."""
+    possible = [
+        lags for lags in LAG_CANDIDATES if lags <= record.longest_segment // MIN_SAMPLES_PER_LAG
+    ]
+    if possible:
+        return max(possible)
+    return max(1, min(LAG_CANDIDATES[0], record.longest_segment - 1))

@@ -1,8 +1,10 @@
-"""The simulation-error (output-error) fit: θ continues from the ascent, by simulations over a short horizon.
+"""The simulation-error (output-error) fit of θ: it minimises the errors of simulations over a short horizon.
 
-Over segments of the record the state starts where the filter has it and then follows ẋ = A x + B v, and the residual is
-z, wind included. F̄ has λ at its maximum, which is known. It has many maxima; the ascent leads to the right one
-(docs/how_it_works.md).
+Over each of many pieces of the record, the state starts where the Kalman filter has it, and then follows ẋ = A x + B v
+without measurements. All that the simulation misses, wind included, counts as measurement noise z. The fit maximises
+F̄ with the noise precision at its maximum, which has a closed form, by Gauss-Newton steps. F̄ has many maxima; the fit
+starts from θ of the ascent, which leads to the right one (docs/how_it_works.md; Ljung, System Identification, 2nd ed.,
+sec. 7.2, on prediction-error methods with a long horizon).
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import null_space
 
-from mavdem.arrays import Array, Indices
+from mavdem.arrays import Array, Flags, Indices
 from mavdem.dem.engine.gauss_newton import (
     CONVERGED_STEP_NATS,
     FINITE_DIFFERENCE_STEP,
@@ -31,116 +33,149 @@ from mavdem.dem.priors import KINEMATIC_PRECISION, Scaling
 from mavdem.dem.record import Record, Segments
 from mavdem.dem.settings import CompleteSettings
 
-WEAK_PRECISION = 1e-5
-"""Prior precision of a free parameter, in the engine's units: it determines what the segments do not."""
+FREE_PARAMETER_PRECISION = 1e-5
+"""Prior precision of a free parameter, in the engine's units: so weak that it only decides what the data leave open."""
 
-QUIET_PRECISION = 0.1
-"""Prior precision, in the engine's units, of the effect of a combination that does not turn the vehicle: its standard
-deviation is about 3, since rotors are not quite alike and loads not quite centred."""
+NON_TURNING_PRECISION = 0.1
+"""Prior precision, in the engine's units, of the effect of a motor combination that should not turn the vehicle.
 
-SAMPLES_PER_PARAMETER = 2.0
-"""Least effective sample size for each free parameter. A short record has it over a shorter horizon only."""
+Its standard deviation is about 3, since rotors are not quite alike and loads not quite centred.
+"""
+
+MIN_SAMPLES_PER_PARAMETER = 2.0
+"""Smallest effective sample size for each free parameter; a short record has it only over a shorter horizon."""
 
 MIN_HORIZON_SECONDS = 0.05
-"""Seconds; below, a simulation says no more than the derivatives of the ascent, and there is no such fit."""
+"""Shortest horizon, s: a shorter simulation shows no more than the derivatives that the ascent has used."""
 
-STARTS_PER_HORIZON = 4  # segments begin so many times a horizon
-MAX_SEGMENTS = 500  # spread over the whole record, however long it is
+STARTS_PER_HORIZON = 4
+"""Number of pieces that begin within one horizon; pieces overlap."""
+
+MAX_PIECES = 500
+"""Largest number of pieces, spread over the whole record, however long it is: a bound on the cost of the fit."""
 
 DAMPING = Damping(initial=1e-3, factor=8.0, max_attempts=6)
+"""Damping of the Gauss-Newton steps. A choice."""
 
 
-def models_of(
+def models_for_parameters(
     thetas: Array,
     sizes: ModelSizes,
     gain: Array,
     dt: float,
 ) -> StateSpace:
-    """Returns models that differ in θ (b, k) alone, side by side.
+    """Returns the discrete models of several parameter vectors, with a leading axis in all matrices but C.
 
-    They have n states, r inputs and m outputs, and C of the first.
+    Args:
+        thetas: (b, k) parameters, which differ in A and B only: C is that of the first.
+        sizes: numbers of states, inputs and outputs.
+        gain: (n, m) gain of the filter, the same for all.
+        dt: sampling step, s.
     """
-    A, B, C = (
-        np.stack(each) for each in zip(*(unpack(theta, *sizes) for theta in thetas), strict=True)
-    )
+    matrices = [unpack(theta, *sizes) for theta in thetas]
+    A = np.stack([A for A, _, _ in matrices])
+    B = np.stack([B for _, B, _ in matrices])
+    _, _, C = matrices[0]
     transition = discretize(A, B, dt)
+    # Models with large eigenvalues overflow; their errors are then infinite.
     with np.errstate(over="ignore", invalid="ignore"):
-        return StateSpace.from_transition(transition, C[0], gain)
+        return StateSpace.from_transition(transition, C, gain)
 
 
 @may_overflow
-def simulate(models: StateSpace, inputs: Array, outputs: Array) -> Array:
-    """Returns outputs (b, H, m, S) of b models over H steps, from the state that the filter finds over h steps.
+def simulate_models(models: StateSpace, inputs: Array, outputs: Array) -> Array:
+    """Simulates several models over several pieces of a record.
 
-    ``inputs`` are (h + H + 1, r, S), ``outputs`` (h + 1, m, S).
+    The filter runs over the first h steps of a piece, and the simulation over the H steps after them. An unstable model
+    may overflow; its outputs are then infinite or NaN.
+
+    Args:
+        models: b models, as of :func:`models_for_parameters`.
+        inputs: (h + H + 1, r, S) inputs of S pieces.
+        outputs: (h + 1, m, S) outputs, which the filter uses.
+
+    Returns:
+        Simulated outputs (b, H, m, S).
     """
     A, B, C, D, K = models.A, models.B, models.C, models.D, models.K
     samples = np.concatenate([inputs[: len(outputs)], outputs], axis=1)
-    second = np.concatenate([models.second_of_inputs, models.second_of_outputs], axis=-1)
-    closed = A - K @ C
-    heard = np.concatenate([B - K @ D, K], axis=-1)
-    ahead = []
-    # An unstable model may overflow; its errors are then infinite.
-    states = second @ samples[0]
-    for now in samples[1:]:
-        states = closed @ states + heard @ now
-    for now in inputs[len(outputs) :]:
-        ahead.append(C @ states + D @ now)
-        states = A @ states + B @ now
-    return np.stack(ahead, axis=1)
+    second_state_map = np.concatenate([models.second_of_inputs, models.second_of_outputs], axis=-1)
+    # x⁺ = (A − K C) x + (B − K D) u + K y.
+    filter_transition = A - K @ C
+    filter_inputs = np.concatenate([B - K @ D, K], axis=-1)
+    states = second_state_map @ samples[0]
+    for sample in samples[1:]:
+        states = filter_transition @ states + filter_inputs @ sample
+    simulated = []
+    for inputs_now in inputs[len(outputs) :]:
+        simulated.append(C @ states + D @ inputs_now)
+        states = A @ states + B @ inputs_now
+    return np.stack(simulated, axis=1)
 
 
-class SimulationSegments(NamedTuple):
-    """Pieces of a record, step by step: the filter uses the first half of each, simulations begin at its middle.
-
-    ``inputs`` (h + H, r, S) and ``outputs`` (h + H, m, S) are in the engine's units; the filter takes h = ``settle``
-    steps; ``number`` is the effective one of segments: as many as follow each other in the record.
-    """
+class SimulationPieces(NamedTuple):
+    """Pieces of a record, in the engine's units: the filter runs over the first half, a simulation over the second."""
 
     inputs: Array
+    """(h + H + 1, r, S) inputs of S pieces, step by step; h = H is the horizon."""
+
     outputs: Array
-    settle: int
-    number: float
+    """(h + H + 1, m, S) outputs of the pieces."""
+
+    filter_steps: int
+    """Number of steps h that the filter takes before each simulation."""
+
+    effective_count: float
+    """Effective number of pieces: as many as follow each other without overlap."""
 
     @classmethod
-    def from_segments(cls, segments: Segments, horizon: int) -> SimulationSegments:
-        """Returns pieces of ``horizon`` samples before and ahead, all over segments, of which one is long enough."""
-        whole = 2 * horizon
+    def from_segments(cls, segments: Segments, horizon: int) -> SimulationPieces:
+        """Cuts segments into overlapping pieces of two horizons each; at most ``MAX_PIECES``, evenly spread.
+
+        Args:
+            segments: inputs (T, r) and outputs (T, m) of each segment, one of them longer than two horizons.
+            horizon: number of samples of each simulation, and of the filter before it.
+        """
         starts = [
             (inputs, outputs, start)
             for inputs, outputs in segments
-            for start in _starts(len(outputs), horizon)
+            for start in _piece_starts(len(outputs), horizon)
         ]
-        kept = np.unique(np.linspace(0, len(starts) - 1, MAX_SEGMENTS).astype(int))
-        pieces = [
-            (u[at : at + whole + 1], y[at : at + whole + 1])
-            for u, y, at in (starts[i] for i in kept)
-        ]
-        inputs, outputs = (np.stack(tables, axis=2) for tables in zip(*pieces, strict=True))
+        selection = np.unique(np.linspace(0, len(starts) - 1, MAX_PIECES).astype(int))
+        input_pieces = []
+        output_pieces = []
+        for inputs, outputs, start in [starts[i] for i in selection]:
+            end = start + 2 * horizon + 1
+            input_pieces.append(inputs[start:end])
+            output_pieces.append(outputs[start:end])
         return cls(
-            inputs,
-            outputs,
-            horizon,
-            effective_number([len(outputs) for _, outputs in segments], horizon),
+            np.stack(input_pieces, axis=2),
+            np.stack(output_pieces, axis=2),
+            filter_steps=horizon,
+            effective_count=effective_piece_count(
+                [len(outputs) for _, outputs in segments], horizon
+            ),
         )
 
 
-def _starts(length: int, horizon: int) -> range:
-    """The samples of a segment of that ``length`` at which its pieces begin."""
+def _piece_starts(length: int, horizon: int) -> range:
+    """Returns the samples at which the pieces of a segment of that ``length`` begin; none where it is too short."""
     return range(0, length - 2 * horizon, max(1, horizon // STARTS_PER_HORIZON))
 
 
-def effective_number(lengths: Sequence[int], horizon: int) -> float:
-    """Returns the effective number of pieces of segments of these ``lengths``.
+def effective_piece_count(lengths: Sequence[int], horizon: int) -> float:
+    """Returns the effective number of pieces: as many simulations as follow each other without overlap.
 
-    It is as many as follow each other, and at most as many as are used.
+    Args:
+        lengths: numbers of samples of the segments.
+        horizon: number of samples of each simulation.
+
+    Returns:
+        That number, at most the number of pieces that are used.
     """
-    samples = sum(length for length in lengths if length > 2 * horizon)
-    return min(
-        samples / horizon,
-        float(MAX_SEGMENTS),
-        float(sum(len(_starts(each, horizon)) for each in lengths)),
-    )
+    usable_samples = sum(length for length in lengths if length > 2 * horizon)
+    pieces = sum(len(_piece_starts(length, horizon)) for length in lengths)
+    return min(usable_samples / horizon, float(MAX_PIECES), float(pieces))
 
 
 def simulation_horizon(
@@ -149,49 +184,67 @@ def simulation_horizon(
     scaling: Scaling,
     record: Record,
 ) -> int | None:
-    """Returns the number of samples of each simulation: ``settings.horizon`` at most.
+    """Returns the number of samples of each simulation, ``settings.horizon`` at most.
 
-    It is less where the effective sample size would be too small, 0 where even ``MIN_HORIZON_SECONDS`` is too long for
-    the record. ``None`` where there is to be no fit: the settings ask for none, inputs are unknown, the prior is the
-    paper's, or it leaves no parameter free.
+    It is less where the effective sample size would be too small for the free parameters.
+
+    Returns:
+        The number; 0 where even ``MIN_HORIZON_SECONDS`` is too long for the record; ``None`` where there is to be no
+        fit, since the settings ask for none, the inputs are unknown, the prior is the paper's, or no parameter is free.
     """
     n, r, m = model.sizes
-    free = np.count_nonzero(
-        np.diag(model.prior.theta_precision)[: n * n + n * r] < KINEMATIC_PRECISION
-    )
-    if settings.horizon is None or settings.prior == "uniform" or not scaling.known or not free:
+    precisions_of_A_and_B = np.diag(model.prior.theta_precision)[: n * n + n * r]
+    free_parameters = np.count_nonzero(precisions_of_A_and_B < KINEMATIC_PRECISION)
+    if settings.horizon is None or settings.prior == "uniform":
+        return None
+    if not scaling.known or not free_parameters:
         return None
     longest = max(1, round(settings.horizon / record.dt))
     shortest = min(longest, max(1, round(MIN_HORIZON_SECONDS / record.dt)))
-    least = SAMPLES_PER_PARAMETER * free
-    steps = range(longest, shortest - 1, -1)
-    return next((each for each in steps if effective_number(record.lengths, each) * m >= least), 0)
+    for horizon in range(longest, shortest - 1, -1):
+        effective_samples = effective_piece_count(record.lengths, horizon) * m
+        if effective_samples >= MIN_SAMPLES_PER_PARAMETER * free_parameters:
+            return horizon
+    return 0
 
 
 @dataclass(frozen=True, eq=False)
 class SimulationFit:
-    """The result of the fit, in the engine's units."""
+    """The result of the simulation-error fit, in the engine's units."""
 
-    theta: Array  # (k,) all parameters
-    free: Indices  # (f,) indices of the free ones
-    covariance: Array  # (f, f) of their posterior
-    effective_samples: float  # outputs times horizons that follow each other
-    horizon: int  # samples of each simulation, and of the filter before it
-    terms: Mapping[str, Array]  # each named term of F̄, (I + 1,)
-    # whether it has converged, by the gain of the last step or the gain that the curvature predicts
+    theta: Array
+    """(k,) all parameters, the free ones as fitted and the others as they were."""
+
+    free: Indices
+    """(f,) indices of the free parameters in θ."""
+
+    covariance: Array
+    """(f, f) posterior covariance of the free parameters."""
+
+    effective_samples: float
+    """Effective sample size: number of outputs times the number of simulations that follow each other."""
+
+    horizon: int
+    """Number of samples of each simulation, and of the filter before it."""
+
+    terms: Mapping[str, Array]
+    """Terms of F̄ by name, nats, (I + 1,) each, by iteration from the start."""
+
     converged: bool
+    """Whether the last step gained, or the last curvature predicts, less than ``CONVERGED_STEP_NATS``."""
 
     @property
     def degrees_of_freedom(self) -> float:
-        """Degrees of freedom that the noise's variance is estimated with."""
+        """Degrees of freedom with which the variance of the noise is estimated."""
         return self.effective_samples - len(self.free)
 
-    def theta_covariance(self, held: Array) -> Array:
-        """Returns (k, k) posterior covariance of θ.
+    def theta_covariance(self, prior_covariance: Array) -> Array:
+        """Returns the posterior covariance of θ, (k, k).
 
-        Parameters that were not free have that of the prior, ``held`` (k, k).
+        Args:
+            prior_covariance: (k, k) covariance of the prior, which parameters that were not free keep.
         """
-        covariance = held.copy()
+        covariance = prior_covariance.copy()
         covariance[self.free] = 0.0
         covariance[:, self.free] = 0.0
         covariance[np.ix_(self.free, self.free)] = self.covariance
@@ -199,73 +252,99 @@ class SimulationFit:
 
 
 @dataclass(frozen=True, eq=False)
-class SimulationError:
-    """The log joint of the simulation errors of segments and of free parameters, which are θ at ``free``."""
+class SimulationObjective:
+    """Log joint density of the simulation errors and the free parameters, the objective of the Gauss-Newton steps.
+
+    The noise precision is at its maximum: with N effective samples the log likelihood is −N/2 ln(mean squared error),
+    up to a constant. Points are the free parameters (f,).
+    """
 
     theta: Array
+    """(k,) all parameters; the free ones are replaced."""
+
     free: Indices
+    """(f,) indices of the free parameters in θ, which are in A and B."""
+
     prior_mean: Array
+    """(f,) prior mean of the free parameters."""
+
     prior_precision: Array
+    """(f, f) prior precision of the free parameters."""
+
     sizes: ModelSizes
+    """Numbers of states, inputs and outputs."""
+
     gain: Array
+    """(n, m) gain of the filter."""
+
     dt: float
-    segments: SimulationSegments
+    """Sampling step, s."""
+
+    pieces: SimulationPieces
+    """Pieces of the record that are simulated."""
 
     @property
     def effective_samples(self) -> float:
-        """Effective sample size."""
-        return self.segments.number * self.sizes[2]
+        """Effective sample size: number of outputs times the effective number of pieces."""
+        return self.pieces.effective_count * self.sizes.m
 
-    def errors(self, at: Array) -> Array:
-        """Returns (b, H, m, S) errors of the models whose free parameters are ``at`` (b, f)."""
-        inputs, outputs, settle, _ = self.segments
-        thetas = np.repeat(self.theta[None], len(at), axis=0)
-        thetas[:, self.free] = at
-        models = models_of(thetas, self.sizes, self.gain, self.dt)
-        predicted = simulate(models, inputs, outputs[: settle + 1])
+    def errors(self, points: Array) -> Array:
+        """Returns the simulation errors (b, H, m, S) of the models with free parameters ``points`` (b, f)."""
+        thetas = np.repeat(self.theta[None], len(points), axis=0)
+        thetas[:, self.free] = points
+        models = models_for_parameters(thetas, self.sizes, self.gain, self.dt)
+        first_simulated = self.pieces.filter_steps + 1
+        outputs = self.pieces.outputs
+        simulated = simulate_models(models, self.pieces.inputs, outputs[:first_simulated])
         with np.errstate(over="ignore", invalid="ignore"):
-            return outputs[settle + 1 :] - predicted
+            return outputs[first_simulated:] - simulated
 
-    def value(self, at: Array) -> float:
-        """Returns the log joint up to a constant, with the noise precision at its maximum."""
-        return self._value(at, self.errors(at[None]))
+    def value(self, point: Array) -> float:
+        """Returns the log joint density, nats, up to a constant."""
+        return self._value_of_errors(point, self.errors(point[None]))
 
-    def expand(self, at: Array) -> QuadraticExpansion:
-        """Returns slope and Gauss-Newton curvature, the posterior precision, by differences of errors."""
-        steps = FINITE_DIFFERENCE_STEP * np.maximum(1.0, abs(at))
-        errors = self.errors(np.vstack([at, at + np.diag(steps)]))
+    def expand(self, point: Array) -> QuadraticExpansion:
+        """Returns the expansion about a point, with the Gauss-Newton curvature JᵀJ, by differences of the errors."""
+        steps = FINITE_DIFFERENCE_STEP * np.maximum(1.0, abs(point))
+        errors = self.errors(np.vstack([point, point + np.diag(steps)]))
         residuals = errors[0]
-        jacobian = (errors[1:] - residuals).reshape(len(at), -1) / steps[:, None]
-        mse = _mean_square(residuals)
-        each = self.effective_samples / residuals.size
-        slope = -each * jacobian @ residuals.ravel() / mse - self.prior_precision @ (
-            at - self.prior_mean
+        jacobian = (errors[1:] - residuals).reshape(len(point), -1) / steps[:, None]
+        mean_square = _mean_square(residuals)
+        # The pieces overlap, so that each error counts as a fraction of an independent sample.
+        samples_per_error = self.effective_samples / residuals.size
+        gradient = -samples_per_error * jacobian @ residuals.ravel() / mean_square - (
+            self.prior_precision @ (point - self.prior_mean)
         )
-        curvature = each * jacobian @ jacobian.T / mse + self.prior_precision
-        return QuadraticExpansion(at, self._value(at, residuals), slope, curvature)
+        curvature = samples_per_error * jacobian @ jacobian.T / mean_square + self.prior_precision
+        return QuadraticExpansion(
+            point, self._value_of_errors(point, residuals), gradient, curvature
+        )
 
-    def terms(self, joint: QuadraticExpansion) -> dict[str, float]:
-        """Returns the named terms of F̄, Eq. ``F_action_opt``; X has no entropy of its own in a simulation."""
-        log_prior = self._log_prior(joint.point)
+    def terms(self, expansion: QuadraticExpansion) -> dict[str, float]:
+        """Returns the terms of F̄ by name, nats, Eq. ``F_action_opt``; simulated states have no entropy of their own."""
+        log_prior = self._log_prior(expansion.point)
         return {
-            "noise entropy": joint.value - log_prior,
-            "parameter entropy": -0.5 * (logdet(joint.curvature) - logdet(self.prior_precision)),
+            "noise entropy": expansion.value - log_prior,
+            "parameter entropy": -0.5
+            * (logdet(expansion.curvature) - logdet(self.prior_precision)),
             "prediction error of outputs": -0.5 * self.effective_samples,
             "prediction error of parameters": log_prior,
         }
 
-    def _value(self, at: Array, errors: Array) -> float:
-        return float(
-            -0.5 * self.effective_samples * np.log(_mean_square(errors)) + self._log_prior(at)
-        )
+    def _value_of_errors(self, point: Array, errors: Array) -> float:
+        """Returns the log joint density at a point whose simulation errors are known."""
+        log_likelihood = -0.5 * self.effective_samples * np.log(_mean_square(errors))
+        return float(log_likelihood + self._log_prior(point))
 
-    def _log_prior(self, at: Array) -> float:
-        off = at - self.prior_mean
-        return float(-0.5 * off @ self.prior_precision @ off)
+    def _log_prior(self, point: Array) -> float:
+        """Returns the log prior density of the free parameters, up to a constant."""
+        deviation = point - self.prior_mean
+        return float(-0.5 * deviation @ self.prior_precision @ deviation)
 
 
 @may_overflow
 def _mean_square(errors: Array) -> float:
+    """Returns the mean of the squared errors, infinite or NaN where a simulation overflowed."""
     return (errors**2).mean()
 
 
@@ -277,47 +356,85 @@ def fit_simulation_error(
     gain: Array,
     record: Record,
 ) -> SimulationFit | None:
-    """Fits the model to a record from θ (k,), with a filter of that gain (n, m), by damped steps that each increase F̄.
+    """Fits A and B to simulations over a short horizon, by Gauss-Newton steps that each increase F̄.
 
-    Parameters of A and B with a prior precision below ``KINEMATIC_PRECISION`` are free. Under the package's own prior,
-    combinations of the motors that are at right angles to the turning one of the joint model hardly turn the vehicle.
-    ``None`` where there is no horizon (:func:`simulation_horizon`), or errors overflow.
+    Parameters of A and B with a prior precision below ``KINEMATIC_PRECISION`` are free.
+
+    Args:
+        model: the generative model, whose prior is used.
+        settings: settings of the fit.
+        scaling: the engine's units.
+        theta: (k,) parameters to start from.
+        gain: (n, m) gain of the filter that provides the states at which simulations start.
+        record: the training data.
+
+    Returns:
+        The fit; ``None`` where there is no horizon (:func:`simulation_horizon`) or the simulations overflow.
     """
     horizon = simulation_horizon(model, settings, scaling, record)
     if not horizon:
         return None
-    segments = SimulationSegments.from_segments(scaling.scale_segments(record), horizon)
-    n, r, _ = model.sizes
-    of_A = n * n
-    varied = of_A + n * r  # of A and B
+    pieces = SimulationPieces.from_segments(scaling.scale_segments(record), horizon)
+    is_free = np.diag(model.prior.theta_precision) < KINEMATIC_PRECISION
     precision = model.prior.theta_precision
-    is_free = np.diag(precision) < KINEMATIC_PRECISION
     if settings.prior == "regulated":
-        weak = WEAK_PRECISION * np.eye(len(is_free))
-        precision = np.where(np.outer(is_free, is_free), weak, precision)
-        quiet = null_space(axis_mixer(record).T)
-        for row in np.flatnonzero(is_free[of_A:varied:r]):
-            places = of_A + row * r + np.arange(len(quiet))
-            precision[np.ix_(places, places)] += QUIET_PRECISION * quiet @ quiet.T
-    free = np.flatnonzero(is_free[:varied])
-    mean = model.prior.theta_mean[free]
-    objective = SimulationError(
-        theta, free, mean, precision[np.ix_(free, free)], model.sizes, gain, record.dt, segments
+        precision = _weak_prior_precision(model, is_free, record)
+    size_of_A_and_B = model.n * model.n + model.n * model.r
+    free = np.flatnonzero(is_free[:size_of_A_and_B])
+    objective = SimulationObjective(
+        theta,
+        free,
+        prior_mean=model.prior.theta_mean[free],
+        prior_precision=precision[np.ix_(free, free)],
+        sizes=model.sizes,
+        gain=gain,
+        dt=record.dt,
+        pieces=pieces,
     )
     if not np.isfinite(objective.value(theta[free])):
         return None
-    trace, gained = gauss_newton(objective, objective.expand(theta[free]), DAMPING)
-    best = theta.copy()
-    best[free] = trace[-1].point
-    samples = objective.effective_samples
-    terms = [objective.terms(each) for each in trace]
+    trace, gain_of_last_step = gauss_newton(objective, objective.expand(theta[free]), DAMPING)
+    fitted_theta = theta.copy()
+    fitted_theta[free] = trace[-1].point
+    effective_samples = objective.effective_samples
+    terms = [objective.terms(expansion) for expansion in trace]
     return SimulationFit(
-        theta=best,
+        theta=fitted_theta,
         free=free,
-        # The variance that is left is an estimate as well: of as many numbers as the parameters have left over.
-        covariance=inverse(trace[-1].curvature) * samples / (samples - len(free)),
-        effective_samples=samples,
-        horizon=segments.settle,
+        # The curvature has the mean squared error for the noise variance. Divided by the degrees of freedom, which the
+        # fit of the parameters has reduced, the variance is unbiased.
+        covariance=inverse(trace[-1].curvature)
+        * effective_samples
+        / (effective_samples - len(free)),
+        effective_samples=effective_samples,
+        horizon=pieces.filter_steps,
         terms={name: np.array([row[name] for row in terms]) for name in terms[0]},
-        converged=gained <= CONVERGED_STEP_NATS,
+        converged=gain_of_last_step <= CONVERGED_STEP_NATS,
     )
+
+
+def _weak_prior_precision(model: GenerativeModel, is_free: Flags, record: Record) -> Array:
+    """Returns the prior precision of θ, (k, k), with a weak one for free parameters, in the place of the package's own.
+
+    The motors' effect along combinations that are orthogonal to the mixer row of the axis gets a higher precision,
+    about 0: such combinations hardly turn the vehicle.
+
+    Args:
+        model: the generative model.
+        is_free: (k,) which parameters are free.
+        record: the training data.
+    """
+    size_of_A = model.n * model.n
+    size_of_A_and_B = size_of_A + model.n * model.r
+    weak = FREE_PARAMETER_PRECISION * np.eye(len(is_free))
+    precision = np.where(np.outer(is_free, is_free), weak, model.prior.theta_precision)
+    # Columns are an orthonormal basis of the motor combinations that should not turn the vehicle.
+    non_turning = null_space(axis_mixer(record).T)
+    # The first entry of a row of B, which is a motor's, shows whether the row is free.
+    free_rows = np.flatnonzero(is_free[size_of_A : size_of_A_and_B : model.r])
+    for row in free_rows:
+        motor_entries = size_of_A + row * model.r + np.arange(len(non_turning))
+        precision[np.ix_(motor_entries, motor_entries)] += (
+            NON_TURNING_PRECISION * non_turning @ non_turning.T
+        )
+    return precision

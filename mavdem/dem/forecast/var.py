@@ -1,12 +1,14 @@
-"""The vector autoregression of outputs and inputs as one process: each sample from those before it.
+"""A vector autoregression (VAR) of outputs and inputs as one process, with Bayesian regression and exact forecasts.
 
-In closed loop the motors follow from the motion: z = [outputs, inputs] is one process of k = m + r channels,
+In closed loop the motors follow from the motion. So outputs and inputs are one process z = [outputs, inputs] of
+k = m + r channels,
 
-    z_t = Σᵢ Aᵢ z_{t−i} + offset + e_t,    e_t ~ N(0, Σ), i = 1 … lags.
+    z_t = Σᵢ Aᵢ z_{t−i} + offset + e_t,    e_t ~ N(0, Σ),    i = 1 … L lags,
 
-Outputs after a known past follow with the inputs unknown, measured up to the sample itself, or all measured. Given the
-parameters the answers are Gaussian and exact. Inputs are measured without noise, so that what is uncertain are the
-outputs since the past ended: the state of a Kalman filter whose noises of measurement and process are correlated.
+and the outputs after a known past can be forecast with the inputs unknown, known up to each sample, or all known. Given
+the parameters these forecasts are Gaussian and exact. Known inputs are measurements without noise, so that the only
+uncertain quantities are the outputs since the past ended: the state of a Kalman filter whose process and measurement
+noises are correlated.
 """
 
 from __future__ import annotations
@@ -25,329 +27,443 @@ from mavdem.errors import NotLearnable
 from mavdem.facts.model import ModelRefusal
 
 RIDGE = 0.01
-"""Precision of the prior of the first lag's coefficients, of channels of deviation 1 and innovations of covariance Σ.
-As a precision it does not grow with the number of samples."""
+"""Prior precision of the coefficients of the first lag, of channels of variance 1, in units of Σ⁻¹.
 
-CONSTANT_RIDGE = 1e-8  # likewise of the offset, which the prior leaves open
-# rows that are left for the innovations, where there are hardly more than coefficients
-LEAST_FREEDOM = 1.0
+A choice, tried on simulated and real flights. Since it is a precision, its weight against the data falls with the
+number of samples.
+"""
+
+CONSTANT_RIDGE = 1e-8
+"""Prior precision of the offset, which the prior leaves practically free, in units of Σ⁻¹."""
+
+MIN_RESIDUAL_FREEDOM = 1.0
+"""Fewest degrees of freedom with which Σ is estimated, where there are hardly more samples than coefficients."""
 
 
 class Forecast(NamedTuple):
-    """Outputs that were forecast and the squared error to expect of them, (…, H, m) each."""
+    """Forecast outputs with their uncertainty."""
 
     mean: Array
+    """(…, H, m) expected outputs."""
+
     variance: Array
+    """(…, H, m) expected squared error of the mean."""
 
 
 class ChannelScaling(NamedTuple):
-    """Units in which each channel, outputs first, has mean 0 and deviation 1; a constant one keeps its unit."""
+    """Scaling of each channel, outputs first, to mean 0 and variance 1; a constant channel is only centred."""
 
-    center: Array  # (k,)
-    scale: Array  # (k,)
+    center: Array
+    """(k,) means of the channels, in physical units."""
+
+    scale: Array
+    """(k,) standard deviations of the channels, in physical units; 1 for a constant channel."""
 
     @classmethod
     def from_record(cls, record: Record) -> ChannelScaling:
-        """Returns those of the training data."""
+        """Returns the scaling of the outputs and inputs of a record."""
         inputs, outputs = record.channel_statistics
-        spread = ChannelStatistics(
+        channels = ChannelStatistics(
             *(np.concatenate(pair) for pair in zip(outputs, inputs, strict=True))
         )
-        return cls(spread.mean, np.where(spread.varying, np.sqrt(spread.variance), 1.0))
+        return cls(channels.mean, np.where(channels.varying, np.sqrt(channels.variance), 1.0))
 
     def scaled(self, channels: Array) -> Array:
-        """Returns channels (…, k) in these units; or the first columns of them, as those of the outputs alone."""
+        """Scales channels (…, k), or their first columns only, such as the outputs alone."""
         width = channels.shape[-1]
         return (channels - self.center[:width]) / self.scale[:width]
 
-    def segments(self, record: Record) -> list[Array]:
-        """Returns the channels (T, k) of each segment of ``record``, in these units."""
+    def scaled_segments(self, record: Record) -> list[Array]:
+        """Returns the scaled channels (T, k) of each segment of a record, outputs first."""
         return [self.scaled(np.hstack([outputs, inputs])) for inputs, outputs in record.segments]
 
 
-def lagged(table: Array, lags: int) -> Array:
-    """Returns (…, T − lags, lags · k): the rows before each of (…, T, k) that has so many, the latest first."""
-    count = max(0, table.shape[-2] - lags)
-    return np.concatenate(
-        [table[..., lags - lag : lags - lag + count, :] for lag in range(1, lags + 1)], axis=-1
-    )
+def lagged_rows(samples: Array, lags: int) -> Array:
+    """Returns for each sample the samples before it, side by side.
+
+    Args:
+        samples: (…, T, k) samples in time order.
+        lags: number L of samples before each.
+
+    Returns:
+        (…, T − L, L · k): [z_{t−1}, …, z_{t−L}] for each sample z_t that has L samples before it; empty where T < L.
+    """
+    rows = max(0, samples.shape[-2] - lags)
+    blocks = [samples[..., lags - lag : lags - lag + rows, :] for lag in range(1, lags + 1)]
+    return np.concatenate(blocks, axis=-1)
 
 
-def initial_lags(channels: Array, lags: int) -> Array:
-    """Returns the last ``lags`` of ``channels`` (T, k), one at least; the first counts for any before."""
-    rows = np.arange(len(channels) - lags, len(channels))
+def latest_samples(channels: Array, count: int) -> Array:
+    """Returns the last ``count`` of ``channels`` (T, k), T at least 1; where they are fewer, the first is repeated."""
+    rows = np.arange(len(channels) - count, len(channels))
     return channels[np.maximum(rows, 0)]
 
 
 class LagStatistics(NamedTuple):
-    """All that the regression needs of the samples: sums over rows, which add up over segments.
+    """Sufficient statistics of the regression of samples on their lags; they add up over segments.
 
-    A row is [lag 1 … lag p, 1, sample], of q = (p + 1) k + 1 numbers.
+    A row of the regression is [z_{t−1}, …, z_{t−L}, 1, z_t], of (L + 1) k + 1 numbers.
     """
 
-    rows: float  # number of samples with as many before them as there are lags
-    gram: Array  # (q, q) Σ of each row times itself
+    row_count: float
+    """Number of samples that have L samples before them; not an integer where earlier samples are discounted."""
+
+    gram: Array
+    """Sum of the outer product of each row with itself, ((L + 1) k + 1) squared."""
 
     @classmethod
     def from_segments(cls, segments: Iterable[Array], lags: int) -> LagStatistics:
-        """Returns those of ``segments`` of channels (T, k), at least one; no row reaches across a gap between them."""
+        """Sums up the statistics of segments; no row reaches across a gap between two of them.
+
+        Args:
+            segments: channels (T, k) of each segment, at least one segment.
+            lags: number L of lags.
+        """
         tables = []
         for channels in segments:
-            past = lagged(channels, lags)
-            tables.append(np.hstack([past, np.ones((len(past), 1)), channels[lags:][: len(past)]]))
+            past = lagged_rows(channels, lags)
+            ones = np.ones((len(past), 1))
+            tables.append(np.hstack([past, ones, channels[lags:][: len(past)]]))
         return cls(sum(map(len, tables)), np.asarray(sum(table.T @ table for table in tables)))
 
     @classmethod
     def from_record(cls, record: Record, lags: int) -> tuple[ChannelScaling, LagStatistics]:
-        """Returns the units of a record's channels, and the statistics in these; ``NotLearnable`` without a row."""
-        units = ChannelScaling.from_record(record)
-        statistics = cls.from_segments(units.segments(record), lags)
-        if statistics.rows <= 0:
+        """Scales the channels of a record, and sums up their statistics.
+
+        Returns:
+            The scaling, and the statistics of the scaled channels.
+
+        Raises:
+            NotLearnable: no segment has more than ``lags`` samples.
+        """
+        scaling = ChannelScaling.from_record(record)
+        statistics = cls.from_segments(scaling.scaled_segments(record), lags)
+        if statistics.row_count <= 0:
             raise NotLearnable(
                 ModelRefusal.SEGMENTS_TOO_SHORT_FOR_LAGS,
                 samples=lags,
                 longest=record.longest_segment,
             )
-        return units, statistics
+        return scaling, statistics
 
-    def after(self, earlier: LagStatistics, share: float) -> LagStatistics:
-        """Returns these with ``earlier`` ones, of which each sample counts only this ``share``."""
-        return LagStatistics(self.rows + share * earlier.rows, self.gram + share * earlier.gram)
+    def plus_discounted(self, earlier: LagStatistics, weight: float) -> LagStatistics:
+        """Returns the sum with the statistics of ``earlier`` samples, each of which counts only ``weight`` of one."""
+        return LagStatistics(
+            self.row_count + weight * earlier.row_count, self.gram + weight * earlier.gram
+        )
 
-    def shortened(self, lags: int, fewer: int) -> Array:
-        """Returns the ``gram`` of rows with ``fewer`` lags than these ``lags``."""
-        width = len(self.gram) * lags // (lags + 1)
-        k = len(self.gram) - width - 1
-        places = np.r_[: fewer * k, width : len(self.gram)]
-        return self.gram[np.ix_(places, places)]
+    def gram_of_fewer_lags(self, lags: int, fewer: int) -> Array:
+        """Returns the ``gram`` of the same rows with only the first ``fewer`` of their ``lags``."""
+        constant_column = len(self.gram) * lags // (lags + 1)
+        k = len(self.gram) - constant_column - 1
+        columns = np.concatenate([np.arange(fewer * k), np.arange(constant_column, len(self.gram))])
+        return self.gram[np.ix_(columns, columns)]
 
 
 class Regression(NamedTuple):
-    """The posterior of the coefficients (q, k) of k channels on [lag 1 … lag p, 1]: matrix normal, exact given Σ."""
+    """Posterior of the coefficients of k channels on [z_{t−1}, …, z_{t−L}, 1]: matrix normal, exact given Σ."""
 
-    mean: Array  # (q, k)
-    root: Array  # (q, q) Rᵀ R is the inverse of the posterior precision
-    covariance: Array  # (k, k) Σ of the innovations, over the rows that the coefficients leave
-    terms: dict[str, float]  # of F̄, nats
+    mean: Array
+    """(q, k) posterior mean, q = L k + 1."""
+
+    covariance_root: Array
+    """(q, q) R with RᵀR the posterior covariance of one channel's coefficients, in units of its innovation variance."""
+
+    innovation_covariance: Array
+    """(k, k) estimate of Σ."""
+
+    terms: dict[str, float]
+    """Terms of the free energy by name, nats."""
 
     @property
     def free_energy(self) -> float:
-        """F̄, nats: with the posterior exact, the logarithm of the evidence, but for that of Σ."""
+        """F̄, nats: since the posterior is exact given Σ, the log evidence at the estimate of Σ."""
         return sum(self.terms.values())
 
 
-def lag_prior(lags: int, ridge: float) -> Array:
-    """Returns (lags, lags), the prior precision of each lag's coefficient: ``ridge`` · i² at lag i."""
+def lag_prior_precision(lags: int, ridge: float) -> Array:
+    """Returns the prior precision of a channel's coefficients by lag, (lags, lags): ``ridge`` · i² at lag i."""
     return np.diag(ridge * np.arange(1.0, lags + 1) ** 2)
 
 
 def regress(
     gram: Array,
-    rows: float,
-    prior: Array,
-    least: float = ROUNDING_TOLERANCE,
+    row_count: float,
+    prior_precision: Array,
+    noise_floor: float = ROUNDING_TOLERANCE,
 ) -> Regression:
-    """Regresses samples of k channels on their lags.
+    """Regresses samples of k channels on their lags, with a Gaussian prior, and computes the evidence.
 
-    The prior is a random walk, A₁ = 1 and nothing else, with covariance Σ ⊗ ``prior``⁻¹ of the deviations from it, the
-    same for every channel: for a diagonal precision (lags, lags) that grows with the lag the "Minnesota prior" (R.
-    Litterman, Journal of Business & Economic Statistics 4(1), 1986). Channels have about deviation 1. Σ is the squared
-    errors, the prior's among them, over the rows less the effective number of coefficients.
+    The prior mean is a random walk, A₁ = I and all else 0. Deviations from it have the covariance Σ ⊗ P⁻¹, the same for
+    every channel. With a diagonal precision P that grows with the lag this is the "Minnesota prior" (R. Litterman,
+    "Forecasting with Bayesian vector autoregressions", Journal of Business & Economic Statistics 4(1), 1986). Σ is
+    estimated as the squared errors, those of the prior among them, over the number of rows less the effective number
+    of coefficients.
 
     Args:
-        gram: Σ row rowᵀ over ``rows`` rows [lag 1 … lag p, 1, sample], of (p + 1) k + 1 numbers.
-        rows: how many there were, more than 0.
-        prior: (lags, lags) precision of a channel's coefficients by lag.
-        least: variance of the innovations that F̄ adds to those found.
+        gram: statistics of rows [z_{t−1}, …, z_{t−L}, 1, z_t] of channels of about variance 1.
+        row_count: number of rows, more than 0.
+        prior_precision: (L, L) prior precision P of a channel's coefficients by lag.
+        noise_floor: variance that the free energy adds to those of the innovations.
+
+    Returns:
+        The posterior of the coefficients, and the terms of F̄.
     """
-    lags = len(prior)
+    lags = len(prior_precision)
     k = (len(gram) - 1) // (lags + 1)
     q = lags * k + 1
     precision = np.zeros((q, q))
-    precision[:-1, :-1] = np.kron(prior, np.eye(k))
+    precision[:-1, :-1] = np.kron(prior_precision, np.eye(k))
     precision[-1, -1] = CONSTANT_RIDGE
-    before = np.eye(q, k)
+    random_walk = np.eye(q, k)
     factor = np.linalg.cholesky(gram[:q, :q] + precision)
-    root, _ = dtrtri(factor, lower=True)
-    # Moments of the error of a random walk: small numbers, where the samples themselves are large ones.
-    errors = gram.copy()
-    errors[q:] -= errors[:k]
-    errors[:, q:] -= errors[:, :k]
-    explained = root @ errors[:q, q:]
-    change = root.T @ explained
-    left = errors[q:, q:] - explained.T @ explained
-    # The nearest matrix without negative eigenvalues, which rounding leaves where errors vanish.
-    sizes, directions = np.linalg.eigh((left + left.T) / 2)
-    left = (directions * np.maximum(sizes, 0.0)) @ directions.T
-    used = q - np.sum(precision * (root.T @ root))
-    noise = left / rows + least * np.eye(k)
-    weight = np.linalg.inv(noise)
-    of_prior = np.sum(weight * (change.T @ precision @ change))
-    determined = (
+    covariance_root, _ = dtrtri(factor, lower=True)
+    # The targets become the errors of a random walk: small numbers, where the samples themselves are large.
+    moments = gram.copy()
+    moments[q:] -= moments[:k]
+    moments[:, q:] -= moments[:, :k]
+    explained = covariance_root @ moments[:q, q:]
+    deviation = covariance_root.T @ explained
+    squared_errors = moments[q:, q:] - explained.T @ explained
+    # The nearest positive semidefinite matrix: rounding leaves negative eigenvalues where errors vanish.
+    eigenvalues, eigenvectors = np.linalg.eigh((squared_errors + squared_errors.T) / 2)
+    squared_errors = (eigenvectors * np.maximum(eigenvalues, 0.0)) @ eigenvectors.T
+    effective_coefficients = q - np.sum(precision * (covariance_root.T @ covariance_root))
+
+    noise = squared_errors / row_count + noise_floor * np.eye(k)
+    noise_precision = np.linalg.inv(noise)
+    squared_deviation = np.sum(noise_precision * (deviation.T @ precision @ deviation))
+    # ln|posterior precision| − ln|prior precision| of the coefficients of one channel.
+    precision_gain = (
         2 * (np.log(factor.diagonal()).sum())
-        - k * np.linalg.slogdet(prior)[1]
+        - k * np.linalg.slogdet(prior_precision)[1]
         - np.log(CONSTANT_RIDGE)
     )
     terms = {
-        "prediction errors": -0.5 * (np.sum(weight * left) - of_prior),
-        "noise entropy": -0.5 * rows * np.linalg.slogdet(2 * np.pi * noise)[1],
-        "parameter errors": -0.5 * of_prior,
-        "parameter entropy": -0.5 * k * determined,
+        "prediction errors": -0.5 * (np.sum(noise_precision * squared_errors) - squared_deviation),
+        "noise entropy": -0.5 * row_count * np.linalg.slogdet(2 * np.pi * noise)[1],
+        "parameter errors": -0.5 * squared_deviation,
+        "parameter entropy": -0.5 * k * precision_gain,
     }
-    return Regression(before + change, root, left / max(rows - used, LEAST_FREEDOM), terms)
+    freedom = max(row_count - effective_coefficients, MIN_RESIDUAL_FREEDOM)
+    return Regression(random_walk + deviation, covariance_root, squared_errors / freedom, terms)
 
 
 class VectorAutoregression(NamedTuple):
-    """The process with its parameters; samples that it takes and returns are physical."""
+    """A vector autoregression with its parameters; its methods take and return samples in physical units."""
 
-    coefficients: Array  # (lags, k, k) posterior means of A₁ … A_lags, in ``units``
-    offset: Array  # (k,) likewise
-    covariance: Array  # (k, k) Σ, of the innovations
-    units: ChannelScaling  # of the channels, between the model and its arguments
+    coefficients: Array
+    """(L, k, k) A₁ … A_L, of scaled channels."""
+
+    offset: Array
+    """(k,) constant of each step, of scaled channels."""
+
+    innovation_covariance: Array
+    """(k, k) covariance Σ of the innovations, of scaled channels."""
+
+    scaling: ChannelScaling
+    """Scaling of the channels."""
 
     @classmethod
-    def from_regression(cls, regression: Regression, units: ChannelScaling) -> VectorAutoregression:
-        """Returns that of the posterior means of a regression."""
-        (q, k) = regression.mean.shape
+    def from_regression(
+        cls, regression: Regression, scaling: ChannelScaling
+    ) -> VectorAutoregression:
+        """Returns the autoregression with the posterior means of a regression of scaled channels."""
+        q, k = regression.mean.shape
         coefficients = regression.mean.T
         lags = (q - 1) // k
         return cls(
             np.ascontiguousarray(coefficients[:, :-1].reshape(k, lags, k).swapaxes(0, 1)),
             np.ascontiguousarray(coefficients[:, -1]),
-            regression.covariance,
-            units,
+            regression.innovation_covariance,
+            scaling,
         )
 
     @classmethod
     def learn(cls, record: Record, lags: int) -> VectorAutoregression:
-        """Learns from training data; ``ValueError`` where no segment has more than ``lags`` samples."""
-        units, statistics = LagStatistics.from_record(record, lags)
-        return cls.from_regression(
-            regress(statistics.gram, statistics.rows, lag_prior(lags, RIDGE)), units
-        )
+        """Learns an autoregression of so many ``lags`` from training data, with the prior of :data:`RIDGE`.
+
+        Raises:
+            NotLearnable: no segment has more than ``lags`` samples.
+        """
+        scaling, statistics = LagStatistics.from_record(record, lags)
+        prior_precision = lag_prior_precision(lags, RIDGE)
+        regression = regress(statistics.gram, statistics.row_count, prior_precision)
+        return cls.from_regression(regression, scaling)
 
     @property
     def lags(self) -> int:
-        """Number of samples before each that it depends on."""
+        """Number L of earlier samples that each sample depends on."""
         return len(self.coefficients)
 
     @property
-    def across(self) -> Array:
-        """(k, lags k): [A₁ … A_lags], of the lags side by side, the latest sample first."""
+    def stacked_coefficients(self) -> Array:
+        """(k, L k): [A₁ … A_L] side by side, which multiply [z_{t−1}; …; z_{t−L}]."""
         lags, k, _ = self.coefficients.shape
         return self.coefficients.swapaxes(0, 1).reshape(k, lags * k)
 
     @property
     def spectral_radius(self) -> float:
-        """The largest magnitude among the eigenvalues of the step from one set of lags to the next."""
-        k, width = self.across.shape
+        """Largest magnitude of the eigenvalues of the companion matrix: above 1 the autoregression is unstable."""
+        k, width = self.stacked_coefficients.shape
         companion = np.eye(width, k=-k)
-        companion[:k] = self.across
+        companion[:k] = self.stacked_coefficients
         return float(abs(np.linalg.eigvals(companion)).max())
 
-    def past(self, record: Record) -> Array:
-        """Returns (lags, k), the last samples of a record."""
+    def last_samples(self, record: Record) -> Array:
+        """Returns the last L samples of a record, (L, k): the past of a forecast of what follows it."""
         inputs, outputs = record.segments[-1]
-        return initial_lags(np.hstack([outputs, inputs]), self.lags)
+        return latest_samples(np.hstack([outputs, inputs]), self.lags)
 
-    def pasts(
+    def _pasts_of_forecasts(
         self,
         past: Array,
         steps: int,
         inputs: Array,
         outputs: Array,
     ) -> Array:
-        """Returns (S, lags, k), the samples before every ``steps``-th of those that follow a ``past``."""
+        """Returns the L samples before every ``steps``-th sample, (S, L, k).
+
+        Args:
+            past: (L or more, k) samples before the first one.
+            steps: number of samples from one forecast to the next.
+            inputs: (H, r) inputs.
+            outputs: (H, m) outputs.
+        """
         channels = np.concatenate([past[len(past) - self.lags :], np.hstack([outputs, inputs])])
-        return channels[np.arange(0, len(inputs), steps)[:, None] + np.arange(self.lags)]
+        start_rows = np.arange(0, len(inputs), steps)
+        return channels[start_rows[:, None] + np.arange(self.lags)]
 
     @may_overflow
-    def predict(self, past: Array, steps: int) -> Forecast:
-        """Returns all channels (…, steps, k) after ``past`` (…, lags, k), outputs first, the inputs unknown.
+    def forecast_unknown_inputs(self, past: Array, steps: int) -> Forecast:
+        """Forecasts all channels, with the inputs unknown.
 
-        The ``past`` ends with the latest sample; leading axes are separate pasts. Where a mean overflows it is the mean
-        of the training data, with infinite variance.
+        Args:
+            past: (…, L, k) samples up to the forecast, the latest last; leading axes are separate forecasts.
+            steps: number of samples to forecast.
+
+        Returns:
+            The channels (…, steps, k), outputs first. Where a mean overflows it is replaced by the mean of the training
+            data, with infinite variance.
         """
-        maps, constants = self.ahead(steps)
+        maps, constants = self.prediction_maps(steps)
         k = len(self.offset)
-        latest = latest_first(self.units.scaled(past))
-        mean = np.einsum("...i,hki->...hk", latest, maps, optimize=True) + constants
-        # An innovation changes later samples as its own sample does.
+        past_latest_first = _latest_first(self.scaling.scaled(past))
+        mean = np.einsum("...i,hki->...hk", past_latest_first, maps, optimize=True) + constants
+        # An innovation changes later samples as its own sample does. So the responses to the innovation of the first
+        # sample are the identity and the maps of the latest sample of the past.
         responses = np.concatenate([np.eye(k)[None], maps[:-1, :, :k]])
-        each = np.einsum("hij,jl,hil->hi", responses, self.covariance, responses)
-        return self._physical(mean, each.cumsum(axis=0))
+        added_variances = np.einsum(
+            "hij,jl,hil->hi", responses, self.innovation_covariance, responses
+        )
+        return self._physical_forecast(mean, added_variances.cumsum(axis=0))
 
     @may_overflow
-    def ahead(self, steps: int) -> ArrayPair:
-        """Returns maps (steps, k, lags k) of the lags, the latest first, and constants (steps, k), to the next samples.
+    def prediction_maps(self, steps: int) -> ArrayPair:
+        """Returns the expected next samples as linear functions of the past, for scaled channels.
 
-        They are of samples in the model's units.
+        Args:
+            steps: number of samples ahead.
+
+        Returns:
+            Maps (steps, k, L k) that multiply [z_{t−1}; …; z_{t−L}], and constants (steps, k).
         """
-        across = self.across
-        k, width = across.shape
-        # Rows of a later sample above those of the samples before it, of columns [lag 1 … lag p, 1].
-        later = np.eye(width, width + 1)
-        rows = []
+        coefficients = self.stacked_coefficients
+        k, width = coefficients.shape
+        # The L latest samples, the latest first, as functions of the past: columns are [lag 1, …, lag L, constant].
+        latest = np.eye(width, width + 1)
+        predictions = []
         for _ in range(steps):
-            first = across @ later
-            first[:, -1] += self.offset
-            later = np.concatenate([first, later[:-k]])
-            rows.append(first)
-        maps = np.array(rows)
+            prediction = coefficients @ latest
+            prediction[:, -1] += self.offset
+            latest = np.concatenate([prediction, latest[:-k]])
+            predictions.append(prediction)
+        maps = np.array(predictions)
         return np.ascontiguousarray(maps[:, :, :-1]), maps[:, :, -1]
 
-    def latest(self, m: int) -> ArrayPair:
-        """Returns a map (m, (lags + 1) k) of a sample and its lags, and a constant (m,), to its m outputs.
+    def output_map(self, m: int) -> ArrayPair:
+        """Returns the expected outputs of a sample as a linear function of its own inputs and of the past.
 
-        They tell them from the sample's inputs, whose innovations they share, and from all before it; in ``units``.
+        The inputs of the sample count since their innovations are correlated with those of the outputs:
+        E[y | u, past] = E[y | past] + Σ_yu Σ_uu⁻¹ (u − E[u | past]).
+
+        Args:
+            m: number of outputs.
+
+        Returns:
+            A map (m, (L + 1) k) that multiplies [z_t; z_{t−1}; …; z_{t−L}], zero for the outputs in z_t, and a constant
+            (m,); for scaled channels.
         """
-        noise = self.covariance[m:, m:] + ROUNDING_TOLERANCE * np.eye(len(self.covariance) - m)
-        gain = np.linalg.solve(noise, self.covariance[m:, :m]).T
-        across = self.across
-        weights = np.hstack([np.zeros((m, m)), gain, across[:m] - gain @ across[m:]])
+        Sigma = self.innovation_covariance
+        Sigma_uu = Sigma[m:, m:] + ROUNDING_TOLERANCE * np.eye(len(Sigma) - m)
+        gain = np.linalg.solve(Sigma_uu, Sigma[m:, :m]).T
+        coefficients = self.stacked_coefficients
+        past_map = coefficients[:m] - gain @ coefficients[m:]
+        weights = np.hstack([np.zeros((m, m)), gain, past_map])
         return weights, self.offset[:m] - gain @ self.offset[m:]
 
-    def filter(self, m: int, steps: int) -> KalmanFilter:
-        """Returns the filter of the m outputs of all lags, with the inputs measured; what those add to it is known."""
+    def output_filter(self, m: int, steps: int) -> KalmanFilter:
+        """Returns the Kalman filter that estimates the outputs from the inputs, after a known past.
+
+        Its state is [y_{t−1}; …; y_{t−L}], the outputs of all lags, and its measurement is the input u_t. The effect of
+        earlier inputs on both is known; the caller adds it as a forcing term, and subtracts it from the measurement.
+
+        Args:
+            m: number of outputs.
+            steps: number of samples that the filter is needed for.
+        """
         lags, k, _ = self.coefficients.shape
         n = m * lags
         r = k - m
-        output_effect = self.coefficients.swapaxes(0, 1)[:, :, :m].reshape(k, n)
+        Sigma = self.innovation_covariance
+        output_coefficients = self.coefficients.swapaxes(0, 1)[:, :, :m].reshape(k, n)
         A = np.eye(n, k=-m)
-        A[:m] = output_effect[:m]
+        A[:m] = output_coefficients[:m]
         Q = np.zeros((n, n))
         S = np.zeros((n, r))
-        R = self.covariance[m:, m:] + ROUNDING_TOLERANCE * np.eye(r)
-        Q[:m, :m] = self.covariance[:m, :m]
-        S[:m] = self.covariance[:m, m:]
-        return KalmanFilter.design(A, output_effect[m:], Q, R, S, np.zeros((n, n)), steps)
+        R = Sigma[m:, m:] + ROUNDING_TOLERANCE * np.eye(r)
+        Q[:m, :m] = Sigma[:m, :m]
+        S[:m] = Sigma[:m, m:]
+        known_past = np.zeros((n, n))
+        return KalmanFilter.design(A, output_coefficients[m:], Q, R, S, known_past, steps)
 
-    def infer(self, past: Array, inputs: Array, smooth: bool = False) -> Forecast:
-        """Returns the outputs (…, H, m) after ``past`` (…, lags, k), each given ``inputs`` (…, H, r) up to its sample.
+    def forecast_known_inputs(self, past: Array, inputs: Array, smooth: bool = False) -> Forecast:
+        """Forecasts the outputs, given the inputs, by a Kalman filter that takes these as measurements of the motion.
 
-        With ``smooth`` all inputs count. Overflow is as in :meth:`predict`.
+        Args:
+            past: (…, L, k) samples up to the forecast, the latest last; leading axes are separate forecasts.
+            inputs: (…, H, r) inputs of the forecast.
+            smooth: whether all inputs count for each sample, not only those up to it.
+
+        Returns:
+            The outputs (…, H, m); overflow is treated as in :meth:`forecast_unknown_inputs`.
         """
-        (lags, k, _) = self.coefficients.shape
+        lags, k, _ = self.coefficients.shape
         steps, r = inputs.shape[-2:]
         m = k - r
-        filtered = self.filter(m, steps)
-        across = self.coefficients.swapaxes(0, 1)
-        before = self.units.scaled(past)
-        now = (inputs - self.units.center[m:]) / self.units.scale[m:]
-        earlier = lagged(np.concatenate([before[..., m:], now], axis=-2), lags)
-        drives = earlier @ across[:, :, m:].reshape(k, lags * r).T + self.offset
-        pushes = np.zeros((*drives.shape[:-1], m * lags))
-        pushes[..., :m] = drives[..., :m]
-        states, errors = filtered.filter(
-            latest_first(before[..., :m]), pushes, now - drives[..., m:]
+        kalman_filter = self.output_filter(m, steps)
+        coefficients = self.coefficients.swapaxes(0, 1)
+        scaled_past = self.scaling.scaled(past)
+        scaled_inputs = (inputs - self.scaling.center[m:]) / self.scaling.scale[m:]
+        # The known effect of earlier inputs and of the offset, (…, H, k), on all channels.
+        earlier_inputs = lagged_rows(
+            np.concatenate([scaled_past[..., m:], scaled_inputs], axis=-2), lags
         )
-        covariances = filtered.predicted_covariances(steps)
+        input_coefficients = coefficients[:, :, m:].reshape(k, lags * r)
+        known_effect = earlier_inputs @ input_coefficients.T + self.offset
+        forcing = np.zeros((*known_effect.shape[:-1], m * lags))
+        forcing[..., :m] = known_effect[..., :m]
+        states, innovations = kalman_filter.filter(
+            _latest_first(scaled_past[..., :m]), forcing, scaled_inputs - known_effect[..., m:]
+        )
+        covariances = kalman_filter.predicted_covariances(steps)
         if smooth:
-            states, covariances, _ = filtered.smooth(states, errors)
-        variance = np.maximum(np.diagonal(covariances, axis1=1, axis2=2), 0.0)
-        return self._physical(states[..., 1:, :m], variance[1:, :m])
+            states, covariances, _ = kalman_filter.smooth(states, innovations)
+        variances = np.maximum(np.diagonal(covariances, axis1=1, axis2=2), 0.0)
+        # The latest outputs of the state after each sample are that sample's outputs.
+        return self._physical_forecast(states[..., 1:, :m], variances[1:, :m])
 
-    def infer_every(
+    def rolling_forecast_known_inputs(
         self,
         past: Array,
         steps: int,
@@ -355,55 +471,100 @@ class VectorAutoregression(NamedTuple):
         outputs: Array,
         smooth: bool = False,
     ) -> Forecast:
-        """Returns (H, m) as :meth:`infer`, begun again at every ``steps``-th sample from all samples before it."""
+        """Forecasts outputs given the inputs, starting anew at every ``steps``-th sample.
+
+        Args:
+            past: (L or more, k) samples before the first one.
+            steps: number of samples from one forecast to the next.
+            inputs: (H, r) inputs.
+            outputs: (H, m) measured outputs; each forecast uses those before it.
+            smooth: whether all inputs of a forecast count for each of its samples, not only those up to it.
+
+        Returns:
+            The outputs (H, m), as of :meth:`forecast_known_inputs`.
+        """
         length = len(inputs)
         m = outputs.shape[1]
         steps = max(1, min(steps, length))
-        pasts = self.pasts(past, steps, inputs, outputs)
-        states = self.infer(pasts, inputs[pieces(len(pasts), steps, length)], smooth)
-        return Forecast(*(table.reshape(-1, m)[:length] for table in states))
+        pasts = self._pasts_of_forecasts(past, steps, inputs, outputs)
+        inputs_by_forecast = inputs[_rows_by_forecast(len(pasts), steps, length)]
+        forecasts = self.forecast_known_inputs(pasts, inputs_by_forecast, smooth)
+        return Forecast(
+            forecasts.mean.reshape(-1, m)[:length], forecasts.variance.reshape(-1, m)[:length]
+        )
 
-    def predict_every(
+    def rolling_forecast_unknown_inputs(
         self,
         past: Array,
         steps: int,
         inputs: Array,
         outputs: Array,
     ) -> Forecast:
-        """Returns (H, m) as :meth:`predict`, begun again at every ``steps``-th sample from all samples before it."""
+        """Forecasts outputs without knowing the inputs to come, starting anew at every ``steps``-th sample.
+
+        Args:
+            past: (L or more, k) samples before the first one.
+            steps: number of samples from one forecast to the next.
+            inputs: (H, r) inputs; each forecast uses those before it.
+            outputs: (H, m) measured outputs; each forecast uses those before it.
+
+        Returns:
+            The outputs (H, m), as of :meth:`forecast_unknown_inputs`.
+        """
         length, m = outputs.shape
         steps = max(1, min(steps, length))
-        predicted = self.predict(self.pasts(past, steps, inputs, outputs), steps)
-        return Forecast(*(table[..., :m].reshape(-1, m)[:length] for table in predicted))
-
-    def one_step(self, record: Record) -> Array:
-        """Returns (T, m): each sample of ``record`` from those before it in its segment and the inputs up to it."""
-        m = record.outputs.shape[1]
-        weights, constant = self.latest(m)
-        answers = []
-        for channels in self.units.segments(record):
-            # Of the first sample's past nothing is known; it counts for what would be before the others'.
-            before = np.concatenate([np.repeat(channels[:1], self.lags, axis=0), channels])
-            past = lagged(before, self.lags)
-            past[0] = 0.0
-            answers.append(np.hstack([channels, past]) @ weights.T + constant)
-        return self._physical(np.concatenate(answers), np.zeros(1)).mean
-
-    def _physical(self, mean: Array, variance: Array) -> Forecast:
-        center, scale = (values[: mean.shape[-1]] for values in self.units)
-        finite = np.isfinite(mean)
-        determined = finite & np.isfinite(variance)
-        mean = center + scale * np.where(finite, mean, 0.0)
+        pasts = self._pasts_of_forecasts(past, steps, inputs, outputs)
+        forecasts = self.forecast_unknown_inputs(pasts, steps)
         return Forecast(
-            mean, scale**2 * np.where(determined, np.broadcast_to(variance, mean.shape), np.inf)
+            forecasts.mean[..., :m].reshape(-1, m)[:length],
+            forecasts.variance[..., :m].reshape(-1, m)[:length],
         )
 
+    def one_step_predictions(self, record: Record) -> Array:
+        """Predicts each sample of a record from those before it in its segment, and from its own inputs.
 
-def pieces(number: int, steps: int, length: int) -> Indices:
-    """Returns (S, steps), the rows of each piece of ``length`` samples; the last one stays at the end."""
-    return np.minimum(np.arange(number * steps), length - 1).reshape(-1, steps)
+        Returns:
+            The outputs (T, m) of all segments, one after the other.
+        """
+        m = record.outputs.shape[1]
+        weights, constant = self.output_map(m)
+        predictions = []
+        for channels in self.scaling.scaled_segments(record):
+            # The first sample stands for the samples before the segment. For the first sample itself, whose past is
+            # unknown, the past is the mean of the training data, which is 0 here.
+            padded = np.concatenate([np.repeat(channels[:1], self.lags, axis=0), channels])
+            past = lagged_rows(padded, self.lags)
+            past[0] = 0.0
+            predictions.append(np.hstack([channels, past]) @ weights.T + constant)
+        return self._physical_forecast(np.concatenate(predictions), np.zeros(1)).mean
+
+    def _physical_forecast(self, mean: Array, variance: Array) -> Forecast:
+        """Brings a forecast of scaled channels to physical units.
+
+        Args:
+            mean: (…, H, columns) means of the first columns of the channels.
+            variance: variances; they broadcast against ``mean``.
+
+        Returns:
+            The forecast. Where a mean is not finite it is that of the training data, with infinite variance.
+        """
+        columns = mean.shape[-1]
+        center = self.scaling.center[:columns]
+        scale = self.scaling.scale[:columns]
+        is_finite = np.isfinite(mean)
+        is_determined = is_finite & np.isfinite(variance)
+        finite_variance = np.where(is_determined, np.broadcast_to(variance, mean.shape), np.inf)
+        return Forecast(center + scale * np.where(is_finite, mean, 0.0), scale**2 * finite_variance)
 
 
-def latest_first(past: Array) -> Array:
-    """Returns (…, lags · k) of a ``past`` (…, lags, k)."""
+def _rows_by_forecast(forecasts: int, steps: int, length: int) -> Indices:
+    """Returns the rows of each forecast's samples, (forecasts, steps), among ``length`` samples.
+
+    The last forecast may reach beyond the end; it repeats the last row there.
+    """
+    return np.minimum(np.arange(forecasts * steps), length - 1).reshape(-1, steps)
+
+
+def _latest_first(past: Array) -> Array:
+    """Flattens samples (…, L, k), the latest last, to the order of the coefficients, (…, L · k), the latest first."""
     return past[..., ::-1, :].reshape(*past.shape[:-2], past.shape[-2] * past.shape[-1])

@@ -25,7 +25,7 @@ from mavdem.dem.forecast.var import (
     ChannelScaling,
     LagStatistics,
     VectorAutoregression,
-    initial_lags,
+    latest_samples,
 )
 from mavdem.dem.online.memory import MemoryBlock, SampleMemory
 from mavdem.dem.online.prediction_errors import PredictionErrors
@@ -76,7 +76,7 @@ class PredictionMaps(NamedTuple):
             (H + 1, m) outputs at each horizon and, last, of the latest sample. What overflows is not finite.
         """
         channels = self.scaling.scaled(np.hstack([outputs, inputs @ self.axis_mixer]))
-        latest_first = initial_lags(channels, MAX_LAGS + 1)[::-1].ravel()
+        latest_first = latest_samples(channels, MAX_LAGS + 1)[::-1].ravel()
         m = outputs.shape[1]
         predictions = self.weights.dot(latest_first) + self.constants
         return self.scaling.center[:m] + self.scaling.scale[:m] * predictions
@@ -191,7 +191,7 @@ class OnlineForecaster:
             self._blocks_before_scaling.clear()
         else:
             statistics = self._count_samples(block, self.axis_mixer, self._scaling)
-        is_due = self._samples_since_fit * self._dt >= REFIT_SECONDS and statistics.rows >= 1
+        is_due = self._samples_since_fit * self._dt >= REFIT_SECONDS and statistics.row_count >= 1
         if may_fit and is_due:
             # Where the regression fails, it is tried again with the next samples.
             with one_thread(wait=False) as is_free, suppress(LinAlgError):
@@ -233,8 +233,8 @@ class OnlineForecaster:
         self._samples_since_fit += len(block.outputs)
         statistics = LagStatistics.from_segments([channels], MAX_LAGS)
         if self._statistics is not None:
-            remaining_weight = np.exp(-statistics.rows * self._dt / MEMORY_SECONDS)
-            statistics = statistics.after(self._statistics, remaining_weight)
+            remaining_weight = np.exp(-statistics.row_count * self._dt / MEMORY_SECONDS)
+            statistics = statistics.plus_discounted(self._statistics, remaining_weight)
         self._statistics = statistics
         return statistics
 
@@ -271,10 +271,10 @@ class OnlineForecaster:
             scaling: Centre and scale of each channel.
         """
         m = self._outputs
-        all_maps, all_constants = process.ahead(int(self._horizons[-1]))
+        all_maps, all_constants = process.prediction_maps(int(self._horizons[-1]))
         horizon_maps = all_maps[self._horizons - 1, :m]
         horizon_constants = all_constants[self._horizons - 1, :m]
-        latest_map, latest_constant = process.latest(m)
+        latest_map, latest_constant = process.output_map(m)
         # The process may have fewer lags than are kept: the weights of the others are zero. The latest sample follows
         # from one lag more than the next ones, since it counts itself.
         weights = np.zeros((len(horizon_maps) + 1, m, (MAX_LAGS + 1) * len(scaling.center)))

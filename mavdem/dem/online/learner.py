@@ -401,7 +401,7 @@ class OnlineLearner:
         self._monitor = monitor
         # The joint model of the fit shows the axis mixer. Where the forecaster had none, or another, it learns anew.
         mixer = self._forecaster.axis_mixer
-        fitted_mixer = monitor.learned.joint.combinations
+        fitted_mixer = monitor.learned.joint.mixer
         if mixer is None or not _is_same_mixer(mixer, fitted_mixer):
             self._forecaster.relearn(self._memory.blocks, fitted_mixer)
 

@@ -285,13 +285,13 @@ class JointAutoregression(Baseline):
 
     def one_step(self) -> Array:
         """Returns (T, m): each training sample from those before it in its segment, and the inputs up to its own."""
-        return self.model.one_step(self.record)
+        return self.model.one_step_predictions(self.record)
 
     def rolling_forecast_unknown_inputs(
         self, steps: int, inputs: Array, outputs: Array
     ) -> Forecast:
         """Returns (H, m): a new prediction at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m)."""
-        return self.model.predict_every(self._past, steps, inputs, outputs)
+        return self.model.rolling_forecast_unknown_inputs(self._past, steps, inputs, outputs)
 
     def rolling_forecast_known_inputs(
         self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
@@ -300,12 +300,12 @@ class JointAutoregression(Baseline):
 
         To ``smooth``, all inputs of a forecast count.
         """
-        return self.model.infer_every(self._past, steps, inputs, outputs, smooth)
+        return self.model.rolling_forecast_known_inputs(self._past, steps, inputs, outputs, smooth)
 
     def forecast_from_zero_state(self, inputs: Array) -> Array:
         """Returns the outputs (H, m) with ``inputs`` (H, r), after all channels were at their mean."""
-        past = np.tile(self.model.units.center, (self.model.lags, 1))
-        return self.model.infer(past, inputs).mean
+        past = np.tile(self.model.scaling.center, (self.model.lags, 1))
+        return self.model.forecast_known_inputs(past, inputs).mean
 
     def simulate(self, inputs: ArrayLike) -> Array:
         """Refuses, with a ``ValueError``: this model has no plant whose ``inputs`` could be commanded."""
@@ -316,4 +316,4 @@ class JointAutoregression(Baseline):
 
     @cached_property
     def _past(self) -> Array:
-        return self.model.past(self.record)
+        return self.model.last_samples(self.record)
