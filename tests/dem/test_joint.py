@@ -41,7 +41,9 @@ def regressed(choice):
     precision = CONSTANT_RIDGE * np.eye(lags * K + 1)
     precision[:-1, :-1] = np.kron(choice.prior_precision, np.eye(K))
     spread = np.eye(len(design)) + design @ np.linalg.inv(precision) @ design.T
-    found = regress(statistics.gram_of_fewer_lags(most, lags), statistics.row_count, choice.prior_precision)
+    found = regress(
+        statistics.gram_of_fewer_lags(most, lags), statistics.row_count, choice.prior_precision
+    )
     return design, WALK[most:] - design[:, :K], precision, spread, found
 
 
@@ -60,7 +62,9 @@ def test_the_terms_of_the_free_energy_are_what_they_are_named_and_sum_to_the_log
     moved = posterior @ design.T @ error
     weights = np.linalg.inv(noise)
     assert_allclose(found.mean, np.eye(*moved.shape) + moved, atol=1e-7)
-    assert_allclose(found.covariance_root.T @ found.covariance_root, posterior, rtol=1e-6, atol=1e-9)
+    assert_allclose(
+        found.covariance_root.T @ found.covariance_root, posterior, rtol=1e-6, atol=1e-9
+    )
     left = error - design @ moved
     narrower = np.linalg.slogdet(posterior @ precision)[1]
     expected = {
@@ -78,7 +82,9 @@ def test_the_prior_is_of_each_lag():
 
 def test_predictions_are_the_process_s(model):
     combined = AHEAD[0] @ X_FRAME[:, None]
-    plain = model.process.rolling_forecast_unknown_inputs(model.last_samples, 60, combined, AHEAD[1])
+    plain = model.process.rolling_forecast_unknown_inputs(
+        model.last_samples, 60, combined, AHEAD[1]
+    )
     assert_array_equal(model.rolling_forecast_unknown_inputs(60, *AHEAD).mean, plain.mean)
 
 
@@ -171,8 +177,12 @@ def test_live_it_is_the_model_learnt_of_the_same_samples(monkeypatch):
         if row >= 2450:
             live = np.vstack([expected_live, ahead_live])
             past = channels[row + 1 - learnt.hyperparameters.lags : row + 1]
-            expected = learnt.one_step_predictions(Record.from_flights(flight[row - 30 : row + 1]))[-1]
-            offline = np.vstack([expected, learnt.process.forecast_unknown_inputs(past, 25).mean[[0, 4, 24], :2]])
+            expected = learnt.one_step_predictions(Record.from_flights(flight[row - 30 : row + 1]))[
+                -1
+            ]
+            offline = np.vstack(
+                [expected, learnt.process.forecast_unknown_inputs(past, 25).mean[[0, 4, 24], :2]]
+            )
             assert_allclose((live - offline) / flight.outputs.std(axis=0), 0, atol=0.05)
     live_model = results[-1][0]
     assert live_model._hyperparameters == learnt.hyperparameters
