@@ -19,7 +19,7 @@ from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dataset.flights import choose_vehicle, learnable_flight
 from mavdem.dataset.signals import Signals
 from mavdem.dem import Settings
-from mavdem.dem.learned import FORECAST_HORIZON_SECONDS
+from mavdem.dem.plant_forecasts import FORECAST_HORIZON_SECONDS
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.experiments.window import Length
 from mavdem.facts.command import NamedSource

@@ -1,4 +1,4 @@
-"""Learned: what DEM made of a flight, in physical units."""
+"""The result of ``learn``: a learned model in physical units, with its posterior, forecasts and analyses."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from mavdem.dem.forecast.forecasting import ForecasterBase
 from mavdem.dem.forecast.joint import JointModel
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.forecast.var import Forecast
+from mavdem.dem.plant_forecasts import FORECAST_HORIZON_SECONDS, PlantForecasts
 from mavdem.dem.priors import Scaling
 from mavdem.dem.record import Record
 from mavdem.dem.settings import CompleteSettings
@@ -40,47 +41,66 @@ if TYPE_CHECKING:
     from mavdem.report.figures import Plots
 
 
-def _recorded(text: object) -> Fact:
+USEFUL_VARIANCE_SHARE = 0.5
+"""Squared error of a prediction, relative to the variance of the output, below which it is useful; a choice."""
+
+
+def _fact_from_document(text: object) -> Fact:
+    """Returns the fact for a caution in a document, where only its sentence is recorded."""
     if not isinstance(text, str):
         raise ValueError("must be a sentence")
     return Fact(ModelCaution.RECORDED, text=text)
 
 
-WRITTEN = PlainSerializer(lambda fact: fact.advised)
-TEXT = WithJsonSchema({"type": "string"})
-"""How facts stand in documents: by their sentence."""
+CautionField = Annotated[
+    Fact,
+    PlainValidator(_fact_from_document),
+    PlainSerializer(lambda fact: fact.advised),
+    WithJsonSchema({"type": "string"}),
+]
+"""A fact that stands in documents as its sentence."""
+
+SettingsField = Annotated[
+    CompleteSettings,
+    PlainValidator(CompleteSettings.from_dict),
+    PlainSerializer(CompleteSettings.to_dict),
+]
+"""Settings that stand in documents as an object of plain values."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Learned(ImmutableResult, ForecasterBase):
     """A learned model with its posterior, its iterations and its forecasts, in physical units.
 
+    The shapes have n states, r inputs (motor outputs), m outputs (angle and rate), T training samples, T′ of them with
+    a whole embedding window, and H forecast samples. The names of the fields are keys of the JSON document.
+
     Attributes:
-        settings: as used, with nothing left open.
-        model: posterior means.
-        theta_covariance: (k, k) posterior covariance of θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], physical units: of the
-            simulation-error fit, or of DEM, which counts neighbouring samples as independent, where there was none.
+        settings: Settings of the fit, with nothing left open.
+        model: Posterior means of A, B and C, with offset and trims.
+        theta_covariance: (k, k) posterior covariance of θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], physical units: that of the
+            simulation-error fit or, where there was none, that of DEM, which counts neighbouring samples as
+            independent.
         known: (k,) which parameters the prior fixes: that a rate is the derivative of its angle, that C = [I 0].
-        free_energy: by iteration, with its named terms.
-        free_energy_of_samples: (T′,) F(t) of the samples at ``places``: how well each sample agrees with the model.
-        learning: parameters and hyperparameters by iteration.
-        converged: whether the last fit converged; where not, its parameters may still change with more iterations.
-        record: the training data, physical.
-        cautions: limits of the model.
-        simulation_fit: the simulation-error fit of θ, in the engine's units; ``None`` where there was none.
-        scaling, predictor, state_map, theta: what :attr:`plant` and :meth:`process_noise` compute with, in the engine's
-            units.
+        free_energy: Free energy action F̄ by iteration, with its named terms, in nats.
+        free_energy_of_samples: (T′,) F(t) of the samples at :attr:`window_center_samples`, in nats: how well each
+            sample agrees with the model.
+        learning: Parameters and hyperparameters by iteration.
+        converged: Whether the last fit converged; if not, its parameters may still change with more iterations.
+        record: The training data, physical.
+        cautions: Limits of the model that a user must know.
+        scaling: Conversion between physical units and the engine's.
+        predictor: The plant with its Kalman filter, in the engine's units.
+        state_map: Map from generalized data [ỹ; η̃] to posterior means [x̃; ṽ], in the engine's units.
+        theta: Posterior mean of θ in the engine's units.
+        simulation_fit: The simulation-error fit of θ, in the engine's units; ``None`` where there was none.
 
     Raises:
-        ValueError: from every method, for arguments of another shape or not finite, fewer steps than 1, or a level that
+        ValueError: From every method, for arguments of another shape or not finite, fewer steps than 1, or a level that
             is no probability between 0 and 1.
     """
 
-    settings: Annotated[
-        CompleteSettings,
-        PlainValidator(CompleteSettings.from_dict),
-        PlainSerializer(CompleteSettings.to_dict),
-    ]
+    settings: SettingsField
     model: LinearModel
     theta_covariance: Array
     known: Flags
@@ -89,7 +109,7 @@ class Learned(ImmutableResult, ForecasterBase):
     learning: Learning
     converged: bool
     record: Record
-    cautions: tuple[Annotated[Fact, PlainValidator(_recorded), WRITTEN, TEXT], ...]
+    cautions: tuple[CautionField, ...]
     scaling: Scaling
     predictor: StateSpace
     state_map: Array
@@ -110,63 +130,88 @@ class Learned(ImmutableResult, ForecasterBase):
         return self.record.dt
 
     def model_interval(self, level: float = CONFIDENCE_LEVEL) -> LinearModel:
-        """Returns half widths of intervals of probability ``level``, arranged like A, B and C.
+        """Returns the uncertainty of the model's parameters.
 
-        NaN for offset and trims, and without a simulation-error fit. The bias of closed loop, where inputs are
-        correlated with the disturbance, is not included.
+        The bias of closed loop, where the inputs are correlated with the disturbance, is not included.
+
+        Args:
+            level: Probability of the intervals.
+
+        Returns:
+            Half widths of the intervals, arranged like A, B and C. NaN for offset and trims, and for all without a
+            simulation-error fit.
         """
-        (n, r) = self.model.B.shape
+        n, r = self.model.B.shape
         m = len(self.model.C)
-        freedom = np.nan if self.simulation_fit is None else self.simulation_fit.degrees_of_freedom
-        parts = unpack(half_width(self.theta_covariance.diagonal(), level, freedom), n, r, m)
-        return LinearModel(*parts, np.full(n, np.nan), np.full(r, np.nan), np.full(m, np.nan))
+        freedom = np.nan
+        if self.simulation_fit is not None:
+            freedom = self.simulation_fit.degrees_of_freedom
+        half_widths = half_width(self.theta_covariance.diagonal(), level, freedom)
+        A, B, C = unpack(half_widths, n, r, m)
+        return LinearModel(A, B, C, np.full(n, np.nan), np.full(r, np.nan), np.full(m, np.nan))
 
     @property
     def physical(self) -> Physical | None:
-        """:func:`mavdem.dem.physical` of the training data; ``None`` where there are no physical parameters."""
+        """Physical parameters of the vehicle (gray-box model, ``mavdem.plant.physical``) from the training data.
+
+        They are fitted when they are first asked for; ``None`` where there are none, for :attr:`physical_reason`.
+        """
         from mavdem.plant import Physical
 
-        return self._gray_box if isinstance(self._gray_box, Physical) else None
+        return self._physical_fit if isinstance(self._physical_fit, Physical) else None
 
     @property
     def physical_reason(self) -> Fact | None:
         """Why no physical parameters can be fitted; ``None`` where they can."""
         from mavdem.plant import NotIdentifiable
 
-        return self._gray_box.reason if isinstance(self._gray_box, NotIdentifiable) else None
+        return (
+            self._physical_fit.reason if isinstance(self._physical_fit, NotIdentifiable) else None
+        )
 
     @cached_property
-    def _gray_box(self) -> Physical | NotIdentifiable:
+    def _physical_fit(self) -> Physical | NotIdentifiable:
+        """The physical parameters, or the reason why there are none."""
         from mavdem.plant import physical
 
         return physical(self.record)
 
     @property
     def wind(self) -> WindTorque | None:
-        """:attr:`wind_torque` by its old name."""
+        """The same as :attr:`wind_torque`, by its former name."""
         return self.wind_torque
 
     @cached_property
     def wind_torque(self) -> WindTorque | None:
-        """The wind's torque in the training data (docs/wind.md); ``None`` without :attr:`physical`."""
+        """Torque of the wind in the training data, rad/s² (docs/wind.md).
+
+        ``None`` where there are no physical parameters, or no filter can be found for them.
+        """
         from mavdem.plant.wind_torque import estimate_wind_torque
 
         try:
-            return (
-                None if self.physical is None else estimate_wind_torque(self.physical, self.record)
-            )
-        except ValueError:  # LinAlgError is one
+            if self.physical is None:
+                return None
+            return estimate_wind_torque(self.physical, self.record)
+        except ValueError:
+            # LinAlgError is a ValueError too.
             return None
 
     def with_physical(self, physical: Physical | NotIdentifiable) -> Learned:
-        """Returns the same with other ``physical`` parameters, by which its wind torque will be estimated."""
+        """Returns a copy with other physical parameters.
+
+        The wind torque of the copy will be estimated with them; all else that has been computed is kept.
+
+        Args:
+            physical: The physical parameters, or the reason why there are none.
+        """
         changed = copy(self)
-        object.__setattr__(changed, "_gray_box", physical)
+        object.__setattr__(changed, "_physical_fit", physical)
         vars(changed).pop("wind_torque", None)
         return changed
 
     def with_wind_torque(self, wind_torque: WindTorque | None) -> Learned:
-        """Returns the same with another ``wind_torque``; all else that has been computed is kept."""
+        """Returns a copy with another :attr:`wind_torque`; all else that has been computed is kept."""
         changed = copy(self)
         object.__setattr__(changed, "wind_torque", wind_torque)
         return changed
@@ -178,110 +223,183 @@ class Learned(ImmutableResult, ForecasterBase):
 
     @cached_property
     def plant(self) -> PlantForecasts:
-        """The forecasts by A, B and C alone."""
+        """Forecasts by A, B and C alone."""
         return PlantForecasts(self.record, self.scaling, self.predictor)
 
     @property
     def _forecaster(self) -> JointModel | PlantForecasts:
-        jointly = self.settings.forecasts == "joint" and self.scaling.known
-        return self.joint if jointly else self.plant
+        """The model that forecasts, given the inputs: by ``Settings.forecasts``, the plant where inputs are unknown."""
+        if self.settings.forecasts == "joint" and self.scaling.known:
+            return self.joint
+        return self.plant
 
     @may_overflow
     def rolling_forecast_known_inputs(
         self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
     ) -> Forecast:
-        """Returns (H, m) forecasts begun at every ``steps``-th of ``inputs`` (H, r) and ``outputs`` (H, m).
+        """Forecasts samples after the training data, beginning anew at every ``steps``-th, with all inputs known.
 
-        The motors cause motion, and answer it: the joint model takes them for measurements of it, to ``smooth`` those
-        after a sample as well. With ``Settings(forecasts="plant")`` they are causes alone.
+        The motors cause the motion, and respond to it: the joint model treats their outputs as measurements of the
+        motion. With ``Settings(forecasts="plant")`` they are causes alone.
+
+        Args:
+            steps: Number of samples from the beginning of one forecast to the next.
+            inputs: Inputs after the training data, (H, r).
+            outputs: Outputs of the same samples, (H, m), which a forecast uses before its beginning.
+            smooth: Whether the joint model uses for each sample also the inputs after it.
+
+        Returns:
+            Forecast outputs and their expected squared errors, (H, m) each.
         """
         return self._forecaster.rolling_forecast_known_inputs(steps, inputs, outputs, smooth)
 
     def rolling_forecast_unknown_inputs(
         self, steps: int, inputs: Array, outputs: Array
     ) -> Forecast:
-        """Returns (H, m) predictions begun at every ``steps``-th of ``inputs`` (H, r) and ``outputs`` (H, m).
+        """Predicts samples after the training data, beginning anew at every ``steps``-th, with inputs unknown.
 
-        By the joint model, whatever ``Settings.forecasts``: the plant has no answer without inputs.
+        The joint model predicts, whatever ``Settings.forecasts``: the plant cannot without inputs.
+
+        Args:
+            steps: Number of samples from the beginning of one prediction to the next.
+            inputs: Inputs after the training data, (H, r), which a prediction uses before its beginning.
+            outputs: Outputs of the same samples, (H, m), likewise.
+
+        Returns:
+            Predicted outputs and their expected squared errors, (H, m) each.
         """
         return self.joint.rolling_forecast_unknown_inputs(steps, inputs, outputs)
 
     @may_overflow
     def forecast_from_zero_state(self, inputs: Array) -> Array:
-        """Returns the plant's outputs (H, m) with ``inputs`` (H, r) from state 0."""
+        """Returns the outputs of the plant, (H, m), with ``inputs`` (H, r) from state 0."""
         return self.plant.forecast_from_zero_state(inputs)
 
     def half_widths(self, variance: Array, level: float, steps: int) -> Array:
-        """Returns (H, m) of the band of probability ``level`` of forecasts of a ``variance`` begun each ``steps``."""
+        """Returns half widths of the band of forecasts.
+
+        Args:
+            variance: Expected squared errors of the forecasts, (H, m).
+            level: Probability that a sample lies in the band.
+            steps: Number of samples from the beginning of one forecast to the next.
+
+        Returns:
+            Half widths, (H, m), in the units of the outputs.
+        """
         return self._forecaster.half_widths(variance, level, steps)
 
     @may_overflow
     def one_step(self) -> Array:
-        """Returns each training sample (T, m) predicted from those before it; the joint model knows its inputs too."""
+        """Predicts each training sample from those before it; the joint model also uses the sample's own inputs.
+
+        Returns:
+            Predicted outputs, (T, m).
+        """
         return self._one_step.copy()
 
     @cached_property
     def _one_step(self) -> Array:
+        """The one-step predictions (T, m), of which callers get a copy that they may change."""
         return self._forecaster.one_step_predictions(self.record)
 
     @property
     def spectral_radius(self) -> float:
-        """The largest magnitude among the eigenvalues of the step from sample to sample of what forecasts."""
+        """Largest magnitude of the eigenvalues of the transition to the next sample, of the model that forecasts."""
         return self._forecaster.process.spectral_radius
 
     @property
     def stable(self) -> bool:
-        """Whether no mode of what forecasts grows, but for rounding."""
+        """Whether no mode of the model that forecasts grows, apart from rounding."""
         return self.spectral_radius <= 1 + ROUNDING_TOLERANCE
 
     def predict_band(self, steps: int, level: float = CONFIDENCE_LEVEL) -> Array:
-        """Returns the half width (steps, m), about :meth:`predict`, of the band of probability ``level``.
+        """Returns half widths of the band about :meth:`predict`, from the noise and posterior of the joint model.
 
-        From the noise and the posterior of the joint model.
+        Args:
+            steps: Number of predicted samples.
+            level: Probability that a sample lies in the band.
+
+        Returns:
+            Half widths, (steps, m), in the units of the outputs.
         """
         return self.joint.half_widths(self.predict_with_variance(steps).variance, level, steps)
 
     @property
     def useful_steps(self) -> Indices:
-        """(m,) the longest horizon, up to 1.5 s, at which predictions err by less than half of the variance."""
-        predicted = self.predict_with_variance(max(1, round(FORECAST_HORIZON_SECONDS / self.dt)))
-        errors = np.maximum.accumulate(predicted.variance)
-        return (errors < 0.5 * self.record.outputs.var(axis=0)).sum(axis=0)
+        """Longest useful horizon of predictions for each output, (m,), in samples, up to 1.5 s.
+
+        A prediction is useful where its expected squared error is below half of the output's variance.
+        """
+        longest = max(1, round(FORECAST_HORIZON_SECONDS / self.dt))
+        # The error of a longer horizon counts as no smaller, so that all shorter horizons are useful too.
+        errors = np.maximum.accumulate(self.predict_with_variance(longest).variance)
+        is_useful = errors < USEFUL_VARIANCE_SHARE * self.record.outputs.var(axis=0)
+        return is_useful.sum(axis=0)
 
     def forecast_variance(self, inputs: ArrayLike) -> Array:
-        """Returns the expected squared error (H, m), rad² and (rad/s)², of :meth:`forecast` with ``inputs`` (H, r)."""
+        """Returns the expected squared errors of :meth:`forecast`.
+
+        Args:
+            inputs: Inputs after the training data, (H, r).
+
+        Returns:
+            Expected squared errors, (H, m), in rad² and (rad/s)².
+        """
         return self.forecast_with_variance(self.record.validated_inputs(inputs)).variance
 
     def forecast_band(self, inputs: ArrayLike, level: float = CONFIDENCE_LEVEL) -> Array:
-        """Returns the half width (H, m), about :meth:`forecast` of ``inputs``, of the band of probability ``level``."""
+        """Returns half widths of the band about :meth:`forecast`.
+
+        Args:
+            inputs: Inputs after the training data, (H, r).
+            level: Probability that a sample lies in the band.
+
+        Returns:
+            Half widths, (H, m), in the units of the outputs.
+        """
         variance = self.forecast_variance(inputs)
         return self.half_widths(variance, level, len(variance))
 
     def simulate(self, inputs: ArrayLike) -> Array:
-        """Returns the outputs (H, m) if these ``inputs`` (H, r) were commanded: the plant alone, by :attr:`physical`.
+        """Simulates the vehicle as if these inputs were commanded: the plant alone, by :attr:`physical`.
 
-        From the last sample on, with the steady disturbance of the training data and no other; no autopilot answers.
-        A ``UserWarning`` says so where the physical parameters are not identifiable.
+        The simulation begins at the last training sample, with the steady disturbance of the training data and no
+        other; no autopilot responds. A ``UserWarning`` is issued where the physical parameters are not identifiable.
 
         >>> learned.simulate(learned.record.inputs[:50]).shape
         (50, 2)
 
+        Args:
+            inputs: Commanded inputs, (H, r), in the unit of the training inputs.
+
+        Returns:
+            Simulated outputs, (H, m).
+
         Raises:
-            ValueError: no physical parameters can be fitted, or outputs other than an angle and its rate.
+            ValueError: No physical parameters can be fitted, or the outputs are no angle and its rate.
         """
         from mavdem.plant.simulation import simulated
 
         physical = self.require_physical()
         if physical.caution is not None:
-            far_off = Fact(NoPhysical.SIMULATION_FAR_OFF, because=physical.caution)
-            warn(far_off.advised, stacklevel=2)
+            unreliable = Fact(NoPhysical.SIMULATION_FAR_OFF, because=physical.caution)
+            warn(unreliable.advised, stacklevel=2)
         return simulated(physical, self.record, inputs).mean
 
     def simulate_band(self, inputs: ArrayLike, level: float = CONFIDENCE_LEVEL) -> Array:
-        """Returns the half width (H, m), about :meth:`simulate` with ``inputs``, of the band of probability ``level``.
+        """Returns half widths of the band about :meth:`simulate`.
 
-        From the wind, whose effect nothing counteracts, and the uncertainty of the physical parameters; ``ValueError``
-        where these are not identifiable.
+        The band includes the wind, whose effect nothing counteracts, and the uncertainty of the physical parameters.
+
+        Args:
+            inputs: Commanded inputs, (H, r), in the unit of the training inputs.
+            level: Probability that a sample lies in the band.
+
+        Returns:
+            Half widths, (H, m), in the units of the outputs.
+
+        Raises:
+            ValueError: The physical parameters are not identifiable.
         """
         from mavdem.plant.simulation import simulated
 
@@ -291,42 +409,49 @@ class Learned(ImmutableResult, ForecasterBase):
         return half_width(simulated(physical, self.record, inputs).variance, level)
 
     def require_physical(self) -> Physical:
-        """Returns :attr:`physical`; ``NotLearnable`` says why there are no physical parameters."""
+        """Returns :attr:`physical`; raises ``NotLearnable``, with the reason, where there are no such parameters."""
         from mavdem.plant import NotIdentifiable
 
-        if isinstance(self._gray_box, NotIdentifiable):
-            raise NotLearnable(self._gray_box.reason)
-        return self._gray_box
+        if isinstance(self._physical_fit, NotIdentifiable):
+            raise NotLearnable(self._physical_fit.reason)
+        return self._physical_fit
 
     @property
-    def places(self) -> Indices:
-        """(T′,) the training samples that have a whole window in their segment."""
+    def window_center_samples(self) -> Indices:
+        """Indices (T′,) of the training samples that have a whole embedding window around them in their segment."""
         window = self.settings.window
-        segments = zip(self.record.segment_starts, self.record.lengths, strict=True)
-        return np.concatenate(
-            [start + window // 2 + np.arange(max(0, N - window + 1)) for start, N in segments]
-        )
+        centers = []
+        for start, length in zip(self.record.segment_starts, self.record.lengths, strict=True):
+            window_count = max(0, length - window + 1)
+            centers.append(start + window // 2 + np.arange(window_count))
+        return np.concatenate(centers)
 
     def process_noise(self) -> tuple[Indices, Array]:
-        """Returns :attr:`places` (T′,) and the process noise w = x′ − A x − B v (T′, n) there, in units per second.
+        """Estimates the process noise w = x′ − A x − B v: the wind and everything else outside the model.
 
-        It is the wind and everything else outside the model.
+        Returns:
+            Indices of the samples, :attr:`window_center_samples`, (T′,), and the noise there, (T′, n), in units of the
+            states per second.
         """
         n, r = self.model.B.shape
-        p = self.settings.p
         A, B, _ = unpack(self.theta, n, r + self.scaling.constant, len(self.model.C))
-        noise = np.eye(n, len(self.state_map), k=n) if p else np.zeros((n, len(self.state_map)))
-        noise[:, :n] -= A
-        noise[:, n * (p + 1) :][:, : B.shape[1]] -= B
+        # The posterior means are [x; x′; …; v; v′; …], order by order: w is a linear map of them.
+        noise_map = np.zeros((n, len(self.state_map)))
+        if self.settings.p > 0:
+            noise_map = np.eye(n, len(self.state_map), k=n)
+        first_input = n * (self.settings.p + 1)
+        noise_map[:, :n] -= A
+        noise_map[:, first_input : first_input + B.shape[1]] -= B
         data = np.concatenate(generalized_data(self.settings, self.scaling, self.record))
-        return self.places, data @ self.state_map.T @ noise.T * self.scaling.state_scale(n)
+        noise = data @ self.state_map.T @ noise_map.T * self.scaling.state_scale(n)
+        return self.window_center_samples, noise
 
     @property
     def plot(self) -> Plots:
-        """Its pictures: ``plot.bode()`` and others return a ``matplotlib`` figure; see ``report.figures.Plots``.
+        """Figures of the model: ``plot.bode()`` and others return a ``matplotlib`` figure (``report.figures.Plots``).
 
         Raises:
-            ImportError: ``matplotlib`` is not installed.
+            ImportError: The package ``matplotlib`` is not installed.
         """
         require_extra("plot", "Learned.plot")
         from mavdem.report.figures import Plots
@@ -334,23 +459,26 @@ class Learned(ImmutableResult, ForecasterBase):
         return Plots(self)
 
     def summary(self) -> str:
-        """Returns what the vehicle does in wind, on one screen; without windows that the model has not seen.
+        """Returns a report of one screen: what the vehicle does in wind.
 
-        ``mavdem.evaluate.held_out_windows`` forecasts such windows.
+        Errors on windows that the model has not seen are not in it; see ``mavdem.evaluate.held_out_windows``.
         """
         from mavdem.report.screen import summary
 
         return summary(self)
 
     def to_control(self, model: str = "physical") -> Any:
-        """Returns the physical plant with its delay, or DEM's own ``model="dem"``, as a ``control.StateSpace``.
+        """Converts the model to a ``control.StateSpace`` about the trim, with names of inputs and outputs.
 
-        About the trim, with names of inputs and outputs; its ``name`` says which it is. ``.delay``, s, and ``.draws``,
-        plants from the posterior, are the physical plant's.
+        Its ``name`` says which model it is. The physical plant also has ``.delay``, in s, and ``.draws``, plants from
+        the posterior.
+
+        Args:
+            model: ``"physical"`` for the physical plant with its delay, ``"dem"`` for DEM's A, B and C.
 
         Raises:
-            ImportError: ``control`` is not installed.
-            ValueError: there is no physical plant, with the reason.
+            ImportError: The package ``control`` is not installed.
+            ValueError: There is no physical plant, with the reason.
         """
         require_extra("control", "Learned.to_control()")
         from mavdem.export.control_systems import to_control
@@ -358,106 +486,36 @@ class Learned(ImmutableResult, ForecasterBase):
         return to_control(self, model)
 
     def loop(self, controller: Controller | None = None) -> Loop:
-        """Returns rate and attitude loop: the plant, and the ``controller`` of the log's parameters unless given.
+        """Returns the rate and attitude loop of the axis: the physical plant with a controller.
 
         >>> loop = learned.loop()
         >>> loop.phase_margin, loop.phase_margin_interval, loop.gain_margin, loop.crossover  # degrees, dB, Hz
 
+        Args:
+            controller: The controller; that of the log's parameters unless given.
+
         Raises:
-            NotLearnable: the plant is not identifiable, or the controller is not known.
+            NotLearnable: The plant is not identifiable, or the controller is not known.
         """
         from mavdem.loops.loop_construction import loop_from_learned
 
         return loop_from_learned(self, controller)
 
     def _repr_html_(self) -> str:
+        """Returns the HTML that a notebook shows."""
         from mavdem.report.page import learned_html
 
         return learned_html(self)
 
     def to_json(self) -> str:
-        """Returns everything as a JSON object, the training data included; :meth:`from_json` is its inverse."""
+        """Returns everything as a JSON document, the training data included; :meth:`from_json` is the inverse."""
         return to_text(self)
 
     @classmethod
     def from_json(cls, text: str) -> Learned:
-        """Returns the result of the ``text`` of :meth:`to_json`: the JSON document itself, not the name of a file."""
+        """Reads a result from the text of its JSON document, as :meth:`to_json` returns it; not from a file's name.
+
+        Raises:
+            Unreadable: The text is no such document; the message names what is wrong in it.
+        """
         return from_text(cls, text)
-
-
-FORECAST_HORIZON_SECONDS = 1.5
-"""Length of a test forecast, s: a few periods of the roll motion, as in the paper at 100 Hz."""
-MOST_STARTS = 200  # of forecasts at most, evenly over the flight
-
-
-@dataclass(frozen=True, eq=False)
-class PlantForecasts:
-    """What the plant forecasts after its training data, as ``JointModel`` does; arguments and results are physical."""
-
-    record: Record
-    scaling: Scaling
-    process: StateSpace
-
-    def one_step_predictions(self, record: Record) -> Array:
-        """Returns (T, m): each sample of ``record`` from those before it in its segment; of the first, the trim."""
-        predictions = []
-        for inputs, outputs in self.scaling.scale_segments(record):
-            ahead = self.process.one_step_predictions(inputs, outputs)
-            predictions += [self.scaling.output_trim[None], self.scaling.physical_outputs(ahead)]
-        return np.concatenate(predictions)
-
-    def half_widths(self, variance: Array, level: float, steps: int) -> Array:
-        """Returns (H, m) of the band of probability ``level`` of forecasts of that ``variance``."""
-        return half_width(variance, level)
-
-    def forecast_from_zero_state(self, inputs: Array) -> Array:
-        """Returns the outputs (H, m) with ``inputs`` (H, r) from state 0, the outputs at their trim."""
-        u = self.scaling.scale_inputs(inputs)
-        trim = np.zeros((min(1, len(inputs)), len(self.scaling.output_trim)))
-        if len(u) > 1:
-            trim = np.vstack(
-                [trim, self.process.simulate(self.process.second_state(u[0], trim[0]), u[1:])]
-            )
-        return self.scaling.physical_outputs(trim)
-
-    def rolling_forecast_known_inputs(
-        self,
-        steps: int,
-        inputs: Array,
-        outputs: Array,
-        smooth: bool = False,
-    ) -> Forecast:
-        """Returns (H, m): forecasts begun at every ``steps``-th of ``inputs`` (H, r) and ``outputs`` (H, m)."""
-        last = self.record.segments[-1]
-        state = self.process.state_after(
-            self.scaling.scale_inputs(last[0]), self.scaling.scale_outputs(last[1])
-        )
-        u = self.scaling.scale_inputs(inputs)
-        y = self.scaling.scale_outputs(outputs)
-        made = self.process.rolling_forecast(max(1, steps), state, u, y)
-        lengths = np.minimum(np.arange(len(u)) % max(1, steps), len(self.errors) - 1)
-        return Forecast(self.scaling.physical_outputs(made), self.errors[lengths])
-
-    @cached_property
-    @may_overflow
-    def errors(self) -> Array:
-        """(L, m) mean squared errors of forecasts of the training data, by length; infinite where these overflow."""
-        horizon = max(
-            1,
-            min(
-                round(FORECAST_HORIZON_SECONDS / self.record.dt),
-                2 * self.record.longest_segment // 3,
-            ),
-        )
-        stride = max(1, len(self.record) // MOST_STARTS)
-        squares = []
-        for u, y in self.scaling.scale_segments(self.record):
-            # The filter needs a few samples to find hidden states.
-            starts = np.arange(horizon // 4, len(y) - horizon, stride)
-            states = self.process.predicted_states(
-                self.process.second_state(u[0], y[0]), u[1:], y[1:]
-            )[starts]
-            ahead = self.process.simulate_from(starts + 1, horizon, states, u)
-            squares.append((y[starts[:, None] + 1 + np.arange(horizon)] - ahead) ** 2)
-        mean = np.concatenate(squares).mean(axis=0) * self.scaling.output_scale**2
-        return np.where(np.isfinite(mean), mean, np.inf)

@@ -1,4 +1,4 @@
-"""Learning a flight: what the settings leave open, the fits, the cautions about them, and the result."""
+"""Learning a model of a flight: ``learn`` and ``learn_many``, from the choice of open settings to the result."""
 
 from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import Executor
@@ -35,14 +35,22 @@ from mavdem.facts.model import ModelCaution, ModelRefusal
 from mavdem.unit_errors import suspected_unit_error
 
 Job = tuple[TrainingData, Settings | None]
-"""What ``learn`` takes: a flight, and settings or ``None`` for the default ones."""
+"""Arguments of one call of ``learn``: a flight, and settings or ``None`` for the default ones."""
 
-MIN_SAMPLES = 50  # that a model is fitted to
+MIN_SAMPLES = 50
+"""Fewest samples that a model is fitted to; a choice."""
 
 EMBEDDING_SECONDS = 0.09
-"""Embedding window: wide enough to average measurement noise, short beside the motion of a vehicle."""
+"""Length of the embedding window, s: wide enough to average measurement noise, short beside a vehicle's motion."""
 
-PARAMETER_PRECISION = 10.0  # prior precision of each free parameter, in the units of ``scaling``
+DEFAULT_INPUT_ORDER = 2
+"""Embedding order d of the inputs, unless it is given or p is less."""
+
+PARAMETER_PRECISION = 10.0
+"""Prior precision of each free parameter under the "regulated" prior, in the units of ``scaling``; a choice."""
+
+OTHER_PARAMETER_PRECISION = 1.0
+"""Prior precision of each free parameter under the other priors."""
 
 
 def learn(train: TrainingData, settings: Settings | None = None) -> Learned:
@@ -52,20 +60,37 @@ def learn(train: TrainingData, settings: Settings | None = None) -> Learned:
     <Learned: 3 states, 4 inputs, 2 outputs from 850 samples at 100 Hz, F̄ ...>
 
     Args:
-        train: inputs (T, r), outputs (T, m), finite, and the sampling step dt in seconds: a ``Flight``; or a list of
-            them, segments with gaps between: nothing is differentiated or forecast across a gap, and forecasts begin
-            at the end of the last. Three inputs or more are taken for a multirotor's motors, unless a prior is given.
-        settings: what decides the fit; ``Settings()``, for real flights, unless given.
+        train: A ``Flight``, or anything with finite inputs (T, r), outputs (T, m) and the sampling step dt in seconds.
+            Or a list of them, segments with gaps between: nothing is differentiated or forecast across a gap, and
+            forecasts begin at the end of the last. Three inputs or more are taken for a multirotor's motors, unless a
+            prior is given.
+        settings: Settings of the fit; ``Settings()``, for real flights, unless given.
+
+    Returns:
+        The model, with its posterior, its free energy and its forecasts.
 
     Raises:
-        ValueError: too few samples, values that are not finite, or channels that do not vary, with their names; or data
-            that no model can forecast.
+        ValueError: There are too few samples, values that are not finite, or channels that do not vary, which the
+            message names; or no model can forecast the data.
     """
     return learn_with_fit(train, settings)[0]
 
 
 def learn_with_fit(train: TrainingData, settings: Settings | None = None) -> tuple[Learned, Fit]:
-    """Returns the result of :func:`learn`, and the fit that it was made from; takes and raises the same."""
+    """Learns a model as :func:`learn` does, and returns also the fit that it was made from.
+
+    The fit, in the engine's scaled units, is needed to evaluate the free energy of further samples.
+
+    Args:
+        train: As for :func:`learn`.
+        settings: As for :func:`learn`.
+
+    Returns:
+        The model and the fit.
+
+    Raises:
+        ValueError: As :func:`learn`.
+    """
     with one_thread():
         record, settings = prepared_training(train, settings)
         try:
@@ -73,24 +98,26 @@ def learn_with_fit(train: TrainingData, settings: Settings | None = None) -> tup
         except LinAlgError:
             raise NotLearnable(ModelRefusal.FIT_BREAKS_DOWN) from None
         segments = generalized_data(settings, fitted.scaling, record)
-        refined = _with_simulation_fit(fitted, record)
-        return _learned(refined, record, np.concatenate(segments)), refined
+        refined_fit = _refined_by_simulation(fitted, record)
+        return _learned_from_fit(refined_fit, record, np.concatenate(segments)), refined_fit
 
 
 def learn_forecasts(train: TrainingData, settings: Settings | None) -> JointModel | Learned:
-    """Learns what forecasts a flight: the joint model alone, unless the ``settings`` ask for another.
+    """Learns only what is needed to forecast a flight.
 
-    DEM's A, B and C, which take most of the time of :func:`learn`, play no part in the joint model's forecasts.
+    That is the joint model alone, unless the settings ask for forecasts by the plant: DEM's A, B and C, which take most
+    of the time of :func:`learn`, play no part in the forecasts of the joint model.
 
     Args:
-        train, settings: as for :func:`learn`.
+        train: As for :func:`learn`.
+        settings: As for :func:`learn`.
 
     Raises:
-        ValueError: as :func:`learn`, but not where DEM breaks down.
+        ValueError: As :func:`learn`, but not where DEM breaks down.
     """
     with one_thread():
-        record, completed = prepared_training(train, settings)
-        if completed.forecasts == "joint" and completed.known_inputs:
+        record, complete = prepared_training(train, settings)
+        if complete.forecasts == "joint" and complete.known_inputs:
             return JointModel.learn(record)
         return learn(record, settings)
 
@@ -98,7 +125,18 @@ def learn_forecasts(train: TrainingData, settings: Settings | None) -> JointMode
 def prepared_training(
     train: TrainingData, settings: Settings | None
 ) -> tuple[Record, CompleteSettings]:
-    """Returns the training data as one record, and the settings with nothing left open; raises as :func:`learn`."""
+    """Checks the training data and completes the settings.
+
+    Args:
+        train: As for :func:`learn`.
+        settings: As for :func:`learn`.
+
+    Returns:
+        The training data as one record, and the settings with nothing left open.
+
+    Raises:
+        ValueError: As :func:`learn`.
+    """
     if not (settings is None or isinstance(settings, Settings)):
         raise ValueError(
             f"settings must be a Settings, or None for the default ones, not {settings!r}"
@@ -114,25 +152,43 @@ def prepared_training(
 
 
 def complete_settings(settings: Settings, record: Record) -> CompleteSettings:
-    """Returns the settings with order, d, window and prior precision.
+    """Chooses what the settings leave open: order, input order d, embedding window and prior precision.
 
     A window that is not given lasts ``EMBEDDING_SECONDS``, or is the shortest possible where segments are too short.
+
+    Args:
+        settings: Settings, some of which may be ``None``.
+        record: The training data.
+
+    Raises:
+        NotLearnable: Fewer than half of the samples have a whole window in their segment.
     """
-    # One state more than outputs: the lag between motor output and torque.
-    order = settings.order or record.outputs.shape[1] + 1
-    d = min(2, settings.p) if settings.d is None else settings.d
-    usual = PARAMETER_PRECISION if settings.prior == "regulated" else 1.0
-    fewest = max(settings.p, d) + 1
-    windows = (
-        [settings.window]
-        if settings.window
-        else [_odd(EMBEDDING_SECONDS / record.dt, fewest), _odd(0, fewest)]
-    )
+    order = settings.order
+    if order is None:
+        # The additional state is the lag between motor output and torque.
+        order = record.outputs.shape[1] + 1
+    d = min(DEFAULT_INPUT_ORDER, settings.p) if settings.d is None else settings.d
+    precision = settings.parameter_precision
+    if precision is None:
+        is_regulated = settings.prior == "regulated"
+        precision = PARAMETER_PRECISION if is_regulated else OTHER_PARAMETER_PRECISION
+
+    if settings.window is None:
+        # A derivative of order k needs at least k + 1 samples.
+        min_window = max(settings.p, d) + 1
+        usual_window = _odd_window(EMBEDDING_SECONDS / record.dt, min_window)
+        windows = [usual_window, _odd_window(0, min_window)]
+    else:
+        windows = [settings.window]
     for window in windows:
-        # Half of the samples must have a whole window, or the derivatives come from too few of them.
+        # With fewer windows the derivatives would come from too few of the samples.
         if record.window_count(window) >= len(record) // 2:
-            chosen = {"order": order, "d": d, "window": window}
-            chosen |= {"parameter_precision": settings.parameter_precision or usual}
+            chosen = {
+                "order": order,
+                "d": d,
+                "window": window,
+                "parameter_precision": precision,
+            }
             return CompleteSettings(**(vars(settings) | chosen))
     raise NotLearnable(
         ModelRefusal.TOO_SHORT_FOR_WINDOW,
@@ -143,14 +199,23 @@ def complete_settings(settings: Settings, record: Record) -> CompleteSettings:
     )
 
 
-def _odd(samples: float, fewest: int) -> int:
-    """The odd window next to ``samples``, of at least ``fewest``: an odd window has a sample at its centre."""
-    window = max(round(samples), fewest)
+def _odd_window(samples: float, min_window: int) -> int:
+    """Returns the odd window next to ``samples``, at least ``min_window``: an odd window has a sample at its centre."""
+    window = max(round(samples), min_window)
     return window + 1 - window % 2
 
 
-def _with_simulation_fit(fitted: Fit, record: Record) -> Fit:
-    """The fit with θ of a simulation-error fit, where the settings ask for one and it succeeds; else as it was."""
+def _refined_by_simulation(fitted: Fit, record: Record) -> Fit:
+    """Refines the parameters θ of DEM by a simulation-error (output-error) fit, where the settings ask for one.
+
+    Args:
+        fitted: The fit by DEM.
+        record: The training data.
+
+    Returns:
+        The fit with the refined θ, the posterior of all else given it, and its predictor; or the fit as it was, where
+        the settings ask for no refinement or it fails.
+    """
     model = fitted.model
     ascent = fitted.ascent
     try:
@@ -172,35 +237,44 @@ def _with_simulation_fit(fitted: Fit, record: Record) -> Fit:
     )
 
 
-def _learned(fit: Fit, record: Record, data: Array) -> Learned:
-    """The result, in physical units, of a fit in the engine's to generalized ``data``."""
+def _learned_from_fit(fit: Fit, record: Record, data: Array) -> Learned:
+    """Converts a fit from the engine's scaled units to a result in physical units.
+
+    Args:
+        fit: The fit.
+        record: The training data.
+        data: (T′, q) generalized data of the samples with a whole window: derivatives of outputs and inputs.
+    """
     order = fit.model.n
     ascent = fit.ascent
     scaling = fit.scaling
-    vehicle = vehicle_parameter_indices(
+    # The scaled model may have a constant input, which learns the trim: its column of B is no parameter of the result.
+    vehicle_parameters = vehicle_parameter_indices(
         order, record.inputs.shape[1], fit.model.m, scaling.constant
     )
     scale = scaling.parameter_scale(order)
     precision = fit.model.prior.theta_precision
     covariance = ascent.posterior.theta_covariance
+    converged = ascent.converged
     if fit.simulation_fit is not None:
         covariance = fit.simulation_fit.theta_covariance(inverse(precision))
+        converged = fit.simulation_fit.converged
     covariance = covariance * np.outer(scale, scale)
     return Learned(
         settings=fit.settings,
         model=scaling.physical_model(ascent.posterior.theta, order),
-        theta_covariance=covariance[np.ix_(vehicle, vehicle)],
-        known=np.diag(precision)[vehicle] >= KINEMATIC_PRECISION,
+        theta_covariance=covariance[np.ix_(vehicle_parameters, vehicle_parameters)],
+        known=np.diag(precision)[vehicle_parameters] >= KINEMATIC_PRECISION,
         free_energy=ascent.free_energy,
         free_energy_of_samples=SampleFreeEnergy.from_posterior(ascent.posterior).evaluate(
             data, data @ ascent.posterior.state_map.T
         ),
         learning=replace(
             ascent.learning,
-            theta=(ascent.learning.theta * scale)[:, vehicle].copy(),
-            theta_sd=(ascent.learning.theta_sd * scale)[:, vehicle].copy(),
+            theta=(ascent.learning.theta * scale)[:, vehicle_parameters].copy(),
+            theta_sd=(ascent.learning.theta_sd * scale)[:, vehicle_parameters].copy(),
         ),
-        converged=(fit.simulation_fit or ascent).converged,
+        converged=converged,
         record=record,
         cautions=tuple(_cautions(fit, record)),
         scaling=scaling,
@@ -212,14 +286,20 @@ def _learned(fit: Fit, record: Record, data: Array) -> Learned:
 
 
 def _cautions(fit: Fit, record: Record) -> Iterator[Fact]:
-    """Limits of a model."""
-    slip = suspected_unit_error(record.outputs, record.dt)
-    if slip and fit.settings.prior == "regulated":
-        yield slip
+    """Yields facts that a user must know before using a model: wrong units, instability, a failed refinement.
+
+    Args:
+        fit: The fit.
+        record: The training data.
+    """
+    unit_error = suspected_unit_error(record.outputs, record.dt)
+    if unit_error is not None and fit.settings.prior == "regulated":
+        yield unit_error
     abscissa = fit.scaling.physical_model(fit.ascent.posterior.theta, fit.model.n).spectral_abscissa
     if abscissa > 0:
         yield Fact(ModelCaution.MODEL_GROWS, growth_time=1 / abscissa)
     if fit.simulation_fit is None:
+        # None: no such fit was asked for. Zero: the segments are too short for one. Otherwise the fit has failed.
         horizon = simulation_horizon(fit.model, fit.settings, fit.scaling, record)
         if horizon is not None:
             yield Fact(
@@ -232,29 +312,33 @@ def _cautions(fit: Fit, record: Record) -> Iterator[Fact]:
 def learn_many(
     jobs: Iterable[Job], executor: Executor | None = None
 ) -> Generator[Learned | ValueError, None, None]:
-    """Learns a model for each of many jobs; yields results in the order of the jobs, as soon as they are there.
+    """Learns a model for each of many jobs, in parallel.
 
-    Results are those of ``learn``, bit by bit where the workers' processors and libraries are this machine's, or the
-    ``ValueError`` that it raised. Jobs are taken a bounded number ahead of the results, so both may be endless. Closing
-    the generator, or an exception, cancels what is not begun.
+    Results are yielded in the order of the jobs, each as soon as it is there. They are those of ``learn``, bit by bit
+    where the workers' processors and libraries are this machine's. Jobs are taken a bounded number ahead of the
+    results, so that both may be endless. Closing the generator, or an exception, cancels the jobs that have not begun.
 
-    By default one process works on each core this process may use, and in a worker of another pool, or for a few jobs,
-    this process does by itself. The processes import the running script: call this below ``if __name__ ==
+    By default one process works on each core that this process may use. In a worker of another pool, and for a few
+    jobs, the work is done in this process. The processes import the running script: call this below ``if __name__ ==
     "__main__":``. They end with the generator; a given ``executor``, say a cluster's (docs/python.md), does not.
 
     Args:
-        jobs: pairs of what ``learn`` takes: a flight or its segments, and settings or ``None``.
-            For an executor of other processes they must pickle, as ``Flight`` and ``Settings`` do.
-        executor: does the work; any ``concurrent.futures.Executor``. Threads of a process take turns.
+        jobs: Pairs of the arguments of ``learn``: a flight or its segments, and settings or ``None``. For an executor
+            of other processes they must pickle, as ``Flight`` and ``Settings`` do.
+        executor: Executor that does the work; any ``concurrent.futures.Executor``. Threads of a process take turns.
+
+    Yields:
+        The model of each job, or the ``ValueError`` that ``learn`` raised.
 
     Raises:
-        concurrent.futures.BrokenExecutor: a worker died, such as for want of memory.
-        Exception: anything but a ``ValueError`` that ``learn`` raised, and what ``jobs`` raised.
+        concurrent.futures.BrokenExecutor: A worker died, for example because memory ran out.
+        Exception: Any error other than a ``ValueError`` that ``learn`` raised, and any that ``jobs`` raised.
     """
-    return parallel_map(_learn_or_error, _checked(jobs), executor)
+    return parallel_map(_learn_or_error, _checked_jobs(jobs), executor)
 
 
-def _checked(jobs: Iterable[Job]) -> Iterator[Job]:
+def _checked_jobs(jobs: Iterable[Job]) -> Iterator[Job]:
+    """Yields the jobs; raises ``ValueError`` at the first that is no pair."""
     for job in jobs:
         if not (isinstance(job, tuple | list) and len(job) == 2):
             raise ValueError(f"jobs must be pairs of a flight and its settings, not {job!r}")
@@ -262,8 +346,9 @@ def _checked(jobs: Iterable[Job]) -> Iterator[Job]:
 
 
 def _learn_or_error(job: Job) -> Learned | ValueError:
+    """Returns the model of a job, or the ``ValueError`` that ``learn`` raised, without its traceback."""
     try:
         return learn(*job)
     except ValueError as error:
-        # A traceback would keep the fit's arrays, and would not come through from another process.
+        # The traceback would keep the arrays of the fit, and would not come through from another process.
         return error.with_traceback(None)

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 
 from mavdem.arrays import Array, ArrayPair, as_real_array
 from mavdem.dem.engine.linalg import may_overflow
-from mavdem.dem.learned import FORECAST_HORIZON_SECONDS
 from mavdem.dem.online import learner
+from mavdem.dem.plant_forecasts import FORECAST_HORIZON_SECONDS
 from mavdem.flight import Flight
 
 USUAL_RATE = 100.0  # Hz, of these steps; at higher rates they last as long

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Indices
-from mavdem.dem.learned import FORECAST_HORIZON_SECONDS
 from mavdem.dem.learning import MIN_SAMPLES
+from mavdem.dem.plant_forecasts import FORECAST_HORIZON_SECONDS
 from mavdem.errors import NotLearnable
 from mavdem.facts.forecasts import Forecasts
 from mavdem.flight import Flight

@@ -36,7 +36,7 @@ def test_a_clean_system_is_recovered_and_forecast():
     assert_allclose(model.A[1], [-9, -RATE], rtol=0.1)
     assert_allclose(model.B[1], GAIN, rtol=0.1)
     assert evaluate.relative_mspe(train, test, learned.forecast(test.inputs)) < 0.02
-    errors = learned.plant.errors
+    errors = learned.plant.mean_squared_errors
     assert len(errors) == 150 and (errors < 0.02 * train.outputs.var(axis=0)).all()
     ahead = learned.plant.one_step_predictions(learned.record)
     assert_allclose(errors[0], np.mean((ahead - train.outputs)[38:] ** 2, axis=0), rtol=0.3)

@@ -1,0 +1,138 @@
+"""Forecasts by the plant alone: the model A, B, C with the recorded motors as causes, as in the paper."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.confidence import half_width
+from mavdem.dem.engine.linalg import may_overflow
+from mavdem.dem.engine.state_space import StateSpace
+from mavdem.dem.forecast.var import Forecast
+from mavdem.dem.priors import Scaling
+from mavdem.dem.record import Record
+
+FORECAST_HORIZON_SECONDS = 1.5
+"""Length of a test forecast, s: a few periods of the roll motion, as in the paper at 100 Hz."""
+
+MAX_TEST_FORECASTS = 200
+"""Most forecasts of the training data from which the errors are estimated; they are spread evenly over the flight."""
+
+FILTER_SETTLING_SHARE = 4
+"""The filter runs for a horizon divided by this number before a test forecast begins, to find the hidden states."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlantForecasts:
+    """Forecasts of outputs after the training data by the plant; the counterpart of ``JointModel``.
+
+    Arguments and results of its methods are in physical units.
+
+    Attributes:
+        record: The training data.
+        scaling: Conversion between physical units and those of ``process``.
+        process: The plant with its Kalman filter, in the engine's units.
+    """
+
+    record: Record
+    scaling: Scaling
+    process: StateSpace
+
+    def one_step_predictions(self, record: Record) -> Array:
+        """Predicts each sample of a record from those before it in its segment, and from the inputs.
+
+        Args:
+            record: Samples, (T, r) and (T, m), in any number of segments.
+
+        Returns:
+            Predicted outputs, (T, m). The first sample of a segment is predicted at its trim.
+        """
+        predictions = []
+        for inputs, outputs in self.scaling.scale_segments(record):
+            scaled_predictions = self.process.one_step_predictions(inputs, outputs)
+            predictions.append(self.scaling.output_trim[None])
+            predictions.append(self.scaling.physical_outputs(scaled_predictions))
+        return np.concatenate(predictions)
+
+    def half_widths(self, variance: Array, level: float, steps: int) -> Array:
+        """Returns half widths, (H, m), of the band of forecasts.
+
+        Args:
+            variance: Expected squared errors of the forecasts, (H, m).
+            level: Probability that a sample lies in the band.
+            steps: Number of samples from the beginning of one forecast to the next; it does not matter here.
+        """
+        return half_width(variance, level)
+
+    def forecast_from_zero_state(self, inputs: Array) -> Array:
+        """Forecasts from state 0, with the outputs at their trim.
+
+        Args:
+            inputs: Inputs, (H, r).
+
+        Returns:
+            Outputs, (H, m); row 0 is the trim.
+        """
+        scaled_inputs = self.scaling.scale_inputs(inputs)
+        first_row = np.zeros((min(1, len(inputs)), len(self.scaling.output_trim)))
+        scaled_outputs = first_row
+        if len(scaled_inputs) > 1:
+            start = self.process.second_state(scaled_inputs[0], first_row[0])
+            later_rows = self.process.simulate(start, scaled_inputs[1:])
+            scaled_outputs = np.vstack([first_row, later_rows])
+        return self.scaling.physical_outputs(scaled_outputs)
+
+    def rolling_forecast_known_inputs(
+        self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
+    ) -> Forecast:
+        """Forecasts samples after the training data, beginning anew at every ``steps``-th of them.
+
+        Args:
+            steps: Number of samples from the beginning of one forecast to the next.
+            inputs: Inputs after the training data, (H, r).
+            outputs: Outputs of the same samples, (H, m), which a forecast uses before its beginning.
+            smooth: No matter here: causes of motion are no measurements of it.
+
+        Returns:
+            Forecast outputs and their expected squared errors, (H, m) each.
+        """
+        last_inputs, last_outputs = self.record.segments[-1]
+        state = self.process.state_after(
+            self.scaling.scale_inputs(last_inputs), self.scaling.scale_outputs(last_outputs)
+        )
+        scaled_inputs = self.scaling.scale_inputs(inputs)
+        scaled_outputs = self.scaling.scale_outputs(outputs)
+        stride = max(1, steps)
+        forecast = self.process.rolling_forecast(stride, state, scaled_inputs, scaled_outputs)
+        # Sample i is the (i mod stride)-th of its forecast. Beyond the longest known error, that error is taken.
+        steps_ahead = np.minimum(
+            np.arange(len(scaled_inputs)) % stride, len(self.mean_squared_errors) - 1
+        )
+        return Forecast(
+            self.scaling.physical_outputs(forecast), self.mean_squared_errors[steps_ahead]
+        )
+
+    @cached_property
+    @may_overflow
+    def mean_squared_errors(self) -> Array:
+        """Mean squared errors of forecasts of the training data, by the number of steps ahead.
+
+        Shape (L, m), in the squares of the outputs' units; row i is i + 1 steps ahead. Infinite where forecasts
+        overflow.
+        """
+        usual_horizon = round(FORECAST_HORIZON_SECONDS / self.record.dt)
+        horizon = max(1, min(usual_horizon, 2 * self.record.longest_segment // 3))
+        stride = max(1, len(self.record) // MAX_TEST_FORECASTS)
+        squared_errors = []
+        for inputs, outputs in self.scaling.scale_segments(self.record):
+            starts = np.arange(horizon // FILTER_SETTLING_SHARE, len(outputs) - horizon, stride)
+            first_state = self.process.second_state(inputs[0], outputs[0])
+            states = self.process.predicted_states(first_state, inputs[1:], outputs[1:])[starts]
+            forecasts = self.process.simulate_from(starts + 1, horizon, states, inputs)
+            rows = starts[:, None] + 1 + np.arange(horizon)
+            squared_errors.append((outputs[rows] - forecasts) ** 2)
+        mean = np.concatenate(squared_errors).mean(axis=0) * self.scaling.output_scale**2
+        return np.where(np.isfinite(mean), mean, np.inf)
