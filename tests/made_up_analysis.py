@@ -9,7 +9,8 @@ from refusals import prose
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis.figures import LogAnalysis
-from mavdem.assessment.judgement import OF_VEHICLE, Judgement
+from mavdem.assessment.judgement import Judgement
+from mavdem.assessment.lights import VEHICLE_LIGHTS
 from mavdem.evaluate import HeldOut
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
@@ -150,14 +151,14 @@ def analysis(parameters):
         None,
         learned=learned,
         held_out=windows,
-        watched=True,
+        motors_are_watched=True,
     )
 
 
 def assessment(parameters, **lights):
     """An assessment of the :func:`analysis` whose lights are good, but for these."""
     known = {str(light): prose(f"The {light}.").but(Level.GOOD) for light in Light} | lights
-    headline = Fact(Headline.NOTHING_WRONG, Level.GOOD, names=OF_VEHICLE, missing=())
+    headline = Fact(Headline.NOTHING_WRONG, Level.GOOD, names=VEHICLE_LIGHTS, missing=())
     judgement = Judgement(headline, Fact(NextStep.KEEP_MODEL), known)
     log = Log("flight.tlog", (), (), (), 0, 0, (NAN, NAN))
     return Assessment(log, judgement, analyses={"roll": analysis(parameters)})

@@ -74,10 +74,10 @@ UPWARD_IMPORTS = {
     ("loops.twin", "report.vehicle_files"),  # Twin.replayed()
     ("loops.twin", "sitl_scenarios.files"),
     ("loops.twin", "sitl_scenarios.simulation"),
-    ("assessment.assess", "documents"),  # Assessment.as_dict()
-    ("assessment.assess", "documents.review"),
-    ("assessment.assess", "report.flight_page"),  # Assessment.page()
-    ("assessment.assess", "report.review"),  # str(Assessment)
+    ("assessment.record", "documents"),  # Assessment.as_dict()
+    ("assessment.record", "documents.review"),
+    ("assessment.record", "report.flight_page"),  # Assessment.page()
+    ("assessment.record", "report.review"),  # str(Assessment)
 }
 """Modules of mavdem with a module above them that a method of a public result imports when it is called."""
 

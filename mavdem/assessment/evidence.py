@@ -1,7 +1,7 @@
-"""Evidence: what lights and headline of one vehicle are judged by, read from the log once.
+"""Evidence: all that a log shows of one vehicle, measured once, by which lights and headline are judged.
 
-What was measured counts in flight only: off the ground, and until the vehicle was lost, whose end is no fault of all
-else.
+Measurements count in flight only: off the ground, and until the vehicle was lost. What happens to a vehicle after that
+is a consequence and no fault.
 """
 
 from collections.abc import Container, Iterator, Mapping
@@ -14,14 +14,16 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.assessment.axis.margins import AxisMargins, margins_of
 from mavdem.assessment.axis.overrides import overrides_of
+from mavdem.assessment.axis.tracking import MODES_WITHOUT_ANGLE_SETPOINT, tracking_of_axes
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.flights import settled_flight
-from mavdem.dataset import intervals, phases
+from mavdem.dataset import phases
+from mavdem.dataset.intervals import Intervals, complement, in_intervals, intersection
 from mavdem.dataset.learnability import Learnability
 from mavdem.dataset.segments import Segment, Segments
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
-from mavdem.facts import Code, Fact, Facts
+from mavdem.facts import Code, Fact, Facts, NamedFacts
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.lights import Unjudged
 from mavdem.ingest import Log
@@ -29,99 +31,103 @@ from mavdem.loops.advice import gain_reduction_advice
 from mavdem.loops.axis_loops import Loop
 from mavdem.wind_velocity.from_log import WindEvidence
 
-INJECTED = frozenset({"Autotune", "Systemid"})
-"""ArduPilot's modes that move the vehicle themselves, to and over what its gains allow."""
+EXCITATION_MODES = frozenset({"Autotune", "Systemid"})
+"""ArduPilot's flight modes that excite the vehicle by themselves, up to and beyond what its gains allow."""
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What a log says of one vehicle before it is judged.
-
-    Attributes:
-        log, signals: the log, and the signals of the vehicle, about roll.
-        learnability: whether a full model of roll can be learned.
-        condition: balance, limits, lean, vibration and battery.
-        air: the wind in m/s, or why it is not known.
-        events: what happened, in order of boot and time; the thrust that motors lost is among it.
-        ending: how a flight that was lost was lost, and what failed first; None where none was.
-        loops: the control loops of each axis, or why they are not known.
-    """
+    """All that a log shows of one vehicle before it is judged."""
 
     log: Log
+    """The log of the vehicle."""
     signals: Signals
+    """The signals of the vehicle."""
     learnability: Learnability
+    """Whether a full model can be learned from the log."""
     condition: Condition
-    air: WindEvidence = WindEvidence(None, None, Fact(Unjudged.NOT_JUDGED, because=None))
+    """Motor balance, lean, vibration, battery and oscillation."""
+    wind: WindEvidence = WindEvidence(None, None, Fact(Unjudged.NOT_JUDGED, because=None))
+    """The wind in m/s, or why it is not known."""
     events: Facts = ()
+    """What happened, in order of boot and time, with changes of the motors' thrust and the ending among them."""
     ending: Fact | None = None
+    """How the flight was lost, and what failed first; None if it was not lost."""
     loops: Mapping[str, Loop | Fact] = field(default_factory=dict)
+    """The identified control loops of each axis, or why they are not known."""
 
     @cached_property
     def margins(self) -> tuple[AxisMargins, ...]:
-        """What is known of the margins of roll, pitch and yaw."""
-        return margins_of(self.signals, self.settled(INJECTED), self.loops)
+        """The stability margins of roll, pitch and yaw, without flight in the modes that excite the vehicle."""
+        return margins_of(self.signals, self.settled_segments(EXCITATION_MODES), self.loops)
 
     @cached_property
-    def grounds(self) -> Facts:
+    def tracking(self) -> NamedFacts:
+        """How roll, pitch and yaw follow their setpoints, by axis, in modes that have setpoints of the angles."""
+        excluded_modes = EXCITATION_MODES | MODES_WITHOUT_ANGLE_SETPOINT
+        return tracking_of_axes(self.signals, self.settled_segments(excluded_modes))
+
+    @cached_property
+    def reasons_not_to_fly(self) -> Facts:
         """Why the vehicle must not fly again as it is: it was lost, it oscillates, or a motor is at its limit.
 
-        A moment at the limit counts only where there was no hover, which shows for what share of the time.
-        Facts about such a vehicle are shown :attr:`~mavdem.facts.Fact.grounded`.
+        Where there was no hover, which would show the share of the time at the limit, a moment at the limit counts.
+        Facts about such a vehicle are shown without advice to fly (:attr:`mavdem.facts.Fact.grounded`).
         """
-        grounds = [self.ending, *overrides_of(self.condition, ())]
+        reasons = [self.ending, *overrides_of(self.condition, ())]
         if self.condition.hover is None:
-            grounds += self.reported([MotionEvent.MOTOR_AT_ITS_STOP])
-        return tuple(filter(None, grounds))
+            reasons += self.warnings_in_flight([MotionEvent.MOTOR_AT_ITS_STOP])
+        return tuple(reason for reason in reasons if reason is not None)
 
     @cached_property
-    def lowered(self) -> Fact | None:
-        """Which gains to lower; None where nothing oscillates."""
+    def gain_reduction(self) -> Fact | None:
+        """Which gains to lower; None if nothing oscillates."""
         oscillation = self.condition.oscillation
         if oscillation is None:
             return None
         return gain_reduction_advice(oscillation, self.signals.telemetry.parameters)
 
-    def flights(self, boot: int) -> intervals.Intervals:
-        """Returns where the vehicle flew in a ``boot``."""
-        return intervals.intersection(
-            phases.free_flight_intervals(self.signals, boot), self._before_loss(boot)
-        )
+    def flights(self, boot: int) -> Intervals:
+        """Returns the intervals of a boot in free flight, s, until the vehicle was lost."""
+        free_flight = phases.free_flight_intervals(self.signals, boot)
+        return intersection(free_flight, self._intervals_before_loss(boot))
 
-    def flown(self, signal: TimeSeries | None) -> Iterator[TimeSeries]:
-        """Yields what of a ``signal`` was measured in each flight."""
-        if signal is None:
+    def in_flight(self, series: TimeSeries | None) -> Iterator[TimeSeries]:
+        """Yields the samples of a series in each flight, if there are any; nothing of a series that is None."""
+        if series is None:
             return
-        for boot in np.unique(signal.boot):
-            here = signal.boot == boot
+        for boot in np.unique(series.boot):
+            is_in_boot = series.boot == boot
             for flight in self.flights(int(boot)):
-                rows = here & intervals.in_intervals(signal.time, [flight])
+                rows = is_in_boot & in_intervals(series.time, [flight])
                 if rows.any():
-                    yield signal.select(rows)
+                    yield series.select(rows)
 
-    def averaged(self, signal: TimeSeries | None) -> Array:
-        """Returns the means over 2 s of a ``signal`` in flight."""
-        means = [phases.moving_average(part) for part in self.flown(signal)]
-        return np.concatenate([np.zeros(0), *means])
+    def averages_in_flight(self, series: TimeSeries | None) -> Array:
+        """Returns (N,) moving averages over 2 s of a scalar series in flight, one a sample."""
+        averages = [phases.moving_average(part) for part in self.in_flight(series)]
+        return np.concatenate([np.zeros(0), *averages])
 
-    def settled(self, without: frozenset[str]) -> Segments:
-        """Returns settled flight in other modes than those."""
+    def settled_segments(self, excluded_modes: frozenset[str]) -> Segments:
+        """Returns settled flight until the vehicle was lost, without some flight modes, by their names."""
         segments = []
         for part in settled_flight(self.signals):
-            left_out = phases.mode_intervals(self.signals, part.boot, without)
-            spans = intervals.intersection([(part.start, part.end)], intervals.complement(left_out))
-            spans = intervals.intersection(spans, self._before_loss(part.boot))
-            segments += [Segment(part.boot, *span) for span in spans]
+            excluded = phases.mode_intervals(self.signals, part.boot, excluded_modes)
+            intervals = intersection([(part.start, part.end)], complement(excluded))
+            intervals = intersection(intervals, self._intervals_before_loss(part.boot))
+            segments += [Segment(part.boot, start, end) for start, end in intervals]
         return tuple(segments)
 
-    def reported(self, codes: Container[Code]) -> Iterator[Fact]:
-        """Yields what the autopilot warned of in flight, of these kinds."""
+    def warnings_in_flight(self, codes: Container[Code]) -> Iterator[Fact]:
+        """Yields the events in flight with one of these codes that are bad or to be watched."""
         for event in self.events:
-            if not (event.code in codes and event.warns):
+            if event.code not in codes or not event.warns:
                 continue
-            if intervals.in_intervals(event.time or 0.0, self.flights(event.figures["boot"])):
+            if in_intervals(event.time or 0.0, self.flights(event.figures["boot"])):
                 yield event
 
-    def _before_loss(self, boot: int) -> intervals.Intervals:
+    def _intervals_before_loss(self, boot: int) -> Intervals:
+        """Returns the time before the vehicle was lost, if that was in this boot; otherwise all time."""
         ending = self.ending
         if ending is None or ending.figures.get("boot", boot) != boot:
             return [(-inf, inf)]

@@ -1,134 +1,144 @@
-"""Judgement: the headline of what was found of a vehicle, and the one next step that fits its reason."""
+"""Judgement of a vehicle by the evidence of a log: its lights, the headline, and the next step that fits it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mavdem.assessment.axis.findings import Finding, next_step
+from mavdem.assessment.axis.findings import Finding, next_step_for_model
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.lights.estimator import estimator_light
-from mavdem.assessment.lights.log import log_light
-from mavdem.assessment.lights.margins import margins_light
-from mavdem.assessment.lights.motors import motors_light
-from mavdem.assessment.lights.power import power_light
-from mavdem.assessment.lights.tracking import tracking_light
-from mavdem.assessment.lights.vibration import vibration_light
-from mavdem.assessment.lights.wind import wind_light
+from mavdem.assessment.lights import OTHER_LIGHTS, REGISTRY, VEHICLE_LIGHTS
 from mavdem.assessment.motion import FAR_ANGLE
-from mavdem.facts import Fact, Level, NamedFacts
+from mavdem.facts import Fact, Facts, Level, NamedFacts
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.ending import Ending
 from mavdem.facts.events import Reported
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.immutable import ImmutableResult
 
-LIGHTS = {
-    Light.MOTORS: motors_light,
-    Light.VIBRATION: vibration_light,
-    Light.TRACKING: tracking_light,
-    Light.MARGINS: margins_light,
-    Light.POWER: power_light,
-    Light.ESTIMATOR: estimator_light,
-    Light.WIND: wind_light,
-    Light.LOG: log_light,
-}
-"""What judges by each light."""
-
-OF_VEHICLE = [
-    Light.MOTORS,
-    Light.MARGINS,
-    Light.TRACKING,
-    Light.VIBRATION,
-    Light.POWER,
-    Light.ESTIMATOR,
-]
-"""What a vehicle is judged by, the most urgent first: a weak motor explains bad tracking."""
-OF_LOG = (Light.LOG, Light.WIND)
-
 
 @dataclass(frozen=True)
 class Judgement(ImmutableResult):
-    """The ``headline``, the ``next_step`` that fits its reason, and the eight ``lights`` by name."""
+    """The judgement of one vehicle."""
 
     headline: Fact
+    """The worst that was found, or that nothing is wrong."""
     next_step: Fact
+    """What to do about it."""
     lights: NamedFacts
+    """The facts of the eight lights, by name in the order in which they are shown."""
 
 
-def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **given: Fact) -> Judgement:
-    """Returns the judgement by the ``evidence``, but for lights that are ``given`` by name.
+def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known_lights: Fact) -> Judgement:
+    """Judges a vehicle.
 
-    ``purposes`` are those of a model, graded.
+    Args:
+        evidence: what the log shows of the vehicle.
+        purposes: what its model is good for; empty without a model.
+        known_lights: lights by name that are judged already, and not by the evidence.
     """
-    lights = {str(light): given.get(light) or LIGHTS[light](evidence) for light in Light}
-    if evidence.grounds:
-        lights = {name: light.grounded for name, light in lights.items()}
+    lights = {}
+    for light in REGISTRY:
+        lights[str(light.name)] = known_lights.get(light.name) or light.judge(evidence)
+    if evidence.reasons_not_to_fly:
+        lights = {name: fact.grounded for name, fact in lights.items()}
     headline = headline_of(evidence, lights)
-    of_model = next_step(purposes) if purposes else None
-    return Judgement(headline, next_step_of(headline, lights, of_model), lights)
+    model_step = next_step_for_model(purposes) if purposes else None
+    return Judgement(headline, next_step_of(headline, lights, model_step), lights)
 
 
 def unjudged(refusal: Fact) -> Judgement:
-    """Returns the judgement where there is no evidence, because of the ``refusal``."""
-    following = Fact(NextStep.DO_AS_ADVISED, because=refusal)
+    """Returns the judgement where there is no evidence: everything is unknown because of the ``refusal``."""
+    next_step = Fact(NextStep.DO_AS_ADVISED, because=refusal)
     unknown = Fact(Unjudged.NOT_JUDGED, because=refusal)
-    return Judgement(refusal, following, dict.fromkeys(map(str, Light), unknown))
+    return Judgement(refusal, next_step, {str(light.name): unknown for light in REGISTRY})
 
 
 def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
-    """Returns the worst of what was found.
+    """Returns the worst that was found.
 
-    How a flight that was lost ended outranks all else; then the first bad event or light, of losses the largest. A
-    limit cycle goes before motors at their limits, which it explains. Without a flight it is why there is none. Of what
-    is to be watched an attitude far from its setpoint comes first, and what the autopilot warned of in flight last.
-    "Nothing wrong" is said of what was checked only.
+    The order is: what is bad; without a flight, why there is none; what is to be watched; and that nothing is wrong
+    with what was checked.
     """
-    oscillates = evidence.condition.oscillation is not None
-    judged = [lights[light] for light in [*[Light.MARGINS] * oscillates, *OF_VEHICLE]]
-    of_log = [lights[light] for light in OF_LOG]
-    facts = filter(None, [evidence.ending, *evidence.events, *judged, *of_log])
-    bad = [fact for fact in facts if fact.is_bad]
+    vehicle_lights = [lights[name] for name in VEHICLE_LIGHTS]
+    if evidence.condition.oscillation is not None:
+        # A limit cycle drives motors to their limits, and so explains their light.
+        vehicle_lights.insert(0, lights[Light.MARGINS])
+    other_lights = [lights[name] for name in OTHER_LIGHTS]
+    # How a lost flight ended outranks everything else.
+    ending = [] if evidence.ending is None else [evidence.ending]
+    bad = [
+        fact for fact in (*ending, *evidence.events, *vehicle_lights, *other_lights) if fact.is_bad
+    ]
     if bad:
-        alike = [fact for fact in bad if fact.code is bad[0].code]
-        return max(alike, key=lambda fact: fact.figures.get("rise", 0.0))
+        of_same_code = [fact for fact in bad if fact.code is bad[0].code]
+        # Of several losses of thrust the largest is named, not the earliest.
+        return max(of_same_code, key=lambda fact: fact.figures.get("rise", 0.0))
     if not evidence.learnability.figures.airborne:
         return evidence.learnability.reason
-    far = [event for event in evidence.events if event.figures.get("angle", 0.0) > FAR_ANGLE]
-    for fact in [*far, *judged, *evidence.reported(tuple(Reported))]:
+    # Attitudes far from their setpoint come first, and warnings of the autopilot last.
+    far_attitudes = [
+        event for event in evidence.events if event.figures.get("angle", 0.0) > FAR_ANGLE
+    ]
+    warnings = evidence.warnings_in_flight(tuple(Reported))
+    for fact in (*far_attitudes, *vehicle_lights, *warnings):
         if fact.level is Level.WATCH:
             return fact
-    checked = [light for light in OF_VEHICLE if lights[light].is_good]
-    unknown = [light for light in OF_VEHICLE if light not in checked]
+    return _nothing_wrong(lights)
+
+
+def _nothing_wrong(lights: NamedFacts) -> Fact:
+    """Returns that nothing is wrong with what was checked, or why nothing could be checked."""
+    checked = [name for name in VEHICLE_LIGHTS if lights[name].is_good]
+    unchecked = [name for name in VEHICLE_LIGHTS if name not in checked]
     if not checked:
         # A log that has all that is needed is no reason.
-        reason = unknown[0] if lights[Light.LOG].is_good else Light.LOG
+        reason = unchecked[0] if lights[Light.LOG].is_good else Light.LOG
         return Fact(Headline.NOTHING_CHECKED, because=lights[reason])
-    # Nothing else shows a motor or propeller that is about to fail.
+    # Only the light of the motors shows a motor or propeller that is about to fail.
     level = Level.GOOD if Light.MOTORS in checked else Level.UNKNOWN
-    loss = lights[Light.MOTORS].figures.get("most_loss")
-    return Fact(Headline.NOTHING_WRONG, level, names=checked, missing=unknown, most_loss=loss)
+    smallest_visible_loss = lights[Light.MOTORS].figures.get("most_loss")
+    return Fact(
+        Headline.NOTHING_WRONG,
+        level,
+        names=checked,
+        missing=unchecked,
+        most_loss=smallest_visible_loss,
+    )
 
 
-def next_step_of(headline: Fact, lights: NamedFacts, of_model: Fact | None) -> Fact:
-    """Returns what to do next: what the headline asks for or, where nothing is wrong, what would show more.
+def next_step_of(headline: Fact, lights: NamedFacts, model_step: Fact | None) -> Fact:
+    """Returns what to do next.
 
-    What a bad power asks for is beside it: no other light explains that. After a loss so is what any bad light asks
-    for, and the motor of a bad light is the ``suspect``. Of a vehicle that is sound and fully judged it is what its
-    model is worth (``of_model``).
+    Args:
+        headline: of the judgement. If something is wrong, the next step is what it advises.
+        lights: by name. If nothing is wrong, the next step is what would show more: the advice of the first light that
+            is not good.
+        model_step: what the model of the vehicle asks for, if there is a model: the next step of a vehicle that is
+            sound and fully judged.
     """
     if headline.code is not Headline.NOTHING_WRONG:
-        beside = [Light.POWER]
-        if headline.code in Ending:
-            beside = OF_VEHICLE
-            motors = lights[Light.MOTORS]
-            if motors.is_bad:
-                headline = headline.but(suspect=motors.subject)
-        also = [
-            lights[light]
-            for light in beside
-            if lights[light].is_bad and lights[light].code not in Ending  # as the headline
-        ]
-        return Fact(NextStep.DO_AS_ADVISED, headline.level, because=headline, also=also)
-    for light in (Light.LOG, *OF_VEHICLE):
-        if not lights[light].is_good:
-            return Fact(NextStep.DO_AS_ADVISED, because=lights[light])
-    return of_model or Fact(NextStep.KEEP_MODEL)
+        return _next_step_against(headline, lights)
+    for name in (Light.LOG, *VEHICLE_LIGHTS):
+        if not lights[name].is_good:
+            return Fact(NextStep.DO_AS_ADVISED, because=lights[name])
+    return model_step or Fact(NextStep.KEEP_MODEL)
+
+
+def _next_step_against(headline: Fact, lights: NamedFacts) -> Fact:
+    """Returns the next step against what the ``headline`` says is wrong, with the advice of other bad lights.
+
+    After a loss that is the advice of every bad light of the vehicle, and a bad motor is its suspect. Otherwise it is
+    that on bad power, which no other light explains.
+    """
+    related_lights = [Light.POWER]
+    if headline.code in Ending:
+        related_lights = VEHICLE_LIGHTS
+        motors = lights[Light.MOTORS]
+        if motors.is_bad:
+            headline = headline.but(suspect=motors.subject)
+    also: Facts = tuple(
+        lights[name]
+        for name in related_lights
+        # A light may be the ending itself, which is in the headline.
+        if lights[name].is_bad and lights[name].code not in Ending
+    )
+    return Fact(NextStep.DO_AS_ADVISED, headline.level, because=headline, also=also)

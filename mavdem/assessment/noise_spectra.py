@@ -1,6 +1,6 @@
-"""Noise: the spectra of gyro and accelerometer in flight, their lines, and what the filters leave of them."""
+"""Noise of a flight: spectra of gyro and accelerometer, the lines in them, the effect of the filters, and the notch."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -9,95 +9,118 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.segments import Segment
 from mavdem.facts import Fact, Facts
-from mavdem.facts.noise import Noise as Codes
+from mavdem.facts.noise import Noise
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.resonance import controller_if_known
 from mavdem.vibration.notch_filters import LINE_BAND, notch_advice
 from mavdem.vibration.spectra import Spectrum, vibration_spectra
 from mavdem.vibration.spectral_lines import LineKind, SpectralLine, find_spectral_lines
 
-KINDS = {
-    LineKind.MOTOR: Codes.MOTOR_LINE,
-    LineKind.FRAME: Codes.FRAME_LINE,
-    LineKind.ALIAS: Codes.ALIASED_LINE,
-    LineKind.UNNAMED: Codes.UNNAMED_LINE,
+LINE_CODES = {
+    LineKind.MOTOR: Noise.MOTOR_LINE,
+    LineKind.FRAME: Noise.FRAME_LINE,
+    LineKind.ALIAS: Noise.ALIASED_LINE,
+    LineKind.UNNAMED: Noise.UNNAMED_LINE,
 }
+"""Codes of the facts on spectral lines, by the kind of the line."""
+
 GYRO = "gyro"
-BEFORE = "gyro_before"
+"""Name of the spectrum of the gyro after its filters."""
+
+UNFILTERED_GYRO = "gyro_before"
+"""Name of the spectrum of the gyro before its filters."""
 
 
 class MeasuredNoise(NamedTuple):
-    """The spectra by name, and the lines of each."""
+    """Spectra of the sensors in flight, and what follows from them."""
 
     spectra: Mapping[str, Spectrum]
+    """Spectra by name: ``GYRO``, ``UNFILTERED_GYRO`` and those of other sensors."""
     peaks: Mapping[str, tuple[SpectralLine, ...]]
+    """Lines of each spectrum, by its name, the strongest first."""
     notch: Fact | None = None
-    """The notch filter to set, or why there is none; None where the filters are not known."""
+    """The notch filter to set, or why there is none; None if the filters are not known."""
 
     @property
     def lines(self) -> tuple[SpectralLine, ...]:
-        """Those of the gyro before its filters, where that was logged, or else behind them."""
-        return self.peaks.get(BEFORE, self.peaks.get(GYRO, ()))
+        """Lines of the gyro before its filters or, if that was not logged, after them."""
+        return self.peaks.get(UNFILTERED_GYRO, self.peaks.get(GYRO, ()))
 
     @property
     def facts(self) -> Facts:
-        """What the gyro shows, up to which frequency, and what the filters take."""
-        shown = self.spectra.get(BEFORE, self.spectra.get(GYRO))
-        if shown is None:
-            return (Fact(Codes.NO_SPECTRUM),)
-        facts = [
-            Fact(
-                Codes.SPECTRUM_SEEN,
-                name=shown.name,
-                source=shown.source,
-                highest=shown.nyquist_frequency,
-                windows=len(shown.time),
-            )
-        ]
-        facts += [
-            Fact(
-                KINDS[peak.kind],
-                frequency=peak.frequency,
-                ratio=peak.ratio,
-                harmonics=peak.harmonics,
-                exponent=peak.exponent,
-                order=peak.order,
-            )
-            for peak in self.lines
-        ]
-        behind = self.spectra.get(GYRO)
-        if shown.name == BEFORE and behind is not None:
-            facts += [
-                _left(peak, shown, behind)
-                for peak in self.lines
-                if peak.kind is LineKind.MOTOR and peak.frequency < behind.nyquist_frequency
-            ]
-        return tuple(filter(None, (*facts, self.notch)))
+        """What the gyro shows, up to which frequency, how much the filters remove, and the notch to set."""
+        filtered = self.spectra.get(GYRO)
+        spectrum = self.spectra.get(UNFILTERED_GYRO, filtered)
+        if spectrum is None:
+            return (Fact(Noise.NO_SPECTRUM),)
+        facts = [_spectrum_fact(spectrum), *map(_line_fact, self.lines)]
+        if spectrum.name == UNFILTERED_GYRO and filtered is not None:
+            facts += self._filter_facts(spectrum, filtered)
+        if self.notch is not None:
+            facts.append(self.notch)
+        return tuple(facts)
+
+    def _filter_facts(self, unfiltered: Spectrum, filtered: Spectrum) -> Iterator[Fact]:
+        """Yields which share of the power of each motor line the filters remove."""
+        for line in self.lines:
+            if line.kind is LineKind.MOTOR and line.frequency < filtered.nyquist_frequency:
+                band = np.multiply(LINE_BAND, line.frequency)
+                remaining_share = filtered.mean_power(*band) / unfiltered.mean_power(*band)
+                yield Fact(
+                    Noise.FILTERS_REMOVE, frequency=line.frequency, share=1 - remaining_share
+                )
+
+
+def _spectrum_fact(spectrum: Spectrum) -> Fact:
+    """Returns which spectrum was measured, and up to which frequency, Hz."""
+    return Fact(
+        Noise.SPECTRUM_SEEN,
+        name=spectrum.name,
+        source=spectrum.source,
+        highest=spectrum.nyquist_frequency,
+        windows=len(spectrum.time),
+    )
+
+
+def _line_fact(line: SpectralLine) -> Fact:
+    """Returns the figures of a spectral line."""
+    return Fact(
+        LINE_CODES[line.kind],
+        frequency=line.frequency,
+        ratio=line.ratio,
+        harmonics=line.harmonics,
+        exponent=line.exponent,
+        order=line.order,
+    )
 
 
 def noise_of(evidence: Evidence) -> MeasuredNoise:
-    """Returns the spectra and lines of all that was flown, and a notch with what it costs the identified loops."""
+    """Measures the noise of a flight: spectra and their lines, and the notch filter to set.
+
+    The notch is advised with the phase that it costs the identified loops. There are no spectra without an attitude,
+    and no notch if the controller is not known.
+    """
     signals = evidence.signals
     if signals.attitude is None:
         return MeasuredNoise({}, {})
-    boots = np.unique(signals.attitude.boot).tolist()
-    spans = [Segment(boot, *span) for boot in boots for span in evidence.flights(boot)]
-    spectra = vibration_spectra(signals, spans)
-    noise = MeasuredNoise(
-        spectra, {name: find_spectral_lines(spectrum) for name, spectrum in spectra.items()}
-    )
+    segments = [
+        Segment(boot, start, end)
+        for boot in np.unique(signals.attitude.boot).tolist()
+        for start, end in evidence.flights(boot)
+    ]
+    spectra = vibration_spectra(signals, segments)
+    lines = {name: find_spectral_lines(spectrum) for name, spectrum in spectra.items()}
+    noise = MeasuredNoise(spectra, lines)
     controller = controller_if_known(signals.for_axis("roll"))
     if controller is None:
         return noise
-    before, behind = spectra.get(BEFORE), spectra.get(GYRO)
-    loops = (evidence.loops.get(axis) for axis in TILT_AXES)
-    crossovers = (loop.crossover for loop in loops if isinstance(loop, Loop))
-    crossover = max(crossovers, default=None)
-    return noise._replace(notch=notch_advice(controller, noise.lines, before, behind, crossover))
-
-
-def _left(peak: SpectralLine, before: Spectrum, behind: Spectrum) -> Fact:
-    """What the filters leave of a line."""
-    sides = np.multiply(LINE_BAND, peak.frequency)
-    share = behind.mean_power(*sides) / before.mean_power(*sides)
-    return Fact(Codes.FILTERS_REMOVE, frequency=peak.frequency, share=1 - share)
+    loops = [evidence.loops.get(axis) for axis in TILT_AXES]
+    crossovers = [loop.crossover for loop in loops if isinstance(loop, Loop)]
+    notch = notch_advice(
+        controller,
+        noise.lines,
+        spectra.get(UNFILTERED_GYRO),
+        spectra.get(GYRO),
+        max(crossovers, default=None),
+    )
+    return noise._replace(notch=notch)

@@ -42,12 +42,12 @@ def info_command(
     """
     log = read_source(source)
     vehicles = log.vehicles if vehicle is None else [choose_vehicle(log.vehicles, vehicle)]
-    options = Options(inputs=inputs, whole=False)
+    options = Options(inputs=inputs, with_model=False)
     assessments = [
         assess_signals(log, Signals(telemetry, axis, inputs), axis, options)
         for telemetry in vehicles
     ]
-    held = inventory(log, [assessment.seen for assessment in assessments])
+    held = inventory(log, [assessment.contents for assessment in assessments])
     streams = [] if as_json else stream_contents(held)
     for shown, assessment in zip(held["vehicles"], assessments, strict=True):
         shown |= vehicle_document(assessment)

@@ -7,7 +7,7 @@ import click
 
 from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.axis import Options
-from mavdem.assessment.axis.figures import ALL
+from mavdem.assessment.axis.figures import ALL_AXES
 from mavdem.cli.options import (
     Number,
     file_option,
@@ -50,7 +50,7 @@ start_option = click.option(
 
 @click.command("learn")
 @source_options(
-    (*TILT_AXES, ALL),
+    (*TILT_AXES, ALL_AXES),
     "Axis to model; all: a model of roll, and the physical parameters of roll, pitch and yaw.",
 )
 @file_option("--out", "Folder for the results. [default: named after the log]")

@@ -11,9 +11,10 @@ from typing import Any, TypeVar
 
 import click
 
-from mavdem.assessment.assess import Assessment, assess_signals
+from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.axis import Options
 from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.record import Assessment
 from mavdem.cli.output import printable, progress, say_aside
 from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dataset.flights import choose_vehicle, learnable_flight
@@ -182,7 +183,7 @@ def assessed(
     """Returns the assessment of a vehicle of the log that SOURCE names, without a model, and what it rests on."""
     log = read_source(source, params)
     signals = Signals(choose_vehicle(log.vehicles, vehicle), inputs=options.get("inputs"))
-    chosen = Options(whole=False, **options)
+    chosen = Options(with_model=False, **options)
     assessment = assess_signals(log, signals, AXES[0], chosen, progress=progress)
     assert assessment.evidence is not None
     return assessment, assessment.evidence

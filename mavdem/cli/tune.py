@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from mavdem.assessment.axis.figures import ALL
+from mavdem.assessment.axis.figures import ALL_AXES
 from mavdem.assessment.axis.tuning import tuned
 from mavdem.cli.learn import start_option
 from mavdem.cli.options import (
@@ -29,7 +29,7 @@ GAINS = ("gains.params", "gains.param")
 
 
 @click.command("tune")
-@source_options((*AXES, ALL), "Axis of the loops; all: roll, pitch and yaw.")
+@source_options((*AXES, ALL_AXES), "Axis of the loops; all: roll, pitch and yaw.")
 @click.option(
     "--margins",
     type=click.Choice(list(MARGIN_TARGETS)),
@@ -81,10 +81,8 @@ def tune_command(
     if out:
         check_folder(out, (PAGE, *GAINS), params)
     assessment, evidence = assessed(source, vehicle, params, inputs=inputs, start=start)
-    axes = AXES if axis == ALL else (axis,)
-    tuning = tuned(
-        assessment, evidence, axes, margins, more=more, filters=filters, is_written=bool(out)
-    )
+    axes = AXES if axis == ALL_AXES else (axis,)
+    tuning = tuned(assessment, axes, margins, more=more, filters=filters, is_written=bool(out))
     gains = tuning.parameters
     if out:
         texts = {PAGE: tune_page(Path(source).name, tuning)}

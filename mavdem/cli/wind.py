@@ -40,7 +40,7 @@ def wind_command(
     """
     assessment, evidence = assessed(source, vehicle)
     signals = evidence.signals
-    wind, _, reason = evidence.air
+    wind, _, reason = evidence.wind
     if reason is not None:
         raise NotLearnable(reason)
     assert wind is not None

@@ -497,12 +497,12 @@ def report_of(assessment: Assessment) -> JsonValues:
     """Returns the values of the report on the modelled axis of an ``assessment``, which took no time and no files."""
     assert assessment.analysis is not None
     report = assessment.analysis.as_dict()
-    if assessment.explained is not None:
-        share = assessment.explained.figures["share"]
+    if assessment.wind_share_of_torque is not None:
+        share = assessment.wind_share_of_torque.figures["share"]
         report["wind"] = WindTorque.gather(report["wind"], explained_by_mean_wind=share)
     return {
         **report,
-        **assessment.of_documents,
+        **assessment.judgement_values,
         "wind_velocity": assessment.wind and assessment.wind.identified_figures,
         "seconds": None,
         "files": {},

@@ -147,9 +147,9 @@ def vehicle_document(assessment: Assessment) -> JsonValues:
     assert analysis is not None
     return {
         **analysis.findings._asdict(),
-        **assessment.of_documents,
+        **assessment.judgement_values,
         **alarm_figures(analysis.alarms),
         "model": analysis.model,
-        "watched": analysis.watched,
+        "watched": analysis.motors_are_watched,
         "wind_velocity": assessment.wind and assessment.wind.identified_figures,
     }

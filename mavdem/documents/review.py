@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis.responses import LoopResponse
-from mavdem.assessment.lights.tracking import tracking_of
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
 from mavdem.documents.document import Document, OneFact, Sentence
@@ -203,7 +202,7 @@ def review_document(assessment: Assessment) -> JsonValues:
     analysis = assessment.analysis
     return {
         "source": assessment.log.source,
-        **assessment.of_documents,
+        **assessment.judgement_values,
         "simulated": assessment.simulated,
         "identity": analysis and analysis.identity,
         "condition": analysis and analysis.condition,
@@ -221,10 +220,7 @@ def review_document(assessment: Assessment) -> JsonValues:
 
 def axes_of(assessment: Assessment) -> JsonValues:
     """Returns what is known of each axis."""
-    evidence = assessment.evidence
-    margins = () if evidence is None else evidence.margins
-    tracking = {} if evidence is None else tracking_of(evidence)
-    resonances = {margin.axis: margin.response or margin.peak for margin in margins}
+    resonances = {margins.axis: margins.response or margins.peak for margins in assessment.margins}
     axes = {}
     nothing = LoopResponse(assessment.headline)
     for axis, loop in assessment.loops.items():
@@ -235,7 +231,7 @@ def axes_of(assessment: Assessment) -> JsonValues:
             "loop": None if refusal else loop,
             "refusal": refusal,
             "resonance": resonances.get(axis),
-            "tracking": tracking.get(axis),
+            "tracking": assessment.tracking.get(axis),
             "step_response": drawn["rate"]["measured"],
             **drawn,
         }

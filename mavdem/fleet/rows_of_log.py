@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from mavdem.assessment import Assessment
-from mavdem.assessment.assess import NoLoop, assess_signals
+from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.axis import LogAnalysis
+from mavdem.assessment.record import NoLoop
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.signals import Signals
@@ -69,7 +70,7 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
     assert first is not None and assessment.evidence is not None
     signals = assessment.evidence.signals.for_axis(AXES[0], "motors")
     columns = {"file": file, "component": signals.telemetry.component}
-    judged = assessment.of_documents | {"headline_fact": assessment.headline}
+    judged = assessment.judgement_values | {"headline_fact": assessment.headline}
     if all(analysis.tier.tier is None for analysis in assessment.analyses.values()):
         unknown = dict.fromkeys(("axis", "tier", "tier_reason", "attitude_rate"))
         reason = first.reason or assessment.headline

@@ -18,9 +18,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.assessment.assess import loop_by
 from mavdem.assessment.axis import AxisFigures
-from mavdem.assessment.axis.findings import Findings, disown_torque, findings_of
+from mavdem.assessment.axis.findings import Findings, findings_of, with_own_torque_marked
+from mavdem.assessment.axis.loops import loop_or_refusal
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement, judge
@@ -361,10 +361,10 @@ def judged(
     lean = {axis: np.degrees(outputs[:, 0].mean())}
     hover = hover_figures(setup.layout.names, setup.scale, duration, inputs, lean)
     condition = Condition(duration=duration, settled=duration, hover=hover, oscillation=swing)
-    learned = disown_torque(learned, swing is not None)
+    learned = with_own_torque_marked(learned, swing is not None)
     physical = AxisFigures((), learned.physical, None, learned.physical_reason)
     unknown = Fact(Unjudged.NOT_JUDGED, because=None)
-    loops = dict.fromkeys(AXES, unknown) | {axis: loop_by(physical, record)}
+    loops = dict.fromkeys(AXES, unknown) | {axis: loop_or_refusal(physical, record)}
     evidence = evidence_of(signals, condition, events=tuple(losses_of(alarms)), loops=loops)
     findings = findings_of(learned, None, condition, alarms)
     # by messages that nothing in flight looks at

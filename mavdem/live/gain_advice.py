@@ -12,7 +12,7 @@ from pathlib import Path
 from mavdem.assessment.assess import assess
 from mavdem.assessment.axis import Options
 from mavdem.assessment.axis.tuning import tuned
-from mavdem.assessment.axis.twin import foretold
+from mavdem.assessment.axis.twin import predicted_errors
 from mavdem.dataset.axes import AXES
 from mavdem.errors import Refusal
 from mavdem.facts import Fact, Facts
@@ -70,9 +70,9 @@ def advised(recording: Path, vehicle: str) -> Facts:
     Raises OSError: they cannot be written.
     """
     try:
-        assessment = assess(read_log(recording), vehicle, AXES[0], Options(whole=False))
+        assessment = assess(read_log(recording), vehicle, AXES[0], Options(with_model=False))
         assert assessment.evidence is not None
-        tuning = tuned(assessment, assessment.evidence, AXES, is_written=True)
+        tuning = tuned(assessment, AXES, is_written=True)
     except Refusal as error:
         return (Fact(Gains.GAINS_LEFT, because=error.fact),)
     facts = [
@@ -90,7 +90,7 @@ def advised(recording: Path, vehicle: str) -> Facts:
     if not facts:
         least = min(tuning.advice, key=lambda advice: advice.sure)
         return (Fact(Gains.GAINS_LEFT, subject=least.before.axis, because=least.sentence),)
-    facts += foretold(assessment.evidence, tuning.parameters)
+    facts += predicted_errors(assessment.evidence, tuning.parameters)
     files = parameter_files(tuning.parameters, assessment.evidence.signals.telemetry)
     names = (f"{recording.with_suffix('.gains')}{-number or ''}" for number in count())
     name = next(name for name in names if not any(Path(name + end).exists() for end in files))

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from mavdem.assessment.autopilot_messages import REPEAT_SECONDS
-from mavdem.assessment.axis.findings import Findings, disown_torque, findings_of
+from mavdem.assessment.axis.findings import Findings, findings_of, with_own_torque_marked
 from mavdem.assessment.judgement import Judgement
 from mavdem.dataset.axes import output_names_and_units
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
@@ -273,7 +273,7 @@ class LiveSession:
                     override.is_bad and override.code in (Override.OSCILLATION, Override.MOTORS)
                     for override in self.judged[0].overrides
                 )
-                learned = disown_torque(learned, is_own)
+                learned = with_own_torque_marked(learned, is_own)
         return learned
 
     def advise(self, at_end: bool = False) -> None:

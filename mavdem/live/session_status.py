@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from mavdem.assessment.axis.findings import Findings
 from mavdem.assessment.judgement import Judgement, next_step_of, unjudged
-from mavdem.assessment.lights.limits import worst
+from mavdem.assessment.limits import worst_fact
 from mavdem.dem import Estimate
 from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.assessment import NextStep
@@ -145,11 +145,11 @@ class SessionStatus(ImmutableResult):
         found_lights = dict(self.worst_lights)
         if weak_motors:
             light = found_lights.get(Light.MOTORS, weak_motors[0])
-            found_lights[Light.MOTORS] = worst([*weak_motors, light])
+            found_lights[Light.MOTORS] = worst_fact([*weak_motors, light])
         if self.mean_wind is not None:
             found_lights[Light.WIND] = self.mean_wind.light
         lights = {
-            name: worst([found_lights.get(name, fact), fact])
+            name: worst_fact([found_lights.get(name, fact), fact])
             for name, fact in judgement.lights.items()
         }
 

@@ -11,9 +11,9 @@ from math import inf
 import numpy as np
 
 from mavdem.assessment.condition import Condition
-from mavdem.assessment.lights.limits import worst
 from mavdem.assessment.lights.power import power_light
 from mavdem.assessment.lights.vibration import vibration_light
+from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.reported import reported_events
 from mavdem.dataset.intervals import Intervals
 from mavdem.dataset.quality import samples_at_limits
@@ -164,7 +164,7 @@ class Watchdog:
         """What became wrong, or worse, and what no longer is."""
         for kind, fact in watched.items():
             light = str(LIGHTS[kind])
-            self.lights[light] = worst([fact, self.lights.get(light, fact)])
+            self.lights[light] = worst_fact([fact, self.lights.get(light, fact)])
             if not fact.warns:
                 continue
             before = self.standing.get(kind)

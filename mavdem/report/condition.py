@@ -142,6 +142,6 @@ def air_blocks(assessment: Assessment) -> Blocks:
     """Returns the :func:`wind_blocks` of an ``assessment``, and what share of the wind torque that wind explains."""
     if assessment.evidence is None:
         return []
-    explained = assessment.explained
+    explained = assessment.wind_share_of_torque
     share = [] if explained is None else [Sentence(str(explained), "Wind torque:")]
-    return [*wind_blocks(assessment.evidence.air), *share]
+    return [*wind_blocks(assessment.evidence.wind), *share]

@@ -18,7 +18,6 @@ from mavdem.assessment.axis.responses import Responses
 from mavdem.assessment.axis.tuning import AdviceByAxis, tuned
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.inventory import inventory
-from mavdem.assessment.lights.tracking import tracking_of
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
@@ -99,8 +98,8 @@ def review_page(assessment: Assessment) -> str:
     analysis = assessment.analysis
     if analysis is None or assessment.evidence is None:
         return log_page(name, assessment, inventory(assessment.log))
-    held = inventory(assessment.log, [assessment.seen])
-    held["vehicles"][0] |= assessment.of_documents | {"model": analysis.model}
+    held = inventory(assessment.log, [assessment.contents])
+    held["vehicles"][0] |= assessment.judgement_values | {"model": analysis.model}
     return log_page(name, assessment, held)
 
 
@@ -162,7 +161,7 @@ def _measured(assessment: Assessment, timeline: Timeline | None, whole: bool) ->
         )
         yield Chapter(
             "Three axes",
-            [*_tracking(assessment.lights["tracking"], tracking_of(evidence))],
+            [*_tracking(assessment.lights["tracking"], assessment.tracking)],
             [Group(columns)],
         )
     yield responses_chapter(assessment.responses)
@@ -229,9 +228,9 @@ def _estimate(response: StepResponse, key: str) -> str:
 def _advice(assessment: Assessment, evidence: Evidence) -> AdviceByAxis:
     """What ``mavdem tune`` advises of all axes; of a grounded vehicle whose loops are not known, why nothing."""
     try:
-        return tuned(assessment, evidence, AXES, is_written=False).axes
+        return tuned(assessment, AXES, is_written=False).axes
     except NotLearnable as error:
-        return {"all axes": error.fact} if evidence.grounds else {}
+        return {"all axes": error.fact} if evidence.reasons_not_to_fly else {}
 
 
 def _loops(evidence: Evidence, advice: AdviceByAxis) -> Chapter:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from mavdem.arrays import Array
-from mavdem.assessment.axis.residuals import directions, weights
+from mavdem.assessment.axis.residuals import command_weights, input_directions
 from mavdem.containers import Names
 from mavdem.dem import Learned
 
@@ -66,10 +66,13 @@ class AxisCommand(NamedTuple):
     def of(cls, learned: Learned) -> AxisCommand:
         """Returns that of the axis of ``learned``, by the mixer geometry or else by each motor's effectiveness."""
         labels = Labels.of(learned)
-        turning = directions(learned)
-        motors = turning / (weights(turning) @ turning)
+        turning = input_directions(learned)
+        motors = turning / (command_weights(turning) @ turning)
         return cls(
-            f"{labels.output_names[0]} command", labels.input_units[0], weights(turning), motors
+            f"{labels.output_names[0]} command",
+            labels.input_units[0],
+            command_weights(turning),
+            motors,
         )
 
     def series(self, inputs: Array) -> Array:

@@ -6,7 +6,7 @@ Each function returns charts in degrees; ``learned.plot`` draws them with matplo
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.assessment.axis.findings import known_wind
+from mavdem.assessment.axis.findings import resolved_wind_torque
 from mavdem.assessment.axis.residuals import residuals as residuals_of
 from mavdem.confidence import INTERVAL_QUANTILES
 from mavdem.dem import Learned
@@ -82,7 +82,10 @@ def residuals(learned: Learned, output: int = -1) -> Charts:
             f"Residual of {name} ({unit.name})", TIME, Axis(named("residual", unit.name)), (line,)
         )
     ]
-    tests = ("Autocorrelation", series.auto), (f"Correlation with {command}", series.across)
+    tests = (
+        ("Autocorrelation", series.autocorrelation),
+        (f"Correlation with {command}", series.command_correlation),
+    )
     for (title, values), bound in zip(tests, series.bounds, strict=True):
         stems = Line("correlation", PREDICTED, series.lag[1:], values[1:], kind=Kind.STEMS)
         charts.append(
@@ -97,7 +100,7 @@ def disturbance(learned: Learned) -> Charts:
     Raises:
         ValueError: the wind torque is not identifiable.
     """
-    wind = known_wind(learned.wind_torque, learned.physical)
+    wind = resolved_wind_torque(learned.wind_torque, learned.physical)
     line = torque_line(learned, "wind torque", DISTURBANCE)
     if wind is None or line is None:
         raise ValueError("there is no wind torque to show: it is not identifiable in this flight")
@@ -124,7 +127,7 @@ def disturbance(learned: Learned) -> Charts:
 
 def torque_line(learned: Learned, name: str, colour: str) -> Line | None:
     """Returns the wind torque with its band; None where it is not identifiable."""
-    wind = known_wind(learned.wind_torque, learned.physical)
+    wind = resolved_wind_torque(learned.wind_torque, learned.physical)
     if wind is None:
         return None
     time, torque = with_gaps(learned.record, TORQUE.scale * wind.torque)

@@ -13,7 +13,13 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis import AxisFigures
-from mavdem.assessment.axis.findings import HALF_WIDTH, Findings, findings_of, known_wind, next_step
+from mavdem.assessment.axis.findings import (
+    MAX_RELATIVE_HALF_WIDTHS,
+    Findings,
+    findings_of,
+    next_step_for_model,
+    resolved_wind_torque,
+)
 from mavdem.assessment.judgement import Judgement
 from mavdem.dem import Learned
 from mavdem.experiments.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
@@ -57,7 +63,7 @@ ROWS = {
 def screen(learned: Learned) -> Blocks:
     """Returns what a ``learned`` model says without the log and windows that it has not seen."""
     findings = findings_of(learned)
-    step = Sentence(str(next_step(findings.purposes)), "Next:")
+    step = Sentence(str(next_step_for_model(findings.purposes)), "Next:")
     return [*_model_blocks(findings, learned), step]
 
 
@@ -185,11 +191,11 @@ def _by_motor(motors: Sequence[str], columns: dict[str, list[str]]) -> Table:
 def torque_blocks(learned: Learned) -> Blocks:
     """Returns the wind torque: its level, share and gusts; nothing where it is not known."""
     physical = learned.physical
-    wind = known_wind(learned.wind_torque, physical)
+    wind = resolved_wind_torque(learned.wind_torque, physical)
     if physical is None or wind is None:
         return []
     largest = max(wind.gusts, key=lambda gust: abs(gust.size), default=None)
-    is_uncertain = wind.scale_error > HALF_WIDTH["wind"]
+    is_uncertain = wind.scale_error > MAX_RELATIVE_HALF_WIDTHS["wind"]
     return [
         *section(
             "torque",
@@ -252,7 +258,7 @@ def vehicle_blocks(axes: Mapping[str, AxisFigures], doubted: bool) -> Blocks:
 
 def _axis_row(axis: AxisFigures) -> list[str]:
     physical = axis.physical
-    wind = known_wind(axis.wind, axis.physical)
+    wind = resolved_wind_torque(axis.wind, axis.physical)
     if physical is None:
         return ["-"] * 4
     _, damping, lag, _ = physical.interval()

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.assessment.axis.findings import known_wind
+from mavdem.assessment.axis.findings import resolved_wind_torque
 from mavdem.dem import Learned
 from mavdem.experiments.held_out import FORECAST, HeldOut
 from mavdem.flight import Flights
@@ -88,6 +88,6 @@ def _learned(names: Sequence[str], time: Array, learned: Learned) -> Iterator[tu
     yield PROCESS_NOISE, Series(time[samples], state_names(names, learned), noise)
     yield FREE_ENERGY, Series(time[samples], ("free_energy",), energy)
     yield COMMAND, Series(time, (command.name,), commands)
-    if (wind := known_wind(learned.wind_torque, learned.physical)) is not None:
+    if (wind := resolved_wind_torque(learned.wind_torque, learned.physical)) is not None:
         torque = np.stack([wind.torque, wind.band], axis=1)
         yield WIND_TORQUE, Series(time, ("torque", "band"), torque)

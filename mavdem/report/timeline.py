@@ -125,7 +125,7 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
         tuple(mode for mode in modes if mode[0] < mode[1]),
         tuple(events),
         position and _of(position, part),
-        tuple(row for row in (*wind_rows(evidence.air, part), torque) if row.lines),
+        tuple(row for row in (*wind_rows(evidence.wind, part), torque) if row.lines),
     )
 
 

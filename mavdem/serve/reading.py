@@ -14,7 +14,7 @@ from typing import Any
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess_signals
-from mavdem.assessment.lights.limits import SEVERITY
+from mavdem.assessment.limits import LEVELS_BY_SEVERITY
 from mavdem.containers import JsonValues
 from mavdem.dataset.signals import Signals
 from mavdem.documents import whole
@@ -65,7 +65,7 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
         judged.append((assessment, flown))
     # Of several vehicles the page is of the worst that flew; those of the others are beside it.
     judged.sort(
-        key=lambda both: (both[1][0].has_flight, SEVERITY.index(both[0].headline.level)),
+        key=lambda both: (both[1][0].has_flight, LEVELS_BY_SEVERITY.index(both[0].headline.level)),
         reverse=True,
     )
     (assessment, _), *others = judged

@@ -9,7 +9,7 @@ import rerun.blueprint as rrb
 
 from mavdem.arrays import Array
 from mavdem.assessment import Assessment
-from mavdem.assessment.axis.findings import known_wind
+from mavdem.assessment.axis.findings import resolved_wind_torque
 from mavdem.dataset.axes import AXES
 from mavdem.dem import Learned
 from mavdem.experiments.held_out import FORECAST, HeldOut
@@ -117,7 +117,7 @@ class _Page:
         """The wind, and its torque, with marks where gusts begin; nothing where neither is known."""
         if not self._timeline.wind:
             return []
-        torque = known_wind(learned.wind_torque, learned.physical)
+        torque = resolved_wind_torque(learned.wind_torque, learned.physical)
         gusts = torque.gusts if torque else ()
         begins = [float(clock[gust.sample]) for gust in gusts]
         marks = f"gust ({len(begins)})", palette.GUST, begins

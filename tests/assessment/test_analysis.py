@@ -11,7 +11,7 @@ from recorded_flights import FLIGHT, LOGS
 
 import mavdem
 from mavdem.assessment.assess import assess
-from mavdem.assessment.axis.analysis import MAX_SLOW_RATIO, slow_motion_refusal
+from mavdem.assessment.axis.analysis import MAX_SLOW_ERROR_RATIO, slow_motion_refusal
 from mavdem.assessment.axis.figures import model_figures
 from mavdem.facts.assessment import Caveat, NoModel
 from mavdem.facts.model import NoPhysical
@@ -40,7 +40,7 @@ def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_i
     told = text_of(analysis_blocks(slow))
     slow = slow.analysis
     assert slow.tier.tier == "b" and slow.learned is not None and slow.held_out is not None
-    assert slow.held_out.error_ratio() < MAX_SLOW_RATIO and slow.held_out.coverage > 0.75
+    assert slow.held_out.error_ratio() < MAX_SLOW_ERROR_RATIO and slow.held_out.coverage > 0.75
     assert (slow.learned.physical, slow.learned.wind) == (None, None)
     assert slow.learned.physical_reason.code is NoPhysical.SAMPLED_TOO_SLOWLY
     assert slow.learned.cautions[0].code is Caveat.SLOW_MOTION_ONLY

@@ -10,8 +10,10 @@ from pytest import approx, mark
 from refusals import refused
 
 from mavdem.assessment.condition import condition_of
-from mavdem.assessment.inventory import autopilot_alarms, identity_of, inventory, tier_of
+from mavdem.assessment.identity import identity_of
+from mavdem.assessment.inventory import autopilot_alarms, inventory
 from mavdem.assessment.mean_interval import mean_interval
+from mavdem.assessment.tier import tier_of
 from mavdem.dataset.learnability import learnability_of
 from mavdem.dataset.signals import Signals
 from mavdem.facts.learnability import MotorObstacle, Reason

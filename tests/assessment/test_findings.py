@@ -10,10 +10,10 @@ from refusals import prose
 
 from mavdem.assessment.axis.findings import (
     Finding,
-    disown_torque,
     findings_of,
-    next_step,
-    warnings_of,
+    model_warnings,
+    next_step_for_model,
+    with_own_torque_marked,
 )
 from mavdem.assessment.axis.residuals import Residuals
 from mavdem.documents import vehicle
@@ -147,7 +147,7 @@ def test_the_wind_is_good_only_where_it_is_resolved_and_its_size_known(changes, 
 )
 def test_the_next_step_is_that_of_the_first_purpose_that_is_not_served(grades, code):
     purposes = zip(Purpose, grades, strict=False)
-    assert next_step([Finding(*one, prose("")) for one in purposes]).code is code
+    assert next_step_for_model([Finding(*one, prose("")) for one in purposes]).code is code
 
 
 CYCLE = Oscillation(
@@ -176,7 +176,7 @@ def test_what_overrides_leaves_nothing_good_and_decides_what_to_do(known, code, 
     free = {"condition": of_vehicle()}
     sound = findings_of(model(physical()), held_out(), **free)
     assert {one.grade for one in sound.purposes} == {GOOD}
-    assert next_step(sound.purposes).code is NextStep.KEEP_MODEL
+    assert next_step_for_model(sound.purposes).code is NextStep.KEEP_MODEL
     doubted = findings_of(model(physical()), held_out(), **(free | known))
     (override,) = doubted.overrides  # which explains what else is wrong
     assert (override.code, override.subject) == (code, subject)
@@ -218,7 +218,7 @@ def test_residuals_that_are_far_from_white_are_said():
     reason = findings.purposes[-1].reason
     assert reason.code is Because.RESIDUALS_TESTED and reason.figures["outcome"] is BoundTest.FAILED
     # held-out windows count more
-    assert next_step(findings.purposes).code is NextStep.KEEP_MODEL
+    assert next_step_for_model(findings.purposes).code is NextStep.KEEP_MODEL
 
 
 @mark.parametrize(
@@ -244,22 +244,22 @@ def test_under_what_overrides_reasons_keep_their_figures_and_ask_for_nothing():
 def test_warnings_are_only_where_they_mean_something():
     learned = model(physical())
     assert not [
-        *warnings_of(learned, held_out()),
-        *warnings_of(learned, held_out(expected=0.00334)),
+        *model_warnings(learned, held_out()),
+        *model_warnings(learned, held_out(expected=0.00334)),
     ]
-    (band,) = warnings_of(learned, held_out(band=0.05))
+    (band,) = model_warnings(learned, held_out(band=0.05))
     assert (band.code, band.figures["share"]) == (Caveat.BAND_TOO_NARROW, 0.0)
-    (larger,) = warnings_of(learned, held_out(expected=0.00333))
+    (larger,) = model_warnings(learned, held_out(expected=0.00333))
     assert larger.code is Caveat.ERRORS_LARGER_THAN_EXPECTED
     assert larger.figures["ratio"] == approx(3.0, abs=0.01)
     failed = replace(held_out(), failures=(prose("It is too short."),))
-    assert [one.code for one in warnings_of(learned, failed)] == [Forecasts.PART_NOT_LEARNED]
+    assert [one.code for one in model_warnings(learned, failed)] == [Forecasts.PART_NOT_LEARNED]
     unstable = SimpleNamespace(stable=False, physical=None)
-    assert [one.code for one in warnings_of(unstable, None)] == [Caveat.UNSTABLE_MODEL]
+    assert [one.code for one in model_warnings(unstable, None)] == [Caveat.UNSTABLE_MODEL]
 
 
 def test_the_torque_of_a_vehicle_that_oscillates_is_not_the_winds():
     torque = make_dataclass("Torque", [("reason", object, None)])()
     learned = SimpleNamespace(wind_torque=torque, with_wind_torque=lambda other: other.reason)
-    assert disown_torque(learned, False) is learned
-    assert disown_torque(learned, True) == Fact(Because.OWN_TORQUE)
+    assert with_own_torque_marked(learned, False) is learned
+    assert with_own_torque_marked(learned, True) == Fact(Because.OWN_TORQUE)

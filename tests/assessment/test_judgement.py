@@ -28,7 +28,7 @@ def headline(known, ending=None, events=(), airborne=60.0, oscillation=None):
     evidence = SimpleNamespace(
         ending=ending,
         events=events,
-        reported=lambda codes: events,
+        warnings_in_flight=lambda codes: events,
         learnability=learnability,
         condition=SimpleNamespace(oscillation=oscillation),
     )

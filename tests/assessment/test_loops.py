@@ -6,7 +6,7 @@ from pytest import approx, mark
 from recorded_flights import recorded
 from refusals import refused
 
-from mavdem.assessment.axis.gains import autotuned, with_one_set_of_gains
+from mavdem.assessment.axis.gains import autotune_fact, parts_with_one_gain_set
 from mavdem.dataset.alignment import aligned_flight
 from mavdem.dataset.segments import settled_segments
 from mavdem.dataset.signals import Signals
@@ -31,7 +31,7 @@ def flown(values, modes=()):
     signals = Signals(telemetry)
     flights = tuple(aligned_flight(signals, segment) for segment in settled_segments(signals))
     assert (round(flights[0].time[0]), round(flights[0].time[-1])) == (12, 51)
-    return with_one_set_of_gains(signals, flights)
+    return parts_with_one_gain_set(signals, flights)
 
 
 def test_the_longest_part_with_one_set_of_gains_has_these():
@@ -78,16 +78,16 @@ def test_autotune_has_gains_that_no_parameter_has():
 
 def test_a_recorded_autotune_has_its_span_and_what_it_found():
     signals = Signals(recorded("sitl_raw/ap_autotune.BIN.xz"))
-    tuned = autotuned(signals, refusal := Fact(Loops.NOT_STEERED))
+    tuned = autotune_fact(signals, refusal := Fact(Loops.NOT_STEERED))
     assert (round(tuned.time), round(tuned.until)) == (64, 184)
     _, before, after = zip(*sorted(tuned.figures["changes"]), strict=True)
     assert (before, after) == (approx((4.5, 0.0018, 0.0675, 0.0675)), (36.0, 0.0006, 0.116, 0.116))
-    assert autotuned(signals.for_axis("pitch"), refusal) is None
+    assert autotune_fact(signals.for_axis("pitch"), refusal) is None
 
 
 def test_autotune_of_yaw_names_what_it_tuned_and_damage_is_no_number():
     said = "AutoTune: Yaw(E) Rate: P:0.5.1, I:0.05", "AutoTune: Pitch Rate: P:0.2"
-    tuned = autotuned(
+    tuned = autotune_fact(
         Signals(with_texts(Hover().telemetry(), *said), "yaw"), Fact(Loops.NOT_STEERED)
     )
     assert tuned.figures["changes"] == (("ATC_RAT_YAW_P", None, 0.5), ("ATC_RAT_YAW_I", None, 0.05))

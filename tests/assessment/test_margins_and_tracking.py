@@ -15,12 +15,13 @@ from pytest import approx, mark
 from recorded_flights import LOGS
 from scipy.signal import lfilter
 
-from mavdem.assessment.assess import grounded_air
+from mavdem.assessment.assess import without_flight_advice
 from mavdem.assessment.axis.loops import loops_of_axes
 from mavdem.assessment.axis.margins import AxisMargins
+from mavdem.assessment.axis.tracking import ANGLE_ERROR_LIMITS
 from mavdem.assessment.lights.margins import margins_light
 from mavdem.assessment.lights.motors import motors_light
-from mavdem.assessment.lights.tracking import ERROR, tracking_light, tracking_of
+from mavdem.assessment.lights.tracking import tracking_light
 from mavdem.dataset.learnability import slow_streams
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
@@ -191,7 +192,7 @@ def test_tracking_has_the_error_without_the_delay():
     assert (light.code, light.level) == (TrackingLight.FOLLOWS_SETPOINT, "good")
     assert light.figures["delay"] == approx(0.2, abs=0.021)
     assert light.figures["angle_error"] < 0.01
-    axes = tracking_of(following(0.1, late=0.0, error=0.02))
+    axes = following(0.1, late=0.0, error=0.02).tracking
     figures = axes["roll"].figures
     assert figures["offset_angle"] == approx(0.02, rel=0.05)
     assert figures["angle_error"] == approx(0.02, rel=0.05)
@@ -201,12 +202,12 @@ def test_tracking_has_the_error_without_the_delay():
 @mark.parametrize(
     "size, error, level",
     [
-        (0.02, 0.9 * ERROR.watch, "good"),
-        (0.02, 1.1 * ERROR.watch, "watch"),
-        (0.2, 1.1 * ERROR.watch, "good"),
-        (0.02, 0.9 * ERROR.bad, "watch"),
-        (0.02, 1.1 * ERROR.bad, "bad"),
-        (0.3, 1.1 * ERROR.bad, "watch"),
+        (0.02, 0.9 * ANGLE_ERROR_LIMITS.watch, "good"),
+        (0.02, 1.1 * ANGLE_ERROR_LIMITS.watch, "watch"),
+        (0.2, 1.1 * ANGLE_ERROR_LIMITS.watch, "good"),
+        (0.02, 0.9 * ANGLE_ERROR_LIMITS.bad, "watch"),
+        (0.02, 1.1 * ANGLE_ERROR_LIMITS.bad, "bad"),
+        (0.3, 1.1 * ANGLE_ERROR_LIMITS.bad, "watch"),
     ],
 )
 def test_an_error_counts_beside_what_was_asked(size, error, level):
@@ -219,7 +220,7 @@ def test_overshoot_is_that_of_a_step(damping, level):
     answer = changed(HOVER.telemetry(), "ATTITUDE", roll=followed(steps, damping, 9.0))
     found = evidence(asked(answer, angle=steps))
     expected = np.exp(-np.pi * damping / np.sqrt(1 - damping**2))
-    assert tracking_of(found)["roll"].figures["overshoot"] == approx(expected, abs=0.06)
+    assert found.tracking["roll"].figures["overshoot"] == approx(expected, abs=0.06)
     light = tracking_light(found)
     assert light.level == level
     assert level == "good" or light.sentence.startswith("Roll overshoots its setpoint by 3")
@@ -243,9 +244,12 @@ def test_a_vehicle_that_oscillates_was_lost_or_had_a_motor_at_its_stop_without_a
     caught = Fact(MotionEvent.ATTITUDE_CAUGHT, Level.WATCH)
     sound = evidence(HOVER.telemetry(), events=(caught,))
     touched = replace(sound, events=(caught, stop), ending=lost)
-    assert not sound.grounds and touched.grounds == (lost,)
-    assert replace(touched, condition=replace(sound.condition, hover=None)).grounds == (lost, stop)
-    (found,) = oscillating(sound).grounds
+    assert not sound.reasons_not_to_fly and touched.reasons_not_to_fly == (lost,)
+    assert replace(touched, condition=replace(sound.condition, hover=None)).reasons_not_to_fly == (
+        lost,
+        stop,
+    )
+    (found,) = oscillating(sound).reasons_not_to_fly
     assert found.code is Override.OSCILLATION and found.figures["turn_rate"] < 1
     doubt = Fact(NoWind.STUCK, lean=0.5, duration=9.0)
-    assert grounded_air((None, None, doubt)) == (None, None, doubt.grounded)
+    assert without_flight_advice((None, None, doubt)) == (None, None, doubt.grounded)

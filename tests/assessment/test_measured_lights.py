@@ -8,19 +8,24 @@ from pytest import approx, mark
 from recorded_flights import recorded
 
 from mavdem.assessment.lights.estimator import (
-    DOUBT_SECONDS,
-    EKF_THRESHOLD,
-    FIELD_CHANGE,
-    REPORTS,
+    ARDUPILOT_INNOVATION_LIMIT,
+    FAILSAFE_SECONDS,
+    INNOVATION_FIELDS,
+    MAX_FIELD_CHANGE,
     estimator_light,
 )
-from mavdem.assessment.lights.log import LONG_GAP, STILL_CHANGE, log_light, simulated_of
+from mavdem.assessment.lights.log import (
+    MAX_GAP,
+    MAX_SIMULATED_RATE_CHANGE,
+    log_light,
+    simulation_fact,
+)
 from mavdem.assessment.lights.power import (
     BOARD_VOLTAGE_LIMITS,
-    CELL,
-    FULL_CELL,
-    LOW_SECONDS,
-    SUPPLY_FALL,
+    CELL_VOLTAGE_LIMITS,
+    FULL_CELL_VOLTAGES,
+    LOW_VOLTAGE_SECONDS,
+    MAX_BOARD_VOLTAGE_DROP,
     power_light,
 )
 from mavdem.assessment.lights.wind import wind_light
@@ -41,7 +46,7 @@ SAG = np.where(FLYING, -0.01, 0.0)
 
 def evidence(telemetry, ending=None):
     signals = Signals(telemetry)
-    return evidence_of(signals, air=wind_evidence(signals), ending=ending)
+    return evidence_of(signals, wind=wind_evidence(signals), ending=ending)
 
 
 def measured(message, parameters=None, **fields):
@@ -75,17 +80,17 @@ def test_a_battery_is_judged_by_its_cells_and_its_load():
 @mark.parametrize(
     "volts, parameters, level",
     [
-        (held(CELL.watch + 0.05), {}, "good"),
-        (held(CELL.watch - 0.05), {}, "watch"),
-        (held(CELL.bad - 0.05), {}, "bad"),
-        (held(CELL.bad - 0.05, LOW_SECONDS / 2), {}, "good"),
-        (held(CELL.bad - 0.05, 12.6), {}, "bad"),
+        (held(CELL_VOLTAGE_LIMITS.watch + 0.05), {}, "good"),
+        (held(CELL_VOLTAGE_LIMITS.watch - 0.05), {}, "watch"),
+        (held(CELL_VOLTAGE_LIMITS.bad - 0.05), {}, "bad"),
+        (held(CELL_VOLTAGE_LIMITS.bad - 0.05, LOW_VOLTAGE_SECONDS / 2), {}, "good"),
+        (held(CELL_VOLTAGE_LIMITS.bad - 0.05, 12.6), {}, "bad"),
         (held(3.6), {"BATT_LOW_VOLT": 14.5}, "watch"),
         (held(3.6), {"BATT_CRT_VOLT": 14.5}, "bad"),
         # It can have seven cells, and eight.
-        (8 * FULL_CELL[0] + 0.2 + SAG, {}, "unknown"),
-        (7 * FULL_CELL[1] - 0.2 + SAG, {}, "unknown"),
-        (8 * FULL_CELL[0] + 0.2 + SAG, {"BAT1_N_CELLS": 8.0}, "good"),
+        (8 * FULL_CELL_VOLTAGES[0] + 0.2 + SAG, {}, "unknown"),
+        (7 * FULL_CELL_VOLTAGES[1] - 0.2 + SAG, {}, "unknown"),
+        (8 * FULL_CELL_VOLTAGES[0] + 0.2 + SAG, {"BAT1_N_CELLS": 8.0}, "good"),
     ],
 )
 def test_levels_of_the_battery(volts, parameters, level):
@@ -117,7 +122,7 @@ def test_what_follows_a_loss_is_no_fault_of_the_battery():
     "usual, least, code, level",
     [
         (5.0, BOARD_VOLTAGE_LIMITS.watch + 0.1, PowerLight.SUPPLY_HELD, "unknown"),
-        (5.3, 5.25 - SUPPLY_FALL, PowerLight.SUPPLY_FELL, "watch"),
+        (5.3, 5.25 - MAX_BOARD_VOLTAGE_DROP, PowerLight.SUPPLY_FELL, "watch"),
         (5.0, BOARD_VOLTAGE_LIMITS.watch - 0.05, PowerLight.SUPPLY_LOW, "watch"),
         (5.0, BOARD_VOLTAGE_LIMITS.bad - 0.05, PowerLight.SUPPLY_LOW, "bad"),
         (
@@ -139,7 +144,7 @@ def test_levels_of_the_supply(usual, least, code, level):
 
 def filtered(flags=831, **ratios):
     """The hover with a filter's report: its ratios are 0.1, and others for some seconds."""
-    fields = dict.fromkeys(REPORTS["EKF_STATUS_REPORT"], 0.1)
+    fields = dict.fromkeys(INNOVATION_FIELDS["EKF_STATUS_REPORT"], 0.1)
     for name, (value, seconds) in ratios.items():
         is_other = (TIME > 30.0) & (30.1 + seconds > TIME)
         fields[f"{name}_variance"] = np.where(is_other, value, 0.1)
@@ -147,8 +152,8 @@ def filtered(flags=831, **ratios):
     return measured("EKF_STATUS_REPORT", flags=glitch, **fields)
 
 
-BEYOND = EKF_THRESHOLD + 0.05
-IDLE = dict.fromkeys(REPORTS["EKF_STATUS_REPORT"], 0.0)
+BEYOND = ARDUPILOT_INNOVATION_LIMIT + 0.05
+IDLE = dict.fromkeys(INNOVATION_FIELDS["EKF_STATUS_REPORT"], 0.0)
 """Of a filter that does not run."""
 
 
@@ -157,12 +162,12 @@ IDLE = dict.fromkeys(REPORTS["EKF_STATUS_REPORT"], 0.0)
     [
         (filtered(), EstimatorLight.FILTER_AGREED, "good"),
         (
-            filtered(compass=(BEYOND, DOUBT_SECONDS - 0.5)),
+            filtered(compass=(BEYOND, FAILSAFE_SECONDS - 0.5)),
             EstimatorLight.FILTER_AGREED,
             "good",
         ),
         (
-            filtered(compass=(BEYOND, DOUBT_SECONDS + 0.5)),
+            filtered(compass=(BEYOND, FAILSAFE_SECONDS + 0.5)),
             EstimatorLight.FILTER_DOUBTED,
             "watch",
         ),
@@ -205,10 +210,10 @@ def test_gps(satellites, dilution, code):
 @mark.parametrize(
     "change, before, code",
     [
-        (FIELD_CHANGE + 0.05, 20, EstimatorLight.COMPASS_DISTURBED),
-        (FIELD_CHANGE - 0.05, 20, EstimatorLight.FILTER_AGREED),
-        (-FIELD_CHANGE - 0.05, 20, EstimatorLight.COMPASS_DISTURBED),
-        (FIELD_CHANGE + 0.05, 19, EstimatorLight.FILTER_AGREED),
+        (MAX_FIELD_CHANGE + 0.05, 20, EstimatorLight.COMPASS_DISTURBED),
+        (MAX_FIELD_CHANGE - 0.05, 20, EstimatorLight.FILTER_AGREED),
+        (-MAX_FIELD_CHANGE - 0.05, 20, EstimatorLight.COMPASS_DISTURBED),
+        (MAX_FIELD_CHANGE + 0.05, 19, EstimatorLight.FILTER_AGREED),
     ],
 )
 def test_a_compass_whose_field_is_another_in_flight(change, before, code):
@@ -243,7 +248,7 @@ def test_wind_that_takes_half_of_the_most_lean_leaves_too_little():
 def test_the_log_is_judged_by_its_rates_and_gaps():
     whole = HOVER.telemetry(50.0, 50.0)
     time = HOVER.stamps(50.0)
-    holed = HOVER.telemetry(time[(time < 30) | (time > 30.1 + LONG_GAP)], 50.0)
+    holed = HOVER.telemetry(time[(time < 30) | (time > 30.1 + MAX_GAP)], 50.0)
     for telemetry, code in (
         (whole, LogLight.RECORDED_FAST),
         (HOVER.telemetry(10.0, 50.0), LogLight.RECORDED_SLOWLY),
@@ -268,14 +273,14 @@ def standing(change, rate=50.0):
 def test_what_shows_that_a_flight_was_simulated():
     telemetry = HOVER.telemetry(20.0, 20.0)
     for real in (telemetry, standing(5.1e-5), standing(5.1e-5, 100.0), standing(0.0)):
-        assert simulated_of(evidence(real)) is None
+        assert simulation_fact(evidence(real).signals) is None
     for known, kind in (
         ({"parameters": {"SYS_HITL": 1.0}}, Simulator.HARDWARE),
         ({"parameters": {"SIM_WIND_SPD": 5.0}}, Simulator.SOFTWARE),
         ({"parameters": {"SYS_AUTOSTART": 10040.0}}, Simulator.SOFTWARE),
         ({"parameters": {"CAL_GYRO0_ID": 1310988.0}}, Simulator.SOFTWARE),
         ({"hardware": "PX4_SITL"}, Simulator.SOFTWARE),
-        ({"messages": standing(STILL_CHANGE / 2).messages}, Simulator.SOFTWARE),
+        ({"messages": standing(MAX_SIMULATED_RATE_CHANGE / 2).messages}, Simulator.SOFTWARE),
     ):
-        fact = simulated_of(evidence(replace(telemetry, **known)))
+        fact = simulation_fact(evidence(replace(telemetry, **known)).signals)
         assert (fact.code, fact.figures["kind"]) == (LogLight.SIMULATED, kind)

@@ -8,7 +8,7 @@ from hover import pulses as outputs_of
 from numpy.random import default_rng
 from pytest import approx, mark
 
-from mavdem.assessment.assess import while_controlled
+from mavdem.assessment.assess import alarms_before_loss
 from mavdem.assessment.axis.analysis import motor_alarms
 from mavdem.assessment.lights.motors import motors_light
 from mavdem.dataset.signals import Signals
@@ -31,7 +31,7 @@ def evidence(pulses=lambda time: 0.0, **known):
     time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
     sent = np.where(usual > 1000, noise + pulses(time), 1000.0)
     signals = Signals(with_pulses(telemetry, sent), inputs="motors")
-    changes = while_controlled(motor_alarms(signals), known.get("ending"))
+    changes = alarms_before_loss(motor_alarms(signals), known.get("ending"))
     return evidence_of(signals, events=tuple(losses_of(changes)), **known)
 
 

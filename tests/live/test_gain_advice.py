@@ -7,7 +7,7 @@ from pytest import mark
 from recorded_flights import SLOW
 
 from mavdem.assessment.assess import assess
-from mavdem.assessment.axis.twin import foretold
+from mavdem.assessment.axis.twin import predicted_errors
 from mavdem.facts.loops import Gains, Twins
 from mavdem.ingest import read_log
 from mavdem.live.gain_advice import GainAdviser, advised
@@ -48,7 +48,7 @@ def test_the_files_beside_a_recording_are_new_and_those_that_tune_writes(tmp_pat
     assert "ATC_ANG_RLL_P 16 → " in roll.sentence
     assert (twin.code, twin.subject) == (Gains.TWIN_FLIES, "roll")
     assert 0 < twin.figures["expected_error"] < 6 and 0 < twin.figures["present_error"] < 6
-    (refused,) = foretold(assess(read_log(recording)).evidence, {"ATC_ANG_RLL_P": -1.0})
+    (refused,) = predicted_errors(assess(read_log(recording)).evidence, {"ATC_ANG_RLL_P": -1.0})
     assert refused.code is Twins.CANNOT_FLY
     assert run("tune", recording, "--axis", "all", "--json", "--out", tmp_path) == 0
     told = strict_json(capsys.readouterr().out)

@@ -3,7 +3,7 @@
 import tomllib
 from dataclasses import replace
 from types import SimpleNamespace
-from unittest.mock import Mock, patch
+from unittest.mock import Mock
 
 import numpy as np
 from hover import Hover, changed, columns
@@ -14,7 +14,7 @@ from pytest import approx, mark
 from refusals import refused
 from scipy.signal import lfilter
 
-from mavdem.assessment.axis.gains import autotuned
+from mavdem.assessment.axis.gains import autotune_fact
 from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.assessment.axis.tuning import tuned
 from mavdem.assessment.judgement import Judgement
@@ -312,13 +312,18 @@ def test_an_effectiveness_that_seems_low_changes_nothing_unless_margins_surely_l
 def tuned_by(loops, tracking=TrackingLight.FOLLOWS_SETPOINT, **options):
     """Of a vehicle with nothing else to say, with a notch."""
     followed = dict.fromkeys(AXES, Fact(tracking))
-    evidence = SimpleNamespace(loops=loops, lowered=None, margins=(), grounds=())
+    evidence = SimpleNamespace(loops=loops, gain_reduction=None, reasons_not_to_fly=())
     notch = Fact(NotchAdvice.SET_NOTCH, settings=(("INS_HNTCH_FREQ", 80.0),))
     even = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
     judgement = Judgement(even, even, {"motors": even})
-    known = SimpleNamespace(judgement=judgement, noise=SimpleNamespace(notch=notch))
-    with patch("mavdem.assessment.axis.tuning.tracking_of", return_value=followed):
-        return tuned(known, evidence, [*loops], is_written=False, **options)
+    known = SimpleNamespace(
+        judgement=judgement,
+        evidence=evidence,
+        margins=(),
+        tracking=followed,
+        noise=SimpleNamespace(notch=notch),
+    )
+    return tuned(known, [*loops], is_written=False, **options)
 
 
 @mark.slow
@@ -370,7 +375,7 @@ def test_gains_after_px4s_autotune_are_rated_like_those_before():
     injected = columns(time, axis=Injection.RATE_SETPOINT, target=time - 20)
     telemetry = changed(HOVER.telemetry(autopilot="PX4"), "SIDD", **injected)
     sent = columns([1.0, 35.0], param_id=b"MC_ROLLRATE_K", param_value=[1.0, 6.0], param_type=9)
-    tuned = autotuned(Signals(changed(telemetry, "PARAM_VALUE", **sent)), made_up())
+    tuned = autotune_fact(Signals(changed(telemetry, "PARAM_VALUE", **sent)), made_up())
     assert (tuned.level, tuned.time, tuned.until) == ("watch", 21.0, 29.0)
     assert [one.level for one in tuned.figures["ratings"]] == ["good", "bad"]
 

@@ -12,7 +12,7 @@ from recorded_flights import shared
 from refusals import refused
 
 import mavdem
-from mavdem.assessment.axis.loops import loops_of_log
+from mavdem.assessment.axis.loops import loop_of_axis
 from mavdem.dataset.flights import usable_segments
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
 from mavdem.dem.record import Record
@@ -100,7 +100,7 @@ def test_a_loop_has_its_true_margins_at_400_and_at_25_hz(flight, every, within):
 
 def test_a_slow_log_has_the_loops_of_its_plant_in_the_loop(log):
     slow = thinned(log, 16)
-    assert not loops_of_log(Signals(slow.vehicles[0]), slow).plant.filtered
+    assert not loop_of_axis(Signals(slow.vehicles[0]), slow).plant.filtered
 
 
 def refusal(signals, flights):

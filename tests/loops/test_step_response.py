@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from pytest import approx, mark
 from scipy.signal import cont2discrete, freqz, lfilter
 
-from mavdem.assessment.axis.responses import predicted_attitude
+from mavdem.assessment.axis.responses import predicted_attitude_response
 from mavdem.assessment.flights import settled_flight
 from mavdem.dataset.signals import Signals
 from mavdem.facts.loops import StepResponses
@@ -31,7 +31,9 @@ def test_an_attitude_whose_rate_is_asked_for_too_is_followed_at_once(ahead):
     angle = 4.5
     attitude = Mock(frequency=FREQUENCY, closed=(angle / (s + angle))[None])
     known = Mock(attitude=attitude, controller=Mock(angle_gain=angle))
-    assert_allclose(predicted_attitude(known, ahead), 1.0 if ahead else angle / (s + angle))
+    assert_allclose(
+        predicted_attitude_response(known, ahead), 1.0 if ahead else angle / (s + angle)
+    )
 
 
 def loop(hertz=12.0, damping=0.25, frequency=FREQUENCY):

@@ -13,7 +13,7 @@ from pytest import approx, fixture, mark, raises
 from recorded_flights import FLIGHT
 
 import mavdem
-from mavdem.assessment.axis.residuals import correlation
+from mavdem.assessment.axis.residuals import lagged_correlation
 from mavdem.assessment.axis.responses import LoopResponse
 from mavdem.assessment.noise_spectra import MeasuredNoise
 from mavdem.evaluate import held_out_test, held_out_windows
@@ -198,7 +198,7 @@ def test_the_physical_response_begins_at_effect_over_damping_and_turns_by_its_de
 def test_a_correlation_is_found_at_its_lag():
     rng = default_rng(1)
     noise = rng.standard_normal(5000)
-    values = correlation(noise, np.roll(noise, 7) + rng.standard_normal(5000), 20)
+    values = lagged_correlation(noise, np.roll(noise, 7) + rng.standard_normal(5000), 20)
     assert values.argmax() == 7 and values[7] == approx(0.5**0.5, abs=0.03)
     assert abs(np.delete(values, 7)).max() < 0.06
 

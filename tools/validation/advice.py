@@ -19,7 +19,7 @@ import pandas as pd
 from flights import Values, command, rows_of, show
 from loops import CACHE, HALF, HALVES, PLANT, loops_in, simulated
 
-from mavdem.assessment.assess import NoLoop
+from mavdem.assessment.record import NoLoop
 from mavdem.loops.advice import advise
 from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop, MarginTarget, margin_scores
 

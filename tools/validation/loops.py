@@ -23,8 +23,9 @@ from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 from physical import Case, scenario, varied
 
-from mavdem.assessment.assess import NoLoop, assess
+from mavdem.assessment.assess import assess
 from mavdem.assessment.axis import Options
+from mavdem.assessment.record import NoLoop
 from mavdem.confidence import INTERVAL_QUANTILES
 from mavdem.errors import Refusal
 from mavdem.experiments.paper.runner import write_log
@@ -188,7 +189,7 @@ def loops_in(log: Log, rate: float) -> Mapping[str, Loop | NoLoop]:
     """What ``mavdem tune`` finds by axis, where messages faster than ``rate``, Hz, but one in so many are left out."""
     vehicles = tuple(thinned(vehicle, rate) for vehicle in log.vehicles)
     slower = replace(log, vehicles=vehicles)
-    return assess(slower, options=Options(whole=False)).loops
+    return assess(slower, options=Options(with_model=False)).loops
 
 
 def thinned(vehicle: Telemetry, rate: float) -> Telemetry:

@@ -1,19 +1,28 @@
-"""Analysis: from a log to all that it says of one vehicle and axis.
+"""Analysis of one vehicle and axis: what the log allows, the model, held-out forecasts, and physical parameters.
 
-Learnability and tier say what the log allows. The model is trained on the settled flight, judged by windows that no
-model saw, and graded by findings; a model of the slow motion is kept only where it predicts better than none.
+Learnability and tier decide what the log allows. The model is trained on the settled flight, tested on windows that no
+model was trained on, and graded by the findings. A model of the slow motion is kept only if it predicts better than the
+baselines.
 """
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.assessment.axis.figures import ALL, LogAnalysis, axis_figures, physical_of
-from mavdem.assessment.axis.findings import disown_torque
+from mavdem.assessment.axis.figures import (
+    ALL_AXES,
+    AxisFigures,
+    LogAnalysis,
+    figures_of_axis,
+    physical_parameters,
+)
+from mavdem.assessment.axis.findings import with_own_torque_marked
 from mavdem.assessment.condition import condition_of
-from mavdem.assessment.inventory import identity_of, tier_of
+from mavdem.assessment.identity import identity_of
+from mavdem.assessment.tier import tier_of
 from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dataset.flights import flights_of_longest_boot, usable_segments
 from mavdem.dataset.intervals import in_intervals
@@ -46,38 +55,40 @@ from mavdem.motors.loss_detection import MIN_RATE, MotorAlarm, MotorWatch
 from mavdem.motors.trim_pattern import trim_of_signals
 from mavdem.plant.wind_torque import estimate_wind_torque
 
-# of squared errors, to a forecast's without a model, up to which one of slow motion is worth it
-MAX_SLOW_RATIO = 0.9
+MAX_SLOW_ERROR_RATIO = 0.9
+"""Squared error of a model of the slow motion, over that of each baseline, up to which the model is worth having."""
 
-StepProgress = Callable[..., AbstractContextManager[Progress]]
-"""Shows a step of the work by its ``title``; what it yields is called with the share done, if it is ``measured``."""
+ShowStep = Callable[..., AbstractContextManager[Progress]]
+"""Shows a step of the work, given its ``title`` and whether it is ``measured``.
+
+It returns a context, which yields a function. A measured step calls that with the share of the work that is done.
+"""
 
 
-def silent(title: str, measured: bool = True) -> AbstractContextManager[Progress]:
-    """Shows nothing of a step."""
+def show_nothing(title: str, measured: bool = True) -> AbstractContextManager[Progress]:
+    """Shows no step of the work."""
     return nullcontext(lambda share: None)
 
 
 @dataclass(frozen=True)
 class Options:
-    """What of a log is analysed, and how a model is learned.
-
-    Attributes:
-        inputs: as for :func:`mavdem.read_flight`.
-        settings: of the fits.
-        start: seconds of settled flight that are left out at its beginning.
-        train, test: lengths of the training data and of a test window; without ``train`` all is trained on.
-        truth: the truth file of a simulated flight.
-        whole: with the model; without, only that of slow motion is learned, where whether there is one decides.
-    """
+    """What of a log is analysed, and how a model is learned."""
 
     inputs: str | None = None
+    """Inputs of the model, as for :func:`mavdem.read_flight`."""
     settings: Settings = field(default_factory=Settings)
+    """Settings of the fits."""
     start: float = 0.0
+    """Time at the beginning of the settled flight that is left out, s."""
     train: Length | None = None
+    """Length of the training data; None to train on all of the flight, and to test by cross-validation."""
     test: Length | None = None
+    """Length of a test window; None for the default."""
     truth: PathName | None = None
-    whole: bool = True
+    """Truth file of a simulated flight."""
+    with_model: bool = True
+    """Whether to learn the model. Without it only a model of the slow motion is learned, since its test decides whether
+    there is one."""
 
 
 def analyse(
@@ -86,10 +97,10 @@ def analyse(
     axis: str = "roll",
     options: Options | None = None,
     *,
-    progress: StepProgress = silent,
+    progress: ShowStep = show_nothing,
     other_axis: LogAnalysis | None = None,
 ) -> LogAnalysis:
-    """Returns all that a log says of one vehicle and axis.
+    """Returns all that a log shows of one vehicle and axis.
 
     The model is trained on the whole settled flight of the longest segment's boot and judged by held-out windows. With
     ``options.train`` it is trained on so much of the longest segment, and tested once on what follows.
@@ -100,109 +111,159 @@ def analyse(
         axis: "roll" or "pitch"; "all" for a model of roll, and the physical parameters of roll, pitch and yaw.
         options: what is analysed, and how; ``Options()`` unless given.
         progress: shows the steps of the work.
-        other_axis: the analysis of another axis of the vehicle: what that says of the vehicle, and perhaps of the
-            physical parameters of this axis, is not made again.
+        other_axis: the analysis of another axis of the vehicle. Its figures of the vehicle are not computed again, nor
+            its physical parameters of this axis, if they are of the same flights.
 
     Raises:
-        NotLearnable: the ``start``, ``train`` or ``test`` that was asked for does not fit.
+        NotLearnable: the ``start``, ``train`` or ``test`` of the options does not fit.
         Unreadable: ``truth`` is not the truth of this flight.
-        ValueError: an axis or inputs that are none.
+        ValueError: unknown axis or inputs.
     """
     options = options or Options()
-    inputs = options.inputs
-    signals = signals.for_axis(AXES[0] if axis == ALL else axis, inputs)
+    signals = signals.for_axis(AXES[0] if axis == ALL_AXES else axis, options.inputs)
     segments, learnability = usable_segments(signals, log.components)
-    analysis = _without_model(log, signals, learnability, other_axis)
-    slow = analysis.tier.tier == "b" and signals.axis in TILT_AXES
-    if slow:
-        segments, of_slow = usable_segments(signals, log.components, MIN_SLOW_MOTION_RATE)
+    analysis = _analysis_without_model(log, signals, learnability, other_axis)
+    is_slow = analysis.tier.tier == "b" and signals.axis in TILT_AXES
+    if is_slow:
+        segments, slow_learnability = usable_segments(signals, log.components, MIN_SLOW_MOTION_RATE)
         if not segments:
-            return _refused(analysis, of_slow.reason)
-    if not segments or not (options.whole or slow):
+            return _with_slow_refusal(analysis, slow_learnability.reason)
+    if not segments or not (options.with_model or is_slow):
         return analysis
     try:
-        flights, learned, held_out = _model(segments, options, progress, slow)
+        trained = _train_and_test(segments, options, progress, is_slow)
     except NotLearnable as error:
-        if isinstance(error, TooFewSamples) and (options.start or options.train or options.test):
+        has_chosen_lengths = options.start or options.train or options.test
+        if isinstance(error, TooFewSamples) and has_chosen_lengths:
             raise
-        return _refused(analysis, error.fact) if slow else replace(analysis, reason=error.fact)
-    caution = [Fact(Caveat.SLOW_MOTION_ONLY)] if slow else []
-    cautions = *caution, *flights[0].cautions, *learned.cautions
-    learned = replace(learned, cautions=cautions)  # before anything is fitted that it keeps
-    figures = None if other_axis is None else other_axis.axes.get(axis)
-    if figures and figures.physical and tuple(map(len, figures.flights)) == learned.record.lengths:
-        learned = learned.with_physical(figures.physical).with_wind_torque(figures.wind)
-    else:
-        if not slow:
-            learned = learned.with_physical(physical_of(signals, flights))
-        if analysis.changes and learned.physical is not None and learned.wind_torque is not None:
-            torque = estimate_wind_torque(learned.physical, learned.record, analysis.changes)
-            learned = learned.with_wind_torque(torque)
-    learned = disown_torque(learned, analysis.condition.oscillation is not None)
-    analysis = replace(analysis, flights=flights, learned=learned, held_out=held_out)
+        if is_slow:
+            return _with_slow_refusal(analysis, error.fact)
+        return replace(analysis, reason=error.fact)
+    flights = trained.flights
+    learned = _with_cautions(trained.learned, flights, is_slow)
+    axis_figures = None if other_axis is None else other_axis.axes.get(axis)
+    learned = _with_physical_parameters(learned, signals, flights, analysis, axis_figures, is_slow)
+    learned = with_own_torque_marked(learned, analysis.condition.oscillation is not None)
+    analysis = replace(analysis, flights=flights, learned=learned, held_out=trained.held_out)
     if options.truth is not None:
         truth = truth_of(flights, options.truth)
         analysis = replace(analysis, truth=compare_with_truth(learned, flights, truth))
-    if axis == ALL:
-        axes = {**analysis.axis_figures}
-        with progress("Estimating the physical parameters") as done:
-            for other in AXES[1:]:
-                about = signals.for_axis(other, inputs)
-                axes[other] = axis_figures(about, log.components, analysis.changes)
-                done(len(axes) / len(AXES))
-        analysis = replace(analysis, axes=ReadOnlyDict(axes))
+    if axis == ALL_AXES:
+        analysis = _with_other_axes(analysis, log, signals, progress)
     return analysis
 
 
-def _without_model(
+def _analysis_without_model(
     log: Log, signals: Signals, learnability: Learnability, other_axis: LogAnalysis | None
 ) -> LogAnalysis:
-    """What a log says of a vehicle without a model of an axis, and why it allows none."""
-    condition = condition_of(signals) if other_axis is None else other_axis.condition
+    """Returns what a log shows of a vehicle without a model, and why it allows no full one.
+
+    The figures of the vehicle, which are the same for all axes, are taken from the analysis of an ``other_axis``.
+    """
+    if other_axis is not None:
+        condition = other_axis.condition
+        identity = other_axis.identity
+        alarms = other_axis.alarms
+        trim = other_axis.trim
+        motors_are_watched = other_axis.motors_are_watched
+    else:
+        condition = condition_of(signals)
+        identity = identity_of(signals, log.receive_time[0])
+        alarms = motor_alarms(signals)
+        trim = trim_of_signals(signals)
+        motors_are_watched = _motors_are_watched(signals)
     tier = tier_of(learnability, condition)
     reason = None if tier.tier == "a" else tier.tier_reason
-    measured = learnability.figures
-    if tier.tier is None and measured.airborne and not measured.segments:
-        reason = Fact(NoModel.NO_SETTLED_FLIGHT, duration=measured.airborne)
-    if other_axis is not None:
-        return LogAnalysis(
-            learnability,
-            tier,
-            condition,
-            other_axis.identity,
-            reason,
-            alarms=other_axis.alarms,
-            trim=other_axis.trim,
-            watched=other_axis.watched,
-        )
-    motors = signals.motors
+    quality = learnability.figures
+    if tier.tier is None and quality.airborne and not quality.segments:
+        reason = Fact(NoModel.NO_SETTLED_FLIGHT, duration=quality.airborne)
     return LogAnalysis(
         learnability,
         tier,
         condition,
-        identity_of(signals, log.receive_time[0]),
+        identity,
         reason,
-        alarms=motor_alarms(signals),
-        trim=trim_of_signals(signals),
-        watched=motors is not None
-        and bool(motors.geometry.positions)
-        and rate_between_outages(motors) >= MIN_RATE,
+        alarms=alarms,
+        trim=trim,
+        motors_are_watched=motors_are_watched,
     )
 
 
-def _refused(analysis: LogAnalysis, refusal: Fact) -> LogAnalysis:
-    """Why there is no model of the slow motion either, after why there is no full one."""
+def _motors_are_watched(signals: Signals) -> bool:
+    """Returns whether a motor that weakens in flight would have been detected: by positions and rate of the motors."""
+    motors = signals.motors
+    if motors is None or not motors.geometry.positions:
+        return False
+    return rate_between_outages(motors) >= MIN_RATE
+
+
+def _with_slow_refusal(analysis: LogAnalysis, refusal: Fact) -> LogAnalysis:
+    """Returns the analysis with the reason why there is no model of the slow motion, after why there is no full one."""
     if analysis.reason is None or refusal == analysis.reason:
         return analysis
     reason = Fact(NoModel.SLOW_MODEL_REFUSED, because=analysis.reason, refusal=refusal)
     return replace(analysis, reason=reason)
 
 
-def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
-    """Returns what a live session would have said of the motors of ``signals``, boot by boot.
+def _with_cautions(learned: Learned, flights: Flights, is_slow: bool) -> Learned:
+    """Returns the model with the cautions of its flights too, before anything else is fitted that it keeps."""
+    cautions = [*flights[0].cautions, *learned.cautions]
+    if is_slow:
+        cautions.insert(0, Fact(Caveat.SLOW_MOTION_ONLY))
+    return replace(learned, cautions=tuple(cautions))
 
-    Live, the end of the climb-out is known half a second late and a landing when it has happened, so that times differ
-    by as much. Logs with fewer than 6 samples of the motors a second show nothing.
+
+def _with_physical_parameters(
+    learned: Learned,
+    signals: Signals,
+    flights: Flights,
+    analysis: LogAnalysis,
+    axis_figures: AxisFigures | None,
+    is_slow: bool,
+) -> Learned:
+    """Returns the model with physical parameters and wind torque; without parameters for a model of the slow motion.
+
+    Args:
+        learned: the model.
+        signals: of its axis.
+        flights: what it was trained on.
+        analysis: of the vehicle, with the times at which a motor changed. The wind torque is estimated anew after each.
+        axis_figures: parameters of the axis that were estimated before; they hold if they are of the same flights.
+        is_slow: whether the model is one of the slow motion.
+    """
+    if axis_figures is not None and axis_figures.physical:
+        lengths = tuple(len(flight) for flight in axis_figures.flights)
+        if lengths == learned.record.lengths:
+            learned = learned.with_physical(axis_figures.physical)
+            return learned.with_wind_torque(axis_figures.wind)
+    if not is_slow:
+        learned = learned.with_physical(physical_parameters(signals, flights))
+    change_times = analysis.motor_change_times
+    if change_times and learned.physical is not None and learned.wind_torque is not None:
+        torque = estimate_wind_torque(learned.physical, learned.record, change_times)
+        learned = learned.with_wind_torque(torque)
+    return learned
+
+
+def _with_other_axes(
+    analysis: LogAnalysis, log: Log, signals: Signals, progress: ShowStep
+) -> LogAnalysis:
+    """Returns the analysis of roll with the physical parameters of pitch and yaw too."""
+    axes = {**analysis.figures_by_axis}
+    with progress("Estimating the physical parameters") as show_share:
+        for axis in AXES[1:]:
+            axis_signals = signals.for_axis(axis, signals.inputs)
+            change_times = analysis.motor_change_times
+            axes[axis] = figures_of_axis(axis_signals, log.components, change_times)
+            show_share(len(axes) / len(AXES))
+    return replace(analysis, axes=ReadOnlyDict(axes))
+
+
+def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
+    """Returns the alarms on motors that a live session would have raised, boot by boot.
+
+    A live session knows the end of the climb-out half a second late, and a landing when it has happened, so that its
+    times differ by as much. There are none if the motors were recorded at less than 6 Hz.
     """
     motors = signals.motors
     if motors is None:
@@ -210,48 +271,78 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
     alarms = []
     for boot in np.unique(motors.boot).tolist():
         watch = MotorWatch(motors.geometry, boot)
-        shares = motors.range_fractions(boot)
-        heading = tracked_headings(signals, boot, shares.time)
-        flown = in_intervals(shares.time, settled_intervals(signals, boot))
-        columns = shares.time[flown].tolist(), shares.values[flown], heading[flown].tolist()
-        for sample in zip(*columns, strict=True):
-            watch.take(*sample)
+        commands = motors.range_fractions(boot)
+        headings = tracked_headings(signals, boot, commands.time)
+        rows = in_intervals(commands.time, settled_intervals(signals, boot))
+        samples = zip(
+            commands.time[rows].tolist(),
+            commands.values[rows],
+            headings[rows].tolist(),
+            strict=True,
+        )
+        for time, command, heading in samples:
+            watch.take(time, command, heading)
         alarms += watch.alarms
     return tuple(alarms)
 
 
-def _model(
-    segments: Flights, options: Options, progress: StepProgress, slow: bool
-) -> tuple[Flights, Learned, HeldOut]:
-    """What was trained on, the model, and forecasts of windows that no model saw.
+class _TestedModel(NamedTuple):
+    """A model with the data of its training and test."""
 
-    A model of ``slow`` motion is refused by these before it is learned.
+    flights: Flights
+    """What the model was trained on."""
+    learned: Learned
+    held_out: HeldOut
+    """Forecasts of windows that no model was trained on."""
+
+
+def _train_and_test(
+    segments: Flights, options: Options, progress: ShowStep, is_slow: bool
+) -> _TestedModel:
+    """Trains a model and tests it on held-out windows.
+
+    Args:
+        segments: of settled flight.
+        options: with the lengths of training data and test windows.
+        progress: shows the steps of the work.
+        is_slow: whether it is a model of the slow motion. Then the test decides before the model is learned.
+
+    Raises:
+        NotLearnable: no model can be learned, or one of the slow motion that predicts too badly.
     """
     settings = options.settings
     if options.train is not None:
-        training, following = cut(
-            max(segments, key=len), options.start, options.train, options.test
-        )
-        with _learning(progress):
+        longest = max(segments, key=len)
+        training, following = training_and_test(longest, options.start, options.train, options.test)
+        with _learning_step(progress):
             learned = learn(training, settings)
-        return (training,), learned, held_out_test(training, following, learned)
-    flights = flown_after(segments, options.start)
-    with _learning(progress):
-        first = prepared_training(flights, settings) if slow else learn(flights, settings)
-    _, steps = part_samples(flights[0].dt, None, options.test)
+        return _TestedModel((training,), learned, held_out_test(training, following, learned))
+    flights = flights_from(segments, options.start)
+    first_learned = None
+    with _learning_step(progress):
+        if is_slow:
+            # It raises an error for data that no model can be learned from.
+            prepared_training(flights, settings)
+        else:
+            first_learned = learn(flights, settings)
+    dt = flights[0].dt
+    _, window_samples = part_samples(dt, None, options.test)
     try:
-        with progress("Judging by held-out windows") as done:
-            held_out = held_out_windows(flights, settings, steps, done)
+        with progress("Judging by held-out windows") as show_share:
+            held_out = held_out_windows(flights, settings, window_samples, show_share)
     except ValueError as error:
-        raise no_test_window(sum(map(len, flights)), flights[0].dt, steps, FOLDS) from error
-    if slow and (refusal := slow_motion_refusal(held_out)):
+        raise no_test_window(sum(map(len, flights)), dt, window_samples, FOLDS) from error
+    if first_learned is not None:
+        return _TestedModel(flights, first_learned, held_out)
+    refusal = slow_motion_refusal(held_out)
+    if refusal is not None:
         raise NotLearnable(refusal)
-    return flights, first if isinstance(first, Learned) else learn(flights, settings), held_out
+    return _TestedModel(flights, learn(flights, settings), held_out)
 
 
 @contextmanager
-def _learning(progress: StepProgress) -> Iterator[None]:
-    """Shows that a model is learned; raises ``NotLearnable`` where it cannot be."""
+def _learning_step(progress: ShowStep) -> Iterator[None]:
+    """Shows that a model is learned, and raises ``NotLearnable`` if that fails."""
     try:
         with progress("Learning", measured=False):
             yield
@@ -260,48 +351,63 @@ def _learning(progress: StepProgress) -> Iterator[None]:
 
 
 def slow_motion_refusal(held_out: HeldOut) -> Fact | None:
-    """Returns why a model does not beat each baseline in ``held_out`` windows by a margin, beyond chance; or None."""
-    for name in BASELINES:
-        ratio = held_out.error_ratio() / held_out.error_ratio(name)
-        test = paired(held_out.error_ratios(name), np.ones(len(held_out)))
-        is_weak = not ratio <= MAX_SLOW_RATIO
-        if is_weak or test.result != TestResult.LOWER:
+    """Returns why a model of the slow motion is not worth having; None if it is.
+
+    It must beat each baseline in the held-out windows by ``MAX_SLOW_ERROR_RATIO``, and beyond chance by a paired test
+    of the errors.
+    """
+    for baseline in BASELINES:
+        ratio = held_out.error_ratio() / held_out.error_ratio(baseline)
+        test = paired(held_out.error_ratios(baseline), np.ones(len(held_out)))
+        # The ratio may be NaN, which is no improvement.
+        is_better = ratio <= MAX_SLOW_ERROR_RATIO
+        if not is_better or test.result != TestResult.LOWER:
             return Fact(
                 NoModel.SLOW_MODEL_TOO_WEAK,
-                name=name,
+                name=baseline,
                 windows=len(held_out),
                 ratio=ratio,
-                p_value=None if is_weak else test.p_value,
-                limit=MAX_SLOW_RATIO if is_weak else SIGNIFICANCE,
+                p_value=test.p_value if is_better else None,
+                limit=SIGNIFICANCE if is_better else MAX_SLOW_ERROR_RATIO,
             )
     return None
 
 
-def flown_after(segments: Flights, start: float) -> Flights:
-    """Returns what is flown ``start`` s after the first sample and later; raises ``TooFewSamples`` of too little.
+def flights_from(segments: Flights, start: float) -> Flights:
+    """Returns the flights of the longest segment's boot from ``start`` s after their first sample on.
 
-    Of the longest segment's boot: times of another cannot be compared.
+    Other boots have clocks that cannot be compared. Raises ``TooFewSamples`` if too little remains to learn from.
     """
     flights = flights_of_longest_boot(segments)
-    begin = flights[0].time[0] + start
-    skips = [
-        (flight, int(np.searchsorted(flight.time, begin - flight.dt / 2))) for flight in flights
-    ]
-    left = tuple(
-        flight[skip:] if skip else flight
-        for flight, skip in skips
-        if len(flight) - skip >= MIN_SAMPLES
-    )
-    if not left:
+    start_time = flights[0].time[0] + start
+    remaining = []
+    for flight in flights:
+        # Half a step of tolerance, since stamps are rounded.
+        first = int(np.searchsorted(flight.time, start_time - flight.dt / 2))
+        if len(flight) - first >= MIN_SAMPLES:
+            remaining.append(flight[first:] if first else flight)
+    if not remaining:
         raise TooFewSamples(Forecasts.NOTHING_LEFT, samples=MIN_SAMPLES, start=start)
-    return left
+    return tuple(remaining)
 
 
-def cut(flight: Flight, start: float, train: Length, test: Length | None) -> tuple[Flight, Flight]:
-    """Returns ``train`` of the ``flight`` from ``start`` s on and the ``test`` after it; raises ``TooFewSamples``."""
+def training_and_test(
+    flight: Flight, start: float, train: Length, test: Length | None
+) -> tuple[Flight, Flight]:
+    """Splits a flight into training data from ``start`` s on and the test data after it.
+
+    Args:
+        flight: the flight.
+        start: time from its first sample, s.
+        train, test: lengths of the two; None for the default.
+
+    Raises:
+        TooFewSamples: the flight is too short.
+    """
     first = round(min(start / flight.dt, len(flight)))
-    length, ahead = part_samples(flight.dt, train, test)
-    end = first + length
-    if len(flight) < end + ahead:
-        raise too_short(flight, start, length, ahead, MIN_SAMPLES)
-    return flight[first:end], flight[end : end + ahead]
+    training_samples, test_samples = part_samples(flight.dt, train, test)
+    split = first + training_samples
+    end = split + test_samples
+    if len(flight) < end:
+        raise too_short(flight, start, training_samples, test_samples, MIN_SAMPLES)
+    return flight[first:split], flight[split:end]

@@ -1,7 +1,7 @@
-"""Figures: what is known of a flight, as one record and as one dictionary of plain values.
+"""Figures of one vehicle and axis: a record of all that a log shows of them, and the same as a JSON document.
 
-``LogAnalysis`` holds what a log says of one vehicle and axis. Its ``as_dict`` is the document that ``report.json``
-is, that pages and fleets read, and that scripts hold.
+``LogAnalysis`` is the record. Its ``as_dict`` is the document that ``report.json`` has, that pages and fleets read, and
+that scripts hold.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,9 +12,10 @@ from typing import NamedTuple
 
 from mavdem.arrays import Array
 from mavdem.assessment.axis.findings import Findings, findings_of
-from mavdem.assessment.axis.gains import with_one_set_of_gains
+from mavdem.assessment.axis.gains import parts_with_one_gain_set
 from mavdem.assessment.condition import Condition
-from mavdem.assessment.inventory import Identity, Tier
+from mavdem.assessment.identity import Identity
+from mavdem.assessment.tier import Tier
 from mavdem.containers import JsonValues
 from mavdem.dataset.flights import usable_segments
 from mavdem.dataset.learnability import Learnability
@@ -41,64 +42,64 @@ from mavdem.motors.loss_detection import MotorAlarm, alarm_figures
 from mavdem.plant import NotIdentifiable, Physical, WindTorque, physical
 from mavdem.plant.wind_torque import estimate_wind_torque
 
-ALL = "all"  # of an axis: roll, pitch and yaw
+ALL_AXES = "all"
+"""Name that stands for roll, pitch and yaw together, where the name of one axis is expected."""
 
 
 class AxisFigures(NamedTuple):
-    """One axis: all its settled ``flights``, ``physical`` parameters, ``wind`` torque; ``reason``: why none."""
+    """Physical parameters and wind torque of one axis."""
 
     flights: Flights
+    """All settled flight of the axis."""
     physical: Physical | None
+    """Physical parameters; None if they are not identifiable."""
     wind: WindTorque | None
+    """Wind torque; None if it could not be estimated."""
     reason: Fact | None
+    """Why there are no physical parameters; None if there are."""
 
 
 @dataclass(frozen=True, eq=False)
 class LogAnalysis:
-    """One vehicle and axis of a log.
-
-    Attributes:
-        learnability: whether a full model of the axis can be learned, on which segment, and its figures.
-        tier: what the log allows, why no more, and what the next tier needs.
-        condition: balance, limits, lean, vibration and battery, at any rate.
-        identity: which vehicle, and when.
-        axes: of ``axis="all"`` the physical parameters of each axis.
-        reason: why there is no full model; ``None`` where there is one.
-        flights, learned, held_out: what was trained on; the model, in tier "b" of the slow motion and without physical
-            parameters; forecasts of windows that no model saw.
-        truth: the estimates beside the truth of a simulated flight, where its file was given.
-        alarms: lasting changes of the motors' balance in flight, as a live session would have found them.
-        trim: how even the motors work; None without their outputs.
-        watched: whether a motor that weakens would have been seen.
-    """
+    """All that a log shows of one vehicle and axis."""
 
     learnability: Learnability
+    """Whether a full model of the axis can be learned, from which segment, and the figures of its data."""
     tier: Tier
+    """What the log allows, why no more, and what the next tier needs."""
     condition: Condition
+    """Motor balance, lean, vibration, battery and oscillation, at any rate."""
     identity: Identity
+    """Which vehicle it is, and when it flew."""
     reason: Fact | None = None
+    """Why there is no full model; None if there is one."""
     axes: Mapping[str, AxisFigures] = field(default_factory=dict)
+    """Physical parameters of roll, pitch and yaw, if all axes were analysed; otherwise empty."""
     flights: Flights = ()
+    """What the model was trained on."""
     learned: Learned | None = None
+    """The model; in tier "b" one of the slow motion, without physical parameters; None if there is none."""
     held_out: HeldOut | None = None
+    """Forecasts of windows that no model was trained on."""
     truth: TruthComparison | None = None
+    """The estimates compared with the truth of a simulated flight, if its file was given."""
     alarms: tuple[MotorAlarm, ...] = ()
+    """Lasting changes of the motors' balance in flight, as a live session would have found them."""
     trim: Fact | None = None
-    watched: bool = False
+    """How even the motors work; None if their outputs were not recorded."""
+    motors_are_watched: bool = False
+    """Whether a motor that weakens in flight would have been detected."""
 
     @property
-    def axis_figures(self) -> Mapping[str, AxisFigures]:
-        """The physical parameters of each axis that they were estimated of, with the model or for all axes."""
+    def figures_by_axis(self) -> Mapping[str, AxisFigures]:
+        """Physical parameters of each axis for which they were estimated: of all axes, or of that of the model."""
         if self.axes or self.learned is None:
             return self.axes
-        return {
-            self.learnability.axis: AxisFigures(
-                self.flights,
-                self.learned.physical,
-                self.learned.wind_torque,
-                self.learned.physical_reason,
-            )
-        }
+        learned = self.learned
+        figures = AxisFigures(
+            self.flights, learned.physical, learned.wind_torque, learned.physical_reason
+        )
+        return {self.learnability.axis: figures}
 
     @property
     def model(self) -> str | None:
@@ -108,65 +109,71 @@ class LogAnalysis:
         return None if self.learned is None else "slow motion"
 
     @property
-    def changes(self) -> list[float]:
-        """When a motor changed in flight and so the vehicle, s."""
+    def motor_change_times(self) -> list[float]:
+        """When a motor changed in flight, and so the vehicle, s on the boot clock."""
         return [alarm.since for alarm in self.alarms if alarm.motor is not None]
 
     @cached_property
     def findings(self) -> Findings:
-        """What makes the flight doubtful, and what the model is good for: made once, shown everywhere."""
-        # Rates that are sent slowly say nothing of the angle.
-        consistency = self.learnability.figures.consistency if self.model == "full" else None
+        """What makes the flight doubtful, and what the model is good for."""
+        # Rates that were recorded slowly do not show whether they are those of the angle.
+        consistency = None
+        if self.model == "full":
+            consistency = self.learnability.figures.consistency
         return findings_of(
             self.learned, self.held_out, self.condition, self.alarms, consistency, self.trim
         )
 
     def as_dict(self) -> JsonValues:
-        """Returns all figures as plain JSON values: what ``report.json`` has.
+        """Returns all figures by the keys of ``report.json``; those of the model are missing without one.
 
-        Angles in rad, rates in rad/s, time in s. Without a model its figures are missing.
+        Angles are in rad, rates in rad/s, times in s.
         """
-        learned = self.learned
-        held_out = self.held_out
-        figures = {}
-        if learned is not None and held_out is not None:
-            figures = model_figures(self.flights, learned, held_out)
+        figures: JsonValues = {}
+        if self.learned is not None and self.held_out is not None:
+            figures = model_figures(self.flights, self.learned, self.held_out)
         return {
             **figures,
             "axes": self.axes,
             "hover": self.condition.hover,
             **self.tier._asdict(),
             "reason": self.reason,
-            "remedy": self.reason and self.reason.remedy,
+            "remedy": None if self.reason is None else self.reason.remedy,
             "condition": self.condition,
             "identity": self.identity,
             **alarm_figures(self.alarms),
             **self.findings._asdict(),
             "truth": self.truth,
-            "settings": None if learned is None else asdict(learned.settings),
+            "settings": None if self.learned is None else asdict(self.learned.settings),
             "verdict": self.learnability,
         }
 
 
 def model_figures(flights: Flights, learned: Learned, held_out: HeldOut) -> JsonValues:
-    """Returns the figures of a model of ``flights``, judged by ``held_out`` windows, as JSON values: rad, rad/s, s."""
-    first = flights[0]
-    fit = learned.simulation_fit
-    names = dict[StrEnum, HeldOutForecast]({MethodName.JOINT: FORECAST})
-    names |= {name: name for name in BASELINES}
-    ranked = _ranked(
-        {name: held_out.squared_errors(of).mean(axis=0) for name, of in names.items()},
-        held_out.variance,
-    )
+    """Returns the figures of a model by the keys of ``report.json``, in rad, rad/s and s.
+
+    Args:
+        flights: what the model was trained on.
+        learned: the model.
+        held_out: forecasts of windows that no model was trained on.
+    """
+    first_flight = flights[0]
+    forecasts = dict[StrEnum, HeldOutForecast]({MethodName.JOINT: FORECAST})
+    forecasts |= {baseline: baseline for baseline in BASELINES}
+    errors = {
+        method: held_out.squared_errors(forecast).mean(axis=0)
+        for method, forecast in forecasts.items()
+    }
+    ranked_errors = _ranked_errors(errors, held_out.variance)
     model = learned.model
     energy = learned.free_energy
     joint = learned.joint
     return {
-        "flight": first.provenance,
+        "flight": first_flight.provenance,
         "segments": [{"start": flight.time[0], "samples": len(flight)} for flight in flights],
-        "inputs": first.input_names,
-        "outputs": first.output_names,
-        "dt": first.dt,
+        "inputs": first_flight.input_names,
+        "outputs": first_flight.output_names,
+        "dt": first_flight.dt,
         "training_samples": len(learned.record.outputs),
         "forecast_samples": held_out.time.shape[1],
         "order": learned.settings.order,
@@ -181,24 +188,15 @@ def model_figures(flights: Flights, learned: Learned, held_out: HeldOut) -> Json
             "terms": {name: term[-1] for name, term in energy.terms.items()},
         },
         "held_out": held_out,
-        "forecast_mspe": ranked,
-        "forecast_over_constant_mean": ranked[MethodName.JOINT]["relative"],
+        "forecast_mspe": ranked_errors,
+        "forecast_over_constant_mean": ranked_errors[MethodName.JOINT]["relative"],
         "expected_error": (held_out.expected / held_out.variance).mean(),
         "inside_90_percent_band": held_out.coverage,
         "prediction": {
-            "half_explained_seconds": learned.useful_steps * first.dt,
+            "half_explained_seconds": learned.useful_steps * first_flight.dt,
             "error_ratio": held_out.error_ratio(PREDICTION),
         },
-        "simulation_fit": None
-        if fit is None
-        else {
-            "samples": fit.horizon,
-            "converged": fit.converged,
-            "numbers": fit.effective_samples,
-            "parameters": len(fit.free),
-            "turning": joint.mixer[:, 0],
-            "terms": {name: term[-1] for name, term in fit.terms.items()},
-        },
+        "simulation_fit": _simulation_fit_figures(learned),
         "joint": {
             "lags": joint.hyperparameters.lags,
             "prior_precision": joint.hyperparameters.ridge,
@@ -212,47 +210,79 @@ def model_figures(flights: Flights, learned: Learned, held_out: HeldOut) -> Json
     }
 
 
-def _ranked(errors: Mapping[StrEnum, Array], variance: Array) -> dict[StrEnum, JsonValues]:
-    """Mean squared errors (m,) by name, with the ratio to the constant mean's, the lowest first."""
-    shares = {name: (error / variance).sum() for name, error in errors.items()}
-    ratios = {
-        name: float(error_over(share, shares[CONSTANT_MEAN])) for name, share in shares.items()
-    }
+def _simulation_fit_figures(learned: Learned) -> JsonValues | None:
+    """Returns how the simulation-error fit of a model went, by the keys of ``report.json``; None without one."""
+    fit = learned.simulation_fit
+    if fit is None:
+        return None
     return {
-        name: {"per_output": errors[name], "total": errors[name].sum(), "relative": ratio}
-        for name, ratio in sorted(ratios.items(), key=lambda named: named[1])
+        "samples": fit.horizon,
+        "converged": fit.converged,
+        "numbers": fit.effective_samples,
+        "parameters": len(fit.free),
+        "turning": learned.joint.mixer[:, 0],
+        "terms": {name: term[-1] for name, term in fit.terms.items()},
     }
 
 
-def physical_of(signals: Signals, flights: Flights) -> Physical | NotIdentifiable:
-    """Returns the physical parameters of the axis of ``signals`` in ``flights``, or why there are none.
+def _ranked_errors(errors: Mapping[StrEnum, Array], variance: Array) -> dict[StrEnum, JsonValues]:
+    """Returns the squared errors of each method by the keys of ``report.json``, the method with the least one first.
 
-    They are those that inputs and outputs alone tell where they tell them without a bias, by motor and in narrower
-    intervals; else, or where its loop makes them doubtful, those of the plant in its loop where it is found.
+    Args:
+        errors: mean squared errors (m,) of m outputs, by method.
+        variance: (m,) variances of the outputs, by which the errors of outputs with different units are added.
     """
-    alone = physical(flights)
-    is_sure = isinstance(alone, Physical) and alone.identifiable and not alone.bias
+    normalised = {method: (error / variance).sum() for method, error in errors.items()}
+    ratios = {
+        method: float(error_over(error, normalised[CONSTANT_MEAN]))
+        for method, error in normalised.items()
+    }
+    ranking = {}
+    for method in sorted(ratios, key=lambda method: ratios[method]):
+        error = errors[method]
+        ranking[method] = {"per_output": error, "total": error.sum(), "relative": ratios[method]}
+    return ranking
+
+
+def physical_parameters(signals: Signals, flights: Flights) -> Physical | NotIdentifiable:
+    """Returns the physical parameters of the axis of ``signals`` in some flights, or why there are none.
+
+    They are those estimated from inputs and outputs alone, where these are identifiable without a bias: they are known
+    by motor, and have narrower intervals. Otherwise, and where the closed loop makes them doubtful, they are those of
+    the plant identified in its loop, if that is possible.
+    """
+    open_loop = physical(flights)
+    is_reliable = isinstance(open_loop, Physical) and open_loop.identifiable and not open_loop.bias
     try:
-        in_loop = identify_plant_in_loop(signals, with_one_set_of_gains(signals, flights)[0])
+        flights_of_gains, _ = parts_with_one_gain_set(signals, flights)
+        closed_loop = identify_plant_in_loop(signals, flights_of_gains)
     except NotLearnable as error:
-        return alone if is_sure else alone._replace(refusal=error.fact)
-    return alone if is_sure and in_loop.status["effect"] is Status.REPORTED else in_loop
+        return open_loop if is_reliable else open_loop._replace(refusal=error.fact)
+    if is_reliable and closed_loop.status["effect"] is Status.REPORTED:
+        return open_loop
+    return closed_loop
 
 
-def axis_figures(
-    signals: Signals, components: tuple[Component, ...], changes: Sequence[float]
+def figures_of_axis(
+    signals: Signals, components: tuple[Component, ...], change_times: Sequence[float]
 ) -> AxisFigures:
-    """Returns the physical parameters of the axis of ``signals``; the torque is cut at ``changes``, s, of a motor."""
+    """Returns physical parameters and wind torque of the axis of ``signals``.
+
+    Args:
+        signals: of the vehicle and axis.
+        components: of the log.
+        change_times: when a motor changed, s; the wind torque is estimated anew after each.
+    """
     flights, learnability = usable_segments(signals, components)
     if not flights:
         return AxisFigures((), None, None, learnability.reason)
     record = Record.from_flights(flights)
-    parameters = physical_of(signals, flights)
+    parameters = physical_parameters(signals, flights)
     if isinstance(parameters, NotIdentifiable):
         return AxisFigures(flights, None, None, parameters.reason)
     try:
-        return AxisFigures(
-            flights, parameters, estimate_wind_torque(parameters, record, changes), None
-        )
-    except ValueError:  # LinAlgError is one
-        return AxisFigures(flights, parameters, None, None)
+        wind_torque = estimate_wind_torque(parameters, record, change_times)
+    except ValueError:
+        # NumPy's LinAlgError is a ValueError.
+        wind_torque = None
+    return AxisFigures(flights, parameters, wind_torque, None)

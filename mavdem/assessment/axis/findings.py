@@ -1,8 +1,8 @@
-"""Findings: what a flight says of its vehicle and what its model is good for, made once and shown everywhere.
+"""Findings on a flight: what makes it doubtful, what its model is good for, and what to do next about the model.
 
-docs/report.md has the scale. What is estimated is graded by the half width of its 90 % interval (``HALF_WIDTH``) and by
-its status, forecasts by windows that no model saw (``PREDICTION_LIMITS``). What makes the flight itself doubtful
-overrides all grades (``mavdem.assessment.axis.overrides``).
+Estimates are graded by their status and by the half width of their 90 % interval, forecasts by windows that no model
+was trained on; docs/report.md has the scale. What makes the flight itself doubtful overrides all grades
+(:mod:`mavdem.assessment.axis.overrides`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -32,53 +32,68 @@ from mavdem.facts.model import ParameterDoubt
 from mavdem.motors.loss_detection import MotorAlarm
 from mavdem.plant import Physical, WindTorque
 
-HALF_WIDTH = {"effect": 0.15, "damping": 1 / 3, "lag": 1 / 3, "wind": 0.25}
-"""Of the 90 % interval over the estimate, up to which it is GOOD; of the wind torque that of its standard deviation.
-The effect decides what the wind torque is; damping and lag matter less and are harder to identify."""
+MAX_RELATIVE_HALF_WIDTHS = {"effect": 0.15, "damping": 1 / 3, "lag": 1 / 3, "wind": 0.25}
+"""Half width of the 90 % interval, over the estimate, up to which it is GOOD; for the wind torque that of its standard
+deviation.
+
+The control effectiveness decides what the wind torque is. Damping and time constant matter less, and are harder to
+identify.
+"""
 
 
-DECIDING = (
+DECIDING_PURPOSES = (
     Purpose.CONTROL_EFFECTIVENESS,
     Purpose.DAMPING_AND_TIME_CONSTANT,
     Purpose.PREDICTION,
 )
-"""What decides the next step, the first first."""
+"""Purposes that decide the next step, the most important first."""
 
 
 class PredictionLimits(NamedTuple):
-    """When a prediction is GOOD; each limit is from docs/report.md, and a test holds it at its edge."""
+    """Limits of a GOOD prediction, from docs/report.md; a test holds each at its edge."""
 
-    ratio: float = 0.5  # of the squared error of the better baseline, at most
-    worse: float = 0.1  # share of the windows that may be worse than the constant mean
-    # and than the last sample held, which near the trim is hard to beat
+    ratio: float = 0.5
+    """Largest squared error over that of the better baseline."""
+    worse: float = 0.1
+    """Largest share of windows with a larger error than the constant mean."""
     worse_than_last: float = 0.25
-    coverage: float = 0.75  # of a 90 % band, at least; below, a warning says so
-    # squared error over the one to expect, above which a warning says so
+    """Largest share of windows with a larger error than the last sample held, which is hard to beat near the trim."""
+    coverage: float = 0.75
+    """Least coverage of a 90 % band; below it there is a warning."""
     over_expected: float = 3.0
-    windows: int = 5  # fewest; where in a flight a single one is decides its error
+    """Squared error over the expected one above which there is a warning."""
+    windows: int = 5
+    """Least number of windows: a single one is decided by where in the flight it is."""
 
 
 PREDICTION_LIMITS = PredictionLimits()
+"""The limits in use."""
 
 
 class Finding(NamedTuple):
-    """A ``purpose``, whether the model serves it, and why."""
+    """How well a model serves one purpose."""
 
     purpose: Purpose
     grade: Grade
     reason: Fact
+    """Why it has this grade."""
 
 
 class Findings(NamedTuple):
     """What a model is good for, as every screen, page and document shows it."""
 
-    overrides: Facts  # what makes the flight itself doubtful, the worst first
-    purposes: tuple[Finding, ...]  # graded; none without a model
-    warnings: Facts  # what must be known before the model is used
+    overrides: Facts
+    """What makes the flight itself doubtful, the worst first."""
+    purposes: tuple[Finding, ...]
+    """Grades of the model by purpose; empty without a model."""
+    warnings: Facts
+    """What must be known before the model is used."""
 
     def grade(self, purpose: Purpose) -> Grade | None:
-        """Returns how well the model serves a ``purpose``; None where that was not judged."""
-        return next((rated.grade for rated in self.purposes if rated.purpose is purpose), None)
+        """Returns how well the model serves a ``purpose``; None if that was not judged."""
+        return next(
+            (finding.grade for finding in self.purposes if finding.purpose is purpose), None
+        )
 
 
 def findings_of(
@@ -89,197 +104,249 @@ def findings_of(
     consistency: float | None = None,
     trim: Fact | None = None,
 ) -> Findings:
-    """Returns the findings of a flight, of which each part may be missing.
+    """Returns the findings on a flight, of which each part may be missing.
 
     Args:
-        learned, held_out: the model, and forecasts of windows that no model saw.
+        learned: the model.
+        held_out: forecasts of windows that no model was trained on.
         condition: of the vehicle.
         alarms: lasting changes of the motors' balance.
-        consistency: share of the angle's changes that the rates explain.
+        consistency: share of the angle's changes that the recorded rates explain.
         trim: how even the motors work.
     """
-    overrides = overrides_of(condition, alarms, None if learned is None else consistency, trim)
     if learned is None:
-        return Findings(overrides, (), ())
-    purposes = tuple(_purposes(learned, held_out))
+        return Findings(overrides_of(condition, alarms, None, trim), (), ())
+    overrides = overrides_of(condition, alarms, consistency, trim)
+    purposes = _purpose_findings(learned, held_out)
     if overrides:
-        purposes = tuple(_doubted(finding, overrides[0]) for finding in purposes)
-    return Findings(overrides, purposes, tuple(warnings_of(learned, held_out)))
+        purposes = [_overridden(finding, overrides[0]) for finding in purposes]
+    return Findings(overrides, tuple(purposes), tuple(model_warnings(learned, held_out)))
 
 
-def disown_torque(learned: Learned, is_own: bool) -> Learned:
-    """Returns ``learned``, whose wind torque, where it ``is_own``, has the reason why it is not the wind's."""
+def with_own_torque_marked(learned: Learned, is_own: bool) -> Learned:
+    """Returns a model whose wind torque, if it is the vehicle's own, as in an oscillation, has that as reason."""
     torque = learned.wind_torque
     if not is_own or torque is None:
         return learned
     return learned.with_wind_torque(replace(torque, reason=Fact(Because.OWN_TORQUE)))
 
 
-def _doubted(finding: Finding, override: Fact) -> Finding:
-    """Not GOOD, and what the override is where it was; of a flight that oscillates without figures of its own."""
-    is_good = finding.grade is Grade.GOOD
+def resolved_wind_torque(
+    wind_torque: WindTorque | None, physical: Physical | None
+) -> WindTorque | None:
+    """Returns the wind torque if it is resolved and the control effectiveness is identifiable; otherwise None."""
+    if wind_torque is None or wind_torque.reason is not None:
+        return None
+    if physical is None or not physical.identifiable:
+        return None
+    return wind_torque
+
+
+def _overridden(finding: Finding, override: Fact) -> Finding:
+    """Returns a finding on a doubtful flight: it is not GOOD any more, and has the ``override`` as reason.
+
+    One that was not GOOD keeps its grade and reason. In an oscillation its figures mean nothing, and only the override
+    is left.
+    """
+    was_good = finding.grade is Grade.GOOD
     oscillates = override.code is Override.OSCILLATION
     reason = Fact(
         Because.FLIGHT_DOUBTED,
         because=None if oscillates else finding.reason,
-        override=override if oscillates or is_good else None,
+        override=override if oscillates or was_good else None,
     )
-    return finding._replace(grade=Grade.LIMITED if is_good else finding.grade, reason=reason)
+    return finding._replace(grade=Grade.LIMITED if was_good else finding.grade, reason=reason)
 
 
-def _purposes(learned: Learned, held_out: HeldOut | None) -> Iterator[Finding]:
-    """The findings on each purpose; on prediction only with ``held_out`` windows."""
+def _purpose_findings(learned: Learned, held_out: HeldOut | None) -> list[Finding]:
+    """Returns the findings on all purposes; on prediction only with held-out windows."""
     physical = learned.physical
+    findings = []
     if physical is None:
-        unknown = Grade.NOT_IDENTIFIABLE, _because(learned.physical_reason)
-        yield Finding(Purpose.CONTROL_EFFECTIVENESS, *unknown)
-        yield Finding(Purpose.DAMPING_AND_TIME_CONSTANT, *unknown)
-        yield Finding(Purpose.WIND_TORQUE, *unknown)
+        reason = _first_reason(learned.physical_reason)
+        for purpose in (
+            Purpose.CONTROL_EFFECTIVENESS,
+            Purpose.DAMPING_AND_TIME_CONSTANT,
+            Purpose.WIND_TORQUE,
+        ):
+            findings.append(Finding(purpose, Grade.NOT_IDENTIFIABLE, reason))
     else:
-        yield _effect(physical)
-        yield _motion(physical)
-        yield _wind(learned.wind_torque, physical)
+        findings.append(_effectiveness_finding(physical))
+        findings.append(_damping_finding(physical))
+        findings.append(_wind_finding(learned.wind_torque, physical))
     if held_out is not None:
-        yield _prediction(held_out)
-    shown = residuals(learned)
-    autocorrelation, across = shown.largest
-    reason = Fact(
-        Because.RESIDUALS_TESTED,
-        outcome=shown.outcome,
-        autocorrelation=autocorrelation,
-        correlation=across,
-        bounds=shown.bounds,
-    )
-    is_white = shown.outcome is not BoundTest.FAILED
-    yield Finding(Purpose.RESIDUALS, Grade.GOOD if is_white else Grade.LIMITED, reason)
+        findings.append(_prediction_finding(held_out))
+    findings.append(_residual_finding(learned))
+    return findings
 
 
-def _grade(name: str, share: float, status: Status = Status.REPORTED) -> Grade:
-    """The grade of an estimate by its ``status`` and the half width of its interval, as a ``share`` of it."""
+def _grade(name: str, relative_half_width: float, status: Status = Status.REPORTED) -> Grade:
+    """Returns the grade of an estimate.
+
+    Args:
+        name: key of ``MAX_RELATIVE_HALF_WIDTHS``.
+        relative_half_width: half width of its 90 % interval over the estimate.
+        status: of the estimate.
+    """
     if status == Status.NOT_IDENTIFIABLE:
         return Grade.NOT_IDENTIFIABLE
-    is_limited = status == Status.BIASED or share > HALF_WIDTH[name]
-    return Grade.LIMITED if is_limited else Grade.GOOD
+    is_uncertain = relative_half_width > MAX_RELATIVE_HALF_WIDTHS[name]
+    return Grade.LIMITED if status == Status.BIASED or is_uncertain else Grade.GOOD
 
 
-def _because(reason: Fact | None) -> Fact:
-    """The ``reason`` of what is not reported: there always is one; the first of several."""
+def _first_reason(reason: Fact | None) -> Fact:
+    """Returns the reason why an estimate is not reported, the first of several; there always is one."""
     assert reason is not None
-    first = reason
     if reason.code is ParameterDoubt.SEVERAL_DOUBTS:
-        first = reason.figures["because"][0]
-    return first
+        first: Fact = reason.figures["because"][0]
+        return first
+    return reason
 
 
-def _effect(physical: Physical) -> Finding:
-    mean, half = physical.mean_effect()
+def _effectiveness_finding(physical: Physical) -> Finding:
+    """Returns the finding on the control effectiveness."""
+    mean, half_width = physical.mean_effect()
+    relative_half_width = half_width / mean
     status = physical.status["effect"]
-    reason = Fact(Because.EFFECT_KNOWN, share=half / mean)
+    reason = Fact(Because.EFFECT_KNOWN, share=relative_half_width)
     if status != Status.REPORTED:
-        reason = _because(physical.reasons["effect"])
-    return Finding(Purpose.CONTROL_EFFECTIVENESS, _grade("effect", half / mean, status), reason)
+        reason = _first_reason(physical.reasons["effect"])
+    grade = _grade("effect", relative_half_width, status)
+    return Finding(Purpose.CONTROL_EFFECTIVENESS, grade, reason)
 
 
-def _motion(physical: Physical) -> Finding:
-    half = physical.interval()
-    values = {"damping": physical.damping, "lag": physical.lag}
-    shares = {name: getattr(half, name) / value if value else nan for name, value in values.items()}
-    grades = {_grade(name, share, physical.status[name]) for name, share in shares.items()}
+def _damping_finding(physical: Physical) -> Finding:
+    """Returns the finding on rate damping and motor time constant together: GOOD only if both are."""
+    half_widths = physical.interval()
+    relative_half_widths = {"damping": nan, "lag": nan}
+    if physical.damping:
+        relative_half_widths["damping"] = half_widths.damping / physical.damping
+    if physical.lag:
+        relative_half_widths["lag"] = half_widths.lag / physical.lag
+    grades = {
+        _grade(name, relative_half_width, physical.status[name])
+        for name, relative_half_width in relative_half_widths.items()
+    }
     if grades == {Grade.NOT_IDENTIFIABLE}:
-        reason = _because(physical.reasons["damping"] or physical.reasons["lag"])
-        effect = physical.reasons["effect"]
-        if effect is not None and reason == _because(effect):
+        reason = _first_reason(physical.reasons["damping"] or physical.reasons["lag"])
+        effect_reason = physical.reasons["effect"]
+        if effect_reason is not None and reason == _first_reason(effect_reason):
             reason = Fact(Because.SAME_AS_EFFECT)
         return Finding(Purpose.DAMPING_AND_TIME_CONSTANT, Grade.NOT_IDENTIFIABLE, reason)
-    doubts = dict[tuple[Status, Fact], list[str]]()
-    for name in values:
-        if (status := physical.status[name]) != Status.REPORTED:
-            doubts.setdefault((status, _because(physical.reasons[name])), []).append(name)
+    # Parameters that are doubted for one reason are named together.
+    names_by_doubt = dict[tuple[Status, Fact], list[str]]()
+    for name in relative_half_widths:
+        status = physical.status[name]
+        if status != Status.REPORTED:
+            doubt = (status, _first_reason(physical.reasons[name]))
+            names_by_doubt.setdefault(doubt, []).append(name)
     reason = Fact(
         Because.MOTION_KNOWN,
-        shares=[share for share in shares.items() if isfinite(share[1])],
+        shares=[pair for pair in relative_half_widths.items() if isfinite(pair[1])],
         doubts=[
             Fact(Because.PARAMETERS_DOUBTED, names=names, status=status, because=because)
-            for (status, because), names in doubts.items()
+            for (status, because), names in names_by_doubt.items()
         ],
     )
     grade = Grade.GOOD if grades == {Grade.GOOD} else Grade.LIMITED
     return Finding(Purpose.DAMPING_AND_TIME_CONSTANT, grade, reason)
 
 
-def known_wind(wind: WindTorque | None, physical: Physical | None) -> WindTorque | None:
-    """Returns the ``wind`` torque where it is resolved and the effect among ``physical`` is identifiable."""
-    if wind is None or wind.reason is not None or physical is None or not physical.identifiable:
-        return None
-    return wind
-
-
-def _wind(wind: WindTorque | None, physical: Physical) -> Finding:
+def _wind_finding(wind_torque: WindTorque | None, physical: Physical) -> Finding:
+    """Returns the finding on the wind torque, which is what remains without that of the motors."""
     grade = Grade.NOT_IDENTIFIABLE
+    doubted = [name for name, status in physical.status.items() if status != Status.REPORTED]
     if not physical.identifiable:
-        # The torque of the wind is what is left when that of the motors is taken away.
         reason = Fact(Because.EFFECT_UNKNOWN)
-    elif wind is None:
+    elif wind_torque is None:
         reason = Fact(Because.WIND_NOT_ESTIMATED)
-    elif wind.reason is not None:
-        reason = wind.reason
-    elif doubted := [name for name, status in physical.status.items() if status != Status.REPORTED]:
+    elif wind_torque.reason is not None:
+        reason = wind_torque.reason
+    elif doubted:
         grade = Grade.LIMITED
         reason = Fact(Because.FOLLOWS_FROM_DOUBTED, names=doubted)
     else:
-        half = coverage_factor() * wind.scale_error
-        grade = _grade("wind", half)
-        reason = Fact(Because.WIND_SIZE_KNOWN, share=half)
+        relative_half_width = coverage_factor() * wind_torque.scale_error
+        grade = _grade("wind", relative_half_width)
+        reason = Fact(Because.WIND_SIZE_KNOWN, share=relative_half_width)
     return Finding(Purpose.WIND_TORQUE, grade, reason)
 
 
-def _prediction(held_out: HeldOut) -> Finding:
+def _prediction_finding(held_out: HeldOut) -> Finding:
+    """Returns the finding on prediction, by the forecasts of held-out windows against the better baseline."""
     limits = PREDICTION_LIMITS
-    best = held_out.best_baseline
-    ratio = held_out.error_ratio() / held_out.error_ratio(best)
-    worse, than_last = (float((held_out.error_ratios(name) > 1).mean()) for name in BASELINES)
+    baseline = held_out.best_baseline
+    ratio = held_out.error_ratio() / held_out.error_ratio(baseline)
+    worse_than_mean, worse_than_last = (
+        float((held_out.error_ratios(name) > 1).mean()) for name in BASELINES
+    )
     reason = Fact(
         Because.FORECASTS_COMPARED,
-        name=best,
+        name=baseline,
         ratio=ratio if isfinite(ratio) else None,
         windows=len(held_out),
-        worse=worse,
-        worse_than_last=than_last,
+        worse=worse_than_mean,
+        worse_than_last=worse_than_last,
     )
     is_good = (
         ratio <= limits.ratio
-        and worse <= limits.worse
-        and than_last <= limits.worse_than_last
+        and worse_than_mean <= limits.worse
+        and worse_than_last <= limits.worse_than_last
         and held_out.coverage >= limits.coverage
         and len(held_out) >= limits.windows
     )
-    grade = Grade.GOOD if is_good else Grade.LIMITED if ratio < 1 else Grade.NOT_IDENTIFIABLE
+    if is_good:
+        grade = Grade.GOOD
+    elif ratio < 1:
+        grade = Grade.LIMITED
+    else:
+        grade = Grade.NOT_IDENTIFIABLE
     return Finding(Purpose.PREDICTION, grade, reason)
 
 
-def warnings_of(learned: Learned, held_out: HeldOut | None) -> Iterator[Fact]:
-    """Yields what must be known before the model is used; mostly nothing."""
+def _residual_finding(learned: Learned) -> Finding:
+    """Returns the finding on the residuals: whether they are white and uncorrelated with the command."""
+    tested = residuals(learned)
+    autocorrelation, cross_correlation = tested.largest
+    reason = Fact(
+        Because.RESIDUALS_TESTED,
+        outcome=tested.outcome,
+        autocorrelation=autocorrelation,
+        correlation=cross_correlation,
+        bounds=tested.bounds,
+    )
+    grade = Grade.LIMITED if tested.outcome is BoundTest.FAILED else Grade.GOOD
+    return Finding(Purpose.RESIDUALS, grade, reason)
+
+
+def model_warnings(learned: Learned, held_out: HeldOut | None) -> Iterator[Fact]:
+    """Yields what must be known before the model is used; nothing for most models."""
     limits = PREDICTION_LIMITS
     if held_out is not None:
         for failure in held_out.failures:
             yield Fact(Forecasts.PART_NOT_LEARNED, because=failure)
         if held_out.coverage < limits.coverage:
-            few = len(held_out) < limits.windows
-            share = held_out.coverage
-            yield Fact(Caveat.BAND_TOO_NARROW, share=share, windows_are_few=few)
+            yield Fact(
+                Caveat.BAND_TOO_NARROW,
+                share=held_out.coverage,
+                windows_are_few=len(held_out) < limits.windows,
+            )
         if held_out.over_expected > limits.over_expected:
-            ratio = held_out.over_expected
-            yield Fact(Caveat.ERRORS_LARGER_THAN_EXPECTED, ratio=ratio)
+            yield Fact(Caveat.ERRORS_LARGER_THAN_EXPECTED, ratio=held_out.over_expected)
     if not learned.stable:
         yield Fact(Caveat.UNSTABLE_MODEL)
 
 
-def next_step(purposes: Sequence[Finding]) -> Fact:
-    """Returns what to do next, by the graded ``purposes``: the first that is not served decides."""
+def next_step_for_model(purposes: Sequence[Finding]) -> Fact:
+    """Returns what to do next for a better model: the first of the ``DECIDING_PURPOSES`` that is not served decides."""
     grades = {finding.purpose: finding.grade for finding in purposes}
-    effect, motion, prediction = (grades.get(purpose, Grade.GOOD) for purpose in DECIDING)
-    if effect is not Grade.GOOD or motion is Grade.NOT_IDENTIFIABLE:
+    effectiveness, damping, prediction = (
+        grades.get(purpose, Grade.GOOD) for purpose in DECIDING_PURPOSES
+    )
+    if effectiveness is not Grade.GOOD or damping is Grade.NOT_IDENTIFIABLE:
         return Fact(NextStep.FLY_MOVEMENTS)
-    if motion is not Grade.GOOD:
+    if damping is not Grade.GOOD:
         return Fact(NextStep.FLY_LONGER)
-    return Fact(NextStep.KEEP_MODEL if prediction is Grade.GOOD else NextStep.KEEP_PARAMETERS)
+    if prediction is not Grade.GOOD:
+        return Fact(NextStep.KEEP_PARAMETERS)
+    return Fact(NextStep.KEEP_MODEL)

@@ -1,15 +1,17 @@
-"""The parts of a flight with one set of gains."""
+"""Changes of the controller's gains in a log: parts of a flight with one set of gains, and what AutoTune changed."""
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from math import inf, isfinite
+from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.assessment.autopilot_messages import status_texts
+from mavdem.assessment.autopilot_messages import StatusText, status_texts
+from mavdem.dataset.intervals import Intervals
 from mavdem.dataset.phases import mode_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
@@ -23,148 +25,232 @@ from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS
 from mavdem.loops.axis_loops import Loop, margin_rating
 
-NAMED = {"roll": ("RLL", "ROLL"), "pitch": ("PIT",), "yaw": ("YAW",)}
-"""What the names of one axis's parameters have in them."""
-AUTOTUNE = frozenset({"Autotune"})
-"""The mode of ArduPilot whose gains no parameter has."""
-FOUND = re.compile(r"\b([PID]):(\d+\.?\d*)")
-"""A gain that ArduPilot's AutoTune ended with, in "Roll Rate: P:0.116, I:0.116, D:0.0006" and "Roll Angle P:36.000"."""
+AXIS_NAMES = {"roll": ("RLL", "ROLL"), "pitch": ("PIT",), "yaw": ("YAW",)}
+"""Parts of the names of parameters that belong to one axis; ArduPilot's name has the first."""
+
+AUTOTUNE_MODES = frozenset({"Autotune"})
+"""ArduPilot's flight mode in which no parameter has the gains that are flown."""
+
+AUTOTUNE_RESULT = re.compile(r"\b([PID]):(\d+\.?\d*)")
+"""A gain in a text of ArduPilot's AutoTune: "Roll Rate: P:0.116, I:0.116, D:0.0006", "Roll Angle P:36.000"."""
+
+GainValues = tuple[tuple[str, float], ...]
+"""Names and values of the control parameters of one axis."""
+
+
+class GainSet(NamedTuple):
+    """The gains of one axis from a time on."""
+
+    boot: int
+    """Number of the boot; -1 for the gains from before the log."""
+    time: float
+    """Time on the boot clock, s; minus infinity for the gains from before the log."""
+    values: GainValues
+
+
+class OneGainSetParts(NamedTuple):
+    """The parts of some flights with one set of gains."""
+
+    flights: Flights
+    """The parts; their provenance has these gains as parameters."""
+    caution: Fact | None
+    """That other parts, with other gains, were left out; None if there are none."""
 
 
 @cached_per_vehicle("axis", "inputs")
-def with_one_set_of_gains(signals: Signals, flights: Flights) -> tuple[Flights, Fact | None]:
-    """Returns the parts of ``flights`` with the set of gains that was flown longest, with these; a fact if not all.
+def parts_with_one_gain_set(signals: Signals, flights: Flights) -> OneGainSetParts:
+    """Returns the parts of ``flights`` with the set of gains of the axis that was flown longest.
 
-    The fact has the durations of the other sets, the longest first, and which gains were others in each.
-    Parts in ArduPilot's AutoTune are left out: no parameter has its gains. Raises ``NotLearnable``: no part is left.
+    Parts in ArduPilot's AutoTune are left out: no parameter has their gains. The caution has the durations of the other
+    sets, the longest first, and which gains differ in each.
+
+    Raises:
+        NotLearnable: no part is left.
     """
-    sets = gains_of_log(signals)
-    parts = defaultdict[tuple[tuple[str, float], ...], list[Flight]](list)
+    history = gain_history(signals)
+    parts = defaultdict[GainValues, list[Flight]](list)
     for flight in flights:
         boot = boot_number(flight)
-        tuning = mode_intervals(signals, boot, AUTOTUNE)
-        stamps = [time for of_boot, time, _ in sets if of_boot == boot]
-        edges = np.searchsorted(flight.time, [*stamps, *np.ravel(tuning)])
-        for first, last in pairwise(np.unique([0, *edges, len(flight)]).tolist()):
-            begin = flight.time[first]
-            is_tuned = any(since <= begin < until for since, until in tuning)
-            if last - first >= MIN_SAMPLES and not is_tuned:
-                before = [values for *since, values in sets if since <= [boot, begin]]
-                parts[before[-1]].append(flight[first:last])
+        autotune = mode_intervals(signals, boot, AUTOTUNE_MODES)
+        for first, last in pairwise(_rows_of_changes(flight, history, autotune)):
+            start = flight.time[first]
+            is_autotuned = any(begin <= start < end for begin, end in autotune)
+            if last - first >= MIN_SAMPLES and not is_autotuned:
+                parts[_gains_at(history, boot, start)].append(flight[first:last])
     if not parts:
         raise NotLearnable(Loops.GAINS_OF_AUTOTUNE)
-    gains, longest = max(parts.items(), key=lambda item: sum(map(len, item[1])))
-    kept = tuple(
-        replace(
-            part,
-            provenance={
-                **part.provenance,
-                "parameters": {**part.provenance["parameters"], **dict(gains)},
-                "earlier": {},
-            },
-        )
-        for part in longest
-    )
-    if sum(map(len, kept)) == sum(map(len, flights)):
-        return kept, None
+    sample_counts = {gains: sum(map(len, flown)) for gains, flown in parts.items()}
+    gains = max(sample_counts, key=lambda gains: sample_counts[gains])
+    kept = tuple(_with_gains(part, gains) for part in parts[gains])
+    if sample_counts[gains] == sum(map(len, flights)):
+        return OneGainSetParts(kept, None)
     del parts[gains]
-    others = [
-        (sum(part.duration for part in flown), sorted(set(other) - set(gains)))
-        for other, flown in parts.items()
+    other_parts = [
+        (sum(part.duration for part in flown), sorted(set(other_gains) - set(gains)))
+        for other_gains, flown in parts.items()
     ]
     caution = Fact(
         Loops.GAINS_OF_PART,
-        names=sorted({name for _, values in others for name, _ in values}),
-        parts=sorted(others, reverse=True),
+        names=sorted({name for _, changes in other_parts for name, _ in changes}),
+        parts=sorted(other_parts, reverse=True),
         ratings=(),
         duration=sum(part.duration for part in kept),
         settled=sum(flight.duration for flight in flights),
     )
-    return kept, caution
+    return OneGainSetParts(kept, caution)
 
 
-def gains_of_log(signals: Signals) -> list[tuple[int, float, tuple[tuple[str, float], ...]]]:
-    """Returns boot, time, s, and names and values of the axis's control: from before the log, and after each change."""
+def _rows_of_changes(flight: Flight, history: Sequence[GainSet], autotune: Intervals) -> list[int]:
+    """Returns the rows of a flight from which on its gains are others, or AutoTune begins or ended.
+
+    The first row, 0, and the number of samples are among them, so that each pair of neighbours is one part.
+    """
+    boot = boot_number(flight)
+    change_times = [gain_set.time for gain_set in history if gain_set.boot == boot]
+    rows = np.searchsorted(flight.time, [*change_times, *np.ravel(autotune)])
+    unique_rows: list[int] = np.unique([0, *rows, len(flight)]).tolist()
+    return unique_rows
+
+
+def _gains_at(history: Sequence[GainSet], boot: int, time: float) -> GainValues:
+    """Returns the gains at a time of a boot, s: those of the last change before."""
+    earlier = [gain_set for gain_set in history if (gain_set.boot, gain_set.time) <= (boot, time)]
+    return earlier[-1].values
+
+
+def _with_gains(flight: Flight, gains: GainValues) -> Flight:
+    """Returns a flight whose provenance has these gains, and no changes of parameters."""
+    provenance = flight.provenance
+    parameters = {**provenance["parameters"], **dict(gains)}
+    return replace(flight, provenance={**provenance, "parameters": parameters, "earlier": {}})
+
+
+def gain_history(signals: Signals) -> list[GainSet]:
+    """Returns the gains of the axis of ``signals`` from before the log, and after each change in it, in time order.
+
+    The gains from before the log are the first values that the log has.
+    """
     telemetry = signals.telemetry
-    sent = telemetry.messages.get("PARAM_VALUE")
-    if sent is None:
-        return [(-1, -inf, ())]
-    others = [part for axis, parts in NAMED.items() if axis != signals.axis for part in parts]
-    named = decoded_parameters(sent, telemetry.autopilot)
-    own = [
-        (boot, time, name, value)
-        for boot, time, (name, value) in zip(
-            sent["boot"].tolist(), sent["time"].tolist(), named, strict=True
-        )
-        if CONTROL_PARAMETERS.match(name)
-        and not AUTOPILOT_SET_PARAMETERS.search(name)
-        and not any(part in name for part in others)
-        and isfinite(value)
-    ]
-    current = {name: value for _, _, name, value in reversed(own)}
-    sets = [(-1, -inf, tuple(current.items()))]
-    for boot, time, name, value in own:
+    columns = telemetry.messages.get("PARAM_VALUE")
+    if columns is None:
+        return [GainSet(-1, -inf, ())]
+    changes = []
+    for boot, time, (name, value) in zip(
+        columns["boot"].tolist(),
+        columns["time"].tolist(),
+        decoded_parameters(columns, telemetry.autopilot),
+        strict=True,
+    ):
+        if _is_gain_of_axis(name, signals.axis) and isfinite(value):
+            changes.append((boot, time, name, value))
+    current = {}
+    for _, _, name, value in reversed(changes):
+        current[name] = value
+    history = [GainSet(-1, -inf, tuple(current.items()))]
+    for boot, time, name, value in changes:
         if current[name] != value:
             current[name] = value
-            sets.append((boot, time, tuple(current.items())))
-    return sets
+            history.append(GainSet(boot, time, tuple(current.items())))
+    return history
 
 
-def autotuned(signals: Signals, loop: Loop | Fact) -> Fact | None:
-    """Returns that AutoTune tuned the axis of ``signals``, with gains before and after; None where it did not.
+def _is_gain_of_axis(name: str, axis: str) -> bool:
+    """Returns whether a parameter belongs to the control of an axis, and is not one that the autopilot sets itself."""
+    names_of_other_axes = [
+        part for other, parts in AXIS_NAMES.items() if other != axis for part in parts
+    ]
+    return (
+        CONTROL_PARAMETERS.match(name) is not None
+        and AUTOPILOT_SET_PARAMETERS.search(name) is None
+        and not any(part in name for part in names_of_other_axes)
+    )
 
-    Those after are the parameters or, until they are set, what it said that it found. Where the ``loop`` is known, so
-    is how its margins rate with either.
+
+def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
+    """Returns that AutoTune tuned the axis of ``signals``, with the gains before and after; None if it did not.
+
+    The gains after it are the parameters of the log's end. While these are not set, they are those that AutoTune
+    reported in its texts.
+
+    Args:
+        signals: of the vehicle and axis.
+        loop: the control loop of the axis, with which the margins of both sets of gains are rated; or why it is not
+            known.
     """
-    named = f"AutoTune: {signals.axis.capitalize()}"
-    begins = f"{named} ", f"{named}("  # "Yaw(E)", "Yaw(D)": by its error's filter, or D
-    words = [text for text in status_texts(signals.telemetry) if text.text.startswith(begins)]
-    stamps = [(text.boot, text.time) for text in words]
+    texts = _autotune_texts(signals)
+    moments = [(text.boot, text.time) for text in texts]
     if signals.telemetry.autopilot == "PX4":
-        for _, signal in signals.injected_signals:
-            stamps += [
-                (boot, time)
-                for boot, time, value in zip(signal.boot, signal.time, signal.values, strict=True)
-                if value
-            ]
-    if not stamps:
+        moments += _excitation_moments(signals)
+    if not moments:
         return None
-    boot, begin = min(stamps)
-    sets = gains_of_log(signals)
-    before = [dict(values) for *since, values in sets if since <= [boot, begin]][-1]
-    after = before | {
-        f"ATC_{'ANG' if 'Angle' in text.text else 'RAT'}_{NAMED[signals.axis][0]}_{letter}": float(
-            value
-        )
-        for text in words
-        for letter, value in FOUND.findall(text.text)
-    }
-    after |= {name: value for name, value in sets[-1][2] if before[name] != value}
+    boot, start = min(moments)
+    history = gain_history(signals)
+    before = dict(_gains_at(history, boot, start))
+    after = before | _reported_gains(texts, signals.axis)
+    for name, value in history[-1].values:
+        if before[name] != value:
+            after[name] = value
     changes = [
         (name, before.get(name), value)
         for name, value in after.items()
         if before.get(name) != value
     ]
-    tuned = Fact(
+    fact = Fact(
         Loops.AUTOTUNED,
-        time=begin,
-        until=max(time for of_boot, time in stamps if of_boot == boot),
+        time=start,
+        until=max(time for moment_boot, time in moments if moment_boot == boot),
         subject=signals.axis,
         boot=boot,
         changes=changes,
         ratings=(),
     )
     if isinstance(loop, Fact):
-        return tuned
-    ratings = ratings_of(loop, (before, after))
+        return fact
+    ratings = margin_ratings(loop, (before, after))
     if not ratings:
-        return tuned
-    return tuned.but(min(ratings[1].level, Level.WATCH, key=list(Level).index), ratings=ratings)
+        return fact
+    _, rating_after = ratings
+    # Small margins are to be watched at most: the gains may not have been flown.
+    level = min(rating_after.level, Level.WATCH, key=list(Level).index)
+    return fact.but(level, ratings=ratings)
 
 
-def ratings_of(loop: Loop, gains: Iterable[Parameters]) -> Facts:
-    """Returns how the margins of a ``loop`` rate with other ``gains``; nothing where some are no controller's."""
+def _autotune_texts(signals: Signals) -> list[StatusText]:
+    """Returns the texts of ArduPilot's AutoTune on the axis of ``signals``.
+
+    They begin like "AutoTune: Yaw Rate" and, for a yaw that is tuned by its error's filter or by D, "AutoTune: Yaw(E)"
+    or "AutoTune: Yaw(D)".
+    """
+    name = f"AutoTune: {signals.axis.capitalize()}"
+    beginnings = (f"{name} ", f"{name}(")
+    return [text for text in status_texts(signals.telemetry) if text.text.startswith(beginnings)]
+
+
+def _excitation_moments(signals: Signals) -> list[tuple[int, float]]:
+    """Returns boot and time, s, of all samples in which the autopilot injected a signal into the axis."""
+    moments = list[tuple[int, float]]()
+    for _, series in signals.injected_signals:
+        rows = np.flatnonzero(series.values)
+        moments += zip(series.boot[rows], series.time[rows], strict=True)
+    return moments
+
+
+def _reported_gains(texts: Sequence[StatusText], axis: str) -> dict[str, float]:
+    """Returns the gains that AutoTune reported in its texts, by the names of ArduPilot's parameters."""
+    gains = {}
+    for text in texts:
+        loop = "ANG" if "Angle" in text.text else "RAT"
+        for letter, value in AUTOTUNE_RESULT.findall(text.text):
+            gains[f"ATC_{loop}_{AXIS_NAMES[axis][0]}_{letter}"] = float(value)
+    return gains
+
+
+def margin_ratings(loop: Loop, gain_sets: Iterable[Parameters]) -> Facts:
+    """Returns how the margins of a loop rate with each of several sets of gains.
+
+    Nothing is returned if one of the sets makes no complete controller.
+    """
     try:
-        return tuple(margin_rating(loop.with_parameters(values)) for values in gains)
+        return tuple(margin_rating(loop.with_parameters(gains)) for gains in gain_sets)
     except NotLearnable:
         return ()

@@ -1,12 +1,12 @@
-"""Loops of a log: the plant that its settled flight shows, and the controller of its parameters."""
+"""Control loops of a log: the plant identified in its settled flight, with the controller of its parameters."""
 
 from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
-from mavdem.assessment.axis.analysis import flown_after
+from mavdem.assessment.axis.analysis import flights_from
 from mavdem.assessment.axis.figures import AxisFigures
-from mavdem.assessment.axis.gains import autotuned, ratings_of, with_one_set_of_gains
+from mavdem.assessment.axis.gains import autotune_fact, margin_ratings, parts_with_one_gain_set
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.flights import usable_segments
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
@@ -27,43 +27,64 @@ def loops_of_axes(
     start: float = 0.0,
     figures: Mapping[str, AxisFigures] = MappingProxyType({}),
 ) -> dict[str, Loop | Fact]:
-    """Returns the loops of roll, pitch and yaw, or why there are none; ``figures`` are by axis."""
+    """Returns the control loops of roll, pitch and yaw, or why they are not known, by axis.
+
+    Args:
+        log: the log.
+        signals: of the vehicle, with the inputs to use.
+        start: time at the beginning of the settled flight that is left out, s.
+        figures: physical parameters by axis, if they were estimated before.
+    """
     loops = dict[str, Loop | Fact]()
     for axis in AXES:
         try:
-            about = signals.for_axis(axis, signals.inputs)
-            loops[axis] = loops_of_log(about, log, start, figures.get(axis))
+            axis_signals = signals.for_axis(axis, signals.inputs)
+            loops[axis] = loop_of_axis(axis_signals, log, start, figures.get(axis))
         except NotLearnable as error:
             loops[axis] = error.fact
     return loops
 
 
-def loops_of_log(
+def loop_of_axis(
     signals: Signals, log: Log, start: float = 0.0, figures: AxisFigures | None = None
 ) -> Loop:
-    """Returns the loops of the axis of ``signals``; raises ``NotLearnable``: why there are none.
+    """Returns the control loops of the axis of ``signals``, with cautions on changes of the gains.
 
-    The ``figures`` of the axis may have its plant.
+    Args:
+        signals: of the vehicle and axis.
+        log: the log.
+        start: time at the beginning of the settled flight that is left out, s.
+        figures: physical parameters of the axis, if they were estimated before.
+
+    Raises:
+        NotLearnable: the loops are not known, and why.
     """
     segments, learnability = usable_segments(signals, log.components)
     if not segments:
         segments, learnability = usable_segments(signals, log.components, MIN_SLOW_MOTION_RATE)
     if not segments:
         raise NotLearnable(learnability.reason)
-    flights, caution = with_one_set_of_gains(signals, flown_after(segments, start))
-    # With parts of other gains among them all flights may refuse what these allow.
-    fitted = figures.physical if figures is not None and caution is None else None
-    plant = _plant(signals, flights, fitted)
-    loop = loop_from_plant(plant, Record.from_flights(flights))
+    flights, caution = parts_with_one_gain_set(signals, flights_from(segments, start))
+    # Figures of all flights hold only if all of them have the same gains.
+    fitted = None
+    if figures is not None and caution is None:
+        fitted = figures.physical
+    loop = loop_from_plant(_plant(signals, flights, fitted), Record.from_flights(flights))
+    cautions = []
     if caution is not None:
-        other_gains = (dict(values) for _, values in caution.figures["parts"])
-        caution = caution.but(ratings=ratings_of(loop, other_gains))
-    own = filter(None, (caution, autotuned(signals, loop)))
-    return replace(loop, cautions=(*own, *loop.cautions))
+        other_gains = (dict(changes) for _, changes in caution.figures["parts"])
+        cautions.append(caution.but(ratings=margin_ratings(loop, other_gains)))
+    autotune = autotune_fact(signals, loop)
+    if autotune is not None:
+        cautions.append(autotune)
+    return replace(loop, cautions=(*cautions, *loop.cautions))
 
 
 def _plant(signals: Signals, flights: Flights, fitted: Physical | None) -> Physical:
-    """The plant in its loop, else the one that inputs and outputs alone tell, which may be ``fitted`` already."""
+    """Returns the plant identified in its loop; if that fails, the one by inputs and outputs alone.
+
+    The latter may be ``fitted`` already. Raises ``NotLearnable`` if it is not identifiable either.
+    """
     try:
         return identify_plant_in_loop(signals, flights)
     except NotLearnable as error:
@@ -72,3 +93,17 @@ def _plant(signals: Signals, flights: Flights, fitted: Physical | None) -> Physi
         return plant
     assert plant.refusal is not None
     raise NotLearnable(plant.refusal)
+
+
+def loop_or_refusal(figures: AxisFigures, record: Record | None) -> Loop | Fact:
+    """Returns the control loops with the physical parameters among the ``figures``, or why they are not known.
+
+    ``record`` is the training data of the parameters.
+    """
+    if figures.physical is None or record is None:
+        assert figures.reason is not None
+        return figures.reason
+    try:
+        return loop_from_plant(figures.physical, record)
+    except NotLearnable as error:
+        return error.fact

@@ -1,4 +1,4 @@
-"""Margins of an axis: of its loops where they are identified, or else resonances that the log shows."""
+"""Stability margins of an axis: those of its identified loop, or else resonances that the log shows."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -29,85 +29,106 @@ from mavdem.loops.resonance import (
     spectral_resonance,
 )
 
-LEAST = MARGIN_TARGETS["sharp"]
-USUAL = MARGIN_TARGETS["default"]
-"""The least margins that are advised, surely below which a loop is bad; and the usual ones."""
+LEAST_MARGINS = MARGIN_TARGETS["sharp"]
+"""The smallest margins that are advised: a loop that surely has less is bad."""
 
-WITH_SETPOINT = (Loops.CROSSOVER_UNSEEN, Loops.LOOP_NOT_FOUND, Loops.MARGIN_UNCERTAIN)
-"""Why a loop is not identified though the rate's setpoint was logged, and steered."""
+USUAL_MARGINS = MARGIN_TARGETS["default"]
+"""The usual margins: a loop that has less is to be watched."""
+
+SETPOINT_WAS_LOGGED = (Loops.CROSSOVER_UNSEEN, Loops.LOOP_NOT_FOUND, Loops.MARGIN_UNCERTAIN)
+"""Reasons why a loop is not identified although the setpoint of the rate was logged and excited it."""
 
 
 @dataclass(frozen=True, eq=False)
 class AxisMargins:
-    """What is known of the margins of one axis."""
+    """What is known of the stability margins of one axis."""
 
     axis: str
     loop: Loop | Fact | None
-    """Identified and not refuted by what was measured, or why not."""
+    """The identified loop, unless a measurement refutes it; otherwise why it is not known."""
     response: Resonance | None
-    """The largest response of the rate to its setpoint."""
+    """The largest response of the rate to its setpoint; None if it was not measured."""
     peak: Resonance | None
-    """A peak of the rate's own spectrum, which the motors share."""
+    """A peak of the rate's spectrum that the motors share; None without one."""
     injected: OpenLoop | None = None
-    """The rate loop by system identification, without a model of the vehicle."""
+    """The rate loop measured by an injected signal, without a model of the vehicle; None without a test."""
 
     @cached_property
     def facts(self) -> Facts:
-        """What is known of it: of the loops or else of the spectrum, and of the response."""
+        """What is known: by the injected signal, else the loop, else the spectrum; and by the response."""
         facts = []
         if self.injected is not None:
-            facts.append(_of_injected(self.axis, self.injected))
+            facts.append(_injected_fact(self.axis, self.injected))
         elif isinstance(self.loop, Loop):
-            facts.append(_of_loop(self.loop))
+            facts.append(_loop_fact(self.loop))
         elif self.peak is not None:
-            peak = _of_resonance(MarginsLight.RATE_STANDS_OUT, None, self.peak)
-            if isinstance(self.loop, Fact) and self.loop.code in WITH_SETPOINT:
-                peak = peak.but(because=self.loop)
-            facts.append(peak)
+            fact = _figures_fact(MarginsLight.RATE_STANDS_OUT, None, self.peak)
+            if isinstance(self.loop, Fact) and self.loop.code in SETPOINT_WAS_LOGGED:
+                fact = fact.but(because=self.loop)
+            facts.append(fact)
         if self.response is not None:
-            facts.append(of_response(self.response))
+            facts.append(resonance_fact(self.response))
         return tuple(fact for fact in facts if fact.level is not Level.UNKNOWN)
 
 
 def margins_of(
-    signals: Signals, parts: Segments, loops: Mapping[str, Loop | Fact]
+    signals: Signals, segments: Segments, loops: Mapping[str, Loop | Fact]
 ) -> tuple[AxisMargins, ...]:
-    """Returns what is known of the margins of roll, pitch and yaw, by ``parts`` of settled flight and the ``loops``.
+    """Returns what is known of the stability margins of roll, pitch and yaw.
 
-    A loop does not count whose predicted response is not the measured one. Where that is so by far, no loop does that
-    its own response does not confirm: gains or a mixer that are not those of the parameters are so for all axes.
+    Args:
+        signals: of the vehicle.
+        segments: of settled flight in which responses are measured.
+        loops: the identified loop of each axis, or why it is not known.
     """
-    by_far = [
-        loop.disagreement
-        for loop in identified_loops(loops).values()
-        if loop.disagreement and loop.measured and 2 * loop.measured.agreement < MIN_RESPONSE_FIT
-    ]
-
-    def confirmed(axis: str) -> Loop | Fact | None:
-        loop = loops.get(axis)
-        if isinstance(loop, Loop) and not loop.agrees:
-            return next(filter(None, [loop.disagreement, *by_far]), loop)
-        return loop
-
-    return tuple(
-        AxisMargins(
-            about.axis,
-            confirmed(about.axis),
-            setpoint_resonance(about, parts),
-            spectral_resonance(about, parts),
-            injected_loop(about, recorded_spans(about)),
+    margins = []
+    for axis in AXES:
+        axis_signals = signals.for_axis(axis)
+        margins.append(
+            AxisMargins(
+                axis,
+                _confirmed_loop(axis, loops),
+                setpoint_resonance(axis_signals, segments),
+                spectral_resonance(axis_signals, segments),
+                injected_loop(axis_signals, recorded_spans(axis_signals)),
+            )
         )
-        for about in map(signals.for_axis, AXES)
-    )
+    return tuple(margins)
 
 
-def _of_loop(loop: Loop) -> Fact:
-    """Good with the margins of the default, and surely the least; bad surely without these."""
+def _confirmed_loop(axis: str, loops: Mapping[str, Loop | Fact]) -> Loop | Fact | None:
+    """Returns the identified loop of an axis, or why it does not count.
+
+    A loop does not count if its predicted response differs from the measured one. Where that of any axis differs by
+    far, no loop counts that its own response does not confirm: the gains or the mixer are not those of the parameters,
+    and so on all axes.
+    """
+    loop = loops.get(axis)
+    if not isinstance(loop, Loop) or loop.agrees:
+        return loop
+    if loop.disagreement:
+        return loop.disagreement
+    for other in identified_loops(loops).values():
+        if other.disagreement is None or other.measured is None:
+            continue
+        if 2 * other.measured.agreement < MIN_RESPONSE_FIT:
+            return other.disagreement
+    return loop
+
+
+def _loop_fact(loop: Loop) -> Fact:
+    """Returns the margins of an identified loop.
+
+    They are good if they are the usual ones, and the least ones with ``CONFIDENCE_LEVEL``. They are bad if they are
+    less than the least ones with that confidence.
+    """
     rating = margin_rating(loop)
-    sure = loop.share_meeting(LEAST)
-    level = Level.BAD if sure <= 1 - CONFIDENCE_LEVEL else Level.WATCH
-    if sure >= CONFIDENCE_LEVEL and not rating.is_bad:
+    confidence = loop.share_meeting(LEAST_MARGINS)
+    level = Level.WATCH
+    if confidence >= CONFIDENCE_LEVEL and not rating.is_bad:
         level = Level.GOOD
+    elif confidence <= 1 - CONFIDENCE_LEVEL:
+        level = Level.BAD
     return Fact(
         MarginsLight.LOOP_MARGINS,
         level,
@@ -119,12 +140,16 @@ def _of_loop(loop: Loop) -> Fact:
     )
 
 
-def _of_injected(axis: str, loop: OpenLoop) -> Fact:
-    """Good with the usual margins, bad without the least."""
-    lacking, little = (min(margin_ratios(target, loop).values()) < 1 for target in (LEAST, USUAL))
+def _injected_fact(axis: str, loop: OpenLoop) -> Fact:
+    """Returns the margins of a loop measured by an injected signal: good with the usual ones, bad without the least."""
+    level = Level.GOOD
+    if min(margin_ratios(LEAST_MARGINS, loop).values()) < 1:
+        level = Level.BAD
+    elif min(margin_ratios(USUAL_MARGINS, loop).values()) < 1:
+        level = Level.WATCH
     return Fact(
         MarginsLight.LOOP_MEASURED,
-        Level.BAD if lacking else Level.WATCH if little else Level.GOOD,
+        level,
         axis=axis,
         frequency=loop.crossover,
         phase_margin=loop.phase_margin,
@@ -133,23 +158,28 @@ def _of_injected(axis: str, loop: OpenLoop) -> Fact:
     )
 
 
-def of_response(resonance: Resonance) -> Fact:
-    """Returns whether it resonates; unknown where it was not seen far enough, or not surely enough."""
+def resonance_fact(resonance: Resonance) -> Fact:
+    """Returns whether the response of a rate to its setpoint resonates.
+
+    It resonates if its peak surely exceeds the Ms of the usual margins, and is bad if it surely exceeds that of the
+    least. It is good if the peak is surely below; unless it was measured to a frequency that is too low: a response
+    that falls may rise again where the rate loop crosses over.
+    """
     assert resonance.ms_interval is not None
-    low, high = resonance.ms_interval
+    lowest_ms, highest_ms = resonance.ms_interval
     code = MarginsLight.RESONATES
     level = Level.UNKNOWN
-    if low > USUAL.ms:
-        level = Level.BAD if low > LEAST.ms else Level.WATCH
-    elif high < USUAL.ms:
+    if lowest_ms > USUAL_MARGINS.ms:
+        level = Level.BAD if lowest_ms > LEAST_MARGINS.ms else Level.WATCH
+    elif highest_ms < USUAL_MARGINS.ms:
         code = MarginsLight.NO_RESONANCE
-        # a response that falls may rise again where the loop of the rate crosses over
         if resonance.rolls_off and resonance.max_frequency >= MAX_LOOP_FREQUENCY / 2:
             level = Level.GOOD
-    return _of_resonance(code, level, resonance)
+    return _figures_fact(code, level, resonance)
 
 
-def _of_resonance(code: MarginsLight, level: Level | None, resonance: Resonance) -> Fact:
+def _figures_fact(code: MarginsLight, level: Level | None, resonance: Resonance) -> Fact:
+    """Returns a fact with the figures of a resonance."""
     return Fact(
         code,
         level,

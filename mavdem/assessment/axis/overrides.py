@@ -1,15 +1,23 @@
 """Overrides: what makes a flight itself doubtful, whatever a model of it is good for."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from mavdem.assessment.condition import Condition
-from mavdem.containers import JsonValues
 from mavdem.dataset.learnability import MIN_TRUSTED_CONSISTENCY
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import Override
-from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE
+from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE, Oscillation
 from mavdem.motors.hover import HoverFigures
 from mavdem.motors.loss_detection import MotorAlarm, losses_of
+
+
+class LimitedMotor(NamedTuple):
+    """A motor that is at its upper limit in the hover."""
+
+    name: str
+    share: float
+    """Share of the time at the limit."""
 
 
 def overrides_of(
@@ -18,51 +26,61 @@ def overrides_of(
     consistency: float | None = None,
     trim: Fact | None = None,
 ) -> Facts:
-    """Returns what makes the flight doubtful, the worst first.
+    """Returns what makes a flight doubtful, the worst first.
 
-    What comes first explains the others: motors at their limits, where the vehicle oscillates or one is weak. The
-    ``consistency`` is the share of the angle's changes that the rates explain, ``trim`` how even the motors work.
+    Only the cause is returned of what explains something else: an oscillation or a weak motor drives motors to their
+    limits, and these make the trim uneven.
+
+    Args:
+        condition: of the vehicle; None if it is not known.
+        alarms: lasting changes of the motors' balance.
+        consistency: share of the angle's changes that the recorded rates explain; None if it is not known.
+        trim: how even the motors work; None if it is not known.
     """
-    overrides = [
-        Fact(
-            Override.MOTORS,
-            lost.level,
-            time=lost.time,
-            until=lost.until,
-            subject=lost.subject,
-            loss=lost.figures["loss"],
-            because=lost,
-        )
-        for lost in losses_of(alarms)
-    ]
+    losses = losses_of(alarms)
+    overrides: list[Fact] = []
     if condition is not None and condition.oscillation is not None:
-        cycle = condition.oscillation
-        overrides = [
-            Fact(
-                Override.OSCILLATION,
-                duration=cycle.seconds,
-                growing=cycle.growing,
-                share=cycle.at_limit,
-                **cycle.figures,
-            )
-        ]
-    elif condition is not None and condition.hover is not None and not overrides:
+        overrides.append(_oscillation_override(condition.oscillation))
+    elif losses:
+        overrides += map(_loss_override, losses)
+    elif condition is not None and condition.hover is not None:
         limited = limited_motor(condition.hover)
         if limited is not None:
-            overrides = [Fact(Override.SATURATION, **limited)]
+            overrides.append(Fact(Override.SATURATION, subject=limited.name, share=limited.share))
         elif trim is not None and trim.level is Level.WATCH:
-            overrides = [Fact(Override.TRIM, subject=trim.subject, because=trim)]
+            overrides.append(Fact(Override.TRIM, subject=trim.subject, because=trim))
     if consistency is not None and consistency < MIN_TRUSTED_CONSISTENCY:
         overrides.append(Fact(Override.DATA, consistency=consistency))
     return tuple(overrides)
 
 
-def limited_motor(hover: HoverFigures) -> JsonValues | None:
-    """Returns the motor that is most at its upper limit, as ``subject`` and ``share`` of a fact.
+def _oscillation_override(oscillation: Oscillation) -> Fact:
+    """Returns the override of a limit cycle."""
+    return Fact(
+        Override.OSCILLATION,
+        duration=oscillation.seconds,
+        growing=oscillation.growing,
+        share=oscillation.at_limit,
+        **oscillation.figures,
+    )
 
-    None where that is at most ``MIN_AT_LIMIT_SHARE`` of the time.
-    """
+
+def _loss_override(loss: Fact) -> Fact:
+    """Returns the override of a motor that lost thrust in flight."""
+    return Fact(
+        Override.MOTORS,
+        loss.level,
+        time=loss.time,
+        until=loss.until,
+        subject=loss.subject,
+        loss=loss.figures["loss"],
+        because=loss,
+    )
+
+
+def limited_motor(hover: HoverFigures) -> LimitedMotor | None:
+    """Returns the motor that is most at its upper limit; None if that is at most ``MIN_AT_LIMIT_SHARE`` of the time."""
     share = max(hover.at_upper_limit)
     if share <= MIN_AT_LIMIT_SHARE:
         return None
-    return {"subject": hover.motors[hover.at_upper_limit.index(share)], "share": share}
+    return LimitedMotor(hover.motors[hover.at_upper_limit.index(share)], share)

@@ -1,4 +1,4 @@
-"""Residuals: one-step prediction errors of a model, and the tests whether they are white and free of the command."""
+"""Residuals: one-step prediction errors of a model, tested for autocorrelation and correlation with the command."""
 
 from typing import NamedTuple
 
@@ -9,78 +9,125 @@ from mavdem.confidence import Interval, coverage_factor
 from mavdem.dem import Learned
 from mavdem.facts.assessment import BoundTest
 
-BOUND_LEVEL = 0.99  # of the bounds that chance alone keeps to
-LAG_SECONDS = 0.5  # s, up to which residuals are correlated
+BOUND_LEVEL = 0.99
+"""Probability with which a correlation by chance stays within its bound."""
+
+MAX_LAG = 0.5
+"""Largest lag of the correlations, s: several times the time constants of the motors and of the attitude."""
+
+FAILED_BOUND_RATIO = 3.0
+"""Correlation over its bound above which the test has failed. Up to it the test is nearly passed: with so many samples
+small deviations are significant that do no harm."""
 
 
 class Residuals(NamedTuple):
-    """One-step residuals of one output with their correlations by lag, and the 99 % bounds of these."""
+    """One-step residuals of one output, and their correlations at L + 1 lags with the bounds that chance keeps."""
 
-    errors: Array  # (T,) in the output's unit; NaN where nothing was predicted
-    lag: Array  # (L + 1,) s, from 0 on
-    auto: Array  # (L + 1,) autocorrelation
-    across: Array  # (L + 1,) correlation with the command, so long after it
-    # of both; the second allows for the autocorrelation of both (Ljung, sec. 16.6)
+    errors: Array
+    """(T,) residuals of T samples, in the output's unit; NaN where nothing was predicted."""
+    lag: Array
+    """(L + 1,) s, from 0 on."""
+    autocorrelation: Array
+    """(L + 1,) of the residuals."""
+    command_correlation: Array
+    """(L + 1,) of the residuals with the command a lag before."""
     bounds: Interval
+    """Bounds of the absolute values of both correlations. The second allows for the autocorrelation of both series (L.
+    Ljung, System Identification, 2nd ed., sec. 16.6)."""
 
     @property
     def largest(self) -> Interval:
-        """The largest correlations, but for the first of ``auto``."""
-        return float(abs(self.auto[1:]).max()), float(abs(self.across).max())
+        """Largest absolute value of each correlation; the autocorrelation at lag 0, which is always 1, is left out."""
+        return float(abs(self.autocorrelation[1:]).max()), float(
+            abs(self.command_correlation).max()
+        )
 
     @property
     def outcome(self) -> BoundTest:
-        """By the larger beside its bound: beyond it is nearly passed; by three times it is no chance, and failed."""
-        beyond = max(np.divide(self.largest, self.bounds))
-        if beyond <= 1:
+        """Outcome of the test, by the correlation that is larger in relation to its bound."""
+        ratio = max(np.divide(self.largest, self.bounds))
+        if ratio <= 1:
             return BoundTest.PASSED
-        return BoundTest.NEARLY if beyond <= 3 else BoundTest.FAILED
+        return BoundTest.NEARLY if ratio <= FAILED_BOUND_RATIO else BoundTest.FAILED
 
 
 def residuals(learned: Learned, output: int = -1) -> Residuals:
-    """Returns the residuals of an ``output`` of the training data, the last one unless given."""
+    """Returns the residuals of an output of the training data, with their correlations.
+
+    Args:
+        learned: the model.
+        output: index of the output; the last one, the rate, unless given.
+    """
     record = learned.record
-    command = learned.record.inputs @ weights(directions(learned))
+    command = record.inputs @ command_weights(input_directions(learned))
     errors = record.outputs[:, output] - learned.one_step()[:, output]
-    errors[record.segment_starts] = np.nan  # a segment's first is not predicted
-    finite = ~np.isnan(errors)
-    centred = np.where(finite, errors - errors[finite].mean(), 0.0)
-    driven = command - command.mean()
-    lags = round(LAG_SECONDS / learned.dt)
-    auto = correlation(centred, centred, lags)
-    driven_auto = correlation(driven, driven, lags)
-    width = float(coverage_factor(BOUND_LEVEL) / np.sqrt(len(finite)))
-    # The variance of a correlation of two independent series.
-    joint = float(np.sqrt(max(1 + 2 * float(auto[1:] @ driven_auto[1:]), 1.0)))
-    lag = np.arange(lags + 1.0) * learned.dt
-    return Residuals(errors, lag, auto, correlation(driven, centred, lags), (width, width * joint))
+    # The first sample of a segment is not predicted.
+    errors[record.segment_starts] = np.nan
+    is_predicted = ~np.isnan(errors)
+    centred_errors = np.where(is_predicted, errors - errors[is_predicted].mean(), 0.0)
+    centred_command = command - command.mean()
+    lags = round(MAX_LAG / learned.dt)
+    autocorrelation = lagged_correlation(centred_errors, centred_errors, lags)
+    autocorrelation_of_command = lagged_correlation(centred_command, centred_command, lags)
+    command_correlation = lagged_correlation(centred_command, centred_errors, lags)
+    # A correlation of two white series has the variance 1/T. For independent series with autocorrelations r and q it is
+    # larger by the factor 1 + 2 Σ r q.
+    bound = float(coverage_factor(BOUND_LEVEL) / np.sqrt(len(is_predicted)))
+    variance_factor = 1 + 2 * float(autocorrelation[1:] @ autocorrelation_of_command[1:])
+    command_bound = bound * float(np.sqrt(max(variance_factor, 1.0)))
+    return Residuals(
+        errors,
+        np.arange(lags + 1.0) * learned.dt,
+        autocorrelation,
+        command_correlation,
+        (bound, command_bound),
+    )
 
 
-def correlation(first: Array, other: Array, lags: int) -> Array:
-    """Returns (lags + 1,) of ``first`` at a time with ``other`` 0, 1, … samples later."""
+def lagged_correlation(first: Array, second: Array, lags: int) -> Array:
+    """Computes the correlation of a series with later samples of another, by Fourier transforms.
+
+    Args:
+        first, second: (T,) series with mean 0.
+        lags: largest lag L, in samples.
+
+    Returns:
+        (L + 1,) correlations of ``first`` with ``second`` 0, 1, …, L samples later; 0 if one of them is constant.
+    """
+    # Padding with as many zeros keeps the end of a series apart from its begin.
     size = 2 * len(first)
-    products = np.fft.irfft(np.conj(np.fft.rfft(first, size)) * np.fft.rfft(other, size), size)[
-        : lags + 1
-    ]
-    scale = np.sqrt(float(first @ first) * float(other @ other))
+    spectrum = np.conj(np.fft.rfft(first, size)) * np.fft.rfft(second, size)
+    products = np.fft.irfft(spectrum, size)[: lags + 1]
+    scale = np.sqrt(float(first @ first) * float(second @ second))
     return products / scale if scale else np.zeros(lags + 1)
 
 
-def directions(learned: Learned) -> Array:
-    """Returns (r,) how each input turns the vehicle, relative to the others: by the mixer, or else as estimated."""
-    fitted = learned.record.effect_directions
-    if fitted is not None:
-        return fitted
-    if learned.record.inputs.shape[1] == 1:  # the controller's demand
+def input_directions(learned: Learned) -> Array:
+    """Returns (r,) how each of r inputs turns the vehicle, relative to the others.
+
+    They are those of the mixer if it is known, and otherwise the estimated effects.
+    """
+    record = learned.record
+    if record.effect_directions is not None:
+        return record.effect_directions
+    if record.inputs.shape[1] == 1:
+        # The one input is the controller's demand.
         return np.ones(1)
-    effect = learned.model.B[-1] if learned.physical is None else learned.physical.effect
-    return effect if effect.any() else np.ones(len(effect))
+    effects = learned.model.B[-1] if learned.physical is None else learned.physical.effect
+    return effects if effects.any() else np.ones(len(effects))
 
 
-def weights(directions: Array) -> Array:
-    """Returns (r,) the share of each input in the command of the axis: those that turn up it sum to 1, others to -1."""
-    up = np.maximum(directions, 0.0)
-    down = np.maximum(-directions, 0.0)
-    return np.asarray(
-        sum(sign * side / side.sum() for sign, side in ((1, up), (-1, down)) if side.any())
-    )
+def command_weights(directions: Array) -> Array:
+    """Returns (r,) the weights of the inputs in the command of an axis.
+
+    Those of inputs that turn the vehicle in the positive direction sum to 1, those of the others to -1.
+
+    Args:
+        directions: (r,) how each input turns the vehicle.
+    """
+    weights = np.zeros(len(directions))
+    for sign in (1, -1):
+        effects = np.maximum(sign * directions, 0.0)
+        if effects.any():
+            weights = weights + sign * effects / effects.sum()
+    return weights

@@ -1,4 +1,4 @@
-"""Responses: the measured closed loops of each axis, beside those that the identified loops predict."""
+"""Measured closed-loop responses of rate and attitude of each axis, compared with those that the loops predict."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.assessment.evidence import INJECTED, Evidence
+from mavdem.assessment.evidence import EXCITATION_MODES, Evidence
 from mavdem.dataset.axes import AXES
 from mavdem.facts import Fact, Facts
 from mavdem.loops.axis_loops import Loop
@@ -18,63 +18,91 @@ from mavdem.loops.step_response import (
     step_from_frequency_response,
 )
 
-FEEDFORWARD = "ATC_RATE_FF_ENAB"
-"""ArduPilot's parameter by which the rate of the attitude's setpoint is asked for too."""
+RATE_FEEDFORWARD_PARAMETER = "ATC_RATE_FF_ENAB"
+"""ArduPilot's parameter that adds the derivative of the attitude's setpoint to the setpoint of the rate."""
 
 
 class LoopResponse(NamedTuple):
-    """One loop of one axis: as ``measured``, or why it is not, and at the same times and frequencies as predicted."""
+    """Response of one closed loop of one axis to its setpoint."""
 
     measured: StepResponse | Fact
+    """As measured, or why it is not known."""
     predicted_step: Array | None = None
+    """Predicted step response at the times of the measured one; None without a stable identified loop."""
     predicted_gain: Array | None = None
+    """Predicted gain at the frequencies of the measured one; None without a stable identified loop."""
     compared: Fact | None = None
-    """Whether the two agree, or which is doubted; None without one of them."""
+    """Whether the two agree, or which of them is doubted; None without one of them."""
 
     @property
     def facts(self) -> Facts:
-        """What is said of it."""
+        """What there is to report of it."""
         if isinstance(self.measured, Fact):
             return (self.measured,)
-        return tuple(filter(None, (self.measured.fact, self.compared)))
+        return tuple(fact for fact in (self.measured.fact, self.compared) if fact is not None)
 
 
 Responses = Mapping[str, Mapping[str, LoopResponse]]
-"""By axis, and by "rate" or "attitude"."""
+"""Responses by axis, and then by loop: "rate" or "attitude"."""
 
 
 def responses_of(evidence: Evidence) -> Responses:
-    """Returns the responses of "rate" and "attitude" of roll, pitch and yaw, but for injected tests."""
-    parts = evidence.settled(INJECTED)
+    """Measures the responses of roll, pitch and yaw in settled flight, without modes that excite the vehicle."""
+    segments = evidence.settled_segments(EXCITATION_MODES)
     responses = {}
     for axis in AXES:
         signals = evidence.signals.for_axis(axis)
         loop = evidence.loops.get(axis)
-        rate = rate_step_response(signals, parts)
-        attitude = attitude_step_response(signals, parts)
+        rate = rate_step_response(signals, segments)
+        attitude = attitude_step_response(signals, segments)
         if isinstance(loop, Loop):
-            ahead = bool(signals.telemetry.parameters.get(FEEDFORWARD))
+            has_feedforward = bool(signals.telemetry.parameters.get(RATE_FEEDFORWARD_PARAMETER))
+            attitude_prediction = predicted_attitude_response(loop, has_feedforward)
             responses[axis] = {
-                "rate": _beside(rate, loop.rate, loop.rate.closed[0]),
-                "attitude": _beside(attitude, loop.attitude, predicted_attitude(loop, ahead)),
+                "rate": _compared_response(rate, loop.rate, loop.rate.closed[0]),
+                "attitude": _compared_response(attitude, loop.attitude, attitude_prediction),
             }
         else:
             responses[axis] = {"rate": LoopResponse(rate), "attitude": LoopResponse(attitude)}
     return responses
 
 
-def predicted_attitude(loop: Loop, ahead: bool) -> Complex:
-    """Returns (F,) the attitude's response, ``ahead`` with the rate of its setpoint asked for too."""
-    turns = 2j * np.pi * loop.attitude.frequency / loop.controller.angle_gain
-    return loop.attitude.closed[0] * (1 + ahead * turns)
+def predicted_attitude_response(loop: Loop, has_feedforward: bool) -> Complex:
+    """Returns the frequency response of the attitude to its setpoint at F frequencies, as the loop predicts it.
+
+    With the angle gain K and T the closed loop, a feedforward of the setpoint's derivative makes it T (1 + jω/K): the
+    setpoint of the rate is K (setpoint − angle) + jω setpoint.
+
+    Args:
+        loop: of the axis.
+        has_feedforward: whether the derivative of the setpoint is added to the setpoint of the rate.
+
+    Returns:
+        (F,) at ``loop.attitude.frequency``.
+    """
+    closed_loop = loop.attitude.closed[0]
+    if not has_feedforward:
+        return closed_loop
+    derivative_share = 2j * np.pi * loop.attitude.frequency / loop.controller.angle_gain
+    return closed_loop * (1 + derivative_share)
 
 
-def _beside(measured: StepResponse | Fact, loop: OpenLoop, closed: Complex) -> LoopResponse:
-    if isinstance(measured, Fact) or not loop.stable[0]:
+def _compared_response(
+    measured: StepResponse | Fact, open_loop: OpenLoop, closed_loop: Complex
+) -> LoopResponse:
+    """Returns a measured response with the predicted one.
+
+    Args:
+        measured: the response, or why it is not known.
+        open_loop: the identified loop, whose first row is the estimate. An unstable one predicts no response.
+        closed_loop: (F,) predicted frequency response at ``open_loop.frequency``.
+    """
+    if isinstance(measured, Fact) or not open_loop.stable[0]:
         return LoopResponse(measured)
+    frequency = open_loop.frequency
     return LoopResponse(
         measured,
-        step_from_frequency_response(loop.frequency, closed, measured.time),
-        np.interp(measured.frequency, loop.frequency, abs(closed)),
-        measured.comparison(loop.frequency, closed),
+        step_from_frequency_response(frequency, closed_loop, measured.time),
+        np.interp(measured.frequency, frequency, abs(closed_loop)),
+        measured.comparison(frequency, closed_loop),
     )

@@ -1,17 +1,17 @@
-"""Tuning: gains to set of the axes of a flight, and what to do with them."""
+"""Tuning of an assessed vehicle: gains to set for each axis, a notch filter, and what to do with them."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from mavdem.assessment.assess import Assessment
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement
-from mavdem.assessment.lights.tracking import tracking_of
+from mavdem.assessment.record import Assessment
 from mavdem.containers import group_by
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Facts
 from mavdem.facts.assessment import NextStep
+from mavdem.facts.lights import Light
 from mavdem.facts.loops import Loops
 from mavdem.facts.margins import TrackingLight
 from mavdem.immutable import freeze
@@ -24,24 +24,29 @@ AdviceByAxis = dict[str, Advice | Fact]
 
 
 class Tuning(NamedTuple):
-    """Gains to set."""
+    """Gains to set for a vehicle."""
 
     axes: AdviceByAxis
-    advice: Sequence[Advice]  # of those whose loops are known, one at least
-    parameters: Parameters  # to set, by the autopilot's name, where they change
-    notch: Fact | None  # the filter to set, or why there is none; None where it was not asked for
-    # of the flight; its next step is to load the gains, unless something else is bad
+    """The advice on each axis that was asked for, or why there is none."""
+    advice: Sequence[Advice]
+    """The advice on axes whose loops are known, at least one."""
+    parameters: Parameters
+    """The parameters that change, by the autopilot's names; empty if no gains are advised."""
+    notch: Fact | None
+    """The notch filter to set, or why there is none; None if it was not asked for."""
     judgement: Judgement
+    """The judgement of the flight. Its next step is to load the gains, unless something else is bad."""
 
     @property
     def refusal(self) -> Fact | None:
-        """Why no gains are advised; None where some are."""
-        return None if any(each.gains for each in self.advice) else self.advice[0].sentence
+        """Why no gains are advised; None if some are."""
+        if any(advice.gains for advice in self.advice):
+            return None
+        return self.advice[0].sentence
 
 
 def tuned(
     assessment: Assessment,
-    evidence: Evidence,
     axes: Sequence[str],
     margins: str = "default",
     *,
@@ -49,62 +54,104 @@ def tuned(
     more: bool = False,
     filters: bool = False,
 ) -> Tuning:
-    """Returns gains of these ``axes`` of an assessed vehicle, with the ``margins`` of that name in ``MARGIN_TARGETS``.
+    """Returns the gains to set for some axes of an assessed vehicle.
 
-    ``more``: also of loops that have enough margin; ``filters``: with a notch filter; ``is_written``: whether a file
-    will have them. Raises NotLearnable: the loops of no axis are known; what is bad of the vehicle it says first.
+    Args:
+        assessment: of the vehicle.
+        axes: "roll", "pitch" and "yaw".
+        margins: name of the margins to have, in ``MARGIN_TARGETS``.
+        is_written: whether a file will have the gains.
+        more: whether to raise gains of loops that have enough margin.
+        filters: whether to set a notch filter too.
+
+    Raises:
+        NotLearnable: the loops of no axis are known. What is bad about the vehicle comes first in the reason.
     """
+    evidence = assessment.evidence
+    assert evidence is not None
     judgement = assessment.judgement
     headline = judgement.headline
-    grounds = evidence.grounds
-    motors = judgement.lights["motors"]
-    if not grounds and motors.is_bad:
-        grounds = (motors,)
-    first = [headline] if headline.is_bad and not grounds else []
-    if evidence.lowered:
-        grounds = (*grounds, evidence.lowered)
-    notch = assessment.noise.notch if filters and not grounds else None
-    settings = dict(notch.figures.get("settings", ())) if notch else {}
-    measured = {margin.axis: margin.facts[0] for margin in evidence.margins if margin.injected}
-    tracking = tracking_of(evidence)
+    doubts = _doubts_on_vehicle(evidence, judgement)
+    notch = assessment.noise.notch if filters and not doubts else None
+    notch_parameters = dict(notch.figures.get("settings", ())) if notch else {}
     by_axis = AdviceByAxis()
-    advised = list[Advice]()
-    refused = dict[str, Fact]()
+    known_advice = list[Advice]()
+    refusals = dict[str, Fact]()
+    measured_loops = _measured_loops(assessment)
+    is_headline_reason = headline.is_bad and not _has_grounds(evidence, judgement)
     for axis in axes:
         loop = evidence.loops[axis]
-        if isinstance(loop, Fact) and axis in measured:
-            loop = Fact(Loops.NO_LOOP, reasons=(measured[axis], loop))
         if isinstance(loop, Loop):
-            # What a flight injects is no answer of the controller.
-            doubts = (*grounds, measured[axis]) if axis in measured else grounds
-            followed = tracking[axis]
-            # No loop with enough margin overshoots.
-            if (
-                followed.code is TrackingLight.OVERSHOOTS_SETPOINT
-                and not margin_rating(loop, MARGIN_TARGETS[margins]).is_bad
-            ):
-                doubts = (*doubts, followed)
-            advice = advise(loop, margins, doubts, more=more)
-            if settings and not advice.refusals:
-                advice = advise(loop.with_parameters(settings), margins, more=more)
+            loop_doubts = _doubts_on_loop(assessment, loop, axis, margins, doubts)
+            advice = advise(loop, margins, loop_doubts, more=more)
+            if notch_parameters and not advice.refusals:
+                advice = advise(loop.with_parameters(notch_parameters), margins, more=more)
             by_axis[axis] = advice
-            advised.append(advice)
-        elif first or grounds or len(axes) > 1:
-            by_axis[axis] = refused[axis] = Fact(Loops.NO_LOOP, reasons=grounds or (loop,))
-        else:
+            known_advice.append(advice)
+            continue
+        if axis in measured_loops:
+            loop = Fact(Loops.NO_LOOP, reasons=(measured_loops[axis], loop))
+        if not is_headline_reason and not doubts and len(axes) == 1:
             raise NotLearnable(loop)
-    if not advised:
-        alike = group_by(refused, refused.__getitem__)
-        reasons = [fact.but(names=names) for fact, names in alike.items()]
-        first += reasons if len(alike) > 1 else alike
-        raise NotLearnable(Loops.NO_LOOP, reasons=first)
-    gains = {
-        name: value
-        for each in advised
-        if each.gains  # a notch costs phase, which is not known to be there otherwise
-        for name, value in {**each.parameters, **settings}.items()
-    }
-    if gains and (not headline.is_bad or headline == judgement.lights["margins"]):
-        following = Fact(NextStep.LOAD_GAINS, headline.level, is_written=is_written)
-        judgement = replace(judgement, next_step=following)
-    return freeze(Tuning(by_axis, advised, gains, notch, judgement))
+        by_axis[axis] = refusals[axis] = Fact(Loops.NO_LOOP, reasons=doubts or (loop,))
+    if not known_advice:
+        reasons = [headline] if is_headline_reason else []
+        raise NotLearnable(Loops.NO_LOOP, reasons=[*reasons, *_grouped_refusals(refusals)])
+    parameters = dict[str, float]()
+    for advice in known_advice:
+        # A notch costs phase. Only for loops with new gains it is known that there is enough.
+        if advice.gains:
+            parameters |= {**advice.parameters, **notch_parameters}
+    if parameters and (not headline.is_bad or headline == judgement.lights[Light.MARGINS]):
+        next_step = Fact(NextStep.LOAD_GAINS, headline.level, is_written=is_written)
+        judgement = replace(judgement, next_step=next_step)
+    return freeze(Tuning(by_axis, known_advice, parameters, notch, judgement))
+
+
+def _has_grounds(evidence: Evidence, judgement: Judgement) -> bool:
+    """Returns whether the vehicle must not fly, or its motors are bad."""
+    return bool(evidence.reasons_not_to_fly) or judgement.lights[Light.MOTORS].is_bad
+
+
+def _doubts_on_vehicle(evidence: Evidence, judgement: Judgement) -> Facts:
+    """Returns why no gains of any axis may be raised: why the vehicle must not fly, bad motors, an oscillation."""
+    doubts = evidence.reasons_not_to_fly
+    motors = judgement.lights[Light.MOTORS]
+    if not doubts and motors.is_bad:
+        doubts = (motors,)
+    if evidence.gain_reduction:
+        doubts = (*doubts, evidence.gain_reduction)
+    return doubts
+
+
+def _measured_loops(assessment: Assessment) -> dict[str, Fact]:
+    """Returns what an injected signal showed of the loop of each axis, where there was one."""
+    return {margins.axis: margins.facts[0] for margins in assessment.margins if margins.injected}
+
+
+def _doubts_on_loop(
+    assessment: Assessment, loop: Loop, axis: str, margins: str, vehicle_doubts: Facts
+) -> Facts:
+    """Returns why the gains of a loop may not be raised.
+
+    Beside the doubts on the vehicle these are an injected signal, which is no response of the controller, and an
+    overshoot, which a loop with enough margin does not have.
+    """
+    doubts = vehicle_doubts
+    measured_loops = _measured_loops(assessment)
+    if axis in measured_loops:
+        doubts = (*doubts, measured_loops[axis])
+    tracking = assessment.tracking[axis]
+    if tracking.code is TrackingLight.OVERSHOOTS_SETPOINT:
+        rating = margin_rating(loop, MARGIN_TARGETS[margins])
+        if not rating.is_bad:
+            doubts = (*doubts, tracking)
+    return doubts
+
+
+def _grouped_refusals(refusals: dict[str, Fact]) -> list[Fact]:
+    """Returns the reasons why the loops of the axes are not known; with the axes, if the reasons differ."""
+    axes_by_refusal = group_by(refusals, refusals.__getitem__)
+    if len(axes_by_refusal) == 1:
+        return list(axes_by_refusal)
+    return [fact.but(names=axes) for fact, axes in axes_by_refusal.items()]

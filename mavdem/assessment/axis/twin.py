@@ -1,4 +1,4 @@
-"""The twin of an assessed vehicle, and what it foretells of gains to set."""
+"""Twin of an assessed vehicle: a simulation with the identified plant, and its flight with other gains."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -23,65 +23,101 @@ from mavdem.loops.twin import (
 from mavdem.motors.hover import hover_of
 from mavdem.wind_velocity.airflow import Drag
 
-FORETOLD_SECONDS = 40.0  # of a flight, by gains to set: who has just landed waits for it
+REPLAY_SECONDS = 40.0
+"""Duration of the flight that the twin repeats to compare gains, s: the pilot who has just landed waits for it."""
 
 
 class AssessedTwin(NamedTuple):
     """The twin of a vehicle."""
 
     twin: Twin
-    loops: LoopsByAxis  # which it was made of
-    missing: NamedFacts  # by axis, why others are not known
+    loops: LoopsByAxis
+    """The identified loops from which it was built."""
+    missing: NamedFacts
+    """Why the loops of other axes are not known, by axis."""
 
 
 def assessed_twin(evidence: Evidence, mass: float | None = None) -> AssessedTwin:
-    """Returns the twin of the vehicle, of this ``mass``, kg, where somebody knows it.
+    """Builds the twin of a vehicle.
 
-    Raises NotLearnable: the loops of roll, or the hover, are not known.
+    Args:
+        evidence: of the vehicle.
+        mass: of the vehicle, kg; None if it is not known.
+
+    Raises:
+        NotLearnable: the loop of roll, or the hover, is not known.
     """
     missing = {axis: loop for axis, loop in evidence.loops.items() if isinstance(loop, Fact)}
-    if evidence.grounds:
+    if evidence.reasons_not_to_fly:
         missing = {axis: fact.grounded for axis, fact in missing.items()}
     if "roll" in missing:
-        raise NotLearnable((*evidence.grounds, missing["roll"])[0])
+        reasons = (*evidence.reasons_not_to_fly, missing["roll"])
+        raise NotLearnable(reasons[0])
     loops = identified_loops(evidence.loops)
     signals = evidence.signals
     hover = hover_of(signals.for_axis("roll", "motors"), evidence.log.components)
-    share = float(np.mean(hover.trim_of_range))
+    hover_share = float(np.mean(hover.trim_of_range))
     telemetry = signals.telemetry
-    air, *_ = evidence.air
-    drag = (
-        Drag.of_parameters(telemetry.autopilot, telemetry.parameters) if air is None else air.drag
-    )
-    twin = build_twin(loops, telemetry.autopilot == "PX4", share, air, drag, mass)
+    wind = evidence.wind.estimate
+    drag = Drag.of_parameters(telemetry.autopilot, telemetry.parameters)
+    if wind is not None:
+        drag = wind.drag
+    is_px4 = telemetry.autopilot == "PX4"
+    twin = build_twin(loops, is_px4, hover_share, wind, drag, mass)
     return AssessedTwin(twin, loops, missing)
 
 
-def foretold(evidence: Evidence, gains: Parameters) -> Facts:
-    """Returns by axis how far from its setpoints the vehicle's twin flies, now and with the ``gains`` to set.
+def predicted_errors(evidence: Evidence, gains: Parameters) -> Facts:
+    """Predicts how well the vehicle would follow its setpoints with other gains, by flights of its twin.
 
-    Why not, where the twin cannot fly; nothing where the log has no setpoints of roll.
+    The twin repeats the setpoints of the flight, with the present gains and with the others.
+
+    Args:
+        evidence: of the vehicle.
+        gains: to set, by the autopilot's names.
+
+    Returns:
+        For roll and pitch the standard deviation of the angle from its setpoint now and then, in degrees; why the twin
+        cannot fly, if it cannot; nothing if the log has no setpoints of roll.
     """
     loops = identified_loops(evidence.loops)
-    again = replay_segments(loops) if "roll" in loops else {}
-    if not again:
+    segments = replay_segments(loops) if "roll" in loops else {}
+    if not segments:
         return ()
     dt = loops["roll"].record.dt
-    shown = slice(round(FORETOLD_SECONDS / dt))
-    short = {axis: ReplaySegment(*(part[shown] for part in whole)) for axis, whole in again.items()}
-    settled = slice(round(SETTLING_SECONDS / dt), None)
+    replayed_samples = slice(round(REPLAY_SECONDS / dt))
+    settled_samples = slice(round(SETTLING_SECONDS / dt), None)
+    segments = {
+        axis: ReplaySegment(*(values[replayed_samples] for values in segment))
+        for axis, segment in segments.items()
+    }
     try:
-        twin = assessed_twin(evidence).twin
-        changed = replace(twin, parameters={**twin.parameters, **gains})
-        flights = [fly_twin(each, loops, short) for each in (twin, changed)]
+        present_twin = assessed_twin(evidence).twin
+        changed_twin = replace(present_twin, parameters={**present_twin.parameters, **gains})
+        present_motion = fly_twin(present_twin, loops, segments)
+        changed_motion = fly_twin(changed_twin, loops, segments)
     except NotLearnable as error:
         return (error.fact,)
     facts = []
-    for axis in filter(short.get, TILT_AXES):
-        asked = short[axis].setpoints[settled, 0]
-        missed = [motion[settled, AXES.index(axis), 0] - asked for motion in flights]
-        before, after = np.degrees(np.std(missed, axis=1)).tolist()
+    for axis in TILT_AXES:
+        if axis not in segments:
+            continue
+        setpoints = segments[axis].setpoints[settled_samples, 0]
+        present_error, expected_error = np.degrees(
+            np.std(
+                [
+                    motion[settled_samples, AXES.index(axis), 0] - setpoints
+                    for motion in (present_motion, changed_motion)
+                ],
+                axis=1,
+            )
+        ).tolist()
         facts.append(
-            Fact(Gains.TWIN_FLIES, subject=axis, present_error=before, expected_error=after)
+            Fact(
+                Gains.TWIN_FLIES,
+                subject=axis,
+                present_error=present_error,
+                expected_error=expected_error,
+            )
         )
     return tuple(facts)

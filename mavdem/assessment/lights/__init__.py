@@ -1,1 +1,52 @@
-"""Lights: eight facts, one for each subject of a log, each measured and judged in the file of its name."""
+"""Registry of the lights by which every log is judged; each is a file here that measures and judges one subject."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.lights.estimator import estimator_light
+from mavdem.assessment.lights.log import log_light
+from mavdem.assessment.lights.margins import margins_light
+from mavdem.assessment.lights.motors import motors_light
+from mavdem.assessment.lights.power import power_light
+from mavdem.assessment.lights.tracking import tracking_light
+from mavdem.assessment.lights.vibration import vibration_light
+from mavdem.assessment.lights.wind import wind_light
+from mavdem.facts import Fact
+from mavdem.facts.lights import Light
+
+
+class RegisteredLight(NamedTuple):
+    """One light: its name, the function that judges it, and how it counts in the headline."""
+
+    name: Light
+    judge: Callable[[Evidence], Fact]
+    """Returns the fact of the light, whose level is its colour."""
+    urgency: int
+    """Place in the headline: of several bad lights the one with the lowest number is named."""
+    is_of_vehicle: bool = True
+    """Whether it judges the vehicle; otherwise it judges the log or the weather, of which only bad is a headline."""
+
+
+REGISTRY = (
+    RegisteredLight(Light.MOTORS, motors_light, urgency=1),
+    RegisteredLight(Light.VIBRATION, vibration_light, urgency=4),
+    RegisteredLight(Light.TRACKING, tracking_light, urgency=3),
+    RegisteredLight(Light.MARGINS, margins_light, urgency=2),
+    RegisteredLight(Light.POWER, power_light, urgency=5),
+    RegisteredLight(Light.ESTIMATOR, estimator_light, urgency=6),
+    RegisteredLight(Light.WIND, wind_light, urgency=8, is_of_vehicle=False),
+    RegisteredLight(Light.LOG, log_light, urgency=7, is_of_vehicle=False),
+)
+"""All lights in the order in which they are shown.
+
+The motors are most urgent, since a weak motor explains small margins and bad tracking.
+"""
+
+_BY_URGENCY = sorted(REGISTRY, key=lambda light: light.urgency)
+
+VEHICLE_LIGHTS = [light.name for light in _BY_URGENCY if light.is_of_vehicle]
+"""Names of the lights that judge the vehicle, the most urgent first."""
+
+OTHER_LIGHTS = [light.name for light in _BY_URGENCY if not light.is_of_vehicle]
+"""Names of the lights that judge the log and the weather, the most urgent first."""

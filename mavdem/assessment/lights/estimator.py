@@ -1,4 +1,4 @@
-"""The light of the estimator: innovations in flight against what the filter accepts, and the quality of GPS."""
+"""Light on the estimator: innovations in flight against what the filter accepts, GPS quality, and the compass."""
 
 from collections.abc import Iterator
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.lights.limits import worst
+from mavdem.assessment.limits import worst_fact
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
 from mavdem.dataset.intervals import longest_true_duration
 from mavdem.dataset.time_series import (
@@ -25,8 +25,10 @@ from mavdem.ingest.vocabulary import mavlink_constant
 FIX_3D = mavlink_constant("GPS_FIX_TYPE_3D_FIX")
 """The least GPS fix type with a position in three dimensions."""
 
-MEASURED = ("velocity", "position", "height", "compass")
-REPORTS = {
+INNOVATIONS = ("velocity", "position", "height", "compass")
+"""The innovations that are judged, in the order of the columns of :func:`_innovation_ratios`."""
+
+INNOVATION_FIELDS = {
     "EKF_STATUS_REPORT": (
         "velocity_variance",
         "pos_horiz_variance",
@@ -35,20 +37,33 @@ REPORTS = {
     ),
     "ESTIMATOR_STATUS": ("vel_ratio", "pos_horiz_ratio", "pos_vert_ratio", "mag_ratio"),
 }
-"""Messages with the innovations of ``MEASURED``, as shares of what the filter accepts."""
-GLITCH = {
+"""Messages with the ``INNOVATIONS``, each as a ratio to what the filter accepts."""
+
+GLITCH_FLAGS = {
     "EKF_STATUS_REPORT": mavlink_constant("EKF_GPS_GLITCHING"),
     "ESTIMATOR_STATUS": mavlink_constant("ESTIMATOR_GPS_GLITCH"),
 }
-"""Bits of their flags that say that GPS jumped."""
-EKF_THRESHOLD = 0.8
-"""Innovation from which ArduCopter's ``ekf_check.cpp`` doubts the filter, the default of FS_EKF_THRESH; PX4 at 1."""
-DOUBT_SECONDS = 1.0  # as long it lasts there until the failsafe
-POOR_DILUTION = 2.5
-FEW_SATELLITES = 6
-"""HDOP above, satellites below which PX4's filter does not start with GPS: EKF2_REQ_HDOP, EKF2_REQ_NSATS."""
-FIELD_CHANGE = 0.3  # of the compass's field, by motors and currents, up to which ArduPilot's pages take it for good
-OF_ESTIMATOR = {
+"""Bits of the ``flags`` of these messages that report a jump of the GPS position."""
+
+PX4_INNOVATION_LIMIT = 1.0
+"""Innovation ratio at which PX4's filter rejects a measurement."""
+
+ARDUPILOT_INNOVATION_LIMIT = 0.8
+"""Innovation ratio from which ArduCopter's ``ekf_check.cpp`` doubts the filter: the default of FS_EKF_THRESH."""
+
+FAILSAFE_SECONDS = 1.0
+"""Time, s, for which ArduCopter's ``ekf_check.cpp`` doubts the filter before its failsafe."""
+
+MAX_DILUTION = 2.5
+"""HDOP above which PX4's filter does not start with GPS: the default of EKF2_REQ_HDOP."""
+
+MIN_SATELLITES = 6
+"""Number of satellites below which PX4's filter does not start with GPS: the default of EKF2_REQ_NSATS."""
+
+MAX_FIELD_CHANGE = 0.3
+"""Relative change of the compass's field by motors and currents up to which ArduPilot's documentation accepts it."""
+
+ESTIMATOR_REPORTS = {
     Reported.ESTIMATOR_DIVERGED,
     Reported.ESTIMATOR_SWITCHED,
     Reported.ESTIMATOR_RESET,
@@ -56,103 +71,121 @@ OF_ESTIMATOR = {
     Reported.GPS_LOST,
     Reported.SENSOR_FAILED,
 }
+"""Reports of the autopilot in flight that concern the estimator."""
 
 
 def estimator_light(evidence: Evidence) -> Fact:
-    """Returns the worst of filter and GPS in flight; unknown where the log has neither."""
-    innovations = sorted(_filter(evidence), key=lambda fact: -fact.figures["duration"])
-    doubts = [
-        *innovations,
-        *_fixes(evidence),
-        *_compass(evidence),
-        *evidence.reported(OF_ESTIMATOR),
+    """Returns the worst of filter, GPS and compass in flight; unknown if the log has none of them."""
+    filter_facts = sorted(
+        _filter_facts(evidence), key=lambda fact: fact.figures["duration"], reverse=True
+    )
+    facts = [
+        *filter_facts,
+        *_poor_fixes(evidence),
+        *_compass_disturbances(evidence),
+        *evidence.warnings_in_flight(ESTIMATOR_REPORTS),
     ]
+    if facts:
+        return worst_fact(facts)
     airborne = evidence.learnability.figures.airborne
-    return worst(doubts) if doubts else Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=airborne)
+    return Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=airborne)
 
 
-def _filter(evidence: Evidence) -> Iterator[Fact]:
-    """By ArduCopter's rule: two of velocity, which counts twice from twice the limit, position and compass."""
+def _filter_facts(evidence: Evidence) -> Iterator[Fact]:
+    """Yields how large the innovations of each flight were, and jumps of the GPS position.
+
+    The filter is bad where ArduCopter's failsafe would have acted: for ``FAILSAFE_SECONDS``, two of velocity, position
+    and compass exceed the limit. A velocity of twice the limit counts as two.
+    """
     telemetry = evidence.signals.telemetry
-    limit = 1.0
-    if telemetry.autopilot != "PX4":
-        limit = telemetry.parameters.get("FS_EKF_THRESH", 0.0) or EKF_THRESHOLD
-    for part in evidence.flown(_innovations(telemetry)):
-        ratios = part.values[:, : len(MEASURED)]
-        beyond = ratios >= limit
-        velocity, position, _, compass = beyond.T
-        doubts = 1.0 * velocity + (ratios[:, 0] >= 2 * limit) + position + compass
-        failed = longest_true_duration(part.time, doubts >= 2)
-        lasting = [longest_true_duration(part.time, column) for column in beyond.T]
-        most = np.argmax(lasting) if max(lasting) else ratios.max(axis=0).argmax()
-        is_doubted = max(lasting) >= DOUBT_SECONDS
+    if telemetry.autopilot == "PX4":
+        limit = PX4_INNOVATION_LIMIT
+    else:
+        limit = telemetry.parameters.get("FS_EKF_THRESH", 0.0) or ARDUPILOT_INNOVATION_LIMIT
+    for flight in evidence.in_flight(_innovation_ratios(telemetry)):
+        ratios = flight.values[:, : len(INNOVATIONS)]
+        is_glitching = flight.values[:, -1] > 0
+        exceeds = ratios >= limit
+        velocity, position, _, compass = exceeds.astype(float).T
+        doubts = velocity + (ratios[:, 0] >= 2 * limit) + position + compass
+        failsafe_duration = longest_true_duration(flight.time, doubts >= 2)
+        durations = [longest_true_duration(flight.time, column) for column in exceeds.T]
+        worst = np.argmax(durations)
+        if max(durations) == 0:
+            worst = ratios.max(axis=0).argmax()
+        is_doubted = max(durations) >= FAILSAFE_SECONDS
+        is_bad = is_doubted and failsafe_duration >= FAILSAFE_SECONDS
         yield Fact(
             EstimatorLight.FILTER_DOUBTED if is_doubted else EstimatorLight.FILTER_AGREED,
-            Level.BAD if is_doubted and failed >= DOUBT_SECONDS else None,
-            time=part.time[ratios[:, most].argmax()],
-            name=MEASURED[most],
-            ratio=ratios[:, most].max() / limit,
-            duration=lasting[most],
+            Level.BAD if is_bad else None,
+            time=flight.time[ratios[:, worst].argmax()],
+            name=INNOVATIONS[worst],
+            ratio=ratios[:, worst].max() / limit,
+            duration=durations[worst],
         )
-        if np.any(glitches := part.values[:, -1]):
+        if is_glitching.any():
             yield Fact(
                 EstimatorLight.GPS_GLITCHED,
-                time=part.time[glitches.argmax()],
-                duration=longest_true_duration(part.time, glitches > 0),
+                time=flight.time[is_glitching.argmax()],
+                duration=longest_true_duration(flight.time, is_glitching),
             )
 
 
-def _innovations(telemetry: Telemetry) -> TimeSeries | None:
-    """Those of ``MEASURED``, 0 where there is none, and whether GPS jumped, (N, 5)."""
-    for name, fields in REPORTS.items():
-        report = telemetry.messages.get(name, {})
-        if all(field in report for field in fields):
-            flags = (
-                float_column(report, "flags")
-                if "flags" in report
-                else np.zeros(len(report["time"]))
-            )
-            jumped = np.nan_to_num(flags).astype(np.int64) & GLITCH[name] > 0
-            ratios = np.nan_to_num(float_columns(report, fields))
-            if ratios.any():  # else the filter does not run
-                return clean_series(report, np.column_stack([ratios, jumped]))
+def _innovation_ratios(telemetry: Telemetry) -> TimeSeries | None:
+    """Returns (N, 5) the ratios of the ``INNOVATIONS``, 0 where there is none, and whether GPS jumped, 0 or 1.
+
+    Returns None if no message has them, or if they are all 0: then the filter does not run.
+    """
+    for message, fields in INNOVATION_FIELDS.items():
+        columns = telemetry.messages.get(message, {})
+        if not all(field in columns for field in fields):
+            continue
+        ratios = np.nan_to_num(float_columns(columns, fields))
+        if not ratios.any():
+            continue
+        flags = np.zeros(len(columns["time"]))
+        if "flags" in columns:
+            flags = np.nan_to_num(float_column(columns, "flags"))
+        is_glitching = flags.astype(np.int64) & GLITCH_FLAGS[message] > 0
+        return clean_series(columns, np.column_stack([ratios, is_glitching]))
     return None
 
 
-def _fixes(evidence: Evidence) -> Iterator[Fact]:
-    """Of GPS, where it ever had a fix in flight."""
+def _poor_fixes(evidence: Evidence) -> Iterator[Fact]:
+    """Yields the flights whose GPS fixes had too few satellites or too much dilution in the median."""
     telemetry = evidence.signals.telemetry
-    report = recorded_series(telemetry, "GPS_RAW_INT", "fix_type", "satellites_visible", "eph")
-    for part in evidence.flown(report):
-        fixed = part.values[part.values[:, 0] >= FIX_3D]
-        if not len(fixed):
+    fixes = recorded_series(telemetry, "GPS_RAW_INT", "fix_type", "satellites_visible", "eph")
+    for flight in evidence.in_flight(fixes):
+        has_fix = flight.values[:, 0] >= FIX_3D
+        if not has_fix.any():
             continue
-        _, satellites, dilution = np.median(fixed, axis=0).tolist()
-        if satellites < FEW_SATELLITES or dilution > 100 * POOR_DILUTION:
+        _, satellites, hundredths_of_dilution = np.median(flight.values[has_fix], axis=0).tolist()
+        if satellites < MIN_SATELLITES or hundredths_of_dilution > 100 * MAX_DILUTION:
             yield Fact(
                 EstimatorLight.FIX_POOR,
                 satellites=int(satellites),
-                dilution=dilution / 100,
+                dilution=hundredths_of_dilution / 100,
             )
 
 
-def _compass(evidence: Evidence) -> Iterator[Fact]:
-    """Of its field, where it is another in the first flight than on the ground before."""
+def _compass_disturbances(evidence: Evidence) -> Iterator[Fact]:
+    """Yields that the magnetic field in the first flight differs in strength from that on the ground before it."""
     for message in ("SCALED_IMU", "RAW_IMU"):
         field = recorded_series(evidence.signals.telemetry, message, "xmag", "ymag", "zmag")
-        for flight in evidence.flown(field):
-            assert field is not None
-            before = (field.boot == flight.boot[0]) & (field.time < flight.time[0])
-            usual = _size(field.values[before])
-            if len(usual) < MIN_SAMPLES_FOR_STATISTICS:
-                return
-            change = np.median(_size(flight.values)) / np.median(usual) - 1
-            if abs(change) > FIELD_CHANGE:
+        flight = next(evidence.in_flight(field), None)
+        if field is None or flight is None:
+            continue
+        is_before = (field.boot == flight.boot[0]) & (field.time < flight.time[0])
+        strength_on_ground = _field_strengths(field.values[is_before])
+        if len(strength_on_ground) >= MIN_SAMPLES_FOR_STATISTICS:
+            strength_in_flight = _field_strengths(flight.values)
+            change = np.median(strength_in_flight) / np.median(strength_on_ground) - 1
+            if abs(change) > MAX_FIELD_CHANGE:
                 yield Fact(EstimatorLight.COMPASS_DISTURBED, change=change)
-            return
+        return
 
 
-def _size(field: Array) -> Array:
-    """(N,) of a field (N, 3), where it was measured."""
-    size = np.linalg.norm(field, axis=1)
-    return size[size > 0]
+def _field_strengths(field: Array) -> Array:
+    """Returns the strengths of a magnetic field (N, 3), without samples in which it was not measured and is 0."""
+    strengths = np.linalg.norm(field, axis=1)
+    return strengths[strengths > 0]

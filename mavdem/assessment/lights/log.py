@@ -1,4 +1,4 @@
-"""The light of the log: how fast and whole it shows the motion, what to set for more, and whether it is simulated."""
+"""Light on the log: rates and gaps of attitude and motors, what to set for more, and signs of a simulation."""
 
 from math import inf
 
@@ -11,74 +11,100 @@ from mavdem.dataset.rate_advice import rate_advice
 from mavdem.dataset.signals import MIN_STREAM_RATE, Signals, rate_between_outages
 from mavdem.facts import Fact
 from mavdem.facts.log import LogLight, Simulator
+from mavdem.ingest.telemetry import Telemetry
 
-LONG_GAP = 1.0  # s without attitude: longer than a fall from 5 m
-SIH_AIRFRAMES = range(
-    10040, 10050
-)  # of PX4's own simulator: ROMFS/px4fmu_common/init.d-posix/airframes
-STILL_CHANGE = 5e-5
-"""rad/s: median change of the roll rate over ``STILL_STEP`` on the ground, below which no gyroscope measured it. One of
-0.003°/s/√Hz, low-passed at 10 Hz, has 1.5e-4; ArduPilot's simulator 2e-5 to 4e-5, recorded real ones 3e-4 and more."""
-STILL_STEP = 0.02  # s
+MAX_GAP = 1.0
+"""Time without attitude in flight, s, that is to be watched: longer than a fall from 5 m."""
+
+SIH_AIRFRAMES = range(10040, 10050)
+"""Values of SYS_AUTOSTART for PX4's own simulators (ROMFS/px4fmu_common/init.d-posix/airframes)."""
+
+SIMULATED_SENSOR_BUS = 4
+"""Type of the bus in the lower three bits of PX4's device ids that stands for simulation
+(src/lib/drivers/device/Device.hpp)."""
+
+DEVICE_BUS_TYPES = 8
+"""Number of types of a bus in PX4's device ids: three bits."""
+
+MAX_SIMULATED_RATE_CHANGE = 5e-5
+"""Median change of the roll rate over ``RATE_CHANGE_SECONDS`` on the ground, rad/s, below which no real gyroscope
+measured it.
+
+A gyroscope with 0.003°/s/√Hz, low-passed at 10 Hz, has 1.5e-4, recorded real vehicles have 3e-4 and more, ArduPilot's
+simulator has 2e-5 to 4e-5.
+"""
+
+RATE_CHANGE_SECONDS = 0.02
+"""Interval, s, over which the change of the roll rate on the ground is measured."""
 
 
 def log_light(evidence: Evidence) -> Fact:
-    """Returns the rates of attitude and of what drives it, its longest gap in flight, and what would show more."""
+    """Judges the rates of attitude and motors, the longest gap in flight, and messages that the logger lost."""
     signals = evidence.signals
     attitude = signals.attitude
     drive = signals.model_inputs
     if attitude is None or drive is None:
         return Fact(LogLight.MOTION_NOT_RECORDED, because=evidence.learnability.reason)
-    rates = rate_between_outages(attitude), rate_between_outages(drive)
-    gaps = [np.diff(part.time).max(initial=0.0) for part in evidence.flown(attitude.angle_series)]
-    longest = max(gaps, default=0.0)
+    attitude_rate = rate_between_outages(attitude)
+    motor_rate = rate_between_outages(drive)
+    longest_gap = 0.0
+    for flight in evidence.in_flight(attitude.angle_series):
+        longest_gap = max(longest_gap, np.diff(flight.time).max(initial=0.0))
     telemetry = signals.telemetry
     code = LogLight.RECORDED_FAST
-    if min(rates) < MIN_STREAM_RATE:
+    if min(attitude_rate, motor_rate) < MIN_STREAM_RATE:
         code = LogLight.RECORDED_SLOWLY
-    elif longest > LONG_GAP or telemetry.dropouts:
+    elif longest_gap > MAX_GAP or telemetry.dropouts:
         code = LogLight.RECORDED_WITH_GAPS
     return Fact(
         code,
-        attitude_rate=rates[0],
-        motor_rate=rates[1],
-        longest_gap=longest,
+        attitude_rate=attitude_rate,
+        motor_rate=motor_rate,
+        longest_gap=longest_gap,
         dropouts=telemetry.dropouts,
         needed_rate=MIN_STREAM_RATE,
         remedy=rate_advice(telemetry, components=evidence.log.components),
     )
 
 
-def simulated_of(evidence: Evidence) -> Fact | None:
-    """Returns that the flight was simulated; None where nothing in the log shows it."""
-    telemetry = evidence.signals.telemetry
+def simulation_fact(signals: Signals) -> Fact | None:
+    """Returns that the flight was simulated, and how; None if nothing in the log shows it."""
+    if signals.telemetry.parameters.get("SYS_HITL", 0) > 0:
+        return Fact(LogLight.SIMULATED, kind=Simulator.HARDWARE)
+    if _names_simulator(signals.telemetry) or _is_without_sensor_noise(signals):
+        return Fact(LogLight.SIMULATED, kind=Simulator.SOFTWARE)
+    return None
+
+
+def _names_simulator(telemetry: Telemetry) -> bool:
+    """Returns whether parameters or the name of the board are those of a simulator."""
     parameters = telemetry.parameters
-    kind = None
-    if parameters.get("SYS_HITL", 0) > 0:
-        kind = Simulator.HARDWARE
-    elif (
-        any(name.startswith("SIM_") for name in parameters)
-        or parameters.get("SYS_AUTOSTART") in SIH_AIRFRAMES
-        # the bus of PX4's simulated sensors: src/lib/drivers/device/Device.hpp
-        or parameters.get("CAL_GYRO0_ID", 0) % 8 == 4
+    has_simulator_parameters = any(name.startswith("SIM_") for name in parameters)
+    has_simulator_airframe = parameters.get("SYS_AUTOSTART") in SIH_AIRFRAMES
+    gyro_bus = parameters.get("CAL_GYRO0_ID", 0) % DEVICE_BUS_TYPES
+    return (
+        has_simulator_parameters
+        or has_simulator_airframe
+        or gyro_bus == SIMULATED_SENSOR_BUS
         or "SITL" in telemetry.hardware
-        or _is_still(evidence.signals)
-    ):
-        kind = Simulator.SOFTWARE
-    return Fact(LogLight.SIMULATED, kind=kind) if kind else None
+    )
 
 
-def _is_still(signals: Signals) -> bool:
-    """Whether the vehicle stands before it is armed as still as no gyroscope measures."""
+def _is_without_sensor_noise(signals: Signals) -> bool:
+    """Returns whether the roll rate before arming has less noise than any real gyroscope."""
     if not signals.tilts:
         return False
     roll = signals.tilts[0]
     boot = int(roll.boot[0]) if len(roll.boot) else 0
-    armed = min((start for start, _ in phases.armed_intervals(signals, boot)), default=inf)
-    rows = np.flatnonzero((roll.boot == boot) & (roll.time < armed))
+    arming_times = [start for start, _ in phases.armed_intervals(signals, boot)]
+    arming_time = min(arming_times, default=inf)
+    rows = np.flatnonzero((roll.boot == boot) & (roll.time < arming_time))
     if len(rows) < 2:
         return False
-    each = max(round(STILL_STEP / np.median(np.diff(roll.time[rows]))), 1)
-    changes = abs(np.diff(roll.rate[rows][::each]))
-    changes = changes[changes > 0]  # a value that is sent again is no measurement
-    return len(changes) >= MIN_SAMPLES_FOR_STATISTICS and float(np.median(changes)) < STILL_CHANGE
+    sample_step = np.median(np.diff(roll.time[rows]))
+    stride = max(round(RATE_CHANGE_SECONDS / sample_step), 1)
+    changes = abs(np.diff(roll.rate[rows][::stride]))
+    # A value that is sent again is no new measurement.
+    changes = changes[changes > 0]
+    has_enough = len(changes) >= MIN_SAMPLES_FOR_STATISTICS
+    return has_enough and bool(np.median(changes) < MAX_SIMULATED_RATE_CHANGE)

@@ -1,10 +1,10 @@
-"""The light on margins: a limit cycle, or the worst of the axes; else what keeps them from being known."""
+"""Light on stability margins: a limit cycle, or the worst of the axes; otherwise why the margins are not known."""
 
 from math import inf
 
-from mavdem.assessment.axis.margins import of_response
+from mavdem.assessment.axis.margins import resonance_fact
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.lights.limits import worst
+from mavdem.assessment.limits import worst_fact
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.facts import Fact
 from mavdem.facts.margins import MarginsLight
@@ -12,32 +12,55 @@ from mavdem.facts.sources import Repair
 
 
 def margins_light(evidence: Evidence) -> Fact:
-    """Returns the light on margins: a limit cycle, or the worst of the axes; else what keeps them from being known."""
+    """Judges the stability margins of the control loops.
+
+    A limit cycle comes first. Then the worst of what is known of the axes, if it warns. The light is good if roll or
+    pitch is. Otherwise the margins are unknown.
+    """
     oscillation = evidence.condition.oscillation
     if oscillation is not None:
-        return Fact(MarginsLight.OSCILLATES, because=evidence.lowered, **oscillation.figures)
+        advice = evidence.gain_reduction
+        return Fact(MarginsLight.OSCILLATES, because=advice, **oscillation.figures)
     facts = [fact for axis in evidence.margins for fact in axis.facts]
+    # The ``share`` is the margin as a share of the one to have: of several with one level the smallest is named.
     facts.sort(key=lambda fact: fact.figures.get("share", inf))
-    if facts and (light := worst(facts)).warns:
-        return light.but(arguments=_arguments(evidence))
-    enough = [fact for fact in facts if fact.is_good]
-    names = dict.fromkeys(fact.figures["axis"] for fact in enough)
-    if names.keys() & set(TILT_AXES):
-        return enough[0].but(names=tuple(names))
+    if facts:
+        worst = worst_fact(facts)
+        if worst.warns:
+            return worst.but(arguments=_arguments(evidence))
+    good_facts = [fact for fact in facts if fact.is_good]
+    # A dictionary keeps each name once, in order.
+    good_axes = dict.fromkeys(fact.figures["axis"] for fact in good_facts)
+    if any(axis in good_axes for axis in TILT_AXES):
+        return good_facts[0].but(names=tuple(good_axes))
+    return _unknown(evidence)
+
+
+def _unknown(evidence: Evidence) -> Fact:
+    """Returns why the margins are not known, with the frequency up to which no axis resonates, if one was measured."""
     refusals = [axis.loop for axis in evidence.margins if isinstance(axis.loop, Fact)]
     because = refusals[0] if refusals else evidence.learnability.reason
-    seen = [of_response(axis.response) for axis in evidence.margins if axis.response]
-    quiet = [fact.figures["rate"] for fact in seen if fact.code is MarginsLight.NO_RESONANCE]
-    return Fact(MarginsLight.MARGINS_UNKNOWN, because=because, rate=max(quiet, default=None))
+    frequencies = []
+    for axis in evidence.margins:
+        if axis.response is None:
+            continue
+        fact = resonance_fact(axis.response)
+        if fact.code is MarginsLight.NO_RESONANCE:
+            frequencies.append(fact.figures["rate"])
+    highest_frequency = max(frequencies, default=None)
+    return Fact(MarginsLight.MARGINS_UNKNOWN, because=because, rate=highest_frequency)
 
 
 def _arguments(evidence: Evidence) -> list[str]:
-    """What a command reads the same vehicle by: the log and, where it has several, which; and a file of parameters."""
-    vehicle = evidence.signals.telemetry
-    given = [evidence.log.source]
+    """Returns the arguments with which a mavdem command reads the same vehicle.
+
+    They are the log, the vehicle if the log has several, and files whose parameters were added.
+    """
+    telemetry = evidence.signals.telemetry
+    arguments = [evidence.log.source]
     if len(evidence.log.vehicles) > 1:
-        given += ["--vehicle", f"{vehicle.system}:{vehicle.component}"]
-    for repair in vehicle.repairs:
+        arguments += ["--vehicle", f"{telemetry.system}:{telemetry.component}"]
+    for repair in telemetry.repairs:
         if repair.code is Repair.PARAMETERS_ADDED:
-            given += ["--params", repair.figures["path"]]
-    return given
+            arguments += ["--params", repair.figures["path"]]
+    return arguments

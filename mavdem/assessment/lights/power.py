@@ -1,11 +1,13 @@
-"""The light of power: how the battery held under its load in flight, and what the board was supplied with."""
+"""Light on power: voltage of the battery under load and its charge in flight, and the supply voltage of the board."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.arrays import Array
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.lights.limits import Limits, worst
+from mavdem.assessment.limits import Limits, worst_fact
 from mavdem.dataset import phases
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, recorded_series
@@ -14,28 +16,53 @@ from mavdem.facts.events import Reported
 from mavdem.facts.power import PowerLight
 
 CELL_COUNTS = np.array([1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14])
-FULL_CELL = (3.65, 4.36)
-"""V of a cell with which flights begin: half charged, and a full cell of the highest kind, 4.35 V."""
-CELL = Limits(3.3, 3.0)
-"""V of a cell under load: near the first little charge is left, below the second a lithium cell is damaged."""
-LOW_SECONDS = 10.0  # s below a level that count: ArduPilot's default of BATT_LOW_TIMER
-BOARD_VOLTAGE_LIMITS = Limits(4.65, 4.5)
-"""V of the board below which PX4 warns, at all and critically (``powerCheck.cpp``)."""
-SUPPLY_FALL = 0.3  # V: twice what ArduPilot's page on power in logs calls normal
-# of voltage and current about their means of 2 s: half of the variance is explained
-RESISTANCE_CORRELATION = -0.7
-LOW_LEVELS = ("BATT_LOW_VOLT", "FS_BATT_VOLTAGE")
-CRITICAL_LEVEL = "BATT_CRT_VOLT"
-"""ArduPilot's parameters of voltages, V, at which it acts; 0 for none."""
+"""Numbers of cells in series of usual batteries."""
 
-OF_POWER = {Reported.BATTERY_WARNED, Reported.BATTERY_ALARMED, Reported.BOARD_VOLTAGE_LOW}
+FULL_CELL_VOLTAGES = (3.65, 4.36)
+"""Lowest and highest voltage, V, of a cell with which flights begin: half charged, and full at 4.35 V, the highest
+kind."""
+
+CELL_VOLTAGE_LIMITS = Limits(3.3, 3.0)
+"""Voltages, V, of a cell under load below which it is to be watched or bad: little charge is left near the first, and a
+lithium cell is damaged below the second."""
+
+LOW_VOLTAGE_SECONDS = 10.0
+"""Time, s, that a voltage must stay below a limit to count: the default of ArduPilot's BATT_LOW_TIMER."""
+
+BOARD_VOLTAGE_LIMITS = Limits(4.65, 4.5)
+"""Voltages, V, of the board below which PX4 warns, and warns critically (``powerCheck.cpp``)."""
+
+MAX_BOARD_VOLTAGE_DROP = 0.3
+"""Drop of the board's voltage below its median, V: twice what ArduPilot's page on power in logs calls normal."""
+
+MAX_RESISTANCE_CORRELATION = -0.7
+"""Correlation of voltage and current, about their means over 2 s, above which they show no internal resistance: at this
+value the current explains half of the voltage's variance."""
+
+LOW_VOLTAGE_PARAMETERS = ("BATT_LOW_VOLT", "FS_BATT_VOLTAGE")
+"""ArduPilot's parameters of the voltage, V, at which it acts on a low battery; 0 for none."""
+
+CRITICAL_VOLTAGE_PARAMETER = "BATT_CRT_VOLT"
+"""ArduPilot's parameter of the voltage, V, at which it acts on a critical battery; 0 for none."""
+
+POWER_REPORTS = {
+    Reported.BATTERY_WARNED,
+    Reported.BATTERY_ALARMED,
+    Reported.BOARD_VOLTAGE_LOW,
+}
+"""Reports of the autopilot in flight that concern the power."""
 
 
 def power_light(evidence: Evidence) -> Fact:
-    """Returns the worse of battery and supply in flight; unknown where neither was measured."""
-    facts = [*_battery(evidence), *_supply(evidence), *evidence.reported(OF_POWER)]
+    """Returns the worst of battery, charge and board voltage in flight; unknown if none of them was measured."""
+    facts = [
+        *_battery_voltage(evidence),
+        *_battery_charge(evidence),
+        *_board_voltage(evidence),
+        *evidence.warnings_in_flight(POWER_REPORTS),
+    ]
     if facts:
-        return worst(facts)
+        return worst_fact(facts)
     voltage = evidence.signals.voltage
     return Fact(
         PowerLight.POWER_UNMEASURED,
@@ -44,106 +71,168 @@ def power_light(evidence: Evidence) -> Fact:
     )
 
 
-def _battery(evidence: Evidence) -> Iterator[Fact]:
-    """Of the lowest mean over 2 s, and of what was lasting: the voltage that it was below for ``LOW_SECONDS``."""
+def _is_battery_measured(evidence: Evidence) -> bool:
+    """Returns whether a battery is connected to the sensor, and was measured in flight.
+
+    Without a battery the voltage is constant, or never above the levels at which the autopilot acts.
+    """
+    voltage = evidence.signals.voltage
+    if voltage is None or not len(evidence.averages_in_flight(voltage)):
+        return False
+    levels = _voltage_levels(evidence.signals, cells=0)
+    return bool(np.ptp(voltage.values) != 0 and voltage.values.max() > levels.watch)
+
+
+def _voltage_levels(signals: Signals, cells: int) -> Limits:
+    """Returns the voltages, V, below which a battery of so many cells is low or critical; 0 if neither is known.
+
+    They are the parameters of the autopilot or, where these are lower, the ``CELL_VOLTAGE_LIMITS``.
+    """
+    parameters = signals.telemetry.parameters
+    critical = parameters.get(CRITICAL_VOLTAGE_PARAMETER, 0.0)
+    low = max(critical, *(parameters.get(name, 0.0) for name in LOW_VOLTAGE_PARAMETERS))
+    critical = max(critical, CELL_VOLTAGE_LIMITS.bad * cells)
+    return Limits(watch=max(low, critical, CELL_VOLTAGE_LIMITS.watch * cells), bad=critical)
+
+
+def _battery_voltage(evidence: Evidence) -> Iterator[Fact]:
+    """Yields the lowest mean voltage over 2 s in flight, judged by the voltage of the lowest ``LOW_VOLTAGE_SECONDS``.
+
+    The voltage is below that for ``LOW_VOLTAGE_SECONDS`` in total, so that a short sag counts for nothing.
+    """
     signals = evidence.signals
     voltage = signals.voltage
-    means = np.sort(evidence.averaged(voltage))
-    if voltage is None or not len(means):
+    if voltage is None or not _is_battery_measured(evidence):
         return
-    parameters = signals.telemetry.parameters
-    critical = parameters.get(CRITICAL_LEVEL, 0.0)
-    low = max(critical, *(parameters.get(name, 0.0) for name in LOW_LEVELS))
-    if np.ptp(voltage.values) == 0 or voltage.values.max() <= low:
-        return  # no battery is connected to what measures it
-    cells = _cells(signals, np.percentile(voltage.values, 99))
+    averages = np.sort(evidence.averages_in_flight(voltage))
+    cells = _cell_count(signals, np.percentile(voltage.values, 99))
     steps = np.diff(voltage.time)[np.diff(voltage.boot) == 0]
-    rows = round(LOW_SECONDS / max(np.median(steps), 1e-3)) if len(steps) else 0
-    lasting = means[min(rows, len(means) - 1)]
-    critical = max(critical, CELL.bad * (cells or 0))
-    low = max(low, critical, CELL.watch * (cells or 0))
-    load = recorded_series(signals.telemetry, "SYS_STATUS", "voltage_battery", "current_battery")
-    resistance, current = _resistance([*evidence.flown(load)])
+    # The step is at least 1 ms: a damaged log may have the same stamp throughout.
+    lasting_rows = round(LOW_VOLTAGE_SECONDS / max(np.median(steps), 1e-3)) if len(steps) else 0
+    lasting_voltage = averages[min(lasting_rows, len(averages) - 1)]
+    levels = _voltage_levels(signals, cells or 0)
+    battery = recorded_series(signals.telemetry, "SYS_STATUS", "voltage_battery", "current_battery")
+    load = _battery_load([*evidence.in_flight(battery)])
     code = PowerLight.CELLS_UNKNOWN
     level = None
-    if lasting < low:
+    voltage_limit = levels.watch
+    if lasting_voltage < levels.watch:
         code = PowerLight.BATTERY_LOW
-        level = Level.BAD if lasting < critical else None
-    elif low > 0:
+        if lasting_voltage < levels.bad:
+            level = Level.BAD
+            voltage_limit = levels.bad
+    elif levels.watch > 0:
         code = PowerLight.BATTERY_HELD
     yield Fact(
         code,
         level,
-        voltage=means[0],
+        voltage=averages[0],
         cells=cells,
-        current=current,
-        resistance=resistance,
-        voltage_limit=critical if lasting < critical else low,
+        current=load.max_current,
+        resistance=load.resistance,
+        voltage_limit=voltage_limit,
     )
-    remaining = evidence.averaged(
-        recorded_series(signals.telemetry, "SYS_STATUS", "battery_remaining")
-    )
-    least = parameters.get("BAT_LOW_THR", 0.0)
-    if np.any(left := remaining[remaining > 0] / 100) and left.min() < least:
-        yield Fact(PowerLight.CHARGE_LOW, share=left.min(), share_limit=least)
 
 
-def _supply(evidence: Evidence) -> Iterator[Fact]:
-    """Of the board's voltage; one that never changes is not measured."""
-    messages = ("POWER_STATUS", "HWSTATUS")
-    signals = (recorded_series(evidence.signals.telemetry, name, "Vcc") for name in messages)
-    measured = next(
-        (signal for signal in signals if signal is not None and np.ptp(signal.values) > 0), None
-    )
-    volts = evidence.averaged(measured) / 1000
-    if not len(volts):
+def _battery_charge(evidence: Evidence) -> Iterator[Fact]:
+    """Yields that the charge fell below PX4's BAT_LOW_THR in flight, as shares of the full charge."""
+    if not _is_battery_measured(evidence):
         return
-    least = volts.min()
-    usual = np.median(volts)
+    telemetry = evidence.signals.telemetry
+    percent = evidence.averages_in_flight(
+        recorded_series(telemetry, "SYS_STATUS", "battery_remaining")
+    )
+    # A charge that is not known is sent as -1.
+    shares = percent[percent > 0] / 100
+    low_share = telemetry.parameters.get("BAT_LOW_THR", 0.0)
+    if len(shares) and shares.min() < low_share:
+        yield Fact(PowerLight.CHARGE_LOW, share=shares.min(), share_limit=low_share)
+
+
+def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
+    """Yields how the voltage of the board held in flight; nothing if it is constant, and so not measured."""
+    telemetry = evidence.signals.telemetry
+    for message in ("POWER_STATUS", "HWSTATUS"):
+        millivolts = recorded_series(telemetry, message, "Vcc")
+        if millivolts is not None and np.ptp(millivolts.values) > 0:
+            break
+    else:
+        return
+    averages = evidence.averages_in_flight(millivolts) / 1000
+    if not len(averages):
+        return
+    lowest = averages.min()
+    usual = np.median(averages)
     code = PowerLight.SUPPLY_HELD
     level = None
-    if least < BOARD_VOLTAGE_LIMITS.watch:
-        # where it is always so low, the vehicle flies, and the scale may be wrong
+    if lowest < BOARD_VOLTAGE_LIMITS.watch:
         code = PowerLight.SUPPLY_LOW
-        level = Level.BAD if least < BOARD_VOLTAGE_LIMITS.bad <= usual else None
-    elif usual - least > SUPPLY_FALL:
+        # A vehicle that flies with a low voltage throughout may measure it on a wrong scale.
+        if lowest < BOARD_VOLTAGE_LIMITS.bad <= usual:
+            level = Level.BAD
+    elif usual - lowest > MAX_BOARD_VOLTAGE_DROP:
         code = PowerLight.SUPPLY_FELL
     yield Fact(
-        code, level, voltage=least, voltage_usual=usual, voltage_limit=BOARD_VOLTAGE_LIMITS.watch
+        code,
+        level,
+        voltage=lowest,
+        voltage_usual=usual,
+        voltage_limit=BOARD_VOLTAGE_LIMITS.watch,
     )
 
 
-def _cells(signals: Signals, full: float) -> int | None:
-    """How many cells the battery has, by its parameters, else by the voltages that cells have when flights begin."""
-    for name in ("BAT1_N_CELLS", "BAT_N_CELLS"):
-        if count := int(signals.telemetry.parameters.get(name, 0)):
-            return count
-    each = full / CELL_COUNTS
-    possible = CELL_COUNTS[(each >= FULL_CELL[0]) & (each <= FULL_CELL[1])]
-    return possible[0] if len(possible) == 1 else None
+def _cell_count(signals: Signals, full_voltage: float) -> int | None:
+    """Returns how many cells the battery has in series; None if that is not clear.
 
-
-def _resistance(load: list[TimeSeries]) -> tuple[float | None, float | None]:
-    """The internal resistance, ohm, where voltage falls as current rises, and the largest mean current over 2 s, A.
-
-    Of voltage and current (N, 2) of each flight, mV and 10 mA; None where no current was measured.
+    It is a parameter of PX4 or else the only one of ``CELL_COUNTS`` for which the voltage at the begin of the flight,
+    ``full_voltage`` in V, is that of a cell with which flights begin.
     """
-    apart = []
-    most = 0.0
-    for part in load:
-        rows = part.values[:, 1] > 0
-        volts_and_amperes = part.values[rows] * (1e-3, 1e-2)
-        means = [
-            phases.moving_average(TimeSeries(part.time[rows], part.boot[rows], column))
+    for name in ("BAT1_N_CELLS", "BAT_N_CELLS"):
+        count = int(signals.telemetry.parameters.get(name, 0))
+        if count:
+            return count
+    lowest, highest = FULL_CELL_VOLTAGES
+    cell_voltages = full_voltage / CELL_COUNTS
+    possible_counts = CELL_COUNTS[(cell_voltages >= lowest) & (cell_voltages <= highest)]
+    return possible_counts[0] if len(possible_counts) == 1 else None
+
+
+class _BatteryLoad(NamedTuple):
+    """What voltage and current of a battery show of its load."""
+
+    resistance: float | None = None
+    """Internal resistance, ohm; None if the voltage does not fall as the current rises."""
+    max_current: float | None = None
+    """Largest mean current over 2 s, A; None if no current was measured."""
+
+
+def _battery_load(flights: Sequence[TimeSeries]) -> _BatteryLoad:
+    """Estimates the internal resistance by regression of voltage on current, about their means over 2 s.
+
+    These means contain the discharge, which would look like a resistance.
+
+    Args:
+        flights: voltage, mV, and current, 10 mA, of each flight as columns (N, 2).
+    """
+    deviations: list[Array] = []
+    max_current = 0.0
+    for flight in flights:
+        # A current of 0 or less was not measured.
+        rows = flight.values[:, 1] > 0
+        volts_and_amperes = flight.values[rows] * (1e-3, 1e-2)
+        mean_volts, mean_amperes = (
+            phases.moving_average(TimeSeries(flight.time[rows], flight.boot[rows], column))
             for column in volts_and_amperes.T
-        ]
-        apart.append(volts_and_amperes.T - means)
-        most = max(most, means[1].max(initial=0.0))
-    if not most:
-        return None, None
-    volts, amperes = np.hstack(apart)
-    spread = volts @ volts * (amperes @ amperes)
-    together = volts @ amperes
-    if spread == 0 or together > RESISTANCE_CORRELATION * spread**0.5:
-        return None, most
-    return -together / (amperes @ amperes), most
+        )
+        deviations.append(volts_and_amperes.T - [mean_volts, mean_amperes])
+        max_current = max(max_current, mean_amperes.max(initial=0.0))
+    if not max_current:
+        return _BatteryLoad()
+    volt_deviations, ampere_deviations = np.hstack(deviations)
+    volt_squares = volt_deviations @ volt_deviations
+    ampere_squares = ampere_deviations @ ampere_deviations
+    products = volt_deviations @ ampere_deviations
+    largest_product = (volt_squares * ampere_squares) ** 0.5
+    if largest_product == 0 or products > MAX_RESISTANCE_CORRELATION * largest_product:
+        return _BatteryLoad(max_current=max_current)
+    return _BatteryLoad(-products / ampere_squares, max_current)

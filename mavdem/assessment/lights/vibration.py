@@ -4,7 +4,7 @@ import numpy as np
 
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import settled_flight
-from mavdem.assessment.lights.limits import SEVERITY, Limits
+from mavdem.assessment.limits import LEVELS_BY_SEVERITY, Limits
 from mavdem.dataset import phases
 from mavdem.dataset.segments import Segment, in_segments
 from mavdem.facts import Fact
@@ -51,7 +51,7 @@ def vibration_light(evidence: Evidence) -> Fact:
     clips = int(vibration.clips[rows].sum(axis=0).max())
     return Fact(
         VibrationLight.VIBRATION_MEASURED,
-        max(limits.level(largest_level), CLIP_LIMITS.level(clips), key=SEVERITY.index),
+        max(limits.level(largest_level), CLIP_LIMITS.level(clips), key=LEVELS_BY_SEVERITY.index),
         subject=f"IMU {imu + 1}",
         axis=vibration.axes[axis],
         vibration=largest_level,

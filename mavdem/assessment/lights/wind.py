@@ -1,4 +1,4 @@
-"""The light of the wind: its speed where it is known, and how much of its lean the vehicle needs against it."""
+"""Light on the wind: its speed, if it is known, and the share of the vehicle's largest lean that it needs."""
 
 from math import hypot, inf, radians
 
@@ -9,35 +9,45 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.wind import WindLight
 from mavdem.ingest.telemetry import Telemetry
 
-LEAN_LIMITS = {"ANGLE_MAX": 0.01, "ATC_ANGLE_MAX": 1.0, "MPC_TILTMAX_AIR": 1.0}
-"""Parameters of the largest lean, and what makes them degrees."""
-MUCH_LEAN = 0.5  # of it: as much again is left for gusts and for moving against the wind
+LEAN_LIMIT_PARAMETERS = {"ANGLE_MAX": 0.01, "ATC_ANGLE_MAX": 1.0, "MPC_TILTMAX_AIR": 1.0}
+"""Parameters with the largest lean, and the factor that converts them to degrees."""
+
+MAX_LEAN_SHARE = 0.5
+"""Share of the largest lean that the mean wind may take: as much again is left for gusts and for motion against it."""
 
 
 def wind_light(evidence: Evidence) -> Fact:
-    """Returns the mean wind with its interval; unknown where the flight does not identify its speed."""
-    wind, _, refusal = evidence.air
-    if wind is None or not wind.speed_identifiable:
-        because = refusal if wind is None else wind.reasons["speed"]
-        return Fact(WindLight.WIND_NOT_KNOWN, because=because)
-    low, high = wind.speed_interval
-    share = _share_of_lean(evidence.condition, evidence.signals.telemetry)
-    doubt = estimator_light(evidence)
+    """Returns the mean wind with its interval; unknown if the flight does not identify its speed.
+
+    It is to be watched if it takes much of the vehicle's lean, or if the estimator, on which it rests, is bad.
+    """
+    wind = evidence.wind.estimate
+    if wind is None:
+        return Fact(WindLight.WIND_NOT_KNOWN, because=evidence.wind.obstacle)
+    if not wind.speed_identifiable:
+        return Fact(WindLight.WIND_NOT_KNOWN, because=wind.reasons["speed"])
+    lowest_speed, highest_speed = wind.speed_interval
+    lean_share = _lean_share(evidence.condition, evidence.signals.telemetry)
+    estimator = estimator_light(evidence)
+    takes_much_lean = lean_share > MAX_LEAN_SHARE and not wind.calm
     return Fact(
         WindLight.WIND_BLEW,
-        Level.WATCH if doubt.is_bad or share > MUCH_LEAN and not wind.calm else None,
+        Level.WATCH if estimator.is_bad or takes_much_lean else None,
         calm=wind.calm,
         speed=wind.speed,
-        low=low,
-        high=high,
+        low=lowest_speed,
+        high=highest_speed,
         direction=wind.direction if wind.direction_identifiable else None,
-        share=share,
-        because=doubt if doubt.is_bad else None,
+        share=lean_share,
+        because=estimator if estimator.is_bad else None,
     )
 
 
-def _share_of_lean(condition: Condition, telemetry: Telemetry) -> float:
-    """How much of the largest lean the mean of roll and pitch takes; 0 where either is not known."""
-    limits = (telemetry.parameters.get(name, 0.0) * scale for name, scale in LEAN_LIMITS.items())
-    limit = next((radians(angle) for angle in limits if angle > 0), inf)
-    return hypot(*(lean.mean for lean in condition.lean.values())) / limit
+def _lean_share(condition: Condition, telemetry: Telemetry) -> float:
+    """Returns the mean lean of the vehicle as a share of the largest one; 0 if either is not known."""
+    mean_lean = hypot(*(lean.mean for lean in condition.lean.values()))
+    for name, degrees_per_unit in LEAN_LIMIT_PARAMETERS.items():
+        limit = telemetry.parameters.get(name, 0.0) * degrees_per_unit
+        if limit > 0:
+            return mean_lean / radians(limit)
+    return mean_lean / inf

@@ -1,0 +1,156 @@
+"""How an axis follows its setpoint in settled flight: the error without the delay, the delay, and the overshoot."""
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.assessment.limits import Limits
+from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
+from mavdem.dataset.axes import AXES
+from mavdem.dataset.segments import Segments, in_segments
+from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
+from mavdem.dataset.time_series import TimeSeries
+from mavdem.facts import Fact, Level, NamedFacts
+from mavdem.facts.margins import TrackingLight
+from mavdem.loops.measured_response import MIN_COMPARED_COHERENCE
+from mavdem.loops.welch import WELCH_SECONDS, welch_spectra
+
+DELAYS = np.arange(0.0, 0.62, 0.02)
+"""Delays of the angle behind its setpoint that are tried, s. A multirotor has 0.1 to 0.4 s; a setpoint that is sent
+rarely arrives later."""
+
+ANGLE_ERROR_LIMITS = Limits(np.radians(3.0), np.radians(10.0))
+"""RMS error of the angle without the delay, rad.
+
+Sound vehicles have up to 2.5°, and 4° in steps of 45°; ArduPilot's crash check begins at 30°. An error is watched only
+where it exceeds half of the setpoint's standard deviation, and bad where it exceeds all of it: there, no response at
+all would be better. So a stick that is moved on the ground is no error.
+"""
+
+MODES_WITHOUT_ANGLE_SETPOINT = frozenset({"Acro", "Flip", "Throw", "Turtle"})
+"""ArduPilot's flight modes in which the logged setpoint of the angle is not used."""
+
+MIN_SETPOINT_DEVIATION = np.radians(2.0)
+"""Standard deviation of the setpoint, rad, above which it excites the axis enough to show an overshoot."""
+
+MAX_OVERSHOOT = 0.3
+"""Overshoot of a step response that is to be watched: that of a damping ratio of 0.36, for which the phase margin is
+about 36°."""
+
+
+def tracking_of_axes(signals: Signals, segments: Segments) -> NamedFacts:
+    """Returns how roll, pitch and yaw follow their setpoints in some segments, by axis."""
+    return {axis: _tracking(signals.for_axis(axis), segments) for axis in AXES}
+
+
+def _tracking(signals: Signals, segments: Segments) -> Fact:
+    """Returns how the axis of ``signals`` follows its setpoint.
+
+    The error is the smallest RMS difference between the angle and the setpoint of some ``DELAYS`` before. Without a
+    setpoint of the angle only the error of the rate is known.
+    """
+    setpoint = signals.angle_setpoint
+    rate_error = _rate_error(signals, segments)
+    unknown = Fact(
+        TrackingLight.TRACKING_UNKNOWN,
+        axis=signals.axis,
+        asked=setpoint is not None,
+        recorder=signals.telemetry.translated_from,
+        rate_error=rate_error,
+    )
+    if signals.attitude is None or setpoint is None:
+        return unknown
+    angle = signals.attitude.angle_series
+    setpoints, errors = _errors(setpoint, angle, segments, DELAYS)
+    if len(setpoints) < MIN_SAMPLES_FOR_STATISTICS:
+        return unknown
+    rms_errors = np.sqrt(np.mean(np.square(errors), axis=1))
+    best = np.argmin(rms_errors)
+    angle_error = rms_errors[best]
+    setpoint_deviation = setpoints.std()
+    overshoot = None
+    if setpoint_deviation > MIN_SETPOINT_DEVIATION:
+        overshoot = _overshoot(setpoint, angle, segments)
+    limits = Limits(
+        watch=max(ANGLE_ERROR_LIMITS.watch, setpoint_deviation / 2),
+        bad=max(ANGLE_ERROR_LIMITS.bad, setpoint_deviation),
+    )
+    level = limits.level(angle_error)
+    code = TrackingLight.FOLLOWS_SETPOINT
+    if level is not Level.GOOD:
+        code = TrackingLight.MISSES_SETPOINT
+    elif overshoot is not None and overshoot > MAX_OVERSHOOT:
+        level = Level.WATCH
+        code = TrackingLight.OVERSHOOTS_SETPOINT
+    return Fact(
+        code,
+        level,
+        axis=signals.axis,
+        angle_error=angle_error,
+        offset_angle=np.mean(errors[best]),
+        delay=DELAYS[best],
+        overshoot=overshoot,
+        rate_error=rate_error,
+    )
+
+
+def _rate_error(signals: Signals, segments: Segments) -> float | None:
+    """Returns the RMS difference of the body rate and its setpoint, rad/s; None if that was not recorded."""
+    setpoints = [setpoint.signal for setpoint in signals.setpoints if setpoint.unit == "rad/s"]
+    if signals.attitude is None or not setpoints:
+        return None
+    no_delay = np.zeros(1)
+    _, errors = _errors(setpoints[0], signals.attitude.rate_series, segments, no_delay)
+    return np.sqrt(np.mean(np.square(errors))) if errors.size else None
+
+
+def _errors(
+    setpoint: TimeSeries, response: TimeSeries, segments: Segments, delays: Array
+) -> tuple[Array, Array]:
+    """Compares a response with the setpoint of some time before.
+
+    Args:
+        setpoint: in the unit of the response.
+        response: angle, rad, or body rate, rad/s.
+        segments: parts of the flight to compare.
+        delays: (D,) s.
+
+    Returns:
+        The N setpoints in the segments, (N,), and for each delay how far the response then is above them, (D, N).
+    """
+    setpoints = [np.zeros(0)]
+    errors = [np.zeros((len(delays), 0))]
+    for segment in segments:
+        setpoint_rows = in_segments(setpoint, segment, slack=0)
+        response_rows = in_segments(response, segment)
+        # One sample cannot be interpolated.
+        if np.count_nonzero(response_rows) <= 1:
+            continue
+        setpoints_here = setpoint.values[setpoint_rows]
+        delayed_times = setpoint.time[setpoint_rows] + delays[:, None]
+        delayed_response = np.interp(
+            delayed_times, response.time[response_rows], response.values[response_rows]
+        )
+        setpoints.append(setpoints_here)
+        errors.append(delayed_response - setpoints_here)
+    return np.concatenate(setpoints), np.concatenate(errors, axis=1)
+
+
+def _overshoot(setpoint: TimeSeries, angle: TimeSeries, segments: Segments) -> float | None:
+    """Returns the overshoot of a step of the setpoint, as a share of it, from the peak of the frequency response.
+
+    The axis is taken for a second-order system with damping ratio ζ. Its response has the peak
+    M = 1 / (2ζ √(1 − ζ²)), which gives ζ² = (1 − √(1 − M⁻²))/2, and its step response the overshoot
+    exp(−πζ / √(1 − ζ²)) (Ogata, Modern Control Engineering). Returns None if no frequency has enough
+    coherence.
+    """
+    estimate = welch_spectra((setpoint, angle), segments, 2 * WELCH_SECONDS, MIN_SLOW_MOTION_RATE)
+    if estimate is None:
+        return None
+    is_coherent = estimate.coherence >= MIN_COMPARED_COHERENCE
+    if not is_coherent.any():
+        return None
+    peak = abs(estimate.response[is_coherent]).max()
+    if peak <= 1:
+        return 0.0
+    damping = np.sqrt((1 - np.sqrt(1 - peak**-2)) / 2)
+    return np.exp(-np.pi * damping / np.sqrt(1 - damping**2))

@@ -1,0 +1,206 @@
+"""Identity of a vehicle: a name by which its logs are recognised, its frame and firmware, and the flight's date."""
+
+import hashlib
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.assessment.autopilot_messages import status_texts
+from mavdem.dataset.segments import settled_segments
+from mavdem.dataset.signals import Signals, global_positions
+from mavdem.dataset.time_series import float_column
+from mavdem.facts.vehicle import Basis
+from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.vocabulary import (
+    board_name_in_texts,
+    board_number_in_bytes,
+    board_number_in_texts,
+    version_text,
+)
+
+CALIBRATION_PARAMETERS = {
+    Basis.ACCELEROMETER: ("INS_ACCOFFS_{} INS_ACCSCAL_{}", "CAL_ACC0_{}OFF CAL_ACC0_{}SCALE"),
+    Basis.COMPASS: ("COMPASS_OFS_{}", "CAL_MAG0_{}OFF"),
+}
+"""Parameters of the calibration of a vehicle's own sensors, for ArduPilot and PX4; {} stands for X, Y and Z.
+
+The most lasting calibration comes first: a compass is calibrated again in the field. Gyroscopes, which are calibrated
+at each start, identify no vehicle.
+"""
+
+SIMULATOR_OFFSETS = ((0.001, 0.001, 0.001), (5.0, 13.0, -18.0))
+"""Offsets along X, Y and Z of accelerometer and compass that every vehicle of ArduPilot's simulator has."""
+
+CALIBRATION_DIGITS = 4
+"""Significant digits of a calibration that both text files and 32-bit numbers keep."""
+
+NAME_DIGITS = 12
+"""Hexadecimal digits of the hash of a calibration in the vehicle's name."""
+
+MIN_UNIX_TIME = datetime(2001, 1, 1, tzinfo=UTC).timestamp()
+"""UNIX time, s, before which a clock was never set."""
+
+DEGREE_DECIMALS = 5
+"""Decimals of latitude and longitude in degrees, for a resolution of a metre."""
+
+FIRMWARE_TEXTS = ("ArduCopter V", "APM:Copter V")
+"""Beginnings of the texts with which ArduCopter reports its version."""
+
+FIRMWARE_NAMES = {"ARDUPILOTMEGA": "ArduPilot V", "PX4": "PX4 v"}
+"""Beginnings of the firmware's name, by the autopilot, where only the number of its version is known."""
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Which vehicle a log is of."""
+
+    name: str
+    """Name by which its logs are recognised. Vehicles with other frames or autopilots have other names."""
+    basis: Basis
+    """What the name was made from."""
+    system: int
+    """MAVLink system id."""
+    autopilot: str
+    """MAV_AUTOPILOT without its prefix."""
+    frame: str
+    """MAV_TYPE without its prefix."""
+    firmware: str
+    """Name and version; empty if the log does not have it."""
+    date: datetime | None
+    """When the settled flight began or, if it is not known, the log; UTC."""
+    hardware: str = ""
+    """Kind of board, as its firmware calls it; empty if the log does not have it."""
+    place: tuple[float, float] | None = None
+    """Latitude and longitude of the first GPS fix, degrees north and east; None without a fix."""
+
+
+class _NameWithBasis(NamedTuple):
+    """Name of a vehicle, and what it was made from."""
+
+    name: str
+    basis: Basis
+
+
+def identity_of(signals: Signals, receive_time: float = float("nan")) -> Identity:
+    """Returns the identity of a vehicle.
+
+    Args:
+        signals: of the vehicle.
+        receive_time: when the first message of the log was received, UNIX time in s; NaN if it is not known.
+    """
+    telemetry = signals.telemetry
+    name, basis = _name_of(telemetry)
+    return Identity(
+        name,
+        basis,
+        telemetry.system,
+        telemetry.autopilot,
+        telemetry.vehicle,
+        firmware=telemetry.firmware or _firmware(telemetry),
+        date=_date(signals, receive_time),
+        hardware=telemetry.hardware or board_name_in_texts(_texts(telemetry)),
+        place=_first_fix(telemetry),
+    )
+
+
+def _name_of(telemetry: Telemetry) -> _NameWithBasis:
+    """Returns the vehicle's name: the number of its board, else a hash of a calibration, else its system id."""
+    board_number = (
+        telemetry.board
+        or board_number_in_texts(_texts(telemetry))
+        or _board_number_in_messages(telemetry)
+    )
+    if board_number:
+        return _NameWithBasis(board_number, Basis.BOARD)
+    parameters = telemetry.parameters
+    for sensor, parameter_groups in CALIBRATION_PARAMETERS.items():
+        for group in parameter_groups:
+            names = [name.format(axis) for name in group.split() for axis in "XYZ"]
+            values = [parameters[name] for name in names if name in parameters]
+            # The offsets come before the scale factors.
+            offsets = tuple(round(offset, 6) for offset in values[:3])
+            is_calibrated = any(offsets) and offsets not in SIMULATOR_OFFSETS
+            if len(values) == len(names) and is_calibrated:
+                text = " ".join(f"{value:.{CALIBRATION_DIGITS}g}" for value in values)
+                digest = hashlib.sha256(text.encode()).hexdigest()[:NAME_DIGITS]
+                return _NameWithBasis(f"{sensor}-{digest}", sensor)
+    return _NameWithBasis(f"{telemetry.autopilot}-{telemetry.system}".lower(), Basis.SYSTEM_ID)
+
+
+def _board_number_in_messages(telemetry: Telemetry) -> str:
+    """Returns the last number of the board in AUTOPILOT_VERSION; empty if there is none."""
+    columns = telemetry.messages.get("AUTOPILOT_VERSION", {})
+    rows = np.atleast_2d(np.asarray(columns.get("uid2", []), dtype=np.uint8))
+    is_ardupilot = telemetry.autopilot == "ARDUPILOTMEGA"
+    for row in reversed(rows):
+        number = board_number_in_bytes(row.tobytes(), is_ardupilot)
+        if number:
+            return number
+    return ""
+
+
+def _texts(telemetry: Telemetry) -> list[str]:
+    """Returns the autopilot's texts."""
+    return [text.text for text in status_texts(telemetry)]
+
+
+def _firmware(telemetry: Telemetry) -> str:
+    """Returns name and version of the firmware, by a text or else by AUTOPILOT_VERSION; empty if neither has it."""
+    for text in _texts(telemetry):
+        if text.startswith(FIRMWARE_TEXTS):
+            return text
+    columns = telemetry.messages.get("AUTOPILOT_VERSION", {})
+    if "flight_sw_version" not in columns:
+        return ""
+    version = int(columns["flight_sw_version"][-1])
+    if not version:
+        return ""
+    return f"{FIRMWARE_NAMES.get(telemetry.autopilot, '')}{version_text(version)}"
+
+
+def _first_fix(telemetry: Telemetry) -> tuple[float, float] | None:
+    """Returns latitude and longitude of the first GPS fix, degrees, to a metre; None without one."""
+    for message in ("GPS_RAW_INT", "GLOBAL_POSITION_INT"):
+        columns = telemetry.messages.get(message, {})
+        if "lat" not in columns:
+            continue
+        positions, is_fixed = global_positions(columns)
+        if is_fixed.any():
+            latitude, longitude = positions[is_fixed][0]
+            return (
+                round(float(latitude), DEGREE_DECIMALS),
+                round(float(longitude), DEGREE_DECIMALS),
+            )
+    return None
+
+
+def _date(signals: Signals, receive_time: float) -> datetime | None:
+    """Returns when the settled flight began or, if that is not known, the log; None if neither is known.
+
+    SYSTEM_TIME relates the boot clock to UNIX time. ``receive_time`` is that of the first message, UNIX time in s.
+    """
+    columns = signals.telemetry.messages.get("SYSTEM_TIME", {})
+    flight = min(settled_segments(signals), default=None)
+    if "time_unix_usec" in columns:
+        unix_time = float_column(columns, "time_unix_usec") / 1e6
+        is_set = unix_time > MIN_UNIX_TIME
+        if flight is not None:
+            is_set_in_boot = is_set & (columns["boot"] == flight.boot)
+            if is_set_in_boot.any():
+                boot_time = columns["time"][is_set_in_boot][0]
+                return _utc(unix_time[is_set_in_boot][0] + flight.start - boot_time)
+        if is_set.any():
+            return _utc(unix_time[is_set][0])
+    if receive_time > MIN_UNIX_TIME:
+        return _utc(receive_time)
+    return None
+
+
+def _utc(unix_time: float) -> datetime | None:
+    """Returns a UNIX time, s, as a date in UTC; None if it is out of range, as in a damaged message."""
+    with suppress(OverflowError, ValueError, OSError):
+        return datetime.fromtimestamp(unix_time, UTC)
+    return None

@@ -1,0 +1,204 @@
+"""The assessment of one vehicle of a log: every part of it computed once, as all surfaces show it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.assessment.axis import LogAnalysis, analyse
+from mavdem.assessment.axis.findings import resolved_wind_torque
+from mavdem.assessment.axis.margins import AxisMargins
+from mavdem.assessment.axis.responses import Responses, responses_of
+from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.inventory import VehicleContents
+from mavdem.assessment.judgement import Judgement
+from mavdem.assessment.lights.log import simulation_fact
+from mavdem.assessment.noise_spectra import MeasuredNoise, noise_of
+from mavdem.containers import JsonValues
+from mavdem.dataset.axes import AXES
+from mavdem.dem import Learned
+from mavdem.errors import NotLearnable
+from mavdem.facts import Fact, Facts, NamedFacts
+from mavdem.facts.assessment import NoModel
+from mavdem.flight import boot_number
+from mavdem.immutable import ReadOnlyDict, freeze
+from mavdem.ingest import Log
+from mavdem.loops.axis_loops import Loop
+from mavdem.vibration.spectra import Spectrum
+from mavdem.wind_velocity.estimation import WindVelocity, torque_share_of_wind
+
+
+class NoLoop(NamedTuple):
+    """Stands in the place of the control loops of an axis that are not known."""
+
+    refusal: Fact
+    """Why they are not known."""
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """What happened in a log, what its vehicle is, and what the figures are good for; ``str`` is the screen.
+
+    The parts are computed in the order of :func:`mavdem.assessment.assess.assess_signals`. Only the measured responses
+    and the noise spectra, which take seconds and which few callers need, are computed when they are first read.
+    """
+
+    log: Log
+    """The log."""
+    judgement: Judgement
+    """Headline, next step and lights."""
+    evidence: Evidence | None = None
+    """What the judgement rests on; None if no vehicle of the log was judged."""
+    analyses: ReadOnlyDict[str, LogAnalysis] = field(default_factory=ReadOnlyDict)
+    """The models and figures by axis, the most important axis first; empty if no vehicle was judged."""
+
+    @property
+    def headline(self) -> Fact:
+        """The worst event or light, or how the flight was lost."""
+        return self.judgement.headline
+
+    @property
+    def next_step(self) -> Fact:
+        """What to do about the headline."""
+        return self.judgement.next_step
+
+    @property
+    def lights(self) -> NamedFacts:
+        """The judgement of motors, vibration, tracking, margins, power, estimator, wind and log, by name."""
+        return self.judgement.lights
+
+    @property
+    def events(self) -> Facts:
+        """What happened, in order of boot and time."""
+        return () if self.evidence is None else self.evidence.events
+
+    @property
+    def loops(self) -> Mapping[str, Loop | NoLoop]:
+        """The control loops of "roll", "pitch" and "yaw", or a record with their ``refusal``."""
+        if self.evidence is None:
+            return ReadOnlyDict({axis: NoLoop(self.headline) for axis in AXES})
+        loops: dict[str, Loop | NoLoop] = {}
+        for axis, loop in self.evidence.loops.items():
+            loops[axis] = NoLoop(loop) if isinstance(loop, Fact) else loop
+        return ReadOnlyDict(loops)
+
+    @property
+    def margins(self) -> tuple[AxisMargins, ...]:
+        """The stability margins of roll, pitch and yaw; empty if no vehicle was judged."""
+        return () if self.evidence is None else self.evidence.margins
+
+    @property
+    def tracking(self) -> NamedFacts:
+        """How roll, pitch and yaw follow their setpoints, by axis; empty if no vehicle was judged."""
+        return {} if self.evidence is None else self.evidence.tracking
+
+    @cached_property
+    def responses(self) -> Responses:
+        """The measured responses of the "rate" and "attitude" loop of each axis, with the predicted ones."""
+        return {} if self.evidence is None else freeze(responses_of(self.evidence))
+
+    @cached_property
+    def noise(self) -> MeasuredNoise:
+        """The spectra of gyro and accelerometer, the lines in them, and the notch filter to set."""
+        return freeze(MeasuredNoise({}, {}) if self.evidence is None else noise_of(self.evidence))
+
+    @property
+    def spectra(self) -> Mapping[str, Spectrum]:
+        """The spectra of gyro, accelerometer and demand, by name."""
+        return self.noise.spectra
+
+    @property
+    def simulated(self) -> Fact | None:
+        """That the flight was simulated; None if nothing in the log shows it."""
+        return None if self.evidence is None else simulation_fact(self.evidence.signals)
+
+    @property
+    def analysis(self) -> LogAnalysis | None:
+        """Model and figures of the first axis; None if no vehicle was judged."""
+        return next(iter(self.analyses.values()), None)
+
+    @property
+    def model(self) -> Learned | None:
+        """The model of the first axis; None if the log allows none."""
+        return None if self.analysis is None else self.analysis.learned
+
+    @property
+    def refusal(self) -> NotLearnable:
+        """Why there is no model, and what to do next, as an error to raise."""
+        because = self.headline if self.analysis is None else self.analysis.reason
+        return NotLearnable(NoModel.REFUSED, because=because, next_step=self.next_step)
+
+    @property
+    def wind(self) -> WindVelocity | None:
+        """The wind in m/s; None if it is not known."""
+        return None if self.evidence is None else self.evidence.wind.estimate
+
+    @cached_property
+    def wind_of_model(self) -> WindVelocity | None:
+        """The wind, if it is of the same boot, and so on the same clock, as the training data of the model."""
+        if self.wind is None or self.analysis is None or not self.analysis.flights:
+            return None
+        boot = boot_number(self.analysis.flights[0])
+        return self.wind if self.wind.boot == boot else None
+
+    @cached_property
+    def wind_share_of_torque(self) -> Fact | None:
+        """The share of the wind torque's variance that the mean wind explains; None if one of them is not known."""
+        if self.analysis is None or self.model is None or self.wind_of_model is None:
+            return None
+        torque = resolved_wind_torque(self.model.wind_torque, self.model.physical)
+        if torque is None:
+            return None
+        time = np.concatenate([flight.time for flight in self.analysis.flights])
+        return torque_share_of_wind(self.wind_of_model, time, torque.torque)
+
+    @property
+    def contents(self) -> VehicleContents:
+        """What the log holds of the vehicle, as an inventory of the log reports it."""
+        assert self.analysis is not None and self.evidence is not None
+        return VehicleContents(
+            self.evidence.signals.telemetry,
+            self.analysis.learnability,
+            self.analysis.condition,
+            self.analysis.identity,
+        )
+
+    @property
+    def judgement_values(self) -> JsonValues:
+        """Headline, next step, lights and events by the keys that all JSON documents have."""
+        return {**vars(self.judgement), "events": self.events}
+
+    def with_axis(self, axis: str) -> Assessment:
+        """Returns the same assessment with an analysis of a further ``axis``, "roll", "pitch" or "yaw"."""
+        assert self.evidence is not None
+        signals = self.evidence.signals
+        analysis = analyse(self.log, signals, axis, other_axis=self.analysis)
+        return replace(self, analyses=ReadOnlyDict(self.analyses | {axis: analysis}))
+
+    def sentence(self, fact: Fact) -> str:
+        """Returns a ``fact`` in words."""
+        return fact.sentence
+
+    def page(self, path: str | PathLike[str]) -> None:
+        """Writes the page to ``path``: one HTML file with pictures, which needs no network."""
+        from mavdem.report.flight_page import review_page
+
+        Path(path).write_text(review_page(self), "utf-8", "replace")
+
+    def as_dict(self) -> JsonValues:
+        """Returns the document of ``mavdem review --json`` as plain JSON values."""
+        from mavdem.documents import whole
+        from mavdem.documents.review import review_document
+
+        return whole("review", review_document(self))
+
+    def __str__(self) -> str:
+        from mavdem.report.review import screen_of
+
+        return screen_of(self)

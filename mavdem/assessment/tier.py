@@ -1,0 +1,74 @@
+"""Tier of a log: what its rates allow, from a full model down to figures of the condition alone."""
+
+from typing import NamedTuple
+
+from mavdem.assessment.condition import Condition
+from mavdem.dataset.learnability import Learnability, slower_stream_rate
+from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, MIN_STREAM_RATE
+from mavdem.facts import Fact
+from mavdem.facts.vehicle import Allowed
+
+MIN_CONDITION_RATE = 1.0
+"""Rate of attitude and motor outputs, Hz, from which on their means, spreads and limits are known."""
+
+TIERS = {
+    "a": Fact(Allowed.TIER_A, rate=MIN_STREAM_RATE),
+    "b": Fact(Allowed.TIER_B, rate=MIN_SLOW_MOTION_RATE),
+    "c": Fact(Allowed.TIER_C),
+}
+"""What each tier allows: a full model, a model of the slow motion, or the condition only."""
+
+
+class NextTier(NamedTuple):
+    """The tier above that of a log."""
+
+    tier: str
+    reason: Fact
+    """Why the log does not have it, and what to change."""
+    is_slow: bool
+    """Whether higher rates are what is missing."""
+
+    @property
+    def remedy(self) -> str:
+        """What to change to have it, in words."""
+        return self.reason.remedy
+
+    @property
+    def needs(self) -> str:
+        """What the log must have for it, in words."""
+        return TIERS[self.tier].remedy if self.is_slow else self.remedy.rstrip(".")
+
+
+class Tier(NamedTuple):
+    """What a log allows."""
+
+    tier: str | None
+    """"a", "b" or "c"; None without settled flight."""
+    tier_reason: Fact
+    """What decided the tier; below "a" also what to change."""
+    allows: Fact | None
+    """What the tier gives; None without a tier."""
+    next_tier: NextTier | None
+    """The tier above; None for "a"."""
+
+
+def tier_of(learnability: Learnability, condition: Condition) -> Tier:
+    """Returns the tier of a log by its rates.
+
+    In tier "b" a model of the slow motion may still be refused (:func:`mavdem.assessment.axis.analyse`).
+
+    Args:
+        learnability: whether a full model can be learned, and the rates.
+        condition: of the vehicle. Without settled flight or attitude there is no tier.
+    """
+    reason = learnability.reason
+    if learnability.learnable:
+        return Tier("a", reason, TIERS["a"], None)
+    rate = slower_stream_rate(learnability.figures)
+    is_slow = rate < MIN_STREAM_RATE
+    is_too_slow = 0 < rate < MIN_CONDITION_RATE
+    if not condition.settled or not condition.lean or is_too_slow:
+        return Tier(None, reason, None, NextTier("c", reason, is_slow))
+    if rate >= MIN_SLOW_MOTION_RATE:
+        return Tier("b", reason, TIERS["b"], NextTier("a", reason, is_slow))
+    return Tier("c", reason, TIERS["c"], NextTier("b", reason, is_slow))
