@@ -76,7 +76,7 @@ def model(parameters, **wind):
     record = SimpleNamespace(
         inputs=rng.normal(size=(900, 4)),
         outputs=rng.normal(size=(900, 2)),
-        starts=np.zeros(1, dtype=int),
+        segment_starts=np.zeros(1, dtype=int),
         begins=(76.0,),
         lengths=(900,),
         dt=0.01,

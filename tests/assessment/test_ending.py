@@ -216,7 +216,7 @@ def test_a_motor_is_named_within_two_thirds_of_half_the_way_to_the_next(angle, n
 
 
 def test_of_two_motors_at_one_place_none_is_named():
-    places = {"layout.positions": 2 * [(1, 1)] + 2 * [(-1, -1)]}
+    places = {"geometry.positions": 2 * [(1, 1)] + 2 * [(-1, -1)]}
     assert _weak_motor(Mock(**places), np.array([2.0, 1.0, -1.0, -2.0]), None) is None
 
 
