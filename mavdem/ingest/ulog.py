@@ -23,7 +23,7 @@ from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.files import PathName
 from mavdem.ingest.contents import file_bytes
-from mavdem.ingest.mavlink.clocks import outliers
+from mavdem.ingest.mavlink.clocks import outlier_stamps
 from mavdem.ingest.px4_topics import NEEDED, Topics, messages, notes
 from mavdem.ingest.telemetry import (
     MAX_FIELDS,
@@ -181,7 +181,7 @@ def _topics(log: ULog) -> tuple[Topics, Facts]:
     for (name, instance), pieces in parts.items():
         fields = concatenated_columns(pieces)
         # When logging starts, each topic's last message, long past, is logged: what it says held then.
-        wrong = outliers(fields["timestamp"] / 1e6)
+        wrong = outlier_stamps(fields["timestamp"] / 1e6)
         wrong[:1] = False
         far += np.count_nonzero(wrong)
         fields = selected_rows(fields, ~wrong)

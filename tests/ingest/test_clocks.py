@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pytest import approx
 
 from mavdem.facts.sources import Repair
-from mavdem.ingest.mavlink.clocks import Sent, boot_clock
+from mavdem.ingest.mavlink.clocks import MessageStamps, boot_clock
 
 WRAP_US = 2.0**32 / 1e6
 WRAP_MS = 2.0**32 / 1e3
@@ -16,25 +16,25 @@ WRAP_MS = 2.0**32 / 1e3
 
 def clock(sent, count):
     """``time`` and ``boot`` of all messages in the order they came; rows of no kind are messages without stamps."""
-    unstamped = np.setdiff1d(np.arange(count), np.concatenate([kind.places for kind in sent]))
-    placed, repairs = boot_clock([*sent, Sent("HEARTBEAT", unstamped)])
+    unstamped = np.setdiff1d(np.arange(count), np.concatenate([kind.positions for kind in sent]))
+    placed, repairs = boot_clock([*sent, MessageStamps("HEARTBEAT", unstamped)])
     time = np.empty(count)
     boot = np.empty(count, dtype=np.int64)
-    for kind in [*sent, Sent("HEARTBEAT", unstamped)]:
-        time[kind.places], boot[kind.places] = placed[kind.message]
+    for kind in [*sent, MessageStamps("HEARTBEAT", unstamped)]:
+        time[kind.positions], boot[kind.positions] = placed[kind.message]
     return SimpleNamespace(time=time, boot=boot, repairs=repairs)
 
 
 def clock_of(times, period=WRAP_MS):
-    return clock([Sent("ATTITUDE", np.arange(len(times)), times, period)], len(times))
+    return clock([MessageStamps("ATTITUDE", np.arange(len(times)), times, period)], len(times))
 
 
 def interleaved(times, servo):
     """ATTITUDE and SERVO_OUTPUT_RAW in turn."""
     rows = np.arange(len(times))
     stamps = [
-        Sent("ATTITUDE", 2 * rows, times, WRAP_MS),
-        Sent("SERVO_OUTPUT_RAW", 2 * rows + 1, servo, WRAP_US),
+        MessageStamps("ATTITUDE", 2 * rows, times, WRAP_MS),
+        MessageStamps("SERVO_OUTPUT_RAW", 2 * rows + 1, servo, WRAP_US),
     ]
     return clock(stamps, 2 * len(times))
 
@@ -126,8 +126,8 @@ def test_unix_time_is_moved_to_the_boot_clock():
     rows = np.arange(100)
     for epoch in (1.6e9, 11.0):
         stamps = [
-            Sent("ATTITUDE", 2 * rows, times, WRAP_MS),
-            Sent("GPS_RAW_INT", 2 * rows + 1, times + epoch, np.inf),
+            MessageStamps("ATTITUDE", 2 * rows, times, WRAP_MS),
+            MessageStamps("GPS_RAW_INT", 2 * rows + 1, times + epoch, np.inf),
         ]
         made = clock(stamps, 200)
         assert abs(made.time[1::2] - times).max() <= 0.1 + 1e-6
@@ -135,7 +135,7 @@ def test_unix_time_is_moved_to_the_boot_clock():
         assert moved.code is Repair.CLOCK_MOVED
         assert moved.figures["offset"] == approx(epoch, abs=0.2)
     # Messages without a clock take the last before them.
-    stamps = [Sent("ATTITUDE", np.array([1, 3, 4]), np.array([7.0, 7.1, 7.2]), WRAP_MS)]
+    stamps = [MessageStamps("ATTITUDE", np.array([1, 3, 4]), np.array([7.0, 7.1, 7.2]), WRAP_MS)]
     assert clock(stamps, 6).time.tolist() == [7.0, 7.0, 7.0, 7.1, 7.2, 7.2]
 
 

@@ -120,8 +120,8 @@ def test_wherever_px4s_topics_lie(prefix, recorder):
     )
     assert not vehicle.repairs
     assert len(vehicle.messages["ATTITUDE_QUATERNION"]["time"]) == len(TIMES)
-    seen = signals.attitude(vehicle, "roll")
-    assert np.allclose(seen.angle, roll(TIMES)[0], atol=1e-6)
+    attitude = attitude_of_axis(vehicle, "roll")
+    assert np.allclose(attitude.angle, roll(TIMES)[0], atol=1e-6)
 
 
 def test_versions_and_directions_of_topics(recorder):

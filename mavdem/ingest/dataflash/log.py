@@ -38,7 +38,7 @@ from mavdem.ingest.dataflash.translation import (
     translated,
     under_later_names,
 )
-from mavdem.ingest.mavlink.clocks import Sent, boot_clock
+from mavdem.ingest.mavlink.clocks import MessageStamps, boot_clock
 from mavdem.ingest.telemetry import (
     Columns,
     Log,
@@ -251,7 +251,7 @@ def _on_boot_clock(
     # As a float, or in text, a damaged stamp may be anything.
     impossible = ~((seconds >= 0) & (seconds <= 2.0**63 / 1e6))
     seconds[impossible] = 0.0  # no stamp, to the boot clock
-    on_clock, repairs = boot_clock([Sent("", np.arange(len(offsets)), seconds)])
+    on_clock, repairs = boot_clock([MessageStamps("", np.arange(len(offsets)), seconds)])
     time, boot = on_clock[""]
     placed: dict[str, Columns] = {}
     for name, table in tables.items():

@@ -19,32 +19,38 @@ from mavdem.facts.sources import Repair
 from mavdem.ingest.telemetry import repair_facts
 
 Times = NDArray[np.float64]
+"""Times or differences of times, s."""
 Rows = NDArray[np.int64]
-Places = NDArray[np.integer]  # Places of messages in the stream, of any integer type
-# Seconds from its neighbours, plus ten median steps, beyond which a stamp is an outlier
+"""Row numbers, or numbers of boots."""
+StreamPositions = NDArray[np.integer]
+"""Where messages are in the stream: byte offsets or message numbers. Only their order matters."""
+
 MAX_STAMP_DEVIATION = 5.0
+"""Deviation of a stamp from those around it, s, beyond which it is an outlier; ten median steps are added to it.
+
+A choice: delays within an autopilot and its link are shorter, and damaged stamps are wrong by more.
+"""
+
+OUTLIER_WINDOW = 5
+"""Number of stamps around which the median is taken for finding outliers: up to two wrong ones do not move it."""
+
+MAX_STEPS_OFF = 10
+"""Number of median time steps by which a stamp may deviate beyond ``MAX_STAMP_DEVIATION``: for slow messages."""
+
 MIN_RESET_STAMPS = 5
-"""Stamps in a row that are all lower than those before after a reset of the clock; fewer are late arrivals."""
+"""Number of successive stamps that are all lower than before after a reset of the clock; fewer are late arrivals."""
 
+MIN_RESET_STEP = 1.0
+"""Time, s, by which a clock falls at least when it was reset; less is reordering of messages."""
 
-def deviates_from_median(values: Times, window: int, limit: float | Times) -> Flags:
-    """Returns which values are over ``limit`` from the median of a ``window`` (odd) around them; ends are reflected."""
-    if not len(values):
-        return np.zeros(0, dtype=np.bool_)
-    return abs(values - median_filter(values, window, mode="mirror")) > limit
+MAX_WRAP_GAP = 60.0
+"""Longest silence, s, across which a 32-bit reference clock counts as wrapped; after a longer one, as restarted."""
 
+MIN_EPOCH_OFFSET = 10.0
+"""Median offset, s, of a message type's stamps from the reference above which they count from another epoch."""
 
-def outliers(seconds: Times) -> Flags:
-    """Returns which stamps are far from the median of the five around them.
-
-    These are one or two messages, not a lasting change of the clock.
-    """
-    if len(seconds) < 3:
-        return np.zeros(len(seconds), dtype=np.bool_)
-    return deviates_from_median(
-        seconds, 5, MAX_STAMP_DEVIATION + 10 * np.median(abs(np.diff(seconds)))
-    )
-
+MIN_REFERENCE_STAMPS = 3
+"""Number of stamps that a message type needs at least for the outliers among them to be recognised."""
 
 REFERENCES = (
     "ATTITUDE",
@@ -53,193 +59,318 @@ REFERENCES = (
     "GLOBAL_POSITION_INT",
     "SYSTEM_TIME",
 )
-"""Stamped by the autopilot itself, often: the first of these that was sent is the reference."""
-# Longest silence, s, across which a 32-bit reference clock counts as wrapped, not as restarted
-MAX_WRAP_GAP = 60.0
-MIN_RESET_STEP = 1.0  # Seconds by which a clock falls when it was reset; less is reordering
-# Median offset, s, of a type's stamps from the reference above which they are of another clock
-OTHER_EPOCH = 10.0
+"""Message types that the autopilot itself stamps, often; the first of these that was sent is the reference."""
 
 
-class Sent(NamedTuple):
-    """The messages of one type: ``places`` (n,) in the stream, ascending, and their ``stamps`` (n,), if any.
-
-    Stamps are in seconds, zero for none. ``period``, s, is where the counter wraps; infinite for 64-bit counters.
-    """
+class MessageStamps(NamedTuple):
+    """The n messages of one type that a component sent, and the stamps inside them."""
 
     message: str
-    places: Places
+    """Name of the message type."""
+    positions: StreamPositions
+    """Position of each message in the stream (n,), ascending."""
     stamps: Times | None = None
+    """Stamp inside each message (n,), s, 0 where it has none; None for a type without stamps."""
     period: float = np.inf
+    """Time after which the counter of the stamps wraps, s; infinite for 64-bit counters."""
 
 
-class PlacedStamps(NamedTuple):
-    """``time`` (n,) s and ``boot`` (n,) of each message of one type."""
+class BootTimes(NamedTuple):
+    """When the n messages of one type were sent, on the boot clock."""
 
     time: Times
+    """Time since boot (n,), s."""
     boot: Rows
+    """Number of the boot (n,), from 0."""
 
 
-def boot_clock(sent: Sequence[Sent]) -> tuple[dict[str, PlacedStamps], Facts]:
-    """Places each of a component's messages on its boot clock: those of each type by name, and the repairs.
+class _ClockReadings(NamedTuple):
+    """The stamped messages of one type on the boot clock, without outliers."""
 
-    Messages before the first stamp have the first stamp; without any stamp all times are NaN.
+    positions: StreamPositions
+    """Position in the stream (m,), ascending."""
+    time: Times
+    """Time since boot (m,), s."""
+    boot: Rows
+    """Number of the boot (m,), from 0."""
+
+
+def deviates_from_median(values: Times, window: int, limit: float | Times) -> Flags:
+    """Flags values that are far from the running median.
+
+    Args:
+        values: Values (n,).
+        window: Number of values around each, odd, of which the median is taken; values are mirrored at the ends.
+        limit: Largest deviation from the median that is not flagged, or one for each value (n,).
+
+    Returns:
+        Flags (n,).
     """
-    placed = {
-        kind.message: PlacedStamps(
-            np.full(len(kind.places), np.nan), np.zeros(len(kind.places), dtype=np.int64)
+    if not len(values):
+        return np.zeros(0, dtype=np.bool_)
+    return abs(values - median_filter(values, window, mode="mirror")) > limit
+
+
+def outlier_stamps(stamps: Times) -> Flags:
+    """Flags stamps (n,), s, that are far from those around them.
+
+    These are one or two messages at a time; a lasting change of the clock is not flagged.
+    """
+    if len(stamps) < MIN_REFERENCE_STAMPS:
+        return np.zeros(len(stamps), dtype=np.bool_)
+    median_step = np.median(abs(np.diff(stamps)))
+    return deviates_from_median(
+        stamps, OUTLIER_WINDOW, MAX_STAMP_DEVIATION + MAX_STEPS_OFF * median_step
+    )
+
+
+def boot_clock(message_types: Sequence[MessageStamps]) -> tuple[dict[str, BootTimes], Facts]:
+    """Puts every message of a component on its boot clock.
+
+    Args:
+        message_types: The messages that the component sent, by type.
+
+    Returns:
+        Times and boots of the messages of each type by its name, and the repairs. A message without a stamp has the
+        time of the last message before it; one before the first stamp has that stamp. Where an outlier was ignored,
+        the message has the time of the last one of its type. Without any stamp all times are NaN.
+    """
+    boot_times = {}
+    for message_type in message_types:
+        count = len(message_type.positions)
+        boot_times[message_type.message] = BootTimes(
+            np.full(count, np.nan), np.zeros(count, dtype=np.int64)
         )
-        for kind in sent
-    }
-    chosen = _reference(sent)
-    if chosen is None:
-        return placed, ()
-    reference, repairs = _placed_alone(chosen, *_stamps(chosen))
-    for kind in sent:
-        places, seconds = _stamps(kind)
-        own = reference
-        if kind is not chosen and len(places):
-            own, further = _placed_against(reference, kind, places, seconds)
-            repairs += further
-        if len(places) and len(own.places):
-            # A message whose stamp was ignored repeats the last time of its type: that of another type would look like
-            # a time at which it was sent.
-            at = _last_at(own.places, places)
-            rows = np.searchsorted(kind.places, places)
-            placed[kind.message].time[rows] = own.time[at]
-            placed[kind.message].boot[rows] = own.boot[at]
-    _fill(sent, placed)
-    return placed, repairs
+    reference_type = _reference_type(message_types)
+    if reference_type is None:
+        return boot_times, ()
+    reference, repairs = _reference_readings(reference_type)
+    for message_type in message_types:
+        positions, stamps = _stamped_messages(message_type)
+        readings = reference
+        if message_type is not reference_type and len(positions):
+            readings, further_repairs = _readings_by_reference(
+                reference, message_type, positions, stamps
+            )
+            repairs += further_repairs
+        if len(positions) and len(readings.positions):
+            # A message whose stamp was ignored repeats the last time of its own type: the time of another type would
+            # look like a time at which this message was sent.
+            readings_before = _last_rows_before(readings.positions, positions)
+            rows = np.searchsorted(message_type.positions, positions)
+            boot_times[message_type.message].time[rows] = readings.time[readings_before]
+            boot_times[message_type.message].boot[rows] = readings.boot[readings_before]
+    _fill_unstamped(message_types, boot_times)
+    return boot_times, repairs
 
 
-class _Kept(NamedTuple):
-    """Messages of one type on the boot clock, without outliers."""
-
-    places: Places
-    time: Times
-    boot: Rows
-
-
-def _stamps(kind: Sent) -> tuple[Places, Times]:
-    """The places of the messages that have a stamp, and the stamps, s."""
-    if kind.stamps is None:
-        return kind.places[:0], np.empty(0)
-    there = kind.stamps > 0
-    return kind.places[there], kind.stamps[there]
+def _stamped_messages(message_type: MessageStamps) -> tuple[StreamPositions, Times]:
+    """Returns positions and stamps, s, of the messages of a type that have a stamp."""
+    if message_type.stamps is None:
+        return message_type.positions[:0], np.empty(0)
+    has_stamp = message_type.stamps > 0
+    return message_type.positions[has_stamp], message_type.stamps[has_stamp]
 
 
-def _reference(sent: Sequence[Sent]) -> Sent | None:
-    stamped = {kind.message: kind for kind in sent if len(_stamps(kind)[0])}
-    for message in REFERENCES:
-        if message in stamped and len(_stamps(stamped[message])[0]) >= 3:
-            return stamped[message]
+def _reference_type(message_types: Sequence[MessageStamps]) -> MessageStamps | None:
+    """Chooses the message type to whose clock all others are compared.
+
+    Returns:
+        The first of ``REFERENCES`` with enough stamps; else the type with most stamps, one whose counter wraps
+        preferred, since 64-bit stamps may be UNIX time; None where no message has a stamp.
+    """
+    stamp_counts: dict[str, int] = {}
+    by_name: dict[str, MessageStamps] = {}
+    for message_type in message_types:
+        positions, _ = _stamped_messages(message_type)
+        if len(positions):
+            stamp_counts[message_type.message] = len(positions)
+            by_name[message_type.message] = message_type
+    for name in REFERENCES:
+        if stamp_counts.get(name, 0) >= MIN_REFERENCE_STAMPS:
+            return by_name[name]
     return max(
-        stamped.values(),
-        key=lambda kind: (np.isfinite(kind.period), len(_stamps(kind)[0])),
+        by_name.values(),
+        key=lambda stamped: (np.isfinite(stamped.period), stamp_counts[stamped.message]),
         default=None,
     )
 
 
-def _last_at(places: Places, wanted: Places) -> Rows:
-    """The row of the last of ``places`` at or before each wanted one, else the first."""
-    return np.maximum(np.searchsorted(places, wanted, side="right") - 1, 0)
+def _last_rows_before(positions: StreamPositions, query: StreamPositions) -> Rows:
+    """Returns the row of the last of ``positions`` at or before each queried one; 0 where all are after it."""
+    return np.maximum(np.searchsorted(positions, query, side="right") - 1, 0)
 
 
-def _fill(sent: Sequence[Sent], placed: Mapping[str, PlacedStamps]) -> None:
-    """Gives each message without a time that of the last message before it, of any type, or else the first time."""
-    columns = [(kind.places, *placed[kind.message]) for kind in sent]
-    places, time, boot = (np.concatenate(column) for column in zip(*columns, strict=True))
-    stamped = np.flatnonzero(~np.isnan(time))
-    stamped = stamped[np.argsort(places[stamped], kind="stable")]
-    for own_places, own_time, own_boot in columns if len(stamped) else ():
-        missing = np.isnan(own_time)
-        last = stamped[_last_at(places[stamped], own_places[missing])]
-        own_time[missing] = time[last]
-        own_boot[missing] = boot[last]
+def _fill_unstamped(
+    message_types: Sequence[MessageStamps], boot_times: Mapping[str, BootTimes]
+) -> None:
+    """Gives each message without a time that of the last message before it, of any type, or else the first time.
+
+    Args:
+        message_types: The messages of a component by type.
+        boot_times: Their times and boots, which are changed in place; NaN where there is no time yet.
+    """
+    all_positions = np.concatenate([kind.positions for kind in message_types])
+    all_times = np.concatenate([boot_times[kind.message].time for kind in message_types])
+    all_boots = np.concatenate([boot_times[kind.message].boot for kind in message_types])
+    timed_rows = np.flatnonzero(~np.isnan(all_times))
+    if not len(timed_rows):
+        return
+    timed_rows = timed_rows[np.argsort(all_positions[timed_rows], kind="stable")]
+    timed_positions = all_positions[timed_rows]
+    for message_type in message_types:
+        times = boot_times[message_type.message]
+        missing = np.isnan(times.time)
+        last_rows = timed_rows[_last_rows_before(timed_positions, message_type.positions[missing])]
+        times.time[missing] = all_times[last_rows]
+        times.boot[missing] = all_boots[last_rows]
 
 
-def _placed_alone(kind: Sent, places: Places, raw: Times) -> tuple[_Kept, Facts]:
-    """The reference, by its own stamps: without outliers, wraps undone, reboots counted."""
-    outlier = outliers(raw)
-    places = places[~outlier]
-    raw = raw[~outlier]
-    wraps = 1 + np.flatnonzero((np.diff(raw) < 0) & (np.diff(raw) + kind.period <= MAX_WRAP_GAP))
-    turns = np.cumsum(np.bincount(wraps, minlength=len(raw)))
-    time = raw + kind.period * turns if len(wraps) else raw
-    reboots = _reboots(time)
-    boot = np.cumsum(np.bincount(reboots, minlength=len(places)))
-    if len(wraps):
-        time = raw + kind.period * (turns - turns[np.concatenate([[0], reboots])][boot])
-    ignored = np.count_nonzero(outlier)
-    repairs = repair_facts(Repair.STAMPS_IGNORED, count=ignored, name=kind.message)
-    if len(wraps):
-        repairs += repair_facts(Repair.CLOCK_WRAPPED, name=kind.message, period=kind.period)
-    if len(reboots):
-        at = time[reboots[0] - 1]
-        repairs += repair_facts(Repair.LOG_OF_SEVERAL_BOOTS, count=len(reboots), time=at)
-    return _Kept(places, time, boot), repairs
+def _reference_readings(reference_type: MessageStamps) -> tuple[_ClockReadings, Facts]:
+    """Puts the reference type on the boot clock by its own stamps.
+
+    Outliers are left out, wraps of the counter undone, and reboots counted.
+    """
+    name = reference_type.message
+    period = reference_type.period
+    positions, stamps = _stamped_messages(reference_type)
+    is_outlier = outlier_stamps(stamps)
+    positions = positions[~is_outlier]
+    stamps = stamps[~is_outlier]
+    steps = np.diff(stamps)
+    # A clock that falls, but would have risen by a short time had it wrapped, has wrapped.
+    wrap_rows = 1 + np.flatnonzero((steps < 0) & (steps + period <= MAX_WRAP_GAP))
+    wraps = np.cumsum(np.bincount(wrap_rows, minlength=len(stamps)))
+    time = stamps + period * wraps if len(wrap_rows) else stamps
+    reboot_rows = _reboot_rows(time)
+    boot = np.cumsum(np.bincount(reboot_rows, minlength=len(positions)))
+    if len(wrap_rows):
+        # Wraps count anew with each boot.
+        boot_start_rows = np.concatenate([[0], reboot_rows])
+        wraps_before_boot = wraps[boot_start_rows][boot]
+        time = stamps + period * (wraps - wraps_before_boot)
+    repairs = repair_facts(Repair.STAMPS_IGNORED, count=np.count_nonzero(is_outlier), name=name)
+    if len(wrap_rows):
+        repairs += repair_facts(Repair.CLOCK_WRAPPED, name=name, period=period)
+    if len(reboot_rows):
+        last_time = time[reboot_rows[0] - 1]
+        repairs += repair_facts(Repair.LOG_OF_SEVERAL_BOOTS, count=len(reboot_rows), time=last_time)
+    return _ClockReadings(positions, time, boot), repairs
 
 
-def _reboots(time: Times) -> Rows:
-    """Rows at which the clock restarted: it fell, and stays low."""
-    ahead = maximum_filter1d(
+def _reboot_rows(time: Times) -> Rows:
+    """Returns the rows at which a clock restarted: it fell by ``MIN_RESET_STEP``, and stays low.
+
+    Args:
+        time: Stamps (n,) in stream order, s, wraps undone.
+    """
+    # The highest of the next MIN_RESET_STAMPS stamps, from each row on.
+    highest_ahead = maximum_filter1d(
         time, MIN_RESET_STAMPS, origin=-(MIN_RESET_STAMPS // 2), mode="nearest"
     )
-    reboots = []
-    peak = -np.inf
-    if (ahead < np.maximum.accumulate(time) - MIN_RESET_STEP).any():
-        for row, (now, highest_ahead) in enumerate(zip(time.tolist(), ahead.tolist(), strict=True)):
-            if highest_ahead < peak - MIN_RESET_STEP:
-                reboots.append(row)
-                peak = now
-            peak = max(peak, now)
-    return np.array(reboots, dtype=np.int64)
+    if not (highest_ahead < np.maximum.accumulate(time) - MIN_RESET_STEP).any():
+        return np.zeros(0, dtype=np.int64)
+    reboot_rows = []
+    highest_of_boot = -np.inf
+    stamps = zip(time.tolist(), highest_ahead.tolist(), strict=True)
+    for row, (stamp, highest_next) in enumerate(stamps):
+        if highest_next < highest_of_boot - MIN_RESET_STEP:
+            reboot_rows.append(row)
+            highest_of_boot = stamp
+        highest_of_boot = max(highest_of_boot, stamp)
+    return np.array(reboot_rows, dtype=np.int64)
 
 
-def _placed_against(
-    reference: _Kept, kind: Sent, places: Places, seconds: Times
-) -> tuple[_Kept, Facts]:
-    """Another type, compared with the reference's stamps before and after each of its messages."""
-    time, off, boot = _read_against(reference, places, seconds, kind.period)
-    first, last = np.searchsorted(places, reference.places[[0, -1]], side="right").tolist()
-    typical = np.median(off[first:last] if first < last else off)
+def _readings_by_reference(
+    reference: _ClockReadings,
+    message_type: MessageStamps,
+    positions: StreamPositions,
+    stamps: Times,
+) -> tuple[_ClockReadings, Facts]:
+    """Puts another message type on the boot clock, by the reference's messages before and after each of its own.
+
+    Args:
+        reference: The reference type on the boot clock.
+        message_type: The other type.
+        positions: Positions (m,) of those of its messages that have a stamp.
+        stamps: Their stamps (m,), s.
+
+    Returns:
+        The messages on the boot clock, without outliers, and the repairs.
+    """
+    name = message_type.message
+    period = message_type.period
+    time, offset, boot = _compared_with_reference(reference, positions, stamps, period)
+    # The reference may have begun later, or ended earlier: there is nothing to compare with outside.
+    first_row, end_row = np.searchsorted(
+        positions, reference.positions[[0, -1]], side="right"
+    ).tolist()
+    comparable = offset[first_row:end_row] if first_row < end_row else offset
+    typical_offset = np.median(comparable)
+    is_other_epoch = abs(typical_offset) > MIN_EPOCH_OFFSET
     repairs: Facts = ()
-    if abs(typical) > OTHER_EPOCH:
+    if is_other_epoch:
         for number in np.unique(boot):
-            of_boot = boot == number
-            shift = np.median(off[of_boot])
-            time[of_boot] -= shift
-            off[of_boot] -= shift
-        repairs += repair_facts(Repair.CLOCK_MOVED, name=kind.message, offset=typical)
-    outlier = outliers(off)
-    if abs(typical) <= OTHER_EPOCH and (abs(time - seconds)[~outlier] > kind.period / 2).any():
-        repairs += repair_facts(Repair.CLOCK_WRAPPED, name=kind.message, period=kind.period)
-    ignored = np.count_nonzero(outlier)
-    repairs += repair_facts(Repair.STAMPS_IGNORED, count=ignored, name=kind.message)
-    return _Kept(places[~outlier], time[~outlier], boot[~outlier]), repairs
+            is_of_boot = boot == number
+            shift = np.median(offset[is_of_boot])
+            time[is_of_boot] -= shift
+            offset[is_of_boot] -= shift
+        repairs += repair_facts(Repair.CLOCK_MOVED, name=name, offset=typical_offset)
+    is_outlier = outlier_stamps(offset)
+    if not is_other_epoch and (abs(time - stamps)[~is_outlier] > period / 2).any():
+        repairs += repair_facts(Repair.CLOCK_WRAPPED, name=name, period=period)
+    repairs += repair_facts(Repair.STAMPS_IGNORED, count=np.count_nonzero(is_outlier), name=name)
+    readings = _ClockReadings(positions[~is_outlier], time[~is_outlier], boot[~is_outlier])
+    return readings, repairs
 
 
-def _read_against(
-    reference: _Kept, places: Places, seconds: Times, period: float
-) -> tuple[Times, Times, Rows]:
-    """The time of each stamp, its offset from the interval of the reference's stamps around it, and its boot."""
-    following = np.searchsorted(reference.places, places)
-    before = np.maximum(following - 1, 0)
-    after = np.minimum(following, len(reference.places) - 1)
-    earlier = reference.time[before]
-    later = reference.time[after]
-    same_boot = reference.boot[before] == reference.boot[after]
-    by_earlier = _unwrapped(seconds, period, earlier)
-    by_later = _unwrapped(seconds, period, later)
-    off_earlier = by_earlier - np.where(same_boot, np.clip(by_earlier, earlier, later), earlier)
-    off_later = by_later - np.where(same_boot, np.clip(by_later, earlier, later), later)
-    first = abs(off_earlier) <= abs(off_later)
-    boot = np.where(first, reference.boot[before], reference.boot[after])
-    return np.where(first, by_earlier, by_later), np.where(first, off_earlier, off_later), boot
+class _Comparison(NamedTuple):
+    """The m stamps of a message type, compared with the reference's stamps around them."""
+
+    time: Times
+    """Stamp (m,), s, with wraps undone."""
+    offset: Times
+    """Distance (m,), s, from the interval between the reference's stamps before and after; 0 inside of it."""
+    boot: Rows
+    """Number of the boot (m,)."""
 
 
-def _unwrapped(seconds: Times, period: float, near: Times) -> Times:
-    """Stamps plus whole periods, so that each is nearest to the time ``near`` for it."""
-    return (
-        seconds + period * np.round((near - seconds) / period) if np.isfinite(period) else seconds
+def _compared_with_reference(
+    reference: _ClockReadings, positions: StreamPositions, stamps: Times, period: float
+) -> _Comparison:
+    """Compares each stamp with the reference's stamps before and after it in the stream.
+
+    Around a reboot these two are of different boots; the message belongs to the one to which its stamp is nearer.
+
+    Args:
+        reference: The reference type on the boot clock.
+        positions: Positions (m,) of the messages.
+        stamps: Their stamps (m,), s, wraps not undone.
+        period: Time after which the counter of the stamps wraps, s.
+    """
+    next_rows = np.searchsorted(reference.positions, positions)
+    row_before = np.maximum(next_rows - 1, 0)
+    row_after = np.minimum(next_rows, len(reference.positions) - 1)
+    time_before = reference.time[row_before]
+    time_after = reference.time[row_after]
+    is_same_boot = reference.boot[row_before] == reference.boot[row_after]
+    # The stamp's wraps are undone twice: so that it is nearest to the stamp before, and to that after.
+    by_before = _unwrapped(stamps, period, time_before)
+    by_after = _unwrapped(stamps, period, time_after)
+    inside_by_before = np.clip(by_before, time_before, time_after)
+    inside_by_after = np.clip(by_after, time_before, time_after)
+    offset_by_before = by_before - np.where(is_same_boot, inside_by_before, time_before)
+    offset_by_after = by_after - np.where(is_same_boot, inside_by_after, time_after)
+    is_nearer_before = abs(offset_by_before) <= abs(offset_by_after)
+    return _Comparison(
+        np.where(is_nearer_before, by_before, by_after),
+        np.where(is_nearer_before, offset_by_before, offset_by_after),
+        np.where(is_nearer_before, reference.boot[row_before], reference.boot[row_after]),
     )
+
+
+def _unwrapped(stamps: Times, period: float, nearby: Times) -> Times:
+    """Adds whole periods of the counter to stamps (m,), s, so that each is nearest to the time nearby (m,), s."""
+    if not np.isfinite(period):
+        return stamps
+    return stamps + period * np.round((nearby - stamps) / period)

@@ -1,4 +1,4 @@
-"""Message definitions of pymavlink's ``all`` dialect, payloads as columns, and frames of given payloads.
+"""MAVLink message definitions of pymavlink's ``all`` dialect: payloads as columns, and frames made of payloads.
 
 That dialect joins ``ardupilotmega`` with ``common``, ``development`` and the others whose ids do not collide, so that
 it has PX4's newer messages too. Field order on the wire, truncation and extensions:
@@ -19,29 +19,33 @@ from mavdem.ingest.mavlink import framing
 from mavdem.ingest.mavlink.framing import (
     HEADER_BYTES_V1,
     HEADER_BYTES_V2,
+    LENGTH_BYTE,
     MARKER_V1,
     MARKER_V2,
     Bytes,
-    Seeds,
+    CrcExtras,
     rows_of,
 )
 from mavdem.ingest.telemetry import Columns, Fields, Parameters
 from mavdem.ingest.vocabulary import mavlink_constant
 
-INTEGER_TYPES = ("uint8", "int8", "uint16", "int16", "uint32", "int32")  # of parameters
+INTEGER_TYPES = ("uint8", "int8", "uint16", "int16", "uint32", "int32")
+"""NumPy types of integer parameters; in capitals, the ends of their names in MAV_PARAM_TYPE."""
 
 
 class MessageDefinition(NamedTuple):
-    """One message of the dialect: ``fields`` are in the order of the definition, extensions last.
-
-    ``wire`` is the payload as a structured dtype, in the order of the wire, extensions included.
-    """
+    """The definition of one MAVLink message."""
 
     message_id: int
+    """Its number."""
     name: str
+    """Its name: "ATTITUDE"."""
     fields: Names
+    """Names of its fields in the order of the definition, extensions last."""
     wire: np.dtype[Any]
+    """The payload as a structured type, in the order of the wire, extensions included."""
     crc_extra: int
+    """CRC_EXTRA, a byte of every checksum of this message, which follows from the definition."""
 
 
 @cache
@@ -57,8 +61,11 @@ def definitions_by_name() -> Mapping[str, MessageDefinition]:
 
 
 @cache
-def crc_extra_table() -> Seeds:
-    """Returns CRC_EXTRA by message id; -1 where the dialect has no such message, as at the last, which is too large."""
+def crc_extra_table() -> CrcExtras:
+    """Returns CRC_EXTRA by message id, -1 for none.
+
+    The last row stands for all ids that are too large: it has none.
+    """
     table = np.full(max(definitions_by_id()) + 2, -1, dtype=np.int32)
     for message_id, definition in definitions_by_id().items():
         table[message_id] = definition.crc_extra
@@ -68,35 +75,51 @@ def crc_extra_table() -> Seeds:
 def decoded_columns(
     data: Bytes, start: NDArray[np.integer], definition: MessageDefinition
 ) -> Fields:
-    """Returns the payloads of frames of one message as columns by name: (N,), or (N, k) for an array field.
+    """Decodes the payloads of frames of one message.
 
-    The frames' markers are at ``start`` (N,) in ``data``. Bytes that were not sent are zero: trailing zeros in
-    MAVLink 2, extensions in MAVLink 1. Bytes beyond the definition, extensions newer than the dialect, are left out.
-    Texts are bytes, ``S``.
+    Bytes that were not sent are zero: trailing zeros in MAVLink 2, extensions in MAVLink 1. Bytes beyond the
+    definition, extensions newer than the dialect, are left out.
+
+    Args:
+        data: The stream (B,).
+        start: Offset (N,) of each frame's marker.
+        definition: The definition of the message.
+
+    Returns:
+        Columns by name: (N,), or (N, k) for an array field. Texts are bytes, ``S``.
     """
     width = definition.wire.itemsize
-    payload = start.astype(np.int64) + np.where(
-        data[start] == MARKER_V1, HEADER_BYTES_V1, HEADER_BYTES_V2
-    )
-    table = np.empty((len(payload), width), np.uint8)
-    # What was not sent of the last frames may lie beyond the end.
-    is_last = payload + width > len(data)
-    table[~is_last] = rows_of(data, payload[~is_last], width)
-    table[is_last] = data.take(payload[is_last, None] + np.arange(width), mode="clip")
-    table[np.arange(width) >= data[start + 1][:, None]] = 0
-    messages = table.view(definition.wire)[:, 0]
+    header_bytes = np.where(data[start] == MARKER_V1, HEADER_BYTES_V1, HEADER_BYTES_V2)
+    payload_start = start.astype(np.int64) + header_bytes
+    payloads = np.empty((len(payload_start), width), np.uint8)
+    # Of the last frames, bytes that were not sent may lie beyond the end of the stream.
+    exceeds_stream = payload_start + width > len(data)
+    payloads[~exceeds_stream] = rows_of(data, payload_start[~exceeds_stream], width)
+    offsets = payload_start[exceeds_stream, None] + np.arange(width)
+    payloads[exceeds_stream] = data.take(offsets, mode="clip")
+    sent_bytes = data[start + LENGTH_BYTE]
+    payloads[np.arange(width) >= sent_bytes[:, None]] = 0
+    messages = payloads.view(definition.wire)[:, 0]
     return {name: np.ascontiguousarray(messages[name]) for name in definition.fields}
 
 
 def pymavlink_messages(data: bytes) -> list[Any]:
-    """Returns the messages in ``data`` as pymavlink has them; damage is BAD_DATA."""
+    """Parses bytes with pymavlink; damaged frames become messages of the type BAD_DATA."""
     parser = dialect.MAVLink(None)
     parser.robust_parsing = True
     return parser.parse_buffer(data) or []
 
 
 def enum_name(enum: str, value: int) -> str:
-    """Returns the name of an enum's entry without the enum's own: ("MAV_TYPE", 2) is "QUADROTOR"; else the number."""
+    """Returns the name of an enumeration's entry without the enumeration's own name.
+
+    Args:
+        enum: Name of the enumeration: "MAV_TYPE".
+        value: Number of the entry: 2.
+
+    Returns:
+        The name, "QUADROTOR"; the number where there is no such entry.
+    """
     entry = dialect.enums[enum].get(value)
     if entry is None or entry.name.endswith("_ENUM_END"):
         return str(value)
@@ -104,62 +127,99 @@ def enum_name(enum: str, value: int) -> str:
 
 
 def latest_parameters(sent: Columns, autopilot: str) -> Parameters:
-    """Returns the last finite value of each parameter by name, of :func:`decoded_parameters`."""
-    return {name: value for name, value in decoded_parameters(sent, autopilot) if isfinite(value)}
+    """Returns the last finite value of each parameter by name; arguments as of :func:`decoded_parameters`."""
+    parameters = {}
+    for name, value in decoded_parameters(sent, autopilot):
+        if isfinite(value):
+            parameters[name] = value
+    return parameters
 
 
 def decoded_parameters(sent: Columns, autopilot: str) -> list[tuple[str, float]]:
-    """Returns name and value of each row of PARAM_VALUE's columns, from the MAV_AUTOPILOT of the sender.
+    """Decodes parameters, which travel in a float32: ArduPilot casts integers to it, PX4 copies their bits.
 
-    A parameter travels in a float32. ArduPilot casts integers to it; PX4 copies their bits. Source:
-    https://mavlink.io/en/services/parameter.html#parameter-encoding.
+    Source: https://mavlink.io/en/services/parameter.html#parameter-encoding.
+
+    Args:
+        sent: Columns of PARAM_VALUE (N,).
+        autopilot: MAV_AUTOPILOT of the sender, without its prefix.
+
+    Returns:
+        Name and value of the parameter in each row.
     """
-    with np.errstate(invalid="ignore"):  # NaN stays NaN
+    # A conversion of a signalling NaN would warn; it stays NaN.
+    with np.errstate(invalid="ignore"):
         values = sent["param_value"].astype(np.float64)
     if autopilot == "PX4":
-        # The integers in the first bytes of little-endian float32 values.
+        # An integer of any width is in the first bytes of the little-endian float32.
         bits = np.ascontiguousarray(sent["param_value"], dtype="<f4").view("<u4")
-        for kind in INTEGER_TYPES:
-            rows = sent["param_type"] == mavlink_constant(f"MAV_PARAM_TYPE_{kind.upper()}")
-            values[rows] = bits[rows].astype(kind)
-    names = [
-        name.split(b"\0", 1)[0].decode("ascii", errors="replace")
-        for name in sent["param_id"].tolist()
-    ]
+        for integer_type in INTEGER_TYPES:
+            type_number = mavlink_constant(f"MAV_PARAM_TYPE_{integer_type.upper()}")
+            rows = sent["param_type"] == type_number
+            values[rows] = bits[rows].astype(integer_type)
+    names = []
+    for name in sent["param_id"].tolist():
+        text, _, _ = name.partition(b"\0")
+        names.append(text.decode("ascii", errors="replace"))
     return list(zip(names, values.tolist(), strict=True))
 
 
 def _definition(message: Any) -> MessageDefinition:
-    types = dict(zip(message.fieldnames, message.fieldtypes, strict=True))
-    wire = []
-    for name, count in zip(message.ordered_fieldnames, message.array_lengths, strict=True):
-        kind = types[name].removesuffix("_t").replace("float", "float32")
-        if kind == "char":
-            wire.append((name, f"S{count or 1}"))
-        else:
-            wire.append((name, f"({count},){kind}" if count else kind))
-    layout = np.dtype(wire).newbyteorder("<")
+    """Makes the definition of a message from pymavlink's class for it."""
+    type_of_field = dict(zip(message.fieldnames, message.fieldtypes, strict=True))
+    wire_fields = []
+    # An array length of 0 stands for a field that is no array.
+    for name, length in zip(message.ordered_fieldnames, message.array_lengths, strict=True):
+        c_type = type_of_field[name]
+        numpy_type = c_type.removesuffix("_t").replace("float", "float32")
+        if numpy_type == "char":
+            numpy_type = f"S{length or 1}"
+        elif length:
+            numpy_type = f"({length},){numpy_type}"
+        wire_fields.append((name, numpy_type))
     return MessageDefinition(
-        message.id, message.msgname, tuple(message.fieldnames), layout, message.crc_extra
+        message_id=message.id,
+        name=message.msgname,
+        fields=tuple(message.fieldnames),
+        wire=np.dtype(wire_fields).newbyteorder("<"),
+        crc_extra=message.crc_extra,
     )
 
 
 class FrameSender(NamedTuple):
-    """MAVLink ids ``system`` and ``component`` of who sends a frame."""
+    """Who sends a frame."""
 
     system: int
+    """MAVLink system id."""
     component: int
+    """MAVLink component id."""
 
 
 def encode_frame(
-    payload: bytes,
-    definition: MessageDefinition,
-    sender: FrameSender,
-    number: int,
+    payload: bytes, definition: MessageDefinition, sender: FrameSender, sequence: int
 ) -> bytes:
-    """Returns the frame, of MAVLink 2, of a payload with a sequence ``number``; without trailing zeros."""
+    """Makes a frame of MAVLink 2.
+
+    Args:
+        payload: The payload as ``definition.wire`` lays it out; trailing zeros are not sent.
+        definition: The definition of the message.
+        sender: Who sends it.
+        sequence: The sender's number of the frame, 0 to 255.
+    """
+    # At least one byte of the payload is sent.
     payload = payload.rstrip(b"\0") or b"\0"
-    header = bytes((MARKER_V2, len(payload), 0, 0, number, *sender))
+    incompatibility_flags = compatibility_flags = 0
+    header = bytes(
+        (
+            MARKER_V2,
+            len(payload),
+            incompatibility_flags,
+            compatibility_flags,
+            sequence,
+            sender.system,
+            sender.component,
+        )
+    )
     header += definition.message_id.to_bytes(3, "little")
     checksum = framing.frame_checksum(header[1:] + payload, definition.crc_extra)
     return header + payload + checksum.to_bytes(framing.CHECKSUM_BYTES, "little")

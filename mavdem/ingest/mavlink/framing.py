@@ -1,14 +1,15 @@
-"""MAVLink frames in bytes: one scan, block by block, and a table of frames.
+"""MAVLink frames in a stream of bytes: finding them, block by block, as a table with one row per frame.
 
-A frame is good when its checksum agrees. Bytes FD and FE also occur inside payloads and time stamps, so a marker is
-only a candidate. Candidates are accepted in this order:
+A frame matches when its checksum agrees with its content. The bytes FD and FE that begin frames also occur inside
+payloads and time stamps, so each of them is only a candidate. Candidates are accepted in this order:
 
-1. ``linked`` frames: the checksum agrees, and another marker is where the next frame should begin, or the bytes end;
-2. frames of another dialect, or damaged ones of the right length, whose checksum cannot agree: they fill the space
+1. ``linked`` frames: the checksum matches, and another marker is where the next frame should begin, or the bytes end;
+2. frames of another dialect, or damaged ones of the right length, whose checksum cannot match: they fill the space
    between two linked frames exactly;
-3. other frames whose checksum agrees, in the space that is left.
+3. ``isolated`` frames: others whose checksum matches, in the space that is left.
 
-A linked frame decides all bytes before it, so the scan holds no more than a block and the bytes since the last.
+A linked frame decides about all bytes before it, so the scan holds no more than a block and the bytes since the last
+linked frame.
 
 Sources: https://mavlink.io/en/guide/serialization.html (layout, truncation; the X.25 checksum is CRC-16/MCRF4XX,
 register reflected, poly 0x8408, starting with 0xFFFF, over the bytes after the marker and then CRC_EXTRA),
@@ -29,175 +30,294 @@ from pymavlink.dialects.v20 import all as dialect
 from mavdem.arrays import Flags
 
 Bytes = NDArray[np.uint8]
-Places = NDArray[np.int64]
-Seeds = NDArray[np.int32]  # CRC_EXTRA by message id, -1 for none
+"""Bytes, or one-byte fields of frames."""
+Offsets = NDArray[np.int64]
+"""Byte offsets in a stream, or other integers per frame."""
+CrcExtras = NDArray[np.int32]
+"""CRC_EXTRA by message id, -1 for ids without a message in the dialect.
 
-
-def frame_checksum(content: bytes, seed: int) -> int:
-    """Returns the checksum of a frame's ``content`` and ``seed``, which is its CRC_EXTRA."""
-    return mcrf4xx(content + bytes((seed,)))
-
-
-CRC_STEPS = np.array([mcrf4xx(bytes((byte,)), 0) for byte in range(256)])
-"""What a byte adds to a checksum, by that byte and the checksum's lower one: seeds of many frames at once."""
-
-
-def rows_of(data: Bytes, start: Places, width: int) -> Bytes:
-    """Returns the ``width`` bytes from each ``start`` (N,) on, as a table (N, width)."""
-    everywhere = np.ndarray((max(len(data) - width + 1, 0),), f"V{width}", data, strides=(1,))
-    return everywhere[start].view(np.uint8).reshape(len(start), width)
-
+CRC_EXTRA is a byte that follows from the definition of the message. It is part of the checksum, so that frames of a
+sender with another definition do not match.
+"""
 
 MARKER_V1: int = dialect.PROTOCOL_MARKER_V1
+"""First byte of a frame of MAVLink 1, FE."""
 MARKER_V2: int = dialect.PROTOCOL_MARKER_V2
+"""First byte of a frame of MAVLink 2, FD."""
 MARKERS = (bytes([MARKER_V1]), bytes([MARKER_V2]))
-SIGNED_FLAG: int = dialect.MAVLINK_IFLAG_SIGNED
-# Bytes
-SIGNATURE_BYTES: int = dialect.MAVLINK_SIGNATURE_BLOCK_LEN
-HEADER_BYTES_V1: int = dialect.HEADER_LEN_V1
-HEADER_BYTES_V2: int = dialect.HEADER_LEN_V2
-CHECKSUM_BYTES = np.uint16().itemsize
-MAX_FRAME_BYTES = HEADER_BYTES_V2 + np.iinfo(np.uint8).max + CHECKSUM_BYTES + SIGNATURE_BYTES
-SCANNED_BYTES = 1 << 18  # Bytes scanned at a time: bounds the memory for hostile input, all markers
+"""First bytes of frames, for ``bytes.startswith``."""
 
+SIGNED_FLAG: int = dialect.MAVLINK_IFLAG_SIGNED
+"""Incompatibility flag of a frame with a signature, 1, the only one that is defined."""
+
+HEADER_BYTES_V1: int = dialect.HEADER_LEN_V1
+"""Number of bytes before the payload in MAVLink 1, 6."""
+HEADER_BYTES_V2: int = dialect.HEADER_LEN_V2
+"""Number of bytes before the payload in MAVLink 2, 10."""
+CHECKSUM_BYTES = np.uint16().itemsize
+"""Number of bytes of the checksum, which follows the payload."""
+SIGNATURE_BYTES: int = dialect.MAVLINK_SIGNATURE_BLOCK_LEN
+"""Number of bytes of the signature, which follows the checksum."""
+MAX_FRAME_BYTES = HEADER_BYTES_V2 + np.iinfo(np.uint8).max + CHECKSUM_BYTES + SIGNATURE_BYTES
+"""Number of bytes of the longest frame: one of MAVLink 2 with a payload of 255 bytes and a signature."""
+
+# Where the fields of a header are, in bytes from the marker.
+
+LENGTH_BYTE = 1
+"""Offset of the number of payload bytes, in both versions."""
+INCOMPATIBILITY_BYTE = 2
+"""Offset of the incompatibility flags, in MAVLink 2."""
+SENDER_BYTES_V1 = slice(2, 5)
+"""Sequence number, system id and component id in MAVLink 1."""
+SENDER_BYTES_V2 = slice(4, 7)
+"""Sequence number, system id and component id in MAVLink 2."""
+MESSAGE_ID_BYTE_V1 = 5
+"""Offset of the message id in MAVLink 1, one byte."""
+MESSAGE_ID_BYTE_V2 = 7
+"""Offset of the first of three bytes of the message id in MAVLink 2, the lowest first."""
+LENGTH_FIELDS_BYTES = 3
+"""Number of a header's first bytes that determine the length of its frame, in both versions."""
+
+SCANNED_BYTES = 1 << 18
+"""Number of bytes that are scanned at a time. It bounds the memory for a hostile stream in which all are markers."""
 
 CHECKSUM_MATCHES, MESSAGE_UNKNOWN, CHECKSUM_FAILED = range(1, 4)
-"""Of a frame: the checksum agrees; the message id is not in the dialect; the checksum disagrees."""
+"""State of a frame: its checksum matches; its message is not in the dialect; its checksum does not match."""
+
+
+def frame_checksum(content: bytes, crc_extra: int) -> int:
+    """Returns the checksum of a frame.
+
+    Args:
+        content: The bytes of the frame after the marker and before the checksum.
+        crc_extra: CRC_EXTRA of its message.
+    """
+    return mcrf4xx(content + bytes((crc_extra,)))
+
+
+CRC_TABLE = np.array([mcrf4xx(bytes((byte,)), 0) for byte in range(256)])
+"""The checksum of each single byte, starting with 0.
+
+By it the checksums of many frames are continued over their CRC_EXTRA at once (table-driven CRC, one byte per step):
+new = old >> 8 ^ CRC_TABLE[(old ^ byte) & 0xFF].
+"""
+
+
+def rows_of(data: Bytes, start: Offsets, width: int) -> Bytes:
+    """Cuts pieces of equal length out of a stream.
+
+    Args:
+        data: The stream (B,).
+        start: Offset (N,) of each piece; all of its bytes must lie in the stream.
+        width: Number of bytes of a piece.
+
+    Returns:
+        The pieces as a table (N, width).
+    """
+    # As overlapping items of one type, which NumPy copies faster than bytes by index.
+    windows = np.ndarray((max(len(data) - width + 1, 0),), f"V{width}", data, strides=(1,))
+    return windows[start].view(np.uint8).reshape(len(start), width)
 
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """A table of frames in stream order; every column has shape (N,).
+    """A table of N frames in stream order; every column has shape (N,)."""
 
-    ``start`` is the offset of the marker, ``end`` that after the last byte. ``checksum`` is ``CHECKSUM_MATCHES``,
-    ``MESSAGE_UNKNOWN`` or ``CHECKSUM_FAILED``.
-    """
-
-    start: Places
-    end: Places
-    message_id: Places
+    start: Offsets
+    """Offset of the marker in the stream."""
+    end: Offsets
+    """Offset after the last byte."""
+    message_id: Offsets
+    """MAVLink's number of the message."""
     system: Bytes
+    """System id of the sender."""
     component: Bytes
+    """Component id of the sender."""
     sequence: Bytes
+    """Number that each sender counts up with every frame, from 255 to 0."""
     checksum: Bytes
+    """``CHECKSUM_MATCHES``, ``MESSAGE_UNKNOWN`` or ``CHECKSUM_FAILED``."""
 
     @property
-    def size(self) -> Places:
-        """(N,) bytes of each whole frame."""
+    def size(self) -> Offsets:
+        """Number of bytes of each whole frame (N,)."""
         return self.end - self.start
 
     def __len__(self) -> int:
         return len(self.start)
 
-    def __getitem__(self, rows: slice | Flags | Places) -> Frames:
+    def __getitem__(self, rows: slice | Flags | Offsets) -> Frames:
         return Frames(*(column[rows] for column in vars(self).values()))
 
 
-def concatenated(tables: Sequence[Frames]) -> Frames:
-    """Returns tables, one at least, one after the other."""
-    columns = zip(*(vars(table).values() for table in tables), strict=True)
-    return Frames(*map(np.concatenate, columns))
+def concatenated_frames(tables: Sequence[Frames]) -> Frames:
+    """Returns the frames of all tables, at least one, one table after the other."""
+    columns_of_tables = [vars(table) for table in tables]
+    return Frames(
+        *(
+            np.concatenate([columns[name] for columns in columns_of_tables])
+            for name in columns_of_tables[0]
+        )
+    )
 
 
-def find_frames(data: Bytes, seeds: Seeds, gap: int = 0) -> Frames:
-    """Returns every frame in ``data``, also of unknown messages and with failed checksums.
+def find_frames(data: Bytes, crc_extras: CrcExtras, gap: int = 0) -> Frames:
+    """Finds every frame in a stream, also those of unknown messages and with failed checksums.
 
-    ``seeds`` is CRC_EXTRA by message id, -1 where the dialect has no such message; ``gap`` the bytes between one frame
-    and the next: 8 for the time stamps of a tlog, 0 for a plain stream.
+    Args:
+        data: The stream (B,).
+        crc_extras: CRC_EXTRA by message id, -1 where the dialect has no such message.
+        gap: Number of bytes between one frame and the next: 8 for the time stamps of a tlog, 0 for a plain stream.
+
+    Returns:
+        The frames in stream order; they do not overlap.
     """
     size = len(data)
-    decided = 0
-    blocks = []
-    waiting: list[Frames] = []  # of the third kind, after the decided bytes
-    for begin in range(0, max(size, 1), SCANNED_BYTES):
-        end = min(begin + SCANNED_BYTES, size)
-        block = _FrameBlock(data, begin, end, gap, seeds)
-        linked = _apart(block.linked(), decided)
-        if len(linked) or end == size:
-            until = size if end == size else int(linked.end[-1])
-            taken = _merged([linked, _explained(data, linked, decided, until, gap, seeds)])
-            loose = [
-                frames[_fits(frames.start, frames.end, taken, decided, until)] for frames in waiting
-            ]
-            loose.append(block.loose(_fits(block.start, block.end, taken, decided, until)))
-            blocks.append(_merged([taken, _apart(_merged(loose), decided)]))
-            decided = until
-            waiting = []
-        waiting.append(block.loose(block.start >= decided))
-    return concatenated(blocks)
+    # All bytes before this offset are decided.
+    decided_end = 0
+    decided_tables = []
+    # Isolated frames of earlier blocks that begin after the decided bytes.
+    undecided_isolated: list[Frames] = []
+    for block_start in range(0, max(size, 1), SCANNED_BYTES):
+        block_end = min(block_start + SCANNED_BYTES, size)
+        block = _FrameBlock(data, block_start, block_end, gap, crc_extras)
+        linked = _without_overlaps(block.linked_frames(), decided_end)
+        if len(linked) or block_end == size:
+            new_end = size if block_end == size else int(linked.end[-1])
+            filling = _filling_frames(data, linked, decided_end, new_end, gap, crc_extras)
+            accepted = _in_stream_order([linked, filling])
+            isolated = []
+            for frames in undecided_isolated:
+                fits = _fits_between(frames.start, frames.end, accepted, decided_end, new_end)
+                isolated.append(frames[fits])
+            fits = _fits_between(block.start, block.end, accepted, decided_end, new_end)
+            isolated.append(block.isolated_frames(fits))
+            accepted_isolated = _without_overlaps(_in_stream_order(isolated), decided_end)
+            decided_tables.append(_in_stream_order([accepted, accepted_isolated]))
+            decided_end = new_end
+            undecided_isolated = []
+        undecided_isolated.append(block.isolated_frames(block.start >= decided_end))
+    return concatenated_frames(decided_tables)
 
 
 class _FrameBlock:
-    """The candidates (N,) that begin in one block of the bytes: markers with known incompatibility flags."""
+    """The candidates that begin in one block of a stream: markers whose incompatibility flags are known ones.
 
-    def __init__(self, data: Bytes, begin: int, end: int, gap: int, seeds: Seeds) -> None:
-        self._begin, self._size, self._seeds = begin, len(data), seeds
-        # With the bytes that the last candidate covers, zeros after the end of the stream.
-        self._bytes = np.zeros(end - begin + MAX_FRAME_BYTES + gap + 2, dtype=np.uint8)
-        there = data[begin : begin + len(self._bytes)]
-        self._bytes[: len(there)] = there
+    Attributes:
+        start: Offset (N,) in the stream of each candidate's marker.
+        end: Offset (N,) after the frame that its header announces; it may lie beyond the stream.
+    """
+
+    def __init__(
+        self, data: Bytes, block_start: int, block_end: int, gap: int, crc_extras: CrcExtras
+    ) -> None:
+        """Finds the candidates.
+
+        Args:
+            data: The whole stream (B,).
+            block_start: Offset of the block's first byte.
+            block_end: Offset after the block's last byte.
+            gap: Number of bytes between one frame and the next.
+            crc_extras: CRC_EXTRA by message id, -1 for none.
+        """
+        self._block_start = block_start
+        self._size = len(data)
+        self._crc_extras = crc_extras
+        # The block, the bytes that its last candidate covers, and the next frame's marker; zeros after the stream.
+        self._bytes = np.zeros(block_end - block_start + MAX_FRAME_BYTES + gap + 2, dtype=np.uint8)
+        available = data[block_start : block_start + len(self._bytes)]
+        self._bytes[: len(available)] = available
         self._content = self._bytes.tobytes()
-        block = self._bytes[: end - begin]
-        start = np.flatnonzero((block == MARKER_V1) | (block == MARKER_V2))
-        header = rows_of(self._bytes, start, HEADER_BYTES_V2)
-        known_flags = (header[:, 0] == MARKER_V1) | (header[:, 2] <= SIGNED_FLAG)
-        self._header = header[known_flags]
-        self.start = start[known_flags] + begin
-        self.end = self.start + _lengths(self._header)
-        following = self._bytes[self.end + (gap - begin)]
-        marked = (following == MARKER_V1) | (following == MARKER_V2)
-        self._linked = (self.end + gap >= self._size) | marked
+        block = self._bytes[: block_end - block_start]
+        markers = np.flatnonzero((block == MARKER_V1) | (block == MARKER_V2))
+        headers = rows_of(self._bytes, markers, HEADER_BYTES_V2)
+        is_version_1 = headers[:, 0] == MARKER_V1
+        has_known_flags = is_version_1 | (headers[:, INCOMPATIBILITY_BYTE] <= SIGNED_FLAG)
+        self._headers = headers[has_known_flags]
+        self.start = markers[has_known_flags] + block_start
+        self.end = self.start + _frame_lengths(self._headers)
+        next_byte = self._bytes[self.end + (gap - block_start)]
+        next_is_marker = (next_byte == MARKER_V1) | (next_byte == MARKER_V2)
+        self._is_linked = (self.end + gap >= self._size) | next_is_marker
 
-    def linked(self) -> Frames:
-        """The frames whose checksum agrees, where another begins after them or the bytes end before one could."""
-        return self._good(self._linked)
+    def linked_frames(self) -> Frames:
+        """Returns candidates whose checksum matches, and after which another begins, or the bytes end before one."""
+        return self._matching_frames(self._is_linked)
 
-    def loose(self, within: Flags) -> Frames:
-        """The others ``within`` whose checksum agrees; each linked one was accepted, or begins inside one that was."""
-        return self._good(within & ~self._linked)
+    def isolated_frames(self, selection: Flags) -> Frames:
+        """Returns the other candidates whose checksum matches, of a selection (N,).
 
-    def _good(self, wanted: Flags) -> Frames:
-        rows = np.flatnonzero(wanted & (self.end <= self._size))
-        frames = _headed(self.start[rows], self._header[rows])
-        seeds = self._seeds.take(frames.message_id, mode="clip")
-        has_seed = seeds >= 0
-        frames = frames[has_seed]
-        seeds = seeds[has_seed]
-        behind = frames.start + _covered(self._header[rows[has_seed]]) - self._begin
-        sent = self._bytes[behind] | self._bytes[behind + 1].astype(np.uint16) << 8
-        covered = zip((frames.start - self._begin + 1).tolist(), behind.tolist(), strict=True)
-        sums = [mcrf4xx(self._content[first:last]) for first, last in covered]
-        before = np.array(sums, dtype=np.uint16)
-        return frames[sent == before >> 8 ^ CRC_STEPS[(before ^ seeds) & 0xFF]]
+        The linked ones are left out: each was accepted, or begins inside one that was.
+        """
+        return self._matching_frames(selection & ~self._is_linked)
 
-
-def _covered(header: Bytes) -> Places:
-    """Bytes of the frame before its checksum, from headers (N, ``HEADER_BYTES_V2``)."""
-    before = np.where(header[:, 0] == MARKER_V2, HEADER_BYTES_V2, HEADER_BYTES_V1)
-    return np.add(before, header[:, 1], dtype=np.int64)
-
-
-def _lengths(header: Bytes) -> Places:
-    """Bytes of the whole frame."""
-    signed = (header[:, 0] == MARKER_V2) & (header[:, 2] == SIGNED_FLAG)
-    return _covered(header) + np.where(signed, CHECKSUM_BYTES + SIGNATURE_BYTES, CHECKSUM_BYTES)
-
-
-def frames_at(data: Bytes, start: Places) -> Frames:
-    """Returns the frames that begin at ``start`` (N,), all with the checksum ``CHECKSUM_MATCHES``."""
-    # A header at the very end may be shorter than ``HEADER_BYTES_V2``; the bytes read instead are no part of it.
-    return _headed(start, data.take(start[:, None] + np.arange(HEADER_BYTES_V2), mode="clip"))
+    def _matching_frames(self, selection: Flags) -> Frames:
+        """Returns those candidates of a selection (N,) that lie in the stream and whose checksum matches."""
+        rows = np.flatnonzero(selection & (self.end <= self._size))
+        frames = _frames_of_headers(self.start[rows], self._headers[rows])
+        crc_extras = self._crc_extras.take(frames.message_id, mode="clip")
+        is_known = crc_extras >= 0
+        frames = frames[is_known]
+        crc_extras = crc_extras[is_known]
+        # From here on offsets count from the start of the block.
+        start = frames.start - self._block_start
+        checksum_start = start + _bytes_before_checksum(self._headers[rows[is_known]])
+        low_byte = self._bytes[checksum_start]
+        high_byte = self._bytes[checksum_start + 1].astype(np.uint16)
+        sent = low_byte | high_byte << 8
+        # The checksum does not cover the marker.
+        covered = zip((start + 1).tolist(), checksum_start.tolist(), strict=True)
+        content = self._content
+        sums = [mcrf4xx(content[first:last]) for first, last in covered]
+        without_extra = np.array(sums, dtype=np.uint16)
+        computed = without_extra >> 8 ^ CRC_TABLE[(without_extra ^ crc_extras) & 0xFF]
+        return frames[sent == computed]
 
 
-def _headed(start: Places, header: Bytes) -> Frames:
-    """The frames that begin at ``start`` with these headers (N, ``HEADER_BYTES_V2``)."""
-    second = header[:, 0] == MARKER_V2
-    low, middle, high = (header[:, 7 + byte].astype(np.int64) for byte in range(3))
-    sequence, system, component = np.where(second[:, None], header[:, 4:7], header[:, 2:5]).T
+def _bytes_before_checksum(headers: Bytes) -> Offsets:
+    """Returns the number of bytes (N,) of header and payload, from headers (N, ``HEADER_BYTES_V2``)."""
+    header_bytes = np.where(headers[:, 0] == MARKER_V2, HEADER_BYTES_V2, HEADER_BYTES_V1)
+    return np.add(header_bytes, headers[:, LENGTH_BYTE], dtype=np.int64)
+
+
+def _frame_lengths(headers: Bytes) -> Offsets:
+    """Returns the number of bytes (N,) of the frames with these headers (N, ``HEADER_BYTES_V2``)."""
+    is_version_2 = headers[:, 0] == MARKER_V2
+    is_signed = is_version_2 & (headers[:, INCOMPATIBILITY_BYTE] == SIGNED_FLAG)
+    bytes_after_payload = np.where(is_signed, CHECKSUM_BYTES + SIGNATURE_BYTES, CHECKSUM_BYTES)
+    return _bytes_before_checksum(headers) + bytes_after_payload
+
+
+def frames_at(data: Bytes, start: Offsets) -> Frames:
+    """Reads frames whose beginnings are known.
+
+    Args:
+        data: The stream (B,).
+        start: Offset (N,) of each frame's marker.
+
+    Returns:
+        The frames, all with the checksum ``CHECKSUM_MATCHES``, which is not computed.
+    """
+    # A header of MAVLink 1 at the very end is shorter; the bytes that are read instead are no part of it.
+    headers = data.take(start[:, None] + np.arange(HEADER_BYTES_V2), mode="clip")
+    return _frames_of_headers(start, headers)
+
+
+def _frames_of_headers(start: Offsets, headers: Bytes) -> Frames:
+    """Returns the frames that begin at ``start`` (N,) with these headers (N, ``HEADER_BYTES_V2``)."""
+    is_version_2 = headers[:, 0] == MARKER_V2
+    low, middle, high = (
+        headers[:, MESSAGE_ID_BYTE_V2 + byte].astype(np.int64) for byte in range(3)
+    )
+    message_id_v2 = low | middle << 8 | high << 16
+    sender = np.where(
+        is_version_2[:, None], headers[:, SENDER_BYTES_V2], headers[:, SENDER_BYTES_V1]
+    )
+    sequence, system, component = sender.T
     return Frames(
         start=start,
-        end=start + _lengths(header),
-        message_id=np.where(second, low | middle << 8 | high << 16, header[:, 5]),
+        end=start + _frame_lengths(headers),
+        message_id=np.where(is_version_2, message_id_v2, headers[:, MESSAGE_ID_BYTE_V1]),
         sequence=sequence,
         system=system,
         component=component,
@@ -205,75 +325,123 @@ def _headed(start: Places, header: Bytes) -> Frames:
     )
 
 
-def _apart(frames: Frames, free: int) -> Frames:
-    """Frames in order, without those that begin before ``free`` or inside an earlier one."""
-    frames = frames[frames.start >= free]
+def _without_overlaps(frames: Frames, free_start: int) -> Frames:
+    """Leaves out frames that begin before an offset or inside an earlier frame.
+
+    Args:
+        frames: Frames in stream order.
+        free_start: The offset before which none may begin.
+    """
+    frames = frames[frames.start >= free_start]
     if (frames.start[1:] >= frames.end[:-1]).all():
         return frames
-    keep = np.zeros(len(frames), dtype=np.bool_)
-    for row, (start, end) in enumerate(
-        zip(frames.start.tolist(), frames.end.tolist(), strict=True)
-    ):
-        if start >= free:
-            keep[row] = True
-            free = end
-    return frames[keep]
+    is_accepted = np.zeros(len(frames), dtype=np.bool_)
+    bounds = zip(frames.start.tolist(), frames.end.tolist(), strict=True)
+    for row, (start, end) in enumerate(bounds):
+        if start >= free_start:
+            is_accepted[row] = True
+            free_start = end
+    return frames[is_accepted]
 
 
-def _explained(
-    data: Bytes, linked: Frames, decided: int, until: int, gap: int, seeds: Seeds
+def _filling_frames(
+    data: Bytes, linked: Frames, decided_end: int, new_end: int, gap: int, crc_extras: CrcExtras
 ) -> Frames:
-    """The frames that fill the space before, between and, at the end of the bytes, after linked frames exactly."""
-    ends = np.concatenate([[decided], linked.end])
-    before = ends + gap
-    after = np.append(linked.start, len(data) + gap if until == len(data) else 0)
+    """Finds the frames that fill the space before and between linked frames exactly, and that after them at the end.
+
+    By their headers they are frames, but their checksum does not match: they are of unknown messages, or damaged.
+
+    Args:
+        data: The stream (B,).
+        linked: Linked frames, in stream order.
+        decided_end: Offset before which all bytes are decided.
+        new_end: Offset up to which bytes are decided now: the end of the last linked frame, or that of the stream.
+        gap: Number of bytes between one frame and the next.
+        crc_extras: CRC_EXTRA by message id, -1 for none.
+
+    Returns:
+        The frames, with the state of their checksums.
+    """
+    space_start = np.concatenate([[decided_end], linked.end]) + gap
+    is_end_of_stream = new_end == len(data)
+    # Unless the stream ends here, the space after the last linked frame is left to the next block.
+    space_end = np.append(linked.start, len(data) + gap if is_end_of_stream else 0)
     content = data.data
-    starts = array("q")
-    for row in np.flatnonzero(after > before).tolist():
-        starts.extend(_chain(content, int(before[row]), int(after[row]), gap))
-    filling = np.frombuffer(starts, dtype=np.int64)
-    frames = frames_at(data, filling)
-    frames.checksum[:] = np.where(
-        seeds.take(frames.message_id, mode="clip") < 0, MESSAGE_UNKNOWN, CHECKSUM_FAILED
-    )
+    frame_starts = array("q")
+    for row in np.flatnonzero(space_end > space_start).tolist():
+        first, goal = int(space_start[row]), int(space_end[row])
+        frame_starts.extend(_starts_of_chain(content, first, goal, gap))
+    frames = frames_at(data, np.frombuffer(frame_starts, dtype=np.int64))
+    is_unknown = crc_extras.take(frames.message_id, mode="clip") < 0
+    frames.checksum[:] = np.where(is_unknown, MESSAGE_UNKNOWN, CHECKSUM_FAILED)
     return frames[frames.end <= len(data)]
 
 
-def _chain(content: memoryview, offset: int, goal: int, gap: int) -> Sequence[int]:
-    """Starts of the frames from ``offset`` on, by their headers, if they lead to the goal or the end of the bytes."""
+def _starts_of_chain(content: memoryview, offset: int, goal: int, gap: int) -> Sequence[int]:
+    """Follows frames by the lengths in their headers, each to the next.
+
+    Args:
+        content: The stream.
+        offset: Where the first frame begins.
+        goal: Where a frame must begin that is the last one's neighbour; beyond the stream for its end.
+        gap: Number of bytes between one frame and the next.
+
+    Returns:
+        The offset of each frame before the goal, if the chain leads there, or is cut off by the end of the stream;
+        else none.
+    """
     starts = array("q")
     size = len(content)
-    while offset < goal and offset + 3 <= size:
-        length = frame_length(*content[offset : offset + 3])
+    while offset < goal and offset + LENGTH_FIELDS_BYTES <= size:
+        length = frame_length(*content[offset : offset + LENGTH_FIELDS_BYTES])
         if length is None:
             break
         starts.append(offset)
         offset += length + gap
-    cut_off = goal > size and offset + 3 > size
-    return starts if offset == goal or cut_off else array("q")
+    is_cut_off = goal > size and offset + LENGTH_FIELDS_BYTES > size
+    if offset == goal or is_cut_off:
+        return starts
+    return array("q")
 
 
-def frame_length(marker: int, payload: int, flags: int) -> int | None:
-    """Returns the number of bytes of the frame whose header starts with these three; None if no header does."""
+def frame_length(marker: int, payload_length: int, flags: int) -> int | None:
+    """Returns the number of bytes of a frame from the first three bytes of its header; None if no header begins so.
+
+    Args:
+        marker: First byte.
+        payload_length: Second byte.
+        flags: Third byte: the incompatibility flags of MAVLink 2, without meaning in MAVLink 1.
+    """
     if marker == MARKER_V1:
-        return HEADER_BYTES_V1 + payload + CHECKSUM_BYTES
+        return HEADER_BYTES_V1 + payload_length + CHECKSUM_BYTES
     if marker == MARKER_V2 and flags <= SIGNED_FLAG:
-        return HEADER_BYTES_V2 + payload + CHECKSUM_BYTES + SIGNATURE_BYTES * flags
+        signature_bytes = SIGNATURE_BYTES if flags == SIGNED_FLAG else 0
+        return HEADER_BYTES_V2 + payload_length + CHECKSUM_BYTES + signature_bytes
     return None
 
 
-def _fits(start: Places, end: Places, taken: Frames, decided: int, until: int) -> Flags:
-    """Whether frames lie between ``decided`` and ``until`` and overlap none of those in ``taken``."""
-    following = np.searchsorted(taken.start, start, side="right")
-    free_from = np.concatenate([[decided], taken.end])[following]
-    limit = np.append(taken.start, until)[following]
-    return (start >= free_from) & (end <= limit)
+def _fits_between(
+    start: Offsets, end: Offsets, accepted: Frames, decided_end: int, new_end: int
+) -> Flags:
+    """Flags frames that overlap no accepted frame and lie between two offsets.
+
+    Args:
+        start: Offset (N,) of each frame's marker.
+        end: Offset (N,) after each frame.
+        accepted: Accepted frames in stream order.
+        decided_end: Offset before which no frame may begin.
+        new_end: Offset after which no frame may end.
+    """
+    next_rows = np.searchsorted(accepted.start, start, side="right")
+    free_start = np.concatenate([[decided_end], accepted.end])[next_rows]
+    free_end = np.append(accepted.start, new_end)[next_rows]
+    return (start >= free_start) & (end <= free_end)
 
 
-def _merged(tables: list[Frames]) -> Frames:
-    """Tables as one, in stream order."""
-    filled = [table for table in tables if len(table)] or tables[:1]
-    if len(filled) == 1:
-        return filled[0]
-    both = concatenated(filled)
-    return both[np.argsort(both.start, kind="stable")]
+def _in_stream_order(tables: list[Frames]) -> Frames:
+    """Joins tables of frames, at least one, into one in stream order."""
+    filled_tables = [table for table in tables if len(table)] or tables[:1]
+    if len(filled_tables) == 1:
+        return filled_tables[0]
+    frames = concatenated_frames(filled_tables)
+    return frames[np.argsort(frames.start, kind="stable")]

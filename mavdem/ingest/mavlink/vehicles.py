@@ -1,4 +1,4 @@
-"""The components of a stream, where in the stream each of their messages is, and which of them are vehicles."""
+"""Sorting a MAVLink stream by sender: the messages of each component, and which components are vehicles."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
+from mavdem.confidence import Interval
 from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair
-from mavdem.ingest.mavlink.clocks import Places, Sent, boot_clock, deviates_from_median
+from mavdem.ingest.mavlink.clocks import MessageStamps, boot_clock, deviates_from_median
 from mavdem.ingest.mavlink.definitions import (
     MessageDefinition,
     decoded_columns,
@@ -25,7 +26,8 @@ from mavdem.ingest.mavlink.framing import (
     MESSAGE_UNKNOWN,
     Bytes,
     Frames,
-    concatenated,
+    Offsets,
+    concatenated_frames,
 )
 from mavdem.ingest.motors import MOTOR_MESSAGES
 from mavdem.ingest.telemetry import (
@@ -33,6 +35,7 @@ from mavdem.ingest.telemetry import (
     Component,
     Fields,
     Log,
+    Parameters,
     Tables,
     Telemetry,
     UnreadFrames,
@@ -46,174 +49,372 @@ from mavdem.ingest.vocabulary import (
     UNNAMED,
 )
 
-Starts = NDArray[np.integer]
-"""Places of frames in the stream, in its order."""
+SEQUENCE_NUMBERS = 256
+"""Number of a sender's sequence numbers: they run from 0 to 255 and start again."""
+
+MAX_LATE_STEPS = 32
+"""Number of frames by which a late one is overtaken at most; a larger step back is of a sender that restarted."""
+
+MAX_MISSING_STEP = 128
+"""Largest step forward that is taken for lost frames: half of the sequence numbers."""
 
 
 def missing_messages(before: Any, after: Any) -> Any:
-    """Returns increase of one sender's number of missing messages from one message to the next, −33 to 127.
+    """Counts the messages that a sender's sequence numbers say are missing between one message and the next.
 
-    The numbers run from 0 to 255 and start again. A late message was counted as missing when another overtook it, and
-    the step after it counts the messages between again. It takes both back, so that the sum over a stream is the number
-    sent less the number received, as in RTP (RFC 3550, section 6.4.1). Duplicates make the sum too small.
+    A late message was counted as missing when another overtook it, and the step after it counts the messages between
+    again. It takes both back, so that the sum over a stream is the number of messages sent less the number received, as
+    in RTP (RFC 3550, section 6.4.1). Duplicates make the sum too small.
+
+    Args:
+        before: Sequence number of the message before, or an array of them, as signed integers.
+        after: Sequence number of the message itself, likewise.
+
+    Returns:
+        The increase of the number of missing messages, −33 to 127.
     """
-    step = (after - before) & 0xFF
-    late = step >= 256 - 32  # a larger step back is of a sender that restarted
-    ahead = (step > 0) & (step <= 128)
-    return (step - 1 - 256 * late) * (ahead | late)
+    step = (after - before) & (SEQUENCE_NUMBERS - 1)
+    is_late = step >= SEQUENCE_NUMBERS - MAX_LATE_STEPS
+    is_ahead = (step > 0) & (step <= MAX_MISSING_STEP)
+    return (step - 1 - SEQUENCE_NUMBERS * is_late) * (is_ahead | is_late)
 
 
-NOT_VEHICLES = frozenset({*NAMES["not_vehicles"], RADIO})
+NON_VEHICLE_TYPES = frozenset({*NAMES["not_vehicles"], RADIO})
 """MAV_TYPEs of components and ground equipment."""
+
 VEHICLE_MESSAGES = frozenset({"ATTITUDE", "ATTITUDE_QUATERNION", *MOTOR_MESSAGES})
 """A component without a HEARTBEAT is a vehicle if it sent one of these messages."""
-# Component (MAV_COMP_ID_MISSIONPLANNER) under which MAVProxy logs the parameters of a system
+
 PARAMETER_STORE_COMPONENT: int = dialect.MAV_COMP_ID_MISSIONPLANNER
+"""Component id under which MAVProxy logs the parameters of a system."""
+
 BOOT_CLOCK_UNITS = {"time_boot_ms": 1e3, "time_boot_us": 1e6, "time_usec": 1e6}
-"""Fields with the boot clock, the more reliable first, and their units in a second."""
+"""Fields with the boot clock, the more reliable first, and their units per second."""
+
+MAX_STAMP_JUMP = 3600.0
+"""Deviation of a receive stamp from the median of those around it, s, beyond which it is wrong: a choice.
+
+A clock that is set in flight jumps by less, or for good.
+"""
+
+STAMP_WINDOW = 9
+"""Number of receive stamps of which that median is taken."""
+
+MICROSECONDS = 1e6
+"""Microseconds in a second."""
+
+OffsetsByMessage = Mapping[int, NDArray[np.integer]]
+"""Offsets (n,) of the frames of each message whose checksum matches, ascending, by message id, ascending."""
 
 
-MAX_STAMP_JUMP = 3600.0  # Seconds from its neighbours beyond which a receive stamp is wrong
-STAMP_WINDOW = 9  # Stamps whose median is compared with the one in their middle
+@dataclass(frozen=True)
+class _ComponentRecord:
+    """What one component sent."""
+
+    component: Component
+    """Who it is, and how many messages it sent."""
+    messages: Tables
+    """Its messages on its boot clock."""
+    clock_repairs: Facts
+    """Repairs of that clock."""
 
 
 def assemble(stream: FrameStream) -> Log:
-    """Returns the log of a stream."""
-    data = stream.data
+    """Sorts a stream by sender, and decodes the messages of each.
+
+    Returns:
+        The log: every component, and those of them that are vehicles with their messages.
+    """
     frames = stream.frames
-    ids_of = frames.system.astype(np.int64) << 8 | frames.component
-    sent = _starts(frames, ids_of)
-    rows_of = rows_by_value(ids_of)
-    unread = tuple(_unread(frames, ids_of, sent))
+    sender_ids = _sender_ids(frames)
+    frames_of_senders = _matching_frames(frames, sender_ids)
+    unread = tuple(_unread_frames(frames, sender_ids, frames_of_senders))
+    rows_of_senders = rows_by_value(sender_ids)
+    records = []
+    for sender_id, frames_of_messages in frames_of_senders.items():
+        sequence = frames.sequence[rows_of_senders[sender_id]]
+        records.append(_component_record(stream.data, sender_id, frames_of_messages, sequence))
+    stream_repairs = _stream_repairs(stream, unread)
+    vehicles = []
+    for record in records:
+        if _is_vehicle(record.component):
+            component = record.component
+            vehicles.append(
+                Telemetry(
+                    component.system,
+                    component.component,
+                    vehicle=component.kind,
+                    autopilot=component.autopilot,
+                    messages=record.messages,
+                    parameters=_parameters_of(record, records),
+                    source=stream.source,
+                    repairs=stream_repairs + record.clock_repairs,
+                )
+            )
+    return Log(
+        source=stream.source,
+        vehicles=tuple(vehicles),
+        components=tuple(record.component for record in records),
+        unread=unread,
+        frames=len(frames),
+        bytes_skipped=stream.bytes_skipped,
+        receive_time=_receive_interval(stream.stamps),
+    )
+
+
+def _stream_repairs(stream: FrameStream, unread: Sequence[UnreadFrames]) -> Facts:
+    """Reports what was repaired or left out of a stream, for all its vehicles."""
     repairs = stream.repairs
     for cause in (Flaw.DAMAGE, Flaw.ANOTHER_DIALECT):
         count = sum(kind.frames for kind in unread if kind.cause is cause)
         repairs += repair_facts(Repair.FRAMES_LEFT_OUT, count=count, flaw=cause)
-    repairs += repair_facts(Repair.BYTES_SKIPPED, count=stream.bytes_skipped, part="frame")
-    heard = []
-    for ids, starts in sent.items():
-        messages, of_clock = _messages(data, starts)
-        kind, autopilot = (
-            identity(messages["HEARTBEAT"]) if "HEARTBEAT" in messages else (UNNAMED, UNNAMED)
-        )
-        counts = {name: len(fields["time"]) for name, fields in messages.items()}
-        if counts and RADIO_MESSAGES.issuperset(counts):
-            kind = RADIO
-        sequence = frames.sequence[rows_of[ids]].astype(np.int16)
-        lost = int(missing_messages(sequence[:-1], sequence[1:]).sum())
-        sender = Component(ids >> 8, ids & 0xFF, kind, autopilot, counts, max(lost, 0))
-        heard.append((sender, messages, of_clock))
-    stores = {
-        sender.system: messages
-        for sender, messages, _ in heard
-        if sender.component == PARAMETER_STORE_COMPONENT
-    }
-    vehicles = []
-    for sender, messages, of_clock in heard:
-        # Without a HEARTBEAT it is one by what it sent.
-        is_vehicle = sender.kind not in NOT_VEHICLES and set(sender.messages) != {"HEARTBEAT"}
-        if (
-            (not VEHICLE_MESSAGES.isdisjoint(sender.messages))
-            if sender.kind == UNNAMED
-            else is_vehicle
-        ):
-            parameters: dict[str, float] = {}
-            for own in (stores.get(sender.system, {}), messages):
-                if "PARAM_VALUE" in own:
-                    parameters |= latest_parameters(own["PARAM_VALUE"], sender.autopilot)
-            who = (sender.system, sender.component, sender.kind, sender.autopilot)
-            all_repairs = repairs + of_clock
-            vehicles.append(Telemetry(*who, messages, parameters, stream.source, all_repairs))
-    stamps = stream.stamps[stream.stamps > 0] / 1e6
-    stamps = stamps[~deviates_from_median(stamps, STAMP_WINDOW, MAX_STAMP_JUMP)]
-    span = (float(stamps.min()), float(stamps.max())) if len(stamps) else (np.nan, np.nan)
-    components = tuple(sender for sender, *_ in heard)
-    return Log(
-        stream.source,
-        tuple(vehicles),
-        components,
-        unread,
-        len(frames),
-        stream.bytes_skipped,
-        span,
-    )
+    skipped = stream.bytes_skipped
+    return repairs + repair_facts(Repair.BYTES_SKIPPED, count=skipped, part="frame")
 
 
-def _starts(frames: Frames, ids_of: Places) -> dict[int, dict[int, Starts]]:
-    """Where matching frames of each message begin, by ``system << 8 | component`` and message id, both ascending."""
-    matching = frames.checksum == CHECKSUM_MATCHES
-    starts = frames.start[matching]
-    sent: dict[int, dict[int, Starts]] = {}
-    for kind, rows in rows_by_value((ids_of << 24 | frames.message_id)[matching]).items():
-        sent.setdefault(kind >> 24, {})[kind & 0xFFFFFF] = starts[rows]
-    return sent
+def _receive_interval(stamps: NDArray[np.uint64]) -> Interval:
+    """Returns first and last trustworthy receive stamp, UNIX s, from stamps (N,), µs; NaN where there is none."""
+    seconds = stamps[stamps > 0] / MICROSECONDS
+    seconds = seconds[~deviates_from_median(seconds, STAMP_WINDOW, MAX_STAMP_JUMP)]
+    if not len(seconds):
+        return np.nan, np.nan
+    return float(seconds.min()), float(seconds.max())
 
 
-def _unread(
-    frames: Frames, ids_of: Places, sent: Mapping[int, Mapping[int, Starts]]
+# A sender's system and component id are packed into one number, so that frames can be sorted by sender. The same is
+# done with message ids, which have 24 bits.
+
+COMPONENT_BITS = 8
+"""Number of bits of a component id."""
+COMPONENT_MASK = 0xFF
+"""The bits of the component id in a packed sender."""
+SENDER_BITS = 16
+"""Number of bits of a packed sender."""
+SENDER_MASK = 0xFFFF
+"""Those bits."""
+MESSAGE_ID_BITS = 24
+"""Number of bits of a message id."""
+MESSAGE_ID_MASK = 0xFFFFFF
+"""Those bits."""
+
+
+def _sender_ids(frames: Frames) -> Offsets:
+    """Packs system and component id of each frame (N,) into ``system << 8 | component``."""
+    return frames.system.astype(np.int64) << COMPONENT_BITS | frames.component
+
+
+def _matching_frames(frames: Frames, sender_ids: Offsets) -> dict[int, OffsetsByMessage]:
+    """Groups the frames whose checksum matches by sender and message.
+
+    Args:
+        frames: Frames (N,) in stream order.
+        sender_ids: Packed sender of each (N,).
+
+    Returns:
+        Offsets of the frames by packed sender, ascending, and message id.
+    """
+    is_matching = frames.checksum == CHECKSUM_MATCHES
+    starts = frames.start[is_matching]
+    keys = (sender_ids << MESSAGE_ID_BITS | frames.message_id)[is_matching]
+    grouped: dict[int, dict[int, NDArray[np.integer]]] = {}
+    for key, rows in rows_by_value(keys).items():
+        messages = grouped.setdefault(key >> MESSAGE_ID_BITS, {})
+        messages[key & MESSAGE_ID_MASK] = starts[rows]
+    return dict(grouped)
+
+
+MIN_FOREIGN_FRAMES = 3
+"""Number of frames of a message, all with failed checksums, that make it another dialect's; fewer may be damaged."""
+
+
+def _unread_frames(
+    frames: Frames, sender_ids: Offsets, frames_of_senders: Mapping[int, OffsetsByMessage]
 ) -> Iterator[UnreadFrames]:
-    """The frames that could not be read, of a stream in which the matching ones are ``sent``."""
-    bad = frames.checksum != CHECKSUM_MATCHES
-    checksums = frames.checksum[bad]
-    for key, rows in rows_by_value((frames.message_id << 16 | ids_of)[bad]).items():
-        message_id = key >> 16
-        ids = key & 0xFFFF
-        total = len(rows) + len(sent.get(ids, {}).get(message_id, ()))
-        # Of another dialect all frames of a message fail, and more than two, which may be damage.
-        strange = ids in sent if checksums[rows[0]] == MESSAGE_UNKNOWN else len(rows) == total >= 3
-        cause = Flaw.ANOTHER_DIALECT if strange else Flaw.DAMAGE
-        yield UnreadFrames(message_id, ids >> 8, ids & 0xFF, len(rows), total, cause)
+    """Counts the frames that cannot be read, by message and sender, and finds out why.
+
+    A message that is not in the dialect is another dialect's if its sender sent readable frames too; else the frame is
+    damaged, and the ids in it are wrong. Of a message that is in the dialect all frames fail if the sender has another
+    definition of it.
+
+    Args:
+        frames: Frames (N,) in stream order.
+        sender_ids: Packed sender of each (N,).
+        frames_of_senders: Offsets of the frames that can be read, by packed sender and message id.
+    """
+    is_unreadable = frames.checksum != CHECKSUM_MATCHES
+    checksums = frames.checksum[is_unreadable]
+    keys = (frames.message_id << SENDER_BITS | sender_ids)[is_unreadable]
+    for key, rows in rows_by_value(keys).items():
+        message_id = key >> SENDER_BITS
+        sender_id = key & SENDER_MASK
+        readable = frames_of_senders.get(sender_id, {}).get(message_id, ())
+        total = len(rows) + len(readable)
+        if checksums[rows[0]] == MESSAGE_UNKNOWN:
+            is_foreign = sender_id in frames_of_senders
+        else:
+            is_foreign = len(rows) == total >= MIN_FOREIGN_FRAMES
+        yield UnreadFrames(
+            message_id,
+            system=sender_id >> COMPONENT_BITS,
+            component=sender_id & COMPONENT_MASK,
+            frames=len(rows),
+            total=total,
+            cause=Flaw.ANOTHER_DIALECT if is_foreign else Flaw.DAMAGE,
+        )
 
 
-def identity(heartbeats: Columns) -> tuple[str, str]:
-    """Returns the MAV_TYPE of most HEARTBEATs, and the MAV_AUTOPILOT of most of these, without their prefixes."""
+def _component_record(
+    data: Bytes, sender_id: int, frames_of_messages: OffsetsByMessage, sequence: Bytes
+) -> _ComponentRecord:
+    """Decodes everything that one component sent.
+
+    Args:
+        data: The stream (B,).
+        sender_id: Packed sender.
+        frames_of_messages: Offsets of its readable frames by message id.
+        sequence: Sequence numbers (n,) of all its frames.
+    """
+    messages, clock_repairs = _messages(data, frames_of_messages)
+    kind, autopilot = UNNAMED, UNNAMED
+    if "HEARTBEAT" in messages:
+        kind, autopilot = vehicle_identity(messages["HEARTBEAT"])
+    counts = {name: len(columns["time"]) for name, columns in messages.items()}
+    if counts and RADIO_MESSAGES.issuperset(counts):
+        kind = RADIO
+    signed_sequence = sequence.astype(np.int16)
+    lost = int(missing_messages(signed_sequence[:-1], signed_sequence[1:]).sum())
+    component = Component(
+        sender_id >> COMPONENT_BITS,
+        sender_id & COMPONENT_MASK,
+        kind,
+        autopilot,
+        messages=counts,
+        # Duplicates make the sum negative.
+        lost=max(lost, 0),
+    )
+    return _ComponentRecord(component, messages, clock_repairs)
+
+
+def _is_vehicle(component: Component) -> bool:
+    """Returns whether a component is a vehicle: by its HEARTBEAT, or without any by the messages that it sent.
+
+    One that sent nothing but HEARTBEATs has nothing to read.
+    """
+    if component.kind == UNNAMED:
+        return not VEHICLE_MESSAGES.isdisjoint(component.messages)
+    return component.kind not in NON_VEHICLE_TYPES and set(component.messages) != {"HEARTBEAT"}
+
+
+def _parameters_of(vehicle: _ComponentRecord, records: Sequence[_ComponentRecord]) -> Parameters:
+    """Returns a vehicle's parameters by name: what it sent, and else what MAVProxy noted for its system."""
+    parameters: dict[str, float] = {}
+    sources = [
+        record
+        for record in records
+        if record.component.system == vehicle.component.system
+        and record.component.component == PARAMETER_STORE_COMPONENT
+    ]
+    for record in (*sources, vehicle):
+        if "PARAM_VALUE" in record.messages:
+            parameters |= latest_parameters(
+                record.messages["PARAM_VALUE"], vehicle.component.autopilot
+            )
+    return parameters
+
+
+GENERIC_WEIGHT = 0.1
+"""Weight of a HEARTBEAT of type GENERIC among all of a component: scripts send such under any id."""
+
+
+def vehicle_identity(heartbeats: Columns) -> tuple[str, str]:
+    """Finds out what a component is, by majority.
+
+    Args:
+        heartbeats: Columns of HEARTBEAT, at least one row.
+
+    Returns:
+        The MAV_TYPE of most HEARTBEATs, and the MAV_AUTOPILOT of most of these, without their prefixes.
+    """
     votes = np.bincount(heartbeats["type"]).astype(np.float64)
-    votes[0] *= 0.1  # GENERIC: scripts send it under any id
+    votes[dialect.MAV_TYPE_GENERIC] *= GENERIC_WEIGHT
     kind = int(votes.argmax())
-    autopilot = int(np.bincount(heartbeats["autopilot"][heartbeats["type"] == kind]).argmax())
+    autopilots = heartbeats["autopilot"][heartbeats["type"] == kind]
+    autopilot = int(np.bincount(autopilots).argmax())
     return enum_name("MAV_TYPE", kind), enum_name("MAV_AUTOPILOT", autopilot)
 
 
-def _messages(data: Bytes, sent: Mapping[int, Starts]) -> tuple[Tables, Facts]:
-    """Matching frames of one component by message id, as columns by name on the boot clock; repairs of its clock."""
+def _messages(data: Bytes, frames_of_messages: OffsetsByMessage) -> tuple[Tables, Facts]:
+    """Decodes the frames of one component and puts them on its boot clock.
+
+    Args:
+        data: The stream (B,).
+        frames_of_messages: Offsets of the component's readable frames by message id.
+
+    Returns:
+        Columns by name of the message, and repairs of the clock.
+    """
     decoded = {}
-    kinds = []
-    for message_id, starts in sent.items():
+    message_stamps = []
+    for message_id, starts in frames_of_messages.items():
         definition = definitions_by_id()[message_id]
-        fields = decoded[definition.name] = decoded_columns(data, starts, definition)
-        kinds.append(_sent(definition, starts, fields))
-    placed, repairs = boot_clock(kinds)
-    return {name: {**fields, **placed[name]._asdict()} for name, fields in decoded.items()}, repairs
+        fields = decoded_columns(data, starts, definition)
+        decoded[definition.name] = fields
+        message_stamps.append(_message_stamps(definition, starts, fields))
+    boot_times, repairs = boot_clock(message_stamps)
+    tables = {}
+    for name, fields in decoded.items():
+        time, boot = boot_times[name]
+        tables[name] = {**fields, "time": time, "boot": boot}
+    return tables, repairs
 
 
-def _sent(definition: MessageDefinition, starts: Starts, fields: Fields) -> Sent:
-    for name, units in BOOT_CLOCK_UNITS.items():
+def _message_stamps(
+    definition: MessageDefinition, starts: NDArray[np.integer], fields: Fields
+) -> MessageStamps:
+    """Returns the stamps in the messages of one type, s, if the type has a field with the boot clock.
+
+    Args:
+        definition: The definition of the message.
+        starts: Offset (n,) of each frame in the stream.
+        fields: Columns (n,) of the message.
+    """
+    for name, units_per_second in BOOT_CLOCK_UNITS.items():
         if name in fields:
-            kind = fields[name].dtype
-            period = np.inf if kind.itemsize == 8 else 2.0 ** (8 * kind.itemsize) / units
-            return Sent(definition.name, starts, fields[name] / units, period)
-    return Sent(definition.name, starts)
+            counter_bytes = fields[name].dtype.itemsize
+            period = np.inf
+            if counter_bytes < np.dtype(np.uint64).itemsize:
+                period = 2.0 ** (8 * counter_bytes) / units_per_second
+            stamps = fields[name] / units_per_second
+            return MessageStamps(definition.name, starts, stamps, period)
+    return MessageStamps(definition.name, starts)
 
 
 @dataclass(frozen=True, eq=False)
 class FrameStream:
-    """A recorded stream, not yet sorted by sender; ``file_ending`` is the usual end of such files, ".tlog"."""
+    """A recorded stream of N frames, not yet sorted by sender."""
 
     source: str
+    """The file or link it came from."""
     file_ending: str
-    data: Bytes  # the bytes with the frames, in the same order
-    frames: Frames  # (N,) in the order of the recording
-    # (N,) UNIX microseconds each was received, as recorded; 0 where that was not
+    """The usual ending of the names of such files: ".tlog"."""
+    data: Bytes
+    """The bytes with the frames, in the order of the recording."""
+    frames: Frames
+    """The frames (N,), in the same order."""
     stamps: NDArray[np.uint64]
+    """When each frame was received (N,), UNIX µs, as recorded; 0 where that was not."""
     bytes_skipped: int
+    """Number of bytes of the recording that belong to no frame."""
     repairs: Facts
+    """What was odd or damaged, and what was done about it."""
 
     def stamped_frames(self) -> Iterator[tuple[int, bytes]]:
-        """Yields the stamp and the bytes of each frame; a frame without a stamp has that of the frame before."""
-        last = np.maximum.accumulate(np.where(self.stamps > 0, np.arange(len(self.stamps)), 0))
+        """Yields receive stamp, UNIX µs, and bytes of each frame; one without a stamp has that of the frame before."""
+        rows = np.arange(len(self.stamps))
+        last_stamped_row = np.maximum.accumulate(np.where(self.stamps > 0, rows, 0))
         content = self.data.data
         for stamp, start, end in zip(
-            self.stamps[last].tolist(),
+            self.stamps[last_stamped_row].tolist(),
             self.frames.start.tolist(),
             self.frames.end.tolist(),
             strict=True,
@@ -222,30 +423,35 @@ class FrameStream:
 
 
 class RecordingPart(NamedTuple):
-    """Some of a recording's frames, (N,), and the bytes with them.
-
-    ``place`` (N,) is the number of the message of the recording in which each begins, ``log_time`` (N,) UNIX ns.
-    """
+    """Some of the frames of a recording, N of them, such as those of one channel."""
 
     data: Bytes
+    """The bytes with the frames."""
     frames: Frames
-    place: Places
+    """The frames (N,)."""
+    position: Offsets
+    """Number of the recording's message in which each frame begins (N,)."""
     log_time: NDArray[np.uint64]
+    """When that message was recorded (N,), UNIX ns."""
 
 
-def joined(parts: Sequence[RecordingPart]) -> RecordingPart:
-    """Returns all parts, one at least, as one, its frames and their bytes in the order of the recording."""
+def joined_parts(parts: Sequence[RecordingPart]) -> RecordingPart:
+    """Joins parts of a recording, at least one, into one whose frames and bytes are in the order of the recording."""
     if len(parts) == 1:
         return parts[0]
-    contents, tables, places, times = zip(*parts, strict=True)
-    offsets = np.concatenate(places)
-    order = np.argsort(offsets, kind="stable")
-    holding = np.repeat(np.arange(len(parts)), [len(table) for table in tables])[order].tolist()
-    frames = concatenated(tables)[order]
+    positions = np.concatenate([part.position for part in parts])
+    log_times = np.concatenate([part.log_time for part in parts])
+    frames = concatenated_frames([part.frames for part in parts])
+    part_numbers = np.repeat(np.arange(len(parts)), [len(part.frames) for part in parts])
+    order = np.argsort(positions, kind="stable")
+    frames = frames[order]
     data = bytearray()
-    for part, start, end in zip(holding, frames.start.tolist(), frames.end.tolist(), strict=True):
-        data += contents[part].data[start:end]
-    end = np.cumsum(frames.size)
-    frames = replace(frames, start=end - frames.size, end=end)
-    joint = np.frombuffer(data, dtype=np.uint8)
-    return RecordingPart(joint, frames, offsets[order], np.concatenate(times)[order])
+    for part_number, start, end in zip(
+        part_numbers[order].tolist(), frames.start.tolist(), frames.end.tolist(), strict=True
+    ):
+        data += parts[part_number].data.data[start:end]
+    ends = np.cumsum(frames.size)
+    frames = replace(frames, start=ends - frames.size, end=ends)
+    return RecordingPart(
+        np.frombuffer(data, dtype=np.uint8), frames, positions[order], log_times[order]
+    )

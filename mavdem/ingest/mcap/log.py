@@ -46,7 +46,7 @@ from mavdem.ingest.mavlink.framing import (
     MARKERS,
     find_frames,
 )
-from mavdem.ingest.mavlink.vehicles import FrameStream, RecordingPart, assemble, joined
+from mavdem.ingest.mavlink.vehicles import FrameStream, RecordingPart, assemble, joined_parts
 from mavdem.ingest.mcap.records import McapRecording
 from mavdem.ingest.ros2.log import flight_topics, read_ros2
 from mavdem.ingest.telemetry import Log, repair_facts
@@ -113,7 +113,7 @@ def _stream(source: str, recording: McapRecording) -> FrameStream:
     if not any((part.frames.checksum == CHECKSUM_MATCHES).any() for part in parts):
         like = unread + sum(len(part.frames) for part in parts)
         raise Unreadable(_nothing_in(source, recording, like))
-    part = joined(parts)
+    part = joined_parts(parts)
     stamps = part.log_time // np.uint64(1000)
     if flight_topics(recording):
         repairs += repair_facts(Repair.TOPICS_NOT_READ, name="ros2")

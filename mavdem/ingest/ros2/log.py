@@ -26,7 +26,7 @@ from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.files import load_adjacent_toml
 from mavdem.ingest import px4_topics
-from mavdem.ingest.mavlink.clocks import Sent, boot_clock
+from mavdem.ingest.mavlink.clocks import MessageStamps, boot_clock
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mcap.records import McapRecording
 from mavdem.ingest.px4_topics import NEEDED, SETPOINTS
@@ -360,7 +360,7 @@ def _on_one_clock(
     without = sum(np.count_nonzero(~some) for some in usable.values())
     repairs += repair_facts(Repair.LOGGED_MESSAGES_LEFT_OUT, count=without, flaw=Flaw.NO_STAMP)
     sent = [
-        Sent(
+        MessageStamps(
             name,
             tables[name].places[some],
             seconds[name][some],
