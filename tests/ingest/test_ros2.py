@@ -24,7 +24,6 @@ from scipy.spatial.transform import Rotation
 from ulog_files import roll
 
 import mavdem
-from mavdem.dataset import signals
 from mavdem.dataset.setpoints import recorded_setpoints
 from mavdem.dataset.signals import Signals
 from mavdem.errors import NotLearnable
