@@ -24,6 +24,7 @@ from scipy.spatial.transform import Rotation
 from ulog_files import roll
 
 import mavdem
+from mavdem.dataset.attitude import attitude_of_axis
 from mavdem.dataset.setpoints import recorded_setpoints
 from mavdem.dataset.signals import Signals
 from mavdem.errors import NotLearnable
