@@ -71,9 +71,9 @@ UPWARD_IMPORTS = {
     ("dem.online.learner", "plant.parameters"),
     ("dem.online.estimate", "plant.parameters"),  # Estimate.physical, its type
     ("loops.axis_loops", "loops.advice"),  # Loop.advice
-    ("loops.twin", "report.vehicle_files"),  # Twin.replayed()
-    ("loops.twin", "sitl_scenarios.files"),
-    ("loops.twin", "sitl_scenarios.simulation"),
+    ("loops.twin_flight", "report.vehicle_files"),  # fly_twin()
+    ("loops.twin_flight", "sitl_scenarios.files"),
+    ("loops.twin_flight", "sitl_scenarios.simulation"),
     ("assessment.record", "documents"),  # Assessment.as_dict()
     ("assessment.record", "documents.review"),
     ("assessment.record", "report.flight_page"),  # Assessment.page()

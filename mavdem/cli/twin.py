@@ -15,7 +15,7 @@ from mavdem.cli.options import (
 )
 from mavdem.cli.output import check_file, print_result, say_aside
 from mavdem.files import write_text_atomically
-from mavdem.loops.twin import compare_twin_with_flight
+from mavdem.loops.twin_flight import compare_twin_with_flight
 from mavdem.report.vehicle_files import LEFT_OUT, twin_blocks, unlearned, vehicle_text
 
 

@@ -1,18 +1,17 @@
-"""Twin: the vehicle that a log shows, as simulators fly it: an X of four motors, in SI units."""
+"""The twin of a vehicle for simulators: an X quadrotor in SI units, built from identified loops.
 
-import tomllib
-from collections.abc import Mapping, Sequence
+The motion shows the product of mass, arm and 1 / inertia only. So the mass is assumed unless it is given, and the arm
+by it, unless PX4's parameters have it; the moments of inertia then follow from the control effectiveness.
+"""
+
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.random import default_rng
 from scipy.constants import g as GRAVITY  # noqa: N812
 
-from mavdem.arrays import Array
 from mavdem.confidence import Interval, coverage_factor
 from mavdem.containers import Numbers
-from mavdem.dataset.axes import AXES
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.identifiability import Status
@@ -24,11 +23,10 @@ from mavdem.loops.autopilot_parameters import (
     DEFAULT_LOOP_RATES,
     LOOP_RATE_PARAMETERS,
     MAX_LOOP_RATE,
+    MOTOR_COUNT,
 )
 from mavdem.loops.axis_loops import Loop, LoopsByAxis
 from mavdem.loops.controllers import controller_from_parameters
-from mavdem.loops.measured_response import interpolated_setpoint
-from mavdem.plant.parameters import wind_torque_density
 from mavdem.wind_velocity.airflow import Drag
 from mavdem.wind_velocity.estimation import WindVelocity
 
@@ -37,59 +35,78 @@ TORQUE_SIGNS = {
     "pitch": (1.0, -1.0, 1.0, -1.0),
     "yaw": (1.0, 1.0, -1.0, -1.0),
 }
-"""Of the motors' torque about each axis: an X as ArduPilot and PX4 count it, 1 of yaw counterclockwise from above."""
-# m kg^(-1/3), of a 3DR Iris: arms grow with the cube root of the mass; kg where nobody says it
-ARM = 0.15
-MASS = 1.5
-MOMENT = 0.1  # torque of a common propeller by its thrust, over the arm
+"""Signs of the motors' torque about each axis, of an X quadrotor with the motors in ArduPilot's and PX4's order.
+
+Yaw's is 1 for a propeller that turns counterclockwise, seen from above.
+"""
+TYPICAL_MASS = 1.5
+"""Mass that is assumed where none is given, kg."""
+ARM_PER_ROOT_MASS = 0.15
+"""Distance of the motors forward, and right, of the centre of mass by the cube root of the mass, m kg^(−1/3).
+
+That of a 3DR Iris: vehicles of one shape and density are longer by the cube root.
+"""
+TYPICAL_MOMENT_RATIO = 0.1
+"""Torque of a common propeller by its thrust, over the arm."""
+MIN_HOVER = 0.1
+"""Share of the motors' range in hover, at least: with less, it is no hover."""
 
 
 @dataclass(frozen=True, eq=False)
 class Twin(ImmutableResult):
-    """A vehicle for simulators, with how sure each of its attributes is as ``notes`` by name."""
+    """A quadrotor for simulators, which moves as the vehicle of a log does."""
 
-    autopilot: str  # "px4" or "ardupilot"
-    mass: float  # kg
-    inertia: Numbers  # (3,) about forward, right and down, kg m²
-    arm: Position  # how far forward, and right, of the centre of mass its motors are, m
-    hover: float  # share of the motors' range in hover
-    spin: Interval  # shares of that range at which thrust begins and ends
-    expo: float  # share of a motor's thrust that is quadratic in that of the range, the rest linear
-    moment: float  # torque of a propeller by its thrust, m
-    damping: Numbers  # (3,) of the rates, 1/s
-    lag: float  # time constant of the motors, s
-    delay: float  # from the motion to the motors' command, without the hold over a control cycle, s
-    noise: float  # standard deviation of a measured rate, rad/s
-    drag: Drag  # by its source that of typical vehicles, where the flight does not show it
-    wind_speed: float | None  # mean of the flight, m/s; None where it is not known
-    wind_direction: float | None  # degrees that it comes from
-    parameters: Parameters  # of the autopilot's rate and attitude control, by name
+    autopilot: str
+    """"px4" or "ardupilot"."""
+    mass: float
+    """Mass, kg."""
+    inertia: Numbers
+    """(3,) moments of inertia about forward, right and down, kg m²."""
+    arm: Position
+    """How far forward, and right, of the centre of mass its motors are, m."""
+    hover: float
+    """Share of the motors' range in hover."""
+    spin: Interval
+    """Shares of that range at which thrust begins and ends."""
+    expo: float
+    """Quadratic fraction e of the thrust curve (1 − e) u + e u²."""
+    moment: float
+    """Torque of a propeller by its thrust, m."""
+    damping: Numbers
+    """(3,) damping of the rates of roll, pitch and yaw, 1/s."""
+    lag: float
+    """Time constant of the motors, s."""
+    delay: float
+    """From the motion to the motors' command, without the hold over a control cycle, s."""
+    noise: float
+    """Standard deviation of a measured rate, rad/s."""
+    drag: Drag
+    """Drag; by its source that of typical vehicles, where the flight does not show it."""
+    wind_speed: float | None
+    """Mean of the flight, m/s; None where it is not known."""
+    wind_direction: float | None
+    """Where that wind comes from, degrees; None where it is not known."""
+    parameters: Parameters
+    """Parameters of the autopilot's rate and attitude control, by name."""
     notes: NamedFacts
-
-    def replayed(self, dt: float, setpoints: Array, torque: Array, seed: int = 0) -> Array:
-        """Returns how the simulator flies it, as :func:`sitl_scenarios.simulation.replayed`.
-
-        Raises:
-            ValueError: the simulator cannot fly it.
-        """
-        from mavdem.report.vehicle_files import vehicle_text
-        from sitl_scenarios.files import scenario_of
-        from sitl_scenarios.simulation import replayed
-
-        vehicle = tomllib.loads(vehicle_text(self, ".toml", ""))
-        return replayed(scenario_of(vehicle | {"seed": seed}), dt, setpoints, torque)
+    """How certain each attribute is, by its name."""
 
     @property
     def command(self) -> float:
-        """In hover, as a share of what is between where thrust begins and ends."""
-        begin, end = self.spin
-        return (self.hover - begin) / (end - begin)
+        """Command u of the thrust curve in hover: the share of what is between where thrust begins and ends."""
+        spin_min, spin_max = self.spin
+        return (self.hover - spin_min) / (spin_max - spin_min)
 
     @property
     def slope(self) -> float:
-        """Of one motor's thrust by the share of its range, in hover, N."""
-        begin, end = self.spin
-        thrust = self.command * (1 - self.expo + self.expo * self.command) * (end - begin)
+        """Slope of one motor's thrust by the share of its range, in hover, N.
+
+        With u the command, it is m g / 4 · (1 − e + 2 e u) / (u (1 − e + e u)), over what is between the ends of
+        thrust.
+        """
+        spin_min, spin_max = self.spin
+        relative_thrust = self.command * (1 - self.expo + self.expo * self.command)
+        thrust = relative_thrust * (spin_max - spin_min)
         return self.mass * GRAVITY / 4 / thrust * (1 - self.expo + 2 * self.expo * self.command)
 
 
@@ -101,250 +118,194 @@ def build_twin(
     drag: Drag,
     mass: float | None,
 ) -> Twin:
-    """Returns the twin of a vehicle from its ``loops`` by axis.
+    """Returns the twin of a vehicle from its identified loops.
 
-    Pitch is taken to be like roll, and yaw like that of common propellers, where they are not there. ``hover`` is the
-    share of the motors' range, ``air`` what the flight says of the wind; ``drag`` is its own, or what is known without.
-    The motion has the product of mass, arm and 1/inertia only: the ``mass``, kg, is assumed unless given, and the arm
-    by it, unless PX4's parameters have it.
-    Raises ``NotLearnable``: no hover.
+    Pitch is taken to be like roll, and yaw like that of common propellers, where their loops are not known.
+
+    Args:
+        loops: by axis; roll must be there.
+        px4: whether the autopilot is PX4, and not ArduPilot.
+        hover: share of the motors' range in hover.
+        air: the wind of the flight, if it is known.
+        drag: of the vehicle, or of typical ones.
+        mass: kg, where it is known.
+
+    Raises:
+        NotLearnable: the motors' share of their range is not that of a hover.
     """
     roll = loops["roll"]
     controller = roll.controller
-    begin, end = controller.spin_range
-    if not max(0.1, begin) < hover < end:
+    spin_min, spin_max = controller.spin_range
+    if not max(MIN_HOVER, spin_min) < hover < spin_max:
         raise NotLearnable(Twins.NO_HOVER, share=hover)
-    wind = (
-        air if air is not None and air.speed_identifiable and air.direction_identifiable else None
-    )
-    autopilot = "px4" if px4 else "ardupilot"
-    weight = mass or MASS
-    arm, is_measured = _arm(controller.parameters, weight)
-    own, cycle = _parameters(controller.parameters, autopilot)
-    motors = [loop.dynamics[0, 1:] for axis, loop in loops.items() if axis != "yaw"]
-    lag, late = (np.mean(motors, axis=0) - [0.0, cycle / 2]).tolist()  # the hold is flown
+    wind = None
+    if air is not None and air.speed_identifiable and air.direction_identifiable:
+        wind = air
+    known_mass = mass or TYPICAL_MASS
+    arm = _arm(controller.parameters, known_mass)
+    control = _control_parameters(controller.parameters, "px4" if px4 else "ardupilot")
+    lags_and_delays = [loop.dynamics[0, 1:] for axis, loop in loops.items() if axis != "yaw"]
+    # The simulator holds its output over a cycle: half of that is in the identified delay.
+    lag, delay = (np.mean(lags_and_delays, axis=0) - [0.0, control.loop_period / 2]).tolist()
     damping = {"pitch": roll.plant.damping, "yaw": 0.0}
-    damping |= {axis: loop.plant.damping for axis, loop in loops.items()}
-    body = Twin(
-        autopilot=autopilot,
-        mass=weight,
+    for axis, loop in loops.items():
+        damping[axis] = loop.plant.damping
+    twin = Twin(
+        autopilot=control.autopilot,
+        mass=known_mass,
         inertia=(),
-        arm=arm,
+        arm=arm.position,
         hover=hover,
         spin=controller.spin_range,
         expo=min(max(controller.thrust_expo, 0.0), 1.0),
-        moment=MOMENT * arm[1],
+        moment=TYPICAL_MOMENT_RATIO * arm.position[1],
         damping=tuple(damping[axis] for axis in TORQUE_SIGNS),
-        lag=max(lag + min(late, 0.0), 0.0),
-        delay=max(late, 0.0),
+        # A delay shorter than the hold shortens the lag instead.
+        lag=max(lag + min(delay, 0.0), 0.0),
+        delay=max(delay, 0.0),
         noise=roll.plant.noise,
         drag=drag,
         wind_speed=None if wind is None else wind.speed,
         wind_direction=None if wind is None else wind.direction,
-        parameters=own,
-        notes=_notes(loops, bool(mass), is_measured, drag),
+        parameters=control.parameters,
+        notes=_notes(loops, bool(mass), arm.is_measured, drag),
     )
-    inertia = {axis: _inertia(body, axis, loop) for axis, loop in loops.items()}
-    sizes = inertia["roll"], inertia.get("pitch", inertia["roll"])
-    moment = sum(sizes) / inertia["yaw"] if "yaw" in inertia else body.moment
-    return replace(body, inertia=(*sizes, sum(sizes)), moment=moment)
+    return _with_inertia(twin, loops)
 
 
-def _arm(parameters: Parameters, mass: float) -> tuple[Position, bool]:
-    """How far forward and right the motors are, m, and whether the parameters have it."""
-    places = np.array(
-        [
-            [parameters.get(f"CA_ROTOR{n}_P{coordinate}", 0.0) for n in range(4)]
-            for coordinate in "XY"
-        ]
+class _Arm(NamedTuple):
+    """Where the motors are."""
+
+    position: Position
+    """How far forward and right of the centre of mass, m."""
+    is_measured: bool
+    """Whether the parameters have it; else it is assumed by the mass."""
+
+
+def _arm(parameters: Parameters, mass: float) -> _Arm:
+    """Returns where the motors of a quadrotor of this ``mass``, kg, are, by PX4's ``CA_ROTORn_PX`` and ``PY``.
+
+    Positions whose largest is 1 are normalised and no metres: they do not count.
+    """
+    motors = range(MOTOR_COUNT)
+    forward = [parameters.get(f"CA_ROTOR{motor}_PX", 0.0) for motor in motors]
+    right = [parameters.get(f"CA_ROTOR{motor}_PY", 0.0) for motor in motors]
+    positions = np.array([forward, right])
+    if positions.all() and np.abs(positions).max() != 1.0:
+        mean_forward, mean_right = np.abs(positions).mean(axis=1).tolist()
+        return _Arm((mean_forward, mean_right), is_measured=True)
+    assumed = ARM_PER_ROOT_MASS * mass ** (1 / 3)
+    return _Arm((assumed, assumed), is_measured=False)
+
+
+class _ControlParameters(NamedTuple):
+    """The autopilot's control as the simulation flies it."""
+
+    autopilot: str
+    """"px4" or "ardupilot"."""
+    parameters: Parameters
+    """Parameters by name, without those of the mixer's geometry."""
+    loop_period: float
+    """Time between two runs of the rate controller, s."""
+
+
+def _control_parameters(logged: Parameters, autopilot: str) -> _ControlParameters:
+    """Returns the control of the ``logged`` parameters, with the rate of a loop that the simulation can fly."""
+    rate_name = LOOP_RATE_PARAMETERS[autopilot]
+    logged_rate = logged.get(rate_name, 0.0) or DEFAULT_LOOP_RATES[autopilot]
+    rate = min(logged_rate, MAX_LOOP_RATE)
+    parameters = {name: value for name, value in logged.items() if not name.startswith("CA_")}
+    parameters[rate_name] = rate
+    return _ControlParameters(autopilot, parameters, 1 / rate)
+
+
+def _with_inertia(twin: Twin, loops: LoopsByAxis) -> Twin:
+    """Returns the ``twin`` with the moments of inertia, and the propellers' moment, that its loops have.
+
+    An X is about as broad as long and flat: yaw's moment of inertia is the sum of the others. From what the loop of yaw
+    shows follows the moment of the propellers, then.
+    """
+    inertia = {axis: _inertia(twin, axis, loop) for axis, loop in loops.items()}
+    roll = inertia["roll"]
+    pitch = inertia.get("pitch", roll)
+    yaw = roll + pitch
+    moment = twin.moment
+    if "yaw" in inertia:
+        moment = yaw / inertia["yaw"]
+    return replace(twin, inertia=(roll, pitch, yaw), moment=moment)
+
+
+def _inertia(twin: Twin, axis: str, loop: Loop) -> float:
+    """Returns the moment of inertia about an axis, kg m²; that about yaw over the moment of the propellers, kg m.
+
+    It is the torque per demand, lever · thrust slope · Σ |output per demand|, over the angular acceleration per demand.
+
+    Args:
+        twin: with mass, arm, hover and thrust curve.
+        axis: "roll", "pitch" or "yaw".
+        loop: of the axis, with the control effectiveness.
+    """
+    forward_arm, right_arm = twin.arm
+    x_frame = {"CA_ROTOR_COUNT": float(MOTOR_COUNT), "FRAME_CLASS": 1.0}
+    motor_signs = zip(*TORQUE_SIGNS.values(), strict=True)
+    for motor, (left_sign, front_sign, spin_sign) in enumerate(motor_signs):
+        x_frame[f"CA_ROTOR{motor}_PX"] = forward_arm * front_sign
+        x_frame[f"CA_ROTOR{motor}_PY"] = -right_arm * left_sign
+        x_frame[f"CA_ROTOR{motor}_KM"] = spin_sign
+    controller = controller_from_parameters(
+        {**twin.parameters, **x_frame}, axis, TORQUE_SIGNS[axis]
     )
-    if places.all() and np.abs(places).max() != 1.0:  # of 1 m they are no metres
-        ahead, aside = np.abs(places).mean(axis=1).tolist()
-        return (ahead, aside), True
-    assumed = ARM * mass ** (1 / 3)
-    return (assumed, assumed), False
+    outputs_per_demand = controller.outputs_per_demand([twin.hover] * MOTOR_COUNT)
+    total_output = np.abs(outputs_per_demand).sum()
+    lever = {"roll": right_arm, "pitch": forward_arm, "yaw": 1.0}[axis]
+    return lever * twin.slope * total_output / loop.effectiveness[0]
 
 
-def _parameters(logged: Parameters, autopilot: str) -> tuple[Parameters, float]:
-    """The parameters that the simulation flies, and the control cycle, s."""
-    name = LOOP_RATE_PARAMETERS[autopilot]
-    rate = min(logged.get(name, 0.0) or DEFAULT_LOOP_RATES[autopilot], MAX_LOOP_RATE)
-    kept = {name: value for name, value in logged.items() if not name.startswith("CA_")}
-    return kept | {name: rate}, 1 / rate
+def _notes(
+    loops: LoopsByAxis, is_mass_given: bool, is_arm_measured: bool, drag: Drag
+) -> dict[str, Fact]:
+    """Returns how certain the attributes of a twin are, by their names.
 
-
-def _inertia(body: Twin, axis: str, loop: Loop) -> float:
-    """Of the axis, kg m², by what a demand turns and what it changes of the motors' thrust; of yaw, over its moment."""
-    ahead, aside = body.arm
-    square = {"CA_ROTOR_COUNT": 4.0, "FRAME_CLASS": 1.0}
-    for n, (left, front, spin) in enumerate(zip(*TORQUE_SIGNS.values(), strict=True)):
-        rotor = f"CA_ROTOR{n}_P"
-        square |= {f"{rotor}X": ahead * front, f"{rotor}Y": -aside * left, f"CA_ROTOR{n}_KM": spin}
-    controller = controller_from_parameters({**body.parameters, **square}, axis, TORQUE_SIGNS[axis])
-    moved = np.abs(controller.outputs_per_demand([body.hover] * 4)).sum()
-    lever = {"roll": aside, "pitch": ahead, "yaw": 1.0}[axis]
-    return lever * body.slope * moved / loop.effectiveness[0]
-
-
-def _notes(loops: LoopsByAxis, is_given: bool, is_measured: bool, drag: Drag) -> dict[str, Fact]:
-    """How sure the attributes are, by name; of mass and arm whether they are given, or measured."""
-    effects = {
-        axis: Fact(
-            Twins.EFFECT_NOTE,
-            share=coverage_factor() * np.std(loop.effectiveness) / loop.effectiveness[0],
-            is_biased=bool(loop.plant.bias),
-        )
-        for axis, loop in loops.items()
-    }
-    plant = loops["roll"].plant
-    attributes = {
-        name: None
-        if plant.status[name] is Status.NOT_IDENTIFIABLE
-        else getattr(plant.interval(), name)
-        for name in ("damping", "lag")
-    }
+    Args:
+        loops: by axis.
+        is_mass_given: whether the mass is known and not assumed.
+        is_arm_measured: whether the parameters have the arm.
+        drag: of the vehicle, or of typical ones.
+    """
+    effects = {axis: _effect_note(loop) for axis, loop in loops.items()}
     notes = {
-        "mass": Fact(Twins.MASS_NOTE, is_given=is_given),
-        "arm": Fact(Twins.ARM_NOTE, is_given=is_measured),
+        "mass": Fact(Twins.MASS_NOTE, is_given=is_mass_given),
+        "arm": Fact(Twins.ARM_NOTE, is_given=is_arm_measured),
         "inertia": Fact(Twins.INERTIA_NOTE, roll=effects["roll"], pitch=effects.get("pitch")),
         "moment": effects.get("yaw", Fact(Twins.MOMENT_NOTE)),
-        "damping": Fact(Twins.DAMPING_NOTE, damping=attributes["damping"]),
-        "lag": Fact(Twins.LAG_NOTE, lag=attributes["lag"]),
+        "damping": Fact(Twins.DAMPING_NOTE, damping=_half_width(loops["roll"], "damping")),
+        "lag": Fact(Twins.LAG_NOTE, lag=_half_width(loops["roll"], "lag")),
     }
-    names = "linear", "quadratic"
-    ends = {f"drag_{name}_interval": drag.interval(name).mean(axis=1).tolist() for name in names}
-    figures = {**ends, "source": drag.source}
-    return notes | {
-        f"drag_{name}": Fact(Twins.DRAG_NOTE, subject=name, **figures) for name in names
-    }
+    for name in ("linear", "quadratic"):
+        # The note of each coefficient has the intervals of both: (2,) mean over both axes of the lower and upper end.
+        notes[f"drag_{name}"] = Fact(
+            Twins.DRAG_NOTE,
+            subject=name,
+            drag_linear_interval=drag.interval("linear").mean(axis=1).tolist(),
+            drag_quadratic_interval=drag.interval("quadratic").mean(axis=1).tolist(),
+            source=drag.source,
+        )
+    return notes
 
 
-RATE_BANDS = (0.3, 0.6, 1.2, 2.4, 4.8, 8.0)  # Hz: octaves, and what is left of the last
-# s of a spectrum's windows, left out at the beginning, and flown
-WINDOW = 20.0
-SETTLING_SECONDS = 3.0
-LONGEST = 120.0
-FLIGHTS = 3  # of the twin, each in other wind of the same spectrum
-
-
-class ReplaySegment(NamedTuple):
-    """What is flown again of one axis: a segment of its record's ``outputs``, with ``setpoints`` (T, 2).
-
-    They are of angle and rate. The rate, rad/s, is beside what the angle's error asks for; of yaw it is all, and the
-    angle is 0.
-    """
-
-    outputs: Array
-    setpoints: Array
-
-
-def replay_segments(loops: LoopsByAxis) -> dict[str, ReplaySegment]:
-    """Returns by axis the longest segment of the flight, where its setpoints were recorded; none without those of roll.
-
-    Pitch and yaw are there where they were learned from the segments of roll; yaw where it was steered.
-    """
-    by_axis = dict[str, ReplaySegment]()
-    roll = loops["roll"].record
-    longest = np.argmax(roll.lengths)
-    start = roll.segment_starts[longest]
-    segment = slice(start, start + min(roll.lengths[longest], round(LONGEST / roll.dt)))
-    for axis, loop in loops.items():
-        is_alike = loop.record.lengths == roll.lengths and loop.record.begins == roll.begins
-        if is_alike and (again := _again(loop, segment)) is not None:
-            by_axis[axis] = again
-    return by_axis if "roll" in by_axis else {}
-
-
-def _again(loop: Loop, segment: slice) -> ReplaySegment | None:
-    record = loop.record
-    names = [f"{loop.axis} setpoint", f"{loop.axis} rate setpoint"][loop.axis == "yaw" :]
-    if record.setpoints is None or not set(names) <= set(record.setpoint_names):
-        return None
-    columns = [record.setpoint_names.index(name) for name in names]
-    asked = record.setpoints[segment, columns]
-    finite = np.isfinite(asked).all(axis=1)
-    if finite.mean() < 0.5:
-        return None
-    at = np.arange(len(asked))
-    *angles, rate = (
-        interpolated_setpoint(np.interp(at, at[finite], column[finite])) for column in asked.T
+def _effect_note(loop: Loop) -> Fact:
+    """Returns how certain a control effectiveness is: the half width of its 90 % interval, as a fraction."""
+    half_width = coverage_factor() * np.std(loop.effectiveness)
+    return Fact(
+        Twins.EFFECT_NOTE,
+        share=half_width / loop.effectiveness[0],
+        is_biased=bool(loop.plant.bias),
     )
-    outputs = record.outputs[segment]
-    if not angles:
-        # A heading that is only held is turned by roll and pitch of a leaned vehicle.
-        is_steered = rate.std() > 0.8 * outputs.std()
-        return ReplaySegment(outputs, np.column_stack([0 * rate, rate])) if is_steered else None
-    # Only ArduPilot's ATTITUDE_TARGET leaves out what the angle's error asks for.
-    corrected = loop.controller.angle_gain * (angles[0] - outputs[:, 0])
-    ahead = np.gradient(angles[0], record.dt)
-    apart = [np.std(rate - wanted) for wanted in (ahead, corrected + ahead, corrected)]
-    if not loop.controller.derivative_of_error or np.argmin(apart):
-        rate = rate - corrected
-    return ReplaySegment(outputs, np.column_stack([angles[0], rate]))
 
 
-def compare_twin_with_flight(twin: Twin, loops: LoopsByAxis) -> dict[str, dict[str, list[float]]]:
-    """Returns by axis how :func:`alike` the flight of the ``loops`` and the ``twin`` on its setpoints are.
-
-    None without setpoints of roll. Raises NotLearnable: the twin cannot fly.
-    """
-    again = replay_segments(loops)
-    flown = [fly_twin(twin, loops, again, seed) for seed in range(FLIGHTS if again else 0)]
-    return {
-        axis: alike(loops[axis], loop.outputs, [motion[:, AXES.index(axis)] for motion in flown])
-        for axis, loop in again.items()
-    }
-
-
-def fly_twin(
-    twin: Twin, loops: LoopsByAxis, again: Mapping[str, ReplaySegment], seed: int = 0
-) -> Array:
-    """Returns (T, 3, 2) angles and rates of the ``twin`` on the setpoints of a flight, rad, in wind by the ``seed``.
-
-    Raises NotLearnable: it cannot fly.
-    """
-    samples = len(again["roll"].outputs)
-    setpoints = np.zeros((samples, len(AXES), 2))
-    blown = np.zeros((samples, len(AXES)))
-    noise = default_rng(seed)
-    for axis, loop in again.items():
-        setpoints[:, AXES.index(axis)] = loop.setpoints
-        blown[:, AXES.index(axis)] = torque(loops[axis], samples, noise)
-    try:
-        motion: Array = twin.replayed(loops["roll"].record.dt, setpoints, blown, seed)
-    except ValueError as error:
-        raise NotLearnable(Twins.CANNOT_FLY, because=error) from None
-    return motion
-
-
-def torque(loop: Loop, samples: int, noise: np.random.Generator) -> Array:
-    """Returns (samples,) of the wind's torque on an axis, rad/s², Gaussian with the spectrum that was learned."""
-    frequency = np.fft.rfftfreq(samples, loop.record.dt).astype(np.float64)
-    power = wind_torque_density(loop.plant, frequency) * (frequency > 0)
-    real, imaginary = noise.standard_normal((2, len(power)))
-    size = np.sqrt(power * samples / (4 * loop.record.dt))
-    return np.fft.irfft(size * (real + 1j * imaginary), samples)
-
-
-def alike(loop: Loop, outputs: Array, flown: Sequence[Array]) -> dict[str, list[float]]:
-    """Returns figures of ``outputs`` and of angle and rate (T, 2), rad and rad/s, that were ``flown`` again.
-
-    Levels of the rate's spectrum in ``RATE_BANDS``, the twin's over the recorded in dB; mean and sd of the angle but
-    for yaw, and sd of the rate, in degrees.
-    """
-    from scipy.signal import detrend, welch  # it takes half a second to import
-
-    dt = loop.record.dt
-    every = np.array([outputs, *(motion[:, -outputs.shape[1] :] for motion in flown)])
-    every = every[:, round(SETTLING_SECONDS / dt) :]
-    length = int(min(WINDOW / dt, every.shape[1] / 2))
-    frequency, power = welch(every[..., -1], 1 / dt, nperseg=length, detrend=detrend)
-    places = np.digitize(frequency, RATE_BANDS)
-    level = np.array([power[:, places == n].mean(axis=1) for n in range(1, len(RATE_BANDS))])
-    ratio = level[:, 1:].mean(axis=1) / level[:, 0]
-    values = {"rate": np.degrees(every[..., -1].std(axis=1))}
-    if loop.axis != "yaw":
-        angles = np.degrees(every[..., 0])
-        values |= {"lean": angles.mean(axis=1), "sway": angles.std(axis=1)}
-    shares = {name: [of_flights[0], of_flights[1:].mean()] for name, of_flights in values.items()}
-    return {"levels": (10 * np.log10(ratio)).tolist(), **shares}
+def _half_width(loop: Loop, parameter: str) -> float | None:
+    """Returns the half width of the 90 % interval of "damping" or "lag"; None where it is not identifiable."""
+    if loop.plant.status[parameter] is Status.NOT_IDENTIFIABLE:
+        return None
+    half_width: float = getattr(loop.plant.interval(), parameter)
+    return half_width

@@ -12,7 +12,8 @@ import numpy as np
 from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.facts import NamedFacts
-from mavdem.loops.twin import RATE_BANDS, Twin
+from mavdem.loops.twin import Twin
+from mavdem.loops.twin_flight import RATE_BANDS
 from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.page import environment
 

@@ -51,7 +51,8 @@ from mavdem.loops.limit_cycles import Oscillation
 from mavdem.loops.loop_construction import loop_from_plant
 from mavdem.loops.margins import OpenLoop, controller_response
 from mavdem.loops.measured_response import measured_rate_response
-from mavdem.loops.twin import build_twin, replay_segments
+from mavdem.loops.twin import build_twin
+from mavdem.loops.twin_flight import replay_segments
 from mavdem.plant import Physical
 from mavdem.plant.sampled_plant import WindComponent, gaussian_kernel_noise
 from mavdem.report.flight_charts import loop_charts
@@ -465,7 +466,7 @@ def test_a_twin_says_of_each_figure_how_sure_it_is():
 @mark.parametrize("delay", [0.004, 0.0])
 def test_a_twin_has_the_margins_of_its_loop_and_its_cycle_in_the_delay(delay):
     loop = made_up()
-    loop = replace(loop, draws=loop.dynamics * [1, 0, 0] + [0, 0.02, delay])
+    loop = replace(loop, dynamics=loop.dynamics * [1, 0, 0] + [0, 0.02, delay])
     filters = {"IMU_GYRO_CUTOFF": 40.0, "IMU_GYRO_NF0_FRQ": 50.0, "IMU_GYRO_NF0_BW": 20.0}
     loop = loop.with_parameters(filters)
     body = twin(loop)

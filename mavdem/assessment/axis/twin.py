@@ -12,11 +12,10 @@ from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.loops import Gains
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.axis_loops import LoopsByAxis, identified_loops
-from mavdem.loops.twin import (
+from mavdem.loops.twin import Twin, build_twin
+from mavdem.loops.twin_flight import (
     SETTLING_SECONDS,
     ReplaySegment,
-    Twin,
-    build_twin,
     fly_twin,
     replay_segments,
 )
