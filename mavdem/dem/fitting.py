@@ -1,4 +1,4 @@
-"""One fit, from a record and complete settings to an ascent and its predictor."""
+"""One DEM fit: from training data and complete settings to the maximum of the free energy and a one-step predictor."""
 
 from dataclasses import dataclass
 
@@ -22,91 +22,126 @@ from mavdem.dem.engine.state_space import StateSpace, filter_gain
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.priors import (
     KINEMATIC_PRECISION,
-    Scaling,
     derivative_pairs,
     explicit_prior,
     regulated_prior,
 )
 from mavdem.dem.record import Record
+from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import CompleteSettings
 
-KNOWN_INPUT = np.exp(12.0)  # precision of the constant input
+CONSTANT_INPUT_PRECISION = np.exp(12.0)
+"""Prior precision of the constant input, whose value 1 is known. A choice: its standard deviation is 0.0025."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A learned model in the engine's units.
-
-    ``gain`` (n, m) is of the filter of the ascent's model and its noises, and ``predictor`` has that filter. Where
-    there is a ``simulation_fit``, the ascent's posterior is about its θ.
-    """
+    """A fitted model, in the engine's units."""
 
     settings: CompleteSettings
+    """Settings of the fit."""
+
     scaling: Scaling
+    """Conversion between the engine's and physical units."""
+
     model: GenerativeModel
+    """The generative model with its priors."""
+
     ascent: CoordinateAscent
+    """The iterations of DEM. After a simulation-error fit, the posterior is that of the fitted θ."""
+
     gain: Array
+    """(n, m) gain of the Kalman filter with DEM's own parameters and noises."""
+
     predictor: StateSpace
+    """The model with the final θ and that gain, in innovation form."""
+
     simulation_fit: SimulationFit | None = None
+    """The simulation-error fit of θ, or ``None`` where there is none."""
 
 
 @raise_on_overflow()
 def fit(record: Record, settings: CompleteSettings) -> Fit:
-    """Fits a record from the priors' means; ``LinAlgError`` where the fit breaks down."""
+    """Fits a model to training data by DEM, starting from the prior means.
+
+    Args:
+        record: training data.
+        settings: settings of the fit.
+
+    Returns:
+        The fit, without a simulation-error fit.
+
+    Raises:
+        ValueError: the settings do not fit the data.
+        numpy.linalg.LinAlgError: the fit breaks down, or the fitted model has no steady filter.
+    """
     scaling = Scaling.from_record(record, settings)
     model = generative_model(settings, scaling, record)
     samples = SufficientStatistics.from_segments(*generalized_data(settings, scaling, record))
     ascent = maximise_free_energy(model, samples, settings.iterations)
-    gain = gain_of(model, ascent.posterior, smoothness_of(settings, record.dt), record.dt)
+    gain = _kalman_gain(model, ascent.posterior, _noise_smoothness(settings, record.dt), record.dt)
     predictor = predictor_from_theta(ascent.posterior.theta, model.sizes, gain, record.dt)
     return Fit(settings, scaling, model, ascent, gain, predictor)
 
 
-def smoothness_of(settings: CompleteSettings, dt: float) -> float:
-    """Returns kernel width s of the noise by complete settings at a sampling step ``dt``, seconds."""
+def _noise_smoothness(settings: CompleteSettings, dt: float) -> float:
+    """Returns the kernel width s of the noises, in seconds: that of the settings or, unless given, the step ``dt``."""
     return dt if settings.smoothness is None else settings.smoothness
 
 
 def generative_model(
     settings: CompleteSettings, scaling: Scaling, record: Record
 ) -> GenerativeModel:
-    """Returns the generative model that complete settings describe for a record."""
+    """Returns the generative model that the settings describe, in the engine's units.
+
+    λ has two entries: the log precision of the measurement noise of all outputs, and that of the process noise of all
+    states.
+
+    Args:
+        settings: settings of the fit.
+        scaling: the engine's units.
+        record: training data.
+
+    Raises:
+        ValueError: an order that the data cannot determine, or a prior that does not fit.
+    """
     n = settings.order
     m = record.outputs.shape[1]
-    motors = record.inputs.shape[1]
-    # Hidden states form a chain, of which each derivative of the last output depends on one more.
-    most = m + settings.p
-    if settings.prior == "regulated" and (
-        n < m or (n > most and not settings.last_derivative_zero)
-    ):
-        raise ValueError(
-            f"order must be between {m} and {most} with {m} outputs and p = {settings.p}, not {n}"
-        )
-    r = motors + scaling.constant
     p = settings.p
-    s = smoothness_of(settings, record.dt)
+    d = settings.d
+    motors = record.inputs.shape[1]
+    # Hidden states form a chain, and each of them needs one more derivative of the last output.
+    max_order = m + p
+    if settings.prior == "regulated":
+        is_too_high = n > max_order and not settings.last_derivative_zero
+        if n < m or is_too_high:
+            raise ValueError(
+                f"order must be between {m} and {max_order} with {m} outputs and p = {p}, not {n}"
+            )
+    r = motors + 1 if scaling.constant else motors
+    smoothness = _noise_smoothness(settings, record.dt)
     q = p if settings.last_derivative_zero else p - 1
-    correlations = temporal_precision(p, s), temporal_precision(q, s)
-    each = np.full((settings.d + 1, r), settings.input_precision)
-    each[:, motors:] = KNOWN_INPUT
-    # Of λ the first is of the measurement noise, the second of the process noise.
-    prior = Prior(
-        *_parameter_prior(settings, scaling, record, r),
-        np.array([settings.lambda_z, settings.lambda_w]),
-        np.diag(np.exp(settings.lambda_log_precision)),
-    )
+    input_precisions = np.full((d + 1, r), settings.input_precision)
+    input_precisions[:, motors:] = CONSTANT_INPUT_PRECISION
+    theta_mean, theta_precision = _parameter_prior(settings, scaling, record, r)
     return GenerativeModel(
         n,
         r,
         m,
         p,
-        settings.d,
+        d,
         q,
-        *correlations,
-        np.zeros(m, int),
-        np.ones(n, int),
-        np.diag(each.ravel()),
-        prior,
+        output_temporal_precision=temporal_precision(p, smoothness),
+        state_temporal_precision=temporal_precision(q, smoothness),
+        output_groups=np.zeros(m, int),
+        state_groups=np.ones(n, int),
+        input_precision=np.diag(input_precisions.ravel()),
+        prior=Prior(
+            theta_mean,
+            theta_precision,
+            lambda_mean=np.array([settings.lambda_z, settings.lambda_w]),
+            lambda_precision=np.diag(np.exp(settings.lambda_log_precision)),
+        ),
     )
 
 
@@ -116,14 +151,25 @@ def _parameter_prior(
     record: Record,
     r: int,
 ) -> ArrayPair:
-    """Mean and precision of the engine's θ, for r inputs with the constant."""
+    """Returns the prior mean (k,) and precision (k, k) of θ, in the engine's units.
+
+    Args:
+        settings: settings of the fit, which name the prior or give it.
+        scaling: the engine's units.
+        record: training data, in which the "regulated" prior looks for outputs that are derivatives of others.
+        r: number of the engine's inputs, the constant one included.
+
+    Raises:
+        ValueError: a given prior that does not fit the model.
+    """
     n = settings.order
     m = record.outputs.shape[1]
-    motors = r - scaling.constant
-    if settings.prior == "uniform":  # the paper's, ``alg_settings``
+    motors = record.inputs.shape[1]
+    if settings.prior == "uniform":
+        # The prior mean of the paper, ``alg_settings``: uniform random numbers from −1 to 1.
         k = n * n + n * r + m * n
-        uniform = default_rng(settings.seed).uniform(-1, 1, k)
-        return uniform, np.eye(k) * settings.parameter_precision
+        mean = default_rng(settings.seed).uniform(-1, 1, k)
+        return mean, np.eye(k) * settings.parameter_precision
     if settings.prior == "regulated":
         return regulated_prior(
             settings, n, motors, scaling.constant, scaling.output_scale, derivative_pairs(record)
@@ -132,9 +178,10 @@ def _parameter_prior(
     mean, precision = explicit_prior(
         settings.prior, settings.parameter_precision, indices, scaling.parameter_scale(n)
     )
-    # Where C is free as well, nothing fixes the scale of x, and F̄ is largest at C = 0.
-    _, _, of_C = unpack(np.diag(precision), n, r, m)
-    if not settings.last_derivative_zero and not (of_C >= KINEMATIC_PRECISION).all():
+    # Without dynamics of the highest derivative x has no prior. Where C is free as well, nothing fixes the scale of x,
+    # and F̄ is highest at C = 0.
+    _, _, C_precisions = unpack(np.diag(precision), n, r, m)
+    if not settings.last_derivative_zero and not (C_precisions >= KINEMATIC_PRECISION).all():
         raise ValueError(
             'correlation must be "continuous" with a prior that leaves C free (a precision below '
             f'{KINEMATIC_PRECISION:g} in the units of scaling), not "sampled"'
@@ -146,48 +193,73 @@ def vehicle_parameter_indices(
     n: int,
     motors: int,
     m: int,
-    constant: bool,
+    has_constant_input: bool,
 ) -> Indices:
-    """Returns indices in the engine's θ of the vehicle's: all but the column of B for the constant input."""
-    A, B, C = (np.ones(shape, bool) for shape in ((n, n), (n, motors + constant), (m, n)))
-    B[:, motors:] = False
-    return np.flatnonzero(pack(A, B, C))
+    """Returns the indices of the vehicle's parameters in the engine's θ: all but B's column for the constant input.
+
+    Args:
+        n: number of states.
+        motors: number of inputs without the constant one.
+        m: number of outputs.
+        has_constant_input: whether the engine has a constant input after the motors.
+    """
+    r = motors + 1 if has_constant_input else motors
+    is_of_vehicle_B = np.ones((n, r), bool)
+    is_of_vehicle_B[:, motors:] = False
+    return np.flatnonzero(pack(np.ones((n, n), bool), is_of_vehicle_B, np.ones((m, n), bool)))
 
 
 def generalized_data(
     settings: CompleteSettings, scaling: Scaling, record: Record
 ) -> tuple[Array, ...]:
-    """Returns generalized data [ỹ; η̃], (T′, ·) for each segment: of the samples whose whole window lies inside it.
+    """Embeds training data into generalized coordinates, in the engine's units.
 
-    Outputs and inputs have one window about one instant, so that no derivative lags another.
+    Outputs and inputs have the same window about the same instant, so that no derivative lags another.
+
+    Args:
+        settings: settings of the fit, with the embedding orders and the window.
+        scaling: the engine's units.
+        record: training data.
+
+    Returns:
+        Generalized data [ỹ; η̃] of each segment that is long enough, (T', (p + 1)m + (d + 1)r): one row for each sample
+        whose whole window lies inside the segment.
     """
     window = settings.window
-    centre = settings.window // 2
-    return tuple(
-        np.hstack(
-            [
-                embed(y, settings.p, record.dt, window, centre),
-                embed(u, settings.d, record.dt, window, centre),
-            ]
-        )
-        for u, y in scaling.scale_segments(record)
-        if len(y) >= window
-    )
+    center = settings.window // 2
+    data_of_segments = []
+    for inputs, outputs in scaling.scale_segments(record):
+        if len(outputs) >= window:
+            generalized_outputs = embed(outputs, settings.p, record.dt, window, center)
+            generalized_inputs = embed(inputs, settings.d, record.dt, window, center)
+            data_of_segments.append(np.hstack([generalized_outputs, generalized_inputs]))
+    return tuple(data_of_segments)
 
 
-def gain_of(
+def _kalman_gain(
     model: GenerativeModel,
     posterior: Posterior,
     smoothness: float,
     dt: float,
 ) -> Array:
-    """Returns (n, m) gain of the filter of what was learned; ``LinAlgError`` where there is no steady filter."""
+    """Returns the gain (n, m) of the steady-state Kalman filter with the fitted parameters and noises.
+
+    Args:
+        model: the generative model.
+        posterior: posterior of θ and λ.
+        smoothness: kernel width s of the noises, s.
+        dt: sampling step, s.
+
+    Raises:
+        numpy.linalg.LinAlgError: there is no steady filter.
+    """
     A, B, C = unpack(posterior.theta, *model.sizes)
-    noise = np.exp(-posterior.lambda_)
-    # The uncertainty of the inputs moves the states as well.
-    unknown = np.linalg.inv(model.input_precision)[: model.r, : model.r]
-    process = np.diag(noise[model.state_groups]) + B @ unknown @ B.T
-    return filter_gain(A, C, dt, noise[model.output_groups], process, smoothness)
+    noise_variances = np.exp(-posterior.lambda_)
+    # The error of the inputs moves the states through B, and adds to the process noise.
+    input_covariance = np.linalg.inv(model.input_precision)[: model.r, : model.r]
+    process_covariance = np.diag(noise_variances[model.state_groups]) + B @ input_covariance @ B.T
+    measurement_variances = noise_variances[model.output_groups]
+    return filter_gain(A, C, dt, measurement_variances, process_covariance, smoothness)
 
 
 def predictor_from_theta(
@@ -196,6 +268,13 @@ def predictor_from_theta(
     gain: Array,
     dt: float,
 ) -> StateSpace:
-    """Returns the predictor of θ (k,), of n states, r inputs and m outputs, with a filter of that gain (n, m)."""
+    """Returns the discrete model in innovation form.
+
+    Args:
+        theta: (k,) parameters, in the engine's units.
+        sizes: numbers of states, inputs and outputs.
+        gain: (n, m) gain with which the filter corrects the state of a sample.
+        dt: sampling step, s.
+    """
     A, B, C = unpack(theta, *sizes)
     return StateSpace.from_transition(discretize(A, B, dt), C, gain)

@@ -25,8 +25,8 @@ from mavdem.dem.forecast.joint import JointModel
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.forecast.var import Forecast
 from mavdem.dem.plant_forecasts import FORECAST_HORIZON_SECONDS, PlantForecasts
-from mavdem.dem.priors import Scaling
 from mavdem.dem.record import Record
+from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import CompleteSettings
 from mavdem.errors import NotLearnable
 from mavdem.extras import require_extra

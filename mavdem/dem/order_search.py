@@ -29,8 +29,8 @@ from mavdem.dem.engine.generative import (
 )
 from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE, raise_on_overflow
 from mavdem.dem.engine.model import pack
-from mavdem.dem.priors import Scaling
 from mavdem.dem.record import Record
+from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import Settings
 from mavdem.errors import NotLearnable
 from mavdem.facts.model import ModelRefusal

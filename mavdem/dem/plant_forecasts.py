@@ -12,7 +12,7 @@ from mavdem.confidence import half_width
 from mavdem.dem.engine.linalg import may_overflow
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.forecast.var import Forecast
-from mavdem.dem.priors import Scaling
+from mavdem.dem.scaling import Scaling
 from mavdem.dem.record import Record
 
 FORECAST_HORIZON_SECONDS = 1.5

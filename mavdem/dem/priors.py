@@ -1,150 +1,98 @@
-"""The engine's units, centred, of unit size and with a constant input for the trim, and priors in them."""
+"""Gaussian priors of the model's parameters: the "regulated" prior of an attitude loop, and priors of the user."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 
 from mavdem.arrays import Array, ArrayPair, Indices
-from mavdem.dem.engine.model import LinearModel, pack, unpack
-from mavdem.dem.record import Record, Segments
-from mavdem.dem.settings import CompleteSettings, Gaussian, Settings
+from mavdem.dem.engine.model import pack
+from mavdem.dem.record import Record
+from mavdem.dem.settings import CompleteSettings, Gaussian
 from mavdem.unit_errors import RATE_INTEGRATION_SPAN
 
+KNOWN_PRECISION = np.exp(20.0)
+"""Prior precision of a known parameter, in the engine's units: its prior standard deviation is 5e-5."""
 
-@dataclass(frozen=True, eq=False)
-class Scaling:
-    """y = output_trim + output_scale · (engine's y), and likewise for inputs."""
-
-    input_trim: Array  # (r,)
-    input_scale: Array  # (r,)
-    output_trim: Array  # (m,)
-    output_scale: Array  # (m,)
-    constant: bool  # whether one more input, after the motors, is 1
-    known: bool  # whether the inputs count; if not, the engine has 0, in a unit of its own
-
-    @classmethod
-    def from_record(cls, record: Record, settings: Settings) -> Scaling:
-        """Returns the scaling that ``settings.scaling`` asks for.
-
-        Raises ``ValueError`` where an output or all inputs are constant.
-        """
-        inputs, outputs = record.channel_statistics
-        has_inputs = settings.known_inputs
-        record.require_varying(has_inputs and not inputs.varying.any())
-        m = len(outputs.mean)
-        constant = settings.scaling == "channel"
-        output_trim = np.zeros(m)
-        output_scale = np.ones(m)
-        trim = np.zeros(len(inputs.mean))
-        scale = np.ones(len(inputs.mean))
-        if constant:
-            output_trim = outputs.mean
-            output_scale = np.sqrt(outputs.variance)
-        if has_inputs and constant:
-            trim[:] = inputs.mean
-            # One scale for all inputs: the noise of a motor that hardly moves must not be amplified.
-            scale[:] = np.sqrt(inputs.variance.mean())
-        if has_inputs and settings.scaling == "paper":
-            trim[:] = inputs.mean.mean()
-            scale[:] = inputs.highest.max() - inputs.lowest.min()
-        return cls(trim, scale, output_trim, output_scale, constant, has_inputs)
-
-    def scale_inputs(self, inputs: Array) -> Array:
-        """Brings (T, r) inputs in the unit of the stream to (T, r or r + 1) in the engine's."""
-        scaled = (
-            (inputs - self.input_trim) / self.input_scale if self.known else np.zeros_like(inputs)
-        )
-        return np.hstack([scaled, np.ones((len(scaled), 1))]) if self.constant else scaled
-
-    def scale_segments(self, record: Record) -> Segments:
-        """Returns inputs and outputs of each segment of a record, in the engine's units."""
-        return [
-            (self.scale_inputs(inputs), self.scale_outputs(outputs))
-            for inputs, outputs in record.segments
-        ]
-
-    def scale_outputs(self, outputs: Array) -> Array:
-        """Brings (T, m) outputs in rad and rad/s to the engine's units."""
-        return (outputs - self.output_trim) / self.output_scale
-
-    def physical_outputs(self, scaled: Array) -> Array:
-        """Brings (..., m) outputs in the engine's units back to rad and rad/s."""
-        return self.output_trim + self.output_scale * scaled
-
-    def state_scale(self, order: int) -> Array:
-        """Returns (n,) physical size of a unit of each state; a hidden state has the last output's."""
-        outputs = np.minimum(np.arange(order), len(self.output_scale) - 1)
-        return self.output_scale[outputs]
-
-    def parameter_scale(self, order: int) -> Array:
-        """Returns (k,) physical size of a unit of each parameter, for the engine's θ."""
-        state = self.state_scale(order)
-        inputs = 1 / self.input_scale
-        if self.constant:
-            inputs = np.append(inputs, 1.0)
-        return pack(
-            np.outer(state, 1 / state),
-            np.outer(state, inputs),
-            np.outer(self.output_scale, 1 / state),
-        )
-
-    def physical_model(self, theta: Array, order: int) -> LinearModel:
-        """Returns the model of the engine's θ (k,) in physical units."""
-        r = len(self.input_trim)
-        m = len(self.output_trim)
-        A, B, C = unpack(theta * self.parameter_scale(order), order, r + self.constant, m)
-        offset = B[:, r].copy() if self.constant else np.zeros(order)
-        return LinearModel(A, B[:, :r].copy(), C, offset, self.input_trim, self.output_trim)
-
-
-KNOWN = np.exp(20.0)  # precision of a known parameter: its prior standard deviation is 5e-5
-# precision of a kinematic relation: exact on paper, but the two outputs come from different sensors
 KINEMATIC_PRECISION = 1e4
+"""Prior precision of a kinematic relation, such as φ' = p, in the engine's units: its standard deviation is 0.01.
+
+The relation is exact, but its two sides come from different sensors. Parameters with at least this precision count as
+fixed by the prior.
+"""
 
 NATURAL_FREQUENCY = 3.0
+"""Natural frequency ω₀ of a controlled attitude in the "regulated" prior, rad/s. A choice: typical of multirotors."""
+
 DAMPING_RATE = 5.0
-"""A controlled attitude returns to trim: ω₀ (rad/s) and 2ζω₀ (1/s) of the "regulated" prior; ζ is about 0.8."""
+"""Damping 2ζω₀ of a controlled attitude in the "regulated" prior, 1/s: a damping ratio ζ of about 0.8."""
 
 ACTUATOR_RATE = 20.0
-"""1/s: the "regulated" prior of an actuator lag of 50 ms, between the 20 and 100 ms of common multirotors."""
+"""Rate of the actuator lag in the "regulated" prior, 1/s: a time constant of 50 ms.
 
-KINEMATIC_SHARE = 0.5
-"""An output counts as the derivative of another when it explains more than this share of its changes."""
+Common multirotors have 20 to 100 ms.
+"""
 
-# over which the changes are compared: long enough to average noise, short against the motion
+MIN_EXPLAINED_SHARE = 0.5
+"""An output counts as the derivative of another where its integral explains more than this share of the changes."""
+
+DerivativePairs = tuple[tuple[int, int], ...]
+"""Pairs (i, j) of output columns where output j is the time derivative of output i."""
 
 
-def derivative_pairs(record: Record) -> tuple[tuple[int, int], ...]:
-    """Returns pairs (i, j) of output columns where j is the time derivative of i, computed from the samples."""
-    from scipy.integrate import cumulative_trapezoid  # it takes half a second to import
+def derivative_pairs(record: Record) -> DerivativePairs:
+    """Finds the outputs that are time derivatives of other outputs, by comparing changes with integrals.
+
+    Changes are taken over ``RATE_INTEGRATION_SPAN``, which is long enough to average noise and short compared with the
+    motion.
+
+    Args:
+        record: training data.
+
+    Returns:
+        Pairs (i, j) of columns, output j being the derivative of output i; none where all segments are too short.
+    """
+    # Imported here, since it takes half a second.
+    from scipy.integrate import cumulative_trapezoid
 
     span = max(1, round(RATE_INTEGRATION_SPAN / record.dt))
-    moved = []
+    changes_of_segments = []
     for _, outputs in record.segments:
-        integral = cumulative_trapezoid(outputs, dx=record.dt, axis=0, initial=0)
-        both = np.stack([outputs, integral])
-        moved.append(both[:, span:] - both[:, :-span])
-    change, integral = np.concatenate(moved, axis=1)
-    if not len(change):
+        integrals = cumulative_trapezoid(outputs, dx=record.dt, axis=0, initial=0)
+        signals = np.stack([outputs, integrals])
+        changes_of_segments.append(signals[:, span:] - signals[:, :-span])
+    # (T', m) each: changes of the outputs, and of their integrals, over one span.
+    output_changes, integral_changes = np.concatenate(changes_of_segments, axis=1)
+    if not len(output_changes):
         return ()
-    left = (change[:, :, None] - integral[:, None]).var(axis=0)
-    np.fill_diagonal(left, np.inf)
-    likely = left < (1 - KINEMATIC_SHARE) * change.var(axis=0)[:, None]
-    return tuple((i, j) for i, j in enumerate(left.argmin(axis=1).tolist()) if likely[i, j])
+    # Entry (i, j): variance of the changes of output i that the integral of output j leaves unexplained.
+    differences = output_changes[:, :, None] - integral_changes[:, None]
+    unexplained = differences.var(axis=0)
+    np.fill_diagonal(unexplained, np.inf)
+    allowed = (1 - MIN_EXPLAINED_SHARE) * output_changes.var(axis=0)[:, None]
+    is_derivative = unexplained < allowed
+    best_columns = unexplained.argmin(axis=1).tolist()
+    return tuple((i, j) for i, j in enumerate(best_columns) if is_derivative[i, j])
 
 
 def explicit_prior(
     prior: Gaussian,
-    weak: float,
+    default_precision: float,
     indices: Indices,
     scale: Array,
 ) -> ArrayPair:
-    """Returns the engine's prior of the vehicle's θ, at these ``indices`` (k,), from a ``prior`` in physical units.
+    """Converts a prior that the user gives in physical units to the engine's units.
 
-    Others have η = 0 and the prior precision ``weak``. ``scale`` is the physical size of a unit of each of the
-    engine's.
+    Args:
+        prior: Gaussian of the vehicle's parameters [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], in physical units.
+        default_precision: prior precision of the engine's other parameters, whose prior mean is 0.
+        indices: indices of the vehicle's parameters in the engine's θ.
+        scale: (k,) physical size of the engine's unit of each of its parameters.
+
+    Returns:
+        Mean (k,) and precision (k, k) of the engine's θ.
+
+    Raises:
+        ValueError: the prior has another number of parameters.
     """
     theta, theta_precision = prior.arrays
     if len(theta) != len(indices):
@@ -152,7 +100,7 @@ def explicit_prior(
             f"prior must be of the {len(indices)} parameters of A, B and C, not of {len(theta)}"
         )
     mean = np.zeros(len(scale))
-    precision = weak * np.eye(len(scale))
+    precision = default_precision * np.eye(len(scale))
     mean[indices] = theta / scale[indices]
     precision[np.ix_(indices, indices)] = theta_precision * np.outer(scale[indices], scale[indices])
     return mean, precision
@@ -162,35 +110,50 @@ def regulated_prior(
     settings: CompleteSettings,
     n: int,
     motors: int,
-    constant: bool,
-    scale: Array,
-    pairs: tuple[tuple[int, int], ...],
+    has_constant_input: bool,
+    output_scale: Array,
+    pairs: DerivativePairs,
 ) -> ArrayPair:
-    """Returns mean (k,) and precision (k, k) of θ: what is known of any attitude loop a priori.
+    """Returns the "regulated" prior of θ: what is known of any attitude loop before a flight.
 
-    Outputs return to their trim; where output j is the derivative of output i, row i of the model is ẋᵢ = xⱼ; each
-    hidden state is a lag that feeds the state before it (the first one, the last output); C = [I 0]. The input after
-    the motors may be the ``constant``. ``scale`` (m,) is the physical size of a unit of each output.
+    - Each output returns to its trim, with ``DAMPING_RATE``.
+    - Where output j is the derivative of output i, row i of the model is the kinematic relation ẋᵢ = xⱼ, and row j that
+      of a damped oscillator with ``NATURAL_FREQUENCY``.
+    - Each hidden state is a first-order lag, with ``ACTUATOR_RATE``, that feeds the state before it: the first one
+      feeds the last output, as the torque of lagging motors does.
+    - C = [I 0].
+
+    Args:
+        settings: settings with the prior precision of free parameters.
+        n: number of states; the first m are the outputs.
+        motors: number of inputs without the constant one.
+        has_constant_input: whether a constant input follows the motors.
+        output_scale: (m,) physical size of the engine's unit of each output.
+        pairs: outputs that are derivatives of others.
+
+    Returns:
+        Mean (k,) and diagonal precision (k, k) of θ, in the engine's units.
     """
-    m = len(scale)
-    weak = settings.parameter_precision
-    r = motors + constant
+    m = len(output_scale)
+    free_precision = settings.parameter_precision
+    r = motors + 1 if has_constant_input else motors
     A = np.zeros((n, n))
-    A_precision = np.full((n, n), weak)
+    A_precision = np.full((n, n), free_precision)
     B = np.zeros((n, r))
-    B_precision = np.full((n, r), weak)
+    B_precision = np.full((n, r), free_precision)
     C = np.eye(m, n)
-    C_precision = np.full((m, n), KNOWN)
+    C_precision = np.full((m, n), KNOWN_PRECISION)
     np.fill_diagonal(A[:m, :m], -DAMPING_RATE)
     for angle, rate in pairs:
         A[angle, angle] = 0.0
-        A[angle, rate] = scale[rate] / scale[angle]
-        A[rate, angle] = -(NATURAL_FREQUENCY**2) * scale[angle] / scale[rate]
+        A[angle, rate] = output_scale[rate] / output_scale[angle]
+        A[rate, angle] = -(NATURAL_FREQUENCY**2) * output_scale[angle] / output_scale[rate]
         A_precision[angle] = KINEMATIC_PRECISION
         B_precision[angle, :motors] = KINEMATIC_PRECISION
     for hidden in range(m, n):
         A[hidden, hidden] = -ACTUATOR_RATE
-        # The unit of a hidden state is free; this fixes it, so that the posterior is about the vehicle.
+        # The data leave the unit of a hidden state open. Its effect on the state before it, with unit gain in steady
+        # state, fixes the unit, so that the posterior of the other parameters is about the vehicle.
         A[hidden - 1, hidden] = ACTUATOR_RATE
         A_precision[hidden, :m] = KINEMATIC_PRECISION
         A_precision[hidden - 1, hidden] = KINEMATIC_PRECISION

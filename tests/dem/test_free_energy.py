@@ -31,8 +31,8 @@ from mavdem.dem.engine.steps import (
     with_optimal_covariances,
 )
 from mavdem.dem.fitting import generalized_data, generative_model
-from mavdem.dem.priors import Scaling
 from mavdem.dem.record import Record
+from mavdem.dem.scaling import Scaling
 
 
 def lambda_gradient(posterior):

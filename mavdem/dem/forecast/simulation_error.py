@@ -29,8 +29,9 @@ from mavdem.dem.engine.linalg import inverse, logdet, may_overflow
 from mavdem.dem.engine.model import discretize, unpack
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.forecast.joint import axis_mixer
-from mavdem.dem.priors import KINEMATIC_PRECISION, Scaling
+from mavdem.dem.priors import KINEMATIC_PRECISION
 from mavdem.dem.record import Record, Segments
+from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import CompleteSettings
 
 FREE_PARAMETER_PRECISION = 1e-5

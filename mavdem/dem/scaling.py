@@ -1,0 +1,134 @@
+"""The engine's units: outputs and inputs are centred and scaled, and a constant input stands for the trim."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.dem.engine.model import LinearModel, pack, unpack
+from mavdem.dem.record import Record, Segments
+from mavdem.dem.settings import Settings
+
+
+@dataclass(frozen=True, eq=False)
+class Scaling:
+    """Conversion between physical units and the units in which the engine computes.
+
+    output = output_trim + output_scale · (output in the engine's units), and likewise for inputs. In the engine's units
+    a prior means the same for every vehicle.
+    """
+
+    input_trim: Array
+    """(r,) inputs that are 0 in the engine's units, in the unit of the recorded inputs."""
+
+    input_scale: Array
+    """(r,) size of the engine's unit of each input, in the unit of the recorded inputs."""
+
+    output_trim: Array
+    """(m,) outputs that are 0 in the engine's units, rad and rad/s."""
+
+    output_scale: Array
+    """(m,) size of the engine's unit of each output, rad and rad/s."""
+
+    constant: bool
+    """Whether the engine has one more input after the recorded ones, which is 1: its column of B is the offset."""
+
+    known: bool
+    """Whether the recorded inputs are used; if not, they are 0 for the engine, and their unit is arbitrary."""
+
+    @classmethod
+    def from_record(cls, record: Record, settings: Settings) -> Scaling:
+        """Returns the scaling that ``settings.scaling`` names, for training data.
+
+        "channel" gives each output mean 0 and variance 1, and adds a constant input. All inputs share one scale, so
+        that the noise of a motor that hardly moves is not amplified. "paper" scales the inputs alone, all by one mean
+        and one range. "none" leaves physical units.
+
+        Raises:
+            NotLearnable: an output is constant, or all known inputs are.
+        """
+        inputs, outputs = record.channel_statistics
+        has_known_inputs = settings.known_inputs
+        record.require_varying(has_known_inputs and not inputs.varying.any())
+        is_by_channel = settings.scaling == "channel"
+        output_trim = np.zeros(len(outputs.mean))
+        output_scale = np.ones(len(outputs.mean))
+        input_trim = np.zeros(len(inputs.mean))
+        input_scale = np.ones(len(inputs.mean))
+        if is_by_channel:
+            output_trim = outputs.mean
+            output_scale = np.sqrt(outputs.variance)
+        if has_known_inputs and is_by_channel:
+            input_trim[:] = inputs.mean
+            input_scale[:] = np.sqrt(inputs.variance.mean())
+        if has_known_inputs and settings.scaling == "paper":
+            input_trim[:] = inputs.mean.mean()
+            input_scale[:] = inputs.highest.max() - inputs.lowest.min()
+        return cls(
+            input_trim,
+            input_scale,
+            output_trim,
+            output_scale,
+            constant=is_by_channel,
+            known=has_known_inputs,
+        )
+
+    def scale_inputs(self, inputs: Array) -> Array:
+        """Converts recorded inputs (T, r) to the engine's units, (T, r), or (T, r + 1) with the constant input."""
+        scaled = np.zeros_like(inputs)
+        if self.known:
+            scaled = (inputs - self.input_trim) / self.input_scale
+        if self.constant:
+            scaled = np.hstack([scaled, np.ones((len(scaled), 1))])
+        return scaled
+
+    def scale_outputs(self, outputs: Array) -> Array:
+        """Converts outputs (T, m), rad and rad/s, to the engine's units."""
+        return (outputs - self.output_trim) / self.output_scale
+
+    def scale_segments(self, record: Record) -> Segments:
+        """Returns the inputs and outputs of each segment of a record, in the engine's units."""
+        return [
+            (self.scale_inputs(inputs), self.scale_outputs(outputs))
+            for inputs, outputs in record.segments
+        ]
+
+    def physical_outputs(self, scaled: Array) -> Array:
+        """Converts outputs (…, m) in the engine's units to rad and rad/s."""
+        return self.output_trim + self.output_scale * scaled
+
+    def state_scale(self, order: int) -> Array:
+        """Returns the physical size of the engine's unit of each of n = ``order`` states, (n,).
+
+        The first states are the outputs; hidden states have the unit of the last output.
+        """
+        output_columns = np.minimum(np.arange(order), len(self.output_scale) - 1)
+        return self.output_scale[output_columns]
+
+    def parameter_scale(self, order: int) -> Array:
+        """Returns the physical size of the engine's unit of each parameter in θ, (k,), for ``order`` states."""
+        state_scale = self.state_scale(order)
+        per_input = 1 / self.input_scale
+        if self.constant:
+            per_input = np.append(per_input, 1.0)
+        return pack(
+            np.outer(state_scale, 1 / state_scale),
+            np.outer(state_scale, per_input),
+            np.outer(self.output_scale, 1 / state_scale),
+        )
+
+    def physical_model(self, theta: Array, order: int) -> LinearModel:
+        """Converts parameters to a model in physical units.
+
+        Args:
+            theta: (k,) parameters in the engine's units, with the column of B for the constant input, if there is one.
+            order: number of states.
+        """
+        r = len(self.input_trim)
+        m = len(self.output_trim)
+        engine_inputs = r + 1 if self.constant else r
+        A, B, C = unpack(theta * self.parameter_scale(order), order, engine_inputs, m)
+        offset = B[:, r].copy() if self.constant else np.zeros(order)
+        return LinearModel(A, B[:, :r].copy(), C, offset, self.input_trim, self.output_trim)
