@@ -12,8 +12,8 @@ from mavdem.confidence import half_width
 from mavdem.dem.engine.linalg import may_overflow
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.forecast.var import Forecast
-from mavdem.dem.scaling import Scaling
 from mavdem.dem.record import Record
+from mavdem.dem.scaling import Scaling
 
 FORECAST_HORIZON_SECONDS = 1.5
 """Length of a test forecast, s: a few periods of the roll motion, as in the paper at 100 Hz."""
