@@ -1,4 +1,4 @@
-"""From a log to the Flight a model can be learned from, or the reason why not."""
+"""Flights of a log that a model can be learned from, or the reason why a log has none."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,11 +10,12 @@ from mavdem.dataset.learnability import (
     learnability_of,
     segment_learnabilities,
 )
+from mavdem.dataset.segments import Segment, Segments
 from mavdem.dataset.signals import MIN_STREAM_RATE, Signals
 from mavdem.dataset.time_series import message_counts
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Facts
 from mavdem.facts.learnability import Caution, Reason
 from mavdem.files import AnyPath
 from mavdem.flight import Flight, Flights, boot_number
@@ -28,26 +29,31 @@ def read_flight(
     vehicle: str | None = None,
     inputs: str | None = None,
 ) -> Flight:
-    """Returns the longest usable segment of a log; its cautions are in ``provenance["cautions"]``.
+    """Reads the longest segment of settled flight in a log that a model can be learned from.
 
     >>> flight = mavdem.read_flight("flight.tlog", axis="roll")
     >>> flight.output_names, flight.inputs.shape[1], flight.dt
     (('roll', 'roll rate'), 4, 0.01)
 
     Args:
-        path: a log that ``mavdem.ingest.read_log`` reads.
-        axis: "roll", "pitch" or "yaw". A flight of yaw has the rate only: for physical parameters, not for a model.
-        vehicle: "system" or "system:component", where the log holds several.
-        inputs: "motors", or "demand": what the controller asked of the axis, one column; None for the motors, unless
-            they come too slowly and the demand does not.
+        path: A log in one of the formats of ``mavdem.ingest.read_log``.
+        axis: "roll", "pitch" or "yaw". A flight of yaw has the body rate only: it serves to estimate physical
+            parameters, not to learn a model.
+        vehicle: "system" or "system:component", where the log holds several vehicles.
+        inputs: "motors", or "demand" for the controller's demand about the axis, a single column. By default the
+            motors, unless they come too slowly and the demand does not.
+
+    Returns:
+        The flight: uniform samples of attitude, motor outputs and setpoints. What makes a model of it less reliable is
+        in ``provenance["cautions"]``.
 
     Raises:
-        Unreadable: the log cannot be read.
-        NotLearnable: it holds no vehicle, or several and none was chosen, or it cannot be learned from.
-        ValueError: ``path`` is no path, or an axis or inputs that are none.
+        Unreadable: The log cannot be read.
+        NotLearnable: The log has no vehicle, several of which none was chosen, or no usable segment.
+        ValueError: The path is no path, or the axis or the kind of inputs does not exist.
 
     See Also:
-        :func:`mavdem.read_segments`: all usable segments; :class:`mavdem.Flight`: what it is; :func:`mavdem.learn`.
+        :func:`mavdem.read_segments`: all usable segments; :class:`mavdem.Flight`; :func:`mavdem.learn`.
     """
     return learnable_flight(read_log(path), axis, vehicle, inputs)[0]
 
@@ -58,23 +64,26 @@ def read_segments(
     vehicle: str | None = None,
     inputs: str | None = None,
 ) -> Flights:
-    """Returns all usable segments of settled flight in a log, in the order of time.
+    """Reads all segments of settled flight in a log that a model can be learned from, in the order of time.
 
     >>> [flight.duration > 50 for flight in mavdem.read_segments("flight.tlog")]
     [True]
 
-    They have the same inputs and outputs and the same step, that of the longest, so that ``mavdem.learn`` takes them
-    together. Each passed the checks of :func:`read_flight`; where some did not, ``provenance["cautions"]`` say how
-    much is left out. Times of different boots (``provenance["segment"]["boot"]``) must not be compared.
+    All have the same inputs and outputs and the same sampling step, that of the longest segment, so that
+    ``mavdem.learn`` can take them together. Each passed the checks of :func:`read_flight`. Times of different boots
+    (``provenance["segment"]["boot"]``) must not be compared.
 
     Args:
-        path, axis, vehicle, inputs: as for :func:`read_flight`.
+        path, axis, vehicle, inputs: As for :func:`read_flight`.
+
+    Returns:
+        The flights. Where segments failed the checks, ``provenance["cautions"]`` says how much is left out.
 
     Raises:
-        Unreadable, NotLearnable, ValueError: as :func:`read_flight`.
+        Unreadable, NotLearnable, ValueError: As for :func:`read_flight`.
 
     See Also:
-        :func:`mavdem.read_flight`: the longest segment; :func:`mavdem.learn`, which takes them together.
+        :func:`mavdem.read_flight`: the longest segment; :func:`mavdem.learn`.
     """
     log = read_log(path)
     flights, learnability = usable_segments(
@@ -91,46 +100,82 @@ def learnable_flight(
     vehicle: str | None = None,
     inputs: str | None = None,
 ) -> tuple[Flight, Learnability]:
-    """Returns the longest usable segment of a log, as :func:`read_flight` gives it, and whether it is learnable."""
+    """Returns the longest usable segment of a log, as :func:`read_flight` does, and its learnability.
+
+    Args:
+        log: A log that was read.
+        axis: Axis of the model.
+        vehicle: Vehicle to choose, where the log holds several.
+        inputs: "motors" or "demand"; by default the motors, unless only the demand comes fast enough.
+
+    Raises:
+        NotLearnable: No vehicle could be chosen, or no segment is usable.
+    """
     signals = Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs)
     learnability = learnability_of(signals, log.components)
-    return _with_cautions(learnability), learnability
+    return _flight_with_cautions(learnability), learnability
 
 
 @cached_per_vehicle("axis", "inputs")
 def usable_segments(
-    signals: Signals, components: tuple[Component, ...] = (), least_rate: float = MIN_STREAM_RATE
+    signals: Signals, components: tuple[Component, ...] = (), min_rate: float = MIN_STREAM_RATE
 ) -> tuple[Flights, Learnability]:
-    """Returns all usable segments, none if the longest is not learnable; both streams need ``least_rate``, Hz."""
-    judged = list(segment_learnabilities(signals, components, least_rate))
-    first = judged[0]
-    usable = [part for part in judged if part.learnable]
-    taken = [part.segment for part in usable]
-    lost = [segment.duration for segment in first.segments if segment not in taken]
-    left_out = []
-    if 0 < len(lost) < len(first.segments):
-        left_out = [
-            Fact(
-                Caution.SEGMENTS_LEFT_OUT,
-                count=len(lost),
-                segments=len(first.segments),
-                duration=sum(lost),
-                settled=sum(segment.duration for segment in first.segments),
-                least_duration=MIN_SEGMENT_DURATION,
-            )
-        ]
-    flights = [_with_cautions(part, *left_out) for part in usable]
+    """Returns all usable segments of a vehicle's settled flight, aligned with one sampling step.
+
+    Args:
+        signals: Signals of the vehicle for an axis.
+        components: All components in the log, for the advice on rates.
+        min_rate: Rate, Hz, that attitude and model inputs need.
+
+    Returns:
+        The flights in the order of time, none if no segment is learnable; and the learnability of the best segment.
+    """
+    learnabilities = list(segment_learnabilities(signals, components, min_rate))
+    best = learnabilities[0]
+    usable = [learnability for learnability in learnabilities if learnability.learnable]
+    cautions = _unused_segments(best.segments, [learnability.segment for learnability in usable])
+    flights = [_flight_with_cautions(learnability, *cautions) for learnability in usable]
     flights.sort(key=lambda flight: (boot_number(flight), flight.time[0]))
-    return tuple(flights), first
+    return tuple(flights), best
+
+
+def _unused_segments(segments: Segments, used: Sequence[Segment | None]) -> Facts:
+    """Returns a caution on segments of settled flight that are not used, if there are some but not all.
+
+    Args:
+        segments: All segments of settled flight.
+        used: Those that are used.
+    """
+    unused_durations = [segment.duration for segment in segments if segment not in used]
+    if not unused_durations or len(unused_durations) == len(segments):
+        return ()
+    caution = Fact(
+        Caution.SEGMENTS_LEFT_OUT,
+        count=len(unused_durations),
+        segments=len(segments),
+        duration=sum(unused_durations),
+        settled=sum(segment.duration for segment in segments),
+        least_duration=MIN_SEGMENT_DURATION,
+    )
+    return (caution,)
 
 
 def flights_of_longest_boot(flights: Flights) -> Flights:
-    """Returns the flights of the longest one's boot: times of another cannot be compared."""
+    """Returns the flights of the boot with the longest flight; times of different boots cannot be compared."""
     boot = boot_number(max(flights, key=len))
     return [flight for flight in flights if boot_number(flight) == boot]
 
 
-def _with_cautions(learnability: Learnability, *further: Fact) -> Flight:
+def _flight_with_cautions(learnability: Learnability, *further: Fact) -> Flight:
+    """Returns the flight of a learnable segment, with its cautions in the flight and in its provenance.
+
+    Args:
+        learnability: Learnability of the segment.
+        further: Cautions on the whole log, which are added to those of the segment.
+
+    Raises:
+        NotLearnable: The segment is not learnable.
+    """
     if not learnability.learnable or learnability.flight is None:
         raise NotLearnable(learnability.reason)
     flight = learnability.flight
@@ -140,40 +185,56 @@ def _with_cautions(learnability: Learnability, *further: Fact) -> Flight:
 
 
 def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> Telemetry:
-    """Returns the one vehicle, or the one ``wanted``: "system", "system:component" or the number of its board.
+    """Chooses one vehicle of a log.
 
-    One that sends no attitude is no rival.
+    Args:
+        vehicles: All vehicles of the log.
+        wanted: "system", "system:component" or the number of the vehicle's board. By default the only vehicle that
+            sends its attitude or, where none does, the only vehicle.
 
-    Raises NotLearnable: none or several match, which the fact lists.
+    Raises:
+        NotLearnable: No vehicle matches, or several do; the fact lists them.
     """
-    if wanted is not None:
-        matching = [
-            vehicle
-            for vehicle in vehicles
-            if wanted in (str(vehicle.system), _ids(vehicle), vehicle.board)
-        ]
-    else:
-        moving = [
-            vehicle
-            for vehicle in vehicles
-            if any(message_counts(vehicle, ATTITUDE_MESSAGES).values())
-        ]
-        matching = moving or list(vehicles)
+    matching = _matching_vehicles(vehicles, wanted)
     if len(matching) == 1:
         return matching[0]
     if not vehicles:
         raise NotLearnable(Reason.LOG_WITHOUT_VEHICLE)
-    rivals = matching or vehicles
-    # two logs in one, of vehicles with the same ids
-    alike = len({_ids(vehicle) for vehicle in rivals}) < len(rivals)
+    listed = matching or vehicles
+    # Two logs can be joined in one file; then only the number of its board tells vehicles with the same ids apart.
+    has_same_ids = len({_mavlink_ids(vehicle) for vehicle in listed}) < len(listed)
+    names = []
+    for vehicle in listed:
+        names.append(vehicle.board if has_same_ids and vehicle.board else _mavlink_ids(vehicle))
     raise NotLearnable(
         Reason.SEVERAL_VEHICLES if matching else Reason.NO_SUCH_VEHICLE,
         name=wanted,
-        names=[rival.board if alike and rival.board else _ids(rival) for rival in rivals],
-        kinds=[rival.vehicle for rival in rivals],
-        autopilots=[rival.autopilot for rival in rivals],
+        names=names,
+        kinds=[vehicle.vehicle for vehicle in listed],
+        autopilots=[vehicle.autopilot for vehicle in listed],
     )
 
 
-def _ids(vehicle: Telemetry) -> str:
+def _matching_vehicles(vehicles: Sequence[Telemetry], wanted: str | None) -> list[Telemetry]:
+    """Returns the vehicles that a choice matches or, without a choice, those that send their attitude, or all.
+
+    Args:
+        vehicles: All vehicles of the log.
+        wanted: "system", "system:component" or the number of a board; None without a choice.
+    """
+    if wanted is not None:
+        return [
+            vehicle
+            for vehicle in vehicles
+            if wanted in (str(vehicle.system), _mavlink_ids(vehicle), vehicle.board)
+        ]
+    with_attitude = []
+    for vehicle in vehicles:
+        if any(message_counts(vehicle, ATTITUDE_MESSAGES).values()):
+            with_attitude.append(vehicle)
+    return with_attitude or list(vehicles)
+
+
+def _mavlink_ids(vehicle: Telemetry) -> str:
+    """Returns MAVLink's ids of a vehicle, "system:component"."""
     return f"{vehicle.system}:{vehicle.component}"

@@ -1,6 +1,6 @@
-"""Learnability: can a model of one axis be learned from a log; if not, why; if so, what makes it less reliable."""
+"""Learnability: whether a model of one axis can be learned from a log, why not, and what makes it less reliable."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,49 +24,81 @@ from mavdem.facts.learnability import Caution, MotorObstacle, Reason, Remedy
 from mavdem.flight import Flight
 from mavdem.ingest import Component
 from mavdem.ingest.motors import MULTIROTORS, POSSIBLE_MULTIROTORS
-from mavdem.ingest.telemetry import Parameters
 from mavdem.unit_errors import RATE_INTEGRATION_SPAN
 
 NEVER_ARMED = Fact(Reason.NEVER_ARMED, remedy=RECORD_A_FLIGHT)
+"""Refusal of a log in which the vehicle was never armed."""
+
 MIN_SNR = 1.0
+"""Signal-to-noise ratio of the inputs' command or of the outputs' changes, below which a log is refused.
+
+The noise is that of rounding. Rounding can shrink what is learned to SNR / (1 + SNR) of the truth: to half at 1.
+"""
+
 MIN_TRUSTED_SNR = 20.0
-"""Variance over that of its rounding, of the motors' command and of the outputs' changes. Rounding what something is
-learned from can shrink what is learned to SNR/(1 + SNR) of the truth: to half at 1, by 5 % at 20."""
+"""The same ratio, below which a model comes with a caution: at 20 rounding can shrink what is learned by 5 %."""
+
 MIN_CONSISTENCY = 0.5
+"""Share of the angle's changes that the integrated rates explain, below which a log is refused.
+
+Both measure one motion, over ``RATE_INTEGRATION_SPAN``. Where they disagree, most of the rate is an alias, noise, or in
+another unit. A choice.
+"""
+
 MIN_TRUSTED_CONSISTENCY = 0.8
-"""Share of the angle's changes over ``RATE_INTEGRATION_SPAN`` that the integrated rates explain. Both measure one
-motion; where they disagree, the rate is an alias, noise, or in another unit: some of it, or most."""
-STILL_RATE = np.radians(1.0)  # rad/s, standard deviation: twice the noise of a gyroscope in flight
-DOUBTFUL_LOSS = 0.05  # Share of a stream's messages left out as damaged: the rest may be too
+"""The same share, below which a model comes with a caution; a choice."""
+
+MAX_STILL_RATE = np.radians(1.0)
+"""Standard deviation, rad/s, of the body rate of a vehicle that hardly moves: twice a gyroscope's noise in flight."""
+
+MAX_UNUSED_SHARE = 0.05
+"""Share of a stream's messages that were damaged, above which a model comes with a caution: the rest may be too."""
+
+MAX_IMPOSSIBLE_SHARE = 0.01
+"""Share of messages with an impossible angle or rate, above which they have another unit and no damage; a choice."""
+
 MIN_SEGMENT_DURATION = 5.0
-"""Seconds: a few swings of an axis that moves at 1 Hz, and a few hundred samples for a few tens of parameters."""
-MOST_JUDGED = 100
-"""Segments, the longest: of thousands, between clocks that jump, none is better."""
-REFUSED_IMPOSSIBLE = 0.01
-"""Share of messages with an angle or a rate that cannot be: too many for odd ones, so they are in another unit."""
+"""Shortest segment, s, that is learned from.
+
+It has a few oscillations of an axis that moves at 1 Hz, and a few hundred samples for a few tens of parameters.
+"""
+
+MAX_JUDGED_SEGMENTS = 100
+"""Number of segments that are tried, the longest first. Of thousands, between clocks that jump, none is better."""
+
 MAX_STEP_RATIO = 1.25
-"""Mean step of a segment's messages, over that of the longest segment, up to which both are sampled alike: a link that
-loses a fifth of the messages makes it so, as in ``MINIMUM_RATE``."""
+"""Mean step of a segment's messages, relative to that of the longest segment, up to which both are sampled alike.
+
+A link that loses a fifth of the messages has this ratio.
+"""
+
+LOGGERS = ("DataFlash", "ULog")
+"""Recorders on board of the vehicle, in ``Telemetry.translated_from``; any other log was received over a link."""
+
+ADVISED_RATE = 200
+"""Rate, Hz, to record at where the rates contradict the angles, so that less of the motion is aliased; a choice."""
 
 
 @dataclass(frozen=True)
 class Learnability:
-    """Whether a model of ``axis`` can be learned."""
+    """Whether a model of one axis can be learned from a segment or, without a segment, from a log."""
 
     axis: str
+    """"roll", "pitch" or "yaw"."""
     learnable: bool
+    """Whether it can."""
     reason: Fact
-    """The figures that decided, and what to change."""
+    """Figures that decided, and what to change."""
     cautions: Facts = ()
     """What makes a model less reliable."""
     segment: Segment | None = None
-    """The one to learn from or, when refused, the longest; None when there is none."""
+    """Segment to learn from or, when refused, the longest one; None where there is none."""
     figures: QualityFigures = field(default_factory=QualityFigures)
-    """Measured on the segment."""
+    """Quality of that segment."""
     flight: Flight | None = field(default=None, repr=False, compare=False)
-    """The aligned segment, if there is one."""
+    """That segment, aligned."""
     segments: Segments = field(default=(), repr=False)
-    """All of settled flight, the longest first."""
+    """All segments of settled flight in the log, the longest first."""
 
     @property
     def remedy(self) -> str:
@@ -75,308 +107,95 @@ class Learnability:
 
 
 def learnability_of(signals: Signals, components: Sequence[Component] = ()) -> Learnability:
-    """Returns the longest settled segment that can be learned from, or why the longest cannot.
+    """Returns the learnability of the longest settled segment that can be learned from, or of the longest if none can.
 
-    The ``components`` of the log may ask for other rates.
+    Args:
+        signals: Signals of the vehicle for an axis.
+        components: All components in the log, for the advice on rates: one may ask the vehicle for other rates.
     """
     return next(segment_learnabilities(signals, components))
 
 
 def segment_learnabilities(
-    signals: Signals, components: Sequence[Component] = (), least_rate: float = MIN_STREAM_RATE
+    signals: Signals, components: Sequence[Component] = (), min_rate: float = MIN_STREAM_RATE
 ) -> Iterator[Learnability]:
-    """Yields what :func:`learnability_of` returns and, if that is learnable, each other segment that is long enough.
+    """Yields the learnability of the log's best segment and, if that is learnable, of all its other segments.
 
-    Both streams need ``least_rate``, Hz. All flights have the sampling step of the first; a segment too slow for that
-    (``MAX_STEP_RATIO``) is refused.
+    All flights have the sampling step of the first one. A segment that is too slow for it is refused.
+
+    Args:
+        signals: Signals of the vehicle for an axis.
+        components: All components in the log, for the advice on rates.
+        min_rate: Rate, Hz, that attitude and model inputs need.
+
+    Yields:
+        First what :func:`learnability_of` returns, then the other segments of ``MIN_SEGMENT_DURATION`` or more.
     """
-    if (reason := _unusable(signals, components)) is not None:
-        yield Learnability(signals.axis, False, reason)
+    refusal = _unusable_log(signals, components)
+    if refusal is not None:
+        yield Learnability(signals.axis, False, refusal)
         return
-    attitude, drive = signals.attitude_and_inputs
+    attitude, inputs = signals.attitude_and_inputs
     segments = settled_segments(signals)
     figures = quality.log_quality(signals, len(segments))
-    log = _Evidence(signals, attitude, drive, components, figures, segments, least_rate)
+    judge = _SegmentJudge(signals, attitude, inputs, components, figures, segments, min_rate)
     if figures.armed == 0:
-        reason = NEVER_ARMED
+        refusal = NEVER_ARMED
     elif figures.airborne == 0:
-        reason = _grounded(signals, figures)
+        refusal = _never_airborne(signals, figures)
     elif not segments:
-        reason = log.slow_or_short(figures)
-    if reason is not None:
-        yield Learnability(signals.axis, False, reason, figures=figures)
+        refusal = judge.slow_or_short(figures)
+    if refusal is not None:
+        yield Learnability(signals.axis, False, refusal, figures=figures)
         return
-    # Of the segments too short the longest only, if there is no other.
-    long = [part for part in segments if part.duration >= MIN_SEGMENT_DURATION] or segments[:1]
-    judged = []
-    for segment in long[:MOST_JUDGED]:
-        judged.append(log.judge(segment))
-        if judged[-1].learnable:
-            break
-    first = judged[-1] if judged[-1].learnable else judged[0]
-    yield first
-    if first.learnable and first.flight is not None:
-        for segment in long:
-            if segment != first.segment:
-                yield log.judge(segment, first.flight.dt)
 
-
-def _unusable(signals: Signals, components: Sequence[Component]) -> Fact | None:
-    """Why no flight need be looked for in a log, if that is so."""
-    telemetry = signals.telemetry
-    attitude = signals.attitude
-    recorder = telemetry.translated_from
-    if telemetry.vehicle not in POSSIBLE_MULTIROTORS:
-        other = next((each for each in components if each.kind in MULTIROTORS), None)
-        return Fact(
-            Reason.NO_MULTIROTOR,
-            recorder=recorder,
-            kind=telemetry.vehicle,
-            other=other and f"{other.system}:{other.component}",
-            other_kind=other and other.kind,
-        )
-    if attitude is None:
-        return Fact(Reason.NO_ATTITUDE, recorder=recorder, remedy=rate_advice(telemetry))
-    if signals.model_inputs is None:
-        never = signals.armed is not None and not signals.armed.values.any()
-        return NEVER_ARMED if never else _without_drive(signals)
-    name = telemetry.name_in_source(attitude.message)
-    if attitude.impossible_count > REFUSED_IMPOSSIBLE * attitude.sent_count:
-        return _impossible(Reason.ATTITUDE_UNIT, attitude, name).but(recorder=recorder)
-    if not len(attitude.time):
-        return Fact(Reason.ATTITUDE_NOT_FINITE, name=name, axis=signals.axis)
-    return None
-
-
-def _impossible(code: Reason | Caution, attitude: Attitude, name: str) -> Fact:
-    return Fact(
-        code,
-        count=attitude.impossible_count,
-        sent=attitude.sent_count,
-        name=name,
-        body_rate=MAX_BODY_RATE,
-    )
-
-
-def _without_drive(signals: Signals) -> Fact:
-    telemetry = signals.telemetry
-    if signals.inputs == "demand":
-        recorded = DEMAND_MESSAGE in telemetry.messages
-        return Fact(
-            Reason.DEMAND_CONSTANT if recorded else Reason.NO_DEMAND,
-            axis=signals.axis,
-            name=telemetry.name_in_source(DEMAND_MESSAGE),
-            recorder=telemetry.translated_from,
-        )
-    obstacle = motor_outputs_or_obstacle(telemetry)
-    assert isinstance(obstacle, Fact)
-    slow = obstacle.code is MotorObstacle.NO_MOTOR_MESSAGE
-    return obstacle.but(remedy=rate_advice(telemetry)) if slow else obstacle
-
-
-@dataclass(frozen=True, eq=False)
-class _Evidence:
-    """The evidence: signals, the streams among them that decide, and the figures of the whole log."""
-
-    signals: Signals
-    attitude: Attitude
-    drive: MotorOutputs
-    components: Sequence[Component]
-    figures: QualityFigures
-    segments: Segments
-    least_rate: float  # Hz, that both streams need
-
-    def name(self, stream: Attitude | MotorOutputs) -> str:
-        return self.signals.telemetry.name_in_source(stream.message)
-
-    def judge(self, segment: Segment, dt: float | None = None) -> Learnability:
-        """Whether a ``segment`` can be learned from, in steps of ``dt``, s, or its own."""
-        signals = self.signals
-        flight = aligned_flight(signals, segment, dt)
-        figures = quality.segment_quality(signals, segment, flight, self.figures)
-        reason = self.objection(figures)
-        slower = slower_stream_rate(figures)
-        if reason is None and slower * flight.dt * MAX_STEP_RATIO < 1:
-            reason = Fact(
-                Reason.SLOWER_THAN_LONGEST,
-                rate=slower,
-                least_rate=1 / flight.dt,
-                remedy=self.ask_for_rate(),
-            )
-        learnable = reason is None
-        if reason is None:
-            reason = Fact(
-                Reason.LEARNABLE,
-                axis=signals.axis,
-                duration=segment.duration,
-                attitude_rate=figures.attitude_rate,
-                motor_rate=figures.motor_rate,
-                # Attitude may be interpolated at PX4's body rates, whose rate is then no attitude's.
-                body_rates=self.name(self.attitude) == "vehicle_angular_velocity",
-                demand=self.drive.message == DEMAND_MESSAGE,
-            )
-        cautions = tuple(segment_cautions(signals, figures)) if learnable else ()
-        return Learnability(
-            signals.axis, learnable, reason, cautions, segment, figures, flight, self.segments
-        )
-
-    def objection(self, figures: QualityFigures) -> Fact | None:
-        """Why a segment of these ``figures`` cannot be learned from, if that is so."""
-        axis = self.signals.axis
-        tilts = axis in TILT_AXES
-        short = (figures.duration or 0.0) < MIN_SEGMENT_DURATION
-        # A short segment of a slow stream may be fast; it is still the rate of the stream that should change.
-        if short:
-            return self.slow_or_short(self.figures, figures.duration)
-        if reason := self.too_slow(figures) or self.repeated(figures):
-            return reason
-        if not figures.rate_sd or not (figures.angle_sd or not tilts):
-            return Fact(Reason.OUTPUT_CONSTANT, axis=axis)
-        if figures.output_snr is not None and figures.output_snr < MIN_SNR:
-            return Fact(
-                Reason.OUTPUT_ROUNDED,
-                axis=axis,
-                span=RATE_INTEGRATION_SPAN,
-                angle_step=figures.angle_step,
-                rate_step=figures.rate_step,
-            )
-        if figures.consistency is not None and figures.consistency < MIN_CONSISTENCY:
-            return Fact(
-                Reason.RATE_CONTRADICTS_ANGLE,
-                axis=axis,
-                consistency=figures.consistency,
-                span=RATE_INTEGRATION_SPAN,
-                still=tilts and figures.rate_sd < STILL_RATE,
-                remedy=rate_advice(self.signals.telemetry, rate=200),
-            )
-        if figures.input_snr is not None and figures.input_snr < MIN_SNR:
-            return Fact(
-                Reason.COMMAND_ROUNDED,
-                axis=axis,
-                command=figures.input_sd,
-                command_step=figures.input_step,
-                unit=self.drive.scale.unit,
-            )
-        return None
-
-    def slow_or_short(self, figures: QualityFigures, duration: float | None = None) -> Fact:
-        """Which rate of the log leaves no segment that is long enough, or else its ``duration``, s."""
-        is_logged = self.signals.telemetry.translated_from in ("DataFlash", "ULog")
-        return self.too_slow(figures) or Fact(
-            Reason.TOO_SHORT,
-            duration=duration,
-            least_duration=MIN_SEGMENT_DURATION,
-            airborne=figures.airborne,
-            recorder="logger" if is_logged else "link",
-        )
-
-    def too_slow(self, figures: QualityFigures) -> Fact | None:
-        """Whether a stream comes too slowly."""
-        attitude_rate = figures.attitude_rate or 0.0
-        rates = {
-            self.name(self.attitude): attitude_rate,
-            self.name(self.drive): figures.motor_rate or 0.0,
-        }
-        slow = slow_streams(rates, self.signals.axis, self.least_rate)
-        return slow and slow.but(remedy=self.for_faster(attitude_rate >= MIN_STREAM_RATE))
-
-    def repeated(self, figures: QualityFigures) -> Fact | None:
-        """Whether a stream repeats old values under new stamps."""
-        for stream, rate, fresh in (
-            (self.attitude, figures.attitude_rate, figures.attitude_fresh or 0.0),
-            (self.drive, figures.motor_rate, figures.motor_fresh or 0.0),
-        ):
-            if fresh < self.least_rate:
-                return Fact(
-                    Reason.VALUES_REPEATED,
-                    name=self.name(stream),
-                    rate=rate,
-                    fresh_rate=fresh,
-                    least_rate=self.least_rate,
-                    axis=self.signals.axis,
-                    remedy=rate_advice(self.signals.telemetry),
-                )
-        return None
-
-    def for_faster(self, attitude_is_fast: bool) -> Fact:
-        """What makes streams come faster that come too slowly, or do without."""
-        signals = self.signals
-        demand = signals.demand if signals.inputs == "motors" and attitude_is_fast else None
-        if demand is not None and (rate := rate_between_outages(demand)) >= MIN_STREAM_RATE:
-            return Fact(Remedy.LEAVE_OUT_MOTORS, axis=signals.axis, rate=rate)
-        return self.ask_for_rate()
-
-    def ask_for_rate(self) -> Fact:
-        return rate_advice(self.signals.telemetry, components=self.components)
-
-
-def slower_stream_rate(figures: QualityFigures) -> float:
-    """Returns the rate of the slower stream of a segment, Hz; 0 where one is missing."""
-    return min(figures.attitude_rate or 0.0, figures.motor_rate or 0.0)
-
-
-def slow_streams(rates: Parameters, axis: str, least: float = MIN_STREAM_RATE) -> Fact | None:
-    """Returns all messages slower than ``least``, of ``rates`` in Hz by name; None if none is."""
-    slow = {name: rate for name, rate in rates.items() if rate < least}
-    return (
-        Fact(
-            Reason.STREAMS_TOO_SLOW,
-            names=tuple(slow),
-            rates=tuple(slow.values()),
-            least_rate=least,
-            axis=axis,
-        )
-        if slow
-        else None
-    )
-
-
-def _grounded(signals: Signals, figures: QualityFigures) -> Fact:
-    """On a vehicle that was armed and did not fly: what shows that, if anything does."""
-    name = signals.telemetry.name_in_source("EXTENDED_SYS_STATE")
-    attitude, _ = signals.attitude_and_inputs
-    held = any(phases.airborne_intervals(signals, int(boot)) for boot in np.unique(attitude.boot))
-    by_collective = not held and signals.landed_state is None
-    if by_collective and signals.collective is None:
-        return Fact(Reason.NO_EVIDENCE_OF_FLIGHT, name=name, remedy=rate_advice(signals.telemetry))
-    return Fact(
-        Reason.NEVER_AIRBORNE,
-        armed=figures.armed,
-        name=name,
-        climb_rate=phases.MIN_LIFT_OFF_SPEED if held else None,
-        collective=phases.max_collective(signals) if by_collective else None,
-        least_collective=phases.min_airborne_collective(signals.telemetry.parameters),
-        remedy=RECORD_A_FLIGHT,
-    )
+    candidates = [segment for segment in segments if segment.duration >= MIN_SEGMENT_DURATION]
+    if not candidates:
+        # All are too short; the longest one says so.
+        candidates = [segments[0]]
+    best = _best_segment(judge, candidates[:MAX_JUDGED_SEGMENTS])
+    yield best
+    if best.learnable and best.flight is not None:
+        for segment in candidates:
+            if segment != best.segment:
+                yield judge.learnability(segment, best.flight.dt)
 
 
 def segment_cautions(signals: Signals, figures: QualityFigures) -> Iterator[Fact]:
-    """Yields what was left out of attitude and inputs, what was assumed, and what a segment of ``figures`` lacks."""
+    """Yields what makes a model of a segment less reliable.
+
+    Args:
+        signals: Signals of the vehicle for an axis.
+        figures: Quality of the segment.
+
+    Yields:
+        Facts (``Caution``) on messages that could not be used, on assumptions, on resolution and consistency.
+    """
     axis = signals.axis
-    attitude, drive = signals.attitude_and_inputs
-    called = signals.telemetry.name_in_source
+    telemetry = signals.telemetry
+    attitude, inputs = signals.attitude_and_inputs
     if attitude.impossible_count:
-        name = called(attitude.message)
-        yield _impossible(Caution.IMPOSSIBLE_ATTITUDE, attitude, name)
-    for stream in (attitude, drive):
-        if stream.unused_count > DOUBTFUL_LOSS * stream.sent_count:
+        yield _impossible_attitude(signals, Caution.IMPOSSIBLE_ATTITUDE)
+    for stream in (attitude, inputs):
+        if stream.unused_count > MAX_UNUSED_SHARE * stream.sent_count:
             yield Fact(
                 Caution.MESSAGES_LEFT_OUT,
                 count=stream.unused_count,
                 sent=stream.sent_count,
-                name=called(stream.message),
+                name=telemetry.name_in_source(stream.message),
             )
-    if drive.message == DEMAND_MESSAGE:
+    if inputs.message == DEMAND_MESSAGE:
+        motors = signals.motors
         yield Fact(
             Caution.DEMAND_IS_INPUT,
             axis=axis,
-            motor_rate=0.0 if signals.motors is None else rate_between_outages(signals.motors),
+            motor_rate=rate_between_outages(motors) if motors is not None else 0.0,
             least_rate=MIN_STREAM_RATE,
         )
-    if signals.telemetry.vehicle == "UNKNOWN":
+    if telemetry.vehicle == "UNKNOWN":
         yield Fact(Caution.VEHICLE_ASSUMED)
-    if drive.geometry.assumed:
-        yield Fact(Caution.MIXER_ASSUMED, basis=drive.geometry.basis)
+    if inputs.geometry.assumed:
+        yield Fact(Caution.MIXER_ASSUMED, basis=inputs.geometry.basis)
     if figures.output_snr is not None and figures.output_snr < MIN_TRUSTED_SNR:
         yield Fact(
             Caution.NEAR_RESOLUTION,
@@ -387,3 +206,336 @@ def segment_cautions(signals: Signals, figures: QualityFigures) -> Iterator[Fact
         )
     if figures.consistency is not None and figures.consistency < MIN_TRUSTED_CONSISTENCY:
         yield Fact(Caution.RATE_EXPLAINS_LITTLE, consistency=figures.consistency)
+
+
+def slower_stream_rate(figures: QualityFigures) -> float:
+    """Returns the rate, Hz, of the slower one of attitude and model inputs; 0 where one is missing."""
+    return min(figures.attitude_rate or 0.0, figures.motor_rate or 0.0)
+
+
+def slow_streams(
+    rates: Mapping[str, float], axis: str, min_rate: float = MIN_STREAM_RATE
+) -> Fact | None:
+    """Returns the refusal of streams that come too slowly.
+
+    Args:
+        rates: Rate of each stream, Hz, by the name of its message.
+        axis: Axis of the model.
+        min_rate: Rate, Hz, that each stream needs.
+
+    Returns:
+        The fact that names the slow ones; None where all are fast enough.
+    """
+    slow = {name: rate for name, rate in rates.items() if rate < min_rate}
+    if not slow:
+        return None
+    return Fact(
+        Reason.STREAMS_TOO_SLOW,
+        names=tuple(slow),
+        rates=tuple(slow.values()),
+        least_rate=min_rate,
+        axis=axis,
+    )
+
+
+def _unusable_log(signals: Signals, components: Sequence[Component]) -> Fact | None:
+    """Returns why a log cannot have a usable flight, whatever was flown; None where it can.
+
+    Args:
+        signals: Signals of the vehicle for an axis.
+        components: All components in the log.
+    """
+    telemetry = signals.telemetry
+    attitude = signals.attitude
+    recorder = telemetry.translated_from
+    if telemetry.vehicle not in POSSIBLE_MULTIROTORS:
+        return _no_multirotor(signals, components)
+    if attitude is None:
+        return Fact(Reason.NO_ATTITUDE, recorder=recorder, remedy=rate_advice(telemetry))
+    if signals.model_inputs is None:
+        if signals.armed is not None and not signals.armed.values.any():
+            return NEVER_ARMED
+        return _without_inputs(signals)
+    if attitude.impossible_count > MAX_IMPOSSIBLE_SHARE * attitude.sent_count:
+        return _impossible_attitude(signals, Reason.ATTITUDE_UNIT).but(recorder=recorder)
+    if not len(attitude.time):
+        name = telemetry.name_in_source(attitude.message)
+        return Fact(Reason.ATTITUDE_NOT_FINITE, name=name, axis=signals.axis)
+    return None
+
+
+def _no_multirotor(signals: Signals, components: Sequence[Component]) -> Fact:
+    """Returns the refusal of a vehicle of another kind; it names a multirotor that is in the log too."""
+    multirotors = [component for component in components if component.kind in MULTIROTORS]
+    other = multirotors[0] if multirotors else None
+    return Fact(
+        Reason.NO_MULTIROTOR,
+        recorder=signals.telemetry.translated_from,
+        kind=signals.telemetry.vehicle,
+        other=f"{other.system}:{other.component}" if other is not None else None,
+        other_kind=other.kind if other is not None else None,
+    )
+
+
+def _impossible_attitude(signals: Signals, code: Reason | Caution) -> Fact:
+    """Returns a fact with the number of attitude messages with an impossible angle or body rate."""
+    attitude = signals.attitude
+    assert attitude is not None
+    return Fact(
+        code,
+        count=attitude.impossible_count,
+        sent=attitude.sent_count,
+        name=signals.telemetry.name_in_source(attitude.message),
+        body_rate=MAX_BODY_RATE,
+    )
+
+
+def _without_inputs(signals: Signals) -> Fact:
+    """Returns the refusal of a log without motor outputs or, where the demand was chosen, without the demand."""
+    telemetry = signals.telemetry
+    if signals.inputs == "demand":
+        is_recorded = DEMAND_MESSAGE in telemetry.messages
+        return Fact(
+            Reason.DEMAND_CONSTANT if is_recorded else Reason.NO_DEMAND,
+            axis=signals.axis,
+            name=telemetry.name_in_source(DEMAND_MESSAGE),
+            recorder=telemetry.translated_from,
+        )
+    obstacle = motor_outputs_or_obstacle(telemetry)
+    assert isinstance(obstacle, Fact)
+    if obstacle.code is MotorObstacle.NO_MOTOR_MESSAGE:
+        return obstacle.but(remedy=rate_advice(telemetry))
+    return obstacle
+
+
+def _never_airborne(signals: Signals, figures: QualityFigures) -> Fact:
+    """Returns the refusal of a vehicle that was armed and did not fly, with the evidence that it did not.
+
+    The evidence is a landed state in the air without any vertical speed, the landed state on the ground or, where none
+    is reported, the low collective.
+    """
+    telemetry = signals.telemetry
+    name = telemetry.name_in_source("EXTENDED_SYS_STATE")
+    attitude, _ = signals.attitude_and_inputs
+    is_reported_airborne = False
+    for boot in np.unique(attitude.boot):
+        if phases.airborne_intervals(signals, int(boot)):
+            is_reported_airborne = True
+            break
+    is_by_collective = not is_reported_airborne and signals.landed_state is None
+    if is_by_collective and signals.collective is None:
+        return Fact(Reason.NO_EVIDENCE_OF_FLIGHT, name=name, remedy=rate_advice(telemetry))
+    return Fact(
+        Reason.NEVER_AIRBORNE,
+        armed=figures.armed,
+        name=name,
+        climb_rate=phases.MIN_LIFT_OFF_SPEED if is_reported_airborne else None,
+        collective=phases.max_collective(signals) if is_by_collective else None,
+        least_collective=phases.min_airborne_collective(telemetry.parameters),
+        remedy=RECORD_A_FLIGHT,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _SegmentJudge:
+    """Decides for each segment of one log whether a model can be learned from it."""
+
+    signals: Signals
+    """Signals of the vehicle for an axis."""
+    attitude: Attitude
+    """Attitude of that axis."""
+    inputs: MotorOutputs
+    """Model inputs."""
+    components: Sequence[Component]
+    """All components in the log, for the advice on rates."""
+    log_figures: QualityFigures
+    """Quality of the whole log."""
+    segments: Segments
+    """All its segments of settled flight, the longest first."""
+    min_rate: float
+    """Rate, Hz, that attitude and inputs need."""
+
+    def learnability(self, segment: Segment, dt: float | None = None) -> Learnability:
+        """Decides whether a segment can be learned from.
+
+        Args:
+            segment: The segment.
+            dt: Sampling step, s, to align it with; by default its own.
+        """
+        signals = self.signals
+        flight = aligned_flight(signals, segment, dt)
+        figures = quality.segment_quality(signals, segment, flight, self.log_figures)
+        refusal = self.refusal(figures)
+        rate = slower_stream_rate(figures)
+        if refusal is None and rate * flight.dt * MAX_STEP_RATIO < 1:
+            refusal = Fact(
+                Reason.SLOWER_THAN_LONGEST,
+                rate=rate,
+                least_rate=1 / flight.dt,
+                remedy=rate_advice(signals.telemetry, components=self.components),
+            )
+        if refusal is not None:
+            return Learnability(
+                signals.axis,
+                False,
+                refusal,
+                segment=segment,
+                figures=figures,
+                flight=flight,
+                segments=self.segments,
+            )
+        attitude_name = signals.telemetry.name_in_source(self.attitude.message)
+        reason = Fact(
+            Reason.LEARNABLE,
+            axis=signals.axis,
+            duration=segment.duration,
+            attitude_rate=figures.attitude_rate,
+            motor_rate=figures.motor_rate,
+            # PX4's attitude may be interpolated to the stamps of the body rates; the rate is then theirs.
+            body_rates=attitude_name == "vehicle_angular_velocity",
+            demand=self.inputs.message == DEMAND_MESSAGE,
+        )
+        cautions = tuple(segment_cautions(signals, figures))
+        return Learnability(
+            signals.axis, True, reason, cautions, segment, figures, flight, self.segments
+        )
+
+    def refusal(self, figures: QualityFigures) -> Fact | None:
+        """Returns why a segment with these figures cannot be learned from; None where it can."""
+        # A short segment of a slow stream may be fast; it is still the rate of the stream that should change.
+        if (figures.duration or 0.0) < MIN_SEGMENT_DURATION:
+            return self.slow_or_short(self.log_figures, figures.duration)
+        for check in (
+            self._too_slow,
+            self._repeated_values,
+            self._constant_or_rounded_outputs,
+            self._inconsistent_rates,
+            self._rounded_command,
+        ):
+            refusal = check(figures)
+            if refusal is not None:
+                return refusal
+        return None
+
+    def slow_or_short(self, figures: QualityFigures, duration: float | None = None) -> Fact:
+        """Returns the refusal of a log without a segment that is long enough: slow streams or else a short flight.
+
+        Args:
+            figures: Quality of the log.
+            duration: Duration, s, of its longest segment, if it has one.
+        """
+        too_slow = self._too_slow(figures)
+        if too_slow is not None:
+            return too_slow
+        is_logged_on_board = self.signals.telemetry.translated_from in LOGGERS
+        return Fact(
+            Reason.TOO_SHORT,
+            duration=duration,
+            least_duration=MIN_SEGMENT_DURATION,
+            airborne=figures.airborne,
+            recorder="logger" if is_logged_on_board else "link",
+        )
+
+    def _too_slow(self, figures: QualityFigures) -> Fact | None:
+        """Returns the refusal of streams that come too slowly, with what would make them faster."""
+        telemetry = self.signals.telemetry
+        attitude_rate = figures.attitude_rate or 0.0
+        rates = {
+            telemetry.name_in_source(self.attitude.message): attitude_rate,
+            telemetry.name_in_source(self.inputs.message): figures.motor_rate or 0.0,
+        }
+        refusal = slow_streams(rates, self.signals.axis, self.min_rate)
+        if refusal is None:
+            return None
+        return refusal.but(remedy=self._remedy_for_slow_streams(attitude_rate))
+
+    def _remedy_for_slow_streams(self, attitude_rate: float) -> Fact:
+        """Returns the remedy for slow streams: the demand in place of the motors, if that is fast, or faster streams.
+
+        Args:
+            attitude_rate: Rate of the attitude, Hz.
+        """
+        signals = self.signals
+        is_attitude_fast = attitude_rate >= MIN_STREAM_RATE
+        if signals.inputs == "motors" and is_attitude_fast and signals.demand is not None:
+            demand_rate = rate_between_outages(signals.demand)
+            if demand_rate >= MIN_STREAM_RATE:
+                return Fact(Remedy.LEAVE_OUT_MOTORS, axis=signals.axis, rate=demand_rate)
+        return rate_advice(signals.telemetry, components=self.components)
+
+    def _repeated_values(self, figures: QualityFigures) -> Fact | None:
+        """Returns the refusal of a stream that repeats old values under new stamps, so that new ones are too rare."""
+        telemetry = self.signals.telemetry
+        if (figures.attitude_fresh or 0.0) < self.min_rate:
+            message = self.attitude.message
+            rate = figures.attitude_rate
+            fresh_rate = figures.attitude_fresh or 0.0
+        elif (figures.motor_fresh or 0.0) < self.min_rate:
+            message = self.inputs.message
+            rate = figures.motor_rate
+            fresh_rate = figures.motor_fresh or 0.0
+        else:
+            return None
+        return Fact(
+            Reason.VALUES_REPEATED,
+            name=telemetry.name_in_source(message),
+            rate=rate,
+            fresh_rate=fresh_rate,
+            least_rate=self.min_rate,
+            axis=self.signals.axis,
+            remedy=rate_advice(telemetry),
+        )
+
+    def _constant_or_rounded_outputs(self, figures: QualityFigures) -> Fact | None:
+        """Returns the refusal of outputs that never change, or whose changes are lost in rounding."""
+        axis = self.signals.axis
+        is_angle_constant = axis in TILT_AXES and not figures.angle_sd
+        if not figures.rate_sd or is_angle_constant:
+            return Fact(Reason.OUTPUT_CONSTANT, axis=axis)
+        if figures.output_snr is not None and figures.output_snr < MIN_SNR:
+            return Fact(
+                Reason.OUTPUT_ROUNDED,
+                axis=axis,
+                span=RATE_INTEGRATION_SPAN,
+                angle_step=figures.angle_step,
+                rate_step=figures.rate_step,
+            )
+        return None
+
+    def _inconsistent_rates(self, figures: QualityFigures) -> Fact | None:
+        """Returns the refusal of body rates that contradict the angles."""
+        axis = self.signals.axis
+        if figures.consistency is not None and figures.consistency < MIN_CONSISTENCY:
+            is_still = figures.rate_sd is not None and figures.rate_sd < MAX_STILL_RATE
+            return Fact(
+                Reason.RATE_CONTRADICTS_ANGLE,
+                axis=axis,
+                consistency=figures.consistency,
+                span=RATE_INTEGRATION_SPAN,
+                still=axis in TILT_AXES and is_still,
+                remedy=rate_advice(self.signals.telemetry, rate=ADVISED_RATE),
+            )
+        return None
+
+    def _rounded_command(self, figures: QualityFigures) -> Fact | None:
+        """Returns the refusal of model inputs whose torque command is lost in rounding."""
+        if figures.input_snr is not None and figures.input_snr < MIN_SNR:
+            return Fact(
+                Reason.COMMAND_ROUNDED,
+                axis=self.signals.axis,
+                command=figures.input_sd,
+                command_step=figures.input_step,
+                unit=self.inputs.scale.unit,
+            )
+        return None
+
+
+def _best_segment(judge: _SegmentJudge, segments: Sequence[Segment]) -> Learnability:
+    """Returns the first of several segments that can be learned from, or the first of all where none can."""
+    refused = []
+    for segment in segments:
+        learnability = judge.learnability(segment)
+        if learnability.learnable:
+            return learnability
+        refused.append(learnability)
+    return refused[0]

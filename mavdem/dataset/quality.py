@@ -1,11 +1,13 @@
-"""Quality of a log and of one segment: rates, noise, resolution and consistency, as numbers."""
+"""Quality of a log and of a segment: rates, noise, resolution and consistency of attitude and model inputs."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.arrays import Array, Flags
 from mavdem.dataset import phases
+from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.intervals import intersection, total_duration
 from mavdem.dataset.resampling import mean_rate, resample
 from mavdem.dataset.segments import Segment, in_segments, recorded_spans
@@ -15,178 +17,314 @@ from mavdem.ingest.output_scale import OutputScale
 from mavdem.unit_errors import RATE_INTEGRATION_SPAN
 
 OUTLIER_SHARE = 0.01
-"""Share of those spans, the worst explained, that the consistency leaves out, and at least as many as one sample is in:
-it is of the whole segment, and a single outlier must not decide it."""
-HELD_STEPS = 1.5
-"""Quantisation steps by which a value that had been constant for a message or more usually changes when it does, if it
-was held. One that only moves less than a step goes on by one step."""
+"""Share of all spans, those explained worst, that the consistency leaves out; at least those that hold one sample.
+
+The consistency is that of a whole segment, and a single outlier must not decide it. A choice.
+"""
+
+MIN_HELD_CHANGE_STEPS = 1.5
+"""Change of a value after it stood still, in quantisation steps, from which it was sent again and not merely rounded.
+
+A value that moves by less than a step per message goes on by a single step.
+"""
+
 STOP_MARGIN = 0.01
-"""Share of the range: how near to its upper stop (``OutputScale.stop``) a motor is at it."""
+"""Distance from its upper stop, as a fraction of the range, within which a motor is at the stop; a choice."""
+
+ROUNDING_VARIANCE_DIVISOR = 12
+"""The variance of rounding to steps of size q is q² / 12, that of a uniform distribution."""
 
 
 @dataclass(frozen=True)
 class QualityFigures:
-    """Measured on one segment; None where it could not be. In s, Hz, rad, rad/s, units of the stream."""
+    """Figures of a segment and of its log; None where a figure could not be measured."""
 
-    armed: float = 0.0  # with airborne: seconds over all boots
+    armed: float = 0.0
+    """Seconds that the vehicle was armed in the whole log."""
     airborne: float = 0.0
-    segments: int = 0  # of settled flight
-    duration: float | None = None  # with samples, dt: of the segment, aligned
+    """Seconds that it flew in the whole log."""
+    segments: int = 0
+    """Number of segments of settled flight in the log."""
+    duration: float | None = None
+    """Duration of the aligned segment, s."""
     samples: int | None = None
+    """Number of samples of the aligned segment."""
     dt: float | None = None
-    attitude_rate: float | None = None  # with motor_rate: mean messages a second
+    """Sampling step of the aligned segment, s."""
+    attitude_rate: float | None = None
+    """Mean rate of attitude messages, Hz."""
     motor_rate: float | None = None
-    # attitude_fresh and motor_fresh: new values a second; less than the rate where old ones are sent again under new
-    # stamps, but not where they stand still because they are rounded
+    """Mean rate of messages with model inputs, Hz."""
     attitude_fresh: float | None = None
+    """Rate of new attitudes, Hz: less than ``attitude_rate`` where old ones are sent again under new stamps.
+
+    Values that stand still only because they are rounded count as new.
+    """
     motor_fresh: float | None = None
-    attitude_gap: float | None = None  # with motor_gap: the longest step between messages
+    """Rate of new model inputs, Hz, in the same sense."""
+    attitude_gap: float | None = None
+    """Longest step between attitude messages, s."""
     motor_gap: float | None = None
-    angle_sd: float | None = None  # with rate_sd: standard deviations of the outputs
+    """Longest step between messages with model inputs, s."""
+    angle_sd: float | None = None
+    """Standard deviation of the Euler angle, rad."""
     rate_sd: float | None = None
-    angle_step: float | None = None  # with rate_step: quantisation steps of the outputs, as sent
+    """Standard deviation of the body rate, rad/s."""
+    angle_step: float | None = None
+    """Quantisation step of the Euler angle as sent, rad."""
     rate_step: float | None = None
-    # variance of the changes of angle or rate over 0.2 s, rounding taken off, over the variance that rounding alone
-    # gives them; of whichever is less
+    """Quantisation step of the body rate as sent, rad/s."""
     output_snr: float | None = None
-    # standard deviation of the motors' combination that turns the axis (of one motor against the others where their
-    # places are unknown)
+    """Signal-to-noise ratio of the changes of angle or rate over 0.2 s, the lower of the two.
+
+    The noise is that of rounding: variance without it over the variance that it gives.
+    """
     input_sd: float | None = None
-    input_step: float | None = None  # quantisation step of the motor outputs
-    # variance of that combination, rounding taken off, over the variance that rounding alone gives it
+    """Standard deviation of the motors' torque command about the axis, in the unit of the outputs.
+
+    Where the motors' positions are not known, that of one motor against the mean of all.
+    """
+    input_step: float | None = None
+    """Quantisation step of the model inputs."""
     input_snr: float | None = None
-    saturation: float | None = None  # share of samples with a motor at its limit
-    # share of the angle's changes over 0.2 s explained by the integrated rates, in the stream or in the flight made of
-    # it, whichever is less; can be far below 0
+    """Signal-to-noise ratio of that command; the noise is that of rounding."""
+    saturation: float | None = None
+    """Share of samples with a motor at one of its limits."""
     consistency: float | None = None
+    """Share of the angle's changes over 0.2 s that the integrated rates explain; it can be far below 0.
+
+    The lower of two: of the messages, and of the flight that was aligned from them.
+    """
 
 
 def log_quality(signals: Signals, segments: int) -> QualityFigures:
-    """Returns the figures of a whole log with so many ``segments``; its rates are those between outages."""
-    attitude, drive = signals.attitude_and_inputs
-    armed = sum(
-        total_duration(
-            intersection([(part.start, part.end)], phases.armed_intervals(signals, part.boot))
-        )
-        for part in recorded_spans(signals)
-    )
+    """Measures a whole log with attitude and model inputs.
+
+    Args:
+        signals: Signals with both streams.
+        segments: Number of its segments of settled flight.
+
+    Returns:
+        The figures of the log; its rates are those between outages.
+    """
+    attitude, inputs = signals.attitude_and_inputs
+    armed_durations = []
+    for span in recorded_spans(signals):
+        armed_intervals = phases.armed_intervals(signals, span.boot)
+        recorded = intersection([(span.start, span.end)], armed_intervals)
+        armed_durations.append(total_duration(recorded))
     airborne = 0.0
-    for boot in np.intersect1d(attitude.boot, drive.boot):
-        driven = drive.time[drive.boot == boot]
-        airborne += total_duration(
-            intersection(
-                [(driven[0], driven[-1])], phases.free_flight_intervals(signals, int(boot))
-            )
-        )
+    for boot in np.intersect1d(attitude.boot, inputs.boot):
+        input_time = inputs.time[inputs.boot == boot]
+        flights = phases.free_flight_intervals(signals, int(boot))
+        airborne += total_duration(intersection([(input_time[0], input_time[-1])], flights))
     return QualityFigures(
-        armed,
-        airborne,
-        segments,
+        armed=sum(armed_durations),
+        airborne=airborne,
+        segments=segments,
         attitude_rate=rate_between_outages(attitude) or None,
-        motor_rate=rate_between_outages(drive) or None,
+        motor_rate=rate_between_outages(inputs) or None,
     )
 
 
 def segment_quality(
     signals: Signals, segment: Segment, flight: Flight, log: QualityFigures
 ) -> QualityFigures:
-    """Returns the figures of one segment and the flight made of it, with those of the ``log`` that hold for all."""
-    attitude, motors = signals.attitude_and_inputs
-    here = in_segments(attitude, segment)
-    there = in_segments(motors, segment)
-    time = attitude.time[here]
-    angle = attitude.angle[here]
-    slope = attitude.euler_rate[here]
-    flown, _ = resample(flight.time, flight.dt, time, np.column_stack([angle, slope]))
-    flown_angle, flown_slope, flown_rate = *flown.T, flight.outputs[:, -1]
-    consistencies = [
-        _consistency(time, angle, slope),
-        _consistency(flight.time, flown_angle, flown_slope),
+    """Measures one segment.
+
+    Args:
+        signals: Signals with attitude and model inputs.
+        segment: The segment.
+        flight: The segment, aligned.
+        log: Figures of the whole log, of which those that are of the log are kept.
+    """
+    attitude, inputs = signals.attitude_and_inputs
+    attitude_rows = in_segments(attitude, segment)
+    time = attitude.time[attitude_rows]
+    angle = attitude.angle[attitude_rows]
+    rate = attitude.rate[attitude_rows]
+    euler_rate = attitude.euler_rate[attitude_rows]
+    angle_step = _quantisation_step(angle)
+    rate_step = _quantisation_step(rate)
+
+    # The angle of yaw is no output of a model.
+    measured = [angle, rate] if signals.axis in TILT_AXES else [rate]
+    steps = [angle_step, rate_step] if signals.axis in TILT_AXES else [rate_step]
+    output_snrs = [
+        _snr_of_changes(time, values, step) for values, step in zip(measured, steps, strict=True)
     ]
-    motion = np.column_stack([angle, attitude.rate[here]])
-    steps = np.array([_step(column) for column in motion.T])
-    measured = slice(-flight.outputs.shape[1], None)  # not the angle of yaw
-    stepped = zip(motion.T[measured], steps[measured], strict=True)
-    output_snrs = [_snr_of_changes(time, column, step) for column, step in stepped]
-    # The motors' combination (T,) that turns the axis, and the standard deviation that rounding alone gives it.
-    if (weights := motors.geometry.mixer_row(signals.axis)) is not None:
-        combination = flight.inputs @ weights
-        rounding = motors.scale.step * np.sqrt((weights**2).sum() / 12)
-    else:
-        differences = flight.inputs - flight.inputs.mean(axis=1, keepdims=True)
-        combination = differences[:, np.argmax(differences.std(axis=0))]
-        rounding = motors.scale.step / 12**0.5
-    limited = np.logical_or(*samples_at_limits(motors.scale.fraction(flight.inputs), motors.scale))
+
+    aligned, _ = resample(flight.time, flight.dt, time, np.column_stack([angle, euler_rate]))
+    aligned_angle, aligned_euler_rate = aligned.T
+    consistencies = [
+        _consistency(time, angle, euler_rate),
+        _consistency(flight.time, aligned_angle, aligned_euler_rate),
+    ]
+
+    input_rows = in_segments(inputs, segment)
+    input_time = inputs.time[input_rows]
+    command = _torque_command(signals, flight)
+    input_snr = None
+    if command.rounding_sd > 0:
+        input_snr = (command.values.var() / command.rounding_sd**2) - 1
+    is_at_upper, is_at_lower = samples_at_limits(inputs.scale.fraction(flight.inputs), inputs.scale)
     return replace(
         log,
         duration=flight.duration,
         samples=len(flight),
         dt=flight.dt,
         attitude_rate=mean_rate(time),
-        motor_rate=mean_rate(motors.time[there]),
-        attitude_fresh=_fresh_rate(time, motion[:, measured], steps[measured]),
-        motor_fresh=_fresh_rate(motors.time[there], motors.outputs[there], motors.scale.step),
+        motor_rate=mean_rate(input_time),
+        attitude_fresh=_fresh_rate(time, np.column_stack(measured), np.array(steps)),
+        motor_fresh=_fresh_rate(input_time, inputs.outputs[input_rows], inputs.scale.step),
         attitude_gap=np.diff(time).max(),
-        motor_gap=np.diff(motors.time[there]).max(),
-        angle_sd=flown_angle.std(),
-        rate_sd=flown_rate.std(),
-        angle_step=steps[0],
-        rate_step=steps[1],
-        output_snr=min((snr for snr in output_snrs if snr is not None), default=None),
-        input_sd=combination.std(),
-        input_step=motors.scale.step,
-        input_snr=(combination.var() / rounding**2) - 1 if rounding > 0 else None,
-        saturation=limited.any(axis=1).mean(),
-        consistency=min((share for share in consistencies if share is not None), default=None),
+        motor_gap=np.diff(input_time).max(),
+        angle_sd=aligned_angle.std(),
+        rate_sd=flight.outputs[:, -1].std(),
+        angle_step=angle_step,
+        rate_step=rate_step,
+        output_snr=_lowest(output_snrs),
+        input_sd=command.values.std(),
+        input_step=inputs.scale.step,
+        input_snr=input_snr,
+        saturation=(is_at_upper | is_at_lower).any(axis=1).mean(),
+        consistency=_lowest(consistencies),
     )
 
 
-def _step(values: Array) -> float:
-    """The quantisation step: the median difference between neighbouring values; next to nothing where not rounded."""
+def samples_at_limits(fractions: Array, scale: OutputScale) -> tuple[Flags, Flags]:
+    """Returns where motors are at their limits.
+
+    Args:
+        fractions: Motor outputs as fractions of the range, of any shape.
+        scale: Their scale, with the upper stop.
+
+    Returns:
+        Two flags with the shape of ``fractions``: at the upper stop, and at idle.
+    """
+    is_at_upper = fractions >= scale.stop - STOP_MARGIN
+    is_at_idle = fractions <= phases.MAX_IDLE_COLLECTIVE
+    return is_at_upper, is_at_idle
+
+
+def _lowest(figures: list[float | None]) -> float | None:
+    """Returns the lowest figure of those that could be measured; None where none could."""
+    return min((figure for figure in figures if figure is not None), default=None)
+
+
+class _TorqueCommand(NamedTuple):
+    """The motors' command about an axis."""
+
+    values: Array
+    """(T,) command, in the unit of the outputs."""
+    rounding_sd: float
+    """Standard deviation that rounding of the outputs alone gives it."""
+
+
+def _torque_command(signals: Signals, flight: Flight) -> _TorqueCommand:
+    """Combines the inputs of a flight to the torque command about its axis, by the mixer row of the axis.
+
+    Where the motors' positions are not known, it is the motor that deviates most from the mean of all motors.
+    """
+    _, motors = signals.attitude_and_inputs
+    mixer_row = motors.geometry.mixer_row(signals.axis)
+    if mixer_row is not None:
+        gain = np.sqrt((mixer_row**2).sum() / ROUNDING_VARIANCE_DIVISOR)
+        return _TorqueCommand(flight.inputs @ mixer_row, motors.scale.step * gain)
+    differences = flight.inputs - flight.inputs.mean(axis=1, keepdims=True)
+    most_active = np.argmax(differences.std(axis=0))
+    rounding_sd = motors.scale.step / ROUNDING_VARIANCE_DIVISOR**0.5
+    return _TorqueCommand(differences[:, most_active], rounding_sd)
+
+
+def _quantisation_step(values: Array) -> float:
+    """Estimates the quantisation step of values (N,): the median difference between neighbouring distinct ones.
+
+    Of values that are not rounded it is next to nothing.
+    """
     distinct = np.unique(values)
     return float(np.median(np.diff(distinct))) if len(distinct) > 1 else 0.0
 
 
-def samples_at_limits(shares: Array, scale: OutputScale) -> tuple[Flags, Flags]:
-    """Returns where motors are at the upper stop of their ``scale``, and where they idle, shaped like ``shares``."""
-    return shares >= scale.stop - STOP_MARGIN, shares <= phases.MAX_IDLE_COLLECTIVE
-
-
 def _snr_of_changes(time: Array, values: Array, step: float) -> float | None:
-    """Of the changes, not the values: it is by them that the dynamics show, and both ends of each are rounded."""
-    starts = time <= time[-1] - RATE_INTEGRATION_SPAN
-    change = np.interp(time[starts] + RATE_INTEGRATION_SPAN, time, values) - values[starts]
-    rounding = step**2 / 6
-    return change.var() / rounding - 1 if rounding > 0 and len(change) else None
+    """Estimates the signal-to-noise ratio of the changes of a quantity over ``RATE_INTEGRATION_SPAN``.
+
+    It is that of the changes and not of the values, since the dynamics show in the changes. Both ends of a change are
+    rounded, so the noise has twice the variance of rounding.
+
+    Args:
+        time: (N,) stamps, s.
+        values: (N,) values.
+        step: Their quantisation step.
+
+    Returns:
+        The ratio; None for values that are not rounded or too short a record.
+    """
+    is_start = time <= time[-1] - RATE_INTEGRATION_SPAN
+    end_values = np.interp(time[is_start] + RATE_INTEGRATION_SPAN, time, values)
+    changes = end_values - values[is_start]
+    rounding_variance = step**2 / (ROUNDING_VARIANCE_DIVISOR / 2)
+    if rounding_variance > 0 and len(changes):
+        return changes.var() / rounding_variance - 1
+    return None
 
 
-def _fresh_rate(time: Array, rows: Array, step: Array | float) -> float:
-    """Rows (N, k) a second that are not the one before them sent again; ``step`` (k,): of which they are multiples."""
+def _fresh_rate(time: Array, rows: Array, steps: Array | float) -> float:
+    """Estimates how many messages per second have new values, and do not repeat the ones before them.
+
+    A value that stands still may be repeated, or rounded to the same step. When it moves again, a repeated one jumps by
+    several steps, a rounded one by a single step.
+
+    Args:
+        time: (N,) stamps, s.
+        rows: (N, k) values.
+        steps: (k,) or one quantisation step of the values; 0 where they are not rounded.
+
+    Returns:
+        The rate of new values, Hz; that of the messages where values are not repeated.
+    """
     rate = mean_rate(time)
     changes = abs(np.diff(rows, axis=0))
-    changed = np.asarray((changes > 0).any(axis=1))
-    after_standstill = changes[1:][changed[1:] & ~changed[:-1]]
-    if not len(after_standstill):
+    has_changed = np.asarray((changes > 0).any(axis=1))
+    changes_after_standstill = changes[1:][has_changed[1:] & ~has_changed[:-1]]
+    if not len(changes_after_standstill):
         return rate
-    steps = np.where(np.asarray(step) > 0, step, np.inf)
-    held = np.median((after_standstill / steps).max(axis=1)) > HELD_STEPS
-    return np.count_nonzero(changed) / len(changed) * rate if held else rate
+    # A quantity that is not rounded has no steps to count in.
+    divisors = np.where(np.asarray(steps) > 0, steps, np.inf)
+    largest_jumps = (changes_after_standstill / divisors).max(axis=1)
+    if np.median(largest_jumps) > MIN_HELD_CHANGE_STEPS:
+        return np.count_nonzero(has_changed) / len(has_changed) * rate
+    return rate
 
 
-def _consistency(time: Array, angle: Array, slope: Array) -> float | None:
-    """1 − var(Δangle − ∫slope)/var(Δangle) over ``RATE_INTEGRATION_SPAN``, without the worst ``OUTLIER_SHARE``."""
-    turned = np.concatenate([[0.0], np.cumsum(np.diff(time) * (slope[1:] + slope[:-1]) / 2)])
-    starts = time <= time[-1] - RATE_INTEGRATION_SPAN
-    later = time[starts] + RATE_INTEGRATION_SPAN
-    change = np.interp(later, time, angle) - angle[starts]
-    unexplained = change - (np.interp(later, time, turned) - turned[starts])
-    off = abs(unexplained - np.median(unexplained)) if len(unexplained) else unexplained
-    wild = max(
-        round(OUTLIER_SHARE * len(off)),
-        int(np.count_nonzero(time <= time[0] + RATE_INTEGRATION_SPAN)),
-    )
-    usual = np.argsort(off)[: max(len(off) - wild, 0)]
-    change = change[usual]
-    unexplained = unexplained[usual]
-    variance = change.var() if len(change) else 0.0
-    return 1 - unexplained.var() / variance if variance > 0 else None
+def _consistency(time: Array, angle: Array, euler_rate: Array) -> float | None:
+    """Computes which share of the angle's changes the integrated rate explains, 1 - var(Δangle - ∫rate) / var(Δangle).
+
+    The changes are those over ``RATE_INTEGRATION_SPAN``, without the spans that are explained worst
+    (``OUTLIER_SHARE``).
+
+    Args:
+        time: (N,) stamps, s.
+        angle: (N,) Euler angle, rad.
+        euler_rate: (N,) its derivative by the body rates, rad/s.
+
+    Returns:
+        The share, 1 at most; None where the angle does not change or the record is too short.
+    """
+    trapezia = np.diff(time) * (euler_rate[1:] + euler_rate[:-1]) / 2
+    integral = np.concatenate([[0.0], np.cumsum(trapezia)])
+    is_start = time <= time[-1] - RATE_INTEGRATION_SPAN
+    ends = time[is_start] + RATE_INTEGRATION_SPAN
+    changes = np.interp(ends, time, angle) - angle[is_start]
+    unexplained = changes - (np.interp(ends, time, integral) - integral[is_start])
+    if not len(changes):
+        return None
+    errors = abs(unexplained - np.median(unexplained))
+    # One sample is in about as many spans as begin within the first span.
+    spans_of_a_sample = int(np.count_nonzero(time <= time[0] + RATE_INTEGRATION_SPAN))
+    outlier_count = max(round(OUTLIER_SHARE * len(errors)), spans_of_a_sample)
+    usual = np.argsort(errors)[: max(len(errors) - outlier_count, 0)]
+    variance = changes[usual].var() if len(usual) else 0.0
+    if variance > 0:
+        return 1 - unexplained[usual].var() / variance
+    return None

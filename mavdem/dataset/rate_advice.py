@@ -1,4 +1,4 @@
-"""Rate advice: how to get attitude and motors fast out of an autopilot, by the settings that its log shows."""
+"""Advice on how to get attitude and motor outputs faster from an autopilot, by the settings that its log shows."""
 
 import re
 from collections.abc import Sequence
@@ -11,81 +11,143 @@ from mavdem.ingest import Component
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import mavlink_constant
 
-REQUEST = "REQUEST_DATA_STREAM"
+RATE_REQUEST_MESSAGE = "REQUEST_DATA_STREAM"
+"""Message by which a ground station asks for the rates of groups of messages."""
+
 SET_MESSAGE_INTERVAL = mavlink_constant("MAV_CMD_SET_MESSAGE_INTERVAL")
-"""How ground stations ask a vehicle for rates: a message, and a command of MAV_CMD."""
-STREAM_RATE = re.compile(r"((SR|MAV)\d+)_(EXTRA1|RC_CHAN)$")
-"""ArduPilot's parameters for the rates of attitude and motor outputs on each port; MAV from 4.7 on."""
-RATE_LIMITS = {"LOG_FILE_RATEMAX": 1, "LOG_MAV_RATEMAX": 2, "LOG_BLK_RATEMAX": 4}
-"""ArduPilot's limits of the rate of each message, Hz, 0 for none, and the bits of LOG_BACKEND_TYPE that use them."""
+"""Command by which a ground station asks for the rate of one message."""
+
+STREAM_RATE_PARAMETER = re.compile(r"(?P<port>(?P<prefix>SR|MAV)\d+)_(EXTRA1|RC_CHAN)$")
+"""ArduPilot's parameters for the rates of attitude (EXTRA1) and motor outputs (RC_CHAN) of a port; MAV from 4.7 on."""
+
+STREAM_GROUPS = ("EXTRA1", "RC_CHAN")
+"""ArduPilot's groups of messages with the attitude and with the motor outputs."""
+
+LOG_RATE_LIMITS = {"LOG_FILE_RATEMAX": 1, "LOG_MAV_RATEMAX": 2, "LOG_BLK_RATEMAX": 4}
+"""ArduPilot's limits of the rate at which each message is logged, and the bit of LOG_BACKEND_TYPE that each is for.
+
+A limit is in Hz; 0 means none.
+"""
+
+ALL_LOG_BACKENDS = 7
+"""Value of LOG_BACKEND_TYPE with the bits of all limits, for logs without that parameter."""
+
+FAST_ATTITUDE_BIT = 1
+"""Bit of ArduPilot's LOG_BITMASK that logs the attitude at the rate of the main loop."""
+
 FIRMWARE_VERSION = re.compile(r"V(\d+)\.(\d+)")
-DEMAND_SINCE = (3, 3)
-"""Where ArduCopter's version is in what it calls itself, and the first that logs RATE; some builds of its development
-did not."""
-STREAMS = {
+"""Major and minor version in the name that ArduPilot gives its firmware, such as "ArduCopter V4.4.4"."""
+
+FIRST_VERSION_WITH_DEMAND = (3, 3)
+"""First version of ArduCopter that logs the demands (RATE); some development builds of it did not yet."""
+
+STREAM_REMEDIES = {
     "uXRCE-DDS": Remedy.DDS_TOPICS,
     "MAVROS": Remedy.MAVROS_INTERVALS,
     "PX4": Remedy.PX4_STREAMS,
     "ARDUPILOTMEGA": Remedy.ARDUPILOT_STREAMS,
 }
-"""How rates of a stream are set, by what a log was translated from, or by its autopilot."""
+"""Remedies for the rates of a stream, by what a log was translated from or else by its autopilot."""
 
 
 def rate_advice(
     telemetry: Telemetry, rate: int = 100, components: Sequence[Component] = ()
 ) -> Fact:
-    """Returns how to get attitude and motors at ``rate`` Hz.
+    """Advises how to get attitude and motor outputs at a higher rate.
 
-    How to stop one of the ``components`` from asking for rates comes first: those hold whatever the settings.
+    A component that asks for rates by itself has to be stopped first, since its requests override all settings.
+
+    Args:
+        telemetry: Messages of the vehicle.
+        rate: Rate to ask for, Hz.
+        components: All components in the log.
+
+    Returns:
+        The advice (``Remedy``).
     """
-    own = (telemetry.system, telemetry.component)
-    senders = [
-        f"{sender.system}:{sender.component}"
-        for sender in components
-        if REQUEST in sender.messages and (sender.system, sender.component) != own
-    ]
-    replies = telemetry.messages.get("COMMAND_ACK", {})
-    remedy = _settings(telemetry, rate, bool(senders))
-    if not senders and SET_MESSAGE_INTERVAL not in replies.get("command", ()):
-        return remedy
-    return Fact(Remedy.STOP_ASKING_FOR_RATES, names=senders, remedy=remedy)
+    requesting = []
+    for component in components:
+        is_vehicle = (component.system, component.component) == (
+            telemetry.system,
+            telemetry.component,
+        )
+        if RATE_REQUEST_MESSAGE in component.messages and not is_vehicle:
+            requesting.append(f"{component.system}:{component.component}")
+    remedy = _settings_advice(telemetry, rate, is_requested=bool(requesting))
+    acknowledged = telemetry.messages.get("COMMAND_ACK", {}).get("command", ())
+    if requesting or SET_MESSAGE_INTERVAL in acknowledged:
+        return Fact(Remedy.STOP_ASKING_FOR_RATES, names=requesting, remedy=remedy)
+    return remedy
 
 
-def _settings(telemetry: Telemetry, rate: int, asked: bool) -> Fact:
-    parameters = telemetry.parameters
-    recorder = telemetry.translated_from
-    if recorder == "DataFlash":
-        return _dataflash(telemetry)
-    if recorder == "ULog":
-        profile = parameters.get("SDLOG_PROFILE")
+def _settings_advice(telemetry: Telemetry, rate: int, is_requested: bool) -> Fact:
+    """Advises which settings of the recorder or of the autopilot raise the rates.
+
+    Args:
+        telemetry: Messages of the vehicle.
+        rate: Rate to ask for, Hz.
+        is_requested: Whether some component asks the vehicle for rates.
+    """
+    if telemetry.translated_from == "DataFlash":
+        return _dataflash_advice(telemetry)
+    if telemetry.translated_from == "ULog":
+        profile = telemetry.parameters.get("SDLOG_PROFILE")
         return Fact(
             Remedy.LOG_HIGH_RATE,
             profile=None if profile is None else int(profile),
-            has_parameters=bool(parameters),
+            has_parameters=bool(telemetry.parameters),
             dropouts=telemetry.dropouts,
         )
-    code = STREAMS.get(recorder, STREAMS.get(telemetry.autopilot, Remedy.MESSAGE_INTERVALS))
-    named = [match for name in parameters if (match := STREAM_RATE.match(name))]
-    kinds = {match[2] for match in named}
-    fast = [
-        port
-        for port in sorted({match[1] for match in named})
-        if min(parameters.get(f"{port}_{of}", 0) for of in ("EXTRA1", "RC_CHAN")) >= MIN_STREAM_RATE
-    ]
+    return _stream_advice(telemetry, rate, is_requested)
+
+
+def _stream_advice(telemetry: Telemetry, rate: int, is_requested: bool) -> Fact:
+    """Advises how to raise the rates of a telemetry stream; names ArduPilot's ports that are fast enough already.
+
+    Args:
+        telemetry: Messages of the vehicle.
+        rate: Rate to ask for, Hz.
+        is_requested: Whether some component asks the vehicle for rates.
+    """
+    parameters = telemetry.parameters
+    ports = set()
+    prefixes = set()
+    for name in parameters:
+        match = STREAM_RATE_PARAMETER.match(name)
+        if match:
+            ports.add(match["port"])
+            prefixes.add(match["prefix"])
+    fast_ports = []
+    for port in sorted(ports):
+        rates = [parameters.get(f"{port}_{group}", 0) for group in STREAM_GROUPS]
+        if min(rates) >= MIN_STREAM_RATE:
+            fast_ports.append(port)
+
+    default = STREAM_REMEDIES.get(telemetry.autopilot, Remedy.MESSAGE_INTERVALS)
     return Fact(
-        code, rate=rate, asked=asked, names=fast, prefix="SR" if "SR" in kinds else "".join(kinds)
+        STREAM_REMEDIES.get(telemetry.translated_from, default),
+        rate=rate,
+        asked=is_requested,
+        names=fast_ports,
+        prefix="SR" if "SR" in prefixes else "".join(prefixes),
     )
 
 
-def _dataflash(telemetry: Telemetry) -> Fact:
-    """How to log attitude and the demand fast with ArduPilot; ArduCopter logs motor outputs (RCOU) at 10 Hz."""
-    bitmask = telemetry.parameters.get("LOG_BITMASK")
+def _dataflash_advice(telemetry: Telemetry) -> Fact:
+    """Advises how ArduPilot logs attitude and demands fast.
+
+    The demands stand in for motor outputs, which ArduCopter logs at 10 Hz only (RCOU).
+    """
+    parameters = telemetry.parameters
     firmware = telemetry.firmware
-    is_fast = bitmask is not None and bool(int(bitmask) & 1)
-    named = FIRMWARE_VERSION.search(firmware)
-    version = (int(named[1]), int(named[2])) if named else ()
-    can_log = version > DEMAND_SINCE or (version == DEMAND_SINCE and "-dev" not in firmware)
-    if DEMAND_MESSAGE not in telemetry.messages and (is_fast or (named and not can_log)):
+    bitmask = int(parameters["LOG_BITMASK"]) if "LOG_BITMASK" in parameters else None
+    is_fast = bitmask is not None and bool(bitmask & FAST_ATTITUDE_BIT)
+    match = FIRMWARE_VERSION.search(firmware)
+    version = (int(match[1]), int(match[2])) if match else ()
+    is_first_version = version == FIRST_VERSION_WITH_DEMAND
+    can_log = version > FIRST_VERSION_WITH_DEMAND or (is_first_version and "-dev" not in firmware)
+    is_demand_expected = is_fast or (match is not None and not can_log)
+    if DEMAND_MESSAGE not in telemetry.messages and is_demand_expected:
         return Fact(
             Remedy.DEMAND_NOT_LOGGED,
             firmware=firmware,
@@ -93,17 +155,16 @@ def _dataflash(telemetry: Telemetry) -> Fact:
             can_log=can_log,
             is_fast=is_fast,
         )
-    backends = int(telemetry.parameters.get("LOG_BACKEND_TYPE", 7))
-    low = {
-        name: limit
-        for name, backend in RATE_LIMITS.items()
-        if 0 < (limit := telemetry.parameters.get(name, 0.0)) < MIN_STREAM_RATE
-        and backend & backends
-    }
+    backends = int(parameters.get("LOG_BACKEND_TYPE", ALL_LOG_BACKENDS))
+    low_limits = {}
+    for name, backend in LOG_RATE_LIMITS.items():
+        limit = parameters.get(name, 0.0)
+        if 0 < limit < MIN_STREAM_RATE and backend & backends:
+            low_limits[name] = limit
     return Fact(
         Remedy.LOG_FAST_ATTITUDE,
-        bitmask=None if bitmask is None else int(bitmask),
-        names=tuple(low),
-        rates=tuple(low.values()),
+        bitmask=bitmask,
+        names=tuple(low_limits),
+        rates=tuple(low_limits.values()),
         dropouts=telemetry.dropouts,
     )

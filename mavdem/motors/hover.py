@@ -20,81 +20,92 @@ from mavdem.ingest import Component, read_log
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.output_scale import OutputScale
 
+MAX_OUTPUT_PERCENTILE = 99.0
+"""Percentile of the output that counts as a motor's highest: the very highest sample is a spike."""
+
 
 @dataclass(frozen=True)
 class HoverFigures:
-    """Figures of each motor, a number each in the order of ``motors``, over all settled flight.
-
-    Attributes:
-        motors: their names.
-        unit: of ``trim``, as the source has it; empty for shares.
-        seconds: how much settled flight there was.
-        trim: mean output, in ``unit``.
-        trim_of_range: the same as a share of the range, 0 at no and 1 at full throttle.
-        trim_share: ``trim_of_range`` over its mean of all motors: 1 where all work alike.
-        headroom: the upper stop less the 99th percentile of the output, as shares of the range: what is left for gusts.
-        at_upper_limit: share of the time within 1 % of the range of the upper stop, where the autopilot or the outputs
-            show one; else of full throttle.
-        at_lower_limit: share of the time at 15 % of the range or less, the idle in flight of ArduPilot by default.
-        roll, pitch: mean angles, degrees: the steady lean, against wind or an offset centre of mass. None where not
-            known.
-    """
+    """Figures of each of k motors over all settled flight; tuples are in the order of ``motors``."""
 
     motors: Names
+    """Names of the motors."""
     unit: str
+    """Unit of ``trim``, as in the source; empty for fractions of the range."""
     seconds: float
+    """Duration of settled flight, s."""
     trim: Numbers
+    """(k,) mean output, in ``unit``."""
     trim_of_range: Numbers
+    """(k,) mean output as a fraction of the range, 0 at no and 1 at full throttle."""
     trim_share: Numbers
+    """(k,) ``trim_of_range`` over its mean of all motors: 1 where all work equally hard."""
     headroom: Numbers
+    """(k,) upper stop less the 99th percentile of the output, as a fraction of the range: what is left for gusts."""
     at_upper_limit: Numbers
+    """(k,) share of the time within 1 % of the range of the upper stop or, where none shows, of full throttle."""
     at_lower_limit: Numbers
+    """(k,) share of the time at 15 % of the range or less: ArduPilot's idle in flight, by default."""
     roll: float | None
+    """Mean roll, degrees: steady lean against wind or an offset centre of mass; None where it is not known."""
     pitch: float | None
+    """Mean pitch, degrees, likewise."""
 
     @property
     def imbalance(self) -> Numbers:
-        """How much more each motor works than the mean of all, %: 100 (``trim_share`` - 1)."""
+        """(k,) by how much each motor works harder than the mean of all, %: 100 (``trim_share`` - 1)."""
         return tuple(100 * (share - 1) for share in self.trim_share)
 
 
 def hover(path: AnyPath, vehicle: str | None = None) -> HoverFigures:
-    """Returns the figures of a log's settled flight, of the motors' own messages, however slowly they come.
+    """Computes how hard each motor works in the settled flight of a log, at whatever rate the log has its outputs.
 
     >>> figures = mavdem.hover("flight.tlog")
     >>> figures.motors[0], figures.unit, len(figures.headroom)
     ('motor 1 (front right)', 'µs', 4)
 
     Args:
-        path: a log that ``mavdem.ingest.read_log`` reads.
-        vehicle: "system" or "system:component", where the log holds several.
+        path: A log in one of the formats of ``mavdem.ingest.read_log``.
+        vehicle: "system" or "system:component", where the log holds several vehicles.
 
     Raises:
-        Unreadable: the log cannot be read.
-        NotLearnable: it holds no vehicle, or several and none was chosen, or no settled flight with motor outputs.
+        Unreadable: The log cannot be read.
+        NotLearnable: The log has no vehicle, several of which none was chosen, or no settled flight with motor outputs.
 
     See Also:
         :func:`mavdem.read_flight`.
     """
     log = read_log(path)
-    return hover_of(Signals(choose_vehicle(log.vehicles, vehicle), inputs="motors"), log.components)
+    signals = Signals(choose_vehicle(log.vehicles, vehicle), inputs="motors")
+    return hover_of(signals, log.components)
 
 
 def hover_of(signals: Signals, components: Sequence[Component] = ()) -> HoverFigures:
-    """Returns the figures of ``signals`` with the motors as inputs, as :func:`hover` gives them."""
+    """Computes how hard each motor of a vehicle works in settled flight.
+
+    Args:
+        signals: Signals of the vehicle with the motors as model inputs.
+        components: All components in the log, for the advice where there is no settled flight.
+
+    Raises:
+        NotLearnable: There is no settled flight with motor outputs, the motors never ran, or the vehicle is no
+            multirotor.
+    """
     segments = settled_segments(signals)
     motors = signals.motors
     if not segments or motors is None or signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
-        learnability = learnability_of(signals, components)
-        raise NotLearnable(learnability.reason)
-    rows = in_segments(motors, *segments)
-    tilts = zip(TILT_AXES, signals.tilts, strict=True)
-    lean = {
-        axis: float(np.degrees(tilt.angle[in_segments(tilt, *segments)].mean()))
-        for axis, tilt in tilts
-    }
-    seconds = sum(segment.duration for segment in segments)
-    return hover_figures(motors.geometry.names, motors.scale, seconds, motors.outputs[rows], lean)
+        raise NotLearnable(learnability_of(signals, components).reason)
+    mean_lean = {}
+    for axis, tilt in zip(TILT_AXES, signals.tilts, strict=True):
+        angle = tilt.angle[in_segments(tilt, *segments)]
+        mean_lean[axis] = float(np.degrees(angle.mean()))
+    return hover_figures(
+        motors.geometry.names,
+        motors.scale,
+        seconds=sum(segment.duration for segment in segments),
+        outputs=motors.outputs[in_segments(motors, *segments)],
+        lean=mean_lean,
+    )
 
 
 def hover_figures(
@@ -104,25 +115,34 @@ def hover_figures(
     outputs: Array,
     lean: Mapping[str, float],
 ) -> HoverFigures:
-    """Returns the figures of motor ``outputs`` (N, k) over so many seconds; ``lean`` is by axis, degrees.
+    """Computes the figures of motors from their outputs in settled flight.
 
-    Raises ``NotLearnable``: the motors never ran.
+    Args:
+        names: Names of the k motors.
+        scale: Scale of their outputs.
+        seconds: Duration of settled flight, s.
+        outputs: (N, k) outputs in the unit of the scale.
+        lean: Mean angle, degrees, by axis, as far as it is known.
+
+    Raises:
+        NotLearnable: The motors never ran.
     """
-    shares = scale.fraction(outputs)
-    trims = shares.mean(axis=0)
-    if not trims.mean() > 0:
+    fractions = scale.fraction(outputs)
+    mean_fractions = fractions.mean(axis=0)
+    if not mean_fractions.mean() > 0:
         raise NotLearnable(MotorObstacle.MOTORS_OFF)
-    upper, lower = samples_at_limits(shares, scale)
-    each = {
-        "trim": outputs.mean(axis=0),
-        "trim_of_range": trims,
-        "trim_share": trims / trims.mean(),
-        # the very highest is a spike
-        "headroom": np.maximum(scale.stop - np.percentile(shares, 99.0, axis=0), 0.0),
-        "at_upper_limit": upper.mean(axis=0),
-        "at_lower_limit": lower.mean(axis=0),
-    }
-    figures = {name: tuple(values.tolist()) for name, values in each.items()}
+    highest = np.percentile(fractions, MAX_OUTPUT_PERCENTILE, axis=0)
+    is_at_upper, is_at_lower = samples_at_limits(fractions, scale)
     return HoverFigures(
-        names, scale.unit, float(seconds), **figures, roll=lean.get("roll"), pitch=lean.get("pitch")
+        motors=names,
+        unit=scale.unit,
+        seconds=float(seconds),
+        trim=tuple(outputs.mean(axis=0).tolist()),
+        trim_of_range=tuple(mean_fractions.tolist()),
+        trim_share=tuple((mean_fractions / mean_fractions.mean()).tolist()),
+        headroom=tuple(np.maximum(scale.stop - highest, 0.0).tolist()),
+        at_upper_limit=tuple(is_at_upper.mean(axis=0).tolist()),
+        at_lower_limit=tuple(is_at_lower.mean(axis=0).tolist()),
+        roll=lean.get("roll"),
+        pitch=lean.get("pitch"),
     )
