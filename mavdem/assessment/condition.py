@@ -173,7 +173,7 @@ def _mean_commands(motors: MotorOutputs, settled: Segments) -> dict[str, MeanFig
 
 
 def _shares_in(motors: MotorOutputs, segments: Segments) -> Array:
-    """Returns the outputs (N, k) of k motors in some segments, as shares of their range."""
+    """Returns the outputs (N, k) of k motors in some segments, as shares of their range, 0 to 1."""
     return motors.scale.fraction(motors.outputs[in_segments(motors, *segments, slack=0)])
 
 

@@ -93,7 +93,12 @@ class Evidence:
         return intersection(free_flight, self._intervals_before_loss(boot))
 
     def in_flight(self, series: TimeSeries | None) -> Iterator[TimeSeries]:
-        """Yields the samples of a series in each flight, if there are any; nothing of a series that is None."""
+        """Yields the part of a series in each flight, for flights with at least one sample.
+
+        Args:
+            series: (N,) or (N, k) samples of one or several boots; None, for a message that was not recorded, yields
+                nothing.
+        """
         if series is None:
             return
         for boot in np.unique(series.boot):
@@ -104,12 +109,23 @@ class Evidence:
                     yield series.select(rows)
 
     def averages_in_flight(self, series: TimeSeries | None) -> Array:
-        """Returns (N,) moving averages over 2 s of a scalar series in flight, one a sample."""
+        """Returns the moving averages over 2 s of a scalar series in flight.
+
+        Args:
+            series: (N,) samples; None if it was not recorded.
+
+        Returns:
+            One average for each sample in flight, in the unit of the series; the flights follow each other.
+        """
         averages = [phases.moving_average(part) for part in self.in_flight(series)]
         return np.concatenate([np.zeros(0), *averages])
 
     def settled_segments(self, excluded_modes: frozenset[str]) -> Segments:
-        """Returns settled flight until the vehicle was lost, without some flight modes, by their names."""
+        """Returns the segments of settled flight until the vehicle was lost, without some flight modes.
+
+        Args:
+            excluded_modes: names of ArduPilot's flight modes.
+        """
         segments = []
         for part in settled_flight(self.signals):
             excluded = phases.mode_intervals(self.signals, part.boot, excluded_modes)
@@ -119,7 +135,7 @@ class Evidence:
         return tuple(segments)
 
     def warnings_in_flight(self, codes: Container[Code]) -> Iterator[Fact]:
-        """Yields the events in flight with one of these codes that are bad or to be watched."""
+        """Yields the events that are bad or to be watched, have one of these ``codes``, and happened in flight."""
         for event in self.events:
             if event.code not in codes or not event.warns:
                 continue

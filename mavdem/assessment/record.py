@@ -149,7 +149,10 @@ class Assessment:
 
     @cached_property
     def wind_share_of_torque(self) -> Fact | None:
-        """The share of the wind torque's variance that the mean wind explains; None if one of them is not known."""
+        """The share of the wind torque's variance that the wind in m/s explains; None if one of them is not known.
+
+        The wind must be on the clock of the training data, and the torque resolved.
+        """
         if self.analysis is None or self.model is None or self.wind_of_model is None:
             return None
         torque = resolved_wind_torque(self.model.wind_torque, self.model.physical)

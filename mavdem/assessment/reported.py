@@ -108,17 +108,17 @@ def reported_events(signals: Signals) -> Facts:
     """
     problems = reported_problems(signals.telemetry)
     events = []
-    for part in recorded_spans(signals):
-        boot = part.boot
+    for span in recorded_spans(signals):
+        boot = span.boot
         states = [
-            *_arming_events(signals, part),
-            *_take_offs_and_landings(signals, part),
-            *_mode_changes(signals, part),
+            *_arming_events(signals, span),
+            *_take_offs_and_landings(signals, span),
+            *_mode_changes(signals, span),
         ]
         faults = [
-            *_restarts(signals, part),
-            *_estimator_changes(signals, part),
-            *_lasting_faults(signals, part),
+            *_restarts(signals, span),
+            *_estimator_changes(signals, span),
+            *_lasting_faults(signals, span),
             *(fact for fact in problems if fact.figures["boot"] == boot),
         ]
         flights = flights_in_boot(signals, boot)
@@ -138,37 +138,50 @@ def reported_events(signals: Signals) -> Facts:
 
 def _event(
     signals: Signals,
-    part: Segment,
+    span: Segment,
     message: str,
     code: Reported,
     time: float,
     level: Level | None = None,
     **figures: Any,
 ) -> Fact:
-    """Returns a fact at ``time``, s, in the boot of ``part``, which rests on a ``message``."""
+    """Returns one event.
+
+    Args:
+        signals: of the vehicle.
+        span: the recorded time of the boot.
+        message: name of the message that reports the event.
+        code: of the fact.
+        time: on the boot clock, s.
+        level: of the fact; the usual one of the code, unless given.
+        figures: further figures, subject and end of the fact.
+    """
     basis = (signals.telemetry.name_in_source(message),)
-    return Fact(code, level, time=time, boot=part.boot, basis=basis, **figures)
+    return Fact(code, level, time=time, boot=span.boot, basis=basis, **figures)
 
 
-def _arming_events(signals: Signals, part: Segment) -> Iterator[Fact]:
-    """Yields when the motors were armed and disarmed; a log may begin while they are armed."""
-    state = series_of_boot(signals.armed, part.boot)
+def _arming_events(signals: Signals, span: Segment) -> Iterator[Fact]:
+    """Yields when the motors were armed and disarmed, by HEARTBEAT in the recorded ``span`` of one boot.
+
+    A log may begin while they are armed, which the figure ``is_begun`` says.
+    """
+    state = series_of_boot(signals.armed, span.boot)
     if state is None:
         return
     is_armed = state.values > 0
     for row in np.flatnonzero(np.diff(is_armed, prepend=False)):
         code = Reported.MOTORS_ARMED if is_armed[row] else Reported.MOTORS_DISARMED
-        yield _event(signals, part, "HEARTBEAT", code, state.time[row], is_begun=row == 0)
+        yield _event(signals, span, "HEARTBEAT", code, state.time[row], is_begun=row == 0)
 
 
-def _take_offs_and_landings(signals: Signals, part: Segment) -> Iterator[Fact]:
+def _take_offs_and_landings(signals: Signals, span: Segment) -> Iterator[Fact]:
     """Yields take-offs and landings.
 
     The flights are those that motors and heights show. A take-off or landing that the land detector reports within
     ``AVERAGING_SECONDS`` of one has the land detector's time.
     """
     detected_changes = np.zeros(0)
-    landed_state = series_of_boot(signals.landed_state, part.boot)
+    landed_state = series_of_boot(signals.landed_state, span.boot)
     if landed_state is not None:
         # The state 0 is "undefined".
         is_defined = landed_state.values > 0
@@ -176,78 +189,78 @@ def _take_offs_and_landings(signals: Signals, part: Segment) -> Iterator[Fact]:
         is_change = np.diff(in_air, prepend=in_air[:1])
         detected_changes = landed_state.time[is_defined][is_change]
     motor_message = DEMAND_MESSAGE if signals.motors is None else signals.motors.message
-    for flight in flights_in_boot(signals, part.boot):
+    for flight in flights_in_boot(signals, span.boot):
         for code, flight_limit in zip(
             (Reported.OFF_GROUND, Reported.ON_GROUND), flight, strict=True
         ):
-            if not isfinite(flight_limit) or not without_grounded([flight], signals, part.boot):
+            if not isfinite(flight_limit) or not without_grounded([flight], signals, span.boot):
                 continue
             distances = abs(detected_changes - flight_limit)
             message, time = motor_message, flight_limit
             if np.any(distances <= AVERAGING_SECONDS):
                 message = "EXTENDED_SYS_STATE"
                 time = detected_changes[np.argmin(distances)]
-            yield _event(signals, part, message, code, time)
+            yield _event(signals, span, message, code, time)
 
 
-def _mode_changes(signals: Signals, part: Segment) -> Iterator[Fact]:
+def _mode_changes(signals: Signals, span: Segment) -> Iterator[Fact]:
     """Yields changes of the flight mode, with ArduPilot's reason where the log has it."""
     columns = signals.telemetry.messages.get("CURRENT_MODE", {})
     message = "CURRENT_MODE" if columns else "HEARTBEAT"
     reason_numbers = {}
     if "Rsn" in columns:
-        rows = columns["boot"] == part.boot
+        rows = columns["boot"] == span.boot
         reason_numbers = dict(
             zip(columns["time"][rows].tolist(), columns["Rsn"][rows], strict=True)
         )
-    for time, mode in signals.mode_changes(part.boot):
+    for time, mode in signals.mode_changes(span.boot):
         cause, level = mode_change_reason(reason_numbers.get(time))
         code = Reported.MODE_CHANGED
-        yield _event(signals, part, message, code, time, level, subject=mode, cause=cause)
+        yield _event(signals, span, message, code, time, level, subject=mode, cause=cause)
 
 
-def _restarts(signals: Signals, part: Segment) -> Iterator[Fact]:
+def _restarts(signals: Signals, span: Segment) -> Iterator[Fact]:
     """Yields that the autopilot restarted, at the beginning of each boot but the first."""
-    if part.boot > 0:
-        yield _event(signals, part, "ATTITUDE", Reported.RESTARTED, part.start)
+    if span.boot > 0:
+        yield _event(signals, span, "ATTITUDE", Reported.RESTARTED, span.start)
 
 
-def _estimator_changes(signals: Signals, part: Segment) -> Iterator[Fact]:
-    """Yields each change of a field among ``COUNTING_FIELDS``."""
+def _estimator_changes(signals: Signals, span: Segment) -> Iterator[Fact]:
+    """Yields each change of the estimator's primary lane, and each reset, by the ``COUNTING_FIELDS`` of one boot."""
     for counting in COUNTING_FIELDS:
         columns = signals.telemetry.messages.get(counting.message, {})
         if counting.field not in columns:
             continue
-        rows = columns["boot"] == part.boot
+        rows = columns["boot"] == span.boot
         values = columns[counting.field][rows]
         times = columns["time"][rows]
         for row in 1 + np.flatnonzero(values[1:] != values[:-1]):
             subject = counting.subject.format(int(values[row]))
             yield _event(
-                signals, part, counting.message, counting.code, times[row], subject=subject
+                signals, span, counting.message, counting.code, times[row], subject=subject
             )
 
 
-def _lasting_faults(signals: Signals, part: Segment) -> Iterator[Fact]:
+def _lasting_faults(signals: Signals, span: Segment) -> Iterator[Fact]:
     """Yields the intervals in which a message reports a fault while the motors are armed.
 
     A fault that is still there when the boot's record ends has no end.
     """
-    armed = intersection(armed_intervals(signals, part.boot), [(part.start, part.end)])
+    armed = intersection(armed_intervals(signals, span.boot), [(span.start, span.end)])
     for fault in _fault_signals(signals):
         if not len(fault.is_faulty):
             continue
         columns = signals.telemetry.messages[fault.message]
-        rows = columns["boot"] == part.boot
+        rows = columns["boot"] == span.boot
         faulty_intervals = true_intervals(columns["time"][rows], fault.is_faulty[rows])
         for start, end in intersection(faulty_intervals, armed):
             yield _event(
                 signals,
-                part,
+                span,
                 fault.message,
                 fault.code,
                 start,
-                until=end if end < part.end else None,
+                until=end if end < span.end else None,
                 subject=fault.subject,
             )
 

@@ -248,7 +248,12 @@ def _reported_gains(texts: Sequence[StatusText], axis: str) -> dict[str, float]:
 def margin_ratings(loop: Loop, gain_sets: Iterable[Parameters]) -> Facts:
     """Returns how the margins of a loop rate with each of several sets of gains.
 
-    Nothing is returned if one of the sets makes no complete controller.
+    Args:
+        loop: the identified plant with its controller.
+        gain_sets: parameters to change, by the autopilot's names.
+
+    Returns:
+        A rating for each set; nothing if one of the sets makes no complete controller.
     """
     try:
         return tuple(margin_rating(loop.with_parameters(gains)) for gains in gain_sets)

@@ -141,7 +141,11 @@ def _loop_fact(loop: Loop) -> Fact:
 
 
 def _injected_fact(axis: str, loop: OpenLoop) -> Fact:
-    """Returns the margins of a loop measured by an injected signal: good with the usual ones, bad without the least."""
+    """Returns the margins of a rate loop that was measured by an injected signal, without a model of the vehicle.
+
+    They are good if they are the usual ones, and bad if they are less than the least ones. Each ratio is that of a
+    margin to the one to have. The gain margin is None if the phase never crosses −180°.
+    """
     level = Level.GOOD
     if min(margin_ratios(LEAST_MARGINS, loop).values()) < 1:
         level = Level.BAD

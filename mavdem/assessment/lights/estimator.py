@@ -75,7 +75,14 @@ ESTIMATOR_REPORTS = {
 
 
 def estimator_light(evidence: Evidence) -> Fact:
-    """Returns the worst of filter, GPS and compass in flight; unknown if the log has none of them."""
+    """Returns the worst of filter, GPS and compass in flight; unknown if the log has none of them.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+
+    Returns:
+        A fact whose level is the colour of the light: good, watch, bad or unknown.
+    """
     filter_facts = sorted(
         _filter_facts(evidence), key=lambda fact: fact.figures["duration"], reverse=True
     )
@@ -152,7 +159,10 @@ def _innovation_ratios(telemetry: Telemetry) -> TimeSeries | None:
 
 
 def _poor_fixes(evidence: Evidence) -> Iterator[Fact]:
-    """Yields the flights whose GPS fixes had too few satellites or too much dilution in the median."""
+    """Yields a fact for each flight whose GPS fixes had too few satellites or too much dilution (HDOP) in the median.
+
+    GPS_RAW_INT has the dilution as ``eph``, in hundredths. Samples without a fix in three dimensions do not count.
+    """
     telemetry = evidence.signals.telemetry
     fixes = recorded_series(telemetry, "GPS_RAW_INT", "fix_type", "satellites_visible", "eph")
     for flight in evidence.in_flight(fixes):

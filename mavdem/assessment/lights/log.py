@@ -39,7 +39,14 @@ RATE_CHANGE_SECONDS = 0.02
 
 
 def log_light(evidence: Evidence) -> Fact:
-    """Judges the rates of attitude and motors, the longest gap in flight, and messages that the logger lost."""
+    """Judges the rates of attitude and motors, the longest gap in flight, and messages that the logger lost.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+
+    Returns:
+        A fact whose level is the colour of the light: good, watch, bad or unknown.
+    """
     signals = evidence.signals
     attitude = signals.attitude
     drive = signals.model_inputs

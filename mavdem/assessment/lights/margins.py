@@ -16,6 +16,12 @@ def margins_light(evidence: Evidence) -> Fact:
 
     A limit cycle comes first. Then the worst of what is known of the axes, if it warns. The light is good if roll or
     pitch is. Otherwise the margins are unknown.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+
+    Returns:
+        A fact whose level is the colour of the light: good, watch, bad or unknown.
     """
     oscillation = evidence.condition.oscillation
     if oscillation is not None:

@@ -23,6 +23,12 @@ def motors_light(evidence: Evidence) -> Fact:
 
     That is an event that names a motor, a limit cycle that drives them to their limits, a motor that is at its limit in
     the hover, the pattern of the trim, or a small headroom.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+
+    Returns:
+        A fact whose level is the colour of the light: good, watch, bad or unknown.
     """
     hover = evidence.condition.hover
     facts = _events_of_motors(evidence)

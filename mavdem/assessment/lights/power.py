@@ -54,7 +54,14 @@ POWER_REPORTS = {
 
 
 def power_light(evidence: Evidence) -> Fact:
-    """Returns the worst of battery, charge and board voltage in flight; unknown if none of them was measured."""
+    """Returns the worst of battery, charge and board voltage in flight; unknown if none of them was measured.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+
+    Returns:
+        A fact whose level is the colour of the light: good, watch, bad or unknown.
+    """
     facts = [
         *_battery_voltage(evidence),
         *_battery_charge(evidence),

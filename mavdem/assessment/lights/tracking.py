@@ -12,6 +12,12 @@ def tracking_light(evidence: Evidence) -> Fact:
 
     Of two with the same level the one with the larger error is worse. The light is never good if the vehicle
     oscillates.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+
+    Returns:
+        A fact whose level is the colour of the light: good, watch, bad or unknown.
     """
     tracking = [evidence.tracking[axis] for axis in TILT_AXES]
     known = [fact for fact in tracking if fact.code is not TrackingLight.TRACKING_UNKNOWN]

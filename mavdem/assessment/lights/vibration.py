@@ -25,6 +25,12 @@ def vibration_light(evidence: Evidence) -> Fact:
     """Judges the largest mean vibration and the largest number of clips of all IMUs; unknown if none was recorded.
 
     They are of settled flight or, without any, of all time in the air.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+
+    Returns:
+        A fact whose level is the colour of the light: good, watch, bad or unknown.
     """
     signals = evidence.signals
     telemetry = signals.telemetry

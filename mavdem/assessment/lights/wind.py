@@ -20,6 +20,12 @@ def wind_light(evidence: Evidence) -> Fact:
     """Returns the mean wind with its interval; unknown if the flight does not identify its speed.
 
     It is to be watched if it takes much of the vehicle's lean, or if the estimator, on which it rests, is bad.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+
+    Returns:
+        A fact whose level is the colour of the light: good, watch, bad or unknown.
     """
     wind = evidence.wind.estimate
     if wind is None:
