@@ -90,8 +90,8 @@ def order_command(
         known_inputs=not unknown_inputs,
         seconds=seconds,
         advice=order_advice(choice, not unknown_inputs),
-        width=[tried.width for tried in choice.flights],
-        samples=[tried.samples for tried in choice.flights],
+        width=[flight.kernel_width for flight in choice.flights],
+        samples=[flight.effective_samples for flight in choice.flights],
     )
     blocks = order_report(choice, list(orders), not unknown_inputs)
     print_result(report, blocks, as_json)

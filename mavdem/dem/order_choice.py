@@ -1,4 +1,4 @@
-"""The order of a model by its free energy (Algorithm ``extended_DEM``), over one or several flights."""
+"""Model-order selection by the free energy (extended DEM, Algorithm ``extended_DEM``), over one or several flights."""
 
 from collections.abc import Callable, Mapping
 from contextlib import closing
@@ -11,7 +11,7 @@ import numpy as np
 from mavdem.arrays import Array, Indices
 from mavdem.confidence import STRONG_EVIDENCE_NATS, Interval
 from mavdem.dem.engine.linalg import one_thread
-from mavdem.dem.order_search import BlackBox, fits_by_order
+from mavdem.dem.order_search import BlackBoxData, fits_by_order
 from mavdem.dem.parallel import parallel_map
 from mavdem.dem.record import Record, TrainingData
 from mavdem.dem.validation import is_integer
@@ -19,102 +19,126 @@ from mavdem.errors import NotLearnable, fact_from_error
 from mavdem.facts import Fact, Facts
 from mavdem.facts.model import ModelRefusal, OrderFact
 
-# that a mean gain over several flights must exceed as well, so that no single flight decides
 STANDARD_ERRORS = 2.0
-DEFAULT_MAX_ORDER = 6  # two states more than the paper's largest system
-LARGEST_ORDER = 8  # more states need higher derivatives of an output, which would be rounding
+"""Number of standard errors that a mean gain over several flights must exceed, so that no single flight decides."""
+
+DEFAULT_MAX_ORDER = 6
+"""Highest order that is fitted unless the user sets another: two states more than the paper's largest system."""
+
+LARGEST_ORDER = 8
+"""Highest order that can be fitted: more states need higher derivatives of the outputs, which would be rounding."""
 
 
 class FlightFreeEnergy(NamedTuple):
-    """F̄ᵒ of one flight by order."""
+    """Free energy of one flight by model order."""
 
-    free_energy: Array  # (N,) nats; NaN where no fit converged
-    width: float  # of the kernel that filters the flight, s: faster motion is not seen
-    samples: float  # effective sample size
-    remarks: Facts  # why orders are missing
+    free_energy: Array
+    """(N,) F̄ᵒ of the orders 1 to N, nats; NaN where no fit converged."""
+
+    kernel_width: float
+    """Width σ of the Gaussian kernel that filters the flight, s: faster motion is not seen."""
+
+    effective_samples: float
+    """Effective sample size."""
+
+    remarks: Facts
+    """Why orders are missing."""
 
 
 @dataclass(frozen=True, eq=False)
 class OrderChoice:
-    """F̄ᵒ of ``flights`` by model order, as many orders for each, and the chosen order."""
+    """The model order that the free energy of one or several flights selects, with the evidence for it."""
 
     flights: tuple[FlightFreeEnergy, ...]
+    """Free energy of each flight, all with the same orders."""
 
     @property
     def orders(self) -> Indices:
-        """(N,) numbers of states that were tried, from 1."""
+        """(N,) the orders that were fitted, from 1."""
         return 1 + np.arange(len(self.flights[0].free_energy))
 
     @property
     def free_energy(self) -> Array:
-        """(flights, N) F̄ᵒ, nats; NaN where no fit converged."""
+        """(flights, N) F̄ᵒ by flight and order, nats; NaN where no fit converged."""
         return np.stack([flight.free_energy for flight in self.flights])
 
     @property
     def mean(self) -> Array:
-        """(N,) over the flights; NaN where a flight has none."""
+        """(N,) mean of F̄ᵒ over the flights, nats; NaN where a flight has no fit."""
         return self.free_energy.mean(axis=0)
 
     @property
     def spread(self) -> Array:
-        """(N,) standard deviation over the flights of F̄ᵒ; NaN for a single one."""
-        several = len(self.flights) > 1
-        return (
-            self.free_energy.std(axis=0, ddof=1) if several else np.full(len(self.orders), np.nan)
-        )
+        """(N,) standard deviation of F̄ᵒ over the flights, nats; NaN for a single flight."""
+        if len(self.flights) == 1:
+            return np.full(len(self.orders), np.nan)
+        return self.free_energy.std(axis=0, ddof=1)
 
-    def gain(self, order: int, over: int) -> Interval:
-        """Returns the increase of F̄ᵒ at ``order`` ``over`` another, averaged over the flights that have both, nats.
+    def gain(self, order: int, reference: int) -> Interval:
+        """Compares the free energy of two orders.
+
+        Args:
+            order: an order that was fitted.
+            reference: the order that it is compared with.
 
         Returns:
-            the mean gain, and its standard error, which is 0 for a single flight; NaN and 0 if no flight has both.
+            The mean over the flights that have both of F̄ᵒ at ``order`` less F̄ᵒ at ``reference``, nats, and the
+            standard error of that mean, which is 0 for a single flight. NaN and 0 if no flight has both.
         """
-        gains = self.free_energy[:, order - 1] - self.free_energy[:, over - 1]
+        gains = self.free_energy[:, order - 1] - self.free_energy[:, reference - 1]
         gains = gains[np.isfinite(gains)]
         if not len(gains):
             return np.nan, 0.0
-        return gains.mean(), gains.std(ddof=1) / np.sqrt(len(gains)) if len(gains) > 1 else 0.0
+        if len(gains) == 1:
+            return gains.mean(), 0.0
+        return gains.mean(), gains.std(ddof=1) / np.sqrt(len(gains))
 
     @property
     def chosen(self) -> int:
-        """The lowest order over which no higher one gains strong evidence (``STRONG_EVIDENCE_NATS``)."""
+        """The lowest order over which no higher one gains strong evidence.
 
-        def gains(order: int, over: int) -> bool:
-            gain, error = self.gain(order, over)
-            return gain > max(STRONG_EVIDENCE_NATS, STANDARD_ERRORS * error)
+        A gain is strong where it exceeds ``STRONG_EVIDENCE_NATS`` and ``STANDARD_ERRORS`` standard errors of its mean.
+        """
+        has_fit = np.isfinite(self.free_energy).any(axis=0)
+        fitted_orders = self.orders[has_fit].tolist()
+        for order in fitted_orders:
+            higher_orders = [higher for higher in fitted_orders if higher > order]
+            if not any(self._is_strong_gain(higher, order) for higher in higher_orders):
+                return order
+        raise ValueError("no order was fitted")
 
-        fitted = [
-            int(order) for order in self.orders if np.isfinite(self.free_energy[:, order - 1]).any()
-        ]
-        return next(
-            order
-            for order in fitted
-            if not any(gains(higher, order) for higher in fitted if higher > order)
-        )
+    def _is_strong_gain(self, order: int, reference: int) -> bool:
+        """Returns whether an order gains strong evidence over a lower one."""
+        gain, standard_error = self.gain(order, reference)
+        return gain > max(STRONG_EVIDENCE_NATS, STANDARD_ERRORS * standard_error)
 
     @property
     def saturated(self) -> bool:
-        """Whether a higher order than the chosen one was tried."""
+        """Whether an order higher than the chosen one was fitted, so that F̄ is seen to saturate."""
         return bool(np.isfinite(self.free_energy[:, self.chosen :]).any())
 
     @property
     def reason(self) -> Fact:
-        """Why this order."""
+        """Why this order is chosen: the largest gain of a higher one, and what it would have to exceed."""
         chosen = self.chosen
-        higher = [self.gain(int(order), chosen) for order in self.orders[chosen:]]
-        most = max((gain for gain, _ in higher if np.isfinite(gain)), default=None)
+        largest_gain = None
+        for higher in self.orders[chosen:].tolist():
+            gain, _ = self.gain(higher, chosen)
+            if np.isfinite(gain) and (largest_gain is None or gain > largest_gain):
+                largest_gain = gain
         return Fact(
             OrderFact.ORDER_CHOSEN,
             order=chosen,
-            free_energy_gain=most,
+            free_energy_gain=largest_gain,
             least_gain=STRONG_EVIDENCE_NATS,
             standard_errors=STANDARD_ERRORS if len(self.flights) > 1 else None,
         )
 
     @property
     def remarks(self) -> Facts:
-        """Why orders are missing."""
-        return tuple(dict.fromkeys(remark for flight in self.flights for remark in flight.remarks))
+        """Why orders are missing, each reason once."""
+        remarks_of_all = [remark for flight in self.flights for remark in flight.remarks]
+        return tuple(dict.fromkeys(remarks_of_all))
 
 
 def free_energy_by_order(
@@ -142,47 +166,62 @@ def free_energy_by_order(
         )
     record = Record.from_flights(flight)
     with one_thread():
-        box = BlackBox.from_record(record, max_order, known_inputs)
-        # No more parameters, less n² for the coordinates, than effective values.
-        allowed = min(max_order, max(1, int(box.counted.sample_count * box.m / (box.r + box.m))))
-        fits = fits_by_order(box, allowed)
-    values = np.full(max_order, np.nan)
-    values[:allowed] = [np.nan if fit is None else fit.free_energy for fit in fits]
-    if not np.isfinite(values).any():
+        data = BlackBoxData.from_record(record, max_order, known_inputs)
+        effective_samples = data.effective_statistics.sample_count
+        # A model of n states has n (r + m) parameters, besides n² that only fix the coordinates of the states. There
+        # may be no more of them than effective values of the outputs.
+        values_per_order = effective_samples * data.m / (data.r + data.m)
+        highest_order = min(max_order, max(1, int(values_per_order)))
+        fits = fits_by_order(data, highest_order)
+    free_energy = np.full(max_order, np.nan)
+    remarks = []
+    for order, fit in enumerate(fits, 1):
+        if fit is None:
+            remarks.append(Fact(OrderFact.ORDER_BROKE_DOWN, order=order))
+        else:
+            free_energy[order - 1] = fit.free_energy
+    if not np.isfinite(free_energy).any():
         raise NotLearnable(ModelRefusal.NO_ORDER_FITTED)
-    remarks = [
-        Fact(OrderFact.ORDER_BROKE_DOWN, order=order)
-        for order, fit in enumerate(fits, 1)
-        if fit is None
-    ]
-    if allowed < max_order:
-        remarks.append(Fact(OrderFact.ORDERS_NOT_FITTED, order=allowed + 1))
-    return FlightFreeEnergy(values, box.width, box.counted.sample_count, tuple(remarks))
+    if highest_order < max_order:
+        remarks.append(Fact(OrderFact.ORDERS_NOT_FITTED, order=highest_order + 1))
+    return FlightFreeEnergy(free_energy, data.kernel_width, effective_samples, tuple(remarks))
 
 
 def free_energy_of_flights(
     flights: Mapping[str, TrainingData],
     max_order: int = DEFAULT_MAX_ORDER,
     known_inputs: bool = True,
-    progress: Callable[[float], None] = lambda _: None,
+    progress: Callable[[float], None] = lambda fraction: None,
 ) -> tuple[dict[str, FlightFreeEnergy], dict[str, NotLearnable]]:
-    """Returns :func:`free_energy_by_order` ``flights`` by name, on several cores, and why others have none."""
-    work = partial(_orders_or_reason, max_order=max_order, known_inputs=known_inputs)
-    orders = {}
-    refused = {}
-    with closing(parallel_map(work, flights.values())) as coming:
-        for number, (name, result) in enumerate(zip(flights, coming, strict=True), 1):
-            if isinstance(result, NotLearnable):
-                refused[name] = result
+    """Returns the free energy by order of several flights, computed on several cores.
+
+    Args:
+        flights: flights, or segments of one, by name.
+        max_order: the highest order that is fitted.
+        known_inputs: whether the recorded inputs drive the system.
+        progress: called after each flight with the completed fraction of all.
+
+    Returns:
+        Results of :func:`free_energy_by_order` by name, and why other flights have none, by name.
+    """
+    work = partial(_free_energy_or_reason, max_order=max_order, known_inputs=known_inputs)
+    results: dict[str, FlightFreeEnergy] = {}
+    refusals: dict[str, NotLearnable] = {}
+    # Closing the generator cancels the remaining jobs where an exception ends the loop.
+    with closing(parallel_map(work, flights.values())) as answers:
+        for completed, (name, answer) in enumerate(zip(flights, answers, strict=True), 1):
+            if isinstance(answer, NotLearnable):
+                refusals[name] = answer
             else:
-                orders[name] = result
-            progress(number / len(flights))
-    return orders, refused
+                results[name] = answer
+            progress(completed / len(flights))
+    return results, refusals
 
 
-def _orders_or_reason(
+def _free_energy_or_reason(
     flight: TrainingData, max_order: int, known_inputs: bool
 ) -> FlightFreeEnergy | NotLearnable:
+    """Returns :func:`free_energy_by_order` or, as a value that other processes can return, why there is none."""
     try:
         return free_energy_by_order(flight, max_order, known_inputs)
     except ValueError as error:

@@ -1,12 +1,13 @@
-"""F̄ by model order: one flight fitted as a black box with one state, two, and so on.
+"""Fits of black-box models with 1, 2, … states to one flight, whose free energies can be compared between orders.
 
-docs/order.md says why F̄ of different orders is comparable. The effective sample size is counted: noise of width s is
-correlated over √(2π) s/dt samples (Σₖ ρ(k dt)²). A prior of variance 1 means the same for any flight, by the units:
-outputs and all inputs together of variance 1, and a unit of time in which outputs change by as much as they vary.
+docs/order.md says why they are comparable. All orders are fitted to the same data, which a Gaussian kernel filters, in
+units of the flight's own: outputs, and all inputs together, of variance 1, and a unit of time in which the outputs
+change by their standard deviation. A prior of variance 1 then means the same for any flight. The effective sample size
+is counted, since noise of kernel width s is correlated over √(2π) s/dt samples, Σₖ ρ(k dt)².
 
-F̄ of a model with hidden states has many maxima, most of them far below the highest. So each order starts from the data:
-a linear map from them to the states and their rates; θ follows by regression, in the coordinates of the priors: states
-of variance 1, independent noises.
+F̄ of a model with hidden states has many maxima, most of them far below the highest. So the fit of each order starts
+from the data: a linear map takes them to estimates of the states and of their rates, from which θ follows by
+regression, in the coordinates of the priors: states of variance 1, and independent noises.
 """
 
 from __future__ import annotations
@@ -35,276 +36,399 @@ from mavdem.dem.settings import Settings
 from mavdem.errors import NotLearnable
 from mavdem.facts.model import ModelRefusal
 
-KERNEL_WIDTH = 0.6
-"""Of the kernel, over the time in which the outputs change by their standard deviation: wide enough to average noise,
-narrow enough to keep fast states visible."""
+RELATIVE_KERNEL_WIDTH = 0.6
+"""Width σ of the kernel over the time in which the outputs change by their standard deviation.
 
-KERNEL_SAMPLES = 100.0  # effective samples that the widest kernel leaves
-# that a generalized output has more than the largest model has states: they distinguish the orders
+A choice: wide enough to average noise, narrow enough to keep fast states visible.
+"""
+
+MIN_KERNEL_SAMPLES = 100.0
+"""Fewest effective samples that the kernel leaves of a flight: a short flight has a narrower kernel."""
+
+MIN_KERNEL_STEPS = 1.5
+"""Smallest width σ of the kernel, in sampling steps: derivatives of a narrower kernel are undersampled."""
+
+KERNEL_REACH = 6.0
+"""Widths σ to either side at which the kernel is cut off; beyond, even its eighth derivative is below 5e-5."""
+
 SPARE_VALUES = 3
-LEAST_EMBEDDING = 2  # p: of noise the second derivative is needed
+"""Values that a generalized output has beyond the states of the largest model: they distinguish the orders."""
+
+MIN_EMBEDDING_ORDER = 2
+"""Lowest embedding order p of the outputs: below the second derivative the noise cannot be estimated."""
 
 LAMBDA_Z = 8.0
-LAMBDA_W = 2.0
-LAMBDA_PRECISION = 0.1
-"""Prior means of λ and their precision, in units of the data: sensor noise of a hundredth, disturbances of a third of
-the states' rates, within a factor of five."""
+"""Prior mean of the log precision of the measurement noise: 2 % of the outputs' standard deviation."""
 
-# P̃ᵛ of recorded inputs, as in ``Settings``, and of others, as in the paper
-KNOWN_INPUT = Settings.input_precision
-UNKNOWN_INPUT = e**2
+LAMBDA_W = 2.0
+"""Prior mean of the log precision of the process noise: about a third of the size of the states' rates."""
+
+LAMBDA_PRECISION = 0.1
+"""Prior precision of the log noise precisions: the noises' standard deviations are known within a factor of five."""
+
+KNOWN_INPUT_PRECISION = Settings.input_precision
+"""Prior precision of recorded inputs, and of the constant one, as in ``Settings``."""
+
+UNKNOWN_INPUT_PRECISION = e**2
+"""Prior precision of unknown inputs about 0, as in the paper."""
+
+MAX_ROUNDS = 200
+"""Largest number of rounds of D, E and M steps of one fit."""
 
 
 @dataclass(frozen=True, eq=False)
-class BlackBox:
-    """A flight in units of its own, the same for all orders."""
+class BlackBoxData:
+    """Generalized data of a flight for models of any order, in units of the flight's own."""
 
-    data: SufficientStatistics  # of the generalized data
-    r: int  # inputs, with the constant one at the end
-    m: int  # outputs
-    p: int  # embedding order of the outputs; that of the inputs is p − 1
-    dt: float  # sampling step, s
-    width: float  # σ of the kernel, s
-    unit_of_time: float  # s
-    input_precision: Array  # P̃ᵛ
+    statistics: SufficientStatistics
+    """Statistics of the generalized data [ỹ; η̃] of all samples."""
+
+    r: int
+    """Number of inputs, the constant one at the end included."""
+
+    m: int
+    """Number of outputs."""
+
+    p: int
+    """Embedding order of the outputs; that of the inputs is p − 1."""
+
+    dt: float
+    """Sampling step, s."""
+
+    kernel_width: float
+    """Width σ of the Gaussian kernel that filters the data, s."""
+
+    time_unit: float
+    """Unit of time of the data: the time in which the outputs change by their standard deviation, s."""
+
+    input_precision: Array
+    """(p r, p r) prior precision P̃ᵛ of the generalized inputs."""
 
     @classmethod
-    def from_record(cls, record: Record, most: int, known_inputs: bool) -> BlackBox:
-        """Returns that of a record, for models of at ``most`` so many states."""
+    def from_record(cls, record: Record, max_order: int, known_inputs: bool) -> BlackBoxData:
+        """Filters and embeds a record.
+
+        Args:
+            record: training data.
+            max_order: largest number of states that the data are to be fitted with.
+            known_inputs: whether the recorded inputs are used; if not, as many unknown ones are estimated.
+
+        Raises:
+            NotLearnable: the record has too few effective samples, or an output is constant.
+        """
         settings = replace(Settings.paper(), scaling="channel", known_inputs=known_inputs)
         scaling = Scaling.from_record(record, settings)
         width = kernel_width(record)
         m = record.outputs.shape[1]
-        r = record.inputs.shape[1] + scaling.constant
-        p = max(LEAST_EMBEDDING, ceil((most + SPARE_VALUES) / m) - 1)
-        # [ỹ; η̃] of the samples whose whole kernel lies inside their segment.
-        pairs = [
-            (
-                embed_through_kernel(y, p, width, record.dt),
-                embed_through_kernel(u, p - 1, width, record.dt),
-            )
-            for u, y in scaling.scale_segments(record)
-        ]
-        read = np.concatenate([np.hstack(pair) for pair in pairs])
-        new = len(read) / _repeated(width, record.dt)
-        if not new >= MIN_SAMPLES_FOR_STATISTICS:
+        recorded_inputs = record.inputs.shape[1]
+        # The scaling "channel" has a constant input, which follows the recorded ones.
+        r = recorded_inputs + 1
+        p = max(MIN_EMBEDDING_ORDER, ceil((max_order + SPARE_VALUES) / m) - 1)
+        data_of_segments = []
+        for inputs, outputs in scaling.scale_segments(record):
+            generalized_outputs = embed_by_kernel(outputs, p, width, record.dt)
+            generalized_inputs = embed_by_kernel(inputs, p - 1, width, record.dt)
+            data_of_segments.append(np.hstack([generalized_outputs, generalized_inputs]))
+        data = np.concatenate(data_of_segments)
+        effective_samples = len(data) / _samples_per_effective_sample(width, record.dt)
+        if not effective_samples >= MIN_SAMPLES_FOR_STATISTICS:
             raise NotLearnable(
                 ModelRefusal.TOO_FEW_TO_CHOOSE_ORDER,
                 samples=len(record),
                 width=width,
-                effective_samples=new,
+                effective_samples=effective_samples,
                 least_samples=float(MIN_SAMPLES_FOR_STATISTICS),
             )
-        unit = _time_of_change(read[:, :m], read[:, m : 2 * m])
-        in_units = unit ** np.repeat(
-            np.concatenate([np.arange(p + 1), np.arange(p)]), [m] * (p + 1) + [r] * p
+        time_unit = _time_of_change(data[:, :m], data[:, m : 2 * m])
+        # The k-th derivative is per time to the k.
+        derivative_orders = np.concatenate(
+            [np.repeat(np.arange(p + 1), m), np.repeat(np.arange(p), r)]
         )
-        each = np.full(r, KNOWN_INPUT if known_inputs else UNKNOWN_INPUT)
-        each[r - scaling.constant :] = KNOWN_INPUT
-        precision = np.diag(np.tile(each, p))
+        unit_per_column = time_unit**derivative_orders
+        precision_per_input = np.full(
+            r, KNOWN_INPUT_PRECISION if known_inputs else UNKNOWN_INPUT_PRECISION
+        )
+        precision_per_input[recorded_inputs:] = KNOWN_INPUT_PRECISION
         return cls(
-            SufficientStatistics.from_segments(read * in_units),
+            SufficientStatistics.from_segments(data * unit_per_column),
             r,
             m,
             p,
             record.dt,
             width,
-            unit,
-            precision,
+            time_unit,
+            input_precision=np.diag(np.tile(precision_per_input, p)),
         )
 
     @property
     def smoothness(self) -> float:
-        """Kernel width of the noise after the filter, s: it is taken to be a sampling step before it."""
-        return np.hypot(self.dt, self.width)
+        """Kernel width of the noise after the filter, s; before the filter it is taken to be one sampling step."""
+        return np.hypot(self.dt, self.kernel_width)
 
     @property
-    def counted(self) -> SufficientStatistics:
-        """The data with their effective sample size."""
-        share = 1 / _repeated(self.smoothness, self.dt)
-        return SufficientStatistics(share * self.data.sample_count, share * self.data.gram)
+    def effective_statistics(self) -> SufficientStatistics:
+        """The statistics with the effective sample size: each sample counts as a fraction of an independent one."""
+        weight = 1 / _samples_per_effective_sample(self.smoothness, self.dt)
+        return SufficientStatistics(
+            weight * self.statistics.sample_count, weight * self.statistics.gram
+        )
 
-    def model(self, order: int) -> GenerativeModel:
-        """Returns the generative model of so many states."""
+    def generative_model(self, order: int) -> GenerativeModel:
+        """Returns the generative model with ``order`` states.
+
+        All parameters have prior mean 0 and variance 1, and x has variance 1 about 0. The outputs share one noise
+        precision, and each state has its own.
+        """
         n = order
         m = self.m
-        mean = pack(np.zeros((n, n)), np.zeros((n, self.r)), np.zeros((m, n)))
-        read = self.smoothness / self.unit_of_time
-        lambda_mean = np.array([LAMBDA_Z] + [LAMBDA_W] * n)
-        lambda_precision = LAMBDA_PRECISION * np.eye(1 + n)
+        theta_mean = pack(np.zeros((n, n)), np.zeros((n, self.r)), np.zeros((m, n)))
+        smoothness = self.smoothness / self.time_unit
         return GenerativeModel(
-            *(n, self.r, m, self.p, self.p - 1, self.p - 1),
-            output_temporal_precision=temporal_precision(self.p, read),
-            state_temporal_precision=temporal_precision(self.p - 1, read),
+            n=n,
+            r=self.r,
+            m=m,
+            p=self.p,
+            d=self.p - 1,
+            q=self.p - 1,
+            output_temporal_precision=temporal_precision(self.p, smoothness),
+            state_temporal_precision=temporal_precision(self.p - 1, smoothness),
             output_groups=np.zeros(m, int),
             state_groups=1 + np.arange(n),
             input_precision=self.input_precision,
-            prior=Prior(mean, np.eye(len(mean)), lambda_mean, lambda_precision),
+            prior=Prior(
+                theta_mean,
+                theta_precision=np.eye(len(theta_mean)),
+                lambda_mean=np.array([LAMBDA_Z] + [LAMBDA_W] * n),
+                lambda_precision=LAMBDA_PRECISION * np.eye(1 + n),
+            ),
             state_precision=np.eye(n),
         )
 
 
-# of the kernel to either side, beyond which even its eighth derivative is below 5e-5
-REACH_WIDTHS = 6.0
-NARROWEST_STEPS = 1.5  # the derivatives of a narrower kernel are undersampled
-
-
-def embed_through_kernel(
+def embed_by_kernel(
     samples: Array,
     order: int,
     width: float,
     dt: float,
 ) -> Array:
-    """Returns generalized vectors of samples (T, m) convolved with a Gaussian kernel, where the whole kernel fits.
+    """Embeds samples into generalized coordinates by convolution with a Gaussian kernel and its derivatives.
 
-    Derivatives by a polynomial over a window are not quite those of one signal, and an additional state may explain the
-    difference. These are exact: convolution leaves ẋ = Ax + Bv + w and y = Cx + z as they are (Young 1981, Automatica
-    17, 23), and noise of smoothness s becomes that of √(s² + σ²), so that Eq. ``Smatrix`` holds.
+    Derivatives by a polynomial over a window are not quite those of one signal, and an additional state might explain
+    the difference. These are exact: convolution leaves ẋ = A x + B v + w and y = C x + z as they are (P. Young,
+    "Parameter estimation for continuous-time models: a survey", Automatica 17, 1981), and noise of smoothness s becomes
+    noise of smoothness √(s² + σ²), so that Eq. ``Smatrix`` holds.
 
-    (T − window + 1, (order + 1)·m), order-major; none where the window is longer than the signal. The kernel is
-    exp(−t²/2σ²)/√(2π)σ, of ``width`` σ, s, ``NARROWEST_STEPS`` at least.
+    Args:
+        samples: (T, m) uniformly sampled signals.
+        order: highest derivative.
+        width: width σ of the kernel exp(−t²/2σ²)/(√(2π) σ), s, at least ``MIN_KERNEL_STEPS`` sampling steps.
+        dt: sampling step, s.
+
+    Returns:
+        Generalized vectors (T', (order + 1) · m), order after order, of the samples where the whole kernel fits; none
+        where it is longer than the signal.
     """
-    reach = ceil(REACH_WIDTHS * width / dt * (1 - ROUNDING_TOLERANCE))
+    reach = ceil(KERNEL_REACH * width / dt * (1 - ROUNDING_TOLERANCE))
     if len(samples) <= 2 * reach:
         return np.empty((0, (order + 1) * samples.shape[1]))
-    orders = [
-        gaussian_filter1d(samples, width / dt, 0, k, radius=reach) / dt**k for k in range(order + 1)
+    derivatives = [
+        gaussian_filter1d(samples, width / dt, axis=0, order=k, radius=reach) / dt**k
+        for k in range(order + 1)
     ]
-    return np.hstack(orders)[reach:-reach]
+    return np.hstack(derivatives)[reach:-reach]
 
 
-def _repeated(width: float, dt: float) -> float:
-    """Samples per effective sample in noise of that width: Σₖ ρ(k dt)²."""
+def _samples_per_effective_sample(width: float, dt: float) -> float:
+    """Returns how many samples of noise of kernel width ``width``, s, are worth one independent: Σₖ ρ(k dt)²."""
     return sqrt(2 * pi) * width / dt
 
 
 def kernel_width(record: Record) -> float:
-    """Returns σ of the kernel that filters a record, s."""
-    spread = record.channel_statistics[1]
+    """Returns the width σ of the Gaussian kernel that filters a record, s.
+
+    It is a fraction of the time in which the outputs change by their standard deviation, not so wide that too few
+    effective samples are left, and not so narrow that the kernel is undersampled.
+    """
+    _, statistics = record.channel_statistics
     m = record.outputs.shape[1]
-    units = ((outputs - spread.mean) / np.sqrt(spread.variance) for _, outputs in record.segments)
-    read = np.concatenate(
-        [embed_through_kernel(outputs, 1, 2 * record.dt, record.dt) for outputs in units]
-    )
-    widest = len(record) * record.dt / (_repeated(1.0, 1.0) * KERNEL_SAMPLES)
-    if len(read):
-        widest = min(widest, KERNEL_WIDTH * _time_of_change(read[:, :m], read[:, m:]))
-    return max(NARROWEST_STEPS * record.dt, widest)
+    derivatives_of_segments = []
+    for _, outputs in record.segments:
+        scaled = (outputs - statistics.mean) / np.sqrt(statistics.variance)
+        derivatives_of_segments.append(embed_by_kernel(scaled, 1, 2 * record.dt, record.dt))
+    derivatives = np.concatenate(derivatives_of_segments)
+    # A width of 1 with a step of 1: samples per effective sample and per step of width.
+    samples_per_width = _samples_per_effective_sample(1.0, 1.0)
+    width = len(record) * record.dt / (samples_per_width * MIN_KERNEL_SAMPLES)
+    if len(derivatives):
+        time_of_change = _time_of_change(derivatives[:, :m], derivatives[:, m:])
+        width = min(width, RELATIVE_KERNEL_WIDTH * time_of_change)
+    return max(MIN_KERNEL_STEPS * record.dt, width)
 
 
 def _time_of_change(values: Array, rates: Array) -> float:
-    """The time in which signals change by their standard deviation."""
+    """Returns the time, s, in which signals (T, m) with ``rates`` (T, m), per second, change by their deviation."""
     return np.sqrt(values.var(axis=0).mean() / rates.var(axis=0).mean())
 
 
-ROUNDS = 200  # at most
+def fits_by_order(data: BlackBoxData, max_order: int) -> tuple[Iterate | None, ...]:
+    """Fits models with 1 to ``max_order`` states.
 
-
-def fits_by_order(box: BlackBox, most: int) -> tuple[Iterate | None, ...]:
-    """Returns the iterate of highest F̄ᵒ of each order from 1 to ``most``; None where the fit broke down."""
+    Returns:
+        The iterate of highest F̄ᵒ of each order; ``None`` where the fit broke down.
+    """
     fits: list[Iterate | None] = []
-    for order in range(1, most + 1):
+    for order in range(1, max_order + 1):
         try:
             with raise_on_overflow():
-                fits.append(_fitted(box, order))
+                fits.append(_fit(data, order))
         except LinAlgError:
             fits.append(None)
     return tuple(fits)
 
 
-def _fitted(box: BlackBox, order: int) -> Iterate:
-    """The fit of an order, from the data, with the noise at its prior."""
-    model = box.model(order)
-    samples = box.counted
-    prior = model.prior
-    given = chain(box, order), prior.lambda_mean
-    start = initial_iterate(model, samples, given, np.zeros_like(prior.lambda_precision))
-    return run_rounds(start, ROUNDS)[0][-1]
+def _fit(data: BlackBoxData, order: int) -> Iterate:
+    """Fits a model of ``order`` states, starting from the data and the prior means of the noises.
 
-
-def chain(box: BlackBox, order: int) -> Array:
-    """Returns θ of states that are the outputs, then parts of their derivatives.
-
-    The parts are those that these states and the inputs do not explain. ``LinAlgError`` where there are too few
-    derivatives.
+    Raises:
+        numpy.linalg.LinAlgError: the fit breaks down.
     """
-    y, v = _channels(box)
-    states = rates = np.zeros((0, len(box.data.gram)))
-    for k in range(box.p):
-        left = y[k]
-        rate = y[k + 1]
+    model = data.generative_model(order)
+    prior = model.prior
+    start = initial_iterate(
+        model,
+        data.effective_statistics,
+        start=(theta_from_data(data, order), prior.lambda_mean),
+        lambda_covariance=np.zeros_like(prior.lambda_precision),
+    )
+    iterates, _ = run_rounds(start, MAX_ROUNDS)
+    return iterates[-1]
+
+
+def theta_from_data(data: BlackBoxData, order: int) -> Array:
+    """Estimates θ of a model with ``order`` states by regressions, as a start for the fit.
+
+    The states are linear functions of the generalized data: first the outputs, then those parts of their first, second,
+    … derivative that the states so far and the inputs do not explain, the largest parts first. The rate of each state
+    is the same function of the next higher derivatives.
+
+    Args:
+        data: the generalized data.
+        order: number of states.
+
+    Returns:
+        θ (k,) in the units of the data.
+
+    Raises:
+        numpy.linalg.LinAlgError: there are too few derivatives for as many states.
+    """
+    y, v = _signal_selectors(data)
+    # Linear functions of the data, one in each row.
+    states = np.zeros((0, len(data.statistics.gram)))
+    rates = states
+    for k in range(data.p):
+        unexplained = y[k]
+        rate_of_unexplained = y[k + 1]
         if k:
             regressors = np.vstack([states, *v[:k]])
-            coefficients = _regression(box, y[k], regressors, ROUNDING_TOLERANCE)
-            left = left - coefficients @ regressors
-            rate = rate - coefficients @ np.vstack([rates, *v[1 : k + 1]])
-        unit = np.sqrt(np.diag(_moments(box, y[k], y[k])))
-        # Its largest directions, in units of the derivative itself.
-        most = (
-            _directions(_moments(box, left / unit[:, None], left / unit[:, None]))[
-                : order - len(states)
-            ]
-            / unit
-        )
-        states = np.vstack([states, most @ left])
-        rates = np.vstack([rates, most @ rate])
+            regressor_rates = np.vstack([rates, *v[1 : k + 1]])
+            coefficients = _regression(data, y[k], regressors, ROUNDING_TOLERANCE)
+            unexplained = unexplained - coefficients @ regressors
+            rate_of_unexplained = rate_of_unexplained - coefficients @ regressor_rates
+        # Parts are compared in units of the derivative's standard deviation.
+        deviation = np.sqrt(np.diag(_mean_products(data, y[k], y[k])))
+        scaled = unexplained / deviation[:, None]
+        directions = _principal_directions(_mean_products(data, scaled, scaled))
+        missing_states = order - len(states)
+        combinations = directions[:missing_states] / deviation
+        states = np.vstack([states, combinations @ unexplained])
+        rates = np.vstack([rates, combinations @ rate_of_unexplained])
         if len(states) == order:
-            return _theta(box, states, rates)
+            return _theta_by_regression(data, states, rates)
     raise LinAlgError("too few derivatives for as many states")
 
 
-def _channels(box: BlackBox) -> tuple[list[Array], list[Array]]:
-    """Selects y, y′, … and v, v′, … from the data."""
-    every = np.eye(len(box.data.gram))
-    outputs, inputs = np.split(every, [box.m * (box.p + 1)])
-    return np.split(outputs, box.p + 1), np.split(inputs, box.p)
+def _signal_selectors(data: BlackBoxData) -> tuple[list[Array], list[Array]]:
+    """Returns the matrices that select y, y', … and v, v', … from a sample of the generalized data."""
+    identity = np.eye(len(data.statistics.gram))
+    outputs, inputs = np.split(identity, [data.m * (data.p + 1)])
+    return np.split(outputs, data.p + 1), np.split(inputs, data.p)
 
 
-def _moments(box: BlackBox, left: Array, right: Array) -> Array:
-    """Mean products of two linear functions of the data."""
-    return left @ box.data.gram @ right.T / box.data.sample_count
+def _mean_products(data: BlackBoxData, left: Array, right: Array) -> Array:
+    """Returns the mean over all samples of the products of two sets of linear functions of the data.
+
+    Args:
+        data: the generalized data.
+        left: (a, dim [ỹ; η̃]) functions, one in each row.
+        right: (b, dim [ỹ; η̃]) functions.
+
+    Returns:
+        Mean products (a, b).
+    """
+    return left @ data.statistics.gram @ right.T / data.statistics.sample_count
 
 
 def _regression(
-    box: BlackBox,
-    wanted: Array,
+    data: BlackBoxData,
+    targets: Array,
     regressors: Array,
     ridge: float,
 ) -> Array:
-    """Coefficients by least squares, with a ridge in units of the regressors' variances."""
-    unit = np.sqrt(np.diag(_moments(box, regressors, regressors)))
-    unit = np.where(unit > 0, unit, 1.0)[:, None]
+    """Regresses linear functions of the data on others, by least squares with a ridge.
+
+    Args:
+        data: the generalized data.
+        targets: (a, dim [ỹ; η̃]) functions to explain, one in each row.
+        regressors: (b, dim [ỹ; η̃]) functions that explain them.
+        ridge: ridge, as a fraction of each regressor's variance.
+
+    Returns:
+        Coefficients (a, b).
+    """
+    deviation = np.sqrt(np.diag(_mean_products(data, regressors, regressors)))
+    unit = np.where(deviation > 0, deviation, 1.0)[:, None]
     scaled = regressors / unit
-    square = _moments(box, scaled, scaled) + ridge * np.eye(len(scaled))
-    return (np.linalg.solve(square, _moments(box, scaled, wanted)) / unit).T
+    normal_matrix = _mean_products(data, scaled, scaled) + ridge * np.eye(len(scaled))
+    scaled_coefficients = np.linalg.solve(normal_matrix, _mean_products(data, scaled, targets))
+    return (scaled_coefficients / unit).T
 
 
-def _directions(symmetric: Array) -> Array:
-    """Its eigenvectors as rows, the largest eigenvalues first."""
+def _principal_directions(symmetric: Array) -> Array:
+    """Returns the eigenvectors of a symmetric matrix as rows, those of the largest eigenvalues first."""
     return np.linalg.eigh(symmetric)[1].T[::-1]
 
 
-def _theta(box: BlackBox, states: Array, rates: Array) -> Array:
-    """θ by regression, in the coordinates in which states have variance 1 and their noises are independent.
+def _theta_by_regression(data: BlackBoxData, states: Array, rates: Array) -> Array:
+    """Estimates θ by regression, in coordinates in which states have variance 1 and their noises are independent.
 
-    ``states`` and ``rates`` (n, dim [ỹ; η̃]) are linear functions of the data.
+    Args:
+        data: the generalized data.
+        states: (n, dim [ỹ; η̃]) linear functions of the data that are the states.
+        rates: (n, dim [ỹ; η̃]) linear functions of the data that are their rates.
+
+    Returns:
+        θ (k,) in the units of the data.
     """
     n = len(states)
-    y, v = _channels(box)
-    values, modes = np.linalg.eigh(_moments(box, states, states))
-    whitening = (modes / np.sqrt(np.maximum(values, ROUNDING_TOLERANCE * values.max()))).T
+    y, v = _signal_selectors(data)
+    variances, axes = np.linalg.eigh(_mean_products(data, states, states))
+    min_variance = ROUNDING_TOLERANCE * variances.max()
+    whitening = (axes / np.sqrt(np.maximum(variances, min_variance))).T
     states = whitening @ states
     rates = whitening @ rates
     regressors = np.vstack([states, v[0]])
-    # Like the priors, it has the weight of one sample.
-    ridge = 1 / box.data.sample_count
-    dynamics = _regression(box, rates, regressors, ridge)
+    # Like the priors, the ridge has the weight of one sample.
+    ridge = 1 / data.statistics.sample_count
+    dynamics = _regression(data, rates, regressors, ridge)
     noise = rates - dynamics @ regressors
-    turn = _directions(_moments(box, noise, noise))
-    A, B = np.split(turn @ dynamics, [n], axis=1)
-    # Unrecorded inputs appear as noise only: a fit from B = 0 would never attribute it to them.
-    unknown = np.flatnonzero(np.diag(_moments(box, v[0], v[0])) == 0)
-    B[unknown % n, unknown] = np.sqrt(
-        np.diag(turn @ _moments(box, noise, noise) @ turn.T)[unknown % n]
-    )
-    return pack(A @ turn.T, B, _regression(box, y[0], turn @ states, ridge))
+    noise_covariance = _mean_products(data, noise, noise)
+    rotation = _principal_directions(noise_covariance)
+    A, B = np.split(rotation @ dynamics, [n], axis=1)
+    # An unknown input has no data, and a fit that starts with its column of B at 0 would leave all of its effect to the
+    # process noise. So each one starts with the size of one state's noise, one state after the other.
+    unknown_inputs = np.flatnonzero(np.diag(_mean_products(data, v[0], v[0])) == 0)
+    driven_states = unknown_inputs % n
+    noise_deviations = np.sqrt(np.diag(rotation @ noise_covariance @ rotation.T)[driven_states])
+    B[driven_states, unknown_inputs] = noise_deviations
+    C = _regression(data, y[0], rotation @ states, ridge)
+    return pack(A @ rotation.T, B, C)

@@ -54,8 +54,8 @@ def test_a_choice_says_why():
     rising = choice([0.0, 100.0], [0.0, 110.0])
     assert not rising.saturated and rising.reason.figures["free_energy_gain"] is None
     assert rising.reason.figures["standard_errors"] == STANDARD_ERRORS
-    assert rising.gain(2, over=1) == approx((105.0, 5.0))
-    assert told.gain(2, over=1) == (100.0, 0.0)
+    assert rising.gain(2, reference=1) == approx((105.0, 5.0))
+    assert told.gain(2, reference=1) == (100.0, 0.0)
     assert rising.spread == approx([0.0, np.sqrt(50)])
     assert np.isnan(told.spread).all()
     assert (rising.mean.tolist(), rising.chosen) == ([0.0, 105.0], 2)
@@ -76,7 +76,9 @@ def test_orders_that_the_data_do_not_allow_or_that_break_down_are_said(monkeypat
     assert told_orders[0] and not told_orders[-1]
     (remark,) = found.remarks
     assert remark.code is OrderFact.ORDERS_NOT_FITTED
-    assert remark.figures["order"] == told_orders.sum() + 1 == int(found.samples * 2 / 7) + 1
+    assert (
+        remark.figures["order"] == told_orders.sum() + 1 == int(found.effective_samples * 2 / 7) + 1
+    )
     fits = (Mock(free_energy=5.0), None)
     monkeypatch.setattr(order_choice, "fits_by_order", lambda *_: fits)
     (remark,) = free_energy_by_order(simulated(samples=200), max_order=2).remarks
