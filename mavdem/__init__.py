@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from mavdem.forecaster import Forecaster
     from mavdem.ingest import Telemetry
     from mavdem.motors.hover import HoverFigures, hover
-    from mavdem.wind_velocity.airflow import Drag
-    from mavdem.wind_velocity.drag import estimate_drag
+    from mavdem.wind_velocity.drag_identification import estimate_drag
     from mavdem.wind_velocity.estimation import WindVelocity, estimate_wind
     from mavdem.wind_velocity.from_log import wind
+    from mavdem.wind_velocity.vehicle_drag import Drag
 
 
 __all__ = [
@@ -47,7 +47,7 @@ __all__ = [
 ]
 _MODULES = {
     "Assessment": "assessment",
-    "Drag": "wind_velocity.airflow",
+    "Drag": "wind_velocity.vehicle_drag",
     "Flight": "flight",
     "Forecaster": "forecaster",
     "HoverFigures": "motors.hover",
@@ -58,7 +58,7 @@ _MODULES = {
     "Telemetry": "ingest",
     "Unreadable": "errors",
     "WindVelocity": "wind_velocity.estimation",
-    "estimate_drag": "wind_velocity.drag",
+    "estimate_drag": "wind_velocity.drag_identification",
     "estimate_wind": "wind_velocity.estimation",
     "hover": "motors.hover",
     "learn": "dem",

@@ -31,7 +31,8 @@ from mavdem.immutable import ReadOnlyDict, freeze
 from mavdem.ingest import Log
 from mavdem.loops.axis_loops import Loop
 from mavdem.vibration.spectra import Spectrum
-from mavdem.wind_velocity.estimation import WindVelocity, torque_share_of_wind
+from mavdem.wind_velocity.estimation import WindVelocity
+from mavdem.wind_velocity.torque_share import torque_share_of_wind
 
 
 class NoLoop(NamedTuple):

@@ -18,7 +18,7 @@ from mavdem.units import (
     Seconds,
     Speed,
 )
-from mavdem.wind_velocity import airflow
+from mavdem.wind_velocity import vehicle_drag
 
 
 class WindMinute(Document):
@@ -69,7 +69,7 @@ class Drag(Document):
 
     @model_validator(mode="before")
     @classmethod
-    def _of_drag(cls, drag: airflow.Drag) -> JsonValues:
+    def _of_drag(cls, drag: vehicle_drag.Drag) -> JsonValues:
         return drag.as_dict()
 
 

@@ -7,7 +7,7 @@ from mavdem.dem import Learned
 from mavdem.errors import Unreadable
 from mavdem.facts.fleet import NoPrior
 from mavdem.fleet.rows_of_log import MODEL, REPORT, text_of
-from mavdem.wind_velocity.airflow import Drag
+from mavdem.wind_velocity.vehicle_drag import Drag
 
 
 def earlier_flight(path: Path, axis: str) -> Learned:
@@ -41,7 +41,7 @@ def earlier_drag(path: Path, speed: float | None = None) -> Drag:
     try:
         read = json.loads(text_of(file))
         wind = read.get("wind_velocity", read)
-        drag = Drag.from_dict(wind["drag"]).of_next_flight()
+        drag = Drag.from_dict(wind["drag"]).for_next_flight()
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         because = error.strerror if isinstance(error, OSError) else None
         raise Unreadable(NoPrior.DRAG_UNREADABLE, path=file, because=because) from error

@@ -55,8 +55,8 @@ from mavdem.live.session_status import SessionStatus
 from mavdem.live.vehicle_selection import Component, VehicleSelector
 from mavdem.live.watchdog import Watchdog
 from mavdem.live.wind import LiveWind
-from mavdem.wind_velocity.airflow import Drag
 from mavdem.wind_velocity.from_log import ESTIMATOR_FLAG_MESSAGES, VELOCITY_MESSAGES
+from mavdem.wind_velocity.vehicle_drag import Drag
 
 REVIEW_SECONDS = 0.5  # Of the boot clock, between two reviews of phase and inputs
 REPLIES = ("MESSAGE_INTERVAL", "COMMAND_ACK")  # What a vehicle sends when it is asked for rates
@@ -395,7 +395,7 @@ class LiveStream:
             self._inputs = None
             return
         self._settings = parameters = self.parameters
-        self.wind.set_drag = Drag.of_parameters(sender.autopilot, parameters)
+        self.wind.set_drag = Drag.from_parameters(sender.autopilot, parameters)
         before = self._inputs
         staying = before.motors.message if self._grid.running and before else None
         shown = self._choice.shown(self._streams, staying)

@@ -26,28 +26,13 @@ from mavdem.facts.wind import NoWind, WindDoubt, WindLight
 from mavdem.ingest.telemetry import interpolated
 from mavdem.live.link import SILENCE_SECONDS
 from mavdem.plant.online_wind_torque import FIRST_FIT_SECONDS
-from mavdem.wind_velocity.airflow import TOTAL_WIND_MATRIX, AirflowFilter, Drag, motion_grid
-from mavdem.wind_velocity.drag import (
-    GRID_STEP,
-    GUST_PRIOR_MEAN,
-    GUST_PRIOR_SD,
-    filter_parameters,
-    validated_motion,
-)
-from mavdem.wind_velocity.estimation import (
-    HEADING_SD,
-    MAX_DIRECTION_INTERVAL,
-    compass_text,
-    lower_speed_bound,
-    speed_and_direction,
-    speed_status,
-)
-from mavdem.wind_velocity.from_log import (
-    MAX_VELOCITY_GAP,
-    VELOCITY_MESSAGES,
-    VELOCITY_VALID_FLAG,
-    horizontal_velocity_valid,
-)
+from mavdem.wind_velocity.airflow_filter import AirflowFilter, TOTAL_WIND_MATRIX
+from mavdem.wind_velocity.compass import compass_text, speed_and_direction
+from mavdem.wind_velocity.drag_identification import GUST_PRIOR_MEAN, GUST_PRIOR_SD, filter_parameters
+from mavdem.wind_velocity.estimation import HEADING_SD, MAX_DIRECTION_INTERVAL, lower_speed_bound, speed_status
+from mavdem.wind_velocity.from_log import MAX_VELOCITY_GAP, VELOCITY_MESSAGES, VELOCITY_VALID_FLAG, horizontal_velocity_valid
+from mavdem.wind_velocity.motion_grid import GRID_STEP, motion_grid, validated_motion
+from mavdem.wind_velocity.vehicle_drag import Drag
 
 SAMPLE_SECONDS = 0.05  # s between samples that are kept, at least
 MEMORY = 300.0  # s, of weighing sizes of gusts
@@ -130,7 +115,7 @@ class LiveWind:
     flags = VELOCITY_VALID_FLAG
 
     def __init__(self) -> None:
-        self.set_drag = Drag.of_parameters()
+        self.set_drag = Drag.from_parameters()
         self.restart()
 
     def restart(self) -> None:
@@ -219,7 +204,7 @@ class LiveWind:
             return
         self.obstacle = None
         start = motion_grid(stamps, angles, speeds, max(GRID_STEP, np.median(np.diff(stamps))))
-        if self._filter is None and start.known.any():
+        if self._filter is None and start.complete.any():
             self._step = start.step
             drag = self.drag or self.set_drag
             places = normal_draws(drag.mean, drag.covariance, WIND_DRAWS, seed=1)
@@ -237,16 +222,18 @@ class LiveWind:
         run.predict()
         stamps, angles, speeds = self._table(end - 2 * self._step, end)
         moved = motion_grid(stamps, angles, speeds, self._step) if len(stamps) > 2 else None
-        if moved is not None and moved.known[:1].any():
+        if moved is not None and moved.complete[:1].any():
             run.update(moved, 0)
-            run.total *= 1 - self._step / MEMORY
+            run.log_likelihoods *= 1 - self._step / MEMORY
         logs = (
-            run.total.reshape(len(SIZES), -1).mean(axis=1)
+            run.log_likelihoods.reshape(len(SIZES), -1).mean(axis=1)
             - (((SIZES - GUST_PRIOR_MEAN) / GUST_PRIOR_SD) ** 2).sum(axis=1) / 2
         )
         weights = np.repeat(softmax(logs) / WIND_DRAWS, WIND_DRAWS)
         winds = run.states @ TOTAL_WIND_MATRIX.T
-        variances = np.einsum("ai,gij,aj->ga", TOTAL_WIND_MATRIX, run.spreads, TOTAL_WIND_MATRIX)
+        variances = np.einsum(
+            "ai,gij,aj->ga", TOTAL_WIND_MATRIX, run.covariances, TOTAL_WIND_MATRIX
+        )
         mean = weights @ winds
         band = half_width(weights @ (variances + (winds - mean) ** 2))
         self.row = row = WindEstimate(end - self._step, mean, band)

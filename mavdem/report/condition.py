@@ -11,9 +11,10 @@ from mavdem.facts.online import DragSource
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.blocks import Blocks, Sentence, Table, caution
 from mavdem.report.words import section
-from mavdem.wind_velocity.airflow import Drag
-from mavdem.wind_velocity.estimation import WindVelocity, meteorological_direction
+from mavdem.wind_velocity.compass import meteorological_direction
+from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.from_log import WindEvidence
+from mavdem.wind_velocity.vehicle_drag import Drag
 
 # what a tier is called where it is shown
 TIER_WORDS = {

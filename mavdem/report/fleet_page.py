@@ -26,7 +26,7 @@ from mavdem.report.numbers import MOST_NAMED, listed, rounded
 from mavdem.report.page import environment, page_of
 from mavdem.report.plans import rose_of_flights
 from mavdem.report.vehicle_charts import vehicle_group
-from mavdem.wind_velocity.estimation import compass_text
+from mavdem.wind_velocity.compass import compass_text
 
 # vehicles, those in trouble first: with more the page takes long to make, and is too large to mail
 MAX_DRAWN = 20

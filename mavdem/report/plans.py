@@ -15,7 +15,8 @@ from mavdem.report.charts import Plan
 from mavdem.report.numbers import listed
 from mavdem.report.page import environment
 from mavdem.report.timeline import Timeline
-from mavdem.wind_velocity.estimation import WindVelocity, compass_text, speed_and_direction
+from mavdem.wind_velocity.compass import compass_text, speed_and_direction
+from mavdem.wind_velocity.estimation import WindVelocity
 
 REACH = 100.0
 """Of the farthest motor, the largest petal, or the path, in the units of a plan."""

@@ -32,7 +32,7 @@ from mavdem.report.palette import (
     PREDICTED,
     TRUTH,
 )
-from mavdem.wind_velocity.estimation import compass_text, speed_and_direction
+from mavdem.wind_velocity.compass import compass_text, speed_and_direction
 from mavdem.wind_velocity.from_log import WindEvidence
 
 if TYPE_CHECKING:

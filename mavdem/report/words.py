@@ -32,7 +32,7 @@ from mavdem.report.numbers import (
     short,
     with_unit,
 )
-from mavdem.wind_velocity.estimation import compass_text
+from mavdem.wind_velocity.compass import compass_text
 
 PARAMETERS = {
     "effect": "control effectiveness",

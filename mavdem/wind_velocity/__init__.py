@@ -1,1 +1,1 @@
-"""The wind in m/s as what a vehicle leans into: the drag, and the motion of the air."""
+"""Wind velocity in m/s, from attitude and velocity, with the drag of the vehicle."""

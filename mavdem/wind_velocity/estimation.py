@@ -1,6 +1,6 @@
-"""The wind in metres a second: mean, course and gusts, and what of it a flight identifies."""
+"""Estimation of the wind velocity of one flight: its mean, course and gusts, and how well each is identified."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import nan
 from typing import Any, NamedTuple, Self
@@ -9,88 +9,87 @@ import numpy as np
 from numpy.random import default_rng
 
 from mavdem.arrays import Array
-from mavdem.confidence import (
-    INTERVAL_QUANTILES,
-    MIN_SAMPLES_FOR_STATISTICS,
-    Interval,
-    coverage_factor,
-    half_width,
-)
+from mavdem.confidence import INTERVAL_QUANTILES, Interval, coverage_factor, half_width
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.identifiability import Status
 from mavdem.facts.online import DragSource
-from mavdem.facts.wind import WindDoubt, WindShare
+from mavdem.facts.wind import WindDoubt
 from mavdem.immutable import ImmutableResult
-from mavdem.wind_velocity.airflow import TOTAL_WIND_MATRIX, Drag
-from mavdem.wind_velocity.drag import (
-    GUST_SECONDS,
-    STEPS,
-    courses,
-    gridded,
-    identified,
-    validated_motion,
-)
+from mavdem.wind_velocity.airflow_filter import TOTAL_WIND_MATRIX
+from mavdem.wind_velocity.compass import meteorological_direction
+from mavdem.wind_velocity.drag_identification import GUST_SECONDS, identify_drag, sampled_winds
+from mavdem.wind_velocity.motion_grid import MAX_STEPS, flight_grid, validated_motion
+from mavdem.wind_velocity.vehicle_drag import DRAG_PARAMETERS, Drag
 
-# after which noise is new
 INDEPENDENT_SECONDS = 10.0
-# m of height of which a mean is shown; m/s
-LAYER = 10.0
-CALM = 0.5
-# m/s or share of half width reported; ratio of ends biased
-SPEED_ERROR = 0.7
-SPEED_SHARE = 0.12
-SPEED_FACTOR = 8.0
-# degrees of half width; of the heading, a compass's
-DIRECTION_ERROR = 10.0
+"""Time after which the error of the wind by noise is independent, s: a choice."""
+
+LAYER_HEIGHT = 10.0
+"""Height of a layer of the wind profile, m."""
+
+CALM_SPEED = 0.5
+"""Lower end of the speed's interval, m/s, below which still air counts as likely."""
+
+REPORTED_SPEED_ERROR = 0.7
+"""Half width of the speed's interval, m/s, up to which the speed is reported."""
+
+REPORTED_RELATIVE_ERROR = 0.12
+"""Half width of the speed's interval, relative to the speed, up to which the speed is reported."""
+
+BIASED_SPEED_RATIO = 8.0
+"""Ratio of the ends of the speed's interval up to which the speed is reported as biased."""
+
+MIN_RATIO_SPEED = 0.3
+"""Least lower end of the interval, m/s, in that ratio: calm air has no ratio."""
+
+REPORTED_DIRECTION_ERROR = 10.0
+"""Half width of the direction's interval, degrees, up to which the direction is reported."""
+
 MAX_DIRECTION_INTERVAL = 60.0
+"""Half width of the direction's interval, degrees, up to which the direction is reported as biased."""
+
 HEADING_SD = 2.5
-# m/s, standard deviation of the motion through the air that tells the mean wind's torque apart
-CHANGED = 1.0
-# relative sd of the drag that is reported; share of the prior's that is biased
-DRAG_ERROR = 0.18
-DRAG_LEFT = 0.8
-COURSES = ("time", "velocity", "band", "minutes", "profile")
-POINTS = [
-    "N",
-    "NNE",
-    "NE",
-    "ENE",
-    "E",
-    "ESE",
-    "SE",
-    "SSE",
-    "S",
-    "SSW",
-    "SW",
-    "WSW",
-    "W",
-    "WNW",
-    "NW",
-    "NNW",
-]
+"""Standard error of the heading, degrees: that of a calibrated compass."""
+
+REPORTED_DRAG_SD = 0.18
+"""Relative standard deviation of the drag up to which it is reported."""
+
+MAX_REMAINING_DRAG_SD = 0.8
+"""Standard deviation of the drag, relative to the prior's, beyond which the flight has not identified it."""
+
+DIRECTION_DRAWS = 50
+"""Number of random errors of the mean wind for each of its posterior samples: a choice."""
+
+MIN_SPEED = 1e-9
+"""Least speed, m/s, or square of a speed, in a denominator: it only avoids a division by 0."""
+
+COURSE_FIELDS = ("time", "velocity", "band", "minutes", "profile")
+"""Fields of ``WindVelocity`` with courses, which are empty where the speed is not identifiable."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WindVelocity(ImmutableResult):
-    """The horizontal wind of one flight.
+    """The horizontal wind of one flight, in T steps.
 
     Attributes:
         speed: of the mean wind vector, m/s.
-        speed_interval: ends of its 90 % interval, the lower one 0 where still air is likely, too.
-        direction: where it comes from, degrees from the north of the yaw, 0 to 360.
+        speed_interval: ends of its 90 % interval, m/s; the lower one is 0 where still air is likely as well.
+        direction: that the wind comes from, degrees clockwise from the yaw's north, 0 to 360.
         direction_interval: half width of its 90 % interval, degrees.
-        gust: the strongest mean of ``gust_seconds``, m/s: of 3 s, or of a step where steps are longer.
+        gust: largest mean speed over ``gust_seconds``, m/s.
+        gust_seconds: 3 s, or one step where steps are longer.
         turbulence_intensity: standard deviation of the wind along its mean direction, over its speed.
         time: (T,) s, on the clock that was given.
-        velocity, band: (T, 2) north and east of where the air moves to, m/s, and half widths that hold it with 90 %.
+        velocity: (T, 2) velocity of the air, north and east, m/s.
+        band: (T, 2) half widths of its band, which holds the truth with probability 90 %, m/s.
         minutes: mean of each minute: ``start`` and ``end`` (s), ``speed``, ``low``, ``high`` (m/s), ``direction``.
         profile: mean by height in layers of 10 m: ``height``, ``speed``, ``direction``; empty within one layer.
-        along: (T, 2) velocity through air that moves as the mean wind does, along body x and y, m/s.
-        drag: of the vehicle, as the flight leaves it.
+        along: (T, 2) velocity of the vehicle relative to the mean wind, along body x and y, m/s.
+        drag: of the vehicle, by its prior and this flight.
         status: by "speed", "direction" and "drag".
-        reasons: of what is not reported.
-        boot: of the log, on whose clock ``time`` is; 0 where arrays were given.
+        reasons: by the same names, for what is not reported.
+        boot: number of the log's boot on whose clock ``time`` is; 0 where arrays were given.
     """
 
     speed: float
@@ -113,74 +112,75 @@ class WindVelocity(ImmutableResult):
 
     @property
     def speed_identifiable(self) -> bool:
-        """Whether the speed is identifiable."""
+        """Whether the speed is identifiable, if only as biased."""
         return self.status["speed"] != Status.NOT_IDENTIFIABLE
 
     @property
     def direction_identifiable(self) -> bool:
-        """Whether the direction means something: it is identifiable, and the air is not still."""
-        still = not self.speed_interval[0]
-        return not still and self.status["direction"] != Status.NOT_IDENTIFIABLE
+        """Whether the direction means something: it is identifiable, and the air is not likely to be still."""
+        still_air_likely = not self.speed_interval[0]
+        return not still_air_likely and self.status["direction"] != Status.NOT_IDENTIFIABLE
 
     @property
     def calm(self) -> bool:
-        """Whether still air is likely, too: the wind is then said to be below the interval's upper end."""
+        """Whether still air is likely as well: the wind is then said to be below the interval's upper end."""
         return self.speed_identifiable and not self.speed_interval[0]
 
     @property
     def identified_figures(self) -> Self:
-        """Itself without speeds, where the flight does not identify them: NaN, and courses without a sample."""
+        """This wind without the speeds that the flight does not identify: they are NaN, and courses are empty."""
         if self.speed_identifiable:
             return self
-        nothing: Any = dict.fromkeys(COURSES, ())
-        return replace(self, speed=nan, speed_interval=(nan, nan), gust=nan, **nothing)
+        empty_courses: Any = dict.fromkeys(COURSE_FIELDS, ())
+        return replace(self, speed=nan, speed_interval=(nan, nan), gust=nan, **empty_courses)
+
+
+class _MeanWind(NamedTuple):
+    """Mean wind over some steps, with its uncertainty."""
+
+    speed: float
+    """Speed of the mean wind vector, m/s."""
+
+    low: float
+    """Lower end of its 90 % interval, m/s."""
+
+    high: float
+    """Upper end of its 90 % interval, m/s."""
+
+    direction: float
+    """Direction that it comes from, degrees."""
+
+    direction_half_width: float
+    """Half width of the direction's 90 % interval, degrees."""
+
+
+class _Doubt(NamedTuple):
+    """Why a figure of the wind is not reported."""
+
+    figure: str
+    """"drag", "speed" or "direction"."""
+
+    status: Status
+    """BIASED or NOT_IDENTIFIABLE."""
+
+    reason: Fact
+    """Why."""
 
 
 def lower_speed_bound(low: float, high: float) -> float:
-    """Returns the lower end of an interval of speed, m/s: 0 where still air is likely, too."""
-    if low < min(CALM, high / 3):
+    """Returns the lower end of a speed's interval, m/s, or 0 where still air is likely as well."""
+    if low < min(CALM_SPEED, high / 3):
         return 0.0
     return low
 
 
 def speed_status(speed: float, low: float, high: float) -> Status:
-    """Returns whether a ``speed`` with this interval, m/s, is reported."""
-    if (high - low) / 2 <= max(SPEED_ERROR, SPEED_SHARE * speed):
+    """Returns whether a speed with an interval from low to high, m/s, is reported, biased or not identifiable."""
+    if (high - low) / 2 <= max(REPORTED_SPEED_ERROR, REPORTED_RELATIVE_ERROR * speed):
         return Status.REPORTED
-    if high <= SPEED_FACTOR * max(low, 0.3):
+    if high <= BIASED_SPEED_RATIO * max(low, MIN_RATIO_SPEED):
         return Status.BIASED
     return Status.NOT_IDENTIFIABLE
-
-
-def meteorological_direction(north: float, east: float) -> float:
-    """Returns the direction that air moving ``north`` and ``east`` comes from, degrees, 0 to 360."""
-    return np.degrees(np.arctan2(-east, -north)) % 360
-
-
-def compass_text(direction: float) -> str:
-    """Returns where wind from a ``direction``, °, comes from, and an arrow along it: "WSW (248°) ↗"."""
-    return f"{POINTS[round(direction / 22.5) % 16]} ({direction % 360:.0f}°) {'↓↙←↖↑↗→↘'[round(direction / 45) % 8]}"
-
-
-def speed_and_direction(
-    velocity: Array, band: Array, near: float = 180.0
-) -> tuple[Array, Array, Array, Array]:
-    """Returns speed (T,), m/s, and direction it comes from, degrees, of a course (T, 2), then half widths of both.
-
-    Those are of the ``band`` (T, 2) along and across the ``velocity``; 180° where that may come from anywhere. The
-    direction is half a turn from ``near``, degrees, at most, so that a line of it does not jump at north.
-    """
-    speed = np.hypot(*velocity.T)
-    along = velocity / np.maximum(speed, 1e-9)[:, None]
-    half = np.hypot(*(along * band).T)
-    across = np.hypot(*(along[:, ::-1] * band).T)
-    turned = np.where(across < speed, np.degrees(np.arctan2(across, speed)), 180.0)
-    return (
-        speed,
-        near + (np.degrees(np.arctan2(*-velocity.T[::-1])) - near + 180) % 360 - 180,
-        half,
-        turned,
-    )
 
 
 def estimate_wind(
@@ -190,174 +190,217 @@ def estimate_wind(
     drag: Drag | None = None,
     height: Array | None = None,
 ) -> WindVelocity:
-    """Returns the wind of one flight from attitude and velocity, at 1 Hz and faster.
+    """Estimates the wind of one flight from attitude and velocity, at 1 Hz and faster.
+
+    The drag is identified on a coarse grid. Then the wind is smoothed on a fine one, for samples of drag and lean from
+    their posterior.
 
     Args:
-        time: (T,) s, ascending; gaps may be in it.
-        attitude: (T, 3) roll, pitch and yaw, rad, Z-Y-X; rows that are not finite are left out.
-        velocity: (T, 3) north, east and down over ground, m/s.
-        drag: of the vehicle, from another flight or :func:`mavdem.estimate_drag`; the population's unless given.
+        time: stamps (T,), s, ascending; there may be gaps.
+        attitude: roll, pitch and yaw (T, 3), rad, Z-Y-X; rows that are not finite are left out.
+        velocity: over ground, north, east and down (T, 3), m/s.
+        drag: of the vehicle, from another flight or :func:`mavdem.estimate_drag`; the population's without one.
         height: (T,) m, where the wind is wanted by height.
 
     Raises:
         ValueError: arrays of other shapes, a time that does not ascend, or a drag that is no ``Drag``.
         NotLearnable: too short, or no free flight: held, carried, or a velocity that is not the vehicle's.
     """
-    stamps, angles, speeds, usable = validated_motion(time, attitude, velocity)
-    high_up = np.zeros(len(time)) if height is None else np.asarray(height, np.float64)
-    if high_up.shape != (len(time),):
-        raise ValueError(f"height must have shape ({len(time)},), not {high_up.shape}")
-    prior = Drag.given(drag)
+    samples = validated_motion(time, attitude, velocity)
+    heights = np.zeros(len(time)) if height is None else np.asarray(height, np.float64)
+    if heights.shape != (len(time),):
+        raise ValueError(f"height must have shape ({len(time)},), not {heights.shape}")
+    prior = Drag.validated_or_population(drag)
     with one_thread():
-        coarse, fine = (gridded(stamps, angles, speeds, most=most) for most in (STEPS // 2, STEPS))
-        mean, covariance, steered = identified(coarse, prior)
-        states, spreads = courses(fine, mean, covariance)
-    drag_in_flight = Drag(mean[:6], covariance[:6, :6])
-    winds = states @ TOTAL_WIND_MATRIX.T
-    variances = np.einsum("ai,tnij,aj->tna", TOTAL_WIND_MATRIX, spreads, TOTAL_WIND_MATRIX)
-    whole = _mean(winds, variances, fine.step)
-    air = winds.mean(axis=1)
-    width = max(round(GUST_SECONDS / fine.step), 1)
-    mean = air.mean(axis=0)
-    minutes = []
-    number = max(round(len(air) * fine.step / 60), 1)
-    for rows in np.array_split(np.arange(len(air)), number):
-        own = _mean(winds[rows], variances[rows], fine.step)
-        minute = {name: getattr(own, name) for name in ("speed", "low", "high", "direction")}
-        start, end = fine.time[rows[[0, -1]]].tolist()
-        minutes.append({**minute, "start": start, "end": end})
-    layers = []
-    heights = np.interp(fine.time, stamps, high_up[usable])
-    layer_of_sample = np.floor(heights / LAYER)
-    for n in np.unique(layer_of_sample):
-        sensed = air[layer_of_sample == n]
-        if len(sensed) * fine.step >= INDEPENDENT_SECONDS:
-            north, east = sensed.mean(axis=0).tolist()
-            layers.append(
-                {
-                    "height": LAYER * (n + 0.5),
-                    "speed": np.hypot(north, east),
-                    "direction": meteorological_direction(north, east),
-                }
-            )
-    through_air = fine.velocity[:, :2] - air
-    moved = np.nanmean(np.hypot(*through_air.T))
-    sd = drag_in_flight.relative_sd(moved)
-    relative_sd = sd / prior.relative_sd(moved)
-    drag_in_flight = replace(
-        drag_in_flight, source=prior.source if relative_sd > DRAG_LEFT else DragSource.FLIGHT
+        coarse = flight_grid(samples, max_steps=MAX_STEPS // 2)
+        fine = flight_grid(samples, max_steps=MAX_STEPS)
+        posterior = identify_drag(coarse, prior)
+        smoothed = sampled_winds(fine, posterior)
+    winds = smoothed.states @ TOTAL_WIND_MATRIX.T
+    variances = np.einsum(
+        "ai,tnij,aj->tna", TOTAL_WIND_MATRIX, smoothed.covariances, TOTAL_WIND_MATRIX
     )
-    doubts = list(_doubts(whole, sd, relative_sd, steered, prior.source))
-    gusts = np.convolve(np.hypot(*air.T), np.ones(width) / width, mode="valid")
-    mean_square = max(mean @ mean, 1e-9)
+    whole_flight = _mean_wind(winds, variances, fine.step)
+    air = winds.mean(axis=1)
+    mean_air = air.mean(axis=0)
+    step_heights = np.interp(fine.time, samples.time, heights[samples.usable])
+
+    relative_velocity = fine.velocity[:, :2] - air
+    air_speed = np.nanmean(np.hypot(*relative_velocity.T))
+    flight_drag = Drag(
+        posterior.mean[:DRAG_PARAMETERS], posterior.covariance[:DRAG_PARAMETERS, :DRAG_PARAMETERS]
+    )
+    drag_sd = flight_drag.relative_sd(air_speed)
+    remaining_sd = drag_sd / prior.relative_sd(air_speed)
+    source = prior.source if remaining_sd > MAX_REMAINING_DRAG_SD else DragSource.FLIGHT
+    flight_drag = replace(flight_drag, source=source)
+    doubts = _doubts(whole_flight, drag_sd, remaining_sd, posterior.steered_share, prior.source)
     status = dict.fromkeys(("speed", "direction", "drag"), Status.REPORTED)
-    status |= {name: doubted for name, doubted, _ in doubts}
+    for doubt in doubts:
+        status[doubt.figure] = doubt.status
+
+    gust_steps = max(round(GUST_SECONDS / fine.step), 1)
+    averaging = np.ones(gust_steps) / gust_steps
+    gust_speeds = np.convolve(np.hypot(*air.T), averaging, mode="valid")
+    mean_speed_square = max(mean_air @ mean_air, MIN_SPEED)
     return WindVelocity(
-        speed=whole.speed,
-        speed_interval=(lower_speed_bound(whole.low, whole.high), whole.high),
-        direction=whole.direction,
-        direction_interval=whole.turned,
-        gust=gusts.max(),
-        gust_seconds=width * fine.step,
-        turbulence_intensity=(air @ mean).std() / mean_square,
+        speed=whole_flight.speed,
+        speed_interval=(
+            lower_speed_bound(whole_flight.low, whole_flight.high),
+            whole_flight.high,
+        ),
+        direction=whole_flight.direction,
+        direction_interval=whole_flight.direction_half_width,
+        gust=gust_speeds.max(),
+        gust_seconds=gust_steps * fine.step,
+        turbulence_intensity=(air @ mean_air).std() / mean_speed_square,
         time=fine.time,
         velocity=air,
         band=half_width(variances.mean(axis=1) + winds.var(axis=1)),
-        along=np.einsum("tij,tj->ti", fine.axes, fine.velocity - [*mean, 0.0]),
-        minutes=tuple(minutes),
-        profile=tuple(layers if len(layers) > 1 else ()),
-        drag=drag_in_flight,
+        along=np.einsum("tij,tj->ti", fine.body_axes, fine.velocity - [*mean_air, 0.0]),
+        minutes=tuple(_minutes(winds, variances, fine.time, fine.step)),
+        profile=tuple(_profile(air, step_heights, fine.step)),
+        drag=flight_drag,
         status=status,
-        reasons={name: doubt for name, _, doubt in doubts},
+        reasons={doubt.figure: doubt.reason for doubt in doubts},
     )
 
 
-def torque_share_of_wind(wind: WindVelocity, time: Array, torque: Array) -> Fact:
-    """Returns the ``share`` of a ``torque`` (N,) at ``time`` (N,), s, that the mean ``wind`` explains.
+def _minutes(winds: Array, variances: Array, time: Array, step: float) -> list[dict[str, float]]:
+    """Returns the mean wind of each minute, as ``WindVelocity.minutes`` holds it.
 
-    It is the share of the variance of means over 3 s, by what is linear in the velocity through that air along body x
-    and y, fitted to every second quarter of a minute and tried on the others. None where that hardly changes.
+    Args:
+        winds: N posterior samples of the wind velocity, north and east (T, N, 2), m/s.
+        variances: of each about the truth (T, N, 2), (m/s)².
+        time: of the steps (T,), s.
+        step: time step, s.
     """
-    thirds = np.floor(time / GUST_SECONDS)
-    number, third = np.unique(thirds, return_inverse=True)
-    finite = np.isfinite(wind.along).all(axis=1)
-    air = (
-        np.interp(time, wind.time[finite], part, np.nan, np.nan) for part in wind.along[finite].T
-    )
-    sums = np.array([np.bincount(third, values) for values in (torque, *air)])
-    means = sums / np.bincount(third)
-    kept = np.isfinite(means).all(axis=0)
-    slow, *along = means[:, kept]
-    if len(slow) < MIN_SAMPLES_FOR_STATISTICS or np.std(along, axis=1).max() < CHANGED:
-        return Fact(WindShare.SHARE_UNKNOWN, share=None)
-    table = np.column_stack([np.ones(len(slow)), *along])
-    is_even = number[kept] // 5 % 2 == 0
-    left = slow.copy()
-    for tried in (is_even, ~is_even):
-        fitted = np.linalg.lstsq(table[~tried], slow[~tried])[0]
-        left[tried] -= table[tried] @ fitted
-    unexplained = left.var() / slow.var()
-    share = max(1 - unexplained, 0.0)
-    return Fact(WindShare.SHARE_KNOWN, share=share, span=GUST_SECONDS)
+    count = max(round(len(winds) * step / 60), 1)
+    minutes = []
+    for rows in np.array_split(np.arange(len(winds)), count):
+        mean = _mean_wind(winds[rows], variances[rows], step)
+        minutes.append(
+            {
+                "speed": mean.speed,
+                "low": mean.low,
+                "high": mean.high,
+                "direction": mean.direction,
+                "start": float(time[rows[0]]),
+                "end": float(time[rows[-1]]),
+            }
+        )
+    return minutes
 
 
-class _Mean(NamedTuple):
-    """Of the wind over steps: its speed with both ends of its interval, where it comes from, and that half width."""
+def _profile(air: Array, heights: Array, step: float) -> list[dict[str, float]]:
+    """Returns the mean wind by height, as ``WindVelocity.profile`` holds it; empty for a flight within one layer.
 
-    speed: float
-    low: float
-    high: float
-    direction: float
-    turned: float
+    Args:
+        air: wind velocity, north and east (T, 2), m/s.
+        heights: of the vehicle (T,), m.
+        step: time step, s.
+    """
+    layer_of_step = np.floor(heights / LAYER_HEIGHT)
+    layers = []
+    for layer in np.unique(layer_of_step):
+        air_of_layer = air[layer_of_step == layer]
+        if len(air_of_layer) * step < INDEPENDENT_SECONDS:
+            continue
+        north, east = air_of_layer.mean(axis=0).tolist()
+        layers.append(
+            {
+                "height": LAYER_HEIGHT * (layer + 0.5),
+                "speed": np.hypot(north, east),
+                "direction": meteorological_direction(north, east),
+            }
+        )
+    if len(layers) < 2:
+        return []
+    return layers
 
 
-def _mean(winds: Array, variances: Array, step: float) -> _Mean:
-    """That of draws (T, N, 2) with these variances."""
+def _mean_wind(winds: Array, variances: Array, step: float) -> _MeanWind:
+    """Returns the mean wind over some steps, with intervals from samples of its posterior.
+
+    Errors of drag and lean are the same in all steps, so each posterior sample has its own mean. Errors by noise
+    average out; they are drawn at random.
+
+    Args:
+        winds: N posterior samples of the wind velocity, north and east (T, N, 2), m/s.
+        variances: of each about the truth, by noise (T, N, 2), (m/s)².
+        step: time step, s.
+    """
     means = winds.mean(axis=0)
-    # By the draws of drag and lean, which are common to all steps; what noise does averages out.
-    count = max(len(winds) * step / INDEPENDENT_SECONDS, 1.0)
-    noise = default_rng(2).standard_normal((50, len(means), 2))
-    spread = np.sqrt(variances.mean(axis=0) / count)
-    samples = (means + noise * spread).reshape(-1, 2)
+    independent_steps = max(len(winds) * step / INDEPENDENT_SECONDS, 1.0)
+    noise_sd = np.sqrt(variances.mean(axis=0) / independent_steps)
+    noise = default_rng(2).standard_normal((DIRECTION_DRAWS, len(means), 2))
+    samples = (means + noise * noise_sd).reshape(-1, 2)
     speeds = np.hypot(*samples.T)
     low, high = np.quantile(speeds, INTERVAL_QUANTILES).tolist()
+
+    # The speed is that along the mean direction: the mean of magnitudes would be too large in calm air.
     north, east = means.mean(axis=0)
-    along = np.median(means @ [north, east])
-    speed = along / max(np.hypot(north, east), 1e-9)
+    projected = np.median(means @ [north, east])
+    speed = projected / max(np.hypot(north, east), MIN_SPEED)
     speed = max(speed, 0.0)
-    apart = np.angle((samples @ [1, 1j]) / (north + 1j * east or 1.0))
-    turned = np.degrees(np.quantile(abs(apart), 0.9))
-    turned = np.hypot(turned, coverage_factor() * HEADING_SD)
-    return _Mean(speed, min(low, speed), high, meteorological_direction(north, east), turned)
+
+    # As complex numbers, the quotient of two winds has the angle between them.
+    mean_direction = north + 1j * east or 1.0
+    angles = np.angle((samples @ [1, 1j]) / mean_direction)
+    half_width_by_samples = np.degrees(np.quantile(abs(angles), 0.9))
+    direction_half_width = np.hypot(half_width_by_samples, coverage_factor() * HEADING_SD)
+    return _MeanWind(
+        speed, min(low, speed), high, meteorological_direction(north, east), direction_half_width
+    )
 
 
 def _doubts(
-    mean: _Mean, sd: float, relative_sd: float, steered: float, source: DragSource
-) -> Iterator[tuple[str, Status, Fact]]:
-    """Status and reason of drag, speed and direction where they are not reported."""
-    if sd > DRAG_ERROR:
-        status = Status.NOT_IDENTIFIABLE if relative_sd > DRAG_LEFT else Status.BIASED
-        doubt = Fact(
+    mean: _MeanWind,
+    drag_sd: float,
+    remaining_sd: float,
+    steered_share: float,
+    prior_source: DragSource,
+) -> list[_Doubt]:
+    """Returns which of drag, speed and direction are not reported, and why.
+
+    Args:
+        mean: mean wind of the flight.
+        drag_sd: relative standard deviation of the drag.
+        remaining_sd: that, relative to the prior's.
+        steered_share: share of the force's variance that opposes the velocity.
+        prior_source: what the prior of the drag was known from.
+    """
+    doubts = []
+    drag_uncertain = drag_sd > REPORTED_DRAG_SD
+    if drag_uncertain:
+        status = Status.BIASED
+        if remaining_sd > MAX_REMAINING_DRAG_SD:
+            status = Status.NOT_IDENTIFIABLE
+        reason = Fact(
             WindDoubt.DRAG_UNSURE,
             status=status,
-            relative_sd=sd,
-            source=source,
-            steered=steered,
+            relative_sd=drag_sd,
+            source=prior_source,
+            steered=steered_share,
         )
-        yield "drag", status, doubt
+        doubts.append(_Doubt("drag", status, reason))
+
     status = speed_status(mean.speed, mean.low, mean.high)
     if status is not Status.REPORTED:
-        low = lower_speed_bound(mean.low, mean.high)
-        doubt = Fact(
+        reason = Fact(
             WindDoubt.SPEED_UNSURE,
             status=status,
-            low=low,
+            low=lower_speed_bound(mean.low, mean.high),
             high=mean.high,
-            by_drag=sd > DRAG_ERROR,
+            by_drag=drag_uncertain,
         )
-        yield "speed", status, doubt
-    if mean.turned > DIRECTION_ERROR:
-        roughly = mean.turned <= MAX_DIRECTION_INTERVAL
-        half = np.radians(mean.turned)
-        doubt = Fact(WindDoubt.DIRECTION_UNSURE, direction_interval=half)
-        yield "direction", Status.BIASED if roughly else Status.NOT_IDENTIFIABLE, doubt
+        doubts.append(_Doubt("speed", status, reason))
+
+    if mean.direction_half_width > REPORTED_DIRECTION_ERROR:
+        status = Status.NOT_IDENTIFIABLE
+        if mean.direction_half_width <= MAX_DIRECTION_INTERVAL:
+            status = Status.BIASED
+        interval = np.radians(mean.direction_half_width)
+        reason = Fact(WindDoubt.DIRECTION_UNSURE, direction_interval=interval)
+        doubts.append(_Doubt("direction", status, reason))
+    return doubts

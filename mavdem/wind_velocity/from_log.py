@@ -1,4 +1,4 @@
-"""The wind in metres a second in a recorded flight: which messages say it, and which parts of it count."""
+"""Wind velocity of a recorded flight: which messages it is estimated from, and which parts of the flight count."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array, Flags
-from mavdem.confidence import Interval
 from mavdem.dataset import intervals, phases
 from mavdem.dataset.attitude import Attitude, attitude_from_messages
 from mavdem.dataset.axes import AXES
@@ -22,31 +21,73 @@ from mavdem.files import AnyPath
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry, interpolated
 from mavdem.ingest.vocabulary import mavlink_constant
-from mavdem.wind_velocity.airflow import Drag
-from mavdem.wind_velocity.drag import LONGEST_SECONDS
 from mavdem.wind_velocity.estimation import WindVelocity, estimate_wind
+from mavdem.wind_velocity.motion_grid import MAX_FLIGHT_SECONDS, MIN_SAMPLES
+from mavdem.wind_velocity.vehicle_drag import Drag, ParameterValue
 
-VELOCITY_MESSAGES = {
-    name: -factor for name, (field, factor) in CLIMB_RATE_FIELDS.items() if field == "vz"
-}
-"""Messages with the velocity over ground, the preferred first, and the factor that makes it m/s."""
+
+def _velocity_messages() -> dict[str, float]:
+    """Returns the messages with the velocity over ground, and the factor that converts it to m/s, by preference."""
+    factors = {}
+    for name, (field, climb_factor) in CLIMB_RATE_FIELDS.items():
+        # Climb is positive upwards, and the velocity's field vz downwards.
+        if field == "vz":
+            factors[name] = -climb_factor
+    return factors
+
+
+VELOCITY_MESSAGES = _velocity_messages()
+"""Messages with the velocity over ground, the preferred first, and the factor that converts it to m/s."""
+
+MILLIMETRES = 1000
+"""Of the field ``relative_alt`` of GLOBAL_POSITION_INT, in a metre."""
+
 ESTIMATOR_FLAG_MESSAGES = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
+"""Messages with flags of the autopilot's state estimator."""
+
 VELOCITY_VALID_FLAG = mavlink_constant("ESTIMATOR_VELOCITY_HORIZ")
+"""Flag of the estimator: the horizontal velocity is known."""
+
 STANDSTILL_ASSUMED = mavlink_constant("ESTIMATOR_CONST_POS_MODE")
-"""Messages with the estimator's flags: it knows the horizontal velocity; it assumes to stand still."""
-VELOCITY_JUMP = (1.0, 15.0)
-YAW_JUMP = (0.35, 6.0)
-"""m/s, rad, and m/s², rad/s: a change beyond both is a reset. Before one of the yaw, in flight, it was not known."""
-# m beyond what the velocity covers, of a reset
-POSITION_JUMP = 1.0
-# m above the lowest height, without motors; s between velocities, and around a reset that are left out
-LOWEST_FLIGHT = 1.5
+"""Flag of the estimator: it has no position source, and assumes that the vehicle stands still."""
+
+
+class ResetLimit(NamedTuple):
+    """Largest change between two samples that is no reset of the estimator: offset + rate · time between them."""
+
+    offset: float
+    """Part that does not depend on the time."""
+
+    rate: float
+    """Part per second."""
+
+
+VELOCITY_RESET = ResetLimit(offset=1.0, rate=15.0)
+"""Of a component of the velocity, m/s and m/s²: no multirotor accelerates faster for long."""
+
+YAW_RESET = ResetLimit(offset=0.35, rate=6.0)
+"""Of the yaw, rad and rad/s. Before a reset of the yaw in flight, the yaw was not known."""
+
+POSITION_RESET = ResetLimit(offset=1.0, rate=2.0)
+"""Of the position beyond what the velocity covers, m and m/s."""
+
+MIN_FLIGHT_HEIGHT = 1.5
+"""Height above the lowest one, m, from which on the vehicle flies, where neither motors nor landed state are known."""
+
 MAX_VELOCITY_GAP = 1.5
+"""Longest time between two velocities that are interpolated, and time around a reset that is left out, s."""
+
 STUCK_LEAN = np.radians(25.0)
-STUCK_METRES = 0.1
+"""Lean, rad, from which on a vehicle that does not move is stuck: a free one leans so far against a storm only."""
+
+STUCK_DISTANCE = 0.1
+"""Distance within a second, m, below which the vehicle does not move."""
+
 STUCK_SECONDS = 5.0
-"""So far a free vehicle leans against a storm or to move off; simulated in steady wind, where position is held best, it
-stays within 0.1 m of where it was a second ago for 1.3 s at most. One that is caught or holds on to something stays."""
+"""Time for which a vehicle leans and does not move, s, from which on it is stuck.
+
+A simulated one that holds its position in steady wind does not move for 1.3 s at most.
+"""
 
 
 class WindEvidence(NamedTuple):
@@ -62,181 +103,324 @@ class WindEvidence(NamedTuple):
     """Why there is no estimate; ``None`` where there is one."""
 
 
+class _FlightMotion(NamedTuple):
+    """Motion in the free flight of one boot, at N stamps of the attitude."""
+
+    time: Array
+    """Stamps (N,), s on the boot's clock."""
+
+    attitude: Array
+    """Roll, pitch and yaw (N, 3), rad."""
+
+    velocity: Array
+    """Velocity over ground, north, east and down (N, 3), m/s."""
+
+    height: Array
+    """Height (N,), m."""
+
+
 def wind(path: AnyPath, vehicle: str | None = None, drag: Drag | None = None) -> WindVelocity:
-    """Returns the wind of a log's longest flight, from attitude and velocity over ground at 1 Hz and faster.
+    """Estimates the wind of a log's longest flight, from attitude and velocity over ground at 1 Hz and faster.
 
     Args:
         path: a log that ``mavdem.ingest.read_log`` reads.
         vehicle: "system" or "system:component", where the log holds several.
-        drag: of the vehicle; the autopilot's own coefficients, where somebody set them, unless given.
+        drag: of the vehicle; without one, the autopilot's own coefficients where somebody set them, or the
+            population's.
 
     Raises:
         Unreadable: the log cannot be read.
         NotLearnable: it holds no vehicle, no velocity, no yaw or no flight, or no free one.
     """
     log = read_log(path)
-    flown = choose_vehicle(log.vehicles, vehicle)
-    return wind_of_signals(Signals(flown), drag)
-
-
-def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
-    """Returns the wind of a vehicle's ``signals``, as :func:`wind` does, with the ``drag`` of before."""
-    telemetry = signals.telemetry
-    # As it was sent: between two angles a reset of the yaw is no jump.
-    angles = [
-        angle for axis in AXES if (angle := attitude_from_messages(telemetry, axis)) is not None
-    ]
-    moving = _moving(telemetry)
-    if len(angles) < len(AXES) or moving is None:
-        missing = AXES[len(angles) :]
-        raise NotLearnable(
-            NoWind.NO_VELOCITY,
-            missing=missing,
-            name=telemetry.name_in_source("LOCAL_POSITION_NED"),
-            recorder=telemetry.translated_from,
-        )
-    boots = np.unique(moving.boot).tolist()
-    flown = [(_flown(signals, angles, moving, boot), boot) for boot in boots]
-    nothing = (np.zeros((0, 8)), 0)
-    best, best_boot = max(flown, key=lambda pair: len(pair[0]), default=nothing)
-    if len(best) < 10:
-        raise NotLearnable(NoWind.NO_FLIGHT_WITH_VELOCITY)
-    stuck = _longest_stuck(signals.position, best_boot, best)
-    if stuck >= STUCK_SECONDS:
-        raise NotLearnable(NoWind.STUCK, duration=stuck, lean=STUCK_LEAN)
-    if np.ptp(best[:, 0]) > LONGEST_SECONDS:
-        raise NotLearnable(NoWind.CLOCK_JUMPS)
-    still = np.ptp(best[:, 3:6], axis=0)[:2]
-    if 0 in still:
-        raise NotLearnable(NoWind.NOT_MEASURED, name="velocity" if still[0] else "yaw")
-    if drag is None:
-        drag = Drag.of_parameters(telemetry.autopilot, telemetry.parameters)
-    estimate = estimate_wind(best[:, 0], best[:, 1:4], best[:, 4:7], drag, best[:, 7])
-    return replace(estimate, boot=best_boot)
-
-
-def _moving(telemetry: Telemetry) -> TimeSeries | None:
-    """(N, 4) velocity over ground, north, east and down, m/s, and height, m; perhaps (N, 6), north and east, m."""
-    for name, factor in VELOCITY_MESSAGES.items():
-        columns = telemetry.messages.get(name, {})
-        if len(columns.get("vx", ())) > 1:
-            above = (
-                -float_column(columns, "z")
-                if factor == 1
-                else float_column(columns, "relative_alt") / 1000
-            )
-            table = [factor * float_column(columns, field) for field in ("vx", "vy", "vz")]
-            table.append(np.nan_to_num(above))
-            table += [float_column(columns, axis) for axis in "xy" if axis in columns]
-            valid = np.asarray(columns["valid"], np.bool_) if "valid" in columns else None
-            return clean_series(columns, np.column_stack(table), valid)
-    return None
-
-
-def _flown(signals: Signals, angles: Sequence[Attitude], moving: TimeSeries, boot: int) -> Array:
-    """(N, 8) time, attitude, velocity and height of flight in a boot, where the estimator knows them."""
-    rows = moving.boot == boot
-    time = moving.time[rows]
-    moved = moving.values[rows].T
-    own = [angle.boot == boot for angle in angles]
-    at = angles[-1].time[own[-1]]
-    if len(time) < 2 or not all(map(np.any, own)):
-        return np.zeros((0, 8))
-    turned = [
-        np.interp(at, angle.time[here], angle.angle[here])
-        for angle, here in zip(angles, own, strict=True)
-    ]
-    flights = _flights(signals, boot, time, moved[3])
-    kept = intervals.in_intervals(at, flights)
-    kept &= (at >= time[0]) & (at <= time[-1])
-    following = np.searchsorted(time, at)
-    after = np.clip(following, 1, len(time) - 1)
-    steps = time[after] - time[after - 1]
-    kept &= steps <= MAX_VELOCITY_GAP
-    by_axis = [_jumps(time, speed, VELOCITY_JUMP) for speed in moved[:2]]
-    jumps = np.any(by_axis, axis=0)
-    for position, speed in zip(moved[4:], moved, strict=False):
-        way = np.diff(position)
-        jumps |= is_reset(way, speed[:-1], speed[1:], np.diff(time))
-    doubted = [(t - MAX_VELOCITY_GAP, t + MAX_VELOCITY_GAP) for t in time[1:][jumps]]
-    kept &= ~intervals.in_intervals(at, doubted)
-    turns = _jumps(at, turned[2], YAW_JUMP, 2 * np.pi)
-    # after flight it is a fall or a spin
-    turns &= at[1:] < np.max(flights, initial=0)
-    last_reset = np.max(at[1:][turns], initial=-np.inf)
-    kept &= at > last_reset + MAX_VELOCITY_GAP
-    for name in ESTIMATOR_FLAG_MESSAGES:
-        flags = recorded_series(signals.telemetry, name, "flags")
-        if flags is not None and np.any(here := flags.boot == boot):
-            bits = flags.values[here].astype(np.int64)
-            valid = horizontal_velocity_valid(bits)
-            unknown = np.interp(at, flags.time[here], ~valid)
-            kept &= unknown == 0
-    moving_then = interpolated(at, time, moved[:4].T)
-    return np.column_stack([at, *turned, moving_then])[kept]
-
-
-def horizontal_velocity_valid(flags: Any) -> Any:
-    """Returns where an estimator's ``flags`` say that it knows the velocity, and assumes no standstill."""
-    return flags & (VELOCITY_VALID_FLAG | STANDSTILL_ASSUMED) == VELOCITY_VALID_FLAG
-
-
-def _longest_stuck(position: TimeSeries | None, boot: int, flown: Array) -> float:
-    """For how long, s, the vehicle leant by ``STUCK_LEAN`` or more of ``flown`` (N, 8) and stayed where it was."""
-    if position is None or not np.any(here := position.boot == boot):
-        return 0.0
-    time, roll, pitch = flown[:, :3].T
-    positions = [
-        np.interp([time - 1.0, time], position.time[here], axis) for axis in position.values[here].T
-    ]
-    way = np.diff(positions, axis=1)[:, 0]
-    moved = np.linalg.norm(way, axis=0)
-    lean = np.arccos(np.cos(roll) * np.cos(pitch))
-    stuck = (lean >= STUCK_LEAN) & (moved < STUCK_METRES)
-    return intervals.longest_true_duration(time, stuck)
+    telemetry = choose_vehicle(log.vehicles, vehicle)
+    return wind_of_signals(Signals(telemetry), drag)
 
 
 def wind_evidence(signals: Signals) -> WindEvidence:
-    """Returns what a vehicle's ``signals`` say of the wind."""
+    """Returns what the signals of a vehicle show of the wind, or why there is no estimate."""
     try:
         return WindEvidence(wind_of_signals(signals), signals.autopilot_wind, None)
     except NotLearnable as error:
         return WindEvidence(None, None, error.fact)
 
 
-def drag_settings(drag: Drag, telemetry: Telemetry) -> dict[str, tuple[float, float, float]]:
-    """Returns the autopilot's parameters to set for a ``drag``, with both ends of 90 % intervals, which it has.
+def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
+    """Estimates the wind of the boot of a vehicle with the longest free flight.
 
-    None for a typical drag: nobody knows it of this vehicle.
+    Args:
+        signals: of the vehicle.
+        drag: as for :func:`wind`.
+
+    Raises:
+        NotLearnable: velocity, attitude or flight are missing, the vehicle is stuck, or its clock jumps.
     """
-    if drag.source is DragSource.POPULATION:
-        return {}
-    settings = drag.parameters(telemetry.autopilot)
-    if telemetry.translated_from != "DataFlash":  # which has all that the firmware has
-        return settings
-    return {name: ends for name, ends in settings.items() if name in telemetry.parameters}
+    telemetry = signals.telemetry
+    # The attitude at its own stamps: resampled, a reset of the yaw would be no jump.
+    angles = []
+    for axis in AXES:
+        angle = attitude_from_messages(telemetry, axis)
+        if angle is not None:
+            angles.append(angle)
+    ground_motion = _ground_motion(telemetry)
+    if len(angles) < len(AXES) or ground_motion is None:
+        raise NotLearnable(
+            NoWind.NO_VELOCITY,
+            missing=AXES[len(angles) :],
+            name=telemetry.name_in_source("LOCAL_POSITION_NED"),
+            recorder=telemetry.translated_from,
+        )
+    motion = None
+    boot = 0
+    for candidate in np.unique(ground_motion.boot).tolist():
+        motion_of_boot = _free_flight(signals, angles, ground_motion, candidate)
+        if motion_of_boot is None:
+            continue
+        if motion is None or len(motion_of_boot.time) > len(motion.time):
+            motion = motion_of_boot
+            boot = candidate
+    if motion is None or len(motion.time) < MIN_SAMPLES:
+        raise NotLearnable(NoWind.NO_FLIGHT_WITH_VELOCITY)
+    _require_usable(motion, _longest_stuck(signals.position, boot, motion))
+    if drag is None:
+        drag = Drag.from_parameters(telemetry.autopilot, telemetry.parameters)
+    estimate = estimate_wind(motion.time, motion.attitude, motion.velocity, drag, motion.height)
+    return replace(estimate, boot=boot)
+
+
+def _require_usable(motion: _FlightMotion, stuck_seconds: float) -> None:
+    """Checks that the vehicle was free, its clock runs evenly, and yaw and velocity were measured.
+
+    Args:
+        motion: of the flight.
+        stuck_seconds: longest time for which the vehicle was stuck, s.
+
+    Raises:
+        NotLearnable: one of these is not so.
+    """
+    if stuck_seconds >= STUCK_SECONDS:
+        raise NotLearnable(NoWind.STUCK, duration=stuck_seconds, lean=STUCK_LEAN)
+    if np.ptp(motion.time) > MAX_FLIGHT_SECONDS:
+        raise NotLearnable(NoWind.CLOCK_JUMPS)
+    # A figure that never changes is not measured.
+    yaw_is_constant = np.ptp(motion.attitude[:, 2]) == 0
+    north_is_constant = np.ptp(motion.velocity[:, 0]) == 0
+    if yaw_is_constant:
+        raise NotLearnable(NoWind.NOT_MEASURED, name="yaw")
+    if north_is_constant:
+        raise NotLearnable(NoWind.NOT_MEASURED, name="velocity")
+
+
+def _ground_motion(telemetry: Telemetry) -> TimeSeries | None:
+    """Returns the velocity over ground and the height, from the preferred message that was recorded.
+
+    Returns:
+        Samples (N, 4) of the velocity north, east and down, m/s, and height, m, 0 where it is not known; or (N, 6) with
+        the position north and east, m, where the message has it. ``None`` without such a message.
+    """
+    for name, factor in VELOCITY_MESSAGES.items():
+        columns = telemetry.messages.get(name, {})
+        if len(columns.get("vx", ())) <= 1:
+            continue
+        height = (
+            -float_column(columns, "z")
+            if name == "LOCAL_POSITION_NED"
+            else float_column(columns, "relative_alt") / MILLIMETRES
+        )
+        table = [factor * float_column(columns, field) for field in ("vx", "vy", "vz")]
+        table.append(np.nan_to_num(height))
+        for field in ("x", "y"):
+            if field in columns:
+                table.append(float_column(columns, field))
+        valid = None
+        if "valid" in columns:
+            valid = np.asarray(columns["valid"], np.bool_)
+        return clean_series(columns, np.column_stack(table), valid)
+    return None
+
+
+def _free_flight(
+    signals: Signals, angles: Sequence[Attitude], ground_motion: TimeSeries, boot: int
+) -> _FlightMotion | None:
+    """Returns the motion in the flight of one boot where the estimator knows it, at the stamps of the yaw.
+
+    Left out are gaps of the velocity, resets of velocity or position, all before the last reset of the yaw in flight,
+    and where the estimator's flags say that it does not know the velocity.
+
+    Args:
+        signals: of the vehicle.
+        angles: roll, pitch and yaw.
+        ground_motion: as :func:`_ground_motion` returns it.
+        boot: number of the boot.
+
+    Returns:
+        The motion; ``None`` where the boot has no attitude or velocity.
+    """
+    rows = ground_motion.boot == boot
+    velocity_time = ground_motion.time[rows]
+    values = ground_motion.values[rows]
+    rows_of_angles = [angle.boot == boot for angle in angles]
+    if len(velocity_time) < 2 or not all(np.any(rows) for rows in rows_of_angles):
+        return None
+    time = angles[-1].time[rows_of_angles[-1]]
+    attitude = []
+    for angle, angle_rows in zip(angles, rows_of_angles, strict=True):
+        attitude.append(np.interp(time, angle.time[angle_rows], angle.angle[angle_rows]))
+    yaw = attitude[2]
+
+    flights = _flights(signals, boot, velocity_time, values[:, 3])
+    usable = intervals.in_intervals(time, flights)
+    usable &= (time >= velocity_time[0]) & (time <= velocity_time[-1])
+    next_velocity = np.clip(np.searchsorted(velocity_time, time), 1, len(velocity_time) - 1)
+    gaps = velocity_time[next_velocity] - velocity_time[next_velocity - 1]
+    usable &= gaps <= MAX_VELOCITY_GAP
+
+    reset_times = velocity_time[1:][_motion_resets(velocity_time, values)]
+    around_resets = [(reset - MAX_VELOCITY_GAP, reset + MAX_VELOCITY_GAP) for reset in reset_times]
+    usable &= ~intervals.in_intervals(time, around_resets)
+
+    yaw_resets = _resets(time, yaw, YAW_RESET, period=2 * np.pi)
+    # After the flight, a jump of the yaw is a fall or a spin.
+    yaw_resets &= time[1:] < np.max(flights, initial=0)
+    last_yaw_reset = np.max(time[1:][yaw_resets], initial=-np.inf)
+    usable &= time > last_yaw_reset + MAX_VELOCITY_GAP
+
+    usable &= _estimator_knows_velocity(signals.telemetry, boot, time)
+    motion = interpolated(time, velocity_time, values[:, :4])
+    return _FlightMotion(
+        time[usable],
+        np.column_stack(attitude)[usable],
+        motion[usable, :3],
+        motion[usable, 3],
+    )
+
+
+def _motion_resets(time: Array, values: Array) -> Flags:
+    """Returns after which samples velocity or position of the estimator were reset (N − 1,).
+
+    Args:
+        time: stamps (N,), s.
+        values: velocity, height and perhaps position (N, 4 or 6), as :func:`_ground_motion` returns them.
+    """
+    north_and_east = values[:, :2].T
+    resets = _resets(time, north_and_east[0], VELOCITY_RESET)
+    resets |= _resets(time, north_and_east[1], VELOCITY_RESET)
+    # The position may be missing.
+    for position, speed in zip(values[:, 4:].T, north_and_east, strict=False):
+        resets |= is_position_reset(np.diff(position), speed[:-1], speed[1:], np.diff(time))
+    return resets
+
+
+def _estimator_knows_velocity(telemetry: Telemetry, boot: int, time: Array) -> Flags:
+    """Returns at which times (N,), s, of a boot no message with estimator flags says that the velocity is unknown."""
+    known = np.ones(len(time), np.bool_)
+    for name in ESTIMATOR_FLAG_MESSAGES:
+        flags = recorded_series(telemetry, name, "flags")
+        if flags is None:
+            continue
+        rows = flags.boot == boot
+        if not np.any(rows):
+            continue
+        valid = horizontal_velocity_valid(flags.values[rows].astype(np.int64))
+        # Between two messages that differ, the interpolated value is neither 0 nor 1.
+        unknown = np.interp(time, flags.time[rows], ~valid)
+        known &= unknown == 0
+    return known
+
+
+def horizontal_velocity_valid(flags: Any) -> Any:
+    """Returns where the flags of an estimator, integers of any shape, say that it knows the velocity.
+
+    It must not assume a standstill.
+    """
+    return flags & (VELOCITY_VALID_FLAG | STANDSTILL_ASSUMED) == VELOCITY_VALID_FLAG
+
+
+def _longest_stuck(position: TimeSeries | None, boot: int, motion: _FlightMotion) -> float:
+    """Returns the longest time, s, for which the vehicle leaned by ``STUCK_LEAN`` or more and did not move.
+
+    Args:
+        position: of the vehicle (N, k), m; without it, the vehicle is never stuck.
+        boot: number of the boot.
+        motion: in the flight of that boot.
+    """
+    if position is None:
+        return 0.0
+    rows = position.boot == boot
+    if not np.any(rows):
+        return 0.0
+    times = [motion.time - 1.0, motion.time]
+    distances = []
+    for component in position.values[rows].T:
+        a_second_ago, now = np.interp(times, position.time[rows], component)
+        distances.append(now - a_second_ago)
+    distance = np.linalg.norm(distances, axis=0)
+    roll, pitch, _ = motion.attitude.T
+    lean = np.arccos(np.cos(roll) * np.cos(pitch))
+    stuck = (lean >= STUCK_LEAN) & (distance < STUCK_DISTANCE)
+    return intervals.longest_true_duration(motion.time, stuck)
 
 
 def _flights(signals: Signals, boot: int, time: Array, height: Array) -> intervals.Intervals:
-    """Settled flight; where neither motors nor landed state were recorded, armed flight above the ground."""
+    """Returns the intervals of settled flight in a boot.
+
+    Where neither motors nor landed state were recorded, it is flight while armed and above the ground.
+
+    Args:
+        signals: of the vehicle.
+        boot: number of the boot.
+        time: stamps of the heights (N,), s.
+        height: (N,) m.
+    """
     if signals.collective is not None or signals.landed_state is not None:
         return phases.settled_intervals(signals, boot)
-    lowest = np.nanmin(height) + LOWEST_FLIGHT
+    min_height = np.nanmin(height) + MIN_FLIGHT_HEIGHT
     armed = phases.armed_intervals(signals, boot)
-    above = intervals.true_intervals(time, height > lowest)
-    up = intervals.intersection(armed, above)
-    return [flight for span in up if (flight := phases.without_transients(span, None)) is not None]
+    above_ground = intervals.true_intervals(time, height > min_height)
+    flights = []
+    for candidate in intervals.intersection(armed, above_ground):
+        flight = phases.without_transients(candidate, None)
+        if flight is not None:
+            flights.append(flight)
+    return flights
 
 
-def is_reset(moved: Any, before: Any, after: Any, dt: Any) -> Any:
-    """Returns whether a change of position, m, in ``dt``, s, is more than speeds ``before`` and ``after`` it cover."""
-    covered = (before + after) * dt / 2
-    return abs(moved - covered) > POSITION_JUMP + 2 * dt
+def drag_settings(drag: Drag, telemetry: Telemetry) -> dict[str, ParameterValue]:
+    """Returns the parameters of the autopilot's drag model that should be set, by name, with 90 % intervals.
+
+    There are none for the population's drag, which is not that of this vehicle. A DataFlash log has all parameters of
+    the firmware, so those that it does not have are left out.
+    """
+    if drag.source is DragSource.POPULATION:
+        return {}
+    settings = drag.autopilot_parameters(telemetry.autopilot)
+    if telemetry.translated_from != "DataFlash":
+        return settings
+    return {name: value for name, value in settings.items() if name in telemetry.parameters}
 
 
-def _jumps(time: Array, values: Array, limits: Interval, turn: float = np.inf) -> Flags:
-    """(N - 1,) where ``values`` change by more than the first of ``limits`` and the second a second."""
-    steps = abs(np.diff(values)) % turn
-    shorter = np.minimum(steps, turn - steps)
-    allowed = limits[0] + limits[1] * np.diff(time)
-    return shorter > allowed
+def is_position_reset(change: Any, speed_before: Any, speed_after: Any, dt: Any) -> Any:
+    """Returns whether a position changed by more than its velocity covers; all arguments have one shape.
+
+    Args:
+        change: of the position, m.
+        speed_before: at its beginning, m/s.
+        speed_after: at its end, m/s.
+        dt: time that it took, s.
+    """
+    covered = (speed_before + speed_after) * dt / 2
+    return abs(change - covered) > POSITION_RESET.offset + POSITION_RESET.rate * dt
+
+
+def _resets(time: Array, values: Array, limit: ResetLimit, period: float = np.inf) -> Flags:
+    """Returns between which samples values change by more than a limit (N − 1,).
+
+    Args:
+        time: stamps (N,), s.
+        values: (N,) in the unit of the limit.
+        limit: largest change that is no reset.
+        period: of values that are angles, of whose changes the shorter way round counts.
+    """
+    changes = abs(np.diff(values)) % period
+    shortest_changes = np.minimum(changes, period - changes)
+    return np.asarray(shortest_changes > limit.offset + limit.rate * np.diff(time))

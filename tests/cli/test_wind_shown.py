@@ -11,7 +11,7 @@ from mavdem import wind
 from mavdem.fleet.priors import earlier_drag
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.report.fleet_page import fleet_page
-from mavdem.wind_velocity.estimation import compass_text
+from mavdem.wind_velocity.compass import compass_text
 from sitl_scenarios.files import in_toml, load
 
 

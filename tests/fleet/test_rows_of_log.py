@@ -17,7 +17,7 @@ from mavdem.fleet import rows_of_log as module
 from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.rows_of_log import rows_of_log
-from mavdem.wind_velocity.airflow import Drag
+from mavdem.wind_velocity.vehicle_drag import Drag
 
 DRAG = json.dumps({"speed": 4.0, "drag": Drag(np.zeros(6), np.eye(6)).as_dict()})
 SLOW = LOGS / "ardupilot_default_rates.tlog"

@@ -57,7 +57,7 @@ from mavdem.plant import Physical
 from mavdem.plant.sampled_plant import WindComponent, gaussian_kernel_noise
 from mavdem.report.flight_charts import loop_charts
 from mavdem.report.vehicle_files import vehicle_text
-from mavdem.wind_velocity.airflow import Drag
+from mavdem.wind_velocity.vehicle_drag import Drag
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.scenario import SteadyWind
 from sitl_scenarios.simulation import fly
@@ -435,7 +435,7 @@ def test_a_flight_without_loops_says_why(plant, record, code):
     assert refused(loop_from_plant, *changes).code is code
 
 
-OF_ALL = Drag.of_parameters()
+OF_ALL = Drag.from_parameters()
 
 
 def twin(loop, **known):

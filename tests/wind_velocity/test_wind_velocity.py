@@ -22,21 +22,11 @@ from mavdem.facts.online import Airflow
 from mavdem.facts.wind import NoWind, WindDoubt, WindShare
 from mavdem.live.wind import LiveWind
 from mavdem.report.condition import wind_blocks
-from mavdem.wind_velocity.airflow import Drag
-from mavdem.wind_velocity.estimation import (
-    lower_speed_bound,
-    meteorological_direction,
-    speed_status,
-    torque_share_of_wind,
-)
-from mavdem.wind_velocity.from_log import (
-    YAW_JUMP,
-    _jumps,
-    drag_settings,
-    is_reset,
-    wind_evidence,
-    wind_of_signals,
-)
+from mavdem.wind_velocity.compass import meteorological_direction
+from mavdem.wind_velocity.estimation import lower_speed_bound, speed_status
+from mavdem.wind_velocity.from_log import YAW_RESET, _resets, drag_settings, is_position_reset, wind_evidence, wind_of_signals
+from mavdem.wind_velocity.torque_share import torque_share_of_wind
+from mavdem.wind_velocity.vehicle_drag import Drag
 
 LINEAR = np.array([0.3, 0.24])
 QUADRATIC = np.array([0.01, 0.016])
@@ -187,10 +177,10 @@ def test_what_is_no_free_flight_is_refused():
 
 def test_resets_are_no_motion():
     yaw = np.array([6.2, 0.1, 0.2, 1.4, 1.5])  # past north, then a reset
-    assert np.flatnonzero(_jumps(0.1 * np.arange(5.0), yaw, YAW_JUMP, 2 * np.pi)) == [2]
+    assert np.flatnonzero(_resets(0.1 * np.arange(5.0), yaw, YAW_RESET, 2 * np.pi)) == [2]
     # Half a second at 3 m/s is 1.5 m; what is 1 m, and 2 m/s, off that is a reset.
     ways = np.array([-0.6, -0.4, 3.4, 3.6])
-    assert is_reset(ways, 2.0, 4.0, 0.5).tolist() == [True, False, False, True]
+    assert is_position_reset(ways, 2.0, 4.0, 0.5).tolist() == [True, False, False, True]
     indoors = shared("real/logs/px4_two_armed_times.ulg")  # its v_xy_valid is 0
     assert refused(mavdem.wind, indoors).code is NoWind.NO_FLIGHT_WITH_VELOCITY
 
@@ -271,7 +261,9 @@ def test_a_message_without_a_yaw_and_a_spin_after_flight_are_left_out_and_a_cloc
     middle = np.median(columns["time"])
     spun = columns["yaw"] + 2.0 * (columns["time"] > 120)
     reset = columns["yaw"] + 2.0 * (columns["time"] < 60)
-    assert drag_settings(found().drag, telemetry) and not drag_settings(Drag.given(None), telemetry)
+    assert drag_settings(found().drag, telemetry) and not drag_settings(
+        Drag.validated_or_population(None), telemetry
+    )
     assert found(yaw=spun).speed == found().speed
     assert found(yaw=reset).time[0] > 60 > found().time[0]
     late = {

@@ -20,7 +20,7 @@ from numpy.random import Generator, default_rng
 from mavdem import Drag, wind
 from mavdem.experiments.paper.runner import write_log
 from mavdem.facts.identifiability import Status
-from mavdem.wind_velocity.estimation import meteorological_direction
+from mavdem.wind_velocity.compass import meteorological_direction
 from sitl_scenarios.files import load, scenario_of
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
@@ -78,7 +78,7 @@ def flown(name: str, flight: Scenario, drag: Drag | None = None) -> tuple[Values
     row["speed right"] = has_speed and error <= limit
     row["direction reported"] = has_direction
     row["direction right"] = has_direction and apart <= 10
-    return row, estimated.drag.of_next_flight()
+    return row, estimated.drag.for_next_flight()
 
 
 def judged(case: tuple[int, str], seed: int) -> list[Values]:

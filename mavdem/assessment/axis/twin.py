@@ -20,7 +20,7 @@ from mavdem.loops.twin_flight import (
     replay_segments,
 )
 from mavdem.motors.hover import hover_of
-from mavdem.wind_velocity.airflow import Drag
+from mavdem.wind_velocity.vehicle_drag import Drag
 
 REPLAY_SECONDS = 40.0
 """Duration of the flight that the twin repeats to compare gains, s: the pilot who has just landed waits for it."""
@@ -58,7 +58,7 @@ def assessed_twin(evidence: Evidence, mass: float | None = None) -> AssessedTwin
     hover_share = float(np.mean(hover.trim_of_range))
     telemetry = signals.telemetry
     wind = evidence.wind.estimate
-    drag = Drag.of_parameters(telemetry.autopilot, telemetry.parameters)
+    drag = Drag.from_parameters(telemetry.autopilot, telemetry.parameters)
     if wind is not None:
         drag = wind.drag
     is_px4 = telemetry.autopilot == "PX4"

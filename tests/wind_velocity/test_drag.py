@@ -11,8 +11,9 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 import mavdem
-from mavdem.wind_velocity.airflow import Drag, motion_grid
-from mavdem.wind_velocity.drag import independent_share
+from mavdem.wind_velocity.drag_identification import independent_share
+from mavdem.wind_velocity.motion_grid import motion_grid
+from mavdem.wind_velocity.vehicle_drag import Drag
 
 
 def test_thrust_that_climbs_and_sinks_makes_no_force_across_itself():
@@ -24,8 +25,8 @@ def test_thrust_that_climbs_and_sinks_makes_no_force_across_itself():
     impulse = GRAVITY * (1.2 * time + 0.3 * np.sin(time))
     velocity = np.outer(GRAVITY * time, [0, 0, 1]) - np.outer(impulse, thrust_axis)
     moved = motion_grid(time, attitude, velocity, 0.2)
-    assert moved.known.sum() > 90 and abs(np.diff(moved.velocity[:, 2])).max() > 0.5
-    assert_allclose(moved.force[moved.known], 0.0, atol=1e-9)
+    assert moved.complete.sum() > 90 and abs(np.diff(moved.velocity[:, 2])).max() > 0.5
+    assert_allclose(moved.force[moved.complete], 0.0, atol=1e-9)
 
 
 def test_circles_in_calm_air_show_the_drag_and_no_wind():
@@ -45,18 +46,20 @@ def test_circles_in_calm_air_show_the_drag_and_no_wind():
 
 
 def test_what_somebody_set_in_the_autopilot_takes_the_place_of_the_populations_drag():
-    usual = Drag.of_parameters("PX4", {"EKF2_MCOEF": 0.15, "EKF2_BCOEF_X": 25, "EKF2_BCOEF_Y": 100})
+    usual = Drag.from_parameters(
+        "PX4", {"EKF2_MCOEF": 0.15, "EKF2_BCOEF_X": 25, "EKF2_BCOEF_Y": 100}
+    )
     assert_allclose(usual.mean, np.append(np.log([0.3, 0.014, 1, 1]), [0, 0]))
     assert_allclose(np.diag(usual.covariance) ** 0.5, [0.7, 0.9, 0.2, 0.35, 0.18, 0.18])
     # From flight to flight no more is forgotten than the next may differ by.
-    assert_allclose(usual.of_next_flight().covariance, usual.covariance)
-    leaning = replace(usual, mean=np.ones(6)).of_next_flight()
+    assert_allclose(usual.for_next_flight().covariance, usual.covariance)
+    leaning = replace(usual, mean=np.ones(6)).for_next_flight()
     assert_allclose(leaning.mean, np.append(np.ones(4), [1 - (5 / 9) ** 2] * 2))
     names = ("EK3_DRAG_MCOEF", "EK3_DRAG_BCOEF_X", "EK3_DRAG_BCOEF_Y")
     named = dict(zip(names, (0.5, 20.0, 80.0), strict=True))
-    told = Drag.of_parameters("ARDUPILOTMEGA", named)
+    told = Drag.from_parameters("ARDUPILOTMEGA", named)
     assert (usual.source, told.source) == ("population", "parameters")
-    written = told.parameters("ARDUPILOTMEGA")
+    written = told.autopilot_parameters("ARDUPILOTMEGA")
     assert {name: round(written[name][0], 6) for name in names} == named
     assert_allclose([told.linear, told.quadratic], [[0.5, 0.5], [0.6125 / 20, 0.6125 / 80]])
     assert_allclose(np.diag(told.covariance) ** 0.5, [0.3, 0.3, 0.2, 0.3, 0.18, 0.18])

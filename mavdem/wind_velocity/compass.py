@@ -1,0 +1,84 @@
+"""Directions of the wind: meteorological convention, points of the compass, and bands of speed and direction."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array
+
+COMPASS_POINTS = (
+    "N",
+    "NNE",
+    "NE",
+    "ENE",
+    "E",
+    "ESE",
+    "SE",
+    "SSE",
+    "S",
+    "SSW",
+    "SW",
+    "WSW",
+    "W",
+    "WNW",
+    "NW",
+    "NNW",
+)
+"""Points of the compass, clockwise from north, 22.5° apart."""
+
+FLOW_ARROWS = "↓↙←↖↑↗→↘"
+"""Arrows along the flow of wind from north, north-east and so on, 45° apart."""
+
+ANY_DIRECTION = 180.0
+"""Half width of the direction, degrees, where the wind may come from anywhere."""
+
+
+class PolarWind(NamedTuple):
+    """A course of wind as speed and direction, with half widths of their bands."""
+
+    speed: Array
+    """Speed (T,), m/s."""
+
+    direction: Array
+    """Direction that the wind comes from (T,), degrees clockwise from north; not limited to 0 to 360."""
+
+    speed_half_width: Array
+    """Half width of the speed's band (T,), m/s."""
+
+    direction_half_width: Array
+    """Half width of the direction's band (T,), degrees; 180 where the wind may come from anywhere."""
+
+
+def meteorological_direction(north: float, east: float) -> float:
+    """Returns the direction that air moving with velocities north and east comes from, degrees from north, 0 to 360."""
+    return np.degrees(np.arctan2(-east, -north)) % 360
+
+
+def compass_text(direction: float) -> str:
+    """Returns a direction that wind comes from as text, with an arrow along its flow, such as "WSW (248°) ↗".
+
+    Args:
+        direction: degrees clockwise from north.
+    """
+    point = COMPASS_POINTS[round(direction / 22.5) % len(COMPASS_POINTS)]
+    arrow = FLOW_ARROWS[round(direction / 45) % len(FLOW_ARROWS)]
+    return f"{point} ({direction % 360:.0f}°) {arrow}"
+
+
+def speed_and_direction(velocity: Array, band: Array, near_direction: float = 180.0) -> PolarWind:
+    """Converts a course of wind velocity to speed and direction.
+
+    Args:
+        velocity: of the air, north and east (T, 2), m/s.
+        band: half widths of its band, north and east (T, 2), m/s.
+        near_direction: degrees. Directions are within half a turn of it, so that a line of them does not jump at north.
+    """
+    speed = np.hypot(*velocity.T)
+    unit = velocity / np.maximum(speed, 1e-9)[:, None]
+    along = np.hypot(*(unit * band).T)
+    across = np.hypot(*(unit[:, ::-1] * band).T)
+    angle = np.degrees(np.arctan2(across, speed))
+    direction_half_width = np.where(across < speed, angle, ANY_DIRECTION)
+    origin = np.degrees(np.arctan2(*-velocity.T[::-1]))
+    direction = near_direction + (origin - near_direction + 180) % 360 - 180
+    return PolarWind(speed, direction, along, direction_half_width)

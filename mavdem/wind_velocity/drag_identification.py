@@ -1,0 +1,359 @@
+"""Identification of the drag: from a flight's own manoeuvres, or from a known wind.
+
+Gusts change the velocity of a vehicle as well, so its velocity is correlated with the wind and says little of the drag.
+The likelihood's information on the drag is therefore scaled by how much of the force opposes the velocity, as drag does
+in manoeuvres.
+
+The places (10,) that are identified are the six entries of ``Drag.mean``, and logarithms of the wind's parameters times
+the drag, so that they are accelerations: the gusts' standard deviation (m/s²), their time (s), the change of the mean
+wind (m/s² in 1 s), and the standard deviation of the force's noise (m/s²).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from mavdem.arrays import Array, as_real_array
+from mavdem.dem.engine.linalg import normal_draws
+from mavdem.facts.online import DragSource
+from mavdem.wind_velocity.airflow_filter import (
+    DEGREES_OF_FREEDOM,
+    WIND_SD,
+    FilteredMotion,
+    SmoothedStates,
+    filter_motion,
+)
+from mavdem.wind_velocity.motion_grid import (
+    GRID_STEP,
+    MotionGrid,
+    flight_grid,
+    validated_motion,
+)
+from mavdem.wind_velocity.vehicle_drag import (
+    DRAG_PARAMETERS,
+    LEAN,
+    LOG_LINEAR,
+    LOG_QUADRATIC,
+    Drag,
+    air_speed,
+    axis_drag,
+)
+
+GUST_SECONDS = 3.0
+"""Averaging time of a gust, s (WMO-No. 8, Guide to Instruments and Methods of Observation, vol. I, ch. 5).
+
+Winds that were measured beside the vehicle are averaged over it as well: only their slow part is the same air.
+"""
+
+STEERED_SECONDS = 2.0
+"""Time over which steering changes the velocity, s, in which force and velocity are compared: a choice."""
+
+VELOCITY_SD = 0.2
+"""Standard error of the velocity along each axis, m/s."""
+
+GUST_PRIOR_MEAN = np.log([0.3, 5.0, 0.03, 0.05])
+"""Prior mean of the last four places: gusts' size and time, change of the mean wind, noise."""
+
+GUST_PRIOR_SD = np.array([1.0, 1.0, 1.0, 0.7])
+"""Prior standard deviation of the last four places."""
+
+PLACES = DRAG_PARAMETERS + len(GUST_PRIOR_MEAN)
+"""Number of places."""
+
+GUST_SIZE = 6
+"""Index of the logarithm of the gusts' size among the places."""
+
+MEAN_WIND_CHANGE = 8
+"""Index of the logarithm of the mean wind's change among the places."""
+
+DRAG_CHANGE_SD = 0.09
+"""Standard deviation of the logarithm of a flight's drag about that of its model, by thrust, air density and load."""
+
+QUADRATIC_CHANGE_SD = 0.2
+"""The same of the quadratic drag relative to the linear one, which changes by -0.3 times as much."""
+
+MODEL_ERROR = np.vstack(
+    [
+        [[DRAG_CHANGE_SD, -0.3 * QUADRATIC_CHANGE_SD], [DRAG_CHANGE_SD, QUADRATIC_CHANGE_SD]],
+        np.zeros((PLACES - 2, 2)),
+    ]
+)
+"""Square root (10, 2) of the covariance of the places by these changes of the drag."""
+
+DIFFERENCE_STEP = 0.05
+"""Step of central differences by each place: a choice."""
+
+MAX_STEP = 0.5
+"""Largest change of any place in one iteration: a choice."""
+
+CONVERGED_STEP = 0.1
+"""Step in standard deviations of each place with which the iteration ends: a choice."""
+
+MAX_PRIOR_DEVIATIONS = 4.0
+"""Distance from the prior mean, in standard deviations, that no place exceeds."""
+
+MAX_ITERATIONS = 12
+"""Number of iterations of Fisher scoring, at most: a choice."""
+
+WIND_DRAWS = 64
+"""Number of posterior samples of the places, each with a wind of its own: a choice."""
+
+WEIGHTING_ITERATIONS = 5
+"""Number of iterations in which the weight of a known wind's errors is found: a choice."""
+
+VARYING_WIND = 0.1
+"""Range of a known wind's component, m/s, from which on it varies, and is averaged over ``GUST_SECONDS``."""
+
+MIN_VARIANCE = 1e-6
+"""Least variance of the errors with a known wind, (m/s²)²: it only avoids a division by 0."""
+
+
+class DragPosterior(NamedTuple):
+    """Posterior of the places by one flight."""
+
+    mean: Array
+    """Mean (10,)."""
+
+    covariance: Array
+    """Covariance (10, 10)."""
+
+    steered_share: float
+    """Share of the force's variance that opposes the velocity, as by steering."""
+
+
+class _Expansion(NamedTuple):
+    """The filter's likelihood about some places, to second order."""
+
+    log_likelihood: float
+    """Its logarithm, up to a constant."""
+
+    gradient: Array
+    """Gradient (10,) of the log likelihood."""
+
+    information: Array
+    """Fisher information (10, 10)."""
+
+    speed: float
+    """Mean air speed, in prior standard deviations of the wind."""
+
+    speed_gradient: Array
+    """Its derivatives by the places (10,)."""
+
+
+def identify_drag(moved: MotionGrid, drag: Drag) -> DragPosterior:
+    """Identifies the drag and the sizes of gusts and noise by Fisher scoring of the filter's likelihood.
+
+    What the likelihood says of the drag counts as far as the flight is steered, and what it says of the lean as far as
+    the yaw turns: the rest would depend on the form of the model. Iterations may overshoot and then diverge, so the
+    places with the highest posterior are the result.
+
+    Args:
+        moved: motion of the flight.
+        drag: prior of the drag.
+    """
+    prior_mean = np.append(drag.mean, GUST_PRIOR_MEAN)
+    precision = block_diag(np.linalg.inv(drag.covariance), np.diag(GUST_PRIOR_SD**-2))
+    steered = steered_share(moved)
+    information_shares = np.repeat([steered**2, _turned_share(moved), 1.0], [4, 2, 4])
+    bound = MAX_PRIOR_DEVIATIONS / np.sqrt(np.diag(precision))
+    mean = prior_mean
+    highest = np.nan
+    for _ in range(MAX_ITERATIONS):
+        about = _expand(mean, moved)
+        information = about.information * np.sqrt(np.outer(information_shares, information_shares))
+        # A drag that changes within the flight makes the innovations less informative (matrix inversion lemma).
+        model_precision = np.eye(2) + MODEL_ERROR.T @ information @ MODEL_ERROR
+        discount = np.eye(PLACES) - information @ MODEL_ERROR @ np.linalg.solve(
+            model_precision, MODEL_ERROR.T
+        )
+        # A drag that makes a strong wind of the mean force is less probable, however little is steered.
+        speed_slope = about.speed_gradient * (1 - steered)
+        speed_pull = -about.speed * speed_slope
+        covariance = np.linalg.inv(
+            precision + discount @ information + np.outer(speed_slope, speed_slope)
+        )
+        deviation = mean - prior_mean
+        value = about.log_likelihood - deviation @ precision @ deviation / 2
+        if value > highest or np.isnan(highest):
+            highest = value
+            best = DragPosterior(mean, (covariance + covariance.T) / 2, steered)
+        gradient = discount @ (information_shares * about.gradient)
+        step = covariance @ (gradient + speed_pull - precision @ deviation)
+        mean = np.clip(
+            mean + np.clip(step, -MAX_STEP, MAX_STEP), prior_mean - bound, prior_mean + bound
+        )
+        if np.all(abs(step) < CONVERGED_STEP * np.sqrt(np.diag(covariance))):
+            break
+    return best
+
+
+def _expand(places: Array, moved: MotionGrid) -> _Expansion:
+    """Expands the log likelihood of the filter about places (10,), by central differences of its innovations.
+
+    All 21 sets of places run through one filter. The gradient by drag and lean is that of the innovations alone, with
+    their covariance as at the centre; their weights are those of Student's t distribution.
+    """
+    steps = DIFFERENCE_STEP * np.vstack([np.zeros(PLACES), np.eye(PLACES), -np.eye(PLACES)])
+    points = places + steps
+
+    def central_differences(values: Array) -> Array:
+        return (values[1 : PLACES + 1] - values[PLACES + 1 :]) / (2 * DIFFERENCE_STEP)
+
+    filtered: FilteredMotion = filter_motion(filter_parameters(points, moved), moved)
+    innovations = filtered.innovations[moved.complete].swapaxes(0, 1)
+    covariances = filtered.innovation_covariances[moved.complete].swapaxes(0, 1)
+    inverse = np.linalg.inv(covariances[0])
+    slopes = central_differences(innovations)
+
+    whitened = np.einsum("tij,tj->ti", inverse, innovations[0])
+    squares = (whitened * innovations[0]).sum(axis=1)
+    whitened *= ((DEGREES_OF_FREEDOM + 2) / (DEGREES_OF_FREEDOM + squares))[:, None]
+    gradient = central_differences(filtered.log_likelihoods)
+    gradient[:DRAG_PARAMETERS] = -np.einsum("kti,ti->k", slopes[:DRAG_PARAMETERS], whitened)
+
+    # Sizes of gusts and noise show in the covariance of the innovations as well.
+    covariance_slopes = central_differences(covariances)
+    relative_slopes = np.einsum("tij,ktjl->ktil", inverse, covariance_slopes)[DRAG_PARAMETERS:]
+    information = np.einsum("kti,tij,ltj->kl", slopes, inverse, slopes)
+    information[DRAG_PARAMETERS:, DRAG_PARAMETERS:] += (
+        np.einsum("ktij,ltji->kl", relative_slopes, relative_slopes) / 2
+    )
+    speeds = mean_air_speed(points, moved) / WIND_SD
+    return _Expansion(
+        filtered.log_likelihoods[0],
+        gradient,
+        information,
+        speeds[0],
+        central_differences(speeds),
+    )
+
+
+def steered_share(moved: MotionGrid) -> float:
+    """Returns the share of the force's variance that opposes the velocity, as drag does in steered flight.
+
+    Gusts push the vehicle along, so force and velocity change in the same direction then, and the share is 0. It is the
+    square of the correlation between changes over ``STEERED_SECONDS``.
+    """
+    steps = max(round(STEERED_SECONDS / moved.step), 1)
+    force = np.einsum("tij,ti->tj", moved.body_axes, moved.force)[:, :2]
+    velocity = moved.velocity[:, :2]
+    both_complete = moved.complete[steps:] & moved.complete[:-steps]
+    force_changes = (force[steps:] - force[:-steps])[both_complete].ravel()
+    velocity_changes = (velocity[steps:] - velocity[:-steps])[both_complete].ravel()
+    noise = 2 * VELOCITY_SD**2 * len(velocity_changes)
+    force_power = force_changes @ force_changes
+    velocity_power = velocity_changes @ velocity_changes + noise
+    scale = np.sqrt(max(force_power * velocity_power, 1e-12))
+    opposition = -(force_changes @ velocity_changes) / scale
+    return max(float(opposition), 0.0) ** 2
+
+
+def _turned_share(moved: MotionGrid) -> float:
+    """Returns how much the yaw turns: 1 minus the square of the mean heading vector's length, 0 to 1."""
+    ahead = moved.body_axes[moved.complete, 0, :2]
+    headings = ahead / np.hypot(*ahead.T)[:, None]
+    return max(1 - np.hypot(*headings.mean(axis=0)) ** 2, 0.0)
+
+
+def filter_parameters(places: Array, moved: MotionGrid) -> Array:
+    """Returns the parameters (N, 10) of the filter for places (N, 10).
+
+    Sizes of gusts and of the mean wind's change are accelerations in the places, and velocities in the filter: they are
+    divided by the drag per speed at the mean air speed.
+    """
+    linear, quadratic = np.exp(places[:, [LOG_LINEAR, LOG_QUADRATIC]]).T
+    drag_per_speed = linear + quadratic * mean_air_speed(places, moved)
+    parameters = places.copy()
+    parameters[:, [GUST_SIZE, MEAN_WIND_CHANGE]] -= np.log(drag_per_speed)[:, None]
+    return parameters
+
+
+def mean_air_speed(places: Array, moved: MotionGrid) -> Array:
+    """Returns the air speed (N,), m/s, at which the drag of places (N, 10) causes the mean force of the motion."""
+    level_forces = np.einsum("tij,ti->tj", moved.body_axes, moved.force)
+    force = level_forces[moved.complete, :2].mean(axis=0)
+    linear, quadratic = np.exp(places[:, [LOG_LINEAR, LOG_QUADRATIC]]).T
+    return air_speed(linear, quadratic, np.hypot(*force))
+
+
+def sampled_winds(moved: MotionGrid, posterior: DragPosterior) -> SmoothedStates:
+    """Returns smoothed states (T, N, 4) of the wind for N posterior samples of the places, with covariances."""
+    places = normal_draws(posterior.mean, posterior.covariance, WIND_DRAWS, seed=1)
+    return filter_motion(filter_parameters(places, moved), moved).smoothed()
+
+
+def independent_share(errors: Array) -> float:
+    """Returns the ratio of effective to actual sample size of errors (T, k) that are autocorrelated.
+
+    They are taken for first-order autoregressions, for which it is (1 − ρ) / (1 + ρ) with lag-one autocorrelation ρ.
+    """
+    centred = np.nan_to_num(errors - np.nanmean(errors, axis=0))
+    power = max((centred**2).sum(), 1e-12)
+    correlation = min(max((centred[1:] * centred[:-1]).sum() / power, 0.0), 0.99)
+    return (1 - correlation) / (1 + correlation)
+
+
+def estimate_drag(
+    time: Array,
+    attitude: Array,
+    velocity: Array,
+    wind: Array,
+) -> Drag:
+    """Estimates the vehicle's drag and lean in a known wind.
+
+    The measured specific force is fitted by nonlinear least squares with the population's prior. The errors are
+    autocorrelated, so each counts for less than one.
+
+    Args:
+        time: stamps (T,), s, as :func:`mavdem.estimate_wind` takes them.
+        attitude: roll, pitch and yaw (T, 3), rad.
+        velocity: over ground, north, east and down (T, 3), m/s.
+        wind: velocity of the air, north and east (2,) or (T, 2), m/s; one that varies is averaged over 3 s.
+
+    Returns:
+        The drag, as a prior for other flights.
+
+    Raises:
+        ValueError: arrays of other shapes, or a time that does not ascend.
+        NotLearnable: too short, or no free flight, as for :func:`mavdem.estimate_wind`.
+    """
+    # Importing scipy.optimize takes half a second.
+    from scipy.optimize import least_squares
+
+    velocities = as_real_array(wind, "wind")
+    if velocities.shape not in ((2,), (len(time), 2)):
+        raise ValueError(f"wind must have shape (2,) or ({len(time)}, 2), not {velocities.shape}")
+    air = np.broadcast_to(velocities, (len(time), 2))
+    speeds = as_real_array(velocity, "velocity")
+    speeds = np.where(np.isfinite(air).all(axis=1, keepdims=True), speeds, np.nan)
+    samples = validated_motion(time, attitude, speeds)
+    air = air[samples.usable]
+    step = GUST_SECONDS if np.ptp(air, axis=0).max() > VARYING_WIND else GRID_STEP
+    moved = flight_grid(samples, step, wind=air)
+    moved = moved.select(moved.complete)
+    prior = Drag.from_parameters()
+    air_velocity = np.einsum("tij,tj->ti", moved.body_axes, moved.velocity)
+    speed = np.hypot(*air_velocity.T)[:, None]
+    prior_whitening = np.linalg.inv(np.linalg.cholesky(prior.covariance))
+
+    def force_errors(logarithms: Array) -> Array:
+        drag = axis_drag(logarithms)
+        coefficient = drag.linear + drag.quadratic * speed
+        return moved.force + coefficient * air_velocity - logarithms[LEAN]
+
+    def residuals(logarithms: Array, weight: float) -> Array:
+        deviation = prior_whitening @ (logarithms - prior.mean)
+        return np.append(weight**0.5 * force_errors(logarithms), deviation)
+
+    mean = prior.mean
+    for _ in range(WEIGHTING_ITERATIONS):
+        errors = force_errors(mean)
+        weight = independent_share(errors) / max(errors.var(), MIN_VARIANCE)
+        solution = least_squares(residuals, mean, args=(weight,))
+        mean = solution.x
+    jacobian = np.asarray(solution.jac)
+    covariance = np.linalg.inv(jacobian.T @ jacobian)
+    return Drag(mean, covariance, DragSource.CALIBRATION).for_next_flight()

@@ -1,0 +1,301 @@
+"""Attitude, velocity and specific force of a flight on an even time grid, from which wind and drag are estimated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.constants import g as GRAVITY  # noqa: N812
+from scipy.spatial.transform import Rotation
+
+from mavdem.arrays import Array, Flags, Indices, as_real_array
+from mavdem.errors import NotLearnable
+from mavdem.facts.online import Airflow
+
+GRID_STEP = 0.5
+"""Usual time step of the grid, s: a choice. Slower samples have their own step."""
+
+MAX_STEPS = 1200
+"""Largest number of steps of the grid; longer flights have longer steps, which bounds the time of computation."""
+
+MAX_FLIGHT_SECONDS = 1e5
+"""Longest time that stamps of one flight may span, s: a day and a little more."""
+
+MIN_MOTION_SECONDS = 15.0
+"""Least time of complete motion, s: a choice. Less does not separate wind from drag and lean."""
+
+MIN_SAMPLES = 10
+"""Least number of finite samples of attitude and velocity: a choice."""
+
+ATTITUDE_LAG = 0.03
+"""Assumed standard error of the time between attitude and velocity, s."""
+
+SCALE_ERROR = 0.05
+"""Assumed standard error of a measured acceleration, relative to it."""
+
+MAX_SPECIFIC_FORCE = 25.0
+"""Specific force across the thrust axis, m/s², beyond which the velocity jumped: no drag is so large."""
+
+MAX_BRIDGED_SECONDS = 10.0
+"""Distance to the next complete step, s, up to which incomplete steps are kept in the grid."""
+
+ROUNDING_STEPS = 1e-6
+"""Fraction of a step by which stamps on the border of two steps are moved, against rounding."""
+
+FAST_SAMPLE_SECONDS = 0.3
+"""Longest time between samples, s, with which velocity is compared with tilt.
+
+With slower samples, gusts and the position control come between the two.
+"""
+
+MIN_COMPARED_STEPS = 40
+"""Least number of steps, over both axes, in which velocity is compared with tilt: a choice."""
+
+MIN_TILT_CHANGE = 0.2
+"""Least standard deviation of changes of tilt times gravity, m/s², with which velocity is compared with tilt.
+
+Gusts balance smaller ones.
+"""
+
+MIN_VELOCITY_RESPONSE = 0.3
+"""Least acceleration per tilt times gravity: in free flight it is 0.7 to 1.5."""
+
+
+class MotionGrid(NamedTuple):
+    """Motion of a flight in T steps; NaN where a step has no samples."""
+
+    time: Array
+    """Middle of each step (T,), s."""
+
+    body_axes: Array
+    """Unit vectors of body x and y in north, east and down (T, 2, 3)."""
+
+    velocity: Array
+    """Velocity north, east and down (T, 3), m/s, over ground, or relative to the air where the wind is known."""
+
+    force: Array
+    """Specific force along body x and y (T, 2), m/s²."""
+
+    force_error: Array
+    """Standard error of the force by timing and scale of attitude and velocity (T,), m/s²."""
+
+    step: float
+    """Time step, s."""
+
+    @property
+    def complete(self) -> Flags:
+        """Which steps have both force and velocity (T,)."""
+        has_force = np.isfinite(self.force).all(axis=1)
+        has_velocity = np.isfinite(self.velocity).all(axis=1)
+        return np.asarray(has_force & has_velocity)
+
+    def select(self, rows: Flags | slice) -> MotionGrid:
+        """Returns only some of the steps."""
+        return MotionGrid(
+            self.time[rows],
+            self.body_axes[rows],
+            self.velocity[rows],
+            self.force[rows],
+            self.force_error[rows],
+            self.step,
+        )
+
+
+class MotionSamples(NamedTuple):
+    """Finite samples of a flight's motion."""
+
+    time: Array
+    """Stamps (N,), s."""
+
+    attitude: Array
+    """Roll, pitch and yaw (N, 3), rad."""
+
+    velocity: Array
+    """Velocity over ground, north, east and down (N, 3), m/s."""
+
+    usable: Flags
+    """Which of the given samples these are (T,)."""
+
+
+@dataclass(frozen=True)
+class _Bins:
+    """Assignment of samples to the steps of a grid."""
+
+    index: Indices
+    """Step of each sample (N,)."""
+
+    fraction: Array
+    """Position of each sample in its step (N,), from 0 to 1."""
+
+    count: int
+    """Number of steps."""
+
+    def _sums(self, values: Array) -> Array:
+        """Returns the sums of values (k, N) in each step (k, count)."""
+        return np.array([np.bincount(self.index, row, self.count) for row in values])
+
+    def triangular_means(self, values: Array) -> Array:
+        """Returns means of values (k, N) over each two adjacent steps (k, count − 1), with triangular weights."""
+        with_ones = np.vstack([np.ones(len(self.index)), values])
+        sums = self._sums(with_ones)
+        rising = self._sums(self.fraction * with_ones)
+        # The weight rises over the first step of a pair, and falls over the second.
+        weighted = (sums - rising)[:, 1:] + rising[:, :-1]
+        return weighted[1:] / weighted[0]
+
+    def mean_differences(self, values: Array) -> Array:
+        """Returns the differences between means of values (k, N) in adjacent steps (k, count − 1)."""
+        with_ones = np.vstack([np.ones(len(self.index)), values])
+        sums = self._sums(with_ones)
+        return np.diff(sums[1:] / sums[0])
+
+
+def motion_grid(
+    time: Array,
+    attitude: Array,
+    velocity: Array,
+    step: float,
+    wind: Array | None = None,
+) -> MotionGrid:
+    """Puts the motion of a flight on an even grid, with the specific force that is not thrust or gravity.
+
+    The thrust of a multirotor acts along body z. What accelerates the vehicle across it is drag and lean. All
+    quantities are means over two steps with triangular weights. The mean acceleration with these weights is the
+    difference between the mean velocities of the two steps, so manoeuvres do not look like drag.
+
+    Args:
+        time: stamps of the samples (N,), s, ascending.
+        attitude: roll, pitch and yaw (N, 3), rad.
+        velocity: over ground, north, east and down (N, 3), m/s.
+        step: time step of the grid, s.
+        wind: velocity of the air, north and east (N, 2), m/s; it is subtracted from the velocity where it is known.
+    """
+    rotation = Rotation.from_euler("ZYX", attitude[:, ::-1]).as_matrix()
+    # Columns of the matrix are the body axes in north, east and down.
+    body_x, body_y, body_z = np.transpose(rotation, (2, 1, 0))
+    tilt = body_z[:2] / body_z[2]
+
+    start = time[0] - np.median(np.diff(time)) / 2
+    count = int((time[-1] - start) / step + ROUNDING_STEPS) + 1
+    position = (time - start) / step
+    index = np.minimum((position + ROUNDING_STEPS).astype(int), count - 1)
+    bins = _Bins(index, position - index, count)
+
+    # A step without samples divides by 0, and becomes NaN.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        body_axes = bins.triangular_means(np.vstack([body_x, body_y])).T.reshape(-1, 2, 3)
+        mean_tilt = bins.triangular_means(tilt).T
+        mean_velocity = bins.triangular_means(velocity.T).T
+        tilt_rate = bins.mean_differences(tilt).T / step
+        acceleration = bins.mean_differences(velocity.T).T / step
+        if wind is not None:
+            mean_velocity[:, :2] -= bins.triangular_means(wind.T).T
+
+    # Thrust carries the weight and accelerates down; so much of it pushes north and east by the tilt.
+    level_force = acceleration[:, :2] + (GRAVITY - acceleration[:, 2:]) * mean_tilt
+    force = np.einsum("tij,tj->ti", body_axes[:, :, :2], level_force)
+    force[~(abs(force) < MAX_SPECIFIC_FORCE).all(axis=1)] = np.nan
+    timing_error = ATTITUDE_LAG * GRAVITY * tilt_rate
+    scale_error = SCALE_ERROR * acceleration[:, :2]
+    force_error = np.sqrt((timing_error**2 + scale_error**2).sum(axis=1))
+    middle = start + step * np.arange(1, count)
+    grid = MotionGrid(middle, body_axes, mean_velocity, force, force_error, step)
+    return grid.select(_near_complete_steps(grid))
+
+
+def _near_complete_steps(grid: MotionGrid) -> Flags:
+    """Returns which steps (T,) are no farther than ``MAX_BRIDGED_SECONDS`` from one that is complete."""
+    reach = int(MAX_BRIDGED_SECONDS / grid.step)
+    complete = [*grid.complete, False]
+    neighbours = np.convolve(complete, np.ones(2 * reach + 1))
+    return np.asarray(neighbours[reach : reach + len(grid.force)] > 0)
+
+
+def flight_grid(
+    samples: MotionSamples,
+    step: float = GRID_STEP,
+    max_steps: int = MAX_STEPS,
+    wind: Array | None = None,
+) -> MotionGrid:
+    """Puts a whole flight on a grid, with longer steps where samples are slower or the flight is long.
+
+    Args:
+        samples: of the flight.
+        step: shortest time step, s.
+        max_steps: largest number of steps.
+        wind: known velocity of the air (N, 2), as for :func:`motion_grid`.
+
+    Raises:
+        NotLearnable: too little of the motion is complete.
+    """
+    time = samples.time
+    longest = max(step, np.median(np.diff(time)), (time[-1] - time[0]) / max_steps)
+    grid = motion_grid(time, samples.attitude, samples.velocity, longest, wind)
+    if grid.complete.sum() * grid.step < MIN_MOTION_SECONDS:
+        raise NotLearnable(Airflow.MOTION_TOO_SHORT, duration=MIN_MOTION_SECONDS)
+    return grid
+
+
+def validated_motion(time: Array, attitude: Array, velocity: Array) -> MotionSamples:
+    """Checks the arguments of the wind estimation, and leaves out samples that are not finite.
+
+    Args:
+        time: stamps (T,), s.
+        attitude: roll, pitch and yaw (T, 3), rad.
+        velocity: over ground, north, east and down (T, 3), m/s.
+
+    Raises:
+        ValueError: other shapes, stamps that do not ascend or span more than a day, or an attitude in degrees.
+        NotLearnable: too few finite samples, or a velocity that does not follow the tilt.
+    """
+    stamps = as_real_array(time, "time")
+    angles = as_real_array(attitude, "attitude")
+    speeds = as_real_array(velocity, "velocity")
+    if stamps.ndim != 1 or angles.shape != (len(stamps), 3) or speeds.shape != angles.shape:
+        raise ValueError("time, attitude and velocity must have shapes (T,), (T, 3) and (T, 3)")
+    if not np.isfinite(stamps).all() or (np.diff(stamps) < 0).any():
+        raise ValueError("time must be finite and ascend")
+    if len(stamps) and np.ptp(stamps) > MAX_FLIGHT_SECONDS:
+        raise ValueError("time must be in s, of one flight")
+    usable = np.asarray(np.isfinite(np.hstack([angles, speeds])).all(axis=1))
+    if usable.sum() < MIN_SAMPLES:
+        finite_rolls = np.isfinite(angles[:, 0]).sum()
+        finite_yaws = np.isfinite(angles[:, 2]).sum()
+        only_yaw_missing = finite_yaws < MIN_SAMPLES <= finite_rolls
+        raise NotLearnable(
+            Airflow.MOTION_UNKNOWN, missing="yaw" if only_yaw_missing else "velocity"
+        )
+    samples = MotionSamples(stamps[usable], angles[usable], speeds[usable], usable)
+    if abs(samples.attitude[:, :2]).max() > np.pi:
+        raise ValueError("attitude seems to be in degrees: give rad")
+    _require_velocity_follows_tilt(samples)
+    return samples
+
+
+def _require_velocity_follows_tilt(samples: MotionSamples) -> None:
+    """Checks that the velocity changes about as the tilt says, where samples are fast and the tilt changes enough.
+
+    Raises:
+        NotLearnable: it does not: the vehicle is held or carried, or the velocity is not the vehicle's.
+    """
+    interval = np.median(np.diff(samples.time))
+    if interval > FAST_SAMPLE_SECONDS:
+        return
+    step = max(FAST_SAMPLE_SECONDS, 2 * interval)
+    grid = motion_grid(samples.time, samples.attitude, samples.velocity, step)
+    # Gravity along body x and y is the acceleration by the tilt; with the specific force, it is that of the vehicle.
+    gravity = GRAVITY * grid.body_axes[:, :, 2]
+    level_axes = grid.body_axes[:, :, :2]
+    expected = np.einsum("ti,tij->tj", gravity, level_axes)
+    measured = np.einsum("ti,tij->tj", grid.force + gravity, level_axes)
+    both_complete = grid.complete[1:] & grid.complete[:-1]
+    expected_changes = np.diff(expected, axis=0)[both_complete].ravel()
+    measured_changes = np.diff(measured, axis=0)[both_complete].ravel()
+    if len(expected_changes) <= MIN_COMPARED_STEPS:
+        return
+    if expected_changes.std() <= MIN_TILT_CHANGE:
+        return
+    covariance = expected_changes @ measured_changes
+    if covariance < MIN_VELOCITY_RESPONSE * (expected_changes @ expected_changes):
+        raise NotLearnable(Airflow.VELOCITY_INCONSISTENT)

@@ -1,0 +1,59 @@
+"""How much of the wind torque on an axis the mean wind explains, by the air's velocity along the body."""
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
+from mavdem.facts import Fact
+from mavdem.facts.wind import WindShare
+from mavdem.wind_velocity.drag_identification import GUST_SECONDS
+from mavdem.wind_velocity.estimation import WindVelocity
+
+MIN_AIR_VELOCITY_SD = 1.0
+"""Least standard deviation of the velocity relative to the mean wind, m/s, along body x or y: a choice.
+
+Steadier motion does not separate the torque by the mean wind from any other steady torque.
+"""
+
+MEANS_PER_FOLD_BLOCK = 5
+"""Number of consecutive 3 s means in each block of the cross-validation: a quarter of a minute."""
+
+
+def torque_share_of_wind(wind: WindVelocity, time: Array, torque: Array) -> Fact:
+    """Estimates the share of a wind torque's variance that the mean wind explains.
+
+    The torque is averaged over 3 s, and regressed on the velocity relative to the mean wind along body x and y. The
+    share is found by two-fold cross-validation: every second quarter of a minute is predicted from the others.
+
+    Args:
+        wind: wind of the flight.
+        time: stamps (N,), s, on the same clock.
+        torque: wind torque (N,), rad/s².
+
+    Returns:
+        A fact with the ``share``, at least 0; it is ``None`` where the velocity relative to the air hardly changes.
+    """
+    interval = np.floor(time / GUST_SECONDS)
+    interval_numbers, interval_of_sample = np.unique(interval, return_inverse=True)
+    finite = np.isfinite(wind.along).all(axis=1)
+    signals = [torque]
+    for component in wind.along[finite].T:
+        signals.append(np.interp(time, wind.time[finite], component, np.nan, np.nan))
+    sums = np.array([np.bincount(interval_of_sample, signal) for signal in signals])
+    means = sums / np.bincount(interval_of_sample)
+    complete = np.isfinite(means).all(axis=0)
+    mean_torque = means[0, complete]
+    air_velocity = means[1:, complete]
+    if len(mean_torque) < MIN_SAMPLES_FOR_STATISTICS:
+        return Fact(WindShare.SHARE_UNKNOWN, share=None)
+    if np.std(air_velocity, axis=1).max() < MIN_AIR_VELOCITY_SD:
+        return Fact(WindShare.SHARE_UNKNOWN, share=None)
+
+    regressors = np.column_stack([np.ones(len(mean_torque)), *air_velocity])
+    in_even_block = interval_numbers[complete] // MEANS_PER_FOLD_BLOCK % 2 == 0
+    residual = mean_torque.copy()
+    for test in (in_even_block, ~in_even_block):
+        coefficients = np.linalg.lstsq(regressors[~test], mean_torque[~test])[0]
+        residual[test] -= regressors[test] @ coefficients
+    unexplained = residual.var() / mean_torque.var()
+    return Fact(WindShare.SHARE_KNOWN, share=max(1 - unexplained, 0.0), span=GUST_SECONDS)

@@ -1,0 +1,311 @@
+"""Drag of a multirotor: linear and quadratic coefficients along body x and y, with their uncertainty.
+
+The specific force by drag is −(c + q |u|) u per axis, with the velocity u relative to the air, linear drag c (1/s,
+mostly of the rotors) and quadratic drag q (1/m, of the body). A lean b (m/s²) is specific force that no wind causes,
+such as by a misaligned attitude estimate or an offset load.
+
+The coefficients are estimated as logarithms, in this order: ln c and ln q, each the geometric mean of both axes;
+ln(c_y / c_x) and ln(q_y / q_x); then the lean along x and y.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.confidence import coverage_factor
+from mavdem.containers import JsonValues
+from mavdem.dem.engine.linalg import require_positive_definite
+from mavdem.facts.online import DragSource
+from mavdem.immutable import ImmutableResult
+
+LOG_LINEAR = 0
+"""Index of ln c in ``Drag.mean``."""
+
+LOG_QUADRATIC = 1
+"""Index of ln q in ``Drag.mean``."""
+
+LOG_LINEAR_RATIO = 2
+"""Index of ln(c_y / c_x) in ``Drag.mean``."""
+
+LOG_QUADRATIC_RATIO = 3
+"""Index of ln(q_y / q_x) in ``Drag.mean``."""
+
+LEAN = slice(4, 6)
+"""Indices of the lean along body x and y in ``Drag.mean``."""
+
+DRAG_PARAMETERS = 6
+"""Number of entries of ``Drag.mean``."""
+
+AXIS_SHARES = np.array([-0.5, 0.5])
+"""Part of a log ratio y to x that is added to the logarithms of x and of y."""
+
+POPULATION_MEAN = np.log([0.3, 0.014, 1.0, 1.0])
+"""Logarithms of typical linear drag (1/s), quadratic drag (1/m), and their ratios of body y to x.
+
+They are of 9 vehicles, 3 of them real, whose linear drag is 0.15 to 0.6 1/s; PX4's simulator SIH has 1.
+"""
+
+POPULATION_SD = np.array([0.7, 0.9, 0.2, 0.35])
+"""Standard deviations of these logarithms over the same vehicles."""
+
+LEAN_SD = 0.18
+"""Standard deviation of the lean over vehicles and flights, m/s²: 1° of misaligned attitude or offset load."""
+
+LEAN_CHANGE_SD = 0.1
+"""Standard deviation of the part of the lean that changes from flight to flight, m/s².
+
+It is that of a Solo beside an anemometer. PX4's simulator draws 0.05 to 0.4 m/s² of accelerometer bias a flight.
+"""
+
+HALF_AIR_DENSITY = 1.225 / 2
+"""Half of the air density at sea level, kg/m³, by which both autopilots define a ballistic coefficient."""
+
+CONFIGURED_SD = 0.3
+"""Standard deviation of the logarithm of a coefficient that somebody set in the autopilot: few are calibrated."""
+
+MIN_MOMENTUM_DRAG = 0.001
+"""Momentum drag coefficient, 1/s, up to which PX4's EKF2 takes that part of its drag model for switched off."""
+
+MIN_BALLISTIC_COEFFICIENT = 1.0
+"""Ballistic coefficient, kg/m², up to which PX4's EKF2 takes that part of its drag model for switched off."""
+
+DRAG_PARAMETER_NAMES = {
+    "ARDUPILOTMEGA": ("EK3_DRAG_MCOEF", "EK3_DRAG_BCOEF_"),
+    "PX4": ("EKF2_MCOEF", "EKF2_BCOEF_"),
+}
+"""By autopilot, the parameters of its drag model.
+
+They are the momentum drag coefficient, 1/s at sea level, and the ballistic coefficients along X and Y (a suffix of the
+name), kg/m²: half of the air density over the quadratic drag.
+"""
+
+FACTORY_VALUES = {
+    "EKF2_MCOEF": (0.15,),
+    "EKF2_BCOEF_X": (25.0, 100.0),
+    "EKF2_BCOEF_Y": (25.0, 100.0),
+}
+"""Values that PX4's parameters have in some version unless somebody sets others; ArduPilot's are 0, switched off."""
+
+MAX_DEVIATION = np.array([4.0, 6.0, 3.0, 3.0, 5.0, 5.0])
+"""Largest plausible deviation of each entry of ``Drag.mean`` from the population.
+
+It is a factor of 20 to 400 for the logarithms, and in m/s² for the lean.
+"""
+
+
+class AxisDrag(NamedTuple):
+    """Drag coefficients along body x and y."""
+
+    linear: Array
+    """Linear drag (…, 2), 1/s."""
+
+    quadratic: Array
+    """Quadratic drag (…, 2), 1/m."""
+
+
+class ParameterValue(NamedTuple):
+    """Value of an autopilot parameter, with the ends of its 90 % interval."""
+
+    value: float
+    """The value to set, in the parameter's unit."""
+
+    low: float
+    """Lower end of the interval."""
+
+    high: float
+    """Upper end of the interval."""
+
+
+def axis_drag(logarithms: Array) -> AxisDrag:
+    """Returns the drag along body x and y.
+
+    Args:
+        logarithms: (…, 4 or more), of which the first four are those of ``Drag.mean``.
+    """
+    log_linear = logarithms[..., [LOG_LINEAR]]
+    log_quadratic = logarithms[..., [LOG_QUADRATIC]]
+    linear_ratio = logarithms[..., [LOG_LINEAR_RATIO]]
+    quadratic_ratio = logarithms[..., [LOG_QUADRATIC_RATIO]]
+    return AxisDrag(
+        np.exp(log_linear + linear_ratio * AXIS_SHARES),
+        np.exp(log_quadratic + quadratic_ratio * AXIS_SHARES),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Drag(ImmutableResult):
+    """Drag of one vehicle per mass, with its uncertainty.
+
+    Attributes:
+        mean: (6,) ln c and ln q, geometric means of both axes; ln(c_y / c_x) and ln(q_y / q_x); and :attr:`lean`.
+        covariance: (6, 6) of these.
+        source: what the drag is known from.
+    """
+
+    mean: Array
+    covariance: Array
+    source: DragSource = DragSource.POPULATION
+
+    @classmethod
+    def from_parameters(
+        cls, autopilot: str = "", parameters: Mapping[str, float] = MappingProxyType({})
+    ) -> Drag:
+        """Returns the population's drag, with coefficients that somebody set in the autopilot in the place of its own.
+
+        Args:
+            autopilot: "ARDUPILOTMEGA" or "PX4"; of others no parameters are known.
+            parameters: of the autopilot, by name.
+        """
+        momentum_name, ballistic_prefix = DRAG_PARAMETER_NAMES.get(autopilot, ("", ""))
+        configured = {
+            name: value
+            for name, value in parameters.items()
+            if round(value, 6) not in FACTORY_VALUES.get(name, ())
+        }
+        momentum = configured.get(momentum_name, 0.0)
+        ballistic_x = configured.get(f"{ballistic_prefix}X", 0.0)
+        ballistic_y = configured.get(f"{ballistic_prefix}Y", 0.0)
+        logarithms = POPULATION_MEAN.copy()
+        sd = POPULATION_SD.copy()
+        source = DragSource.POPULATION
+        if momentum > MIN_MOMENTUM_DRAG:
+            logarithms[LOG_LINEAR] = np.log(momentum)
+            sd[LOG_LINEAR] = CONFIGURED_SD
+            source = DragSource.PARAMETERS
+        if ballistic_x > MIN_BALLISTIC_COEFFICIENT and ballistic_y > MIN_BALLISTIC_COEFFICIENT:
+            quadratic = HALF_AIR_DENSITY / np.sqrt(ballistic_x * ballistic_y)
+            ratio = ballistic_x / ballistic_y
+            logarithms[[LOG_QUADRATIC, LOG_QUADRATIC_RATIO]] = np.log([quadratic, ratio])
+            sd[[LOG_QUADRATIC, LOG_QUADRATIC_RATIO]] = CONFIGURED_SD
+            source = DragSource.PARAMETERS
+        mean = np.append(logarithms, [0.0, 0.0])
+        variances = np.append(sd, [LEAN_SD, LEAN_SD]) ** 2
+        return cls(mean, np.diag(variances), source)
+
+    @classmethod
+    def validated_or_population(cls, drag: Drag | None) -> Drag:
+        """Returns a drag that a vehicle can have, or the population's for ``None``.
+
+        Raises:
+            ValueError: it is no ``Drag``, or no vehicle can have it.
+        """
+        if drag is None:
+            return cls.from_parameters()
+        if not isinstance(drag, cls):
+            raise ValueError(f"drag must be a Drag, not {drag!r}")
+        return drag.validated()
+
+    @property
+    def linear(self) -> Array:
+        """Linear drag (2,) along body x and y, 1/s: medians."""
+        return axis_drag(self.mean).linear
+
+    @property
+    def quadratic(self) -> Array:
+        """Quadratic drag (2,) along body x and y, 1/m: medians."""
+        return axis_drag(self.mean).quadratic
+
+    @property
+    def lean(self) -> Array:
+        """Specific force (2,) along body x and y that no wind causes, m/s²."""
+        return self.mean[LEAN]
+
+    def interval(self, name: str) -> Array:
+        """Returns the 90 % interval of a coefficient along body x and y.
+
+        Args:
+            name: "linear" or "quadratic".
+
+        Returns:
+            (2, 2) lower ends, then upper ends; by axis.
+        """
+        indices = {
+            "linear": [LOG_LINEAR, LOG_LINEAR_RATIO],
+            "quadratic": [LOG_QUADRATIC, LOG_QUADRATIC_RATIO],
+        }[name]
+        # Each axis has the logarithm of the mean, and its share of the log ratio.
+        weights = np.zeros((2, DRAG_PARAMETERS))
+        weights[:, indices] = np.column_stack([np.ones(2), AXIS_SHARES])
+        sd = np.sqrt(np.diag(weights @ self.covariance @ weights.T))
+        half_widths = np.outer([-1, 1], coverage_factor() * sd)
+        return getattr(self, name) * np.exp(half_widths)
+
+    def relative_sd(self, speed: float) -> float:
+        """Returns the relative standard deviation of the drag force at an air speed in m/s, to first order."""
+        parts = np.exp(self.mean[[LOG_LINEAR, LOG_QUADRATIC]]) * [1.0, speed]
+        return float(np.sqrt(parts @ self.covariance[:2, :2] @ parts) / parts.sum())
+
+    def autopilot_parameters(self, autopilot: str) -> dict[str, ParameterValue]:
+        """Returns the parameters of an autopilot's drag model to set, by name; none for one without such a model."""
+        if autopilot not in DRAG_PARAMETER_NAMES:
+            return {}
+        momentum_name, ballistic_prefix = DRAG_PARAMETER_NAMES[autopilot]
+        low, high = self.interval("linear").mean(axis=1).tolist()
+        momentum = float(np.exp(self.mean[LOG_LINEAR]))
+        values = {momentum_name: ParameterValue(momentum, low, high)}
+        # A ballistic coefficient is inverse to the drag, so the ends of the interval change places.
+        quadratic_low, quadratic_high = self.interval("quadratic")
+        ballistic = HALF_AIR_DENSITY / np.array([self.quadratic, quadratic_high, quadratic_low])
+        for axis, coefficients in zip("XY", ballistic.T.tolist(), strict=True):
+            values[f"{ballistic_prefix}{axis}"] = ParameterValue(*coefficients)
+        return values
+
+    def for_next_flight(self) -> Drag:
+        """Returns the prior of another flight of the vehicle: a part of the lean is this flight's only."""
+        constant_share = 1 - (LEAN_CHANGE_SD / LEAN_SD) ** 2
+        scale = np.array([1, 1, 1, 1, constant_share, constant_share])
+        # The lean of the population keeps its variance from flight to flight.
+        added = np.diag([0, 0, 0, 0, 1, 1]) * LEAN_SD**2 * (1 - constant_share**2)
+        return Drag(
+            self.mean * scale, self.covariance * np.outer(scale, scale) + added, self.source
+        )
+
+    def as_dict(self) -> JsonValues:
+        """Returns plain JSON values, which :meth:`from_dict` reads."""
+        return {
+            "linear": self.linear.tolist(),
+            "quadratic": self.quadratic.tolist(),
+            "mean": self.mean.tolist(),
+            "covariance": self.covariance.tolist(),
+            "linear_interval": self.interval("linear").tolist(),
+            "quadratic_interval": self.interval("quadratic").tolist(),
+            "source": self.source,
+        }
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Drag:
+        """Returns the drag whose values :meth:`as_dict` returned.
+
+        Raises:
+            KeyError: a value is missing.
+            ValueError: a value has another shape, or no vehicle can have such a drag.
+        """
+        mean = np.array(values["mean"], float).reshape(DRAG_PARAMETERS)
+        covariance = np.array(values["covariance"], float)
+        covariance = covariance.reshape(DRAG_PARAMETERS, DRAG_PARAMETERS)
+        return cls(mean, covariance, DragSource(values["source"])).validated()
+
+    def validated(self) -> Drag:
+        """Returns this drag.
+
+        Raises:
+            ValueError: no vehicle can have it, or its covariance is not positive definite.
+        """
+        if np.shape(self.mean) != (DRAG_PARAMETERS,):
+            raise ValueError(f"a drag has a mean of 6 numbers, not {np.shape(self.mean)}")
+        population = np.append(POPULATION_MEAN, np.zeros(2))
+        if not (abs(self.mean - population) <= MAX_DEVIATION).all():
+            raise ValueError("no vehicle has such a drag")
+        require_positive_definite(self.covariance, "covariance", DRAG_PARAMETERS)
+        return self
+
+
+def air_speed(linear: Array, quadratic: Array, force: float) -> Array:
+    """Returns the air speed (…), m/s, at which linear (…) and quadratic (…) drag cause a specific force in m/s²."""
+    return 2 * force / (linear + np.sqrt(linear**2 + 4 * quadratic * force))
