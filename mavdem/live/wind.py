@@ -26,11 +26,25 @@ from mavdem.facts.wind import NoWind, WindDoubt, WindLight
 from mavdem.ingest.telemetry import interpolated
 from mavdem.live.link import SILENCE_SECONDS
 from mavdem.plant.online_wind_torque import FIRST_FIT_SECONDS
-from mavdem.wind_velocity.airflow_filter import AirflowFilter, TOTAL_WIND_MATRIX
+from mavdem.wind_velocity.airflow_filter import TOTAL_WIND_MATRIX, AirflowFilter
 from mavdem.wind_velocity.compass import compass_text, speed_and_direction
-from mavdem.wind_velocity.drag_identification import GUST_PRIOR_MEAN, GUST_PRIOR_SD, filter_parameters
-from mavdem.wind_velocity.estimation import HEADING_SD, MAX_DIRECTION_INTERVAL, lower_speed_bound, speed_status
-from mavdem.wind_velocity.from_log import MAX_VELOCITY_GAP, VELOCITY_MESSAGES, VELOCITY_VALID_FLAG, horizontal_velocity_valid
+from mavdem.wind_velocity.drag_identification import (
+    GUST_PRIOR_MEAN,
+    GUST_PRIOR_SD,
+    filter_parameters,
+)
+from mavdem.wind_velocity.estimation import (
+    HEADING_SD,
+    MAX_DIRECTION_INTERVAL,
+    lower_speed_bound,
+    speed_status,
+)
+from mavdem.wind_velocity.from_log import (
+    MAX_VELOCITY_GAP,
+    VELOCITY_MESSAGES,
+    VELOCITY_VALID_FLAG,
+    horizontal_velocity_valid,
+)
 from mavdem.wind_velocity.motion_grid import GRID_STEP, motion_grid, validated_motion
 from mavdem.wind_velocity.vehicle_drag import Drag
 

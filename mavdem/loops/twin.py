@@ -27,8 +27,8 @@ from mavdem.loops.autopilot_parameters import (
 )
 from mavdem.loops.axis_loops import Loop, LoopsByAxis
 from mavdem.loops.controllers import controller_from_parameters
-from mavdem.wind_velocity.vehicle_drag import Drag
 from mavdem.wind_velocity.estimation import WindVelocity
+from mavdem.wind_velocity.vehicle_drag import Drag
 
 TORQUE_SIGNS = {
     "roll": (-1.0, 1.0, 1.0, -1.0),

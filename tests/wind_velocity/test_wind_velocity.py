@@ -24,7 +24,14 @@ from mavdem.live.wind import LiveWind
 from mavdem.report.condition import wind_blocks
 from mavdem.wind_velocity.compass import meteorological_direction
 from mavdem.wind_velocity.estimation import lower_speed_bound, speed_status
-from mavdem.wind_velocity.from_log import YAW_RESET, _resets, drag_settings, is_position_reset, wind_evidence, wind_of_signals
+from mavdem.wind_velocity.from_log import (
+    YAW_RESET,
+    _resets,
+    drag_settings,
+    is_position_reset,
+    wind_evidence,
+    wind_of_signals,
+)
 from mavdem.wind_velocity.torque_share import torque_share_of_wind
 from mavdem.wind_velocity.vehicle_drag import Drag
 
