@@ -1,7 +1,7 @@
-"""Binary DataFlash logs (.bin): their definitions (FMT), finding the messages, and decoding them by column.
+"""Binary DataFlash logs of ArduPilot (.bin): definitions (FMT), finding the messages, and decoding them by column.
 
 Every message begins with A3 95 and its id; FMT, whose own definition is fixed, gives the length, the name, one
-character a field, and the field names. There are no checksums. A message is accepted when its header is where the one
+character per field, and the field names. There are no checksums. A message is accepted when its header is where the one
 before it ends, and another follows it; after damage the next header with a known id is tried.
 
 Source: ArduPilot ``libraries/AP_Logger/LogStructure.h`` and
@@ -24,11 +24,23 @@ from mavdem.containers import Names
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
 from mavdem.ingest.telemetry import Columns, repair_facts, rows_by_value
+from mavdem.log_formats import FORMAT_SIGNATURES, Format
 
-# The header's two bytes, and the bytes of it and the id
-HEADER = b"\xa3\x95"
-HEADER_LENGTH = len(HEADER) + np.uint8().itemsize
-MAX_MESSAGE_BYTES = np.iinfo(np.uint8).max  # Bytes of a message at most: its length has one byte
+MARKER = FORMAT_SIGNATURES[Format.DATAFLASH].first_bytes
+"""First two bytes of every message (HEAD_BYTE1, HEAD_BYTE2)."""
+
+ID_BYTE = len(MARKER)
+"""Offset of the message id in a message."""
+
+HEADER_BYTES = len(MARKER) + np.uint8().itemsize
+"""Number of bytes of a message's header: the marker and the message id."""
+
+MAX_MESSAGE_BYTES = np.iinfo(np.uint8).max
+"""Number of bytes that a message has at most: its length is one byte in FMT."""
+
+MESSAGE_IDS = 256
+"""Number of message ids: an id is one byte."""
+
 FIELD_TYPES = {
     "a": "(32,)<i2",
     "b": "i1",
@@ -52,238 +64,325 @@ FIELD_TYPES = {
     "L": "<i4",
     "M": "u1",
 }
-"""NumPy type by format character; a is 32 numbers, n, N and Z are texts, M a flight mode."""
-TEXTS = "nNZ"
+"""NumPy type by format character; "a" is an array of 32 numbers, "n", "N" and "Z" are texts, "M" is a flight mode."""
+
+TEXT_CHARACTERS = "nNZ"
+"""Format characters of texts."""
+
 DIVISORS = {"c": 100.0, "C": 100.0, "e": 100.0, "E": 100.0, "L": 1e7}
-"""Divisor that turns a stored integer into the field's unit."""
+"""Divisor that turns a stored integer into the field's unit, by format character; "L" is a latitude or a longitude."""
 
 
 @dataclass(frozen=True)
 class FormatDefinition:
-    """One message as a FMT defines it, with one format character a field; ``length`` in bytes, header included."""
+    """The definition of one message, as an FMT gives it."""
 
     name: str
+    """Name of the message: "ATT"."""
     length: int
+    """Number of bytes of a message, header included."""
     characters: str
+    """One format character per field."""
     fields: Names
+    """Names of the fields."""
 
     @cached_property
     def wire(self) -> np.dtype[Any] | None:
-        """The bytes after the header, fields numbered from 0; None where characters or names are inconsistent."""
-        decodable = all(character in FIELD_TYPES for character in self.characters)
-        if not (decodable and len(self.fields) == len(self.characters) == len(set(self.fields))):
+        """The bytes after the header as a structured type; None where characters or names are inconsistent.
+
+        Its fields are called "0", "1" and so on: NumPy may change a name that damage has made.
+        """
+        if not all(character in FIELD_TYPES for character in self.characters):
             return None
-        # By number: NumPy may change a name that damage has made.
+        has_name_per_field = len(self.fields) == len(self.characters)
+        if not has_name_per_field or len(set(self.fields)) < len(self.fields):
+            return None
         return np.dtype(
             [(f"{i}", FIELD_TYPES[character]) for i, character in enumerate(self.characters)]
         )
 
     @property
     def wire_length(self) -> int:
-        """Bytes of a whole message by its fields; 0 where they are inconsistent."""
-        return HEADER_LENGTH + self.wire.itemsize if self.wire is not None else 0
+        """Number of bytes of a message by its fields, header included; 0 where they are inconsistent."""
+        return 0 if self.wire is None else HEADER_BYTES + self.wire.itemsize
 
 
-FORMAT_ID = 0x80  # of the message FMT, which defines all others (AP_Logger)
+FORMAT_ID = 0x80
+"""Id of the message FMT, which defines all others (LOG_FORMAT_MSG)."""
+
 FORMAT = FormatDefinition("FMT", 89, "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))
+"""The definition of FMT itself (``struct log_Format``)."""
+
+FORMAT_BODY = struct.Struct("<BB4s16s64s")
+"""The fields of FMT after the header, as ``FormatFields`` names them."""
+
+
+class FormatFields(NamedTuple):
+    """The fields of one FMT, as they were logged."""
+
+    message_id: int
+    """Id of the message that it defines."""
+    length: int
+    """Number of bytes of that message, header included."""
+    name: bytes
+    """Name of that message."""
+    characters: bytes
+    """One format character per field."""
+    field_names: bytes
+    """Names of the fields, separated by commas."""
 
 
 class MessageTable(NamedTuple):
-    """Messages of one name: the ``place`` (N,) of each in the stream, increasing, and ``columns`` by field name.
+    """The N messages of one name."""
 
-    A column, (N,) or (N, 32), is in the field's unit; texts are bytes, ``S`` or objects.
-    """
-
-    place: Integers
+    position: Integers
+    """Position (N,) of each message in the log, increasing: its byte offset, or the number of its line."""
     columns: Columns
+    """Columns by field name, (N,) or (N, 32), in the field's unit; texts are bytes, ``S`` or objects."""
+
+
+EMPTY_TABLE = MessageTable(np.zeros(0, dtype=np.int64), {})
+"""The table of a message that does not occur."""
 
 
 class DataflashRecording(NamedTuple):
-    """A DataFlash log, binary or text: the number of messages by name, ``counts``; none is decoded yet.
-
-    ``table`` decodes those of one name; it is empty for a name that does not occur or has inconsistent fields.
-    """
+    """A DataFlash log, binary or text, whose messages were found and not decoded yet."""
 
     counts: Mapping[str, int]
-    table: Callable[[str], MessageTable]
+    """Number of messages by name."""
+    decode: Callable[[str], MessageTable]
+    """Decodes the messages of one name; none for a name that does not occur or has inconsistent fields."""
     bytes_skipped: int
+    """Number of bytes that belong to no message."""
     repairs: Facts
+    """What was odd or damaged."""
 
 
-EMPTY = MessageTable(np.zeros(0, dtype=np.int64), {})
+def parse_definition(values: FormatFields) -> tuple[int, FormatDefinition] | None:
+    """Reads the definition in the fields of an FMT.
 
-
-def defined(values: tuple[int, int, bytes, bytes, bytes]) -> tuple[int, FormatDefinition] | None:
-    """Returns the id and definition in the values of an FMT; None where the name is not one."""
-    kind, length, name, characters, fields = values
-    texts = [
-        value.split(b"\0", 1)[0].decode("latin-1").strip() for value in (name, characters, fields)
-    ]
-    if (
-        not all(text.isascii() and text.isprintable() for text in texts)
-        or not texts[0].replace("_", "").isalnum()
-    ):
+    Returns:
+        The message id and the definition; None where the name is not one, or a text is not printable ASCII: damage.
+    """
+    name, characters, field_names = (
+        _padded_text(value) for value in (values.name, values.characters, values.field_names)
+    )
+    for text in (name, characters, field_names):
+        if not text.isascii() or not text.isprintable():
+            return None
+    if not name.replace("_", "").isalnum():
         return None
-    columns = tuple(field.strip() for field in texts[2].split(",")) if texts[2] else ()
-    return kind, FormatDefinition(texts[0], length, texts[1], columns)
+    fields = tuple(field.strip() for field in field_names.split(",")) if field_names else ()
+    return values.message_id, FormatDefinition(name, values.length, characters, fields)
 
 
-NOT_NUMBERS = ("Message", "Name", "x", "y", "z")
-"""Fields with a text, or an array, a message: those of MSG, PARM and ISBD."""
+def _padded_text(value: bytes) -> str:
+    """Returns a text without the zeros that fill its field, and without spaces around it."""
+    text, _, _ = value.partition(b"\0")
+    return text.decode("latin-1").strip()
 
 
-def numbers(table: MessageTable) -> MessageTable:
-    """Returns a table's fields with one number a message, and those of ``NOT_NUMBERS``.
+NON_NUMERIC_FIELDS = ("Message", "Name", "x", "y", "z")
+"""Fields with a text or an array per message that are used: those of MSG, PARM and ISBD."""
+
+
+def usable_fields(table: MessageTable) -> MessageTable:
+    """Returns a table with the fields that have one number per message, and with ``NON_NUMERIC_FIELDS``.
 
     In a damaged definition any field may be a text or an array.
     """
-    fields = {
-        name: values
-        for name, values in table.columns.items()
-        if name in NOT_NUMBERS or (values.ndim == 1 and values.dtype.kind in "iuf")
-    }
-    return MessageTable(table.place, fields)
-
-
-_FORMAT_BEGUN = re.compile(
-    HEADER + bytes([FORMAT_ID]) + rb"(?=..[^\0]{0,3}[A-Za-z0-9_])", re.DOTALL
-)
-"""The beginning of an FMT, long enough to skip most other matches: long runs of headers contain millions."""
+    columns = {}
+    for name, values in table.columns.items():
+        is_numeric = values.ndim == 1 and values.dtype.kind in "iuf"
+        if is_numeric or name in NON_NUMERIC_FIELDS:
+            columns[name] = values
+    return MessageTable(table.position, columns)
 
 
 def read_binary(content: bytes) -> DataflashRecording:
-    """Returns the messages in the bytes of a binary log, up to where another one of other definitions was appended."""
-    scan = _Scan(content)
+    """Finds the messages of a binary log, up to where another log with other definitions was appended."""
+    scan = _MessageScan(content)
     scan.run()
-    # Padded, so that the last message may be read with any definition.
+    # Padded, so that the last message may be decoded with any definition.
     data = np.pad(np.frombuffer(content, dtype=np.uint8), (0, MAX_MESSAGE_BYTES))
     starts = np.array(scan.starts, dtype=np.int64)
-    named = {}
-    for kind, rows in rows_by_value(data[starts + 2]).items():
-        definition = scan.definitions[kind]
-        named[definition.name] = definition, starts[rows]
+    definition_of_name = {}
+    starts_of_name = {}
+    for message_id, rows in rows_by_value(data[starts + ID_BYTE]).items():
+        definition = scan.definitions[message_id]
+        definition_of_name[definition.name] = definition
+        starts_of_name[definition.name] = starts[rows]
 
-    def table(name: str) -> MessageTable:
-        return _decoded(data, *named[name]) if name in named else EMPTY
+    def decode(name: str) -> MessageTable:
+        if name not in definition_of_name:
+            return EMPTY_TABLE
+        return _decoded(data, definition_of_name[name], starts_of_name[name])
 
-    counts = {name: len(places) for name, (_, places) in named.items()}
-    return DataflashRecording(counts, table, scan.skipped(), scan.repairs)
+    counts = {name: len(starts) for name, starts in starts_of_name.items()}
+    return DataflashRecording(counts, decode, scan.skipped(), scan.repairs)
 
 
-class _Scan:
-    """One pass over a log: ``starts`` are the places of its messages, ``definitions`` theirs by id."""
+DEFINITION_START = re.compile(
+    MARKER + bytes([FORMAT_ID]) + rb"(?=..[^\0]{0,3}[A-Za-z0-9_])", re.DOTALL
+)
+"""Header of an FMT, with the id, the length and the beginning of a name behind it.
+
+A long run of headers, as damage makes it, has millions of matches without the latter.
+"""
+
+FILL_BYTES = (b"\0", b"\xff")
+"""What the last page of a flash chip holds where nothing was written."""
+
+
+class _MessageScan:
+    """One pass over a binary log that finds its messages.
+
+    Attributes:
+        content: The log.
+        starts: Offset of each message, ascending.
+        definitions: Definition of each message by id.
+        message_bytes: Number of bytes of all messages.
+        repairs: What was odd about the definitions.
+    """
 
     def __init__(self, content: bytes) -> None:
+        """Learns the definitions; the messages are found by :meth:`run`."""
         self.content = content
         self.starts = array("q")
-        self.read = 0
+        self.message_bytes = 0
         self.repairs: Facts = ()
         self.definitions = {FORMAT_ID: FORMAT}
         self._learn_definitions()
-        self.lengths = [0] * 256
-        for kind, definition in self.definitions.items():
-            self.lengths[kind] = definition.length
+        # Length by id, 0 for ids without a definition.
+        self._lengths = [0] * MESSAGE_IDS
+        for message_id, definition in self.definitions.items():
+            self._lengths[message_id] = definition.length
 
     def run(self) -> None:
+        """Finds all messages, up to an FMT that contradicts the one before it: there another log was appended."""
         content = self.content
-        lengths = self.lengths
+        lengths = self._lengths
         starts = self.starts
         size = len(content)
         offset = 0
-        first, second = HEADER
-        while offset <= size - HEADER_LENGTH:
+        first, second = MARKER
+        while offset <= size - HEADER_BYTES:
             if content[offset] == first and content[offset + 1] == second:
-                kind = content[offset + 2]
-                length = lengths[kind]
-                if kind == FORMAT_ID and self._is_of_another(offset):
+                message_id = content[offset + 2]
+                length = lengths[message_id]
+                if message_id == FORMAT_ID and self._is_of_another_log(offset):
                     return
                 if length and offset + length <= size:
                     starts.append(offset)
-                    self.read += length
+                    self.message_bytes += length
                     offset += length
                 else:
                     offset = self._next_header(offset + 1)
             else:
-                offset = self._after_damage(offset)
+                offset = self._offset_after_damage(offset)
 
     def skipped(self) -> int:
-        """Bytes that belong to no message, without the fill of a flash chip's last page."""
-        tail = self.content[self._end() :]
-        filled = (
-            len(tail) if tail.count(tail[:1]) == len(tail) and tail[:1] in (b"\0", b"\xff") else 0
-        )
-        return len(self.content) - self.read - filled
+        """Returns the number of bytes that belong to no message, without the fill of a flash chip's last page."""
+        tail = self.content[self._end_of_messages() :]
+        fill_byte = tail[:1]
+        is_fill = fill_byte in FILL_BYTES and tail.count(fill_byte) == len(tail)
+        fill_length = len(tail) if is_fill else 0
+        return len(self.content) - self.message_bytes - fill_length
 
     def _learn_definitions(self) -> None:
         """Finds the first definition of each id anywhere in the log: messages may come before their FMT.
 
-        Of a definition whose length is not that of its fields, the fields count.
+        A definition whose length is not that of its fields is used where there is no other of the same id; then the
+        fields count. One with a field of a type that is newer than ``FIELD_TYPES`` is no damage: it gives the length.
         """
         contradictory: dict[int, FormatDefinition] = {}
-        for begun in _FORMAT_BEGUN.finditer(self.content):
-            defined = self._defined_at(begun.start())
-            if defined is not None and defined[0] not in self.definitions:
-                kind, definition = defined
-                # A field of a newer type is no damage.
-                sound = definition.wire is None or definition.length == definition.wire_length
-                if sound and definition.length >= HEADER_LENGTH:
-                    self.definitions[kind] = definition
-                elif definition.wire_length > HEADER_LENGTH:
-                    contradictory.setdefault(kind, definition)
-        for kind, definition in contradictory.items():
-            if kind not in self.definitions:
-                length = definition.wire_length
-                self.definitions[kind] = replace(definition, length=length)
-                self.repairs += repair_facts(
-                    Repair.DEFINITION_CONTRADICTED,
-                    name=definition.name,
-                    length=definition.length,
-                    field_length=length,
-                )
+        for match in DEFINITION_START.finditer(self.content):
+            parsed = self._definition_at(match.start())
+            if parsed is None or parsed[0] in self.definitions:
+                continue
+            message_id, definition = parsed
+            is_sound = definition.wire is None or definition.length == definition.wire_length
+            if is_sound and definition.length >= HEADER_BYTES:
+                self.definitions[message_id] = definition
+            elif definition.wire_length > HEADER_BYTES:
+                contradictory.setdefault(message_id, definition)
+        for message_id, definition in contradictory.items():
+            if message_id in self.definitions:
+                continue
+            field_length = definition.wire_length
+            self.definitions[message_id] = replace(definition, length=field_length)
+            self.repairs += repair_facts(
+                Repair.DEFINITION_CONTRADICTED,
+                name=definition.name,
+                length=definition.length,
+                field_length=field_length,
+            )
 
-    def _end(self) -> int:
-        """The place behind the last message."""
-        if not self.starts:
-            return 0
-        return self.starts[-1] + self.lengths[self.content[self.starts[-1] + 2]]
-
-    def _is_of_another(self, offset: int) -> bool:
-        """Whether a definition differs from the one before it: another log was appended."""
-        kind, definition = self._defined_at(offset) or (FORMAT_ID, FORMAT)
-        is_sound = kind in self.definitions and definition.length == definition.wire_length
-        return is_sound and definition != self.definitions[kind]
-
-    def _defined_at(self, offset: int) -> tuple[int, FormatDefinition] | None:
+    def _definition_at(self, offset: int) -> tuple[int, FormatDefinition] | None:
+        """Returns id and definition in the FMT at an offset; None where it is cut off or damaged."""
         if offset + FORMAT.length > len(self.content):
             return None
-        return defined(struct.unpack_from("<BB4s16s64s", self.content, offset + HEADER_LENGTH))
+        values = FORMAT_BODY.unpack_from(self.content, offset + HEADER_BYTES)
+        return parse_definition(FormatFields(*values))
 
-    def _after_damage(self, offset: int) -> int:
-        """The place to continue from where there is no header; the message that ends there is left out."""
-        following = self._next_header(offset)
-        if self.starts and following < len(self.content) and self._end() == offset:
+    def _is_of_another_log(self, offset: int) -> bool:
+        """Returns whether the FMT at an offset is sound and differs from the first one of the same id."""
+        parsed = self._definition_at(offset)
+        if parsed is None:
+            return False
+        message_id, definition = parsed
+        is_sound = definition.length == definition.wire_length
+        is_known = message_id in self.definitions
+        return is_sound and is_known and definition != self.definitions[message_id]
+
+    def _end_of_messages(self) -> int:
+        """Returns the offset after the last message; 0 without any."""
+        if not self.starts:
+            return 0
+        last = self.starts[-1]
+        return last + self._lengths[self.content[last + ID_BYTE]]
+
+    def _offset_after_damage(self, offset: int) -> int:
+        """Returns where to continue if no header is at an offset.
+
+        If a message ends there, something in it is missing, or it is none: it is left out, and the search goes on
+        within it. At the end of the log this is not so: there it may have been cut off.
+        """
+        next_header = self._next_header(offset)
+        if self.starts and next_header < len(self.content) and self._end_of_messages() == offset:
             previous = self.starts.pop()
-            self.read -= offset - previous
+            self.message_bytes -= offset - previous
             return self._next_header(previous + 1)
-        return following
+        return next_header
 
     def _next_header(self, offset: int) -> int:
-        header = self.content.find(HEADER, offset)
+        """Returns where the next header begins, from an offset on; the end of the log without any."""
+        header = self.content.find(MARKER, offset)
         return header if header >= 0 else len(self.content)
 
 
 def _decoded(
-    data: NDArray[np.uint8], definition: FormatDefinition, places: Integers
+    data: NDArray[np.uint8], definition: FormatDefinition, starts: Integers
 ) -> MessageTable:
+    """Decodes the messages of one name.
+
+    Args:
+        data: The log, with ``MAX_MESSAGE_BYTES`` bytes more at its end.
+        definition: The definition of the messages.
+        starts: Offset (N,) of each message.
+
+    Returns:
+        The messages, in the units of their fields; none where the definition is inconsistent.
+    """
     wire = definition.wire
     if wire is None or definition.length != definition.wire_length or not wire.itemsize:
-        return EMPTY
-    bodies = np.lib.stride_tricks.sliding_window_view(data, wire.itemsize)[places + HEADER_LENGTH]
-    messages = bodies.view(wire)[:, 0]
+        return EMPTY_TABLE
+    windows = np.lib.stride_tricks.sliding_window_view(data, wire.itemsize)
+    messages = windows[starts + HEADER_BYTES].view(wire)[:, 0]
     columns = {}
     for i, (name, character) in enumerate(
         zip(definition.fields, definition.characters, strict=True)
     ):
         column = np.ascontiguousarray(messages[f"{i}"])
         columns[name] = column / DIVISORS[character] if character in DIVISORS else column
-    return MessageTable(places, columns)
+    return MessageTable(starts, columns)

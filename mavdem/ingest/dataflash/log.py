@@ -1,42 +1,38 @@
 """DataFlash logs: what an ArduPilot autopilot writes on board, binary (.bin) or as text (.log), as MAVLink's messages.
 
 All messages carry one clock: TimeUS, µs since boot, or TimeMS before ArduPilot 3.3. A log may contain several boots,
-appended. Ground stations write the text: one message a line, name first, values in their units, FMT lines as in the
-binary log; a line that does not match its definition is left out. pymavlink's reader of such text gives up at a line
-that is not UTF-8 or after a thousand lines that it does not know.
+appended.
 """
 
 import os
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from math import isfinite
 
 import numpy as np
+from numpy.typing import NDArray
 
+from mavdem.arrays import Array, Integers
 from mavdem.errors import Unreadable
 from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.files import PathName
 from mavdem.ingest.contents import file_bytes, is_dataflash_text
-from mavdem.ingest.dataflash import binary
 from mavdem.ingest.dataflash.binary import (
     DataflashRecording,
-    FormatDefinition,
     MessageTable,
-    numbers,
     read_binary,
+    usable_fields,
 )
-from mavdem.ingest.dataflash.samples import raw_samples
-from mavdem.ingest.dataflash.states import ARMING
+from mavdem.ingest.dataflash.samples import ACCELEROMETER_FIELDS, GYRO_FIELDS, raw_samples
+from mavdem.ingest.dataflash.states import ARMING_EVENTS
+from mavdem.ingest.dataflash.tables import field_texts
+from mavdem.ingest.dataflash.text import read_text
 from mavdem.ingest.dataflash.translation import (
-    ACCELEROMETERS,
-    GYROS,
-    NEEDED,
-    OF_FLIGHT,
-    texts_of,
+    FLIGHT_MESSAGES,
+    TRANSLATED_MESSAGES,
     translated,
-    under_later_names,
+    with_new_names,
 )
 from mavdem.ingest.mavlink.clocks import MessageStamps, boot_clock
 from mavdem.ingest.telemetry import (
@@ -57,72 +53,22 @@ from mavdem.ingest.vocabulary import (
     mavlink_constant,
 )
 
-_BYTE = re.compile(rb"\s*\d{1,3}\s*")  # A number of one byte as text
-_Lines = list[tuple[int, bytes]]  # The lines of one definition: their numbers, and their values
+CLOCK_FIELDS = {"TimeUS": 1e6, "TimeMS": 1e3}
+"""Fields with the time since boot, and their units per second; where a message has both, the last counts."""
 
+MESSAGES_WITH_OLD_STAMPS = ("MSG", "PARM")
+"""Messages whose stamps are not used as a clock: those of the start are older than the messages around them."""
 
-def read_text(content: bytes) -> DataflashRecording:
-    """Returns the messages in the bytes of a text log."""
-    lines: dict[str, _Lines] = {}
-    definitions: dict[str, FormatDefinition] = {}
-    skipped = lost = 0
-    for number, line in enumerate(content.split(b"\n")):
-        name, _, values = line.partition(b",")
-        text = name.decode("latin-1").strip()
-        if text == binary.FORMAT.name and (definition := _definition(values)) is not None:
-            definitions.setdefault(text, binary.FORMAT)
-            definitions.setdefault(definition.name, definition)
-        if text in definitions and values.count(b",") >= len(definitions[text].fields) - 1:
-            lines.setdefault(text, []).append((number, values))
-        elif line.strip():
-            skipped += len(line) + 1
-            lost += 1
+UNSTAMPED_MESSAGES = ("EV", "ARM", "ERR", "MODE", *MESSAGES_WITH_OLD_STAMPS)
+"""Messages that are used also where they have no stamp, as before ArduCopter 3.4.
 
-    def table(name: str) -> MessageTable:
-        return _decoded(definitions[name], lines[name]) if name in lines else binary.EMPTY
+Without a stamp they have the time of the message before them; with an old one (MSG, PARM), their own, as far as it lies
+between those of their neighbours.
+"""
 
-    counts = {name: len(own) for name, own in lines.items()}
-    return DataflashRecording(
-        counts, table, skipped, repair_facts(Repair.LINES_LEFT_OUT, count=lost)
-    )
+MAX_STAMP_SECONDS = 2.0**63 / 1e6
+"""Bound of stamps, s: TimeUS in a signed integer of 64 bits. Damaged stamps lie beyond it."""
 
-
-def _definition(values: bytes) -> FormatDefinition | None:
-    parts = values.split(b",", 4)
-    if len(parts) < 5 or not all(_BYTE.fullmatch(part) for part in parts[:2]):
-        return None
-    definition = binary.defined((int(parts[0]), int(parts[1]), parts[2], parts[3], parts[4]))
-    return definition[1] if definition else None
-
-
-def _decoded(definition: FormatDefinition, lines: _Lines) -> MessageTable:
-    count = len(definition.fields)
-    if definition.wire is None or not count:
-        return binary.EMPTY
-    # A text that is the last field may hold commas.
-    numeric = {
-        i
-        for i, character in enumerate(definition.characters)
-        if character not in binary.TEXTS + "aM"
-    }
-    places = []
-    whole = []
-    for number, values in lines:
-        row = [value.strip() for value in values.split(b",", count - 1)]
-        with suppress(ValueError):
-            whole.append([float(value) if i in numeric else value for i, value in enumerate(row)])
-            places.append(number)
-    # Texts as objects: an array of bytes would give all the room of the longest.
-    kinds = [np.float64 if i in numeric else np.object_ for i in range(count)]
-    named = enumerate(zip(definition.fields, kinds, strict=True))
-    columns = {name: np.array([row[i] for row in whole], dtype=kind) for i, (name, kind) in named}
-    return MessageTable(np.array(places, dtype=np.int64), columns)
-
-
-CLOCKS = {"TimeUS": 1e6, "TimeMS": 1e3}  # Fields with the time stamp and their units in a second
-# Without a stamp, as before ArduCopter 3.4, they have the time of the message before them; texts have
-# their own only between their neighbours', for those of the start are older
-EVENTS = ("EV", "ARM", "ERR", "MODE", "MSG", "PARM")
 FIRMWARES = {
     "plane": "FIXED_WING",
     "copter": "QUADROTOR",
@@ -132,7 +78,10 @@ FIRMWARES = {
     "sub": "SUBMARINE",
 }
 """MAV_TYPE by what follows "Ardu", "APM:" or "Antenna" in MSG ("ArduCopter V4.5.7", "APM:Copter V3.5")."""
+
 _FIRMWARE = re.compile(rf"^(?:Ardu|APM:|Antenna)?({'|'.join(FIRMWARES)})\b", re.IGNORECASE)
+_FRAME = re.compile(r"^Frame: ([A-Z0-9_]+)")
+
 FRAME_CLASSES = (
     "QUADROTOR",
     "QUADROTOR",
@@ -151,6 +100,7 @@ FRAME_CLASSES = (
     "DECAROTOR",
 )
 """MAV_TYPE by FRAME_CLASS, as in ArduCopter's HEARTBEAT (``get_frame_mav_type``)."""
+
 FRAME_NAMES = {
     "QUAD": "QUADROTOR",
     "HEXA": "HEXAROTOR",
@@ -161,141 +111,240 @@ FRAME_NAMES = {
     "TRI": "TRICOPTER",
     "HELI": "HELICOPTER",
 }
-"""The same by the name in MSG: "Frame: QUAD/X"."""
-_FRAME = re.compile(r"^Frame: ([A-Z0-9_]+)")
+"""MAV_TYPE by the frame's name in MSG: "Frame: QUAD/X"."""
+
+SYSTEM_ID_PARAMETERS = ("MAV_SYSID", "SYSID_THISMAV")
+"""Parameters with the MAVLink system id: from ArduPilot 4.7 on, and before."""
+
+MAX_SYSTEM_ID = 255
+"""Largest MAVLink system id; 0 stands for all."""
 
 
 def read_dataflash(path: PathName) -> Log:
-    """Reads a DataFlash log; a damaged one as far as possible.
+    """Reads a DataFlash log, binary or text, a damaged one as far as possible.
 
-    The log has one vehicle. Its component counts the messages under DataFlash's names ("ATT"), the telemetry has them
-    under MAVLink's ("ATTITUDE"). Raises Unreadable: the file cannot be opened, or has no message of ArduPilot.
+    Returns:
+        The log of one vehicle. Its component counts the messages under DataFlash's names ("ATT"); the telemetry has
+        them under MAVLink's ("ATTITUDE").
+
+    Raises:
+        Unreadable: The file cannot be opened, or has no message of a flight.
     """
     source = os.fspath(path)
     content = file_bytes(path)
     recording = read_text(content) if is_dataflash_text(content) else read_binary(content)
-    counts = recording.counts
-    frames = sum(counts.values())
     vehicle = _vehicle(recording, source)
-    return log_of_vehicles((vehicle,), frames, recording.bytes_skipped, counts=counts)
+    return log_of_vehicles(
+        (vehicle,),
+        frames=sum(recording.counts.values()),
+        bytes_skipped=recording.bytes_skipped,
+        counts=recording.counts,
+    )
 
 
 def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
-    logged = {name: under_later_names(name, numbers(recording.table(name))) for name in NEEDED}
-    imu = logged["IMU"]  # by far the most messages: only what is used of each is kept
-    used = {*imu.columns} & {*CLOCKS, "I", *GYROS, *ACCELEROMETERS}
-    logged["IMU"] = MessageTable(imu.place, {name: imu.columns[name] for name in used})
-    tables, repairs = _on_boot_clock(logged)
-    texts = texts_of(logged["MSG"].columns, "Message")
-    if not any(len(tables[name]["time"]) for name in OF_FLIGHT if name in tables):
-        named = sorted(recording.counts)
-        code = Source.DATAFLASH_WITHOUT_FLIGHT if named else Source.DATAFLASH_WITHOUT_MESSAGES
-        raise Unreadable(code, path=source, names=named)
-    parameters, first = (_parameters(logged["PARM"].columns, way) for way in (1, -1))
+    """Decodes the messages of a recording, and translates them into MAVLink's.
+
+    Raises:
+        Unreadable: It has no message of a flight.
+    """
+    logged = _logged_messages(recording)
+    tables, clock_repairs = _on_boot_clock(logged)
+    if not any(len(tables[name]["time"]) for name in FLIGHT_MESSAGES if name in tables):
+        names = sorted(recording.counts)
+        code = Source.DATAFLASH_WITHOUT_FLIGHT if names else Source.DATAFLASH_WITHOUT_MESSAGES
+        raise Unreadable(code, path=source, names=names)
+    texts = field_texts(logged["MSG"].columns, "Message")
+    settings = _parameter_settings(logged["PARM"].columns)
+    parameters = dict(settings)
+    first_values = dict(reversed(settings))
     kind = _mav_type(texts, parameters)
-    # DSF counts the messages that the logger had no room for, anew with each boot.
-    counts = numbers(recording.table("DSF")).columns.get("Dp", np.zeros(0)).astype(np.float64)
-    dropouts = int(np.nansum(np.maximum(np.diff(counts), 0)))
-    messages, names, notes = translated(tables, mavlink_constant(f"MAV_TYPE_{kind}"))
-    samples = raw_samples(tables, parameters)
-    messages |= {name: columns for name, (_, columns) in samples.items()}
-    names |= {name: own for name, (own, _) in samples.items()}
-    repairs = (
-        *recording.repairs,
-        *repair_facts(Repair.BYTES_SKIPPED, count=recording.bytes_skipped, part="message"),
-        *repairs,
-        *notes,
-        *repair_facts(Repair.LOGGER_WITHOUT_ROOM, count=dropouts),
-    )
-    system_ids = ("MAV_SYSID", "SYSID_THISMAV")  # from ArduPilot 4.7 on, and before
+    messages, source_names, unit_repairs = translated(tables, mavlink_constant(f"MAV_TYPE_{kind}"))
+    for name, (source_name, columns) in raw_samples(tables, parameters).items():
+        messages[name] = columns
+        source_names[name] = source_name
+    dropouts = _lost_messages(recording)
+    skipped = recording.bytes_skipped
     return Telemetry(
-        system=next(
-            (int(parameters[name]) for name in system_ids if 1 <= parameters.get(name, 0) <= 255), 1
-        ),
+        system=_system_id(parameters),
         component=AUTOPILOT_COMPONENT,
         vehicle=UNNAMED if kind == "GENERIC" else kind,
         autopilot="ARDUPILOTMEGA",
         messages=messages,
         parameters=parameters,
         source=source,
-        repairs=repairs,
+        repairs=(
+            *recording.repairs,
+            *repair_facts(Repair.BYTES_SKIPPED, count=skipped, part="message"),
+            *clock_repairs,
+            *unit_repairs,
+            *repair_facts(Repair.LOGGER_WITHOUT_ROOM, count=dropouts),
+        ),
         translated_from="DataFlash",
-        firmware=next((text.strip() for text in texts if _FIRMWARE.match(text)), ""),
+        firmware=_firmware(texts),
         dropouts=dropouts,
-        source_names=names,
+        source_names=source_names,
         board=board_number_in_texts(texts),
         hardware=board_name_in_texts(texts),
         initial_parameters={
-            name: value for name, value in first.items() if value != parameters[name]
+            name: value for name, value in first_values.items() if value != parameters[name]
         },
     )
 
 
-def _on_boot_clock(
-    tables: Mapping[str, MessageTable],
-) -> tuple[Tables, Facts]:
-    """The tables with stamps, or of ``EVENTS``, with ``time`` (s) and ``boot``, and the repairs."""
-    stamps = {
-        name: table.columns[field] / CLOCKS[field]
-        for name, table in tables.items()
-        for field in CLOCKS
-        if field in table.columns
-    }
-    clocks = [name for name in stamps if name not in ("MSG", "PARM")]
-    if not clocks:
+def _logged_messages(recording: DataflashRecording) -> dict[str, MessageTable]:
+    """Decodes the messages that are translated, by name, under the names that fields have today."""
+    logged = {}
+    for name in TRANSLATED_MESSAGES:
+        logged[name] = with_new_names(name, usable_fields(recording.decode(name)))
+    # IMU has by far the most messages: only what is used of each stays in memory.
+    imu = logged["IMU"]
+    used_fields = {*CLOCK_FIELDS, "I", *GYRO_FIELDS, *ACCELEROMETER_FIELDS}
+    columns = {name: values for name, values in imu.columns.items() if name in used_fields}
+    logged["IMU"] = MessageTable(imu.position, columns)
+    return logged
+
+
+def _lost_messages(recording: DataflashRecording) -> int:
+    """Returns how many messages the logger had no room for: DSF counts them, anew with each boot."""
+    counter = usable_fields(recording.decode("DSF")).columns.get("Dp", np.zeros(0))
+    increases = np.maximum(np.diff(counter.astype(np.float64)), 0)
+    return int(np.nansum(increases))
+
+
+def _system_id(parameters: Parameters) -> int:
+    """Returns the MAVLink system id that the parameters give, 1 to 255; 1 where they give none."""
+    for name in SYSTEM_ID_PARAMETERS:
+        if 1 <= parameters.get(name, 0) <= MAX_SYSTEM_ID:
+            return int(parameters[name])
+    return 1
+
+
+def _firmware(texts: Sequence[str]) -> str:
+    """Returns the first text that names the firmware; empty without any."""
+    for text in texts:
+        if _FIRMWARE.match(text):
+            return text.strip()
+    return ""
+
+
+def _on_boot_clock(logged: Mapping[str, MessageTable]) -> tuple[Tables, Facts]:
+    """Puts the messages that have stamps, and those of ``UNSTAMPED_MESSAGES``, on the boot clock.
+
+    Args:
+        logged: The messages by name.
+
+    Returns:
+        Their columns, with ``time`` (s) and ``boot``, and the repairs of the clock.
+    """
+    stamps: dict[str, Array] = {}
+    for name, table in logged.items():
+        for field, units_per_second in CLOCK_FIELDS.items():
+            if field in table.columns:
+                stamps[name] = table.columns[field] / units_per_second
+    clock_messages = [name for name in stamps if name not in MESSAGES_WITH_OLD_STAMPS]
+    if not clock_messages:
         return {}, ()
-    offsets = np.concatenate([tables[name].place for name in clocks])
-    order = np.argsort(offsets, kind="stable")
-    offsets = offsets[order]
-    seconds = np.concatenate([stamps[name] for name in clocks])[order]
+    # All messages have one clock: their stamps, in the order of the log, are read as those of one message.
+    positions = np.concatenate([logged[name].position for name in clock_messages])
+    order = np.argsort(positions, kind="stable")
+    positions = positions[order]
+    seconds = np.concatenate([stamps[name] for name in clock_messages])[order]
     # As a float, or in text, a damaged stamp may be anything.
-    impossible = ~((seconds >= 0) & (seconds <= 2.0**63 / 1e6))
-    seconds[impossible] = 0.0  # no stamp, to the boot clock
-    on_clock, repairs = boot_clock([MessageStamps("", np.arange(len(offsets)), seconds)])
-    time, boot = on_clock[""]
-    placed: dict[str, Columns] = {}
-    for name, table in tables.items():
-        row = np.searchsorted(offsets, table.place)
-        if name in clocks:
+    is_impossible = ~((seconds >= 0) & (seconds <= MAX_STAMP_SECONDS))
+    # To the boot clock, 0 stands for no stamp.
+    seconds[is_impossible] = 0.0
+    all_messages = ""
+    boot_times, clock_repairs = boot_clock(
+        [MessageStamps(all_messages, np.arange(len(positions)), seconds)]
+    )
+    time, boot = boot_times[all_messages]
+    tables: dict[str, Columns] = {}
+    for name, table in logged.items():
+        rows = np.searchsorted(positions, table.position)
+        if name in clock_messages:
+            on_boot_clock = {**table.columns, "time": time[rows], "boot": boot[rows]}
             # A message whose stamp was ignored has the time of the one before it: it is not to be trusted either.
-            on_boot = {**table.columns, "time": time[row], "boot": boot[row]}
-            placed[name] = selected_rows(on_boot, time[row] == seconds[row])
-        elif name in EVENTS and len(row):
-            before = np.maximum(row - 1, 0)
-            after = np.minimum(row, len(offsets) - 1)
-            # Nothing is logged while disarmed: arming ends a gap, what else has no stamp begins one.
-            arms = name == "EV" and np.isin(table.columns.get("Id", 0), ARMING)
-            at_end = np.where(arms & (boot[after] == boot[before]), np.inf, -np.inf)
-            own = stamps.get(name, at_end)
-            placed[name] = {
-                **table.columns,
-                "time": np.clip(own, time[before], np.maximum(time[after], time[before])),
-                "boot": boot[before],
-            }
-    lost = np.count_nonzero(impossible)
-    left_out = repair_facts(Repair.LOGGED_MESSAGES_LEFT_OUT, count=lost, flaw=Flaw.IMPOSSIBLE_STAMP)
-    return placed, left_out + repairs
+            tables[name] = selected_rows(on_boot_clock, time[rows] == seconds[rows])
+        elif name in UNSTAMPED_MESSAGES and len(rows):
+            tables[name] = _placed_by_neighbours(name, table, stamps.get(name), rows, time, boot)
+    count = np.count_nonzero(is_impossible)
+    impossible_stamps = repair_facts(
+        Repair.LOGGED_MESSAGES_LEFT_OUT, count=count, flaw=Flaw.IMPOSSIBLE_STAMP
+    )
+    return tables, impossible_stamps + clock_repairs
 
 
-def _parameters(logged: Columns, way: int) -> Parameters:
-    """The last values, or the first, ``way`` -1."""
-    values = logged.get("Value", np.zeros(0)).astype(float)[::way].tolist()
-    pairs = zip(texts_of(logged, "Name")[::way], values, strict=False)
-    return {name: value for name, value in pairs if isfinite(value)}
+def _placed_by_neighbours(
+    name: str,
+    table: MessageTable,
+    stamps: Array | None,
+    next_rows: NDArray[np.signedinteger],
+    time: Array,
+    boot: Integers,
+) -> Columns:
+    """Gives times to messages that have no stamps, or old ones, by the stamped messages before and after them.
+
+    Nothing is logged while the vehicle is disarmed: arming ends a gap in the log and has the time of the message after
+    it; all else without a stamp begins one and has the time of the message before.
+
+    Args:
+        name: Name of the messages.
+        table: The messages (N,).
+        stamps: Their stamps (N,), s; None where they have none.
+        next_rows: Row (N,) of the first stamped message behind each, in the order of the log.
+        time: Times (S,) of all stamped messages on the boot clock, s.
+        boot: Numbers (S,) of their boots.
+
+    Returns:
+        The columns with ``time`` and ``boot``.
+    """
+    row_before = np.maximum(next_rows - 1, 0)
+    row_after = np.minimum(next_rows, len(time) - 1)
+    if stamps is None:
+        is_arming = np.isin(table.columns.get("Id", 0), ARMING_EVENTS)
+        ends_gap = (name == "EV") & is_arming & (boot[row_after] == boot[row_before])
+        # Clipped to the times of the neighbours, below.
+        stamps = np.where(ends_gap, np.inf, -np.inf)
+    earliest = time[row_before]
+    latest = np.maximum(time[row_after], earliest)
+    return {
+        **table.columns,
+        "time": np.clip(stamps, earliest, latest),
+        "boot": boot[row_before],
+    }
+
+
+def _parameter_settings(logged: Columns) -> list[tuple[str, float]]:
+    """Returns name and finite value of each parameter in PARM, in the order of the log."""
+    names = field_texts(logged, "Name")
+    values = logged.get("Value", np.zeros(0)).astype(float).tolist()
+    return [(name, value) for name, value in zip(names, values, strict=False) if isfinite(value)]
 
 
 def _mav_type(texts: Sequence[str], parameters: Parameters) -> str:
-    """The vehicle's MAV_TYPE, from the texts of MSG and its parameters; GENERIC where neither has it."""
-    firmwares = [match[1].lower() for text in texts if (match := _FIRMWARE.match(text))]
+    """Returns the vehicle's MAV_TYPE without its prefix; GENERIC where it is not known.
+
+    Args:
+        texts: The texts of MSG, which name firmware and frame.
+        parameters: The autopilot's parameters by name.
+    """
     kind = "GENERIC"
-    if firmwares:
-        kind = FIRMWARES[firmwares[0]]
-    elif {"FRAME_CLASS", "ATC_RAT_RLL_P"} <= parameters.keys():  # no other vehicle has both
+    firmware = _FIRMWARE.match(_firmware(texts))
+    if firmware is not None:
+        kind = FIRMWARES[firmware[1].lower()]
+    elif "FRAME_CLASS" in parameters and "ATC_RAT_RLL_P" in parameters:
+        # No other vehicle has both.
         kind = FIRMWARES["copter"]
     if kind != FIRMWARES["copter"]:
         return kind
     if "FRAME_CLASS" in parameters:
-        number = int(parameters["FRAME_CLASS"])
-        return dict(enumerate(FRAME_CLASSES)).get(number, "GENERIC_MULTIROTOR")
-    named = next((match[1] for text in texts if (match := _FRAME.match(text))), "")
-    return FRAME_NAMES.get(named, "GENERIC_MULTIROTOR")
+        frame_class = int(parameters["FRAME_CLASS"])
+        if 0 <= frame_class < len(FRAME_CLASSES):
+            return FRAME_CLASSES[frame_class]
+        return "GENERIC_MULTIROTOR"
+    for text in texts:
+        frame = _FRAME.match(text)
+        if frame is not None:
+            return FRAME_NAMES.get(frame[1], "GENERIC_MULTIROTOR")
+    return "GENERIC_MULTIROTOR"

@@ -1,93 +1,172 @@
-"""Samples of gyro and accelerometer as they were measured, before the filters and behind them.
+"""Raw samples of gyro and accelerometer in DataFlash logs, before the autopilot's filters and after them.
 
-ISBH begins a batch that ISBD continues, 32 samples each; GYR and ACC are logged without gaps; IMU is behind the
-filters. Of an autopilot that logs both, instances behind the filters count on from those of the sensors. Sources:
-``BatchSampler`` and ``log_gyro_raw`` of https://github.com/ArduPilot/ardupilot.
+There are three kinds of messages: ISBH begins a batch of samples that ISBD messages continue, 32 samples each; GYR and
+ACC hold one sample each and have no gaps; IMU holds the filtered values. Of an autopilot that logs raw and filtered
+samples, the instances with filtered ones count on from those of the sensors. Sources: ``BatchSampler`` and
+``log_gyro_raw`` of https://github.com/ArduPilot/ardupilot.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.containers import Names
-from mavdem.ingest.dataflash.translation import ACCELEROMETERS, GYROS, having, instance
-from mavdem.ingest.telemetry import Columns, Parameters, Tables, concatenated_columns, rows_by_value
+from mavdem.ingest.dataflash.tables import messages_with_fields, rows_of_instance
+from mavdem.ingest.telemetry import (
+    Columns,
+    Parameters,
+    Tables,
+    concatenated_columns,
+    rows_by_value,
+)
 
-FIELDS = {"GYRO": GYROS, "ACCEL": ACCELEROMETERS}
-RAW = {"GYRO": "GYR", "ACCEL": "ACC"}
-"""The messages of samples without gaps."""
-BATCH_TYPES = ("ACCEL", "GYRO")  # by ISBH.type
-IDS = {
-    "GYRO": ("INS_GYR_ID", "INS_GYR2_ID", "INS_GYR3_ID"),
-    "ACCEL": ("INS_ACC_ID", "INS_ACC2_ID", "INS_ACC3_ID"),
+GYRO_FIELDS = ("GyrX", "GyrY", "GyrZ")
+"""Fields of GYR and IMU with body rates, rad/s."""
+ACCELEROMETER_FIELDS = ("AccX", "AccY", "AccZ")
+"""Fields of ACC and IMU with accelerations, m/s²."""
+
+
+class SensorLogging(NamedTuple):
+    """How samples of one kind of sensor are logged."""
+
+    fields: Names
+    """Fields with the three axes, in the messages with one sample each."""
+    sample_message: str
+    """Message with one sample, without gaps."""
+    batch_type: int
+    """Value of ISBH.type."""
+    id_parameters: Names
+    """Parameters that are not 0 for each sensor that there is."""
+
+
+SENSORS = {
+    "GYRO": SensorLogging(GYRO_FIELDS, "GYR", 1, ("INS_GYR_ID", "INS_GYR2_ID", "INS_GYR3_ID")),
+    "ACCEL": SensorLogging(
+        ACCELEROMETER_FIELDS, "ACC", 0, ("INS_ACC_ID", "INS_ACC2_ID", "INS_ACC3_ID")
+    ),
 }
-"""Parameters that are not 0 for each sensor that there is."""
-OPTIONS = {"ISBH": ("INS_LOG_BAT_OPT", 2, 4), "raw": ("INS_RAW_LOG_OPT", 4, 8)}
-"""The parameter, and its bits: samples behind the filters alone, and of both."""
+"""Both kinds of sensors."""
+
+
+class StageOption(NamedTuple):
+    """The parameter that says whether samples are logged before the filters or after them."""
+
+    parameter: str
+    """Name of the parameter, a bit mask."""
+    filtered_flag: int
+    """Bit that is set where samples after the filters are logged instead of those before."""
+    both_flag: int
+    """Bit that is set where both are logged."""
+
+
+BATCH_OPTION = StageOption("INS_LOG_BAT_OPT", filtered_flag=1 << 1, both_flag=1 << 2)
+"""The option of batches, ISBH and ISBD."""
+SAMPLE_OPTION = StageOption("INS_RAW_LOG_OPT", filtered_flag=1 << 2, both_flag=1 << 3)
+"""The option of single samples, GYR and ACC."""
+
+MICROSECONDS = 1e6
+"""Microseconds in a second."""
 
 
 def raw_samples(tables: Tables, parameters: Parameters) -> dict[str, tuple[str, Columns]]:
-    """Returns GYRO_BEFORE, GYRO_AFTER, ACCEL_BEFORE and ACCEL_AFTER, of the first sensor, with what the log calls them.
+    """Collects the samples of the first gyro and of the first accelerometer, before the filters and after them.
 
-    They have ``x``, ``y``, ``z``, rad/s or m/s², behind the filters or before.
+    Args:
+        tables: DataFlash's messages by name.
+        parameters: The autopilot's parameters by name.
+
+    Returns:
+        For each of GYRO_BEFORE, GYRO_AFTER, ACCEL_BEFORE and ACCEL_AFTER that was logged, the name of the message in
+        the log, and columns ``time``, ``boot`` and ``x``, ``y``, ``z``, rad/s or m/s². Batches are preferred to
+        samples without gaps, and these to IMU.
     """
-    samples = {}
-    for sensor, fields in FIELDS.items():
-        sensors = sum(parameters.get(name, 0.0) != 0 for name in IDS[sensor])
-        for source, (option, behind, both) in OPTIONS.items():
-            bits = int(parameters.get(option, 0.0))
-            first = "AFTER" if bits & behind and not bits & both else "BEFORE"
-            stages = {first: 0, "AFTER": sensors} if bits & both else {first: 0}
-            for stage, number in stages.items():
-                columns = (
-                    _batches(tables, sensor, number)
-                    if source == "ISBH"
-                    else _plain(tables, RAW[sensor], fields, number)
-                )
-                if columns and f"{sensor}_{stage}" not in samples:
-                    name = RAW[sensor] if source == "raw" else source
-                    samples[f"{sensor}_{stage}"] = (name, columns)
-        if f"{sensor}_AFTER" not in samples:
-            columns = _plain(tables, "IMU", fields, 0)
+    samples: dict[str, tuple[str, Columns]] = {}
+    for sensor, logging in SENSORS.items():
+        sensor_count = sum(parameters.get(name, 0.0) != 0 for name in logging.id_parameters)
+        batch_stages = _instance_of_stage(BATCH_OPTION, parameters, sensor_count)
+        for stage, instance in batch_stages.items():
+            columns = _batch_samples(tables, logging.batch_type, instance)
             if columns:
-                samples[f"{sensor}_AFTER"] = ("IMU", columns)
+                samples.setdefault(f"{sensor}_{stage}", ("ISBH", columns))
+        sample_stages = _instance_of_stage(SAMPLE_OPTION, parameters, sensor_count)
+        message = logging.sample_message
+        for stage, instance in sample_stages.items():
+            columns = _single_samples(tables, message, logging.fields, instance)
+            if columns:
+                samples.setdefault(f"{sensor}_{stage}", (message, columns))
+        columns = _single_samples(tables, "IMU", logging.fields, instance=0)
+        if columns:
+            samples.setdefault(f"{sensor}_AFTER", ("IMU", columns))
     return samples
 
 
-def _plain(tables: Tables, message: str, fields: Names, number: int) -> Columns:
-    """Those of one instance, at the stamps of the samples where these are logged."""
-    logged = instance(having(tables, message, fields), "I", number)
+def _instance_of_stage(
+    option: StageOption, parameters: Parameters, sensor_count: int
+) -> dict[str, int]:
+    """Returns which instance has the first sensor's samples "BEFORE" the filters and "AFTER" them, where logged.
+
+    Args:
+        option: The parameter that says which stages are logged.
+        parameters: The autopilot's parameters by name.
+        sensor_count: Number of sensors of this kind.
+    """
+    flags = int(parameters.get(option.parameter, 0.0))
+    if flags & option.both_flag:
+        return {"BEFORE": 0, "AFTER": sensor_count}
+    if flags & option.filtered_flag:
+        return {"AFTER": 0}
+    return {"BEFORE": 0}
+
+
+def _single_samples(tables: Tables, message: str, fields: Names, instance: int) -> Columns:
+    """Returns the samples of one instance in messages with one sample each; empty where there are none.
+
+    They are at the stamps of the samples where these are logged, else at those of the messages.
+    """
+    logged = rows_of_instance(messages_with_fields(tables, message, fields), "I", instance)
     if not logged:
         return {}
-    measured = dict(zip("xyz", (logged[field] for field in fields), strict=True))
-    sampled = logged.get("SampleUS")
-    time = logged["time"] if sampled is None else _on_clock(logged, sampled)
-    return {"time": time, "boot": logged["boot"], **measured}
+    axes = dict(zip("xyz", (logged[field] for field in fields), strict=True))
+    time = logged["time"]
+    if "SampleUS" in logged:
+        time = _sample_time(logged, logged["SampleUS"])
+    return {"time": time, "boot": logged["boot"], **axes}
 
 
-def _on_clock(logged: Columns, sampled: Array) -> Array:
-    """(N,) stamps of samples, µs, on the boot clock of their messages."""
-    late = logged.get("TimeUS", sampled).astype(np.float64) - sampled.astype(np.float64)
-    return logged["time"] - late / 1e6
+def _sample_time(logged: Columns, sample_stamps: Array) -> Array:
+    """Puts the stamps of samples (N,), µs, on the boot clock of the messages (N,) with them; returns seconds."""
+    message_stamps = logged.get("TimeUS", sample_stamps)
+    delay = message_stamps.astype(np.float64) - sample_stamps.astype(np.float64)
+    return logged["time"] - delay / MICROSECONDS
 
 
-def _batches(tables: Tables, sensor: str, number: int) -> Columns:
-    """The samples of all whole batches of an instance."""
-    fields = ("N", "type", "instance", "mul", "smp_cnt", "smp_rate", "SampleUS")
-    header = having(tables, "ISBH", fields)
-    data = having(tables, "ISBD", ("N", "seqno", *"xyz"))
-    if not header or not data or any(data[axis].ndim != 2 for axis in "xyz"):
+def _batch_samples(tables: Tables, batch_type: int, instance: int) -> Columns:
+    """Returns the samples of all complete batches of one instance; empty where there are none.
+
+    Args:
+        tables: DataFlash's messages by name.
+        batch_type: Kind of sensor, as in ISBH.type.
+        instance: Number of the sensor, as in ISBH.instance.
+    """
+    header_fields = ("N", "type", "instance", "mul", "smp_cnt", "smp_rate", "SampleUS")
+    headers = messages_with_fields(tables, "ISBH", header_fields)
+    data = messages_with_fields(tables, "ISBD", ("N", "seqno", "x", "y", "z"))
+    if not headers or not data or any(data[axis].ndim != 2 for axis in "xyz"):
         return {}
+    data_rows_of_batch = rows_by_value(data["N"].astype(np.int64))
+    batch_start = _sample_time(headers, headers["SampleUS"])
+    is_wanted = (headers["type"] == batch_type) & (headers["instance"] == instance)
+    is_sound = (headers["mul"] > 0) & (headers["smp_rate"] > 0)
     batches = []
-    rows_of = rows_by_value(data["N"].astype(np.int64))
-    start = _on_clock(header, header["SampleUS"])
-    own = (header["type"] == BATCH_TYPES.index(sensor)) & (header["instance"] == number)
-    for row in np.flatnonzero(own & (header["mul"] > 0) & (header["smp_rate"] > 0)):
-        rows = rows_of.get(int(header["N"][row]), np.zeros(0, np.intp))
-        rows = rows[np.argsort(data["seqno"][rows], kind="stable")]
-        samples = {axis: data[axis][rows].ravel() / float(header["mul"][row]) for axis in "xyz"}
-        steps = np.arange(len(samples["x"]))
-        if len(steps) == header["smp_cnt"][row]:
-            time = start[row] + steps / float(header["smp_rate"][row])
-            boot = np.full(len(steps), header["boot"][row])
-            batches.append({"time": time, "boot": boot, **samples})
+    for row in np.flatnonzero(is_wanted & is_sound):
+        data_rows = data_rows_of_batch.get(int(headers["N"][row]), np.zeros(0, np.intp))
+        data_rows = data_rows[np.argsort(data["seqno"][data_rows], kind="stable")]
+        scale = float(headers["mul"][row])
+        axes = {axis: data[axis][data_rows].ravel() / scale for axis in "xyz"}
+        count = len(axes["x"])
+        if count == headers["smp_cnt"][row]:
+            time = batch_start[row] + np.arange(count) / float(headers["smp_rate"][row])
+            boot = np.full(count, headers["boot"][row])
+            batches.append({"time": time, "boot": boot, **axes})
     return concatenated_columns(batches) if batches else {}

@@ -1,4 +1,4 @@
-"""States of the vehicle, armed and landed, from DataFlash's events.
+"""Armed and landed states of an ArduPilot vehicle, from the events in its DataFlash log.
 
 EV's ids are ``LogEvent`` in ArduPilot's ``libraries/AP_Logger/AP_Logger.h``. A log may begin after take-off, so an
 event also gives the state before it. Where that is not the state after the event before, one between them was not
@@ -6,8 +6,9 @@ logged, and the landed state is undefined, as it is after the last. A boot witho
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cache, partial
-from operator import itemgetter
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,89 +16,200 @@ from mavdem.arrays import Array
 from mavdem.ingest.telemetry import Columns, Tables
 from mavdem.ingest.vocabulary import ARDUPILOT, ARMED, IN_AIR, ON_GROUND, heartbeat_fields
 
-Stamps = Callable[[float], Array]
-"""(N,) of all that was logged in a boot, ascending, each once."""
-ARMED_EVENTS = {10: (0, ARMED), 15: (ARMED, ARMED), 11: (ARMED, 0)}
-"""base_mode before and after ARMED, AUTO_ARMED and DISARMED."""
-# those after which it is armed
-ARMING = [event for event, (_, after) in ARMED_EVENTS.items() if after]
-LANDED_EVENTS = {28: (ON_GROUND, IN_AIR), 18: (IN_AIR, ON_GROUND)}
-"""landed_state before and after NOT_LANDED and LAND_COMPLETE."""
-ARM_STATES = {0: (ARMED, 0), 1: (0, ARMED)}  # base_mode before and after ARM with this ArmState
+BootStamps = Callable[[float], Array]
+"""Returns the stamps (N,), s, of everything that was logged in a boot, ascending, each once."""
+
+DISARMED = 0
+"""HEARTBEAT.base_mode without the flag of armed motors."""
+
+UNDEFINED_LANDED_STATE = 0
+"""MAV_LANDED_STATE_UNDEFINED."""
 
 
-def states_of(tables: Tables, kind: int) -> tuple[Columns, Columns]:
-    """Returns HEARTBEAT and EXTENDED_SYS_STATE of the events in DataFlash's ``tables``; ``kind`` is the MAV_TYPE."""
-    stamps = cache(partial(_stamps, tables))
-    changes = [
-        _changes(tables, "EV", "Id", ARMED_EVENTS, stamps),
-        _changes(tables, "ARM", "ArmState", ARM_STATES, stamps),
-    ]
-    landed = _changes(tables, "EV", "Id", LANDED_EVENTS, stamps)
-    return _armed(max(changes, key=len), kind, stamps), _landed(landed, stamps)
+class StateChange(NamedTuple):
+    """The states before and after an event."""
+
+    before: int
+    after: int
+
+
+ARMED_EVENTS = {
+    # ARMED, AUTO_ARMED and DISARMED.
+    10: StateChange(DISARMED, ARMED),
+    15: StateChange(ARMED, ARMED),
+    11: StateChange(ARMED, DISARMED),
+}
+"""HEARTBEAT.base_mode before and after events, by EV.Id."""
+
+ARMING_EVENTS = [event for event, change in ARMED_EVENTS.items() if change.after == ARMED]
+"""Ids of the events after which the vehicle is armed."""
+
+LANDED_EVENTS = {
+    # NOT_LANDED and LAND_COMPLETE.
+    28: StateChange(ON_GROUND, IN_AIR),
+    18: StateChange(IN_AIR, ON_GROUND),
+}
+"""EXTENDED_SYS_STATE.landed_state before and after events, by EV.Id."""
+
+ARM_STATES = {0: StateChange(ARMED, DISARMED), 1: StateChange(DISARMED, ARMED)}
+"""HEARTBEAT.base_mode before and after a message ARM, by its ArmState."""
+
+
+@dataclass(frozen=True)
+class _StateChanges:
+    """Changes of one state, by boot and time; all arrays have shape (N,).
+
+    Each boot with changes begins with one that changes nothing, at its first message.
+    """
+
+    boot: Array
+    """Number of the boot."""
+    time: Array
+    """Time since boot, s."""
+    before: Array
+    """State before the change."""
+    after: Array
+    """State after it."""
+
+    def __len__(self) -> int:
+        return len(self.boot)
+
+
+def states_of(tables: Tables, vehicle_type: int) -> tuple[Columns, Columns]:
+    """Makes HEARTBEAT and EXTENDED_SYS_STATE from the events of a log.
+
+    The armed state is that of EV or of ARM, whichever has more changes.
+
+    Args:
+        tables: DataFlash's messages by name.
+        vehicle_type: MAV_TYPE, for HEARTBEAT.
+
+    Returns:
+        Columns of HEARTBEAT and of EXTENDED_SYS_STATE; without rows where there are no events.
+    """
+    boot_stamps = cache(partial(_boot_stamps, tables))
+    by_events = _changes(tables, "EV", "Id", ARMED_EVENTS, boot_stamps)
+    by_arm_messages = _changes(tables, "ARM", "ArmState", ARM_STATES, boot_stamps)
+    armed = by_arm_messages if len(by_arm_messages) > len(by_events) else by_events
+    landed = _changes(tables, "EV", "Id", LANDED_EVENTS, boot_stamps)
+    return _heartbeats(armed, vehicle_type, boot_stamps), _landed_states(landed, boot_stamps)
 
 
 def _changes(
-    tables: Tables, name: str, field: str, states: Mapping[int, tuple[int, int]], stamps: Stamps
-) -> Array:
-    """Boot, time, state before and state after (N, 4) each event, and the beginning of each boot that has some."""
-    logged = tables.get(name, {})
-    if field not in logged:
-        return np.zeros((0, 4))
-    rows = zip(*(logged[name].tolist() for name in ("boot", "time", field)), strict=True)
-    changes = [(boot, time, *states[value]) for boot, time, value in rows if value in states]
-    for boot, before in {boot: before for boot, _, before, _ in reversed(changes)}.items():
-        changes.insert(0, (boot, float(stamps(boot)[0]), before, before))
-    return np.array(sorted(changes, key=itemgetter(0, 1))).reshape(-1, 4)
+    tables: Tables,
+    message: str,
+    field: str,
+    changes_by_value: Mapping[int, StateChange],
+    boot_stamps: BootStamps,
+) -> _StateChanges:
+    """Collects the changes of a state, and the state at the beginning of each boot that has some.
 
-
-def _armed(changes: Array, kind: int, stamps: Stamps) -> Columns:
-    """HEARTBEAT at each change: what it was till then, and twice what the change says that it was and what it became.
-
-    Twice, for a single row would be taken for damage. What it was is another than after the change before where a
-    change between was not logged, at the latest when the log stopped before this one.
+    Args:
+        tables: DataFlash's messages by name.
+        message: Name of the message with the events.
+        field: Its field with the kind of event.
+        changes_by_value: What each kind of event changes; others are left out.
+        boot_stamps: Stamps of a boot.
     """
-    boot, time, before, after = changes.T
-    till_then = np.where(np.diff(boot, prepend=-1) > 0, before, np.roll(after, 1))
-    since = time.copy()
-    unlogged = till_then != before
-    for number in np.unique(boot[unlogged]):
-        times = stamps(number)
-        rows = unlogged & (boot == number)
-        since[rows] = times[np.maximum(np.searchsorted(times, time[rows]) - 1, 0)]
-    states = np.column_stack([till_then, before, before, after, after])
-    times = np.column_stack([since, since, since, time, time])
-    fields = heartbeat_fields(kind, ARDUPILOT, states.ravel())
-    return {"time": times.ravel(), "boot": np.repeat(boot, 5).astype(np.int64), **fields}
+    logged = tables.get(message, {})
+    changes: list[tuple[int, float, int, int]] = []
+    if field in logged:
+        boots_seen = set()
+        events = zip(
+            logged["boot"].tolist(), logged["time"].tolist(), logged[field].tolist(), strict=True
+        )
+        for boot, time, value in events:
+            change = changes_by_value.get(value)
+            if change is None:
+                continue
+            if boot not in boots_seen:
+                boots_seen.add(boot)
+                first_stamp = float(boot_stamps(boot)[0])
+                changes.append((boot, first_stamp, change.before, change.before))
+            changes.append((boot, time, change.before, change.after))
+    changes.sort(key=lambda change: (change[0], change[1]))
+    boot_column, time_column, before, after = np.array(changes, np.float64).reshape(-1, 4).T
+    return _StateChanges(boot_column, time_column, before, after)
 
 
-def _stamps(tables: Tables, boot: float) -> Array:
+def _heartbeats(changes: _StateChanges, vehicle_type: int, boot_stamps: BootStamps) -> Columns:
+    """Makes HEARTBEATs: five at each change of the armed state.
+
+    The first has the state after the change before, the next two the state before this change, the last two the state
+    after it. Twice each, for a single row would be taken for damage. Where the first two differ, a change between them
+    was not logged; it was, at the latest, when the log paused before this change, and they have the time of the last
+    message before that.
+
+    Args:
+        changes: The changes of base_mode.
+        vehicle_type: MAV_TYPE.
+        boot_stamps: Stamps of a boot.
+    """
+    is_first_of_boot = np.diff(changes.boot, prepend=-1) > 0
+    previous_state = np.where(is_first_of_boot, changes.before, np.roll(changes.after, 1))
+    time_before = changes.time.copy()
+    change_missing = previous_state != changes.before
+    for boot in np.unique(changes.boot[change_missing]):
+        stamps = boot_stamps(boot)
+        rows = change_missing & (changes.boot == boot)
+        last_stamp_rows = np.maximum(np.searchsorted(stamps, changes.time[rows]) - 1, 0)
+        time_before[rows] = stamps[last_stamp_rows]
+    states = np.column_stack(
+        [previous_state, changes.before, changes.before, changes.after, changes.after]
+    )
+    times = np.column_stack([time_before, time_before, time_before, changes.time, changes.time])
+    rows_per_change = states.shape[1]
+    fields = heartbeat_fields(vehicle_type, ARDUPILOT, states.ravel())
+    boot_of_rows = np.repeat(changes.boot, rows_per_change).astype(np.int64)
+    return {"time": times.ravel(), "boot": boot_of_rows, **fields}
+
+
+def _boot_stamps(tables: Tables, boot: float) -> Array:
+    """Returns the stamps (N,), s, of everything that was logged in a boot, ascending, each once."""
     stamps = [columns["time"][columns["boot"] == boot] for columns in tables.values()]
     return np.unique(np.concatenate(stamps))
 
 
-def _landed(changes: Array, stamps: Stamps) -> Columns:
-    """EXTENDED_SYS_STATE at each change and at the first message of each second of a boot that has changes.
+CONTRADICTION_SECONDS = 1.0
+"""Time, s, before an event from which on the state before it holds, where it contradicts the event before."""
 
-    At messages, because between two of them the clock may jump a year. The state is 0 between changes that contradict
-    each other, up to a second before the second, and after the last.
+
+def _landed_states(changes: _StateChanges, boot_stamps: BootStamps) -> Columns:
+    """Makes EXTENDED_SYS_STATE at each change, and at the first message of each second of a boot that has changes.
+
+    At messages, because between two of them the clock may jump a year. The state is undefined between changes that
+    contradict each other, up to a second before the second of them, and after the last.
+
+    Args:
+        changes: The changes of landed_state.
+        boot_stamps: Stamps of a boot.
     """
-    parts = [np.zeros((0, 3))]
-    for boot in np.unique(changes[:, 0]):
-        at, before, after = changes[changes[:, 0] == boot, 1:].T
-        times = stamps(boot)
-        _, first = np.unique(np.floor(times), return_index=True)
-        time = np.union1d(times[first], at)
-        passed = np.searchsorted(at, time, side="right")
+    times = [np.zeros(0)]
+    boots = [np.zeros(0)]
+    states = [np.zeros(0)]
+    for boot in np.unique(changes.boot):
+        is_of_boot = changes.boot == boot
+        change_time = changes.time[is_of_boot]
+        before = changes.before[is_of_boot]
+        after = changes.after[is_of_boot]
+        stamps = boot_stamps(boot)
+        _, second_starts = np.unique(np.floor(stamps), return_index=True)
+        time = np.union1d(stamps[second_starts], change_time)
+        # How many changes there were up to each time; by it the arrays below are indexed.
+        passed = np.searchsorted(change_time, time, side="right")
         state = np.append(before[0], after)[passed]
-        unsure = np.concatenate([[False], after[:-1] != before[1:], [True]])[passed]
-        soon = np.append(at, np.inf)[passed] <= time + 1.0
-        until_next = np.where(soon, np.append(before, 0)[passed], 0)
-        state = np.where(unsure & ~np.isin(time, at), until_next, state)
-        parts.append(np.column_stack([time, np.full(len(time), boot), state]))
-    time, boots, states = np.concatenate(parts).T
+        contradicts_next = after[:-1] != before[1:]
+        is_unsure = np.concatenate([[False], contradicts_next, [True]])[passed]
+        next_change_time = np.append(change_time, np.inf)[passed]
+        state_before_next = np.append(before, UNDEFINED_LANDED_STATE)[passed]
+        is_next_soon = next_change_time <= time + CONTRADICTION_SECONDS
+        unsure_state = np.where(is_next_soon, state_before_next, UNDEFINED_LANDED_STATE)
+        is_change = np.isin(time, change_time)
+        states.append(np.where(is_unsure & ~is_change, unsure_state, state))
+        times.append(time)
+        boots.append(np.full(len(time), boot))
     return {
-        "time": time,
-        "boot": boots.astype(np.int64),
-        "landed_state": states.astype(np.uint8),
+        "time": np.concatenate(times),
+        "boot": np.concatenate(boots).astype(np.int64),
+        "landed_state": np.concatenate(states).astype(np.uint8),
     }

@@ -1,247 +1,70 @@
-"""DataFlash's messages in MAVLink's vocabulary.
+"""DataFlash's messages in MAVLink's vocabulary: which message becomes which, with names and units of its fields.
 
 Fields and units: https://ardupilot.org/copter/docs/logmessages.html, from ArduPilot's ``LogStructure.h`` files.
-docs/formats.md#dataflash has the table of both vocabularies.
-
-RATE has the rates that MAVLink's ATTITUDE sends, filtered and without the gyro bias that the estimator finds. IMU has
-the bias still, and is used only where RATE was logged slower than both it and the angles, or not at all.
-
-Rates and angles that were asked for are messages of ATTITUDE_TARGET of their own, in which the other is masked.
-ArduCopter before 3.4 called RATE's columns otherwise for a time, and logged them in centidegrees/s, the demands as
--4500 to 4500, and AOut as 0 to 1000. Notes say where that was found.
+docs/formats.md#dataflash has the table of both vocabularies. Messages of which only names and units change are in
+``translation.toml``.
 """
 
-from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
-from mavdem.arrays import Array
-from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
-from mavdem.containers import Names
 from mavdem.facts import Facts
-from mavdem.facts.sources import Repair
 from mavdem.files import load_adjacent_toml
+from mavdem.ingest.dataflash.attitude import (
+    RATE_CONTROLLER_MESSAGES,
+    NamedMessage,
+    attitude,
+    attitude_targets,
+    controller_demands,
+    derivative_terms,
+    rate_tuning,
+    rate_unit,
+)
 from mavdem.ingest.dataflash.binary import MessageTable
 from mavdem.ingest.dataflash.states import states_of
+from mavdem.ingest.dataflash.tables import (
+    continuous_time,
+    field_texts,
+    float_table,
+    message_count,
+    messages_with_fields,
+    resampled,
+    rows_of_instance,
+    with_stamps,
+)
 from mavdem.ingest.telemetry import (
-    MIN_PREFERRED_SHARE,
     Columns,
     Tables,
-    concatenated_columns,
-    interpolated,
     last_values,
-    repair_facts,
     selected_rows,
     translated_fields,
 )
-from mavdem.ingest.vocabulary import (
-    NO_SEVERITY,
-    attitude_target,
-    quaternion,
-    wrapped_angle,
+from mavdem.ingest.vocabulary import NO_SEVERITY
+
+FLIGHT_MESSAGES = (
+    "ATT",
+    "ANG",
+    "RATE",
+    "IMU",
+    "RCOU",
+    "CTUN",
+    "XKF1",
+    "XKF4",
+    "NKF1",
+    "EV",
+    "ARM",
 )
+"""Messages of the vehicle's motion, motors and state: a log without any of them has no flight."""
 
+BATTERY_MESSAGES = ("BAT", "CURR")
+"""Messages of the battery, the preferred first; CURR is that of old versions."""
 
-def having(tables: Tables, name: str, fields: Names) -> Columns:
-    """Returns the messages of that name; empty where there are none, or one of the fields is not there."""
-    columns = tables.get(name, {})
-    return columns if columns.keys() >= {*fields} and count(columns) else {}
-
-
-def instance(columns: Columns, field: str, number: float) -> Columns:
-    """Returns those of one instance (sensor, core), empty without one; all where the messages have no instances."""
-    if field not in columns:
-        return columns
-    rows = columns[field] == number
-    return selected_rows(columns, rows) if rows.any() else {}
-
-
-def count(columns: Columns) -> int:
-    """Returns how many messages there are."""
-    return len(columns.get("time", ()))
-
-
-def values(columns: Columns, fields: Names) -> Array:
-    """Returns the fields as columns (N, k); NaN where not finite."""
-    values = np.column_stack([columns[field] for field in fields]).astype(np.float64)
-    values[~np.isfinite(values)] = np.nan
-    return values
-
-
-def stamped(logged: Columns, fields: Columns) -> Columns:
-    """Returns a message's ``fields`` at the logged stamps."""
-    return {"time": logged["time"], "boot": logged["boot"], **fields}
-
-
-_RENAMED = load_adjacent_toml(__file__, "translation.toml")
-BATTERIES = ("BAT", "CURR")
-LEVELS = ("VibeX", "VibeY", "VibeZ")
-# As many have a counter of clips
-MAX_IMUS = sum("clipping" in name for name in dialect.MAVLink_vibration_message.fieldnames)
-GPS_EPOCH = datetime(1980, 1, 6, tzinfo=UTC).timestamp()  # UNIX s at which GPS time began
-WEEK = timedelta(weeks=1).total_seconds()
-LEAP_SECONDS = 18  # GPS time is ahead of UTC, since 2017; a second or two less before
-
-
-def battery(tables: Tables) -> tuple[Columns, str]:
-    """Returns SYS_STATUS of the first battery, with the decimals the message cuts off, and the name of its message."""
-    for name in BATTERIES:
-        logged = having(tables, name, ("Volt",))
-        if not logged:
-            continue
-        for field in ("Inst", "Instance", "I"):
-            logged = instance(logged, field, 0) or logged
-        volts = values(logged, ("Volt",))[:, 0]
-        # No multirotor has more than 200 V, and a battery of one cell has more hundredths.
-        hundredths = np.any(volts > 0) and np.nanmedian(volts[volts > 0]) > 200
-        unit = 10.0 if hundredths else 1000.0
-        columns = {"voltage_battery": volts * unit}
-        if "Curr" in logged:
-            columns["current_battery"] = values(logged, ("Curr",))[:, 0] * (unit / 10)
-        return stamped(logged, columns), name
-    return {}, BATTERIES[0]
-
-
-def vibration(tables: Tables) -> Columns:
-    """Returns VIBRATION: standard deviations of the first IMU's acceleration, m/s², and of all as ``levels`` (N, 3 k).
-
-    IMUs that were logged a sample longer than others are cut.
-    """
-    logged = having(tables, "VIBE", LEVELS)
-    if not logged:
-        return {}
-    numbers = range(MAX_IMUS if "IMU" in logged else 1)
-    each = [sensor for number in numbers if (sensor := instance(logged, "IMU", number))]
-    least = min(map(count, each))
-    imus = [selected_rows(imu, np.arange(least)) for imu in each]
-    clips = [np.zeros(least)] * MAX_IMUS
-    if "Clip" in logged:
-        clips[: len(imus)] = [imu["Clip"] for imu in imus]
-    elif "Clip0" in logged:
-        clips = [imus[0].get(f"Clip{number}", clips[number]) for number in range(MAX_IMUS)]
-    levels = np.column_stack([values(imu, LEVELS) for imu in imus])
-    axes = zip(("vibration_x", "vibration_y", "vibration_z"), levels.T, strict=False)
-    by_imu = {f"clipping_{number}": column for number, column in enumerate(clips)}
-    return stamped(imus[0], {**dict(axes), **by_imu, "levels": levels})
-
-
-OLD_AXES = {"Rll": "R", "Pit": "P", "Yaw": "Y"}
-OLD_NAMES = {
-    "GPS": {"TimeMS": "GMS", "Week": "GWk", "T": "TimeMS"},
-    "EKF4": {"SMX": "SM"},
-    "RATE": {
-        f"{old}{end}": f"{axis}{end}"
-        for old, axis in OLD_AXES.items()
-        for end in ("", "Des", "Out")
-    },
-}
-"""GPS before ArduPilot 3.3, where TimeMS is of the week and T of the boot; of the first filter's three ratios of the
-compass the first; RATE before ArduCopter 3.3 was released."""
-
-
-def under_later_names(name: str, logged: MessageTable) -> MessageTable:
-    """Returns messages of that name with the columns that later versions call otherwise under their later names."""
-    old = OLD_NAMES.get(name, {})
-    if not old.keys() <= logged.columns.keys():
-        return logged
-    return MessageTable(
-        logged.place, {old.get(field, field): column for field, column in logged.columns.items()}
-    )
-
-
-def calendar_time(tables: Tables) -> Columns:
-    """Returns SYSTEM_TIME, UTC by the receiver, where it has a fix."""
-    logged = having(tables, "GPS", ("Status", "GMS", "GWk"))
-    if not logged:
-        return {}
-    # 3D, by which it knows the time
-    logged = selected_rows(logged, (logged["Status"] >= 3) & (logged["GWk"] > 0))
-    week, milliseconds = values(logged, ("GWk", "GMS")).T
-    seconds = GPS_EPOCH + WEEK * week + milliseconds / 1e3 - LEAP_SECONDS
-    unix = np.rint(1e6 * np.where(np.isfinite(seconds), seconds, 0.0)).astype(np.uint64)
-    return stamped(logged, {"time_unix_usec": unix})
-
-
-def _fixes(tables: Tables) -> Columns:
-    """GPS_RAW_INT of the first receiver; in 1e-7 degrees, as of the message, 0 where it has no fix."""
-    fields = ("Status", "NSats", "HDop", "Lat", "Lng")
-    logged = instance(having(tables, "GPS", fields), "I", 0)
-    if not logged:
-        return {}
-    status, satellites, dilution, lat, lon = values(logged, fields).T
-    scale = np.where(status >= 3, 1e7, 0.0)
-    return stamped(
-        logged,
-        {
-            "fix_type": status,
-            "satellites_visible": satellites,
-            "eph": 100 * dilution,
-            "lat": scale * lat,
-            "lon": scale * lon,
-        },
-    )
-
-
-def _position(tables: Tables) -> tuple[str, Columns]:
-    """LOCAL_POSITION_NED; with the first filter's, EKF1, the vertical speed of CTUN: its own is off by 0.3 m/s."""
-    name, columns = _renamed(tables, "LOCAL_POSITION_NED")
-    _, rising = _renamed(tables, "VFR_HUD")
-    if not columns or not rising or name != "EKF1" or not rising["climb"].any():
-        return name, columns
-    climb = _onto(columns, rising, rising["climb"][:, None])[:, 0]
-    return name, {**columns, "vz": -climb}
-
-
-def _filter_status(tables: Tables) -> tuple[str, Columns]:
-    """EKF_STATUS_REPORT; its flags are the first bits of the filter's own (AP_Nav_Common.h), and the glitch of GPS."""
-    name, columns = _renamed(tables, "EKF_STATUS_REPORT")
-    if "flags" not in columns:  # before ArduCopter 3.3 there was no status
-        return name, columns
-    own = columns["flags"].astype(np.int64)
-    alike = own & (dialect.EKF_UNINITIALIZED - 1)
-    glitching = np.where(own & OWN_GPS_GLITCH > 0, dialect.EKF_GPS_GLITCHING, 0)
-    return name, {**columns, "flags": alike | glitching}
-
-
-def texts_of(columns: Columns, field: str) -> list[str]:
-    """Returns the texts of a field; empty ones where it has none."""
-    return [
-        value.split(b"\0", 1)[0].decode("utf-8", errors="replace")
-        if isinstance(value, bytes)
-        else ""
-        for value in columns.get(field, ())
-    ]
-
-
-def _texts(tables: Tables) -> Columns:
-    """STATUSTEXT of MSG, which has no severity."""
-    logged = having(tables, "MSG", ("Message",))
-    if not logged:
-        return {}
-    severity = np.full(count(logged), NO_SEVERITY, dtype=np.uint8)
-    texts = np.array(texts_of(logged, "Message"), dtype=np.object_)
-    return stamped(logged, {"severity": severity, "text": texts})
-
-
-ANGLES = ("Roll", "Pitch", "Yaw")
-GYROS = ("GyrX", "GyrY", "GyrZ")
-ACCELEROMETERS = ("AccX", "AccY", "AccZ")
-RATES = ("R", "P", "Y")
-DEMANDS = ("ROut", "POut", "YOut")
-DESIRED_RATES = ("RDes", "PDes", "YDes")
-DESIRED_ANGLES = ("DesRoll", "DesPitch", "DesYaw")
-OF_FLIGHT = ("ATT", "ANG", "RATE", "IMU", "RCOU", "CTUN", "XKF1", "XKF4", "NKF1", "EV", "ARM")
-"""DataFlash's messages of the vehicle's motion, motors and state: a log without them is none of a flight."""
-# Bit of the filter's own status, which below EKF_UNINITIALIZED is that of the message
-OWN_GPS_GLITCH = 1 << 14
-TUNING = "PIDR", "PIDP", "PIDY"
-"""The rate controllers of roll, pitch and yaw."""
-NEEDED = (
-    *TUNING,
-    *OF_FLIGHT,
-    *BATTERIES,
+TRANSLATED_MESSAGES = (
+    *RATE_CONTROLLER_MESSAGES,
+    *FLIGHT_MESSAGES,
+    *BATTERY_MESSAGES,
     "VIBE",
     "MAG",
     "GPS",
@@ -262,252 +85,332 @@ NEEDED = (
     "ACC",
     "ISBH",
     "ISBD",
-)  # DataFlash's messages that are translated
-CENTIDEGREES = (15.0, 400.0)
-"""RATE, taken for degrees/s, over the gyro: the range in which it is in centidegrees/s. RATE may be filtered where the
-gyro is not, so that it is less than 100 times as much."""
-# rad/s of the gyro from which a sample counts
-MOVING_RATE = 0.1
-MAX_DEMAND = 2.0  # Demands of the range -1 to 1 lie below it, but for damaged ones
-# Full demand and full thrust where they are not 1
-OLD_DEMAND = 4500.0
-OLD_THRUST = 1000.0
+)
+"""DataFlash's messages that are read."""
+
+TRANSLATION_RULES = load_adjacent_toml(__file__, "translation.toml")
+"""How messages are translated whose fields change names and units only, by name of MAVLink's message."""
+
+RATE_AXES_BEFORE_33 = {"Rll": "R", "Pit": "P", "Yaw": "Y"}
+"""Axes in the names of RATE's fields before ArduCopter 3.3 was released, and today."""
 
 
-def translated(tables: Tables, kind: int) -> tuple[dict[str, Columns], dict[str, str], Facts]:
-    """Returns MAVLink's messages with data in DataFlash's ``tables``, what the log calls each, and notes on oddities.
+def _old_rate_names() -> dict[str, str]:
+    """Returns today's name of each field of RATE by the name that it had before ArduCopter 3.3 was released."""
+    names = {}
+    for old_axis, axis in RATE_AXES_BEFORE_33.items():
+        for suffix in ("", "Des", "Out"):
+            names[f"{old_axis}{suffix}"] = f"{axis}{suffix}"
+    return names
 
-    ``kind`` is the vehicle's MAV_TYPE, for HEARTBEAT.
+
+NEW_NAMES_OF_OLD_FIELDS = {
+    # Before ArduPilot 3.3 TimeMS was the time of the week, and T the time since boot.
+    "GPS": {"TimeMS": "GMS", "Week": "GWk", "T": "TimeMS"},
+    # Of the first filter's three test ratios of the compass, the first counts.
+    "EKF4": {"SMX": "SM"},
+    "RATE": _old_rate_names(),
+}
+"""Today's names of fields by their old names, by message."""
+
+
+def with_new_names(message: str, logged: MessageTable) -> MessageTable:
+    """Renames the fields of a message that later versions of ArduPilot call otherwise.
+
+    A table is of an old version where it has all old names.
     """
-    notes = _in_centidegrees(tables)
-    per_degree = 100.0 if notes else 1.0
-    attitude, named = _attitude(tables, per_degree)
-    demands, scaled = _demands(tables)
-    targets, asked = _targets(tables, per_degree)
-    volts, measured = battery(tables)
-    armed, landed = states_of(tables, kind)
-    named_columns = {
-        "ATTITUDE": (named, attitude),
-        "SERVO_OUTPUT_RAW": ("RCOU", _servos(tables)),
-        "ACTUATOR_CONTROL_TARGET": ("RATE", demands),
-        "ATTITUDE_TARGET": (asked, targets),
-        "PID_TUNING": ("RATE", _tuning(tables, attitude, per_degree)),
-        "D_TERM": ("PIDR/PIDP/PIDY", _derivative_terms(tables)),
-        "SYS_STATUS": (measured, volts),
-        "VIBRATION": ("VIBE", vibration(tables)),
-        "SYSTEM_TIME": ("GPS", calendar_time(tables)),
-        "GPS_RAW_INT": ("GPS", _fixes(tables)),
-        "STATUSTEXT": ("MSG", _texts(tables)),
-        "ERR": ("ERR", having(tables, "ERR", ("Subsys", "ECode"))),
-        "PARAM_VALUE": ("PARM", _parameters_set(tables)),
-        "EV": ("EV", having(tables, "EV", ("Id",))),
-        "ESC": ("ESC", having(tables, "ESC", ("RPM",))),
-        "SIDD": ("SIDD", _injected(tables)),
-        **{message: _renamed(tables, message) for message in _RENAMED},
-        "LOCAL_POSITION_NED": _position(tables),
-        "EKF_STATUS_REPORT": _filter_status(tables),
-        "HEARTBEAT": ("EV", armed),
-        "EXTENDED_SYS_STATE": ("EV", landed),
+    new_names = NEW_NAMES_OF_OLD_FIELDS.get(message, {})
+    if not all(old_name in logged.columns for old_name in new_names):
+        return logged
+    columns = {new_names.get(field, field): column for field, column in logged.columns.items()}
+    return MessageTable(logged.position, columns)
+
+
+def translated(
+    tables: Tables, vehicle_type: int
+) -> tuple[dict[str, Columns], dict[str, str], Facts]:
+    """Translates a log's messages into MAVLink's.
+
+    Args:
+        tables: DataFlash's messages by name, with ``time`` and ``boot``.
+        vehicle_type: MAV_TYPE, for HEARTBEAT.
+
+    Returns:
+        Columns of MAVLink's messages by name; what the log calls each, also of messages that it could have; and
+        repairs where units were converted.
+    """
+    units_per_degree, unit_repairs = rate_unit(tables)
+    attitude_message = attitude(tables, units_per_degree)
+    demands, demand_repairs = controller_demands(tables)
+    tuning = rate_tuning(tables, attitude_message.columns, units_per_degree)
+    armed, landed = states_of(tables, vehicle_type)
+    messages = {
+        "ATTITUDE": attitude_message,
+        "SERVO_OUTPUT_RAW": NamedMessage("RCOU", _servo_outputs(tables)),
+        "ACTUATOR_CONTROL_TARGET": NamedMessage("RATE", demands),
+        "ATTITUDE_TARGET": attitude_targets(tables, units_per_degree),
+        "PID_TUNING": NamedMessage("RATE", tuning),
+        "D_TERM": NamedMessage("/".join(RATE_CONTROLLER_MESSAGES), derivative_terms(tables)),
+        "SYS_STATUS": _battery_status(tables),
+        "VIBRATION": NamedMessage("VIBE", _vibration(tables)),
+        "SYSTEM_TIME": NamedMessage("GPS", _calendar_time(tables)),
+        "GPS_RAW_INT": NamedMessage("GPS", _gps_fixes(tables)),
+        "STATUSTEXT": NamedMessage("MSG", _status_texts(tables)),
+        "ERR": NamedMessage("ERR", messages_with_fields(tables, "ERR", ("Subsys", "ECode"))),
+        "PARAM_VALUE": NamedMessage("PARM", _parameter_values(tables)),
+        "EV": NamedMessage("EV", messages_with_fields(tables, "EV", ("Id",))),
+        "ESC": NamedMessage("ESC", messages_with_fields(tables, "ESC", ("RPM",))),
+        "SIDD": NamedMessage("SIDD", _injected_signal(tables)),
     }
-    there = {name: made for name, (_, made) in named_columns.items() if count(made)}
-    return there, {name: own for name, (own, _) in named_columns.items() if own}, (*notes, *scaled)
+    for message in TRANSLATION_RULES:
+        messages[message] = _renamed_message(tables, message)
+    messages["LOCAL_POSITION_NED"] = _local_position(tables)
+    messages["EKF_STATUS_REPORT"] = _estimator_status(tables)
+    messages["HEARTBEAT"] = NamedMessage("EV", armed)
+    messages["EXTENDED_SYS_STATE"] = NamedMessage("EV", landed)
+    columns_of_messages = {}
+    source_names = {}
+    for name, message_of_log in messages.items():
+        if message_count(message_of_log.columns):
+            columns_of_messages[name] = message_of_log.columns
+        if message_of_log.source_name:
+            source_names[name] = message_of_log.source_name
+    return columns_of_messages, source_names, (*unit_repairs, *demand_repairs)
 
 
-def _attitude(tables: Tables, per_degree: float) -> tuple[Columns, str]:
-    """At the stamps of the slower of angles and rates; with the name of that message."""
-    named = _faster_angles(tables, ANGLES)
-    angles = having(tables, named, ANGLES)
-    gyros = instance(having(tables, "IMU", GYROS), "I", 0)
-    rates = having(tables, "RATE", RATES)
-    if not angles or not (rates or gyros):
-        return {}, named
-    if count(rates) < MIN_PREFERRED_SHARE * count(angles) and count(rates) < count(gyros):
-        rates = gyros
-        speeds = values(gyros, GYROS)
-        source = "IMU"
-    else:
-        speeds = np.radians(values(rates, RATES)) / per_degree
-        source = "RATE"
-    base, named = (
-        (rates, source) if count(rates) < MIN_PREFERRED_SHARE * count(angles) else (angles, named)
-    )
-    angles_rad = _onto(base, angles, np.radians(values(angles, ANGLES)), turning=True)
-    speeds = _onto(base, rates, speeds)
-    # To one turn about zero, as MAVLink has it.
-    angles_rad = np.where(abs(angles_rad) > np.pi, wrapped_angle(angles_rad), angles_rad)
-    fields = ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed")
-    turned = dict(zip(fields, np.hstack([angles_rad, speeds]).T, strict=True))
-    return stamped(base, turned), named
+def _primary_core(tables: Tables) -> int:
+    """Returns the number of the estimator core that was the primary one for most of the time; 0 where none is named."""
+    named_cores = tables.get("XKF4", {}).get("PI", np.zeros(0))
+    cores, counts = np.unique(named_cores[named_cores >= 0], return_counts=True)
+    return int(cores[counts.argmax()]) if len(cores) else 0
 
 
-def _faster_angles(tables: Tables, fields: Names) -> str:
-    return max(("ATT", "ANG"), key=lambda name: count(having(tables, name, fields)))
+def _renamed_message(tables: Tables, message: str) -> NamedMessage:
+    """Translates a message of which only names and units change, by its rule in ``translation.toml``.
+
+    Of several messages that it may come from, the first that was logged with all required fields counts; of the third
+    filter's states those of the primary core.
+
+    Returns:
+        The message. Where the primary core was not logged, but others were, its name is "XKF1[0]".
+    """
+    rule = TRANSLATION_RULES[message]
+    primary_core = _primary_core(tables)
+    for name in rule["messages"]:
+        # Other filters have no cores, or log the first of them as 0.
+        core = primary_core if name.startswith("XKF") else 0
+        logged = rows_of_instance(tables.get(name, {}), "C", core)
+        if not message_count(logged):
+            continue
+        try:
+            fields = translated_fields(logged, rule["fields"], rule.get("optional_fields"))
+        except KeyError:
+            continue
+        return NamedMessage(name, with_stamps(logged, fields))
+    preferred_name = rule["messages"][0]
+    if preferred_name in tables and not rows_of_instance(tables[preferred_name], "C", primary_core):
+        preferred_name += f"[{primary_core}]"
+    return NamedMessage(preferred_name, {})
 
 
-def _in_centidegrees(tables: Tables) -> Facts:
-    """Why RATE is in centidegrees/s, by the gyro where that turns; or empty."""
-    rates = having(tables, "RATE", RATES)
-    gyros = instance(having(tables, "IMU", GYROS), "I", 0)
-    if not rates or not gyros:
-        return ()
-    turning = np.linalg.norm(_onto(rates, gyros, values(gyros, GYROS)), axis=1)
-    moving = turning > MOVING_RATE
-    if np.count_nonzero(moving) < MIN_SAMPLES_FOR_STATISTICS:
-        return ()
-    speeds = np.linalg.norm(np.radians(values(rates, RATES)[moving]), axis=1)
-    ratio = np.median(speeds / turning[moving])
-    low, high = CENTIDEGREES
-    return repair_facts(Repair.CENTIDEGREES_CONVERTED, ratio=ratio) if low < ratio < high else ()
+def _local_position(tables: Tables) -> NamedMessage:
+    """Makes LOCAL_POSITION_NED.
+
+    The vertical speed of the first filter, EKF1, is off by 0.3 m/s; that of CTUN takes its place where it is logged.
+    """
+    position = _renamed_message(tables, "LOCAL_POSITION_NED")
+    climb = _renamed_message(tables, "VFR_HUD").columns
+    if position.source_name != "EKF1" or not position.columns:
+        return position
+    # Old versions log a climb rate of 0 throughout.
+    if not climb or not climb["climb"].any():
+        return position
+    climb_rate = resampled(position.columns, climb, climb["climb"][:, None])[:, 0]
+    return NamedMessage(position.source_name, {**position.columns, "vz": -climb_rate})
 
 
-def _servos(tables: Tables) -> Columns:
+FILTER_GPS_GLITCH_FLAG = 1 << 14
+"""Bit of the filter's own status for a glitch of GPS (``nav_filter_status.gps_glitching`` in ``AP_Nav_Common.h``)."""
+
+SHARED_STATUS_FLAGS: int = dialect.EKF_UNINITIALIZED - 1
+"""Bits of the filter's own status that are also those of EKF_STATUS_REPORT: all below EKF_UNINITIALIZED."""
+
+
+def _estimator_status(tables: Tables) -> NamedMessage:
+    """Makes EKF_STATUS_REPORT, whose flags are the first bits of the filter's own status, and the glitch of GPS."""
+    status = _renamed_message(tables, "EKF_STATUS_REPORT")
+    # Before ArduCopter 3.3 there was no status.
+    if "flags" not in status.columns:
+        return status
+    filter_flags = status.columns["flags"].astype(np.int64)
+    is_glitching = filter_flags & FILTER_GPS_GLITCH_FLAG > 0
+    flags = filter_flags & SHARED_STATUS_FLAGS
+    flags |= np.where(is_glitching, dialect.EKF_GPS_GLITCHING, 0)
+    return NamedMessage(status.source_name, {**status.columns, "flags": flags})
+
+
+OUTPUTS = range(1, 17)
+"""Numbers of the outputs of SERVO_OUTPUT_RAW."""
+
+OUTPUT_NAMES = ("C{}", "Ch{}", "Chan{}")
+"""Names that the fields of RCOU have had, the newest first; where a log has several of them, the last counts."""
+
+
+def _servo_outputs(tables: Tables) -> Columns:
+    """Makes SERVO_OUTPUT_RAW of RCOU, µs; 0 for outputs that were not logged."""
     logged = tables.get("RCOU", {})
-    pulses = {
-        n: logged[name]
-        for n in range(1, 17)
-        for name in (f"C{n}", f"Ch{n}", f"Chan{n}")
-        if name in logged
-    }
-    if not pulses:
+    pulse_widths = {}
+    for output in OUTPUTS:
+        for pattern in OUTPUT_NAMES:
+            if pattern.format(output) in logged:
+                pulse_widths[output] = logged[pattern.format(output)]
+    if not pulse_widths:
         return {}
-    none = np.zeros(count(logged))
-    outputs = {"port": none.astype(np.uint8)}
-    for n in range(1, 17):
-        pulse = np.nan_to_num(pulses.get(n, none).astype(np.float64))
-        outputs[f"servo{n}_raw"] = np.clip(pulse, 0, np.iinfo(np.uint16).max).astype(np.uint16)
-    return stamped(logged, outputs)
+    no_pulses = np.zeros(message_count(logged))
+    fields = {"port": no_pulses.astype(np.uint8)}
+    for output in OUTPUTS:
+        pulse_width = np.nan_to_num(pulse_widths.get(output, no_pulses).astype(np.float64))
+        in_range = np.clip(pulse_width, 0, np.iinfo(np.uint16).max)
+        fields[f"servo{output}_raw"] = in_range.astype(np.uint16)
+    return with_stamps(logged, fields)
 
 
-def _targets(tables: Tables, per_degree: float) -> tuple[Columns, str]:
-    """With the names of its messages."""
-    parts = []
-    names = []
-    named = _faster_angles(tables, DESIRED_ANGLES)
-    if rates := having(tables, "RATE", DESIRED_RATES):
-        asked = np.radians(values(rates, DESIRED_RATES)) / per_degree
-        parts.append(stamped(rates, attitude_target(asked)))
-        names.append("RATE")
-    if angles := having(tables, named, DESIRED_ANGLES):
-        q = quaternion(*np.radians(values(angles, DESIRED_ANGLES)).T)
-        parts.append(stamped(angles, attitude_target(q)))
-        names.append(named)
-    if not parts:
-        return {}, "RATE"
-    together = concatenated_columns(parts)
-    return selected_rows(together, np.lexsort((together["time"], together["boot"]))), " and ".join(
-        names
-    )
+MAX_VOLTS = 200.0
+"""Voltage, V, above which none of a multirotor's batteries is; a battery of one cell has more hundredths of a volt."""
 
 
-def _tuning(tables: Tables, attitude: Columns, per_degree: float) -> Columns:
-    """PID_TUNING, three messages a row of RATE, where that comes faster than the attitude, in degrees/s."""
-    logged = having(tables, "RATE", (*DESIRED_RATES, *RATES))
-    if count(attitude) >= MIN_PREFERRED_SHARE * count(logged):
-        return {}
-    none = np.zeros(count(logged), np.uint8)
-    parts = []
-    for axis, (desired, achieved) in enumerate(zip(DESIRED_RATES, RATES, strict=True), 1):
-        rates = values(logged, (desired, achieved)) / per_degree
-        fields = {"axis": none + np.uint8(axis), "desired": rates[:, 0], "achieved": rates[:, 1]}
-        parts.append(stamped(logged, fields))
-    return concatenated_columns(parts)
+def _battery_status(tables: Tables) -> NamedMessage:
+    """Makes SYS_STATUS of the first battery, mV and cA, with the decimals that the message cuts off."""
+    for name in BATTERY_MESSAGES:
+        logged = messages_with_fields(tables, name, ("Volt",))
+        if not logged:
+            continue
+        for instance_field in ("Inst", "Instance", "I"):
+            logged = rows_of_instance(logged, instance_field, 0) or logged
+        voltage = float_table(logged, ("Volt",))[:, 0]
+        is_positive = voltage > 0
+        is_in_hundredths = np.any(is_positive) and np.nanmedian(voltage[is_positive]) > MAX_VOLTS
+        millivolts_per_unit = 10.0 if is_in_hundredths else 1000.0
+        fields = {"voltage_battery": voltage * millivolts_per_unit}
+        if "Curr" in logged:
+            # The current is in hundredths of an ampere where the voltage is in those of a volt.
+            current = float_table(logged, ("Curr",))[:, 0]
+            fields["current_battery"] = current * (millivolts_per_unit / 10)
+        return NamedMessage(name, with_stamps(logged, fields))
+    return NamedMessage(BATTERY_MESSAGES[0], {})
 
 
-def _derivative_terms(tables: Tables) -> Columns:
-    """D_TERM, what the rate controllers of roll, pitch and yaw make of the gyro's slope; empty without all three."""
-    logged = [having(tables, name, ("D",)) for name in TUNING]
-    rows = min(map(count, logged))
-    if not rows:
-        return {}
-    terms = {name: message["D"][:rows] for name, message in zip("xyz", logged, strict=True)}
-    return stamped(selected_rows(logged[0], slice(rows)), terms)
+VIBRATION_FIELDS = ("VibeX", "VibeY", "VibeZ")
+"""Fields of VIBE with the standard deviations of an IMU's acceleration, m/s²."""
+
+MAX_IMUS = sum("clipping" in name for name in dialect.MAVLink_vibration_message.fieldnames)
+"""Number of IMUs: VIBRATION has a counter of clips for each."""
 
 
-def _parameters_set(tables: Tables) -> Columns:
-    """PARAM_VALUE, when the logger began and when one was set."""
-    logged = having(tables, "PARM", ("Name", "Value"))
+def _vibration(tables: Tables) -> Columns:
+    """Makes VIBRATION of VIBE.
+
+    Returns:
+        Standard deviations of the first IMU's acceleration, m/s², the counters of clips of all IMUs, and beside the
+        message's fields ``levels`` (N, 3 k), the deviations of all k IMUs. IMUs that were logged one message longer
+        than others are cut.
+    """
+    logged = messages_with_fields(tables, "VIBE", VIBRATION_FIELDS)
     if not logged:
         return {}
-    value = logged["Value"].astype(np.float32)
-    return stamped(logged, {"param_id": logged["Name"], "param_value": value})
+    imus = []
+    for number in range(MAX_IMUS if "IMU" in logged else 1):
+        imu = rows_of_instance(logged, "IMU", number)
+        if imu:
+            imus.append(imu)
+    count = min(map(message_count, imus))
+    imus = [selected_rows(imu, np.arange(count)) for imu in imus]
+    levels = np.column_stack([float_table(imu, VIBRATION_FIELDS) for imu in imus])
+    fields = {
+        "vibration_x": levels[:, 0],
+        "vibration_y": levels[:, 1],
+        "vibration_z": levels[:, 2],
+    }
+    for number in range(MAX_IMUS):
+        clips = np.zeros(count)
+        if "Clip" in logged:
+            # Each IMU's messages have its own counter.
+            if number < len(imus):
+                clips = imus[number]["Clip"]
+        elif "Clip0" in logged:
+            # In older versions of ArduPilot one message has the counters of all IMUs.
+            clips = imus[0].get(f"Clip{number}", clips)
+        fields[f"clipping_{number}"] = clips
+    return with_stamps(imus[0], {**fields, "levels": levels})
 
 
-def _injected(tables: Tables) -> Columns:
-    """SIDD, the signal of the system identification mode, with the axis of its run, SID_AXIS, which SIDS has."""
-    runs = having(tables, "SIDS", ("Ax",))
-    logged = having(tables, "SIDD", ("Targ",))
+GPS_EPOCH = datetime(1980, 1, 6, tzinfo=UTC).timestamp()
+"""Time at which GPS time began, UNIX s."""
+WEEK = timedelta(weeks=1).total_seconds()
+"""Seconds in a week."""
+LEAP_SECONDS = 18
+"""Time, s, by which GPS time is ahead of UTC since 2017; it was a second or two less in the years before."""
+STATUS_3D_FIX = 3
+"""Value of GPS.Status from which on the position is known in three dimensions, and the time too."""
+
+
+def _calendar_time(tables: Tables) -> Columns:
+    """Makes SYSTEM_TIME of GPS: UTC by the receiver, where it has a fix."""
+    logged = messages_with_fields(tables, "GPS", ("Status", "GMS", "GWk"))
+    if not logged:
+        return {}
+    has_time = (logged["Status"] >= STATUS_3D_FIX) & (logged["GWk"] > 0)
+    logged = selected_rows(logged, has_time)
+    week, milliseconds = float_table(logged, ("GWk", "GMS")).T
+    seconds = GPS_EPOCH + WEEK * week + milliseconds / 1e3 - LEAP_SECONDS
+    microseconds = np.rint(1e6 * np.where(np.isfinite(seconds), seconds, 0.0))
+    return with_stamps(logged, {"time_unix_usec": microseconds.astype(np.uint64)})
+
+
+def _gps_fixes(tables: Tables) -> Columns:
+    """Makes GPS_RAW_INT of the first receiver; latitude and longitude in 1e-7 degrees, 0 where it has no fix."""
+    fields = ("Status", "NSats", "HDop", "Lat", "Lng")
+    logged = rows_of_instance(messages_with_fields(tables, "GPS", fields), "I", 0)
+    if not logged:
+        return {}
+    status, satellites, dilution, latitude, longitude = float_table(logged, fields).T
+    units_per_degree = np.where(status >= STATUS_3D_FIX, 1e7, 0.0)
+    return with_stamps(
+        logged,
+        {
+            "fix_type": status,
+            "satellites_visible": satellites,
+            "eph": 100 * dilution,
+            "lat": units_per_degree * latitude,
+            "lon": units_per_degree * longitude,
+        },
+    )
+
+
+def _status_texts(tables: Tables) -> Columns:
+    """Makes STATUSTEXT of MSG, which has no severity."""
+    logged = messages_with_fields(tables, "MSG", ("Message",))
+    if not logged:
+        return {}
+    severity = np.full(message_count(logged), NO_SEVERITY, dtype=np.uint8)
+    texts = np.array(field_texts(logged, "Message"), dtype=np.object_)
+    return with_stamps(logged, {"severity": severity, "text": texts})
+
+
+def _parameter_values(tables: Tables) -> Columns:
+    """Makes PARAM_VALUE of PARM: the parameters when the logger began, and each that was set later."""
+    logged = messages_with_fields(tables, "PARM", ("Name", "Value"))
+    if not logged:
+        return {}
+    values = logged["Value"].astype(np.float32)
+    return with_stamps(logged, {"param_id": logged["Name"], "param_value": values})
+
+
+def _injected_signal(tables: Tables) -> Columns:
+    """Makes SIDD, the signal of the system identification mode, with the axis of its run (SID_AXIS), from SIDS."""
+    runs = messages_with_fields(tables, "SIDS", ("Ax",))
+    logged = messages_with_fields(tables, "SIDD", ("Targ",))
     if not runs or not logged:
         return {}
-    axis = last_values(_across_boots(logged), _across_boots(runs), runs["Ax"])
-    return stamped(logged, {"axis": axis, "target": logged["Targ"]})
-
-
-def _demands(tables: Tables) -> tuple[Columns, Facts]:
-    """The demands, −1 to 1, and thrust, 0 to 1 (NaN where RATE has none); and a repair where they were scaled."""
-    logged = having(tables, "RATE", DEMANDS)
-    if not logged:
-        return {}, ()
-    controls = np.pad(values(logged, DEMANDS), ((0, 0), (0, 8 - len(DEMANDS))))
-    controls[:, 3] = logged.get("AOut", np.nan)
-    notes: Facts = ()
-    demanded = abs(controls[:, :3])
-    demanded = demanded[demanded > 0]
-    if len(demanded) and np.percentile(demanded, 75) > MAX_DEMAND:
-        controls[:, :3] /= OLD_DEMAND
-        controls[:, 3] /= OLD_THRUST
-        notes = repair_facts(Repair.DEMANDS_SCALED, divisor=OLD_DEMAND)
-    group = np.zeros(len(controls), dtype=np.uint8)
-    return stamped(logged, {"group_mlx": group, "controls": controls}), notes
-
-
-def _renamed(tables: Tables, message: str) -> tuple[str, Columns]:
-    """A message of ``translation.toml`` with the name of its own; of the filter's states, of the primary core.
-
-    The name is "XKF1[0]" where other cores were logged, but not the primary one, 0.
-    """
-    chosen = tables.get("XKF4", {}).get("PI", np.zeros(0))
-    cores, times = np.unique(chosen[chosen >= 0], return_counts=True)
-    primary = int(cores[times.argmax()]) if len(cores) else 0
-    rule = _RENAMED[message]
-    for name in rule["messages"]:
-        core = primary if name.startswith("XKF") else 0
-        logged = instance(tables.get(name, {}), "C", core)
-        with suppress(KeyError):
-            if count(logged):
-                return name, stamped(
-                    logged, translated_fields(logged, rule["fields"], rule.get("optional_fields"))
-                )
-    first = rule["messages"][0]
-    if first in tables and not instance(tables[first], "C", primary):
-        first += f"[{primary}]"
-    return first, {}
-
-
-def _onto(base: Columns, source: Columns, values: Array, turning: bool = False) -> Array:
-    """Columns of ``values`` (N, k), of ``source``, at the stamps of ``base``; NaN before, after and inside gaps.
-
-    Linear between the neighbours, across a full turn where ``turning``; exact at a stamp that both have.
-    """
-    if base is source:
-        return values
-    finite = np.isfinite(values).all(axis=1)
-    time, first = np.unique(_across_boots(source)[finite], return_index=True)
-    at = _across_boots(base)
-    if len(time) < 2:
-        return np.full((len(at), values.shape[1]), np.nan)
-    defined = values[finite][first]
-    if turning:
-        defined = np.unwrap(defined, axis=0)
-    steps = np.diff(time)
-    before = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(steps) - 1)
-    # a longer step is a gap
-    is_gap = (
-        (steps > 3 * np.median(steps))[before] & (at != time[before]) & (at != time[before + 1])
-    )
-    is_sure = ~is_gap & (at >= time[0]) & (at <= time[-1])
-    return np.where(is_sure[:, None], interpolated(at, time, defined), np.nan)
-
-
-def _across_boots(columns: Columns) -> Array:
-    """Stamps (N,) on a clock of all boots: no boot is as long as what lies between two."""
-    return columns["time"] + 1e9 * columns["boot"]
+    axis = last_values(continuous_time(logged), continuous_time(runs), runs["Ax"])
+    return with_stamps(logged, {"axis": axis, "target": logged["Targ"]})

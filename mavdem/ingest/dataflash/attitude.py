@@ -1,0 +1,249 @@
+"""Attitude, body rates, setpoints and controller demands of DataFlash logs as MAVLink messages.
+
+RATE has the rates that MAVLink's ATTITUDE sends, filtered and without the gyro bias that the estimator finds. IMU has
+the bias still, and is used only where RATE was logged slower than both it and the angles, or not at all.
+
+ArduCopter before 3.4 logged RATE's rates in centidegrees/s for a time, the demands as -4500 to 4500, and AOut as 0 to
+1000. Repairs say where that was found.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
+from mavdem.containers import Names
+from mavdem.facts import Facts
+from mavdem.facts.sources import Repair
+from mavdem.ingest.dataflash.samples import GYRO_FIELDS
+from mavdem.ingest.dataflash.tables import (
+    float_table,
+    message_count,
+    messages_with_fields,
+    resampled,
+    rows_of_instance,
+    with_stamps,
+)
+from mavdem.ingest.telemetry import (
+    MIN_PREFERRED_SHARE,
+    Columns,
+    Tables,
+    concatenated_columns,
+    repair_facts,
+    selected_rows,
+)
+from mavdem.ingest.vocabulary import attitude_target, quaternion, wrapped_angle
+
+ANGLE_MESSAGES = ("ATT", "ANG")
+"""Messages with the attitude; ANG is the one that may be logged in every cycle of the loop."""
+ANGLE_FIELDS = ("Roll", "Pitch", "Yaw")
+"""Their fields with the attitude, degrees."""
+ANGLE_SETPOINT_FIELDS = ("DesRoll", "DesPitch", "DesYaw")
+"""Their fields with the setpoints of the attitude, degrees."""
+RATE_FIELDS = ("R", "P", "Y")
+"""Fields of RATE with the body rates, degrees/s."""
+RATE_SETPOINT_FIELDS = ("RDes", "PDes", "YDes")
+"""Fields of RATE with the setpoints of the body rates, degrees/s."""
+DEMAND_FIELDS = ("ROut", "POut", "YOut")
+"""Fields of RATE with what the rate controllers demand of the mixer, -1 to 1."""
+
+CENTIDEGREE_RATIOS = (15.0, 400.0)
+"""Range of the ratio of RATE, taken for degrees/s, to the gyro's rate, in which RATE is in centidegrees/s.
+
+It is 100 but for filters: RATE may be filtered where the gyro is not, so that it is less.
+"""
+
+MIN_TURN_RATE = 0.1
+"""Rate of the gyro, rad/s, from which on a sample counts for that ratio: below, noise and bias decide."""
+
+CENTIDEGREES = 100.0
+"""Centidegrees in a degree."""
+
+DEMAND_CHANNELS = 8
+"""Number of elements of ACTUATOR_CONTROL_TARGET.controls."""
+THRUST_CHANNEL = 3
+"""Element of ACTUATOR_CONTROL_TARGET.controls with the thrust; the first three are roll, pitch and yaw."""
+
+MAX_DEMAND = 2.0
+"""Bound of demands of the range -1 to 1: damaged ones only lie beyond it."""
+DEMAND_PERCENTILE = 75
+"""Percentile of the demands other than 0 that is compared with ``MAX_DEMAND``: fewer than a quarter are damaged."""
+OLD_FULL_DEMAND = 4500.0
+"""Full demand in ArduCopter before 3.4."""
+OLD_FULL_THRUST = 1000.0
+"""Full thrust in ArduCopter before 3.4."""
+
+
+class NamedMessage(NamedTuple):
+    """A translated message, and what the log calls the message it comes from."""
+
+    source_name: str
+    """Name in the log: "RATE"."""
+    columns: Columns
+    """Columns of MAVLink's message; empty where there is none."""
+
+
+def rate_unit(tables: Tables) -> tuple[float, Facts]:
+    """Finds out the unit of RATE's rates, by the gyro where that turns.
+
+    Returns:
+        RATE's units per degree/s, 1 or 100, and the repair where it is 100.
+    """
+    rates = messages_with_fields(tables, "RATE", RATE_FIELDS)
+    gyro = rows_of_instance(messages_with_fields(tables, "IMU", GYRO_FIELDS), "I", 0)
+    if not rates or not gyro:
+        return 1.0, ()
+    gyro_rate = np.linalg.norm(resampled(rates, gyro, float_table(gyro, GYRO_FIELDS)), axis=1)
+    is_turning = gyro_rate > MIN_TURN_RATE
+    if np.count_nonzero(is_turning) < MIN_SAMPLES_FOR_STATISTICS:
+        return 1.0, ()
+    logged_rates = np.radians(float_table(rates, RATE_FIELDS)[is_turning])
+    logged_rate = np.linalg.norm(logged_rates, axis=1)
+    ratio = np.median(logged_rate / gyro_rate[is_turning])
+    low, high = CENTIDEGREE_RATIOS
+    if not low < ratio < high:
+        return 1.0, ()
+    return CENTIDEGREES, repair_facts(Repair.CENTIDEGREES_CONVERTED, ratio=ratio)
+
+
+def attitude(tables: Tables, units_per_degree: float) -> NamedMessage:
+    """Makes ATTITUDE, at the stamps of the slower one of angles and rates.
+
+    Args:
+        tables: DataFlash's messages by name.
+        units_per_degree: RATE's units per degree/s.
+    """
+    angle_message = _faster_angle_message(tables, ANGLE_FIELDS)
+    angles = messages_with_fields(tables, angle_message, ANGLE_FIELDS)
+    rates = messages_with_fields(tables, "RATE", RATE_FIELDS)
+    gyro = rows_of_instance(messages_with_fields(tables, "IMU", GYRO_FIELDS), "I", 0)
+    if not angles or not (rates or gyro):
+        return NamedMessage(angle_message, {})
+    enough_for_angles = MIN_PREFERRED_SHARE * message_count(angles)
+    rate_count = message_count(rates)
+    if rate_count < enough_for_angles and rate_count < message_count(gyro):
+        rate_message = "IMU"
+        rates = gyro
+        body_rates = float_table(gyro, GYRO_FIELDS)
+    else:
+        rate_message = "RATE"
+        body_rates = np.radians(float_table(rates, RATE_FIELDS)) / units_per_degree
+    if message_count(rates) < enough_for_angles:
+        slower, slower_message = rates, rate_message
+    else:
+        slower, slower_message = angles, angle_message
+    euler_angles = np.radians(float_table(angles, ANGLE_FIELDS))
+    euler_angles = resampled(slower, angles, euler_angles, is_angle=True)
+    body_rates = resampled(slower, rates, body_rates)
+    # MAVLink's angles are within half a turn of zero. Angles that are, stay exactly as they are.
+    euler_angles = np.where(abs(euler_angles) > np.pi, wrapped_angle(euler_angles), euler_angles)
+    roll, pitch, yaw = euler_angles.T
+    roll_rate, pitch_rate, yaw_rate = body_rates.T
+    fields = {
+        "roll": roll,
+        "pitch": pitch,
+        "yaw": yaw,
+        "rollspeed": roll_rate,
+        "pitchspeed": pitch_rate,
+        "yawspeed": yaw_rate,
+    }
+    return NamedMessage(slower_message, with_stamps(slower, fields))
+
+
+def _faster_angle_message(tables: Tables, fields: Names) -> str:
+    """Returns the name of the message with these fields of the attitude that has more messages; ATT if equal."""
+    counts = {
+        name: message_count(messages_with_fields(tables, name, fields)) for name in ANGLE_MESSAGES
+    }
+    return max(ANGLE_MESSAGES, key=lambda name: counts[name])
+
+
+def attitude_targets(tables: Tables, units_per_degree: float) -> NamedMessage:
+    """Makes ATTITUDE_TARGET, one message for each setpoint of the body rates, and one for each of the attitude.
+
+    Args:
+        tables: DataFlash's messages by name.
+        units_per_degree: RATE's units per degree/s.
+    """
+    parts: list[Columns] = []
+    names = []
+    rates = messages_with_fields(tables, "RATE", RATE_SETPOINT_FIELDS)
+    if rates:
+        rate_setpoints = np.radians(float_table(rates, RATE_SETPOINT_FIELDS)) / units_per_degree
+        parts.append(with_stamps(rates, attitude_target(rate_setpoints)))
+        names.append("RATE")
+    angle_message = _faster_angle_message(tables, ANGLE_SETPOINT_FIELDS)
+    angles = messages_with_fields(tables, angle_message, ANGLE_SETPOINT_FIELDS)
+    if angles:
+        roll, pitch, yaw = np.radians(float_table(angles, ANGLE_SETPOINT_FIELDS)).T
+        parts.append(with_stamps(angles, attitude_target(quaternion(roll, pitch, yaw))))
+        names.append(angle_message)
+    if not parts:
+        return NamedMessage("RATE", {})
+    targets = concatenated_columns(parts)
+    time_order = np.lexsort((targets["time"], targets["boot"]))
+    return NamedMessage(" and ".join(names), selected_rows(targets, time_order))
+
+
+def rate_tuning(tables: Tables, attitude_columns: Columns, units_per_degree: float) -> Columns:
+    """Makes PID_TUNING, degrees/s, where RATE comes clearly more often than the attitude; else it would say no more.
+
+    Args:
+        tables: DataFlash's messages by name.
+        attitude_columns: ATTITUDE.
+        units_per_degree: RATE's units per degree/s.
+
+    Returns:
+        Three messages per row of RATE: setpoint and body rate about roll, pitch and yaw, whose numbers are 1, 2 and 3.
+    """
+    logged = messages_with_fields(tables, "RATE", (*RATE_SETPOINT_FIELDS, *RATE_FIELDS))
+    if message_count(attitude_columns) >= MIN_PREFERRED_SHARE * message_count(logged):
+        return {}
+    parts = []
+    fields_of_axes = zip(RATE_SETPOINT_FIELDS, RATE_FIELDS, strict=True)
+    for axis_number, fields in enumerate(fields_of_axes, 1):
+        setpoint, rate = (float_table(logged, fields) / units_per_degree).T
+        axis = np.full(message_count(logged), axis_number, np.uint8)
+        parts.append(with_stamps(logged, {"axis": axis, "desired": setpoint, "achieved": rate}))
+    return concatenated_columns(parts)
+
+
+RATE_CONTROLLER_MESSAGES = ("PIDR", "PIDP", "PIDY")
+"""Messages of the rate controllers of roll, pitch and yaw."""
+
+
+def derivative_terms(tables: Tables) -> Columns:
+    """Makes D_TERM: the derivative terms of the rate controllers of roll, pitch and yaw, as x, y and z.
+
+    It is empty unless all three were logged. Controllers that were logged one message longer than others are cut.
+    """
+    logged = [messages_with_fields(tables, name, ("D",)) for name in RATE_CONTROLLER_MESSAGES]
+    count = min(map(message_count, logged))
+    if not count:
+        return {}
+    terms = {axis: columns["D"][:count] for axis, columns in zip("xyz", logged, strict=True)}
+    return with_stamps(selected_rows(logged[0], slice(count)), terms)
+
+
+def controller_demands(tables: Tables) -> tuple[Columns, Facts]:
+    """Makes ACTUATOR_CONTROL_TARGET: what the rate controllers demand of the mixer, and thrust.
+
+    Returns:
+        Demands, -1 to 1, and thrust, 0 to 1 (NaN where RATE has none); and the repair where they were scaled.
+    """
+    logged = messages_with_fields(tables, "RATE", DEMAND_FIELDS)
+    if not logged:
+        return {}, ()
+    controls = np.zeros((message_count(logged), DEMAND_CHANNELS))
+    axes = slice(len(DEMAND_FIELDS))
+    controls[:, axes] = float_table(logged, DEMAND_FIELDS)
+    controls[:, THRUST_CHANNEL] = logged.get("AOut", np.nan)
+    repairs: Facts = ()
+    magnitudes = abs(controls[:, axes])
+    magnitudes = magnitudes[magnitudes > 0]
+    if len(magnitudes) and np.percentile(magnitudes, DEMAND_PERCENTILE) > MAX_DEMAND:
+        controls[:, axes] /= OLD_FULL_DEMAND
+        controls[:, THRUST_CHANNEL] /= OLD_FULL_THRUST
+        repairs = repair_facts(Repair.DEMANDS_SCALED, divisor=OLD_FULL_DEMAND)
+    group = np.zeros(len(controls), dtype=np.uint8)
+    return with_stamps(logged, {"group_mlx": group, "controls": controls}), repairs

@@ -1,0 +1,110 @@
+"""Tables of DataFlash messages: choosing messages and instances, texts, and resampling at another message's stamps."""
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.containers import Names
+from mavdem.ingest.telemetry import Columns, Tables, interpolated, selected_rows
+
+
+def messages_with_fields(tables: Tables, name: str, fields: Names) -> Columns:
+    """Returns the messages of a name; empty where there are none, or one of the fields is missing."""
+    columns = tables.get(name, {})
+    if not message_count(columns) or not all(field in columns for field in fields):
+        return {}
+    return columns
+
+
+def rows_of_instance(columns: Columns, field: str, number: float) -> Columns:
+    """Returns the messages of one instance, such as a sensor or an estimator core.
+
+    Args:
+        columns: The messages.
+        field: Field with the number of the instance.
+        number: The number.
+
+    Returns:
+        Its messages, empty where there are none; all messages where they do not have the field.
+    """
+    if field not in columns:
+        return columns
+    is_instance = columns[field] == number
+    return selected_rows(columns, is_instance) if is_instance.any() else {}
+
+
+def message_count(columns: Columns) -> int:
+    """Returns how many messages there are."""
+    return len(columns.get("time", ()))
+
+
+def float_table(columns: Columns, fields: Names) -> Array:
+    """Returns fields as a table of floats (N, k); NaN where a value is not finite."""
+    table = np.column_stack([columns[field] for field in fields]).astype(np.float64)
+    table[~np.isfinite(table)] = np.nan
+    return table
+
+
+def with_stamps(logged: Columns, fields: Columns) -> Columns:
+    """Returns the fields of a translated message with the stamps of the logged one."""
+    return {"time": logged["time"], "boot": logged["boot"], **fields}
+
+
+def field_texts(columns: Columns, field: str) -> list[str]:
+    """Returns the texts of a field, without the zeros that fill it; empty ones where a value is no text."""
+    texts = []
+    for value in columns.get(field, ()):
+        text = ""
+        if isinstance(value, bytes):
+            text = value.split(b"\0", 1)[0].decode("utf-8", errors="replace")
+        texts.append(text)
+    return texts
+
+
+SECONDS_PER_BOOT = 1e9
+"""Time, s, by which boots lie apart on the clock of :func:`continuous_time`: no boot lasts as long."""
+
+
+def continuous_time(columns: Columns) -> Array:
+    """Returns stamps (N,), s, on one clock for all boots, one after the other."""
+    return columns["time"] + SECONDS_PER_BOOT * columns["boot"]
+
+
+MAX_USUAL_STEP_RATIO = 3.0
+"""A step longer than this many median steps is a gap, across which nothing is interpolated."""
+
+
+def resampled(target: Columns, source: Columns, values: Array, is_angle: bool = False) -> Array:
+    """Interpolates values of one message at the stamps of another, linearly.
+
+    Args:
+        target: The message (T rows) at whose stamps the values are wanted.
+        source: The message (N rows) of the values.
+        values: Values (N, k) of ``source``.
+        is_angle: Whether the values are angles, rad, which are interpolated across a full turn.
+
+    Returns:
+        Values (T, k); NaN before the first and after the last, and inside of gaps. They are exact at stamps that both
+        messages have.
+    """
+    if target is source:
+        return values
+    is_finite = np.isfinite(values).all(axis=1)
+    # Of several messages with one stamp, the first counts.
+    source_time, first_rows = np.unique(continuous_time(source)[is_finite], return_index=True)
+    target_time = continuous_time(target)
+    if len(source_time) < 2:
+        return np.full((len(target_time), values.shape[1]), np.nan)
+    finite_values = values[is_finite][first_rows]
+    if is_angle:
+        finite_values = np.unwrap(finite_values, axis=0)
+    steps = np.diff(source_time)
+    row_before = np.searchsorted(source_time, target_time, side="right") - 1
+    step_row = np.clip(row_before, 0, len(steps) - 1)
+    is_long_step = (steps > MAX_USUAL_STEP_RATIO * np.median(steps))[step_row]
+    is_at_start = target_time == source_time[step_row]
+    is_at_end = target_time == source_time[step_row + 1]
+    is_in_gap = is_long_step & ~is_at_start & ~is_at_end
+    is_covered = (target_time >= source_time[0]) & (target_time <= source_time[-1])
+    is_defined = is_covered & ~is_in_gap
+    resampled_values = interpolated(target_time, source_time, finite_values)
+    return np.where(is_defined[:, None], resampled_values, np.nan)

@@ -1,0 +1,116 @@
+"""DataFlash logs as text (.log), as ground stations write them: one message per line, name first.
+
+Values are in their units; FMT lines define the others as in the binary log. A line that does not match its definition
+is left out. pymavlink's reader of such text gives up at a line that is not UTF-8 or after a thousand lines that it does
+not know, so it is not used.
+"""
+
+import re
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.facts.sources import Repair
+from mavdem.ingest.dataflash.binary import (
+    EMPTY_TABLE,
+    FORMAT,
+    TEXT_CHARACTERS,
+    DataflashRecording,
+    FormatDefinition,
+    FormatFields,
+    MessageTable,
+    parse_definition,
+)
+from mavdem.ingest.telemetry import repair_facts
+
+_BYTE = re.compile(rb"\s*\d{1,3}\s*")
+"""A number of one byte as text."""
+
+NON_NUMERIC_CHARACTERS = TEXT_CHARACTERS + "aM"
+"""Format characters of fields that are kept as texts: texts, arrays, and the names of flight modes."""
+
+
+class _Line(NamedTuple):
+    """One line with a message."""
+
+    number: int
+    """Number of the line in the file, from 0."""
+    values: bytes
+    """What follows the name of the message and a comma."""
+
+
+def read_text(content: bytes) -> DataflashRecording:
+    """Finds the messages of a text log; a line counts from the definition of its message on."""
+    lines: dict[str, list[_Line]] = {}
+    definitions: dict[str, FormatDefinition] = {}
+    bytes_skipped = 0
+    lines_skipped = 0
+    for number, line in enumerate(content.split(b"\n")):
+        name_bytes, _, values = line.partition(b",")
+        name = name_bytes.decode("latin-1").strip()
+        if name == FORMAT.name:
+            definition = _definition(values)
+            if definition is not None:
+                definitions.setdefault(FORMAT.name, FORMAT)
+                definitions.setdefault(definition.name, definition)
+        # Values may hold commas, so there may be more of them than fields.
+        if name in definitions and values.count(b",") >= len(definitions[name].fields) - 1:
+            lines.setdefault(name, []).append(_Line(number, values))
+        elif line.strip():
+            bytes_skipped += len(line) + 1
+            lines_skipped += 1
+
+    def decode(name: str) -> MessageTable:
+        if name not in lines:
+            return EMPTY_TABLE
+        return _decoded(definitions[name], lines[name])
+
+    counts = {name: len(lines_of_name) for name, lines_of_name in lines.items()}
+    repairs = repair_facts(Repair.LINES_LEFT_OUT, count=lines_skipped)
+    return DataflashRecording(counts, decode, bytes_skipped, repairs)
+
+
+def _definition(values: bytes) -> FormatDefinition | None:
+    """Returns the definition in the values of an FMT line; None where it is damaged."""
+    parts = values.split(b",", 4)
+    if len(parts) < 5:
+        return None
+    message_id, length, name, characters, field_names = parts
+    if _BYTE.fullmatch(message_id) is None or _BYTE.fullmatch(length) is None:
+        return None
+    fields = FormatFields(int(message_id), int(length), name, characters, field_names)
+    parsed = parse_definition(fields)
+    return None if parsed is None else parsed[1]
+
+
+def _decoded(definition: FormatDefinition, lines: list[_Line]) -> MessageTable:
+    """Decodes the lines of one message.
+
+    Returns:
+        The messages; numbers as floats, all else as bytes in arrays of objects. Lines in which a number is none are
+        left out. There are no messages where the definition is inconsistent.
+    """
+    field_count = len(definition.fields)
+    if definition.wire is None or not field_count:
+        return EMPTY_TABLE
+    is_numeric = [character not in NON_NUMERIC_CHARACTERS for character in definition.characters]
+    line_numbers = []
+    rows = []
+    for line in lines:
+        # A text that is the last field may hold commas.
+        texts = [text.strip() for text in line.values.split(b",", field_count - 1)]
+        try:
+            row = [
+                float(text) if numeric else text
+                for text, numeric in zip(texts, is_numeric, strict=True)
+            ]
+        except ValueError:
+            continue
+        rows.append(row)
+        line_numbers.append(line.number)
+    columns = {}
+    for i, name in enumerate(definition.fields):
+        # Texts are objects: an array of bytes would give each of them the room of the longest.
+        column_type = np.float64 if is_numeric[i] else np.object_
+        columns[name] = np.array([row[i] for row in rows], dtype=column_type)
+    return MessageTable(np.array(line_numbers, dtype=np.int64), columns)
