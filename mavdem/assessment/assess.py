@@ -142,7 +142,12 @@ def alarms_before_loss(alarms: Sequence[MotorAlarm], ending: Fact | None) -> lis
 
 
 def _autotune_events(signals: Signals, loops: Mapping[str, Loop | Fact]) -> list[Fact]:
-    """Returns which axes the autopilot's AutoTune tuned in the flight."""
+    """Returns a fact for each axis that the autopilot's AutoTune tuned in the flight.
+
+    Args:
+        signals: of the vehicle.
+        loops: the control loop of each axis, with which the gains before and after are rated; or why it is not known.
+    """
     facts = []
     for axis, loop in loops.items():
         fact = autotune_fact(signals.for_axis(axis), loop)
@@ -152,7 +157,10 @@ def _autotune_events(signals: Signals, loops: Mapping[str, Loop | Fact]) -> list
 
 
 def without_flight_advice(wind: WindEvidence) -> WindEvidence:
-    """Returns what is known of the wind with facts that do not advise to fly, for a vehicle that must not."""
+    """Returns the evidence on the wind with facts that do not advise to fly, for a vehicle that must not.
+
+    The reasons why parts of the wind are not known often advise to fly legs in several directions.
+    """
     estimate, autopilot_estimate, obstacle = wind
     if estimate is not None:
         reasons = {name: fact.grounded for name, fact in estimate.reasons.items()}

@@ -270,7 +270,11 @@ def _is_repetition(earlier: Fact, later: Fact) -> bool:
 
 
 def _merged_pair(first: Fact, repetition: Fact) -> Fact:
-    """Returns the ``first`` fact with the end, messages, subject and worse level of its ``repetition``, counted."""
+    """Returns a report together with its repetition, as one fact.
+
+    It has the time of the ``first`` fact, the later end, the worse level, the messages of both, and a subject if one of
+    them has one. Its ``count`` is one more. Of other figures those of the ``first`` fact are kept.
+    """
     last_time = max(_last_time(first), _last_time(repetition))
     # A dictionary keeps each name once, in order.
     basis = dict.fromkeys((*first.figures["basis"], *repetition.figures["basis"]))

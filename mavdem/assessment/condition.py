@@ -97,7 +97,11 @@ class Condition(ImmutableResult):
 
 
 def condition_of(signals: Signals) -> Condition:
-    """Measures the condition of a vehicle, by the messages of the motors whatever inputs ``signals`` are for."""
+    """Measures the condition of a vehicle.
+
+    Motor figures are those of the motors' own messages, whatever inputs of a model ``signals`` are for. Figures that
+    were not recorded are None or empty.
+    """
     if signals.inputs != "motors":
         signals = signals.for_axis("roll", "motors")
     recorded_segments = recorded_spans(signals)
@@ -162,7 +166,10 @@ def _share_intervals(motors: MotorOutputs, settled: Segments) -> tuple[float | N
 
 
 def _mean_commands(motors: MotorOutputs, settled: Segments) -> dict[str, MeanFigure]:
-    """Returns the mean command about each axis whose mixer is known, as a share of the motors' range."""
+    """Returns the mean command about each axis in settled flight, as a share of the motors' range.
+
+    The command is the combination of the outputs by the row of the mixer; axes whose row is not known are left out.
+    """
     shares = _shares_in(motors, settled)
     commands = {}
     for axis in AXES:
@@ -195,7 +202,10 @@ def _mean_lean(signals: Signals, settled: Segments) -> dict[str, MeanFigure]:
 
 
 def _tilt(signals: Signals, settled: Segments) -> Array:
-    """Returns the angles (N,) of the body's vertical axis from the vertical, rad; (0,) if they are not known."""
+    """Returns the tilt: the angle of the body's vertical axis from the vertical, by cos(tilt) = cos(roll) cos(pitch).
+
+    The result is (N,) in rad for N samples of settled flight; (0,) if roll or pitch is not known.
+    """
     angles = _roll_and_pitch(signals, settled)
     if not angles:
         return np.zeros(0)
@@ -206,7 +216,10 @@ def _tilt(signals: Signals, settled: Segments) -> Array:
 
 
 def _vibration_figures(signals: Signals, settled: Segments) -> VibrationFigures | None:
-    """Returns the vibration in settled flight; None if it was not recorded there."""
+    """Returns the vibration in settled flight; None if it was not recorded there.
+
+    The level is that of the first IMU, whose axes are the first columns. Clips are counted over all IMUs.
+    """
     vibration = reported_vibration(signals)
     if vibration is None:
         return None
@@ -219,7 +232,11 @@ def _vibration_figures(signals: Signals, settled: Segments) -> VibrationFigures 
 
 
 def _battery_figures(signals: Signals, segments: Segments) -> BatteryFigures | None:
-    """Returns the figures of the first battery in some segments; None if its voltage was not recorded there."""
+    """Returns the figures of the first battery in some segments; None if its voltage was not recorded there.
+
+    Voltages at start and end are medians over ``AVERAGING_SECONDS``, since the load varies. The current is None if it
+    was not measured.
+    """
     voltage = signals.voltage
     if voltage is None:
         return None

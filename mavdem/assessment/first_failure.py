@@ -113,7 +113,15 @@ def first_failure(
 
 
 def _events_at(events: Sequence[Fact], code: Code, boot: int, time: float) -> list[Fact]:
-    """Returns the events of a code that last at ``time``, s of a boot, or begin within ``LASTING_SECONDS`` after."""
+    """Returns the events of a code that last at a time.
+
+    Args:
+        events: of the log.
+        code: of the events to return.
+        boot: number of the boot.
+        time: on the boot clock, s. An event counts too that begins up to ``LASTING_SECONDS`` later: it must last that
+            long to be one.
+    """
     return [
         event
         for event in events

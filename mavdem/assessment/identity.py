@@ -107,7 +107,11 @@ def identity_of(signals: Signals, receive_time: float = float("nan")) -> Identit
 
 
 def _name_of(telemetry: Telemetry) -> _NameWithBasis:
-    """Returns the vehicle's name: the number of its board, else a hash of a calibration, else its system id."""
+    """Returns the name of a vehicle, and what it was made from.
+
+    The number of the autopilot's board is unique. Without it the calibration of a sensor is hashed, since no two
+    sensors have the same. Without that the name is only autopilot and system id, which many vehicles share.
+    """
     board_number = (
         telemetry.board
         or board_number_in_texts(_texts(telemetry))
@@ -131,7 +135,10 @@ def _name_of(telemetry: Telemetry) -> _NameWithBasis:
 
 
 def _board_number_in_messages(telemetry: Telemetry) -> str:
-    """Returns the last number of the board in AUTOPILOT_VERSION; empty if there is none."""
+    """Returns the number of the board in AUTOPILOT_VERSION, in hexadecimal; empty if there is none.
+
+    The last message that has a number counts. It is written as ArduPilot's texts write it for the same board.
+    """
     columns = telemetry.messages.get("AUTOPILOT_VERSION", {})
     rows = np.atleast_2d(np.asarray(columns.get("uid2", []), dtype=np.uint8))
     is_ardupilot = telemetry.autopilot == "ARDUPILOTMEGA"
@@ -148,7 +155,10 @@ def _texts(telemetry: Telemetry) -> list[str]:
 
 
 def _firmware(telemetry: Telemetry) -> str:
-    """Returns name and version of the firmware, by a text or else by AUTOPILOT_VERSION; empty if neither has it."""
+    """Returns name and version of the firmware; empty if the log does not have them.
+
+    ArduCopter reports them in a text. Otherwise they are made of the version number in AUTOPILOT_VERSION.
+    """
     for text in _texts(telemetry):
         if text.startswith(FIRMWARE_TEXTS):
             return text
@@ -162,7 +172,10 @@ def _firmware(telemetry: Telemetry) -> str:
 
 
 def _first_fix(telemetry: Telemetry) -> tuple[float, float] | None:
-    """Returns latitude and longitude of the first GPS fix, degrees, to a metre; None without one."""
+    """Returns latitude and longitude of the first GPS fix, degrees north and east, to a metre; None without a fix.
+
+    GPS_RAW_INT goes before the estimated GLOBAL_POSITION_INT.
+    """
     for message in ("GPS_RAW_INT", "GLOBAL_POSITION_INT"):
         columns = telemetry.messages.get(message, {})
         if "lat" not in columns:

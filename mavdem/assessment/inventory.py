@@ -121,7 +121,10 @@ def _component_values(component: Component, missing_share: float | None) -> Json
 
 
 def _vehicle_values(vehicle: VehicleContents) -> JsonValues:
-    """Returns what a log holds of a vehicle, by the keys of documents."""
+    """Returns what a log holds of a vehicle, by the keys of documents.
+
+    Messages are in order of their names, with their number and rate in Hz.
+    """
     telemetry, learnability, condition, identity = vehicle
     messages = dict(sorted(telemetry.messages.items()))
     source_names = telemetry.source_names

@@ -86,7 +86,14 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
 
 
 def _nothing_wrong(lights: NamedFacts) -> Fact:
-    """Returns that nothing is wrong with what was checked, or why nothing could be checked."""
+    """Returns that nothing is wrong with what was checked, or why nothing could be checked.
+
+    Args:
+        lights: by name; none of the vehicle is bad or to be watched.
+
+    Returns:
+        A fact with the lights that are good and those that are unknown. It is good only if the motors were checked.
+    """
     checked = [name for name in VEHICLE_LIGHTS if lights[name].is_good]
     unchecked = [name for name in VEHICLE_LIGHTS if name not in checked]
     if not checked:

@@ -80,7 +80,11 @@ def motion_events(signals: Signals) -> Facts:
 
 
 def _events_of_boot(signals: Signals, boot: int) -> Iterator[Fact]:
-    """Yields the events of one boot, in no particular order."""
+    """Yields the events of one boot, in no particular order.
+
+    Losses of attitude and falls are examined flight by flight. They explain limits of motors that come after them,
+    which are left out.
+    """
     error = attitude_error(signals, boot)
     if error is None:
         return
@@ -143,7 +147,17 @@ def _end_in_air(
 def _attitude_events(
     signals: Signals, boot: int, error: AttitudeError, flight: Interval
 ) -> list[Fact]:
-    """Returns the losses of attitude of a flight: those that were recovered and, last, one that was not."""
+    """Returns the losses of attitude in one flight, in time order.
+
+    Those that were recovered come first. The last one may be bad: after it the vehicle is lost, and nothing else
+    counts.
+
+    Args:
+        signals: of the vehicle.
+        boot: number of the boot.
+        error: of the attitude in this boot.
+        flight: start and end of the flight, s.
+    """
     events = []
     for interval in _loss_intervals(error, flight, series_of_boot(signals.climb_rate, boot)):
         event = _AttitudeLoss(signals, boot, flight, error, *interval).event()
@@ -187,7 +201,11 @@ class _AttitudeLoss(NamedTuple):
     """When the error was within ``LOST_ANGLE`` again, s; infinite if the record ended before."""
 
     def event(self) -> Fact:
-        """Returns the fact: recovered, tipped over at take-off, hit the ground or an obstacle, or lost in the air."""
+        """Returns the fact of the loss, with the largest error in rad, height in m and speed downward in m/s.
+
+        Its code says whether the attitude was recovered, or the vehicle tipped over at take-off, hit the ground or an
+        obstacle, or was lost in the air. It begins with the onset, or with an impact before it.
+        """
         rows = in_intervals(self.error.time, [(self.start, self.end)])
         angle = self.error.magnitude[rows].max()
         has_setpoint = bool(self.error.has_setpoint[rows].all())
@@ -234,7 +252,13 @@ class _AttitudeLoss(NamedTuple):
         return MotionEvent.ATTITUDE_LOST
 
     def _is_harmless(self, angle: float, has_setpoint: bool, onset: float) -> bool:
-        """Returns whether angle, speed of the fall, and duration all stay below those of a serious loss."""
+        """Returns whether angle, speed of the fall, and duration all stay below those of a serious loss.
+
+        Args:
+            angle: largest error of the attitude, rad.
+            has_setpoint: whether the setpoint was known, so that the error is not only estimated by half of the lean.
+            onset: when the attitude began to leave its setpoint, s.
+        """
         climb_rate = series_of_boot(self.signals.climb_rate, self.boot)
         sink_rate = max_sink_rate(climb_rate, onset, self.end + RECOVERY_SECONDS) or 0.0
         serious_angle = 2 * LOST_ANGLE if has_setpoint else FAR_ANGLE
@@ -243,7 +267,11 @@ class _AttitudeLoss(NamedTuple):
         return severity < 1
 
     def _is_recovered(self) -> bool:
-        """Returns whether the vehicle flew on afterwards, off the ground as far as its height is known."""
+        """Returns whether the vehicle flew on for ``RECOVERY_SECONDS`` afterwards.
+
+        Its motors must have worked with more than half of their usual mean, and it must have been off the ground, as
+        far as its height is known.
+        """
         collective = series_of_boot(self.signals.collective, self.boot)
         recovered_at = self.end + RECOVERY_SECONDS
         if collective is None or min(self.flight[1], collective.time[-1]) < recovered_at:
@@ -292,7 +320,11 @@ def impact_time(signals: Signals, boot: int, start: float, end: float) -> float 
 def _fall_events(
     signals: Signals, boot: int, flight: Interval, loss: Fact | None
 ) -> Iterator[Fact]:
-    """Yields the fall after a ``loss`` of attitude, or with which the flight ended, and the impact at its end."""
+    """Yields the fall of a flight and the impact at its end, if there were any.
+
+    A fall follows a ``loss`` of attitude, or ends the flight. If the loss is an impact already, the fall was before it.
+    Otherwise the impact is that of the accelerometers after the loss; without a loss, that of the vertical speed.
+    """
     climb_rate = series_of_boot(signals.climb_rate, boot)
     if climb_rate is None:
         return
@@ -316,7 +348,14 @@ def _fall_events(
 
 
 def _falls(signals: Signals, boot: int, flight: Interval, interval: Interval) -> Iterator[Fact]:
-    """Yields that the vehicle fell faster than ``FALL_SPEED`` in an ``interval``, s, if its height confirms that."""
+    """Yields that the vehicle fell faster than ``FALL_SPEED``, if its height confirms that.
+
+    Args:
+        signals: of the vehicle.
+        boot: number of the boot, whose vertical speed was recorded.
+        flight: start and end of the flight, s.
+        interval: start and end of the time to examine, s.
+    """
     climb_rate = trusted_climb_rate(signals, boot, flight)
     assert climb_rate is not None
     is_falling = in_intervals(climb_rate.time, [interval]) & (climb_rate.values < -FALL_SPEED)
@@ -336,7 +375,13 @@ def _falls(signals: Signals, boot: int, flight: Interval, interval: Interval) ->
 
 
 def _impacts_of_fall(climb_rate: TimeSeries, boot: int, interval: Interval) -> Iterator[Fact]:
-    """Yields the impact in an ``interval``, s, by the vertical speed that the vehicle lost in it, if there was one."""
+    """Yields the impact with which a fall ended, by the vertical speed that the vehicle lost, if there was one.
+
+    Args:
+        climb_rate: vertical speed, m/s up.
+        boot: number of the boot.
+        interval: start and end of the time to examine, s.
+    """
     time = climb_rate.time
     speed_later = np.interp(time + IMPACT_SECONDS, time, climb_rate.values)
     is_braked = speed_later - climb_rate.values > IMPACT_SPEED_CHANGE
@@ -355,7 +400,10 @@ def _impacts_of_fall(climb_rate: TimeSeries, boot: int, interval: Interval) -> I
 
 
 def _clipping_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
-    """Yields when the accelerometers were out of their range in flight, and how often."""
+    """Yields when the accelerometers were out of their range in flight, and how often.
+
+    Clips of all IMUs are counted together. Those that follow each other within ``RECOVERY_SECONDS`` are one event.
+    """
     vibration = reported_vibration(signals)
     if vibration is None:
         return

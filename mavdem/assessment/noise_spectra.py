@@ -48,7 +48,11 @@ class MeasuredNoise(NamedTuple):
 
     @property
     def facts(self) -> Facts:
-        """What the gyro shows, up to which frequency, how much the filters remove, and the notch to set."""
+        """What is reported of the gyro.
+
+        That are the spectrum and its lines, which share of motor lines the filters remove, if the gyro was logged
+        before and after them, and the notch filter to set.
+        """
         filtered = self.spectra.get(GYRO)
         spectrum = self.spectra.get(UNFILTERED_GYRO, filtered)
         if spectrum is None:
@@ -61,7 +65,11 @@ class MeasuredNoise(NamedTuple):
         return tuple(facts)
 
     def _filter_facts(self, unfiltered: Spectrum, filtered: Spectrum) -> Iterator[Fact]:
-        """Yields which share of the power of each motor line the filters remove."""
+        """Yields which share of the power of each motor line the gyro's filters remove.
+
+        The power is that in the band of the line. Lines above the Nyquist frequency of the filtered gyro cannot be
+        compared.
+        """
         for line in self.lines:
             if line.kind is LineKind.MOTOR and line.frequency < filtered.nyquist_frequency:
                 band = np.multiply(LINE_BAND, line.frequency)
@@ -72,7 +80,11 @@ class MeasuredNoise(NamedTuple):
 
 
 def _spectrum_fact(spectrum: Spectrum) -> Fact:
-    """Returns which spectrum was measured, and up to which frequency, Hz."""
+    """Returns which spectrum was measured, from which message, and how far it reaches.
+
+    The figure ``highest`` is half of the rate of the samples, Hz: faster vibration is folded below it. ``windows`` is
+    the number of windows of the average.
+    """
     return Fact(
         Noise.SPECTRUM_SEEN,
         name=spectrum.name,
@@ -83,7 +95,11 @@ def _spectrum_fact(spectrum: Spectrum) -> Fact:
 
 
 def _line_fact(line: SpectralLine) -> Fact:
-    """Returns the figures of a spectral line."""
+    """Returns the fact of a spectral line, whose code says where it comes from.
+
+    Its frequency is in Hz; ``ratio`` is its power over that around it, ``exponent`` the power of the motors' speed that
+    it follows, and ``order`` its frequency over that speed.
+    """
     return Fact(
         LINE_CODES[line.kind],
         frequency=line.frequency,

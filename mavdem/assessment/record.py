@@ -81,7 +81,10 @@ class Assessment:
 
     @property
     def loops(self) -> Mapping[str, Loop | NoLoop]:
-        """The control loops of "roll", "pitch" and "yaw", or a record with their ``refusal``."""
+        """The control loops of "roll", "pitch" and "yaw", each a ``Loop``, or a ``NoLoop`` with its ``refusal``.
+
+        If no vehicle was judged, the headline is the refusal of all three.
+        """
         if self.evidence is None:
             return ReadOnlyDict({axis: NoLoop(self.headline) for axis in AXES})
         loops: dict[str, Loop | NoLoop] = {}
@@ -164,7 +167,10 @@ class Assessment:
 
     @property
     def contents(self) -> VehicleContents:
-        """What the log holds of the vehicle, as an inventory of the log reports it."""
+        """What the log holds of the vehicle, as an inventory of the log reports it.
+
+        It exists only if a vehicle was judged.
+        """
         assert self.analysis is not None and self.evidence is not None
         return VehicleContents(
             self.evidence.signals.telemetry,

@@ -204,7 +204,10 @@ def _take_offs_and_landings(signals: Signals, span: Segment) -> Iterator[Fact]:
 
 
 def _mode_changes(signals: Signals, span: Segment) -> Iterator[Fact]:
-    """Yields changes of the flight mode, with ArduPilot's reason where the log has it."""
+    """Yields changes of the flight mode in one boot, with ArduPilot's reason where the log has it.
+
+    The level is that of the reason: a mode that the pilot chose is good, one of a failsafe is to be watched.
+    """
     columns = signals.telemetry.messages.get("CURRENT_MODE", {})
     message = "CURRENT_MODE" if columns else "HEARTBEAT"
     reason_numbers = {}
@@ -226,7 +229,10 @@ def _restarts(signals: Signals, span: Segment) -> Iterator[Fact]:
 
 
 def _estimator_changes(signals: Signals, span: Segment) -> Iterator[Fact]:
-    """Yields each change of the estimator's primary lane, and each reset, by the ``COUNTING_FIELDS`` of one boot."""
+    """Yields each change of the estimator's primary lane, and each reset, in one boot.
+
+    The ``COUNTING_FIELDS`` have the messages; the subject of the event may contain the new value, such as "lane 1".
+    """
     for counting in COUNTING_FIELDS:
         columns = signals.telemetry.messages.get(counting.message, {})
         if counting.field not in columns:
@@ -266,7 +272,11 @@ def _lasting_faults(signals: Signals, span: Segment) -> Iterator[Fact]:
 
 
 def _fault_signals(signals: Signals) -> Iterator[FaultSignal]:
-    """Yields every fault that a message may report for a time, with the samples that report it."""
+    """Yields every fault that a message may report for a time, with the samples that report it.
+
+    These are failsafes, a lost GPS fix or radio, low voltages and charges, unhealthy sensors, and PX4's failure
+    detectors. Messages that the log does not have yield empty signals.
+    """
 
     def column(message: str, field: str) -> NDArray[Any]:
         """Returns (N,) values of a field, empty where it was not recorded."""

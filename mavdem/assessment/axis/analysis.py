@@ -248,7 +248,14 @@ def _with_physical_parameters(
 def _with_other_axes(
     analysis: LogAnalysis, log: Log, signals: Signals, progress: ShowStep
 ) -> LogAnalysis:
-    """Returns the analysis of roll with the physical parameters of pitch and yaw too."""
+    """Returns the analysis of roll with the physical parameters of pitch and yaw too.
+
+    Args:
+        analysis: of roll.
+        log: the log.
+        signals: of the vehicle, with the inputs to use.
+        progress: shows the share of the axes that are done.
+    """
     axes = {**analysis.figures_by_axis}
     with progress("Estimating the physical parameters") as show_share:
         for axis in AXES[1:]:

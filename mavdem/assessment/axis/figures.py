@@ -92,7 +92,11 @@ class LogAnalysis:
 
     @property
     def figures_by_axis(self) -> Mapping[str, AxisFigures]:
-        """Physical parameters of each axis for which they were estimated: of all axes, or of that of the model."""
+        """Physical parameters of each axis for which they were estimated.
+
+        That is roll, pitch and yaw if all axes were analysed, otherwise the axis of the model, and none without a
+        model.
+        """
         if self.axes or self.learned is None:
             return self.axes
         learned = self.learned
@@ -115,7 +119,10 @@ class LogAnalysis:
 
     @cached_property
     def findings(self) -> Findings:
-        """What makes the flight doubtful, and what the model is good for."""
+        """What makes the flight doubtful, and what the model is good for.
+
+        Whether the recorded rates are those of the angle counts only for a full model.
+        """
         # Rates that were recorded slowly do not show whether they are those of the angle.
         consistency = None
         if self.model == "full":
@@ -211,7 +218,11 @@ def model_figures(flights: Flights, learned: Learned, held_out: HeldOut) -> Json
 
 
 def _simulation_fit_figures(learned: Learned) -> JsonValues | None:
-    """Returns how the simulation-error fit of a model went, by the keys of ``report.json``; None without one."""
+    """Returns how the simulation-error fit of a model went, by the keys of ``report.json``.
+
+    It is None for a model without such a fit. Each of the ``terms`` of the fit's objective is that of the last
+    iteration.
+    """
     fit = learned.simulation_fit
     if fit is None:
         return None

@@ -134,7 +134,11 @@ def with_own_torque_marked(learned: Learned, is_own: bool) -> Learned:
 def resolved_wind_torque(
     wind_torque: WindTorque | None, physical: Physical | None
 ) -> WindTorque | None:
-    """Returns the wind torque if it is resolved and the control effectiveness is identifiable; otherwise None."""
+    """Returns the wind torque if it can be shown as that of the wind; otherwise None.
+
+    It must be resolved from the noise and not be the vehicle's own, and the control effectiveness must be identifiable:
+    the wind torque is what remains of the total torque without that of the motors.
+    """
     if wind_torque is None or wind_torque.reason is not None:
         return None
     if physical is None or not physical.identifiable:
@@ -159,7 +163,11 @@ def _overridden(finding: Finding, override: Fact) -> Finding:
 
 
 def _purpose_findings(learned: Learned, held_out: HeldOut | None) -> list[Finding]:
-    """Returns the findings on all purposes; on prediction only with held-out windows."""
+    """Returns the findings on all purposes of a model.
+
+    Without physical parameters the three purposes that need them are not identifiable, for one reason. Prediction is
+    judged only with held-out windows.
+    """
     physical = learned.physical
     findings = []
     if physical is None:
@@ -204,7 +212,10 @@ def _first_reason(reason: Fact | None) -> Fact:
 
 
 def _effectiveness_finding(physical: Physical) -> Finding:
-    """Returns the finding on the control effectiveness."""
+    """Returns the finding on the control effectiveness, by the mean over the motors.
+
+    Its reason is the width of the 90 % interval, over the estimate, or why the effectiveness is not reported.
+    """
     mean, half_width = physical.mean_effect()
     relative_half_width = half_width / mean
     status = physical.status["effect"]
@@ -216,7 +227,11 @@ def _effectiveness_finding(physical: Physical) -> Finding:
 
 
 def _damping_finding(physical: Physical) -> Finding:
-    """Returns the finding on rate damping and motor time constant together: GOOD only if both are."""
+    """Returns the finding on rate damping and motor time constant together.
+
+    It is GOOD if both are, and NOT IDENTIFIABLE if neither is identifiable. The reason has the relative half widths of
+    the 90 % intervals that are known, and the doubts on each.
+    """
     half_widths = physical.interval()
     relative_half_widths = {"damping": nan, "lag": nan}
     if physical.damping:
@@ -253,7 +268,11 @@ def _damping_finding(physical: Physical) -> Finding:
 
 
 def _wind_finding(wind_torque: WindTorque | None, physical: Physical) -> Finding:
-    """Returns the finding on the wind torque, which is what remains without that of the motors."""
+    """Returns the finding on the wind torque, which is what remains of the total torque without that of the motors.
+
+    So it is not identifiable without the control effectiveness, and limited if any physical parameter is doubted.
+    Otherwise the 90 % interval of its standard deviation decides.
+    """
     grade = Grade.NOT_IDENTIFIABLE
     doubted = [name for name, status in physical.status.items() if status != Status.REPORTED]
     if not physical.identifiable:
@@ -273,7 +292,11 @@ def _wind_finding(wind_torque: WindTorque | None, physical: Physical) -> Finding
 
 
 def _prediction_finding(held_out: HeldOut) -> Finding:
-    """Returns the finding on prediction, by the forecasts of held-out windows against the better baseline."""
+    """Returns the finding on prediction, by the forecasts of held-out windows.
+
+    It is GOOD within all of the ``PREDICTION_LIMITS``, and NOT IDENTIFIABLE if the forecasts are no better than the
+    better baseline: the constant mean, or the last sample held.
+    """
     limits = PREDICTION_LIMITS
     baseline = held_out.best_baseline
     ratio = held_out.error_ratio() / held_out.error_ratio(baseline)
@@ -305,7 +328,10 @@ def _prediction_finding(held_out: HeldOut) -> Finding:
 
 
 def _residual_finding(learned: Learned) -> Finding:
-    """Returns the finding on the residuals: whether they are white and uncorrelated with the command."""
+    """Returns the finding on the residuals of the one-step prediction.
+
+    It is GOOD if they are white and uncorrelated with the command, or nearly so; otherwise the model misses dynamics.
+    """
     tested = residuals(learned)
     autocorrelation, cross_correlation = tested.largest
     reason = Fact(
@@ -320,7 +346,11 @@ def _residual_finding(learned: Learned) -> Finding:
 
 
 def model_warnings(learned: Learned, held_out: HeldOut | None) -> Iterator[Fact]:
-    """Yields what must be known before the model is used; nothing for most models."""
+    """Yields what must be known before the model is used; nothing for most models.
+
+    That are parts of the cross-validation that failed, a band that holds too few samples, errors far above the expected
+    ones, and an unstable model.
+    """
     limits = PREDICTION_LIMITS
     if held_out is not None:
         for failure in held_out.failures:
@@ -338,7 +368,15 @@ def model_warnings(learned: Learned, held_out: HeldOut | None) -> Iterator[Fact]
 
 
 def next_step_for_model(purposes: Sequence[Finding]) -> Fact:
-    """Returns what to do next for a better model: the first of the ``DECIDING_PURPOSES`` that is not served decides."""
+    """Returns what to do next for a better model.
+
+    Args:
+        purposes: graded. The first of the ``DECIDING_PURPOSES`` that is not served decides; one that was not judged
+            counts as served.
+
+    Returns:
+        To fly movements that excite the axis, to fly longer, or to keep the physical parameters or the whole model.
+    """
     grades = {finding.purpose: finding.grade for finding in purposes}
     effectiveness, damping, prediction = (
         grades.get(purpose, Grade.GOOD) for purpose in DECIDING_PURPOSES

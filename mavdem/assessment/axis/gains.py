@@ -155,7 +155,11 @@ def gain_history(signals: Signals) -> list[GainSet]:
 
 
 def _is_gain_of_axis(name: str, axis: str) -> bool:
-    """Returns whether a parameter belongs to the control of an axis, and is not one that the autopilot sets itself."""
+    """Returns whether a parameter belongs to the control of an axis.
+
+    Parameters without the name of an axis belong to all. Those that the autopilot sets itself, such as a learned hover
+    thrust, are no gains that somebody changed.
+    """
     names_of_other_axes = [
         part for other, parts in AXIS_NAMES.items() if other != axis for part in parts
     ]
@@ -236,7 +240,13 @@ def _excitation_moments(signals: Signals) -> list[tuple[int, float]]:
 
 
 def _reported_gains(texts: Sequence[StatusText], axis: str) -> dict[str, float]:
-    """Returns the gains that AutoTune reported in its texts, by the names of ArduPilot's parameters."""
+    """Returns the gains that AutoTune reported in its texts, by the names of ArduPilot's parameters.
+
+    Args:
+        texts: of AutoTune, on one axis, such as "AutoTune: Roll Rate: P:0.116, I:0.116, D:0.0006". One with the word
+            "Angle" has a gain of the attitude loop, the others those of the rate loop.
+        axis: "roll", "pitch" or "yaw".
+    """
     gains = {}
     for text in texts:
         loop = "ANG" if "Angle" in text.text else "RAT"

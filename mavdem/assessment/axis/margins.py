@@ -55,7 +55,11 @@ class AxisMargins:
 
     @cached_property
     def facts(self) -> Facts:
-        """What is known: by the injected signal, else the loop, else the spectrum; and by the response."""
+        """What is known of the margins, with a level; figures that decide nothing are left out.
+
+        The measurement by an injected signal goes before the identified loop, and that before a peak of the spectrum.
+        The response of the rate to its setpoint is a second, independent fact.
+        """
         facts = []
         if self.injected is not None:
             facts.append(_injected_fact(self.axis, self.injected))
@@ -183,7 +187,11 @@ def resonance_fact(resonance: Resonance) -> Fact:
 
 
 def _figures_fact(code: MarginsLight, level: Level | None, resonance: Resonance) -> Fact:
-    """Returns a fact with the figures of a resonance."""
+    """Returns a fact with the figures of a resonance.
+
+    They are the peak as ``ratio``, its ``frequency`` in Hz, the ``coherence`` there, and as ``rate`` the highest
+    frequency that was measured, Hz.
+    """
     return Fact(
         code,
         level,

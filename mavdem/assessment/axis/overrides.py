@@ -55,7 +55,10 @@ def overrides_of(
 
 
 def _oscillation_override(oscillation: Oscillation) -> Fact:
-    """Returns the override of a limit cycle."""
+    """Returns the override of a limit cycle.
+
+    It has the duration in s, the share of the time with a motor at a limit, and whether the amplitude grew.
+    """
     return Fact(
         Override.OSCILLATION,
         duration=oscillation.seconds,
@@ -66,7 +69,11 @@ def _oscillation_override(oscillation: Oscillation) -> Fact:
 
 
 def _loss_override(loss: Fact) -> Fact:
-    """Returns the override of a motor that lost thrust in flight."""
+    """Returns the override of a motor that lost thrust in flight.
+
+    Args:
+        loss: the fact of the motor, from :func:`mavdem.motors.loss_detection.losses_of`.
+    """
     return Fact(
         Override.MOTORS,
         loss.level,

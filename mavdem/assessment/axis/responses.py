@@ -47,7 +47,11 @@ Responses = Mapping[str, Mapping[str, LoopResponse]]
 
 
 def responses_of(evidence: Evidence) -> Responses:
-    """Measures the responses of roll, pitch and yaw in settled flight, without modes that excite the vehicle."""
+    """Measures the closed-loop responses of rate and attitude of roll, pitch and yaw, and predicts them by the loops.
+
+    They are of settled flight, without the modes that excite the vehicle themselves: there the setpoint is not what
+    moves it. Responses of axes without an identified loop have no prediction.
+    """
     segments = evidence.settled_segments(EXCITATION_MODES)
     responses = {}
     for axis in AXES:

@@ -94,7 +94,10 @@ def _tracking(signals: Signals, segments: Segments) -> Fact:
 
 
 def _rate_error(signals: Signals, segments: Segments) -> float | None:
-    """Returns the RMS difference of the body rate and its setpoint, rad/s; None if that was not recorded."""
+    """Returns the RMS difference of the body rate and its setpoint, rad/s; None if that was not recorded.
+
+    No delay is removed: a rate follows its setpoint within a few samples.
+    """
     setpoints = [setpoint.signal for setpoint in signals.setpoints if setpoint.unit == "rad/s"]
     if signals.attitude is None or not setpoints:
         return None

@@ -114,7 +114,11 @@ def _has_grounds(evidence: Evidence, judgement: Judgement) -> bool:
 
 
 def _doubts_on_vehicle(evidence: Evidence, judgement: Judgement) -> Facts:
-    """Returns why no gains of any axis may be raised: why the vehicle must not fly, bad motors, an oscillation."""
+    """Returns why no gains of any axis may be raised.
+
+    Reasons are that the vehicle must not fly as it is or, if it may, that its motors are bad; and an oscillation, which
+    asks for lower gains.
+    """
     doubts = evidence.reasons_not_to_fly
     motors = judgement.lights[Light.MOTORS]
     if not doubts and motors.is_bad:

@@ -179,7 +179,11 @@ def _poor_fixes(evidence: Evidence) -> Iterator[Fact]:
 
 
 def _compass_disturbances(evidence: Evidence) -> Iterator[Fact]:
-    """Yields that the magnetic field in the first flight differs in strength from that on the ground before it."""
+    """Yields that the magnetic field in the first flight differs in strength from that on the ground before it.
+
+    Motors and their currents disturb a compass that is mounted too near to them. Medians of both times are compared, if
+    the field was measured on the ground at all.
+    """
     for message in ("SCALED_IMU", "RAW_IMU"):
         field = recorded_series(evidence.signals.telemetry, message, "xmag", "ymag", "zmag")
         flight = next(evidence.in_flight(field), None)

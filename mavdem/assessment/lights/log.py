@@ -84,7 +84,10 @@ def simulation_fact(signals: Signals) -> Fact | None:
 
 
 def _names_simulator(telemetry: Telemetry) -> bool:
-    """Returns whether parameters or the name of the board are those of a simulator."""
+    """Returns whether parameters or the name of the board are those of a simulator.
+
+    ArduPilot's simulator has parameters SIM_…, PX4's has its own airframes, and sensors on a bus for simulation.
+    """
     parameters = telemetry.parameters
     has_simulator_parameters = any(name.startswith("SIM_") for name in parameters)
     has_simulator_airframe = parameters.get("SYS_AUTOSTART") in SIH_AIRFRAMES
@@ -98,7 +101,11 @@ def _names_simulator(telemetry: Telemetry) -> bool:
 
 
 def _is_without_sensor_noise(signals: Signals) -> bool:
-    """Returns whether the roll rate before arming has less noise than any real gyroscope."""
+    """Returns whether the roll rate before arming has less noise than any real gyroscope.
+
+    The noise is the median change over ``RATE_CHANGE_SECONDS`` while the vehicle stands on the ground. Changes of zero
+    do not count.
+    """
     if not signals.tilts:
         return False
     roll = signals.tilts[0]

@@ -43,7 +43,11 @@ def margins_light(evidence: Evidence) -> Fact:
 
 
 def _unknown(evidence: Evidence) -> Fact:
-    """Returns why the margins are not known, with the frequency up to which no axis resonates, if one was measured."""
+    """Returns that the margins are not known, and why.
+
+    Its figure ``rate`` is the highest frequency, Hz, up to which the response of an axis was measured and showed no
+    resonance; None if none was measured.
+    """
     refusals = [axis.loop for axis in evidence.margins if isinstance(axis.loop, Fact)]
     because = refusals[0] if refusals else evidence.learnability.reason
     frequencies = []

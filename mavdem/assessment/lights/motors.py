@@ -85,7 +85,11 @@ def _duration(event: Fact) -> float:
 
 
 def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
-    """Returns the pattern of the trim; that the headroom is small, unless the trim is to be watched itself."""
+    """Returns the pattern of the trim, or that the headroom is small.
+
+    A trim that is to be watched goes before the headroom. For an even trim the headroom is added as a figure, as a
+    share of the motors' range.
+    """
     trim = trim_of_signals(evidence.signals) or Fact(Trim.TRIM_UNKNOWN)
     headroom = min(hover.headroom)
     if headroom < MIN_HEADROOM and trim.level is not Level.WATCH:

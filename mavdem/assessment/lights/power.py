@@ -142,7 +142,11 @@ def _battery_voltage(evidence: Evidence) -> Iterator[Fact]:
 
 
 def _battery_charge(evidence: Evidence) -> Iterator[Fact]:
-    """Yields that the charge fell below PX4's BAT_LOW_THR in flight, as shares of the full charge."""
+    """Yields that the charge of the battery fell below PX4's BAT_LOW_THR in flight, both as shares of the full charge.
+
+    SYS_STATUS has the remaining charge in percent, averaged here over 2 s. Nothing is yielded for a charge that stayed
+    above the level, or a vehicle without that parameter.
+    """
     if not _is_battery_measured(evidence):
         return
     telemetry = evidence.signals.telemetry
@@ -157,7 +161,11 @@ def _battery_charge(evidence: Evidence) -> Iterator[Fact]:
 
 
 def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
-    """Yields how the voltage of the board held in flight; nothing if it is constant, and so not measured."""
+    """Yields how the supply voltage of the board held in flight, V.
+
+    It is measured by POWER_STATUS or HWSTATUS, in mV, and averaged over 2 s. A voltage that is constant was not
+    measured.
+    """
     telemetry = evidence.signals.telemetry
     for message in ("POWER_STATUS", "HWSTATUS"):
         millivolts = recorded_series(telemetry, message, "Vcc")

@@ -50,7 +50,10 @@ def wind_light(evidence: Evidence) -> Fact:
 
 
 def _lean_share(condition: Condition, telemetry: Telemetry) -> float:
-    """Returns the mean lean of the vehicle as a share of the largest one; 0 if either is not known."""
+    """Returns the mean lean of the vehicle as a share of the largest one that its parameters allow.
+
+    The lean is the length of the vector of mean roll and pitch. The share is 0 if lean or limit is not known.
+    """
     mean_lean = hypot(*(lean.mean for lean in condition.lean.values()))
     for name, degrees_per_unit in LEAN_LIMIT_PARAMETERS.items():
         limit = telemetry.parameters.get(name, 0.0) * degrees_per_unit
