@@ -1,121 +1,188 @@
-"""Notch filters: which to set on a line of the gyro's spectrum, what they take of it, and what they cost in phase.
+"""Notch filters for a line of the gyro's spectrum: which parameters to set, what they remove, and their phase lag.
 
-ArduPilot's harmonic notch goes with the root of the throttle, or with the motors' speed where ESCs report it; PX4's
-static one stays, its dynamic one goes with that speed. A notch is as narrow as takes ``ENOUGH`` of the line over all
+ArduPilot's harmonic notch follows the root of the throttle, or the motors' speed where ESCs report it. PX4's static
+notch stays where it is, its dynamic one follows that speed. A notch is as narrow as removes enough of the line over all
 windows of the flight, each with the notch where it would have been. Parameters and recommended values:
 https://ardupilot.org/copter/docs/common-imu-notch-filtering.html, https://docs.px4.io/main/en/config_mc/filter_tuning.
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.arrays import Array, Flags
 from mavdem.facts import Fact
 from mavdem.facts.noise import NotchAdvice
 from mavdem.ingest.telemetry import Parameters
+from mavdem.loops.ardupilot_controller import NotchMode
 from mavdem.loops.controllers import Controller
 from mavdem.loops.filters import gyro_filters, gyro_response
 from mavdem.loops.resonance import MAX_LOOP_FREQUENCY
 from mavdem.vibration.spectra import Spectrum
 from mavdem.vibration.spectral_lines import LineKind, SpectralLine
 
-SHARES = (1 / 4, 1 / 3, 1 / 2)  # of the line's frequency: bandwidths, of which the last is usual
-ENOUGH = 0.9
-NEEDED = (
-    0.2  # share of the noise above the loop behind the filters, from which a line is worth a notch
-)
-ATTENUATION = 40.0  # dB, as ArduPilot has it by default
-LINE_BAND = 0.75, 1.35
-"""Of a line's frequency, from and to: what counts as its power."""
-BY_THROTTLE = 1.0
-BY_SPEED = 3.0
-"""Of INS_HNTCH_MODE."""
+RELATIVE_BANDWIDTHS = (1 / 4, 1 / 3, 1 / 2)
+"""Bandwidths of a notch over the frequency of its line, in the order in which they are tried; the last is usual."""
+MIN_REMOVED_SHARE = 0.9
+"""Fraction of a line's power that a notch must remove, unless none does."""
+MIN_NOISE_SHARE = 0.2
+"""Fraction of the noise above the loop, behind the filters, from which on a line is worth a notch."""
+ARDUPILOT_ATTENUATION = 40.0
+"""Attenuation of a notch, dB: the default of ``INS_HNTCH_ATT``."""
+DEFAULT_HOVER_THROTTLE = 0.35
+"""``MOT_THST_HOVER`` where the log has none: ArduCopter's default."""
+LINE_BAND = (0.75, 1.35)
+"""Lowest and highest frequency of what counts as a line's power, by its frequency."""
 
 
 def notch_advice(
     controller: Controller,
     lines: Sequence[SpectralLine],
-    before: Spectrum | None,
-    behind: Spectrum | None,
+    unfiltered: Spectrum | None,
+    filtered: Spectrum | None,
     crossover: float | None,
 ) -> Fact:
     """Returns the notch filter to set on the strongest line of motors or frame, or why there is none.
 
-    The spectra are of the gyro before its filters and behind them, whichever was logged; costs are at a ``crossover``,
-    Hz.
+    Args:
+        controller: with the filters of the gyro that are set.
+        lines: of the gyro's spectrum.
+        unfiltered: spectrum of the gyro before its filters, if it was logged.
+        filtered: the same behind them, if it was logged.
+        crossover: frequency at which the phase lag of the notch is given, Hz.
     """
-    shown = before or behind
+    spectrum = unfiltered or filtered
     named = [line for line in lines if line.kind in (LineKind.MOTOR, LineKind.FRAME)]
-    if shown is None or not named:
+    if spectrum is None or not named:
         return Fact(NotchAdvice.NO_LINE_TO_REMOVE)
-    line = max(named, key=lambda peak: peak.density)
+    line = max(named, key=lambda line: line.density)
     frequency = line.frequency
     if any(abs(notch.frequency - frequency) < notch.bandwidth / 2 for notch in controller.notches):
         return Fact(NotchAdvice.NOTCH_IN_PLACE, frequency=frequency)
-    left = shown.total_density.mean(axis=0)
-    if before is not None:
-        left = left * abs(gyro_response(controller, shown.frequency)) ** 2
+    filtered_density = spectrum.total_density.mean(axis=0)
+    if unfiltered is not None:
+        gain = abs(gyro_response(controller, spectrum.frequency))
+        filtered_density = filtered_density * gain**2
     low, high = LINE_BAND
-    of_line = (shown.frequency > low * frequency) & (shown.frequency < high * frequency)
-    share = left[of_line].sum() / left[shown.frequency > MAX_LOOP_FREQUENCY].sum()
-    if share < NEEDED:
+    is_line = (spectrum.frequency > low * frequency) & (spectrum.frequency < high * frequency)
+    is_above_loop = spectrum.frequency > MAX_LOOP_FREQUENCY
+    share = filtered_density[is_line].sum() / filtered_density[is_above_loop].sum()
+    if share < MIN_NOISE_SHARE:
         return Fact(NotchAdvice.NOTCH_NOT_NEEDED, frequency=frequency, share=share)
-    # the notch moves as it would have in each window
-    drive = np.ones(len(shown.time))
-    if line.kind is LineKind.MOTOR and line.order is not None:
-        drive = shown.motor_speed / np.median(shown.motor_speed)
-    elif line.kind is LineKind.MOTOR and controller.derivative_of_error:
-        drive = np.sqrt(shown.throttle / np.median(shown.throttle))
-    at = shown.frequency[of_line] / drive[:, None]
-    power = shown.total_density[:, of_line]
-    for part in SHARES:
-        settings = _settings(controller, line, float(f"{part * frequency:.2g}"))
-        static = settings
-        if "IMU_GYRO_DNF_EN" in settings:
-            static = _static_of_px4(line, settings["IMU_GYRO_DNF_BW"])
-        changed = controller.with_parameters(static)
-        kept = abs(gyro_response(changed, at) / gyro_response(controller, at)) ** 2
-        removed = 1 - (power * kept).sum() / power.sum()
-        if removed >= ENOUGH:
-            break
-    cost = None
+    notch = _narrowest_notch(controller, line, spectrum, is_line)
+    phase_cost = None
     if crossover is not None:
-        lags = [gyro_filters(chain, crossover).phase_lag for chain in (changed, controller)]
-        cost = lags[0] - lags[1]
+        with_notch = gyro_filters(notch.controller, crossover).phase_lag
+        without_notch = gyro_filters(controller, crossover).phase_lag
+        phase_cost = with_notch - without_notch
     return Fact(
         NotchAdvice.SET_NOTCH,
         frequency=frequency,
-        share=removed,
-        phase_cost=cost,
+        share=notch.removed_share,
+        phase_cost=phase_cost,
         crossover=crossover,
-        settings=tuple(settings.items()),
+        settings=tuple(notch.settings.items()),
     )
 
 
-def _settings(controller: Controller, line: SpectralLine, bandwidth: float) -> Parameters:
-    """The parameters of a notch on a line, by name."""
-    mode = 0.0
-    if line.kind is LineKind.MOTOR:
-        mode = BY_THROTTLE if line.order is None else BY_SPEED
-    if controller.derivative_of_error:
-        hover = controller.parameters.get("MOT_THST_HOVER", 0.35)
-        return {
-            "INS_HNTCH_ENABLE": 1.0,
-            "INS_HNTCH_MODE": mode,
-            "INS_HNTCH_FREQ": float(f"{line.frequency:.3g}"),
-            "INS_HNTCH_BW": bandwidth,
-            "INS_HNTCH_REF": float(f"{hover:.3g}") if mode == BY_THROTTLE else 1.0,
-            "INS_HNTCH_HMNCS": float(sum(1 << (multiple - 1) for multiple in line.harmonics)),
-            "INS_HNTCH_ATT": ATTENUATION,
-        }
-    if mode == BY_SPEED:
+class _NotchSettings(NamedTuple):
+    """A notch filter that may be set."""
+
+    settings: Parameters
+    """The parameters to set, by name."""
+    controller: Controller
+    """The controller with this notch, where it is at the median of the motors' drive."""
+    removed_share: float
+    """Fraction of the line's power that the notch removes."""
+
+
+def _narrowest_notch(
+    controller: Controller, line: SpectralLine, spectrum: Spectrum, is_line: Flags
+) -> _NotchSettings:
+    """Returns the notch of the least bandwidth that removes ``MIN_REMOVED_SHARE`` of a line, or else the widest.
+
+    Args:
+        controller: with the filters that are set.
+        line: to remove.
+        spectrum: with the line.
+        is_line: (F,) which frequencies count as the line.
+    """
+    power = spectrum.total_density[:, is_line]
+    # Where the notch moves, each window sees it at another frequency: (W, F) relative to the median of the drive.
+    drive = _relative_notch_frequency(controller, line, spectrum)
+    seen_frequency = spectrum.frequency[is_line] / drive[:, None]
+    for relative_bandwidth in RELATIVE_BANDWIDTHS:
+        bandwidth = float(f"{relative_bandwidth * line.frequency:.2g}")
+        settings = _notch_parameters(controller, line, bandwidth)
+        static_settings = settings
+        if "IMU_GYRO_DNF_EN" in settings:
+            # The dynamic notch is not modelled, and acts as the static one where the motors' speed is the median.
+            static_settings = _px4_static_notch(line, settings["IMU_GYRO_DNF_BW"])
+        changed = controller.with_parameters(static_settings)
+        gain = abs(
+            gyro_response(changed, seen_frequency) / gyro_response(controller, seen_frequency)
+        )
+        removed_share = 1 - (power * gain**2).sum() / power.sum()
+        if removed_share >= MIN_REMOVED_SHARE:
+            break
+    return _NotchSettings(settings, changed, removed_share)
+
+
+def _relative_notch_frequency(
+    controller: Controller, line: SpectralLine, spectrum: Spectrum
+) -> Array:
+    """Returns (W,) the centre of a notch on a ``line`` in each window, by that at the median; 1 for one that stays."""
+    if line.kind is LineKind.MOTOR and line.order is not None:
+        return spectrum.motor_speed / np.median(spectrum.motor_speed)
+    is_ardupilot = controller.derivative_of_error
+    if line.kind is LineKind.MOTOR and is_ardupilot:
+        return np.sqrt(spectrum.throttle / np.median(spectrum.throttle))
+    return np.ones(len(spectrum.time))
+
+
+def _notch_parameters(controller: Controller, line: SpectralLine, bandwidth: float) -> Parameters:
+    """Returns the parameters, by name, of a notch on a ``line`` with this ``bandwidth``, Hz."""
+    is_ardupilot = controller.derivative_of_error
+    if is_ardupilot:
+        return _ardupilot_harmonic_notch(controller, line, bandwidth)
+    if line.kind is LineKind.MOTOR and line.order is not None:
         return {
             "IMU_GYRO_DNF_EN": 1.0,
             "IMU_GYRO_DNF_BW": bandwidth,
             "IMU_GYRO_DNF_HMC": float(max(line.harmonics)),
         }
-    return _static_of_px4(line, bandwidth)
+    return _px4_static_notch(line, bandwidth)
 
 
-def _static_of_px4(line: SpectralLine, bandwidth: float) -> Parameters:
+def _ardupilot_harmonic_notch(
+    controller: Controller, line: SpectralLine, bandwidth: float
+) -> Parameters:
+    """Returns the parameters of ArduPilot's harmonic notch on a ``line``, which follows motors by speed or throttle.
+
+    ``INS_HNTCH_REF`` is the throttle at which the notch is at ``FREQ``, or a factor of the motors' speed. Bit k − 1 of
+    the mask ``HMNCS`` stands for k times the frequency.
+    """
+    mode = NotchMode.FIXED
+    reference = 1.0
+    if line.kind is LineKind.MOTOR and line.order is None:
+        mode = NotchMode.THROTTLE
+        hover = controller.parameters.get("MOT_THST_HOVER", DEFAULT_HOVER_THROTTLE)
+        reference = float(f"{hover:.3g}")
+    elif line.kind is LineKind.MOTOR:
+        mode = NotchMode.ESC_TELEMETRY
+    harmonics_mask = sum(1 << (multiple - 1) for multiple in line.harmonics)
+    return {
+        "INS_HNTCH_ENABLE": 1.0,
+        "INS_HNTCH_MODE": float(mode),
+        "INS_HNTCH_FREQ": float(f"{line.frequency:.3g}"),
+        "INS_HNTCH_BW": bandwidth,
+        "INS_HNTCH_REF": reference,
+        "INS_HNTCH_HMNCS": float(harmonics_mask),
+        "INS_HNTCH_ATT": ARDUPILOT_ATTENUATION,
+    }
+
+
+def _px4_static_notch(line: SpectralLine, bandwidth: float) -> Parameters:
+    """Returns the parameters of PX4's first static notch on a ``line`` with this ``bandwidth``, Hz."""
     return {"IMU_GYRO_NF0_FRQ": float(f"{line.frequency:.3g}"), "IMU_GYRO_NF0_BW": bandwidth}

@@ -1,17 +1,18 @@
-"""Spectra: the power of gyro and accelerometer by frequency, time and throttle, before the filters and behind them.
+"""Power spectral densities of gyro and accelerometer in flight, by time and throttle, before and behind the filters.
 
-Densities are one-sided, by windows of about a second through Hann's window, half over each other. What was logged
-decides the highest frequency: batches and raw samples go up to half of the sensor's rate, rates of the autopilot to a
-hundred hertz or so. Vibration above that appears below it, as an alias.
+Densities are one-sided, from half-overlapping windows of about a second with Hann's taper. What was logged decides the
+highest frequency: batches and raw samples go up to half of the sensor's rate, rates of the autopilot to a hundred hertz
+or so. Vibration above that appears below it, as an alias.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array, ArrayPair
+from mavdem.arrays import Array, ArrayPair, Indices
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.segments import Segments, in_segments
 from mavdem.dataset.signals import Signals
@@ -19,55 +20,73 @@ from mavdem.dataset.time_series import TimeSeries, clean_series, recorded_series
 from mavdem.immutable import ImmutableResult
 from mavdem.ingest.telemetry import interpolated
 
-SECONDS = 1.0  # of a window
-FEWEST_WINDOWS = 6
-SLOWEST_SENSOR = 20.0  # Hz of samples: there is nothing to see below half of that
-THROTTLE_LEVELS = 12  # of the throttle, with as many windows each
-SAMPLES = (
-    ("gyro_before", "GYRO_BEFORE", ("x", "y", "z")),
-    ("gyro_before", "HIGHRES_IMU", ("xgyro", "ygyro", "zgyro")),
-    ("gyro", "GYRO_AFTER", ("x", "y", "z")),
-    ("accelerometer_before", "ACCEL_BEFORE", ("x", "y", "z")),
-    ("accelerometer", "ACCEL_AFTER", ("x", "y", "z")),
-    ("d_term", "D_TERM", ("x", "y", "z")),
+WINDOW_SECONDS = 1.0
+"""Length of a window, s; it has the nearest power of two of samples."""
+MIN_WINDOWS = 6
+"""Fewest windows of a spectrum."""
+MIN_SAMPLING_RATE = 20.0
+"""Hz. Slower samples show nothing that is no steering."""
+MAX_GAP_STEPS = 3.0
+"""Longest gap within a window, in usual steps of the samples."""
+THROTTLE_LEVELS = 12
+"""Levels of the throttle by which spectra are averaged, with as many windows each."""
+
+
+class SensorMessage(NamedTuple):
+    """A message with samples of a sensor, or of a term of the controllers, about three axes."""
+
+    spectrum: str
+    """Name of the spectrum that is made of it."""
+    message: str
+    """Name of the message in ``Telemetry``."""
+    fields: tuple[str, str, str]
+    """Its fields of the three axes."""
+
+
+SENSOR_MESSAGES = (
+    SensorMessage("gyro_before", "GYRO_BEFORE", ("x", "y", "z")),
+    SensorMessage("gyro_before", "HIGHRES_IMU", ("xgyro", "ygyro", "zgyro")),
+    SensorMessage("gyro", "GYRO_AFTER", ("x", "y", "z")),
+    SensorMessage("accelerometer_before", "ACCEL_BEFORE", ("x", "y", "z")),
+    SensorMessage("accelerometer", "ACCEL_AFTER", ("x", "y", "z")),
+    SensorMessage("d_term", "D_TERM", ("x", "y", "z")),
 )
-"""Each sensor's messages and fields; PX4 fills HIGHRES_IMU with the gyro before its filters, rad/s."""
+"""The messages of each sensor. PX4 fills HIGHRES_IMU with the gyro before its filters, rad/s."""
 RATE_MESSAGE = "ATTITUDE"
+"""The message that body rates count as coming from, behind the gyro's filters."""
 DEMAND_MESSAGE = "ACTUATOR_CONTROL_TARGET"
+"""The message with the demand of the rate controllers."""
 
 
 @dataclass(frozen=True, eq=False)
 class Spectrum(ImmutableResult):
-    """Of one sensor, of the rate controllers' D term, or of what was asked of the motors.
-
-    Attributes:
-        name: one in ``SAMPLES``, or "demand".
-        unit: of what was measured: "rad/s", "m/s²" or "1".
-        source: what the log calls it.
-        frequency: (F,) Hz.
-        time: (W,) s, of the middle of each window.
-        density: (W, k, F) power of roll, pitch and yaw, or of forward, right and down; unit²/Hz.
-        throttle: (W,) 0 to 1 of the motors' mean output; NaN where it is not known.
-        motor_speed: (W,) turns a second of the motors in the mean; NaN where the log has none.
-    """
+    """Power spectral density of one sensor, of the rate controllers' D term, or of their demand, in W windows."""
 
     name: str
+    """One of those in ``SENSOR_MESSAGES``, or "demand"."""
     unit: str
+    """Unit of what was measured: "rad/s", "m/s²" or "1"."""
     source: str
+    """What the log calls the message."""
     frequency: Array
+    """(F,) Hz, from 0 on."""
     time: Array
+    """(W,) middle of each window, s."""
     density: Array
+    """(W, k, F) one-sided density of roll, pitch and yaw, or of forward, right and down; unit²/Hz."""
     throttle: Array
+    """(W,) mean output of the motors, 0 to 1; NaN where it is not known."""
     motor_speed: Array
+    """(W,) mean speed of the motors, turns per second; NaN where the log has none."""
 
     @property
     def nyquist_frequency(self) -> float:
-        """Hz up to which there is anything: half of the samples' rate."""
+        """Highest frequency: half of the samples' rate, Hz."""
         return self.frequency[-1]
 
     @property
     def mean_density(self) -> Array:
-        """(k, F) mean density of each axis."""
+        """(k, F) density of each axis, the mean over windows."""
         return self.density.mean(axis=0)
 
     @cached_property
@@ -77,136 +96,185 @@ class Spectrum(ImmutableResult):
 
     @cached_property
     def density_by_throttle(self) -> ArrayPair:
-        """(L,) throttle, and (L, F) mean density of all axes there, in windows of even number; empty without it."""
-        windows = np.count_nonzero(np.isfinite(self.throttle))
-        order = np.argsort(self.throttle)[:windows]
-        if not len(order):
+        """Throttle of L levels (L,), and the total density (L, F) at each; empty where the throttle is not known.
+
+        L is at most ``THROTTLE_LEVELS``; each is the mean over nearly the same number of windows.
+        """
+        known = int(np.count_nonzero(np.isfinite(self.throttle)))
+        # NaN is sorted to the end.
+        ascending = np.argsort(self.throttle)[:known]
+        if known == 0:
             return np.zeros(0), np.zeros((0, len(self.frequency)))
-        count = min(THROTTLE_LEVELS, len(order))
-        parts = np.array_split(order, count)
-        levels = np.array([self.throttle[part].mean() for part in parts])
-        densities = np.array([self.total_density[part].mean(axis=0) for part in parts])
+        groups = np.array_split(ascending, min(THROTTLE_LEVELS, known))
+        levels = np.array([self.throttle[group].mean() for group in groups])
+        densities = np.array([self.total_density[group].mean(axis=0) for group in groups])
         return levels, densities
 
     def mean_power(self, low: float, high: float) -> float:
-        """Returns the mean power of all axes between two frequencies, Hz, unit²."""
-        rows = (self.frequency >= low) & (self.frequency <= high)
-        density = self.total_density[:, rows].mean(axis=0).sum()
-        return density * self.frequency[1]
+        """Returns the power of all axes between two frequencies, Hz, as the mean over windows, in unit²."""
+        is_between = (self.frequency >= low) & (self.frequency <= high)
+        density_sum = self.total_density[:, is_between].mean(axis=0).sum()
+        frequency_step = self.frequency[1]
+        return density_sum * frequency_step
 
 
-def max_decimated(frequency: Array, density: Array, most: int) -> ArrayPair:
-    """Returns at ``most`` so many frequencies, Hz, and of densities (…, F) the largest of those between."""
-    size = -(-len(frequency) // most)
-    count = len(frequency) // size
-    groups = density[..., : count * size].reshape(*density.shape[:-1], count, size)
-    middles = frequency[: count * size].reshape(count, size).mean(axis=1)
-    return middles, groups.max(axis=-1)
+def max_decimated(frequency: Array, density: Array, max_points: int) -> ArrayPair:
+    """Returns a spectrum with fewer frequencies, each with the largest density of its neighbours, so that lines stay.
+
+    Args:
+        frequency: (F,) Hz.
+        density: (…, F).
+        max_points: most frequencies of the result; what is left over at the end is cut off.
+
+    Returns:
+        (P,) mean frequency and (…, P) largest density of each group of neighbours.
+    """
+    group_size = -(-len(frequency) // max_points)
+    points = len(frequency) // group_size
+    used = points * group_size
+    grouped_density = density[..., :used].reshape(*density.shape[:-1], points, group_size)
+    grouped_frequency = frequency[:used].reshape(points, group_size)
+    return grouped_frequency.mean(axis=1), grouped_density.max(axis=-1)
 
 
-def vibration_spectra(signals: Signals, parts: Segments) -> dict[str, Spectrum]:
-    """Returns what ``parts`` of a flight show, by name: of each the messages that show the highest frequency."""
+def vibration_spectra(signals: Signals, segments: Segments) -> dict[str, Spectrum]:
+    """Returns the spectra of a flight by name; of each, those of the messages that show the highest frequency.
+
+    Args:
+        signals: of the vehicle.
+        segments: of the flight.
+    """
     spectra = dict[str, Spectrum]()
-    for name, message, sampled in _sampled(signals):
-        source = signals.telemetry.name_in_source(message)
-        spectrum = _spectrum(name, source, sampled, signals, parts)
-        if spectrum is not None and (
-            name not in spectra or spectrum.nyquist_frequency > spectra[name].nyquist_frequency
-        ):
-            spectra[name] = spectrum
+    for samples in _recorded_samples(signals):
+        spectrum = _spectrum(samples, signals, segments)
+        if spectrum is None:
+            continue
+        known = spectra.get(samples.name)
+        if known is None or spectrum.nyquist_frequency > known.nyquist_frequency:
+            spectra[samples.name] = spectrum
     return spectra
 
 
-def _sampled(signals: Signals) -> Iterator[tuple[str, str, TimeSeries]]:
-    """Name, message and samples (N, 3) of what was recorded."""
-    for name, message, fields in SAMPLES:
-        values = recorded_series(signals.telemetry, message, *fields)
-        if values is not None:
-            yield name, message, values
-    about = [signals.for_axis(axis) for axis in AXES]
-    for rates in (
-        [
-            of_axis.rate_and_setpoint[0]
-            for of_axis in about
-            if of_axis.rate_and_setpoint is not None
-        ],
-        [of_axis.attitude.rate_series for of_axis in about if of_axis.attitude is not None],
-    ):
-        if len(rates) == len(AXES) and len({len(rate.time) for rate in rates}) == 1:
+class _Samples(NamedTuple):
+    """Samples that a spectrum can be made of."""
+
+    name: str
+    """Name of the spectrum."""
+    message: str
+    """Name of the message in ``Telemetry``."""
+    series: TimeSeries
+    """Values (N, 3) about roll, pitch and yaw, or along forward, right and down."""
+
+
+def _recorded_samples(signals: Signals) -> Iterator[_Samples]:
+    """Yields all samples of sensors, rates and demand that were recorded; of one name there may be several."""
+    for name, message, fields in SENSOR_MESSAGES:
+        series = recorded_series(signals.telemetry, message, *fields)
+        if series is not None:
+            yield _Samples(name, message, series)
+    tuning_rates = []
+    attitude_rates = []
+    for axis in AXES:
+        of_axis = signals.for_axis(axis)
+        if of_axis.rate_and_setpoint is not None:
+            rate, _ = of_axis.rate_and_setpoint
+            tuning_rates.append(rate)
+        if of_axis.attitude is not None:
+            attitude_rates.append(of_axis.attitude.rate_series)
+    for rates in (tuning_rates, attitude_rates):
+        lengths = {len(rate.time) for rate in rates}
+        if len(rates) == len(AXES) and len(lengths) == 1:
             table = np.column_stack([rate.values for rate in rates])
-            yield "gyro", RATE_MESSAGE, TimeSeries(rates[0].time, rates[0].boot, table)
+            series = TimeSeries(rates[0].time, rates[0].boot, table)
+            yield _Samples("gyro", RATE_MESSAGE, series)
     demand = signals.telemetry.messages.get(DEMAND_MESSAGE)
     if demand is not None:
         demands = demand["controls"][:, : len(AXES)]
-        yield "demand", DEMAND_MESSAGE, clean_series(demand, demands)
+        yield _Samples("demand", DEMAND_MESSAGE, clean_series(demand, demands))
 
 
-def _spectrum(
-    name: str, source: str, sampled: TimeSeries, signals: Signals, parts: Segments
-) -> Spectrum | None:
-    """That of samples (N, k); None where they are few or slow."""
-    from scipy.signal import spectrogram  # it takes half a second to import
+def _spectrum(samples: _Samples, signals: Signals, segments: Segments) -> Spectrum | None:
+    """Returns the spectrum of ``samples`` in ``segments`` of a flight; None where they are few or slow."""
+    # It takes half a second to import.
+    from scipy.signal import spectrogram
 
-    steps = np.diff(sampled.time)
-    usual = np.median(steps[steps > 0]) if np.any(steps > 0) else np.inf
-    if usual > 1 / SLOWEST_SENSOR or len(sampled.time) * usual < SECONDS / 2:
+    series = samples.series
+    steps = np.diff(series.time)
+    usual_step = np.median(steps[steps > 0]) if np.any(steps > 0) else np.inf
+    duration = len(series.time) * usual_step
+    if usual_step > 1 / MIN_SAMPLING_RATE or duration < WINDOW_SECONDS / 2:
         return None
-    octaves = np.log2(SECONDS / usual)
-    size = int(2 ** np.round(octaves))
+    window_octaves = np.log2(WINDOW_SECONDS / usual_step)
+    size = int(2 ** np.round(window_octaves))
     times = []
-    powers = []
-    for part in parts:
-        rows = np.flatnonzero(in_segments(sampled, part, slack=0))
-        is_gap = np.diff(sampled.time[rows]) > 3 * usual
-        gaps = np.flatnonzero(is_gap)
-        for run in np.split(rows, gaps + 1):
-            if len(run) >= size:
-                time = sampled.time[run]
-                even = np.linspace(time[0], time[-1], len(run))
-                columns = interpolated(even, time, sampled.values[run])
-                frequency, middle, density = spectrogram(
-                    columns.T, 1 / usual, "hann", size, size // 2
-                )
-                times.append(even[0] + middle)
-                powers.append(density)
-    if sum(map(len, times)) < FEWEST_WINDOWS:
+    densities = []
+    for rows in _rows_without_gaps(series, segments, MAX_GAP_STEPS * usual_step):
+        if len(rows) < size:
+            continue
+        time = series.time[rows]
+        even_time = np.linspace(time[0], time[-1], len(rows))
+        values = interpolated(even_time, time, series.values[rows])
+        frequency, middles, density = spectrogram(values.T, 1 / usual_step, "hann", size, size // 2)
+        times.append(even_time[0] + middles)
+        densities.append(density)
+    if sum(map(len, times)) < MIN_WINDOWS:
         return None
     time = np.concatenate(times)
-    unit = "rad/s" if "gyro" in name else "m/s²" if "accelerometer" in name else "1"
     return Spectrum(
-        name=name,
-        unit=unit,
-        source=source,
+        name=samples.name,
+        unit=_unit(samples.name),
+        source=signals.telemetry.name_in_source(samples.message),
         frequency=frequency,
         time=time,
-        density=np.concatenate(powers, axis=2).transpose(2, 0, 1),
-        throttle=_at(signals.collective, time, parts),
-        motor_speed=_at(_motor_speed(signals), time, parts),
+        # From (k, F, W) to (W, k, F).
+        density=np.concatenate(densities, axis=2).transpose(2, 0, 1),
+        throttle=_window_means(signals.collective, time, segments),
+        motor_speed=_window_means(_motor_speed(signals), time, segments),
     )
 
 
-def _at(signal: TimeSeries | None, middle: Array, parts: Segments) -> Array:
-    """(W,) means of a signal over the second about each time; NaN where there is none, or several boots."""
-    boots = {part.boot for part in parts}
-    if signal is None or len(boots) > 1:
-        return np.full(len(middle), np.nan)
-    here = np.isin(signal.boot, list(boots))
-    sums = np.cumsum(signal.values[here])
-    total = np.append(0.0, sums)
-    window = np.array([[-SECONDS / 2], [SECONDS / 2]])
-    edges = np.searchsorted(signal.time[here], middle + window)
-    counts = np.ptp(edges, axis=0)
-    means = np.ptp(total[edges], axis=0) / np.maximum(counts, 1)
-    return np.where(counts > 0, means, np.nan)
+def _unit(name: str) -> str:
+    """Returns the unit of the samples of the spectrum of this ``name``."""
+    if "gyro" in name:
+        return "rad/s"
+    if "accelerometer" in name:
+        return "m/s²"
+    return "1"
+
+
+def _rows_without_gaps(series: TimeSeries, segments: Segments, max_gap: float) -> Iterator[Indices]:
+    """Yields the rows of a ``series`` in each of the ``segments``, split at gaps longer than ``max_gap``, s."""
+    for segment in segments:
+        rows = np.flatnonzero(in_segments(series, segment, slack=0))
+        is_gap = np.diff(series.time[rows]) > max_gap
+        yield from np.split(rows, np.flatnonzero(is_gap) + 1)
+
+
+def _window_means(series: TimeSeries | None, middles: Array, segments: Segments) -> Array:
+    """Returns (W,) means of a ``series`` over the windows about each of ``middles`` (W,), s.
+
+    NaN in windows without a value, and in all of them where there is no series or ``segments`` are of several boots.
+    """
+    boots = {segment.boot for segment in segments}
+    if series is None or len(boots) > 1:
+        return np.full(len(middles), np.nan)
+    is_of_boot = np.isin(series.boot, list(boots))
+    cumulative = np.append(0.0, np.cumsum(series.values[is_of_boot]))
+    # First row of each window, and the one after its last.
+    half_window = np.array([[-WINDOW_SECONDS / 2], [WINDOW_SECONDS / 2]])
+    bounds = np.searchsorted(series.time[is_of_boot], middles + half_window)
+    counts = np.ptp(bounds, axis=0)
+    # Values are positive, so that the difference of the sums is their range.
+    sums = np.ptp(cumulative[bounds], axis=0)
+    return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
 
 
 def _motor_speed(signals: Signals) -> TimeSeries | None:
-    """Turns a second of each motor that turns, one after another."""
+    """Returns the speed of each motor that turns, one after another in time, in turns per second; None without ESCs."""
     logged = signals.telemetry.messages.get("ESC")
     if logged is None:
         return None
     order = np.lexsort((logged["time"], logged["boot"]))
     is_turning = logged["RPM"][order] > 0
-    kept = order[is_turning]
-    turns = logged["RPM"][kept] / 60.0
-    return TimeSeries(logged["time"][kept], logged["boot"][kept], turns)
+    rows = order[is_turning]
+    return TimeSeries(logged["time"][rows], logged["boot"][rows], logged["RPM"][rows] / 60.0)

@@ -1,12 +1,13 @@
-"""Peaks: lines in a spectrum, named by how they move with the throttle or with the speeds that motors report.
+"""Spectral lines, named by how their frequency moves with the throttle or with the speeds that motors report.
 
-A line that stays is of the frame, one that rises with the throttle is of motors and propellers. One that falls as it
-rises, or rises faster than motors can, is folded at half of the sampling rate: an alias. In windows w at throttles s a
-line is at f (s / s₀)^γ; γ is that along which the windows' logarithmic spectra are highest in the mean. Where that
-is not surely higher than along another, the line has no name.
+In windows w with relative drive s_w, the motors' speed or else the throttle over its median, a line is at f s_w^γ. The
+exponent γ is that along which the windows' logarithmic spectra are highest in the mean. A line that stays is of the
+frame; one that rises is of motors and propellers; one that falls, or rises faster than motors can, is folded at half of
+the sampling rate: an alias. Where γ is not surely higher than others, the line has no name.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -18,27 +19,48 @@ from mavdem.dem.engine.linalg import SMALLEST_POSITIVE
 from mavdem.loops.resonance import MAX_LOOP_FREQUENCY
 from mavdem.vibration.spectra import Spectrum
 
-LOWEST_LINE = 15.0  # Hz: below, vehicles are steered
-OVER = 6.0  # times what is around it, in power: a line elsewhere, smeared, makes at most 5
-SURROUNDINGS = 0.2
-FEWEST_BINS = 7
-"""What is around a line: so much of its frequency to each side, and so many bins at least."""
-NEAR = 0.08  # of a frequency: two lines closer than this are one
+MIN_LINE_FREQUENCY = 15.0
+"""Hz. Below, vehicles are steered."""
+MIN_LINE_RATIO = 6.0
+"""Power of a line over that around it, at least: a line elsewhere, smeared, makes at most 5."""
+SURROUNDING_WIDTH = 0.2
+"""What is around a line: so much of its frequency to each side."""
+MIN_SURROUNDING_BINS = 7
+"""Fewest bins of this to each side."""
+MIN_SEPARATION = 0.08
+"""Difference of two lines, by the frequency, below which they are one."""
+TOP_SEARCH_BINS = 3
+"""Bins to each side of a line's frequency among which its top is."""
+MIN_PRESENCE = 0.7
+"""Fraction of the windows in which a line must be; others cross it."""
+SMEARED_RATIO = 0.01
+"""Ratio of a line without a name by that of the strongest with a name, below which it is that line, smeared."""
+MAX_LINES = 8
+"""Most lines of a spectrum, the strongest."""
+
 EXPONENTS = np.round(np.arange(-6.0, 6.05, 0.1), 1)
-OF_FRAME = (-0.2, 0.2)
-OF_MOTORS = (0.4, 2.0)
-OF_ALIASES = (-0.5, 3.5)
-"""Exponents of what stays; of speeds, which go with the root of the thrust, and so with the root of the throttle or,
-where that begins above 0, with a little more than the throttle; and below or above which nothing but an alias is."""
-TRIED = (0.0, 0.5, 1.0, -1.0, -2.0)  # along which lines are looked for
-FOLDING = 250.0
-STEEPEST = 1.2
-"""Hz of the highest frequency, below which a line that rises faster than this may be the alias of a harmonic."""
-LASTING = 0.7  # of the windows, in which a line must be: others cross it
-SMEARED = 0.01  # of the strongest line that has a name: what else has none is of it
-HARMONIC = 0.02  # of a multiple of the frequency
-MOST_PEAKS = 8  # peaks that are kept, the strongest
-MOST_HARMONICS = 6  # multiples of a frequency that are looked for
+"""The exponents γ that a line may have."""
+SEARCH_EXPONENTS = (0.0, 0.5, 1.0, -1.0, -2.0)
+"""The exponents along which lines are looked for."""
+FRAME_EXPONENTS = (-0.2, 0.2)
+"""Least and greatest exponent of what stays."""
+MOTOR_EXPONENTS = (0.4, 2.0)
+"""Least and greatest exponent of motors.
+
+Their speed goes with the root of the thrust, and so with the root of the throttle or, where that begins above 0, with a
+little more than the throttle.
+"""
+ALIAS_EXPONENTS = (-0.5, 3.5)
+"""Exponents up to and from which a line can only be an alias."""
+MAX_SLOW_SPECTRUM_EXPONENT = 1.2
+"""Exponent beyond which a rising line of a slow spectrum may be the alias of a harmonic."""
+SLOW_NYQUIST_FREQUENCY = 250.0
+"""Highest frequency of such a spectrum, Hz."""
+
+MAX_HARMONIC = 6
+"""Highest multiple of a frequency that is looked for."""
+HARMONIC_TOLERANCE = 0.02
+"""Distance of a line from a multiple of another, as a fraction, at most."""
 
 
 class LineKind(StrEnum):
@@ -54,165 +76,246 @@ class SpectralLine(NamedTuple):
     """A line of a spectrum."""
 
     kind: LineKind
-    frequency: float  # Hz, at the median throttle
-    ratio: float  # power over that around it
-    density: float  # of all axes there, unit²/Hz
-    width: float  # Hz, at half of its decibels over what is around it
-    exponent: float | None  # γ; None where the throttle did not change enough
-    harmonics: tuple[int, ...] = (1,)  # multiples at which there are lines too
-    order: float | None = None  # of the motors' speed, where that was logged
+    """What makes it."""
+    frequency: float
+    """At the median drive, Hz."""
+    ratio: float
+    """Its power over that around it."""
+    density: float
+    """Density of all axes at its top, unit²/Hz."""
+    width: float
+    """Width at half of its decibels over what is around it, Hz."""
+    exponent: float | None
+    """γ; None where the throttle did not change enough."""
+    harmonics: tuple[int, ...] = (1,)
+    """Multiples of the frequency at which there are lines too."""
+    order: float | None = None
+    """Frequency over the motors' speed, where that was logged."""
 
 
 def find_spectral_lines(spectrum: Spectrum) -> tuple[SpectralLine, ...]:
     """Returns the lines of a ``spectrum``, the strongest first; harmonics of motors with their fundamental."""
-    from scipy.signal import find_peaks  # it takes half a second to import
+    # It takes half a second to import.
+    from scipy.signal import find_peaks
 
-    frequency = spectrum.frequency
-    positive = np.maximum(spectrum.total_density, SMALLEST_POSITIVE)
-    logarithms = np.log(positive)
-    drive = _drive(spectrum)
-    peaks = []
-    for exponent in TRIED:
-        tracked = _tracked(logarithms, frequency, drive, exponent)
-        rows = find_peaks(tracked, prominence=np.log(OVER) / 2)[0].tolist()
-        for row in rows:
-            if frequency[row] >= LOWEST_LINE:
-                peaks.append(_peak(spectrum, logarithms, drive, row))
-    kept = list[SpectralLine]()
-    for peak in sorted(peaks, key=lambda peak: -peak.ratio):
-        apart = all(abs(peak.frequency / higher.frequency - 1) > NEAR for higher in kept)
-        if apart and peak.ratio > OVER:
-            kept.append(peak)
-    named = [peak for peak in kept if peak.kind is not LineKind.UNNAMED]
-    highest = max((peak.ratio for peak in named), default=0.0)
-    # Lines that move are smeared along others.
-    clear = [peak for peak in kept if peak in named or peak.ratio > SMEARED * highest]
-    return _with_harmonics(clear)[:MOST_PEAKS]
-
-
-def _drive(spectrum: Spectrum) -> Array:
-    """(W,) the motors' speed, or else the throttle, over its median; 1 where it is not known throughout."""
-    for driven in (spectrum.motor_speed, spectrum.throttle):
-        if np.isfinite(driven).all() and np.all(driven > 0):
-            return driven / np.median(driven)
-    return np.ones(len(spectrum.time))
-
-
-def _along(logarithms: Array, frequency: Array, places: Array) -> Array:
-    """(…, W) the spectra at one frequency of each window, Hz (…, W): the higher of the bins beside it."""
-    bins = (places / frequency[1]).astype(int)
-    low = np.clip(bins, 0, len(frequency) - 2)
-    windows = np.arange(len(logarithms))
-    below = logarithms[windows, low]
-    above = logarithms[windows, low + 1]
-    return np.maximum(below, above)
-
-
-def _tracked(logarithms: Array, frequency: Array, drive: Array, exponent: float) -> Array:
-    """(F,) mean of the windows' spectra, each with its frequencies divided by that of the line at its throttle."""
-    moved = [
-        np.interp(frequency * speed**exponent, frequency, logarithm)
-        for speed, logarithm in zip(drive, logarithms, strict=True)
+    windows = _windows(spectrum)
+    frequency = windows.frequency
+    candidates = []
+    for exponent in SEARCH_EXPONENTS:
+        mean = windows.aligned_mean(exponent)
+        peaks, _ = find_peaks(mean, prominence=np.log(MIN_LINE_RATIO) / 2)
+        for peak in peaks.tolist():
+            if frequency[peak] >= MIN_LINE_FREQUENCY:
+                candidates.append(_line_near(spectrum, windows, frequency[peak]))
+    lines = _distinct(candidates)
+    named = [line for line in lines if line.kind is not LineKind.UNNAMED]
+    highest_ratio = max((line.ratio for line in named), default=0.0)
+    # Lines that move are smeared along the exponents of others.
+    clear = [
+        line
+        for line in lines
+        if line.kind is not LineKind.UNNAMED or line.ratio > SMEARED_RATIO * highest_ratio
     ]
-    return np.mean(moved, axis=0)
+    return _with_harmonics(clear)[:MAX_LINES]
 
 
-def _peak(spectrum: Spectrum, logarithms: Array, drive: Array, row: int) -> SpectralLine:
-    """The line at a ``row`` of a mean spectrum."""
-    frequency = spectrum.frequency
-    at = frequency[row]
-    # Once more about the place that the best exponent gives.
+def _distinct(candidates: Sequence[SpectralLine]) -> list[SpectralLine]:
+    """Returns the lines that exceed ``MIN_LINE_RATIO``, the strongest first, without others near a stronger one."""
+    lines = list[SpectralLine]()
+    for candidate in sorted(candidates, key=lambda line: -line.ratio):
+        is_separate = all(
+            abs(candidate.frequency / stronger.frequency - 1) > MIN_SEPARATION for stronger in lines
+        )
+        if is_separate and candidate.ratio > MIN_LINE_RATIO:
+            lines.append(candidate)
+    return lines
+
+
+@dataclass(frozen=True)
+class _Windows:
+    """The logarithmic spectra of W windows, with the drive of each."""
+
+    frequency: Array
+    """(F,) Hz, from 0 on in even steps."""
+    log_density: Array
+    """(W, F) natural logarithm of the density of all axes."""
+    drive: Array
+    """(W,) the motors' speed, or else the throttle, over its median; 1 where it is not known throughout."""
+
+    @property
+    def frequency_step(self) -> float:
+        """Step between two frequencies, Hz."""
+        return self.frequency[1]
+
+    def along(self, frequencies: Array) -> Array:
+        """Returns (…, W) the logarithmic density of each window at one frequency, Hz (…, W): the higher of two bins."""
+        bins = (frequencies / self.frequency_step).astype(int)
+        low = np.clip(bins, 0, len(self.frequency) - 2)
+        rows = np.arange(len(self.log_density))
+        below = self.log_density[rows, low]
+        above = self.log_density[rows, low + 1]
+        return np.maximum(below, above)
+
+    def aligned_mean(self, exponent: float) -> Array:
+        """Returns (F,) the mean of the logarithmic spectra, each stretched so that a line of this exponent stays."""
+        aligned = [
+            np.interp(self.frequency * drive**exponent, self.frequency, log_density)
+            for drive, log_density in zip(self.drive, self.log_density, strict=True)
+        ]
+        return np.mean(aligned, axis=0)
+
+
+def _windows(spectrum: Spectrum) -> _Windows:
+    """Returns the windows of a ``spectrum``, driven by the motors' speed where it is known, or by the throttle."""
+    log_density = np.log(np.maximum(spectrum.total_density, SMALLEST_POSITIVE))
+    relative_drive = np.ones(len(spectrum.time))
+    for drive in (spectrum.motor_speed, spectrum.throttle):
+        if np.isfinite(drive).all() and np.all(drive > 0):
+            relative_drive = drive / np.median(drive)
+            break
+    return _Windows(spectrum.frequency, log_density, relative_drive)
+
+
+class _Track(NamedTuple):
+    """How a line moves through the windows."""
+
+    exponent: float
+    """γ, along which the windows are highest in the mean."""
+    scores: Array
+    """(E, W) logarithmic densities of the windows along each of ``EXPONENTS``."""
+    mean: Array
+    """(F,) the mean logarithmic spectrum, aligned by γ."""
+    top: int
+    """Row of its highest frequency near the line."""
+    frequency: float
+    """Of the line at the median drive, Hz, between the bins."""
+
+
+def _track(windows: _Windows, frequency: float) -> _Track:
+    """Returns how the line near a ``frequency``, Hz, moves, with that frequency found more exactly.
+
+    It is the vertex of the parabola through the highest bin and its neighbours. The search is done twice, since the
+    best exponent moves the line.
+    """
     for _ in range(2):
-        places = at * drive ** EXPONENTS[:, None]
-        scores = _along(logarithms, frequency, places)
-        means = scores.mean(axis=1)
-        best = EXPONENTS[np.argmax(means)]
-        tracked = _tracked(logarithms, frequency, drive, best)
-        middle = round(at / frequency[1])
-        first = max(middle - 3, 1)
-        last = min(middle + 4, len(frequency) - 1)
-        rows = np.arange(first, last)
-        top = rows[np.argmax(tracked[rows])]
-        before, here, after = tracked[top - 1 : top + 2].tolist()
-        bend = before - 2 * here + after
-        beside_top = 0.5 * (before - after) / bend if bend < 0 else 0.0
-        at = (top + beside_top) * frequency[1]
-    kind = _kind(scores, best, at)
-    if kind is LineKind.MOTOR and best > STEEPEST and spectrum.nyquist_frequency < FOLDING:
+        scores = windows.along(frequency * windows.drive ** EXPONENTS[:, None])
+        exponent = EXPONENTS[np.argmax(scores.mean(axis=1))]
+        mean = windows.aligned_mean(exponent)
+        nearest = round(frequency / windows.frequency_step)
+        first = max(nearest - TOP_SEARCH_BINS, 1)
+        end = min(nearest + TOP_SEARCH_BINS + 1, len(mean) - 1)
+        rows = np.arange(first, end)
+        top = rows[np.argmax(mean[rows])]
+        before, highest, after = mean[top - 1 : top + 2].tolist()
+        curvature = before - 2 * highest + after
+        offset = 0.5 * (before - after) / curvature if curvature < 0 else 0.0
+        frequency = (top + offset) * windows.frequency_step
+    return _Track(exponent, scores, mean, top, frequency)
+
+
+def _line_near(spectrum: Spectrum, windows: _Windows, frequency: float) -> SpectralLine:
+    """Returns the line near a ``frequency``, Hz; its ratio is 0 where it is in too few windows to be one.
+
+    Args:
+        spectrum: of the line.
+        windows: of that spectrum.
+        frequency: of a peak of a mean spectrum.
+    """
+    track = _track(windows, frequency)
+    kind = _kind(track)
+    is_slow = spectrum.nyquist_frequency < SLOW_NYQUIST_FREQUENCY
+    if kind is LineKind.MOTOR and track.exponent > MAX_SLOW_SPECTRUM_EXPONENT and is_slow:
         kind = LineKind.UNNAMED
-    beside = max(FEWEST_BINS, round(SURROUNDINGS * top))
-    around = tracked[max(top - beside, 0) : top + beside + 1]
-    base = np.median(around)
-    along = _along(logarithms, frequency, at * drive**best)
-    present = np.mean(along > base + np.log(OVER) / 2)
-    half = (here + base) / 2
-    is_below = tracked[:top] <= half
-    low = np.flatnonzero(is_below).max(initial=0)
-    upwards = np.append(tracked[low + 1 :], -np.inf)
-    wide = np.argmax(upwards <= half)
-    ratio = np.exp(here - base) if present >= LASTING else 0.0
+    height = float(track.mean[track.top])
+    surrounding_bins = max(MIN_SURROUNDING_BINS, round(SURROUNDING_WIDTH * track.top))
+    first = max(track.top - surrounding_bins, 0)
+    base = np.median(track.mean[first : track.top + surrounding_bins + 1])
+    heights = windows.along(track.frequency * windows.drive**track.exponent)
+    presence = np.mean(heights > base + np.log(MIN_LINE_RATIO) / 2)
     order = None
     if np.isfinite(spectrum.motor_speed).all() and kind is LineKind.MOTOR:
-        order = at / np.median(spectrum.motor_speed)
+        order = track.frequency / np.median(spectrum.motor_speed)
     return SpectralLine(
         kind=kind,
-        frequency=at,
-        ratio=ratio,
-        density=np.exp(here),
-        width=wide * frequency[1],
-        exponent=None if kind is LineKind.UNNAMED else best,
+        frequency=track.frequency,
+        ratio=np.exp(height - base) if presence >= MIN_PRESENCE else 0.0,
+        density=np.exp(height),
+        width=_bins_above(track, (height + base) / 2) * windows.frequency_step,
+        exponent=None if kind is LineKind.UNNAMED else track.exponent,
         order=order,
     )
 
 
-def _kind(scores: Array, best: float, at: float) -> LineKind:
-    """What moves with the ``best`` of ``EXPONENTS``, by scores (E, W); unnamed where other kinds fit nearly as well."""
-    kinds = np.array([_kind_of(exponent, at) for exponent in EXPONENTS.tolist()])
-    own = _kind_of(best, at)
-    row = np.flatnonzero(best == EXPONENTS)[0]
-    chosen = scores[row]
-    for other in set(kinds.tolist()) - {own, LineKind.UNNAMED}:
-        rivals = scores[kinds == other]
-        strongest = np.argmax(rivals.mean(axis=1))
-        rival = rivals[strongest]
-        better = chosen - rival
-        if better.mean() <= SIGNIFICANT_SIGMAS * better.std() / np.sqrt(len(better)):
+def _bins_above(track: _Track, level: float) -> int:
+    """Returns how many bins about the top of a line are above a ``level`` of the mean logarithmic spectrum."""
+    is_below = track.mean[: track.top] <= level
+    last_below = np.flatnonzero(is_below).max(initial=0)
+    # A last value below all levels ends a line that reaches to the highest frequency.
+    from_line_on = np.append(track.mean[last_below + 1 :], -np.inf)
+    return int(np.argmax(from_line_on <= level))
+
+
+def _kind(track: _Track) -> LineKind:
+    """Returns what makes a line; unnamed where an exponent of another kind fits nearly as well as its own.
+
+    Exponents are compared by the mean difference of the windows' logarithmic densities, with its standard error.
+    """
+    kinds = np.array(
+        [_kind_of_exponent(exponent, track.frequency) for exponent in EXPONENTS.tolist()]
+    )
+    kind = _kind_of_exponent(track.exponent, track.frequency)
+    own_scores = track.scores[np.flatnonzero(track.exponent == EXPONENTS)[0]]
+    for rival in set(kinds.tolist()) - {kind, LineKind.UNNAMED}:
+        scores = track.scores[kinds == rival]
+        rival_scores = scores[np.argmax(scores.mean(axis=1))]
+        differences = own_scores - rival_scores
+        standard_error = differences.std() / np.sqrt(len(differences))
+        if differences.mean() <= SIGNIFICANT_SIGMAS * standard_error:
             return LineKind.UNNAMED
-    return own
-
-
-def _kind_of(exponent: float, at: float) -> LineKind:
-    kind = LineKind.UNNAMED
-    if OF_FRAME[0] <= exponent <= OF_FRAME[1]:
-        # A slow line that stays may be the loop's own resonance.
-        kind = LineKind.FRAME if at > MAX_LOOP_FREQUENCY else LineKind.UNNAMED
-    elif OF_MOTORS[0] <= exponent <= OF_MOTORS[1]:
-        kind = LineKind.MOTOR
-    elif not OF_ALIASES[0] < exponent < OF_ALIASES[1]:
-        kind = LineKind.ALIAS
     return kind
 
 
-def _with_harmonics(peaks: Sequence[SpectralLine]) -> tuple[SpectralLine, ...]:
-    """Motors' fundamentals with their multiples, which are left out; and all else."""
-    kept = list[SpectralLine]()
-    for peak in sorted(peaks, key=lambda ranked: ranked.frequency):
-        parent = next(
-            (motor for motor in kept if motor.kind is LineKind.MOTOR and _multiple(motor, peak)),
-            None,
-        )
-        if parent is None or peak.kind is LineKind.FRAME:
-            kept.append(peak)
+def _kind_of_exponent(exponent: float, frequency: float) -> LineKind:
+    """Returns what makes a line that moves with this ``exponent``, at a ``frequency``, Hz."""
+    if FRAME_EXPONENTS[0] <= exponent <= FRAME_EXPONENTS[1]:
+        # A slow line that stays may be the loop's own resonance.
+        return LineKind.FRAME if frequency > MAX_LOOP_FREQUENCY else LineKind.UNNAMED
+    if MOTOR_EXPONENTS[0] <= exponent <= MOTOR_EXPONENTS[1]:
+        return LineKind.MOTOR
+    if exponent <= ALIAS_EXPONENTS[0] or exponent >= ALIAS_EXPONENTS[1]:
+        return LineKind.ALIAS
+    return LineKind.UNNAMED
+
+
+def _with_harmonics(lines: Sequence[SpectralLine]) -> tuple[SpectralLine, ...]:
+    """Returns ``lines``, the strongest first, of which those at a multiple of a motor's are noted there and left out.
+
+    A line of the frame is kept even so.
+    """
+    fundamentals = list[SpectralLine]()
+    for line in sorted(lines, key=lambda line: line.frequency):
+        index = _fundamental_of(line, fundamentals)
+        if index is None or line.kind is LineKind.FRAME:
+            fundamentals.append(line)
         else:
-            multiples = (*parent.harmonics, _multiple(parent, peak))
-            kept[kept.index(parent)] = parent._replace(harmonics=multiples)
-    return tuple(sorted(kept, key=lambda ranked: -ranked.ratio))
+            fundamental = fundamentals[index]
+            harmonics = (*fundamental.harmonics, _multiple(fundamental, line))
+            fundamentals[index] = fundamental._replace(harmonics=harmonics)
+    return tuple(sorted(fundamentals, key=lambda line: -line.ratio))
 
 
-def _multiple(fundamental: SpectralLine, peak: SpectralLine) -> int:
-    """Which multiple of a fundamental a line is; 0 where it is none."""
-    ratio = peak.frequency / fundamental.frequency
-    near = round(ratio)
-    if 2 <= near <= MOST_HARMONICS and abs(ratio / near - 1) <= HARMONIC:
-        return near
+def _fundamental_of(line: SpectralLine, fundamentals: Sequence[SpectralLine]) -> int | None:
+    """Returns the index of the first of a motor's ``fundamentals`` of which a ``line`` is a harmonic; None without."""
+    for index, fundamental in enumerate(fundamentals):
+        if fundamental.kind is LineKind.MOTOR and _multiple(fundamental, line):
+            return index
+    return None
+
+
+def _multiple(fundamental: SpectralLine, line: SpectralLine) -> int:
+    """Returns which multiple of a ``fundamental`` a ``line`` is, from 2 to ``MAX_HARMONIC``; 0 where it is none."""
+    ratio = line.frequency / fundamental.frequency
+    nearest = round(ratio)
+    if 2 <= nearest <= MAX_HARMONIC and abs(ratio / nearest - 1) <= HARMONIC_TOLERANCE:
+        return nearest
     return 0
