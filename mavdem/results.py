@@ -11,7 +11,8 @@ from mavdem.containers import Names
 from mavdem.export.mcap_channels import write_channels
 from mavdem.extras import missing_modules
 from mavdem.files import write_text_atomically
-from mavdem.fleet.row import FlightRows, flights_of, worst_row
+from mavdem.fleet.flights import flights_of, worst_row
+from mavdem.fleet.row import FlightRows
 from mavdem.fleet.workers import PAGES
 from mavdem.report.blocks import Block
 from mavdem.report.fleet_page import beside_others, fleet_page, with_top

@@ -95,9 +95,9 @@ def table_of(out):
 def fleet_of(out, rows):
     """Makes a fleet of these rows, none of them judged."""
     from mavdem.fleet.sources import LogSource
-    from mavdem.fleet.store import opened
+    from mavdem.fleet.store import open_store
 
-    with opened(out) as fleet:
+    with open_store(out) as fleet:
         for file in dict.fromkeys(row.file for row in rows):
             of_log = tuple(row for row in rows if row.file == file)
             fleet.add(

@@ -16,7 +16,12 @@ from mavdem.cli.output import (
 )
 from mavdem.cli.results import free_folder
 from mavdem.documents.fleet import Diff
-from mavdem.fleet.difference import SIDES, changed_parameters, vehicle_difference, without_gains
+from mavdem.fleet.difference import (
+    STATE_NAMES,
+    changed_parameters,
+    states_without_gains,
+    vehicle_difference,
+)
 from mavdem.fleet.state import of_common_vehicle, state_of
 from mavdem.report.difference import difference_blocks, headline_blocks, next_blocks
 from mavdem.report.difference_page import comparison_page
@@ -68,14 +73,14 @@ def diff_command(
     )
     check_folder(folder, (PAGE, DOCUMENT), before, after)
     states = []
-    for name, source in zip(SIDES, (before, after), strict=True):
+    for name, source in zip(STATE_NAMES, (before, after), strict=True):
         refuse_link(source)
         with progress(f"Reading {source}", measured=False):
             states.append(state_of(name, Path(source), vehicle))
     first, second = states if vehicle else of_common_vehicle(*states)
     difference = vehicle_difference(first.rows, second.rows)
     parameters = changed_parameters(first.parameters, second.parameters)
-    lacking = without_gains(first.parameters, second.parameters)
+    lacking = states_without_gains(first.parameters, second.parameters)
     headlines = {"a": first.headline, "b": second.headline}
     document = Diff.gather(
         difference, a=before, b=after, parameters=parameters, headlines=headlines

@@ -24,8 +24,8 @@ from mavdem.dem.parallel import available_workers
 from mavdem.documents.fleet import track_document
 from mavdem.extras import missing_extra_fact
 from mavdem.fleet.cluster import Cluster
-from mavdem.fleet.difference import since_baseline
-from mavdem.fleet.row import summary
+from mavdem.fleet.difference import baseline_differences
+from mavdem.fleet.flights import summary
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.fleet.store import read_rows
 from mavdem.fleet.tracking import track
@@ -136,7 +136,7 @@ def track_command(
         raise
     rows = read_rows(out)
     counts = summary(rows)
-    changes = since_baseline(rows, tracked.healthy) if tracked.healthy else {}
+    changes = baseline_differences(rows, tracked.healthy) if tracked.healthy else {}
     since = {name: baseline_blocks(*change) for name, change in changes.items()}
     index = write_fleet_pages(out, rows, since)
     for problem in tracked.problems:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mavdem.containers import JsonValues
 from mavdem.documents.document import Document, Said, Told
-from mavdem.fleet.difference import SinceBaselines
+from mavdem.fleet.difference import BaselineDifferences
 from mavdem.fleet.tracking import TrackedLogs
 from mavdem.units import (
     AngularAcceleration,
@@ -173,7 +173,7 @@ class Track(Document):
 
 
 def track_document(
-    fleet: Path, page: Path, tracked: TrackedLogs, counts: JsonValues, changes: SinceBaselines
+    fleet: Path, page: Path, tracked: TrackedLogs, counts: JsonValues, changes: BaselineDifferences
 ) -> Track:
     """Returns the document of a run on a ``fleet``: its ``counts``, and what is not as in the baseline."""
     return Track.gather(

@@ -1,4 +1,4 @@
-"""A Dask cluster whose workers read logs, each in a process of its own as on one machine."""
+"""A Dask cluster whose workers read logs, each log in a process of its own, as on one machine."""
 
 import platform
 import re
@@ -28,18 +28,43 @@ from mavdem.fleet.workers import (
     side_by_side,
 )
 
-SECONDS_TO_CONNECT = 10.0  # s, in which the scheduler must answer
+CONNECTION_TIMEOUT = 10.0
+"""s in which the scheduler must answer; on a local network it does so within milliseconds."""
 
-# in a worker of the cluster: processes that wait for a log
-_idle = list[LogReader]()
+JOBS_PER_THREAD = 2
+"""Logs that are submitted at a time for each thread of the workers: one is on its way while another is read."""
+
+ADDRESS = re.compile(r"\w+://\S+:\d{1,5}")
+"""An address of a scheduler, such as ``tcp://10.0.0.1:8786``."""
+
+_idle_readers: list[LogReader] = []
+"""In a worker of the cluster: the readers whose processes wait for a log."""
 
 
 class Cluster:
-    """Reads logs on the Dask cluster at ``address``, as ``WorkerPool`` does; others take what a dead worker had."""
+    """Reads logs on a Dask cluster, with the interface of ``WorkerPool``.
+
+    What a worker that died had to do is given to others.
+
+    Attributes:
+        address: of the scheduler.
+        limits: of each log.
+    """
 
     def __init__(self, address: str, limits: JobLimits, read: ReadLog) -> None:
+        """Checks the address; the connection is made when the first log is read.
+
+        Args:
+            address: of the scheduler, PROTOCOL://HOST:PORT.
+            limits: of each log.
+            read: the function that reads a log.
+
+        Raises:
+            MissingExtra: ``distributed`` is not installed.
+            Unreadable: it is no address.
+        """
         require_extra("dask")
-        if not re.fullmatch(r"\w+://\S+:\d{1,5}", address):
+        if not ADDRESS.fullmatch(address):
             raise Unreadable(Reading.NO_ADDRESS, address=address)
         self.address = address
         self.limits = limits
@@ -48,23 +73,26 @@ class Cluster:
         self._lock = Lock()
 
     def outcomes(self, jobs: Iterator[Job]) -> Generator[JobOutcome]:
-        """Yields outcomes as ``WorkerPool`` does; raises ``Unreadable``, as :meth:`read` does."""
-        threads = sum(self._connected().nthreads().values())
+        """Yields the outcomes of jobs in the order in which they come.
+
+        Raises:
+            Unreadable: as :meth:`read` does.
+        """
+        threads = sum(self._connected_client().nthreads().values())
         read = partial(self.read, limits=self.limits, read=self._read)
-        # One is on its way while another is read.
-        yield from side_by_side([read] * 2 * threads, jobs, self.stop)
+        yield from side_by_side([read] * (JOBS_PER_THREAD * threads), jobs, self.stop)
 
     def read(self, job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome:
-        """Returns what becomes of a log that the function ``read`` reads.
+        """Returns the outcome of a log that the function ``read`` reads on a worker of the cluster.
 
-        Raises ``Unreadable``: there is no such cluster, it has no worker, or one of its workers has another version of
-        mavdem or Python.
+        Raises:
+            Unreadable: there is no such cluster, it has no worker, or a worker has another version of mavdem or Python.
         """
         from distributed import KilledWorker
 
-        client = self._connected()
+        client = self._connected_client()
         try:
-            # tried again where a machine has no process to spare
+            # A worker whose machine has no process to spare raises an error, after which another worker tries.
             future = client.submit(read_on_worker, job, limits, read, pure=False, retries=ATTEMPTS)
             return future.result()
         except KilledWorker:
@@ -74,74 +102,88 @@ class Cluster:
             raise self._refusal(Reading.CLUSTER_CANNOT_READ, because=str(error)) from None
 
     def stop(self) -> None:
-        """Gives up what is being read, and ends the processes that wait; the next log connects anew."""
+        """Gives up what is being read, and ends the waiting processes; the next log makes a new connection."""
         with self._lock:
-            client, self._client = self._client, None
+            client = self._client
+            self._client = None
         if client is not None and client.status == "running":
             client.run(stop_readers, on_error="ignore")
         if client is not None:
             client.close()
 
     def _refusal(self, code: Reading, **figures: Any) -> Unreadable:
+        """Returns the error of this ``code``, with the cluster's address among its figures."""
         return Unreadable(code, address=self.address, **figures)
 
-    def _connected(self) -> Any:
+    def _connected_client(self) -> Any:
+        """Returns the client of the cluster, which connects at the first call.
+
+        Raises:
+            Unreadable: no scheduler answers, or the workers cannot be used.
+        """
         from distributed import Client
 
         with self._lock:
             if self._client is not None:
                 return self._client
             try:
-                # Asked first: a client that finds nobody there takes its time, and prints what its parts say.
-                at = urlsplit(self.address)
-                socket.create_connection((at.hostname, at.port), SECONDS_TO_CONNECT).close()
-                client = Client(self.address, timeout=SECONDS_TO_CONNECT, set_as_default=False)  # type: ignore[no-untyped-call]
+                # A plain connection is tried first: without a scheduler Dask's client waits long, and prints messages
+                # of its own.
+                url = urlsplit(self.address)
+                socket.create_connection((url.hostname, url.port), CONNECTION_TIMEOUT).close()
+                client = Client(self.address, timeout=CONNECTION_TIMEOUT, set_as_default=False)  # type: ignore[no-untyped-call]
             except (OSError, ValueError) as error:
                 because = str(error).splitlines()[0]
                 raise self._refusal(Reading.NO_SCHEDULER, because=because) from None
-            with ExitStack() as ends:
-                ends.callback(client.close)
-                self._check(client)
-                ends.pop_all()
+            with ExitStack() as on_failure:
+                on_failure.callback(client.close)
+                self._check_workers(client)
+                on_failure.pop_all()
             self._client = client
             return client
 
-    def _check(self, client: Any) -> None:
-        """Raises ``Unreadable`` if there are no workers, or one has other programs."""
+    def _check_workers(self, client: Any) -> None:
+        """Checks that there are workers, and that all have the same versions as this process.
+
+        Raises:
+            Unreadable: there is no worker, or one has another version of mavdem, of its columns, or of Python.
+        """
         try:
-            workers = client.run(versions)
-        except Exception as error:  # raised there: without mavdem the function cannot be found
+            versions_by_worker = client.run(versions)
+        # Without mavdem on a worker its Python cannot find the function, and raises any error.
+        except Exception as error:
             raise self._refusal(Reading.CLUSTER_CANNOT_READ, because=str(error)) from None
-        if not workers:
+        if not versions_by_worker:
             raise self._refusal(Reading.NO_CLUSTER_WORKERS)
         here = versions()
-        for name, there in workers.items():
+        for name, there in versions_by_worker.items():
             if there != here:
                 code = Reading.CLUSTER_OF_OTHER_VERSION
                 raise self._refusal(code, name=name, there=there, here=here)
 
 
 def read_on_worker(job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome:
-    """Reads a log, in a worker of the cluster, in a process that outlives it."""
-    # Dask's workers are daemons, which may have no children; these end with their worker.
+    """Reads a log in a worker of the cluster, by a process that is kept for the next log."""
+    # Dask's workers are daemons, which may have no child processes. The readers end with their worker.
     current_process().daemon = False
+    # Threads of the worker take readers side by side, so that it may become empty after any check.
     try:
-        reader = _idle.pop()
+        reader = _idle_readers.pop()
     except IndexError:
         reader = LogReader()
     outcome = reader.read(job, limits, read)
     assert outcome is not None
-    _idle.append(reader)
+    _idle_readers.append(reader)
     return outcome
 
 
 def stop_readers() -> None:
-    """Ends the processes in a worker of the cluster; another run's are started again."""
-    while _idle:
-        _idle.pop().stop()
+    """Ends the waiting processes in a worker of the cluster; another run starts new ones."""
+    while _idle_readers:
+        _idle_readers.pop().stop()
 
 
 def versions() -> str:
-    """Returns the versions here of mavdem, of the columns and of Python."""
+    """Returns the versions of mavdem, of the fleet's columns and of Python in this process."""
     python = ".".join(platform.python_version_tuple()[:2])
     return f"mavdem {metadata.version('mavdem')} (columns {SCHEMA_VERSION}) on Python {python}"

@@ -1,14 +1,15 @@
 """The difference between two states of a vehicle: what changed beyond its interval, what did not, what is unknown.
 
-Each state is one flight or several. The variance of a difference is that within the flights, of their intervals, and
-that between flights, which several flights of a state show; ``BETWEEN`` is what is assumed before (random effects, L.
-V. Hedges and I. Olkin, "Statistical Methods for Meta-Analysis", 1985). What other conditions can do widens the
-interval. All quantities are tested together: the chance that any is called changed when none did is at most
-``SIGNIFICANCE`` where the intervals hold (S. Holm, "A simple sequentially rejective multiple test procedure", 1979).
+Each state is one flight or several. The variance of a difference has two parts: that within the flights, by their
+intervals, and that between flights, which several flights of a state show. ``SD_BETWEEN_FLIGHTS`` is assumed
+beforehand (random effects, L. V. Hedges and I. Olkin, "Statistical Methods for Meta-Analysis", 1985). What other
+conditions of flight can do widens the interval. All quantities are tested together: the probability that any is called
+changed when none did is at most ``SIGNIFICANCE`` where the intervals hold (S. Holm, "A simple sequentially rejective
+multiple test procedure", 1979).
 
-Compared are the quantities that belong to the vehicle and not to its wind. Share and effect of a motor are beside the
-median of all motors: what changes one leaves the others alone, and what changes all, as the battery does, or biases all
-estimates, as closed loop does, leaves each alone.
+The compared quantities belong to the vehicle and not to its wind. The trim share and the effect of a motor are relative
+to the median of all motors: a change of one motor leaves the others unchanged, and a change of all, such as by the
+battery's voltage or by the bias of the closed loop, leaves each unchanged.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -19,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import stdtr
 
+from mavdem.arrays import Array
 from mavdem.confidence import CONFIDENCE_LEVEL, coverage_factor
 from mavdem.containers import Names, Numbers
 from mavdem.dataset.axes import AXES, TILT_AXES
@@ -27,15 +29,8 @@ from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Compared, Incomparable, QuantityOutcome
 from mavdem.facts.identifiability import Status
-from mavdem.fleet.row import (
-    SHARED,
-    UNKNOWN,
-    Flight,
-    FlightRow,
-    FlightRows,
-    flights_of,
-    vehicles_of,
-)
+from mavdem.fleet.flights import AxisRows, flights_of, vehicles_of
+from mavdem.fleet.row import SYSTEM_ID_BASIS, UNKNOWN, FlightRow, FlightRows
 from mavdem.immutable import ReadOnlyDict
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS, RATE_GAIN
@@ -46,88 +41,120 @@ EFFECT = "effect"
 MEAN_EFFECT = "mean effect"
 DAMPING = "damping"
 LAG = "lag"
-BETWEEN = {
+
+SD_BETWEEN_FLIGHTS = {
     SHARE: float(np.linalg.norm(SCATTER)),
     EFFECT: 0.02,
     MEAN_EFFECT: 0.1,
     DAMPING: 0.2,
     LAG: 0.004,
 }
-"""Assumed standard deviation of a quantity from flight to flight of the same vehicle; of shares and effects relative.
-Of shares it is what health assumes of the three axes; docs/evidence/motors.md shows what the others give."""
-PRIOR_FLIGHTS = 8  # flights that the assumption weighs as many as
-WITHIN_FREEDOM = 20  # degrees of freedom of the intervals of flights
-# rad, standard deviation of the difference of roll or pitch where a lean is not known: 4°
-TYPICAL_LEAN = 0.07
-# 1/rad, standard deviation: drag half an arm's length above or below the centre of mass
-SHARE_PER_LEAN = 0.5
-RESOLUTION = {SHARE: 0.06, EFFECT: 0.2, MEAN_EFFECT: 0.3, DAMPING: 0.8, LAG: 0.02}
-"""Differences up to which a quantity is called the same, if its whole interval lies within (an equivalence test)."""
-# of an effect, as a share of it: with a wider interval its logarithm is not nearly normal
-MAX_UNCERTAINTY = 0.5
-SIDES = ("A", "B")
-UNSURE = {Status.BIASED, Status.NOT_IDENTIFIABLE}
-_Z = coverage_factor()  # of the intervals of flights, in standard deviations
+"""Assumed standard deviation of a quantity from flight to flight of the same vehicle: of shares and effects relative,
+of the damping in 1/s, of the motor time constant in s. That of shares is what the health of motors assumes for the
+three axes; docs/evidence/motors.md shows where the others come from."""
 
-Flights = Sequence[Flight]
+PRIOR_FREEDOM = 8
+"""Degrees of freedom of that assumption: it counts as much as this many flights."""
+
+INTERVAL_FREEDOM = 20
+"""Degrees of freedom of the variance within a flight, whose interval is itself an estimate."""
+
+SD_UNKNOWN_LEAN = 0.07
+"""rad, standard deviation of the difference of roll or of pitch between two states where a lean is not known: 4°."""
+
+SD_SHARE_PER_LEAN = 0.5
+"""1/rad, standard deviation of the change of a trim share by lean: drag that acts half an arm's length above or below
+the centre of mass."""
+
+EQUIVALENCE_LIMITS = {SHARE: 0.06, EFFECT: 0.2, MEAN_EFFECT: 0.3, DAMPING: 0.8, LAG: 0.02}
+"""Largest difference of a quantity that is called the same, in the units of ``SD_BETWEEN_FLIGHTS``, if its whole
+interval lies within (an equivalence test)."""
+
+MAX_RELATIVE_HALF_WIDTH = 0.5
+"""Largest half width of the interval of a share or an effect, relative to it: with a wider one the error of its
+logarithm is not nearly normal."""
+
+STATE_NAMES = ("A", "B")
+"""How the two states are called in messages."""
+
+UNRELIABLE_STATUSES = {Status.BIASED, Status.NOT_IDENTIFIABLE}
+
+HALF_WIDTH_PER_SD = coverage_factor()
+"""Half width of the intervals of flights, in standard deviations."""
+
+Flights = Sequence[AxisRows]
 """Flights of one vehicle in order of date, the rows of each."""
 
 
 class Quantity(NamedTuple):
-    """What is estimated: its ``kind``, of which ``motor`` (from 1; 0: of none), about which ``axis`` ("": of none).
-
-    Shares and effects are compared by their logarithm, the others as they are; "mean effect" is that of all motors.
-    """
+    """A quantity that is compared. Shares and effects are compared by their logarithm, the others as they are."""
 
     kind: str
+    """``SHARE``, ``EFFECT``, ``MEAN_EFFECT`` (of all motors), ``DAMPING`` or ``LAG``"""
     motor: int = 0
+    """number of the motor, from 1; 0 where it is of no motor"""
     axis: str = ""
+    """"roll" or "pitch"; empty where it is of no axis"""
 
 
-Estimate = tuple[float, float]
-"""A value, or its logarithm, and the standard deviation of its error within the flight."""
+class Estimate(NamedTuple):
+    """An estimate of a quantity from one flight."""
+
+    value: float
+    """the quantity, or its logarithm"""
+    sd: float
+    """standard deviation of its error within the flight"""
 
 
 class QuantityChange(NamedTuple):
     """One quantity in both states."""
 
-    quantity: Quantity  # which
-    before: float | None  # its means; of shares and effects None
+    quantity: Quantity
+    """the quantity"""
+    before: float | None
+    """mean of the first state; None of shares and effects, which are relative"""
     after: float | None
-    # after less before, and the half width of its 90 % interval; relative ones for shares and effects
+    """mean of the second state, likewise"""
     difference: float
+    """second state less first; relative for shares and effects"""
     half_width: float
-    p: float  # probability of a difference as large if nothing changed
-    # standard deviation of what other conditions may do to it, which is in the half width
+    """half width of its 90 % interval"""
+    p: float
+    """probability of a difference as large if nothing changed"""
     allowance: float
-    # uncertain where the interval has both what is called the same and what is not
+    """standard deviation of what other conditions of flight may do to it, which is in the half width"""
     outcome: QuantityOutcome = QuantityOutcome.SAME
+    """changed; the same; or uncertain, where the interval reaches beyond what is called the same"""
 
 
 class Conditions(NamedTuple):
-    """How a state was flown, means over its flights; None where not known. SI units, rad.
-
-    ``collective`` is the mean of the motors as a share of their range: payload, and what the battery gives.
-    ``wind_torque`` by axis: standard deviation, rad/s².
-    """
+    """How a state was flown, means over its flights; None where not known."""
 
     voltage: float | None
+    """V of the battery"""
     collective: float | None
+    """mean of the motors, as a share of their range: it depends on payload and voltage"""
     lean_roll: float | None
+    """rad"""
     lean_pitch: float | None
+    """rad"""
     tilt_sd: float | None
+    """rad, standard deviation of the angle from level"""
     wind_torque: dict[str, float]
+    """standard deviation of the wind torque by axis, rad/s²"""
 
 
 class MissingQuantity(NamedTuple):
     """What cannot be compared, and the reason."""
 
     quantity: Fact
+    """names the quantity"""
     reason: Fact
+    """why it is not known in both states"""
 
 
 class ParameterChange(NamedTuple):
-    """A parameter that was set anew."""
+    """A parameter of the autopilot that was set to another value."""
 
     name: str
     before: float
@@ -137,274 +164,445 @@ class ParameterChange(NamedTuple):
 class VehicleDifference(NamedTuple):
     """What differs between two states of a vehicle."""
 
-    vehicles: tuple[Names, Names]  # names in each state
-    shared: Names  # of these, the names that several vehicles may have
-    motors: Names  # their names; empty where not known
-    flights: tuple[int, int]  # how many each has
-    # quantities known in both, in the order of kinds, motors and axes
+    vehicles: tuple[Names, Names]
+    """names of the vehicles in each state"""
+    shared: Names
+    """those of the names that several vehicles may have"""
+    motors: Names
+    """names of the motors; empty where not known"""
+    flights: tuple[int, int]
+    """number of flights of each state"""
     changes: tuple[QuantityChange, ...]
-    incomparable: tuple[MissingQuantity, ...]  # what is not known in both
-    conditions: tuple[Conditions, Conditions]  # of each state
-    family_error: float = SIGNIFICANCE  # chance that any is called changed when none did
-    level: float = CONFIDENCE_LEVEL  # of the intervals
+    """quantities that are known in both states, in the order of kinds, motors and axes"""
+    incomparable: tuple[MissingQuantity, ...]
+    """what is not known in both states"""
+    conditions: tuple[Conditions, Conditions]
+    """how each state was flown"""
+    family_error: float = SIGNIFICANCE
+    """probability that any quantity is called changed when none did"""
+    level: float = CONFIDENCE_LEVEL
+    """probability of the intervals"""
 
     def of(self, outcome: QuantityOutcome) -> list[QuantityChange]:
         """Returns the changes with this outcome."""
         return [change for change in self.changes if change.outcome == outcome]
 
 
-SinceBaselines = dict[str, tuple[FlightRow, VehicleDifference | None]]
-"""The latest flight of each vehicle, and what differs from its baseline, if it has one."""
+BaselineDifferences = dict[str, tuple[FlightRow, VehicleDifference | None]]
+"""By vehicle, the first row of its latest flight, and what differs from its baseline, if it has one."""
 
 
 def vehicle_difference(before: FlightRows, after: FlightRows) -> VehicleDifference:
-    """Returns what differs between flights ``before`` and ``after``, of one vehicle or of two; of rows with figures."""
-    sides = [flights_of(row for row in rows if row.is_read) for rows in (before, after)]
-    conditions = (conditions_of(sides[0]), conditions_of(sides[1]))
-    estimates = [[estimates_of(flight) for flight in flights] for flights in sides]
-    unlike = _unlike(sides)
-    kinds = [*BETWEEN] if unlike is None else [SHARE]
-    if unlike is not None and unlike.code is not Incomparable.OTHER_INPUTS:
-        kinds = []
-    judged = []
+    """Returns what differs between two states of a vehicle, or between two vehicles.
+
+    Args:
+        before: rows of the first state.
+        after: rows of the second state. Rows without figures are left out of both.
+    """
+    states = [flights_of(row for row in rows if row.is_read) for rows in (before, after)]
+    conditions = (conditions_of(states[0]), conditions_of(states[1]))
+    estimates = [[estimates_of(flight) for flight in flights] for flights in states]
+    obstacle = comparison_obstacle(states)
+    if obstacle is None:
+        comparable_kinds = list(SD_BETWEEN_FLIGHTS)
+    elif obstacle.code is Incomparable.OTHER_INPUTS:
+        # The trim does not depend on the inputs of models.
+        comparable_kinds = [SHARE]
+    else:
+        comparable_kinds = []
+    changes = []
     for quantity in {quantity for flight in estimates[0] for quantity in flight}:
-        pair = [[flight[quantity] for flight in side if quantity in flight] for side in estimates]
-        if quantity.kind in kinds and all(pair):
-            judged.append(_compared(quantity, pair, _allowance(quantity.kind, conditions)))
-    rows = [flight[0] for side in sides for flight in side]
-    first, second = (tuple(sorted({flight[0].vehicle for flight in side})) for side in sides)
+        estimates_before = [flight[quantity] for flight in estimates[0] if quantity in flight]
+        estimates_after = [flight[quantity] for flight in estimates[1] if quantity in flight]
+        if quantity.kind in comparable_kinds and estimates_before and estimates_after:
+            allowance = condition_allowance(quantity.kind, conditions)
+            changes.append(quantity_change(quantity, estimates_before, estimates_after, allowance))
+    first_rows = [flight[0] for flights in states for flight in flights]
+    motors = next((row.motors for row in first_rows if row.motors), ())
+    shared_names = {row.vehicle for row in first_rows if row.vehicle_basis == SYSTEM_ID_BASIS}
     return VehicleDifference(
-        (first, second),
-        tuple(sorted({row.vehicle for row in rows if row.vehicle_basis == SHARED})),
-        next((row.motors for row in rows if row.motors), ()),
-        (len(sides[0]), len(sides[1])),
-        tuple(_tested(judged)),
-        tuple(_incomparable(sides, estimates, unlike)),
-        conditions,
+        vehicles=(_vehicle_names(states[0]), _vehicle_names(states[1])),
+        shared=tuple(sorted(shared_names)),
+        motors=motors,
+        flights=(len(states[0]), len(states[1])),
+        changes=tuple(with_outcomes(changes)),
+        incomparable=tuple(missing_quantities(states, estimates, obstacle)),
+        conditions=conditions,
     )
+
+
+def _vehicle_names(flights: Flights) -> Names:
+    """Returns the names of the vehicles that flew these flights."""
+    return tuple(sorted({flight[0].vehicle for flight in flights}))
 
 
 def changed_parameters(before: Parameters, after: Parameters) -> list[ParameterChange]:
-    """Returns the parameters that somebody set to other values ``after``: those of control first, then by name."""
-    both = sorted(
-        before.keys() & after.keys(), key=lambda name: (not CONTROL_PARAMETERS.match(name), name)
-    )
-    return [
-        ParameterChange(name, before[name], after[name])
-        for name in both
-        if not AUTOPILOT_SET_PARAMETERS.search(name)
-        and not isclose(before[name], after[name], rel_tol=1e-6)
-    ]
+    """Returns the parameters that somebody set to other values: those of control first, then by name.
 
-
-def without_gains(before: Parameters, after: Parameters) -> Names:
-    """Returns which of the two sides have no gains of rate control, so that it is not known if these changed."""
-    sides = zip(SIDES, (before, after), strict=True)
-    return tuple(side for side, known in sides if not any(map(RATE_GAIN.match, known)))
-
-
-def since_baseline(rows: FlightRows, baseline: FlightRows) -> SinceBaselines:
-    """Returns the latest flight of each vehicle, and what differs from its flights of a ``baseline``, if it has any.
-
-    The latest alone: flights with a fault and without one, taken together, would hide it. Flights of the baseline are
-    no later ones, and those that do not say whose they are are left out.
+    Parameters that the autopilot itself sets, such as statistics, are left out.
     """
-    keys = {row.key for row in baseline if row.key}
-    before = vehicles_of(baseline)
-    changes = {}
-    for name, flights in vehicles_of(row for row in rows if row.key not in keys).items():
-        latest = flights[-1]
-        healthy = [row for flight in before.get(name, ()) for row in flight]
-        if name != UNKNOWN:
-            changes[name] = latest[0], vehicle_difference(healthy, latest) if healthy else None
-    return changes
+    changes = []
+    for name in before.keys() & after.keys():
+        is_set_by_autopilot = AUTOPILOT_SET_PARAMETERS.search(name)
+        # Logs and parameter files round float32 differently.
+        is_equal = isclose(before[name], after[name], rel_tol=1e-6)
+        if not is_set_by_autopilot and not is_equal:
+            changes.append(ParameterChange(name, before[name], after[name]))
+    return sorted(
+        changes, key=lambda change: (not CONTROL_PARAMETERS.match(change.name), change.name)
+    )
 
 
-def estimates_of(flight: Flight) -> dict[Quantity, Estimate]:
-    """Returns what the rows of one flight, an axis each, estimate of the vehicle.
+def states_without_gains(before: Parameters, after: Parameters) -> Names:
+    """Returns the names of the states without gains of rate control: whether these changed is not known."""
+    states = zip(STATE_NAMES, (before, after), strict=True)
+    return tuple(name for name, parameters in states if not any(map(RATE_GAIN.match, parameters)))
 
-    Only what is "reported" is compared: what is "biased" is so by as much as wind and steering say.
+
+def baseline_differences(rows: FlightRows, baseline: FlightRows) -> BaselineDifferences:
+    """Compares the latest flight of each vehicle with its flights of a baseline.
+
+    Only the latest flight is compared: flights with a fault and without one, taken together, would hide the fault.
+    Flights of the baseline do not count as later ones, and flights of unknown vehicles are left out.
+    """
+    baseline_keys = {row.key for row in baseline if row.key}
+    baseline_vehicles = vehicles_of(baseline)
+    later_rows = [row for row in rows if row.key not in baseline_keys]
+    differences: BaselineDifferences = {}
+    for name, flights in vehicles_of(later_rows).items():
+        if name == UNKNOWN:
+            continue
+        latest_flight = flights[-1]
+        healthy_rows = [row for flight in baseline_vehicles.get(name, ()) for row in flight]
+        difference = None
+        if healthy_rows:
+            difference = vehicle_difference(healthy_rows, latest_flight)
+        differences[name] = (latest_flight[0], difference)
+    return differences
+
+
+def estimates_of(flight: AxisRows) -> dict[Quantity, Estimate]:
+    """Returns the estimates of one flight, from the rows of its axes.
+
+    Only physical parameters that are "reported" are compared: the bias of the others depends on wind and steering.
     """
     estimates: dict[Quantity, Estimate] = {}
-    by_axis: dict[Quantity, list[Estimate]] = {}
+    effects_by_axis: dict[Quantity, list[Estimate]] = {}
     for row in flight:
-        # The motors' figures are the same on each axis.
-        estimates |= _beside_median(SHARE, _logarithms(row.trim_share, row.trim_share_interval))
-        for kind in (DAMPING, LAG):
-            value, half, status = (
-                getattr(row, f"{kind}{ending}") for ending in ("", "_interval", "_status")
-            )
-            if value is not None and half is not None and status == Status.REPORTED:
-                estimates[Quantity(kind, axis=row.axis or "")] = value, half / _Z
-        effects = _logarithms(row.effect, row.effect_interval)
+        axis = row.axis or ""
+        # The motors' trim is the same in the rows of all axes.
+        shares = log_estimates(row.trim_share, row.trim_share_interval)
+        estimates |= relative_to_median(SHARE, shares)
+        if row.damping_status == Status.REPORTED:
+            if row.damping is not None and row.damping_interval is not None:
+                sd = row.damping_interval / HALF_WIDTH_PER_SD
+                estimates[Quantity(DAMPING, axis=axis)] = Estimate(row.damping, sd)
+        if row.lag_status == Status.REPORTED:
+            if row.lag is not None and row.lag_interval is not None:
+                sd = row.lag_interval / HALF_WIDTH_PER_SD
+                estimates[Quantity(LAG, axis=axis)] = Estimate(row.lag, sd)
+        effects = log_estimates(row.effect, row.effect_interval)
         if effects and row.effect_status == Status.REPORTED:
-            # Errors of the motors' effects have much in common: their mean is hardly known better than each.
-            values, sds = zip(*effects.values(), strict=True)
-            estimates[Quantity(MEAN_EFFECT, axis=row.axis or "")] = fmean(values), max(sds)
+            estimates[Quantity(MEAN_EFFECT, axis=axis)] = mean_estimate(effects.values())
             if len(row.motors or ()) == len(row.effect or ()):
-                for quantity, estimate in _beside_median(EFFECT, effects).items():
-                    by_axis.setdefault(quantity, []).append(estimate)
-    # A motor's effect on roll and on pitch changes alike; what they have in common of their errors is not known.
-    for quantity, parts in by_axis.items():
-        values, sds = zip(*parts, strict=True)
-        estimates[quantity] = fmean(values), max(sds)
+                for quantity, estimate in relative_to_median(EFFECT, effects).items():
+                    effects_by_axis.setdefault(quantity, []).append(estimate)
+    # The effect of a motor on roll and on pitch changes by the same factor.
+    for quantity, axis_estimates in effects_by_axis.items():
+        estimates[quantity] = mean_estimate(axis_estimates)
     return estimates
 
 
-def _logarithms(values: Numbers | None, halves: Numbers | None) -> dict[int, Estimate]:
-    """The logarithm by motor, from 1, of what is known well enough for it."""
-    return {
-        motor: (log(abs(value)), half / abs(value) / _Z)
-        for motor, (value, half) in enumerate(zip(values or (), halves or (), strict=False), 1)
-        if half is not None and half < MAX_UNCERTAINTY * abs(value)
-    }
+def mean_estimate(estimates: Iterable[Estimate]) -> Estimate:
+    """Returns the mean of estimates whose errors have much in common: it is known no better than the worst of them."""
+    estimates = list(estimates)
+    return Estimate(
+        value=fmean(estimate.value for estimate in estimates),
+        sd=max(estimate.sd for estimate in estimates),
+    )
 
 
-def _beside_median(kind: str, estimates: Mapping[int, Estimate]) -> dict[Quantity, Estimate]:
-    """Each motor's logarithm less the median of all; of too few motors none."""
+def log_estimates(values: Numbers | None, half_widths: Numbers | None) -> dict[int, Estimate]:
+    """Returns the logarithm of a positive quantity of each motor.
+
+    Args:
+        values: of each motor; their signs are ignored.
+        half_widths: of their intervals.
+
+    Returns:
+        Estimates by the number of the motor, from 1, without those of too wide an interval.
+    """
+    estimates = {}
+    pairs = zip(values or (), half_widths or (), strict=False)
+    for motor, (value, half_width) in enumerate(pairs, 1):
+        if half_width is not None and half_width < MAX_RELATIVE_HALF_WIDTH * abs(value):
+            sd = half_width / abs(value) / HALF_WIDTH_PER_SD
+            estimates[motor] = Estimate(log(abs(value)), sd)
+    return estimates
+
+
+def relative_to_median(kind: str, estimates: Mapping[int, Estimate]) -> dict[Quantity, Estimate]:
+    """Returns each motor's logarithm less the median of all motors; nothing if there are too few motors."""
     if len(estimates) < MIN_MOTORS:
         return {}
-    middle = median(value for value, _ in estimates.values())
-    return {Quantity(kind, motor): (value - middle, sd) for motor, (value, sd) in estimates.items()}
+    median_value = median(estimate.value for estimate in estimates.values())
+    relative = {}
+    for motor, estimate in estimates.items():
+        relative[Quantity(kind, motor)] = Estimate(estimate.value - median_value, estimate.sd)
+    return relative
 
 
-def _compared(
-    quantity: Quantity, sides: Sequence[Sequence[Estimate]], allowance: float
+class StateEstimates(NamedTuple):
+    """The estimates of one quantity in the f flights of a state."""
+
+    values: Array
+    """(f,) the estimates"""
+    variances: Array
+    """(f,) of their errors within the flights"""
+
+    @classmethod
+    def of(cls, estimates: Sequence[Estimate]) -> "StateEstimates":
+        """Returns the estimates as arrays."""
+        values = np.array([estimate.value for estimate in estimates])
+        variances = np.array([estimate.sd**2 for estimate in estimates])
+        return cls(values, variances)
+
+    @property
+    def excess_squares(self) -> float:
+        """The sum of squared deviations from the mean, less its expectation from errors within the flights alone."""
+        squares = ((self.values - self.values.mean()) ** 2).sum()
+        return float(squares - self.variances.sum() * (1 - 1 / self.values.size))
+
+
+def quantity_change(
+    quantity: Quantity,
+    before: Sequence[Estimate],
+    after: Sequence[Estimate],
+    allowance: float,
 ) -> QuantityChange:
-    """The difference of the means of two groups of flights, by random effects; not yet tested beside the others."""
-    groups = [np.array([(value, sd**2) for value, sd in side]).T for side in sides]
-    observed = sum(values.size - 1 for values, _ in groups)
-    # The spread within each group less what the flights' own errors make of it.
-    excess = sum(
-        ((values - values.mean()) ** 2).sum() - errors.sum() * (1 - 1 / values.size)
-        for values, errors in groups
-    )
-    assumed = PRIOR_FLIGHTS * BETWEEN[quantity.kind] ** 2
-    between = (assumed + max(excess, 0.0)) / (PRIOR_FLIGHTS + observed)
-    weights = [1 / (errors + between) for _, errors in groups]
-    before, after = (
-        float(weight @ values / weight.sum())
-        for weight, (values, _) in zip(weights, groups, strict=True)
-    )
-    variance = float(sum(1 / weight.sum() for weight in weights))
-    of_flights = float(sum(((weight / weight.sum()) ** 2).sum() * between for weight in weights))
-    # Welch and Satterthwaite: the part between flights is known from fewer numbers than the flights' own.
+    """Estimates the difference of one quantity between two states by a random-effects model.
+
+    The variance of a flight's estimate is that within the flight plus a common variance between flights τ². The mean of
+    a state weighs its flights by the inverse of that variance.
+
+    Args:
+        quantity: what is compared.
+        before: estimates in the flights of the first state, at least one.
+        after: estimates in the flights of the second state, at least one.
+        allowance: standard deviation of what other conditions may do to the difference.
+
+    Returns:
+        The change, not yet tested together with others.
+    """
+    states = [StateEstimates.of(before), StateEstimates.of(after)]
+    observed_freedom = sum(state.values.size - 1 for state in states)
+    between_freedom = PRIOR_FREEDOM + observed_freedom
+    excess = sum(state.excess_squares for state in states)
+    prior_squares = PRIOR_FREEDOM * SD_BETWEEN_FLIGHTS[quantity.kind] ** 2
+    variance_between = (prior_squares + max(excess, 0.0)) / between_freedom
+    means = []
+    variance = 0.0
+    variance_from_between = 0.0
+    for state in states:
+        weights = 1 / (state.variances + variance_between)
+        total_weight = weights.sum()
+        means.append(float(weights @ state.values / total_weight))
+        variance += float(1 / total_weight)
+        variance_from_between += float(((weights / total_weight) ** 2).sum() * variance_between)
+    variance_from_within = variance - variance_from_between
+    # Degrees of freedom of the sum by Welch and Satterthwaite.
     freedom = variance**2 / (
-        of_flights**2 / (PRIOR_FLIGHTS + observed) + (variance - of_flights) ** 2 / WITHIN_FREEDOM
+        variance_from_between**2 / between_freedom + variance_from_within**2 / INTERVAL_FREEDOM
     )
     sd = hypot(sqrt(variance), allowance)
-    half = coverage_factor(freedom=freedom) * sd
-    p = float(2 * stdtr(freedom, -abs(after - before) / sd))
+    half_width = coverage_factor(freedom=freedom) * sd
+    mean_before, mean_after = means
+    difference = mean_after - mean_before
+    p = float(2 * stdtr(freedom, -abs(difference) / sd))
     if quantity.kind in (DAMPING, LAG):
-        return QuantityChange(quantity, before, after, after - before, half, p, allowance)
-    # The interval of a ratio, at its difference.
-    ratio = exp(after - before)
-    return QuantityChange(quantity, None, None, ratio - 1, ratio * half, p, allowance)
+        return QuantityChange(
+            quantity, mean_before, mean_after, difference, half_width, p, allowance
+        )
+    # The difference of logarithms is the logarithm of the ratio; its interval is linearized at the estimate.
+    ratio = exp(difference)
+    return QuantityChange(quantity, None, None, ratio - 1, ratio * half_width, p, allowance)
 
 
-def _tested(judged: Sequence[QuantityChange]) -> list[QuantityChange]:
-    """Each with its outcome, in order, by Holm's procedure over all."""
+def with_outcomes(changes: Sequence[QuantityChange]) -> list[QuantityChange]:
+    """Tests changes together by Holm's procedure.
+
+    In the order of their p, quantities are called changed until the first with p > ``SIGNIFICANCE`` divided by the
+    number of those that are left. The others are the same if their interval lies within ``EQUIVALENCE_LIMITS``, else
+    uncertain.
+
+    Returns:
+        The changes with their outcomes, in the order of kinds, motors and axes.
+    """
     tested = []
-    outcome = QuantityOutcome.CHANGED
-    for rank, change in enumerate(sorted(judged, key=lambda change: change.p)):
-        if outcome is not QuantityOutcome.CHANGED or change.p > SIGNIFICANCE / (len(judged) - rank):
-            within = abs(change.difference) + change.half_width <= RESOLUTION[change.quantity.kind]
-            outcome = QuantityOutcome.SAME if within else QuantityOutcome.UNCERTAIN
+    may_reject = True
+    for rank, change in enumerate(sorted(changes, key=lambda change: change.p)):
+        may_reject = may_reject and change.p <= SIGNIFICANCE / (len(changes) - rank)
+        limit = EQUIVALENCE_LIMITS[change.quantity.kind]
+        if may_reject:
+            outcome = QuantityOutcome.CHANGED
+        elif abs(change.difference) + change.half_width <= limit:
+            outcome = QuantityOutcome.SAME
+        else:
+            outcome = QuantityOutcome.UNCERTAIN
         tested.append(change._replace(outcome=outcome))
-    order = [*BETWEEN]
-    return sorted(tested, key=lambda change: (order.index(change.quantity.kind), change.quantity))
+    kinds = list(SD_BETWEEN_FLIGHTS)
+    return sorted(tested, key=lambda change: (kinds.index(change.quantity.kind), change.quantity))
 
 
-def _allowance(kind: str, conditions: tuple[Conditions, Conditions]) -> float:
-    """Standard deviation of a quantity's difference because the conditions differ."""
+def condition_allowance(kind: str, conditions: tuple[Conditions, Conditions]) -> float:
+    """Returns the standard deviation of the difference of a quantity that other conditions of flight may cause.
+
+    Args:
+        kind: of the quantity.
+        conditions: of the two states.
+    """
     before, after = conditions
     if kind == SHARE:
-        leans = (before.lean_roll, after.lean_roll), (before.lean_pitch, after.lean_pitch)
-        return SHARE_PER_LEAN * hypot(
-            *(TYPICAL_LEAN if a is None or b is None else a - b for a, b in leans)
-        )
+        roll_change = _lean_change(before.lean_roll, after.lean_roll)
+        pitch_change = _lean_change(before.lean_pitch, after.lean_pitch)
+        return SD_SHARE_PER_LEAN * hypot(roll_change, pitch_change)
     if kind == MEAN_EFFECT:
-        # At the same thrust the effect is proportional to the voltage, with more thrust to the output.
-        pairs = (before.voltage, after.voltage), (before.collective, after.collective)
-        return sum(abs(log(a / b)) for a, b in pairs if a and b)
+        # At the same thrust the effect is proportional to the voltage, and with more thrust to the output.
+        log_changes = [
+            abs(log(first / second))
+            for first, second in (
+                (before.voltage, after.voltage),
+                (before.collective, after.collective),
+            )
+            if first and second
+        ]
+        return sum(log_changes)
     return 0.0
+
+
+def _lean_change(before: float | None, after: float | None) -> float:
+    """Returns the change of a lean angle, rad; ``SD_UNKNOWN_LEAN`` where one of the two is not known."""
+    if before is None or after is None:
+        return SD_UNKNOWN_LEAN
+    return before - after
 
 
 def conditions_of(flights: Flights) -> Conditions:
     """Returns the mean conditions of flights."""
+    # The conditions are the same in the rows of all axes, but for the wind torque.
+    first_rows = [flight[0] for flight in flights]
+    wind_torques = {}
+    for axis in AXES:
+        torques = [row.wind_torque_sd for flight in flights for row in flight if row.axis == axis]
+        mean_torque = _known_mean(torques)
+        if mean_torque is not None:
+            wind_torques[axis] = mean_torque
+    return Conditions(
+        voltage=_known_mean(row.voltage_mean for row in first_rows),
+        collective=_known_mean(row.collective for row in first_rows),
+        lean_roll=_known_mean(row.lean_roll for row in first_rows),
+        lean_pitch=_known_mean(row.lean_pitch for row in first_rows),
+        tilt_sd=_known_mean(row.tilt_sd for row in first_rows),
+        wind_torque=ReadOnlyDict(wind_torques),
+    )
 
-    def mean(values: Iterable[float | None]) -> float | None:
-        present = [value for value in values if value is not None]
-        return fmean(present) if present else None
 
-    columns = ("voltage_mean", "collective", "lean_roll", "lean_pitch", "tilt_sd")
-    means = [mean(getattr(flight[0], column) for flight in flights) for column in columns]
-    rows = [row for flight in flights for row in flight]
-    torques = {axis: mean(row.wind_torque_sd for row in rows if row.axis == axis) for axis in AXES}
-    present = ReadOnlyDict({axis: torque for axis, torque in torques.items() if torque is not None})
-    return Conditions(*means, present)  # type: ignore[call-arg, arg-type]
+def _known_mean(values: Iterable[float | None]) -> float | None:
+    """Returns the mean of the values that are known; None if there are none."""
+    known_values = [value for value in values if value is not None]
+    return fmean(known_values) if known_values else None
 
 
-def _unlike(sides: Sequence[Flights]) -> Fact | None:
-    """Why nothing of the two can be compared, or nothing that belongs to models; None where all can."""
-    for side, flights in zip(SIDES, sides, strict=True):
+def comparison_obstacle(states: Sequence[Flights]) -> Fact | None:
+    """Returns why two states cannot be compared, or only by quantities without a model; None where all can be."""
+    for name, flights in zip(STATE_NAMES, states, strict=True):
         if not flights:
-            return Fact(Incomparable.NO_FLIGHT, subject=side)
-    rows = [[row for flight in flights for row in flight] for flights in sides]
-    columns = {
-        Incomparable.OTHER_VEHICLES: lambda row: (
-            f"{len(row.motors)} motors" if row.motors else None
-        ),
-        Incomparable.OTHER_UNITS: lambda row: row.trim_unit,
-        Incomparable.OTHER_INPUTS: lambda row: (
-            f"{row.inputs} {row.input_unit}" if row.effect_status else None
-        ),
+            return Fact(Incomparable.NO_FLIGHT, subject=name)
+    properties = {
+        Incomparable.OTHER_VEHICLES: _motor_count,
+        Incomparable.OTHER_UNITS: _trim_unit,
+        Incomparable.OTHER_INPUTS: _inputs_of_model,
     }
-    for code, column in columns.items():
-        before, after = ({*filter(None, map(column, side))} for side in rows)
+    for code, property_of in properties.items():
+        before, after = (
+            {property_of(row) for flight in flights for row in flight} - {None, ""}
+            for flights in states
+        )
         if before and after and not before & after:
-            return Fact(code, before=_sorted(before), after=_sorted(after))
+            return Fact(code, before=_sorted_texts(before), after=_sorted_texts(after))
     return None
 
 
-def _incomparable(
-    sides: Sequence[Flights],
+def _motor_count(row: FlightRow) -> str | None:
+    """Returns the number of motors in words; None where it is not known."""
+    return f"{len(row.motors)} motors" if row.motors else None
+
+
+def _trim_unit(row: FlightRow) -> str | None:
+    """Returns the unit of the motors' trim; None where it is not known."""
+    return row.trim_unit
+
+
+def _inputs_of_model(row: FlightRow) -> str | None:
+    """Returns the inputs of a flight's model and their unit; None where it has no model."""
+    return f"{row.inputs} {row.input_unit}" if row.effect_status else None
+
+
+def missing_quantities(
+    states: Sequence[Flights],
     estimates: Sequence[Sequence[Iterable[Quantity]]],
-    unlike: Fact | None,
+    obstacle: Fact | None,
 ) -> Iterator[MissingQuantity]:
-    """What is missing on either side, each with its reason."""
-    wanted = [Quantity(SHARE)]
-    if unlike is None:
-        of_axes = [Quantity(kind, axis=axis) for kind in (DAMPING, LAG) for axis in TILT_AXES]
-        wanted += [Quantity(EFFECT), *of_axes]
-    elif unlike.code is Incomparable.OTHER_INPUTS:
-        yield MissingQuantity(Fact(Compared.OF_MODELS), unlike)
-    else:
-        yield MissingQuantity(Fact(Compared.EVERYTHING), unlike)
+    """Yields what cannot be compared, each with the reason.
+
+    Args:
+        states: the flights of both states.
+        estimates: the quantities that each flight of each state has an estimate of.
+        obstacle: that of :func:`comparison_obstacle`.
+    """
+    if obstacle is not None and obstacle.code is not Incomparable.OTHER_INPUTS:
+        yield MissingQuantity(Fact(Compared.EVERYTHING), obstacle)
         return
-    for quantity in wanted:
-        reasons = [
-            _reason(quantity, side, flights)
-            for side, flights, tables in zip(SIDES, sides, estimates, strict=True)
-            if not any(
-                row.kind == quantity.kind and quantity.axis in ("", row.axis)
-                for table in tables
-                for row in table
-            )
-        ]
+    expected = [Quantity(SHARE)]
+    if obstacle is None:
+        expected.append(Quantity(EFFECT))
+        for kind in (DAMPING, LAG):
+            expected += [Quantity(kind, axis=axis) for axis in TILT_AXES]
+    else:
+        yield MissingQuantity(Fact(Compared.OF_MODELS), obstacle)
+    for quantity in expected:
+        reasons = []
+        for name, flights, flight_estimates in zip(STATE_NAMES, states, estimates, strict=True):
+            if not _has_estimate(quantity, flight_estimates):
+                reasons.append(missing_reason(quantity, name, flights))
         if reasons:
-            name = Fact(Compared.QUANTITY, subject=quantity.axis, name=quantity.kind)
-            yield MissingQuantity(name, Fact(Incomparable.NOT_IN_BOTH, reasons=reasons))
+            fact = Fact(Compared.QUANTITY, subject=quantity.axis, name=quantity.kind)
+            yield MissingQuantity(fact, Fact(Incomparable.NOT_IN_BOTH, reasons=reasons))
 
 
-def _reason(quantity: Quantity, side: str, flights: Flights) -> Fact:
-    """Why a side lacks a quantity."""
-    rows = [row for flight in flights for row in flight if quantity.axis in ("", row.axis)]
-    statuses = {getattr(row, f"{quantity.kind}_status", None) for row in rows} & UNSURE
-    if statuses:
-        return Fact(Incomparable.NOT_REPORTED, subject=side, names=_sorted(statuses))
-    return Fact(Incomparable.NOT_ESTIMATED, subject=side)
+def _has_estimate(quantity: Quantity, flight_estimates: Sequence[Iterable[Quantity]]) -> bool:
+    """Returns whether any flight estimates a quantity of this kind, and of this axis if it has one."""
+    for flight in flight_estimates:
+        for estimated in flight:
+            if estimated.kind == quantity.kind and quantity.axis in ("", estimated.axis):
+                return True
+    return False
 
 
-def _sorted(values: Iterable[object]) -> list[str]:
-    return sorted(map(str, values))
+def missing_reason(quantity: Quantity, state_name: str, flights: Flights) -> Fact:
+    """Returns why a state has no estimate of a quantity: it is not reported by the models, or not estimated at all."""
+    statuses = set()
+    for flight in flights:
+        for row in flight:
+            if quantity.axis in ("", row.axis):
+                statuses.add(getattr(row, f"{quantity.kind}_status", None))
+    unreliable = statuses & UNRELIABLE_STATUSES
+    if unreliable:
+        names = _sorted_texts(unreliable)
+        return Fact(Incomparable.NOT_REPORTED, subject=state_name, names=names)
+    return Fact(Incomparable.NOT_ESTIMATED, subject=state_name)
+
+
+def _sorted_texts(values: Iterable[object]) -> list[str]:
+    """Returns values as text, in alphabetical order."""
+    return sorted(str(value) for value in values)

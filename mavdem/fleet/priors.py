@@ -1,4 +1,4 @@
-"""Priors: what earlier flights of a vehicle say of the next one, its model and its drag."""
+"""Priors from earlier flights of a vehicle for its next one: the physical parameters and the drag."""
 
 import json
 from pathlib import Path
@@ -6,17 +6,23 @@ from pathlib import Path
 from mavdem.dem import Learned
 from mavdem.errors import Unreadable
 from mavdem.facts.fleet import NoPrior
-from mavdem.fleet.rows_of_log import MODEL, REPORT, text_of
+from mavdem.fleet.rows_of_log import MODEL, REPORT, file_text
 from mavdem.wind_velocity.vehicle_drag import Drag
 
 
 def earlier_flight(path: Path, axis: str) -> Learned:
-    """Returns a ``model.json``, or that in a folder, whose physical parameters can be a prior.
+    """Returns the model of an earlier flight, whose physical parameters can be a prior.
 
-    Raises Unreadable: it cannot be read, is of another axis, or its flight does not identify the motors' effect.
+    Args:
+        path: a ``model.json``, or the folder that holds it.
+        axis: the axis that the model must be of.
+
+    Raises:
+        Unreadable: it cannot be read, is of another axis, or its flight does not identify the motors' effect.
     """
+    file = path / MODEL if path.is_dir() else path
     try:
-        learned = Learned.from_json(text_of(path / MODEL if path.is_dir() else path))
+        learned = Learned.from_json(file_text(file))
     except (OSError, ValueError) as error:
         raise Unreadable(NoPrior.MODEL_UNREADABLE, path=path, because=error) from None
     if learned.record.output_names[:1] != (axis,):
@@ -26,25 +32,32 @@ def earlier_flight(path: Path, axis: str) -> Learned:
     return learned
 
 
-def earlier_drag(path: Path, speed: float | None = None) -> Drag:
-    """Returns the drag of an earlier flight: of what ``mavdem learn`` or ``mavdem wind --json`` wrote.
+def earlier_drag(path: Path, wind_speed: float | None = None) -> Drag:
+    """Returns the drag of an earlier flight as a prior for the next one.
 
-    Of the folder or a ``model.json`` the report beside it counts. The flight with this very wind ``speed``, m/s, is the
-    one in question, and none before it.
+    Args:
+        path: what ``mavdem learn`` or ``mavdem wind --json`` wrote. In a folder, and beside a ``model.json``, it is the
+            report.
+        wind_speed: m/s, that of the flight which the prior is for. A report with exactly this speed is of the same
+            flight, which cannot be a prior of itself.
 
     Raises:
-        Unreadable: it cannot be read, is of the flight in question, or holds no drag.
+        Unreadable: it cannot be read, holds no drag, or is of the same flight.
     """
-    file = (
-        path / REPORT if path.is_dir() else path.with_name(REPORT) if path.name == MODEL else path
-    )
+    if path.is_dir():
+        file = path / REPORT
+    elif path.name == MODEL:
+        file = path.with_name(REPORT)
+    else:
+        file = path
     try:
-        read = json.loads(text_of(file))
-        wind = read.get("wind_velocity", read)
+        document = json.loads(file_text(file))
+        # In a report the wind is one part; the document of `mavdem wind` is the wind itself.
+        wind = document.get("wind_velocity", document)
         drag = Drag.from_dict(wind["drag"]).for_next_flight()
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         because = error.strerror if isinstance(error, OSError) else None
         raise Unreadable(NoPrior.DRAG_UNREADABLE, path=file, because=because) from error
-    if wind.get("speed") == speed is not None:
+    if wind_speed is not None and wind.get("speed") == wind_speed:
         raise Unreadable(NoPrior.DRAG_OF_THIS_FLIGHT, path=file)
     return drag

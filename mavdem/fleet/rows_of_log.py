@@ -1,4 +1,4 @@
-"""Rows of a log: all that it says of each vehicle and axis, as the fleet keeps it."""
+"""The rows of one log in a fleet's table: its figures by vehicle and axis, and the pages of its flights."""
 
 import errno
 import os
@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from mavdem.assessment import Assessment
-from mavdem.assessment.assess import assess_signals
+from mavdem.assessment.assess import NoLoop, assess_signals
 from mavdem.assessment.axis import LogAnalysis
-from mavdem.assessment.record import NoLoop
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.signals import Signals
@@ -18,22 +17,36 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Reading
 from mavdem.fleet.row import FlightRow, FlightRows
-from mavdem.fleet.workers import PAGES, LogRows, MakePage, fault
+from mavdem.fleet.workers import PAGES, LogRows, MakePage, reading_failure
 from mavdem.ingest import read_log
 from mavdem.loops.axis_loops import Loop
 from mavdem.motors.balance import balance_of_signals
 from mavdem.wind_velocity.estimation import WindVelocity
 
-# of what `mavdem learn` writes, those with figures
 REPORT = "report.json"
+"""File with the figures of a flight, in the folder that ``mavdem learn`` writes."""
+
 MODEL = "model.json"
+"""File with the learned model, in the folder that ``mavdem learn`` writes."""
+
+PAGE_KEY_LETTERS = 16
+"""Letters of the hash of a log's content that name the pages of its flights."""
 
 
-def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogRows:
-    """Returns a row for each vehicle and axis of a log, and pages by their names.
+def rows_of_log(path: Path, key: str = "", make_page: MakePage | None = None) -> LogRows:
+    """Reads and judges a log.
 
-    A vehicle without settled flight has one row, whose status says why. Pages are named by the ``key`` of the log's
-    content, and made by ``page`` from the log's name and its assessment; raises ``Unreadable``.
+    Args:
+        path: of the log.
+        key: hash and size of the log's content, by which its pages are named.
+        make_page: makes the HTML of a flight's page from the log's name and its assessment; no pages unless given.
+
+    Returns:
+        A row for each vehicle and axis, and the HTML of pages by the name of the file. A vehicle without settled flight
+        has one row, whose status says why.
+
+    Raises:
+        Unreadable: the log cannot be read.
     """
     log = read_log(path)
     rows = []
@@ -41,87 +54,120 @@ def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogR
     for telemetry in log.vehicles:
         try:
             assessment = assess_signals(log, Signals(telemetry)).with_axis("pitch")
-            judged = rows_of_assessment(assessment, str(path))
+            vehicle_rows = rows_of_assessment(assessment, str(path))
+        # These errors concern the log as a whole.
         except (MemoryError, OSError, Unreadable):
-            raise  # of the whole log
-        except Exception as error:  # others in the log keep their rows
+            raise
+        # Another error is of this vehicle only: the other vehicles of the log keep their rows.
+        except Exception as error:
             if len(log.vehicles) == 1:
                 raise
             rows.append(
                 FlightRow.without_flight(
-                    str(path), fault(error), system=telemetry.system, component=telemetry.component
+                    str(path),
+                    reading_failure(error),
+                    system=telemetry.system,
+                    component=telemetry.component,
                 )
             )
             continue
-        if judged[0].has_flight and page is not None:
-            name = f"{key[:16]}-{telemetry.system}-{telemetry.component}.html"
-            pages[name] = page(path.name, assessment)
-            judged = [replace(row, page=f"{PAGES}/{name}") for row in judged]
-        rows += judged
-    return rows or [FlightRow.without_flight(str(path), Fact(Reading.NO_VEHICLE))], pages
+        if vehicle_rows[0].has_flight and make_page is not None:
+            name = f"{key[:PAGE_KEY_LETTERS]}-{telemetry.system}-{telemetry.component}.html"
+            pages[name] = make_page(path.name, assessment)
+            vehicle_rows = [replace(row, page=f"{PAGES}/{name}") for row in vehicle_rows]
+        rows += vehicle_rows
+    if not rows:
+        rows = [FlightRow.without_flight(str(path), Fact(Reading.NO_VEHICLE))]
+    return rows, pages
 
 
 def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
-    """Returns a row for each axis that the ``assessment`` of a vehicle has an analysis of.
+    """Returns a row for each axis that the assessment of a vehicle has an analysis of.
 
-    ``file`` is the name of its log. Without settled flight there is one row, of no axis, whose status says why.
+    Without settled flight there is one row, of no axis, whose status says why.
+
+    Args:
+        assessment: of a vehicle.
+        file: path or URL of its log.
     """
-    first = assessment.analysis
-    assert first is not None and assessment.evidence is not None
+    assert assessment.analysis is not None and assessment.evidence is not None
     signals = assessment.evidence.signals.for_axis(AXES[0], "motors")
+    judgement = assessment.judgement_values | {"headline_fact": assessment.headline}
     columns = {"file": file, "component": signals.telemetry.component}
-    judged = assessment.judgement_values | {"headline_fact": assessment.headline}
     if all(analysis.tier.tier is None for analysis in assessment.analyses.values()):
-        unknown = dict.fromkeys(("axis", "tier", "tier_reason", "attitude_rate"))
-        reason = first.reason or assessment.headline
-        row = FlightRow.of(
-            first.as_dict() | judged,
-            status=reason.advised,
-            status_code=reason.code,
-            warnings=(),
-            warning_codes=(),
-            **unknown,
-            **columns,
-        )
-        return [row]
-    if (balance := balance_of_signals(signals)) is not None:
-        columns |= {
-            "balance": balance.mean,
-            "balance_error": balance.error,
-            "balance_lean": balance.lean,
-            "lean_effect": balance.lean_effect.ravel(),
-            "lean_effect_error": balance.lean_effect_error.ravel(),
-        }
-    columns |= {} if assessment.wind is None else _wind(assessment.wind)
+        return [_row_without_flight(assessment, judgement, columns)]
+    columns |= _balance_columns(signals)
+    if assessment.wind is not None:
+        columns |= wind_columns(assessment.wind)
     if signals.motors is not None:
-        layout = signals.motors.geometry
-        columns |= {"positions": layout.positions or None, "spins": layout.spins or None}
+        geometry = signals.motors.geometry
+        columns |= {"positions": geometry.positions or None, "spins": geometry.spins or None}
     rows = []
     for axis, analysis in assessment.analyses.items():
-        report = analysis.as_dict() | judged
+        report = analysis.as_dict() | judgement
         loop = assessment.loops[axis]
-        margins = {} if isinstance(loop, NoLoop) else _margins(loop)
-        rows.append(FlightRow.of(report, axis=axis, **columns, **margins, **_means(analysis)))
+        margins = {} if isinstance(loop, NoLoop) else margin_columns(loop)
+        means = _mean_columns(analysis)
+        rows.append(FlightRow.of(report, axis=axis, **columns, **margins, **means))
     return rows
 
 
-def _wind(wind: WindVelocity) -> JsonValues:
-    drag = wind.drag
+def _row_without_flight(
+    assessment: Assessment, judgement: JsonValues, columns: JsonValues
+) -> FlightRow:
+    """Returns the row of a vehicle that did not fly long enough for figures, or whose log lacks messages."""
+    assert assessment.analysis is not None
+    reason = assessment.analysis.reason or assessment.headline
+    return FlightRow.of(
+        assessment.analysis.as_dict() | judgement,
+        status=reason.advised,
+        status_code=reason.code,
+        warnings=(),
+        warning_codes=(),
+        axis=None,
+        tier=None,
+        tier_reason=None,
+        attitude_rate=None,
+        **columns,
+    )
+
+
+def _balance_columns(signals: Signals) -> JsonValues:
+    """Returns the balance of the motors with its errors and the effects of lean; empty where it is not known."""
+    balance = balance_of_signals(signals)
+    if balance is None:
+        return {}
+    return {
+        "balance": balance.mean,
+        "balance_error": balance.error,
+        "balance_lean": balance.lean,
+        "lean_effect": balance.lean_effect.ravel(),
+        "lean_effect_error": balance.lean_effect_error.ravel(),
+    }
+
+
+def wind_columns(wind: WindVelocity) -> JsonValues:
+    """Returns the speed and direction of the wind, where they are identifiable, and the drag; angles in rad.
+
+    The speed is None in calm air, where it may have been 0.
+    """
     columns = JsonValues()
     if wind.speed_identifiable:
-        speed = None if wind.calm else wind.speed
-        columns |= {"wind_speed": speed, "wind_speed_interval": wind.speed_interval}
+        columns["wind_speed"] = None if wind.calm else wind.speed
+        columns["wind_speed_interval"] = wind.speed_interval
     if wind.direction_identifiable:
-        columns |= {
-            f"wind_{key}": np.radians(getattr(wind, key))
-            for key in ("direction", "direction_interval")
-        }
-    half = [np.ptp(drag.interval(name), axis=0) / 2 for name in ("linear", "quadratic")]
-    return columns | {"drag": (*drag.linear, *drag.quadratic), "drag_interval": np.ravel(half)}
+        columns["wind_direction"] = np.radians(wind.direction)
+        columns["wind_direction_interval"] = np.radians(wind.direction_interval)
+    drag = wind.drag
+    columns["drag"] = (*drag.linear, *drag.quadratic)
+    linear_half_widths = np.ptp(drag.interval("linear"), axis=0) / 2
+    quadratic_half_widths = np.ptp(drag.interval("quadratic"), axis=0) / 2
+    columns["drag_interval"] = np.ravel([linear_half_widths, quadratic_half_widths])
+    return columns
 
 
-def _margins(loop: Loop) -> JsonValues:
-    """The margins of a rate loop; none that is infinite."""
+def margin_columns(loop: Loop) -> JsonValues:
+    """Returns the margins of a rate loop with half widths of their intervals: phases in rad, gains in dB."""
     return {
         "phase_margin": np.radians(loop.phase_margin),
         "phase_margin_interval": np.radians(np.ptp(loop.phase_margin_interval)) / 2,
@@ -130,20 +176,21 @@ def _margins(loop: Loop) -> JsonValues:
     }
 
 
-def _means(analysis: LogAnalysis) -> JsonValues:
-    """The means of what the model has seen."""
+def _mean_columns(analysis: LogAnalysis) -> JsonValues:
+    """Returns the means of inputs (r,) and outputs (m,) over the flights that a model was trained on."""
     if analysis.learned is None:
         return {}
-    return {
-        f"mean_{name}": np.concatenate([getattr(flight, name) for flight in analysis.flights]).mean(
-            axis=0
-        )
-        for name in ("inputs", "outputs")
-    }
+    inputs = np.concatenate([flight.inputs for flight in analysis.flights])
+    outputs = np.concatenate([flight.outputs for flight in analysis.flights])
+    return {"mean_inputs": inputs.mean(axis=0), "mean_outputs": outputs.mean(axis=0)}
 
 
-def text_of(path: Path) -> str:
-    """Returns what a file holds; raises ``OSError``, also of a pipe or a device, which may never end."""
+def file_text(path: Path) -> str:
+    """Returns the text of a file.
+
+    Raises:
+        OSError: it cannot be read, or it is a pipe or a device, which may never end.
+    """
     if path.is_fifo() or path.is_char_device():
         raise OSError(errno.ESPIPE, os.strerror(errno.ESPIPE))
     return path.read_text()

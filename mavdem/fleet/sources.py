@@ -1,13 +1,13 @@
-"""Sources of a fleet: the logs that files, folders, patterns and URLs name, with what tells that one has changed."""
+"""Sources of a fleet: the logs that files, folders, patterns and URLs name, and how a change of one is noticed."""
 
 import glob
 import os
 import re
 import shutil
 import stat
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from urllib.parse import unquote, urlsplit
 
 from mavdem.errors import Unreadable
@@ -17,8 +17,13 @@ from mavdem.facts.fleet import Folder
 from mavdem.ingest.formats import looks_like_log
 from mavdem.log_formats import LOG_ENDINGS
 
-URL = re.compile(r"[a-z][a-z0-9+.-]*://", re.IGNORECASE)
-VERSIONS = (
+URL_SCHEME = re.compile(r"[a-z][a-z0-9+.-]*://", re.IGNORECASE)
+"""The beginning of a URL (RFC 3986, sec. 3.1)."""
+
+UNKNOWN_SIZE = -1
+"""Size of a source whose number of bytes is not known, as of a pipe."""
+
+VERSION_FIELDS = (
     "ETag",
     "etag",
     "generation",
@@ -29,80 +34,111 @@ VERSIONS = (
     "modified",
     "created",
 )
-"""What file systems call that which changes with a file's content, the surest first."""
+"""What the file systems of fsspec call a property that changes with the content of a file, the most reliable first."""
+
+COPY_CHUNK_BYTES = 1 << 20
+"""Bytes that are copied at a time when a file is fetched."""
 
 
 class LogSource(NamedTuple):
-    """One log."""
+    """A log that a fleet is made of: where it is, and what tells that it has changed."""
 
-    path: str  # absolute path, or URL
-    size: int  # bytes; -1 where it is not known
-    # changes with the content, as the time of the last change does; empty where nothing does
+    path: str
+    """absolute path, or URL"""
+    size: int
+    """bytes, or ``UNKNOWN_SIZE``"""
     version: str
+    """a text that changes with the content, such as the time of the last change; empty where there is none"""
 
 
 def is_url(name: str) -> bool:
-    """Returns whether it names a file of another machine, ``s3://…`` or ``https://…``."""
-    return URL.match(name) is not None
+    """Returns whether a name is a URL, such as ``s3://…`` or ``https://…``, not a path."""
+    return URL_SCHEME.match(name) is not None
 
 
 def find_logs(
-    names: Sequence[str], apart_from: Path | None = None
+    names: Sequence[str], excluded_folder: Path | None = None
 ) -> tuple[list[LogSource], list[Fact]]:
-    """Finds the logs that names stand for: a file is one, whatever it holds; of a folder, those that look like logs.
+    """Finds the logs that names stand for.
 
-    ``names``: files, folders with all folders in them, patterns such as ``logs/**/*.bin``, URLs of all these. The
-    folder ``apart_from``, of the results, is left out wherever it lies. Returns the logs, each once and by path, and a
-    fact for each name that names none.
+    A file is a log, whatever its content. Of a folder and all folders in it, the files that look like logs are taken.
+
+    Args:
+        names: files, folders, patterns such as ``logs/**/*.bin``, and URLs of all these.
+        excluded_folder: a folder whose files are left out, such as that of the results.
+
+    Returns:
+        The logs, each once, in the order of their paths; and a fact for each name that stands for no log.
     """
     logs: dict[str, LogSource] = {}
     problems = []
-    left_out = os.path.realpath(apart_from) if apart_from else ""
+    excluded_path = os.path.realpath(excluded_folder) if excluded_folder else ""
     for name in names:
         if name.lower().startswith("file://"):
             name = unquote(urlsplit(name).path)
         try:
-            named = list(_remote(name) if is_url(name) else _local(name, left_out))
+            if is_url(name):
+                sources = list(remote_logs(name))
+            else:
+                sources = list(local_logs(name, excluded_path))
         except Unreadable as error:
             problems.append(error.fact)
             continue
-        if not named:
+        if not sources:
             problems.append(Fact(Folder.NO_LOG_NAMED, path=name))
-        logs |= {source.path: source for source in named}
+        for source in sources:
+            logs[source.path] = source
     return [logs[path] for path in sorted(logs)], problems
 
 
-def _local(name: str, left_out: str) -> Iterator[LogSource]:
-    """Logs of this machine: a file, what looks like a log in a folder and those below it, or what a pattern names."""
+def local_logs(name: str, excluded_path: str) -> Iterator[LogSource]:
+    """Yields the logs of this machine that a file, a folder or a pattern stands for.
+
+    Args:
+        name: of the file or folder, or the pattern.
+        excluded_path: real path of a folder whose files are left out; empty for none.
+    """
+    paths = []
     if os.path.isdir(name):
-        paths = [
-            path
-            for folder, _, names in os.walk(os.path.abspath(name))
-            for path in (os.path.join(folder, name) for name in names)
-            if looks_like_log(path)
-        ]
+        for folder, _, file_names in os.walk(os.path.abspath(name)):
+            for file_name in file_names:
+                path = os.path.join(folder, file_name)
+                if looks_like_log(path):
+                    paths.append(path)
     elif os.path.lexists(name):
+        # A file that is named itself counts, wherever it is.
         yield source_of(name)
         return
     else:
-        # `**` also names the folders
+        # The pattern ``**`` matches folders, too.
         paths = [path for path in glob.iglob(name, recursive=True) if not os.path.isdir(path)]
     for path in paths:
-        if not left_out or not os.path.realpath(path).startswith(left_out + os.sep):
+        is_excluded = os.path.realpath(path).startswith(excluded_path + os.sep)
+        if not excluded_path or not is_excluded:
             yield source_of(path)
 
 
 def source_of(path: str) -> LogSource:
-    """Returns a file of this machine, whether it is there or not."""
+    """Returns a file of this machine as a source, whether it exists or not.
+
+    Its version is the time of its last change, ns.
+    """
+    absolute_path = os.path.abspath(path)
     try:
         status = os.stat(path)
     except OSError:
-        return LogSource(os.path.abspath(path), -1, "")
-    size = status.st_size if stat.S_ISREG(status.st_mode) else -1
-    return LogSource(os.path.abspath(path), size, str(status.st_mtime_ns))
+        return LogSource(absolute_path, UNKNOWN_SIZE, version="")
+    size = status.st_size if stat.S_ISREG(status.st_mode) else UNKNOWN_SIZE
+    return LogSource(absolute_path, size, version=str(status.st_mtime_ns))
 
 
-def _remote(url: str) -> Iterator[LogSource]:
+def remote_logs(url: str) -> Iterator[LogSource]:
+    """Yields the logs that a URL stands for: a file, the logs in a folder, or what a pattern matches.
+
+    Raises:
+        MissingExtra: fsspec is not installed.
+        Unreadable: the URL cannot be reached.
+    """
     require_extra("urls")
     import fsspec  # type: ignore[import-untyped]
 
@@ -111,37 +147,56 @@ def _remote(url: str) -> Iterator[LogSource]:
         is_http = "http" in str(system.protocol)
         if glob.has_magic(path) and not is_http:
             files = system.glob(path, detail=True)
-        # Over HTTP, to ask whether it is a folder would load the file to look for links in it.
+        # Over HTTP, the question whether it is a folder would load the file to look for links in it.
         elif not url.endswith("/") and (is_http or system.isfile(path)):
             files = {path: system.info(path)}
         else:
-            files = system.find(path, detail=True)
-            files = {name: files[name] for name in files if name.lower().endswith(LOG_ENDINGS)}
-    except Exception as error:  # of whatever library the file system takes
-        raise _unreadable(url, error, fetched=False) from None
+            files = {
+                name: details
+                for name, details in system.find(path, detail=True).items()
+                if name.lower().endswith(LOG_ENDINGS)
+            }
+    # Each file system raises the errors of the library that it uses.
+    except Exception as error:
+        raise _url_error(url, error, fetched=False) from None
     for name, details in files.items():
         if details.get("type", "file") != "directory":
             size = details.get("size")
-            version = next((str(details[name]) for name in VERSIONS if details.get(name)), "")
             yield LogSource(
-                system.unstrip_protocol(name), -1 if size is None else int(size), version
+                system.unstrip_protocol(name),
+                size=UNKNOWN_SIZE if size is None else int(size),
+                version=version_of(details),
             )
 
 
-def _unreadable(url: str, error: Exception, fetched: bool) -> Unreadable:
-    """Why it cannot be read or ``fetched``, by the first line of what is said."""
-    reason = next(iter(str(error).strip().splitlines()), "").rstrip(".")
-    because = f"{type(error).__name__}: {reason}"
-    return Unreadable(Folder.URL_UNREADABLE, path=url, because=because, fetched=fetched)
+def version_of(details: Mapping[str, Any]) -> str:
+    """Returns what changes with the content of a remote file, by the details that its file system has; or ""."""
+    for name in VERSION_FIELDS:
+        if details.get(name):
+            return str(details[name])
+    return ""
 
 
 def fetch(url: str, copy: Path) -> None:
-    """Copies the file behind a URL to this machine; raises ``Unreadable``."""
+    """Copies the file behind a URL to this machine.
+
+    Raises:
+        MissingExtra: fsspec is not installed.
+        Unreadable: the file cannot be fetched, or the copy cannot be written.
+    """
     require_extra("urls")
     import fsspec
 
     try:
         with fsspec.open(url, "rb") as remote, copy.open("wb") as file:
-            shutil.copyfileobj(remote, file, 1 << 20)
+            shutil.copyfileobj(remote, file, COPY_CHUNK_BYTES)
     except Exception as error:
-        raise _unreadable(url, error, fetched=True) from None
+        raise _url_error(url, error, fetched=True) from None
+
+
+def _url_error(url: str, error: Exception, fetched: bool) -> Unreadable:
+    """Returns the error that says why a URL cannot be listed, or ``fetched``, by the first line of the cause."""
+    lines = str(error).strip().splitlines()
+    reason = lines[0].rstrip(".") if lines else ""
+    because = f"{type(error).__name__}: {reason}"
+    return Unreadable(Folder.URL_UNREADABLE, path=url, because=because, fetched=fetched)

@@ -1,4 +1,4 @@
-"""A state of a vehicle, which is compared with another: the flights that a log or a fleet holds of it."""
+"""The flights of one vehicle in a log or a fleet: one of the two states that ``mavdem diff`` compares."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,55 +8,74 @@ from mavdem.assessment import Assessment
 from mavdem.containers import JsonValues
 from mavdem.errors import NotLearnable
 from mavdem.facts.fleet import Incomparable
-from mavdem.fleet.row import UNKNOWN, FlightRows, flights_of
+from mavdem.fleet.flights import flights_of
+from mavdem.fleet.row import UNKNOWN, FlightRows
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.fleet.store import is_fleet, read_rows
 from mavdem.ingest.telemetry import Parameters, Telemetry
 
 
 class VehicleState(NamedTuple):
-    """Flights of a vehicle, or of several where none was chosen."""
+    """The flights of one vehicle, or of several vehicles until one is chosen."""
 
     rows: FlightRows
-    review: JsonValues  # the document of a log; of a fleet nothing
-    vehicles: Sequence[Telemetry]  # of a log
+    """a row for each flight and axis"""
+    review: JsonValues
+    """the document of ``mavdem review`` of a log; empty of a fleet"""
+    vehicles: Sequence[Telemetry]
+    """the vehicles of a log; none of a fleet"""
 
     @property
     def names(self) -> set[str]:
-        """Vehicles that there are figures of."""
+        """The names of the vehicles whose flights have figures."""
         return {row.vehicle for row in self.rows if row.is_read}
 
     @property
     def headline(self) -> str | None:
-        """That of the latest flight."""
-        return flights_of(self.rows)[-1][-1].headline
+        """The headline of the latest flight."""
+        latest_flight = flights_of(self.rows)[-1]
+        return latest_flight[-1].headline
 
     @property
     def parameters(self) -> Parameters:
-        """Those of the vehicle, of a log; none of a fleet."""
+        """The autopilot's parameters of the vehicle; empty of a fleet, which does not store them."""
         row = self.rows[0]
         for vehicle in self.vehicles:
             if (vehicle.system, vehicle.component) == (row.system, row.component):
                 return vehicle.parameters
         return {}
 
+    def of_vehicles(self, names: set[str]) -> "VehicleState":
+        """Returns the flights of the vehicles with these names."""
+        return self._replace(rows=[row for row in self.rows if row.vehicle in names])
+
 
 def state_of(name: str, path: Path, vehicle: str | None = None) -> VehicleState:
-    """Returns the flights of a ``vehicle`` in a log or a fleet, which is called ``name``.
+    """Returns the flights of a vehicle in a log or a fleet.
 
-    A vehicle has the name that a fleet has for it; in a log it may be system and component. Raises NotLearnable: there
-    are no flights of it; Unreadable: the log or the fleet cannot be read.
+    Args:
+        name: what the log or the fleet is called in messages.
+        path: of the log, or of the folder of the fleet.
+        vehicle: its name, as a fleet has it; in a log also "system:component". All vehicles unless given.
+
+    Raises:
+        NotLearnable: there are no flights of the vehicle.
+        Unreadable: the log or the fleet cannot be read.
     """
-    is_of_fleet = is_fleet(path)
-    state = VehicleState(read_rows(path), {}, ()) if is_of_fleet else _state_of_log(path)
-    # A row has the system, not the component.
-    system = "" if is_of_fleet else (vehicle or "").partition(":")[0]
-    chosen = state._replace(
-        rows=[
-            row for row in state.rows if vehicle in (None, row.vehicle) or system == str(row.system)
-        ]
-    )
-    if is_of_fleet and chosen.names == {UNKNOWN}:
+    comes_from_fleet = is_fleet(path)
+    if comes_from_fleet:
+        state = VehicleState(read_rows(path), review={}, vehicles=())
+        system = ""
+    else:
+        state = state_of_log(path)
+        # A row has the system id of its vehicle, but not the component.
+        system = (vehicle or "").partition(":")[0]
+    rows = []
+    for row in state.rows:
+        if vehicle is None or row.vehicle == vehicle or str(row.system) == system:
+            rows.append(row)
+    chosen = state._replace(rows=rows)
+    if comes_from_fleet and chosen.names == {UNKNOWN}:
         raise NotLearnable(Incomparable.VEHICLES_UNKNOWN, subject=name)
     if not chosen.names:
         if vehicle is not None and state.names and not chosen.rows:
@@ -71,37 +90,40 @@ def state_of(name: str, path: Path, vehicle: str | None = None) -> VehicleState:
     return chosen
 
 
-def _state_of_log(path: Path) -> VehicleState:
-    review = JsonValues()
-    vehicles = list[Telemetry]()
+def state_of_log(path: Path) -> VehicleState:
+    """Returns the flights of all vehicles of a log, with the document of its review.
 
-    def keep(_: str, assessment: Assessment) -> str:
+    Raises:
+        Unreadable: the log cannot be read.
+    """
+    review = JsonValues()
+    vehicles: list[Telemetry] = []
+
+    def remember_assessment(_: str, assessment: Assessment) -> str:
+        # It takes the place of the function that makes a page, which is given each assessment.
         review.update(assessment.as_dict())
         vehicles[:] = assessment.log.vehicles
         return ""
 
-    rows, _ = rows_of_log(path, str(path), keep)
+    rows, _ = rows_of_log(path, str(path), remember_assessment)
     return VehicleState(rows, review, vehicles)
 
 
 def of_common_vehicle(
     before: VehicleState, after: VehicleState
 ) -> tuple[VehicleState, VehicleState]:
-    """Returns the flights of the one vehicle that both have; all, where neither has several.
+    """Returns the flights of the one vehicle that both states have, or all flights where neither has several vehicles.
 
-    Raises NotLearnable: both have none, or several.
+    Raises:
+        NotLearnable: the states have no vehicle in common, or several.
     """
-    if max(len(before.names), len(after.names)) < 2:
+    if len(before.names) < 2 and len(after.names) < 2:
         return before, after
-    both = (before.names & after.names) - {UNKNOWN}
-    if len(both) != 1:
+    common_names = (before.names & after.names) - {UNKNOWN}
+    if len(common_names) != 1:
         raise NotLearnable(
             Incomparable.NO_COMMON_VEHICLE,
-            shared=len(both),
+            shared=len(common_names),
             names=sorted(before.names | after.names),
         )
-    first, second = (
-        state._replace(rows=[row for row in state.rows if row.vehicle in both])
-        for state in (before, after)
-    )
-    return first, second
+    return before.of_vehicles(common_names), after.of_vehicles(common_names)

@@ -1,14 +1,16 @@
--- One log by one name; log is its content's key, or its path where that was not reached; version as of Source, ended as of
--- Outcome; tracked: whether its flights are in the table.
+-- The logs by name. A log with two names has two entries with the same value of log: the key of its content, or its path
+-- where the content was not reached. version is that of LogSource, ended that of JobOutcome; tracked says whether its flights
+-- are in the table.
 create table if not exists logs (
     path text primary key, version text, size integer, key text, log text, ended text, seconds real, megabytes real,
     time_limit real, memory_limit integer, mavdem_version text, tracked integer
 );
--- Its rows; file, the name that they have in the table; judged, beside which baseline.
+-- The rows of each log. file is the name of the log in the table, null where it is not in the table; judged is the hash of the
+-- baseline that the row was judged with.
 create table if not exists flights (log text, vehicle text, file text, judged text, row text);
--- Changes of the rows that the table does not have yet.
+-- Changes of the rows that are not in the table yet.
 create table if not exists unpublished (change integer primary key);
--- Rows of the baseline.
+-- The rows of the baseline.
 create table if not exists healthy (row text);
 create index if not exists logs_by_log on logs (log);
 create index if not exists logs_by_size on logs (size);

@@ -1,7 +1,7 @@
-"""Tracking: from the logs that were named to the fleet's table, of which only what is new is read and judged.
+"""Tracking: the logs that were named are read where they are new, and each vehicle's flights are judged together.
 
-A vehicle's flights are judged beside its healthy ones: by the balance of its motors (``mavdem.motors``), and by what
-the models of healthy flights, frozen, leave unexplained in another.
+A vehicle's flights are compared with its healthy ones: by the balance of its motors (``mavdem.motors``), and by the
+mean acceleration that the models of healthy flights leave unexplained in another flight.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -19,68 +19,99 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.fleet import Folder, Reading
 from mavdem.facts.motors import HealthUnknown
 from mavdem.fleet.cluster import Cluster
-from mavdem.fleet.row import SHARED, UNKNOWN, FlightRow, FlightRows
+from mavdem.fleet.row import SYSTEM_ID_BASIS, UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.sources import LogSource, find_logs
-from mavdem.fleet.store import AssessRows, Store, is_fleet, opened, read_rows
+from mavdem.fleet.store import AssessRows, Store, is_fleet, open_store, read_rows
 from mavdem.fleet.workers import Job, MakePage, WorkerPool
 from mavdem.ingest.motors import MotorGeometry
 from mavdem.motors.balance import BalanceFigures, HealthFigures, motor_signatures
 from mavdem.motors.health import assess
 
-# of the time at its upper stop: with more a motor has nothing left, and the flight is not sound
-SATURATED_SHARE = 0.01
-OF_ASSESSMENT = ("health", "fault_probability", "change_probability", "suspect_motor")
-BESIDE_OTHERS = ("health_reason", "health_code", "residual_mean")
+MAX_SATURATED_SHARE = 0.01
+"""Share of the time that a motor of a sound flight spends at its upper stop, at most: a motor that is there for longer
+has no thrust left, and its trim is not what the flight needs."""
+
+ASSESSMENT_COLUMNS = ("health", "fault_probability", "change_probability", "suspect_motor")
+"""Columns that are attributes of the assessment of a flight's motors."""
+
+COMPARISON_COLUMNS = ("health_reason", "health_code", "residual_mean")
+"""Further columns that compare a flight with the other flights of its vehicle."""
 
 Progress = Callable[[int, int], None]
-"""Called with how many logs are done, and how many there are to read."""
+"""Called with the number of logs that are done, and the number of logs that are to be read."""
+
+FlightKey = tuple[object, ...]
+"""What the rows of one flight have in common: log, vehicle, system and component."""
 
 
 class TrackedLogs(NamedTuple):
-    """What a run did."""
+    """What a run of :func:`track` did."""
 
-    logs: int  # how many were named
-    read: int  # how many of them were read; the others were known
-    # of names that name no log, and of known logs that could not be read now
+    logs: int
+    """logs that the names stand for"""
+    read: int
+    """logs that were read; the others were known"""
     problems: Facts
-    healthy: FlightRows  # rows of the baseline
+    """facts on names that stand for no log, and on known logs that could not be read now"""
+    healthy: FlightRows
+    """rows of the baseline"""
 
 
 def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
-    """Returns all rows of a vehicle, each judged beside its ``baseline`` or, without any, its first sound flights."""
-    blank: JsonValues = dict.fromkeys((*OF_ASSESSMENT, *BESIDE_OTHERS)) | {"health": UNKNOWN}
-    rows = [replace(row, **blank) for row in rows]
+    """Judges the health of the motors in each flight of one vehicle.
+
+    Args:
+        rows: all rows of the vehicle.
+        baseline: rows of its healthy flights; the vehicle's first sound flights where it is empty.
+
+    Returns:
+        The same rows in their order, with the columns of health.
+    """
+    unjudged: JsonValues = dict.fromkeys((*ASSESSMENT_COLUMNS, *COMPARISON_COLUMNS))
+    unjudged["health"] = UNKNOWN
+    rows = [replace(row, **unjudged) for row in rows]
     flown = [row for row in rows if row.is_read]
     if not flown:
         return rows
-    if not baseline and (flown[0].vehicle == UNKNOWN or flown[0].vehicle_basis == SHARED):
-        unnamed = Fact(HealthUnknown.VEHICLE_UNNAMED)
-        said: JsonValues = {"health_reason": unnamed.advised, "health_code": unnamed.code}
-        return [replace(row, **said) if row.is_read else row for row in rows]
-    healthy_rows = [row for row in baseline if row.is_read]
-    judged = {_key(row): health_figures(row) for row in flown}
-    # A flight that is among both is one flight.
-    given = {_key(row): judged.get(_key(row)) or health_figures(row) for row in healthy_rows}
-    vehicles = assess([*judged.values()], [*given.values()] or None)
-    assessments = dict(zip(judged, vehicles, strict=True))
-    models = healthy_rows or [row for row in flown if assessments[_key(row)].is_healthy]
-    healthy = {(*_key(row), row.axis): row for row in models}.values()
+    # Without a name of its own, the flights may be of several vehicles.
+    has_own_name = flown[0].vehicle != UNKNOWN and flown[0].vehicle_basis != SYSTEM_ID_BASIS
+    if not baseline and not has_own_name:
+        reason = Fact(HealthUnknown.VEHICLE_UNNAMED)
+        columns: JsonValues = {"health_reason": reason.advised, "health_code": reason.code}
+        return [replace(row, **columns) if row.is_read else row for row in rows]
 
-    def with_health(row: FlightRow) -> FlightRow:
-        assessment = assessments[_key(row)]
-        return replace(
-            row,
-            **{name: getattr(assessment, name) for name in OF_ASSESSMENT},
-            residual_mean=residual_mean(row, healthy),
-            health_reason=str(assessment.fact),
-            health_code=assessment.fact.code,
-        )
+    figures = {_flight_key(row): health_figures(row) for row in flown}
+    baseline_rows = [row for row in baseline if row.is_read]
+    baseline_figures = {}
+    for row in baseline_rows:
+        key = _flight_key(row)
+        # A flight that is in the baseline as well must be the same object, so that it counts once.
+        baseline_figures[key] = figures.get(key) or health_figures(row)
+    judged = assess([*figures.values()], [*baseline_figures.values()] or None)
+    assessments = dict(zip(figures, judged, strict=True))
+    if baseline_rows:
+        healthy_rows = baseline_rows
+    else:
+        healthy_rows = [row for row in flown if assessments[_flight_key(row)].is_healthy]
+    models = {(*_flight_key(row), row.axis): row for row in healthy_rows}.values()
 
-    return [with_health(row) if row.is_read else row for row in rows]
+    assessed_rows = []
+    for row in rows:
+        if row.is_read:
+            assessment = assessments[_flight_key(row)]
+            row = replace(
+                row,
+                **{name: getattr(assessment, name) for name in ASSESSMENT_COLUMNS},
+                residual_mean=residual_mean(row, models),
+                health_reason=str(assessment.fact),
+                health_code=assessment.fact.code,
+            )
+        assessed_rows.append(row)
+    return assessed_rows
 
 
 def health_figures(row: FlightRow) -> HealthFigures:
-    """Returns what a vehicle's health is judged by, of one flight's row."""
+    """Returns the figures of one flight that the health of its motors is judged by."""
     motors = row.motors or ()
     balance = None
     signatures = None
@@ -94,51 +125,59 @@ def health_figures(row: FlightRow) -> HealthFigures:
             row.duration or 0.0,
         )
     if motors:
-        numbers = tuple(range(len(motors)))
-        layout = MotorGeometry(numbers, numbers, row.positions or (), spins=row.spins or ())
-        signatures = motor_signatures(layout)
+        channels = tuple(range(len(motors)))
+        geometry = MotorGeometry(channels, channels, row.positions or (), spins=row.spins or ())
+        signatures = motor_signatures(geometry)
     name = f"{row.file} {row.system} {row.component}"
-    sound = row.oscillation is None and max(row.saturated or (0.0,)) < SATURATED_SHARE
+    saturated_share = max(row.saturated or (0.0,))
+    is_sound = row.oscillation is None and saturated_share < MAX_SATURATED_SHARE
     return HealthFigures(
-        name, motors, signatures, balance, row.date, row.collective, row.voltage_mean, sound
+        name, motors, signatures, balance, row.date, row.collective, row.voltage_mean, is_sound
     )
 
 
-def _key(row: FlightRow) -> tuple[object, ...]:
-    """What the rows of one flight have in common."""
+def _flight_key(row: FlightRow) -> FlightKey:
+    """Returns what identifies the flight of a row."""
     return row.key or row.file, row.vehicle, row.system, row.component
 
 
-def _kind(row: FlightRow) -> tuple[object, ...]:
-    """What models must have in common to be driven by each other's inputs: motors and the demand are other inputs."""
+def _model_inputs(row: FlightRow) -> tuple[object, ...]:
+    """Returns what two models must have in common, so that one can be evaluated with the inputs of the other."""
     return row.axis, row.motors, row.inputs, row.input_unit
 
 
 def _array(values: Numbers | None, count: int) -> Array:
-    """As an array, NaN for what is not known."""
+    """Returns a column as an array, of ``count`` NaN where it is not known."""
     return np.full(count, np.nan) if values is None else np.array(values, dtype=np.float64)
 
 
-def residual_mean(row: FlightRow, healthy: Iterable[FlightRow]) -> float | None:
-    """Returns the mean acceleration, rad/s², that frozen models of other ``healthy`` flights leave in this.
+def residual_mean(row: FlightRow, healthy_models: Iterable[FlightRow]) -> float | None:
+    """Returns the mean acceleration that the models of healthy flights leave unexplained in another flight.
 
-    None if unknown. In settled flight the mean acceleration is 0, so what the motors and the damping leave is the
-    wind's.
+    In settled flight the mean acceleration is 0. The change of the mean inputs and of the mean rate since the healthy
+    flight, Δu and Δω, thus leaves damping Δω − effect · Δu, which is the mean wind torque or a fault.
+
+    Args:
+        row: the flight.
+        healthy_models: rows of healthy flights; those without a model of the same axis and inputs are left out.
+
+    Returns:
+        The mean over the models, rad/s²; None where there is none.
     """
     if row.mean_inputs is None or row.mean_outputs is None:
         return None
     residuals = []
-    for model in healthy:
-        if (
-            model.effect
-            and model.mean_inputs
-            and model.key != row.key
-            and _kind(model) == _kind(row)
-        ):
-            more = np.subtract(row.mean_inputs, _array(model.mean_inputs, len(row.mean_inputs)))
-            faster = row.mean_outputs[-1] - (model.mean_outputs or (0.0,))[-1]
-            effect = _array(model.effect, len(more))
-            residuals.append(float((model.damping or 0.0) * faster - effect @ more))
+    for model in healthy_models:
+        if not model.effect or not model.mean_inputs or model.key == row.key:
+            continue
+        if _model_inputs(model) != _model_inputs(row):
+            continue
+        model_inputs = _array(model.mean_inputs, len(row.mean_inputs))
+        input_change = np.subtract(row.mean_inputs, model_inputs)
+        # The rate is the last output.
+        rate_change = row.mean_outputs[-1] - (model.mean_outputs or (0.0,))[-1]
+        effect = _array(model.effect, len(input_change))
+        residuals.append(float((model.damping or 0.0) * rate_change - effect @ input_change))
     return float(np.mean(residuals)) if residuals else None
 
 
@@ -151,64 +190,80 @@ def track(
     assess: AssessRows = assess_rows,
     progress: Progress = lambda *_: None,
 ) -> TrackedLogs:
-    """Brings the table of a fleet up to date with the logs that ``names`` stand for.
+    """Brings the table of a fleet up to date with logs.
 
-    The ``folder`` of the fleet is made if it is not there. ``names`` are files, folders, patterns and URLs, ``reader``
-    reads them. ``baseline`` names healthy flights, or one fleet; it is as in the last run unless given. ``page`` is the
-    function that makes a flight's page, as of ``Job``, ``assess`` judges all flights of a vehicle, and ``progress`` is
-    called as logs are read. Raises Unreadable: there is no log, or the folder cannot be written to, or is damaged.
+    Args:
+        folder: of the fleet, which is made if it does not exist.
+        names: files, folders, patterns and URLs of logs.
+        reader: reads the logs.
+        baseline: names of healthy flights, or of one fleet; the baseline of the last run unless given.
+        page: makes the page of a flight, as of ``Job``; no pages unless given.
+        assess: judges all flights of a vehicle.
+        progress: called as logs are read.
+
+    Raises:
+        Unreadable: the names stand for no log and there is no fleet yet, or the baseline holds no flight, or the folder
+            cannot be written to, or its store is damaged.
     """
     logs, problems = find_logs(names, folder)
     if not logs and not is_fleet(folder):
         raise Unreadable(problems[0])
-    with opened(folder) as store:
+    with open_store(folder) as store:
         if page is not None:
-            store.forget_lost_pages()
+            store.reread_logs_without_page()
         if len(baseline) == 1 and is_fleet(Path(baseline[0])):
-            store.healthy = _with_flight(read_rows(Path(baseline[0])))
+            store.healthy = _checked_baseline(read_rows(Path(baseline[0])))
         elif baseline:
-            healthy, unknown = find_logs(baseline, folder)
-            if unknown:
-                raise Unreadable(Folder.BASELINE_UNKNOWN, because=unknown[0])
-            _read(store, healthy, reader, page, progress)
-            store.healthy = _with_flight(store.rows_of(healthy))
-        read, unread = _read(store, logs, reader, page, progress)
+            healthy_logs, unknown_names = find_logs(baseline, folder)
+            if unknown_names:
+                raise Unreadable(Folder.BASELINE_UNKNOWN, because=unknown_names[0])
+            _read_new_logs(store, healthy_logs, reader, page, progress)
+            store.healthy = _checked_baseline(store.rows_of(healthy_logs))
+        count_read, unread = _read_new_logs(store, logs, reader, page, progress)
         store.track(logs)
         store.publish(assess)
-        return TrackedLogs(len(logs), read, (*problems, *unread), store.healthy)
+        return TrackedLogs(len(logs), count_read, (*problems, *unread), store.healthy)
 
 
-def _with_flight(rows: FlightRows) -> FlightRows:
-    """The rows of a baseline; raises ``Unreadable`` where there is no flight among them."""
+def _checked_baseline(rows: FlightRows) -> FlightRows:
+    """Returns the rows of a baseline.
+
+    Raises:
+        Unreadable: there is no flight with figures among them.
+    """
     if not any(row.is_read for row in rows):
-        path, why = (rows[0].file, rows[0].status) if rows else (None, None)
-        raise Unreadable(Folder.BASELINE_WITHOUT_FLIGHT, path=path, because=why)
+        path = rows[0].file if rows else None
+        reason = rows[0].status if rows else None
+        raise Unreadable(Folder.BASELINE_WITHOUT_FLIGHT, path=path, because=reason)
     return rows
 
 
-def _read(
+def _read_new_logs(
     store: Store,
     logs: Sequence[LogSource],
     reader: WorkerPool | Cluster,
     page: MakePage | None,
     progress: Progress,
 ) -> tuple[int, list[Fact]]:
-    """Reads what is new; returns how many logs that were, and a fact for each known one that cannot be read."""
-    # The largest first: were one the last, the other processes would wait for it.
-    new = sorted(
-        (log for log in logs if not store.knows(log, reader.limits)), key=lambda log: -log.size
-    )
-    sources = {log.path: log for log in new}
+    """Reads the logs that the store does not know as they are now, and adds them to it.
+
+    Returns:
+        The number of logs that were read, and a fact for each known log that cannot be read now.
+    """
+    new_logs = [log for log in logs if not store.has_read(log, reader.limits)]
+    # The largest first: if it were the last, the other processes would wait for it.
+    new_logs.sort(key=lambda log: -log.size)
+    sources = {log.path: log for log in new_logs}
     unread = []
-    jobs = (Job(log.path, store.keys_to_try(log, reader.limits), page) for log in new)
-    progress(0, len(new))
+    jobs = (Job(log.path, store.keys_of_size(log, reader.limits), page) for log in new_logs)
+    progress(0, len(new_logs))
     with closing(reader.outcomes(jobs)) as outcomes:
-        for number, outcome in enumerate(outcomes, 1):
+        for done, outcome in enumerate(outcomes, 1):
             source = sources[outcome.path]
-            if store.keeps(source, outcome):
-                why = outcome.rows[0].status
-                unread.append(Fact(Reading.LOG_KEPT, path=source.path, because=why))
+            if store.earlier_reading_holds(source, outcome):
+                reason = outcome.rows[0].status
+                unread.append(Fact(Reading.LOG_KEPT, path=source.path, because=reason))
             else:
                 store.add(source, outcome, reader.limits)
-            progress(number, len(new))
-    return len(new), unread
+            progress(done, len(new_logs))
+    return len(new_logs), unread

@@ -1,8 +1,8 @@
 """Workers: processes that read logs, each log within limits of time and memory, so that no log stops a run.
 
-A log that hangs, crashes its reader or wants too much memory ends the process that reads it, and nothing else: another
-takes its place. What is asked of a process is a ``Job``, what comes back a ``JobOutcome``. The processes are
-supervised by the thread that waits for outcomes, and killed when it waits no longer, whatever ends it.
+A log that hangs, crashes its reader or needs too much memory ends the process that reads it, and nothing else: another
+process takes its place. A process is given a ``Job`` and returns a ``JobOutcome``. The thread that waits for outcomes
+supervises the processes, and kills them when it stops waiting, for whatever reason.
 """
 
 import errno
@@ -43,117 +43,167 @@ from mavdem.facts.fleet import Reading
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.sources import fetch, is_url
 
-PAGES = "pages"  # the folder of pages of flights, in the fleet's
-ATTEMPTS = 2  # at a log whose reading killed the process: something else may have killed it once
-# Times the limit of processor time that a log may take by the clock: on a busy machine it waits
-WAITING = 10
-LOOK_SECONDS = 0.5  # between looks how far a reading is, and whether it is to be given up
+PAGES = "pages"
+"""Name of the folder with the pages of flights, in the folder of the fleet."""
 
-Ended = Literal["read", "known", "source", "error", "time", "memory", "died"]
-"""How the reading of a log ended: it was read, or had been before; it could not be reached; mavdem failed; it took too
-long or too much memory; or the process that read it died."""
+ATTEMPTS = 2
+"""Attempts at a log whose reading killed the process: something else may have killed it the first time."""
+
+CLOCK_SECONDS_PER_PROCESSOR_SECOND = 10
+"""Seconds by the clock that a log may take for each second of its limit of processor time: on a busy machine its
+process waits."""
+
+POLL_SECONDS = 0.5
+"""s between checks whether a reading is done, and whether it is to be given up."""
+
+MAX_READER_THREADS = 2**10
+"""Threads that wait for readers, at most; more than any machine or cluster has readers."""
+
+MAX_COPY_NAME_LETTERS = 100
+"""Last letters of a file's name that the copy of a fetched log has: file systems allow 255 bytes."""
+
+KEY_HASH_DIGITS = 32
+"""Hexadecimal digits of the content's SHA-256 in a key: 128 bits, by which no two logs agree by chance."""
+
+JobEnding = Literal["read", "known", "source", "error", "time", "memory", "died"]
+"""How the reading of a log ended: it was read, or its content had been read before; it could not be reached; mavdem
+failed; it took too long or too much memory; or the process that read it died."""
+
 LogRows = tuple[list[FlightRow], dict[str, str]]
-"""What a log says: its rows, and the HTML of pages by the name of the file."""
+"""The rows of a log, and the HTML of pages of its flights by the name of the file."""
+
 MakePage = Callable[[str, Assessment], str]
+"""Makes the HTML of a flight's page from the name of its log and its assessment."""
+
 ReadLog = Callable[[Path, str, MakePage | None], LogRows]
-"""Makes rows of a log of path and key, and pages by what makes one; a function of a module."""
+"""Reads a log, by its path and the key of its content, and makes its pages; a function of a module, which pickles."""
 
 
 class JobLimits(NamedTuple):
-    """What one log may cost: ``seconds`` of the processor, and ``megabytes`` of memory of the process that reads it.
-
-    That is renewed after so many ``logs``.
-    """
+    """The time and memory that the reading of one log may take."""
 
     seconds: float = 300.0
+    """s of processor time"""
     megabytes: int = 600
+    """MiB of memory of the process that reads it"""
     logs: int = sys.maxsize
+    """logs that a process reads before a new one takes its place"""
 
 
 class Job(NamedTuple):
     """One log to read."""
 
-    path: str  # absolute path, or URL
-    # keys of logs of the same size that were read before: if it has one of them it is not read again
+    path: str
+    """absolute path, or URL"""
     known: Names = ()
-    page: MakePage | None = None  # a function of a module
+    """keys of logs of the same size that were read before: a log with one of them is not read again"""
+    page: MakePage | None = None
+    """makes the page of each flight; a function of a module, which pickles"""
 
 
 @dataclass(frozen=True)
 class JobOutcome:
     """What became of a job."""
 
-    path: str  # of the log
-    ended: Ended  # how
-    rows: tuple[FlightRow, ...] = ()  # of the log; at least one, unless it was known
-    key: str = ""  # hash and size of the log's content; empty if it was not reached
-    pages: dict[str, str] = field(default_factory=dict)  # HTML by the name of the file
-    seconds: float = 0.0  # it took
-    # the most memory that the process has had, with this log and those before
+    path: str
+    """of the log"""
+    ended: JobEnding
+    """how the reading ended"""
+    rows: tuple[FlightRow, ...] = ()
+    """rows of the log; at least one, unless its content was known"""
+    key: str = ""
+    """hash and size of the log's content; empty if the content was not reached"""
+    pages: dict[str, str] = field(default_factory=dict)
+    """HTML by the name of the file"""
+    seconds: float = 0.0
+    """s that the reading took"""
     megabytes: float = 0.0
+    """MiB, the largest memory that the process has had, with this log and those before"""
 
 
-def failed(job: Job, ended: Ended, status: Fact, key: str = "") -> JobOutcome:
-    """Returns the outcome of a log of which only ``status`` can be said."""
-    row = FlightRow.without_flight(status=status, **_of_job(job, key))
+def failed(job: Job, ended: JobEnding, status: Fact, key: str = "") -> JobOutcome:
+    """Returns the outcome of a log without a flight: one row, whose ``status`` says why."""
+    row = FlightRow.without_flight(status=status, **_job_columns(job, key))
     return JobOutcome(job.path, ended, (row,), key)
 
 
-def _of_job(job: Job, key: str) -> JsonValues:
-    """Columns that a row has of what was asked for."""
+def _job_columns(job: Job, key: str) -> JsonValues:
+    """Returns the columns that are the same in all rows of a job."""
     return {"file": job.path, "key": key, "mavdem_version": metadata.version("mavdem")}
 
 
 class LogReader:
-    """A process that reads one log at a time; in place of one that died another is started.
+    """A process that reads one log at a time. If it dies, another process is started for the next log."""
 
-    A reading is given up where, asked twice a second, ``is_ending`` says so.
-    """
+    def __init__(self, is_cancelled: Callable[[], bool] = lambda: False) -> None:
+        """Starts no process before the first log.
 
-    def __init__(self, is_ending: Callable[[], bool] = lambda: False) -> None:
-        self._is_ending = is_ending
+        Args:
+            is_cancelled: whether to give up a reading; it is called every ``POLL_SECONDS``.
+        """
+        self._is_cancelled = is_cancelled
         self._exits = ExitStack()
         self._process: BaseProcess | None = None
         self._executor: ProcessPool
-        self._logs = 0  # that the process was given
+        self._logs_of_process = 0
 
     def read(self, job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome | None:
-        """Returns what became of a log that the function ``read`` reads; None where that was given up.
+        """Reads a log in the process.
 
-        Raises ``Unreadable``: no process can be started.
+        Args:
+            job: the log.
+            limits: of its reading.
+            read: the function that reads it.
+
+        Returns:
+            Its outcome; None where the reading was given up.
+
+        Raises:
+            Unreadable: no process can be started.
         """
-        code = 0
-        if self._logs >= limits.logs:
+        exit_code = 0
+        if self._logs_of_process >= limits.logs:
             self.stop()
         for _ in range(ATTEMPTS):
-            process = self._process or self._started()
-            self._logs += 1
-            deadline = time.monotonic() + WAITING * limits.seconds
+            process = self._process or self._start_process()
+            self._logs_of_process += 1
+            deadline = time.monotonic() + CLOCK_SECONDS_PER_PROCESSOR_SECOND * limits.seconds
             outcome = None
             try:
                 future = self._executor.submit(perform, job, limits, read)
                 outcome = self._result(future, deadline)
-                code = -signal.SIGXCPU
+                # Without an outcome the deadline has passed, which counts as too much processor time.
+                exit_code = -signal.SIGXCPU
             except BrokenExecutor:
                 process.join()
-                code = process.exitcode or 0
-                # A signal that ended it may be the run's, too, which looks as often.
-                time.sleep(2 * LOOK_SECONDS)
-            if outcome is not None or self._is_ending():
+                exit_code = process.exitcode or 0
+                # The signal that ended it may have been sent to the whole run, which takes as long to notice it.
+                time.sleep(2 * POLL_SECONDS)
+            if outcome is not None or self._is_cancelled():
                 return outcome
-            is_first = self._logs == 1
+            was_first_log = self._logs_of_process == 1
             self.stop()
-            if code == -signal.SIGXCPU:
-                late = Fact(Reading.READING_TOO_LONG, time_limit=limits.seconds)
-                return replace(failed(job, "time", late), seconds=limits.seconds)
-            if code == errno.ENOMEM and is_first:  # no log before has left anything
-                big = Fact(Reading.READING_TOO_LARGE, memory_limit=limits.megabytes)
-                return replace(failed(job, "memory", big), megabytes=limits.megabytes)
-        because = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+            if exit_code == -signal.SIGXCPU:
+                too_long = Fact(Reading.READING_TOO_LONG, time_limit=limits.seconds)
+                return replace(failed(job, "time", too_long), seconds=limits.seconds)
+            # After other logs their memory may have been missing: then a new process tries.
+            if exit_code == errno.ENOMEM and was_first_log:
+                too_large = Fact(Reading.READING_TOO_LARGE, memory_limit=limits.megabytes)
+                return replace(failed(job, "memory", too_large), megabytes=limits.megabytes)
+        if exit_code < 0:
+            because = signal.Signals(-exit_code).name
+        else:
+            because = f"exit code {exit_code}"
         return failed(job, "died", Fact(Reading.READER_DIED, because=because, attempts=ATTEMPTS))
 
-    def _started(self) -> BaseProcess:
-        # Read when NumPy is imported. Others like the process have the other cores.
+    def _start_process(self) -> BaseProcess:
+        """Starts the process and waits until it can work.
+
+        Raises:
+            Unreadable: it cannot be started.
+        """
+        # NumPy reads these when it is imported. One thread for each process is enough: other readers use the other
+        # cores.
         for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
             os.environ.setdefault(name, "1")
         os.environ.setdefault("MPLBACKEND", "agg")
@@ -167,43 +217,56 @@ class LogReader:
         return self._process
 
     def _result(self, future: Future[Any], deadline: float = inf) -> Any:
-        """What a job gives until the ``deadline``; None after it, or where the reading is given up."""
-        while time.monotonic() < deadline and not self._is_ending():
-            if wait([future], LOOK_SECONDS).done:
+        """Waits for a result until the ``deadline`` by the monotonic clock, s; None after it, or if it is cancelled."""
+        while time.monotonic() < deadline and not self._is_cancelled():
+            if wait([future], POLL_SECONDS).done:
                 return future.result()
         return None
 
     def stop(self) -> None:
-        """Ends the process, whatever it does, and removes what it leaves."""
-        process, self._process = self._process, None
-        self._logs = 0
+        """Kills the process, whatever it does, and removes the files that it leaves."""
+        process = self._process
+        self._process = None
+        self._logs_of_process = 0
         if process is not None:
             process.kill()
         self._exits.close()
         if process is not None:
-            # What it fetched goes also where it was killed.
-            for left in Path(tempfile.gettempdir()).glob(f"mavdem-{process.pid}-*"):
-                shutil.rmtree(left, ignore_errors=True)
+            # A process that was killed could not remove the copies of logs that it fetched.
+            for folder in Path(tempfile.gettempdir()).glob(f"mavdem-{process.pid}-*"):
+                shutil.rmtree(folder, ignore_errors=True)
 
 
 class WorkerPool:
-    """Reads logs with so many ``processes`` at a time, each log within ``limits``, by the function ``read``."""
+    """Reads logs on this machine, in several processes side by side.
+
+    Attributes:
+        limits: of each log.
+    """
 
     def __init__(self, processes: int, limits: JobLimits, read: ReadLog) -> None:
+        """Starts no process yet.
+
+        Args:
+            processes: number of logs that are read at a time.
+            limits: of each log.
+            read: the function that reads a log.
+        """
         self.limits = limits
         self._processes = processes
         self._read = read
 
     def outcomes(self, jobs: Iterator[Job]) -> Generator[JobOutcome]:
-        """Yields outcomes in the order in which they come; a job is taken when its turn has come.
+        """Yields the outcomes of jobs in the order in which they come; a job is taken when a process is free.
 
-        Raises ``Unreadable`` if no process can be started.
+        Raises:
+            Unreadable: no process can be started.
         """
-        is_ending = Event()
-        readers = [LogReader(is_ending.is_set) for _ in range(self._processes)]
+        cancelled = Event()
+        readers = [LogReader(cancelled.is_set) for _ in range(self._processes)]
         reads = [partial(reader.read, limits=self.limits, read=self._read) for reader in readers]
         try:
-            yield from side_by_side(reads, jobs, is_ending.set)
+            yield from side_by_side(reads, jobs, cancelled.set)
         finally:
             with blocked_signals(*TERMINATION_SIGNALS):
                 for reader in readers:
@@ -213,100 +276,136 @@ class WorkerPool:
 def side_by_side(
     reads: Iterable[Callable[[Job], JobOutcome | None]],
     jobs: Iterator[Job],
-    end: Callable[[], None],
+    cancel: Callable[[], None],
 ) -> Generator[JobOutcome]:
-    """Yields outcomes in the order in which they come; each of ``reads`` reads one log at a time, in a thread.
+    """Reads logs by several readers side by side, each in a thread that waits for it.
 
-    When no more are wanted, ``end`` is called, upon which they return soon.
+    Args:
+        reads: the readers' functions; each reads one log at a time, and returns None where it was cancelled.
+        jobs: the logs; the next one is taken when a reader is free.
+        cancel: called when no more outcomes are wanted; the readers' functions return soon after it.
+
+    Yields:
+        The outcomes, in the order in which they come.
     """
-    executor = ThreadPoolExecutor(2**10)  # as many threads as there are readers
+    executor = ThreadPoolExecutor(MAX_READER_THREADS)
     try:
         busy = {executor.submit(read, job): read for read, job in zip(reads, jobs, strict=False)}
         while busy:
-            # Not for ever: another thread may have received a signal, which Python handles in this one when it wakes.
-            for future in islice(wait(busy, LOOK_SECONDS, FIRST_COMPLETED).done, 1):
+            # It waits for a limited time only: another thread may have received a signal, which Python handles in this
+            # thread when it wakes.
+            for future in islice(wait(busy, POLL_SECONDS, FIRST_COMPLETED).done, 1):
                 read = busy.pop(future)
-                if (outcome := future.result()) is not None:
+                outcome = future.result()
+                if outcome is not None:
                     yield outcome
                 for job in islice(jobs, 1):
                     busy[executor.submit(read, job)] = read
     finally:
-        end()
+        cancel()
         with blocked_signals(*TERMINATION_SIGNALS):
             executor.shutdown()
 
 
 def perform(job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome:
-    """Reads one log within ``limits``; ends the process where memory is wanting, which is in pieces."""
-    began = time.perf_counter()
+    """Reads one log within limits, in the process of a ``LogReader``.
+
+    Processor time beyond the limit ends the process by SIGXCPU. Where memory is missing it ends with the exit code
+    ENOMEM, since what is left of its memory is fragmented.
+    """
+    begin = time.perf_counter()
     if not os.environ.get("MAVDEM_TRACEBACK"):
-        nothing = os.open(os.devnull, os.O_WRONLY)
-        for output in (1, 2):
-            os.dup2(nothing, output)
-        os.close(nothing)
-    forbid_child_processes()  # others like it have the other cores
-    _limit(resource.RLIMIT_CPU, ceil(time.process_time() + limits.seconds))
-    # Linux counts what is allocated; elsewhere the limit may do nothing. Not the address space: mapped files and
-    # reserved stacks of threads take no memory.
+        _silence_output()
+    # Each process uses one core; other readers use the others.
+    forbid_child_processes()
+    _set_soft_limit(resource.RLIMIT_CPU, ceil(time.process_time() + limits.seconds))
+    # RLIMIT_DATA counts the memory that is allocated; outside Linux it may have no effect. The address space is not
+    # limited: mapped files and the reserved stacks of threads count in it, and take no memory.
     with suppress(ValueError, OSError):
-        _limit(resource.RLIMIT_DATA, limits.megabytes << 20)
+        _set_soft_limit(resource.RLIMIT_DATA, limits.megabytes << 20)
     try:
         outcome = outcome_of(job, read)
     except MemoryError:
-        os._exit(errno.ENOMEM)  # what is left of its memory is in pieces
-    kilobytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (
-        1024 if sys.platform == "darwin" else 1
-    )
-    return replace(outcome, seconds=time.perf_counter() - began, megabytes=kilobytes / 1024)
+        os._exit(errno.ENOMEM)
+    # Linux counts the largest memory in KiB, macOS in bytes.
+    units_per_kilobyte = 1024 if sys.platform == "darwin" else 1
+    kilobytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / units_per_kilobyte
+    return replace(outcome, seconds=time.perf_counter() - begin, megabytes=kilobytes / 1024)
 
 
-def _limit(resource_number: int, soft: int) -> None:
-    hard = resource.getrlimit(resource_number)[1]
-    resource.setrlimit(
-        resource_number, (soft if hard == resource.RLIM_INFINITY else min(soft, hard), hard)
-    )
+def _silence_output() -> None:
+    """Sends the standard output and the standard error of this process, also of C libraries, to nowhere."""
+    null_device = os.open(os.devnull, os.O_WRONLY)
+    for descriptor in (1, 2):
+        os.dup2(null_device, descriptor)
+    os.close(null_device)
+
+
+def _set_soft_limit(resource_number: int, soft_limit: int) -> None:
+    """Sets the limit of a resource for this process, as far as its hard limit, which stays, allows."""
+    hard_limit = resource.getrlimit(resource_number)[1]
+    if hard_limit != resource.RLIM_INFINITY:
+        soft_limit = min(soft_limit, hard_limit)
+    resource.setrlimit(resource_number, (soft_limit, hard_limit))
 
 
 def outcome_of(job: Job, read: ReadLog) -> JobOutcome:
-    """Returns what becomes of a job here, by ``read`` of path, key and page maker or None; raises ``MemoryError``."""
+    """Reads one log in this process, without limits.
+
+    Returns:
+        The outcome, also of a log that cannot be reached or read.
+
+    Raises:
+        MemoryError: there is not enough memory.
+    """
     key = ""
     try:
-        with _as_file(job.path) as path:
+        with _local_file(job.path) as path:
             with path.open("rb") as file:
-                key = f"{hashlib.file_digest(file, 'sha256').hexdigest()[:32]}-{file.tell()}"
+                digest = hashlib.file_digest(file, "sha256").hexdigest()
+                key = f"{digest[:KEY_HASH_DIGITS]}-{file.tell()}"
             if key in job.known:
                 return JobOutcome(job.path, "known", key=key)
             rows, pages = read(path, key, job.page)
-            own = tuple(replace(row, **_of_job(job, key)) for row in rows)
-            return JobOutcome(job.path, "read", own, key, pages)
+            named_rows = tuple(replace(row, **_job_columns(job, key)) for row in rows)
+            return JobOutcome(job.path, "read", named_rows, key, pages)
     except Unreadable as error:
+        # With a higher limit of memory the log may be read.
         if isinstance(error.__context__, MemoryError):
-            raise MemoryError from None  # with a higher limit it may be read
-        # Copies of a log have equal rows, but for the column of their names.
-        return failed(job, "read" if key else "source", error.fact.but(path="The log"), key)
+            raise MemoryError from None
+        # The fact does not name the file: copies of a log have equal rows, but for the column with their names.
+        reason = error.fact.but(path="The log")
+        return failed(job, "read" if key else "source", reason, key)
     except OSError as error:
         unreachable = Fact(Reading.LOG_UNREACHABLE, because=error.strerror or error)
         return failed(job, "source", unreachable, key)
     except MemoryError:
         raise
     except Exception as error:
-        return failed(job, "error", fault(error), key)
+        return failed(job, "error", reading_failure(error), key)
 
 
-def fault(error: Exception) -> Fact:
-    """Returns what is said of an error that is mavdem's own."""
+def reading_failure(error: Exception) -> Fact:
+    """Returns the fact that mavdem failed on a log by an error of its own."""
     return Fact(Reading.READING_FAILED, because=f"{type(error).__name__}: {error}")
 
 
 @contextmanager
-def _as_file(path: str) -> Iterator[Path]:
-    """Gives the log as a plain file of this machine; raises ``Unreadable`` or ``OSError``."""
+def _local_file(path: str) -> Iterator[Path]:
+    """Yields a log as a plain file of this machine, which is a temporary copy of a URL's.
+
+    Raises:
+        Unreadable: it is no plain file, or it cannot be fetched.
+        OSError: there is no room for the copy.
+    """
     if not is_url(path):
+        # Opening a pipe may wait for ever.
         if Path(path).exists() and not Path(path).is_file():
-            raise Unreadable(Reading.NO_PLAIN_FILE)  # opening one may wait for ever
+            raise Unreadable(Reading.NO_PLAIN_FILE)
         yield Path(path)
         return
     with tempfile.TemporaryDirectory(prefix=f"mavdem-{os.getpid()}-") as folder, chdir(folder):
-        copy = Path(urlsplit(path).path.rpartition("/")[2][-100:] or "log")
+        name = urlsplit(path).path.rpartition("/")[2]
+        copy = Path(name[-MAX_COPY_NAME_LETTERS:] or "log")
         fetch(path, copy)
         yield copy

@@ -8,7 +8,7 @@ from mavdem.containers import Names, group_by
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet import difference
 from mavdem.fleet.difference import (
-    BETWEEN,
+    SD_BETWEEN_FLIGHTS,
     ParameterChange,
     QuantityChange,
     VehicleDifference,
@@ -43,7 +43,7 @@ def difference_blocks(
             of_vehicle.incomparable, lambda missing: missing.reason
         ).items()
     ]
-    conditions, *sure = section("difference", of_vehicle, between=BETWEEN)
+    conditions, *sure = section("difference", of_vehicle, between=SD_BETWEEN_FLIGHTS)
     anew = section("difference_parameters", of_vehicle, parameters=parameters, lacking=lacking)
     return [*_vehicles(of_vehicle), *anew, *_changes(of_vehicle), *missing, conditions, *sure]
 

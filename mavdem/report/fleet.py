@@ -7,16 +7,10 @@ from pathlib import PurePath
 from mavdem.containers import group_by
 from mavdem.facts import Level
 from mavdem.facts.motors import MotorHealth
-from mavdem.fleet import row as fleet_row
+from mavdem.fleet import flights as fleet_flights
 from mavdem.fleet.difference import Flights
-from mavdem.fleet.row import (
-    HEALTHS,
-    UNKNOWN,
-    FlightRows,
-    is_shared,
-    worst_health,
-    worst_row,
-)
+from mavdem.fleet.flights import HEALTHS, has_shared_name, worst_health, worst_row
+from mavdem.fleet.row import UNKNOWN, FlightRows
 from mavdem.report.blocks import Blocks, Rated, Table
 from mavdem.report.condition import TIER_WORDS
 from mavdem.report.numbers import few, listed
@@ -36,12 +30,12 @@ MAX_REASONS = 8  # why logs could not be used, the most frequent ones
 
 def fleet_blocks(rows: FlightRows) -> Blocks:
     """Returns the summary of a fleet: a headline, what was flown, and why logs could not be used."""
-    vehicles = fleet_row.vehicles_of(rows)
+    vehicles = fleet_flights.vehicles_of(rows)
     named = {name: flights for name, flights in vehicles.items() if is_one_vehicle(name, flights)}
     once = {
-        name: fleet_row.flown_once(flights)
+        name: fleet_flights.distinct_flights(flights)
         for name, flights in named.items()
-        if not is_shared(flights)
+        if not has_shared_name(flights)
     }
     flown = [flight for name in vehicles for flight in once.get(name, vehicles[name])]
     unjudged = [name for name in once if vehicle_health(named[name]) == UNKNOWN]
@@ -58,14 +52,17 @@ def fleet_blocks(rows: FlightRows) -> Blocks:
         )
     ]
     return blocks + _unused(
-        [flight[0] for flight in fleet_row.flights_of(row for row in rows if not row.has_flight)]
+        [
+            flight[0]
+            for flight in fleet_flights.flights_of(row for row in rows if not row.has_flight)
+        ]
     )
 
 
 def is_one_vehicle(name: str, flights: Flights) -> bool:
     """Returns whether these are a vehicle's: of a system id, which many share, only if there is something to say."""
     return name != UNKNOWN and (
-        not is_shared(flights) or vehicle_health(flights) != UNKNOWN or doubt(flights) != ""
+        not has_shared_name(flights) or vehicle_health(flights) != UNKNOWN or doubt(flights) != ""
     )
 
 
@@ -122,7 +119,7 @@ def vehicle_words(flights: Flights) -> tuple[str, str]:
         kinds=[kind for kind in TROUBLE if counts[kind]],
         reason=next(filter(None, reasons), ""),
         row=next(map(worst_row, troubled), None),
-        is_shared=is_shared(flights),
+        is_shared=has_shared_name(flights),
     )
     return conclusion.text, difference.text
 
@@ -150,7 +147,7 @@ def _flown(flown: Flights) -> dict[str, object] | None:
     if not flown:
         return None
     seconds = (max(row.duration or 0.0 for row in flight) for flight in flown)
-    tiers = Counter(map(fleet_row.best_tier, flown))
+    tiers = Counter(map(fleet_flights.best_tier, flown))
     kinds = listed(f"{tiers[tier]} {words}" for tier, words in TIER_WORDS.items() if tiers[tier])
     dates = sorted(filter(None, (flight[0].date for flight in flown)))
     return {"flights": len(flown), "hours": sum(seconds) / 3600, "dates": dates, "kinds": kinds}

@@ -11,14 +11,8 @@ import numpy as np
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
-from mavdem.fleet.row import (
-    Flight,
-    FlightRow,
-    FlightRows,
-    flights_of,
-    vehicles_of,
-    worst_health,
-)
+from mavdem.fleet.flights import AxisRows, flights_of, vehicles_of, worst_health
+from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.report import fleet as words
 from mavdem.report.blocks import Block, Table
 from mavdem.report.fleet import TROUBLE, cut, urgency
@@ -97,14 +91,14 @@ def with_top(page: str, top: str) -> str:
     return TOP.sub(lambda _: top, page, count=1)
 
 
-def _lights(flight: Flight) -> str:
+def _lights(flight: AxisRows) -> str:
     """The lights that are not in order."""
     levels = ((light, getattr(flight[0], f"light_{light}")) for light in Light)
     lit = (f"{name} {level}" for name, level in levels if level in (Level.BAD, Level.WATCH))
     return ", ".join(lit)
 
 
-def _notes(flight: Flight) -> str:
+def _notes(flight: AxisRows) -> str:
     """What is said of the flight, the most important first, a line each."""
     if not flight[0].has_flight:
         return cut(flight[0].status, MAX_NOTE)
@@ -117,17 +111,17 @@ def _notes(flight: Flight) -> str:
     return cut("\n".join(dict.fromkeys(filter(None, said))), MAX_NOTE)
 
 
-def _motors(flight: Flight) -> str:
+def _motors(flight: AxisRows) -> str:
     """Those that are suspected."""
     return listed(sorted({row.suspect_motor for row in flight if row.suspect_motor is not None}))
 
 
-def _settled(flight: Flight) -> str:
+def _settled(flight: AxisRows) -> str:
     seconds = flight[0].duration
     return "" if seconds is None or not flight[0].is_read else rounded(seconds, 3)
 
 
-def _wind(flight: Flight) -> str:
+def _wind(flight: AxisRows) -> str:
     """Its speed, and where it came from."""
     row = flight[0]
     speed = "" if row.wind_speed is None else rounded(row.wind_speed)
@@ -135,7 +129,7 @@ def _wind(flight: Flight) -> str:
     return f"{speed} {origin}".strip()
 
 
-COLUMNS: dict[str, tuple[str, Callable[[Flight], str]]] = {
+COLUMNS: dict[str, tuple[str, Callable[[AxisRows], str]]] = {
     "flight": ("text", lambda flight: PurePath(flight[0].file).name or flight[0].file),
     "vehicle": ("text", lambda flight: flight[0].vehicle),
     "date": ("text", lambda flight: f"{flight[0].date or ''}"[:16]),

@@ -18,7 +18,7 @@ from mavdem.containers import Names
 from mavdem.facts import Fact
 from mavdem.facts.lights import Light
 from mavdem.files import load_adjacent_toml
-from mavdem.fleet.row import Flight
+from mavdem.fleet.flights import AxisRows
 from mavdem.report.blocks import Block
 from mavdem.report.fleet import LEVELS, vehicle_words
 from mavdem.report.fleet_page import with_top
@@ -78,7 +78,7 @@ def without_policy(page: str, **values: Any) -> str:
     return POLICY.sub(lambda _: key, page, count=1)
 
 
-def vehicle_page(flights: Sequence[Flight], changes: Iterable[Block], **values: Any) -> str:
+def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values: Any) -> str:
     """Returns the HTML of one vehicle: its flights over time, and what differs from the baseline."""
     said = vehicle_words(flights)[1] if flights else ""
     group = vehicle_group(flights) if len(flights) > 1 else None

@@ -7,7 +7,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.dataset.axes import TILT_AXES
-from mavdem.fleet.row import Flight, worst_health
+from mavdem.fleet.flights import AxisRows, worst_health
 from mavdem.report.charts import Axis, Chart, Group, Kind, Line, Mark
 from mavdem.report.numbers import TORQUE, short
 from mavdem.report.palette import BAD, LIMITED, distinct
@@ -28,7 +28,7 @@ Lines = dict[str, Array]
 """Values and half widths (flights, 2) by name, NaN where not known."""
 
 
-def vehicle_group(flights: Sequence[Flight]) -> Group | None:
+def vehicle_group(flights: Sequence[AxisRows]) -> Group | None:
     """Returns what is known of the ``flights`` of one vehicle, with 90 % intervals; None if that is nothing."""
     days = [f"{flight[0].date:%Y-%m-%d}" if flight[0].date else "" for flight in flights]
     between = [""] * (len(flights) - 2)
@@ -56,7 +56,7 @@ def _drawn(lines: Lines) -> Iterator[Line]:
             yield Line.around(name, distinct(number), flights, values, around, Kind.DOTS)
 
 
-def _panels(flights: Sequence[Flight]) -> Iterator[tuple[str, Lines]]:
+def _panels(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Lines]]:
     """Yields the title, with the unit, and the lines of each quantity."""
     motors = next((row.motors for flight in reversed(flights) for row in flight if row.motors), ())
     shares = _estimates(flights, "trim_share", len(motors))
@@ -81,7 +81,7 @@ def _panels(flights: Sequence[Flight]) -> Iterator[tuple[str, Lines]]:
 
 
 def _estimates(
-    flights: Sequence[Flight], name: str, count: int, axis: str = "", unit: str = ""
+    flights: Sequence[AxisRows], name: str, count: int, axis: str = "", unit: str = ""
 ) -> Array:
     """So many values with half widths (count, flights, 2), of this axis and unit, or any."""
     estimates = np.full((len(flights), count, 2), np.nan)

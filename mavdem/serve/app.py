@@ -35,13 +35,14 @@ from mavdem.errors import Refusal
 from mavdem.facts import Fact
 from mavdem.facts.serve import Crowd, Request, Sharing, Stage, Use
 from mavdem.fleet.difference import (
+    baseline_differences,
     changed_parameters,
-    since_baseline,
+    states_without_gains,
     vehicle_difference,
-    without_gains,
 )
-from mavdem.fleet.row import FlightRow, vehicles_of, worst_row
-from mavdem.fleet.workers import LOOK_SECONDS, PAGES
+from mavdem.fleet.flights import vehicles_of, worst_row
+from mavdem.fleet.row import FlightRow
+from mavdem.fleet.workers import PAGES, POLL_SECONDS
 from mavdem.ingest.formats import detect_format
 from mavdem.report.difference import baseline_blocks
 from mavdem.report.difference_page import comparison_page
@@ -312,7 +313,7 @@ class Server:
             raise Refusal(Request.NO_SUCH_FLIGHT)
         rows = [row for row in self.library.rows_of(entries) if row.vehicle == name]
         healthy = [row for row in self.library.store.healthy if row.vehicle == name]
-        change = since_baseline(rows, healthy).get(name) if healthy else None
+        change = baseline_differences(rows, healthy).get(name) if healthy else None
         return HTMLResponse(
             vehicle_page(
                 vehicles_of(rows).get(name, []),
@@ -339,7 +340,7 @@ class Server:
             (self._review(a) or {}, self._review(b) or {}),
             difference,
             changed_parameters(*gains),
-            without_gains(*gains),
+            states_without_gains(*gains),
             ("Flights", "/"),
         )
         return HTMLResponse(without_policy(page, **self._known(request)))
@@ -522,7 +523,7 @@ class Server:
                     yield f"data: {json.dumps(changed)}\n\n"
                 if not watched:
                     break
-                await asyncio.sleep(LOOK_SECONDS)
+                await asyncio.sleep(POLL_SECONDS)
         except asyncio.CancelledError:  # the server ends
             return
         finally:

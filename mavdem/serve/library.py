@@ -29,7 +29,7 @@ from mavdem.errors import Refusal, Unreadable, error_message
 from mavdem.facts import Fact
 from mavdem.facts.lights import Light
 from mavdem.facts.serve import Request, Sharing, Stage, Start
-from mavdem.fleet.row import FlightRows, as_text
+from mavdem.fleet.row import FlightRows, utf8_text
 from mavdem.fleet.sources import LogSource, source_of
 from mavdem.fleet.store import Store
 from mavdem.fleet.workers import JobLimits, JobOutcome
@@ -467,7 +467,7 @@ class Library:
         query = f"""select row, file from flights where file is not null and log not in ({entered})
         and not exists (select 1 from entries where path = file) order by rowid"""
         with self._transaction() as db:
-            rows_of_folder = self.store.sound_rows(query, [as_text(f"{self.folder}/")])
+            rows_of_folder = self.store.sound_rows(query, [utf8_text(f"{self.folder}/")])
             for file, rows in group_by(rows_of_folder, lambda row: row.file).items():
                 insert(db, _of_rows(file, rows))
         self._local.adopted = version

@@ -26,7 +26,7 @@ from mavdem.facts.serve import Stage
 from mavdem.files import atomic_write
 from mavdem.fleet.row import FlightRows
 from mavdem.fleet.rows_of_log import rows_of_assessment
-from mavdem.fleet.store import opened
+from mavdem.fleet.store import open_store
 from mavdem.fleet.tracking import assess_rows
 from mavdem.fleet.workers import LogRows
 from mavdem.ingest import read_log
@@ -113,6 +113,6 @@ def _told(assessment: Assessment, rows: FlightRows) -> JsonValues:
 
 def publish(path: Path, key: str, page: object) -> LogRows:
     """Judges the vehicles of the library of a server, whose lock is at ``path``, anew, and writes the fleet's table."""
-    with opened(path.parents[1]) as store:
+    with open_store(path.parents[1]) as store:
         store.publish(assess_rows)
     return [], {}

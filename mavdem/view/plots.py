@@ -16,7 +16,7 @@ from mavdem.confidence import Interval
 from mavdem.containers import JsonValues, Names
 from mavdem.facts import Level
 from mavdem.files import atomic_write
-from mavdem.fleet.row import as_text
+from mavdem.fleet.row import utf8_text
 from mavdem.report import palette
 from mavdem.report.charts import Chart
 from mavdem.report.numbers import rounded
@@ -135,7 +135,7 @@ def blueprint(view: rrb.Container, **options: Any) -> rrb.Blueprint:
 def log(recording: rr.RecordingStream, time: float, sentence: str, level: Level) -> None:
     """Writes a sentence into the log at a ``time`` on the timeline, s."""
     recording.set_time(BOOT_CLOCK, duration=time)
-    recording.log("log", rr.TextLog(as_text(sentence), level=LOG_LEVELS.get(level, "INFO")))
+    recording.log("log", rr.TextLog(utf8_text(sentence), level=LOG_LEVELS.get(level, "INFO")))
 
 
 def events_view() -> rrb.View:
@@ -158,7 +158,7 @@ def streamed(name: str, application: str) -> Iterator[rr.RecordingStream]:
     """
     with rr.RecordingStream(application) as recording:
         recording.stdout()
-        recording.send_recording_name(as_text(name))
+        recording.send_recording_name(utf8_text(name))
         yield recording
 
 
@@ -171,7 +171,7 @@ def recorded(target: Target, name: str) -> Iterator[rr.RecordingStream]:
         return
     recording = rr.RecordingStream("mavdem")
     memory = recording.memory_recording()
-    recording.send_recording_name(as_text(name))
+    recording.send_recording_name(utf8_text(name))
     yield recording
     # Rerun does not report when a file it writes fails, as on a full disk; Python does.
     contents = memory.drain_as_bytes()

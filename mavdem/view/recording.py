@@ -13,7 +13,7 @@ from mavdem.assessment.axis.findings import resolved_wind_torque
 from mavdem.dataset.axes import AXES
 from mavdem.dem import Learned
 from mavdem.experiments.held_out import FORECAST, HeldOut
-from mavdem.fleet.row import as_text
+from mavdem.fleet.row import utf8_text
 from mavdem.loops.axis_loops import identified_loops
 from mavdem.loops.step_response import StepResponse
 from mavdem.report import palette
@@ -208,7 +208,7 @@ def _text(
     recording: rr.RecordingStream, origin: str, name: str, words: str | Iterable[Block]
 ) -> rrb.View:
     """A view of Markdown, without a title bar if it has no name."""
-    text = as_text(words if isinstance(words, str) else markdown(words))
+    text = utf8_text(words if isinstance(words, str) else markdown(words))
     recording.log(origin, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
     return rrb.TextDocumentView(origin=origin, name=name or origin, titlebar=bool(name))
 

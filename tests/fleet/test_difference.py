@@ -14,18 +14,18 @@ from mavdem.documents import whole
 from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts.fleet import Compared, Incomparable, QuantityOutcome
 from mavdem.fleet.difference import (
-    BETWEEN,
     DAMPING,
     EFFECT,
     LAG,
     MEAN_EFFECT,
+    SD_BETWEEN_FLIGHTS,
     SHARE,
     Quantity,
     QuantityChange,
-    _tested,
     changed_parameters,
+    states_without_gains,
     vehicle_difference,
-    without_gains,
+    with_outcomes,
 )
 
 Z90 = 1.645
@@ -42,16 +42,19 @@ def flight(number, rng=None, share=0.0, effect=0.0, motor=2, **changed):
     own = np.eye(4)[motor]
     half = 0.01
     shares = (
-        SHARES + share * own + half / Z90 * rng.normal(size=4) + BETWEEN[SHARE] * rng.normal(size=4)
+        SHARES
+        + share * own
+        + half / Z90 * rng.normal(size=4)
+        + SD_BETWEEN_FLIGHTS[SHARE] * rng.normal(size=4)
     )
-    factors = (1 + effect * own) * np.exp(BETWEEN[EFFECT] * rng.normal(size=4))
+    factors = (1 + effect * own) * np.exp(SD_BETWEEN_FLIGHTS[EFFECT] * rng.normal(size=4))
     rows = []
     for axis, scale in (("roll", 1.0), ("pitch", 0.8)):
         effects = (
             scale
             * EFFECTS
             * factors
-            * np.exp(0.03 * rng.normal(size=4) + BETWEEN[MEAN_EFFECT] * rng.normal())
+            * np.exp(0.03 * rng.normal(size=4) + SD_BETWEEN_FLIGHTS[MEAN_EFFECT] * rng.normal())
         )
         rows.append(
             flight_row(
@@ -62,8 +65,10 @@ def flight(number, rng=None, share=0.0, effect=0.0, motor=2, **changed):
                 trim_share_interval=(half,) * 4,
                 effect=tuple(effects),
                 effect_interval=tuple(Z90 * 0.03 * abs(effects)),
-                damping=0.6 + (0.2 / Z90) * rng.normal() + BETWEEN["damping"] * rng.normal(),
-                lag=0.04 + (0.01 / Z90) * rng.normal() + BETWEEN["lag"] * rng.normal(),
+                damping=0.6
+                + (0.2 / Z90) * rng.normal()
+                + SD_BETWEEN_FLIGHTS["damping"] * rng.normal(),
+                lag=0.04 + (0.01 / Z90) * rng.normal() + SD_BETWEEN_FLIGHTS["lag"] * rng.normal(),
                 **changed,
             )
         )
@@ -126,7 +131,7 @@ def test_the_same_is_said_only_where_the_whole_interval_is_small():
             QuantityChange(Quantity(kind), None, None, -0.3 * limit, share * limit, 1.0, 0.0)
             for kind, limit in limits.items()
         ]
-        assert {one.outcome for one in _tested(judged)} == {outcome}
+        assert {one.outcome for one in with_outcomes(judged)} == {outcome}
 
 
 @mark.parametrize(
@@ -160,7 +165,7 @@ BY_DEMAND = {"inputs": "demand", "input_unit": "", "effect": (20.0,), "effect_in
     [
         ({"effect_status": "biased"}, {SHARE, DAMPING, LAG}, EFFECT, Incomparable.NOT_REPORTED),
         ({"tier": "c", **NO_MODEL}, {SHARE}, EFFECT, Incomparable.NOT_ESTIMATED),
-        ({"trim_share": None}, {*BETWEEN} - {SHARE}, SHARE, Incomparable.NOT_ESTIMATED),
+        ({"trim_share": None}, {*SD_BETWEEN_FLIGHTS} - {SHARE}, SHARE, Incomparable.NOT_ESTIMATED),
         (BY_DEMAND, {SHARE}, Compared.OF_MODELS, Incomparable.OTHER_INPUTS),
         (
             {"motors": tuple("123456"), "trim_share": None, "effect": None},
@@ -198,4 +203,4 @@ def test_parameters_that_somebody_set_are_told_and_those_of_control_first():
     after = {"ANGLE_MAX": 4500.0, "ATC_RAT_RLL_P": 0.2, "MIS_TOTAL": 2.0, "INS_GYROFFS_X": 0.2}
     changes = changed_parameters(before, after | {"ANGLE_NEW": 1.0})
     assert changes == [("ATC_RAT_RLL_P", 0.135, 0.2), ("ANGLE_MAX", 3000.0, 4500.0)]
-    assert without_gains(before, {"MIS_TOTAL": 1.0}) == ("B",)
+    assert states_without_gains(before, {"MIS_TOTAL": 1.0}) == ("B",)

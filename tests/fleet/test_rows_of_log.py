@@ -40,8 +40,15 @@ def test_a_slow_log_gives_what_it_holds_says_why_no_more_and_has_one_page():
 
 def test_still_air_is_no_wind_and_a_drags_interval_is_a_half_width():
     drag = Drag(np.zeros(6), np.eye(6))
-    air = {"sized": True, "directed": False, "speed": 0.4, "speed_interval": (0.0, 1.0)}
-    still, wind = (module._wind(SimpleNamespace(drag=drag, calm=calm, **air)) for calm in (1, 0))
+    air = {
+        "speed_identifiable": True,
+        "direction_identifiable": False,
+        "speed": 0.4,
+        "speed_interval": (0.0, 1.0),
+    }
+    still, wind = (
+        module.wind_columns(SimpleNamespace(drag=drag, calm=calm, **air)) for calm in (1, 0)
+    )
     assert still["wind_speed"] is None and still["wind_speed_interval"] == (0.0, 1.0)
     assert wind["wind_speed"] == 0.4
     low, high = drag.interval("linear")
@@ -51,7 +58,7 @@ def test_still_air_is_no_wind_and_a_drags_interval_is_a_half_width():
 def test_a_margin_is_in_radians_and_its_interval_a_half_width():
     known = {"gain_margin": 9.0, "gain_margin_interval": (8.0, 10.0)}
     loop = SimpleNamespace(phase_margin=180.0, phase_margin_interval=(90.0, 270.0), **known)
-    found = module._margins(loop)
+    found = module.margin_columns(loop)
     assert (found["phase_margin"], found["phase_margin_interval"]) == (np.pi, np.pi / 2)
     assert found["gain_margin_interval"] == 1.0
 

@@ -22,7 +22,7 @@ from mavdem.facts.fleet import Folder, Reading
 from mavdem.facts.motors import HealthUnknown, MotorsBetween
 from mavdem.fleet import store
 from mavdem.fleet.row import FlightRow, row_schema
-from mavdem.fleet.store import STORE, TABLE, opened, read_rows, write_rows
+from mavdem.fleet.store import STORE, TABLE, open_store, read_rows, write_rows
 from mavdem.fleet.tracking import assess_rows, residual_mean
 from mavdem.fleet.workers import JobLimits
 
@@ -81,7 +81,7 @@ def test_what_is_no_fleet_and_what_is_damaged_is_refused(tmp_path):
     assert refusal(lambda: read_rows(tmp_path / "none")) is Folder.NO_FLEET
     (tmp_path / STORE).write_bytes(b"SQLite format 3\0 and nothing" * 99)
     assert refusal(lambda: read_rows(tmp_path)) is Folder.FLEET_DAMAGED
-    assert refusal(opened(tmp_path).__enter__) is Folder.FLEET_DAMAGED
+    assert refusal(open_store(tmp_path).__enter__) is Folder.FLEET_DAMAGED
 
 
 @mark.parametrize("row", ["[1]", "{"])
@@ -90,7 +90,7 @@ def test_a_damaged_row_is_said_to_be(fleet, row):
     with closing(sqlite3.connect(out / STORE, isolation_level=None)) as db:
         db.execute("update flights set row = ? where rowid = 1", [row])
     assert refusal(lambda: read_rows(out)) is Folder.FLEET_DAMAGED
-    with opened(out) as store:
+    with open_store(out) as store:
         query = "select row, file from flights"
         assert len([*store.sound_rows(query)]) == len([*store.db.execute(query)]) - 1
     log.write_bytes(log.read_bytes() + b"~")
@@ -181,7 +181,7 @@ def test_a_table_that_could_not_be_written_is_written_by_the_next_run(fleet, mon
 
 def test_another_run_may_write_while_the_table_is_written(tmp_path, monkeypatch):
     def write(folder, rows):
-        with opened(folder) as other:
+        with open_store(folder) as other:
             other.healthy = [FULL]
         write_rows(folder, rows)
 

@@ -214,7 +214,7 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
         and len(read_rows(tmp_path / "here")) == 12
     )
     with two_workers.get_client() as client:
-        assert not any(client.run(lambda: len(cluster._idle)).values())
+        assert not any(client.run(lambda: len(cluster._idle_readers)).values())
 
 
 @mark.parametrize(
@@ -272,7 +272,7 @@ def test_what_a_log_costs_is_bounded_and_told(monkeypatch, tmp_path):
         (usage.RLIMIT_DATA, (600 << 20, 1 << 30)),
     ]
     usage.getrlimit = lambda _: (5, -1)
-    workers._limit(0, 9)
+    workers._set_soft_limit(0, 9)
     assert usage.setrlimit.call_args.args == (0, (9, -1))
 
 

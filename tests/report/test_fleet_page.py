@@ -11,7 +11,8 @@ from fleet_rows import fleet_rows, flight_row
 from numpy.testing import assert_allclose
 from pytest import approx, mark
 
-from mavdem.fleet.row import FlightRow, flights_of
+from mavdem.fleet.flights import flights_of
+from mavdem.fleet.row import FlightRow
 from mavdem.report.blocks import Sentence
 from mavdem.report.fleet_page import FIRST_SHOWN, fleet_page
 from mavdem.report.palette import BAD

@@ -5,8 +5,8 @@ from datetime import timedelta
 
 from fleet_rows import WEAK, flight_row
 
-from mavdem.fleet.difference import since_baseline, vehicle_difference
-from mavdem.fleet.row import flights_of, summary
+from mavdem.fleet.difference import baseline_differences, vehicle_difference
+from mavdem.fleet.flights import flights_of, summary
 from mavdem.report.blocks import text_of
 from mavdem.report.difference import baseline_blocks, difference_blocks
 from mavdem.report.fleet import fleet_blocks, vehicle_health, vehicle_words
@@ -99,7 +99,9 @@ def test_the_latest_flight_of_each_vehicle_is_compared_with_the_baseline():
     baseline = [row for number in range(4) for row in flown(number)]
     later = [row for number in range(4, 8) for row in flown(number, **WEAK)]
     rows = [*baseline, *later, *flown(0, "new"), *flown(0, "unknown")]
-    found = {name: baseline_blocks(*one) for name, one in since_baseline(rows, baseline).items()}
+    found = {
+        name: baseline_blocks(*one) for name, one in baseline_differences(rows, baseline).items()
+    }
     assert set(found) == {"quad", "new"}
     text = text_of(found["quad"])
     assert "motor 3's share +12 % ± 3 %; motor 3's control effectiveness −29 % ± 6 %" in text

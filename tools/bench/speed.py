@@ -25,7 +25,7 @@ from mavdem.containers import JsonValues
 from mavdem.dataset import attitude, motor_outputs
 from mavdem.dem.parallel import forbid_child_processes
 from mavdem.errors import Unreadable
-from mavdem.fleet.row import best_tier
+from mavdem.fleet.flights import best_tier
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.ingest import read_log
 from mavdem.report.flight_page import flight_page

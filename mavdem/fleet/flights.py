@@ -1,0 +1,134 @@
+"""Flights and vehicles that the rows of a fleet's table belong to, and the counts of a fleet."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+from mavdem.containers import JsonValues, group_by
+from mavdem.dataset.axes import AXES
+from mavdem.facts.motors import MotorHealth
+from mavdem.fleet.row import SYSTEM_ID_BASIS, UNKNOWN, FlightRow, FlightRows
+
+HEALTHS = tuple(MotorHealth)
+"""Health of the motors, the worst first."""
+
+AXIS_ORDER = (*AXES, "")
+"""Order of the axes of a flight; a row without an axis comes last."""
+
+AxisRows = Sequence[FlightRow]
+"""The rows of one flight, one for each axis."""
+
+
+def flights_of(rows: Iterable[FlightRow]) -> list[FlightRows]:
+    """Groups rows by flight.
+
+    Returns:
+        The rows of each flight, its axes in the order of ``AXIS_ORDER``. Flights are sorted by date, those without one
+        last, then by vehicle and file.
+    """
+
+    def date_and_order(flight: AxisRows) -> tuple[object, ...]:
+        row = flight[0]
+        seconds = math.inf if row.date is None else row.date.timestamp()
+        return seconds, row.order
+
+    # The last entry of the order is the axis, which the rows of a flight do not share.
+    flights = group_by(rows, lambda row: row.order[:-1])
+    for flight in flights.values():
+        flight.sort(key=lambda row: AXIS_ORDER.index(row.axis or ""))
+    return sorted(flights.values(), key=date_and_order)
+
+
+def vehicles_of(rows: Iterable[FlightRow]) -> dict[str, list[FlightRows]]:
+    """Returns the flights of each vehicle as :func:`flights_of` does, by the vehicles' names in alphabetical order.
+
+    Rows without a flight are left out.
+    """
+    flights = flights_of(row for row in rows if row.has_flight)
+    by_vehicle = group_by(flights, lambda flight: flight[0].vehicle)
+    return dict(sorted(by_vehicle.items()))
+
+
+def has_shared_name(flights: Iterable[AxisRows]) -> bool:
+    """Returns whether several vehicles may have the name of these flights' vehicle."""
+    return any(row.vehicle_basis == SYSTEM_ID_BASIS for flight in flights for row in flight)
+
+
+def worst_health(flight: AxisRows) -> str:
+    """Returns the worst health of a flight's axes: "fault", "drift", "ok", or "unknown" if none was judged."""
+    return worst_row(flight).health
+
+
+def worst_row(flight: AxisRows) -> FlightRow:
+    """Returns the row of the axis with the worst health, the first of equal ones."""
+    return min(flight, key=lambda row: HEALTHS.index(row.health))
+
+
+def best_tier(flight: AxisRows) -> str:
+    """Returns the best tier of a flight's axes, "a" before "b" before "c"; empty where none is known."""
+    return min((row.tier for row in flight if row.tier), default="")
+
+
+def distinct_flights(flights: Sequence[FlightRows]) -> list[FlightRows]:
+    """Returns the flights of one vehicle without duplicates: two logs of one flight, such as tlog and DataFlash.
+
+    Flights that overlap in time are one flight; the log with the best tier stands for it.
+
+    Args:
+        flights: of one vehicle, in order of date.
+    """
+    distinct: list[FlightRows] = []
+    for flight in flights:
+        best = flight
+        if distinct and distinct[-1][0].date and flight[0].date:
+            previous = distinct[-1]
+            previous_row = previous[0]
+            assert previous_row.date is not None
+            seconds = (flight[0].date - previous_row.date).total_seconds()
+            if seconds < (previous_row.duration or 0.0):
+                distinct.pop()
+                # Of equal tiers the earlier log stays. An unknown tier comes after all others.
+                if (best_tier(previous) or "z") <= (best_tier(flight) or "z"):
+                    best = previous
+        distinct.append(best)
+    return distinct
+
+
+def summary(rows: Iterable[FlightRow]) -> JsonValues:
+    """Counts the flights of a fleet.
+
+    A flight has a row for each axis; it counts by its better tier and its worse health, and once where several logs
+    have it.
+
+    Returns:
+        Plain JSON values: ``flights``; ``vehicles``, those with a name of their own, which a system id is not;
+        ``tiers`` and ``health``, flights by tier and by health; and ``failed``, the file, status and code of the status
+        of each log without a flight.
+    """
+    rows = list(rows)
+    named_vehicles = 0
+    flights: list[FlightRows] = []
+    for name, flights_of_vehicle in vehicles_of(rows).items():
+        if name != UNKNOWN and not has_shared_name(flights_of_vehicle):
+            named_vehicles += 1
+            flights += distinct_flights(flights_of_vehicle)
+        else:
+            # Flights at the same time may be of different vehicles with this name.
+            flights += flights_of_vehicle
+    healths = Counter(worst_health(flight) for flight in flights)
+    tiers = Counter(best_tier(flight) for flight in flights if best_tier(flight))
+    # A log may have several rows without a flight, one for each vehicle. A dictionary keeps their order.
+    failures = dict.fromkeys(
+        (row.file, row.status, row.status_code) for row in rows if not row.has_flight
+    )
+    return {
+        "flights": len(flights),
+        "vehicles": named_vehicles,
+        "tiers": dict(sorted(tiers.items())),
+        "health": {health: healths[health] for health in HEALTHS if healths[health]},
+        "failed": [
+            {"file": file, "status": status, "status_code": code} for file, status, code in failures
+        ],
+    }
