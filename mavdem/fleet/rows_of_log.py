@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from mavdem.assessment import Assessment
-from mavdem.assessment.assess import NoLoop, assess_signals
+from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.axis import LogAnalysis
+from mavdem.assessment.record import NoLoop
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.signals import Signals
