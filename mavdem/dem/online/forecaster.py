@@ -186,11 +186,12 @@ class OnlineForecaster:
             self._scaling = self._scaling_of_first_second(self.axis_mixer)
             if self._scaling is None:
                 return
-            for first_block in self._blocks_before_scaling:
-                statistics = self._count_samples(first_block, self.axis_mixer, self._scaling)
-            self._blocks_before_scaling.clear()
+            new_blocks = self._blocks_before_scaling
+            self._blocks_before_scaling = []
         else:
-            statistics = self._count_samples(block, self.axis_mixer, self._scaling)
+            new_blocks = [block]
+        for new_block in new_blocks:
+            statistics = self._count_samples(new_block, self.axis_mixer, self._scaling)
         is_due = self._samples_since_fit * self._dt >= REFIT_SECONDS and statistics.row_count >= 1
         if may_fit and is_due:
             # Where the regression fails, it is tried again with the next samples.
