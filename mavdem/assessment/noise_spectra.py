@@ -97,7 +97,7 @@ def _spectrum_fact(spectrum: Spectrum) -> Fact:
 def _line_fact(line: SpectralLine) -> Fact:
     """Returns the fact of a spectral line, whose code says where it comes from.
 
-    Its frequency is in Hz; ``ratio`` is its power over that around it, ``exponent`` the power of the motors' speed that
+    Its frequency is in Hz; ``ratio`` is its power over that around it, ``exponent`` that of the throttle or motor speed that
     it follows, and ``order`` its frequency over that speed.
     """
     return Fact(
