@@ -97,8 +97,8 @@ def _spectrum_fact(spectrum: Spectrum) -> Fact:
 def _line_fact(line: SpectralLine) -> Fact:
     """Returns the fact of a spectral line, whose code says where it comes from.
 
-    Its frequency is in Hz; ``ratio`` is its power over that around it, ``exponent`` that of the throttle or motor speed that
-    it follows, and ``order`` its frequency over that speed.
+    Its frequency is in Hz and ``ratio`` its power over that around it. The frequency follows the throttle, or the
+    motors' speed, to the power of ``exponent``; ``order`` is the frequency over that speed.
     """
     return Fact(
         LINE_CODES[line.kind],
