@@ -83,6 +83,6 @@ def fits_once():
     from mavdem.plant import estimation
 
     with MonkeyPatch.context() as patch:
-        for module, name in ((estimation, "_estimated"), (in_flight, "identify_axis")):
+        for module, name in ((estimation, "_estimate_parameters"), (in_flight, "identify_axis")):
             patch.setattr(module, name, once(getattr(module, name)))
         yield

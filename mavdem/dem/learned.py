@@ -378,13 +378,13 @@ class Learned(ImmutableResult, ForecasterBase):
         Raises:
             ValueError: No physical parameters can be fitted, or the outputs are no angle and its rate.
         """
-        from mavdem.plant.simulation import simulated
+        from mavdem.plant.simulation import simulate_response
 
         physical = self.require_physical()
         if physical.caution is not None:
             unreliable = Fact(NoPhysical.SIMULATION_FAR_OFF, because=physical.caution)
             warn(unreliable.advised, stacklevel=2)
-        return simulated(physical, self.record, inputs).mean
+        return simulate_response(physical, self.record, inputs).mean
 
     def simulate_band(self, inputs: ArrayLike, level: float = CONFIDENCE_LEVEL) -> Array:
         """Returns half widths of the band about :meth:`simulate`.
@@ -401,12 +401,12 @@ class Learned(ImmutableResult, ForecasterBase):
         Raises:
             ValueError: The physical parameters are not identifiable.
         """
-        from mavdem.plant.simulation import simulated
+        from mavdem.plant.simulation import simulate_response
 
         physical = self.require_physical()
         if physical.caution is not None:
             raise NotLearnable(NoPhysical.NO_SIMULATION_BAND, because=physical.caution)
-        return half_width(simulated(physical, self.record, inputs).variance, level)
+        return half_width(simulate_response(physical, self.record, inputs).variance, level)
 
     def require_physical(self) -> Physical:
         """Returns :attr:`physical`; raises ``NotLearnable``, with the reason, where there are no such parameters."""

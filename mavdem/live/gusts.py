@@ -10,7 +10,7 @@ from mavdem.dem import Estimate
 from mavdem.dem.record import Record
 from mavdem.facts import Fact
 from mavdem.facts.session import Session
-from mavdem.plant.gusts import RUNNING_LEVEL_SECONDS, gusts, min_gust_duration
+from mavdem.plant.gusts import RUNNING_LEVEL_SECONDS, detect_gusts, min_gust_duration
 from mavdem.plant.online_wind_torque import MEMORY_SECONDS
 
 
@@ -39,7 +39,7 @@ class LiveGusts:
         self._until = time[-1]
         shortest = 0.0 if now.physical is None else min_gust_duration(now.physical, self._dt)
         series = Record(torque[:, None], torque[:, None], self._dt, (len(torque),))
-        for gust in gusts(torque, band, series, shortest).found:
+        for gust in detect_gusts(torque, band, series, shortest).gusts:
             start = time[gust.sample]
             if before < start + gust.length < time[-1]:
                 yield Fact(

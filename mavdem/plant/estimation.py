@@ -30,7 +30,7 @@ from mavdem.plant.identifiability import (
     identifiability,
 )
 from mavdem.plant.likelihood import GrayBoxModel
-from mavdem.plant.parameters import Physical, parameter_gradient, updated
+from mavdem.plant.parameters import Physical, combined_with_earlier_flight, parameter_gradient
 from mavdem.plant.sampled_plant import WindComponent
 from mavdem.plant.windows import REFINEMENTS, FlightWindows, cut_windows
 from mavdem.unit_errors import suspected_unit_error
@@ -76,7 +76,7 @@ def physical(train: TrainingData, prior: Physical | None = None) -> Physical | N
     try:
         # Values that overflow are not finite, and the fit takes no step to them.
         with one_thread(), np.errstate(all="ignore"):
-            return _estimated(cut_windows(record), _mixer_directions(record), prior)
+            return _estimate_parameters(cut_windows(record), _mixer_directions(record), prior)
     except NotLearnable as error:
         return NotIdentifiable(error.fact)
     except ValueError:
@@ -99,7 +99,7 @@ def _mixer_directions(record: Record) -> Array | None:
     return None
 
 
-def _estimated(
+def _estimate_parameters(
     windows: FlightWindows, directions: Array | None, prior: Physical | None
 ) -> Physical:
     """Estimates the physical parameters from windows of a flight.
@@ -119,7 +119,7 @@ def _estimated(
     plant = _physical(fit, selected.spectrum_range, windows)
     if prior is None:
         return plant
-    return updated(plant, prior)
+    return combined_with_earlier_flight(plant, prior)
 
 
 def _select_model(windows: FlightWindows, directions: Array | None) -> _SelectedModel:

@@ -46,10 +46,10 @@ class DetectedGust(NamedTuple):
     size: float
 
 
-class Gusts(NamedTuple):
+class GustDetection(NamedTuple):
     """Result of the detection of gusts."""
 
-    found: tuple[DetectedGust, ...]
+    gusts: tuple[DetectedGust, ...]
     """The gusts, in order of time."""
 
     threshold: float
@@ -67,12 +67,12 @@ def min_gust_duration(physical: Physical, dt: float) -> float:
     return 2 * dt + physical.lag + physical.delay
 
 
-def gusts(
+def detect_gusts(
     torque: Array,
     band: Array,
     record: Record,
     min_duration: float = 0.0,
-) -> Gusts:
+) -> GustDetection:
     """Detects the gusts in a course of wind torque.
 
     The rate of false gusts is that at which a Gaussian process with the same variance, and the same variance of its
@@ -92,7 +92,7 @@ def gusts(
     threshold = GUST_THRESHOLD * sd
     error_variance = np.mean((band / coverage_factor()) ** 2)
     if sd == 0.0 or error_variance > MAX_ERROR_SHARE * np.var(torque):
-        return Gusts((), threshold, 0.0)
+        return GustDetection((), threshold, 0.0)
 
     slope_sd = float(np.median(abs(np.diff(deviation)))) / coverage_factor(0.5) / record.dt
     exceedance = float(np.exp(-(GUST_THRESHOLD**2) / 2))
@@ -112,7 +112,7 @@ def gusts(
         if _level_changes(torque, start, stop, width // 2, threshold, record):
             continue
         detected.append(DetectedGust(start, start * record.dt, duration, deviation[peak]))
-    return Gusts(tuple(detected), threshold, false_per_minute)
+    return GustDetection(tuple(detected), threshold, false_per_minute)
 
 
 def _running_level(torque: Array, record: Record, width: int) -> Array:

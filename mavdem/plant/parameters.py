@@ -207,7 +207,7 @@ def parameter_gradient(function: Callable[[Array], Array], theta: Array, value: 
     return np.array(derivatives)
 
 
-def updated(plant: Physical, prior: Physical) -> Physical:
+def combined_with_earlier_flight(plant: Physical, prior: Physical) -> Physical:
     """Combines the physical parameters of a flight with those of an earlier flight of the same vehicle.
 
     Both are normal distributions, and the result has the product of their densities (the update step of a Kalman

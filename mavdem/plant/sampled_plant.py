@@ -146,7 +146,7 @@ def with_early_jumps(inputs: Array, lead: float) -> Array:
     return inputs + lead * jumps
 
 
-def delayed(inputs: Array, delay_steps: float) -> ArrayPair:
+def delayed_inputs(inputs: Array, delay_steps: float) -> ArrayPair:
     """Returns delayed inputs at the beginning and at the end of each step, interpolated linearly.
 
     Args:
@@ -191,7 +191,7 @@ class SampledPlant(NamedTuple):
             delay_steps: its delay, in steps.
         """
         commands = with_early_jumps(commanded[None, :, None], self.jump_lead)[0]
-        at_start, at_end = delayed(commands, delay_steps)
+        at_start, at_end = delayed_inputs(commands, delay_steps)
         return at_start * self.transition.Gamma0[:, 0] + at_end * self.transition.Gamma1[:, 0]
 
     def rate_filter(self, noise_sd: float) -> SteadyStateFilter:

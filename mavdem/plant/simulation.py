@@ -18,7 +18,7 @@ from mavdem.plant.sampled_plant import SampledPlant, sampled_plant
 from mavdem.plant.wind_torque import mean_external_torque
 
 
-def simulated(physical: Physical, record: Record, inputs: ArrayLike) -> Forecast:
+def simulate_response(physical: Physical, record: Record, inputs: ArrayLike) -> Forecast:
     """Simulates an angle and its rate under commanded inputs, from the end of the training data on.
 
     The simulation begins with the last measured sample, and with the torque that the last commands left in the motors.

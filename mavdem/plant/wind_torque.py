@@ -28,7 +28,7 @@ from mavdem.plant.gusts import (
     MAX_ERROR_SHARE,
     RUNNING_LEVEL_SECONDS,
     DetectedGust,
-    gusts,
+    detect_gusts,
     min_gust_duration,
 )
 from mavdem.plant.identifiability import OmissionErrors
@@ -180,7 +180,7 @@ def estimate_wind_torque(
         mean_gradient @ physical.covariance @ mean_gradient + OmissionErrors.wind_sd**2 * power
     )
     band = half_width(variance)
-    detected = gusts(torque, band, record, min_gust_duration(physical, record.dt))
+    detected = detect_gusts(torque, band, record, min_gust_duration(physical, record.dt))
     return WindTorque(
         torque=torque,
         band=band,
@@ -189,7 +189,7 @@ def estimate_wind_torque(
         sd=np.sqrt(power + smoother_variance.mean()),
         scale_error=errors.scale_error,
         step=step,
-        gusts=detected.found if resolved else (),
+        gusts=detected.gusts if resolved else (),
         gust_threshold=detected.threshold,
         false_gusts_per_minute=detected.false_per_minute,
         spectrum=_spectrum(torque, record, physical),

@@ -193,7 +193,7 @@ class FilteredMotion(NamedTuple):
     decay: Array
     """Factors of the states in a step (G, 4)."""
 
-    def smoothed(self) -> SmoothedStates:
+    def smooth(self) -> SmoothedStates:
         """Smooths the states by all measurements (H. E. Rauch, F. Tung and C. T. Striebel, AIAA Journal 3(8), 1965)."""
         states = self.filtered_states.copy()
         covariances = self.filtered_covariances.copy()

@@ -73,11 +73,17 @@ DRAG_CHANGE_SD = 0.09
 """Standard deviation of the logarithm of a flight's drag about that of its model, by thrust, air density and load."""
 
 QUADRATIC_CHANGE_SD = 0.2
-"""The same of the quadratic drag relative to the linear one, which changes by -0.3 times as much."""
+"""Standard deviation of a further change of the logarithm of the quadratic drag, in the same flights."""
+
+LINEAR_PER_QUADRATIC_CHANGE = -0.3
+"""Change of the logarithm of the linear drag per such change of the quadratic one: a choice."""
 
 MODEL_ERROR = np.vstack(
     [
-        [[DRAG_CHANGE_SD, -0.3 * QUADRATIC_CHANGE_SD], [DRAG_CHANGE_SD, QUADRATIC_CHANGE_SD]],
+        [
+            [DRAG_CHANGE_SD, LINEAR_PER_QUADRATIC_CHANGE * QUADRATIC_CHANGE_SD],
+            [DRAG_CHANGE_SD, QUADRATIC_CHANGE_SD],
+        ],
         np.zeros((PLACES - 2, 2)),
     ]
 )
@@ -106,6 +112,12 @@ WEIGHTING_ITERATIONS = 5
 
 VARYING_WIND = 0.1
 """Range of a known wind's component, m/s, from which on it varies, and is averaged over ``GUST_SECONDS``."""
+
+MIN_POWER = 1e-12
+"""Least sum of squares in a denominator: it only avoids a division by 0."""
+
+MAX_AUTOCORRELATION = 0.99
+"""Largest lag-one autocorrelation of errors: at 1, no number of them would be enough."""
 
 MIN_VARIANCE = 1e-6
 """Least variance of the errors with a known wind, (m/s²)²: it only avoids a division by 0."""
@@ -246,7 +258,7 @@ def steered_share(moved: MotionGrid) -> float:
     noise = 2 * VELOCITY_SD**2 * len(velocity_changes)
     force_power = force_changes @ force_changes
     velocity_power = velocity_changes @ velocity_changes + noise
-    scale = np.sqrt(max(force_power * velocity_power, 1e-12))
+    scale = np.sqrt(max(force_power * velocity_power, MIN_POWER))
     opposition = -(force_changes @ velocity_changes) / scale
     return max(float(opposition), 0.0) ** 2
 
@@ -282,7 +294,7 @@ def mean_air_speed(places: Array, moved: MotionGrid) -> Array:
 def sampled_winds(moved: MotionGrid, posterior: DragPosterior) -> SmoothedStates:
     """Returns smoothed states (T, N, 4) of the wind for N posterior samples of the places, with covariances."""
     places = normal_draws(posterior.mean, posterior.covariance, WIND_DRAWS, seed=1)
-    return filter_motion(filter_parameters(places, moved), moved).smoothed()
+    return filter_motion(filter_parameters(places, moved), moved).smooth()
 
 
 def independent_share(errors: Array) -> float:
@@ -291,8 +303,9 @@ def independent_share(errors: Array) -> float:
     They are taken for first-order autoregressions, for which it is (1 − ρ) / (1 + ρ) with lag-one autocorrelation ρ.
     """
     centred = np.nan_to_num(errors - np.nanmean(errors, axis=0))
-    power = max((centred**2).sum(), 1e-12)
-    correlation = min(max((centred[1:] * centred[:-1]).sum() / power, 0.0), 0.99)
+    power = max((centred**2).sum(), MIN_POWER)
+    autocorrelation = (centred[1:] * centred[:-1]).sum() / power
+    correlation = min(max(autocorrelation, 0.0), MAX_AUTOCORRELATION)
     return (1 - correlation) / (1 + correlation)
 
 

@@ -345,8 +345,10 @@ def _mean_wind(winds: Array, variances: Array, step: float) -> _MeanWind:
     speed = max(speed, 0.0)
 
     # As complex numbers, the quotient of two winds has the angle between them.
-    mean_direction = north + 1j * east or 1.0
-    angles = np.angle((samples @ [1, 1j]) / mean_direction)
+    mean_wind = north + 1j * east
+    if mean_wind == 0:
+        mean_wind = 1.0
+    angles = np.angle((samples @ [1, 1j]) / mean_wind)
     half_width_by_samples = np.degrees(np.quantile(abs(angles), 0.9))
     direction_half_width = np.hypot(half_width_by_samples, coverage_factor() * HEADING_SD)
     return _MeanWind(

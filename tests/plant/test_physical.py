@@ -28,10 +28,10 @@ from mavdem.plant.sampled_plant import (
     FIRST_ORDER,
     GAUSSIAN_KERNEL,
     WindComponent,
-    delayed,
+    delayed_inputs,
     gaussian_kernel_noise,
 )
-from mavdem.plant.simulation import simulated
+from mavdem.plant.simulation import simulate_response
 from mavdem.plant.windows import FlightWindows, responses_to_innovations
 
 
@@ -67,7 +67,7 @@ def test_a_density_has_a_factor_that_is_causal_as_its_inverse_is(samples):
 
 @mark.parametrize("steps", [-0.4, 0.0, 0.3, 1.0, 1.7, 3.2])
 def test_commands_act_as_late_as_they_are(steps):
-    before, after = delayed(np.arange(20.0)[:, None], steps)
+    before, after = delayed_inputs(np.arange(20.0)[:, None], steps)
     now = np.arange(5, 19)
     assert_allclose(before[5:, 0], now - max(0.0, steps))
     assert_allclose(after[5:, 0], now + 1 - max(0.0, steps))
@@ -248,7 +248,7 @@ def test_the_true_plant_does_what_the_vehicle_does_in_calm_air():
     flight = in_closed_loop(0, steering=0.5, samples=400 + STEPS, wind=0.0, commanded=DOUBLET)
     train = flight[:400]
     test = flight[400:]
-    found = simulated(TRUE, Record.from_flights(train), test.inputs).mean
+    found = simulate_response(TRUE, Record.from_flights(train), test.inputs).mean
     # The last measured rate has noise of 0.005 rad/s, and so has each of the test.
     assert_allclose(found, test.outputs, atol=0.04)
     assert np.ptp(test.outputs, axis=0).min() > 0.4
@@ -258,7 +258,7 @@ def test_what_turns_steadily_at_its_trim_goes_on_turning():
     time = DT * np.arange(400)
     outputs = np.stack([0.5 * time - 1e-3 * np.cos(time), 0.5 + 1e-3 * np.sin(time)], axis=1)
     turning = Flight(time, np.full((400, 4), 1500.0), outputs)
-    found = simulated(TRUE, Record.from_flights(turning), turning.inputs[:STEPS]).mean
+    found = simulate_response(TRUE, Record.from_flights(turning), turning.inputs[:STEPS]).mean
     assert_allclose(found[:, 1], 0.5, atol=2e-3)
 
 
@@ -266,7 +266,7 @@ def test_the_variance_is_that_of_wind_which_nothing_counteracts():
     """Over many winds, from the same beginning: four standard errors of a variance of so many flights."""
     record = Record.from_flights(in_closed_loop(0, steering=0.5))
     flights = 400
-    variance = simulated(TRUE, record, record.inputs[:STEPS]).variance
+    variance = simulate_response(TRUE, record, record.inputs[:STEPS]).variance
     rng = default_rng(0)
     fine = 10
     step = DT / fine
@@ -288,9 +288,11 @@ def test_uncertain_parameters_widen_it_to_first_order():
     sd = 0.03 * abs(MOTORS)
     covariance = np.zeros((7, 7))
     covariance[:4, :4] = np.outer(sd, sd)
-    uncertain = simulated(TRUE._replace(covariance=covariance), record, 1500 + DOUBLET).variance
-    base = simulated(TRUE, record, 1500 + DOUBLET)
-    other = simulated(TRUE._replace(effect=MOTORS + sd), record, 1500 + DOUBLET)
+    uncertain = simulate_response(
+        TRUE._replace(covariance=covariance), record, 1500 + DOUBLET
+    ).variance
+    base = simulate_response(TRUE, record, 1500 + DOUBLET)
+    other = simulate_response(TRUE._replace(effect=MOTORS + sd), record, 1500 + DOUBLET)
     assert_allclose(uncertain - base.variance, (other.mean - base.mean) ** 2, rtol=1e-3, atol=1e-12)
 
 
@@ -298,13 +300,14 @@ def test_outputs_may_come_in_any_order_and_must_be_an_angle_and_its_rate():
     flight = in_closed_loop(0, steering=0.5)
     turned = replace(flight, outputs=flight.outputs[:, ::-1])
     one, other = (
-        simulated(TRUE, Record.from_flights(each), 1500 + DOUBLET) for each in (flight, turned)
+        simulate_response(TRUE, Record.from_flights(each), 1500 + DOUBLET)
+        for each in (flight, turned)
     )
     assert_allclose(one.mean, other.mean[:, ::-1])
     assert_allclose(one.variance, other.variance[:, ::-1])
     with raises(ValueError, match="an angle and its rate"):
         rates = Flight(flight.time, flight.inputs, flight.outputs[:, 1:])
-        simulated(TRUE, Record.from_flights(rates), DOUBLET)
+        simulate_response(TRUE, Record.from_flights(rates), DOUBLET)
 
 
 SETTINGS = Settings(order=3, window=9, parameter_precision=10.0)
@@ -327,7 +330,7 @@ def test_bands_hold_commanded_flights():
         errors.append(mavdem.evaluate.relative_mspe(train, test, ahead))
     assert np.mean(inside) > 0.8
     assert np.median(errors) < 0.1
-    variance = simulated(learned.physical, learned.record, test.inputs).variance
+    variance = simulate_response(learned.physical, learned.record, test.inputs).variance
     # Half of a normal distribution.
     assert_allclose(learned.simulate_band(test.inputs, 0.5), 0.67449 * np.sqrt(variance), rtol=1e-5)
 

@@ -18,7 +18,7 @@ from mavdem.dem.record import Record
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import NoPhysical, ParameterDoubt
 from mavdem.plant import physical
-from mavdem.plant.gusts import gusts
+from mavdem.plant.gusts import detect_gusts
 from mavdem.plant.identifiability import OmissionErrors
 from mavdem.plant.online_wind_torque import (
     DELAY_SECONDS,
@@ -27,11 +27,11 @@ from mavdem.plant.online_wind_torque import (
     WeakenedMotors,
     fit_wind_torque_smoother,
 )
-from mavdem.plant.parameters import Physical, updated
+from mavdem.plant.parameters import Physical, combined_with_earlier_flight
 from mavdem.plant.sampled_plant import (
     FIRST_ORDER,
     WindComponent,
-    delayed,
+    delayed_inputs,
     gaussian_kernel_noise,
     sampled_plant,
 )
@@ -54,7 +54,7 @@ def test_the_smoother_is_the_posterior_of_the_joint_gaussian(components, damping
     noise = 0.02
     of = sampled_plant(damping, 0.05, components, 0.02)
     found = of.smooth_wind_torque(of.rate_filter(noise), commanded, 0.7, rate)
-    early, late = delayed(commanded[:, None], 0.7)
+    early, late = delayed_inputs(commanded[:, None], 0.7)
     pushed = np.column_stack([of.transition.Gamma0[:, 0], of.transition.Gamma1[:, 0]])
     n = len(of.wind_output)
     one = np.eye(1, n)
@@ -120,32 +120,32 @@ def record_of(samples):
 def test_turbulence_alone_has_as_many_gusts_as_it_says():
     samples = 600_000
     band = np.zeros(600_000)
-    found = gusts(turbulent(0, samples), band, record_of(samples))
+    found = detect_gusts(turbulent(0, samples), band, record_of(samples))
     expected = found.false_per_minute * samples * DT / 60
     assert 5 < expected < 100
     # A count with that mean is within these bounds in more than 99.9 % of cases.
-    assert abs(len(found.found) - expected) < 3.5 * np.sqrt(expected)
+    assert abs(len(found.gusts) - expected) < 3.5 * np.sqrt(expected)
 
 
 def test_a_gust_is_found_where_it_is_with_its_length_and_size():
     torque = turbulent(1, 6000)
     torque[3000:3080] += 8.0 * np.sin(np.pi * np.arange(80) / 80)
-    found = gusts(torque, np.zeros(6000), record_of(6000)).found
+    found = detect_gusts(torque, np.zeros(6000), record_of(6000)).gusts
     (gust,) = [each for each in found if 29.0 < each.start < 32.0]
     assert gust.start == approx(30.2, abs=0.2)
     assert gust.start == gust.sample * DT
     assert gust.length == approx(0.6, abs=0.25)
     assert gust.size == approx(8.0, abs=2.0)
-    assert gusts(torque, np.full(6000, 10.0), record_of(6000)).found == ()
+    assert detect_gusts(torque, np.full(6000, 10.0), record_of(6000)).gusts == ()
 
 
 def test_a_gust_lasts_as_long_as_the_estimate_resolves_and_returns_to_the_level_it_left():
     torque = turbulent(3, 6000)
     torque[3000:3003] += 12.0  # 30 ms
     torque[4000:] += 20.0  # a step stays
-    (short,) = gusts(torque, np.zeros(6000), record_of(6000)).found
+    (short,) = detect_gusts(torque, np.zeros(6000), record_of(6000)).gusts
     assert short.start == approx(30.0, abs=0.2)
-    assert gusts(torque, np.zeros(6000), record_of(6000), min_duration=0.05).found == ()
+    assert detect_gusts(torque, np.zeros(6000), record_of(6000), min_duration=0.05).gusts == ()
 
 
 @mark.slow
@@ -220,7 +220,7 @@ def test_it_is_nearly_the_smoother_s_of_the_whole_flight():
     whole, band = of.torques(WINDY.inputs, WINDY.outputs).T
     assert np.std(live[500:] - whole[500 - LAG : -LAG]) < 0.1 * whole.std()
     # Its latest samples are predicted as well as the others, so that they widen the band by little.
-    usual = of._replace(rate_filter=of.rate_filter._replace(variance=np.inf))
+    usual = of._replace(rate_filter=of.rate_filter._replace(F=np.inf))
     assert_allclose(band, usual.torques(WINDY.inputs, WINDY.outputs)[:, 1], rtol=0.5)
 
 
@@ -257,7 +257,7 @@ def vehicle(effect, damping, sd, status=Status.REPORTED):
 def test_an_earlier_flight_counts_by_its_precision():
     """The mean of two normal densities, where the effect may have changed from flight to flight."""
     earlier, now = vehicle(-20.0, 2.0, 0.05), vehicle(-22.0, 2.6, 0.1)
-    updates = updated(now, earlier)
+    updates = combined_with_earlier_flight(now, earlier)
     changed = earlier.covariance.copy()
     changed[0, 0] += (20.0 * OmissionErrors.between_flights) ** 2
     weights = np.linalg.inv([changed, now.covariance])
@@ -266,7 +266,7 @@ def test_an_earlier_flight_counts_by_its_precision():
     assert_allclose(thetas[2], mean)
     assert_allclose(updates.covariance, np.linalg.inv(weights.sum(axis=0)))
     different = vehicle(-40.0, 2.6, 0.1)
-    assert updated(different, earlier) is different
+    assert combined_with_earlier_flight(different, earlier) is different
 
 
 @mark.slow
@@ -277,7 +277,7 @@ def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steerin
     assert np.isnan(followed(*online_wind(), calm)).all()
     known = physical(in_closed_loop(0, steering=1.0))
     unknown = known._replace(status=dict.fromkeys(known.status, "not identifiable"))
-    assert updated(known, unknown) is known
+    assert combined_with_earlier_flight(known, unknown) is known
     online, memory = online_wind(prior=known)
     hover = followed(online, memory, calm)[-90:]
     assert (
@@ -289,7 +289,7 @@ def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steerin
     for torque, band in (hover.T, doublets.T):
         assert (
             np.mean(abs(torque) <= band) > 0.85
-            and not gusts(torque, band, record_of(len(torque))).found
+            and not detect_gusts(torque, band, record_of(len(torque))).gusts
         )
     assert np.median(doublets[:, 1]) > 3 * np.median(hover[:, 1])
     of = online.smoother

@@ -34,7 +34,7 @@ from mavdem.plant.closed_loop.parameters import (
     STEP_TIME,
     LoopParameters,
 )
-from mavdem.plant.closed_loop.reference import denoised, unfolded
+from mavdem.plant.closed_loop.reference import denoised_density, unfolded_density
 from mavdem.plant.closed_loop.response import (
     MODELLED_QUANTITIES,
     ClosedLoopResponse,
@@ -172,7 +172,7 @@ class DensityModel:
         self._logging_error = errors[..., None] * np.eye(QUANTITIES)
 
         self._folded_reference = densities[:, Quantity.REFERENCE, None, None]
-        reference = unfolded(
+        reference = unfolded_density(
             densities[:, Quantity.REFERENCE], size, self._alias_numbers == 0, self._in_range
         )
         self._reference_density = np.where(self._in_range, reference, 1.0)
@@ -205,7 +205,7 @@ class DensityModel:
         steps = self._synchronous_steps(parameters, loop, with_reference)
         density = self._logging_error + steps.quantity_density
         for source_density, response in zip(source_densities, loop.from_source, strict=True):
-            density += self._folded(source_density[None], response, response.conj())[:, 0]
+            density += self._folded_products(source_density[None], response, response.conj())[:, 0]
         return density
 
     def density_and_gradient(self, theta: Array) -> tuple[ComplexArray, ComplexArray]:
@@ -241,7 +241,7 @@ class DensityModel:
                     rows.append(PARAMETER_NAMES.index(name))
                     densities.append(component.density * slope)
             response = loop.from_source[source]
-            folded = self._folded(np.array(densities), response, response.conj())
+            folded = self._folded_products(np.array(densities), response, response.conj())
             density += folded[:, 0]
             # One by one: a parameter of two components has two rows.
             for number, row in enumerate(rows, start=1):
@@ -260,7 +260,7 @@ class DensityModel:
         """Returns the components of the densities of all sources but the synchronous steps."""
         synchronous = _share_from_odds(parameters.synchronous_odds)
         asynchronous = (1 - synchronous) if with_reference else 0.0
-        reference, noise_slope = denoised(
+        reference, noise_slope = denoised_density(
             self._reference_density, self._reference_noise(parameters) * self._cycle_time
         )
         angle_noise = (self._angle_gain * parameters.angle_noise) ** 2 * self._white_density
@@ -314,7 +314,7 @@ class DensityModel:
         delay_phases = np.exp(self._alias_s * step_time_share * self.surplus_interval)
         alias_shares = self._step_transform * delay_phases
         alias_shares /= alias_shares.sum(axis=-1, keepdims=True)
-        reference, noise_slope = denoised(
+        reference, noise_slope = denoised_density(
             self._folded_reference, self._reference_noise(parameters) / self._message_rate
         )
         return SynchronousSteps(
@@ -343,7 +343,7 @@ class DensityModel:
         phased = response * self._alias_phases[:, Quantity.SETPOINT]
         return alias_shares.swapaxes(0, 1) @ phased.transpose(1, 2, 0)
 
-    def _folded(
+    def _folded_products(
         self, weights: NDArray[np.inexact], left: ComplexArray, right: ComplexArray
     ) -> ComplexArray:
         """Sums products of responses over all aliases, which add in power.
@@ -390,9 +390,11 @@ class DensityModel:
 
         half = np.empty((len(unit_slope), LOOP_PARAMETERS, QUANTITIES, QUANTITIES), complex)
         path_slopes = np.array([unit_slope, lag_slope, delay_slope])
-        half[:, [EFFECT, LAG, DELAY]] = self._folded(path_slopes, loop.from_rate, by_actuation_path)
-        half[:, [DAMPING]] = self._folded(damping_slope[None], loop.from_rate, all_sources)
-        half[:, [CONTROLLER]] = self._folded(
+        half[:, [EFFECT, LAG, DELAY]] = self._folded_products(
+            path_slopes, loop.from_rate, by_actuation_path
+        )
+        half[:, [DAMPING]] = self._folded_products(damping_slope[None], loop.from_rate, all_sources)
+        half[:, [CONTROLLER]] = self._folded_products(
             unit_slope[None], loop.from_rate, by_actuation_path - actuation
         )
         # The output by the control law, without what it does besides, is proportional to the gain.

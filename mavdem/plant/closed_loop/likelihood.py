@@ -94,13 +94,13 @@ class AxisPosterior:
 
     def value(self, at: Array) -> float:
         """Returns the log posterior density of θ = ``at`` (k,); minus infinity where the model has no likelihood."""
-        whitened = self._whitened(self.densities.density(at))
+        whitened = self._whiten(self.densities.density(at))
         return whitened.log_likelihood + self._log_prior(at)
 
     def expand(self, at: Array) -> QuadraticExpansion:
         """Returns the log posterior about θ = ``at`` (k,) to second order, with the Fisher information as curvature."""
         density, gradient = self.densities.density_and_gradient(at)
-        whitened = self._whitened(density)
+        whitened = self._whiten(density)
         # A whitened gradient is C⁻¹ A C⁻ᴴ. Flattened, with the root of the count in it, the information is a product
         # of real matrices: tr(Φ⁻¹ A Φ⁻¹ B) is the inner product of the whitened A and B.
         root_counts = np.sqrt(self._counts)
@@ -130,7 +130,7 @@ class AxisPosterior:
         """Returns the logarithm of the normal prior density of θ (k,), up to a constant."""
         return -0.5 * np.sum(((theta - self.prior_mean) / self.prior_sd) ** 2)
 
-    def _whitened(self, density: ComplexArray) -> WhitenedSpectra:
+    def _whiten(self, density: ComplexArray) -> WhitenedSpectra:
         """Whitens the estimated spectra by a model's density (J, C, C), and returns them with its log likelihood."""
         try:
             factor = np.linalg.cholesky(density)

@@ -13,11 +13,17 @@ MAX_ABSOLUTE_LOGARITHM = 50.0
 MAX_LOG_EXPONENT = 2.0
 """Bound of the logarithm of the power law's exponent: densities fall by no more than the 15th power of frequency."""
 
+EDGE_BANDS = 5
+"""Number of bands at either end of the estimate whose mean level the search begins with: a choice."""
+
+INITIAL_LOG_EXPONENT = -0.35
+"""Logarithm of the power law's exponent to begin with: a density that falls with the power 1.4 of frequency."""
+
 MAX_ITERATIONS = 600
 """Iterations of the simplex search for the power law, at most."""
 
 
-def denoised(density: Array, noise_density: float) -> ArrayPair:
+def denoised_density(density: Array, noise_density: float) -> ArrayPair:
     """Subtracts noise from an estimated density of the reference.
 
     Args:
@@ -34,7 +40,7 @@ def denoised(density: Array, noise_density: float) -> ArrayPair:
     return difference, slope
 
 
-def unfolded(density: Array, frequency: Array, is_base: Flags, in_range: Flags) -> Array:
+def unfolded_density(density: Array, frequency: Array, is_base: Flags, in_range: Flags) -> Array:
     """Distributes the folded density of the reference over the frequencies that fold onto each other.
 
     A power law with a white floor, folded, is fitted to the estimate by its Whittle likelihood. Beyond half of the
@@ -66,9 +72,9 @@ def unfolded(density: Array, frequency: Array, is_base: Flags, in_range: Flags) 
         folded = np.where(in_range, power_law(logarithms), 0.0).sum(axis=1)
         return (np.log(folded) + density / folded).sum()
 
-    low_frequency_size = np.log(density[:5].mean())
-    white_floor = np.log(np.median(density[-5:]) / len(is_base))
-    start = np.array([low_frequency_size, 0.0, -0.35, white_floor])
+    low_frequency_size = np.log(density[:EDGE_BANDS].mean())
+    white_floor = np.log(np.median(density[-EDGE_BANDS:]) / len(is_base))
+    start = np.array([low_frequency_size, 0.0, INITIAL_LOG_EXPONENT, white_floor])
     fit = minimize(
         negative_log_likelihood, start, method="Nelder-Mead", options={"maxiter": MAX_ITERATIONS}
     )

@@ -114,8 +114,8 @@ def cross_spectra(streams: Sequence[Messages], window_starts: Array) -> CrossSpe
         window_starts: times (W,) at which windows of ``SPECTRUM_SECONDS`` begin, s.
     """
     slowest = min((stream.time for stream in streams), key=len)
-    stamps = _evenly_spaced(slowest)
-    matched = [_matched(stream, stamps) for stream in streams]
+    stamps = _evenly_spaced_stamps(slowest)
+    matched = [_matched_messages(stream, stamps) for stream in streams]
     rate = (len(stamps) - 1) / np.diff(stamps).clip(max=MAX_COUNTED_GAP).sum()
 
     count = int(min(MAX_RELATIVE_FREQUENCY * rate, HIGHEST_FREQUENCY) * SPECTRUM_SECONDS)
@@ -155,7 +155,7 @@ def _band_edges(frequency: Array) -> list[int]:
     return edges
 
 
-def _evenly_spaced(stamps: Array) -> Array:
+def _evenly_spaced_stamps(stamps: Array) -> Array:
     """Returns the stamps (N,), s, or every second, third or fourth of them if only these are evenly spaced.
 
     A controller with a cycle of 4 ms sends messages at 100 Hz after 8 and 12 ms in turn. What is at 2 Hz then also
@@ -170,7 +170,7 @@ def _evenly_spaced(stamps: Array) -> Array:
     return stamps
 
 
-def _matched(stream: Messages, stamps: Array) -> Messages:
+def _matched_messages(stream: Messages, stamps: Array) -> Messages:
     """Returns, for each stamp (N,) of a slower stream, the first message that is not too early for it.
 
     All messages are matched with the same tolerance. The nearest message, or the next one, would do no good: of two
