@@ -6,7 +6,7 @@ https://github.com/PX4/PX4-Autopilot/tree/main/msg. Fields that no topic has are
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from mavdem.facts.sources import Repair
 from mavdem.files import load_adjacent_toml
 from mavdem.ingest.flight_modes import px4_custom_mode
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.motors import MOTOR_COUNTS, motor_geometry
+from mavdem.ingest.motors import MAX_PX4_ROTORS, PORT_OUTPUTS, motor_geometry
 from mavdem.ingest.telemetry import (
     MAX_GAP_SECONDS,
     Columns,
@@ -50,17 +50,27 @@ from mavdem.ingest.vocabulary import (
 )
 
 Topics = Mapping[str, Mapping[int, Columns]]
-"""Fields by pyulog's names ("q[0]"), (N,) each, and ``time`` (N,) s since boot, by topic and number of the instance."""
+"""Logged topics by name and number of the instance.
 
-_TOPICS = load_adjacent_toml(__file__, "px4_topics.toml")
-NEEDED = {topic: tuple(fields) for topic, fields in _TOPICS.items()}
+Fields have pyulog's names ("q[0]"), (N,) each, and there is ``time`` (N,), s since boot.
+"""
+
+TOPIC_FIELDS = {
+    topic: tuple(fields)
+    for topic, fields in load_adjacent_toml(__file__, "px4_topics.toml").items()
+}
 """The topics that are read, and the fields of each beside ``timestamp``, arrays with their length."""
-_RENAMED = load_adjacent_toml(__file__, "px4_messages.toml")
-SETPOINTS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoint"})
-"""Those that a companion may send as well."""
-OF_PX4 = ("failure_detector_status", "estimator_selector_status", "input_rc")
-"""Topics that no message of MAVLink has the meaning of."""
-OF_FLIGHT = {
+
+TRANSLATION_RULES = load_adjacent_toml(__file__, "px4_messages.toml")
+"""How topics are translated of which fields change names and units only, by name of MAVLink's message."""
+
+SETPOINT_TOPICS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoint"})
+"""Topics that a companion may publish as well as PX4."""
+
+UNTRANSLATED_TOPICS = ("failure_detector_status", "estimator_selector_status", "input_rc")
+"""Topics that no message of MAVLink has the meaning of: they are kept under their own names."""
+
+FLIGHT_MESSAGES = {
     "ATTITUDE_QUATERNION",
     "SERVO_OUTPUT_RAW",
     "HIL_ACTUATOR_CONTROLS",
@@ -69,110 +79,187 @@ OF_FLIGHT = {
     "EXTENDED_SYS_STATE",
     "LOCAL_POSITION_NED",
 }
-"""Messages of which a flight has one at least."""
-SAMPLES = {
-    "GYRO": ("sensor_gyro_fifo", "gyro_rad"),
-    "ACCEL": ("sensor_accel_fifo", "accelerometer_m_s2"),
+"""Messages of which a flight has at least one."""
+
+
+class SampleTopic(NamedTuple):
+    """Where the samples of a sensor before the filters are logged."""
+
+    fifo: str
+    """Topic with all samples."""
+    combined_field: str
+    """Field of sensor_combined with their means, which is used where the other topic was not logged."""
+
+
+SAMPLE_TOPICS = {
+    "GYRO": SampleTopic("sensor_gyro_fifo", "gyro_rad"),
+    "ACCEL": SampleTopic("sensor_accel_fifo", "accelerometer_m_s2"),
 }
-"""The topic of each sensor's samples before the filters, and the field of sensor_combined that has their means."""
-
-_GENERIC_MULTIROTOR: int = dialect.MAV_TYPE_GENERIC_MULTIROTOR
-_OF_WINGS = (
-    dialect.MAV_TYPE_GENERIC,
-    _GENERIC_MULTIROTOR,
-    dialect.MAV_TYPE_FIXED_WING,
-    dialect.MAV_TYPE_GROUND_ROVER,
-)
-"""MAV_TYPE by vehicle_status.vehicle_type, which has no number of rotors: a multirotor, a fixed wing, a rover."""
-_OUTPUTS = max(dialect.MAVLink_hil_actuator_controls_message.array_lengths)
-_MOTORS = max(MOTOR_COUNTS.values())
-_CONTROLS = max(dialect.MAVLink_actuator_control_target_message.array_lengths)
+"""The samples of both sensors."""
 
 
-def mav_type(topics: Topics, parameters: Parameters) -> int | None:
-    """Returns MAV_TYPE, from vehicle_status.system_type, the parameter MAV_TYPE, or the kind of wings.
+class TranslatedTopics(NamedTuple):
+    """The messages of one vehicle that its topics make."""
 
-    It is None without any.
+    vehicle: str
+    """MAV_TYPE without its prefix; "UNKNOWN" where no topic and no parameter has it."""
+    messages: dict[str, Columns]
+    """MAVLink's messages by name, with ``time``, PX4's own stamp, s, and ``boot``, 0 throughout.
+
+    There are none where the topics hold no flight.
     """
-    status = _first(topics, "vehicle_status")
-    types = [*status.get("system_type", ()), parameters.get("MAV_TYPE", 0)]
-    types = [int(kind) for kind in types if 0 < kind < 256] or [
-        *(_OF_WINGS[kind] for kind in status.get("vehicle_type", ()) if 0 < kind < len(_OF_WINGS)),
-        *(_GENERIC_MULTIROTOR for rotary in status.get("is_rotary_wing", ()) if rotary),
-    ]
-    return max(set(types), key=types.count, default=None)
+    topic_names: dict[str, str]
+    """The topic of each message by its name, also of messages that could be made from other topics."""
 
 
-def messages(
-    topics: Topics, parameters: Parameters
-) -> tuple[str, dict[str, Columns], dict[str, str]]:
-    """Returns the MAV_TYPE, messages that topics make by name, and the topic of each, also of those that could be made.
+def messages_of_topics(topics: Topics, parameters: Parameters) -> TranslatedTopics:
+    """Translates a vehicle's topics into MAVLink's messages.
 
-    ``time`` is PX4's own stamp of the topic, ``boot`` 0 throughout.
+    Args:
+        topics: The logged topics.
+        parameters: The autopilot's parameters by name.
     """
-    kind = mav_type(topics, parameters)
-    vehicle = UNNAMED if kind is None else enum_name("MAV_TYPE", kind)
-    old = "actuator_controls_0" in topics and "vehicle_torque_setpoint" not in topics
-    demand = "actuator_controls_0" if old else "vehicle_torque_setpoint"
-    attitude = _made(_attitude_quaternion, topics)
-    rates = _first(topics, "vehicle_angular_velocity")
-    by_rates = bool(attitude and rates) and np.isin(attitude["time"], rates["time"]).all()
-    makers = {
+    vehicle_type = mav_type(topics, parameters)
+    vehicle = UNNAMED if vehicle_type is None else enum_name("MAV_TYPE", vehicle_type)
+    attitude = _message(_attitude_quaternion, topics)
+    candidates = {
+        "ATTITUDE_QUATERNION": (_attitude_topic(topics, attitude), attitude),
+        "HIL_ACTUATOR_CONTROLS": (
+            "actuator_motors",
+            _message(_hil_actuator_controls, topics, vehicle, parameters),
+        ),
+        "HEARTBEAT": ("vehicle_status", _message(_heartbeat, topics, vehicle_type or 0)),
+    }
+    for name, rule in TRANSLATION_RULES.items():
+        candidates[name] = rule["topics"][0], _message(_renamed_message, topics, name)
+    makers: dict[str, tuple[str, Callable[[Topics], Fields]]] = {
         "SERVO_OUTPUT_RAW": ("actuator_outputs", _servo_output_raw),
-        "ACTUATOR_CONTROL_TARGET": (demand, _actuator_control_target),
+        "ACTUATOR_CONTROL_TARGET": (_demand_topic(topics), _actuator_control_target),
         "EXTENDED_SYS_STATE": ("vehicle_land_detected", _extended_sys_state),
         "LOCAL_POSITION_NED": ("vehicle_local_position", _local_position_ned),
-        "ATTITUDE_TARGET": (" and ".join(sorted(SETPOINTS, reverse=True)), _attitude_target),
-        "SIDD": ("autotune_attitude_control_status", _injected),
+        "ATTITUDE_TARGET": (
+            "vehicle_rates_setpoint and vehicle_attitude_setpoint",
+            _attitude_target,
+        ),
+        "SIDD": ("autotune_attitude_control_status", _injected_rates),
         "SYS_STATUS": ("battery_status", _sys_status),
         "VIBRATION": ("vehicle_imu_status", _vibration),
         "SYSTEM_TIME": ("vehicle_gps_position", _system_time),
         "CURRENT_MODE": ("vehicle_status", _current_mode),
         "ESC": ("esc_status", _motor_speeds),
     }
-    named = {
-        "ATTITUDE_QUATERNION": (
-            "vehicle_angular_velocity" if by_rates else "vehicle_attitude",
-            attitude,
-        ),
-        "HIL_ACTUATOR_CONTROLS": (
-            "actuator_motors",
-            _made(_hil_actuator_controls, topics, vehicle, parameters),
-        ),
-        "HEARTBEAT": ("vehicle_status", _made(_heartbeat, topics, kind or 0)),
-        **{
-            name: (rule["topics"][0], _made(_renamed, topics, name))
-            for name, rule in _RENAMED.items()
-        },
-        **{name: (topic, _made(make, topics)) for name, (topic, make) in makers.items()},
-        **{name: (name, _made(_as_logged, topics, name)) for name in OF_PX4},
-    }
-    for sensor, (name, field) in SAMPLES.items():
-        topic = name if name in topics else "sensor_combined"
-        named[f"{sensor}_BEFORE"] = topic, _made(_samples, topics, name, field)
-    made: dict[str, Columns] = {name: columns for name, (_, columns) in named.items() if columns}
-    made = made if OF_FLIGHT & made.keys() else {}
-    return vehicle, made, {name: topic for name, (topic, _) in named.items()}
+    for name, (topic, maker) in makers.items():
+        candidates[name] = topic, _message(maker, topics)
+    for name in UNTRANSLATED_TOPICS:
+        candidates[name] = name, _message(_untranslated, topics, name)
+    for sensor, sample_topic in SAMPLE_TOPICS.items():
+        topic = sample_topic.fifo if sample_topic.fifo in topics else "sensor_combined"
+        candidates[f"{sensor}_BEFORE"] = topic, _message(_samples, topics, sample_topic)
+    messages: dict[str, Columns] = {}
+    topic_names = {}
+    for name, (topic, columns) in candidates.items():
+        topic_names[name] = topic
+        if columns:
+            messages[name] = columns
+    if FLIGHT_MESSAGES.isdisjoint(messages):
+        messages = {}
+    return TranslatedTopics(vehicle, messages, topic_names)
 
 
-def _made(make: Callable[..., Fields], *given: Any) -> Fields:
-    """A message by one of the functions below; nothing where a topic, or a field of it, was not logged."""
+def _message(maker: Callable[..., Fields], *arguments: Any) -> Fields:
+    """Makes a message by one of the functions below, and adds ``boot``.
+
+    Returns:
+        The columns; empty where a topic, or a field of it, was not logged.
+    """
     try:
-        columns = make(*given)
+        columns = maker(*arguments)
     except KeyError:
         return {}
-    time = columns.get("time", np.zeros(0))
-    return columns | {"boot": np.zeros(len(time), dtype=np.int64)} if len(time) else {}
+    count = len(columns.get("time", ()))
+    if not count:
+        return {}
+    return columns | {"boot": np.zeros(count, dtype=np.int64)}
 
 
-def notes(topics: Topics, made: Tables) -> Facts:
-    """Returns a repair where attitude was interpolated, as the body rates were logged clearly more often."""
+MULTIROTOR_TYPE: int = dialect.MAV_TYPE_GENERIC_MULTIROTOR
+"""MAV_TYPE of a multirotor whose number of rotors is not known."""
+
+MAV_TYPE_OF_VEHICLE_TYPE = {
+    1: MULTIROTOR_TYPE,
+    2: dialect.MAV_TYPE_FIXED_WING,
+    3: dialect.MAV_TYPE_GROUND_ROVER,
+}
+"""MAV_TYPE by vehicle_status.vehicle_type, which has no number of rotors."""
+
+MAX_MAV_TYPE = 255
+"""Largest value of MAV_TYPE: it is one byte in HEARTBEAT."""
+
+
+def mav_type(topics: Topics, parameters: Parameters) -> int | None:
+    """Finds out the vehicle's MAV_TYPE: the most frequent value in its topics and parameters.
+
+    Sources are vehicle_status.system_type and the parameter MAV_TYPE; without these vehicle_status.vehicle_type, and
+    is_rotary_wing before PX4 1.11.
+
+    Returns:
+        MAV_TYPE; None where there is no source.
+    """
+    status = _first_instance(topics, "vehicle_status")
+    candidates = [*status.get("system_type", ()), parameters.get("MAV_TYPE", 0)]
+    types = [int(number) for number in candidates if 0 < number <= MAX_MAV_TYPE]
+    if not types:
+        for vehicle_type in status.get("vehicle_type", ()):
+            if vehicle_type in MAV_TYPE_OF_VEHICLE_TYPE:
+                types.append(MAV_TYPE_OF_VEHICLE_TYPE[vehicle_type])
+        for is_rotary_wing in status.get("is_rotary_wing", ()):
+            if is_rotary_wing:
+                types.append(MULTIROTOR_TYPE)
+    return max(set(types), key=types.count, default=None)
+
+
+def _demand_topic(topics: Topics) -> str:
+    """Returns the topic with the controller's demands: that of PX4 1.14 and later, or the old one if logged alone."""
+    if "vehicle_torque_setpoint" not in topics and "actuator_controls_0" in topics:
+        return "actuator_controls_0"
+    return "vehicle_torque_setpoint"
+
+
+def _attitude_topic(topics: Topics, attitude: Columns) -> str:
+    """Returns the topic whose stamps ATTITUDE_QUATERNION has: that of the body rates, or that of the attitude."""
+    rates = _first_instance(topics, "vehicle_angular_velocity")
+    if attitude and rates and np.isin(attitude["time"], rates["time"]).all():
+        return "vehicle_angular_velocity"
+    return "vehicle_attitude"
+
+
+CLEARLY_MORE = 1.1
+"""Factor between the numbers of messages from which on attitude was logged less often than the body rates."""
+
+
+def attitude_repairs(topics: Topics, messages: Tables) -> Facts:
+    """Reports that attitude was interpolated, where the body rates were logged clearly more often.
+
+    Args:
+        topics: The logged topics.
+        messages: The messages made of them, by name.
+    """
     logged = [topic["time"] for topic in topics.get("vehicle_attitude", {}).values()]
-    stamps = made.get("ATTITUDE_QUATERNION", {"time": np.zeros(0)})["time"]
-    if len(stamps) <= 1.1 * max(map(len, logged), default=0):
+    stamps = messages.get("ATTITUDE_QUATERNION", {"time": np.zeros(0)})["time"]
+    if len(stamps) <= CLEARLY_MORE * max(map(len, logged), default=0):
         return ()
-    attitude, rates = (rate_without_gaps(np.diff(time)) for time in (max(logged, key=len), stamps))
-    return repair_facts(Repair.ATTITUDE_INTERPOLATED, attitude_rate=attitude, rate=rates)
+    attitude_rate = rate_without_gaps(np.diff(max(logged, key=len)))
+    body_rate_rate = rate_without_gaps(np.diff(stamps))
+    return repair_facts(
+        Repair.ATTITUDE_INTERPOLATED, attitude_rate=attitude_rate, rate=body_rate_rate
+    )
+
+
+QUATERNION_FIELDS = ("q1", "q2", "q3", "q4")
+"""Fields of ATTITUDE_QUATERNION with w, x, y and z."""
+
+BODY_RATE_FIELDS = ("rollspeed", "pitchspeed", "yawspeed")
+"""Fields of ATTITUDE_QUATERNION, and of vehicle_attitude before PX4 1.10, with the body rates, rad/s."""
 
 
 def _attitude_quaternion(topics: Topics) -> Fields:
@@ -181,65 +268,75 @@ def _attitude_quaternion(topics: Topics) -> Fields:
     PX4 sends the rates that were last published. Here attitude, the smoother of the two, is interpolated at the stamps
     of the rates, so that neither is late. Only an attitude too slow for that keeps its own stamps.
     """
-    attitude = _first(topics, "vehicle_attitude")
-    q = _array(attitude, "q", 4)
-    rates = ("rollspeed", "pitchspeed", "yawspeed")
-    names = ("q1", "q2", "q3", "q4", *rates)
-    if all(name in attitude for name in rates):
-        return {
-            "time": attitude["time"],
-            **dict(zip(names, q.T, strict=False)),
-            **{n: attitude[n] for n in rates},
-        }
-    angular = _first(topics, "vehicle_angular_velocity")
-    xyz = _array(angular, "xyz", 3)
-    time = angular["time"]
-    finite = np.flatnonzero(np.isfinite(q).all(axis=1) & q.any(axis=1))
-    stamps, first = np.unique(attitude["time"][finite], return_index=True)
-    q = q[finite[first]]
-    if len(q) < 2:
+    attitude = _first_instance(topics, "vehicle_attitude")
+    quaternions = _array(attitude, "q", 4)
+    if all(name in attitude for name in BODY_RATE_FIELDS):
+        body_rates = {name: attitude[name] for name in BODY_RATE_FIELDS}
+        quaternion_columns = dict(zip(QUATERNION_FIELDS, quaternions.T, strict=True))
+        return {"time": attitude["time"], **quaternion_columns, **body_rates}
+    angular_velocity = _first_instance(topics, "vehicle_angular_velocity")
+    rates = _array(angular_velocity, "xyz", 3)
+    rate_time = angular_velocity["time"]
+    is_valid = np.isfinite(quaternions).all(axis=1) & quaternions.any(axis=1)
+    valid_rows = np.flatnonzero(is_valid)
+    # Slerp needs each stamp once.
+    attitude_time, first_rows = np.unique(attitude["time"][valid_rows], return_index=True)
+    quaternions = quaternions[valid_rows[first_rows]]
+    if len(quaternions) < 2:
         return {}
-    steps = np.diff(stamps)
+    steps = np.diff(attitude_time)
     if np.median(steps) > MAX_GAP_SECONDS:
-        xyz = interpolated(stamps, time, xyz)
-        time = stamps
+        time = attitude_time
+        rates = interpolated(attitude_time, rate_time, rates)
     else:
-        after = np.clip(np.searchsorted(stamps, time), 1, len(stamps) - 1)
-        inside = (time >= stamps[0]) & (time <= stamps[-1]) & (steps[after - 1] <= MAX_GAP_SECONDS)
-        xyz = xyz[inside]
-        time = time[inside]
-        turned = Slerp(stamps, Rotation.from_quat(q, scalar_first=True))
-        q = turned(time).as_quat(scalar_first=True)
-    return {"time": time, **dict(zip(names, [*q.T, *xyz.T], strict=True))}
+        next_rows = np.clip(np.searchsorted(attitude_time, rate_time), 1, len(attitude_time) - 1)
+        is_covered = (rate_time >= attitude_time[0]) & (rate_time <= attitude_time[-1])
+        is_usable = is_covered & (steps[next_rows - 1] <= MAX_GAP_SECONDS)
+        time = rate_time[is_usable]
+        rates = rates[is_usable]
+        rotations = Slerp(attitude_time, Rotation.from_quat(quaternions, scalar_first=True))
+        quaternions = rotations(time).as_quat(scalar_first=True)
+    columns = dict(zip(QUATERNION_FIELDS, quaternions.T, strict=True))
+    columns |= dict(zip(BODY_RATE_FIELDS, rates.T, strict=True))
+    return {"time": time, **columns}
+
+
+MIN_TURNS_PER_DRIVER = 2
+"""Changes of ``noutputs`` per driver from which on drivers publish in turn; with fewer, the number changed once."""
 
 
 def _servo_output_raw(topics: Topics) -> Fields:
     """SERVO_OUTPUT_RAW.hpp: actuator_outputs, each instance a port of 16, with the decimals the message cuts off.
 
-    An instance that two drivers publish in turn, each with its ``noutputs``, becomes two ports.
+    An instance that two drivers publish in turn, each with its ``noutputs``, becomes two ports; that of the driver
+    whose first output changes most keeps the instance's number.
     """
     ports = []
     for instance, topic in topics.get("actuator_outputs", {}).items():
-        used = topic.get("noutputs", np.zeros(len(topic["time"])))
-        kinds = np.unique(used)
-        in_turn = np.count_nonzero(np.diff(used)) >= 2 * len(kinds)
-        parts = [selected_rows(topic, used == kind) for kind in kinds] if in_turn else [topic]
+        output_counts = topic.get("noutputs", np.zeros(len(topic["time"])))
+        distinct_counts = np.unique(output_counts)
+        turns = np.count_nonzero(np.diff(output_counts))
+        parts: list[Columns] = [topic]
+        if turns >= MIN_TURNS_PER_DRIVER * len(distinct_counts):
+            parts = [selected_rows(topic, output_counts == count) for count in distinct_counts]
         parts.sort(key=lambda part: -float(np.ptp(part["output[0]"])))
-        for number, part in enumerate(parts):
-            outputs = _outputs(part)
-            port = np.full(len(outputs), instance + _OUTPUTS * number, dtype=np.uint8)
-            fields = {f"servo{n + 1}_raw": outputs[:, n] for n in range(_OUTPUTS)}
+        for part_number, part in enumerate(parts):
+            outputs = _used_outputs(part)
+            port_number = instance + PORT_OUTPUTS * part_number
+            port = np.full(len(outputs), port_number, dtype=np.uint8)
+            fields = {f"servo{n + 1}_raw": outputs[:, n] for n in range(PORT_OUTPUTS)}
             ports.append({"time": part["time"], "port": port, **fields})
-    return _in_time(ports)
+    return _in_time_order(ports)
 
 
-def _outputs(topic: Columns) -> Array:
-    """(N, 16), zero beyond the number of outputs in use, unless that is 0."""
-    none = np.zeros(len(topic["time"]))
-    columns = [topic.get(f"output[{n}]", none) for n in range(_OUTPUTS)]
+def _used_outputs(topic: Columns) -> Array:
+    """Returns the outputs (N, 16) of actuator_outputs, 0 beyond the number of outputs in use, unless that is 0."""
+    zeros = np.zeros(len(topic["time"]))
+    columns = [topic.get(f"output[{n}]", zeros) for n in range(PORT_OUTPUTS)]
     outputs = np.column_stack(columns).astype(np.float64)
-    used = topic.get("noutputs", none)
-    return np.where((used[:, None] > 0) & (np.arange(_OUTPUTS) >= used[:, None]), 0.0, outputs)
+    output_count = topic.get("noutputs", zeros)[:, None]
+    is_unused = (output_count > 0) & (np.arange(PORT_OUTPUTS) >= output_count)
+    return np.where(is_unused, 0.0, outputs)
 
 
 def _hil_actuator_controls(topics: Topics, vehicle: str, parameters: Parameters) -> Fields:
@@ -248,17 +345,27 @@ def _hil_actuator_controls(topics: Topics, vehicle: str, parameters: Parameters)
     The topic counts motors, the message channels: each motor is put on the channel that the parameters give it. NaN,
     a motor that is off, becomes 0.
     """
-    topic = _first(topics, "actuator_motors")
-    plan = motor_geometry(vehicle, "PX4", parameters, range(1, _OUTPUTS + 1), _OUTPUTS)
-    channel = {motor: motor for motor in range(1, _MOTORS + 1)}
-    if plan is not None and not plan.channels_assumed:
-        channel = dict(zip(plan.motors, plan.channels, strict=True))
-    controls = np.zeros((len(topic["control[0]"]), _OUTPUTS))
-    for motor in range(1, _MOTORS + 1):
-        if f"control[{motor - 1}]" in topic and motor in channel:
-            control = topic[f"control[{motor - 1}]"]
-            controls[:, channel[motor] - 1] = np.where(np.isfinite(control), control, 0.0)
+    topic = _first_instance(topics, "actuator_motors")
+    motors = range(1, MAX_PX4_ROTORS + 1)
+    channel_of_motor = {motor: motor for motor in motors}
+    all_channels = range(1, PORT_OUTPUTS + 1)
+    geometry = motor_geometry(vehicle, "PX4", parameters, all_channels, PORT_OUTPUTS)
+    if geometry is not None and not geometry.channels_assumed:
+        channel_of_motor = dict(zip(geometry.motors, geometry.channels, strict=True))
+    controls = np.zeros((len(topic["control[0]"]), PORT_OUTPUTS))
+    for motor in motors:
+        field = f"control[{motor - 1}]"
+        if field in topic and motor in channel_of_motor:
+            control = topic[field]
+            is_on = np.isfinite(control)
+            controls[:, channel_of_motor[motor] - 1] = np.where(is_on, control, 0.0)
     return {"time": topic["time"], "controls": controls}
+
+
+DEMAND_CHANNELS = max(dialect.MAVLink_actuator_control_target_message.array_lengths)
+"""Number of elements of ACTUATOR_CONTROL_TARGET.controls."""
+THRUST_CHANNEL = 3
+"""Element of ACTUATOR_CONTROL_TARGET.controls with the thrust; the first three are roll, pitch and yaw."""
 
 
 def _actuator_control_target(topics: Topics) -> Fields:
@@ -267,58 +374,70 @@ def _actuator_control_target(topics: Topics) -> Fields:
     From vehicle_torque_setpoint and vehicle_thrust_setpoint, whose z points down, or the actuator_controls_0 of PX4
     before 1.14, whose controls the message sent as they are (ACTUATOR_CONTROL_TARGET.hpp until then).
     """
-    if torque := _first(topics, "vehicle_torque_setpoint"):
-        controls = np.zeros((len(torque["time"]), _CONTROLS))
-        controls[:, :3] = _array(torque, "xyz", 3)
-        thrust = _first(topics, "vehicle_thrust_setpoint")
-        if "xyz[2]" in thrust:
-            controls[:, 3] = np.interp(torque["time"], thrust["time"], -thrust["xyz[2]"])
+    torque = _first_instance(topics, "vehicle_torque_setpoint")
+    if torque:
         time = torque["time"]
+        controls = np.zeros((len(time), DEMAND_CHANNELS))
+        controls[:, :THRUST_CHANNEL] = _array(torque, "xyz", 3)
+        thrust = _first_instance(topics, "vehicle_thrust_setpoint")
+        if "xyz[2]" in thrust:
+            controls[:, THRUST_CHANNEL] = np.interp(time, thrust["time"], -thrust["xyz[2]"])
     else:
-        old = _first(topics, "actuator_controls_0")
-        controls = _array(old, "control", _CONTROLS)
-        time = old["time"]
+        old_controls = _first_instance(topics, "actuator_controls_0")
+        time = old_controls["time"]
+        controls = _array(old_controls, "control", DEMAND_CHANNELS)
     return {"time": time, "group_mlx": np.zeros(len(time), dtype=np.uint8), "controls": controls}
 
 
 def _attitude_target(topics: Topics) -> Fields:
     """ATTITUDE_TARGET.hpp: vehicle_attitude_setpoint and vehicle_rates_setpoint, rad/s; each masks the other."""
     parts = []
-    attitude = _first(topics, "vehicle_attitude_setpoint")
-    rates = _first(topics, "vehicle_rates_setpoint")
+    attitude = _first_instance(topics, "vehicle_attitude_setpoint")
+    rates = _first_instance(topics, "vehicle_rates_setpoint")
     if "q_d[3]" in attitude:
-        attitude = selected_rows(attitude, _valid(attitude, "q_d_valid"))
+        attitude = selected_rows(attitude, _flag_or_true(attitude, "q_d_valid"))
         parts.append({"time": attitude["time"], **attitude_target(_array(attitude, "q_d", 4))})
-    if all(axis in rates for axis in ("roll", "pitch", "yaw")):
-        asked = np.column_stack([rates[axis] for axis in ("roll", "pitch", "yaw")]).astype(
-            np.float64
-        )
-        parts.append({"time": rates["time"], **attitude_target(asked)})
-    return _in_time(parts)
+    axes = ("roll", "pitch", "yaw")
+    if all(axis in rates for axis in axes):
+        rate_setpoints = np.column_stack([rates[axis] for axis in axes]).astype(np.float64)
+        parts.append({"time": rates["time"], **attitude_target(rate_setpoints)})
+    return _in_time_order(parts)
 
 
-def _in_time(parts: Sequence[Columns]) -> Fields:
-    together = concatenated_columns(parts or [{"time": np.zeros(0)}])
-    return selected_rows(together, np.argsort(together["time"], kind="stable"))
+def _in_time_order(parts: Sequence[Columns]) -> Fields:
+    """Joins tables of one message into one in the order of time; without any, it has no rows."""
+    if not parts:
+        return {"time": np.zeros(0)}
+    columns = concatenated_columns(parts)
+    return selected_rows(columns, np.argsort(columns["time"], kind="stable"))
 
 
-def _renamed(topics: Topics, message: str) -> Fields:
-    rule = _RENAMED[message]
-    topic = next(filter(None, (_first(topics, name) for name in rule["topics"])), {})
-    return {
-        "time": topic["time"],
-        **translated_fields(topic, rule["fields"], rule.get("optional_fields")),
-    }
+def _renamed_message(topics: Topics, message: str) -> Fields:
+    """Makes a message of which only names and units change, from the first topic of its rule that was logged."""
+    rule = TRANSLATION_RULES[message]
+    for topic_name in rule["topics"]:
+        topic = _first_instance(topics, topic_name)
+        if topic:
+            fields = translated_fields(topic, rule["fields"], rule.get("optional_fields"))
+            return {"time": topic["time"], **fields}
+    return {}
 
 
 def _sys_status(topics: Topics) -> Fields:
-    """SYS_STATUS.hpp, with the decimals the message cuts off.
+    """SYS_STATUS.hpp: battery_status, with the decimals the message cuts off.
 
-    Beside its fields, ``charge_state`` of BATTERY_STATUS, MAV_BATTERY_CHARGE_STATE.
+    Beside the message's fields there is ``charge_state``, that of BATTERY_STATUS, MAV_BATTERY_CHARGE_STATE.
     """
-    columns = _renamed(topics, "SYS_STATUS")
-    warning = _first(topics, "battery_status").get("warning")
-    return columns if warning is None else columns | {"charge_state": warning + 1}
+    columns = _renamed_message(topics, "SYS_STATUS")
+    warning = _first_instance(topics, "battery_status").get("warning")
+    if warning is None:
+        return columns
+    # PX4's warnings begin with none, 0; MAVLink's states with undefined, 0, and then OK.
+    return columns | {"charge_state": warning + 1}
+
+
+VIBRATION_IMUS = 3
+"""Number of IMUs: VIBRATION has a counter of clips for each."""
 
 
 def _vibration(topics: Topics) -> Fields:
@@ -326,110 +445,142 @@ def _vibration(topics: Topics) -> Fields:
 
     ``levels`` are those of each IMU, and the counts of clips are of an IMU each, of all its axes.
     """
-    status = _first(topics, "vehicle_imu_status")
+    status = _first_instance(topics, "vehicle_imu_status")
     # Before PX4 1.13, which has no gyro_clipping yet, the level was that of the velocity's increments.
     if "gyro_clipping[2]" not in status:
         return {}
     time = status["time"]
     levels = []
-    clips = {f"clipping_{number}": np.zeros(len(time)) for number in range(3)}
-    for name, (_, imu) in zip(clips, sorted(topics["vehicle_imu_status"].items()), strict=False):
+    clips = {f"clipping_{number}": np.zeros(len(time)) for number in range(VIBRATION_IMUS)}
+    instances = sorted(topics["vehicle_imu_status"])[:VIBRATION_IMUS]
+    for number, instance in enumerate(instances):
+        imu = topics["vehicle_imu_status"][instance]
         levels.append(np.interp(time, imu["time"], imu["accel_vibration_metric"]))
-        counted = _array(imu, "accel_clipping", 3).sum(axis=1)
-        clips[name] = np.interp(time, imu["time"], counted)
+        clip_count = _array(imu, "accel_clipping", 3).sum(axis=1)
+        clips[f"clipping_{number}"] = np.interp(time, imu["time"], clip_count)
     return {"time": time, "vibration_z": levels[0], **clips, "levels": np.column_stack(levels)}
 
 
 def _system_time(topics: Topics) -> Fields:
     """SYSTEM_TIME.hpp: vehicle_gps_position, where the receiver knows the time."""
-    gps = _first(topics, "vehicle_gps_position")
-    timed = selected_rows(gps, gps["time_utc_usec"] > 0)
-    return {"time": timed["time"], "time_unix_usec": timed["time_utc_usec"]}
+    gps = _first_instance(topics, "vehicle_gps_position")
+    with_time = selected_rows(gps, gps["time_utc_usec"] > 0)
+    return {"time": with_time["time"], "time_unix_usec": with_time["time_utc_usec"]}
 
 
-def _injected(topics: Topics) -> Fields:
-    """The rates that PX4's autotune adds to the setpoint, three a time, as ArduPilot's SIDD has such: degrees/s."""
-    topic = _first(topics, "autotune_attitude_control_status")
+def _injected_rates(topics: Topics) -> Fields:
+    """SIDD as ArduPilot has it: the rates that PX4's autotune adds to the setpoint, degrees/s, a row for each axis."""
+    topic = _first_instance(topics, "autotune_attitude_control_status")
     rates = np.degrees(_array(topic, "rate_sp", 3))
-    axis = np.tile(Injection.RATE_SETPOINT + np.arange(3), len(rates))
-    return {"time": np.repeat(topic["time"], 3), "axis": axis, "target": rates.ravel()}
+    axis_numbers = Injection.RATE_SETPOINT + np.arange(3)
+    return {
+        "time": np.repeat(topic["time"], 3),
+        "axis": np.tile(axis_numbers, len(rates)),
+        "target": rates.ravel(),
+    }
 
 
-def _as_logged(topics: Topics, name: str) -> Fields:
-    topic = _first(topics, name)
-    fields = {field: topic[field] for field in NEEDED[name] if field in topic}
+def _untranslated(topics: Topics, name: str) -> Fields:
+    """Returns a topic under its own names, with the fields of ``TOPIC_FIELDS`` that were logged."""
+    topic = _first_instance(topics, name)
+    fields = {field: topic[field] for field in TOPIC_FIELDS[name] if field in topic}
     return {"time": topic["time"], **fields}
 
 
-def _samples(topics: Topics, name: str, field: str) -> Fields:
-    """``x``, ``y``, ``z``, rad/s or m/s², of samples before the filters: up to 32 in a message of a FIFO."""
-    if not (fifo := _first(topics, name)):
-        combined = _first(topics, "sensor_combined")
-        return {
-            "time": combined["time"],
-            **dict(zip("xyz", _array(combined, field, 3).T, strict=True)),
-        }
-    places = np.arange(32)
-    inside = places < fifo["samples"][:, None]
-    late = fifo["time"] - (fifo["timestamp"] - fifo["timestamp_sample"].astype(np.float64)) / 1e6
-    before = (fifo["samples"][:, None] - 1 - places) * fifo["dt"][:, None] / 1e6
-    scaled = {axis: (_array(fifo, axis, 32) * fifo["scale"][:, None])[inside] for axis in "xyz"}
-    return {"time": (late[:, None] - before)[inside], **scaled}
+MAX_FIFO_SAMPLES = 32
+"""Number of samples for which a message of sensor_gyro_fifo and sensor_accel_fifo has room."""
+
+
+def _samples(topics: Topics, sample_topic: SampleTopic) -> Fields:
+    """Returns samples of a sensor before the filters: ``x``, ``y`` and ``z``, rad/s or m/s².
+
+    A message of the FIFO topic holds up to 32 of them, ``dt`` apart, the last at ``timestamp_sample``.
+    """
+    fifo = _first_instance(topics, sample_topic.fifo)
+    if not fifo:
+        combined = _first_instance(topics, "sensor_combined")
+        time = combined["time"]
+        means = _array(combined, sample_topic.combined_field, 3)
+        return {"time": time, **dict(zip("xyz", means.T, strict=True))}
+    sample_number = np.arange(MAX_FIFO_SAMPLES)
+    sample_count = fifo["samples"][:, None]
+    is_sample = sample_number < sample_count
+    delay = fifo["timestamp"] - fifo["timestamp_sample"].astype(np.float64)
+    last_sample_time = fifo["time"] - delay / 1e6
+    time_before_last = (sample_count - 1 - sample_number) * fifo["dt"][:, None] / 1e6
+    axes = {}
+    for axis in "xyz":
+        values = _array(fifo, axis, MAX_FIFO_SAMPLES) * fifo["scale"][:, None]
+        axes[axis] = values[is_sample]
+    return {"time": (last_sample_time[:, None] - time_before_last)[is_sample], **axes}
+
+
+ESC_COUNT = 4
+"""Number of speed controllers whose speeds are read, those of a quadrotor."""
 
 
 def _motor_speeds(topics: Topics) -> Fields:
-    """ESC as DataFlash has it, a row for each motor: RPM."""
-    topic = _first(topics, "esc_status")
-    speeds = np.column_stack([topic[f"esc[{n}].esc_rpm"] for n in range(4)])
-    return {"time": np.repeat(topic["time"], 4), "RPM": abs(speeds).ravel()}
+    """ESC as DataFlash has it: esc_status, a row for each motor, RPM."""
+    topic = _first_instance(topics, "esc_status")
+    speeds = np.column_stack([topic[f"esc[{n}].esc_rpm"] for n in range(ESC_COUNT)])
+    return {"time": np.repeat(topic["time"], ESC_COUNT), "RPM": abs(speeds).ravel()}
 
 
 def _current_mode(topics: Topics) -> Fields:
     """CURRENT_MODE.hpp: the custom mode of vehicle_status.nav_state."""
-    status = _first(topics, "vehicle_status")
+    status = _first_instance(topics, "vehicle_status")
     return {"time": status["time"], "custom_mode": px4_custom_mode(status["nav_state"])}
 
 
-def _heartbeat(topics: Topics, kind: int) -> Fields:
-    """HEARTBEAT.hpp: vehicle_status. The state "armed" has been 2 in every version."""
-    status = _first(topics, "vehicle_status")
-    armed = status["arming_state"] == 2
-    failsafe = status.get("failsafe", np.zeros(len(armed))).astype(np.bool_)
-    system_status = np.where(failsafe, CRITICAL, np.where(armed, ACTIVE, STANDBY))
-    fields = heartbeat_fields(kind, PX4, armed)
+ARMED_STATE = 2
+"""Value of vehicle_status.arming_state of armed motors, in every version of PX4."""
+
+
+def _heartbeat(topics: Topics, vehicle_type: int) -> Fields:
+    """HEARTBEAT.hpp: vehicle_status; ``vehicle_type`` is the MAV_TYPE."""
+    status = _first_instance(topics, "vehicle_status")
+    is_armed = status["arming_state"] == ARMED_STATE
+    is_in_failsafe = status.get("failsafe", np.zeros(len(is_armed))).astype(np.bool_)
+    system_status = np.where(is_in_failsafe, CRITICAL, np.where(is_armed, ACTIVE, STANDBY))
+    fields = heartbeat_fields(vehicle_type, PX4, is_armed)
     return {"time": status["time"], **fields, "system_status": system_status}
 
 
-def _extended_sys_state(topics: Topics) -> Fields:
-    """EXTENDED_SYS_STATE.hpp: vehicle_land_detected, what an automatic mode flies to; a row whenever a topic came.
+SETPOINT_TYPE_TAKEOFF = 3
+SETPOINT_TYPE_LAND = 4
+"""Values of position_setpoint_triplet.current.type of take-off and landing (PX4 ``PositionSetpoint.msg``)."""
 
-    Also one at the first message of each second: old PX4 logged the state at its changes only.
+
+def _extended_sys_state(topics: Topics) -> Fields:
+    """EXTENDED_SYS_STATE.hpp: vehicle_land_detected, and what an automatic mode flies to.
+
+    There is a row whenever one of the topics came, and at the first message of each second: old PX4 logged the state at
+    its changes only.
     """
-    land = _first(topics, "vehicle_land_detected")
-    mode = _first(topics, "vehicle_control_mode")
-    target = _first(topics, "position_setpoint_triplet")
-    if "landed" not in land:
+    land_detector = _first_instance(topics, "vehicle_land_detected")
+    control_mode = _first_instance(topics, "vehicle_control_mode")
+    target = _first_instance(topics, "position_setpoint_triplet")
+    if "landed" not in land_detector:
         return {}
-    logged = np.unique(
-        np.concatenate([topic["time"] for group in topics.values() for topic in group.values()])
-    )
-    _, first = np.unique(np.floor(logged), return_index=True)
-    came = [topic["time"] for topic in (land, mode, target) if topic]
-    time = np.unique(np.concatenate([*came, logged[first]]))
-    time = time[time >= land["time"].min()]
-    state = np.where(_held(land, "landed", time), ON_GROUND, IN_AIR)
-    automatic = (_held(mode, "flag_control_auto_enabled", time) > 0) & (
-        _held(target, "current.valid", time) > 0
-    )
-    heading_for = _held(target, "current.type", time)
-    # SETPOINT_TYPE_TAKEOFF and SETPOINT_TYPE_LAND
-    for kind, phase in ((3, TAKING_OFF), (4, LANDING)):
-        state[(state == IN_AIR) & automatic & (heading_for == kind)] = phase
+    all_stamps = [topic["time"] for instances in topics.values() for topic in instances.values()]
+    logged_time = np.unique(np.concatenate(all_stamps))
+    _, second_starts = np.unique(np.floor(logged_time), return_index=True)
+    stamps = [topic["time"] for topic in (land_detector, control_mode, target) if topic]
+    time = np.unique(np.concatenate([*stamps, logged_time[second_starts]]))
+    time = time[time >= land_detector["time"].min()]
+    is_landed = _last_field_values(land_detector, "landed", time)
+    state = np.where(is_landed, ON_GROUND, IN_AIR)
+    is_automatic = _last_field_values(control_mode, "flag_control_auto_enabled", time) > 0
+    is_target_valid = _last_field_values(target, "current.valid", time) > 0
+    target_type = _last_field_values(target, "current.type", time)
+    is_flying_to_target = (state == IN_AIR) & is_automatic & is_target_valid
+    state[is_flying_to_target & (target_type == SETPOINT_TYPE_TAKEOFF)] = TAKING_OFF
+    state[is_flying_to_target & (target_type == SETPOINT_TYPE_LAND)] = LANDING
     return {"time": time, "landed_state": state.astype(np.uint8)}
 
 
-def _held(topic: Columns, field: str, time: Array) -> NDArray[Any]:
-    """The field's last value at each time (N,); 0 before the first, and where it was not logged."""
+def _last_field_values(topic: Columns, field: str, time: Array) -> NDArray[Any]:
+    """Returns the field's last value at each time (T,), s; 0 before the first, and where it was not logged."""
     if field not in topic:
         return np.zeros(len(time))
     return last_values(time, topic["time"], topic[field])
@@ -441,24 +592,28 @@ def _local_position_ned(topics: Topics) -> Fields:
     Beside the message's fields, ``valid``: whether its horizontal velocity and the heading are, and ``resets``,
     ODOMETRY's counter of jumps.
     """
-    topic = _first(topics, "vehicle_local_position")
-    fields = ("time", "x", "y", "z", "vx", "vy", "vz")
-    valid = _valid(topic, "v_xy_valid") & _valid(topic, "heading_good_for_control")
-    columns = {field: topic[field] for field in fields} | {"valid": valid}
+    topic = _first_instance(topics, "vehicle_local_position")
+    columns = {field: topic[field] for field in ("time", "x", "y", "z", "vx", "vy", "vz")}
+    is_velocity_valid = _flag_or_true(topic, "v_xy_valid")
+    is_heading_valid = _flag_or_true(topic, "heading_good_for_control")
+    columns["valid"] = is_velocity_valid & is_heading_valid
     if "xy_reset_counter" in topic:
         columns["resets"] = topic["xy_reset_counter"]
-    return selected_rows(columns, _valid(topic, "v_z_valid"))
+    return selected_rows(columns, _flag_or_true(topic, "v_z_valid"))
 
 
-def _valid(topic: Columns, field: str) -> Flags:
+def _flag_or_true(topic: Columns, field: str) -> Flags:
+    """Returns a field of flags (N,); true throughout where it was not logged."""
     return topic.get(field, np.ones(len(topic["time"]))).astype(np.bool_)
 
 
-def _first(topics: Topics, name: str) -> Columns:
-    """The instance of the lowest number; empty where there is none."""
+def _first_instance(topics: Topics, name: str) -> Columns:
+    """Returns the instance of a topic with the lowest number; empty where there is none."""
     instances = topics.get(name)
     return instances[min(instances)] if instances else {}
 
 
-def _array(topic: Columns, field: str, count: int) -> Array:
-    return np.column_stack([topic[f"{field}[{n}]"] for n in range(count)]).astype(np.float64)
+def _array(topic: Columns, field: str, length: int) -> Array:
+    """Returns an array field as a table of floats (N, length); raises KeyError where an element was not logged."""
+    columns = [topic[f"{field}[{n}]"] for n in range(length)]
+    return np.column_stack(columns).astype(np.float64)

@@ -13,6 +13,7 @@ from contextlib import redirect_stdout
 from functools import cache
 from math import isfinite
 from struct import calcsize
+from typing import NamedTuple
 
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
@@ -24,11 +25,12 @@ from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.files import PathName
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.clocks import outlier_stamps
-from mavdem.ingest.px4_topics import NEEDED, Topics, messages, notes
+from mavdem.ingest.px4_topics import TOPIC_FIELDS, Topics, attitude_repairs, messages_of_topics
 from mavdem.ingest.telemetry import (
     MAX_FIELDS,
     Columns,
     Log,
+    Parameters,
     Telemetry,
     concatenated_columns,
     log_of_vehicles,
@@ -40,172 +42,267 @@ from mavdem.log_formats import FORMAT_SIGNATURES, Format
 
 MAGIC = FORMAT_SIGNATURES[Format.ULOG].first_bytes
 """First bytes of a ULog file."""
-HEADER_BYTES = calcsize("<HB")  # Of each message: how long it is, and of what type
+
+HEADER_BYTES = calcsize("<HB")
+"""Number of bytes of each message's header: its length (uint16) and its type (uint8)."""
+
+MICROSECONDS = 1e6
+"""Microseconds in a second."""
+
+DEFAULT_ID = 1
+"""PX4's default of the parameters MAV_SYS_ID and MAV_COMP_ID."""
+
+MAX_ID = 255
+"""Largest MAVLink id."""
+
+
+class ParameterSetting(NamedTuple):
+    """The value of a parameter from some time on."""
+
+    stamp: int
+    """When it was set, µs since boot."""
+    name: str
+    """Name of the parameter."""
+    value: float
+    """Its value; it may be NaN or infinite."""
 
 
 def read_ulog(path: PathName) -> Log:
-    """Reads a ULog file; a damaged one as far as possible. It has one vehicle, PX4's.
+    """Reads a ULog file, a damaged one as far as possible.
 
-    In the ``Log``, ``frames`` counts the file's data messages and texts. There are no receive times. Raises Unreadable:
-    the file cannot be opened, is no ULog, or contains none of the flight's topics.
+    Returns:
+        The log of one vehicle, PX4's. Its ``frames`` are the file's data messages and texts. There are no receive
+        times.
+
+    Raises:
+        Unreadable: The file cannot be opened, is no ULog, or contains none of the flight's topics.
     """
     source = os.fspath(path)
     content = file_bytes(path)
     if not content.startswith(MAGIC):
         raise Unreadable(Source.FORMAT_UNKNOWN, path=source, name="ulog")
     log = _parsed(content, source)
-    sent = _parameters(log)
-    parameters = {name: value for _, name, value in sent if isfinite(value)}
+    initial_settings, changed_settings = _parameter_settings(log)
+    settings = [*initial_settings, *changed_settings]
+    parameters = {setting.name: setting.value for setting in settings if isfinite(setting.value)}
+    initial_parameters = {
+        setting.name: setting.value
+        for setting in initial_settings
+        if isfinite(setting.value) and setting.value != parameters[setting.name]
+    }
     topics, repairs = _topics(log)
-    vehicle, made, names = messages(topics, parameters)
-    if not made:
+    translation = messages_of_topics(topics, parameters)
+    messages = translation.messages
+    if not messages:
         topic_names = sorted({topic.name for topic in log.data_list})
         raise Unreadable(
             Source.ULOG_WITHOUT_FLIGHT, path=source, names=topic_names, damaged=log.file_corruption
         )
-    if texts := log.logged_messages:
-        severity, stamps = (
-            np.array([getattr(text, name) for text in texts]) for name in ("log_level", "timestamp")
-        )
-        made["STATUSTEXT"] = {
-            "severity": (severity - ord("0")).astype(np.uint8),
-            "text": np.array([text.message for text in texts], dtype=object),
-            "time": stamps / 1e6,
-            "boot": np.zeros(len(texts), dtype=np.int64),
-        }
-    times, names_sent, values = zip(*sent, strict=True) if sent else ((), (), ())
-    made["PARAM_VALUE"] = {
-        "time": np.array(times, np.float64) / 1e6,
-        "boot": np.zeros(len(sent), np.int64),
-        "param_id": np.array([name.encode() for name in names_sent], np.object_),
-        "param_value": np.array(values, np.float32),
-        "param_type": np.full(len(sent), dialect.MAV_PARAM_TYPE_REAL32),
-    }
-    ids = (parameters.get(name, 1.0) for name in ("MAV_SYS_ID", "MAV_COMP_ID"))
-    # 1 is PX4's default
-    system, component = (int(number) if 1 <= number <= 255 else 1 for number in ids)
+    attitude_notes = attitude_repairs(topics, messages)
+    if log.logged_messages:
+        messages["STATUSTEXT"] = _status_texts(log)
+    messages["PARAM_VALUE"] = _parameter_values(settings)
+    information = log.msg_info_dict
     telemetry = Telemetry(
-        system=system,
-        component=component,
-        vehicle=vehicle,
+        system=_mavlink_id(parameters, "MAV_SYS_ID"),
+        component=_mavlink_id(parameters, "MAV_COMP_ID"),
+        vehicle=translation.vehicle,
         autopilot="PX4",
-        messages=made,
+        messages=messages,
         parameters=parameters,
         source=source,
-        repairs=(*repairs, *notes(topics, made)),
+        repairs=(*repairs, *attitude_notes),
         translated_from="ULog",
-        initial_parameters={
-            name: old
-            for _, name, old in sent[: len(log.initial_parameters)]
-            if isfinite(old) and parameters[name] != old
-        },
-        source_names=names,
-        firmware=_firmware(log.msg_info_dict),
+        initial_parameters=initial_parameters,
+        source_names=translation.topic_names,
+        firmware=_firmware(information),
         dropouts=len(log.dropouts),
-        board=str(log.msg_info_dict.get("sys_uuid", "")).lower(),
-        hardware=str(log.msg_info_dict.get("ver_hw", "")),
+        board=str(information.get("sys_uuid", "")).lower(),
+        hardware=str(information.get("ver_hw", "")),
     )
-    frames = sum(len(next(iter(topic.data.values()))) for topic in log.data_list) + len(texts)
+    data_messages = sum(len(next(iter(topic.data.values()))) for topic in log.data_list)
+    frames = data_messages + len(log.logged_messages)
     return log_of_vehicles((telemetry,), frames, bytes_skipped=0)
 
 
-_FILL = re.compile(rb"\0{3,}|\xff{3,}")
+def _status_texts(log: ULog) -> Columns:
+    """Makes STATUSTEXT of the texts that PX4 logged; their level is an ASCII digit, as in syslog."""
+    texts = log.logged_messages
+    levels = np.array([text.log_level for text in texts])
+    stamps = np.array([text.timestamp for text in texts])
+    return {
+        "severity": (levels - ord("0")).astype(np.uint8),
+        "text": np.array([text.message for text in texts], dtype=object),
+        "time": stamps / MICROSECONDS,
+        "boot": np.zeros(len(texts), dtype=np.int64),
+    }
+
+
+def _parameter_values(settings: list[ParameterSetting]) -> Columns:
+    """Makes PARAM_VALUE of all parameters, when the logger began and when one was set."""
+    stamps = np.array([setting.stamp for setting in settings], np.float64)
+    names = [setting.name.encode() for setting in settings]
+    values = [setting.value for setting in settings]
+    return {
+        "time": stamps / MICROSECONDS,
+        "boot": np.zeros(len(settings), np.int64),
+        "param_id": np.array(names, np.object_),
+        "param_value": np.array(values, np.float32),
+        "param_type": np.full(len(settings), dialect.MAV_PARAM_TYPE_REAL32),
+    }
+
+
+def _mavlink_id(parameters: Parameters, name: str) -> int:
+    """Returns the MAVLink id that a parameter gives, 1 to 255; else PX4's default."""
+    value = parameters.get(name, DEFAULT_ID)
+    return int(value) if 1 <= value <= MAX_ID else DEFAULT_ID
+
+
+UNWRITTEN_BYTES = re.compile(rb"\0{3,}|\xff{3,}")
 """What a card holds where nothing was written: no header begins so, and the library would take it byte by byte."""
 
 
 class _Content(io.BytesIO):
-    """A file for the library, which goes back too far, and for ever, where a damaged length goes beyond the end."""
+    """A ULog file for pyulog that skips unwritten bytes and ends its endless loops.
 
-    _message = 0
+    Where a damaged length goes beyond the end of the file, the library seeks back and reads the same message again, for
+    ever. Here it goes on at the byte after the beginning of that message.
+    """
+
+    _message_start = 0
+    """Offset of the header that was read last."""
     _is_cut = False
+    """Whether the last read met the end of the file."""
 
     def read(self, size: int | None = -1) -> bytes:
+        """Reads as a file does; a header is followed by a jump over unwritten bytes, if it lies in such."""
         content = super().read(size)
         if size == HEADER_BYTES:
-            if fill := _FILL.match(self.getbuffer(), self.tell() - len(content)):
-                super().seek(fill.end())
-            self._message = self.tell() - len(content)
+            header_start = self.tell() - len(content)
+            unwritten = UNWRITTEN_BYTES.match(self.getbuffer(), header_start)
+            if unwritten is not None:
+                super().seek(unwritten.end())
+            self._message_start = self.tell() - len(content)
         self._is_cut = len(content) < (size or 0)
         return content
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        offset_from_start = self.tell() + offset if whence == os.SEEK_CUR else offset
-        is_again = self._is_cut and whence == os.SEEK_CUR and offset_from_start <= self._message
-        return super().seek(self._message + 1 if is_again else offset_from_start)
+        """Moves as a file does, but not back to a message that was cut off by the end of the file."""
+        target = self.tell() + offset if whence == os.SEEK_CUR else offset
+        goes_back = whence == os.SEEK_CUR and target <= self._message_start
+        if self._is_cut and goes_back:
+            target = self._message_start + 1
+        return super().seek(target)
 
 
 def _parsed(content: bytes, source: str) -> ULog:
+    """Parses a file with pyulog.
+
+    Raises:
+        Unreadable: The file is of a later version of the format, or its definitions are damaged or malicious.
+    """
     try:
-        # It prints what is damaged.
+        # The library prints what is damaged.
         with redirect_stdout(io.StringIO()):
-            _raise_on_huge(ULog(_Content(content), parse_header_only=True).message_formats)
+            _raise_on_huge_formats(ULog(_Content(content), parse_header_only=True).message_formats)
             return ULog(_Content(content))
     except ULogIncompatibleFlagException:
         raise Unreadable(Source.ULOG_OF_LATER_FORMAT, path=source) from None
-    except Exception:  # the library may raise anything of damaged definitions
+    except Exception:
+        # Of damaged definitions the library may raise anything.
         raise Unreadable(Source.ULOG_WITHOUT_FLIGHT, path=source, names=(), damaged=True) from None
 
 
-def _raise_on_huge(formats: Mapping[str, ULog.MessageFormat]) -> None:
-    """Raises ValueError: a format has over ``MAX_FIELDS`` numbers; RecursionError: one has itself in it."""
+def _raise_on_huge_formats(formats: Mapping[str, ULog.MessageFormat]) -> None:
+    """Refuses definitions for which the library would allocate memory without end.
+
+    Raises:
+        ValueError: A message has more than ``MAX_FIELDS`` numbers.
+        RecursionError: A message contains itself.
+    """
 
     @cache
-    def count(kind: str) -> int:
+    def number_count(kind: str) -> int:
+        """Returns how many numbers a field of this type has: a message's type, or that of a number."""
         fields = formats[kind].fields if kind in formats else ()
-        return sum(max(length, 1) * count(kind) for kind, length, _ in fields) or 1
+        count = 0
+        for field_kind, array_length, _ in fields:
+            # The array length of a field that is no array is 0.
+            count += max(array_length, 1) * number_count(field_kind)
+        return count or 1
 
-    if max(map(count, formats), default=0) > MAX_FIELDS:
-        raise ValueError
+    for kind in formats:
+        if number_count(kind) > MAX_FIELDS:
+            raise ValueError(kind)
 
 
-def _parameters(log: ULog) -> list[tuple[int, str, float]]:
-    """Time, µs, name and value of each parameter when the logger began, and when one was set."""
-    began = [(log.start_timestamp, name, value) for name, value in log.initial_parameters.items()]
-    return [
-        (stamp, name, float(value))
-        for stamp, name, value in (*began, *log.changed_parameters)
-        if isinstance(value, int | float)
-    ]
+def _parameter_settings(
+    log: ULog,
+) -> tuple[list[ParameterSetting], list[ParameterSetting]]:
+    """Returns the parameters when the logger began, and those that were set later, in the order of the log.
+
+    Damage makes values that are no numbers; they are left out.
+    """
+    initial = []
+    for name, value in log.initial_parameters.items():
+        if isinstance(value, int | float):
+            initial.append(ParameterSetting(log.start_timestamp, name, float(value)))
+    changed = []
+    for stamp, name, value in log.changed_parameters:
+        if isinstance(value, int | float):
+            changed.append(ParameterSetting(stamp, name, float(value)))
+    return initial, changed
 
 
 def _topics(log: ULog) -> tuple[Topics, Facts]:
-    """The topics that are read, by name and number of the instance, and what was left out."""
-    parts: dict[tuple[str, int], list[Columns]] = {}
+    """Returns the topics that are read, by name and number of the instance, and what was left out of the file."""
+    subscriptions: dict[tuple[str, int], list[Columns]] = {}
     for topic in log.data_list:
         stamps = topic.data.get("timestamp", np.zeros(0))
-        if topic.name in NEEDED and stamps.dtype == np.uint64:
+        if topic.name in TOPIC_FIELDS and stamps.dtype == np.uint64:
             # A topic that was subscribed to twice continues under another number.
-            parts.setdefault((topic.name, topic.multi_id), []).append(topic.data)
+            subscriptions.setdefault((topic.name, topic.multi_id), []).append(topic.data)
     topics: dict[str, dict[int, Columns]] = {}
-    far: int | np.integer = 0
-    for (name, instance), pieces in parts.items():
-        fields = concatenated_columns(pieces)
+    outlier_count = 0
+    for (name, instance), parts in subscriptions.items():
+        fields = concatenated_columns(parts)
+        is_outlier = outlier_stamps(fields["timestamp"] / MICROSECONDS)
         # When logging starts, each topic's last message, long past, is logged: what it says held then.
-        wrong = outlier_stamps(fields["timestamp"] / 1e6)
-        wrong[:1] = False
-        far += np.count_nonzero(wrong)
-        fields = selected_rows(fields, ~wrong)
+        is_outlier[:1] = False
+        outlier_count += int(np.count_nonzero(is_outlier))
+        fields = selected_rows(fields, ~is_outlier)
         fields = selected_rows(fields, np.argsort(fields["timestamp"], kind="stable"))
-        time = fields["timestamp"] / 1e6
-        time[0] = np.clip(log.start_timestamp / 1e6, time[0], time[1:2].min(initial=np.inf))
+        time = fields["timestamp"] / MICROSECONDS
+        second_time = time[1:2].min(initial=np.inf)
+        time[0] = np.clip(log.start_timestamp / MICROSECONDS, time[0], second_time)
         topics.setdefault(name, {})[instance] = fields | {"time": time}
-    lasted = np.array([dropout.duration for dropout in log.dropouts]) / 1e3  # not what is missing
-    return topics, (
-        *(repair_facts(Repair.ULOG_DAMAGED) if log.file_corruption else ()),
-        *repair_facts(Repair.LOGGED_MESSAGES_LEFT_OUT, count=far, flaw=Flaw.FAR_STAMP),
+    return topics, _file_repairs(log, outlier_count)
+
+
+def _file_repairs(log: ULog, outlier_count: int) -> Facts:
+    """Reports what is damaged or missing in a file, and how many messages with outlying stamps were left out."""
+    damage = repair_facts(Repair.ULOG_DAMAGED) if log.file_corruption else ()
+    # How long the logger was interrupted, s; what it missed in that time is not known.
+    durations = np.array([dropout.duration for dropout in log.dropouts]) / 1e3
+    return (
+        *damage,
+        *repair_facts(Repair.LOGGED_MESSAGES_LEFT_OUT, count=outlier_count, flaw=Flaw.FAR_STAMP),
         *repair_facts(
             Repair.LOGGER_DROPPED_OUT,
-            count=len(lasted),
-            duration=lasted.sum(),
-            longest_gap=lasted.max(initial=0),
+            count=len(durations),
+            duration=durations.sum(),
+            longest_gap=durations.max(initial=0),
         ),
     )
 
 
 def _firmware(information: Mapping[str, object]) -> str:
+    """Returns what the firmware is called, with its version and the beginning of its commit where these were logged."""
+    name = "PX4"
     version = information.get("ver_sw_release")
+    if isinstance(version, int) and 0 <= version < 1 << 32:
+        name += f" v{version_text(version)}"
     commit = information.get("ver_sw")
-    number = (
-        f" v{version_text(version)}" if isinstance(version, int) and 0 <= version < 1 << 32 else ""
-    )
-    return f"PX4{number} ({commit[:8]})" if isinstance(commit, str) else f"PX4{number}"
+    if isinstance(commit, str):
+        name += f" ({commit[:8]})"
+    return name

@@ -32,7 +32,7 @@ from mavdem.extras import MissingExtra
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import read_log
 from mavdem.ingest.mcap.log import mcap_stream
-from mavdem.ingest.ros2.log import numbered
+from mavdem.ingest.ros2.log import with_system_ids
 
 
 def written(folder, write, **options):
@@ -174,7 +174,7 @@ def test_several_vehicles_are_listed_and_chosen(tmp_path):
         {"name": "/uav4", "given": 0, "system": 4},
     ]
     nameless = replace(vehicles[0], system=0, repairs=())
-    assert all(vehicle.repairs for vehicle in numbered([("", nameless)] * 2))
+    assert all(vehicle.repairs for vehicle in with_system_ids([("", nameless)] * 2))
     with raises(NotLearnable, match="several vehicles"):
         mavdem.read_flight(path)
     assert mavdem.read_flight(path, vehicle="2").time[0] == approx(120)

@@ -5,7 +5,7 @@ from numpy.testing import assert_allclose
 from pytest import approx
 
 from mavdem.ingest.dataflash.samples import raw_samples
-from mavdem.ingest.px4_topics import messages
+from mavdem.ingest.px4_topics import messages_of_topics
 
 IDS = {"INS_GYR_ID": 1.0, "INS_GYR2_ID": 2.0, "INS_ACC_ID": 3.0}
 
@@ -72,7 +72,7 @@ def test_px4s_fifo_holds_several_samples_and_escs_report_speeds():
     speeds = {"time": time, **{f"esc[{n}].esc_rpm": np.full(2, 6000 + n) for n in range(4)}}
     level = ("q[0]", "q[1]", "q[2]", "q[3]", "rollspeed", "pitchspeed", "yawspeed")
     attitude = {"vehicle_attitude": {0: {"time": time, **dict.fromkeys(level, np.ones(2))}}}
-    _, made, named = messages(
+    _, made, named = messages_of_topics(
         {"sensor_gyro_fifo": {0: fifo}, "esc_status": {0: speeds}, **attitude}, {}
     )
     samples = made["GYRO_BEFORE"]
@@ -82,5 +82,5 @@ def test_px4s_fifo_holds_several_samples_and_escs_report_speeds():
     assert made["ESC"]["RPM"][:4].tolist() == [6000, 6001, 6002, 6003]
     gyro = ("gyro_rad[0]", "gyro_rad[1]", "gyro_rad[2]")
     combined = {"time": time, **dict.fromkeys(gyro, np.full(2, 0.1))}
-    _, made, named = messages({"sensor_combined": {0: combined}, **attitude}, {})
+    _, made, named = messages_of_topics({"sensor_combined": {0: combined}, **attitude}, {})
     assert named["GYRO_BEFORE"] == "sensor_combined" and made["GYRO_BEFORE"]["y"] == approx(0.1)

@@ -1,4 +1,4 @@
-"""MCAP files: their messages in the order of the file, also of cut and damaged ones as far as possible; and writing.
+"""MCAP files: reading their messages in the order of the file, cut and damaged ones as far as possible, and writing.
 
 The ``mcap`` package decodes records; it stops at the first wrong length. Here damage is skipped up to the next place
 where records follow one another, a damaged or cut chunk is left out, and the unpacked size of the chunks is bounded. No
@@ -19,7 +19,7 @@ from io import BytesIO
 from itertools import repeat
 from math import isfinite
 from operator import itemgetter
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import lz4.frame
 import numpy as np
@@ -41,203 +41,291 @@ from mavdem.ingest.telemetry import repair_facts
 from mavdem.log_formats import FORMAT_SIGNATURES, Format
 
 MAGIC = FORMAT_SIGNATURES[Format.MCAP].first_bytes
-READ = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
-RECORD_HEAD = struct.Struct("<BQ")  # Opcode and length before each record
-_LIKELY_HEAD = re.compile(rb"[\x01-\x%02x](?=.{4}\0{4})" % max(Opcode), re.DOTALL)
-"""The opcode of a record, none of which is as long as 4 GiB."""
-CHUNK_BYTES = 1 << 20  # Bytes that are compressed together by default, or unpacked together
+"""First and last bytes of an MCAP file."""
+
+READ_OPCODES = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
+"""Kinds of records that are read; all others are skipped."""
+
+RECORD_HEAD = struct.Struct("<BQ")
+"""What comes before the content of each record: the opcode and the content's length."""
+
+LIKELY_HEAD = re.compile(rb"[\x01-\x%02x](?=.{4}\0{4})" % max(Opcode), re.DOTALL)
+"""A byte that may be the opcode of a record: no record is as long as 4 GiB, so the length's last four bytes are 0."""
+
+CHUNK_BYTES = 1 << 20
+"""Number of bytes that are compressed together by default (that of the ``mcap`` package), or unpacked together."""
+
+DAMAGE_ERRORS = (McapError, struct.error, ValueError, OverflowError)
+"""What the library raises where a record is damaged."""
+
+NANOSECONDS = 1e9
+"""Nanoseconds in a second."""
+
+NANOSECONDS_PER_MICROSECOND = 1000
+"""Nanoseconds in a microsecond."""
+
+
+class RecordLocation(NamedTuple):
+    """Where a record's content is in the file."""
+
+    opcode: int
+    """Kind of the record."""
+    start: int
+    """Offset of the content's first byte."""
+    end: int
+    """Offset after the content."""
 
 
 @dataclass
 class McapRecording:
-    """An MCAP file; ``channels`` and ``schemas`` by their number, as far as it was read.
-
-    ``damaged`` is the number of damaged chunks, ``skipped`` that of bytes of no record, ``cut`` whether the end is.
-    """
+    """An MCAP file, and what is known of it as far as it was read."""
 
     content: bytes
+    """The bytes of the file."""
     channels: dict[int, Channel] = field(default_factory=dict)
+    """Channels by their number."""
     schemas: dict[int, Schema] = field(default_factory=dict)
+    """Schemas by their number."""
     damaged: int = 0
+    """Number of damaged chunks."""
     skipped: int = 0
+    """Number of bytes that belong to no record."""
     cut: bool = False
+    """Whether the end of the file is missing."""
     _allowance: int = 0
+    """Number of bytes to which the remaining chunks may unpack."""
 
     def messages(self) -> Iterator[Message]:
         """Yields every message whose channel is known, in the order of the file; of damaged chunks none."""
         self._allowance = MIN_UNPACKED_LIMIT + MAX_COMPRESSION_RATIO * len(self.content)
-        places = list(self._records())
+        locations = list(self._record_locations())
         # The summary at the end repeats channels and schemas, which helps where the first record is damaged.
-        for opcode, start, stop in places:
-            if opcode in (Opcode.CHANNEL, Opcode.SCHEMA):
-                self._note(self._read(start, stop))
-        for record in self._whole_records(places):
-            self._note(record)
+        for location in locations:
+            if location.opcode in (Opcode.CHANNEL, Opcode.SCHEMA):
+                self._register(self._decoded(location))
+        for record in self._records(locations):
+            self._register(record)
             if isinstance(record, Message) and record.channel_id in self.channels:
                 yield record
 
     def repairs(self) -> Facts:
-        """Returns each kind of damage."""
+        """Reports each kind of damage that was found while the messages were read."""
         return (
             *repair_facts(Repair.CHUNKS_DAMAGED, count=self.damaged),
             *repair_facts(Repair.BYTES_SKIPPED, count=self.skipped, part="recording"),
             *(repair_facts(Repair.RECORDING_CUT) if self.cut else ()),
         )
 
-    def _records(self) -> Iterator[tuple[int, int, int]]:
-        """Opcode, start and end of the content of each record that is ``READ``."""
-        end = len(self.content)
-        offset = opcode = 0
-        while offset < end:
-            stop = _record_end(self.content, offset)
+    def _record_locations(self) -> Iterator[RecordLocation]:
+        """Yields the records with one of ``READ_OPCODES``, and counts the bytes of damage between records."""
+        file_end = len(self.content)
+        offset = 0
+        last_opcode = 0
+        while offset < file_end:
+            record_end = _record_end(self.content, offset)
             if self.content.startswith(MAGIC, offset):
                 offset += len(MAGIC)
-            elif stop:
-                opcode = self.content[offset]
-                if opcode in READ:
-                    yield opcode, offset + RECORD_HEAD.size, stop
-                offset = stop
+            elif record_end is not None:
+                last_opcode = self.content[offset]
+                if last_opcode in READ_OPCODES:
+                    yield RecordLocation(last_opcode, offset + RECORD_HEAD.size, record_end)
+                offset = record_end
             else:
-                following = _next_record(self.content, offset + 1)
-                self.skipped += following - offset if following < end else 0
-                offset = following
-        self.cut = opcode != Opcode.FOOTER
+                next_record = _next_record(self.content, offset + 1)
+                # What follows the last record was cut off, not damaged.
+                if next_record < file_end:
+                    self.skipped += next_record - offset
+                offset = next_record
+        self.cut = last_opcode != Opcode.FOOTER
 
-    def _read(self, start: int, stop: int) -> McapRecord | None:
-        """The record with this content; None where it is damaged."""
-        content = BytesIO(self.content[start - RECORD_HEAD.size : stop])
-        with suppress(*DAMAGE):
-            return next(StreamReader(content, skip_magic=True, emit_chunks=True).records)
+    def _decoded(self, location: RecordLocation) -> McapRecord | None:
+        """Decodes the record at a location; None where it is damaged."""
+        record_bytes = self.content[location.start - RECORD_HEAD.size : location.end]
+        with suppress(*DAMAGE_ERRORS):
+            reader = StreamReader(BytesIO(record_bytes), skip_magic=True, emit_chunks=True)
+            return next(reader.records)
         return None
 
-    def _whole_records(self, places: list[tuple[int, int, int]]) -> Iterator[McapRecord | None]:
-        is_chunked = any(opcode == Opcode.CHUNK for opcode, *_ in places)
-        for opcode, start, stop in places:
-            if opcode == Opcode.CHUNK:
-                yield from self._in_chunk(start, stop)
-            # After damage, messages outside of chunks are the rest of a chunk that has lost its checksum.
-            elif opcode != Opcode.MESSAGE or not is_chunked:
-                yield self._read(start, stop)
+    def _records(self, locations: list[RecordLocation]) -> Iterator[McapRecord | None]:
+        """Yields the records at these locations, those inside chunks instead of the chunks; None for damaged ones.
 
-    def _in_chunk(self, start: int, stop: int) -> list[McapRecord]:
-        """The records of a chunk; none where it is damaged."""
-        chunk = self._read(start, stop)
+        In a file with chunks all messages are in chunks. After damage, messages outside of them are the rest of a chunk
+        that has lost its checksum, and are left out.
+        """
+        has_chunks = any(location.opcode == Opcode.CHUNK for location in locations)
+        for location in locations:
+            if location.opcode == Opcode.CHUNK:
+                yield from self._records_in_chunk(location)
+            elif location.opcode != Opcode.MESSAGE or not has_chunks:
+                yield self._decoded(location)
+
+    def _records_in_chunk(self, location: RecordLocation) -> list[McapRecord]:
+        """Returns the records of a chunk; none where it is damaged."""
+        chunk = self._decoded(location)
         if isinstance(chunk, Chunk):
-            most = min(self._allowance, MIN_UNPACKED_LIMIT)
-            records = _unpacked(chunk.compression, chunk.data, most)
+            max_size = min(self._allowance, MIN_UNPACKED_LIMIT)
+            records = _unpacked(chunk.compression, chunk.data, max_size)
             self._allowance -= len(records)
-            plain = replace(chunk, compression="", data=records)
-            with suppress(*DAMAGE):
+            unpacked_chunk = replace(chunk, compression="", data=records)
+            with suppress(*DAMAGE_ERRORS):
                 if len(records) == chunk.uncompressed_size:
-                    return breakup_chunk(plain, validate_crc=True)
+                    return breakup_chunk(unpacked_chunk, validate_crc=True)
         self.damaged += 1
         return []
 
-    def _note(self, record: McapRecord | None) -> None:
+    def _register(self, record: McapRecord | None) -> None:
+        """Notes a channel or a schema by its number."""
         if isinstance(record, Channel):
             self.channels[record.id] = record
         elif isinstance(record, Schema):
             self.schemas[record.id] = record
 
 
-DAMAGE = (McapError, struct.error, ValueError, OverflowError)
-"""What the library raises where a record is damaged."""
-
-
-def _record_end(content: bytes, offset: int) -> int:
-    """Where the record at a place ends; 0 where there is none."""
+def _record_end(content: bytes, offset: int) -> int | None:
+    """Returns the offset after the record at an offset; None where no record can be there."""
     if offset + RECORD_HEAD.size > len(content):
-        return 0
+        return None
     opcode, length = RECORD_HEAD.unpack_from(content, offset)
-    stop = offset + RECORD_HEAD.size + int(length)
-    return stop if opcode and stop <= len(content) else 0
+    end = offset + RECORD_HEAD.size + int(length)
+    return end if opcode and end <= len(content) else None
 
 
 def _next_record(content: bytes, offset: int) -> int:
-    """The first place from ``offset`` on where two records follow one another; the end without one."""
-    for head in _LIKELY_HEAD.finditer(content, offset):
-        stop = _record_end(content, head.start())
-        if stop and (content.startswith(MAGIC, stop) or _record_end(content, stop)):
+    """Returns the first place from an offset on where two records follow one another; the end without any."""
+    for head in LIKELY_HEAD.finditer(content, offset):
+        end = _record_end(content, head.start())
+        if end is None:
+            continue
+        if content.startswith(MAGIC, end) or _record_end(content, end) is not None:
             return head.start()
     return len(content)
 
 
-def _unpacked(compression: str, packed: bytes, most: int) -> bytes:
-    """The records of a chunk as far as they can be unpacked, and ``most`` of their bytes."""
+def _unpacked(compression: str, packed: bytes, max_size: int) -> bytes:
+    """Unpacks the records of a chunk, as far as they can be.
+
+    Args:
+        compression: Name of the compression in MCAP: empty, "lz4" or "zstd".
+        packed: The packed records.
+        max_size: Number of bytes to unpack at most.
+
+    Returns:
+        The records; empty for another compression.
+    """
+    reader: Any
+    if compression == "":
+        reader = BytesIO(packed)
+    elif compression == "lz4":
+        reader = lz4.frame.open(BytesIO(packed))
+    elif compression == "zstd":
+        reader = zstandard.ZstdDecompressor().stream_reader(packed)
+    else:
+        return b""
     records = bytearray()
-    opened = {
-        "": BytesIO,
-        "lz4": lambda packed: lz4.frame.open(BytesIO(packed)),
-        "zstd": zstandard.ZstdDecompressor().stream_reader,
-    }
-    if compression in opened:
-        reader = opened[compression](packed)
-        # RuntimeError: from lz4; EOFError: it is cut
-        with suppress(zstandard.ZstdError, RuntimeError, EOFError, MemoryError):
-            while piece := reader.read(min(CHUNK_BYTES, most - len(records))):
-                records += piece
+    # RuntimeError comes from lz4; EOFError, where the records are cut off.
+    with suppress(zstandard.ZstdError, RuntimeError, EOFError, MemoryError):
+        while piece := reader.read(min(CHUNK_BYTES, max_size - len(records))):
+            records += piece
     return bytes(records)
 
 
-MAX_STAMP = np.iinfo(np.uint64).max // 1000 - 1
-"""The last receive stamp, µs, that 64 bits of nanoseconds hold: the year 2554."""
+MAX_STAMP = np.iinfo(np.uint64).max // NANOSECONDS_PER_MICROSECOND - 1
+"""The last receive stamp, µs, that 64 bits of nanoseconds hold: in the year 2554."""
+
 HEADER_FIELDS = ("system_id", "component_id", "sequence", "message_id")
-# Times (T,), s, and columns (T,) by name
+"""Fields of the header in BlueOS's JSON."""
+
 Series = tuple[Array, Mapping[str, Array]]
+"""Times (T,), s, and columns (T,) by name."""
 
 
 def write_mcap(file: BinaryIO, stream: FrameStream) -> int:
-    """Writes every frame with its stamp, and the dialect's messages as JSON; returns the number of frames.
+    """Writes every frame with its stamp, and the dialect's messages as JSON too.
 
     A stamp beyond the year 2554, which MCAP cannot hold, becomes that of the frame before.
+
+    Returns:
+        The number of frames.
     """
     writer = start_writer(file)
-    raw = register_frame_channel(writer)
-    channels = {}
+    frame_channel = register_frame_channel(writer)
+    json_channels: dict[str, int] = {}
     parser = dialect.MAVLink(None)
-    last = count = 0
+    last_stamp = 0
+    count = 0
     for stamp, frame in stream.stamped_frames():
-        last = stamp if stamp <= MAX_STAMP else last
-        write_message(writer, raw, last * 1000, frame)
+        last_stamp = stamp if stamp <= MAX_STAMP else last_stamp
+        log_time = last_stamp * NANOSECONDS_PER_MICROSECOND
+        write_message(writer, frame_channel, log_time, frame)
         count += 1
-        with suppress(dialect.MAVError):  # the message of another dialect, or damaged
+        # A message of another dialect, or a damaged one, is written as a frame only.
+        with suppress(dialect.MAVError):
             message = parser.decode(bytearray(frame))
-            who = message.get_srcSystem(), message.get_srcComponent()
-            topic = "/".join(("mavlink", *map(str, who), message.get_type()))
-            if topic not in channels:
-                channels[topic] = _registered(writer, topic, _schema(type(message)))
-            numbers = zip(HEADER_FIELDS, (*who, message.get_seq(), message.id), strict=True)
-            fields = {_key(name): _plain(getattr(message, name)) for name in message.fieldnames}
-            body = {"header": dict(numbers), "message": {"type": message.get_type(), **fields}}
-            write_message(writer, channels[topic], last * 1000, json.dumps(body).encode())
+            topic = f"mavlink/{message.get_srcSystem()}/{message.get_srcComponent()}/{message.get_type()}"
+            if topic not in json_channels:
+                json_channels[topic] = _register_json_channel(
+                    writer, topic, _message_schema(type(message))
+                )
+            body = json.dumps(_json_body(message)).encode()
+            write_message(writer, json_channels[topic], log_time, body)
     writer.finish()  # type: ignore[no-untyped-call]
     return count
 
 
+def _json_body(message: Any) -> JsonValues:
+    """Returns one of pymavlink's messages in BlueOS's layout."""
+    header_values = (
+        message.get_srcSystem(),
+        message.get_srcComponent(),
+        message.get_seq(),
+        message.id,
+    )
+    fields = {_json_name(name): _json_value(getattr(message, name)) for name in message.fieldnames}
+    return {
+        "header": dict(zip(HEADER_FIELDS, header_values, strict=True)),
+        "message": {"type": message.get_type(), **fields},
+    }
+
+
 def write_series(file: BinaryIO, series: Mapping[str, Series]) -> None:
-    """Writes columns over time, s from 0 on, by topic as JSON, one message a row; a value not finite becomes null."""
+    """Writes columns over time as JSON, one message per row; a value that is not finite becomes null.
+
+    Args:
+        file: Where to write.
+        series: Times, s, from 0 on, and columns, by topic.
+    """
     writer = start_writer(file)
-    queue: list[tuple[float, int, str]] = []
-    for topic, (time, named) in series.items():
-        channel = _registered(writer, topic, _object({name: {"type": "number"} for name in named}))
-        # A column at once: the rows of a flight take a quarter of a second one by one.
-        form = json.dumps(dict.fromkeys(named, "%s")).replace('"%s"', "%s")
-        texts = (json.dumps(_plain(column.tolist()))[1:-1].split(", ") for column in named.values())
-        queue += zip(time.tolist(), repeat(channel), map(form.__mod__, zip(*texts, strict=True)))
-    for at, channel, body in sorted(queue, key=itemgetter(0)):
-        write_message(writer, channel, round(at * 1e9), body.encode())
+    messages: list[tuple[float, int, str]] = []
+    for topic, (time, columns) in series.items():
+        schema = _object_schema({name: {"type": "number"} for name in columns})
+        channel = _register_json_channel(writer, topic, schema)
+        # A whole column is formatted at once: row by row, those of a flight take a quarter of a second.
+        row_pattern = json.dumps(dict.fromkeys(columns, "%s")).replace('"%s"', "%s")
+        column_texts = []
+        for column in columns.values():
+            list_text = json.dumps(_json_value(column.tolist()))
+            column_texts.append(list_text.removeprefix("[").removesuffix("]").split(", "))
+        row_texts = map(row_pattern.__mod__, zip(*column_texts, strict=True))
+        messages.extend(zip(time.tolist(), repeat(channel), row_texts))
+    for seconds, channel, body in sorted(messages, key=itemgetter(0)):
+        write_message(writer, channel, round(seconds * NANOSECONDS), body.encode())
     writer.finish()  # type: ignore[no-untyped-call]
 
 
-def start_writer(file: BinaryIO, chunk: int = CHUNK_BYTES) -> Writer:
-    """Returns a writer of messages in chunks of ``chunk`` bytes; ``finish`` ends it."""
-    writer = Writer(file, chunk_size=chunk)
+def start_writer(file: BinaryIO, chunk_bytes: int = CHUNK_BYTES) -> Writer:
+    """Returns a writer of messages, which must be ended by its method ``finish``.
+
+    Args:
+        file: Where to write.
+        chunk_bytes: Number of bytes of a chunk, which is written when it is full.
+    """
+    writer = Writer(file, chunk_size=chunk_bytes)
     writer.start(library="mavdem")
     return writer
 
 
 def register_frame_channel(writer: Writer) -> int:
-    """Returns a new channel of frames."""
+    """Registers the channel of frames, and returns its number."""
     return writer.register_channel("mavlink/raw", "mavlink", schema_id=0)
 
 
@@ -246,36 +334,44 @@ def write_message(writer: Writer, channel: int, time: int, data: bytes) -> None:
     writer.add_message(channel, log_time=time, data=data, publish_time=time)
 
 
-def _registered(writer: Writer, topic: str, schema: Mapping[str, Any]) -> int:
-    """A new JSON channel; a viewer plots the fields in its schema."""
-    number = writer.register_schema(
+def _register_json_channel(writer: Writer, topic: str, schema: Mapping[str, Any]) -> int:
+    """Registers a channel of JSON messages, and returns its number; a viewer plots the fields in its schema."""
+    schema_number = writer.register_schema(
         topic.replace("/", "."), "jsonschema", json.dumps(schema).encode()
     )
-    return writer.register_channel(topic, "json", number)
+    return writer.register_channel(topic, "json", schema_number)
 
 
-def _key(name: str) -> str:
-    """A field's name in BlueOS's JSON, where ``type`` is the message's."""
+def _json_name(name: str) -> str:
+    """Returns a field's name in BlueOS's JSON, where ``type`` is the message's."""
     return "mavtype" if name == "type" else name
 
 
-def _plain(value: Any) -> Any:
-    """A value as JSON has it: null for a number that is not finite."""
+def _json_value(value: Any) -> Any:
+    """Returns a value as JSON has it: null for a number that is not finite."""
     if isinstance(value, list):
-        return [_plain(item) for item in value]
-    return None if isinstance(value, float) and not isfinite(value) else value
+        return [_json_value(item) for item in value]
+    if isinstance(value, float) and not isfinite(value):
+        return None
+    return value
 
 
-def _schema(message: Any) -> JsonValues:
-    header = _object({name: {"type": "integer"} for name in HEADER_FIELDS})
-    fields = {}
-    for name, count in zip(message.ordered_fieldnames, message.array_lengths, strict=True):
-        kind = message.fieldtypes[message.fieldnames.index(name)]
-        array = {"type": "array", "items": {"type": "number"}}
-        single = {"type": "string" if kind == "char" else "number"}
-        fields[_key(name)] = array if count and kind != "char" else single
-    return _object({"header": header, "message": _object({"type": {"type": "string"}, **fields})})
+def _message_schema(message: Any) -> JsonValues:
+    """Returns the JSON schema of one of pymavlink's classes of messages, in BlueOS's layout."""
+    header = _object_schema({name: {"type": "integer"} for name in HEADER_FIELDS})
+    fields: JsonValues = {"type": {"type": "string"}}
+    for name, length in zip(message.ordered_fieldnames, message.array_lengths, strict=True):
+        c_type = message.fieldtypes[message.fieldnames.index(name)]
+        if c_type == "char":
+            field_schema: JsonValues = {"type": "string"}
+        elif length:
+            field_schema = {"type": "array", "items": {"type": "number"}}
+        else:
+            field_schema = {"type": "number"}
+        fields[_json_name(name)] = field_schema
+    return _object_schema({"header": header, "message": _object_schema(fields)})
 
 
-def _object(properties: Mapping[str, Any]) -> JsonValues:
+def _object_schema(properties: Mapping[str, Any]) -> JsonValues:
+    """Returns the JSON schema of an object with these properties."""
     return {"type": "object", "properties": dict(properties)}

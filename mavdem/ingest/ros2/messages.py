@@ -1,4 +1,4 @@
-"""The messages of one ROS 2 topic as columns of numbers: decoded by ``rosbags``, of each only the fields asked for.
+"""The messages of one ROS 2 topic as columns of numbers: decoded by ``rosbags``, only the fields that are needed.
 
 Definitions: https://mcap.dev/spec/registry#ros2msg (the text with the definitions it refers to behind lines of "=").
 Layout of messages: https://www.omg.org/spec/DDSI-RTPS, section 10 (CDR; the four bytes before each message).
@@ -6,7 +6,6 @@ Layout of messages: https://www.omg.org/spec/DDSI-RTPS, section 10 (CDR; the fou
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
 from functools import partial
 from operator import attrgetter
 from typing import Any, NamedTuple
@@ -17,71 +16,99 @@ from mcap.records import Schema
 from mavdem.arrays import Integers
 from mavdem.ingest.telemetry import MAX_FIELDS, Fields
 
-CDR = "cdr"  # Message encoding of rosbag2 (https://mcap.dev/spec/registry)
-DEFINITION = "ros2msg"  # Schema encoding of rosbag2 (https://mcap.dev/spec/registry)
-TEXTS = ("mode",)  # fields that are no numbers
+CDR = "cdr"
+"""Message encoding of rosbag2 (https://mcap.dev/spec/registry)."""
+
+ROS2_DEFINITION = "ros2msg"
+"""Schema encoding of rosbag2 (https://mcap.dev/spec/registry)."""
+
+TEXT_FIELDS = ("mode",)
+"""Fields that are texts, not numbers."""
+
+MAX_DEFINITION_CHARACTERS = 1 << 16
+"""Longest definition that is parsed; PX4's longest, of vehicle_status, has 7000 characters."""
+
+ARRAY_LENGTH = re.compile(r"\[\+?(\d+)\]")
+"""The length of an array in a definition."""
+
 Decoder = Callable[[bytes], Any]
+"""Decodes one message to an object with its fields as attributes."""
 
 
 class TopicColumns(NamedTuple):
-    """Messages of a topic: ``columns`` (N,) by name, "header.stamp.sec", or "q[0]" of an array, and texts as objects.
-
-    ``places`` (N,) are their numbers in the recording, ascending.
-    """
+    """The N messages of a topic."""
 
     columns: Fields
-    places: Integers
-
-
-MAX_CHARACTERS = 1 << 16  # Of a definition; PX4's longest, vehicle_status, has 7000
+    """Columns (N,) by name: "header.stamp.sec", or "q[0]" of an array; texts are objects."""
+    positions: Integers
+    """Number (N,) of each message in the recording, ascending."""
 
 
 def decoder(schema: Schema) -> Decoder | None:
-    """Returns the decoder of a type; None where its definition is damaged, malicious, or in another language."""
-    # of an extra that need not be installed
+    """Returns the decoder of a type; None where its definition is damaged, malicious, or in another language.
+
+    The library makes Python code of a definition and runs it, so it may do and raise anything.
+    """
+    # It belongs to an extra that need not be installed.
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.EMPTY)
     text = schema.data.decode("utf-8", errors="replace")
-    if schema.encoding != DEFINITION or len(text) > MAX_CHARACTERS:
+    if schema.encoding != ROS2_DEFINITION or len(text) > MAX_DEFINITION_CHARACTERS:
         return None
     try:
-        if sum(map(int, re.findall(r"\[\+?(\d+)\]", text))) > MAX_FIELDS:
+        array_elements = sum(map(int, ARRAY_LENGTH.findall(text)))
+        if array_elements > MAX_FIELDS:
             return None
-        # The one that recorders may leave out.
-        stamps = get_types_from_msg("int32 sec\nuint32 nanosec", "builtin_interfaces/msg/Time")
-        store.register(stamps | get_types_from_msg(text, schema.name))
-    except Exception:  # the library may raise anything: by then it has run code of its own making
+        # Recorders may leave out this one definition, which all others refer to.
+        stamp_types = get_types_from_msg("int32 sec\nuint32 nanosec", "builtin_interfaces/msg/Time")
+        store.register(stamp_types | get_types_from_msg(text, schema.name))
+    except Exception:
         return None
     return partial(store.deserialize_cdr, typename=schema.name)
 
 
 def columns_of(
-    messages: Mapping[int, Any], needed: Sequence[str], wanted: Sequence[str]
+    messages: Mapping[int, Any], required: Sequence[str], optional: Sequence[str]
 ) -> TopicColumns | None:
-    """Returns the fields of decoded messages, by their places, as columns; None where they are of another type.
+    """Puts the fields of decoded messages into columns.
 
-    All have those ``needed``, and one of those ``wanted`` at least, if any. "q[4]" is an array, cut or filled with
-    zeros to that length.
+    Args:
+        messages: Decoded messages by their number in the recording.
+        required: Fields that must be there. "q[4]" is an array, cut or filled with zeros to that length.
+        optional: Fields of which one must be there at least, if any are given.
+
+    Returns:
+        The columns; None where there are no messages, or they are of another type.
     """
     columns: Fields = {}
-    fields = set()
-    for field in (*needed, *wanted):
-        with suppress(AttributeError, TypeError, ValueError):
-            columns |= _columns(messages.values(), field)
-            fields.add(field)
-    if messages and fields.issuperset(needed) and (fields.intersection(wanted) or not wanted):
-        return TopicColumns(columns, np.fromiter(messages, np.int64))
-    return None
+    available = set()
+    for field in (*required, *optional):
+        try:
+            columns |= _field_columns(messages.values(), field)
+        except (AttributeError, TypeError, ValueError):
+            continue
+        available.add(field)
+    has_optional = not optional or not available.isdisjoint(optional)
+    if not messages or not available.issuperset(required) or not has_optional:
+        return None
+    return TopicColumns(columns, np.fromiter(messages, np.int64))
 
 
-def _columns(messages: Iterable[Any], field: str) -> Fields:
-    name, _, length = field.removesuffix("]").partition("[")
+def _field_columns(messages: Iterable[Any], field: str) -> Fields:
+    """Returns the column of a field by its name, or one for each element of an array.
+
+    Raises:
+        AttributeError: The messages do not have the field.
+        TypeError, ValueError: It is of another type.
+    """
+    name, _, length_text = field.removesuffix("]").partition("[")
     values = list(map(attrgetter(name), messages))
-    if not length:
-        # A number that is a text or an array raises.
-        return {name: np.fromiter(values, np.object_ if name in TEXTS else np.float64)}
-    table = np.zeros((len(values), int(length)))
+    if not length_text:
+        # A field that should be a number, and is a text or an array, raises here.
+        return {name: np.fromiter(values, np.object_ if name in TEXT_FIELDS else np.float64)}
+    length = int(length_text)
+    table = np.zeros((len(values), length))
     for row, value in zip(table, values, strict=True):
-        row[: len(value)] = value[: int(length)]
-    return {f"{name}[{n}]": column for n, column in enumerate(table.T)}
+        row[: len(value)] = value[:length]
+    return {f"{name}[{n}]": table[:, n] for n in range(length)}

@@ -1,0 +1,174 @@
+"""MAVLink messages as JSON, in the layouts of BlueOS and of another bridge, turned back into payloads.
+
+There are two layouts: the fields at top level, or BlueOS's ``{"header": {"system_id", "component_id", "sequence",
+"message_id"}, "message": {"type": "ATTITUDE", ...fields}}``, where a field called ``type`` is ``mavtype``, an enum's
+value is ``{"type": "MAV_TYPE_QUADROTOR"}``, a bitmask ``{"bits": 81}`` or ``"A | B"``, and a text an array of its
+characters. Numbers are those of JSON5; plain JSON has null for NaN. Source: the JSON of rust-mavlink
+(https://github.com/mavlink/rust-mavlink, ``serde`` feature), which BlueOS records.
+"""
+
+import json
+import re
+from collections.abc import Mapping
+from functools import cache, lru_cache
+from math import nan
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import all as dialect
+
+from mavdem.ingest.mavlink.definitions import MessageDefinition
+
+MAX_SEQUENCE = 255
+"""Largest sequence number of MAVLink."""
+
+
+class JsonMessage(NamedTuple):
+    """What a JSON document says of a message."""
+
+    payload: bytes | None
+    """The payload of its frame; None where the document is no message of this name, or a value has a wrong type."""
+    sequence: int | None
+    """The sender's number of the message; None in the layout without a header."""
+
+
+def read_json_message(body: bytes, definition: MessageDefinition) -> JsonMessage:
+    """Reads a message from a JSON document of either layout.
+
+    A missing field is zero, or NaN where it is a float. A parameter whose value is NaN becomes a float.
+
+    Args:
+        body: The document.
+        definition: The definition of the message that it should be.
+    """
+    fields = _parsed_json(body)
+    sequence = None
+    if isinstance(fields, dict) and isinstance(fields.get("message"), dict):
+        sequence = _sequence_number(fields.get("header"))
+        fields = fields["message"]
+        if fields.pop("type", definition.name) != definition.name:
+            return JsonMessage(None, sequence)
+        if "mavtype" in fields:
+            fields["type"] = fields["mavtype"]
+    if not isinstance(fields, dict) or fields.keys().isdisjoint(definition.fields):
+        return JsonMessage(None, sequence)
+    message = _message_without_fields(definition).copy()
+    try:
+        with np.errstate(over="raise", invalid="ignore"):
+            for name in fields.keys() & set(definition.fields):
+                unsent_value = message[name][0].tolist()
+                message[name] = _field_value(fields[name], definition.wire[name], unsent_value)
+    except (TypeError, ValueError, ArithmeticError):
+        return JsonMessage(None, sequence)
+    if definition.name == "PARAM_VALUE" and np.isnan(message["param_value"][0]):
+        # PX4 sends an integer as the bits of a float. JSON has one NaN only, so the bits are lost.
+        message["param_type"] = dialect.MAV_PARAM_TYPE_REAL32
+    return JsonMessage(message.tobytes(), sequence)
+
+
+def _sequence_number(header: Any) -> int | None:
+    """Returns the sequence number in the header of BlueOS's layout; None where it has none."""
+    number = header.get("sequence") if isinstance(header, dict) else None
+    # A bool is an int in Python, but no number in JSON.
+    return number if type(number) is int and 0 <= number <= MAX_SEQUENCE else None
+
+
+@lru_cache(maxsize=1 << 10)
+def _message_without_fields(definition: MessageDefinition) -> NDArray[Any]:
+    """Returns the message (1,) in which no field was sent: zeros, and NaN where it has floats."""
+    message = np.zeros(1, dtype=definition.wire)
+    for name in definition.fields:
+        if definition.wire[name].base.kind == "f":
+            message[name] = nan
+    return message
+
+
+# Texts may contain control characters.
+_PARSER = json.JSONDecoder(strict=False)
+
+
+def _parsed_json(body: bytes) -> Any:
+    """Parses a document; None where it is none."""
+    try:
+        return _PARSER.decode(body.decode("utf-8", errors="replace"))
+    except (ValueError, RecursionError):
+        # Rust prints an infinity as inf, instead of JSON5's Infinity.
+        repaired = re.sub(rb"(?<=[:,\[])\s*(-?)inf(?=\s*[,\]}])", rb"\1Infinity", body)
+        return None if repaired == body else _parsed_json(repaired)
+
+
+@cache
+def _enum_values() -> Mapping[str, int]:
+    """Returns the number of every entry of MAVLink's enumerations by its name."""
+    return {entry.name: value for enum in dialect.enums.values() for value, entry in enum.items()}
+
+
+def _field_value(value: Any, wire_type: np.dtype[Any], unsent_value: Any) -> Any:
+    """Converts a field's value.
+
+    Args:
+        value: The value in JSON.
+        wire_type: Type of the field in the payload.
+        unsent_value: The field's value where it was not sent; of an array, that of each item.
+
+    Raises:
+        TypeError, ValueError, ArithmeticError: It has another type, or is too long.
+    """
+    if wire_type.kind == "S":
+        text = _text_bytes(value)
+        if len(text.rstrip(b"\0")) > wire_type.itemsize:
+            raise ValueError("the text is too long")
+        return text[: wire_type.itemsize]
+    if wire_type.subdtype is None:
+        return _number(value, wire_type)
+    if not isinstance(value, list) or len(value) > len(unsent_value):
+        raise ValueError("the array is too long, or none")
+    items = [_number(item, wire_type.base) for item in value]
+    return items + unsent_value[len(value) :]
+
+
+def _number(value: Any, wire_type: np.dtype[Any]) -> float:
+    """Converts a number, an entry of an enumeration or a bitmask to the number in the payload.
+
+    Raises:
+        TypeError, ValueError, OverflowError: It is none, or has decimals where the field is an integer.
+    """
+    if isinstance(value, dict):
+        value = value.get("type", value.get("bits"))
+    if isinstance(value, str):
+        value = _value_of_text(value)
+    if wire_type.kind == "f":
+        return nan if value is None else float(value)
+    if value != int(value):
+        raise ValueError("an integer field has decimals")
+    return int(value)
+
+
+def _value_of_text(text: str) -> float:
+    """Returns the bits of names joined with "|", or the value of a single name.
+
+    Names may also be numbers, which are also in quotes: NaN in JSON without JSON5.
+    """
+    try:
+        bits = 0
+        for part in text.split("|"):
+            name = part.strip()
+            if name in _enum_values():
+                bits |= _enum_values()[name]
+            elif name:
+                bits |= int(name, 0)
+        return bits
+    except ValueError:
+        return float(text)
+
+
+def _text_bytes(value: Any) -> bytes:
+    """Returns a text's bytes; in JSON it is a string, or an array of its characters or of their codes, a byte each."""
+    if value is None:
+        return b""
+    if isinstance(value, str):
+        return value.encode("utf-8", errors="replace")
+    characters = value if isinstance(value, list) else [value]
+    codes = [ord(item) if isinstance(item, str) else item for item in characters]
+    return bytes(codes)

@@ -1,0 +1,120 @@
+"""MAVROS's topics as MAVLink messages, by the inverse of MAVROS's own translation.
+
+MAVROS turns MAVLink's quantities into the frames of ROS (REP 103: east-north-up, and forward-left-up in the body). Each
+function names the file of https://github.com/mavlink/mavros/tree/ros2/mavros/src that it inverts. Stamps are the
+autopilot's, moved to the companion's clock (``lib/uas_timesync.cpp``), or the time of receipt where the clocks were
+never compared.
+"""
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import all as dialect
+
+from mavdem.arrays import Array
+from mavdem.files import load_adjacent_toml
+from mavdem.ingest.motors import PORT_OUTPUTS
+from mavdem.ingest.telemetry import SourceFields, translated_fields
+from mavdem.ingest.vocabulary import ARDUPILOT, GENERIC, NAMES, PX4, heartbeat_fields
+
+MAVROS = "MAVROS"
+"""Name of the bridge between MAVLink and ROS."""
+
+
+class MavrosTopic(NamedTuple):
+    """How one topic becomes a MAVLink message, an entry of ``mavros_topics.toml``."""
+
+    message: str
+    """Name of MAVLink's message."""
+    schema: str
+    """Type of the topic's messages."""
+    numbers: list[str]
+    """Fields that are read, arrays with their length."""
+    fields: SourceFields = {}
+    """Fields of which only names and units change, as of ``translated_fields``."""
+
+
+MAVROS_TOPICS = {
+    name: MavrosTopic(**topic)
+    for name, topic in load_adjacent_toml(__file__, "mavros_topics.toml").items()
+}
+"""Topics that are read, by the name after the node's."""
+
+WRAP_PERIODS = {"rc/out": 2**32 / 1e6}
+"""Time after which the stamps of a topic wrap, s.
+
+MAVROS moves the stamps of SERVO_OUTPUT_RAW, 32 bits of microseconds, as they are (plugins/rc_io.cpp).
+"""
+
+GENERIC_VEHICLE: int = dialect.MAV_TYPE_GENERIC
+"""MAV_TYPE of a vehicle whose type is not known: MAVROS does not publish it."""
+
+DEMAND_CHANNELS = 8
+"""Number of elements of ACTUATOR_CONTROL_TARGET.controls."""
+
+TopicNumbers = Mapping[str, Array]
+"""The numbers of a topic's messages by name, (N,) each."""
+
+
+def mavros_autopilot(mode_counts: Counter[str]) -> int:
+    """Recognises the autopilot by the names of its flight modes.
+
+    Args:
+        mode_counts: How often each flight mode occurs, by its name (``lib/uas_stringify.cpp``).
+
+    Returns:
+        MAV_AUTOPILOT; GENERIC where as many are PX4's as ArduPilot's.
+    """
+    px4_count = sum(mode_counts[mode] for mode in NAMES["mavros_modes"]["PX4"])
+    px4_count += sum(count for mode, count in mode_counts.items() if mode.startswith("AUTO."))
+    ardupilot_count = sum(mode_counts[mode] for mode in NAMES["mavros_modes"]["ARDUPILOTMEGA"])
+    if px4_count == ardupilot_count:
+        return GENERIC
+    return PX4 if px4_count > ardupilot_count else ARDUPILOT
+
+
+def mavros_message(topic: str, numbers: TopicNumbers, autopilot: int) -> dict[str, NDArray[Any]]:
+    """Translates the messages of a topic into those of MAVLink.
+
+    Args:
+        topic: Name of the topic, one of ``MAVROS_TOPICS``.
+        numbers: Its columns (N,).
+        autopilot: MAV_AUTOPILOT, for HEARTBEAT.
+
+    Returns:
+        The fields of MAVLink's message, without its stamps.
+    """
+    mavros_topic = MAVROS_TOPICS[topic]
+    fields = translated_fields(numbers, mavros_topic.fields)
+    if mavros_topic.message == "ATTITUDE_QUATERNION":
+        w, x, y, z = _mavlink_quaternion(numbers)
+        fields |= {"q1": w, "q2": x, "q3": y, "q4": z}
+    elif mavros_topic.message == "ATTITUDE_TARGET":
+        fields["q"] = _mavlink_quaternion(numbers).T
+    elif mavros_topic.message == "SERVO_OUTPUT_RAW":
+        for n in range(PORT_OUTPUTS):
+            fields[f"servo{n + 1}_raw"] = numbers[f"channels[{n}]"]
+    elif mavros_topic.message == "ACTUATOR_CONTROL_TARGET":
+        controls = [numbers[f"controls[{n}]"] for n in range(DEMAND_CHANNELS)]
+        fields["controls"] = np.column_stack(controls)
+    elif mavros_topic.message == "HEARTBEAT":
+        # plugins/sys_status.cpp.
+        fields = heartbeat_fields(GENERIC_VEHICLE, autopilot, numbers["armed"])
+    return fields
+
+
+def _mavlink_quaternion(numbers: TopicNumbers) -> Array:
+    """Returns attitudes (4, N), w, x, y, z, from forward-right-down in the body to north-east-down.
+
+    MAVROS's attitude is q_ENU,FLU = q_n q_NED,FRD q_b, of two half turns: q_n = (i + j)/√2 swaps north and east and
+    turns down up, q_b = i turns right left and down up. Both are their own inverses but for the sign, which an
+    attitude does not have: q_NED,FRD = q_n q_ENU,FLU q_b, multiplied out here.
+
+    Args:
+        numbers: Columns (N,) with the field ``orientation``.
+    """
+    w, x, y, z = (numbers[f"orientation.{component}"] for component in "wxyz")
+    return np.sqrt(0.5) * np.array([w + z, x + y, x - y, w - z])
