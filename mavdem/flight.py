@@ -250,7 +250,7 @@ class Flight:
         return to_xarray(self)
 
     def _repr_html_(self) -> str:
-        from mavdem.report.page import flight_html
+        from mavdem.report.pages.page import flight_html
 
         return flight_html(self)
 

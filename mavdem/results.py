@@ -15,8 +15,8 @@ from mavdem.fleet.flights import flights_of, worst_row
 from mavdem.fleet.row import FlightRows
 from mavdem.fleet.workers import PAGES
 from mavdem.report.blocks import Block
-from mavdem.report.fleet_page import beside_others, fleet_page, with_top
-from mavdem.report.flight_page import review_page
+from mavdem.report.pages.fleet_page import beside_others, fleet_page, with_top
+from mavdem.report.pages.flight_page import review_page
 
 if TYPE_CHECKING:
     from mavdem.view import Target

@@ -10,7 +10,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.forecasts import Forecasts
 from mavdem.facts.model import ParameterDoubt
-from mavdem.report.words import sentence, words
+from mavdem.report.templates import sentence, words
 
 
 def test_a_fact_has_a_code_a_level_a_time_and_figures_with_units():

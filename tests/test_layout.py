@@ -54,9 +54,9 @@ has, stand below.
 """
 
 UPWARD_IMPORTS = {
-    ("facts.fact", "report.words"),  # Fact.sentence
+    ("facts.fact", "report.templates"),  # Fact.sentence
     ("flight", "export.tables"),  # Flight.to_pandas(), to_xarray()
-    ("flight", "report.page"),  # Flight in a notebook
+    ("flight", "report.pages.page"),  # Flight in a notebook
     ("dem.learned", "plant"),  # Learned.physical
     ("dem.learned", "plant.wind_torque"),  # Learned.wind_torque
     ("dem.learned", "plant.simulation"),  # Learned.simulate()
@@ -65,7 +65,7 @@ UPWARD_IMPORTS = {
     ("dem.learned", "loops.loop_construction"),
     ("dem.learned", "export.control_systems"),  # Learned.to_control()
     ("dem.learned", "report.figures"),  # Learned.plot
-    ("dem.learned", "report.page"),  # Learned in a notebook
+    ("dem.learned", "report.pages.page"),  # Learned in a notebook
     ("dem.learned", "report.screen"),  # Learned.summary()
     ("dem.online.learner", "plant.online_wind_torque"),  # OnlineLearner.update()
     ("dem.online.learner", "plant.parameters"),
@@ -76,7 +76,7 @@ UPWARD_IMPORTS = {
     ("loops.twin_flight", "sitl_scenarios.simulation"),
     ("assessment.record", "documents"),  # Assessment.as_dict()
     ("assessment.record", "documents.review"),
-    ("assessment.record", "report.flight_page"),  # Assessment.page()
+    ("assessment.record", "report.pages.flight_page"),  # Assessment.page()
     ("assessment.record", "report.review"),  # str(Assessment)
 }
 """Modules of mavdem with a module above them that a method of a public result imports when it is called."""

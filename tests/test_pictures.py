@@ -95,7 +95,7 @@ def test_a_picture_is_as_new_as_what_it_shows(folder, request):
         "browser": page_words(folder / "flight" / "report.html"),
         "live_dashboard": recording_words(folder / "live.rrd"),
         "simulated_flight": NUMBER.sub("", recording_words(folder / "blown.rrd")),
-        "loops": code("report/flight_charts.py"),
+        "loops": code("report/charts/flight_charts.py"),
     }
     kept = json.loads(PICTURES.read_text()) if PICTURES.exists() else {}
     if request.config.getoption("--write-golden"):

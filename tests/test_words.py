@@ -12,7 +12,7 @@ import mavdem.facts.sources
 import mavdem.unit_errors
 from mavdem.facts import Code
 from mavdem.report.blocks import brief
-from mavdem.report.words import table
+from mavdem.report.templates import table
 
 ROOT = Path(__file__).parents[1]
 ABOVE = {"report", "documents", "view", "export", "cli"}

@@ -197,7 +197,7 @@ class Assessment:
 
     def page(self, path: str | PathLike[str]) -> None:
         """Writes the page to ``path``: one HTML file with pictures, which needs no network."""
-        from mavdem.report.flight_page import review_page
+        from mavdem.report.pages.flight_page import review_page
 
         Path(path).write_text(review_page(self), "utf-8", "replace")
 

@@ -5,7 +5,7 @@ import click
 from mavdem.cli.options import refuse_link, source_options
 from mavdem.cli.output import print_json, printable, progress, say
 from mavdem.export.conversion import convert as convert_file
-from mavdem.report.words import section
+from mavdem.report.templates import section
 
 
 @click.command("convert")

@@ -24,7 +24,7 @@ from mavdem.fleet.difference import (
 )
 from mavdem.fleet.state import of_common_vehicle, state_of
 from mavdem.report.difference import difference_blocks, headline_blocks, next_blocks
-from mavdem.report.difference_page import comparison_page
+from mavdem.report.pages.difference_page import comparison_page
 
 PAGE = "diff.html"
 DOCUMENT = "diff.json"

@@ -43,9 +43,9 @@ from mavdem.live.link import PAUSE_SECONDS, Link
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.live.session_loop import run_session
-from mavdem.report.flight_page import live_page
 from mavdem.report.live import watching
-from mavdem.report.words import go_on, headline, section
+from mavdem.report.pages.flight_page import live_page
+from mavdem.report.templates import go_on, headline, section
 
 STATUS_SECONDS = 5.0  # between two status lines that are not in one place
 

@@ -33,8 +33,8 @@ from mavdem.fleet.workers import JobLimits, WorkerPool
 from mavdem.report.blocks import Sentence
 from mavdem.report.difference import baseline_blocks
 from mavdem.report.fleet import fleet_blocks
-from mavdem.report.flight_page import flight_page
 from mavdem.report.numbers import counted
+from mavdem.report.pages.flight_page import flight_page
 from mavdem.results import write_fleet_pages
 
 MOST = 1_000_000  # seconds and megabytes that may be asked for: days, and a terabyte

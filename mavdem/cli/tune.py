@@ -21,7 +21,7 @@ from mavdem.ingest.parameter_file import parameter_files
 from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.report.blocks import Sentence
 from mavdem.report.loops import tune_blocks
-from mavdem.report.page import tune_page
+from mavdem.report.pages.page import tune_page
 from mavdem.report.screen import conclusion
 
 PAGE = "tune.html"

@@ -503,7 +503,7 @@ class Learned(ImmutableResult, ForecasterBase):
 
     def _repr_html_(self) -> str:
         """Returns the HTML that a notebook shows."""
-        from mavdem.report.page import learned_html
+        from mavdem.report.pages.page import learned_html
 
         return learned_html(self)
 

@@ -136,7 +136,7 @@ class Fact:
     @property
     def _words(self) -> Words:
         # The sentences are made by ``report``, a room above all that make facts.
-        from mavdem.report.words import words
+        from mavdem.report.templates import words
 
         return words(self)
 

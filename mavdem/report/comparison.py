@@ -13,7 +13,7 @@ from mavdem.experiments.paired_test import FEWEST_PAIRS, SIGNIFICANCE
 from mavdem.experiments.scores import HORIZONS, KNOWN, UNKNOWN, Question
 from mavdem.facts.forecasts import TestResult
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution
-from mavdem.report.words import section
+from mavdem.report.templates import section
 
 WORDS = {KNOWN: "What happened, given the inputs:", UNKNOWN: "What comes next, inputs unknown:"}
 

@@ -10,7 +10,7 @@ from mavdem.dataset.axes import TILT_AXES
 from mavdem.facts.online import DragSource
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.blocks import Blocks, Sentence, Table, caution
-from mavdem.report.words import section
+from mavdem.report.templates import section
 from mavdem.wind_velocity.compass import meteorological_direction
 from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.from_log import WindEvidence

@@ -16,7 +16,7 @@ from mavdem.fleet.difference import (
 from mavdem.fleet.row import UNKNOWN, FlightRow
 from mavdem.report.blocks import Blocks, Sentence, caution
 from mavdem.report.numbers import counted, listed, plus_minus, rounded, short
-from mavdem.report.words import section
+from mavdem.report.templates import section
 
 QUANTITIES = {  # what a kind of quantity is called, and the scale and unit that it is shown in
     difference.SHARE: ("share", 100.0, "%"),

@@ -14,7 +14,7 @@ from mavdem.fleet.row import UNKNOWN, FlightRows
 from mavdem.report.blocks import Blocks, Rated, Table
 from mavdem.report.condition import TIER_WORDS
 from mavdem.report.numbers import few, listed
-from mavdem.report.words import begin, go_on, section
+from mavdem.report.templates import begin, go_on, section
 
 TROUBLE = MotorHealth.FAULT, MotorHealth.DRIFT
 LEVELS = {

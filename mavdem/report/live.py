@@ -10,7 +10,7 @@ from mavdem.live.session_status import SessionStatus
 from mavdem.motors.loss_detection import FALSE_ALARMS
 from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.numbers import named, readable
-from mavdem.report.words import begin, go_on, section
+from mavdem.report.templates import begin, go_on, section
 
 
 def watching(watched: Sequence[Fact]) -> str:

@@ -11,7 +11,7 @@ from mavdem.loops.filters import gyro_filters
 from mavdem.loops.margins import OpenLoop
 from mavdem.report.blocks import Blocks, Sentence, Table, caution
 from mavdem.report.numbers import rounded
-from mavdem.report.words import section, together
+from mavdem.report.templates import section, together
 
 FIGURES = {  # header, and what makes the unit shown, by name of the figure
     "crossover": ("crossover (Hz)", 1.0),

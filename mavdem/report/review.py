@@ -8,7 +8,7 @@ from textwrap import shorten, wrap
 from mavdem.assessment import Assessment
 from mavdem.facts import Fact
 from mavdem.report.blocks import LINES, Sentence, brief
-from mavdem.report.words import headline, section
+from mavdem.report.templates import headline, section
 
 SCREEN_COLUMNS = 80
 """Of a terminal that nobody has widened."""

@@ -37,9 +37,9 @@ from mavdem.report.blocks import (
     text_of,
     warning,
 )
+from mavdem.report.charts.model_charts import sample_times
 from mavdem.report.condition import air_blocks
 from mavdem.report.labels import Labels
-from mavdem.report.model_charts import sample_times
 from mavdem.report.numbers import (
     TORQUE,
     counted,
@@ -50,8 +50,8 @@ from mavdem.report.numbers import (
     readable,
     rounded,
 )
+from mavdem.report.templates import PARAMETERS, headline, section, together
 from mavdem.report.truth import truth_blocks
-from mavdem.report.words import PARAMETERS, headline, section, together
 
 # beside the baselines
 ROWS = {

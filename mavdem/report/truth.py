@@ -7,7 +7,7 @@ from mavdem.facts import Level
 from mavdem.facts.identifiability import Status
 from mavdem.report.blocks import Blocks, Rated, Table
 from mavdem.report.numbers import plus_minus, readable, rounded
-from mavdem.report.words import section
+from mavdem.report.templates import section
 
 NAMES = {
     "mean effect": "mean effectiveness",

@@ -15,7 +15,7 @@ from mavdem.facts import NamedFacts
 from mavdem.loops.twin import Twin
 from mavdem.loops.twin_flight import RATE_BANDS
 from mavdem.report.blocks import Blocks, Sentence, Table
-from mavdem.report.page import environment
+from mavdem.report.pages.page import environment
 
 LEFT_OUT = {  # what a format has no place for
     ".json": "motor time constant, delay, damping of pitch and yaw apart from roll's, battery and controller gains",

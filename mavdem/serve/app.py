@@ -45,9 +45,9 @@ from mavdem.fleet.row import FlightRow
 from mavdem.fleet.workers import PAGES, POLL_SECONDS
 from mavdem.ingest.formats import detect_format
 from mavdem.report.difference import baseline_blocks
-from mavdem.report.difference_page import comparison_page
 from mavdem.report.fleet import TROUBLE
-from mavdem.report.library_page import (
+from mavdem.report.pages.difference_page import comparison_page
+from mavdem.report.pages.library_page import (
     refusal_page,
     script,
     script_hashes,

@@ -15,7 +15,7 @@ from mavdem.live.link import Link
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.live.session_loop import run_session
-from mavdem.report.flight_page import live_page
+from mavdem.report.pages.flight_page import live_page
 from mavdem.serve.library import Library
 
 PAGE_SECONDS = 5.0  # between two pages of a session

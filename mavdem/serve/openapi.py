@@ -11,7 +11,7 @@ from pydantic.json_schema import models_json_schema
 from mavdem.containers import JsonValues
 from mavdem.documents.library import ANSWERS
 from mavdem.files import load_adjacent_toml
-from mavdem.report.library_page import words
+from mavdem.report.pages.library_page import words
 
 
 class Operation(NamedTuple):

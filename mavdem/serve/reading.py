@@ -31,7 +31,7 @@ from mavdem.fleet.tracking import assess_rows
 from mavdem.fleet.workers import LogRows
 from mavdem.ingest import read_log
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
-from mavdem.report.flight_page import review_page
+from mavdem.report.pages.flight_page import review_page
 from mavdem.results import PAGE_FILE, result_files, write_result_files
 from mavdem.serve.library import PROGRESS, RESULTS, columns_of
 

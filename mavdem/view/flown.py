@@ -16,7 +16,7 @@ from mavdem.files import PathName
 from mavdem.ingest.motors import position_name
 from mavdem.ingest.vocabulary import euler_angles
 from mavdem.report import palette
-from mavdem.report.charts import Chart, Line, over_time
+from mavdem.report.charts.chart import Chart, Line, over_time
 from mavdem.view.plots import BOOT_CLOCK, MAX_STROKES, blueprint, drawn, recorded
 
 WIND_SCALE = 0.4  # length of the wind's arrow for 1 m/s, in arms

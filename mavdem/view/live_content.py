@@ -33,7 +33,7 @@ from mavdem.report.palette import (
     TRUTH,
 )
 from mavdem.report.screen import assessment_blocks
-from mavdem.report.words import section
+from mavdem.report.templates import section
 from mavdem.view.plots import BEYOND, BOOT_CLOCK, Lines, blueprint, events_view, faint
 
 # in view

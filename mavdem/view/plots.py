@@ -18,7 +18,7 @@ from mavdem.facts import Level
 from mavdem.files import atomic_write
 from mavdem.fleet.row import utf8_text
 from mavdem.report import palette
-from mavdem.report.charts import Chart
+from mavdem.report.charts.chart import Chart
 from mavdem.report.numbers import rounded
 
 BOOT_CLOCK = "boot clock"

@@ -18,14 +18,14 @@ from mavdem.loops.axis_loops import identified_loops
 from mavdem.loops.step_response import StepResponse
 from mavdem.report import palette
 from mavdem.report.blocks import Block, Sentence, markdown
-from mavdem.report.charts import Chart, Line, over_time
+from mavdem.report.charts.chart import Chart, Line, over_time
+from mavdem.report.charts.timeline import Timeline, timeline_of
 from mavdem.report.labels import Labels
 from mavdem.report.loops import margin_tables
 from mavdem.report.numbers import readable
 from mavdem.report.screen import analysis_blocks, detail_blocks, motor_blocks, title
 from mavdem.report.series import FREE_ENERGY, OUTPUTS, PROCESS_NOISE, Series, series_of
-from mavdem.report.timeline import Timeline, timeline_of
-from mavdem.report.words import headline
+from mavdem.report.templates import headline
 from mavdem.view.plots import (
     BEYOND,
     Mark,

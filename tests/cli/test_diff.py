@@ -9,7 +9,7 @@ from standin_logs import fleet_of
 
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.row import FlightRow
-from mavdem.report.difference_page import comparison_page
+from mavdem.report.pages.difference_page import comparison_page
 
 
 def flown(vehicle, numbers, **changed):

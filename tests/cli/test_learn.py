@@ -25,8 +25,8 @@ from mavdem.live import SessionStatus
 from mavdem.live.history import LiveHistory
 from mavdem.motors.loss_detection import MotorAlarm
 from mavdem.report.blocks import Sentence, Table
-from mavdem.report.flight_page import flight_page, live_page
-from mavdem.report.words import headline as words_of
+from mavdem.report.pages.flight_page import flight_page, live_page
+from mavdem.report.templates import headline as words_of
 
 FLIGHT = str(FLIGHT)
 FILES = {"model.json", "report.json", "report.html", "flight.rrd", "flight.mcap"}

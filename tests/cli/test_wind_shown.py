@@ -10,7 +10,7 @@ from pytest import approx, mark
 from mavdem import wind
 from mavdem.fleet.priors import earlier_drag
 from mavdem.fleet.rows_of_log import rows_of_log
-from mavdem.report.fleet_page import fleet_page
+from mavdem.report.pages.fleet_page import fleet_page
 from mavdem.wind_velocity.compass import compass_text
 from sitl_scenarios.files import in_toml, load
 

@@ -7,7 +7,7 @@ from pytest import approx
 
 from mavdem.live import history as live_history
 from mavdem.live.history import LiveHistory
-from mavdem.report.timeline import live_timeline
+from mavdem.report.charts.timeline import live_timeline
 
 
 def test_errors_are_those_of_the_samples_that_are_learned_from_and_whose_time_has_come():

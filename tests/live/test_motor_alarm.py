@@ -20,7 +20,7 @@ from mavdem.live import LiveStream, SessionStatus
 from mavdem.live.history import LiveHistory
 from mavdem.live.motor_alarms import MotorAlarms
 from mavdem.report.live import live_report
-from mavdem.report.words import section
+from mavdem.report.templates import section
 from sitl_scenarios.scenario import Scenario, StreamSpec, TurbulentWind, VehicleSpec
 from sitl_scenarios.simulation import fly
 

@@ -34,8 +34,8 @@ from mavdem.live.link import LinkLost
 from mavdem.live.messages import Piece
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
-from mavdem.report.flight_page import live_page
 from mavdem.report.numbers import plus_minus
+from mavdem.report.pages.flight_page import live_page
 from sitl_scenarios.files import load, scenario_of
 
 pytestmark = mark.usefixtures("without_wind_fits")

@@ -55,7 +55,7 @@ from mavdem.loops.twin import build_twin
 from mavdem.loops.twin_flight import replay_segments
 from mavdem.plant import Physical
 from mavdem.plant.sampled_plant import WindComponent, gaussian_kernel_noise
-from mavdem.report.flight_charts import loop_charts
+from mavdem.report.charts.flight_charts import loop_charts
 from mavdem.report.vehicle_files import vehicle_text
 from mavdem.wind_velocity.vehicle_drag import Drag
 from sitl_scenarios.files import scenario_of

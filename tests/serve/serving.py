@@ -15,7 +15,7 @@ from mavdem.facts.lights import Light
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.workers import Job, JobLimits, outcome_of
 from mavdem.report.blocks import Sentence
-from mavdem.report.page import document
+from mavdem.report.pages.page import document
 from mavdem.results import PAGE_FILE, REPORT_FILE
 from mavdem.serve.app import Server
 from mavdem.serve.library import PROGRESS, RESULTS, Library, columns_of

@@ -24,7 +24,7 @@ from serving import BOUNDARY, TOKEN, form, log, serving
 from mavdem.errors import Refusal
 from mavdem.facts.serve import Request, Sharing, Stage, Start
 from mavdem.facts.sources import Source
-from mavdem.report.library_page import words
+from mavdem.report.pages.library_page import words
 from mavdem.serve import app, run, uploads
 from mavdem.serve.library import full_disk_refused
 from mavdem.serve.rights import rights_of

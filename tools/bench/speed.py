@@ -28,7 +28,7 @@ from mavdem.errors import Unreadable
 from mavdem.fleet.flights import best_tier
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.ingest import read_log
-from mavdem.report.flight_page import flight_page
+from mavdem.report.pages.flight_page import flight_page
 
 
 def ours(path: str) -> int:

@@ -20,8 +20,8 @@ from mavdem.experiments.paper import (
 from mavdem.experiments.paper.runner import ClaimStatus, ExperimentResult, findings
 from mavdem.facts import Level
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table
-from mavdem.report.page import Chapter
-from mavdem.report.page import document as page
+from mavdem.report.pages.page import Chapter
+from mavdem.report.pages.page import document as page
 
 EXPERIMENTS = (
     *(noise.run, forecasts.prediction, forecasts.coordinates, forecasts.benchmark),

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from mavdem.dem import Learned
 from mavdem.experiments.held_out import HeldOut, held_out_windows
 from mavdem.flight import Flight
-from mavdem.report import model_charts
+from mavdem.report.charts import model_charts
 from mavdem.report.figures.style import figure_of
 from mavdem.report.labels import Labels
 

@@ -20,7 +20,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import ArrayLike
 
 from mavdem.containers import JsonValues
-from mavdem.report.charts import Axis, Chart, Group, Kind, Line, Plan
+from mavdem.report.charts.chart import Axis, Chart, Group, Kind, Line, Plan
 from mavdem.report.palette import BAND_OPACITY, DISTINCT, INK_ON_LIGHT, MEASURED, PAPER_LIGHT
 
 FIGURE_WIDTH = (

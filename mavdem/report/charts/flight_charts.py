@@ -12,8 +12,19 @@ from mavdem.loops.filters import gyro_response
 from mavdem.loops.margins import OpenLoop
 from mavdem.loops.measured_response import MIN_COMPARED_FREQUENCY
 from mavdem.loops.step_response import StepResponse
-from mavdem.report.charts import AFTER, FREQUENCY, TIME, Axis, Chart, Charts, Heat, Kind, Line, Mark
-from mavdem.report.model_charts import banded
+from mavdem.report.charts.chart import (
+    AFTER,
+    FREQUENCY,
+    TIME,
+    Axis,
+    Chart,
+    Charts,
+    Heat,
+    Kind,
+    Line,
+    Mark,
+)
+from mavdem.report.charts.model_charts import banded
 from mavdem.report.palette import BAD, COMMAND, MEASURED, PHYSICAL, PREDICTED
 from mavdem.vibration.spectra import Spectrum, max_decimated
 from mavdem.vibration.spectral_lines import LineKind

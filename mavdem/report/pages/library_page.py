@@ -20,10 +20,10 @@ from mavdem.facts.lights import Light
 from mavdem.files import load_adjacent_toml
 from mavdem.fleet.flights import AxisRows
 from mavdem.report.blocks import Block
+from mavdem.report.charts.vehicle_charts import vehicle_group
 from mavdem.report.fleet import LEVELS, vehicle_words
-from mavdem.report.fleet_page import with_top
-from mavdem.report.page import environment, page_of
-from mavdem.report.vehicle_charts import vehicle_group
+from mavdem.report.pages.fleet_page import with_top
+from mavdem.report.pages.page import environment, page_of
 
 POLICY = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
 SCRIPTS = ("sharp.js", "uplot/uPlot.iife.min.js", "charts.js")
@@ -33,7 +33,7 @@ SCRIPTS = ("sharp.js", "uplot/uPlot.iife.min.js", "charts.js")
 @cache
 def words() -> dict[str, dict[str, str]]:
     """Returns what stages, sharing and the interface are called."""
-    return load_adjacent_toml(__file__, "serve/words.toml")
+    return load_adjacent_toml(__file__, "../serve/words.toml")
 
 
 @cache

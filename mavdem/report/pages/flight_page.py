@@ -35,21 +35,22 @@ from mavdem.loops.advice import Advice
 from mavdem.loops.axis_loops import Loop, identified_loops
 from mavdem.loops.filters import gyro_filters
 from mavdem.loops.step_response import IntervalEstimate, StepResponse
-from mavdem.report import model_charts
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution, warning
-from mavdem.report.charts import FEW_POINTS, POINTS, Group
-from mavdem.report.condition import air_blocks, log_blocks
-from mavdem.report.flight_charts import (
+from mavdem.report.charts import model_charts
+from mavdem.report.charts.chart import FEW_POINTS, POINTS, Group
+from mavdem.report.charts.flight_charts import (
     loop_charts,
     spectrogram,
     spectrum_chart,
     step_charts,
 )
+from mavdem.report.charts.plans import flown_path, frame_plan, rose_of_wind
+from mavdem.report.charts.timeline import Timeline, live_timeline, timeline_of
+from mavdem.report.condition import air_blocks, log_blocks
 from mavdem.report.labels import Labels
 from mavdem.report.loops import gain_blocks, limits_of, loops_of, margin_tables
 from mavdem.report.numbers import listed, readable, rounded, with_unit
-from mavdem.report.page import Chapter, Head, document
-from mavdem.report.plans import flown_path, frame_plan, rose_of_wind
+from mavdem.report.pages.page import Chapter, Head, document
 from mavdem.report.review import title_of
 from mavdem.report.screen import (
     conclusion,
@@ -60,9 +61,8 @@ from mavdem.report.screen import (
     torque_blocks,
     vehicle_blocks,
 )
-from mavdem.report.timeline import Timeline, live_timeline, timeline_of
+from mavdem.report.templates import begin, section, together
 from mavdem.report.truth import truth_blocks
-from mavdem.report.words import begin, section, together
 
 if TYPE_CHECKING:
     from mavdem.live.history import LiveHistory

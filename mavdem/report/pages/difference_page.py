@@ -11,14 +11,14 @@ from mavdem.fleet.difference import ParameterChange, VehicleDifference
 from mavdem.fleet.row import NOT_IDENTIFIABLE, UNKNOWN, value_at
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.blocks import Blocks, Sentence, Table
-from mavdem.report.charts import AFTER, Axis, Chart, Group, Kind, Line
+from mavdem.report.charts.chart import AFTER, Axis, Chart, Group, Kind, Line
+from mavdem.report.charts.flight_charts import SHARE
 from mavdem.report.difference import difference_blocks, headline_blocks, next_blocks, surest_change
-from mavdem.report.flight_charts import SHARE
 from mavdem.report.loops import FIGURES
 from mavdem.report.numbers import counted, rounded
-from mavdem.report.page import Chapter, document
+from mavdem.report.pages.page import Chapter, document
 from mavdem.report.palette import PREDICTED, TRUTH
-from mavdem.report.words import section
+from mavdem.report.templates import section
 
 Review = Mapping[str, Any]
 """The document of a review, of which nothing need be known."""

@@ -21,13 +21,13 @@ from mavdem.facts.event import Event
 from mavdem.flight import Flight
 from mavdem.loops.advice import Advice
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.charts import POINTS, Chart, Group
-from mavdem.report.flight_charts import loop_charts
+from mavdem.report.charts.chart import POINTS, Chart, Group
+from mavdem.report.charts.flight_charts import loop_charts
+from mavdem.report.charts.timeline import Timeline
 from mavdem.report.loops import loops_of, tune_blocks
 from mavdem.report.numbers import named, readable, rounded
 from mavdem.report.palette import DISTURBANCE, INK_ON_LIGHT, PREDICTED
 from mavdem.report.screen import conclusion, screen, title
-from mavdem.report.timeline import Timeline
 
 _UNSEEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 """Control characters and marks that turn text around: a file's name may hold them."""

@@ -11,10 +11,10 @@ from mavdem.assessment.condition import Condition
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.facts import Level
 from mavdem.motors.health import FAULT_RISE
-from mavdem.report.charts import Plan
+from mavdem.report.charts.chart import Plan
+from mavdem.report.charts.timeline import Timeline
 from mavdem.report.numbers import listed
-from mavdem.report.page import environment
-from mavdem.report.timeline import Timeline
+from mavdem.report.pages.page import environment
 from mavdem.wind_velocity.compass import compass_text, speed_and_direction
 from mavdem.wind_velocity.estimation import WindVelocity
 

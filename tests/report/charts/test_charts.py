@@ -21,13 +21,13 @@ from mavdem.facts import Fact
 from mavdem.facts.loops import StepResponses
 from mavdem.loops.controllers import controller_from_parameters
 from mavdem.loops.step_response import IntervalEstimate, StepResponse
-from mavdem.report import model_charts
-from mavdem.report.charts import TIME, Axis, Chart, Kind, Line
-from mavdem.report.flight_charts import spectrogram, spectrum_chart, step_charts
-from mavdem.report.flight_page import responses_chapter
+from mavdem.report.charts import model_charts
+from mavdem.report.charts.chart import TIME, Axis, Chart, Kind, Line
+from mavdem.report.charts.flight_charts import spectrogram, spectrum_chart, step_charts
+from mavdem.report.charts.frequency_responses import model_response, plant_response
 from mavdem.report.labels import AxisCommand, Labels
+from mavdem.report.pages.flight_page import responses_chapter
 from mavdem.report.screen import detail_blocks
-from mavdem.report.systems import model_response, plant_response
 from mavdem.vibration.spectra import Spectrum
 from mavdem.vibration.spectral_lines import LineKind, SpectralLine
 

@@ -24,10 +24,10 @@ from mavdem.facts.session import VehicleFact
 from mavdem.ingest import read_log
 from mavdem.live.history import LiveHistory
 from mavdem.loops.limit_cycles import Oscillation
-from mavdem.report.flight_page import flight_page, log_page
-from mavdem.report.page import document
+from mavdem.report.charts.timeline import live_timeline, timeline_of
+from mavdem.report.pages.flight_page import flight_page, log_page
+from mavdem.report.pages.page import document
 from mavdem.report.screen import analysis_blocks
-from mavdem.report.timeline import live_timeline, timeline_of
 
 UNSEEN = "\N{RIGHT-TO-LEFT OVERRIDE}\a"
 NAME = HOSTILE + 200 * "x"

@@ -14,9 +14,9 @@ from pytest import approx, mark
 from mavdem.fleet.flights import flights_of
 from mavdem.fleet.row import FlightRow
 from mavdem.report.blocks import Sentence
-from mavdem.report.fleet_page import FIRST_SHOWN, fleet_page
+from mavdem.report.charts.vehicle_charts import vehicle_group
+from mavdem.report.pages.fleet_page import FIRST_SHOWN, fleet_page
 from mavdem.report.palette import BAD
-from mavdem.report.vehicle_charts import vehicle_group
 
 
 def parts(text):

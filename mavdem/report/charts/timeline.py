@@ -19,8 +19,8 @@ from mavdem.dataset.setpoints import Setpoint, held_setpoint
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts.event import Event
-from mavdem.report.charts import TIME, Axis, Chart, Charts, Line, Mark, over_time
-from mavdem.report.model_charts import torque_line
+from mavdem.report.charts.chart import TIME, Axis, Chart, Charts, Line, Mark, over_time
+from mavdem.report.charts.model_charts import torque_line
 from mavdem.report.numbers import TORQUE, readable, short
 from mavdem.report.palette import (
     BAD,

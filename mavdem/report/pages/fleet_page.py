@@ -15,11 +15,11 @@ from mavdem.fleet.flights import AxisRows, flights_of, vehicles_of, worst_health
 from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.report import fleet as words
 from mavdem.report.blocks import Block, Table
+from mavdem.report.charts.plans import rose_of_flights
+from mavdem.report.charts.vehicle_charts import vehicle_group
 from mavdem.report.fleet import TROUBLE, cut, urgency
 from mavdem.report.numbers import MOST_NAMED, listed, rounded
-from mavdem.report.page import environment, page_of
-from mavdem.report.plans import rose_of_flights
-from mavdem.report.vehicle_charts import vehicle_group
+from mavdem.report.pages.page import environment, page_of
 from mavdem.wind_velocity.compass import compass_text
 
 # vehicles, those in trouble first: with more the page takes long to make, and is too large to mail

@@ -12,7 +12,8 @@ from mavdem.confidence import INTERVAL_QUANTILES
 from mavdem.dem import Learned
 from mavdem.dem.record import Record
 from mavdem.experiments.held_out import CONSTANT_MEAN, FORECAST, HeldOut
-from mavdem.report.charts import FREQUENCY, TIME, Axis, Chart, Charts, Kind, Line
+from mavdem.report.charts.chart import FREQUENCY, TIME, Axis, Chart, Charts, Kind, Line
+from mavdem.report.charts.frequency_responses import model_response, plant_of, plant_response
 from mavdem.report.labels import AxisCommand, Labels
 from mavdem.report.numbers import TORQUE, named, per, readable
 from mavdem.report.palette import (
@@ -22,7 +23,6 @@ from mavdem.report.palette import (
     PHYSICAL,
     PREDICTED,
 )
-from mavdem.report.systems import model_response, plant_of, plant_response
 
 SHOWN_WINDOWS = 8  # held-out windows that are drawn in full, the first ones
 FASTEST_WIND = 10.0  # Hz: what is faster is noise of sensors

@@ -8,7 +8,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.fleet.flights import AxisRows, worst_health
-from mavdem.report.charts import Axis, Chart, Group, Kind, Line, Mark
+from mavdem.report.charts.chart import Axis, Chart, Group, Kind, Line, Mark
 from mavdem.report.numbers import TORQUE, short
 from mavdem.report.palette import BAD, LIMITED, distinct
 

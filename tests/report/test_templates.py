@@ -24,10 +24,10 @@ from mavdem.report.blocks import Sentence, Table, markdown, text_of
 from mavdem.report.comparison import comparison_report
 from mavdem.report.condition import log_blocks
 from mavdem.report.numbers import few, in_one_line, plus_minus, rounded
-from mavdem.report.page import notebook_html
+from mavdem.report.pages.page import notebook_html
 from mavdem.report.screen import analysis_blocks, poles_of
+from mavdem.report.templates import below, together
 from mavdem.report.truth import truth_blocks
-from mavdem.report.words import below, together
 
 NAN = float("nan")
 
