@@ -196,8 +196,8 @@ class RecordedLink:
     """What a log has received, on the clock of its stamps, however busy the machine is."""
 
     now = 0.0
-    speaks_first = False
-    dropped = 0
+    awaits_greeting = False
+    dropped_datagrams = 0
     close = send = Mock()
     drain_events = list
 
@@ -233,7 +233,7 @@ def replay(session, *_):
 def by_the_log(monkeypatch):
     """Lets ``mavdem live`` replay a log."""
     clock = SimpleNamespace(monotonic=lambda: RecordedLink.now, time=lambda: RecordedLink.now)
-    monkeypatch.setattr("mavdem.live.session.time", clock)
+    monkeypatch.setattr("mavdem.live.clock.time", clock)
     monkeypatch.setattr("mavdem.cli.live.Link", RecordedLink)
     monkeypatch.setattr("mavdem.cli.live.LearningProcess", AtOnce)
     monkeypatch.setattr("mavdem.cli.live.run_session", replay)

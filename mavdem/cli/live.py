@@ -39,10 +39,11 @@ from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.live import LiveStream, RowFormat, SessionStatus
 from mavdem.live.gain_advice import GainAdviser
 from mavdem.live.history import horizon_steps
-from mavdem.live.link import PAUSE_SECONDS, Link
+from mavdem.live.link import Link
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.live.session_loop import run_session
+from mavdem.live.session_status import STATUS_PERIOD
 from mavdem.report.live import watching
 from mavdem.report.pages.flight_page import live_page
 from mavdem.report.templates import go_on, headline, section
@@ -94,16 +95,15 @@ class Dashboard:
             elif isinstance(sink, RecordingFile):
                 self.file = sink
 
-    def open(self, setup: RowFormat) -> LiveView | None:
-        """Shows the rows of a setup from now on; None where nothing can be shown."""
+    def open(self, row_format: RowFormat) -> LiveView | None:
+        """Shows the rows of a format from now on; None where nothing can be shown."""
         if self.view is None:
             return None
         from mavdem.view.live_content import Channels
 
-        layout = setup.layout
         (outputs, units) = zip(*output_names_and_units(self._axis), strict=True)
-        motors = layout.names, outputs, setup.units, units
-        self.view.change(Channels(self._link, setup.dt, horizon_steps(setup.dt), *motors))
+        motors = row_format.geometry.names, outputs, row_format.input_units, units
+        self.view.change(Channels(self._link, row_format.dt, horizon_steps(row_format.dt), *motors))
         return self.view
 
     def report(self, status: SessionStatus) -> None:
@@ -214,11 +214,11 @@ def live_command(
     earlier = None if prior is None else earlier_flight(prior, axis)
     stream = LiveStream(axis, vehicle, rates_requested=request_rate is not None)
     with suppress(Unreadable):  # a model without its report knows no drag
-        stream.wind.drag = None if prior is None else earlier_drag(prior)
+        stream.wind.earlier_drag = None if prior is None else earlier_drag(prior)
     with ExitStack() as signals, ExitStack() as ends:
         opened = Link(link)
         ends.callback(opened.close)
-        if opened.speaks_first and request_rate is None:
+        if opened.awaits_greeting and request_rate is None:
             silent = f"{link} sends only after it has received something, and nothing is sent without --request-rate"
             raise click.BadParameter(
                 f"{silent}: add that, or listen with udpin:HOST:PORT.", param_hint="LINK"
@@ -254,9 +254,9 @@ def live_command(
             say_aside("The model will not be written: name a file with --model, --rrd or --record.")
         asked = signals.enter_context(asked_to_end())
         with place or nullcontext():
-            every = STATUS_SECONDS if place is None else PAUSE_SECONDS
+            every = STATUS_SECONDS if place is None else STATUS_PERIOD
             run_session(session, asked, duration, every, StatusLines(place).show)
-        account = session.account()
+        account = session.time_account()
         status = session.status
         say_aside("Ending takes some seconds: model, message rates and files are completed.")
         # The model first, since what follows may fail or take its time; the vehicle's rates are restored meanwhile.
@@ -273,10 +273,13 @@ def live_command(
             text = learned.to_json() + "\n"
             code = DONE if _written(model, text, "model") else UNUSABLE
         executor.shutdown()
-        learned = session.judge(learned)
-        session.advise(at_end=True)
-        findings, judgement = session.judged
-        status = replace(status, findings=findings, model_judgement=judgement)
+        learned = session.judge_final_model(learned)
+        session.report_gain_advice(is_at_end=True)
+        status = replace(
+            status,
+            findings=session.judging.findings,
+            model_judgement=session.judging.judgement,
+        )
         dashboard.report(status)
         say_aside(headline(status.overall_judgement.headline))
         ends.close()
@@ -290,12 +293,16 @@ def live_command(
         if as_json:
             written = {
                 "rrd": str(rrd) if file is not None and file.whole else None,
-                "record": recording and {"file": str(record), "frames": recording.frames},
+                "record": recording and {"file": str(record), "frames": recording.frame_count},
                 "model": str(model) if code == DONE and model is not None else None,
                 "html": str(html) if html and has_page else None,
             }
             print_json(live_document(session, status, account, written))
-    lost = session.recording is not recording or not has_page or (file is not None and file.broken)
+    lost = (
+        session.intake.recording is not recording
+        or not has_page
+        or (file is not None and file.broken)
+    )
     click.get_current_context().exit(UNUSABLE if lost else code)
 
 

@@ -171,14 +171,14 @@ def live_document(
         watched=status.watch_facts,
         missing=round(status.gap_seconds, 3),
         behind={
-            "most": round(session.most_behind, 3),
-            "datagrams_dropped": session.link.dropped,
+            "most": round(session.backlog.longest_delay, 3),
+            "datagrams_dropped": session.link.dropped_datagrams,
         },
         latency=dict(zip(("median", "p99", "max"), status.latency, strict=True)),
         ahead=dict(zip(("seconds", "half_width_rad"), status.prediction_band, strict=True)),
         useful=dict(zip(("seconds", "error_ratio"), status.useful_horizon, strict=True)),
         obstacle=status.obstacle,
         gains=session.gain_adviser and session.gain_adviser.facts,
-        wind=status.wind and dict(zip(WIND_FIGURES, status.wind.by_compass, strict=True)),
+        wind=status.wind and dict(zip(WIND_FIGURES, status.wind.compass, strict=True)),
         events=[event.fact for event in session.history.events],
     )

@@ -1,9 +1,8 @@
-"""Live: the offline path in small steps, from the bytes of a link to aligned rows, and a model learned from them."""
+"""Live flights: from the bytes of a link to aligned rows, a model learned from them, and alarms, as they come."""
 
 from mavdem.facts.event import Event
-from mavdem.live.decisions import RowFormat
-from mavdem.live.rows import AlignedRow
+from mavdem.live.rows import AlignedRow, RowFormat
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.stream import LiveStream
 
-__all__ = ["AlignedRow", "Event", "LiveStream", "SessionStatus", "RowFormat"]
+__all__ = ["AlignedRow", "Event", "LiveStream", "RowFormat", "SessionStatus"]

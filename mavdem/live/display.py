@@ -5,7 +5,7 @@ from typing import NamedTuple, Protocol
 from mavdem.arrays import Array
 from mavdem.dem import Estimate, Learned
 from mavdem.facts.event import Event
-from mavdem.live.stream import LatestPose
+from mavdem.live.pose import LatestPose
 from mavdem.live.wind import WindEstimate
 
 

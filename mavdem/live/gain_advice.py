@@ -1,12 +1,12 @@
-"""Advice at landing: the gains that ``mavdem tune`` advises on the recording of a session, by a process of its own.
+"""Gains advised after a landing: those of ``mavdem tune`` on the recording of the session, in files beside it.
 
-That process has low priority, begins when the vehicle has landed and ends with its advice. Nothing is sent.
+They are computed in a process of its own with low priority, which begins when the vehicle has landed and ends with its
+advice. Nothing is sent to the vehicle.
 """
 
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from contextlib import ExitStack
-from itertools import count
 from pathlib import Path
 
 from mavdem.assessment.assess import assess
@@ -20,38 +20,56 @@ from mavdem.facts.loops import Gains
 from mavdem.ingest import read_log
 from mavdem.ingest.parameter_file import parameter_files
 
+MAX_WAIT_SECONDS = 30.0
+"""Time that the end of a session waits for advice, s: a choice; whoever stands beside a vehicle waits for no more."""
+
 
 class GainAdviser:
-    """Has advice made on a growing ``recording`` by executors that ``start`` starts.
+    """Has gains advised on the growing recording of a session.
 
-    ``facts`` are the latest: which gains, what to expect of them, and the files, or why there are none. ``is_due`` is
-    set where the vehicle has landed.
+    Attributes:
+        facts: the latest advice: which gains, what to expect of them, and their files; or why there are none.
+        is_due: whether the vehicle has landed since the latest advice began.
     """
 
-    def __init__(self, recording: Path, start: Callable[[], Executor]) -> None:
+    def __init__(self, recording: Path, start_executor: Callable[[], Executor]) -> None:
+        """Begins without advice.
+
+        Args:
+            recording: the file that the session records into.
+            start_executor: starts the process that computes advice.
+        """
         self.facts: Facts = ()
         self.is_due = False
         self._recording = recording
-        self._start = start
+        self._start_executor = start_executor
         self._process = ExitStack()
-        self._making: Future[Facts] | None = None
+        self._pending: Future[Facts] | None = None
 
-    def go_on(self, vehicle: str, is_busy: bool, at_end: bool) -> Facts:
-        """Begins what is due, unless the computer ``is_busy``; returns the facts of what is made, once.
+    def update(self, vehicle: str, is_busy: bool, is_at_end: bool) -> Facts:
+        """Begins advice that is due, and returns advice that is ready.
 
-        ``at_end`` it waits for that, half a minute at most.
+        Args:
+            vehicle: "system:component".
+            is_busy: whether the computer has no time for advice; then it is put off, except at the end.
+            is_at_end: whether the session ends; then it waits ``MAX_WAIT_SECONDS`` for advice.
+
+        Returns:
+            The advice, once; or that it is put off.
         """
-        if self.is_due and is_busy and not at_end:
-            return (Fact(Gains.ADVICE_WAITS),)
         if self.is_due:
+            if is_busy and not is_at_end:
+                return (Fact(Gains.ADVICE_WAITS),)
             self.is_due = False
             self.close()
-            executor = self._process.enter_context(self._start())
-            self._making = executor.submit(advised, self._recording, vehicle)
-        if self._making is None or not (at_end or self._making.done()):
+            executor = self._process.enter_context(self._start_executor())
+            self._pending = executor.submit(advise_gains, self._recording, vehicle)
+        if self._pending is None:
+            return ()
+        if not is_at_end and not self._pending.done():
             return ()
         try:
-            self.facts = self._making.result(30.0)  # s: a vehicle's user waits for no more
+            self.facts = self._pending.result(MAX_WAIT_SECONDS)
         except Exception as error:
             self.facts = (Fact(Gains.ADVICE_FAILED, error=error, path=str(self._recording)),)
         self.close()
@@ -59,15 +77,22 @@ class GainAdviser:
 
     def close(self) -> None:
         """Ends the process, whatever it computes."""
-        self._making = None
+        self._pending = None
         self._process.close()
 
 
-def advised(recording: Path, vehicle: str) -> Facts:
-    """Returns the advice on all axes of a ``vehicle`` in a recording, as ``mavdem tune`` makes it, and what it does.
+def advise_gains(recording: Path, vehicle: str) -> Facts:
+    """Advises gains for all axes by a recording, as ``mavdem tune`` does, and writes them into new files beside it.
 
-    Writes the gains into new files beside the recording, for the ground stations that ``mavdem tune`` writes for.
-    Raises OSError: they cannot be written.
+    Args:
+        recording: the file; it may still grow.
+        vehicle: "system:component" of the vehicle in it.
+
+    Returns:
+        The gains of each axis, what the vehicle's twin does with them, and the files; or why no gains are advised.
+
+    Raises:
+        OSError: the files cannot be written.
     """
     try:
         assessment = assess(read_log(recording), vehicle, AXES[0], Options(with_model=False))
@@ -75,30 +100,45 @@ def advised(recording: Path, vehicle: str) -> Facts:
         tuning = tuned(assessment, AXES, is_written=True)
     except Refusal as error:
         return (Fact(Gains.GAINS_LEFT, because=error.fact),)
-    facts = [
-        Fact(
-            Gains.GAINS_ADVISED,
-            subject=advice.before.axis,
-            changes=[(name, *gain) for name, gain in advice.gains.items()],
-            because=advice.sentence,
-            expected_error=advice.after.lean_in_wind,
-            present_error=advice.before.lean_in_wind,
+    facts = []
+    for advice in tuning.advice:
+        if not advice.parameters:
+            continue
+        facts.append(
+            Fact(
+                Gains.GAINS_ADVISED,
+                subject=advice.before.axis,
+                changes=[(name, *gain) for name, gain in advice.gains.items()],
+                because=advice.sentence,
+                expected_error=advice.after.lean_in_wind,
+                present_error=advice.before.lean_in_wind,
+            )
         )
-        for advice in tuning.advice
-        if advice.parameters
-    ]
     if not facts:
-        least = min(tuning.advice, key=lambda advice: advice.sure)
-        return (Fact(Gains.GAINS_LEFT, subject=least.before.axis, because=least.sentence),)
-    facts += predicted_errors(assessment.evidence, tuning.parameters)
-    files = parameter_files(tuning.parameters, assessment.evidence.signals.telemetry)
-    names = (f"{recording.with_suffix('.gains')}{-number or ''}" for number in count())
-    name = next(name for name in names if not any(Path(name + end).exists() for end in files))
-    for end, text in files.items():
-        Path(name + end).write_text(text)
-    return (
-        *facts,
-        Fact(
-            Gains.GAINS_WRITTEN, path=name + " and ".join(files), because=tuning.judgement.next_step
-        ),
+        least_certain = min(tuning.advice, key=lambda advice: advice.sure)
+        axis = least_certain.before.axis
+        return (Fact(Gains.GAINS_LEFT, subject=axis, because=least_certain.sentence),)
+
+    twin_facts = predicted_errors(assessment.evidence, tuning.parameters)
+    # Text of each file by the ending of its name.
+    texts = parameter_files(tuning.parameters, assessment.evidence.signals.telemetry)
+    stem = _new_stem(recording, list(texts))
+    for ending, text in texts.items():
+        Path(stem + ending).write_text(text)
+    files_fact = Fact(
+        Gains.GAINS_WRITTEN,
+        path=stem + " and ".join(texts),
+        because=tuning.judgement.next_step,
     )
+    return (*facts, *twin_facts, files_fact)
+
+
+def _new_stem(recording: Path, endings: list[str]) -> str:
+    """The path of the recording with ``.gains``, and a number where a file with one of the endings exists already."""
+    first_stem = str(recording.with_suffix(".gains"))
+    stem = first_stem
+    number = 0
+    while any(Path(stem + ending).exists() for ending in endings):
+        number += 1
+        stem = f"{first_stem}-{number}"
+    return stem

@@ -1,50 +1,62 @@
-"""LiveGusts: gusts of the wind torque of a live flight, once each, soon after they have ended."""
+"""Gusts in the wind torque of a live flight, each reported once, soon after it has ended."""
 
 from collections import deque
-from collections.abc import Iterator
 
 import numpy as np
 
-from mavdem.containers import Numbers
 from mavdem.dem import Estimate
 from mavdem.dem.record import Record
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Facts
 from mavdem.facts.session import Session
 from mavdem.plant.gusts import RUNNING_LEVEL_SECONDS, detect_gusts, min_gust_duration
 from mavdem.plant.online_wind_torque import MEMORY_SECONDS
 
+SEARCH_PERIOD = 1.0
+"""Time between two searches for gusts, s: a choice."""
 
-class LiveGusts:
-    """The latest torque of samples ``dt`` s apart, and the gusts in it."""
+
+class GustDetector:
+    """Finds gusts in the wind torque of the last minute."""
 
     def __init__(self, dt: float) -> None:
+        """Begins without a sample; ``dt`` is the step between samples, s."""
         self._dt = dt
-        self._torques: deque[Numbers] = deque(maxlen=round(MEMORY_SECONDS / dt))
-        self._until = -np.inf
+        # Time, s, wind torque and half width of its band, rad/s².
+        self._torques: deque[tuple[float, float, float]] = deque(maxlen=round(MEMORY_SECONDS / dt))
+        self._search_time = -np.inf
 
-    def take(self, now: Estimate) -> Iterator[Fact]:
-        """Yields gusts that have ended since the last time, about once a second.
+    def add(self, estimate: Estimate) -> Facts:
+        """Adds an estimate, and returns the gusts that have ended since the last search.
 
-        Where a motor changes, the torque is unknown for a while: what was before is no level of what comes.
+        Where the torque is unknown, as for a while after a motor has changed, the earlier torque is forgotten: it is no
+        level that later torques could be compared with.
         """
-        if not np.isfinite(now.wind_torque):
+        if not np.isfinite(estimate.wind_torque):
             self._torques.clear()
-            return
-        self._torques.append((now.wind_time, now.wind_torque, now.wind_torque_band))
-        long = len(self._torques) * self._dt >= 2 * RUNNING_LEVEL_SECONDS
-        if not long or now.wind_time < self._until + 1.0:
-            return
+            return ()
+        self._torques.append((estimate.wind_time, estimate.wind_torque, estimate.wind_torque_band))
+        is_long_enough = len(self._torques) * self._dt >= 2 * RUNNING_LEVEL_SECONDS
+        if not is_long_enough or estimate.wind_time < self._search_time + SEARCH_PERIOD:
+            return ()
         time, torque, band = np.array(self._torques).T
-        before = self._until
-        self._until = time[-1]
-        shortest = 0.0 if now.physical is None else min_gust_duration(now.physical, self._dt)
-        series = Record(torque[:, None], torque[:, None], self._dt, (len(torque),))
-        for gust in detect_gusts(torque, band, series, shortest).gusts:
-            start = time[gust.sample]
-            if before < start + gust.length < time[-1]:
-                yield Fact(
-                    Session.GUST_FELT,
-                    clock=start,
-                    torque=gust.size,
-                    duration=gust.length,
+        former_search_time = self._search_time
+        self._search_time = time[-1]
+        min_duration = 0.0
+        if estimate.physical is not None:
+            min_duration = min_gust_duration(estimate.physical, self._dt)
+        # The search takes segments and step from a record; its values are not used.
+        column = torque[:, None]
+        record = Record(column, column, self._dt, (len(torque),))
+        facts = []
+        for gust in detect_gusts(torque, band, record, min_duration).gusts:
+            start_time = time[gust.sample]
+            if former_search_time < start_time + gust.length < time[-1]:
+                facts.append(
+                    Fact(
+                        Session.GUST_FELT,
+                        clock=start_time,
+                        torque=gust.size,
+                        duration=gust.length,
+                    )
                 )
+        return tuple(facts)

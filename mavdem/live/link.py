@@ -1,9 +1,11 @@
-"""A MAVLink link: a socket or a serial port, by pymavlink's connection strings.
+"""A MAVLink link: a UDP or TCP socket, or a serial port, opened by pymavlink's connection strings.
 
 ``udpin:HOST:PORT`` (also ``udp:HOST:PORT`` and ``HOST:PORT``), ``udpout:HOST:PORT``, ``tcp:HOST:PORT`` (a server),
 ``tcpin:HOST:PORT`` (waits for one client) or ``DEVICE[,BAUD]``, whose modem lines stay as they are. Without a HOST it
-is this machine. It sends nothing before ``send``. pymavlink's own connections share a port in use instead of failing,
-and send to every address that ever sent anything.
+is this machine.
+
+It sends nothing before ``send`` is called. pymavlink's own connections are not used: they share a port that is in use
+instead of failing, and send to every address that ever sent anything.
 """
 
 import contextlib
@@ -17,7 +19,8 @@ import sys
 import termios
 import time
 import tty
-from typing import Any, NoReturn
+from enum import StrEnum
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
@@ -26,272 +29,395 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.session import LinkError, LinkFact
 from mavdem.ingest.mavlink.framing import HEADER_BYTES_V1, MARKER_V1
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
+from mavdem.live.frames import SEQUENCE_OFFSET_V1, SEQUENCE_OFFSET_V2
 from mavdem.machine import LOOPBACK
 
-SO_TIMESTAMPNS, SO_RXQ_OVFL = (35, 40) if sys.platform == "linux" else (0, 0)
-"""When each datagram came, and how many found no room. Source: Linux, include/uapi/asm-generic/socket.h."""
-MAX_PIECE_BYTES = np.iinfo(np.uint16).max  # Of a datagram, and of a piece of a byte stream
-MAX_PIECES = 512  # Datagrams or pieces taken in one call: a fast sender must not hold up the caller
-# How long an address that sent something is sent to, and how many are kept
-SENDER_SECONDS = 10.0
-MAX_PEERS = 16
-CONNECT_SECONDS = (
-    5  # Time limit of a connection attempt; and of silence, after which a connection is probed
-)
-MAX_TRIES = 3  # Of what gets no answer
-SILENCE_SECONDS = 3.0  # Without what comes all the time, until its source counts as gone
-PAUSE_SECONDS = (
-    1.0  # From one status, probe of a connection, or attempt to open a lost link, to the next
-)
+SO_TIMESTAMPNS = 35 if sys.platform == "linux" else 0
+"""Socket option that stamps each datagram with its arrival; 0 where there is none.
 
-_NETWORK = re.compile(r"(?:(udpin|udp|udpout|tcp|tcpin):(?!/))?(?:(\[[^\]]*\]|[^:/]*):)?(\d+)")
+Source: Linux, include/uapi/asm-generic/socket.h.
+"""
+
+SO_RXQ_OVFL = 40 if sys.platform == "linux" else 0
+"""Socket option that counts the datagrams for which the buffer had no room; 0 where there is none. Source: as above."""
+
+ANCILLARY_BYTES = 64
+"""Room for the stamp and the count that come with a datagram, bytes: two headers of 16 with 16 and 4 of data."""
+
+RECEIVE_BUFFER_BYTES = 4 << 20
+"""Buffer for datagrams that wait, bytes: half a minute of a fast link."""
+
+MAX_PIECE_BYTES = np.iinfo(np.uint16).max
+"""Largest datagram, and largest piece of a byte stream that is read at once, bytes: UDP has 16 bits for the length."""
+
+MAX_PIECES = 512
+"""Pieces that one call receives: a choice, so that a fast sender does not hold up the caller."""
+
+SENDER_SECONDS = 10.0
+"""Time for which an address that sent something is sent to, s: a choice."""
+
+MAX_PEERS = 16
+"""Addresses that are sent to: a choice."""
+
+CONNECT_SECONDS = 5
+"""Time limit of a connection attempt, and silence after which a connection is probed, s: a choice."""
+
+MAX_TRIES = 3
+"""Times that something is sent which gets no reply, also probes of a connection: a choice."""
+
+SILENCE_SECONDS = 3.0
+"""Time without what usually comes all the time, after which its source counts as gone, s: a choice."""
+
+RETRY_SECONDS = 1.0
+"""Time between two attempts to open a lost link, and between two probes of a connection, s: a choice."""
+
+MAX_PORT = np.iinfo(np.uint16).max
+"""Largest number of a network port."""
+
+DEFAULT_BAUD = "115200"
+"""Speed of a serial port whose connection string names none: that of autopilots' USB ports."""
+
+_NETWORK_NAME = re.compile(r"(?:(udpin|udp|udpout|tcp|tcpin):(?!/))?(?:(\[[^\]]*\]|[^:/]*):)?(\d+)")
+_HOST_ADDRESS = re.compile(r"[.\]]|localhost")
+"""What a host must contain where no kind of link precedes it: "mcast:14550" is another kind of link."""
+
+_TERMIOS_CONTROL_MODES = 2
+_TERMIOS_INPUT_SPEED = 4
+_TERMIOS_OUTPUT_SPEED = 5
+"""Indices into the list that ``termios.tcgetattr`` returns."""
+
+
+class LinkKind(StrEnum):
+    """How a link is connected, by the prefix of its connection string."""
+
+    UDP_IN = "udpin"
+    UDP_OUT = "udpout"
+    TCP_CLIENT = "tcp"
+    TCP_SERVER = "tcpin"
+    SERIAL = "serial"
 
 
 class LinkLost(Exception):
-    """The TCP connection or the serial port is lost, as its ``fact`` says."""
+    """The TCP connection or the serial port is lost; ``fact`` says why."""
 
-    def __init__(self, link: str, cause: LinkError, error: OSError | None = None) -> None:
+    def __init__(self, name: str, cause: LinkError, error: OSError | None = None) -> None:
+        """Takes the link's name, why it is lost, and the system's error where there is one."""
         self.fact = Fact(
             LinkFact.CONNECTION_LOST,
             Level.WATCH,
-            name=link,
+            name=name,
             cause=cause,
-            error=error and error_message(error),
+            error=None if error is None else error_message(error),
             reopening=False,
         )
         super().__init__(self.fact)
 
 
+class _SenderAddress(NamedTuple):
+    """The address that an autopilot sends from."""
+
+    address: Any
+    """As the socket module gives it."""
+
+    heard_time: float
+    """When it was heard last, s of the monotonic clock."""
+
+
+class _LinkAddress(NamedTuple):
+    """What a connection string stands for."""
+
+    kind: LinkKind
+    host: str
+    port: int
+
+
 class Link:
-    """An open link, by its connection string ``name``. Raises Unreadable: it cannot be opened, with the reason."""
+    """An open link.
+
+    Attributes:
+        name: its connection string.
+        has_datagrams: whether each received piece contains whole frames.
+        awaits_greeting: whether the other side sends only after it has received something.
+        dropped_datagrams: datagrams for which this machine's buffer had no room, since nobody read them in time.
+    """
 
     def __init__(self, name: str) -> None:
+        """Opens the link.
+
+        Args:
+            name: a connection string.
+
+        Raises:
+            Unreadable: it cannot be opened, with the reason.
+        """
         self.name = name
+        self._kind, host, port = _parse_name(name)
+        self._address = (host, port)
+        self.has_datagrams = self._kind in (LinkKind.UDP_IN, LinkKind.UDP_OUT)
+        self.awaits_greeting = self._kind is LinkKind.UDP_OUT
+        self.dropped_datagrams = 0
         self._events: list[Fact] = []
-        # By MAVLink ids: address and when it was heard, another that was refused, and of which that is said
-        self._first: dict[bytes, tuple[Any, float]] = {}
-        self._rivals: dict[bytes, Any] = {}
-        self._said = set[bytes]()
-        self._not_before = 0.0
-        # datagrams that this machine's buffer had no room for: nobody read them in time
-        self.dropped = 0
-        self._arrival = 0.0  # UNIX s of the latest piece
+        # By system and component id of an autopilot: the address it is heard from, and another that was refused.
+        self._sender_addresses: dict[bytes, _SenderAddress] = {}
+        self._refused_addresses: dict[bytes, Any] = {}
+        self._reported_ids = set[bytes]()
+        self._reopen_time = 0.0
+        # Arrival of the latest piece, UNIX s, and the address that it came from.
+        self._arrival = 0.0
+        self._piece_address: Any = None
         self._server: socket.socket | None = None
         self._socket: socket.socket | None = None
         self._serial: int | None = None
+        # When each address was heard last, s of the monotonic clock.
         self._peers: dict[Any, float] = {}
-        self._from: Any = None
-        self._kind, host, port = _parsed(name)
-        self._address = (host, port)
-        self.datagrams = self._kind in ("udpin", "udpout")  # each contains whole frames
-        # the other side sends only after it has received something
-        self.speaks_first = self._kind == "udpout"
         try:
             self._open()
         except OSError as error:
             self.close()
-            self._refuse(error)
+            self._raise_unreadable(error)
 
     def receive(self, timeout: float) -> list[tuple[float, bytes]]:
-        """Returns up to ``MAX_PIECES`` waiting pieces: UNIX s of arrival, and the bytes as they came.
+        """Receives up to ``MAX_PIECES`` pieces that wait, or waits for one.
 
-        There are none after ``timeout`` s. The kernel stamps datagrams. Other pieces arrive when they are read.
+        Args:
+            timeout: longest time to wait, s.
 
-        Raises LinkLost: the connection or the port is lost; ``reopen`` opens it again.
+        Returns:
+            Arrival, UNIX s, and bytes of each piece. The kernel stamps datagrams; other pieces arrive when they are
+            read.
+
+        Raises:
+            LinkLost: the connection or the port is lost; ``reopen`` opens it again.
         """
-        waiting_on = self._waiting_on()
-        if waiting_on is None:
+        file = self._readable_file()
+        if file is None:
             raise LinkLost(self.name, LinkError.NOT_OPEN)
         received: list[tuple[float, bytes]] = []
         try:
-            if not select.select([waiting_on], [], [], timeout)[0]:
+            if not select.select([file], [], [], timeout)[0]:
                 return received
             self._arrival = time.time()
             if self._server is not None and self._socket is None:
                 self._socket, _ = self._server.accept()
-                _probe(self._socket)
+                _enable_probes(self._socket)
                 self._socket.setblocking(False)
-            while len(received) < MAX_PIECES and (piece := self._take()) is not None:
-                if not piece and not self.datagrams:
+            while len(received) < MAX_PIECES:
+                piece = self._read_piece()
+                if piece is None:
+                    break
+                if not piece:
+                    if self.has_datagrams:
+                        continue
+                    # The other side has closed. What came before is returned first, and the next call raises.
                     if received:
-                        break  # return what came; the next call raises
-                    self._lose(LinkError.CLOSED)
-                if piece and self._admits(piece):
+                        break
+                    self._raise_lost(LinkError.CLOSED)
+                if self._is_admitted(piece):
                     received.append((self._arrival, piece))
-                elif piece:
-                    # nor is anything sent to a vehicle that only shares the ids
-                    self._peers.pop(self._from, None)
+                else:
+                    # Nothing is sent to a vehicle that only shares the ids.
+                    self._peers.pop(self._piece_address, None)
         except OSError as error:
             if not received:
-                self._lose(LinkError.FAILED, error)
+                self._raise_lost(LinkError.FAILED, error)
         return received
 
     def drain_events(self) -> list[Fact]:
-        """Returns facts to report since the last call."""
-        return [self._events.pop(0) for _ in range(len(self._events))]
+        """Returns the facts to report since the last call."""
+        events = self._events
+        self._events = []
+        return events
 
     def send(self, frame: bytes) -> None:
-        """Sends whole frames, with ``udpin`` to all addresses read from lately. Raises LinkLost: as ``receive``."""
+        """Sends whole frames, with ``udpin`` to all addresses that sent something in the last ``SENDER_SECONDS``.
+
+        Where the other side is too slow, or nobody listens to datagrams, they are dropped.
+
+        Raises:
+            LinkLost: as ``receive`` does.
+        """
         try:
             if self._serial is not None:
                 os.write(self._serial, frame)
             elif self._socket is None:
-                return  # no client yet
-            elif self._kind == "udpin":
-                for sender, heard in self._peers.items():
-                    if time.monotonic() - heard <= SENDER_SECONDS:
-                        self._socket.sendto(frame, sender)
+                # No client has connected yet.
+                return
+            elif self._kind is LinkKind.UDP_IN:
+                for address, heard_time in self._peers.items():
+                    if time.monotonic() - heard_time <= SENDER_SECONDS:
+                        self._socket.sendto(frame, address)
             else:
                 self._socket.sendall(frame)
         except BlockingIOError:
-            return  # the other side is too slow: dropped, as a datagram would be
+            return
         except OSError as error:
-            if self.datagrams:
-                return  # no listener there now: the link itself is fine
-            self._lose(LinkError.FAILED, error)
+            if self.has_datagrams:
+                return
+            self._raise_lost(LinkError.FAILED, error)
 
     def reopen(self) -> bool:
-        """Opens a lost link, once its pause is over; returns whether it is open.
+        """Opens a lost link, once ``RETRY_SECONDS`` are over; returns whether it is open.
 
         An attempt takes at most ``CONNECT_SECONDS``.
         """
-        if self._waiting_on() is None and time.monotonic() >= self._not_before:
+        if self._readable_file() is None and time.monotonic() >= self._reopen_time:
             try:
                 self._open()
             except OSError:
-                self._shut()
-        return self._waiting_on() is not None
+                self._close_for_a_while()
+        return self._readable_file() is not None
 
     def close(self) -> None:
-        """Closes it."""
-        for opened in filter(None, (self._socket, self._server)):
-            opened.close()
+        """Closes the link; it may be closed already."""
+        for each in (self._socket, self._server):
+            if each is not None:
+                each.close()
         if self._serial is not None:
             with contextlib.suppress(OSError):
                 os.close(self._serial)
-        self._socket = self._server = self._serial = None
+        self._socket = None
+        self._server = None
+        self._serial = None
 
     def _open(self) -> None:
-        if self._kind == "serial":
-            self._serial = _serial(self.name)
+        """Opens socket or serial port by the link's kind; OSError where that fails."""
+        if self._kind is LinkKind.SERIAL:
+            self._serial = _open_serial(self.name)
             return
-        kind = socket.SOCK_DGRAM if self.datagrams else socket.SOCK_STREAM
+        kind = socket.SOCK_DGRAM if self.has_datagrams else socket.SOCK_STREAM
+        host, port = self._address
         try:
-            family, _, _, _, address = socket.getaddrinfo(*self._address, type=kind)[0]
-        except UnicodeError as error:  # no valid host name
+            family, _, _, _, address = socket.getaddrinfo(host, port, type=kind)[0]
+        except UnicodeError as error:
+            # Not a valid host name.
             raise socket.gaierror(str(error)) from error
-        if self._kind == "tcpin":
-            opened = self._server = socket.create_server(self._address, family=family, backlog=1)
-        elif self._kind == "tcp":
-            opened = self._socket = socket.create_connection(self._address, CONNECT_SECONDS)
-            _probe(opened)
+        if self._kind is LinkKind.TCP_SERVER:
+            opened = socket.create_server(self._address, family=family, backlog=1)
+            self._server = opened
+        elif self._kind is LinkKind.TCP_CLIENT:
+            opened = socket.create_connection(self._address, CONNECT_SECONDS)
+            self._socket = opened
+            _enable_probes(opened)
         else:
-            opened = self._socket = socket.socket(family, kind)
-            # half a minute of a fast link
-            opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
-            for option in (SO_TIMESTAMPNS, SO_RXQ_OVFL) if SO_TIMESTAMPNS else ():
-                with contextlib.suppress(OSError):  # an old kernel: they arrive when they are read
-                    opened.setsockopt(socket.SOL_SOCKET, option, 1)
-            # Connecting a datagram socket only sets the peer.
-            (opened.bind if self._kind == "udpin" else opened.connect)(address)
+            opened = socket.socket(family, kind)
+            self._socket = opened
+            self._open_datagrams(opened, address)
         opened.setblocking(False)
 
-    def _waiting_on(self) -> socket.socket | int | None:
+    def _open_datagrams(self, opened: socket.socket, address: Any) -> None:
+        """Prepares a UDP socket, and binds or connects it to ``address``."""
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+        if SO_TIMESTAMPNS:
+            for option in (SO_TIMESTAMPNS, SO_RXQ_OVFL):
+                # An old kernel does not know them: datagrams then arrive when they are read.
+                with contextlib.suppress(OSError):
+                    opened.setsockopt(socket.SOL_SOCKET, option, 1)
+        if self._kind is LinkKind.UDP_IN:
+            opened.bind(address)
+        else:
+            # Connecting a UDP socket sends nothing: it only sets the address of the other side.
+            opened.connect(address)
+
+    def _readable_file(self) -> socket.socket | int | None:
+        """What becomes readable when something comes; None while the link is not open."""
         return self._socket or self._server or self._serial
 
-    def _take(self) -> bytes | None:
-        """The next piece; None if nothing waits."""
+    def _read_piece(self) -> bytes | None:
+        """Reads the next piece, and notes its arrival and sender; None if nothing waits."""
         try:
             if self._serial is not None:
                 return os.read(self._serial, MAX_PIECE_BYTES)
             if self._socket is None:
                 return None
-            if not self.datagrams or not SO_TIMESTAMPNS:
-                piece, sender = self._socket.recvfrom(MAX_PIECE_BYTES)
+            if self.has_datagrams and SO_TIMESTAMPNS:
+                piece, address = self._read_stamped_datagram(self._socket)
             else:
-                piece, stamps, _, sender = self._socket.recvmsg(MAX_PIECE_BYTES, 64)
-                for _, kind, value in stamps:
-                    if kind == SO_TIMESTAMPNS:
-                        seconds, nanoseconds = struct.unpack("@2l", value)
-                        self._arrival = seconds + 1e-9 * nanoseconds
-                    elif kind == SO_RXQ_OVFL:
-                        self.dropped = struct.unpack("@I", value)[0]
-            if self._kind == "udpin":
-                if sender not in self._peers and len(self._peers) >= MAX_PEERS:
-                    del self._peers[min(self._peers, key=self._peers.__getitem__)]
-                self._peers[sender], self._from = time.monotonic(), sender
+                piece, address = self._socket.recvfrom(MAX_PIECE_BYTES)
+            if self._kind is LinkKind.UDP_IN:
+                self._remember_peer(address)
             return piece
         except (BlockingIOError, ConnectionRefusedError):
-            return None  # a datagram is refused where the last one sent had no receiver
+            # A datagram is refused where the last one sent had no receiver.
+            return None
 
-    def _admits(self, datagram: bytes) -> bool:
-        """Whether the latest datagram is of the first address of its autopilot; other components may have several."""
+    def _read_stamped_datagram(self, opened: socket.socket) -> tuple[bytes, Any]:
+        """Reads a datagram and its sender's address; takes the kernel's stamp and count of dropped datagrams."""
+        piece, ancillary, _, address = opened.recvmsg(MAX_PIECE_BYTES, ANCILLARY_BYTES)
+        for _, kind, value in ancillary:
+            if kind == SO_TIMESTAMPNS:
+                seconds, nanoseconds = struct.unpack("@2l", value)
+                self._arrival = seconds + 1e-9 * nanoseconds
+            elif kind == SO_RXQ_OVFL:
+                self.dropped_datagrams = struct.unpack("@I", value)[0]
+        return piece, address
+
+    def _remember_peer(self, address: Any) -> None:
+        """Notes that an address was heard; of more than ``MAX_PEERS`` the one not heard for longest is forgotten."""
+        if address not in self._peers and len(self._peers) >= MAX_PEERS:
+            del self._peers[min(self._peers, key=self._peers.__getitem__)]
+        self._peers[address] = time.monotonic()
+        self._piece_address = address
+
+    def _is_admitted(self, datagram: bytes) -> bool:
+        """Whether the latest datagram comes from the address of its autopilot; other components may have several.
+
+        Two autopilots with the same ids would be mixed up. The address that was first heard counts, until it is silent
+        for ``SILENCE_SECONDS``; two that send at the same time are reported once.
+        """
         now = time.monotonic()
-        if len(datagram) < HEADER_BYTES_V1 or self._from is None:
+        if len(datagram) < HEADER_BYTES_V1 or self._piece_address is None:
             return True
-        ids = datagram[3:5] if datagram[0] == MARKER_V1 else datagram[5:7]
+        offset = SEQUENCE_OFFSET_V1 if datagram[0] == MARKER_V1 else SEQUENCE_OFFSET_V2
+        # System and component id follow the sequence number.
+        ids = datagram[offset + 1 : offset + 3]
         if ids[1:] != bytes([AUTOPILOT_COMPONENT]):
             return True
-        first, heard = self._first.get(ids, (self._from, now))
-        if first != self._from and now - heard <= SILENCE_SECONDS:
-            self._rivals.setdefault(ids, self._from)
+        address = self._piece_address
+        first_sender = self._sender_addresses.get(ids, _SenderAddress(address, now))
+        is_first = first_sender.address == address
+        if not is_first and now - first_sender.heard_time <= SILENCE_SECONDS:
+            self._refused_addresses.setdefault(ids, address)
             return False
-        self._first[ids] = self._from, now
-        # Both send; one that restarts from another port would not send from the first again.
-        if first == self._from and ids in self._rivals and ids not in self._said:
-            self._said.add(ids)
-            addresses = [f"{host}:{port}" for host, port, *_ in (first, self._rivals[ids])]
-            self._events.append(
-                Fact(LinkFact.TWO_ADDRESSES, subject=f"{ids[0]}:{ids[1]}", names=addresses)
-            )
+        self._sender_addresses[ids] = _SenderAddress(address, now)
+        # The first address sends after another was refused. So both send, and it is no restart from another port.
+        if is_first and ids in self._refused_addresses and ids not in self._reported_ids:
+            self._reported_ids.add(ids)
+            names = []
+            for each in (address, self._refused_addresses[ids]):
+                host, port = each[:2]
+                names.append(f"{host}:{port}")
+            subject = f"{ids[0]}:{ids[1]}"
+            self._events.append(Fact(LinkFact.TWO_ADDRESSES, subject=subject, names=names))
         return True
 
-    def _lose(self, cause: LinkError, error: OSError | None = None) -> NoReturn:
+    def _raise_lost(self, cause: LinkError, error: OSError | None = None) -> NoReturn:
+        """Closes what is lost and raises ``LinkLost``; a server stays open for the next client."""
         if self._server is not None and self._socket is not None:
             self._socket.close()
-            self._socket = None  # the next client may connect at once
+            self._socket = None
         else:
-            self._shut()
+            self._close_for_a_while()
         raise LinkLost(self.name, cause, error)
 
-    def _shut(self) -> None:
-        """Closes it until a pause is over."""
+    def _close_for_a_while(self) -> None:
+        """Closes the link until ``RETRY_SECONDS`` are over."""
         self.close()
-        self._not_before = time.monotonic() + PAUSE_SECONDS
+        self._reopen_time = time.monotonic() + RETRY_SECONDS
 
-    def _refuse(self, error: OSError) -> NoReturn:
+    def _raise_unreadable(self, error: OSError) -> NoReturn:
+        """Raises ``Unreadable`` with the reason for which the link cannot be opened."""
         host, port = self._address
         if isinstance(error, socket.gaierror):
             cause = LinkError.NO_HOST
         elif isinstance(error, TimeoutError):
             cause = LinkError.NO_REPLY
         else:
-            cause = REFUSALS.get(error.errno or 0, LinkError.FAILED)
-        raise _cannot_open(self.name, cause, host, port, error_message(error)) from error
+            cause = CAUSES_BY_ERRNO.get(error.errno or 0, LinkError.FAILED)
+        message = error_message(error)
+        raise _cannot_open(self.name, cause, host, port, message) from error
 
 
-def _parsed(name: str) -> tuple[str, str, int]:
-    """Kind ("udpin", "udpout", "tcp", "tcpin" or "serial"), host and port of a connection string."""
-    network = _NETWORK.fullmatch(name)
-    # Without a kind, the host must look like an address: "mcast:14550" is another kind of link.
-    if network is not None and (network[1] or re.search(r"[.\]]|localhost", network[2] or "")):
-        kind, host, port = network.groups()
-        if int(port) > 65535:
-            raise Unreadable(LinkFact.LINK_PORT_TOO_HIGH, name=name)
-        # Without a direction as in pymavlink.
-        return (
-            ("udpin" if kind in (None, "udp") else kind),
-            (host or "").strip("[]") or LOOPBACK,
-            int(port),
-        )
-    if os.path.isfile(name):
-        raise Unreadable(LinkFact.FILE_IS_NO_LINK, name=name)
-    if not os.path.isabs(name):
-        raise Unreadable(LinkFact.NOT_A_LINK, name=name)
-    return "serial", "", 0
-
-
-REFUSALS = {
+CAUSES_BY_ERRNO = {
     errno.EADDRINUSE: LinkError.IN_USE,
     errno.EADDRNOTAVAIL: LinkError.NOT_LOCAL,
     errno.ECONNREFUSED: LinkError.NOT_LISTENING,
@@ -299,50 +425,82 @@ REFUSALS = {
     errno.EPERM: LinkError.NOT_PERMITTED,
     errno.ENOENT: LinkError.NO_PORT,
 }
+"""Why a link cannot be opened, by the system's error number."""
+
+
+def _parse_name(name: str) -> _LinkAddress:
+    """Kind, host and port of a connection string; ``Unreadable`` where it is none."""
+    network = _NETWORK_NAME.fullmatch(name)
+    if network is not None:
+        prefix, host, port = network.groups()
+        if prefix or _HOST_ADDRESS.search(host or ""):
+            if int(port) > MAX_PORT:
+                raise Unreadable(LinkFact.LINK_PORT_TOO_HIGH, name=name)
+            # As in pymavlink, a link without a direction listens.
+            kind = LinkKind.UDP_IN if prefix in (None, "udp") else LinkKind(prefix)
+            return _LinkAddress(kind, (host or "").strip("[]") or LOOPBACK, int(port))
+    if os.path.isfile(name):
+        raise Unreadable(LinkFact.FILE_IS_NO_LINK, name=name)
+    if not os.path.isabs(name):
+        raise Unreadable(LinkFact.NOT_A_LINK, name=name)
+    return _LinkAddress(LinkKind.SERIAL, "", 0)
 
 
 def _cannot_open(
-    link: str, cause: LinkError, host: str = "", port: int = 0, error: str = ""
+    name: str, cause: LinkError, host: str = "", port: int = 0, message: str = ""
 ) -> Unreadable:
+    """The error for a link that cannot be opened; ``message`` is the system's."""
     return Unreadable(
         LinkFact.CANNOT_OPEN_LINK,
-        name=link,
+        name=name,
         cause=cause,
         host=host,
         port=port,
-        error=error,
+        error=message,
         duration=float(CONNECT_SECONDS),
     )
 
 
-def _probe(connection: socket.socket) -> None:
-    """Makes the kernel probe a silent connection: a peer that lost power does not close it."""
+def _enable_probes(connection: socket.socket) -> None:
+    """Makes the kernel probe a silent TCP connection: a peer that lost power does not close it."""
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    for option, value in {
-        "IDLE": CONNECT_SECONDS,
-        "INTVL": round(PAUSE_SECONDS),
-        "CNT": MAX_TRIES,
-    }.items():
-        if hasattr(socket, f"TCP_KEEP{option}"):
-            connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, f"TCP_KEEP{option}"), value)
+    settings = {
+        "TCP_KEEPIDLE": CONNECT_SECONDS,
+        "TCP_KEEPINTVL": round(RETRY_SECONDS),
+        "TCP_KEEPCNT": MAX_TRIES,
+    }
+    for option, value in settings.items():
+        # Not every system has all of them.
+        if hasattr(socket, option):
+            connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
 
 
-def _serial(name: str) -> int:
-    """Opens a serial port: raw, at its speed, without waiting for a carrier or hanging up at the end."""
+def _open_serial(name: str) -> int:
+    """Opens a serial port by "DEVICE[,BAUD]": raw, without waiting for a carrier or hanging up at the end.
+
+    Returns:
+        The file descriptor.
+
+    Raises:
+        OSError: the device cannot be opened.
+        Unreadable: it is no serial port, or has no such speed.
+    """
     device, _, speed = name.partition(",")
-    baud = getattr(termios, f"B{speed or 115200}", None)
-    if baud is None or not (speed or "1").isdigit():
+    speed_is_number = speed.isdigit() or not speed
+    baud = getattr(termios, f"B{speed or DEFAULT_BAUD}", None)
+    if baud is None or not speed_is_number:
         raise _cannot_open(name, LinkError.NO_SPEED, repr(speed))
-    port = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    descriptor = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     try:
-        tty.setraw(port, termios.TCSANOW)
-        settings = termios.tcgetattr(port)
-        settings[2] = (settings[2] | termios.CLOCAL | termios.CREAD) & ~(
-            termios.HUPCL | termios.CRTSCTS
-        )
-        settings[4] = settings[5] = baud
-        termios.tcsetattr(port, termios.TCSANOW, settings)
+        tty.setraw(descriptor, termios.TCSANOW)
+        settings = termios.tcgetattr(descriptor)
+        # Receive without a carrier; neither hang up at the end nor wait for the other side's handshake.
+        settings[_TERMIOS_CONTROL_MODES] |= termios.CLOCAL | termios.CREAD
+        settings[_TERMIOS_CONTROL_MODES] &= ~(termios.HUPCL | termios.CRTSCTS)
+        settings[_TERMIOS_INPUT_SPEED] = baud
+        settings[_TERMIOS_OUTPUT_SPEED] = baud
+        termios.tcsetattr(descriptor, termios.TCSANOW, settings)
     except termios.error as error:
-        os.close(port)
+        os.close(descriptor)
         raise _cannot_open(name, LinkError.NOT_SERIAL) from error
-    return port
+    return descriptor

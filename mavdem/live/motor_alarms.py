@@ -1,7 +1,6 @@
-"""MotorAlarms: the motor watch of the vehicle that is followed, over all of its flights."""
+"""Alarms of weak motors in a live flight: the sequential test of the motors' balance, over all flights of a vehicle."""
 
 from collections import deque
-from collections.abc import Iterator
 from math import nan
 
 import numpy as np
@@ -17,22 +16,32 @@ from mavdem.plant.online_wind_torque import WeakenedMotors
 
 
 class MotorAlarms:
-    """Changes of the motors' balance: the ``latest``, those ``standing`` as ``alarm`` of a ``SessionStatus``.
+    """Lasting changes of the motors' balance, found sample by sample in settled flight.
 
-    ``landed``: on the ground since; ``changed``: s, since when the motors are as they are, NaN before a change.
+    Attributes:
+        latest: the latest changes, also those that are no alarms.
+        active: the alarms on motors that are weak now; they stay after the landing, until the next flight.
+        has_landed: whether the vehicle has been on the ground since the latest sample.
+        change_time: since when the motors are as they are, s of the boot clock; NaN before a change.
     """
 
     def __init__(self) -> None:
         self.latest: deque[MotorAlarm] = deque(maxlen=MAX_EVENTS)
-        self.standing: Facts = ()
-        self.landed = False
-        self.changed = nan
+        self.active: Facts = ()
+        self.has_landed = False
+        self.change_time = nan
         self._watch: MotorWatch | None = None
-        self._watched: object = None
+        # Boot, mixer geometry and range of the outputs that the present watch is for.
+        self._watched_motors: object = None
         self._obstacle: Fact | None = None
 
+    def restart(self) -> None:
+        """Forgets what is active, at a reboot, after which the clock begins anew; the latest changes stay."""
+        self.active = ()
+        self.change_time = nan
+
     def obstacle(self, now: float, is_flying: bool) -> Fact | None:
-        """Returns why no motor that weakens would be found at ``now``, s; None where one would."""
+        """Returns why no weakening motor would be found at ``now``, s; None where one would."""
         if not is_flying:
             return Fact(Watch.ON_GROUND_NOW)
         if self._obstacle is not None:
@@ -43,38 +52,58 @@ class MotorAlarms:
             return Fact(Watch.REFERENCE_SHORT, duration=REFERENCE_SECONDS)
         return None
 
-    def weak_motors(self, inputs: Array, low: float) -> WeakenedMotors | None:
-        """Returns what weak motors do with ``inputs`` (k,), whose range begins at ``low``; None where none is weak."""
-        weak = {} if self._watch is None else self._watch.weak
-        if not weak:
-            return None
-        shares, errors = np.outer([1.0, 0.0], np.ones(len(inputs)))
-        for motor, alarm in weak.items():
-            shares[motor], errors[motor] = alarm.sound_share
-        used = inputs - low
-        return WeakenedMotors(self.changed, low + shares * used, errors * used)
+    def weakened_motors(self, inputs: Array, range_low: float) -> WeakenedMotors | None:
+        """Returns the commands by which sound motors would do what weak ones do with ``inputs``.
 
-    def take(
-        self, time: float, boot: int, motors: MotorOutputs, commands: list[float], heading: float
-    ) -> Iterator[Fact]:
-        """Yields what to report of a sample of ``motors`` in settled flight.
+        Args:
+            inputs: (r,) motor outputs in the unit of the stream.
+            range_low: lower end of their range, at which a motor gives no thrust.
 
-        ``commands`` are shares of their range, ``heading`` is as of ``MotorWatch``.
+        Returns:
+            Equivalent commands and their 90 % half widths; None where no motor is weak.
         """
-        if self.landed:
-            self.standing = ()
-            self.landed = False
-        # balances on two ranges differ
-        watched = boot, motors.geometry, motors.scale.low, motors.scale.high
-        if self._watch is None or watched != self._watched:
+        if self._watch is None or not self._watch.weak:
+            return None
+        shares = np.ones(len(inputs))
+        share_errors = np.zeros(len(inputs))
+        for motor, alarm in self._watch.weak.items():
+            shares[motor], share_errors[motor] = alarm.sound_share
+        above_low = inputs - range_low
+        return WeakenedMotors(
+            self.change_time, range_low + shares * above_low, share_errors * above_low
+        )
+
+    def add_sample(
+        self, time: float, boot: int, motors: MotorOutputs, commands: list[float], heading: float
+    ) -> Facts:
+        """Tests a sample of settled flight for a lasting change of the motors.
+
+        Args:
+            time: s of the boot clock.
+            boot: number of the boot.
+            motors: geometry and range of the motors.
+            commands: (k,) their outputs, as shares of the range.
+            heading: yaw, rad; NaN where the attitude does not follow its setpoint.
+
+        Returns:
+            What to report: one fact for each change.
+        """
+        if self.has_landed:
+            self.active = ()
+            self.has_landed = False
+        # Balances on two ranges of the outputs cannot be compared.
+        watched_motors = (boot, motors.geometry, motors.scale.low, motors.scale.high)
+        if self._watch is None or watched_motors != self._watched_motors:
             self._watch = MotorWatch(motors.geometry, boot)
-            self._watched = watched
-        changes = self._watch.take(time, commands, heading)
-        for change in changes:
+            self._watched_motors = watched_motors
+        facts = []
+        for change in self._watch.take(time, commands, heading):
             self.latest.append(change)
             if change.motor is not None:
-                self.changed = change.since
-                weak = [*self._watch.weak.values()] or [change]
-                self.standing = tuple(alarm.announced for alarm in weak)
-            yield change.announced
+                self.change_time = change.since
+                # A recovery is shown where no motor is weak any more.
+                weak_motors = list(self._watch.weak.values()) or [change]
+                self.active = tuple(alarm.announced for alarm in weak_motors)
+            facts.append(change.announced)
         self._obstacle = self._watch.obstacle
+        return tuple(facts)

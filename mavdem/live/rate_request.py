@@ -1,4 +1,6 @@
-"""Asks a vehicle for message rates, which it restores, and parameters: the only part of mavdem that transmits.
+"""Requests to a vehicle for message rates, which are restored at the end, and for parameters.
+
+This is the only part of mavdem that makes frames to send to a vehicle.
 
 Source: https://mavlink.io/en/services/command.html, https://mavlink.io/en/services/parameter.html, and
 MAV_CMD_GET_MESSAGE_INTERVAL, MAV_CMD_SET_MESSAGE_INTERVAL and MESSAGE_INTERVAL of
@@ -18,240 +20,396 @@ from mavdem.facts import Fact
 from mavdem.facts.session import RateFact
 from mavdem.ingest.mavlink.definitions import FrameSender, definitions_by_id
 from mavdem.ingest.vocabulary import ACTIVE
-from mavdem.live.link import MAX_TRIES
-from mavdem.live.link import PAUSE_SECONDS as TRY_SECONDS
+from mavdem.live.link import MAX_TRIES, RETRY_SECONDS
 from mavdem.live.messages import Message
-from mavdem.live.rows import DECISION_SECONDS
+from mavdem.live.samples import DECISION_SECONDS
 
-# The usual ids of ground stations; 190 is MAV_COMP_ID_MISSIONPLANNER
 GROUND_STATION = FrameSender(255, 190)
-# Of HEARTBEATs: when those of 255 end, autopilots may fly home for a lost link
+"""Usual ids of ground stations, which requests come from; 190 is MAV_COMP_ID_MISSIONPLANNER."""
+
 GREETER = FrameSender(254, 190)
+"""Ids that HEARTBEATs come from. When those of system 255 end, autopilots may fly home for a lost link."""
+
 GET_INTERVAL = dialect.MAV_CMD_GET_MESSAGE_INTERVAL
+"""The command that asks for the interval of a message."""
+
 SET_INTERVAL = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
-EVERYONE = dialect.MAV_COMP_ID_ALL  # Target id of messages to all, and of those without a target
-# The interval, µs, of a message that is not sent. 0, the default, is never sent: autopilots differ in it
+"""The command that sets the interval of a message."""
+
+COMMAND_PARAMETERS = 7
+"""Parameters of a command in COMMAND_LONG; those that a command does not use are 0."""
+
+BROADCAST = dialect.MAV_COMP_ID_ALL
+"""Target id of messages to everyone, and of messages that have no target."""
+
 STOPPED = -1
-SHORTEST_INTERVAL = 1000  # µs: shorter ones, also 0, which means an unknown message, are ignored
-MOTION = dialect.MAVLINK_MSG_ID_ATTITUDE, dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW
-SETPOINTS = dialect.MAVLINK_MSG_ID_ATTITUDE_TARGET
-"""By which loops are identified, asked for at half the rate, and 50 Hz where that is more: with less these are known
-worse, and with all radios have no room for the others."""
-EVIDENCE = (
+"""Interval of a message that is not sent. 0, "the default", is never set, since autopilots differ in it."""
+
+SHORTEST_INTERVAL = 1000
+"""Shortest interval that is believed, µs. Shorter ones are ignored, also 0, which means an unknown message."""
+
+MICROSECONDS = 1e6
+"""Microseconds in a second: the unit of intervals."""
+
+MOTION_MESSAGES = (
+    dialect.MAVLINK_MSG_ID_ATTITUDE,
+    dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW,
+)
+"""Ids of the messages that a model is learned from, which are requested at the full rate."""
+
+SETPOINT_MESSAGE = dialect.MAVLINK_MSG_ID_ATTITUDE_TARGET
+"""Id of the message of setpoints, by which control loops are identified.
+
+It is requested at half the rate, or at ``MIN_SETPOINT_RATE`` where that is more: with less, loops are known worse; with
+more, radios have no room for the other messages.
+"""
+
+MIN_SETPOINT_RATE = 50.0
+"""Rate of setpoints that is requested at least, unless that of motion is lower, Hz."""
+
+FLIGHT_STATE_MESSAGES = (
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
     dialect.MAVLINK_MSG_ID_VFR_HUD,
 )
-"""What distinguishes flight from landing."""
-EVIDENCE_RATE = 4.0  # Hz; those that come faster already stay as they are
-# Between two requests for parameters: a slow radio has other things to send
-PARAMETER_SECONDS = 0.2
-# Of arrival time, over which rates are measured
-MEASURED_SECONDS = 5.0
-AGAIN_SHARE = 0.7  # Share of the rate reached before, below which a message is asked for again
-PAUSE_SECONDS = 10.0
-"""Between two requests of one message that was reached. Another ground station that sets rates back, MAVProxy every
-15 s, costs as long each time as it takes to ask again."""
+"""Ids of the messages that distinguish flight from landing."""
+
+FLIGHT_STATE_RATE = 4.0
+"""Rate of those messages that is requested, Hz: a choice. What comes faster already stays as it is."""
+
+PARAMETER_PERIOD = 0.2
+"""Time between two requests for parameters, s: a choice, since a slow radio has other messages to send."""
+
+RATE_WINDOW_SECONDS = 5.0
+"""Time over which rates are measured, s of arrival: a choice."""
+
+MIN_RATE_RATIO = 0.7
+"""Part of the rate reached before, below which a message is requested again: a choice; links lose some messages."""
+
+REPEAT_SECONDS = 10.0
+"""Time between two requests of a message that has come fast enough before, s.
+
+Another ground station may set rates back, as MAVProxy does every 15 s. Each time costs as long as it takes to request
+the rate again.
+"""
 
 
-class Arrivals:
-    """Rates over the last ``MEASURED_SECONDS`` of the caller's clock: the vehicle's stops when nothing comes."""
+class ArrivalRates:
+    """Rates of messages over the last ``RATE_WINDOW_SECONDS``, by a clock of this computer.
+
+    The vehicle's clock would not do: it stops when nothing comes.
+    """
 
     def __init__(self) -> None:
+        # Times, s, and numbers of messages so far, by id.
         self._window: deque[tuple[float, dict[int, int]]] = deque()
 
-    def rates(self, now: float, arrived: Mapping[int, int]) -> dict[int, float] | None:
-        """Returns Hz by message id from the number of messages so far by id; None while the window is too short."""
+    def update(self, now: float, counts: Mapping[int, int]) -> dict[int, float] | None:
+        """Returns the rate of each message, Hz, by its id.
+
+        Args:
+            now: s of this computer's clock.
+            counts: number of messages so far, by id.
+
+        Returns:
+            The rates; None while less than ``DECISION_SECONDS`` have been measured.
+        """
         if not self._window or now - self._window[-1][0] >= DECISION_SECONDS / 4:
-            self._window.append((now, dict(arrived)))
-        while len(self._window) > 1 and self._window[1][0] <= now - MEASURED_SECONDS:
+            self._window.append((now, dict(counts)))
+        while len(self._window) > 1 and self._window[1][0] <= now - RATE_WINDOW_SECONDS:
             self._window.popleft()
-        start, before = self._window[0]
-        if now - start < DECISION_SECONDS:
+        start_time, start_counts = self._window[0]
+        duration = now - start_time
+        if duration < DECISION_SECONDS:
             return None
-        return {
-            kind: (count - before.get(kind, 0)) / (now - start) for kind, count in arrived.items()
-        }
+        rates = {}
+        for message_id, message_count in counts.items():
+            rates[message_id] = (message_count - start_counts.get(message_id, 0)) / duration
+        return rates
 
 
 @dataclass
-class _Interval:
-    """One message's interval."""
+class _MessageInterval:
+    """What becomes of the interval of one message."""
 
     message_id: int
-    name: str  # of the message
-    rate: float  # asked for, Hz
-    needed: float  # Hz, below which it is asked for
-    is_told: bool  # whether what becomes of it is reported
-    before: int | None = None  # the former interval, µs, once known
-    queries: int = 0  # so far
-    settings: int = 0  # since it came fast enough last
-    last: float = -np.inf  # s, of the last query or setting
-    is_set: bool = False  # whether the vehicle may have changed it
-    reached: bool = False  # whether it came fast enough after that
-    falls: int = 0  # number of times that it became slow again
-    restored: bool = False  # whether the vehicle confirmed the former interval
+    name: str
+    """Name of the message."""
+
+    rate: float
+    """Rate that is requested, Hz."""
+
+    needed_rate: float
+    """Rate below which it is requested, Hz."""
+
+    is_reported: bool
+    """Whether it is reported what becomes of the request."""
+
+    former_interval: int | None = None
+    """The vehicle's own interval, µs; None before it is known."""
+
+    query_count: int = 0
+    """Number of times that the interval was asked for."""
+
+    set_count: int = 0
+    """Number of times that it was set since the message came fast enough last."""
+
+    request_time: float = -np.inf
+    """When it was asked for or set last, s."""
+
+    may_have_changed: bool = False
+    """Whether the vehicle may have changed it on request."""
+
+    was_reached: bool = False
+    """Whether the message came fast enough after it was set."""
+
+    fall_count: int = 0
+    """Number of times that the message became slow again, but did not end."""
+
+    is_restored: bool = False
+    """Whether the vehicle has confirmed the former interval."""
 
 
 class RateRequest:
-    """Makes a vehicle send attitude and motor outputs at a rate, Hz, and restores its former rates at the end.
+    """Makes a vehicle send messages at requested rates, and restores its own rates at the end.
 
-    ``evidence``, without a word of what becomes of it: ``SETPOINTS`` at half the rate or more, and at ``EVIDENCE_RATE``
-    what distinguishes flight from landing. Each interval is queried, then set until the message comes as fast,
-    ``MAX_TRIES`` times at most; what then comes is enough. What comes much slower later, after a reboot or by a ground
-    station, is set again, at most every ``PAUSE_SECONDS``. Where the vehicle never reports the interval, the one
-    measured before is restored. ``parameters`` are asked for by name, ``MAX_TRIES`` times at most, until they come.
-    ``events``: facts to report; the caller removes them.
+    Each interval is asked for, and then set until the message comes as fast as requested, at most ``MAX_TRIES`` times;
+    whatever rate then comes is enough. A message that becomes much slower later, after a reboot or by another ground
+    station, is set again, at most every ``REPEAT_SECONDS``. Where the vehicle never reports an interval, the one that
+    was measured before is restored. Parameters are requested by name until they come, at most ``MAX_TRIES`` times.
+
+    Attributes:
+        events: facts to report since the last call of ``drain_events``.
+        unconfirmed: the intervals whose restoration awaits a reply, in the order of their commands.
     """
 
     def __init__(
         self,
         vehicle: FrameSender,
         rate: float,
-        messages: Sequence[int] = MOTION,
-        evidence: Sequence[int] = (SETPOINTS, *EVIDENCE),
+        messages: Sequence[int] = MOTION_MESSAGES,
+        secondary_messages: Sequence[int] = (SETPOINT_MESSAGE, *FLIGHT_STATE_MESSAGES),
         parameters: Sequence[str] = (),
     ) -> None:
-        self.events: list[Fact] = []
-        self._target = vehicle
-        self._parameters = deque(MAX_TRIES * [name.encode() for name in parameters])
-        # s: when the next parameter, and the next setting may be asked for; a confirmation does not name the message
-        self._next = self._free = -np.inf
-        names = {number: definitions_by_id()[number].name for number in (*messages, *evidence)}
-        self._intervals = [_Interval(id, names[id], rate, rate, True) for id in messages]
-        for id in evidence:
-            wanted = min(rate, max(50.0, rate / 2)) if id == SETPOINTS else EVIDENCE_RATE
-            self._intervals.append(_Interval(id, names[id], wanted, AGAIN_SHARE * wanted, False))
-        self._restoring = False
-        self.unconfirmed: deque[_Interval] = deque()  # whose restoring awaits a reply
+        """Prepares the requests; nothing is sent by this class.
 
-    def due(
-        self, now: float, measured: Mapping[int, float] | None, answered: Container[bytes] = ()
-    ) -> list[bytes]:
-        """Returns frames to send at ``now``, s of a monotonic clock.
-
-        ``measured``: Hz by message id, once known; ``answered``: names of the parameters that came.
+        Args:
+            vehicle: ids of the autopilot.
+            rate: requested rate of ``messages``, Hz.
+            messages: ids of the messages that are requested at the full rate.
+            secondary_messages: ids of messages of which nothing is reported. Setpoints are requested at about half the
+                rate, the others at ``FLIGHT_STATE_RATE``.
+            parameters: names of the parameters to request.
         """
-        frames = []
-        while self._parameters and self._parameters[0] in answered:
-            self._parameters.popleft()
-        if self._parameters and now >= self._next:
-            name = self._parameters.popleft()
-            asked = dialect.MAVLink_param_request_read_message(*self._target, name, -1)
-            frames.append(_frame(asked, GROUND_STATION))
-            self._next = now + PARAMETER_SECONDS
+        self.events: list[Fact] = []
+        self.unconfirmed: deque[_MessageInterval] = deque()
+        self._vehicle = vehicle
+        self._pending_parameters = deque(MAX_TRIES * [name.encode() for name in parameters])
+        self._parameter_time = -np.inf
+        # A confirmation does not name the message, so that only one setting at a time may await one, s.
+        self._next_setting_time = -np.inf
+        self._is_restoring = False
+        self._intervals: list[_MessageInterval] = []
+        for message_id in messages:
+            name = definitions_by_id()[message_id].name
+            self._intervals.append(_MessageInterval(message_id, name, rate, rate, True))
+        for message_id in secondary_messages:
+            name = definitions_by_id()[message_id].name
+            requested_rate = FLIGHT_STATE_RATE
+            if message_id == SETPOINT_MESSAGE:
+                requested_rate = min(rate, max(MIN_SETPOINT_RATE, rate / 2))
+            needed_rate = MIN_RATE_RATIO * requested_rate
+            self._intervals.append(
+                _MessageInterval(message_id, name, requested_rate, needed_rate, False)
+            )
+
+    def drain_events(self) -> list[Fact]:
+        """Returns the facts to report since the last call."""
+        events = self.events
+        self.events = []
+        return events
+
+    def frames_due(
+        self,
+        now: float,
+        rates: Mapping[int, float] | None,
+        received_parameters: Container[bytes] = (),
+    ) -> list[bytes]:
+        """Returns the frames to send.
+
+        Args:
+            now: s of a monotonic clock.
+            rates: measured rates, Hz, by message id; None while they are unknown.
+            received_parameters: names of the parameters that have come.
+        """
+        frames = self._parameter_requests(now, received_parameters)
         for interval in self._intervals:
-            if now - interval.last < TRY_SECONDS:
+            if now - interval.request_time < RETRY_SECONDS:
                 continue
-            if interval.before is None and interval.queries < MAX_TRIES:
-                interval.queries += 1
-                interval.last = now
+            if interval.former_interval is None and interval.query_count < MAX_TRIES:
+                interval.query_count += 1
+                interval.request_time = now
                 frames.append(self._command(GET_INTERVAL, interval.message_id))
-            elif now >= self._free and (measured is not None or interval.is_set):
-                frames += self._set(interval, now, (measured or {}).get(interval.message_id, 0.0))
+            elif now >= self._next_setting_time:
+                if rates is not None:
+                    rate = rates.get(interval.message_id, 0.0)
+                    frames += self._settings_due(interval, now, rate)
+                elif interval.may_have_changed:
+                    frames += self._settings_due(interval, now, 0.0)
         return frames
 
-    def _set(self, interval: _Interval, now: float, rate: float) -> list[bytes]:
-        """Sets the interval of a message that comes too slowly, at ``rate``, Hz."""
-        if rate >= interval.needed:
-            interval.settings = 0
-            interval.reached = interval.is_set
+    def _parameter_requests(self, now: float, received_parameters: Container[bytes]) -> list[bytes]:
+        """The next request for a parameter at ``now``, s, if one is due; names that have come are skipped."""
+        pending = self._pending_parameters
+        while pending and pending[0] in received_parameters:
+            pending.popleft()
+        if not pending or now < self._parameter_time:
             return []
-        pause = PAUSE_SECONDS if interval.reached else MEASURED_SECONDS
-        if interval.is_set and now - interval.last < pause:
+        self._parameter_time = now + PARAMETER_PERIOD
+        # Index −1: the parameter is requested by its name.
+        request = dialect.MAVLink_param_request_read_message(
+            self._vehicle.system, self._vehicle.component, pending.popleft(), -1
+        )
+        return [_packed(request, GROUND_STATION)]
+
+    def _settings_due(self, interval: _MessageInterval, now: float, rate: float) -> list[bytes]:
+        """The command that sets the interval of a message which comes too slowly, at ``rate``, Hz; none if it does not.
+
+        What remains too slow after ``MAX_TRIES`` is reported, and counts as enough from then on.
+        """
+        if rate >= interval.needed_rate:
+            interval.set_count = 0
+            interval.was_reached = interval.may_have_changed
             return []
-        if interval.settings == MAX_TRIES:
-            interval.needed = AGAIN_SHARE * rate
+        pause = REPEAT_SECONDS if interval.was_reached else RATE_WINDOW_SECONDS
+        if interval.may_have_changed and now - interval.request_time < pause:
+            return []
+        if interval.set_count == MAX_TRIES:
+            interval.needed_rate = MIN_RATE_RATIO * rate
             self._report(interval, RateFact.RATE_BELOW_ASKED, rate=rate, needed_rate=interval.rate)
             return []
-        if interval.reached:
+        if interval.was_reached:
             self._report_fall(interval, rate)
-        if interval.before is None:
-            interval.before = round(1e6 / rate) if rate else STOPPED
-        interval.needed = AGAIN_SHARE * interval.rate
-        interval.reached = False
-        interval.settings += 1
-        interval.is_set = True
-        interval.last = now
-        self._free = now + TRY_SECONDS
-        return [self._command(SET_INTERVAL, interval.message_id, round(1e6 / interval.rate))]
+        if interval.former_interval is None:
+            interval.former_interval = round(MICROSECONDS / rate) if rate else STOPPED
+        interval.needed_rate = MIN_RATE_RATIO * interval.rate
+        interval.was_reached = False
+        interval.set_count += 1
+        interval.may_have_changed = True
+        interval.request_time = now
+        self._next_setting_time = now + RETRY_SECONDS
+        microseconds = round(MICROSECONDS / interval.rate)
+        return [self._command(SET_INTERVAL, interval.message_id, microseconds)]
 
-    def _report_fall(self, interval: _Interval, rate: float) -> None:
-        """Reports a message that became slow: the first time, and that another program sets it back."""
-        interval.falls += rate > 0
-        if interval.falls <= 1:
+    def _report_fall(self, interval: _MessageInterval, rate: float) -> None:
+        """Reports a message that became slow, at ``rate``, Hz: the first time, and that another program sets it back.
+
+        Another program undoes the same request again and again after it was obeyed; a reboot ends messages.
+        """
+        if rate > 0:
+            interval.fall_count += 1
+        if interval.fall_count <= 1:
             self._report(interval, RateFact.RATE_FELL, former_rate=interval.rate)
-        # A request is withdrawn by another program, not by a reboot, if it is obeyed first, every time.
-        contested = [each for each in self._intervals if each.falls == MAX_TRIES and each.is_told]
+        contested = [
+            each for each in self._intervals if each.fall_count == MAX_TRIES and each.is_reported
+        ]
         if contested == [interval]:
             self.events.append(Fact(RateFact.RATES_CONTESTED))
 
-    def _report(self, interval: _Interval, code: RateFact, **figures: Any) -> None:
-        if interval.is_told:
+    def _report(self, interval: _MessageInterval, code: RateFact, **figures: Any) -> None:
+        """Reports a fact about a message, unless nothing is reported of it."""
+        if interval.is_reported:
             self.events.append(Fact(code, subject=interval.name, **figures))
 
-    def take(self, message: Message) -> None:
+    def take_reply(self, message: Message) -> None:
         """Takes a MESSAGE_INTERVAL or a COMMAND_ACK of the vehicle."""
-        first, second, *addressee = message.values
-        us = GROUND_STATION.system, GROUND_STATION.component
-        ours = all(to in (EVERYONE, own) for to, own in zip(addressee, us, strict=False))
         if message.name == "MESSAGE_INTERVAL":
-            possible = second == STOPPED or second >= SHORTEST_INTERVAL
-            for interval in self._intervals:
-                is_former = interval.before is None and not interval.is_set
-                if interval.message_id == first and is_former and possible:
-                    interval.before = second
-                    interval.last = -np.inf
-        elif first != SET_INTERVAL or second == dialect.MAV_RESULT_IN_PROGRESS or not ours:
+            message_id, microseconds = message.values
+            self._take_former_interval(message_id, microseconds)
             return
-        elif self._restoring:
-            if self.unconfirmed:  # in the order of the requests
-                self.unconfirmed.popleft().restored = second == dialect.MAV_RESULT_ACCEPTED
-        else:
-            self._free = -np.inf
-            latest = max(self._intervals, key=lambda interval: interval.last)
-            if second != dialect.MAV_RESULT_ACCEPTED and latest.settings:
-                latest.needed = 0.0
-                latest.is_set = False
-                self._report(latest, RateFact.RATE_REFUSED, result=second)
+        command, result, system, component = message.values
+        is_for_us = system in (BROADCAST, GROUND_STATION.system) and component in (
+            BROADCAST,
+            GROUND_STATION.component,
+        )
+        is_final = result != dialect.MAV_RESULT_IN_PROGRESS
+        if command == SET_INTERVAL and is_for_us and is_final:
+            self._take_confirmation(result)
+
+    def _take_former_interval(self, message_id: int, microseconds: int) -> None:
+        """Takes the vehicle's own interval of a message, unless it is impossible or was changed on request already."""
+        if microseconds != STOPPED and microseconds < SHORTEST_INTERVAL:
+            return
+        for interval in self._intervals:
+            is_unknown = interval.former_interval is None and not interval.may_have_changed
+            if interval.message_id == message_id and is_unknown:
+                interval.former_interval = microseconds
+                # It may be set at once.
+                interval.request_time = -np.inf
+
+    def _take_confirmation(self, result: int) -> None:
+        """Takes the MAV_RESULT of the latest setting, or of the first restoration that awaits a reply."""
+        is_accepted = result == dialect.MAV_RESULT_ACCEPTED
+        if self._is_restoring:
+            if self.unconfirmed:
+                self.unconfirmed.popleft().is_restored = is_accepted
+            return
+        self._next_setting_time = -np.inf
+        latest = max(self._intervals, key=lambda interval: interval.request_time)
+        if not is_accepted and latest.set_count:
+            # Any rate is enough from now on.
+            latest.needed_rate = 0.0
+            latest.may_have_changed = False
+            self._report(latest, RateFact.RATE_REFUSED, result=result)
 
     def restart(self) -> None:
-        """Asks for all rates again at once: the vehicle may have rebooted, and forgotten them."""
-        if any(each.is_set for each in self._intervals):
+        """Requests all rates again at once: the vehicle may have rebooted, and forgotten them."""
+        if any(interval.may_have_changed for interval in self._intervals):
             self.events.append(Fact(RateFact.RATES_ASKED_AGAIN))
-        for each in self._intervals:
-            each.settings = 0
-            each.reached = False
-            each.last = -np.inf
-            each.needed = AGAIN_SHARE * each.rate
+        for interval in self._intervals:
+            interval.set_count = 0
+            interval.was_reached = False
+            interval.request_time = -np.inf
+            interval.needed_rate = MIN_RATE_RATIO * interval.rate
 
-    def restore(self) -> list[bytes]:
-        """Returns frames that restore each former interval that may have changed and is not confirmed as before yet."""
-        self._restoring = True
+    def restoring_frames(self) -> list[bytes]:
+        """Returns the frames that restore each interval which may have changed and is not confirmed as restored."""
+        self._is_restoring = True
         self.unconfirmed = deque(
-            each for each in self._intervals if each.is_set and not each.restored
+            interval
+            for interval in self._intervals
+            if interval.may_have_changed and not interval.is_restored
         )
-        return [
-            self._command(SET_INTERVAL, each.message_id, each.before or STOPPED)
-            for each in self.unconfirmed
-        ]
+        frames = []
+        for interval in self.unconfirmed:
+            microseconds = interval.former_interval or STOPPED
+            frames.append(self._command(SET_INTERVAL, interval.message_id, microseconds))
+        return frames
 
-    def _command(self, command: int, first: float, second: float = 0.0) -> bytes:
-        given = *self._target, command, 0, first, second, *[0.0] * 5
-        return _frame(dialect.MAVLink_command_long_message(*given), GROUND_STATION)
+    def _command(self, command: int, message_id: int, microseconds: float = 0.0) -> bytes:
+        """The frame of a command about the interval of a message."""
+        parameters = [float(message_id), microseconds]
+        parameters += [0.0] * (COMMAND_PARAMETERS - len(parameters))
+        confirmation = 0
+        message = dialect.MAVLink_command_long_message(
+            self._vehicle.system, self._vehicle.component, command, confirmation, *parameters
+        )
+        return _packed(message, GROUND_STATION)
 
 
 def greeting() -> bytes:
     """Returns a HEARTBEAT, for vehicles that send only after they have received one."""
-    autopilot = dialect.MAV_AUTOPILOT_INVALID
-    beat = dialect.MAVLink(None).heartbeat_encode(dialect.MAV_TYPE_GCS, autopilot, 0, 0, ACTIVE)
-    return _frame(beat, GREETER)
+    heartbeat = dialect.MAVLink(None).heartbeat_encode(
+        dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, ACTIVE
+    )
+    return _packed(heartbeat, GREETER)
 
 
-_sequence = count()
+_sequence_numbers = count()
 
 
-def _frame(message: Any, sender: FrameSender) -> bytes:
-    link = dialect.MAVLink(None, *sender)
-    link.seq = next(_sequence) % 256
+def _packed(message: Any, sender: FrameSender) -> bytes:
+    """The bytes of a frame with a pymavlink message from a sender; frames are numbered in sequence."""
+    link = dialect.MAVLink(None, sender.system, sender.component)
+    link.seq = next(_sequence_numbers) % 256
     return bytes(message.pack(link))

@@ -1,4 +1,4 @@
-"""RawRecording: what a link receives, frame by frame in a file that grows."""
+"""Recording of what a link receives, frame by frame, in a file that grows."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,18 +8,31 @@ from mavdem.facts.session import LinkFact
 from mavdem.files import PathName
 from mavdem.ingest.mcap.records import register_frame_channel, start_writer, write_message
 from mavdem.ingest.tlog import write_stamped
-from mavdem.live.messages import Frame
+from mavdem.live.frames import Frame
 
-BATCH_SECONDS = 0.5  # In which frames wait for the operating system
+BATCH_SECONDS = 0.5
+"""Time for which frames wait in memory for the operating system, s: a choice; a crash loses so much."""
+
+MCAP_CHUNK_BYTES = 1 << 15
+"""Size of a chunk of an .mcap, bytes: a choice; smaller than usual, since a crash loses the last chunk."""
 
 
 class RawRecording:
-    """A growing file, new, of the raw stream, a tlog or as .mcap; a crash loses at most a second.
+    """A growing file of the frames that a link receives, a .tlog or an .mcap; a crash loses at most a second.
 
-    Raises Unreadable: the file exists, or cannot be created.
+    Attributes:
+        frame_count: number of frames in it. Bytes that belong to no frame are not recorded.
     """
 
     def __init__(self, path: PathName) -> None:
+        """Creates the file.
+
+        Args:
+            path: of the file, an MCAP if it ends so, else a tlog.
+
+        Raises:
+            Unreadable: the file exists, or cannot be created.
+        """
         try:
             self._file = open(path, "xb")  # noqa: SIM115 - open until close()
         except FileExistsError:
@@ -28,28 +41,40 @@ class RawRecording:
             raise Unreadable(
                 LinkFact.STREAM_FILE_FAILED, path=path, error=error_message(error)
             ) from None
-        self.frames = 0  # in it; bytes that belong to no frame are not
-        self._mcap = (
-            start_writer(self._file, 1 << 15) if Path(path).suffix.lower() == ".mcap" else None
-        )
-        self._channel = 0 if self._mcap is None else register_frame_channel(self._mcap)
-        self._passed_on = 0.0  # UNIX s
+        self.frame_count = 0
+        self._mcap = None
+        self._channel = 0
+        if Path(path).suffix.lower() == ".mcap":
+            self._mcap = start_writer(self._file, MCAP_CHUNK_BYTES)
+            self._channel = register_frame_channel(self._mcap)
+        # UNIX time of the frames that were last passed on to the operating system, s.
+        self._flush_stamp = 0.0
 
-    def take(self, stamp: float, frames: Sequence[Frame]) -> None:
-        """Adds frames that a link completed at ``stamp``, UNIX s. Raises OSError: they cannot be written."""
+    def add(self, stamp: float, frames: Sequence[Frame]) -> None:
+        """Adds the frames that a link completed at ``stamp``, UNIX s.
+
+        Raises:
+            OSError: they cannot be written.
+        """
         microseconds = round(stamp * 1e6)
         for frame in frames:
             if self._mcap is None:
                 write_stamped(self._file, [(microseconds, frame.content)])
             else:
-                write_message(self._mcap, self._channel, microseconds * 1000, frame.content)
-        self.frames += len(frames)
-        if not 0 <= stamp - self._passed_on < BATCH_SECONDS:
-            self._passed_on = stamp
+                nanoseconds = microseconds * 1000
+                write_message(self._mcap, self._channel, nanoseconds, frame.content)
+        self.frame_count += len(frames)
+        # Stamps go back where the computer's clock is set.
+        if not 0 <= stamp - self._flush_stamp < BATCH_SECONDS:
+            self._flush_stamp = stamp
             self._file.flush()
 
     def close(self) -> None:
-        """Writes the rest and closes the file. Raises OSError: it cannot be written."""
+        """Writes the rest and closes the file; closing it again does nothing.
+
+        Raises:
+            OSError: the rest cannot be written.
+        """
         if self._file.closed:
             return
         with self._file:

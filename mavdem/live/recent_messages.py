@@ -1,4 +1,4 @@
-"""RecentMessages: the latest messages of one boot of a vehicle, as the columns that a log has them in."""
+"""The latest slow messages of one boot of a vehicle, as the columns in which a log holds them."""
 
 from collections.abc import Iterable, Sequence
 from math import inf
@@ -7,40 +7,53 @@ import numpy as np
 
 from mavdem.containers import Numbers
 from mavdem.ingest.telemetry import Columns
-from mavdem.live.messages import FIELDS
+from mavdem.live.messages import MESSAGE_FIELDS
 
-MAX_ROWS = 2048  # Of each message; then every second of the older half is dropped. Of parameters there are up to 1500
-MAX_EVENTS = 256  # Of events, alarms and replies that wait, or are shown
+MAX_ROWS = 2048
+"""Messages of one name that are kept, and parameters, of which a vehicle has up to 1500; a choice of memory.
+
+When there are more, every second message of the older half is dropped.
+"""
+
+MAX_EVENTS = 256
+"""Events, alarms and replies that are kept or wait to be read; a choice of memory."""
 
 
 class RecentMessages:
-    """Messages that come slowly, by name, of the ``boot`` of this number."""
+    """Slow messages of one boot, by name.
+
+    Attributes:
+        boot: number of the boot.
+        rows: time, s of the boot clock, and values of each message, by name.
+    """
 
     def __init__(self, boot: int = 0) -> None:
         self.boot = boot
         self.rows: dict[str, list[tuple[float, Numbers]]] = {}
 
-    def take(self, name: str, time: float, values: Numbers) -> None:
-        """Takes a message at ``time``, s."""
+    def add(self, name: str, time: float, values: Numbers) -> None:
+        """Adds a message that came at ``time``, s, with the values of its ``MESSAGE_FIELDS``."""
         rows = self.rows.setdefault(name, [])
         rows.append((time, values))
         if len(rows) > MAX_ROWS:
             del rows[: MAX_ROWS // 2 : 2]
 
-    def columns(self, names: Iterable[str], since: float = -inf) -> dict[str, Columns]:
-        """Returns the messages of these ``names`` that came ``since`` a time, s."""
-        return {
-            name: columns_of(FIELDS[name], rows, self.boot)
-            for name in names
-            if (rows := [row for row in self.rows.get(name, ()) if row[0] >= since])
-        }
+    def columns(self, names: Iterable[str], start_time: float = -inf) -> dict[str, Columns]:
+        """Returns the columns of these messages since ``start_time``, s; names without a message are left out."""
+        columns: dict[str, Columns] = {}
+        for name in names:
+            rows = [row for row in self.rows.get(name, ()) if row[0] >= start_time]
+            if rows:
+                columns[name] = _columns_from(MESSAGE_FIELDS[name], rows, self.boot)
+        return columns
 
 
-def columns_of(
+def _columns_from(
     fields: Sequence[str], rows: Sequence[tuple[float, Numbers]], boot: int
-) -> dict[str, np.ndarray]:
-    """Returns times, s, and values of ``fields`` as columns."""
-    time, values = zip(*rows, strict=True)
-    columns = map(np.array, zip(*values, strict=True))
-    stamps = {"time": np.array(time), "boot": np.full(len(time), boot)}
-    return stamps | dict(zip(fields, columns, strict=False))
+) -> Columns:
+    """The columns of messages of one ``boot``, from times, s, and values of each of the ``fields``."""
+    times, values = zip(*rows, strict=True)
+    columns = {"time": np.array(times), "boot": np.full(len(times), boot)}
+    for field, column in zip(fields, zip(*values, strict=True), strict=False):
+        columns[field] = np.array(column)
+    return columns

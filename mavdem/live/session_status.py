@@ -20,6 +20,9 @@ from mavdem.live.history import REPORTED_HORIZON
 from mavdem.live.wind import WindEstimate
 from mavdem.motors.loss_detection import MotorAlarm
 
+STATUS_PERIOD = 1.0
+"""Time between two reports of a status, s: a choice."""
+
 
 class Latency(NamedTuple):
     """Seconds from the arrival of a packet on this computer to the estimate that it completes; NaN before any."""

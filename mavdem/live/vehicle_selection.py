@@ -1,6 +1,7 @@
-"""The senders on a link, which of them are vehicles, and which one is followed: once chosen, it stays.
+"""The MAVLink components on a link, which of them are vehicles, and which vehicle is followed.
 
-What a sender is, its latest HEARTBEAT decides. What is kept of each is bounded.
+Once a vehicle is selected, it stays. The latest HEARTBEAT of a component decides what it is. What is kept of each
+component is bounded.
 """
 
 from collections import Counter
@@ -12,171 +13,266 @@ from mavdem.facts import Fact
 from mavdem.facts.session import VehicleFact
 from mavdem.ingest.mavlink.definitions import definitions_by_id, enum_name
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
-from mavdem.ingest.mavlink.vehicles import missing_messages
+from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE_COMPONENT, missing_messages
 from mavdem.ingest.motors import MULTIROTORS, POSSIBLE_MULTIROTORS
+from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import UNNAMED
-from mavdem.live.messages import Frame, Message
+from mavdem.live.frames import Frame
+from mavdem.live.messages import Message, parameters_by_name
 from mavdem.live.recent_messages import MAX_ROWS
 
-# HEARTBEATs, and of attitude, before a vehicle is followed: seconds in which another may show
-ENOUGH_MESSAGES = 3
-MAX_LISTED = 8  # Vehicles named in one sentence
-COPY_FRAMES = 128  # Frames of a sender within which an equal one is a copy: half of its numbers
+MIN_MESSAGES = 3
+"""HEARTBEATs, and messages of attitude, before a vehicle is followed: a choice.
+
+HEARTBEATs come once a second, so another vehicle has some seconds to appear.
+"""
+
+MIN_HEARTBEATS_WITHOUT_ATTITUDE = 5
+"""HEARTBEATs before a vehicle is followed that sends no attitude: a choice, some seconds."""
+
+MIN_ATTITUDES_WITHOUT_HEARTBEAT = 500
+"""Messages of attitude before a component is followed that sends no HEARTBEAT: a choice, 5 s at 100 Hz."""
+
+MAX_LISTED_VEHICLES = 8
+"""Vehicles that are named in one sentence: a choice."""
+
+SEQUENCE_NUMBERS = 256
+"""Sequence numbers of a component, after which they wrap: they are sent in one byte."""
+
+COPY_FRAMES = SEQUENCE_NUMBERS // 2
+"""Frames of a component within which an equal one is a copy: later, the same number comes up again."""
+
+MAX_COUNTED_GAP = 1.0
+"""Longest time between two frames that counts in their mean interval, s: a choice, so that no pause changes it much."""
+
+INTERVAL_MEMORY_FRAMES = 64
+"""Frames over which the mean interval between them is averaged: a choice."""
 
 
 class Component:
-    """One component on the link, by its MAVLink ids."""
+    """One MAVLink component on the link.
+
+    Attributes:
+        system: its system id.
+        component: its component id.
+        name: both, "system:component".
+        vehicle_type: name of the MAV_TYPE in its latest HEARTBEAT.
+        autopilot: name of the MAV_AUTOPILOT in its latest HEARTBEAT.
+        attitude_count: number of its messages of attitude.
+        frame_count: number of its frames, undecoded ones and copies included.
+        message_counts: number of its messages by id, without damaged and unknown ones.
+        parameters: the latest PARAM_VALUE of each parameter, by name.
+        uncounted_gap_seconds: duration of the gaps in which its sequence numbers may have wrapped, s.
+    """
 
     def __init__(self, system: int, component: int) -> None:
         self.system = system
         self.component = component
         self.name = f"{system}:{component}"
-        # MAV_TYPE and MAV_AUTOPILOT of its latest HEARTBEAT
-        self.kind = self.autopilot = UNNAMED
-        self.attitudes = self.frames = 0  # messages of attitude, and frames, unread ones included
-        # number of messages by id, damaged and unknown ones excluded
-        self.arrived = Counter[int]()
-        self.parameters: dict[bytes, Message] = {}  # the last PARAM_VALUEs
-        self._beats = 0
-        # by its number the latest frame, and frames so far then
-        self._recent: dict[int, tuple[Frame, int]] = {}
-        self._missing = self._last = 0
-        self.missing_seconds = 0.0  # of gaps longer than sequence numbers can count
-        # s, of the last frame, and mean between two
-        self._came = -inf
-        self._interval = 1.0
+        self.vehicle_type = UNNAMED
+        self.autopilot = UNNAMED
+        self.attitude_count = 0
+        self.frame_count = 0
+        self.message_counts = Counter[int]()
+        self.parameters: dict[bytes, Message] = {}
+        self.uncounted_gap_seconds = 0.0
+        self._heartbeat_count = 0
+        # By sequence number: the latest frame with it, and the number of frames then.
+        self._latest_frames: dict[int, tuple[Frame, int]] = {}
+        self._missing_count = 0
+        self._last_sequence = 0
+        self._last_frame_time = -inf
+        self._mean_interval = 1.0
 
     @property
-    def lost(self) -> int:
-        """Messages missing by the gaps in its sequence numbers."""
-        return max(self._missing, 0)
+    def lost_messages(self) -> int:
+        """Number of messages that were not received, by the gaps in its sequence numbers.
+
+        A message that was overtaken counts as missing until it comes, so that the sum may be negative for a moment.
+        """
+        return max(self._missing_count, 0)
 
     @property
-    def known(self) -> bool:
-        """Whether enough HEARTBEATs have come, or none can be expected."""
-        return self._beats >= ENOUGH_MESSAGES or (not self._beats and self.attitudes >= 500)
+    def is_identified(self) -> bool:
+        """Whether enough HEARTBEATs have come, or none can be expected any more."""
+        if self._heartbeat_count:
+            return self._heartbeat_count >= MIN_MESSAGES
+        return self.attitude_count >= MIN_ATTITUDES_WITHOUT_HEARTBEAT
 
     @property
-    def flies(self) -> bool:
-        """Whether it sends attitude and is, as far as known, a multirotor."""
-        return self.kind in POSSIBLE_MULTIROTORS and self.attitudes >= ENOUGH_MESSAGES
+    def sends_attitude(self) -> bool:
+        """Whether it sends attitude and is, as far as is known, a multirotor."""
+        return self.vehicle_type in POSSIBLE_MULTIROTORS and self.attitude_count >= MIN_MESSAGES
 
     @property
     def can_be_followed(self) -> bool:
-        """Whether it is known what it is; many autopilots send nothing but HEARTBEATs until asked."""
-        mute = self.kind in MULTIROTORS and self._beats >= 5 and not self.attitudes
-        return mute or (self.known and self.flies)
+        """Whether it is known to be a multirotor; many autopilots send nothing but HEARTBEATs until they are asked."""
+        if self.is_identified and self.sends_attitude:
+            return True
+        return (
+            self.vehicle_type in MULTIROTORS
+            and self._heartbeat_count >= MIN_HEARTBEATS_WITHOUT_ATTITUDE
+            and not self.attitude_count
+        )
 
     @property
-    def identity(self) -> str:
-        """Its name, and what it is where that is known."""
-        return f"{self.name} ({self.kind}, {self.autopilot})" if self.kind != UNNAMED else self.name
+    def description(self) -> str:
+        """Its name, and type and autopilot where they are known."""
+        if self.vehicle_type == UNNAMED:
+            return self.name
+        return f"{self.name} ({self.vehicle_type}, {self.autopilot})"
 
-    def take(self, frame: Frame, now: float) -> bool:
-        """Counts a frame that came ``now``, s; returns False for a copy, as some links send."""
-        self.frames += 1
-        number = frame.sequence
-        same, then = self._recent.get(number, (None, 0))
-        if same == frame and self.frames - then < COPY_FRAMES:
-            return False
-        self._recent[number] = frame, self.frames
-        self._count_missing(number, now, missing_messages(self._last, number))
-        self._last = number
+    def count_frame(self, frame: Frame, now: float) -> bool:
+        """Counts a frame of this component.
+
+        Args:
+            frame: the frame.
+            now: when it was received, s of any clock.
+
+        Returns:
+            False for a copy of a frame, as some links send; it is to be ignored.
+        """
+        self.frame_count += 1
+        sequence = frame.sequence
+        same_number = self._latest_frames.get(sequence)
+        if same_number is not None:
+            former_frame, former_count = same_number
+            if former_frame == frame and self.frame_count - former_count < COPY_FRAMES:
+                return False
+        self._latest_frames[sequence] = frame, self.frame_count
+        self._count_missing(sequence, now)
+        self._last_sequence = sequence
         if frame.checksum == CHECKSUM_MATCHES:
-            self.arrived[frame.message_id] += 1
-            self.attitudes += definitions_by_id()[frame.message_id].name in ATTITUDE_MESSAGES
+            self.message_counts[frame.message_id] += 1
+            if definitions_by_id()[frame.message_id].name in ATTITUDE_MESSAGES:
+                self.attitude_count += 1
         return True
 
-    def _count_missing(self, number: int, now: float, missing: int) -> None:
-        """Counts ``missing`` messages before one that came ``now``, s; a long gap in seconds, since numbers wrap."""
-        gap = max(now - self._came, 0.0)
-        self._came = now
-        wrapped = (number - self._last) % 256 != 1 and 128 * self._interval < gap < inf
-        if wrapped:
-            self.missing_seconds += gap
-        elif self.frames > 1:
-            self._missing += missing
-        self._interval += (min(gap, 1.0) - self._interval) / 64
+    def _count_missing(self, sequence: int, now: float) -> None:
+        """Counts the messages that are missing before this sequence number, received ``now``, s.
+
+        Of a gap in which the numbers may have wrapped the duration is counted instead.
+        """
+        gap = max(now - self._last_frame_time, 0.0)
+        self._last_frame_time = now
+        is_next = (sequence - self._last_sequence) % SEQUENCE_NUMBERS == 1
+        may_have_wrapped = SEQUENCE_NUMBERS / 2 * self._mean_interval < gap < inf
+        if not is_next and may_have_wrapped:
+            self.uncounted_gap_seconds += gap
+        elif self.frame_count > 1:
+            self._missing_count += missing_messages(self._last_sequence, sequence)
+        change = min(gap, MAX_COUNTED_GAP) - self._mean_interval
+        self._mean_interval += change / INTERVAL_MEMORY_FRAMES
 
     def take_message(self, message: Message) -> None:
-        """Keeps a PARAM_VALUE; takes type and autopilot of a HEARTBEAT."""
-        first = message.values[0]
-        if message.name == "PARAM_VALUE" and (
-            first in self.parameters or len(self.parameters) < MAX_ROWS
-        ):
-            self.parameters[first] = message
-        if message.name == "HEARTBEAT":
-            self._beats += 1
-            self.kind = enum_name("MAV_TYPE", first)
+        """Keeps a PARAM_VALUE, and takes type and autopilot from a HEARTBEAT; other messages change nothing."""
+        if message.name == "PARAM_VALUE":
+            parameter = message.values[0]
+            if parameter in self.parameters or len(self.parameters) < MAX_ROWS:
+                self.parameters[parameter] = message
+        elif message.name == "HEARTBEAT":
+            self._heartbeat_count += 1
+            self.vehicle_type = enum_name("MAV_TYPE", message.values[0])
             self.autopilot = enum_name("MAV_AUTOPILOT", message.values[1])
 
 
 class VehicleSelector:
-    """All senders of a link and the one followed: ``wanted``, "system" or "system:component", or the only one."""
+    """Selects the vehicle to follow among all components of a link: the one that is wanted, or the only one.
+
+    Attributes:
+        followed: the vehicle that is followed; None before one is selected.
+        obstacle: why none is followed; None when one is.
+        components: all components of the link, by system and component id.
+        other_vehicles: names of the vehicles that were reported, and are not followed.
+    """
 
     def __init__(self, wanted: str | None, report: Callable[[Fact], None]) -> None:
+        """Begins without a component.
+
+        Args:
+            wanted: "system" or "system:component"; None for the only vehicle of the link.
+            report: is called with each fact about the selection.
+        """
         self.followed: Component | None = None
-        # why none is followed; None when one is
         self.obstacle: Fact | None = Fact(VehicleFact.NO_VEHICLE_YET, subject=wanted or "")
+        self.components: dict[tuple[int, int], Component] = {}
+        self.other_vehicles: set[str] = set()
         self._wanted = wanted
-        self.by_ids: dict[tuple[int, int], Component] = {}  # those that are kept
-        self.rivals: set[str] = set()
         self._report = report
 
+    @property
+    def followed_parameters(self) -> Parameters:
+        """The followed vehicle's parameters received so far, by name; also those that MAVProxy stores for it."""
+        vehicle = self.followed
+        if vehicle is None:
+            return {}
+        messages: dict[bytes, Message] = {}
+        store = self.components.get((vehicle.system, PARAMETER_STORE_COMPONENT))
+        if store is not None:
+            messages.update(store.parameters)
+        messages.update(vehicle.parameters)
+        if not messages:
+            return {}
+        return parameters_by_name(messages.values(), vehicle.autopilot)
+
     def __iter__(self) -> Iterator[Component]:
-        """The senders that are kept, by system and component."""
-        return (sender for _, sender in sorted(self.by_ids.items()))
+        """Iterates over the components by system and component id."""
+        for _, component in sorted(self.components.items()):
+            yield component
 
-    def of(self, frame: Frame) -> Component:
-        """Returns the sender of a frame."""
-        ids = frame.system, frame.component
-        if ids not in self.by_ids:
-            self.by_ids[ids] = Component(*ids)
-        return self.by_ids[ids]
+    def sender(self, frame: Frame) -> Component:
+        """Returns the component that sent a frame."""
+        ids = (frame.system, frame.component)
+        if ids not in self.components:
+            self.components[ids] = Component(frame.system, frame.component)
+        return self.components[ids]
 
-    def decide(self, sender: Component) -> None:
-        """Follows this sender, which sent a message, if it is the one to follow."""
+    def update(self, sender: Component) -> None:
+        """Follows a component that has just sent a message, or reports it, where its messages so far allow that."""
         if self.followed is not None:
-            self._notice(sender)
+            self._report_other_vehicle(sender, self.followed)
         elif self._wanted is not None:
-            if self._wanted == sender.name or (
-                self._wanted == str(sender.system) and sender.can_be_followed
-            ):
+            has_wanted_system = self._wanted == str(sender.system)
+            if self._wanted == sender.name or (has_wanted_system and sender.can_be_followed):
                 self._follow(sender)
         elif sender.can_be_followed:
-            flying = [other for other in self if other.flies] or [
-                other for other in self if other.kind in MULTIROTORS
-            ]
-            if flying == [sender]:
+            vehicles = [component for component in self if component.sends_attitude]
+            if not vehicles:
+                vehicles = [
+                    component for component in self if component.vehicle_type in MULTIROTORS
+                ]
+            if vehicles == [sender]:
                 self._follow(sender)
-            elif len(flying) > 1 and self.rivals != (rivals := {other.name for other in flying}):
-                self.rivals = rivals
-                name = flying[0].name
-                self.obstacle = Fact(VehicleFact.CHOOSE_VEHICLE, name=name)
-                self._report(
-                    Fact(
-                        VehicleFact.VEHICLES_FOUND,
-                        name=name,
-                        names=[other.identity for other in flying[:MAX_LISTED]],
-                        others=max(len(flying) - MAX_LISTED, 0),
-                    )
-                )
+            elif len(vehicles) > 1:
+                self._report_choice(vehicles)
 
-    def _follow(self, sender: Component) -> None:
-        self.followed = sender
+    def _follow(self, vehicle: Component) -> None:
+        """Follows a vehicle from now on."""
+        self.followed = vehicle
         self.obstacle = None
-        self._report(Fact(VehicleFact.FOLLOWING_VEHICLE, subject=sender.identity))
+        self._report(Fact(VehicleFact.FOLLOWING_VEHICLE, subject=vehicle.description))
 
-    def _notice(self, sender: Component) -> None:
-        """Reports another vehicle, once."""
-        assert self.followed is not None
-        if (
-            sender is self.followed
-            or sender.name in self.rivals
-            or not (sender.known and sender.flies)
-        ):
+    def _report_choice(self, vehicles: list[Component]) -> None:
+        """Reports several vehicles, of which the user must choose one, unless these were reported already."""
+        names = {vehicle.name for vehicle in vehicles}
+        if names == self.other_vehicles:
             return
-        self.rivals.add(sender.name)
+        self.other_vehicles = names
+        first_name = vehicles[0].name
+        self.obstacle = Fact(VehicleFact.CHOOSE_VEHICLE, name=first_name)
+        listed = [vehicle.description for vehicle in vehicles[:MAX_LISTED_VEHICLES]]
+        unlisted_count = max(len(vehicles) - MAX_LISTED_VEHICLES, 0)
         self._report(
-            Fact(VehicleFact.OTHER_VEHICLE, subject=sender.identity, name=self.followed.name)
+            Fact(VehicleFact.VEHICLES_FOUND, name=first_name, names=listed, others=unlisted_count)
+        )
+
+    def _report_other_vehicle(self, sender: Component, followed: Component) -> None:
+        """Reports a vehicle besides the one that is followed, once."""
+        if sender is followed or sender.name in self.other_vehicles:
+            return
+        if not (sender.is_identified and sender.sends_attitude):
+            return
+        self.other_vehicles.add(sender.name)
+        self._report(
+            Fact(VehicleFact.OTHER_VEHICLE, subject=sender.description, name=followed.name)
         )

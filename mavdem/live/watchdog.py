@@ -1,11 +1,12 @@
-"""Watchdog: what is wrong with a vehicle by its own messages, without a model, within seconds of take-off.
+"""What is wrong with a vehicle by its own messages, without a model, within seconds of take-off.
 
-It is the judgement of a log, in small steps: what the autopilot reports, and the lights of vibration and power, are
-those of ``assessment`` on the messages so far; a limit cycle is that of ``condition.oscillation`` on the last seconds.
+It is the judgement of a log in small steps. What the autopilot reports, and the lights of vibration and power, are
+those of ``mavdem.assessment`` on the messages so far. A limit cycle is found in the last seconds by
+``mavdem.loops.limit_cycles``.
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from math import inf
 
 import numpy as np
@@ -28,10 +29,10 @@ from mavdem.facts.session import Rows
 from mavdem.facts.watch import Watch, Watched
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
-from mavdem.live.decisions import LiveSignals, RecentMotion, evidence_of
-from mavdem.live.messages import OF_ITSELF
+from mavdem.live.live_signals import LiveSignals, RecentMotion, live_evidence
+from mavdem.live.messages import STATUS_MESSAGES
 from mavdem.live.recent_messages import RecentMessages
-from mavdem.live.rows import DECISION_SECONDS
+from mavdem.live.samples import DECISION_SECONDS
 from mavdem.loops.limit_cycles import detect_starting_limit_cycle
 from mavdem.motors.loss_detection import alarm_of
 from mavdem.plant.online_wind_torque import MEMORY_SECONDS
@@ -42,187 +43,271 @@ LIGHTS = {
     Watched.VIBRATION: Light.VIBRATION,
     Watched.BATTERY: Light.POWER,
 }
+"""The light that shows what is wrong with each thing that is watched."""
+
 ALARMING_SHARE = 0.7
-"""So much of the last seconds a motor is at its upper limit: sound vehicles that yaw or climb do half of it."""
-CALM_SECONDS = 10.0  # Without what an alarm was about, after which it is over
+"""Share of the last seconds in which a motor is at its upper limit: an alarm.
+
+Healthy vehicles that yaw or climb reach about half of it.
+"""
+
+CALM_SECONDS = 10.0
+"""Time without what an alarm is about, after which it is over, s: a choice."""
+
+LATE_REPORT_SECONDS = 1.0
+"""How long before the latest review a report may be dated that is new in this one, s: a choice."""
+
+
+@dataclass
+class _Review:
+    """A review that has begun, whose parts are done one after the other."""
+
+    now: float
+    """Time of the review, s of the boot clock."""
+
+    vehicle: Telemetry
+    """Identity and parameters of the vehicle."""
+
+    is_flying: bool
+    has_settled: bool
+    """Whether the flight is settled: vibration counts only then."""
+
+    phase_start: float
+    """Since when the vehicle flies, or is on the ground, s."""
+
+    recent_signals: Signals
+    """Signals of the last minute."""
+
+    facts: dict[Watched, Fact] = field(default_factory=dict)
+    """What was found so far, good or bad, by what is watched."""
 
 
 class Watchdog:
     """Watches one boot of one vehicle.
 
+    A review has up to three parts, so that no message waits for all of it: ``begin_review``, in flight
+    ``review_lights``, and ``finish_review``.
+
     Attributes:
-        standing: what is wrong as of the last review, by what shows it.
-        watched: since when each is watched, or why it is not.
-        lights: the worst that was found so far, by light.
+        active: what is wrong as of the last review, by what is watched.
+        watch_facts: since when each thing is watched, or why it is not.
+        worst_lights: the worst fact found so far, by light.
     """
 
     def __init__(self, recent: RecentMessages) -> None:
-        self.standing: dict[Watched, Fact] = {}
-        self.watched: dict[Watched, Fact] = {}
-        self.lights: dict[str, Fact] = {}
+        """Begins without a review; ``recent`` has the messages of the boot."""
+        self.active: dict[Watched, Fact] = {}
+        self.watch_facts: dict[Watched, Fact] = {}
+        self.worst_lights: dict[str, Fact] = {}
         self._recent = recent
-        self._phases: list[tuple[float, int]] = []
-        self._said = set[tuple[object, ...]]()
-        self._seen: dict[Watched, float] = {}
-        self._reviewed = -inf
+        # Time, s, and MAV_LANDED_STATE at the beginning and the end of each phase.
+        self._states: list[tuple[float, int]] = []
+        self._reported = set[tuple[object, ...]]()
+        self._last_seen: dict[Watched, float] = {}
+        self._review_time = -inf
+        self._review: _Review | None = None
 
     @property
-    def alarms(self) -> Facts:
+    def active_alarms(self) -> Facts:
         """What is bad as of the last review."""
-        return tuple(fact for fact in self.standing.values() if fact.is_bad)
+        return tuple(fact for fact in self.active.values() if fact.is_bad)
 
-    def review(
-        self,
-        now: float,
-        vehicle: Telemetry,
-        is_flying: bool,
-        settled_since: float | None,
-        motion: RecentMotion | None,
-    ) -> Iterator[Fact | None]:
-        """Yields what is new at ``now``, s, of a ``vehicle`` without messages, and of its last ``motion``.
+    def begin_review(
+        self, now: float, vehicle: Telemetry, is_flying: bool, settled_start: float | None
+    ) -> list[Fact]:
+        """Begins a review.
 
-        None comes between parts of the work. Vibration counts in settled flight only: a touch-down is none.
+        Args:
+            now: s of the boot clock.
+            vehicle: identity and parameters, without messages.
+            is_flying: whether it is airborne and armed.
+            settled_start: since when the flight is settled, s; None where it is not. A touch-down is no vibration.
+
+        Returns:
+            What the autopilot has reported since the last review.
         """
         state = IN_AIR if is_flying else ON_GROUND
-        before = self._phases[-1][1] if self._phases else state
-        if not self._phases or before != state:
-            self._phases += [(self._reviewed, before), (now, state)]
-        settled = None if settled_since is None else [(settled_since, now)]
-        recent = self._signals(vehicle, now, now - MEMORY_SECONDS, settled)
-        yield from self._reported(recent, now)
-        yield None
-        since = self._phases[-1][0]
-        watched = {}
-        if is_flying:
-            whole = self._signals(vehicle, now, -inf)
-            condition = Condition(duration=now - since)
-            watched[Watched.BATTERY] = power_light(evidence_of(whole, condition))
-            if settled is not None:
-                watched[Watched.VIBRATION] = vibration_light(evidence_of(recent, condition))
-            yield None
-            watched |= dict(self._of_motion(motion, since, now))
-        self._note(watched, motion, is_flying, now)
-        yield from self._changes(watched, now)
-        self._reviewed = now
+        former_state = self._states[-1][1] if self._states else state
+        if not self._states or former_state != state:
+            self._states.append((self._review_time, former_state))
+            self._states.append((now, state))
+        settled = None if settled_start is None else [(settled_start, now)]
+        recent_signals = self._signals(vehicle, now, now - MEMORY_SECONDS, settled)
+        self._review = _Review(
+            now,
+            vehicle,
+            is_flying,
+            has_settled=settled is not None,
+            phase_start=self._states[-1][0],
+            recent_signals=recent_signals,
+        )
+        return self._new_reports(recent_signals)
+
+    def review_lights(self) -> None:
+        """Judges battery and, in settled flight, vibration, by the functions that judge a log."""
+        review = self._review
+        assert review is not None
+        all_signals = self._signals(review.vehicle, review.now, -inf)
+        condition = Condition(duration=review.now - review.phase_start)
+        review.facts[Watched.BATTERY] = power_light(live_evidence(all_signals, condition))
+        if review.has_settled:
+            evidence = live_evidence(review.recent_signals, condition)
+            review.facts[Watched.VIBRATION] = vibration_light(evidence)
+
+    def finish_review(self, motion: RecentMotion | None) -> list[Fact]:
+        """Ends a review with what the motion shows.
+
+        Args:
+            motion: of the last seconds; None where it is unknown.
+
+        Returns:
+            Alarms that begin, become worse, or are over.
+        """
+        review = self._review
+        assert review is not None
+        self._review = None
+        if review.is_flying and motion is not None:
+            self._add_motion_facts(review, motion)
+        self._update_watch_facts(review, motion)
+        alarms = self._changed_alarms(review)
+        self._review_time = review.now
+        return alarms
 
     def _signals(
-        self, vehicle: Telemetry, now: float, since: float, settled: Intervals | None = None
+        self,
+        vehicle: Telemetry,
+        now: float,
+        start_time: float,
+        settled: Intervals | None = None,
     ) -> Signals:
-        columns = self._recent.columns(OF_ITSELF, since)
-        time, states = zip(*self._phases, (now, self._phases[-1][1]), strict=True)
-        boots = np.full(len(time), self._recent.boot)
-        landed = TimeSeries(np.array(time), boots, np.array(states))
+        """The vehicle's status messages since ``start_time``, s, with the phases until ``now`` as landed states."""
+        columns = self._recent.columns(STATUS_MESSAGES, start_time)
+        last_state = self._states[-1][1]
+        times, states = zip(*self._states, (now, last_state), strict=True)
+        boots = np.full(len(times), self._recent.boot)
         return LiveSignals(
             replace(vehicle, messages=columns),
-            landed_state=landed,
+            landed_state=TimeSeries(np.array(times), boots, np.array(states)),
             preset_settled_intervals=settled,
         )
 
-    def _reported(self, signals: Signals, now: float) -> Iterator[Fact]:
+    def _new_reports(self, signals: Signals) -> list[Fact]:
         """What the autopilot has reported since the last review."""
-        before = self._said
+        former = self._reported
         facts = reported_events(signals)
-        self._said = {_kind(fact) for fact in facts}
+        self._reported = {_identity(fact) for fact in facts}
+        reports = []
         for fact in facts:
-            is_new = _kind(fact) not in before and (fact.time or 0.0) > self._reviewed - 1.0
-            # A stream has no beginning of its own, and a restart is shown by the clock.
-            is_ours = fact.code is not Reported.RESTARTED and not fact.figures.get("is_begun")
-            if is_new and is_ours:
-                yield fact.but(height=None)
+            is_late = (fact.time or 0.0) <= self._review_time - LATE_REPORT_SECONDS
+            # A stream has no beginning of its own, and a restart is reported by the boot clock.
+            is_of_the_log = fact.code is Reported.RESTARTED or fact.figures.get("is_begun")
+            if _identity(fact) not in former and not is_late and not is_of_the_log:
+                reports.append(fact.but(height=None))
+        return reports
 
-    def _of_motion(
-        self, motion: RecentMotion | None, since: float, now: float
-    ) -> Iterator[tuple[Watched, Fact]]:
-        """A limit cycle, and the motor most at its upper limit."""
-        if motion is None:
-            return
+    def _add_motion_facts(self, review: _Review, motion: RecentMotion) -> None:
+        """Adds a limit cycle, and the motor that is longest at its upper limit, to the facts of a review."""
         motors = motion.motors
-        shares = motors.scale.fraction(motors.outputs)
-        upper, lower = samples_at_limits(shares, motors.scale)
-        cycle = None
-        if upper.any() or lower.any():  # without, there is none; most flights have none
-            cycle = detect_starting_limit_cycle(motors, motion.tilts, self._recent.boot, since, now)
-        if cycle is not None:
-            yield Watched.OSCILLATION, Fact(MarginsLight.OSCILLATES, **cycle.figures)
-        latest = motors.time >= now - DECISION_SECONDS
-        if now - since < DECISION_SECONDS or not latest.any():
+        at_upper, at_lower = samples_at_limits(motors.scale.fraction(motors.outputs), motors.scale)
+        # Without motors at their limits there is no limit cycle, and in most flights there are none.
+        if at_upper.any() or at_lower.any():
+            cycle = detect_starting_limit_cycle(
+                motors, motion.tilts, self._recent.boot, review.phase_start, review.now
+            )
+            if cycle is not None:
+                oscillation = Fact(MarginsLight.OSCILLATES, **cycle.figures)
+                review.facts[Watched.OSCILLATION] = oscillation
+        is_latest = motors.time >= review.now - DECISION_SECONDS
+        has_just_taken_off = review.now - review.phase_start < DECISION_SECONDS
+        if has_just_taken_off or not is_latest.any():
             return
-        limited = upper[latest].mean(axis=0)
-        motor = limited.argmax()
-        # All of them: a climb at full throttle.
-        if limited[motor] >= ALARMING_SHARE > limited.min():
-            yield (
-                Watched.MOTOR_LIMITS,
-                Fact(
-                    MotorsLight.MOTOR_LIMITED,
-                    subject=motors.geometry.names[motor],
-                    share=limited[motor],
-                ),
+        limited_shares = at_upper[is_latest].mean(axis=0)
+        motor = limited_shares.argmax()
+        # All motors at their limit are a climb at full throttle.
+        all_are_limited = limited_shares.min() >= ALARMING_SHARE
+        if limited_shares[motor] >= ALARMING_SHARE and not all_are_limited:
+            review.facts[Watched.MOTOR_LIMITS] = Fact(
+                MotorsLight.MOTOR_LIMITED,
+                subject=motors.geometry.names[motor],
+                share=limited_shares[motor],
             )
 
-    def _changes(self, watched: Mapping[Watched, Fact], now: float) -> Iterator[Fact]:
-        """What became wrong, or worse, and what no longer is."""
-        for kind, fact in watched.items():
+    def _changed_alarms(self, review: _Review) -> list[Fact]:
+        """The alarms that begin, become worse, or are over; it updates the lights."""
+        alarms = []
+        for kind, fact in review.facts.items():
             light = str(LIGHTS[kind])
-            self.lights[light] = worst_fact([fact, self.lights.get(light, fact)])
+            self.worst_lights[light] = worst_fact([fact, self.worst_lights.get(light, fact)])
             if not fact.warns:
                 continue
-            before = self.standing.get(kind)
-            self._seen[kind] = now
-            if before is None or (before.level, before.code) != (fact.level, fact.code):
-                self.standing[kind] = fact
-                yield alarm_of(fact, now)
-        for kind in [*self.standing]:
-            has_landed = self._phases[-1][1] == ON_GROUND
-            if has_landed or now - self._seen[kind] >= CALM_SECONDS:
-                yield Fact(Watch.ALARM_OVER, time=self._seen[kind], because=self.standing.pop(kind))
+            self._last_seen[kind] = review.now
+            active = self.active.get(kind)
+            if active is None or (active.level, active.code) != (fact.level, fact.code):
+                self.active[kind] = fact
+                alarms.append(alarm_of(fact, review.now))
+        for kind in list(self.active):
+            last_seen = self._last_seen[kind]
+            if not review.is_flying or review.now - last_seen >= CALM_SECONDS:
+                ended = self.active.pop(kind)
+                alarms.append(Fact(Watch.ALARM_OVER, time=last_seen, because=ended))
+        return alarms
 
-    def _note(
-        self,
-        watched: Mapping[Watched, Fact],
-        motion: RecentMotion | None,
-        is_flying: bool,
-        now: float,
-    ) -> None:
-        """Keeps since when each is watched, and why it is not."""
-        sent = set(self._recent.columns(OF_ITSELF, now - MEMORY_SECONDS))
-        missing = {}
+    def _update_watch_facts(self, review: _Review, motion: RecentMotion | None) -> None:
+        """Notes for each thing, but the motors' balance, since when it is watched, or why it is not."""
+        obstacles = self._message_obstacles(review.now, motion)
+        for kind in Watched:
+            if kind is Watched.MOTORS:
+                continue
+            obstacle = obstacles.get(kind)
+            if obstacle is None and not review.is_flying and kind is not Watched.WARNINGS:
+                obstacle = Fact(Watch.ON_GROUND_NOW)
+            self.set_watched(kind, obstacle, review.now)
+
+    def _message_obstacles(self, now: float, motion: RecentMotion | None) -> Mapping[Watched, Fact]:
+        """What cannot be watched for lack of messages as of ``now``, s, and the message that is missing or slow."""
+        obstacles = {}
         if motion is None:
-            missing = dict.fromkeys(
-                (Watched.OSCILLATION, Watched.MOTOR_LIMITS), Fact(Rows.NO_LIVE_MOTORS)
-            )
+            obstacles[Watched.OSCILLATION] = Fact(Rows.NO_LIVE_MOTORS)
+            obstacles[Watched.MOTOR_LIMITS] = Fact(Rows.NO_LIVE_MOTORS)
         elif motion.rate < MIN_STREAM_RATE / 2:
-            slow = Fact(Watch.MESSAGE_MISSING, name=motion.motors.message, rate=motion.rate)
-            missing[Watched.OSCILLATION] = slow
-        for kind, names in {
-            Watched.VIBRATION: ["VIBRATION"],
+            obstacles[Watched.OSCILLATION] = Fact(
+                Watch.MESSAGE_MISSING, name=motion.motors.message, rate=motion.rate
+            )
+        received = set(self._recent.columns(STATUS_MESSAGES, now - MEMORY_SECONDS))
+        needed_messages = {
+            Watched.VIBRATION: ("VIBRATION",),
             Watched.BATTERY: BATTERY_MESSAGES,
-            Watched.WARNINGS: ["HEARTBEAT"],
-        }.items():
-            if not sent.intersection(names):
-                missing[kind] = Fact(Watch.MESSAGE_MISSING, name=names[0], rate=None)
-        for kind in [*Watched][1:]:
-            waits = None if is_flying or kind is Watched.WARNINGS else Fact(Watch.ON_GROUND_NOW)
-            self.watches(kind, missing.get(kind) or waits, now)
+            Watched.WARNINGS: ("HEARTBEAT",),
+        }
+        for kind, names in needed_messages.items():
+            if not received.intersection(names):
+                obstacles[kind] = Fact(Watch.MESSAGE_MISSING, name=names[0], rate=None)
+        return obstacles
 
-    def watches(self, kind: Watched, obstacle: Fact | None, now: float) -> None:
-        """Notes that it is watched, or not because of an ``obstacle``, as of ``now``, s."""
-        before = self.watched.get(kind)
+    def set_watched(self, kind: Watched, obstacle: Fact | None, now: float) -> None:
+        """Notes that a thing is watched, or not because of an ``obstacle``, since ``now``, s, if that is new."""
         code = Watch.NOT_WATCHED if obstacle else Watch.WATCHED
-        if before is not None and (before.code, before.figures.get("because")) == (code, obstacle):
-            return
-        self.watched[kind] = Fact(code, time=now, subject=kind, because=obstacle)
+        noted = self.watch_facts.get(kind)
+        is_noted = (
+            noted is not None and noted.code is code and noted.figures.get("because") == obstacle
+        )
+        if not is_noted:
+            self.watch_facts[kind] = Fact(code, time=now, subject=kind, because=obstacle)
 
 
-def not_watched(watched: Fact, because: Fact, time: float) -> Fact:
-    """Returns that what was ``watched`` is not any more since ``time``, s."""
-    return Fact(
-        Watch.NOT_WATCHED,
-        time=time,
-        subject=watched.subject,
-        **{**watched.figures, "because": because},
-    )
+def not_watched(watch_fact: Fact, reason: Fact, time: float) -> Fact:
+    """Returns that what a ``watch_fact`` is about is not watched any more.
+
+    Args:
+        watch_fact: since when it was watched, or why it was not.
+        reason: why it is not any more.
+        time: since when, s of the boot clock.
+    """
+    figures = dict(watch_fact.figures)
+    figures["because"] = reason
+    return Fact(Watch.NOT_WATCHED, time=time, subject=watch_fact.subject, **figures)
 
 
-def _kind(fact: Fact) -> tuple[object, ...]:
+def _identity(fact: Fact) -> tuple[object, ...]:
+    """What two reviews' facts about the same report have in common."""
     return fact.code, fact.subject, fact.figures.get("text"), fact.time

@@ -1,8 +1,9 @@
-"""The wind in metres a second over a link.
+"""The wind in metres a second over a link, from attitude and velocity over ground.
 
-It is the filter that is smoothed offline, on a grid of the same step, 0.5 s. A row is of the middle of two steps,
-0.5 s before the velocity that completes it. Drag and lean are those known beforehand; sizes of gusts and noise are
-weighed by how well they predicted so far.
+It is the extended Kalman filter of logs (``mavdem.wind_velocity.airflow_filter``) without its smoother, on a
+grid of the same step, 0.5 s. An estimate is of the middle of two steps, 0.5 s before the velocity that completes it.
+Drag and lean of the vehicle are those known beforehand. Filters with several sizes of gusts and noise run side by side,
+and are weighted by how well they predicted so far.
 """
 
 from collections import deque
@@ -16,7 +17,6 @@ from scipy.special import softmax
 
 from mavdem.arrays import Array
 from mavdem.confidence import coverage_factor, half_width
-from mavdem.containers import Numbers
 from mavdem.dem.engine.linalg import normal_draws
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
@@ -48,213 +48,342 @@ from mavdem.wind_velocity.from_log import (
 from mavdem.wind_velocity.motion_grid import GRID_STEP, motion_grid, validated_motion
 from mavdem.wind_velocity.vehicle_drag import Drag
 
-SAMPLE_SECONDS = 0.05  # s between samples that are kept, at least
-MEMORY = 300.0  # s, of weighing sizes of gusts
-# of drag and lean; m/s: what is faster is damaged
-WIND_DRAWS = 16
-DAMAGED_SPEED = 100.0
-SIZES = np.log(
-    [*product([0.15, 0.6], [5.0], [0.02, 0.06], [0.02, 0.06, 0.2])]
-)  # as GUST_PRIOR_MEAN
+MIN_SAMPLE_STEP = 0.05
+"""Time between two samples of attitude, or of velocity, that are kept, s: a choice, ten in a step of the grid."""
+
+STAMP_TOLERANCE = 1e-3
+"""How much shorter a step may be, s: the resolution of time stamps."""
+
+KEPT_SECONDS = 2 * FIRST_FIT_SECONDS
+"""Duration of attitude and velocity that is kept, s: twice that in which free flight is checked."""
+
+MIN_CHECKED_SAMPLES = 10
+"""Samples in which free flight is checked, at least: a choice."""
+
+LIKELIHOOD_MEMORY_SECONDS = 300.0
+"""Time over which the filters' likelihoods are forgotten, s: a choice; the size of gusts changes in minutes."""
+
+DRAG_DRAWS = 16
+"""Draws of drag and lean that filters run for: a choice of accuracy and computing time."""
+
+MAX_SPEED = 100.0
+"""Speed over ground of no multirotor, m/s: a message with more is damaged."""
+
+PREFERRED_MESSAGE = "LOCAL_POSITION_NED"
+"""Message whose velocity is used alone, while it comes: the others have the same, rounded to cm/s."""
+
+GUST_PARAMETERS = np.log(
+    list(
+        product(
+            # Standard deviation of gusts, m/s².
+            [0.15, 0.6],
+            # Their correlation time, s.
+            [5.0],
+            # Change of the mean wind in a second, m/s².
+            [0.02, 0.06],
+            # Measurement noise, m/s².
+            [0.02, 0.06, 0.2],
+        )
+    )
+)
+"""(12, 4) Logarithms of the gust and noise parameters that filters run for, in the order of ``GUST_PRIOR_MEAN``.
+
+Two or three values of a parameter span what its prior makes likely.
+"""
+
+
+class CompassWind(NamedTuple):
+    """Wind as pilots name it."""
+
+    speed: float
+    """Speed, m/s."""
+
+    speed_low: float
+    """Lower end of the 90 % interval of the speed, m/s."""
+
+    speed_high: float
+    """Upper end of that interval, m/s."""
+
+    direction: float
+    """Where the wind comes from, degrees clockwise from north."""
+
+    direction_half_width: float
+    """Half width of its 90 % interval, degrees; 180 where the wind may come from anywhere."""
 
 
 class WindEstimate(NamedTuple):
-    """The wind at ``time``, s of the boot clock: north and east of where the air moves to, m/s, with half widths."""
+    """The wind at one time."""
 
     time: float
-    velocity: Array  # (2,)
-    band: Array  # (2,), which holds it with 90 %
+    """Time, s of the boot clock."""
+
+    velocity: Array
+    """(2,) Velocity of the air towards north and east, m/s."""
+
+    band: Array
+    """(2,) Half widths of its 90 % interval, m/s."""
 
     @property
-    def by_compass(self) -> Numbers:
-        """Speed and the ends of its interval, m/s; the direction it comes from and its half width, degrees."""
-        speed, origin, half, turned = (
-            figure[0] for figure in speed_and_direction(self.velocity[None], self.band[None])
+    def compass(self) -> CompassWind:
+        """Speed and direction, with their 90 % intervals."""
+        speeds, directions, speed_bands, direction_bands = speed_and_direction(
+            self.velocity[None], self.band[None]
         )
-        turned = min(np.hypot(turned, coverage_factor() * HEADING_SD), 180.0)
-        return speed, max(speed - half, 0.0), speed + half, origin, turned
+        speed = speeds[0]
+        speed_band = speed_bands[0]
+        heading_band = coverage_factor() * HEADING_SD
+        direction_band = min(np.hypot(direction_bands[0], heading_band), 180.0)
+        return CompassWind(
+            speed,
+            max(speed - speed_band, 0.0),
+            speed + speed_band,
+            directions[0],
+            direction_band,
+        )
 
     @property
     def facts(self) -> Facts:
-        """The speed, which is None where it may be calm, and where the wind comes from as far as that is known."""
-        speed, low, high, origin, turned = self.by_compass
-        status = speed_status(speed, low, high)
-        low = lower_speed_bound(low, high)
+        """The speed, and where the wind comes from if that is known; the speed is None where it may be calm."""
+        wind = self.compass
+        low = lower_speed_bound(wind.speed_low, wind.speed_high)
         strength = Fact(
             Session.WIND_SPEED,
-            speed=speed if low else None,
-            speed_interval=(low, high),
-            status=status,
+            speed=wind.speed if low else None,
+            speed_interval=(low, wind.speed_high),
+            status=speed_status(wind.speed, wind.speed_low, wind.speed_high),
         )
-        if not low or turned > MAX_DIRECTION_INTERVAL:
+        if not low or wind.direction_half_width > MAX_DIRECTION_INTERVAL:
             return (strength,)
-        course = Fact(
+        origin = Fact(
             Session.WIND_FROM,
-            direction=origin,
-            point=compass_text(origin),
-            half_width=turned,
+            direction=wind.direction,
+            point=compass_text(wind.direction),
+            half_width=wind.direction_half_width,
         )
-        return strength, course
+        return strength, origin
 
     @property
     def light(self) -> Fact:
-        """What the light of a flight says whose mean this is."""
-        strength, *course = self.facts
-        status = strength.figures["status"]
+        """The fact that the wind's light shows of a flight whose mean wind this is."""
+        facts = self.facts
+        strength = facts[0]
         low, high = strength.figures["speed_interval"]
-        if status is Status.NOT_IDENTIFIABLE:
-            # Of a drag that no flight has measured, as a rule
-            unsure = Fact(
+        if strength.figures["status"] is Status.NOT_IDENTIFIABLE:
+            # As a rule the drag was never measured in a flight.
+            doubt = Fact(
                 WindDoubt.SPEED_UNSURE, status=Status.BIASED, low=low, high=high, by_drag=True
             )
-            return Fact(WindLight.WIND_NOT_KNOWN, because=unsure)
+            return Fact(WindLight.WIND_NOT_KNOWN, because=doubt)
+        direction = None
+        if len(facts) > 1:
+            direction = facts[1].figures["direction"]
         return Fact(
             WindLight.WIND_BLEW,
             calm=not low,
-            speed=self.by_compass[0],
+            speed=self.compass.speed,
             low=low,
             high=high,
-            direction=course[0].figures["direction"] if course else None,
+            direction=direction,
             share=0.0,
         )
 
 
-class LiveWind:
-    """Makes rows of a flight's attitude and velocity: the latest ``row``, their ``mean``, or the ``obstacle``.
+class _Motion(NamedTuple):
+    """Attitude and velocity at T equal times."""
 
-    The ``drag`` is from another flight, else ``set_drag`` by the parameters; ``flags`` are the estimator's.
+    time: Array
+    """(T,) s of the boot clock."""
+
+    attitude: Array
+    """(T, 3) Roll, pitch and yaw, rad."""
+
+    velocity: Array
+    """(T, 3) Velocity over ground, north, east and down, m/s."""
+
+
+class LiveWind:
+    """Estimates the wind of a flight step by step.
+
+    Attributes:
+        earlier_drag: drag of the vehicle from an earlier flight; None where there is none.
+        parameter_drag: drag by the autopilot's parameters, or of multirotors in general; used without an earlier one.
+        estimator_flags: flags of the autopilot's estimator, by which its velocity counts.
+        latest: the latest estimate; None before any.
+        mean: mean of the flight's estimates, and of their bands; None before any.
+        obstacle: why there is no estimate although the vehicle flies.
     """
 
-    drag: Drag | None = None
-    flags = VELOCITY_VALID_FLAG
-
     def __init__(self) -> None:
-        self.set_drag = Drag.from_parameters()
+        self.earlier_drag: Drag | None = None
+        self.parameter_drag = Drag.from_parameters()
+        self.estimator_flags = VELOCITY_VALID_FLAG
         self.restart()
 
     def restart(self) -> None:
-        """Forgets the flight: another begins, or its clock is over."""
-        self.row: WindEstimate | None = None
+        """Forgets the flight: another begins, or the vehicle's clock begins anew."""
+        self.latest: WindEstimate | None = None
         self.mean: WindEstimate | None = None
         self.obstacle: Fact | None = None
-        self._rows = 0  # in the mean
-        self._said = False
-        self._last = -inf
-        kept = round(2 * FIRST_FIT_SECONDS / SAMPLE_SECONDS)
-        self._attitudes = deque[Sequence[float]](maxlen=kept)
-        self._velocities = deque[Sequence[float]](maxlen=kept)
+        self._estimate_count = 0
+        self._is_reported = False
+        sample_count = round(KEPT_SECONDS / MIN_SAMPLE_STEP)
+        # Time, then three angles, rad, or three velocities, m/s, of each sample.
+        self._attitudes = deque[Sequence[float]](maxlen=sample_count)
+        self._velocities = deque[Sequence[float]](maxlen=sample_count)
         self._filter: AirflowFilter | None = None
         self._step = GRID_STEP
-        self._end = inf  # s, of the step that comes next
-        self._next_check = -inf
-        self._local = -inf
+        # Times of the latest velocity messages, the end of the next step, and the next check, s of the boot clock.
+        self._velocity_time = -inf
+        self._preferred_time = -inf
+        self._step_end = inf
+        self._check_time = -inf
 
-    def attitude(self, time: float, angles: Sequence[float]) -> None:
-        """Takes roll, pitch and yaw, rad."""
-        if not self._attitudes or time - self._attitudes[-1][0] >= SAMPLE_SECONDS - 1e-3:
-            self._attitudes.append((time, *angles))
+    def add_attitude(self, time: float, roll: float, pitch: float, yaw: float) -> None:
+        """Adds an attitude at ``time``, s, in rad; samples that come too soon are left out."""
+        min_step = MIN_SAMPLE_STEP - STAMP_TOLERANCE
+        if not self._attitudes or time - self._attitudes[-1][0] >= min_step:
+            self._attitudes.append((time, roll, pitch, yaw))
 
-    def velocity(self, name: str, time: float, values: Sequence[float]) -> Fact | None:
-        """Takes down, north and east of a message; returns the wind with the first row."""
-        self._local = time if name == "LOCAL_POSITION_NED" else self._local
-        # Of several messages that one alone
-        is_other = name != "LOCAL_POSITION_NED" and time - self._local < SILENCE_SECONDS
-        if is_other or time - self._last < SAMPLE_SECONDS - 1e-3:
+    def add_velocity(self, name: str, time: float, values: Sequence[float]) -> Fact | None:
+        """Adds a velocity, and estimates the wind at the steps that it completes.
+
+        Args:
+            name: name of the message, one of ``VELOCITY_MESSAGES``.
+            time: s of the boot clock.
+            values: velocity down, north and east in the unit of the message.
+
+        Returns:
+            The wind with the flight's first estimate; None otherwise.
+        """
+        if name == PREFERRED_MESSAGE:
+            self._preferred_time = time
+        elif time - self._preferred_time < SILENCE_SECONDS:
             return None
-        self._last = time
-        down, *level = (VELOCITY_MESSAGES[name] * value for value in values)
-        sure = horizontal_velocity_valid(self.flags)
-        if not (
-            sure and self._attitudes and all(abs(part) < DAMAGED_SPEED for part in (down, *level))
-        ):
+        if time - self._velocity_time < MIN_SAMPLE_STEP - STAMP_TOLERANCE:
+            return None
+        self._velocity_time = time
+        down, north, east = (VELOCITY_MESSAGES[name] * value for value in values)
+        is_possible = abs(down) < MAX_SPEED and abs(north) < MAX_SPEED and abs(east) < MAX_SPEED
+        is_valid = horizontal_velocity_valid(self.estimator_flags)
+        if not (is_possible and is_valid and self._attitudes):
             return None
         if self._velocities and time - self._velocities[-1][0] > SILENCE_SECONDS:
             self._filter = None
-            self.row = None
-            self._next_check = time + FIRST_FIT_SECONDS
-        self._velocities.append((time, *level, down))
-        if time >= self._next_check:
-            self._next_check = time + FIRST_FIT_SECONDS
-            self._check(time)
-        while self._end <= min(time, self._attitudes[-1][0] + SAMPLE_SECONDS):
-            self._take(self._end)
-            self._end += self._step
-        news = self.row is not None and not self._said
-        self._said = self._said or self.row is not None
-        if not news or self.row is None:
+            self.latest = None
+            self._check_time = time + FIRST_FIT_SECONDS
+        self._velocities.append((time, north, east, down))
+        if time >= self._check_time:
+            self._check_time = time + FIRST_FIT_SECONDS
+            self._check_free_flight(time)
+        while self._step_end <= min(time, self._attitudes[-1][0] + MIN_SAMPLE_STEP):
+            self._estimate_step(self._step_end)
+            self._step_end += self._step
+        if self.latest is None or self._is_reported:
             return None
-        return Fact(Session.WIND_KNOWN, because=self.row.facts)
+        self._is_reported = True
+        return Fact(Session.WIND_KNOWN, because=self.latest.facts)
 
-    def _table(self, since: float, until: float) -> tuple[Array, Array, Array]:
-        """Times (T,), attitudes (T, 3) and velocities (T, 3) between two times, as offline."""
-        rows = np.array([row for row in self._attitudes if since <= row[0] < until]).reshape(-1, 4)
-        velocities = np.array(
-            [row for row in self._velocities if since - MAX_VELOCITY_GAP <= row[0]]
+    def _motion(self, start_time: float, end_time: float) -> _Motion:
+        """The attitudes between two times, s, with the velocities interpolated at them, as of a recorded flight.
+
+        Attitudes before the first and after the last velocity, or in a gap of velocities, are left out.
+        """
+        attitudes = np.array(
+            [row for row in self._attitudes if start_time <= row[0] < end_time]
         ).reshape(-1, 4)
-        after = np.searchsorted(velocities[:, 0], rows[:, 0])
-        inside = (after > 0) & (after < len(velocities))
-        rows = rows[inside]
-        after = after[inside]
-        rows = rows[velocities[after, 0] - velocities[after - 1, 0] <= MAX_VELOCITY_GAP]
-        moved = interpolated(rows[:, 0], velocities[:, 0], velocities[:, 1:])
-        return rows[:, 0], rows[:, 1:], moved
+        velocities = np.array(
+            [row for row in self._velocities if start_time - MAX_VELOCITY_GAP <= row[0]]
+        ).reshape(-1, 4)
+        velocity_times = velocities[:, 0]
+        next_row = np.searchsorted(velocity_times, attitudes[:, 0])
+        is_between = (next_row > 0) & (next_row < len(velocities))
+        attitudes = attitudes[is_between]
+        next_row = next_row[is_between]
+        gaps = velocity_times[next_row] - velocity_times[next_row - 1]
+        attitudes = attitudes[gaps <= MAX_VELOCITY_GAP]
+        time = attitudes[:, 0]
+        velocity = interpolated(time, velocity_times, velocities[:, 1:])
+        return _Motion(time, attitudes[:, 1:], velocity)
 
-    def _check(self, time: float) -> None:
-        """Ends where the vehicle does not fly freely, and begins where it does."""
-        stamps, angles, speeds = self._table(time - FIRST_FIT_SECONDS, time)
-        if len(stamps) < 10 or stamps[-1] - stamps[0] < FIRST_FIT_SECONDS / 2:
-            self._next_check = time + self._step
+    def _check_free_flight(self, time: float) -> None:
+        """Begins the filter where the vehicle has flown freely in the last seconds before ``time``, s, or ends it."""
+        motion = self._motion(time - FIRST_FIT_SECONDS, time)
+        stamps = motion.time
+        is_short = len(stamps) < MIN_CHECKED_SAMPLES
+        if is_short or stamps[-1] - stamps[0] < FIRST_FIT_SECONDS / 2:
+            self._check_time = time + self._step
             return
         try:
-            still = [np.ptp(angles[:, 2]), *np.ptp(speeds[:, :2], axis=0)]
-            if 0 in still:
-                raise NotLearnable(NoWind.NOT_MEASURED, name="velocity" if still[0] else "yaw")
-            validated_motion(stamps, angles, speeds)
+            self._require_measured(motion)
+            validated_motion(stamps, motion.attitude, motion.velocity)
         except NotLearnable as error:
             self.obstacle = error.fact
-            self.row = self.mean = None
-            self._rows = 0
+            self.latest = None
+            self.mean = None
+            self._estimate_count = 0
             self._filter = None
             return
         self.obstacle = None
-        start = motion_grid(stamps, angles, speeds, max(GRID_STEP, np.median(np.diff(stamps))))
-        if self._filter is None and start.complete.any():
-            self._step = start.step
-            drag = self.drag or self.set_drag
-            places = normal_draws(drag.mean, drag.covariance, WIND_DRAWS, seed=1)
-            places = np.hstack(
-                [np.tile(places, (len(SIZES), 1)), np.repeat(SIZES, WIND_DRAWS, axis=0)]
+        step = max(GRID_STEP, np.median(np.diff(stamps)))
+        grid = motion_grid(stamps, motion.attitude, motion.velocity, step)
+        if self._filter is None and grid.complete.any():
+            self._step = grid.step
+            drag = self.earlier_drag or self.parameter_drag
+            drags = normal_draws(drag.mean, drag.covariance, DRAG_DRAWS, seed=1)
+            # Each size of gusts with each draw of the drag.
+            parameters = np.hstack(
+                [
+                    np.tile(drags, (len(GUST_PARAMETERS), 1)),
+                    np.repeat(GUST_PARAMETERS, DRAG_DRAWS, axis=0),
+                ]
             )
-            self._filter = AirflowFilter(filter_parameters(places, start), start)
-            self._end = time
+            self._filter = AirflowFilter(filter_parameters(parameters, grid), grid)
+            self._step_end = time
 
-    def _take(self, end: float) -> None:
-        """Goes on by a step that ends at ``end``."""
-        run = self._filter
-        if run is None:
+    @staticmethod
+    def _require_measured(motion: _Motion) -> None:
+        """Raises ``NotLearnable`` where yaw or a horizontal velocity never changes: then nothing measures it."""
+        yaw_is_constant = np.ptp(motion.attitude[:, 2]) == 0
+        velocity_is_constant = (np.ptp(motion.velocity[:, :2], axis=0) == 0).any()
+        if yaw_is_constant:
+            raise NotLearnable(NoWind.NOT_MEASURED, name="yaw")
+        if velocity_is_constant:
+            raise NotLearnable(NoWind.NOT_MEASURED, name="velocity")
+
+    def _estimate_step(self, end_time: float) -> None:
+        """Advances the filters by the step that ends at ``end_time``, s, and averages them by their likelihood."""
+        filters = self._filter
+        if filters is None:
             return
-        run.predict()
-        stamps, angles, speeds = self._table(end - 2 * self._step, end)
-        moved = motion_grid(stamps, angles, speeds, self._step) if len(stamps) > 2 else None
-        if moved is not None and moved.complete[:1].any():
-            run.update(moved, 0)
-            run.log_likelihoods *= 1 - self._step / MEMORY
-        logs = (
-            run.log_likelihoods.reshape(len(SIZES), -1).mean(axis=1)
-            - (((SIZES - GUST_PRIOR_MEAN) / GUST_PRIOR_SD) ** 2).sum(axis=1) / 2
-        )
-        weights = np.repeat(softmax(logs) / WIND_DRAWS, WIND_DRAWS)
-        winds = run.states @ TOTAL_WIND_MATRIX.T
+        filters.predict()
+        motion = self._motion(end_time - 2 * self._step, end_time)
+        if len(motion.time) > 2:
+            grid = motion_grid(motion.time, motion.attitude, motion.velocity, self._step)
+            if grid.complete[:1].any():
+                filters.update(grid, 0)
+                filters.log_likelihoods *= 1 - self._step / LIKELIHOOD_MEMORY_SECONDS
+
+        likelihoods = filters.log_likelihoods.reshape(len(GUST_PARAMETERS), -1).mean(axis=1)
+        prior_distances = (GUST_PARAMETERS - GUST_PRIOR_MEAN) / GUST_PRIOR_SD
+        log_weights = likelihoods - (prior_distances**2).sum(axis=1) / 2
+        weights = np.repeat(softmax(log_weights) / DRAG_DRAWS, DRAG_DRAWS)
+        # The moments of the mixture: mean, and variance within and between the filters.
+        winds = filters.states @ TOTAL_WIND_MATRIX.T
         variances = np.einsum(
-            "ai,gij,aj->ga", TOTAL_WIND_MATRIX, run.covariances, TOTAL_WIND_MATRIX
+            "ai,gij,aj->ga", TOTAL_WIND_MATRIX, filters.covariances, TOTAL_WIND_MATRIX
         )
-        mean = weights @ winds
-        band = half_width(weights @ (variances + (winds - mean) ** 2))
-        self.row = row = WindEstimate(end - self._step, mean, band)
-        # Drag and lean err alike in all rows, so the mean is known no better than they are.
-        self._rows += 1
-        before = self.mean or row
-        parts = (
-            old + (new - old) / self._rows for old, new in zip(before[1:], row[1:], strict=True)
-        )
-        self.mean = WindEstimate(row.time, *parts)
+        velocity = weights @ winds
+        band = half_width(weights @ (variances + (winds - velocity) ** 2))
+        self.latest = WindEstimate(end_time - self._step, velocity, band)
+        self._update_mean(self.latest)
+
+    def _update_mean(self, estimate: WindEstimate) -> None:
+        """Adds an estimate to the mean, whose band is the mean band.
+
+        Drag and lean err alike in all estimates, so that the mean is known no better than they are.
+        """
+        self._estimate_count += 1
+        mean = self.mean or estimate
+        velocity = mean.velocity + (estimate.velocity - mean.velocity) / self._estimate_count
+        band = mean.band + (estimate.band - mean.band) / self._estimate_count
+        self.mean = WindEstimate(estimate.time, velocity, band)

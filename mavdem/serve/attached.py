@@ -111,7 +111,7 @@ class Attached:
             finally:
                 session.end()
         finally:
-            if recording.frames:
+            if recording.frame_count:
                 self._library.entered(part, name)
                 self._notify()
             else:
@@ -122,8 +122,11 @@ class Attached:
 
     def _show(self, session: LiveSession) -> None:
         self._library.room_for(0)  # while there is room to keep the recording
-        frames = session.recording.frames
+        recording = session.intake.recording
+        # A recording that fails ends the session before its next page.
+        assert recording is not None
+        frames = recording.frame_count
         self._silent = self._silent + 1 if frames == self._frames > 0 else 0
         self._frames = frames
-        shown = AXIS, session.history, session.status, session.account(), None
+        shown = AXIS, session.history, session.status, session.time_account(), None
         self._page = live_page(session.link.name, *shown, ("Flights", "/"))

@@ -7,7 +7,7 @@ from mavdem.errors import Refusal
 from mavdem.facts.serve import Stage
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.workers import Job, JobLimits, LogReader, ReadLog, outcome_of
-from mavdem.live.link import PAUSE_SECONDS
+from mavdem.live.link import RETRY_SECONDS
 from mavdem.serve.library import SERVERS, Entry, Library
 from mavdem.serve.reading import publish, read_for_library
 
@@ -71,7 +71,7 @@ class Work:
                 else:
                     self._wait()
             except PASSING:
-                self._is_ending.wait(PAUSE_SECONDS)
+                self._is_ending.wait(RETRY_SECONDS)
         reader.stop()
 
     def _wait(self) -> None:
@@ -80,7 +80,7 @@ class Work:
             self._library.recover()
         self._library.adopt()
         with self._has_come:
-            self._has_come.wait(PAUSE_SECONDS)
+            self._has_come.wait(RETRY_SECONDS)
 
     def _read_log(self, reader: LogReader | Cluster, entry: Entry) -> None:
         try:

@@ -18,7 +18,7 @@ from mavdem.dem.online.learner import TOO_FEW_SAMPLES
 from mavdem.live import SessionStatus
 from mavdem.live.display import DisplayRow
 from mavdem.live.history import REPORTED_HORIZON
-from mavdem.live.rows import MAX_SAMPLES
+from mavdem.live.samples import MAX_SAMPLES
 from mavdem.report.blocks import markdown
 from mavdem.report.live import watching
 from mavdem.report.numbers import TORQUE, named, per, place, readable
@@ -91,7 +91,7 @@ class LiveWriter:
         winds = [(row, row.wind) for row in rows if row.wind is not None]
         self._draw(
             speed,
-            [(0, wind.time + row.timeline_offset, wind.by_compass[:3]) for row, wind in winds],
+            [(0, wind.time + row.timeline_offset, wind.compass[:3]) for row, wind in winds],
         )
         self._estimates([(row, row.estimate) for row in rows if row.estimate is not None])
 
@@ -196,7 +196,7 @@ class LiveWriter:
                 )
         for number, axis in enumerate(TILT_AXES):
             line = Lines(f"axes/{axis}/0_asked", ("setpoint",), (TRUTH,))
-            asked = [(s, t, [np.degrees(pose.asked[number])]) for s, t, pose in poses]
+            asked = [(s, t, [np.degrees(pose.setpoint[number])]) for s, t, pose in poses]
             self._draw(line, asked, True)
         rates = Lines("rates", AXES, DISTINCT[: len(AXES)])
         self._draw(rates, [(s, t, np.degrees(pose.rates)) for s, t, pose in poses])

@@ -21,8 +21,9 @@ from mavdem.facts.motors import InFlight
 from mavdem.facts.session import Session
 from mavdem.live import Event, SessionStatus
 from mavdem.live.display import DisplayRow
-from mavdem.live.link import PAUSE_SECONDS
-from mavdem.live.rows import MAX_SAMPLES
+from mavdem.live.link import RETRY_SECONDS
+from mavdem.live.samples import MAX_SAMPLES
+from mavdem.live.session_status import STATUS_PERIOD
 from mavdem.view.live_content import Channels, LiveWriter, figures, status_document
 from mavdem.view.plots import BOOT_CLOCK, log
 from mavdem.view.sinks import CLOSING_SECONDS, Sink
@@ -103,7 +104,7 @@ class SinkThread(threading.Thread):
     def _open(self) -> None:
         if self._recording is not None or not self._rows or wall.monotonic() < self._next_try:
             return
-        self._next_try = wall.monotonic() + PAUSE_SECONDS if self.sink.retried else inf
+        self._next_try = wall.monotonic() + RETRY_SECONDS if self.sink.retried else inf
         recording = rr.RecordingStream("mavdem", recording_id=self._id)
         recording.set_log_time_enabled(False)
         recording.set_log_tick_enabled(False)
@@ -137,7 +138,7 @@ class SinkThread(threading.Thread):
                 if line.is_alarm:
                     self._writer.mark(line.since)
         if self._last and self._writer and wall.monotonic() >= self._next_status:
-            self._next_status = wall.monotonic() + PAUSE_SECONDS
+            self._next_status = wall.monotonic() + STATUS_PERIOD
             if new := self.dropped - self._reported_drops:
                 words = f"{new} rows are not shown here: this view is too slow"
                 log(recording, self._last.timeline_time, words, Level.WATCH)

@@ -62,15 +62,17 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
     def fly(session, *_):
         folder.rmdir()
         # What takes its time at the end is no silence of the link's.
-        session.learner = Mock(obstacle=None, **{"learn_now.side_effect": lambda _: late(session)})
+        session._learning.learner = Mock(
+            obstacle=None, **{"learn_now.side_effect": lambda _: late(session)}
+        )
 
     def late(session):
-        session._heard -= 60
+        session._silence.message_time -= 60
         return Mock(**{"to_json.return_value": "{}"})
 
     monkeypatch.setattr("mavdem.cli.live.run_session", fly)
     monkeypatch.setattr("mavdem.cli.live.live_page", lambda *_: "")
-    monkeypatch.setattr("mavdem.cli.live.LiveSession.judge", lambda *_: None)
+    monkeypatch.setattr("mavdem.cli.live.LiveSession.judge_final_model", lambda *_: None)
     assert (
         run("live", f"udpin:127.0.0.1:{free_port()}", "--model", folder / "m.json", "--json") == 2
     )
@@ -149,10 +151,10 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(here, capsys,
     for name, value in {
         "mavdem.cli.live.run_session": fly,
         "mavdem.cli.live.LiveSession.final_model": interrupted,
-        "mavdem.live.session.FIT_SECONDS": PATIENCE,
+        "mavdem.live.learning.FIT_SECONDS": PATIENCE,
         "mavdem.live.link.SO_TIMESTAMPNS": 0,  # pieces arrive when they are read
         "mavdem.live.link.time": clock,
-        "mavdem.live.session.time": clock,
+        "mavdem.live.clock.time": clock,
     }.items():
         monkeypatch.setattr(name, value)
     words = f"udpin:127.0.0.1:{port} --rrd f.rrd --record f.tlog --request-rate 10 --preset paper --order 4 --json"

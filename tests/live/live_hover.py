@@ -135,7 +135,10 @@ class Replay:
     def table(self):
         """Everything about the rows but when they were received, (T, 9)."""
         return np.array(
-            [[row.time, *row.inputs, *row.outputs, row.segment, row.settled] for row in self.rows]
+            [
+                [row.time, *row.inputs, *row.outputs, row.segment, row.is_settled]
+                for row in self.rows
+            ]
         )
 
 
@@ -171,13 +174,13 @@ def differences(made, segment, telemetry, axis="roll"):
     stamps = signals.attitude(telemetry, axis)
     here = stamps.time[stamps.boot == setup.boot]
     margin = FILTER_EDGE_STEPS * setup.dt if max(setup.rates) * setup.dt >= LOW_PASS_RATIO else 0.0
-    start = here[np.searchsorted(here, setup.start - margin + STAMP_RESOLUTION) - 1]
+    start = here[np.searchsorted(here, setup.grid_start - margin + STAMP_RESOLUTION) - 1]
     flight = aligned_flight(
         Signals(telemetry, axis),
         Segment(setup.boot, float(start), rows[-1].time + margin + 0.9 * setup.dt),
     )
     assert flight.dt == setup.dt
-    flight = flight[round((rows[0].time - setup.start) / setup.dt) :]
+    flight = flight[round((rows[0].time - setup.grid_start) / setup.dt) :]
     ours = np.array([[row.time, *row.outputs, *row.inputs] for row in rows])
     theirs = np.column_stack([flight.time, flight.outputs, flight.inputs])
     count = min(len(ours), len(theirs))

@@ -10,7 +10,7 @@ from mavdem.assessment.assess import assess
 from mavdem.assessment.axis.twin import predicted_errors
 from mavdem.facts.loops import Gains, Twins
 from mavdem.ingest import read_log
-from mavdem.live.gain_advice import GainAdviser, advised
+from mavdem.live.gain_advice import GainAdviser, advise_gains
 
 TUNED_BADLY = """
 seed = 5
@@ -43,7 +43,7 @@ def test_the_files_beside_a_recording_are_new_and_those_that_tune_writes(tmp_pat
     before = tmp_path / "flight.gains.param"
     before.write_text("# of an earlier flight\n")
     capsys.readouterr()
-    roll, *_, twin, written = advised(recording, "1:1")
+    roll, *_, twin, written = advise_gains(recording, "1:1")
     assert roll.code is Gains.GAINS_ADVISED and roll.figures["expected_error"] > 0
     assert "ATC_ANG_RLL_P 16 → " in roll.sentence
     assert (twin.code, twin.subject) == (Gains.TWIN_FLIES, "roll")
@@ -64,27 +64,27 @@ def test_the_files_beside_a_recording_are_new_and_those_that_tune_writes(tmp_pat
 def test_a_flight_without_a_loop_is_left_alone_in_one_sentence(tmp_path):
     recording = tmp_path / SLOW.name
     recording.write_bytes(SLOW.read_bytes())
-    (left,) = advised(recording, "1:1")
+    (left,) = advise_gains(recording, "1:1")
     assert left.code is Gains.GAINS_LEFT and "needs 40 Hz" in left.sentence
     assert [*tmp_path.iterdir()] == [recording], "nothing is written"
 
 
 def test_a_busy_computer_advises_later_and_says_so(tmp_path, monkeypatch):
     adviser = adviser_of(tmp_path)
-    assert adviser.go_on("1:1", False, True) == (), "nothing has landed"
+    assert adviser.update("1:1", False, True) == (), "nothing has landed"
     adviser.is_due = True
-    assert [fact.code for fact in adviser.go_on("1:1", True, False)] == [Gains.ADVICE_WAITS]
-    assert not adviser._start.called
-    monkeypatch.setattr("mavdem.live.gain_advice.advised", lambda *_: ("gains",))
-    assert adviser.go_on("1:1", False, False) == ("gains",)
-    assert adviser.go_on("1:1", False, True) == ()
+    assert [fact.code for fact in adviser.update("1:1", True, False)] == [Gains.ADVICE_WAITS]
+    assert not adviser._start_executor.called
+    monkeypatch.setattr("mavdem.live.gain_advice.advise_gains", lambda *_: ("gains",))
+    assert adviser.update("1:1", False, False) == ("gains",)
+    assert adviser.update("1:1", False, True) == ()
 
 
 @mark.parametrize("error", [TimeoutError(), OSError(28, "No space left on device")])
 def test_advice_that_fails_costs_nothing_else(tmp_path, monkeypatch, error):
-    monkeypatch.setattr("mavdem.live.gain_advice.advised", Mock(side_effect=error))
+    monkeypatch.setattr("mavdem.live.gain_advice.advise_gains", Mock(side_effect=error))
     adviser = adviser_of(tmp_path)
     adviser.is_due = True
-    (failed,) = adviser.go_on("1:1", True, True)
+    (failed,) = adviser.update("1:1", True, True)
     assert failed.code is Gains.ADVICE_FAILED and str(error) in failed.sentence
     assert failed.remedy == f"Run `mavdem tune {tmp_path}/flight.tlog --axis all`."

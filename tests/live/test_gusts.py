@@ -10,7 +10,7 @@ from numpy.random import default_rng
 from pytest import approx, mark
 
 from mavdem.facts.session import Session
-from mavdem.live.gusts import LiveGusts
+from mavdem.live.gusts import GustDetector
 from mavdem.live.session_loop import run_session
 
 DT = 0.02
@@ -21,13 +21,13 @@ def test_a_gust_is_said_once_and_a_motor_s_step_is_none(changed):
     torque = default_rng(1).uniform(-1.0, 1.0, size=2500)
     torque[600:625] = 20.0
     torque[625:690] = np.where(changed, np.nan, torque[625:690])  # as after a motor's alarm
-    live = LiveGusts(DT)
+    live = GustDetector(DT)
     found = []
     for i, one in enumerate(torque):
         now = SimpleNamespace(
             wind_time=50.0 + DT * i, wind_torque=one, wind_torque_band=0.5, physical=None
         )
-        found += [(gust, DT * (i + 1)) for gust in live.take(now)]
+        found += [(gust, DT * (i + 1)) for gust in live.add(now)]
     if changed:
         assert found == []
         return
@@ -40,9 +40,9 @@ def test_a_gust_is_said_once_and_a_motor_s_step_is_none(changed):
 
 
 def test_what_is_not_known_is_no_gust_and_no_level():
-    live = LiveGusts(DT)
+    live = GustDetector(DT)
     unknown = SimpleNamespace(wind_torque=np.nan)
-    assert not list(live.take(unknown))
+    assert not list(live.add(unknown))
 
 
 def test_a_session_runs_for_its_time_and_reports_now_and_then(monkeypatch):

@@ -12,8 +12,8 @@ from pytest import mark, raises
 from mavdem.facts.session import VehicleFact
 from mavdem.ingest.mavlink.definitions import definitions_by_id
 from mavdem.live import LiveStream
-from mavdem.live.messages import FIELDS
-from mavdem.live.rows import MAX_SAMPLES, Samples
+from mavdem.live.messages import MESSAGE_FIELDS
+from mavdem.live.samples import MAX_SAMPLES, SampleStream
 from mavdem.live.stream import MAX_EVENTS
 
 FLIGHT = Flight(hover=Hover(hovering=30.0))
@@ -25,7 +25,7 @@ def test_frames_of_random_content_from_the_vehicle_itself_raise_nothing():
     ids = [
         definition.message_id
         for definition in definitions_by_id().values()
-        if definition.name in FIELDS
+        if definition.name in MESSAGE_FIELDS
     ]
     forged = []
     for _ in range(4000):
@@ -82,12 +82,12 @@ def test_parameters_and_events_are_bounded():
 
 
 def test_stamps_however_close_together_take_no_more_memory_than_so_many_samples():
-    samples = Samples()
-    assert samples.rate(100.0) == 0.0
+    samples = SampleStream()
+    assert samples.recent_rate(100.0) == 0.0
     for number in range(3 * MAX_SAMPLES):
         samples.add(100.0 + 1e-6 * number, (0.5,))
     assert len(samples.time) <= MAX_SAMPLES + 64
-    assert samples.count(samples.time[-1]) <= MAX_SAMPLES + 64
+    assert samples.recent_count(samples.time[-1]) <= MAX_SAMPLES + 64
 
 
 def test_another_axis_is_refused():

@@ -35,7 +35,7 @@ def test_a_gap_begins_a_new_segment_with_the_same_step(silence):
     assert made.setups[0].dt == made.setups[1].dt == 0.01
     # A review, which goes on with the messages, decides anew what rows are made of.
     assert made.segments()[1][0].time == approx(18.0 + silence, abs=0.4)
-    assert all(row.settled for row in made.segments()[1])
+    assert all(row.is_settled for row in made.segments()[1])
     assert (VehicleFact.CLOCK_JUMPED if silence > 5 else Rows.MESSAGE_GAP) in made.codes
     assert silence < 1.0 or made.stream.status().gap_seconds == approx(silence, abs=0.1)
     settled_uniform(made)
@@ -60,7 +60,7 @@ def test_another_rate_in_flight_decides_the_step_anew():
     assert [setup.dt for setup in made.setups.values()] == [0.02, 0.01]
     changed = [fact for fact in made.facts if fact.code is Rows.RATE_CHANGED]
     assert changed and changed[0].figures["former_rate"] == approx(50.0)
-    assert made.segments()[1][0].time < 21.0 and all(row.settled for row in made.segments()[1])
+    assert made.segments()[1][0].time < 21.0 and all(row.is_settled for row in made.segments()[1])
     settled_uniform(made)
 
 
@@ -86,7 +86,7 @@ def test_a_stream_that_is_too_slow_is_reported_with_the_remedy_and_gives_no_rows
     assert made.stream.status().rates["SERVO_OUTPUT_RAW"] == approx(4.0, abs=0.1)
     cured = replay(FLIGHT.frames(start=18.0, end=24.0), made.stream)
     assert Rows.LIVE_RATES_ENOUGH in cured.codes
-    assert cured.rows[0].time < 20.6 and all(row.settled for row in cured.rows)
+    assert cured.rows[0].time < 20.6 and all(row.is_settled for row in cured.rows)
     obstacle = replay(slow[: len(slow) // 2], rates_requested=True).stream.status().obstacle
     assert obstacle.code is Rows.LIVE_RATES_TOO_LOW and not obstacle.figures["can_ask"]
     assert not obstacle.remedy, "who asks for rates is not advised to"
@@ -135,7 +135,7 @@ def octo():
 def test_motors_on_two_ports_are_reported_together():
     frames = octo()
     made = replay(frames)
-    assert made.setups[0].layout.channels == (1, 2, 3, 4, 9, 10, 11, 12)
+    assert made.setups[0].geometry.channels == (1, 2, 3, 4, 9, 10, 11, 12)
     times, outputs, inputs = differences(made, 0, offline([data for _, data in frames]))
     assert times < 1e-6
     assert outputs == 0.0

@@ -14,7 +14,7 @@ from refusals import refused, unreadable
 from mavdem.facts.session import LinkError, LinkFact
 from mavdem.live.link import (
     MAX_PIECES,
-    PAUSE_SECONDS,
+    RETRY_SECONDS,
     Link,
     LinkLost,
 )
@@ -95,7 +95,7 @@ def test_datagrams_come_whole_and_in_order_with_their_stamps_in_a_bounded_number
         while batch := link.receive(0.5):
             found += len(batch)
         vehicle.sendto(HEARTBEAT, address)
-        assert len(link.receive(60.0)) == 1 and link.dropped == 400 - found > 0
+        assert len(link.receive(60.0)) == 1 and link.dropped_datagrams == 400 - found > 0
 
 
 def test_of_two_autopilots_with_the_same_ids_the_first_is_received_and_that_is_said_once(clock):
@@ -165,7 +165,7 @@ def test_a_server_that_goes_away_is_reported_and_comes_back(clock):
         for cause in (LinkError.CLOSED, LinkError.NOT_OPEN):
             assert cause_of_loss(link) is cause
         assert not link.reopen(), "a pause comes first"
-        clock[0] += PAUSE_SECONDS
+        clock[0] += RETRY_SECONDS
         assert link.reopen()
         with listener.accept()[0] as again:
             again.sendall(b"hello again")

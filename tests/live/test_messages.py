@@ -17,7 +17,8 @@ from mavdem.ingest.mavlink.framing import (
     MESSAGE_UNKNOWN,
 )
 from mavdem.ingest.mavlink.vehicles import BOOT_CLOCK_UNITS
-from mavdem.live.messages import FIELDS, MAX_UNDECIDED, Frame, FrameReader, message_of
+from mavdem.live.frames import MAX_UNDECIDED_BYTES, Frame, FrameReader
+from mavdem.live.messages import MESSAGE_FIELDS, decode_message
 
 
 def found(content, chance=None):
@@ -69,7 +70,7 @@ def test_whole_frames_of_every_kind_are_those_of_the_file_reader(seed):
     frames, finder = found(content, random.Random(seed))
     assert frames == by_the_file_reader(content)
     assert {one.checksum for one in frames} == {CHECKSUM_MATCHES, MESSAGE_UNKNOWN, CHECKSUM_FAILED}
-    assert finder.unread == sum(one.checksum != CHECKSUM_MATCHES for one in frames)
+    assert finder.undecoded_frames == sum(one.checksum != CHECKSUM_MATCHES for one in frames)
 
 
 @mark.slow
@@ -87,8 +88,8 @@ def test_hostile_bytes_are_bounded_in_memory_and_time(kind):
     waiting = 0
     for place in range(0, len(content), 1000):
         finder.feed(content[place : place + 1000])
-        waiting = max(waiting, len(finder._rest))
-    assert waiting <= MAX_UNDECIDED + 1000
+        waiting = max(waiting, len(finder._pending))
+    assert waiting <= MAX_UNDECIDED_BYTES + 1000
     # And what comes behind it is found.
     good = [one for one in finder.feed(heartbeat() * 40) if one.checksum == CHECKSUM_MATCHES]
     assert len(good) >= 2
@@ -98,7 +99,7 @@ DEFINITIONS = {definition.name: definition for definition in definitions_by_id()
 
 
 @mark.parametrize("version", [1, 2])
-@mark.parametrize("name", FIELDS)
+@mark.parametrize("name", MESSAGE_FIELDS)
 def test_fields_and_stamps_are_those_of_columns(name, version):
     chance = random.Random(name)
     definition = DEFINITIONS[name]
@@ -118,11 +119,11 @@ def test_fields_and_stamps_are_those_of_columns(name, version):
     table = decoded_columns(content, starts, definition)
     clock = next((field for field in BOOT_CLOCK_UNITS if field in table), None)
     for row, one in enumerate(FrameReader().feed(content.tobytes())):
-        told = message_of(one)
+        told = decode_message(one)
         assert told.name == name
-        for value, field in zip(told.values, FIELDS[name], strict=True):
+        for value, field in zip(told.values, MESSAGE_FIELDS[name], strict=True):
             assert_equal(value, table[field][row])
         assert told.stamp == (table[clock][row] / BOOT_CLOCK_UNITS[clock] if clock else 0.0)
         # Milliseconds of 32 bits wrap after 49.7 days, microseconds of these after 71.6 minutes.
         short = {"time_boot_ms": 2**32 / 1e3, "SERVO_OUTPUT_RAW": 2**32 / 1e6}
-        assert told.period == short.get(clock, short.get(name, np.inf))
+        assert told.wrap_period == short.get(clock, short.get(name, np.inf))

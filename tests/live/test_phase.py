@@ -10,7 +10,7 @@ from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts.session import Session
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import ARMED, IN_AIR, LANDING, ON_GROUND
-from mavdem.live.decisions import Phase
+from mavdem.live.flight_phase import FlightPhase
 from mavdem.live.recent_messages import RecentMessages
 from mavdem.live.wind import WindEstimate
 
@@ -26,7 +26,7 @@ class Vehicle:
 
     def __init__(self):
         self.recent = RecentMessages()
-        self.phase = Phase(self.recent)
+        self.phase = FlightPhase(self.recent)
         self.time = -3.0
         self.collective = []
         self.fly(3.0, collective=0.0)
@@ -34,22 +34,22 @@ class Vehicle:
     def fly(self, seconds, collective=IN_FLIGHT, climb=None, landed=None, armed=True):
         for _ in range(round(100 * seconds)):
             if round(100 * self.time) % 100 == 0:
-                self.recent.take("HEARTBEAT", self.time, (2, 3, ARMED * armed, 0, 4))
+                self.recent.add("HEARTBEAT", self.time, (2, 3, ARMED * armed, 0, 4))
                 if landed is not None:
-                    self.recent.take("EXTENDED_SYS_STATE", self.time, (landed,))
+                    self.recent.add("EXTENDED_SYS_STATE", self.time, (landed,))
             self.collective.append((self.time, collective))
             if round(100 * self.time) % 10 == 0:
                 if climb is not None:
-                    self.recent.take("VFR_HUD", self.time, (climb,))
+                    self.recent.add("VFR_HUD", self.time, (climb,))
                 time, values = np.array(self.collective[-450:]).T
                 shown = TimeSeries(time, np.zeros(len(time), int), values)
                 self.phase.review(self.time, VEHICLE, shown)
             self.time += 0.01
-        return self.phase.settled(self.time)
+        return self.phase.is_settled(self.time)
 
 
 def test_what_shows_nothing_is_not_called_the_ground():
-    assert Phase(RecentMessages()).obstacle.code is Session.FLIGHT_UNKNOWN
+    assert FlightPhase(RecentMessages()).obstacle.code is Session.FLIGHT_UNKNOWN
     vehicle = Vehicle()
     vehicle.fly(3.0, collective=ON_THE_GROUND, landed=ON_GROUND)
     assert vehicle.phase.obstacle.code is Session.NOT_FLYING
@@ -57,19 +57,19 @@ def test_what_shows_nothing_is_not_called_the_ground():
 
 def test_what_has_risen_for_a_while_flies_freely_before_it_is_settled_unless_it_sinks():
     one = Vehicle()
-    assert not one.fly(2.0, climb=1.0) and not one.phase.free(one.time)
+    assert not one.fly(2.0, climb=1.0) and not one.phase.is_free(one.time)
     one.fly(2.5, climb=1.0)
-    assert one.phase.free(one.time) and not one.phase.settled(one.time)
+    assert one.phase.is_free(one.time) and not one.phase.is_settled(one.time)
     one.fly(2.5, climb=-1.0)
-    assert not one.phase.free(one.time)
+    assert not one.phase.is_free(one.time)
     still = Vehicle()
     still.fly(4.0, climb=0.0)
-    assert not still.phase.free(still.time)
+    assert not still.phase.is_free(still.time)
     lands = Vehicle()
     lands.fly(5.0, climb=1.0, landed=IN_AIR)
     lands.fly(20.0, climb=0.05, landed=IN_AIR)
     lands.fly(1.5, climb=0.05, landed=LANDING)
-    assert not lands.phase.free(lands.time) and not lands.phase.carries
+    assert not lands.phase.is_free(lands.time) and not lands.phase.may_have_free_rows
 
 
 def test_a_descent_that_is_not_reported_as_flight_is_no_settled_flight_until_it_is_over():
@@ -83,14 +83,14 @@ def test_a_landing_is_dated_by_the_last_heartbeat_in_flight_and_of_two_the_earli
     one = Vehicle()
     assert one.fly(20.0)
     one.fly(2.0, armed=False)
-    assert one.phase.landing() == approx(19.0 - TRANSIENT_SECONDS)
+    assert one.phase.pop_landing_time() == approx(19.0 - TRANSIENT_SECONDS)
     one = Vehicle()
     one.fly(20.0, landed=IN_AIR)
     first = one.time
     one.fly(2.0, landed=ON_GROUND)
     one.fly(20.0, landed=IN_AIR)
     one.fly(2.0, landed=ON_GROUND)
-    assert one.phase.landing() == approx(first - 1.0 - TRANSIENT_SECONDS), (
+    assert one.phase.pop_landing_time() == approx(first - 1.0 - TRANSIENT_SECONDS), (
         "the last report in the air, as offline"
     )
 

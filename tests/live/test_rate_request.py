@@ -16,10 +16,10 @@ from mavdem.live.link import SILENCE_SECONDS
 from mavdem.live.messages import Message
 from mavdem.live.rate_request import (
     GET_INTERVAL,
-    PAUSE_SECONDS,
+    REPEAT_SECONDS,
     SET_INTERVAL,
     STOPPED,
-    Arrivals,
+    ArrivalRates,
     RateRequest,
     greeting,
 )
@@ -33,7 +33,7 @@ def told(name, first, second, to=US):
 
 
 def request_of(rate, *messages):
-    return RateRequest(VEHICLE, rate, messages or (30, 36), evidence=())
+    return RateRequest(VEHICLE, rate, messages or (30, 36), secondary_messages=())
 
 
 def said(frames):
@@ -54,51 +54,52 @@ def test_a_greeting_is_the_heartbeat_of_a_ground_station_that_nobody_misses():
 
 def test_a_refusal_and_what_is_never_reached_are_reported_and_not_asked_for_again():
     refused = request_of(50.0, 375)
-    refused.due(0.0, None)
-    refused.take(told("MESSAGE_INTERVAL", 375, STOPPED))
-    refused.due(0.1, {})
-    refused.take(told("COMMAND_ACK", SET_INTERVAL, 4))
-    assert [refused.due(float(second), {}) for second in range(1, 60)] == [[]] * 59
-    assert refused.restore() == []
+    refused.frames_due(0.0, None)
+    refused.take_reply(told("MESSAGE_INTERVAL", 375, STOPPED))
+    refused.frames_due(0.1, {})
+    refused.take_reply(told("COMMAND_ACK", SET_INTERVAL, 4))
+    assert [refused.frames_due(float(second), {}) for second in range(1, 60)] == [[]] * 59
+    assert refused.restoring_frames() == []
     refusal = Fact(RateFact.RATE_REFUSED, subject="ACTUATOR_OUTPUT_STATUS", result=4)
     assert refused.events == [refusal]
     slow = request_of(400.0, 30)
-    sent = [slow.due(float(second), {30: 50.0}) for second in range(60)]
+    sent = [slow.frames_due(float(second), {30: 50.0}) for second in range(60)]
     assert len([frames for frames in sent if frames]) == 6, "three queries, three settings"
     below = Fact(RateFact.RATE_BELOW_ASKED, subject="ATTITUDE", rate=50.0, needed_rate=400.0)
     assert slow.events == [below]
-    assert [slow.due(float(second), {30: 36.0}) for second in range(60, 90)] == [[]] * 30
+    assert [slow.frames_due(float(second), {30: 36.0}) for second in range(60, 90)] == [[]] * 30
 
 
 @mark.parametrize("interval", [0, 5, -5, -(2**31)])
 def test_an_interval_that_cannot_be_is_never_restored(interval):
     request = request_of(50.0)
     for second in range(8):
-        request.due(float(second), {30: 4.0})
-        request.take(told("MESSAGE_INTERVAL", 30, interval))
-    assert said(request.restore()) == [(SET_INTERVAL, 30, 250_000), (SET_INTERVAL, 36, STOPPED)], (
-        "as measured"
-    )
+        request.frames_due(float(second), {30: 4.0})
+        request.take_reply(told("MESSAGE_INTERVAL", 30, interval))
+    assert said(request.restoring_frames()) == [
+        (SET_INTERVAL, 30, 250_000),
+        (SET_INTERVAL, 36, STOPPED),
+    ], "as measured"
 
 
 def test_answers_to_others_and_to_other_commands_are_not_ours():
     request = request_of(100.0, 30)
     for second in range(9):
-        request.due(float(second), {30: 4.0})
-    assert request.restore()
+        request.frames_due(float(second), {30: 4.0})
+    assert request.restoring_frames()
     others = (SET_INTERVAL, (254, 190)), (SET_INTERVAL, (255, 1)), (400, US), (GET_INTERVAL, US)
     for command, to in others:
-        request.take(told("COMMAND_ACK", command, 0, to))
-        assert request.restore(), "it is still awaited"
-    request.take(told("COMMAND_ACK", SET_INTERVAL, 0, (0, 0)))  # older vehicles name nobody
-    assert request.restore() == []
+        request.take_reply(told("COMMAND_ACK", command, 0, to))
+        assert request.restoring_frames(), "it is still awaited"
+    request.take_reply(told("COMMAND_ACK", SET_INTERVAL, 0, (0, 0)))  # older vehicles name nobody
+    assert request.restoring_frames() == []
 
 
 class Vehicle:
     """Sends at rates of its own until asked for others, which it forgets when it reboots; time goes by in ``run``."""
 
     def __init__(self, request, knows=(30, 36, 83, 245, 32, 74), **rates):
-        self.request, self.arrivals, self.knows = request, Arrivals(), knows
+        self.request, self.arrivals, self.knows = request, ArrivalRates(), knows
         self.usual = {int(name[1:]): rate for name, rate in rates.items()}
         self.rates = dict(self.usual)
         self.now = 0.0
@@ -115,9 +116,9 @@ class Vehicle:
             for kind, rate in {0: 1.0, **self.rates}.items():
                 self.counts[kind] = self.counts.get(kind, 0.0) + 0.1 * rate * (not self.silent)
             counts = {kind: int(count) for kind, count in self.counts.items()}
-            rates = self.arrivals.rates(self.now, counts)
+            rates = self.arrivals.update(self.now, counts)
             if not self.silent:
-                for command, kind, interval in said(self.request.due(self.now, rates)):
+                for command, kind, interval in said(self.request.frames_due(self.now, rates)):
                     self.sent.append((round(self.now, 1), command, kind))
                     self.answer(command, kind, interval)
 
@@ -127,22 +128,22 @@ class Vehicle:
         self.run(silence)
         self.silent = False
         if silence > SILENCE_SECONDS:
-            self.arrivals = Arrivals()
+            self.arrivals = ArrivalRates()
             self.request.restart()
 
     def answer(self, command, kind, interval):
         if command == GET_INTERVAL:
             rate = self.rates.get(kind, 0.0)
-            self.request.take(
+            self.request.take_reply(
                 told("MESSAGE_INTERVAL", kind, round(1e6 / rate) if rate else STOPPED)
             )
             return
         if kind in self.knows:
             self.rates[kind] = 1e6 / interval if interval > 0 else 0.0
-        self.request.take(told("COMMAND_ACK", SET_INTERVAL, 0 if kind in self.knows else 4))
+        self.request.take_reply(told("COMMAND_ACK", SET_INTERVAL, 0 if kind in self.knows else 4))
 
     def give_back(self):
-        for command, kind, interval in said(self.request.restore()):
+        for command, kind, interval in said(self.request.restoring_frames()):
             self.answer(command, kind, interval)
 
 
@@ -173,7 +174,7 @@ def test_another_ground_station_that_sets_rates_back_is_asked_against_each_time_
     vehicle = Vehicle(RateRequest(VEHICLE, 100.0), _30=4.0, _36=4.0, _74=4.0, _245=4.0, _32=4.0)
     vehicle.run(300.0, back_every=15.0)
     asked = [at for at, command, kind in vehicle.sent if (command, kind) == (SET_INTERVAL, 30)]
-    assert 19 <= len(asked) <= 21 and min(np.diff(asked)) >= PAUSE_SECONDS
+    assert 19 <= len(asked) <= 21 and min(np.diff(asked)) >= REPEAT_SECONDS
     assert len(vehicle.request.events) < 10, "nobody hears of each time"
     assert vehicle.request.events.count(Fact(RateFact.RATES_CONTESTED)) == 1
     vehicle.rates = {}
@@ -203,8 +204,8 @@ def test_parameters_of_the_motors_are_asked_for_one_by_one_until_they_come():
     known = {}
     tries = Counter()
     for number in range(150):
-        frames = request.due(0.25 * number, None, known)
-        assert len(frames) <= 1 and not request.due(0.25 * number + 0.1, None, known)
+        frames = request.frames_due(0.25 * number, None, known)
+        assert len(frames) <= 1 and not request.frames_due(0.25 * number + 0.1, None, known)
         for one in pymavlink_messages(b"".join(frames)):
             assert (one.target_system, one.target_component) == VEHICLE
             name = one.param_id.encode()
@@ -212,4 +213,4 @@ def test_parameters_of_the_motors_are_asked_for_one_by_one_until_they_come():
             if tries[name] == 3:  # the requests before, or their replies, are lost
                 known[name] = Message("PARAM_VALUE", 0.0, 0.0, (name, 1.0, 9))
     assert set(tries.values()) == {3} and tries.keys() == {name.encode() for name in names}
-    assert request.due(99.0, None, known) == []
+    assert request.frames_due(99.0, None, known) == []

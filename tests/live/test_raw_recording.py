@@ -9,7 +9,7 @@ from refusals import unreadable
 from mavdem.facts.session import LinkFact
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
-from mavdem.live.messages import FrameReader
+from mavdem.live.frames import FrameReader
 from mavdem.live.raw_recording import RawRecording
 
 FRAMES = [heartbeat(), *flight([20 + 0.01 * row for row in range(400)])]
@@ -22,7 +22,7 @@ def taken(recording, pieces, step):
     """Takes what pieces of a stream, ``step`` s apart, complete."""
     reader = FrameReader()
     for row, piece in enumerate(pieces):
-        recording.take(NOW + step * row, reader.feed(piece))
+        recording.add(NOW + step * row, reader.feed(piece))
 
 
 def recorded(path):
@@ -35,7 +35,7 @@ def test_datagrams_are_kept_with_their_stamps(tmp_path, form):
     recording = RawRecording(tmp_path / f"flight{form}")
     taken(recording, frames, 0.005)
     recording.close()
-    assert recording.frames == len(frames)
+    assert recording.frame_count == len(frames)
     # What is not good comes with the good one that shows its end.
     rows = [202 if row in (200, 201) else row for row in range(len(frames))]
     expected = [

@@ -15,7 +15,7 @@ from mavdem.dataset.signals import MIN_STREAM_RATE, Signals
 from mavdem.facts.session import Rows
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
-from mavdem.live.stream import REVIEW_SECONDS
+from mavdem.live.vehicle_review import REVIEW_PERIOD
 
 pytestmark = mark.slow
 
@@ -42,7 +42,7 @@ TO_THE_GROUND = "ap_short_with_climb", "ap_reboot_rates_never_asked_again"
 """Simulated flights whose landing is replayed; of the others the first 45 s."""
 NO_CLIMB = "ap_motor"
 """Without a vertical speed: offline, a descent is settled but for its end; live, not in a mode that lands."""
-KNOWN_LATER = AVERAGING_SECONDS / 2 + REVIEW_SECONDS + 0.25
+KNOWN_LATER = AVERAGING_SECONDS / 2 + REVIEW_PERIOD + 0.25
 """Seconds after which the end of the climb-out is known: half of the averaging, and a message of vertical speed."""
 
 
@@ -146,9 +146,11 @@ def hold_against_offline(path):
                 segment == number and row.time >= since for segment, since in made.taken_back
             )
             assert (
-                row.settled == inside or (settling and not row.settled) or (landing and row.settled)
+                row.is_settled == inside
+                or (settling and not row.is_settled)
+                or (landing and row.is_settled)
             )
-            covered += row.settled * made.setups[number].dt
+            covered += row.is_settled * made.setups[number].dt
     assert covered > 0.9 * sum(segment.duration for segment in fast) - KNOWN_LATER - 2.0
     assert 1 / made.setups[0].dt >= MIN_STREAM_RATE
 

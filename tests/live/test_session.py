@@ -30,8 +30,8 @@ from mavdem.facts.session import LinkError, LinkFact, Missing, RateFact, Rows, S
 from mavdem.facts.watch import Watch
 from mavdem.ingest.formats import read_stream
 from mavdem.live import AlignedRow, LiveStream
+from mavdem.live.intake import FrameBatch
 from mavdem.live.link import LinkLost
-from mavdem.live.messages import Piece
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.report.numbers import plus_minus
@@ -49,9 +49,9 @@ TURNING = np.array([-99.0, 99.0, 99.0, -99.0])  # µs of the motors, that turn a
 class ScriptedLink:
     """Gives out the script's datagrams, in place of a socket; an exception in the script is raised."""
 
-    datagrams = True
-    dropped = 0
-    speaks_first = False
+    has_datagrams = True
+    dropped_datagrams = 0
+    awaits_greeting = False
     drain_events = staticmethod(list)
 
     def __init__(self, script):
@@ -117,7 +117,7 @@ def session_of(script, **options):
 def now(monkeypatch):
     """The session's clock, s: it stands still unless a test moves it, however busy the machine is."""
     clock = [100.0]
-    monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("mavdem.live.clock.time.monotonic", lambda: clock[0])
     return clock
 
 
@@ -132,21 +132,22 @@ def test_what_is_learnt_from_is_the_flight_that_offline_reads():
     one, screen, _ = session_of(batches(12.0))
     run(one)
     flight = mavdem.read_flight(FLIGHT)
-    learnt = one.learner._memory.record()
+    learnt = one._learning.learner._memory.record()
     (row,) = np.flatnonzero(np.all(flight.outputs == learnt.outputs[0], axis=1))
     same = slice(row, row + len(learnt.outputs))
     assert_array_equal(learnt.outputs, flight.outputs[same])
     assert_allclose(learnt.inputs, flight.inputs[same], atol=0.01)
     assert len(learnt.outputs) > 700
-    live = one.learner.learn_now()
+    live = one._learning.learner.learn_now()
     assert one.status.learned_rows == len(
         [1 for *_, estimate in screen.rows if estimate is not None]
     )
     assert (
-        screen.setups[0].layout.names == flight.input_names and screen.rows[-1][2].model is not None
+        screen.setups[0].geometry.names == flight.input_names
+        and screen.rows[-1][2].model is not None
     )
     assert one.link.sent == b"", "nothing is sent unless asked for"
-    known = one._named(live).record.parameters
+    known = one._learning.named_model(live, one.stream.parameters).record.parameters
     assert known["ATC_RAT_RLL_P"] == approx(0.2) and "SIM_WIND_SPD" not in known
 
 
@@ -162,7 +163,7 @@ def test_why_there_is_no_model_at_the_end_is_a_fact(error, code):
     one, _, _ = session_of([])
     assert one.status.obstacle == Fact(VehicleFact.NO_VEHICLE_YET)
     assert refused(one.final_model).code is Session.NO_LIVE_FLIGHT
-    one.learner = Mock(**{"learn_now.side_effect": error})
+    one._learning.learner = Mock(**{"learn_now.side_effect": error})
     assert refused(one.final_model).code is code
 
 
@@ -171,14 +172,14 @@ def test_a_prior_of_other_inputs_is_not_used_and_says_so():
     one, _, said = session_of(batches(5.0), prior=other)
     run(one)
     assert [fact.code for fact in said].count(Session.PRIOR_NOT_USED) == 1
-    assert one.learner is not None
+    assert one._learning.learner is not None
 
 
 @mark.slow
-def test_rates_are_asked_for_and_given_back(now):
+def test_rates_are_asked_for_and_given_back(now, monkeypatch):
+    monkeypatch.setattr(ScriptedLink, "awaits_greeting", True)
     script = batches(8.0)
     one, _, _ = session_of(script, requested_rate=200.0)
-    one.link.speaks_first = True
     now[0] += 1.0
     one.link.receive = lambda timeout: []
     one.step(0.0)
@@ -206,10 +207,10 @@ def test_rates_are_asked_for_and_given_back(now):
 @mark.slow
 def test_a_landing_never_replaces_the_last_model_before_it():
     written = Fact(Gains.GAINS_WRITTEN, because=TOO_FEW_SAMPLES)
-    adviser = Mock(is_due=False, facts=(written,), **{"go_on.return_value": ()})
+    adviser = Mock(is_due=False, facts=(written,), **{"update.return_value": ()})
     one, _, said = session_of(batches(9.0), gain_adviser=adviser)
     run(one)
-    record = one.learner._memory.record()
+    record = one._learning.learner._memory.record()
     early, late, next_flight, climbing = (
         mavdem.learn(record, replace(COMPLETE, seed=seed)) for seed in range(4)
     )
@@ -217,17 +218,20 @@ def test_a_landing_never_replaces_the_last_model_before_it():
         until=50.0,
         **{"update.return_value": None, "learn_now.side_effect": NotLearnable(TOO_FEW_SAMPLES)},
     )
-    one.learner = learner
+    one._learning.learner = learner
     row = AlignedRow(50.0, np.zeros(4), np.zeros(2), 0, True, True)
     learner.learned = climbing
     for settled in (False, True):
-        one._take(row._replace(time=49.0, settled=settled))
-    assert all(model is not climbing for _, model in one._models)
+        one._take_row(row._replace(time=49.0, is_settled=settled), 0.0)
+    assert all(model is not climbing for _, model in one._learning._models)
     for at, learner.learned in ((50.0, early), (57.0, late), (57.5, late)):
-        one._take(row._replace(time=at))
-    assert one._named(late).model is one._models[-1][1].model
+        one._take_row(row._replace(time=at), 0.0)
+    assert (
+        one._learning.named_model(late, one.stream.parameters).model
+        is one._learning._models[-1][1].model
+    )
     one.stream.pop_landing_time = lambda: 55.0
-    one._waiting.append(Piece(0.0, 0.0, []))
+    one.backlog.add([FrameBatch(0.0, 0.0, [])])
     one._analyse()
     learner.forget_since.assert_called_with(55.0)
     assert adviser.is_due, "gains are advised after a landing"
@@ -236,17 +240,17 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     def kept():
         return one.final_model().settings.seed
 
-    one.judged = None, unjudged(written)
-    one.advise(at_end=True)
-    assert not adviser.is_due and one.judged[1].next_step == TOO_FEW_SAMPLES, (
+    one.judging.judgement = unjudged(written)
+    one.report_gain_advice(is_at_end=True)
+    assert not adviser.is_due and one.judging.judgement.next_step == TOO_FEW_SAMPLES, (
         "once, as what to do next"
     )
     assert kept() == 0
-    one._take(row._replace(time=70.0))
+    one._take_row(row._replace(time=70.0), 0.0)
     assert kept() == 0, "what was learned of the landing does not come back"
     learner.learned = next_flight
-    one._take(row._replace(time=80.0))
-    one.advise(at_end=True)
+    one._take_row(row._replace(time=80.0), 0.0)
+    one.report_gain_advice(is_at_end=True)
     assert adviser.is_due
     assert kept() == 2 and said[-1].code is Session.FORMER_MODEL_KEPT
     assert said[-1].figures["because"] == TOO_FEW_SAMPLES
@@ -258,7 +262,7 @@ def test_a_landing_never_replaces_the_last_model_before_it():
         for level, at in 2 * [(Level.BAD, 118.0), (Level.GOOD, 142.0)]  # a fault comes and goes
     ]
     for alarm in alarms:
-        one._log(alarm)
+        one._presentation.log(alarm)
     assert said[-4:] == alarms and len(said) == len(one.history.events)
 
 
@@ -270,31 +274,32 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     learned = mavdem.learn(late, COMPLETE)
     known = learned.physical
     # As fitted in flight, to more than the model's own samples.
-    one._estimate = one._estimate._replace(physical=known)
+    one._learning.estimate = one._learning.estimate._replace(physical=known)
     model = one.final_model()
-    with ThreadPoolExecutor(1) as one.executor:
-        one._judge(1e9)
-    one._judge(1e9)
+    learning = one._learning, one.stream.parameters, ()
+    with ThreadPoolExecutor(1) as one.judging._executor:
+        one.judging.update(1e9, *learning, is_busy=False)
+    one.judging.update(1e9, *learning, is_busy=False)
     in_flight = one.status.findings
-    model = one.judge(model)
-    assert model.physical is known and in_flight.purposes[:2] == one.judged[0].purposes[:2]
+    model = one.judge_final_model(model)
+    assert model.physical is known and in_flight.purposes[:2] == one.judging.findings.purposes[:2]
     lights = one.status.overall_judgement.lights
-    assert one.status.findings == one.judged[0]
+    assert one.status.findings == one.judging.findings
     assert lights["log"].level is Level.GOOD and lights["margins"].code is MarginsLight.LOOP_MARGINS
     assert "`mavdem tune 'my flight.tlog' --axis all`" in lights["margins"].remedy
     page = html.unescape(
-        live_page("udp", "roll", one.history, one.status, one.account(), model)
+        live_page("udp", "roll", one.history, one.status, one.time_account(), model)
     ).replace("\u00a0", " ")
     assert plus_minus(*np.degrees([known.effect[0], known.interval().effect[0]])) in page
-    assert all(str(purpose.reason) in page for purpose in one.judged[0].purposes)
+    assert all(str(purpose.reason) in page for purpose in one.judging.findings.purposes)
     assert "`mavdem 'my flight.tlog'`" in lights["motors"].remedy, "no hover shows the trim"
     assert "Not judged in flight." in page and "not logged" not in page
     swing = np.sin(10 * np.pi * learned.dt * np.arange(len(late)))[:, None]
     shaken = replace(
         learned.record, inputs=late.inputs + swing * TURNING, outputs=late.outputs + swing
     )
-    one.judge(replace(learned, record=shaken))
-    assert one.judged[1].lights["margins"].code is MarginsLight.OSCILLATES
+    one.judge_final_model(replace(learned, record=shaken))
+    assert one.judging.judgement.lights["margins"].code is MarginsLight.OSCILLATES
 
 
 @mark.slow
@@ -332,7 +337,7 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
 @mark.slow
 def test_a_computer_that_is_too_slow_says_so_sheds_fits_and_then_plots_but_no_row(now, monkeypatch):
     monkeypatch.setattr("time.time", lambda: now[0])
-    monkeypatch.setattr("mavdem.live.session.REPEAT_SECONDS", 5.0)
+    monkeypatch.setattr("mavdem.live.backlog.REPEAT_SECONDS", 5.0)
     arriving = [
         (stamp - FIRST + 100.0, frame) for stamp, frame in FRAMES if 0.0 <= stamp - FIRST < 30.0
     ]
@@ -343,41 +348,43 @@ def test_a_computer_that_is_too_slow_says_so_sheds_fits_and_then_plots_but_no_ro
     delays = []
 
     def made(_, t, y, u, *_weak):
-        delays.append(now[0] - one.now)
+        delays.append(now[0] - one.backlog.now)
         return Estimate(t, y, y, np.array([t + 0.25]), ahead, ahead, ahead)
 
     monkeypatch.setattr(mavdem.OnlineLearner, "update", made)
-    take = one._take
+    take = one._take_row
     shed = []
 
-    def slow(row):
+    def slow(row, arrival_time):
         now[0] += 0.03 * (107.0 < now[0] < 122.0)  # three times what it spans
-        take(row)
+        take(row, arrival_time)
 
-    one._take = slow
-    while arriving or one._waiting:
+    one._take_row = slow
+    while arriving or one.backlog:
         here = [piece for piece in arriving[:4000] if piece[0] <= now[0]]
-        one.link.script, sent, behind = [here], len(one.link.sent), one.now < now[0] - 0.6
+        one.link.script, sent, behind = [here], len(one.link.sent), one.backlog.now < now[0] - 0.6
         del arriving[: len(here)]
         one.step(0.0)
         assert not behind or len(one.link.sent) == sent, "no rates are asked for meanwhile"
-        if one.learner is not None:
-            shed.append((not one.learner.fits_physical, held.call_args[0][0]))
+        if one._learning.learner is not None:
+            shed.append((not one._learning.learner.fits_physical, held.call_args[0][0]))
         now[0] += 0.01
     assert shed.index((True, False)) < shed.index((True, True)), "fits wait first, then pictures"
     assert (False, True) not in shed
-    assert one.most_behind - 1 > max(delays) > 3, "estimates wait after pictures, and rows do not"
+    assert one.backlog.longest_delay - 1 > max(delays) > 3, (
+        "estimates wait after pictures, and rows do not"
+    )
     first, *_ = (status.delay_fact for status in screen.statuses if status.delay_fact)
     assert first.code is Session.ESTIMATES_LATE and first.figures["delay"] == approx(1.5, abs=0.6)
     begin, end = (fact for fact in said if "delay" in fact.figures)
     assert (begin.code, end.code) == (Session.COMPUTER_BEHIND, Session.COMPUTER_KEEPS_UP)
     assert begin.figures["delay"] == approx(1.0, abs=0.05)
-    assert end.figures["delay"] == one.most_behind > 5.0 and not one.status.delay_fact
+    assert end.figures["delay"] == one.backlog.longest_delay > 5.0 and not one.status.delay_fact
     gaps = Rows.MESSAGES_RESUMED, Rows.NOTHING_RECEIVED, Rows.MESSAGE_GAP, VehicleFact.CLOCK_JUMPED
     assert not [fact for fact in said if fact.code in gaps]
     rows = [row for row in screen.rows if row[1] >= 0]
     assert len(rows) == one.status.learned_rows + one.status.unlearned_rows > 2500
-    account = one.account()
+    account = one.time_account()
     assert sum(account.values()) == approx(now[0] - 100.0)
     assert account["learned"] == approx(one.status.learned_rows / 100, abs=0.3)
     assert not account["left_out"] and not account["silent"]
@@ -388,7 +395,7 @@ def test_every_frame_is_recorded_whatever_happens_to_the_rest(tmp_path, monkeypa
     one, _, said = session_of(
         [*batches(7.0), LinkLost("x", LinkError.FAILED), [], []], recording=recording
     )
-    one.open_display = Mock(side_effect=RuntimeError("a mistake of the view's"))
+    one._presentation._open_display = Mock(side_effect=RuntimeError("a mistake of the view's"))
     monkeypatch.setattr(
         mavdem.OnlineLearner, "update", Mock(side_effect=ValueError("It overflows."))
     )
@@ -403,7 +410,7 @@ def test_every_frame_is_recorded_whatever_happens_to_the_rest(tmp_path, monkeypa
 
 @mark.slow
 def test_a_recording_that_fails_ends_alone():
-    full = Mock(**{"take.side_effect": OSError(28, "No space left on device")})
+    full = Mock(**{"add.side_effect": OSError(28, "No space left on device")})
     one, screen, said = session_of(batches(9.0), recording=full)
     run(one)
     (ended,) = (fact for fact in said if fact.code is LinkFact.STREAM_RECORDING_ENDED)
@@ -450,7 +457,9 @@ def test_a_session_with_all_faults_ends_with_a_good_model_and_every_second_is_ac
         and account["learned"] > 33.0
     ), account
     assert account["silent"] > 2.5 and account["waiting"] < 25.0, account
-    assert session.stream.followed_vehicle.arrived[83] > 500, "by setpoints loops are identified"
+    assert session.stream.followed_vehicle.message_counts[83] > 500, (
+        "by setpoints loops are identified"
+    )
     kept = session.final_model()
     test, train = (undisturbed(scenario, seed) for seed in (1001, 1002))
     ratios = error_ratios(kept, test)
@@ -469,7 +478,7 @@ def test_what_is_wrong_in_a_climb_is_shown_before_there_are_rows(now):
         one.link.script.append([(stamp, frame + takes_off)])
         now[0] += 0.01
         one.step(0.0)
-    assert one._setup is None and screen.setups and len(screen.rows) >= 2
+    assert one._learning.row_format is None and screen.setups and len(screen.rows) >= 2
     one.end()
 
 

@@ -38,7 +38,11 @@ def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
     made = replay(by_time(Flight().frames(end=14.0), others))
     assert made.facts[0].code is VehicleFact.FOLLOWING_VEHICLE and made.rows
     assert made.facts[0].subject == "1:1 (QUADROTOR, ARDUPILOTMEGA)"
-    flying = [(sender.system, sender.component) for sender in made.stream._senders if sender.flies]
+    flying = [
+        (sender.system, sender.component)
+        for sender in made.stream._vehicles
+        if sender.sends_attitude
+    ]
     assert flying == [(1, 1)]
 
 
@@ -98,13 +102,13 @@ def test_motors_are_placed_by_parameters_when_these_come_in_flight():
     assert Rows.MOTOR_ORDER_ASSUMED in made.codes
     assert made.facts[-1].code is Rows.MOTOR_ORDER_KNOWN
     assert made.facts[-1].figures["basis"].figures["places_by"] is PositionSource.PARAMETERS
-    assert made.stream.row_format.layout.names[0] == "motor 1 (right)"
+    assert made.stream.row_format.geometry.names[0] == "motor 1 (right)"
 
 
 def test_parameters_that_name_other_channels_begin_a_new_segment():
     values = {b"SERVO%d_FUNCTION" % n: 37 - n for n in range(1, 5)}
     made = replay(with_parameters(Flight().frames(end=16.0), values))
-    assert made.segments().keys() == {0, 1} and made.setups[1].layout.channels == (4, 3, 2, 1)
+    assert made.segments().keys() == {0, 1} and made.setups[1].geometry.channels == (4, 3, 2, 1)
     assert Rows.INPUTS_CHANGED in made.codes
     before = made.segments()[0][-1]
     after = made.segments()[1][-1]

@@ -150,7 +150,10 @@ def test_what_is_watched_is_always_shown():
 
 
 def test_a_wind_that_may_come_from_anywhere_is_half_a_turn_uncertain():
-    assert WindEstimate(60.0, np.array([-0.1, 0.0]), np.array([5.0, 5.0])).by_compass[-1] == 180.0
+    assert (
+        WindEstimate(60.0, np.array([-0.1, 0.0]), np.array([5.0, 5.0])).compass.direction_half_width
+        == 180.0
+    )
 
 
 def test_the_status_stands_in_its_place_on_a_terminal():
@@ -215,7 +218,7 @@ def test_every_vehicle_on_a_link_is_watched():
 def test_what_is_kept_is_bounded():
     recent = RecentMessages()
     for second in range(2049):
-        recent.take("SYS_STATUS", second, (12000, 100, 50, 0, 0, 0))
+        recent.add("SYS_STATUS", second, (12000, 100, 50, 0, 0, 0))
     times = [time for time, _ in recent.rows["SYS_STATUS"]]
     assert times == [*range(1, 1024, 2), *range(1024, 2049)]
 
@@ -259,9 +262,9 @@ def test_no_message_waits_for_more_than_a_part_of_a_review(monkeypatch):
     """Choice of inputs in two parts, phase and limit cycle: a row would come as late as all of them take."""
     worked = []
     for name in (
-        "decisions.InputChoice.shown",
-        "decisions.InputChoice.choose",
-        "decisions.Phase.review",
+        "motor_inputs.InputSelector.candidate_messages",
+        "motor_inputs.InputSelector.select",
+        "flight_phase.FlightPhase.review",
         "watchdog.detect_starting_limit_cycle",
     ):
         whole = resolve_name(f"mavdem.live.{name}")

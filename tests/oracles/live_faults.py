@@ -31,8 +31,8 @@ class Wire(Ground):
         self.session = LiveSession(
             SimpleNamespace(
                 name="simulation",
-                speaks_first=False,
-                dropped=0,
+                awaits_greeting=False,
+                dropped_datagrams=0,
                 receive=self.heard,
                 send=self.back.append,
                 drain_events=list,
@@ -71,7 +71,7 @@ def run_session(scenario):
         Wire.now = 0.0
         wire = Wire()
         fly_live(scenario, Simulation(scenario), wire, wire.speed, lambda _: None)
-        return wire.session, wire.session.account()
+        return wire.session, wire.session.time_account()
 
 
 def undisturbed(scenario, seed):

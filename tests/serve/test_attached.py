@@ -65,7 +65,7 @@ def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_a_minute(
     live = Attached(f"udpin:127.0.0.1:{free_port()}", Library(tmp_path), Mock(), Mock())
     session = Mock()
     seconds = -20 * attached.PAGE_SECONDS
-    for session.recording.frames in [0] * 20 + [7] * 20:
+    for session.intake.recording.frame_count in [0] * 20 + [7] * 20:
         live._show(session)
         seconds += attached.PAGE_SECONDS * (not live._is_over())
     live._link.close()
@@ -73,7 +73,7 @@ def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_a_minute(
 
 
 @mark.slow
-@mark.parametrize("fails", ["take", "close"])
+@mark.parametrize("fails", ["add", "close"])
 def test_a_full_disk_ends_the_session_and_says_so(tmp_path, monkeypatch, heard, fails):
     """In the terminal and on the page; what was recorded before is kept."""
     begin, library, warned, come = heard

@@ -298,7 +298,7 @@ def test_a_log_is_read_with_its_page_rows_and_index(library, tmp_path, monkeypat
 
 
 def test_a_log_waits_for_a_cluster_that_has_gone(library, tmp_path, monkeypatch):
-    monkeypatch.setattr("mavdem.serve.work.PAUSE_SECONDS", 0.01)
+    monkeypatch.setattr("mavdem.serve.work.RETRY_SECONDS", 0.01)
     received(library)
     tries = []
 

@@ -224,16 +224,16 @@ def test_solo_beside_an_anemometer():
 def test_live_rows_are_of_free_flight_only(scale, why):
     time, attitude, velocity, air = flight(seed=7, jump=1.0)
     live = LiveWind()
-    live.drag = mavdem.estimate_drag(time, attitude, velocity, air)
+    live.earlier_drag = mavdem.estimate_drag(time, attitude, velocity, air)
     inside = []
     downs_first = np.roll(scale * velocity, 1, axis=1)
     for at, angles, moved in zip(time, attitude, downs_first, strict=True):
-        live.attitude(at, angles)
-        live.velocity("LOCAL_POSITION_NED", at, moved)
-        if row := live.row:
+        live.add_attitude(at, *angles)
+        live.add_velocity("LOCAL_POSITION_NED", at, moved)
+        if row := live.latest:
             inside.append(abs(row.velocity - air[time > row.time][0]) < row.band)
     assert why in str(live.obstacle or "")
-    assert (live.row is None) == (live.mean is None) == bool(why)
+    assert (live.latest is None) == (live.mean is None) == bool(why)
     if not why:
         assert np.mean(inside) > 0.8
         light = live.mean.light.figures

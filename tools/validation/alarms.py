@@ -24,7 +24,7 @@ import pandas as pd
 from flights import TABLES, Values, command, drawn, flight_of, rows_of, share, show, telemetry_of
 from numpy.random import default_rng
 
-import mavdem.live.session
+import mavdem.live.clock
 from mavdem.assessment.axis.analysis import motor_alarms
 from mavdem.dataset.phases import settled_intervals
 from mavdem.dataset.signals import Signals
@@ -124,8 +124,8 @@ def replayed(recording: Path) -> list[Values]:
     """A row: what a live session finds in a recording, on a clock of its stamps."""
     stamped = read_stream(recording).stamped_frames()
     frames = sorted((stamp / 1e6, data) for stamp, data in stamped)
-    link = Mock(speaks_first=False, dropped=0, drain_events=list)
-    with patch.object(mavdem.live.session, "time") as clock:
+    link = Mock(awaits_greeting=False, dropped_datagrams=0, drain_events=list)
+    with patch.object(mavdem.live.clock, "time") as clock:
         clock.monotonic = clock.time = Mock(return_value=frames[0][0])
         session = LiveSession(
             link, LiveStream(), Settings(), Mock(return_value=None), Mock(), Mock()

@@ -1,0 +1,130 @@
+"""What was received and waits for its analysis, and what a computer that is too slow puts off meanwhile."""
+
+from collections import deque
+
+import numpy as np
+
+from mavdem.assessment.autopilot_messages import REPEAT_SECONDS
+from mavdem.facts import Fact
+from mavdem.facts.session import Session, Task
+from mavdem.live import clock
+from mavdem.live.history import MAX_ROWS
+from mavdem.live.intake import FrameBatch
+from mavdem.live.session_status import Latency
+
+STEP_SECONDS = 0.02
+"""Duration of analysis between two looks at the link, and of arrival that is analysed at once, s: a choice."""
+
+POSTPONING_DELAYS = {
+    Task.PHYSICAL_FITS: 0.5,
+    Task.REFITS: 1.0,
+    Task.PLOTS: 2.0,
+    Task.ESTIMATES: 3.0,
+}
+"""Delay of the analysis from which on a task is put off, until the delay is half of that, s: a choice.
+
+First fits wait, then pictures, then estimates, so that motors and messages are always judged in time.
+"""
+
+BEHIND_DELAY = POSTPONING_DELAYS[Task.REFITS]
+"""Delay of the analysis from which on the computer is reported to be too slow, s."""
+
+
+class Backlog:
+    """Frames in the order of their arrival, and the tasks that are put off while they wait for long.
+
+    Attributes:
+        postponed: the tasks that are put off now.
+        longest_delay: the longest time that frames have waited, s.
+    """
+
+    def __init__(self) -> None:
+        self.postponed = set[Task]()
+        self.longest_delay = 0.0
+        self._batches: deque[FrameBatch] = deque()
+        # When the analysis was last too late, s of the monotonic clock; None while it keeps up.
+        self._behind_time: float | None = None
+
+    def __len__(self) -> int:
+        """The number of batches that wait."""
+        return len(self._batches)
+
+    @property
+    def now(self) -> float:
+        """Everything that arrived before this time is analysed, s of the monotonic clock."""
+        return self._batches[0].arrival_time if self._batches else clock.monotonic()
+
+    @property
+    def delay(self) -> float:
+        """How long the oldest batch has waited, s; 0 without one."""
+        return clock.monotonic() - self.now
+
+    def add(self, batches: list[FrameBatch]) -> None:
+        """Adds what was received."""
+        self._batches += batches
+
+    def pop_simultaneous(self) -> list[FrameBatch]:
+        """Returns the batches that arrived first, within ``STEP_SECONDS``; there is one at least."""
+        first_arrival = self._batches[0].arrival_time
+        batches = []
+        while self._batches and self._batches[0].arrival_time - first_arrival <= STEP_SECONDS:
+            batches.append(self._batches.popleft())
+        return batches
+
+    def update(self, dropped_datagrams: int) -> Fact | None:
+        """Decides by the present delay which tasks are put off.
+
+        Args:
+            dropped_datagrams: number of datagrams that were lost so far, since nobody read them in time.
+
+        Returns:
+            That the computer is too slow, once; that it keeps up again, ``REPEAT_SECONDS`` after it last was too slow;
+            else None.
+        """
+        now = clock.monotonic()
+        delay = now - self.now
+        postponed = set()
+        for task, limit in POSTPONING_DELAYS.items():
+            if task in self.postponed:
+                limit /= 2
+            if delay >= limit:
+                postponed.add(task)
+        self.postponed = postponed
+        self.longest_delay = max(self.longest_delay, delay)
+        if delay >= BEHIND_DELAY:
+            is_new = self._behind_time is None
+            self._behind_time = now
+            return Fact(Session.COMPUTER_BEHIND, delay=delay) if is_new else None
+        if self._behind_time is not None and now - self._behind_time >= REPEAT_SECONDS:
+            self._behind_time = None
+            return Fact(
+                Session.COMPUTER_KEEPS_UP,
+                delay=self.longest_delay,
+                datagrams=dropped_datagrams,
+            )
+        return None
+
+
+class LatencyMeter:
+    """Measures the time from the arrival of a packet to the estimate that it completes."""
+
+    def __init__(self) -> None:
+        self._latest = deque[float](maxlen=MAX_ROWS)
+        self._longest = 0.0
+
+    def add(self, seconds: float) -> None:
+        """Adds the latency of one row."""
+        self._latest.append(seconds)
+        self._longest = max(self._longest, seconds)
+
+    def clear(self) -> None:
+        """Forgets the latest latencies; the longest stays."""
+        self._latest.clear()
+
+    @property
+    def latency(self) -> Latency:
+        """Median and 99th percentile of the latest rows, and the longest of all, s; NaN without any."""
+        if not self._latest:
+            return Latency()
+        median, p99 = np.percentile(self._latest, [50, 99]).tolist()
+        return Latency(median, p99, self._longest)

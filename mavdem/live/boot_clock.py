@@ -1,0 +1,121 @@
+"""The boot clock of a live vehicle: the time of each message, across wraps, jumps and reboots.
+
+Time stamps of attitude are the reference. The stamp of any other message is taken at the multiple of its wrap period
+that is nearest to the latest reference, and a message without a stamp gets the time of the message before it.
+"""
+
+from collections.abc import Callable
+from math import isfinite, isnan, nan
+from typing import NamedTuple
+
+from mavdem.dataset.attitude import ATTITUDE_MESSAGES
+from mavdem.facts import Fact
+from mavdem.facts.session import VehicleFact
+from mavdem.ingest.mavlink.clocks import (
+    MAX_STAMP_DEVIATION,
+    MAX_WRAP_GAP,
+    MIN_RESET_STAMPS,
+    MIN_RESET_STEP,
+)
+from mavdem.live.messages import Message
+
+
+class TimedMessage(NamedTuple):
+    """A message with its time on the boot clock."""
+
+    message: Message
+
+    time: float
+    """Time, s of the boot clock."""
+
+    boot: int
+    """Number of the vehicle's boot, from 0 on."""
+
+    has_own_stamp: bool
+    """Whether the time is from the message's own stamp, not from the message before it."""
+
+
+class BootClock:
+    """Gives the messages of one vehicle their time on its boot clock.
+
+    A message whose stamp does not continue the clock is dropped. If the next attitude stamps continue from there, the
+    clock has changed: the vehicle rebooted where it went back, or the clock jumped ahead.
+
+    Attributes:
+        now: the latest attitude stamp, s; NaN before any.
+        boot: number of the boot, from 0 on.
+    """
+
+    def __init__(self, report: Callable[[Fact], None]) -> None:
+        """Begins without a time; ``report`` is called with each reboot and each jump."""
+        self.now = nan
+        self.boot = 0
+        self._report = report
+        self._latest_time = nan
+        self._wraps = 0
+        # Successive attitude stamps that continue each other, but not the clock, s.
+        self._stamps_of_new_clock: list[float] = []
+
+    def place(self, message: Message) -> TimedMessage | None:
+        """Returns the message with its time; None where it has none and is to be dropped."""
+        has_own_stamp = message.stamp > 0
+        if not has_own_stamp:
+            time = None if isnan(self._latest_time) else self._latest_time
+        elif message.name in ATTITUDE_MESSAGES:
+            time = self._attitude_time(message)
+        else:
+            time = self._time_near_now(message)
+        if time is None:
+            return None
+        self._latest_time = time
+        return TimedMessage(message, time, self.boot, has_own_stamp)
+
+    def _attitude_time(self, message: Message) -> float | None:
+        """The time of an attitude, s; None where it neither continues the clock nor shows yet that it has changed."""
+        time = message.stamp
+        if self._wraps:
+            time += self._wraps * message.wrap_period
+        has_gone_back = time < self.now - MIN_RESET_STEP
+        if has_gone_back and time + message.wrap_period - self.now <= MAX_WRAP_GAP:
+            time += message.wrap_period
+        if not _continues(time, self.now):
+            time = message.stamp
+            stamps = self._stamps_of_new_clock
+            if stamps and _continues(time, stamps[-1]):
+                stamps.append(time)
+            else:
+                stamps[:] = [time]
+            if len(stamps) < MIN_RESET_STAMPS:
+                return None
+            self._restart(stamps[0])
+        self._wraps = 0
+        if isfinite(message.wrap_period):
+            self._wraps = round((time - message.stamp) / message.wrap_period)
+        self.now = max(self.now, time)
+        self._stamps_of_new_clock.clear()
+        return time
+
+    def _restart(self, first_stamp: float) -> None:
+        """Starts the clock anew at ``first_stamp``, s, and reports a reboot or a jump."""
+        former_now = self.now
+        self.now = first_stamp
+        if first_stamp < former_now:
+            self.boot += 1
+            self._report(Fact(VehicleFact.VEHICLE_REBOOTED, clock=former_now))
+        elif not isnan(former_now):
+            offset = first_stamp - former_now
+            self._report(Fact(VehicleFact.CLOCK_JUMPED, offset=offset, clock=former_now))
+
+    def _time_near_now(self, message: Message) -> float | None:
+        """The time of another message, s, as near as its wraps allow to the latest attitude; None if it is far off."""
+        if isnan(self.now):
+            return None
+        time = message.stamp
+        if isfinite(message.wrap_period):
+            time += message.wrap_period * round((self.now - time) / message.wrap_period)
+        return time if abs(time - self.now) <= MAX_STAMP_DEVIATION else None
+
+
+def _continues(time: float, earlier_time: float) -> bool:
+    """Whether a stamp follows an earlier one of the same clock, both in s; one may overtake another a little."""
+    return -MIN_RESET_STEP < time - earlier_time <= MAX_STAMP_DEVIATION

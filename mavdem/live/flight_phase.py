@@ -1,0 +1,207 @@
+"""Whether a live vehicle is armed, airborne and in settled flight, by the rules for logs applied to the last seconds.
+
+What those seconds alone do not show is carried on from review to review: when the flight began, and since when it is
+settled.
+
+A landing is known only once it has happened; the last seconds before it are then withdrawn. While the autopilot does
+not report whether it is in the air, a vehicle that descends may be landing: nothing is settled until it has not
+descended for ``TRANSIENT_SECONDS``. Without a vertical speed only the motors show a landing, once it is over.
+"""
+
+from dataclasses import replace
+from math import inf, isfinite
+
+import numpy as np
+
+from mavdem.confidence import Interval
+from mavdem.dataset import phases
+from mavdem.dataset.intervals import Intervals, intersection
+from mavdem.dataset.phases import (
+    AVERAGING_SECONDS,
+    MAX_LEVEL_FLIGHT_SPEED,
+    MAX_REPORT_INTERVAL,
+    TRANSIENT_SECONDS,
+)
+from mavdem.dataset.signals import CLIMB_RATE_FIELDS, Signals
+from mavdem.dataset.time_series import TimeSeries, recorded_series
+from mavdem.facts import Fact
+from mavdem.facts.session import Session
+from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.vocabulary import IN_AIR
+from mavdem.live.live_signals import LiveSignals
+from mavdem.live.recent_messages import RecentMessages
+
+LANDED_STATE_MESSAGE = "EXTENDED_SYS_STATE"
+
+PHASE_MESSAGES = ("HEARTBEAT", LANDED_STATE_MESSAGE, *CLIMB_RATE_FIELDS)
+"""The messages that show the phase, besides those of the motors."""
+
+AVERAGING_DELAY = AVERAGING_SECONDS / 2
+"""Delay after which a centred mean is known, s: half of its window."""
+
+
+class FlightPhase:
+    """The phase of one boot as of the latest review.
+
+    Attributes:
+        is_flying: whether the vehicle is airborne and, where that is reported, armed.
+        is_in_air: whether it also neither takes off nor lands, where that is reported.
+        motors_are_idle: whether outputs come and none has moved so far.
+    """
+
+    def __init__(self, recent: RecentMessages) -> None:
+        """Begins on the ground; ``recent`` has the messages of the boot."""
+        self.is_flying = False
+        self.is_in_air = False
+        self.motors_are_idle = False
+        self._recent = recent
+        # Whether any message shows whether the vehicle flies.
+        self._is_known = False
+        # Times of the boot clock, s: of the take-off, of the latest review, and until when a landed state counts.
+        self._takeoff_time = -inf
+        self._review_time = -inf
+        self._report_end = -inf
+        # Since when the flight is settled, s; None while it is not.
+        self._settled_start: float | None = None
+        # Since when the vehicle flies freely on its way up, s; infinite before it climbs.
+        self._free_climb_start = inf
+        self._landing_time: float | None = None
+
+    @property
+    def obstacle(self) -> Fact | None:
+        """Why the vehicle is not flying; None if it is."""
+        if self.is_flying:
+            return None
+        is_known = self.motors_are_idle or self._is_known
+        return Fact(Session.NOT_FLYING if is_known else Session.FLIGHT_UNKNOWN)
+
+    def is_settled(self, time: float) -> bool:
+        """Returns whether the flight is settled at ``time``, s; the tilt, which is judged for each row, is left out."""
+        return self.is_in_air and self._settled_start is not None and time >= self._settled_start
+
+    def is_free(self, time: float) -> bool:
+        """Returns whether nothing holds the vehicle at ``time``, s: the flight is settled, or on its way up."""
+        return self.is_settled(time) or (self.is_flying and time >= self._free_climb_start)
+
+    @property
+    def may_have_free_rows(self) -> bool:
+        """Whether rows can be of free flight."""
+        return self.is_in_air or (self.is_flying and self._free_climb_start < inf)
+
+    def settled_start(self, now: float) -> float | None:
+        """Returns since when the flight is settled, s; None where it is not settled ``now``, s."""
+        return self._settled_start if self.is_settled(now) else None
+
+    def pop_landing_time(self) -> float | None:
+        """Returns since when samples that counted as settled were of a landing, s; None without a new landing."""
+        landing_time = self._landing_time
+        self._landing_time = None
+        return landing_time
+
+    def review(self, now: float, vehicle: Telemetry, collective: TimeSeries | None) -> None:
+        """Decides the phase.
+
+        Args:
+            now: s of the boot clock.
+            vehicle: identity and parameters.
+            collective: mean of the motors in the last seconds, as a share of their range; None where it is unknown.
+        """
+        boot = self._recent.boot
+        signals = self._signals(now, vehicle, collective)
+        armed = phases.armed_intervals(signals, boot)
+        airborne = phases.airborne_intervals(signals, boot)
+        self.is_flying = _interval_at(now, airborne) is not None
+        has_states = signals.landed_state is not None or collective is not None
+        self._is_known = has_states or armed != [(-inf, inf)]
+
+        in_air = phases.landed_state_intervals(signals, boot, (IN_AIR,))
+        flights = intersection(armed, in_air)
+        flight = _interval_at(now, flights)
+        if self.is_in_air and (flight is None or flight[0] > self._review_time):
+            earlier_ends = [end for _, end in flights if end < now]
+            self._withdraw_landing(max(earlier_ends, default=now))
+            self.is_in_air = False
+            self._settled_start = None
+            self._free_climb_start = inf
+        climb_rate = signals.climb_rate
+        if flight is not None:
+            # The take-off is dated once the mean collective around it is known; later it is out of sight.
+            is_known_now = isfinite(flight[0]) and now < self._takeoff_time + AVERAGING_SECONDS
+            if not self.is_in_air or is_known_now:
+                self._takeoff_time = flight[0]
+            self.is_in_air = True
+            self._update_settled_start(now, climb_rate)
+        self._update_free_climb_start(now, climb_rate)
+        self._review_time = now
+
+    def _signals(self, now: float, vehicle: Telemetry, collective: TimeSeries | None) -> Signals:
+        """The signals of the last seconds; while the landed state is reported, the last one holds until ``now``, s."""
+        columns = self._recent.columns(PHASE_MESSAGES, now - 2 * MAX_REPORT_INTERVAL)
+        telemetry = replace(vehicle, messages=columns)
+        landed_state = recorded_series(telemetry, LANDED_STATE_MESSAGE, "landed_state")
+        self._report_end = -inf
+        if landed_state is not None and now <= landed_state.time[-1] + MAX_REPORT_INTERVAL:
+            last_state = landed_state.values[-1]
+            # 0 is MAV_LANDED_STATE_UNDEFINED.
+            if last_state:
+                self._report_end = landed_state.time[-1] + MAX_REPORT_INTERVAL
+            time = np.append(landed_state.time, now)
+            boots = np.full(len(time), self._recent.boot)
+            landed_state = TimeSeries(time, boots, np.append(landed_state.values, last_state))
+        return LiveSignals(telemetry, collective=collective, landed_state=landed_state)
+
+    def _update_settled_start(self, now: float, climb_rate: TimeSeries | None) -> None:
+        """Decides since when the flight is settled: since the climb-out, or since a descent that may be a landing.
+
+        Args:
+            now: s of the boot clock.
+            climb_rate: upward speed of the last seconds, m/s; its mean is known ``AVERAGING_DELAY`` later.
+        """
+        averaged_end = now if climb_rate is None else now - AVERAGING_DELAY
+        if self._settled_start is None:
+            level = phases.without_transients((self._takeoff_time, inf), climb_rate)
+            if level is not None and level[0] <= averaged_end:
+                self._settled_start = level[0]
+        elif climb_rate is not None:
+            is_sinking = phases.moving_average(climb_rate) <= -MAX_LEVEL_FLIGHT_SPEED
+            new_start = max(self._review_time - AVERAGING_DELAY, self._report_end)
+            is_new = (climb_rate.time > new_start) & (climb_rate.time <= averaged_end)
+            sinking_times = climb_rate.time[is_sinking & is_new]
+            if len(sinking_times):
+                settled_again = float(sinking_times[-1]) + TRANSIENT_SECONDS
+                self._settled_start = max(self._settled_start, settled_again)
+
+    def _update_free_climb_start(self, now: float, climb_rate: TimeSeries | None) -> None:
+        """Decides since when the vehicle flies freely before it is settled: what climbs for long is held by nothing.
+
+        Args:
+            now: s of the boot clock.
+            climb_rate: upward speed of the last seconds, m/s; without it nothing shows a free climb.
+        """
+        if not self.is_flying or climb_rate is None:
+            self._free_climb_start = inf
+            return
+        new_start = max(self._review_time, now - MAX_REPORT_INTERVAL) - AVERAGING_DELAY
+        is_new = (climb_rate.time > new_start) & (climb_rate.time <= now - AVERAGING_DELAY)
+        speed = phases.moving_average(climb_rate)[is_new]
+        climbing_times = climb_rate.time[is_new][speed >= MAX_LEVEL_FLIGHT_SPEED]
+        if np.any(speed <= -MAX_LEVEL_FLIGHT_SPEED):
+            self._free_climb_start = inf
+        elif len(climbing_times) and self._settled_start is None:
+            free_time = float(climbing_times[0]) + TRANSIENT_SECONDS / 2
+            self._free_climb_start = min(self._free_climb_start, free_time)
+
+    def _withdraw_landing(self, touchdown_time: float) -> None:
+        """Withdraws the last seconds before a touch-down, s; of two landings that nobody popped, since the earlier."""
+        landing_time = touchdown_time - TRANSIENT_SECONDS
+        if self._landing_time is not None:
+            landing_time = min(landing_time, self._landing_time)
+        self._landing_time = landing_time
+
+
+def _interval_at(time: float, intervals: Intervals) -> Interval | None:
+    """The first interval that has begun before ``time`` and has not ended by then, all in s; None without one."""
+    for start, end in intervals:
+        if start < time <= end:
+            return start, end
+    return None

@@ -1,0 +1,139 @@
+"""MAVLink frames in the bytes of a link, found one after the other as the bytes arrive.
+
+A frame counts as it does in a file: with a matching checksum, or, of another dialect or damaged, where such frames
+exactly fill the bytes between two frames with matching checksums.
+
+Source: https://mavlink.io/en/guide/serialization.html
+"""
+
+from typing import NamedTuple
+
+from mavdem.ingest.mavlink import framing
+from mavdem.ingest.mavlink.definitions import definitions_by_id
+
+MAX_UNDECIDED_BYTES = 32 * framing.MAX_FRAME_BYTES
+"""Bytes without a matching checksum that wait for one; a choice that bounds the memory for hostile input."""
+
+SEQUENCE_OFFSET_V1 = 2
+"""Offset in a MAVLink 1 frame of its sequence number, after the marker and the length of the payload, bytes."""
+
+SEQUENCE_OFFSET_V2 = 4
+"""Offset in a MAVLink 2 frame of its sequence number, after marker, length and two bytes of flags, bytes."""
+
+
+class Frame(NamedTuple):
+    """One frame of a stream, as its header announces it."""
+
+    message_id: int
+    """Number of the message's definition."""
+
+    system: int
+    """MAVLink system id of the sender."""
+
+    component: int
+    """MAVLink component id of the sender."""
+
+    sequence: int
+    """Sequence number of the sender, 0 to 255, which wraps."""
+
+    checksum: int
+    """``CHECKSUM_MATCHES``, ``MESSAGE_UNKNOWN`` or ``CHECKSUM_FAILED`` of ``mavdem.ingest.mavlink.framing``."""
+
+    payload: bytes
+    """The payload as sent: MAVLink 2 leaves out zeros at its end."""
+
+    content: bytes
+    """All bytes of the frame."""
+
+
+class FrameReader:
+    """Finds the frames of one byte stream.
+
+    Attributes:
+        undecoded_frames: number of frames so far that are damaged or of another dialect.
+    """
+
+    def __init__(self) -> None:
+        self.undecoded_frames = 0
+        self._pending = b""
+        # Bytes at the beginning of the pending ones in which no frame with a matching checksum begins.
+        self._searched = 0
+
+    def feed(self, piece: bytes) -> list[Frame]:
+        """Returns the frames that the next bytes of the stream complete, in their order.
+
+        Frames with matching checksums do not depend on how the stream is cut into pieces.
+        """
+        data = self._pending + piece
+        # All bytes before this offset belong to frames that were returned, or to none.
+        decided = 0
+        offset = self._searched
+        frames: list[Frame] = []
+        while True:
+            length = _announced_length(data, offset)
+            if length > len(data) - offset:
+                break
+            frame = _parse_frame(data[offset : offset + length]) if length else None
+            if frame is None or frame.checksum != framing.CHECKSUM_MATCHES:
+                offset += 1
+                continue
+            undecoded = _frames_that_fill(data[decided:offset])
+            self.undecoded_frames += len(undecoded)
+            frames += undecoded
+            frames.append(frame)
+            offset += length
+            decided = offset
+        decided = max(decided, offset - MAX_UNDECIDED_BYTES)
+        self._pending = data[decided:]
+        self._searched = offset - decided
+        return frames
+
+
+def _announced_length(data: bytes, start: int) -> int:
+    """Length of the frame whose header is at ``start``, bytes; 0 if no header is there.
+
+    Where too few bytes have come to tell, it is the largest possible length.
+    """
+    header = data[start : start + 3]
+    if len(header) < 3:
+        return framing.MAX_FRAME_BYTES
+    marker, payload_length, flags = header
+    return framing.frame_length(marker, payload_length, flags) or 0
+
+
+def _frames_that_fill(data: bytes) -> list[Frame]:
+    """Frames, damaged or of another dialect, that fill the bytes between two good frames exactly; none otherwise."""
+    frames = []
+    start = 0
+    while start < len(data):
+        length = _announced_length(data, start)
+        if not 0 < length <= len(data) - start:
+            return []
+        frames.append(_parse_frame(data[start : start + length]))
+        start += length
+    return frames
+
+
+def _parse_frame(content: bytes) -> Frame:
+    """The frame that these bytes are, by their header; its checksum is compared with that of its definition."""
+    if content[0] == framing.MARKER_V2:
+        sequence_offset = SEQUENCE_OFFSET_V2
+        header_length = framing.HEADER_BYTES_V2
+    else:
+        sequence_offset = SEQUENCE_OFFSET_V1
+        header_length = framing.HEADER_BYTES_V1
+    sequence = content[sequence_offset]
+    system = content[sequence_offset + 1]
+    component = content[sequence_offset + 2]
+    message_id = int.from_bytes(content[sequence_offset + 3 : header_length], "little")
+    payload_end = header_length + content[1]
+    definition = definitions_by_id().get(message_id)
+    checksum = framing.MESSAGE_UNKNOWN
+    if definition is not None:
+        sent = int.from_bytes(content[payload_end : payload_end + framing.CHECKSUM_BYTES], "little")
+        # The marker is not part of what the checksum covers.
+        expected = framing.frame_checksum(content[1:payload_end], definition.crc_extra)
+        matches = sent == expected
+        checksum = framing.CHECKSUM_MATCHES if matches else framing.CHECKSUM_FAILED
+    payload = content[header_length:payload_end]
+    return Frame(message_id, system, component, sequence, checksum, payload, content)

@@ -1,0 +1,130 @@
+"""Judging in a live session: what the latest model is good for, again and again in flight, and at the end."""
+
+from collections.abc import Sequence
+from concurrent.futures import CancelledError, Executor, Future
+from contextlib import suppress
+from dataclasses import replace
+
+from mavdem.assessment.axis.findings import Findings, findings_of, with_own_torque_marked
+from mavdem.assessment.judgement import Judgement
+from mavdem.dem import Learned
+from mavdem.facts import Fact
+from mavdem.facts.assessment import Override
+from mavdem.ingest.telemetry import Parameters
+from mavdem.live.learning import FlightLearning
+from mavdem.live.model_judgement import judge_model
+from mavdem.live.rows import RowFormat
+from mavdem.motors.loss_detection import MotorAlarm
+
+JUDGING_PERIOD = 10.0
+"""Time between the beginnings of two judgements, s: a choice of computing time."""
+
+OWN_TORQUE_OVERRIDES = (Override.OSCILLATION, Override.MOTORS)
+"""What makes the estimated torque the vehicle's own: a limit cycle, or a weak motor."""
+
+
+class ModelJudging:
+    """Judges the latest model in the executor that learns, so that no row waits.
+
+    Attributes:
+        findings: what the model is good for; None before it is judged.
+        judgement: headline, lights and next step by the model; None before, and where it cannot be judged.
+    """
+
+    def __init__(self, executor: Executor | None, recording_name: str | None) -> None:
+        """Begins without a judgement.
+
+        Args:
+            executor: where models are judged in flight; None to judge at the end only.
+            recording_name: the log that shows more; empty where it is known later, None without one.
+        """
+        self.findings: Findings | None = None
+        self.judgement: Judgement | None = None
+        self._executor = executor
+        self._recording_name = recording_name
+        self._pending: Future[tuple[Findings, Judgement]] | None = None
+        self._next_time = 0.0
+
+    def update(
+        self,
+        now: float,
+        learning: FlightLearning,
+        parameters: Parameters,
+        alarms: Sequence[MotorAlarm],
+        is_busy: bool,
+    ) -> None:
+        """Takes a judgement that is done, or begins to judge the newest model where that is due.
+
+        A model is judged only with physical parameters, and with the inputs of the latest rows.
+
+        Args:
+            now: s of the monotonic clock.
+            learning: has the newest model.
+            parameters: of the autopilot.
+            alarms: changes of the motors' balance.
+            is_busy: whether this computer has no time to judge.
+        """
+        if self._pending is not None:
+            self._take_result(self._pending)
+            return
+        model = learning.newest_model
+        row_format = learning.row_format
+        if self._executor is None or model is None or row_format is None:
+            return
+        has_physical = learning.estimate is not None and learning.estimate.physical is not None
+        if not has_physical or is_busy or now < self._next_time:
+            return
+        self._next_time = now + JUDGING_PERIOD
+        named = learning.named_model(model, parameters)
+        if named.record.input_names != row_format.geometry.names:
+            return
+        # The executor raises RuntimeError when its processes are gone.
+        with suppress(RuntimeError):
+            self._pending = self._executor.submit(
+                judge_model, named, row_format, alarms, self._recording_name
+            )
+
+    def _take_result(self, pending: Future[tuple[Findings, Judgement]]) -> None:
+        """Takes a judgement, if it is done; one that failed is dropped."""
+        if not pending.done():
+            return
+        with suppress(ValueError, RuntimeError, CancelledError):
+            self.findings, self.judgement = pending.result()
+        self._pending = None
+
+    def judge_final_model(
+        self, model: Learned | None, row_format: RowFormat | None, alarms: Sequence[MotorAlarm]
+    ) -> Learned | None:
+        """Judges the model at the end of the session.
+
+        Args:
+            model: the final model; None without one.
+            row_format: what the latest rows are; None without any.
+            alarms: changes of the motors' balance.
+
+        Returns:
+            The model to show: where its wind torque is the vehicle's own, it says so.
+        """
+        with suppress(ValueError):
+            if (
+                model is None
+                or row_format is None
+                or model.record.input_names != row_format.geometry.names
+            ):
+                self.findings = findings_of(model, alarms=alarms)
+                self.judgement = None
+            else:
+                self.findings, self.judgement = judge_model(
+                    model, row_format, alarms, self._recording_name
+                )
+                torque_is_own = any(
+                    override.is_bad and override.code in OWN_TORQUE_OVERRIDES
+                    for override in self.findings.overrides
+                )
+                model = with_own_torque_marked(model, torque_is_own)
+        return model
+
+    def set_next_step(self, next_step: Fact) -> None:
+        """Replaces the next step of the judgement, where there is one."""
+        if self.judgement is not None:
+            self.judgement = replace(self.judgement, next_step=next_step)

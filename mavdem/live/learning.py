@@ -1,0 +1,248 @@
+"""Learning in a live session: the online learner of the vehicle's rows, and the models that are kept of a flight."""
+
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import replace
+from math import inf
+from typing import NamedTuple
+
+from mavdem.dataset.axes import output_names_and_units
+from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
+from mavdem.errors import NotLearnable, fact_from_error, failure_fact
+from mavdem.facts import Fact
+from mavdem.facts.session import Session
+from mavdem.ingest.telemetry import Parameters
+from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
+from mavdem.live.gusts import GustDetector
+from mavdem.live.history import horizon_steps
+from mavdem.live.rows import AlignedRow, RowFormat
+from mavdem.plant.online_wind_torque import WeakenedMotors
+
+MAX_MODELS = 16
+"""Models that are kept: several times the seconds that a landing withdraws, so that one from before is among them."""
+
+FIT_SECONDS = 3.0
+"""Time limit of the last fit, s: a choice. Where it takes longer, the model before is kept.
+
+Without a model before it, the fit may take twice as long.
+"""
+
+
+class _KeptModel(NamedTuple):
+    """A model that was learned in flight."""
+
+    time: float
+    """When it came, s of the boot clock; minus infinity of an earlier boot."""
+
+    learned: Learned
+
+
+class FlightLearning:
+    """Learns from rows of free flight, and keeps the models, so that those of a landing can be withdrawn.
+
+    Attributes:
+        learner: of the latest rows; None before any.
+        estimate: of the latest learned row; None before any.
+        newest_model: the latest model of settled flight; None before any.
+        is_free: whether the latest row is of free flight, and the vehicle has been flying since.
+        has_landed: whether no model has come since the last landing.
+        has_settled: whether any row was of settled flight.
+        learned_rows: number of rows that the learner used.
+        unlearned_rows: number of the other rows.
+    """
+
+    def __init__(
+        self,
+        axis: str,
+        settings: Settings,
+        executor: Executor | None,
+        prior: Learned | None,
+        log: Callable[[Fact], None],
+    ) -> None:
+        """Begins without a row.
+
+        Args:
+            axis: "roll" or "pitch".
+            settings: of the learner.
+            executor: where models are learned; None for this thread.
+            prior: model of an earlier flight of the vehicle.
+            log: is called with each fact about learning.
+        """
+        self.learner: OnlineLearner | None = None
+        self.estimate: Estimate | None = None
+        self.newest_model: Learned | None = None
+        self.is_free = False
+        self.has_landed = False
+        self.has_settled = False
+        self.learned_rows = 0
+        self.unlearned_rows = 0
+        self._axis = axis
+        self._settings = settings
+        self._executor = executor
+        self._prior = prior
+        self._log = log
+        self._row_format: RowFormat | None = None
+        self._gusts: GustDetector | None = None
+        self._models: deque[_KeptModel] = deque(maxlen=MAX_MODELS)
+        # The latest model of a climb after take-off, which is not kept.
+        self._climb_model: Learned | None = None
+
+    @property
+    def row_format(self) -> RowFormat | None:
+        """What the latest rows are; None before any."""
+        return self._row_format
+
+    def begin(self, row_format: RowFormat) -> None:
+        """Prepares for rows of another format; inputs or a step that differ need another learner."""
+        former = self._row_format
+        self._row_format = row_format
+        if former is not None and former.boot != row_format.boot:
+            # Times of another boot cannot be compared.
+            earlier = [_KeptModel(-inf, model.learned) for model in self._models]
+            self._models = deque(earlier, MAX_MODELS)
+        names = row_format.geometry.names
+        is_same = (
+            former is not None and former.dt == row_format.dt and former.geometry.names == names
+        )
+        if is_same:
+            return
+        prior = self._prior
+        if prior is not None and prior.record.input_units != row_format.input_units:
+            prior = None
+            self._log(Fact(Session.PRIOR_NOT_USED))
+        geometry = row_format.geometry
+        self.learner = OnlineLearner(
+            self._settings,
+            row_format.dt,
+            len(names),
+            len(output_names_and_units(self._axis)),
+            executor=self._executor,
+            horizons=horizon_steps(row_format.dt),
+            effect_directions=(
+                None if geometry.positions_assumed else geometry.mixer_row(self._axis)
+            ),
+            prior=None if prior is None else prior.physical,
+        )
+        self._gusts = GustDetector(row_format.dt)
+        self.estimate = None
+
+    def set_load(self, fits_physical: bool, refits: bool) -> None:
+        """Puts fits off, or allows them; a first model is always learned.
+
+        Args:
+            fits_physical: whether physical parameters are fitted again.
+            refits: whether the model is learned again.
+        """
+        if self.learner is not None:
+            self.learner.fits_physical = fits_physical
+            self.learner.refits = refits or self.learner.learned is None
+
+    def learn_row(self, row: AlignedRow, weakened_motors: WeakenedMotors | None) -> Estimate | None:
+        """Learns from a row of free flight, and keeps the newest model.
+
+        Args:
+            row: the row.
+            weakened_motors: what weak motors do with its inputs; None where no motor is weak.
+
+        Returns:
+            The learner's estimate; None where it cannot use the row.
+        """
+        learner = self.learner
+        assert learner is not None
+        learner.follows_torque = row.is_settled
+        estimate = None
+        try:
+            estimate = learner.update(row.time, row.outputs, row.inputs, weakened_motors)
+        except ValueError as error:
+            self._log(failure_fact(Session.SAMPLE_SKIPPED, error))
+        self._keep_model(row, learner.learned)
+        return estimate
+
+    def _keep_model(self, row: AlignedRow, model: Learned | None) -> None:
+        """Keeps the learner's model as of a ``row``, unless it was learned on the way up, or is kept already."""
+        if row.is_settled:
+            self.has_settled = True
+        else:
+            self._climb_model = model
+        if model is not None and model not in (self.newest_model, self._climb_model):
+            self.newest_model = model
+            self.has_landed = False
+            self._models.append(_KeptModel(row.time, model))
+
+    def count_row(self, estimate: Estimate | None) -> None:
+        """Counts a row, and reports unexpected motion and gusts by its estimate, which is None of an unlearned row."""
+        if estimate is None:
+            self.unlearned_rows += 1
+            return
+        self.learned_rows += 1
+        was_unusual = self.estimate is not None and self.estimate.unusual
+        if estimate.unusual and not was_unusual:
+            self._log(Fact(Session.MOTION_UNEXPECTED, clock=estimate.seen))
+        self.estimate = estimate
+        assert self._gusts is not None
+        for gust in self._gusts.add(estimate):
+            self._log(gust)
+
+    def withdraw_since(self, landing_time: float) -> None:
+        """Forgets what was learned since ``landing_time``, s of the boot clock: it was of a landing."""
+        assert self.learner is not None
+        self.learner.forget_since(landing_time)
+        while self._models and self._models[-1].time > landing_time:
+            self._models.pop()
+        self.has_landed = True
+
+    def final_model(self, parameters: Parameters) -> Learned:
+        """Returns the last model before the last landing; in flight, one of the latest samples.
+
+        Args:
+            parameters: of the autopilot.
+
+        Raises:
+            NotLearnable: there is none, and why.
+        """
+        if self.learner is None or (self.learned_rows and not self.has_settled):
+            raise NotLearnable(Session.NO_LIVE_FLIGHT)
+        if not (self.has_landed and self._models):
+            seconds = FIT_SECONDS if self._models else 2 * FIT_SECONDS
+            try:
+                return self.named_model(self.learner.learn_now(seconds), parameters)
+            except TimeoutError:
+                reason = Fact(Session.NOT_LEARNED_IN_TIME, duration=seconds)
+            except (ValueError, RuntimeError) as error:
+                reason = fact_from_error(error)
+            if not self._models:
+                raise NotLearnable(reason)
+            self._log(Fact(Session.FORMER_MODEL_KEPT, because=reason))
+        return self.named_model(self._models[-1].learned, parameters)
+
+    def named_model(self, learned: Learned, parameters: Parameters) -> Learned:
+        """Returns a model with names, units, gains and range of the latest rows, and what they identify.
+
+        Args:
+            learned: a model of these rows; one of other inputs is returned as it is.
+            parameters: of the autopilot, of which the gains are kept.
+        """
+        row_format = self._row_format
+        if row_format is None:
+            return learned
+        names = row_format.geometry.names
+        if learned.record.inputs.shape[1] != len(names):
+            return learned
+        output_names, output_units = zip(*output_names_and_units(self._axis), strict=True)
+        gains = {
+            name: value for name, value in parameters.items() if CONTROL_PARAMETERS.match(name)
+        }
+        record = replace(
+            learned.record,
+            input_names=names,
+            output_names=output_names,
+            input_units=row_format.input_units,
+            output_units=output_units,
+            parameters=gains,
+            input_range=(row_format.scale.low, row_format.scale.high),
+        )
+        named = replace(learned, record=record)
+        if self.estimate is None or self.estimate.physical is None:
+            return named
+        return named.with_physical(self.estimate.physical)

@@ -1,0 +1,123 @@
+"""The last seconds of a live flight, and a live model's samples, in the form that the judgement of logs takes."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.assessment.condition import Condition
+from mavdem.assessment.evidence import Evidence
+from mavdem.dataset.attitude import Attitude
+from mavdem.dataset.learnability import Learnability
+from mavdem.dataset.motor_outputs import MotorOutputs
+from mavdem.dataset.quality import QualityFigures
+from mavdem.dataset.resampling import mean_rate
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import TimeSeries
+from mavdem.facts import Fact, Facts
+from mavdem.facts.lights import Unjudged
+from mavdem.ingest.telemetry import log_of_vehicles
+from mavdem.loops.axis_loops import Loop
+
+
+@dataclass(frozen=True, eq=False)
+class LiveSignals(Signals):
+    """Signals of a live flight. The fields below are given, where those of a log are read from its messages."""
+
+    motors: MotorOutputs | None = None
+    """Motor outputs."""
+
+    collective: TimeSeries | None = None
+    """Mean of the motors as a share of their range, 0 to 1."""
+
+    landed_state: TimeSeries | None = None
+    """MAV_LANDED_STATE over time."""
+
+    tilts: tuple[Attitude, ...] = ()
+    """Roll and pitch."""
+
+
+class RecentMotion(NamedTuple):
+    """Motor outputs and attitude of the last seconds."""
+
+    motors: MotorOutputs
+    """The outputs of all motors."""
+
+    tilts: Mapping[str, Attitude]
+    """Roll and pitch, by axis."""
+
+    @property
+    def rate(self) -> float:
+        """Mean rate of the slowest of these streams, Hz; 0 where one has fewer than two samples."""
+        streams = [self.motors.time]
+        for tilt in self.tilts.values():
+            streams.append(tilt.time)
+        return min(mean_rate(time) if len(time) > 1 else 0.0 for time in streams)
+
+
+def attitude_of_axis(
+    message: str, time: Array, boot: int, angle: Array, body_rate: Array
+) -> Attitude:
+    """Returns the attitude of one axis, all of whose samples are used.
+
+    Args:
+        message: name of the message that it came with.
+        time: (N,) s of the boot clock.
+        boot: number of the boot.
+        angle: (N,) rad.
+        body_rate: (N,) rad/s; it also stands for the derivative of the angle, which is the same near level flight.
+    """
+    count = len(time)
+    boots = np.full(count, boot)
+    return Attitude(
+        message,
+        time,
+        boots,
+        angle,
+        body_rate,
+        euler_rate=body_rate,
+        sent_count=count,
+        unused_count=0,
+        impossible_count=0,
+    )
+
+
+@dataclass(frozen=True)
+class LiveFindings:
+    """What a live vehicle is judged by, besides its signals and its condition."""
+
+    events: Facts = ()
+    """Losses of thrust."""
+
+    loops: Mapping[str, Loop | Fact] = field(default_factory=dict)
+    """The control loops by axis, or why they are not known."""
+
+
+def live_evidence(
+    signals: Signals, condition: Condition, findings: LiveFindings | None = None
+) -> Evidence:
+    """Returns the evidence that a live vehicle is judged by, as that of a log.
+
+    Args:
+        signals: of the vehicle.
+        condition: its figures; it counts as armed and airborne for as long as their duration.
+        findings: events and loops; none unless given.
+    """
+    findings = findings or LiveFindings()
+    learnability = Learnability(
+        signals.axis,
+        True,
+        Fact(Unjudged.NOT_JUDGED, because=None),
+        figures=QualityFigures(armed=condition.duration, airborne=condition.duration),
+    )
+    log = log_of_vehicles((signals.telemetry,), 0, 0)
+    return Evidence(
+        log,
+        signals,
+        learnability,
+        condition,
+        events=findings.events,
+        loops=findings.loops,
+    )

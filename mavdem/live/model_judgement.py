@@ -1,0 +1,100 @@
+"""What a model that was learned in flight is good for, and the judgement of its vehicle."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from mavdem.assessment.axis import AxisFigures
+from mavdem.assessment.axis.findings import Findings, findings_of, with_own_torque_marked
+from mavdem.assessment.axis.loops import loop_or_refusal
+from mavdem.assessment.condition import Condition
+from mavdem.assessment.judgement import Judgement, judge
+from mavdem.assessment.lights.motors import motors_light
+from mavdem.dataset.axes import AXES, TILT_AXES
+from mavdem.dataset.motor_outputs import MotorOutputs
+from mavdem.dataset.segments import Segment
+from mavdem.dem import Learned
+from mavdem.facts import Fact
+from mavdem.facts.lights import Unjudged
+from mavdem.facts.motors import Trim
+from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.vocabulary import UNNAMED
+from mavdem.live.live_signals import LiveFindings, LiveSignals, attitude_of_axis, live_evidence
+from mavdem.live.rows import RowFormat
+from mavdem.loops.axis_loops import Loop
+from mavdem.loops.limit_cycles import detect_limit_cycle
+from mavdem.motors.hover import hover_figures
+from mavdem.motors.loss_detection import MotorAlarm, losses_of
+
+
+def judge_model(
+    learned: Learned,
+    row_format: RowFormat,
+    alarms: Sequence[MotorAlarm],
+    recording_name: str | None,
+) -> tuple[Findings, Judgement]:
+    """Judges a model learned in flight, and the vehicle by the longest segment of the model's samples.
+
+    It is slow, and runs in the executor that learns models: arguments and results can be pickled.
+
+    Args:
+        learned: the model, of one axis.
+        row_format: what its rows are made of: message names, mixer geometry, and scale of the motors.
+        alarms: changes of the motors' balance in the flight.
+        recording_name: the log that shows what no live message does; empty where it is known later, None without one.
+
+    Returns:
+        What the model is good for, and the vehicle's judgement.
+    """
+    record = learned.record
+    inputs, outputs = max(record.segments, key=lambda segment: len(segment[1]))
+    axis = record.output_names[0]
+    count = len(inputs)
+    duration = count * learned.dt
+    time: Any = learned.dt * np.arange(count)
+
+    geometry = row_format.geometry
+    motors = MotorOutputs(
+        row_format.motor_message,
+        time,
+        np.zeros(count, int),
+        inputs,
+        geometry,
+        row_format.scale,
+        sent_count=count,
+        unused_count=0,
+    )
+    angle, body_rate = outputs.T
+    attitude = attitude_of_axis(row_format.attitude_message, time, 0, angle, body_rate)
+    telemetry = Telemetry(1, 1, UNNAMED, "", {}, record.parameters, recording_name or "")
+    # The model has one axis. It stands for both, so that the vehicle counts as upright where this axis is.
+    signals = LiveSignals(telemetry, axis, motors=motors, tilts=(attitude,) * len(TILT_AXES))
+
+    limit_cycle = detect_limit_cycle(motors, {axis: attitude}, [Segment(0, 0.0, duration)])
+    mean_lean = {axis: np.degrees(outputs[:, 0].mean())}
+    hover = hover_figures(geometry.names, row_format.scale, duration, inputs, mean_lean)
+    condition = Condition(duration=duration, settled=duration, hover=hover, oscillation=limit_cycle)
+    # The torque of a limit cycle is the vehicle's own, not the wind's.
+    learned = with_own_torque_marked(learned, limit_cycle is not None)
+    findings = findings_of(learned, None, condition, alarms)
+
+    figures = AxisFigures((), learned.physical, None, learned.physical_reason)
+    loops: dict[str, Loop | Fact] = {each: Fact(Unjudged.NOT_JUDGED, because=None) for each in AXES}
+    loops[axis] = loop_or_refusal(figures, record)
+    losses = tuple(losses_of(alarms))
+    evidence = live_evidence(signals, condition, LiveFindings(events=losses, loops=loops))
+    # These lights need messages that nothing in flight looks at.
+    judged_later = Fact(Unjudged.JUDGED_LATER, path=recording_name)
+    motors_fact = motors_light(evidence)
+    if motors_fact.code is Trim.TRIM_UNKNOWN:
+        # The trim needs all axes, and the model has one.
+        motors_fact = judged_later
+    judgement = judge(
+        evidence,
+        findings.purposes,
+        motors=motors_fact,
+        tracking=judged_later,
+        estimator=judged_later,
+    )
+    return findings, judgement

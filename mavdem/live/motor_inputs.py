@@ -1,0 +1,148 @@
+"""Which motor outputs are the inputs of a live model, by the rules for logs applied to the last seconds."""
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.containers import Numbers
+from mavdem.dataset import motor_outputs
+from mavdem.dataset.motor_outputs import MotorOutputs
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import TimeSeries
+from mavdem.ingest.motors import MOTOR_MESSAGES
+from mavdem.ingest.output_scale import output_scale
+from mavdem.ingest.telemetry import Fields, Telemetry, concatenated_columns
+from mavdem.live.samples import MEMORY_SECONDS, SampleStream
+
+MAX_USED_SAMPLES = 1024
+"""Samples of a stream by which inputs are chosen, a choice: of a faster stream every second, third … sample is used,
+which shows the same, and no row waits for the rest."""
+
+StreamKey = tuple[str, int]
+"""Name of a message and number of its port; 0 of messages without ports."""
+
+
+class PortChannel(NamedTuple):
+    """One output channel of a message whose outputs come in several ports."""
+
+    port: int
+    """Number of the port, from 0 on."""
+
+    offset: int
+    """Number of the channel within its port, from 0 on."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotorInputs:
+    """The inputs of the model: the outputs of all motors in the last seconds, and their channels."""
+
+    motors: MotorOutputs
+    channels: tuple[PortChannel, ...]
+    """The channel of each motor, in the order of the inputs."""
+
+    @property
+    def collective(self) -> TimeSeries | None:
+        """Mean of the motors as a share of their range in the last seconds; None where no outputs came."""
+        return self.motors.collective if len(self.motors.time) else None
+
+    @cached_property
+    def ports(self) -> tuple[int, ...]:
+        """The ports with inputs, the one with most of them first, of several the lowest."""
+        counts = Counter(channel.port for channel in sorted(self.channels))
+        return tuple(port for port, _ in counts.most_common())
+
+    @property
+    def identity(self) -> tuple[object, ...]:
+        """What must not change within a segment: message, channels of the motors, and their ports."""
+        return self.motors.message, self.motors.geometry.channels, self.channels
+
+
+class InputSelector:
+    """Selects the inputs by the outputs of the last seconds, and by the extremes of each channel in this boot.
+
+    The extremes show which channels move, and on which scale, also while they do not change.
+    """
+
+    def __init__(self, boot: int = 0) -> None:
+        self._boot = boot
+        # By stream: time, s, and values of the samples in which a channel was lowest or highest so far.
+        self._extremes: dict[StreamKey, list[tuple[float, Numbers]]] = {}
+
+    def candidate_messages(
+        self, streams: Mapping[StreamKey, SampleStream], present_message: str | None
+    ) -> dict[str, Fields]:
+        """Returns the columns of the motor messages to select from, by name.
+
+        Args:
+            streams: samples by message and port.
+            present_message: the message to stay with; None where any may be selected.
+        """
+        messages: dict[str, Fields] = {}
+        for (name, port), stream in sorted(streams.items()):
+            if name not in MOTOR_MESSAGES or not stream.time:
+                continue
+            if present_message is not None and name != present_message:
+                continue
+            columns = self._columns(name, port, stream)
+            if name in messages:
+                columns = concatenated_columns([messages[name], columns])
+            messages[name] = columns
+        return messages
+
+    def select(
+        self, messages: dict[str, Fields], vehicle: Telemetry, now: float
+    ) -> MotorInputs | None:
+        """Returns the inputs as of ``now``, s, by the rules of ``Signals.motors``; None where no motors are found.
+
+        Args:
+            messages: the candidates.
+            vehicle: identity and parameters.
+            now: s of the boot clock; of the outputs only the last ``MEMORY_SECONDS`` are returned.
+        """
+        motors = Signals(replace(vehicle, messages=messages)).motors
+        if motors is None:
+            return None
+        _, port_width = motor_outputs.channel_outputs(motors.message, messages[motors.message])
+        channels = []
+        for number in motors.geometry.channels:
+            port, offset = divmod(number - 1, port_width)
+            channels.append(PortChannel(port, offset))
+        # A climb of a few seconds at one throttle looks like an upper stop: only parameters show where that is.
+        stop = output_scale(motors.outputs, vehicle.parameters, motors.geometry.drivers).stop
+        is_recent = motors.time >= now - MEMORY_SECONDS
+        recent = replace(
+            motors,
+            scale=replace(motors.scale, stop=stop),
+            time=motors.time[is_recent],
+            boot=motors.boot[is_recent],
+            outputs=motors.outputs[is_recent],
+        )
+        return MotorInputs(recent, tuple(channels))
+
+    def _columns(self, name: str, port: int, stream: SampleStream) -> Fields:
+        """The outputs of one port as the columns of its message, extremes first; it updates the extremes."""
+        stride = 1 + len(stream.time) // MAX_USED_SAMPLES
+        rows = list(self._extremes.get((name, port), ()))
+        rows += zip(stream.time[::stride], stream.values[::stride], strict=True)
+        times, values = zip(*rows, strict=True)
+        table = np.array(values, float)
+        # 0 stands for "no output yet".
+        is_output = (table != 0) & np.isfinite(table)
+        lowest = np.where(is_output, table, inf).argmin(axis=0)
+        highest = np.where(is_output, table, -inf).argmax(axis=0)
+        self._extremes[name, port] = [rows[row] for row in np.union1d(lowest, highest)]
+
+        columns = {"time": np.array(times), "boot": np.full(len(rows), self._boot)}
+        form = MOTOR_MESSAGES[name]
+        if not form.is_ported:
+            columns[form.field] = table
+            return columns
+        for number, channel_values in enumerate(table.T, 1):
+            columns[form.field.format(number)] = channel_values
+        columns["port"] = np.full(len(rows), port)
+        return columns

@@ -1,0 +1,70 @@
+"""The latest attitude of a live vehicle with its setpoint, and its heading while it follows that."""
+
+from math import inf, nan
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.containers import Numbers
+from mavdem.dataset.phases import MAX_TILT
+from mavdem.dataset.setpoints import MAX_SETPOINT_AGE
+from mavdem.dataset.steady_flight import strays_from_setpoint
+from mavdem.live.messages import AttitudeSample
+
+
+class LatestPose(NamedTuple):
+    """The latest attitude that came."""
+
+    time: float
+    """Time, s of the boot clock."""
+
+    angles: Numbers
+    """Roll, pitch and yaw, rad."""
+
+    rates: Numbers
+    """Body rates about the forward, right and downward axis, rad/s."""
+
+    setpoint: Numbers
+    """Roll and pitch that the attitude controller tracks, rad; NaN where they are not known."""
+
+
+class PoseTracker:
+    """Follows the attitude and its setpoint.
+
+    Attributes:
+        pose: the latest; None before any.
+        heading: yaw, rad; NaN while roll or pitch stray from their setpoint, or the vehicle is not upright.
+    """
+
+    def __init__(self) -> None:
+        self.pose: LatestPose | None = None
+        self.heading = 0.0
+        self._setpoint_time = -inf
+        self._setpoint = (nan, nan)
+
+    def restart(self) -> None:
+        """Forgets the setpoint, at a reboot, after which the clock begins anew."""
+        self._setpoint_time = -inf
+
+    def take_setpoint(self, time: float, setpoint: tuple[float, float]) -> None:
+        """Takes a setpoint of roll and pitch, rad, at ``time``, s; NaN where there is none."""
+        self._setpoint_time = time
+        self._setpoint = setpoint
+
+    def take_attitude(self, time: float, sample: AttitudeSample) -> None:
+        """Takes an attitude at ``time``, s."""
+        has_setpoint = abs(time - self._setpoint_time) <= MAX_SETPOINT_AGE
+        setpoint = self._setpoint if has_setpoint else (nan, nan)
+        self.pose = LatestPose(
+            time,
+            (sample.roll, sample.pitch, sample.yaw),
+            (sample.roll_rate, sample.pitch_rate, sample.yaw_rate),
+            setpoint,
+        )
+        self.heading = sample.yaw
+        if max(abs(sample.roll), abs(sample.pitch)) >= MAX_TILT:
+            self.heading = nan
+        elif has_setpoint:
+            tilt = np.array([sample.roll, sample.pitch])
+            if strays_from_setpoint(tilt, np.array(setpoint)):
+                self.heading = nan

@@ -1,0 +1,186 @@
+"""Presentation of a live session: its display, its history, and the facts that are reported to the user."""
+
+from collections.abc import Callable
+from math import nan
+
+from mavdem.assessment.autopilot_messages import REPEAT_SECONDS
+from mavdem.dem import Estimate, Learned
+from mavdem.errors import failure_fact
+from mavdem.facts import Fact
+from mavdem.facts.event import Event
+from mavdem.facts.session import Session
+from mavdem.facts.watch import Watch
+from mavdem.live import clock
+from mavdem.live.display import Display, DisplayRow
+from mavdem.live.history import LiveHistory
+from mavdem.live.motor_alarms import MotorAlarms
+from mavdem.live.pose import LatestPose
+from mavdem.live.rows import AlignedRow, RowFormat
+from mavdem.live.wind import WindEstimate
+
+OpenDisplay = Callable[[RowFormat], Display | None]
+"""Returns the display of rows of a format; None where there is none."""
+
+
+class Presentation:
+    """Shows rows and events on a display, if there is one, and keeps the history of the flight.
+
+    Attributes:
+        history: what happened.
+        has_display: whether rows are displayed.
+    """
+
+    def __init__(
+        self,
+        open_display: OpenDisplay,
+        report_fact: Callable[[Fact], None],
+        motor_alarms: MotorAlarms,
+    ) -> None:
+        """Begins without a display.
+
+        Args:
+            open_display: is called with each new format of rows.
+            report_fact: is called with each fact for the user.
+            motor_alarms: show since when the torque is that of a weak motor.
+        """
+        self.history = LiveHistory()
+        self._open_display = open_display
+        self._report_fact = report_fact
+        self._motor_alarms = motor_alarms
+        self._display: Display | None = None
+        # When each kind of fact was reported last, s of the monotonic clock.
+        self._report_times: dict[object, float] = {}
+
+    @property
+    def has_display(self) -> bool:
+        """Whether rows are displayed."""
+        return self._display is not None
+
+    def open(self, row_format: RowFormat) -> None:
+        """Displays rows of a format from now on. A display that fails is not used again."""
+        had_display = self.has_display
+        try:
+            self._display = self._open_display(row_format)
+        except Exception as error:
+            self._display = None
+            self._open_display = _no_display
+            self.log(failure_fact(Session.DISPLAY_FAILED, error))
+        if not had_display and self._display is not None:
+            for event in self.history.events:
+                self._display.log(event)
+
+    def pause(self, is_paused: bool) -> None:
+        """Makes displayed rows wait while this computer has no time to draw them."""
+        if self._display is not None:
+            self._display.pause(is_paused)
+
+    def add_to_history(
+        self,
+        row: AlignedRow,
+        row_format: RowFormat,
+        estimate: Estimate | None,
+        wind: WindEstimate | None,
+    ) -> None:
+        """Adds a row to the history.
+
+        Args:
+            row: the row.
+            row_format: what it is.
+            estimate: of the learner; None of a row that was not learned from.
+            wind: the latest; None before any.
+        """
+        wind_speed = nan
+        wind_band = nan
+        if wind is not None:
+            compass_wind = wind.compass
+            wind_speed = compass_wind.speed
+            wind_band = compass_wind.speed_high - compass_wind.speed
+        motors = row_format.scale.fraction(row.inputs)
+        self.history.advance(row.time, row_format.boot)
+        self.history.add_row(
+            row.segment, row.time, row.outputs, estimate, (wind_speed, wind_band, *motors)
+        )
+
+    def show(
+        self,
+        row: AlignedRow,
+        pose: LatestPose | None,
+        estimate: Estimate | None = None,
+        learned: Learned | None = None,
+        wind: WindEstimate | None = None,
+    ) -> None:
+        """Displays a row with the latest estimate, model, wind and pose, as far as there are any."""
+        if self._display is not None:
+            self._display.put(
+                DisplayRow(
+                    row.time,
+                    self.history.timeline_offset,
+                    row.segment,
+                    row.outputs,
+                    row.inputs,
+                    estimate=estimate,
+                    learned=learned,
+                    wind=wind,
+                    pose=pose,
+                )
+            )
+
+    def preview(
+        self,
+        latest: tuple[RowFormat, AlignedRow] | None,
+        pose: LatestPose | None,
+        displayed: RowFormat | None,
+    ) -> None:
+        """Displays the latest sample while there are no rows: what is wrong must not wait for them.
+
+        Args:
+            latest: the sample as a row of its own format; None without one, or while there are rows.
+            pose: the latest.
+            displayed: the format of the rows so far; None before any. Samples of other inputs cannot be displayed.
+        """
+        if latest is None:
+            return
+        row_format, row = latest
+        if not self.has_display:
+            self.open(row_format)
+        if displayed is None or displayed.geometry.names == row_format.geometry.names:
+            self.show(row, pose)
+
+    def log(self, fact: Fact) -> None:
+        """Reports a fact, and adds it to the history, unless the like was reported in the last ``REPEAT_SECONDS``.
+
+        Facts with a time, each alarm and each recovery, are always reported.
+        """
+        now = clock.monotonic()
+        kind = _kind(fact)
+        self._report_times = {
+            earlier: time
+            for earlier, time in self._report_times.items()
+            if now - time < REPEAT_SECONDS
+        }
+        if kind in self._report_times and fact.time is None:
+            return
+        self._report_times[kind] = now
+        self._report_fact(fact)
+        start_time = nan
+        if fact.time is not None:
+            start_time = fact.time + self.history.timeline_offset
+        if self._motor_alarms.change_time == fact.time:
+            self.history.clear_wind_torque(start_time)
+        event = Event(self.history.now, fact, start_time)
+        self.history.events.append(event)
+        if self._display is not None:
+            self._display.log(event)
+
+
+def _kind(fact: Fact) -> tuple[object, ...]:
+    """What repeated reports of the same thing have in common."""
+    detail = fact.figures.get("text")
+    if fact.code is Watch.OTHER_VEHICLE_ALARM:
+        detail = fact.figures["because"]
+    return fact.code, fact.subject, detail
+
+
+def _no_display(_: RowFormat) -> Display | None:
+    """Takes the place of a display that has failed."""
+    return None

@@ -1,0 +1,119 @@
+"""Negotiation of message rates with the vehicle of a live session, if the user wants it."""
+
+from collections.abc import Callable
+from math import inf
+
+from mavdem.facts import Fact
+from mavdem.facts.session import RateFact
+from mavdem.ingest.mavlink.definitions import FrameSender
+from mavdem.ingest.motors import control_parameters, motor_parameters
+from mavdem.live import clock
+from mavdem.live.intake import LinkIntake
+from mavdem.live.link import MAX_TRIES, RETRY_SECONDS, SILENCE_SECONDS
+from mavdem.live.rate_request import ArrivalRates, RateRequest, greeting
+from mavdem.live.stream import LiveStream
+from mavdem.live.vehicle_selection import Component
+
+CONFIRMATION_POLL_SECONDS = 0.05
+"""Longest wait for something to come while a confirmation is awaited, s: a choice."""
+
+
+class RateNegotiation:
+    """Sends requests for message rates over a link, and takes the vehicle's replies from its stream."""
+
+    def __init__(
+        self,
+        requested_rate: float | None,
+        awaits_greeting: bool,
+        intake: LinkIntake,
+        stream: LiveStream,
+        log: Callable[[Fact], None],
+    ) -> None:
+        """Sends nothing yet.
+
+        Args:
+            requested_rate: Hz; None to send nothing at all.
+            awaits_greeting: whether the other side sends only after it has received something.
+            intake: sends, and receives while rates are restored.
+            stream: of the vehicle.
+            log: is called with each fact about the rates.
+        """
+        self._requested_rate = requested_rate
+        self._awaits_greeting = awaits_greeting
+        self._intake = intake
+        self._stream = stream
+        self._log = log
+        self._request: RateRequest | None = None
+        self._arrival_rates = ArrivalRates()
+        self._greeting_time = -inf
+
+    def update(self, now: float, message_time: float, is_busy: bool) -> None:
+        """Sends what is due: a greeting where one is needed, then requests to the vehicle once it is known.
+
+        Args:
+            now: until when all that arrived is analysed, s of the monotonic clock.
+            message_time: when a message came last, s of that clock.
+            is_busy: whether the analysis is late; then messages seem to come as fast as the analysis.
+        """
+        if self._requested_rate is None or self._intake.is_lost or is_busy:
+            self._arrival_rates = ArrivalRates()
+            return
+        last_contact = max(message_time, self._greeting_time)
+        if self._awaits_greeting and now - last_contact >= RETRY_SECONDS:
+            self._greeting_time = now
+            self._intake.send([greeting()])
+        vehicle = self._stream.followed_vehicle
+        if vehicle is None or now - message_time > SILENCE_SECONDS:
+            return
+        if self._request is None:
+            self._request = self._request_to(vehicle, self._requested_rate)
+        for message in self._stream.drain_replies():
+            self._request.take_reply(message)
+        rates = self._arrival_rates.update(now, vehicle.message_counts)
+        self._intake.send(self._request.frames_due(now, rates, vehicle.parameters))
+        for fact in self._request.drain_events():
+            self._log(fact)
+
+    @staticmethod
+    def _request_to(vehicle: Component, rate: float) -> RateRequest:
+        """The request to a vehicle for messages at a ``rate``, Hz, and for the parameters of motors and gains."""
+        parameters = (
+            *motor_parameters(vehicle.autopilot),
+            *control_parameters(vehicle.autopilot),
+        )
+        ids = FrameSender(vehicle.system, vehicle.component)
+        return RateRequest(ids, rate, parameters=parameters)
+
+    def restart(self) -> None:
+        """Requests rates again, after a reboot or a silence in which the vehicle may have forgotten them."""
+        if self._request is not None:
+            self._arrival_rates = ArrivalRates()
+            self._request.restart()
+
+    def restore(self) -> None:
+        """Restores the vehicle's rates, and reports where it does not confirm that, tried ``MAX_TRIES`` times."""
+        request = self._request
+        if request is None:
+            return
+        if not self._intake.is_lost:
+            for _ in range(MAX_TRIES):
+                frames = request.restoring_frames()
+                if not frames:
+                    return
+                self._intake.send(frames)
+                self._await_confirmations(request)
+        if request.restoring_frames():
+            self._log(Fact(RateFact.RATES_NOT_RESTORED))
+
+    def _await_confirmations(self, request: RateRequest) -> None:
+        """Receives until all restorations are confirmed, for ``RETRY_SECONDS`` at most."""
+        end_time = clock.monotonic() + RETRY_SECONDS
+        while request.unconfirmed and not self._intake.is_lost:
+            remaining = end_time - clock.monotonic()
+            if remaining <= 0:
+                return
+            for batch in self._intake.receive(min(remaining, CONFIRMATION_POLL_SECONDS)):
+                if clock.monotonic() < end_time:
+                    self._stream.take_without_rows(batch.stamp, batch.frames)
+            for message in self._stream.drain_replies():
+                request.take_reply(message)

@@ -1,0 +1,312 @@
+"""From samples of attitude and motor outputs of one live vehicle to aligned rows."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from mavdem.containers import Numbers
+from mavdem.dataset.attitude import ATTITUDE_MESSAGES
+from mavdem.dataset.phases import MAX_TILT
+from mavdem.dataset.time_series import preferred_message
+from mavdem.facts import Fact
+from mavdem.facts.session import Rows
+from mavdem.ingest.telemetry import Fields, Telemetry
+from mavdem.live.flight_phase import FlightPhase
+from mavdem.live.live_signals import RecentMotion, attitude_of_axis
+from mavdem.live.motor_inputs import InputSelector, MotorInputs, StreamKey
+from mavdem.live.row_grid import GridPoint, RowGrid
+from mavdem.live.rows import AlignedRow, RowFormat
+from mavdem.live.samples import SampleStream
+
+RATE_CHECK_SAMPLES = 8
+"""Samples of a stream between two checks of its rate: a choice of computing time."""
+
+
+class RowBuilder:
+    """Builds the rows of one vehicle: it keeps the streams of samples and chooses which of them rows are made of.
+
+    Attributes:
+        axis: "roll" or "pitch": the outputs are its angle and body rate.
+        row_format: what the rows of the latest segment are; None before any.
+        sample_count: number of samples of attitude and motors so far.
+        inputs: the chosen inputs; None before they are chosen.
+        attitude_message: name of the chosen message of attitude; None before it is chosen.
+    """
+
+    def __init__(self, axis: str, phase: FlightPhase, report: Callable[[Fact], None]) -> None:
+        """Begins without a sample.
+
+        Args:
+            axis: "roll" or "pitch".
+            phase: of the present boot.
+            report: is called with each fact about the rows.
+        """
+        self.axis = axis
+        self.row_format: RowFormat | None = None
+        self.sample_count = 0
+        self._report = report
+        self._grid = RowGrid()
+        self.restart(0, phase)
+
+    def restart(self, boot: int, phase: FlightPhase) -> None:
+        """Forgets the samples, at a reboot, after which the clock begins anew."""
+        self.inputs: MotorInputs | None = None
+        self.attitude_message: str | None = None
+        self._boot = boot
+        self._phase = phase
+        self._streams: dict[StreamKey, SampleStream] = {}
+        # Those that rows are made of, attitude first and then each port of the motors; none before they are chosen.
+        self._row_streams: tuple[SampleStream, ...] = ()
+        self._selector = InputSelector(boot)
+        self._grid.restart()
+
+    @property
+    def late_samples(self) -> int:
+        """Number of samples of this boot that came too late for their row."""
+        return sum(stream.late_count for stream in self._streams.values())
+
+    @property
+    def motor_message(self) -> str | None:
+        """Name of the message of the chosen inputs; None before they are chosen."""
+        return None if self.inputs is None else self.inputs.motors.message
+
+    @property
+    def has_motor_messages(self) -> bool:
+        """Whether any message of motor outputs has come in this boot."""
+        return any(name not in ATTITUDE_MESSAGES for name, _ in self._streams)
+
+    def rates(self, now: float) -> dict[str, float]:
+        """Returns the rate of each message, Hz, as of ``now``, s, the slowest first; of several ports the fastest."""
+        rates = sorted(
+            (stream.recent_rate(now), name) for (name, _), stream in self._streams.items()
+        )
+        return {name: rate for rate, name in rates}
+
+    def add_sample(
+        self, name: str, port: int, time: float, values: Numbers | None
+    ) -> SampleStream | None:
+        """Adds a sample to its stream.
+
+        Args:
+            name: name of the message.
+            port: its port; 0 of attitude.
+            time: s of the boot clock.
+            values: outputs, or roll, pitch, rad, and their body rates, rad/s; None where they cannot be used.
+
+        Returns:
+            The stream, if the sample was added and rows may be made of it; else None.
+        """
+        stream = self._streams.get((name, port))
+        if stream is None:
+            stream = SampleStream()
+            self._streams[name, port] = stream
+        if values is None or not stream.add(time, values):
+            return None
+        self.sample_count += 1
+        return stream if stream in self._row_streams else None
+
+    def is_main_motor_stream(self, stream: SampleStream) -> bool:
+        """Returns whether a stream of rows is that of the port with most motors."""
+        return stream is self._row_streams[1]
+
+    def latest_motor_outputs(self) -> list[float] | None:
+        """Returns the latest output of each input, in the unit of the stream; None where a port has not sent any."""
+        if self.inputs is None:
+            return None
+        outputs = []
+        for channel in self.inputs.channels:
+            values = self._streams[self.inputs.motors.message, channel.port].values
+            if not values:
+                return None
+            outputs.append(values[-1][channel.offset])
+        return outputs
+
+    def completed_rows(self, name: str, stream: SampleStream) -> list[AlignedRow]:
+        """Returns the rows that the latest sample of a stream completes.
+
+        It ends the segment at a gap and where a rate changes, and begins one where it can.
+
+        Args:
+            name: name of the stream's message.
+            stream: one that rows are made of.
+        """
+        inputs = self.inputs
+        assert inputs is not None
+        if self._grid.is_running:
+            self._end_at_interruption(name, stream)
+        may_begin = not self._grid.is_running and self._phase.may_have_free_rows
+        if may_begin and self._grid.begin(self._row_streams):
+            self._begin_segment(inputs)
+        if not self._grid.is_running:
+            return []
+        return [self._row(point, inputs) for point in self._grid.completed_points()]
+
+    def _end_at_interruption(self, name: str, stream: SampleStream) -> None:
+        """Ends the segment where the latest sample of a stream follows a gap, or shows that its rate has changed."""
+        if stream.gap:
+            self._report(Fact(Rows.MESSAGE_GAP, subject=name, duration=stream.gap))
+            self._grid.end()
+        elif stream.added_count % RATE_CHECK_SAMPLES == 0:
+            former_rate = self._grid.changed_rate(stream)
+            if former_rate is not None:
+                self._report(Fact(Rows.RATE_CHANGED, subject=name, former_rate=former_rate))
+                self._grid.end(forget_step=True)
+                for each in self._row_streams:
+                    each.break_off()
+
+    def end_segment_unless_free(self) -> None:
+        """Ends the segment where no row can be of free flight any more."""
+        if self._grid.is_running and not self._phase.may_have_free_rows:
+            self._grid.end()
+
+    def _begin_segment(self, inputs: MotorInputs) -> None:
+        """Notes the format of a segment's rows, and reports it where it differs from that of the segment before."""
+        assert self._grid.dt is not None and self.attitude_message is not None
+        former = self.row_format
+        geometry = inputs.motors.geometry
+        motor_message = inputs.motors.message
+        dt = self._grid.dt
+        self.row_format = RowFormat(
+            self._boot,
+            dt,
+            self.attitude_message,
+            motor_message,
+            geometry,
+            inputs.motors.scale,
+            self._grid.rates,
+            self._grid.start_time,
+        )
+        is_same = (
+            former is not None
+            and former.dt == dt
+            and former.motor_message == motor_message
+            and former.geometry == geometry
+        )
+        if is_same:
+            return
+        names = (self.attitude_message, motor_message)
+        self._report(Fact(Rows.ROWS_BEGIN, names=names, step=dt, inputs=len(geometry.names)))
+        if geometry.assumed:
+            self._report(Fact(Rows.MOTOR_ORDER_ASSUMED, basis=geometry.basis))
+
+    def _row(self, point: GridPoint, inputs: MotorInputs) -> AlignedRow:
+        """The row of a point of the grid."""
+        roll, pitch, roll_rate, pitch_rate = point.values[0]
+        outputs = {"roll": (roll, roll_rate), "pitch": (pitch, pitch_rate)}[self.axis]
+        # The streams of the motors follow that of attitude in the order of the ports.
+        values_of_port = dict(zip(inputs.ports, point.values[1:], strict=True))
+        motors = np.array(
+            [values_of_port[channel.port][channel.offset] for channel in inputs.channels]
+        )
+        is_upright = max(abs(roll), abs(pitch)) < MAX_TILT
+        return AlignedRow(
+            point.time,
+            motors,
+            np.array(outputs),
+            self._grid.segment,
+            is_settled=is_upright and self._phase.is_settled(point.time),
+            is_free=is_upright and self._phase.is_free(point.time),
+        )
+
+    def choose_attitude_message(self, now: float) -> None:
+        """Chooses the message of attitude by how many of each came before ``now``, s; within a segment it stays."""
+        if self._grid.is_running:
+            return
+        counts = {}
+        for name in ATTITUDE_MESSAGES:
+            stream = self._streams.get((name, 0))
+            if stream is not None:
+                counts[name] = stream.recent_count(now)
+        self.attitude_message = preferred_message(counts) or self.attitude_message
+        self._update_row_streams()
+
+    def candidate_messages(self) -> dict[str, Fields]:
+        """Returns the columns of the motor messages that inputs may be chosen from; within a segment one stays."""
+        present_message = self.motor_message if self._grid.is_running else None
+        return self._selector.candidate_messages(self._streams, present_message)
+
+    def choose_inputs(self, messages: dict[str, Fields], vehicle: Telemetry, now: float) -> None:
+        """Chooses the inputs among candidate messages, and reports a change.
+
+        Args:
+            messages: what ``candidate_messages`` returned.
+            vehicle: identity and parameters.
+            now: s of the boot clock.
+        """
+        inputs = self._selector.select(messages, vehicle, now)
+        if inputs is None:
+            # After a silence nothing shows that they have changed.
+            return
+        former = self.inputs
+        self.inputs = inputs
+        self._update_row_streams()
+        if not self._grid.is_running:
+            return
+        geometry = inputs.motors.geometry
+        if former is not None and inputs.identity != former.identity:
+            self._report(Fact(Rows.INPUTS_CHANGED, names=geometry.names))
+            self._grid.end(forget_step=True)
+        elif self.row_format is not None and geometry != self.row_format.geometry:
+            self.row_format = replace(self.row_format, geometry=geometry)
+            if not geometry.assumed:
+                self._report(Fact(Rows.MOTOR_ORDER_KNOWN, basis=geometry.basis))
+
+    def clear_inputs(self) -> None:
+        """Forgets the inputs, of a vehicle that is no multirotor."""
+        self.inputs = None
+        self._update_row_streams()
+
+    def _update_row_streams(self) -> None:
+        """Finds the streams that rows are made of, by the chosen message of attitude and the chosen inputs."""
+        if self.inputs is None or self.attitude_message is None:
+            self._row_streams = ()
+            return
+        keys = [(self.attitude_message, 0)]
+        for port in self.inputs.ports:
+            keys.append((self.inputs.motors.message, port))
+        self._row_streams = tuple(self._streams.setdefault(key, SampleStream()) for key in keys)
+
+    def recent_motion(self) -> RecentMotion | None:
+        """Returns attitude and motors of the last seconds; None without one of them."""
+        if self.inputs is None or self.attitude_message is None:
+            return None
+        attitude = self._row_streams[0]
+        if not attitude.time:
+            return None
+        roll, pitch, roll_rate, pitch_rate = np.array(attitude.values).T
+        time = np.array(attitude.time)
+        message = self.attitude_message
+        tilts = {
+            "roll": attitude_of_axis(message, time, self._boot, roll, roll_rate),
+            "pitch": attitude_of_axis(message, time, self._boot, pitch, pitch_rate),
+        }
+        return RecentMotion(self.inputs.motors, tilts)
+
+    def latest_row(self) -> tuple[RowFormat, AlignedRow] | None:
+        """Returns the latest sample of attitude and motors as a row of its own format; None while there are rows."""
+        motion = self.recent_motion()
+        if motion is None or self._grid.is_running or not motion.rate:
+            return None
+        motors = motion.motors
+        attitude = motion.tilts[self.axis]
+        time = attitude.time[-1]
+        row_format = RowFormat(
+            self._boot,
+            1 / motion.rate,
+            attitude.message,
+            motors.message,
+            motors.geometry,
+            motors.scale,
+            rates=(motion.rate, motion.rate),
+            grid_start=time,
+        )
+        row = AlignedRow(
+            time,
+            motors.outputs[-1],
+            np.array([attitude.angle[-1], attitude.rate[-1]]),
+            self._grid.segment,
+            is_settled=False,
+            is_free=False,
+        )
+        return row_format, row

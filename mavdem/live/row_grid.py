@@ -1,0 +1,240 @@
+"""The uniform grid of a live flight: samples of attitude and motors at equal steps, point by point.
+
+The grid starts where ``mavdem.dataset.alignment`` would start one, given the first seconds of both streams, and each
+stream is sampled in the way that is chosen from those seconds: its samples are kept, interpolated or low-passed. Only
+where a message is lost the two differ: a log then interpolates the whole segment, the live grid only beside the loss.
+
+A point is complete as soon as all streams have passed it. Its latency on the boot clock is none where samples are kept,
+at most one interval of the slower stream where they are interpolated, and ``FILTER_EDGE_STEPS`` grid steps (50 ms at
+100 Hz) where a stream is low-passed.
+"""
+
+from collections.abc import Sequence
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.containers import Numbers
+from mavdem.dataset import resampling
+from mavdem.dataset.learnability import MAX_STEP_RATIO
+from mavdem.dataset.setpoints import STAMP_ROUNDING
+from mavdem.dataset.signals import MIN_STREAM_RATE
+from mavdem.live.samples import DECISION_SECONDS, SampleStream
+
+RESUME_SECONDS = 0.25
+"""Duration of all streams after a gap, after which the grid goes on with the same step, s: a choice.
+
+Also how much of the deciding seconds becomes rows: a learner must not begin with seconds of rows to catch up on.
+"""
+
+RETRY_SECONDS = DECISION_SECONDS / 4
+"""Time until a grid is tried again where rates were too low, s: a choice."""
+
+MIN_SAMPLES = 3
+"""Samples of each stream, at least, that a grid begins with: two steps, so that a rate is a mean."""
+
+RATE_BINS = 4
+"""Parts of the deciding seconds whose numbers of samples are compared, so that a rate that changes is noticed."""
+
+
+class StreamSampling(NamedTuple):
+    """How one stream is sampled at the points of a grid."""
+
+    weights: Array
+    """(L,) Impulse response of the low-pass filter; a single 1 where values are interpolated."""
+
+    offsets: Array
+    """(L,) Times that the weights apply to, relative to a point, s."""
+
+    keeps_samples: bool
+    """Whether the stream's own samples are kept, which lie on the grid."""
+
+
+class GridPoint(NamedTuple):
+    """A point of the grid that all streams have passed."""
+
+    time: float
+    """Time, s of the boot clock."""
+
+    values: list[Numbers]
+    """The values of each stream, in the order of the streams."""
+
+
+class RowGrid:
+    """The grid of one vehicle, segment by segment.
+
+    Attributes:
+        segment: number of the latest segment, from 0 on; −1 before the first.
+        is_running: whether that segment goes on.
+        start_time: first point of the segment's grid, s.
+        dt: step, s; None before it is decided.
+        rates: rates of the streams when the step was decided, Hz.
+    """
+
+    def __init__(self) -> None:
+        self.segment = -1
+        self.is_running = False
+        self.start_time = 0.0
+        self.dt: float | None = None
+        self.rates: Numbers = ()
+        self._streams: tuple[SampleStream, ...] = ()
+        self._samplings: tuple[StreamSampling, ...] = ()
+        self._next_index = 0
+        self._latest_time = -inf
+        self._retry_time = -inf
+        # Rates have changed before this time, s.
+        self._steady_time = -inf
+        self._former_steps: list[float] = []
+
+    def end(self, forget_step: bool = False) -> None:
+        """Ends the segment. The next one has the same step, or, to ``forget_step``, decides it again."""
+        self.is_running = False
+        self._retry_time = -inf
+        if forget_step:
+            self.dt = None
+
+    def restart(self) -> None:
+        """Ends the segment at a reboot, whose clock begins anew; numbers of segments and former steps stay."""
+        self.end(forget_step=True)
+        self._latest_time = -inf
+        self._steady_time = -inf
+
+    def begin(self, streams: Sequence[SampleStream]) -> bool:
+        """Begins a segment if the streams, attitude first, are long and fast enough; returns whether it did."""
+        start_time = max(
+            *(stream.start_time for stream in streams),
+            self._latest_time + STAMP_ROUNDING,
+            self._steady_time,
+        )
+        end_time = min((stream.time[-1] if stream.time else -inf) for stream in streams)
+        needed_seconds = DECISION_SECONDS if self.dt is None else RESUME_SECONDS
+        if end_time < self._retry_time or end_time - start_time < needed_seconds:
+            return False
+        times = []
+        for stream in streams:
+            time = np.array(stream.time)
+            is_within = (time >= start_time - resampling.STAMP_RESOLUTION) & (
+                time <= end_time + resampling.STAMP_RESOLUTION
+            )
+            times.append(time[is_within])
+        if min(map(len, times)) < MIN_SAMPLES:
+            return False
+        if self.dt is None:
+            self.dt = self._decided_step(times, start_time, end_time)
+            if self.dt is None:
+                return False
+        grid = resampling.common_grid(times[0], times[1], self.dt)
+        self._samplings = tuple(_sampling(time, grid, self.dt) for time in times)
+        self._streams = tuple(streams)
+        self.start_time = float(grid[0])
+        first_row_time = end_time - RESUME_SECONDS - STAMP_ROUNDING
+        self._next_index = int(np.searchsorted(grid, first_row_time))
+        self.segment += 1
+        self.is_running = True
+        return True
+
+    def _decided_step(
+        self, times: Sequence[Array], start_time: float, end_time: float
+    ) -> float | None:
+        """The step of a grid for streams with these stamps, s; None, until later, where they are slow or change."""
+        rates = tuple(resampling.mean_rate(time) for time in times)
+        if min(rates) < MIN_STREAM_RATE:
+            self._retry_time = end_time + RETRY_SECONDS
+            return None
+        limits = (start_time, end_time)
+        counts = np.array([np.histogram(time, bins=RATE_BINS, range=limits)[0] for time in times])
+        if np.any(counts.max(axis=1) >= MAX_STEP_RATIO * counts.min(axis=1)):
+            # A rate changes here: a step decided from stamps of both rates would be neither's, and would stay.
+            self._steady_time = end_time
+            return None
+        self.rates = rates
+        return self._former_step_near(resampling.common_step(times))
+
+    def _former_step_near(self, step: float) -> float:
+        """A step used before, s, if it is about the same as this one, else this one.
+
+        Lost samples make the measured step a little longer, and the model learned so far has the earlier one.
+        """
+        for former_step in self._former_steps:
+            if 1 / MAX_STEP_RATIO < step / former_step < MAX_STEP_RATIO:
+                return former_step
+        self._former_steps.append(step)
+        return step
+
+    def completed_points(self) -> list[GridPoint]:
+        """Returns the points that all streams have passed since the last call.
+
+        The segment ends where one stream is ahead of another for longer than samples are kept.
+        """
+        assert self.dt is not None
+        points: list[GridPoint] = []
+        while self.is_running:
+            time = self.start_time + self.dt * self._next_index
+            values = []
+            for stream, sampling in zip(self._streams, self._samplings, strict=True):
+                if time < stream.start_time - resampling.STAMP_RESOLUTION:
+                    self.end()
+                    return points
+                value = value_at(stream, sampling, time, self.dt)
+                if value is None:
+                    return points
+                values.append(value)
+            self._next_index += 1
+            self._latest_time = time
+            for stream in self._streams:
+                stream.completed_time = time
+            points.append(GridPoint(time, values))
+        return points
+
+    def changed_rate(self, stream: SampleStream) -> float | None:
+        """Returns the rate of a stream by which the step was decided, Hz, if the rate has changed since; else None."""
+        if not self.is_running or stream not in self._streams:
+            return None
+        decided_rate = self.rates[self._streams.index(stream)]
+        rate = stream.rate_since_gap()
+        if rate is None or 1 / MAX_STEP_RATIO < rate / decided_rate < MAX_STEP_RATIO:
+            return None
+        return decided_rate
+
+
+def _sampling(time: Array, grid: Array, dt: float) -> StreamSampling:
+    """How a stream with stamps ``time`` (N,) is sampled on ``grid`` (T,) of step ``dt``, all in s."""
+    if not resampling.needs_low_pass(time, dt):
+        keeps_samples = resampling.nearest_rows(grid, time) is not None
+        return StreamSampling(np.ones(1), np.zeros(1), keeps_samples)
+    rate = resampling.mean_rate(time)
+    weights = resampling.low_pass_impulse_response(rate, dt)
+    offsets = (np.arange(len(weights)) - len(weights) // 2) / rate
+    return StreamSampling(weights, offsets, keeps_samples=False)
+
+
+def value_at(
+    stream: SampleStream, sampling: StreamSampling, time: float, dt: float
+) -> Numbers | None:
+    """Returns the values of a stream at a point of the grid; None as long as later samples may change them.
+
+    Args:
+        stream: samples, at least one.
+        sampling: how they become values.
+        time: the point, s.
+        dt: step of the grid, s.
+    """
+    last_time = stream.time[-1]
+    if sampling.keeps_samples:
+        # On a fine grid one stamp belongs to one point. On others two may, and then the later one is waited for.
+        needed_time = time
+        if dt >= 3 * resampling.STAMP_RESOLUTION:
+            needed_time = time - resampling.STAMP_RESOLUTION
+        if last_time >= needed_time:
+            nearest = stream.nearest(time)
+            if nearest is not None:
+                return nearest
+    needed_time = time - STAMP_ROUNDING
+    if len(sampling.weights) > 1:
+        # The response of the low-pass filter reaches so far beyond the point.
+        needed_time = time + (resampling.FILTER_EDGE_STEPS * dt - resampling.STAMP_RESOLUTION)
+    if last_time < needed_time:
+        return None
+    return stream.weighted_sum(time, sampling.weights, sampling.offsets)

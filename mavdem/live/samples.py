@@ -1,0 +1,143 @@
+"""The latest samples of one live stream of attitude or motor outputs, in the order of their time stamps."""
+
+from bisect import bisect_left
+from math import inf, isfinite, nextafter
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.containers import Numbers
+from mavdem.dataset import resampling, segments
+from mavdem.ingest.telemetry import MAX_GAP_SECONDS
+
+MEMORY_SECONDS = 4.5
+"""Duration that a stream keeps, s: more than the ``DECISION_SECONDS`` that rates and steps are decided from."""
+
+MAX_SAMPLES = 8192
+"""Samples that a stream keeps, a choice: 4.5 s at 1800 Hz. It bounds the memory for hostile stamps."""
+
+DECISION_SECONDS = 2.0
+"""Duration of the streams by which rates, the step of the grid and the way of sampling are decided, s: a choice."""
+
+SAMPLES_PER_CLEANING = 64
+"""Samples between two removals of old ones, a choice: removing from the front of a list moves all of it."""
+
+
+class SampleStream:
+    """Time stamps and values of the last ``MEMORY_SECONDS`` of one stream.
+
+    Attributes:
+        time: stamps, s of the boot clock, ascending.
+        values: the values of each stamp.
+        gap: step before the latest sample, s, if it is longer than ``MAX_GAP_SECONDS``; else 0.
+        added_count: number of samples so far.
+        late_count: number of samples that were dropped, since they came after the row they belong to.
+        completed_time: rows up to this time are complete, s; samples before it are late.
+    """
+
+    def __init__(self) -> None:
+        self.time: list[float] = []
+        self.values: list[Numbers] = []
+        self.gap = 0.0
+        self.added_count = 0
+        self.late_count = 0
+        self.completed_time = -inf
+        self._gap_end = -inf
+
+    @property
+    def start_time(self) -> float:
+        """Time of the first kept sample since the last gap, s; infinite without any."""
+        return max(self._gap_end, self.time[0]) if self.time else inf
+
+    def add(self, time: float, values: Numbers) -> bool:
+        """Adds a sample, also one that was overtaken by others.
+
+        Returns:
+            False for a sample that is dropped: its stamp is there already, it comes too late, or it is not finite.
+        """
+        stamps = self.time
+        row = bisect_left(stamps, time)
+        if not all(map(isfinite, values)):
+            return False
+        is_last = row == len(stamps)
+        if not is_last:
+            if stamps[row] == time:
+                return False
+            if time <= max(self.completed_time, self.start_time):
+                self.late_count += 1
+                return False
+        self.gap = 0.0
+        if is_last and stamps and time - stamps[-1] > MAX_GAP_SECONDS:
+            self.gap = time - stamps[-1]
+            self._gap_end = time
+        stamps.insert(row, time)
+        self.values.insert(row, values)
+        self.added_count += 1
+        if self.added_count % SAMPLES_PER_CLEANING == 0:
+            self._drop_old_samples()
+        return True
+
+    def _drop_old_samples(self) -> None:
+        """Drops what is older than ``MEMORY_SECONDS``, and the oldest of more than ``MAX_SAMPLES``."""
+        old_count = bisect_left(self.time, self.time[-1] - MEMORY_SECONDS)
+        count = max(old_count, len(self.time) - MAX_SAMPLES)
+        del self.time[:count]
+        del self.values[:count]
+
+    def break_off(self) -> None:
+        """Separates the samples so far from the next one, as a gap does."""
+        if self.time:
+            self._gap_end = nextafter(self.time[-1], inf)
+
+    def recent_count(self, now: float) -> int:
+        """Returns the number of samples in the ``DECISION_SECONDS`` before ``now``, s."""
+        return len(self.time) - bisect_left(self.time, now - DECISION_SECONDS)
+
+    def recent_rate(self, now: float) -> float:
+        """Returns the mean rate over the ``DECISION_SECONDS`` before ``now``, gaps included, Hz.
+
+        It is 0 with fewer than two samples.
+        """
+        count = self.recent_count(now)
+        if count < 2:
+            return 0.0
+        return resampling.mean_rate(np.array(self.time[-count:]))
+
+    def rate_since_gap(self) -> float | None:
+        """Returns the mean rate over the last ``DECISION_SECONDS`` or since a later gap, Hz; None with few samples."""
+        start_time = max(self.start_time, self.time[-1] - DECISION_SECONDS)
+        stamps = self.time[bisect_left(self.time, start_time) :]
+        if len(stamps) <= segments.MEDIAN_STEPS:
+            return None
+        return resampling.mean_rate(np.array(stamps))
+
+    def nearest(self, time: float) -> Numbers | None:
+        """Returns the values nearest to ``time``, s; None if they are farther than the resolution of stamps."""
+        next_row = bisect_left(self.time, time)
+        nearest_row = None
+        nearest_distance = inf
+        for row in (next_row - 1, next_row):
+            if 0 <= row < len(self.time):
+                distance = abs(self.time[row] - time)
+                if distance < nearest_distance:
+                    nearest_row = row
+                    nearest_distance = distance
+        if nearest_row is None or nearest_distance > resampling.STAMP_RESOLUTION:
+            return None
+        return self.values[nearest_row]
+
+    def weighted_sum(self, time: float, weights: Array, offsets: Array) -> Numbers:
+        """Returns the sum of interpolated values, weighted: a finite impulse response filter at ``time``, s.
+
+        Args:
+            time: s of the boot clock.
+            weights: (L,) of the values.
+            offsets: (L,) times of the values relative to ``time``, ascending, s.
+        """
+        first = bisect_left(self.time, time + offsets[0]) - 1
+        first = max(first, bisect_left(self.time, self.start_time))
+        last = bisect_left(self.time, time + offsets[-1])
+        stamps = self.time[first : last + 1]
+        columns = np.array(self.values[first : last + 1]).T
+        interpolated = [np.interp(time + offsets, stamps, column) for column in columns]
+        return tuple((np.array(interpolated) @ weights).tolist())

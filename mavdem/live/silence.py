@@ -1,0 +1,63 @@
+"""How long nothing has come over a link, or no motion of the vehicle."""
+
+from math import inf
+
+from mavdem.facts import Fact
+from mavdem.facts.session import Missing, Rows
+from mavdem.live import clock
+from mavdem.live.link import SILENCE_SECONDS
+
+
+class SilenceMonitor:
+    """Notes when messages, and samples of attitude or motors, came last, and reports when they come again.
+
+    Attributes:
+        message_time: when a message came last, s of the monotonic clock.
+        motion_time: when a sample of attitude or motors came last, s of that clock.
+    """
+
+    def __init__(self) -> None:
+        self.message_time = clock.monotonic()
+        self.motion_time = -inf
+        self._sample_count = 0
+
+    def note_messages(self, first_arrival: float, last_arrival: float) -> float:
+        """Notes messages that arrived between two times, s; returns how long none had come before them, s."""
+        silence = first_arrival - self.message_time
+        self.message_time = last_arrival
+        return silence
+
+    def note_samples(self, sample_count: int) -> float:
+        """Notes how many samples the latest messages have completed.
+
+        Args:
+            sample_count: number of samples of attitude and motors so far.
+
+        Returns:
+            How long none had come before them, s; 0 where there is no new one.
+        """
+        if sample_count == self._sample_count:
+            return 0.0
+        silence = self.message_time - self.motion_time
+        self._sample_count = sample_count
+        self.motion_time = self.message_time
+        return silence
+
+    def silence(self, now: float) -> Fact | None:
+        """Returns what has not come in the ``SILENCE_SECONDS`` before ``now``, s; None where nothing is missing."""
+        limit = now - SILENCE_SECONDS
+        missing = None
+        if self.message_time < limit:
+            missing = Missing.MESSAGES
+        elif self._sample_count and self.motion_time < limit:
+            missing = Missing.MOTION
+        if missing is None:
+            return None
+        return Fact(Rows.NOTHING_RECEIVED, subject=missing, duration=SILENCE_SECONDS)
+
+
+def resumption(missing: Missing, silence: float) -> Fact | None:
+    """Returns that something comes again after a ``silence``, s; None if that was short, or nothing had come before."""
+    if not SILENCE_SECONDS < silence < inf:
+        return None
+    return Fact(Rows.MESSAGES_RESUMED, subject=missing, duration=silence)

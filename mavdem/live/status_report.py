@@ -1,0 +1,99 @@
+"""Assembly of a live session's status and time account from the parts of the session."""
+
+from dataclasses import dataclass, replace
+
+from mavdem.facts import Fact
+from mavdem.facts.session import LinkFact, Session, Spent
+from mavdem.live.backlog import BEHIND_DELAY, Backlog, LatencyMeter
+from mavdem.live.intake import LinkIntake
+from mavdem.live.judging import ModelJudging
+from mavdem.live.learning import FlightLearning
+from mavdem.live.session_status import SessionStatus
+from mavdem.live.silence import SilenceMonitor
+from mavdem.live.stream import LiveStream
+from mavdem.live.time_account import AccountedState, TimeAccount
+from mavdem.live.watchdog import not_watched
+
+
+@dataclass(frozen=True)
+class StatusReport:
+    """Reads the parts of a session."""
+
+    stream: LiveStream
+    """Rows and alarms of the vehicle."""
+
+    intake: LinkIntake
+    """What receives."""
+
+    backlog: Backlog
+    """What waits for its analysis."""
+
+    silence: SilenceMonitor
+    """When something came last."""
+
+    latencies: LatencyMeter
+    """How late estimates come."""
+
+    learning: FlightLearning
+    """What learns."""
+
+    judging: ModelJudging
+    """What the model is good for."""
+
+    time_account: TimeAccount
+    """What time was spent on."""
+
+    @property
+    def status(self) -> SessionStatus:
+        """The status as of now. Of a silent link, rates are 0 and nothing is watched."""
+        status = self.stream.status()
+        silence = self._silence_fact()
+        rates = status.rates
+        watch_facts = status.watch_facts
+        if silence is not None:
+            rates = dict.fromkeys(rates, 0.0)
+            watch_facts = tuple(not_watched(fact, silence, self.stream.now) for fact in watch_facts)
+        delay = self.backlog.delay
+        status = replace(
+            status,
+            findings=self.judging.findings,
+            model_judgement=self.judging.judgement,
+            learned_rows=self.learning.learned_rows,
+            unlearned_rows=self.learning.unlearned_rows,
+            latency=self.latencies.latency,
+            obstacle=silence or status.obstacle or self._learning_obstacle(status.is_flying),
+            rates=rates,
+            watch_facts=watch_facts,
+            analysis_delay=delay if delay >= BEHIND_DELAY else 0.0,
+        )
+        if self.learning.estimate is None:
+            return status
+        return status.with_predictions(self.learning.estimate)
+
+    def _silence_fact(self) -> Fact | None:
+        """What a silent link lacks; None if it is not silent."""
+        if self.intake.is_lost:
+            return Fact(LinkFact.CONNECTION_LOST, cause=None, reopening=False)
+        return self.silence.silence(self.backlog.now)
+
+    def _learning_obstacle(self, is_flying: bool) -> Fact | None:
+        """Why there is no new model of a vehicle whose rows come; None while all is well."""
+        if not is_flying:
+            return Fact(Session.NOT_FLYING)
+        if not self.learning.is_free:
+            return Fact(Session.NOT_SETTLED)
+        learner = self.learning.learner
+        return None if learner is None else learner.obstacle
+
+    def account_for(self, now: float) -> dict[Spent, float]:
+        """Accounts for the time until ``now``, s of the monotonic clock; returns seconds by what they were spent on."""
+        row_format = self.learning.row_format
+        state = AccountedState(
+            link_is_lost=self.intake.is_lost,
+            message_time=self.silence.message_time,
+            motion_time=self.silence.motion_time,
+            learned_rows=self.learning.learned_rows,
+            dt=0.0 if row_format is None else row_format.dt,
+            status=self.stream.status(),
+        )
+        return self.time_account.update(now, state)

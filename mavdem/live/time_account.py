@@ -1,0 +1,87 @@
+"""The account of a live session's time: what each second was spent on."""
+
+from dataclasses import dataclass
+
+from mavdem.facts.session import Session, Spent
+from mavdem.live import clock
+from mavdem.live.session_status import SessionStatus
+
+ENTRY_SECONDS = 1.0
+"""Time between two entries, s: a choice; also how long a short silence is not counted as one."""
+
+
+@dataclass(frozen=True)
+class AccountedState:
+    """What a session does at the time of an entry."""
+
+    link_is_lost: bool
+    message_time: float
+    """When a message came last, s of the monotonic clock."""
+
+    motion_time: float
+    """When a sample of attitude or motors came last, s of that clock."""
+
+    learned_rows: int
+    """Number of rows that the learner used so far."""
+
+    dt: float
+    """Time between two rows, s; 0 before any."""
+
+    status: SessionStatus
+    """Status of link and vehicle."""
+
+    def kind_at(self, now: float) -> Spent:
+        """Returns what the time until ``now``, s, is spent on where it is not learned from."""
+        obstacle = self.status.obstacle
+        on_ground_codes = (Session.NOT_FLYING, Session.FLIGHT_UNKNOWN)
+        waits_for_messages = obstacle is not None and obstacle.code not in on_ground_codes
+        if self.link_is_lost:
+            return Spent.LINK_LOST
+        if now - self.message_time >= ENTRY_SECONDS:
+            return Spent.SILENT
+        if self.status.vehicle is None:
+            return Spent.NO_VEHICLE
+        if waits_for_messages or now - self.motion_time >= ENTRY_SECONDS:
+            return Spent.WAITING
+        if self.status.is_flying:
+            return Spent.UNSETTLED
+        return Spent.ON_GROUND
+
+
+class TimeAccount:
+    """Counts the seconds of a session, by what they were spent on. Their sum is the age of the session.
+
+    Attributes:
+        entry_time: until when time is counted, s of the monotonic clock.
+    """
+
+    def __init__(self) -> None:
+        """Begins now."""
+        self.entry_time = clock.monotonic()
+        self._seconds = dict.fromkeys(Spent, 0.0)
+        self._learned_rows = 0
+        # Time of learned samples that is not counted yet, s.
+        self._uncounted_learned = 0.0
+
+    def is_due(self, now: float) -> bool:
+        """Returns whether an entry is due at ``now``, s."""
+        return now - self.entry_time >= ENTRY_SECONDS
+
+    def update(self, now: float, state: AccountedState) -> dict[Spent, float]:
+        """Counts the time until ``now``, s of the monotonic clock.
+
+        Samples count for the time that they span, not for that in which they were analysed.
+
+        Returns:
+            Seconds of the session by what they were spent on; those after ``now`` are left out.
+        """
+        elapsed = now - self.entry_time
+        new_rows = state.learned_rows - self._learned_rows
+        self._uncounted_learned += new_rows * state.dt
+        learned = min(self._uncounted_learned, elapsed)
+        self._uncounted_learned = min(self._uncounted_learned - learned, ENTRY_SECONDS)
+        self._learned_rows = state.learned_rows
+        self._seconds[Spent.LEARNED] += learned
+        self._seconds[state.kind_at(now)] += now - self.entry_time - learned
+        self.entry_time = now
+        return {**self._seconds, Spent.LEFT_OUT: clock.monotonic() - now}

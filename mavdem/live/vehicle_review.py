@@ -1,0 +1,206 @@
+"""The periodic review of a live vehicle: what its rows are made of, whether it flies, and what is wrong with it."""
+
+from collections import deque
+from collections.abc import Callable
+from math import inf
+
+from mavdem.dataset.phases import AVERAGING_SECONDS
+from mavdem.facts import Fact
+from mavdem.facts.session import Rows
+from mavdem.facts.watch import Watched
+from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
+from mavdem.ingest.telemetry import Fields, Parameters, Telemetry
+from mavdem.live.flight_phase import FlightPhase
+from mavdem.live.live_signals import RecentMotion
+from mavdem.live.motor_alarms import MotorAlarms
+from mavdem.live.rate_check import RateCheck
+from mavdem.live.recent_messages import RecentMessages
+from mavdem.live.row_builder import RowBuilder
+from mavdem.live.samples import DECISION_SECONDS
+from mavdem.live.vehicle_selection import Component, VehicleSelector
+from mavdem.live.watchdog import Watchdog
+from mavdem.live.wind import LiveWind
+from mavdem.wind_velocity.vehicle_drag import Drag
+
+REVIEW_PERIOD = 0.5
+"""Time between the beginnings of two reviews, s of the boot clock: a choice."""
+
+PART_PERIOD = REVIEW_PERIOD / 10
+"""Time between two parts of a review, s of the boot clock: a choice that leaves some time after the last part."""
+
+
+class VehicleReview:
+    """Reviews a vehicle twice a second, in parts, so that no row waits for all of a review.
+
+    Attributes:
+        recent_messages: the slow messages of this boot, which the review reads.
+        phase: whether the vehicle flies, as of the latest review.
+        watchdog: what is wrong without a model, as of the latest review.
+        obstacle: why there are no rows, or the vehicle does not fly; None while all is well.
+    """
+
+    def __init__(
+        self,
+        vehicles: VehicleSelector,
+        rate_check: RateCheck,
+        motor_alarms: MotorAlarms,
+        wind: LiveWind,
+        report: Callable[[Fact], None],
+    ) -> None:
+        """Begins without a review.
+
+        Args:
+            vehicles: has the vehicle that is followed.
+            rate_check: checks its messages.
+            motor_alarms: tests its motors, sample by sample.
+            wind: estimates the wind of its flights.
+            report: is called with each fact.
+        """
+        self.obstacle: Fact | None = Fact(Rows.RATES_BEING_MEASURED)
+        self._vehicles = vehicles
+        self._rate_check = rate_check
+        self._motor_alarms = motor_alarms
+        self._wind = wind
+        self._report = report
+        # Parameters of the autopilot as of the last choice of inputs.
+        self._parameters: Parameters = {}
+        self.restart(0)
+
+    def restart(self, boot: int) -> None:
+        """Forgets messages, phase and alarms, at a reboot, after which the clock begins anew."""
+        self.recent_messages = RecentMessages(boot)
+        self.phase = FlightPhase(self.recent_messages)
+        self.watchdog = Watchdog(self.recent_messages)
+        # The parts of the present review that are not done yet.
+        self._parts: deque[Callable[[RowBuilder], None]] = deque()
+        # Times of the boot clock, s: of the latest message, of the present review, of its latest part, and since when
+        # reviews have followed each other.
+        self._now = -inf
+        self._review_time = -inf
+        self._part_time = -inf
+        self._connection_start = inf
+        # What a part leaves for later ones.
+        self._candidate_messages: dict[str, Fields] = {}
+        self._telemetry: Telemetry | None = None
+        self._motion: RecentMotion | None = None
+
+    def proceed(self, now: float, rows: RowBuilder) -> None:
+        """Begins a review when one is due, and does its next part when that is due.
+
+        Args:
+            now: s of the boot clock.
+            rows: builds the rows of the vehicle.
+        """
+        self._now = now
+        is_due = now // REVIEW_PERIOD != self._review_time // REVIEW_PERIOD
+        if is_due:
+            while self._parts:
+                self._do_next_part(rows)
+            self._begin(now)
+        if is_due or now - self._part_time >= PART_PERIOD:
+            self._part_time = now
+            if self._parts:
+                self._do_next_part(rows)
+
+    def _do_next_part(self, rows: RowBuilder) -> None:
+        """Does the next part, which may add others."""
+        part = self._parts.popleft()
+        part(rows)
+
+    def _begin(self, now: float) -> None:
+        """Begins a review at ``now``, s."""
+        is_first = not abs(now - self._review_time) < DECISION_SECONDS
+        self._review_time = now
+        if is_first:
+            self._connection_start = now
+        self._parts = deque(
+            [
+                self._choose_messages,
+                self._review_phase,
+                self._collect_motion,
+                self._begin_watchdog_review,
+            ]
+        )
+
+    @property
+    def _followed(self) -> Component:
+        """The vehicle; it is known before any of its messages is reviewed."""
+        assert self._vehicles.followed is not None
+        return self._vehicles.followed
+
+    def _vehicle_telemetry(self) -> Telemetry:
+        """Identity and parameters of the vehicle, without messages."""
+        vehicle = self._followed
+        return Telemetry(
+            vehicle.system,
+            vehicle.component,
+            vehicle.vehicle_type,
+            vehicle.autopilot,
+            {},
+            self._parameters,
+        )
+
+    def _choose_messages(self, rows: RowBuilder) -> None:
+        """Chooses the message of attitude, and collects the messages that inputs may be chosen from."""
+        rows.choose_attitude_message(self._review_time)
+        vehicle = self._followed
+        if vehicle.vehicle_type not in POSSIBLE_MULTIROTORS:
+            rows.clear_inputs()
+            return
+        self._parameters = self._vehicles.followed_parameters
+        self._wind.parameter_drag = Drag.from_parameters(vehicle.autopilot, self._parameters)
+        self._candidate_messages = rows.candidate_messages()
+        self._parts.appendleft(self._choose_inputs)
+
+    def _choose_inputs(self, rows: RowBuilder) -> None:
+        """Chooses the inputs among the candidates."""
+        rows.choose_inputs(self._candidate_messages, self._vehicle_telemetry(), self._now)
+
+    def _review_phase(self, rows: RowBuilder) -> None:
+        """Checks the rates of messages, and decides whether the vehicle flies."""
+        now = self._review_time
+        connected_seconds = now - self._connection_start
+        if connected_seconds >= DECISION_SECONDS:
+            obstacle = self._rate_check.update(
+                self._followed.vehicle_type,
+                rows.attitude_message,
+                rows.motor_message,
+                rows.rates(now),
+            )
+            self.obstacle = obstacle or self.phase.obstacle
+        if rows.inputs is None and connected_seconds >= AVERAGING_SECONDS / 2:
+            self.phase.motors_are_idle = rows.has_motor_messages
+        self._telemetry = self._vehicle_telemetry()
+        collective = None if rows.inputs is None else rows.inputs.collective
+        was_flying = self.phase.is_flying
+        self.phase.review(now, self._telemetry, collective)
+        if self.phase.is_flying and not was_flying:
+            self._wind.restart()
+
+    def _collect_motion(self, rows: RowBuilder) -> None:
+        """Collects the motion of the last seconds for the watchdog."""
+        self._motion = rows.recent_motion()
+
+    def _begin_watchdog_review(self, _: RowBuilder) -> None:
+        """Reports what the autopilot has reported since the last review."""
+        assert self._telemetry is not None
+        now = self._review_time
+        is_flying = self.phase.is_flying
+        settled_start = self.phase.settled_start(now)
+        for fact in self.watchdog.begin_review(now, self._telemetry, is_flying, settled_start):
+            self._report(fact)
+        if is_flying:
+            self._parts.append(self._review_lights)
+        self._parts.append(self._finish_watchdog_review)
+
+    def _review_lights(self, _: RowBuilder) -> None:
+        """Judges battery and vibration in flight."""
+        self.watchdog.review_lights()
+
+    def _finish_watchdog_review(self, _: RowBuilder) -> None:
+        """Reports alarms by the motion, and notes whether the motors' balance is watched."""
+        for fact in self.watchdog.finish_review(self._motion):
+            self._report(fact)
+        now = self._review_time
+        obstacle = self._motor_alarms.obstacle(now, self.phase.is_flying)
+        self.watchdog.set_watched(Watched.MOTORS, obstacle, now)
