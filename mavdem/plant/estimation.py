@@ -105,7 +105,7 @@ def _estimate_parameters(
     """Estimates the physical parameters from windows of a flight.
 
     Args:
-        windows: of the flight.
+        windows: windows of the flight.
         directions: relative effect of each input (r,), or ``None``.
         prior: physical parameters by an earlier flight, or ``None``.
 
@@ -173,9 +173,9 @@ def _physical(fit: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) ->
     """Returns the physical parameters of a fit, in units of the flight, with their uncertainty and identifiability.
 
     Args:
-        fit: of the gray-box model to all windows.
-        spectrum_range: of the logarithms of mean effect, damping and lag over the wind torque's spectra (3,).
-        windows: of the flight.
+        fit: the fit of the gray-box model to all windows.
+        spectrum_range: range of the logarithms of mean effect, damping and lag over the assumed spectra (3,).
+        windows: windows of the flight.
     """
     model = fit.model
     theta = fit.theta
@@ -253,13 +253,13 @@ def _with_omission_errors(
     """Adds to a covariance the errors by what the model leaves out (``OmissionErrors``).
 
     Args:
-        covariance: of effects, damping, lag and delay (r + 3, r + 3), by the likelihood.
+        covariance: covariance of effects, damping, lag and delay (r + 3, r + 3), by the likelihood.
         values: effects, damping, lag and delay (r + 3,).
         mean_effect_weights: relative change of the mean effect by each effect (r,).
-        spectrum_range: of the logarithms of mean effect, damping and lag over the wind torque's spectra (3,).
+        spectrum_range: range of the logarithms of mean effect, damping and lag over the assumed spectra (3,).
         bias: likely relative bias of the effect.
         effect_unknown: whether the effect is not identifiable.
-        figures: of the fit.
+        figures: figures of the fit's identifiability.
 
     Returns:
         The covariance with these errors (r + 3, r + 3).

@@ -38,7 +38,7 @@ It is for a mixer that is known or recognised: a choice, as motors and propeller
 """
 
 UNKNOWN_MIXER_SD = 1.0
-"""The same where the mixer is neither known nor recognised."""
+"""Prior standard deviation of a motor's effect where the mixer is neither known nor recognised."""
 
 MIN_RELATIVE_NOISE = 0.01
 """Least white noise of the rate, relative to its standard deviation.

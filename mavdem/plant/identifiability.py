@@ -123,10 +123,10 @@ class NotIdentifiable(NamedTuple):
     """The result where a flight has no physical parameters at all."""
 
     reason: Fact
-    """Why there are none."""
+    """Reason why there are no physical parameters."""
 
     refusal: Fact | None = None
-    """Why there are none of the plant in its closed loop either, where that was asked for."""
+    """Reason why there are none of the plant in its closed loop either, where these were requested."""
 
 
 class IdentifiabilityFigures(NamedTuple):

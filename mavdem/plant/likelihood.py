@@ -64,28 +64,28 @@ class Prior(NamedTuple):
 # The priors below are those of common multirotors and their autopilots.
 
 LOG_EFFECT_PRIOR = Prior(0.0, 2.0)
-"""Of the logarithm of the effect, rad/s² per unit of the inputs; the mean is replaced by a first estimate."""
+"""Prior of the logarithm of the effect, rad/s² per unit of the inputs; the mean is replaced by a first estimate."""
 
 LOG_DAMPING_PRIOR = Prior(np.log(2.0), 1.0)
-"""Of the logarithm of the damping, 1/s: damping of a rotor in air is positive."""
+"""Prior of the logarithm of the damping, 1/s: damping of a rotor in air is positive."""
 
 LOG_LAG_PRIOR = Prior(np.log(0.03), 1.0)
-"""Of the logarithm of the motor lag, s."""
+"""Prior of the logarithm of the motor lag, s."""
 
 DELAY_PRIOR = Prior(0.006, 0.004)
-"""Of the delay, s."""
+"""Prior of the delay, s."""
 
 LOG_WIND_SIZE_PRIOR = Prior(np.log(0.5), 1.5)
-"""Of the logarithm of the standard deviation of each component of the wind torque, rad/s²."""
+"""Prior of the logarithm of the standard deviation of each component of the wind torque, rad/s²."""
 
 LOG_WIND_TIME_PRIORS = (Prior(np.log(1.0), 1.0), Prior(np.log(0.07), 1.0))
-"""Of the logarithm of the time of the first component of the wind torque (drift), and the second (gusts), s."""
+"""Prior of the logarithm of the time of the first component of the wind torque (drift), and the second (gusts), s."""
 
 LOG_NOISE_PRIOR = Prior(np.log(0.005), 2.0)
-"""Of the logarithm of the standard deviation of the rate's white noise, rad/s."""
+"""Prior of the logarithm of the standard deviation of the rate's white noise, rad/s."""
 
 REFINEMENT_PRIOR = Prior(0.0, 0.3)
-"""Of the parameter of each refinement; ``windows.REFINEMENTS`` says what it is."""
+"""Prior of the parameter of each refinement; ``windows.REFINEMENTS`` says what it is."""
 
 
 class GrayBoxModel(NamedTuple):

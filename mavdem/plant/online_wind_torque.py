@@ -142,7 +142,7 @@ def fit_wind_torque_smoother(record: Record, prior: Physical | None = None) -> W
     """Fits the physical parameters to a record, and returns the smoother of the wind torque with them.
 
     Args:
-        record: of the latest samples.
+        record: the latest samples.
         prior: physical parameters by an earlier flight, as :func:`physical` takes them.
 
     Raises:
@@ -180,7 +180,7 @@ class OnlineWindTorque:
     """Follows the wind torque of a stream, and refits the physical parameters to its latest samples from time to time.
 
     Attributes:
-        smoother: by the last fit; ``None`` before the first.
+        smoother: the smoother by the last fit; ``None`` before the first.
         delay: time of the estimated torque behind the latest sample, s.
     """
 
@@ -190,7 +190,7 @@ class OnlineWindTorque:
         """Begins without a sample.
 
         Args:
-            memory: of the latest samples; each sample is in it before :meth:`update` is called.
+            memory: the memory of the latest samples; each sample is in it before :meth:`update` is called.
             executor: where the fits run; without one, they run inside :meth:`add`.
             prior: the vehicle's physical parameters by an earlier flight.
         """
@@ -219,7 +219,7 @@ class OnlineWindTorque:
         Samples of weakened motors are smoothed with the commands of sound ones, and nothing is fitted to them.
 
         Args:
-            inputs: of the sample (r,).
+            inputs: inputs of the sample (r,).
             weak: the weakened motors, if there are any.
 
         Returns:

@@ -63,12 +63,12 @@ class Physical(NamedTuple):
         delay: delay of the motors' commands, s; dead time of the telemetry stream is part of it.
         covariance: (r + 3, r + 3) of effect, damping, lag and delay, by the likelihood, the range over the assumed
             spectra of the wind torque, and nonlinear effects.
-        status: by parameter name, "effect", "damping" and "lag".
-        reasons: by parameter name, why it is biased or not identifiable, or known from elsewhere; else ``None``.
+        status: status of "effect", "damping" and "lag", by name.
+        reasons: reason why each of these is biased, not identifiable or known from elsewhere; else ``None``.
         bias: likely relative error of the effect, negative where the estimate is too low; 0 unless it is biased.
         wind_share: share of the wind torque in the variance of its sum with the motors' torque, in the band of the
             motion.
-        components: of the wind torque.
+        components: components of the wind torque.
         noise: standard deviation of the measured rate's white noise, rad/s.
         refinements: value of each refinement of the model that predicts unseen windows better, by name
             (docs/physical.md).
@@ -133,8 +133,8 @@ class Physical(NamedTuple):
         """Draws samples of the parameters from their normal posterior.
 
         Args:
-            number: of samples.
-            seed: of the random numbers.
+            number: number of samples.
+            seed: seed of the random numbers.
 
         Returns:
             (number + 1, r + 3) effect, damping, lag and delay. The first row is the estimate itself.
@@ -191,9 +191,9 @@ def parameter_gradient(function: Callable[[Array], Array], theta: Array, value: 
     """Returns the derivatives of a function by each parameter, by forward differences.
 
     Args:
-        function: of a parameter vector (k,), with values of any shape (…).
+        function: the function of a parameter vector (k,), with values of any shape (…).
         theta: parameters (k,) at which it is differentiated.
-        value: of the function there (…), known already.
+        value: the function's value there (…), which is known already.
 
     Returns:
         Derivatives (k, …).
@@ -217,8 +217,8 @@ def combined_with_earlier_flight(plant: Physical, prior: Physical) -> Physical:
     the effect, on which the others depend, does not change the prior.
 
     Args:
-        plant: of this flight.
-        prior: of the earlier flight.
+        plant: physical parameters by this flight.
+        prior: physical parameters by the earlier flight.
 
     Returns:
         This flight's parameters with the combined estimates, status and reasons.

@@ -50,13 +50,13 @@ class WindComponent(NamedTuple):
     """One component of the wind torque."""
 
     colour: ColouredNoise
-    """Its spectrum, up to scale."""
+    """Spectrum of the component, up to scale."""
 
     size: float
-    """Its standard deviation, rad/s²."""
+    """Standard deviation of the component, rad/s²."""
 
     time: float
-    """Its time scale, s."""
+    """Time scale of the component, s."""
 
 
 def process_covariance(A: Array, Q: Array, dt: float) -> Array:
@@ -241,7 +241,7 @@ def sampled_plant(
     Args:
         damping: rate damping (…), 1/s.
         lag: motor time constant (…), s.
-        components: of the wind torque: spectrum, standard deviation (…) in rad/s² and time (…) in s of each.
+        components: components of the wind torque: spectrum, standard deviation (…) in rad/s² and time (…) in s of each.
         dt: time step, s.
         jump_lead: time by which jumps of commands come before the middle of a step, as a fraction of the step.
     """

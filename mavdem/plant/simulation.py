@@ -72,7 +72,7 @@ def _simulated_mean(
 
     Args:
         theta: effect of each input, damping and lag (r + 2,).
-        delay: of the commands, s.
+        delay: delay of the commands, s.
         record: the training data.
         angle_and_rate: columns of the angle and of its rate in the record's outputs.
         inputs: commanded inputs (H, r).

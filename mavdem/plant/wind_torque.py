@@ -83,10 +83,10 @@ class WindTorque(ImmutableResult):
             out. Large where the motors' effect is not identifiable: motors that do more balance more.
         step: sample at which the level changes at once and stays, and by how much, rad/s²: a load that moved, a motor,
             or a front of the wind; ``None`` without one. ``sd`` is that on either side.
-        gusts: in order of time; none where the wind torque is not resolved.
+        gusts: the gusts in order of time; none where the wind torque is not resolved.
         gust_threshold: distance from the running level that a gust exceeds, rad/s².
-        false_gusts_per_minute: to expect of Gaussian turbulence with the same spectrum, without gusts.
-        spectrum: of the estimate and of the model.
+        false_gusts_per_minute: number of false gusts to expect of Gaussian turbulence with the same spectrum.
+        spectrum: spectral densities of the estimate and of the model.
         resolved: whether its variance is larger than that of its errors, apart from a common error of its size.
         reason: why it is not to be taken for the wind's; ``None`` where it is resolved.
     """
@@ -110,7 +110,7 @@ class _SmoothedTorque(NamedTuple):
     """Smoothed wind torque of all segments."""
 
     torque: Array
-    """Its course (T,), with the mean, rad/s²."""
+    """Course of the wind torque (T,), with the mean, rad/s²."""
 
     variance: Array
     """Variance of the smoother's error (T,), (rad/s²)²."""
@@ -203,7 +203,7 @@ def _variance_by_parameters(gradient: Array, covariance: Array) -> Array:
 
     Args:
         gradient: derivatives of the course by the k parameters (k, T).
-        covariance: of the parameters (k, k).
+        covariance: covariance of the parameters (k, k).
     """
     return np.einsum("it,ij,jt->t", gradient, covariance, gradient)
 
@@ -221,7 +221,7 @@ def _torque_errors(
         gradient: its derivatives by the parameters (r + 3, T), likewise about their means.
         other_variance: variance (T,) of the errors that the parameters do not cause, (rad/s²)².
         theta: effects, damping, lag and delay (r + 3,).
-        covariance: of these (r + 3, r + 3).
+        covariance: their covariance (r + 3, r + 3).
     """
     samples = len(deviation)
     power = float(np.mean(deviation**2))
@@ -256,7 +256,7 @@ def _step(torque: Array, dt: float) -> tuple[int, float] | None:
     """Finds a single step in a torque, if one explains most of its variance and is sharp.
 
     Args:
-        torque: of mean 0 (T,), rad/s².
+        torque: course of the torque (T,), with mean 0, rad/s².
         dt: time step, s.
 
     Returns:
@@ -294,7 +294,7 @@ def _smoothed_torque(
         theta: effects, damping, lag and delay (r + 3,), in the place of those of ``physical``.
         physical: the other parameters: components of the wind torque, noise and refinements.
         record: inputs and outputs.
-        column: of the rate in the outputs.
+        column: column of the rate in the outputs.
     """
     effect = theta[:-3]
     damping, lag, delay = theta[-3:].tolist()
@@ -342,7 +342,7 @@ def torque_balanced_by_trim(effect: Array, trim: Array, directions: Array | None
     """Returns the steady wind torque, rad/s², that the mean inputs balance if the motors are equal.
 
     Args:
-        effect: of each input (r,), rad/s² per unit.
+        effect: effect of each input (r,), rad/s² per unit.
         trim: mean inputs (r,).
         directions: relative effect of each input by the mixer (r,). Where they are not known, what all inputs have in
             common is left out, since that lifts the vehicle. A single input commands the torque itself.

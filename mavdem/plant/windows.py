@@ -88,7 +88,7 @@ class FlightWindows(NamedTuple):
             rate: body rate (W, N), rad/s.
             responses: part of the inputs that responds to the innovation of the same sample (W, N, r).
             dt: time step, s.
-            unit: of the inputs, in the record's unit.
+            unit: common standard deviation of the inputs, in the record's unit.
         """
         refined = {
             Refinement.JUMPS: with_early_jumps(inputs, 1.0) - inputs,
@@ -167,7 +167,7 @@ def rate_column(record: Record) -> int:
     """Returns which output of a record is the body rate: the derivative of another output, or the only one.
 
     Raises:
-        NotLearnable: of several outputs, none is the derivative of another.
+        NotLearnable: there are several outputs, and none is the derivative of another.
     """
     if record.outputs.shape[1] == 1:
         return 0

@@ -213,7 +213,7 @@ def filter_motion(parameters: Array, motion: MotionGrid) -> FilteredMotion:
 
     Args:
         parameters: G sets of parameters (G, 10), as for :class:`AirflowFilter`.
-        motion: of T steps.
+        motion: motion of T steps.
     """
     airflow = AirflowFilter(parameters, motion)
     steps = len(motion.force)

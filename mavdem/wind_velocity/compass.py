@@ -69,7 +69,7 @@ def speed_and_direction(velocity: Array, band: Array, near_direction: float = 18
     """Converts a course of wind velocity to speed and direction.
 
     Args:
-        velocity: of the air, north and east (T, 2), m/s.
+        velocity: velocity of the air, north and east (T, 2), m/s.
         band: half widths of its band, north and east (T, 2), m/s.
         near_direction: degrees. Directions are within half a turn of it, so that a line of them does not jump at north.
     """

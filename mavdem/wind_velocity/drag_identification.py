@@ -4,9 +4,9 @@ Gusts change the velocity of a vehicle as well, so its velocity is correlated wi
 The likelihood's information on the drag is therefore scaled by how much of the force opposes the velocity, as drag does
 in manoeuvres.
 
-The places (10,) that are identified are the six entries of ``Drag.mean``, and logarithms of the wind's parameters times
-the drag, so that they are accelerations: the gusts' standard deviation (m/s²), their time (s), the change of the mean
-wind (m/s² in 1 s), and the standard deviation of the force's noise (m/s²).
+The scaled parameters (10,) that are identified are the six entries of ``Drag.mean``, and logarithms of the wind's
+parameters times the drag, so that these are accelerations: the gusts' standard deviation (m/s²), their time (s), the
+change of the mean wind (m/s² in 1 s), and the standard deviation of the force's noise (m/s²).
 """
 
 from __future__ import annotations
@@ -55,19 +55,19 @@ VELOCITY_SD = 0.2
 """Standard error of the velocity along each axis, m/s."""
 
 GUST_PRIOR_MEAN = np.log([0.3, 5.0, 0.03, 0.05])
-"""Prior mean of the last four places: gusts' size and time, change of the mean wind, noise."""
+"""Prior mean of the last four scaled parameters: gusts' size and time, change of the mean wind, noise."""
 
 GUST_PRIOR_SD = np.array([1.0, 1.0, 1.0, 0.7])
-"""Prior standard deviation of the last four places."""
+"""Prior standard deviation of the last four scaled parameters."""
 
-PLACES = DRAG_PARAMETERS + len(GUST_PRIOR_MEAN)
-"""Number of places."""
+PARAMETER_COUNT = DRAG_PARAMETERS + len(GUST_PRIOR_MEAN)
+"""Number of scaled parameters."""
 
 GUST_SIZE = 6
-"""Index of the logarithm of the gusts' size among the places."""
+"""Index of the logarithm of the gusts' size among the scaled parameters."""
 
 MEAN_WIND_CHANGE = 8
-"""Index of the logarithm of the mean wind's change among the places."""
+"""Index of the logarithm of the mean wind's change among the scaled parameters."""
 
 DRAG_CHANGE_SD = 0.09
 """Standard deviation of the logarithm of a flight's drag about that of its model, by thrust, air density and load."""
@@ -84,28 +84,28 @@ MODEL_ERROR = np.vstack(
             [DRAG_CHANGE_SD, LINEAR_PER_QUADRATIC_CHANGE * QUADRATIC_CHANGE_SD],
             [DRAG_CHANGE_SD, QUADRATIC_CHANGE_SD],
         ],
-        np.zeros((PLACES - 2, 2)),
+        np.zeros((PARAMETER_COUNT - 2, 2)),
     ]
 )
-"""Square root (10, 2) of the covariance of the places by these changes of the drag."""
+"""Square root (10, 2) of the covariance of the scaled parameters by these changes of the drag."""
 
 DIFFERENCE_STEP = 0.05
-"""Step of central differences by each place: a choice."""
+"""Step of central differences by each scaled parameter: a choice."""
 
 MAX_STEP = 0.5
-"""Largest change of any place in one iteration: a choice."""
+"""Largest change of any scaled parameter in one iteration: a choice."""
 
 CONVERGED_STEP = 0.1
-"""Step in standard deviations of each place with which the iteration ends: a choice."""
+"""Step in standard deviations of each scaled parameter with which the iteration ends: a choice."""
 
 MAX_PRIOR_DEVIATIONS = 4.0
-"""Distance from the prior mean, in standard deviations, that no place exceeds."""
+"""Distance from the prior mean, in standard deviations, that no scaled parameter exceeds."""
 
 MAX_ITERATIONS = 12
 """Number of iterations of Fisher scoring, at most: a choice."""
 
 WIND_DRAWS = 64
-"""Number of posterior samples of the places, each with a wind of its own: a choice."""
+"""Number of posterior samples of the scaled parameters, each with a wind of its own: a choice."""
 
 WEIGHTING_ITERATIONS = 5
 """Number of iterations in which the weight of a known wind's errors is found: a choice."""
@@ -124,7 +124,7 @@ MIN_VARIANCE = 1e-6
 
 
 class DragPosterior(NamedTuple):
-    """Posterior of the places by one flight."""
+    """Posterior of the scaled parameters by one flight."""
 
     mean: Array
     """Mean (10,)."""
@@ -137,10 +137,10 @@ class DragPosterior(NamedTuple):
 
 
 class _Expansion(NamedTuple):
-    """The filter's likelihood about some places, to second order."""
+    """The filter's likelihood about some scaled parameters, to second order."""
 
     log_likelihood: float
-    """Its logarithm, up to a constant."""
+    """Log likelihood, up to a constant."""
 
     gradient: Array
     """Gradient (10,) of the log likelihood."""
@@ -152,7 +152,7 @@ class _Expansion(NamedTuple):
     """Mean air speed, in prior standard deviations of the wind."""
 
     speed_gradient: Array
-    """Its derivatives by the places (10,)."""
+    """Derivatives of the mean air speed by the scaled parameters (10,)."""
 
 
 def identify_drag(moved: MotionGrid, drag: Drag) -> DragPosterior:
@@ -160,7 +160,7 @@ def identify_drag(moved: MotionGrid, drag: Drag) -> DragPosterior:
 
     What the likelihood says of the drag counts as far as the flight is steered, and what it says of the lean as far as
     the yaw turns: the rest would depend on the form of the model. Iterations may overshoot and then diverge, so the
-    places with the highest posterior are the result.
+    scaled parameters with the highest posterior are the result.
 
     Args:
         moved: motion of the flight.
@@ -178,7 +178,7 @@ def identify_drag(moved: MotionGrid, drag: Drag) -> DragPosterior:
         information = about.information * np.sqrt(np.outer(information_shares, information_shares))
         # A drag that changes within the flight makes the innovations less informative (matrix inversion lemma).
         model_precision = np.eye(2) + MODEL_ERROR.T @ information @ MODEL_ERROR
-        discount = np.eye(PLACES) - information @ MODEL_ERROR @ np.linalg.solve(
+        discount = np.eye(PARAMETER_COUNT) - information @ MODEL_ERROR @ np.linalg.solve(
             model_precision, MODEL_ERROR.T
         )
         # A drag that makes a strong wind of the mean force is less probable, however little is steered.
@@ -202,17 +202,21 @@ def identify_drag(moved: MotionGrid, drag: Drag) -> DragPosterior:
     return best
 
 
-def _expand(places: Array, moved: MotionGrid) -> _Expansion:
-    """Expands the log likelihood of the filter about places (10,), by central differences of its innovations.
+def _expand(scaled_parameters: Array, moved: MotionGrid) -> _Expansion:
+    """Expands the log likelihood of the filter about scaled parameters (10,), by central differences.
 
-    All 21 sets of places run through one filter. The gradient by drag and lean is that of the innovations alone, with
-    their covariance as at the centre; their weights are those of Student's t distribution.
+    All 21 sets of scaled parameters run through one filter. The gradient by drag and lean is that of the innovations
+    alone, with their covariance as at the centre; their weights are those of Student's t distribution.
     """
-    steps = DIFFERENCE_STEP * np.vstack([np.zeros(PLACES), np.eye(PLACES), -np.eye(PLACES)])
-    points = places + steps
+    steps = DIFFERENCE_STEP * np.vstack(
+        [np.zeros(PARAMETER_COUNT), np.eye(PARAMETER_COUNT), -np.eye(PARAMETER_COUNT)]
+    )
+    points = scaled_parameters + steps
 
     def central_differences(values: Array) -> Array:
-        return (values[1 : PLACES + 1] - values[PLACES + 1 :]) / (2 * DIFFERENCE_STEP)
+        return (values[1 : PARAMETER_COUNT + 1] - values[PARAMETER_COUNT + 1 :]) / (
+            2 * DIFFERENCE_STEP
+        )
 
     filtered: FilteredMotion = filter_motion(filter_parameters(points, moved), moved)
     innovations = filtered.innovations[moved.complete].swapaxes(0, 1)
@@ -270,31 +274,31 @@ def _turned_share(moved: MotionGrid) -> float:
     return max(1 - np.hypot(*headings.mean(axis=0)) ** 2, 0.0)
 
 
-def filter_parameters(places: Array, moved: MotionGrid) -> Array:
-    """Returns the parameters (N, 10) of the filter for places (N, 10).
+def filter_parameters(scaled_parameters: Array, moved: MotionGrid) -> Array:
+    """Returns the parameters (N, 10) of the filter for scaled parameters (N, 10).
 
-    Sizes of gusts and of the mean wind's change are accelerations in the places, and velocities in the filter: they are
-    divided by the drag per speed at the mean air speed.
+    Sizes of gusts and of the mean wind's change are accelerations in the scaled parameters, and velocities in the
+    filter: they are divided by the drag per speed at the mean air speed.
     """
-    linear, quadratic = np.exp(places[:, [LOG_LINEAR, LOG_QUADRATIC]]).T
-    drag_per_speed = linear + quadratic * mean_air_speed(places, moved)
-    parameters = places.copy()
+    linear, quadratic = np.exp(scaled_parameters[:, [LOG_LINEAR, LOG_QUADRATIC]]).T
+    drag_per_speed = linear + quadratic * mean_air_speed(scaled_parameters, moved)
+    parameters = scaled_parameters.copy()
     parameters[:, [GUST_SIZE, MEAN_WIND_CHANGE]] -= np.log(drag_per_speed)[:, None]
     return parameters
 
 
-def mean_air_speed(places: Array, moved: MotionGrid) -> Array:
-    """Returns the air speed (N,), m/s, at which the drag of places (N, 10) causes the mean force of the motion."""
+def mean_air_speed(scaled_parameters: Array, moved: MotionGrid) -> Array:
+    """Returns the air speed (N,), m/s, at which the drag of scaled parameters (N, 10) causes the mean force."""
     level_forces = np.einsum("tij,ti->tj", moved.body_axes, moved.force)
     force = level_forces[moved.complete, :2].mean(axis=0)
-    linear, quadratic = np.exp(places[:, [LOG_LINEAR, LOG_QUADRATIC]]).T
+    linear, quadratic = np.exp(scaled_parameters[:, [LOG_LINEAR, LOG_QUADRATIC]]).T
     return air_speed(linear, quadratic, np.hypot(*force))
 
 
 def sampled_winds(moved: MotionGrid, posterior: DragPosterior) -> SmoothedStates:
-    """Returns smoothed states (T, N, 4) of the wind for N posterior samples of the places, with covariances."""
-    places = normal_draws(posterior.mean, posterior.covariance, WIND_DRAWS, seed=1)
-    return filter_motion(filter_parameters(places, moved), moved).smooth()
+    """Returns smoothed states (T, N, 4) of the wind for N samples of the posterior, with their covariances."""
+    scaled_parameters = normal_draws(posterior.mean, posterior.covariance, WIND_DRAWS, seed=1)
+    return filter_motion(filter_parameters(scaled_parameters, moved), moved).smooth()
 
 
 def independent_share(errors: Array) -> float:

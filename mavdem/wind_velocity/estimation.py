@@ -73,7 +73,7 @@ class WindVelocity(ImmutableResult):
     """The horizontal wind of one flight, in T steps.
 
     Attributes:
-        speed: of the mean wind vector, m/s.
+        speed: speed of the mean wind vector, m/s.
         speed_interval: ends of its 90 % interval, m/s; the lower one is 0 where still air is likely as well.
         direction: that the wind comes from, degrees clockwise from the yaw's north, 0 to 360.
         direction_interval: half width of its 90 % interval, degrees.
@@ -86,9 +86,9 @@ class WindVelocity(ImmutableResult):
         minutes: mean of each minute: ``start`` and ``end`` (s), ``speed``, ``low``, ``high`` (m/s), ``direction``.
         profile: mean by height in layers of 10 m: ``height``, ``speed``, ``direction``; empty within one layer.
         along: (T, 2) velocity of the vehicle relative to the mean wind, along body x and y, m/s.
-        drag: of the vehicle, by its prior and this flight.
-        status: by "speed", "direction" and "drag".
-        reasons: by the same names, for what is not reported.
+        drag: drag of the vehicle, by its prior and this flight.
+        status: status of "speed", "direction" and "drag", by name.
+        reasons: reason why any of these is not reported, by name.
         boot: number of the log's boot on whose clock ``time`` is; 0 where arrays were given.
     """
 
@@ -155,7 +155,7 @@ class _MeanWind(NamedTuple):
 
 
 class _Doubt(NamedTuple):
-    """Why a figure of the wind is not reported."""
+    """A figure of the wind that is not reported, and why."""
 
     figure: str
     """"drag", "speed" or "direction"."""
@@ -164,7 +164,7 @@ class _Doubt(NamedTuple):
     """BIASED or NOT_IDENTIFIABLE."""
 
     reason: Fact
-    """Why."""
+    """Reason why it is not reported."""
 
 
 def lower_speed_bound(low: float, high: float) -> float:
@@ -199,7 +199,7 @@ def estimate_wind(
         time: stamps (T,), s, ascending; there may be gaps.
         attitude: roll, pitch and yaw (T, 3), rad, Z-Y-X; rows that are not finite are left out.
         velocity: over ground, north, east and down (T, 3), m/s.
-        drag: of the vehicle, from another flight or :func:`mavdem.estimate_drag`; the population's without one.
+        drag: drag of the vehicle, from another flight or :func:`mavdem.estimate_drag`; the population's without one.
         height: (T,) m, where the wind is wanted by height.
 
     Raises:
@@ -271,8 +271,8 @@ def _minutes(winds: Array, variances: Array, time: Array, step: float) -> list[d
 
     Args:
         winds: N posterior samples of the wind velocity, north and east (T, N, 2), m/s.
-        variances: of each about the truth (T, N, 2), (m/s)².
-        time: of the steps (T,), s.
+        variances: variance of each about the truth, by noise (T, N, 2), (m/s)².
+        time: middle of each step (T,), s.
         step: time step, s.
     """
     count = max(round(len(winds) * step / 60), 1)
@@ -297,7 +297,7 @@ def _profile(air: Array, heights: Array, step: float) -> list[dict[str, float]]:
 
     Args:
         air: wind velocity, north and east (T, 2), m/s.
-        heights: of the vehicle (T,), m.
+        heights: heights of the vehicle (T,), m.
         step: time step, s.
     """
     layer_of_step = np.floor(heights / LAYER_HEIGHT)
@@ -327,7 +327,7 @@ def _mean_wind(winds: Array, variances: Array, step: float) -> _MeanWind:
 
     Args:
         winds: N posterior samples of the wind velocity, north and east (T, N, 2), m/s.
-        variances: of each about the truth, by noise (T, N, 2), (m/s)².
+        variances: variance of each about the truth, by noise (T, N, 2), (m/s)².
         step: time step, s.
     """
     means = winds.mean(axis=0)

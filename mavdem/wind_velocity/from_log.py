@@ -40,7 +40,7 @@ VELOCITY_MESSAGES = _velocity_messages()
 """Messages with the velocity over ground, the preferred first, and the factor that converts it to m/s."""
 
 MILLIMETRES = 1000
-"""Of the field ``relative_alt`` of GLOBAL_POSITION_INT, in a metre."""
+"""Millimetres in a metre: the unit of ``relative_alt`` in GLOBAL_POSITION_INT is mm."""
 
 ESTIMATOR_FLAG_MESSAGES = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
 """Messages with flags of the autopilot's state estimator."""
@@ -63,13 +63,13 @@ class ResetLimit(NamedTuple):
 
 
 VELOCITY_RESET = ResetLimit(offset=1.0, rate=15.0)
-"""Of a component of the velocity, m/s and m/s²: no multirotor accelerates faster for long."""
+"""Limit for a component of the velocity, m/s and m/s²: no multirotor accelerates faster for long."""
 
 YAW_RESET = ResetLimit(offset=0.35, rate=6.0)
-"""Of the yaw, rad and rad/s. Before a reset of the yaw in flight, the yaw was not known."""
+"""Limit for the yaw, rad and rad/s. Before a reset of the yaw in flight, the yaw was not known."""
 
 POSITION_RESET = ResetLimit(offset=1.0, rate=2.0)
-"""Of the position beyond what the velocity covers, m and m/s."""
+"""Limit for the change of a position beyond what its velocity covers, m and m/s."""
 
 MIN_FLIGHT_HEIGHT = 1.5
 """Height above the lowest one, m, from which on the vehicle flies, where neither motors nor landed state are known."""
@@ -125,7 +125,7 @@ def wind(path: AnyPath, vehicle: str | None = None, drag: Drag | None = None) ->
     Args:
         path: a log that ``mavdem.ingest.read_log`` reads.
         vehicle: "system" or "system:component", where the log holds several.
-        drag: of the vehicle; without one, the autopilot's own coefficients where somebody set them, or the
+        drag: drag of the vehicle; without it, the autopilot's own coefficients where somebody set them, or the
             population's.
 
     Raises:
@@ -149,8 +149,8 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     """Estimates the wind of the boot of a vehicle with the longest free flight.
 
     Args:
-        signals: of the vehicle.
-        drag: as for :func:`wind`.
+        signals: signals of the vehicle.
+        drag: drag of the vehicle, as for :func:`wind`.
 
     Raises:
         NotLearnable: velocity, attitude or flight are missing, the vehicle is stuck, or its clock jumps.
@@ -192,7 +192,7 @@ def _require_usable(motion: _FlightMotion, stuck_seconds: float) -> None:
     """Checks that the vehicle was free, its clock runs evenly, and yaw and velocity were measured.
 
     Args:
-        motion: of the flight.
+        motion: motion of the flight.
         stuck_seconds: longest time for which the vehicle was stuck, s.
 
     Raises:
@@ -248,9 +248,9 @@ def _free_flight(
     and where the estimator's flags say that it does not know the velocity.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         angles: roll, pitch and yaw.
-        ground_motion: as :func:`_ground_motion` returns it.
+        ground_motion: velocity and height, as :func:`_ground_motion` returns them.
         boot: number of the boot.
 
     Returns:
@@ -340,9 +340,9 @@ def _longest_stuck(position: TimeSeries | None, boot: int, motion: _FlightMotion
     """Returns the longest time, s, for which the vehicle leaned by ``STUCK_LEAN`` or more and did not move.
 
     Args:
-        position: of the vehicle (N, k), m; without it, the vehicle is never stuck.
+        position: position of the vehicle (N, k), m; without it, the vehicle is never stuck.
         boot: number of the boot.
-        motion: in the flight of that boot.
+        motion: motion in the flight of that boot.
     """
     if position is None:
         return 0.0
@@ -367,7 +367,7 @@ def _flights(signals: Signals, boot: int, time: Array, height: Array) -> interva
     Where neither motors nor landed state were recorded, it is flight while armed and above the ground.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         boot: number of the boot.
         time: stamps of the heights (N,), s.
         height: (N,) m.
@@ -403,7 +403,7 @@ def is_position_reset(change: Any, speed_before: Any, speed_after: Any, dt: Any)
     """Returns whether a position changed by more than its velocity covers; all arguments have one shape.
 
     Args:
-        change: of the position, m.
+        change: change of the position, m.
         speed_before: at its beginning, m/s.
         speed_after: at its end, m/s.
         dt: time that it took, s.
@@ -419,7 +419,7 @@ def _resets(time: Array, values: Array, limit: ResetLimit, period: float = np.in
         time: stamps (N,), s.
         values: (N,) in the unit of the limit.
         limit: largest change that is no reset.
-        period: of values that are angles, of whose changes the shorter way round counts.
+        period: period of values that are angles; the shorter way round counts as their change.
     """
     changes = abs(np.diff(values)) % period
     shortest_changes = np.minimum(changes, period - changes)

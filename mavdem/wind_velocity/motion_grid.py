@@ -221,7 +221,7 @@ def flight_grid(
     """Puts a whole flight on a grid, with longer steps where samples are slower or the flight is long.
 
     Args:
-        samples: of the flight.
+        samples: samples of the flight's motion.
         step: shortest time step, s.
         max_steps: largest number of steps.
         wind: known velocity of the air (N, 2), as for :func:`motion_grid`.

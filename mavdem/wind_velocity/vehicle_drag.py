@@ -79,7 +79,7 @@ DRAG_PARAMETER_NAMES = {
     "ARDUPILOTMEGA": ("EK3_DRAG_MCOEF", "EK3_DRAG_BCOEF_"),
     "PX4": ("EKF2_MCOEF", "EKF2_BCOEF_"),
 }
-"""By autopilot, the parameters of its drag model.
+"""Names of the parameters of each autopilot's drag model.
 
 They are the momentum drag coefficient, 1/s at sea level, and the ballistic coefficients along X and Y (a suffix of the
 name), kg/m²: half of the air density over the quadratic drag.
@@ -160,7 +160,7 @@ class Drag(ImmutableResult):
 
         Args:
             autopilot: "ARDUPILOTMEGA" or "PX4"; of others no parameters are known.
-            parameters: of the autopilot, by name.
+            parameters: parameters of the autopilot, by name.
         """
         momentum_name, ballistic_prefix = DRAG_PARAMETER_NAMES.get(autopilot, ("", ""))
         configured = {

@@ -60,7 +60,7 @@ LOGGING_ERROR_FRACTION = 0.01
 """Standard deviation by which a logged setpoint differs from the controller's, relative to the setpoint: a choice."""
 
 OUTPUT_ERROR_FRACTION = LOGGING_ERROR_FRACTION / 2
-"""The same of a logged output: a choice."""
+"""Standard deviation by which a logged output differs from the controller's, relative to the output: a choice."""
 
 MIN_GYRO_NOISE_DENSITY = 1e-9
 """Two-sided noise density of the best gyros, (rad/s)²/Hz.

@@ -49,8 +49,8 @@ def unfolded_density(density: Array, frequency: Array, is_base: Flags, in_range:
     Args:
         density: estimate at J frequencies (J,), each with all that folds onto it.
         frequency: magnitudes of the frequencies and their F aliases (J, F), Hz.
-        is_base: which of the aliases is the frequency itself (F,).
-        in_range: which of the frequencies the controller can have at its cycle (J, F).
+        is_base: flags (F,) of which the one of the frequency itself is true.
+        in_range: flags (J, F) of the frequencies below half of the controller's rate.
 
     Returns:
         Unfolded density (J, F), 0 out of range but for the base.

@@ -125,7 +125,7 @@ def closed_loop_response(
     """Computes the frequency responses of the closed loop.
 
     Args:
-        parameters: of the plant, and the relative gain of the controller.
+        parameters: parameters of the loop, of which the plant's and the controller's gain are used.
         controller: C_r and C_y by the logged gains, (J, F) each.
         gyro_filter: F (J, F).
         angle_gain: K, 1/s.
