@@ -15,7 +15,7 @@ from mavdem.fleet.flights import flights_of, worst_row
 from mavdem.fleet.row import FlightRows
 from mavdem.fleet.workers import PAGES
 from mavdem.report.blocks import Block
-from mavdem.report.pages.fleet_page import beside_others, fleet_page, with_top
+from mavdem.report.pages.fleet_page import fleet_page, fleet_remark, with_fleet_remark
 from mavdem.report.pages.flight_page import review_page
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ def write_fleet_pages(
     for flight_rows in flights_of(rows):
         path = folder / PAGES / Path(flight_rows[0].page or "").name
         if path.is_file():
-            _update_flight_page(path, beside_others(worst_row(flight_rows)))
+            _update_flight_page(path, fleet_remark(worst_row(flight_rows)))
     index = folder / "index.html"
     write_text_atomically(index, fleet_page(rows, changes))
     return index
@@ -130,6 +130,6 @@ def _update_flight_page(path: Path, comparison: str) -> None:
     """
     with path.open(encoding="utf-8", errors="replace") as file:
         top = file.read(PAGE_TOP_LENGTH)
-        updated_top = with_top(top, comparison)
+        updated_top = with_fleet_remark(top, comparison)
         if updated_top != top:
             write_text_atomically(path, updated_top + file.read())

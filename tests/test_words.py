@@ -11,8 +11,8 @@ import mavdem.facts
 import mavdem.facts.sources
 import mavdem.unit_errors
 from mavdem.facts import Code
-from mavdem.report.blocks import brief
-from mavdem.report.templates import table
+from mavdem.report.blocks import shortened
+from mavdem.report.templates import sentence_templates
 
 ROOT = Path(__file__).parents[1]
 ABOVE = {"report", "documents", "view", "export", "cli"}
@@ -76,7 +76,7 @@ def test_each_code_has_its_sentence_and_each_sentence_its_code():
         __import__(f"mavdem.facts.{path.stem}".removesuffix(".__init__"))
     values = Counter(map(str, codes()))
     assert not [value for value, count in values.items() if count > 1]
-    assert set(values) == set(table())
+    assert set(values) == set(sentence_templates())
 
 
 @mark.parametrize(
@@ -89,4 +89,4 @@ def test_each_code_has_its_sentence_and_each_sentence_its_code():
     }.items(),
 )
 def test_a_text_for_one_line_ends_with_a_whole_clause(columns, shown):
-    assert brief("Deviation small (largest: 0 ± 8 %); headroom 12 %.", columns) == shown
+    assert shortened("Deviation small (largest: 0 ± 8 %); headroom 12 %.", columns) == shown

@@ -209,6 +209,6 @@ class Assessment:
         return whole("review", review_document(self))
 
     def __str__(self) -> str:
-        from mavdem.report.review import screen_of
+        from mavdem.report.review import review_screen
 
-        return screen_of(self)
+        return review_screen(self)

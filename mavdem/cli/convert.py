@@ -5,7 +5,7 @@ import click
 from mavdem.cli.options import refuse_link, source_options
 from mavdem.cli.output import print_json, printable, progress, say
 from mavdem.export.conversion import convert as convert_file
-from mavdem.report.templates import section
+from mavdem.report.templates import render_section
 
 
 @click.command("convert")
@@ -40,7 +40,7 @@ def convert_command(
     if as_json:
         print_json(written)
         return
-    for said in section("converted", **written):
+    for said in render_section("converted", **written):
         say(printable(said.text))
     for key, word in {"repairs": "Noted", "cautions": "Caution"}.items():
         for sentence in written.get(key, ()):

@@ -12,8 +12,8 @@ from mavdem.dataset.signals import Signals
 from mavdem.documents.inventory import vehicle_document
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Reason
-from mavdem.report.condition import sender, stream_contents, vehicle_contents
-from mavdem.report.review import title_of
+from mavdem.report.condition import component_id, stream_contents, vehicle_contents
+from mavdem.report.review import review_title
 from mavdem.report.screen import conclusion
 
 
@@ -55,7 +55,7 @@ def info_command(
             above, *lights, following = conclusion(assessment.judgement)
             more = [*lights, *streams]
             contents = vehicle_contents(shown)
-            print_screen(title_of(assessment), contents, more, [above, following], verbose)
+            print_screen(review_title(assessment), contents, more, [above, following], verbose)
     held["learnable"] = any(vehicle["model"] for vehicle in held["vehicles"])
     if as_json:
         print_json(held)
@@ -68,7 +68,7 @@ def info_command(
                 Reason.LOG_NOT_LEARNABLE,
                 axis=axis,
                 path=source,
-                names=[sender(shown) for shown in held["vehicles"]],
+                names=[component_id(shown) for shown in held["vehicles"]],
                 because=next((shown["verdict"].reason for shown in held["vehicles"]), None),
             )
             complain(because, as_json=False)

@@ -34,8 +34,8 @@ from mavdem.documents.flight import report_of
 from mavdem.experiments.window import Length
 from mavdem.extras import missing_extra_fact
 from mavdem.report.blocks import Blocks, Sentence
-from mavdem.report.review import title_of
-from mavdem.report.screen import analysis_blocks, detail_blocks, title
+from mavdem.report.review import review_title
+from mavdem.report.screen import analysis_blocks, detail_blocks, flight_title
 from mavdem.results import PAGE_FILE, RECORDING_FILE, RESULT_FILES
 
 start_option = click.option(
@@ -125,12 +125,12 @@ def learn_command(
     took = perf_counter() - began
     report = report_of(assessment) | {"source": source, "seconds": round(took, 3)}
     if learned is None:
-        heading = title_of(assessment)
+        heading = review_title(assessment)
         details = Blocks()
         refusal = assessment.refusal
         report["error"] = {"reason": refusal.reason, "remedy": refusal.remedy}
     else:
-        heading = title(analysis.flights, assessment.simulated)
+        heading = flight_title(analysis.flights, assessment.simulated)
         details = detail_blocks(learned)
     if not no_files:
         write_results(folder, report, assessment)

@@ -44,9 +44,9 @@ from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.live.session_loop import run_session
 from mavdem.live.session_status import STATUS_PERIOD
-from mavdem.report.live import watching
+from mavdem.report.live import watched_quantities
 from mavdem.report.pages.flight_page import live_page
-from mavdem.report.templates import go_on, headline, section
+from mavdem.report.templates import as_clause, headline, render_section
 
 STATUS_SECONDS = 5.0  # between two status lines that are not in one place
 
@@ -268,7 +268,7 @@ def live_command(
         try:
             learned = fitting.result()
         except ValueError as error:
-            say_aside(f"There is no model: {go_on(error)}.")
+            say_aside(f"There is no model: {as_clause(error)}.")
         else:
             text = learned.to_json() + "\n"
             code = DONE if _written(model, text, "model") else UNUSABLE
@@ -361,11 +361,11 @@ class StatusLines:
         """Shows the status of a ``session``."""
         status = session.status
         before = self._watched
-        self._watched = {watching([fact]): fact for fact in status.watch_facts}
+        self._watched = {watched_quantities([fact]): fact for fact in status.watch_facts}
         changed = [fact for said, fact in self._watched.items() if said not in before]
         if changed:
-            say_aside(watching(changed))
-        sentences = [printable(said.text) for said in section("live_status", status=status)]
+            say_aside(watched_quantities(changed))
+        sentences = [printable(said.text) for said in render_section("live_status", status=status)]
         if self._place is None:
             new = [said for said in sentences if said not in self._said]
             self._said = sentences
@@ -373,6 +373,9 @@ class StatusLines:
                 say_aside(" ".join(new))
             return
         line, *wrong = sentences
-        rest = Text(" ".join([*wrong, watching(status.watch_facts)]), _style(*status.active_alarms))
+        rest = Text(
+            " ".join([*wrong, watched_quantities(status.watch_facts)]),
+            _style(*status.active_alarms),
+        )
         rest.truncate(STDERR.width, overflow="ellipsis")
         self._place.update(Group(line, rest), refresh=True)

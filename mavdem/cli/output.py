@@ -30,7 +30,7 @@ from mavdem.files import (
     reporting_write_errors,
     writable_target,
 )
-from mavdem.report.blocks import LINES, Block, Sentence, Table, brief
+from mavdem.report.blocks import SCREEN_LINES, Block, Sentence, Table, shortened
 
 STDERR = Console(stderr=True, highlight=False, markup=False, emoji=False)  # standard error
 
@@ -111,7 +111,7 @@ def print_screen(
 ) -> None:
     """Prints a title, what was found, and last the ``conclusion``: where somebody looks when all has scrolled by.
 
-    Without ``verbose`` that are ``LINES`` at most: of the ``brief`` blocks, those which fit, their texts cut to a line.
+    Without ``verbose`` that are ``SCREEN_LINES`` at most: of the ``brief`` blocks, those which fit, their texts cut to a line.
     """
     first = [] if title is None else [title]
     if verbose:
@@ -122,7 +122,7 @@ def print_screen(
     last = [line for block in conclusion for line in _lines(block)]
     for block in brief:
         lines = _lines(block, is_cut=True)
-        if len(shown) + len(lines) + len(last) < LINES:
+        if len(shown) + len(lines) + len(last) < SCREEN_LINES:
             shown += lines
     say("\n".join([*shown, *last]))
 
@@ -148,7 +148,7 @@ def _grids(table: Table, width: int, is_cut: bool) -> Iterator[Grid]:
     ]
     if is_cut:
         room = width - sum(max(map(len, column)) + 2 for column in columns[:-1])
-        columns[-1] = [brief(cell, room) for cell in columns[-1]]
+        columns[-1] = [shortened(cell, room) for cell in columns[-1]]
     is_whole = table.words or sum(max(map(len, column)) + 2 for column in columns) - 2 <= width
     least = [max(map(len, [*heading.split(), *cells])) for heading, *cells in columns]
     least[0] = max(map(len, columns[0]))

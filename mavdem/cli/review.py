@@ -17,7 +17,7 @@ from mavdem.cli.options import (
 from mavdem.cli.output import check_folder, print_blocks, print_json, printable, progress, say
 from mavdem.cli.results import named_after, write_results
 from mavdem.documents.review import review_document
-from mavdem.report.review import screen_of
+from mavdem.report.review import review_screen
 from mavdem.report.screen import analysis_blocks
 from mavdem.results import PAGE_FILE, RESULT_FILES
 
@@ -65,5 +65,5 @@ def review_command(
         seconds = perf_counter() - began
         if verbose:
             print_blocks(analysis_blocks(assessment))
-        say("\n".join(map(printable, screen_of(assessment).splitlines())))
+        say("\n".join(map(printable, review_screen(assessment).splitlines())))
         say(f"Page: {printable(folder / PAGE_FILE)} (took {seconds:.1f} s)")

@@ -16,7 +16,7 @@ from mavdem.cli.options import (
 from mavdem.cli.output import check_file, print_result, say_aside
 from mavdem.files import write_text_atomically
 from mavdem.loops.twin_flight import compare_twin_with_flight
-from mavdem.report.vehicle_files import LEFT_OUT, twin_blocks, unlearned, vehicle_text
+from mavdem.report.vehicle_files import OMITTED_QUANTITIES, missing_axes, twin_blocks, vehicle_text
 
 
 @click.command("twin")
@@ -55,15 +55,15 @@ def twin_command(
       mavdem fly iris_doublets --vehicle mine.toml --set MC_ROLLRATE_P=0.3 --out tried.tlog
     """
     for path in out:
-        check_file(path, "--out", (".toml", *LEFT_OUT))
+        check_file(path, "--out", (".toml", *OMITTED_QUANTITIES))
     _, evidence = assessed(source, vehicle, params)
     twin, loops, lacking = assessed_twin(evidence, mass)
     for path in out:
         write_text_atomically(path, vehicle_text(twin, path.suffix.lower(), Path(source).name))
-        if left := LEFT_OUT.get(path.suffix.lower()):
+        if left := OMITTED_QUANTITIES.get(path.suffix.lower()):
             say_aside(f"{path.name} has no place for {left}.")
     compared = compare_twin_with_flight(twin, loops)
-    missing = unlearned(lacking)
+    missing = missing_axes(lacking)
     document = {
         "vehicle": twin,
         "missing": [sentence.text for sentence in missing],

@@ -8,7 +8,7 @@ from mavdem.experiments.held_out import HeldOut
 from mavdem.files import PathName, atomic_write
 from mavdem.flight import Flights
 from mavdem.ingest.mcap.records import write_series
-from mavdem.report.numbers import short
+from mavdem.report.numbers import without_remark
 from mavdem.report.series import series_of
 from mavdem.wind_velocity.estimation import WindVelocity
 
@@ -58,7 +58,7 @@ def json_keys(names: Sequence[str]) -> list[str]:
 
     Where two would be the same, all are numbered.
     """
-    keys = [re.sub(r"\W+", "_", short(name)).strip("_") for name in names]
+    keys = [re.sub(r"\W+", "_", without_remark(name)).strip("_") for name in names]
     if len(set(keys)) < len(keys):
         return [f"{key}_{number}" for number, key in enumerate(keys, 1)]
     return keys

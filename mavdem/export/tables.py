@@ -15,7 +15,7 @@ from mavdem.arrays import Array
 from mavdem.containers import JsonValues, Names
 from mavdem.dataset.signals import Signals
 from mavdem.flight import Flight
-from mavdem.report.numbers import short
+from mavdem.report.numbers import without_remark
 from mavdem.wind_velocity.from_log import wind_evidence
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def column_name(name: str, unit: str) -> str:
     >>> column_name("motor 1 (front left)", "µs")
     'motor_1_us'
     """
-    text = f"{short(name)} {unit}".replace("µ", "u")
+    text = f"{without_remark(name)} {unit}".replace("µ", "u")
     return "_".join(re.findall(r"[^\W_]+", text.lower()))
 
 

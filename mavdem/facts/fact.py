@@ -136,9 +136,9 @@ class Fact:
     @property
     def _words(self) -> Words:
         # The sentences are made by ``report``, a room above all that make facts.
-        from mavdem.report.templates import words
+        from mavdem.report.templates import sentence_and_remedy
 
-        return words(self)
+        return sentence_and_remedy(self)
 
     @property
     def sentence(self) -> str:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from mavdem.facts import Fact, Level
 
-LINES = 15
+SCREEN_LINES = 15
 """Of a screen without ``--verbose``: with what is being read, and where the page is."""
 
 
@@ -56,7 +56,7 @@ Block = Sentence | Table
 Blocks = list[Block]
 
 
-def text_of(blocks: Iterable[Block]) -> str:
+def plain_text(blocks: Iterable[Block]) -> str:
     """Returns ``blocks`` as plain text: columns aligned, an empty line between blocks."""
     return "\n\n".join(map(_text, blocks))
 
@@ -87,7 +87,7 @@ def _markdown(block: Block) -> str:
     return "\n".join("| " + " | ".join(row) + " |" for row in [block.header, rule, *block.rows])
 
 
-def brief(text: str, columns: int) -> str:
+def shortened(text: str, columns: int) -> str:
     """Returns a ``text`` in so many ``columns``: what is in brackets goes first, then clauses from its end.
 
     Where clauses that are left fill less than half of the columns, it is what fits and "…".

@@ -13,7 +13,7 @@ from mavdem.experiments.paired_test import FEWEST_PAIRS, SIGNIFICANCE
 from mavdem.experiments.scores import HORIZONS, KNOWN, UNKNOWN, Question
 from mavdem.facts.forecasts import TestResult
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution
-from mavdem.report.templates import section
+from mavdem.report.templates import render_section
 
 WORDS = {KNOWN: "What happened, given the inputs:", UNKNOWN: "What comes next, inputs unknown:"}
 
@@ -28,7 +28,7 @@ def comparison_report(comparison: Comparison) -> Iterator[Block]:
         yield from _errors(comparison, question)
     for flight in comparison.flights:
         yield from _flight(comparison, flight)
-    yield from section(
+    yield from render_section(
         "comparison_legend",
         reference=comparison.methods[0],
         several=len(comparison.flights) > 1,
@@ -47,7 +47,7 @@ def _result(comparison: Comparison, question: Question) -> str:
         result: {name: test for name, test in tests.items() if test.result is result}
         for result in (TestResult.HIGHER, TestResult.NOT_DISTINGUISHABLE, TestResult.LOWER)
     }
-    (said,) = section(
+    (said,) = render_section(
         "comparison_result",
         reference=comparison.methods_of(question)[0],
         flights=len(comparison.flights),
@@ -100,14 +100,14 @@ def _flight(comparison: Comparison, flight: str) -> Iterator[Block]:
     """How much was compared of a flight, and what failed."""
     windows = [window for window in comparison.windows if window.flight == flight]
     summaries = comparison.summaries(flight)
-    yield from section(
+    yield from render_section(
         "comparison_flight",
         windows[0],
         windows=len(windows),
         tested=summaries[0]["horizons"][-1]["reference"].tested,
     )
     for row in summaries:
-        yield from section("comparison_failures", **row)
+        yield from render_section("comparison_failures", **row)
 
 
 STANDARD_ORDER = 3  # of `mavdem learn`: angle, rate, and the motors' lag
@@ -115,7 +115,7 @@ STANDARD_ORDER = 3  # of `mavdem learn`: angle, rate, and the motors' lag
 
 def order_advice(choice: OrderChoice, known_inputs: bool) -> str:
     """Returns one sentence on what to do with the chosen order; ``known_inputs`` as for ``free_energy_by_order``."""
-    (said,) = section(
+    (said,) = render_section(
         "order_advice",
         choice=choice,
         known_inputs=known_inputs,

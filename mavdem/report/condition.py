@@ -10,7 +10,7 @@ from mavdem.dataset.axes import TILT_AXES
 from mavdem.facts.online import DragSource
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.blocks import Blocks, Sentence, Table, caution
-from mavdem.report.templates import section
+from mavdem.report.templates import render_section
 from mavdem.wind_velocity.compass import meteorological_direction
 from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.from_log import WindEvidence
@@ -59,23 +59,23 @@ def vehicle_contents(vehicle: JsonValues) -> Blocks:
             streams.setdefault(key, []).append(shown)
     rows = [[rate, ", ".join(group)] for rate, group in streams.items()]
     return [
-        *section("vehicle", **vehicle, is_tilt=learnability.axis in TILT_AXES),
-        *section("tier", **vehicle),
+        *render_section("vehicle", **vehicle, is_tilt=learnability.axis in TILT_AXES),
+        *render_section("tier", **vehicle),
         *map(caution, learnability.cautions),
         *(Sentence(str(repair), "Noted:") for repair in vehicle["repairs"]),
-        *section("settled", **vehicle),
+        *render_section("settled", **vehicle),
         *([Table(["rate", "messages"], rows, words=True)] if rows else []),
     ]
 
 
 def stream_contents(held: JsonValues) -> list[Sentence]:
     """Returns what was received from each sender, by the inventory ``held``, and what could not be decoded."""
-    vehicles = [sender(vehicle) for vehicle in held["vehicles"]]
+    vehicles = [component_id(vehicle) for vehicle in held["vehicles"]]
     blocks = []
     for speaker in held["speakers"]:
-        is_vehicle = sender(speaker) in vehicles
+        is_vehicle = component_id(speaker) in vehicles
         lost, missing = speaker["lost_share"], speaker["missing_share"]
-        blocks += section(
+        blocks += render_section(
             "sender",
             **speaker,
             is_ordinary=is_vehicle or bool(vehicles),
@@ -86,10 +86,10 @@ def stream_contents(held: JsonValues) -> list[Sentence]:
             and lost >= MIN_LOST_SHARE
             and (missing is None or missing >= min(MIN_LOST_SHARE, lost / 2)),
         )
-    return [*blocks, *section("unread", unread=held["unread"])]
+    return [*blocks, *render_section("unread", unread=held["unread"])]
 
 
-def sender(component: JsonValues) -> str:
+def component_id(component: JsonValues) -> str:
     """Returns system and number of a ``component``, as in "1:1"."""
     return f"{component['system']}:{component['component']}"
 
@@ -109,7 +109,7 @@ def wind_blocks(air: WindEvidence) -> Blocks:
     reasons = (
         Sentence(str(why), f"{quantity.capitalize()}:") for quantity, why in wind.reasons.items()
     )
-    return [*section("wind", wind=wind, own=estimate), *reasons]
+    return [*render_section("wind", wind=wind, own=estimate), *reasons]
 
 
 def wind_tables(wind: WindVelocity) -> Blocks:

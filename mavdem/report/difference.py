@@ -15,8 +15,8 @@ from mavdem.fleet.difference import (
 )
 from mavdem.fleet.row import UNKNOWN, FlightRow
 from mavdem.report.blocks import Blocks, Sentence, caution
-from mavdem.report.numbers import counted, listed, plus_minus, rounded, short
-from mavdem.report.templates import section
+from mavdem.report.numbers import counted, listed, plus_minus, rounded, without_remark
+from mavdem.report.templates import render_section
 
 QUANTITIES = {  # what a kind of quantity is called, and the scale and unit that it is shown in
     difference.SHARE: ("share", 100.0, "%"),
@@ -43,8 +43,10 @@ def difference_blocks(
             of_vehicle.incomparable, lambda missing: missing.reason
         ).items()
     ]
-    conditions, *sure = section("difference", of_vehicle, between=SD_BETWEEN_FLIGHTS)
-    anew = section("difference_parameters", of_vehicle, parameters=parameters, lacking=lacking)
+    conditions, *sure = render_section("difference", of_vehicle, between=SD_BETWEEN_FLIGHTS)
+    anew = render_section(
+        "difference_parameters", of_vehicle, parameters=parameters, lacking=lacking
+    )
     return [*_vehicles(of_vehicle), *anew, *_changes(of_vehicle), *missing, conditions, *sure]
 
 
@@ -72,7 +74,7 @@ def _changes(difference: VehicleDifference) -> Blocks:
         for kind in (QuantityOutcome.CHANGED, QuantityOutcome.UNCERTAIN)
     )
     same = [*_grouped(difference.of(QuantityOutcome.SAME))]
-    return [*section("difference_changes", changed=changed, same=same, unknown=unknown)]
+    return [*render_section("difference_changes", changed=changed, same=same, unknown=unknown)]
 
 
 def surest_change(difference: VehicleDifference) -> str:
@@ -88,7 +90,7 @@ def next_blocks(difference: VehicleDifference) -> list[Sentence]:
         return []
     change = min(changes, key=lambda change: (not _is_weaker(change), change.p))
     motor = _motor(change, difference) if change.quantity.motor else ""
-    return section("difference_next", motor=motor, is_weaker=_is_weaker(change))
+    return render_section("difference_next", motor=motor, is_weaker=_is_weaker(change))
 
 
 def _is_weaker(change: QuantityChange) -> bool:
@@ -101,7 +103,7 @@ def _motor(change: QuantityChange, difference: VehicleDifference) -> str:
     """The name of its motor, where it is of one."""
     motors = difference.motors
     motor = change.quantity.motor
-    return short(motors[motor - 1]) if motor <= len(motors) else f"motor {motor}"
+    return without_remark(motors[motor - 1]) if motor <= len(motors) else f"motor {motor}"
 
 
 def _change(change: QuantityChange, difference: VehicleDifference) -> str:
@@ -137,9 +139,9 @@ def _signed(number: str) -> str:
 def _vehicles(difference: VehicleDifference) -> Blocks:
     before, after = difference.vehicles
     if UNKNOWN in (*before, *after):
-        return [*section("difference_unnamed")]
+        return [*render_section("difference_unnamed")]
     others = before and after and set(before) != set(after)
-    doubts = section(
+    doubts = render_section(
         "difference_vehicles", before=before, after=after, others=others, found=difference
     )
     return [caution(doubt.text) for doubt in doubts]

@@ -13,11 +13,11 @@ from mavdem.fleet.flights import HEALTHS, has_shared_name, worst_health, worst_r
 from mavdem.fleet.row import UNKNOWN, FlightRows
 from mavdem.report.blocks import Blocks, Rated, Table
 from mavdem.report.condition import TIER_WORDS
-from mavdem.report.numbers import few, listed
-from mavdem.report.templates import begin, go_on, section
+from mavdem.report.numbers import abbreviated_list, listed
+from mavdem.report.templates import as_clause, capitalize_first, render_section
 
-TROUBLE = MotorHealth.FAULT, MotorHealth.DRIFT
-LEVELS = {
+TROUBLED_HEALTHS = MotorHealth.FAULT, MotorHealth.DRIFT
+HEALTH_LEVELS = {
     MotorHealth.FAULT: Level.BAD,
     MotorHealth.DRIFT: Level.WATCH,
     MotorHealth.OK: Level.GOOD,
@@ -40,7 +40,7 @@ def fleet_blocks(rows: FlightRows) -> Blocks:
     flown = [flight for name in vehicles for flight in once.get(name, vehicles[name])]
     unjudged = [name for name in once if vehicle_health(named[name]) == UNKNOWN]
     blocks = [
-        *section(
+        *render_section(
             "fleet",
             **_needs_a_look(named),
             vehicles=len(once),
@@ -62,7 +62,9 @@ def fleet_blocks(rows: FlightRows) -> Blocks:
 def is_one_vehicle(name: str, flights: Flights) -> bool:
     """Returns whether these are a vehicle's: of a system id, which many share, only if there is something to say."""
     return name != UNKNOWN and (
-        not has_shared_name(flights) or vehicle_health(flights) != UNKNOWN or doubt(flights) != ""
+        not has_shared_name(flights)
+        or vehicle_health(flights) != UNKNOWN
+        or bad_headline(flights) != ""
     )
 
 
@@ -74,7 +76,7 @@ def vehicle_health(flights: Flights) -> str:
     )
 
 
-def doubt(flights: Flights) -> str:
+def bad_headline(flights: Flights) -> str:
     """Returns the headline of a vehicle's latest flight where that is bad, else nothing."""
     latest = flights[-1][0]
     return (latest.headline or "") if latest.headline_level == Level.BAD else ""
@@ -86,8 +88,8 @@ def badge(flights: Flights) -> str:
     latest = flights[-1][0]
     if not latest.has_flight:
         return NOT_USED
-    if health in TROUBLE or latest.headline_level is None:
-        return Rated(health, LEVELS[MotorHealth(health)])
+    if health in TROUBLED_HEALTHS or latest.headline_level is None:
+        return Rated(health, HEALTH_LEVELS[MotorHealth(health)])
     return Rated(latest.headline_level, Level(latest.headline_level))
 
 
@@ -95,7 +97,9 @@ def urgency(flights: Flights) -> tuple[float, float]:
     """Returns by what vehicles are sorted: the worst first, of these the one with the newest flight."""
     worst = HEALTHS.index(vehicle_health(flights))
     newest = flights[-1][0].date
-    return min(worst, 1.5) if doubt(flights) else worst, -newest.timestamp() if newest else 0.0
+    return min(worst, 1.5) if bad_headline(
+        flights
+    ) else worst, -newest.timestamp() if newest else 0.0
 
 
 def vehicle_words(flights: Flights) -> tuple[str, str]:
@@ -107,16 +111,16 @@ def vehicle_words(flights: Flights) -> tuple[str, str]:
         for flight in reversed(flights)
         for row in flight
     )
-    troubled = (flight for flight in reversed(flights) if worst_health(flight) in TROUBLE)
-    conclusion, difference = section(
+    troubled = (flight for flight in reversed(flights) if worst_health(flight) in TROUBLED_HEALTHS)
+    conclusion, difference = render_section(
         "fleet_vehicle",
         health=health,
-        in_trouble=health in TROUBLE,
-        doubt=doubt(flights),
+        in_trouble=health in TROUBLED_HEALTHS,
+        doubt=bad_headline(flights),
         headline=flights[-1][0].headline,
         flights=len(flights),
         counts=counts,
-        kinds=[kind for kind in TROUBLE if counts[kind]],
+        kinds=[kind for kind in TROUBLED_HEALTHS if counts[kind]],
         reason=next(filter(None, reasons), ""),
         row=next(map(worst_row, troubled), None),
         is_shared=has_shared_name(flights),
@@ -129,15 +133,15 @@ def _needs_a_look(named: Mapping[str, Flights]) -> dict[str, object]:
     sound = [name for name in named if vehicle_health(named[name]) == MotorHealth.OK]
     urgent = sorted((urgency(flights), name) for name, flights in named.items())
     ill = [
-        f"{name} ({go_on(vehicle_words(named[name])[0])})"
+        f"{name} ({as_clause(vehicle_words(named[name])[0])})"
         for (level, _), name in urgent
         if level < 2
     ]
-    recovered = [name for name in sound if {*TROUBLE} & {*map(worst_health, named[name])}]
+    recovered = [name for name in sound if {*TROUBLED_HEALTHS} & {*map(worst_health, named[name])}]
     return {
         "ill": len(ill),
-        "named": few(ill),
-        "recovered": few(sorted(recovered)),
+        "named": abbreviated_list(ill),
+        "recovered": abbreviated_list(sorted(recovered)),
         "judged": len(sound),
     }
 
@@ -160,12 +164,14 @@ def _unused(refused: FlightRows) -> Blocks:
     cells = []
     for code, rows in ranked[:MAX_REASONS]:
         # a sentence has the figures of one log
-        reason = rows[0].status if len(rows) == 1 else begin(code.replace("_", " "))
-        cells.append([cut(reason, 70), str(len(rows)), cut(PurePath(rows[0].file).name, 40)])
+        reason = rows[0].status if len(rows) == 1 else capitalize_first(code.replace("_", " "))
+        cells.append(
+            [truncated(reason, 70), str(len(rows)), truncated(PurePath(rows[0].file).name, 40)]
+        )
     table = Table(["reason", "logs", "for example"], cells, words=True)
-    return [*section("fleet_unused", logs=len(refused)), *([table] if refused else [])]
+    return [*render_section("fleet_unused", logs=len(refused)), *([table] if refused else [])]
 
 
-def cut(text: str, longest: int) -> str:
+def truncated(text: str, longest: int) -> str:
     """Returns the text, shortened to so many letters."""
     return text if len(text) <= longest else f"{text[: longest - 1]}…"

@@ -9,13 +9,16 @@ from mavdem.live.history import REPORTED_HORIZON, HorizonErrors, LiveHistory
 from mavdem.live.session_status import SessionStatus
 from mavdem.motors.loss_detection import FALSE_ALARMS
 from mavdem.report.blocks import Blocks, Sentence, Table
-from mavdem.report.numbers import named, readable
-from mavdem.report.templates import begin, go_on, section
+from mavdem.report.numbers import display_unit, name_with_unit
+from mavdem.report.templates import as_clause, capitalize_first, render_section
 
 
-def watching(watched: Sequence[Fact]) -> str:
+def watched_quantities(watched: Sequence[Fact]) -> str:
     """Returns what is ``watched`` without a model since when, and why the rest is not, in one line."""
-    return "".join(f"{begin(said.text)}." for said in section("live_watched", watched=watched))
+    return "".join(
+        f"{capitalize_first(said.text)}."
+        for said in render_section("live_watched", watched=watched)
+    )
 
 
 def live_report(
@@ -32,23 +35,25 @@ def live_report(
     """
     errors = history.errors()
     best = min(errors, key=lambda error: abs(error.seconds - REPORTED_HORIZON), default=None)
-    headline, *state = section(
+    headline, *state = render_section(
         "live_state", best=best, axis=axis, status=status, false_alarms=FALSE_ALARMS
     )
     whole = {kind: round(seconds) for kind, seconds in account.items()}
     spent = [
-        [begin(Fact(Session.SECONDS_SPENT, kind=kind)), f"{whole[kind]} s"]
+        [capitalize_first(Fact(Session.SECONDS_SPENT, kind=kind)), f"{whole[kind]} s"]
         for kind in Spent
         if whole[kind]
     ]
     return [
         headline,
-        *(Sentence(f"{go_on(alarm.fact)}.", "Motors:") for alarm in status.motor_alarms),
+        *(Sentence(f"{as_clause(alarm.fact)}.", "Motors:") for alarm in status.motor_alarms),
         *state,
         *([_errors(errors, axis)] if errors else []),
-        *section("live_learned", errors=errors, parts=history.learned_intervals, seconds=seconds),
+        *render_section(
+            "live_learned", errors=errors, parts=history.learned_intervals, seconds=seconds
+        ),
         Table([f"of {sum(whole.values())} s", "time"], spent),
-        *section("live_link", status=status),
+        *render_section("live_link", status=status),
     ]
 
 
@@ -56,8 +61,8 @@ def _errors(errors: Sequence[HorizonErrors], axis: str) -> Table:
     header = ["RMSE of predictions"]
     rows = [[f"{error.seconds:.2g} s ahead"] for error in errors]
     for i, (name, radians) in enumerate(((axis, "rad"), (f"{axis} rate", "rad/s"))):
-        unit = readable(radians)
-        header += [named(name, unit.name), "baseline", "in its 90 % band"]
+        unit = display_unit(radians)
+        header += [name_with_unit(name, unit.name), "baseline", "in its 90 % band"]
         for row, error in zip(rows, errors, strict=True):
             row += [
                 f"{unit.scale * sqrt(square[i]):.2g}" for square in (error.mse, error.baseline_mse)

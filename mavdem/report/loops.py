@@ -11,9 +11,9 @@ from mavdem.loops.filters import gyro_filters
 from mavdem.loops.margins import OpenLoop
 from mavdem.report.blocks import Blocks, Sentence, Table, caution
 from mavdem.report.numbers import rounded
-from mavdem.report.templates import section, together
+from mavdem.report.templates import render_section, sentences_by_axes
 
-FIGURES = {  # header, and what makes the unit shown, by name of the figure
+LOOP_FIGURES = {  # header, and what makes the unit shown, by name of the figure
     "crossover": ("crossover (Hz)", 1.0),
     "phase_margin": ("phase margin (°)", 1.0),
     "gain_margin": ("gain margin (dB)", 1.0),
@@ -51,11 +51,11 @@ def tune_blocks(tuning: Tuning, whole: bool = True) -> Blocks:
         else:
             blocks += gain_blocks(advice)[:2]
     if not whole:
-        blocks += limits_of(advised)
-    return [*blocks, *section("loop_not_checked", named=is_advised and whole)]
+        blocks += gain_limits(advised)
+    return [*blocks, *render_section("loop_not_checked", named=is_advised and whole)]
 
 
-def limits_of(advised: AdviceByAxis) -> Blocks:
+def gain_limits(advised: AdviceByAxis) -> Blocks:
     """Returns what limits gains that change, of the loops that they were found by."""
     cautions = [
         (axis, caution)
@@ -63,10 +63,10 @@ def limits_of(advised: AdviceByAxis) -> Blocks:
         if isinstance(advice, Advice) and advice.parameters
         for caution in advice.before.cautions
     ]
-    return [*together(cautions, attrgetter("advised"))]
+    return [*sentences_by_axes(cautions, attrgetter("advised"))]
 
 
-def loops_of(advice: Advice) -> LoopsByAxis:
+def compared_loops(advice: Advice) -> LoopsByAxis:
     """Returns the loop now and, where gains are advised, with these."""
     after = {"advised": advice.after} if advice.parameters else {}
     return {"now": advice.before, **after}
@@ -75,13 +75,13 @@ def loops_of(advice: Advice) -> LoopsByAxis:
 def _loop_blocks(advice: Advice) -> Blocks:
     """The margins, now and as advised, and what they rest on."""
     loop = advice.before
-    blocks: Blocks = [*margin_tables(loops_of(advice))]
+    blocks: Blocks = [*margin_tables(compared_loops(advice))]
     if loop.crossover * loop.record.dt > KNOWN_CROSSOVER_SHARE:
-        (slow,) = section("loop_too_fast", crossover=loop.crossover, rate=1 / loop.record.dt)
+        (slow,) = render_section("loop_too_fast", crossover=loop.crossover, rate=1 / loop.record.dt)
         blocks.append(caution(slow.text))
     filters = gyro_filters(loop.controller, loop.crossover)
-    blocks += section("loop_filters", filters=filters, crossover=loop.crossover)
-    return [*blocks, *section("loop_measured", loop=loop), *map(caution, loop.cautions)]
+    blocks += render_section("loop_filters", filters=filters, crossover=loop.crossover)
+    return [*blocks, *render_section("loop_measured", loop=loop), *map(caution, loop.cautions)]
 
 
 def margin_tables(loops: LoopsByAxis) -> Iterator[Table]:
@@ -90,7 +90,7 @@ def margin_tables(loops: LoopsByAxis) -> Iterator[Table]:
         values = [getattr(loop, which) for loop in loops.values()]
         rows = [
             [name, *(_interval(value, key, unit) for value in values)]
-            for key, (name, unit) in FIGURES.items()
+            for key, (name, unit) in LOOP_FIGURES.items()
         ]
         yield Table([f"{which} loop (90 % interval)", *loops], rows)
 
@@ -114,7 +114,7 @@ def gain_blocks(advice: Advice) -> Blocks:
         for name, factor in factors.items()
     ]
     tables = [Table(["gain", "now", "set", "times"], rows)] if rows else []
-    why = section(
+    why = render_section(
         "loop_gains",
         advice=advice,
         names=advice.before.controller.parameter_names,

@@ -5,39 +5,39 @@ from math import degrees, floor, isfinite, log10
 from typing import NamedTuple
 
 
-class Readable(NamedTuple):
+class DisplayUnit(NamedTuple):
     """A unit to show values in: what is shown is ``scale`` times the value."""
 
     name: str
     scale: float
 
 
-def readable(unit: str) -> Readable:
+def display_unit(unit: str) -> DisplayUnit:
     """Returns degrees for a ``unit`` with radians, and any other as it is."""
     if unit == "rad" or unit.startswith("rad/"):
-        return Readable("°" + unit.removeprefix("rad"), degrees(1.0))
-    return Readable(unit, 1.0)
+        return DisplayUnit("°" + unit.removeprefix("rad"), degrees(1.0))
+    return DisplayUnit(unit, 1.0)
 
 
-TORQUE = readable("rad/s²")  # of torques and of effects, by the axis's inertia
+TORQUE_UNIT = display_unit("rad/s²")  # of torques and of effects, by the axis's inertia
 
 
-def per(unit: Readable, of: str) -> str:
+def unit_per_input(unit: DisplayUnit, of: str) -> str:
     """Returns the unit of what one unit ``of`` the input does: "°/s per µs"."""
     return f"{unit.name or '1'} per {of or 'unit of input'}"
 
 
-def named(name: str, unit: str) -> str:
+def name_with_unit(name: str, unit: str) -> str:
     """Returns the ``name`` with its ``unit``, where it has one."""
     return f"{name}, {unit}" if unit else name
 
 
-def short(name: str) -> str:
+def without_remark(name: str) -> str:
     """Returns a ``name`` without the remark in brackets after it: "motor 1" for "motor 1 (front right)"."""
     return name.split(" (")[0]
 
 
-def place(name: str) -> str:
+def motor_position(name: str) -> str:
     """Returns where a motor is: "front right" for "motor 1 (front right)"; the ``name`` where that is not known."""
     _, bracket, where = name.partition(" (")
     return where.removesuffix(")") if bracket else name
@@ -49,13 +49,13 @@ def listed(names: Iterable[object]) -> str:
     return f"{', '.join(before)} and {last}" if before else last
 
 
-MOST_NAMED = 4  # in a sentence
+MAX_LISTED_NAMES = 4  # in a sentence
 
 
-def few(names: Sequence[str]) -> str:
+def abbreviated_list(names: Sequence[str]) -> str:
     """Returns the first ``names`` as in a sentence, and how many more there are: a single one is named, too."""
-    more = len(names) - MOST_NAMED
-    return listed([*names[:MOST_NAMED], f"{more} more"] if more > 1 else names)
+    more = len(names) - MAX_LISTED_NAMES
+    return listed([*names[:MAX_LISTED_NAMES], f"{more} more"] if more > 1 else names)
 
 
 def counted(number: int, noun: str) -> str:
@@ -63,7 +63,7 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-def in_one_line(names: Iterable[str], most: int = 5, longest: int = 80) -> str:
+def one_line_list(names: Iterable[str], most: int = 5, longest: int = 80) -> str:
     """Returns the first ``most`` of ``names`` in order, each in one line however ``longest`` it is in the file."""
     *shown, rest = [*sorted(names), ""][: most + 1]
     cut = [name if len(name) <= longest else f"{name[:longest]}…" for name in shown]
@@ -97,7 +97,7 @@ def plus_minus(value: float, half: float) -> str:
     return f"({mean} ± {width})e{power}" if power else f"{mean} ± {width}"
 
 
-def with_unit(value: float, unit: Readable) -> str:
+def with_unit(value: float, unit: DisplayUnit) -> str:
     """Returns a ``value`` in the ``unit`` it is shown in, with two digits: "3.9°", "3.7 °/s"."""
     space = "" if unit.name in ("", "°") else " "
     return f"{rounded(unit.scale * value)}{space}{unit.name}"

@@ -7,34 +7,34 @@ from textwrap import shorten, wrap
 
 from mavdem.assessment import Assessment
 from mavdem.facts import Fact
-from mavdem.report.blocks import LINES, Sentence, brief
-from mavdem.report.templates import headline, section
+from mavdem.report.blocks import SCREEN_LINES, Sentence, shortened
+from mavdem.report.templates import headline, render_section
 
 SCREEN_COLUMNS = 80
 """Of a terminal that nobody has widened."""
 HARD_SPACE = "\xa0"
 
 
-def screen_of(assessment: Assessment) -> str:
+def review_screen(assessment: Assessment) -> str:
     """Returns the screen of an ``assessment``: of ``SCREEN_COLUMNS``, ``LINES``; a long next step takes more."""
-    lead = title_of(assessment)
+    lead = review_title(assessment)
     first = shorten(f"{lead.lead} {lead.text}", SCREEN_COLUMNS, placeholder=" …")
     lights = [_row(name, fact) for name, fact in assessment.lights.items()]
     # What somebody reads when all has scrolled by is last.
     headlines = wrap(headline(assessment.headline), SCREEN_COLUMNS, max_lines=2, placeholder=" …")
     last = [*headlines, *_wrapped(f"Next: {assessment.next_step}")]
-    room = max(LINES - 3 - len(lights) - len(last), 0)
+    room = max(SCREEN_LINES - 3 - len(lights) - len(last), 0)
     alarms = [*_alarms(assessment)][:room]
     return "\n".join([first, *lights, *alarms, *last])
 
 
-def title_of(assessment: Assessment) -> Sentence:
+def review_title(assessment: Assessment) -> Sentence:
     """Returns which log it is, and of what."""
     analysis = assessment.analysis
     name = f"{Path(assessment.log.source).name}:"
     if analysis is None:
         return Sentence("no vehicle judged.", name)
-    sentences = section(
+    sentences = render_section(
         "review",
         analysis.identity,
         assessment=assessment,
@@ -53,7 +53,7 @@ def _row(name: str, fact: Fact) -> str:
     """A light by its name, or an event by its time."""
     mark = fact.level.upper() if fact.is_bad else fact.level
     beginning = f"{name:<11}{mark:<9}"
-    return f"{beginning}{brief(headline(fact), SCREEN_COLUMNS - len(beginning))}"
+    return f"{beginning}{shortened(headline(fact), SCREEN_COLUMNS - len(beginning))}"
 
 
 def _alarms(assessment: Assessment) -> Iterator[str]:

@@ -34,23 +34,23 @@ from mavdem.report.blocks import (
     Sentence,
     Table,
     caution,
-    text_of,
+    plain_text,
     warning,
 )
 from mavdem.report.charts.model_charts import sample_times
 from mavdem.report.condition import air_blocks
 from mavdem.report.labels import Labels
 from mavdem.report.numbers import (
-    TORQUE,
+    TORQUE_UNIT,
     counted,
+    display_unit,
     listed,
-    named,
-    per,
+    name_with_unit,
     plus_minus,
-    readable,
     rounded,
+    unit_per_input,
 )
-from mavdem.report.templates import PARAMETERS, headline, section, together
+from mavdem.report.templates import PARAMETERS, headline, render_section, sentences_by_axes
 from mavdem.report.truth import truth_blocks
 
 # beside the baselines
@@ -60,7 +60,7 @@ ROWS = {
 }
 
 
-def screen(learned: Learned) -> Blocks:
+def model_screen(learned: Learned) -> Blocks:
     """Returns what a ``learned`` model says without the log and windows that it has not seen."""
     findings = findings_of(learned)
     step = Sentence(str(next_step_for_model(findings.purposes)), "Next:")
@@ -75,7 +75,7 @@ def _model_blocks(
 ) -> Blocks:
     """What was found, the vehicle, the wind torque, prediction and warnings."""
     return [
-        *graded(findings),
+        *purpose_tables(findings),
         *motor_blocks(learned, hover),
         *torque_blocks(learned),
         *prediction_blocks(Labels.of(learned), held_out),
@@ -83,7 +83,7 @@ def _model_blocks(
     ]
 
 
-def graded(findings: Findings) -> Blocks:
+def purpose_tables(findings: Findings) -> Blocks:
     """Returns a row a purpose of the model, with its grade; nothing without a model."""
     rows = [
         [str(purpose), Rated(grade, grade.level), reason.advised]
@@ -127,23 +127,25 @@ def analysis_blocks(assessment: Assessment) -> Blocks:
         above += _model_blocks(analysis.findings, learned, analysis.held_out, hover)
     above += [Sentence(str(alarm.fact), "Motors:") for alarm in analysis.alarms if not alarm.weak]
     if analysis.tier.tier != "a" or learned is None:
-        above += section("tier", analysis.tier)
-        above += section("condition", analysis.condition)
+        above += render_section("tier", analysis.tier)
+        above += render_section("condition", analysis.condition)
     above += vehicle_blocks(analysis.axes, bool(analysis.findings.overrides))
     above += [] if analysis.truth is None else truth_blocks(analysis.truth)
     return [*above, *air_blocks(assessment), following]
 
 
-def title(flights: Flights, simulated: Fact | None = None) -> Sentence:
+def flight_title(flights: Flights, simulated: Fact | None = None) -> Sentence:
     """Returns which log and axis the ``flights`` are of, that they are ``simulated``, and how much there is of it."""
     path = flights[0].provenance.get("source") or "Arrays"
-    (said,) = section("title", flights=flights, name=Path(str(path)).name, simulated=simulated)
+    (said,) = render_section(
+        "title", flights=flights, name=Path(str(path)).name, simulated=simulated
+    )
     return said
 
 
 def summary(learned: Learned) -> str:
     """Returns the screen as text, of what the ``learned`` model alone knows: without windows that it has not seen."""
-    return text_of([*screen(learned), *map(caution, learned.cautions)])
+    return plain_text([*model_screen(learned), *map(caution, learned.cautions)])
 
 
 def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
@@ -171,16 +173,18 @@ def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
     if learned is not None and physical is not None:
         labels = Labels.of(learned)
         half = physical.interval()
-        effect = zip(TORQUE.scale * physical.effect, TORQUE.scale * half.effect, strict=True)
+        effect = zip(
+            TORQUE_UNIT.scale * physical.effect, TORQUE_UNIT.scale * half.effect, strict=True
+        )
         cells = [plus_minus(*pair) for pair in effect]
-        effects = {f"effectiveness ({per(TORQUE, labels.input_units[0])})": cells}
+        effects = {f"effectiveness ({unit_per_input(TORQUE_UNIT, labels.input_units[0])})": cells}
         if hover is not None and hover.motors == labels.input_names:
             columns = effects | columns
         else:
             blocks.append(_by_motor(labels.input_names, effects))
     if hover is not None:
         blocks.append(_by_motor(hover.motors, columns))
-    return [*blocks, *section("motion", physical=physical, half=half, hover=hover)]
+    return [*blocks, *render_section("motion", physical=physical, half=half, hover=hover)]
 
 
 def _by_motor(motors: Sequence[str], columns: dict[str, list[str]]) -> Table:
@@ -197,7 +201,7 @@ def torque_blocks(learned: Learned) -> Blocks:
     largest = max(wind.gusts, key=lambda gust: abs(gust.size), default=None)
     is_uncertain = wind.scale_error > MAX_RELATIVE_HALF_WIDTHS["wind"]
     return [
-        *section(
+        *render_section(
             "torque",
             wind=wind,
             largest=largest,
@@ -212,9 +216,9 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:
     """Returns the RMSE beside the baselines over all held-out windows, and how windows differ."""
     if held_out is None:
         return []
-    units = [readable(unit) for unit in labels.output_units]
+    units = [display_unit(unit) for unit in labels.output_units]
     pairs = zip(labels.output_names, units, strict=True)
-    names = [named(name, unit.name) for name, unit in pairs]
+    names = [name_with_unit(name, unit.name) for name, unit in pairs]
     rows = []
     count = counted(len(held_out), "held-out window")
     for name in sorted(held_out.forecasts, key=held_out.error_ratio):
@@ -225,7 +229,7 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:
     windows = len(held_out)
     return [
         Table([f"RMSE, {held_out.seconds:.2g} s ahead, {count}", *names, "error ratio"], rows),
-        *section(
+        *render_section(
             "prediction",
             windows=windows,
             quartiles=quartiles,
@@ -240,7 +244,7 @@ def vehicle_blocks(axes: Mapping[str, AxisFigures], doubted: bool) -> Blocks:
     unit = next(
         (analysis.flights[0].input_units[0] for analysis in axes.values() if analysis.flights), ""
     )
-    header = ["all settled flight", f"mean effectiveness ({per(TORQUE, unit)})"]
+    header = ["all settled flight", f"mean effectiveness ({unit_per_input(TORQUE_UNIT, unit)})"]
     header += ["rate damping (1/s)", "time constant (ms)", "wind torque, sd (°/s²)"]
     rows = {
         name: row for name, analysis in axes.items() if {*(row := _axis_row(analysis))} != {"-"}
@@ -253,7 +257,7 @@ def vehicle_blocks(axes: Mapping[str, AxisFigures], doubted: bool) -> Blocks:
         reasons = parameter_reasons(analysis.physical, doubted)
         if reasons and not analysis.reason:
             blocks.append(Sentence(" ".join(reasons), f"{name.capitalize()}:"))
-    return blocks + together(refused, str if doubted else attrgetter("advised"))
+    return blocks + sentences_by_axes(refused, str if doubted else attrgetter("advised"))
 
 
 def _axis_row(axis: AxisFigures) -> list[str]:
@@ -262,7 +266,7 @@ def _axis_row(axis: AxisFigures) -> list[str]:
     if physical is None:
         return ["-"] * 4
     _, damping, lag, _ = physical.interval()
-    mean, half = (TORQUE.scale * value for value in physical.mean_effect())
+    mean, half = (TORQUE_UNIT.scale * value for value in physical.mean_effect())
     estimates = {
         "effect": (mean, half),
         "damping": (physical.damping, damping),
@@ -272,7 +276,7 @@ def _axis_row(axis: AxisFigures) -> list[str]:
         plus_minus(*pair) + " (biased)" * (physical.status[name] is Status.BIASED)
         for name, pair in estimates.items()
     ]
-    return [*shown, "-" if wind is None else rounded(TORQUE.scale * wind.sd)]
+    return [*shown, "-" if wind is None else rounded(TORQUE_UNIT.scale * wind.sd)]
 
 
 def parameter_reasons(physical: Physical | None, doubted: bool = False) -> list[str]:
@@ -297,7 +301,7 @@ def detail_blocks(learned: Learned) -> Blocks:
     energy = learned.free_energy
     fit = learned.simulation_fit
     start, end = (sum(term[i] for term in fit.terms.values()) if fit else 0.0 for i in (0, -1))
-    learning = section(
+    learning = render_section(
         "learning",
         learned=learned,
         gained=energy.gained,
@@ -306,13 +310,13 @@ def detail_blocks(learned: Learned) -> Blocks:
         fit=fit,
         fit_gained=end - start,
     )
-    return [*map(caution, learned.cautions), *poles_of(learned.model.A), *learning]
+    return [*map(caution, learned.cautions), *pole_sentences(learned.model.A), *learning]
 
 
-def poles_of(A: Array) -> list[Sentence]:
+def pole_sentences(A: Array) -> list[Sentence]:
     """Returns the eigenvalues of A, the slowest first, one of each complex pair, and whether the model is stable.
 
     With natural frequency |p|/2π and damping ratio −Re p/|p| if complex, else with the time constant 1/|p|.
     """
     upper = (value for value in np.linalg.eigvals(A) if value.imag >= 0)
-    return section("poles", poles=sorted(upper, key=lambda value: -value.real))
+    return render_section("poles", poles=sorted(upper, key=lambda value: -value.real))

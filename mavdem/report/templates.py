@@ -1,11 +1,17 @@
-"""Words: the sentence and the remedy of each fact; no other place has prose about a flight.
+"""Templates: renders facts as sentences, and sections of reports as paragraphs, by the Jinja2 templates in TOML files.
 
-The tables in ``sentences`` hold Jinja2 templates by the value of each code. Where ``is_flown`` stands, the remedy is to
-fly, or so is the sentence of what is a remedy itself: of a fact that is ``grounded`` it is not said. A figure stands
-for itself, another fact for its sentence without the full stop. Filters format figures for people: shares as percent,
-lists as "a, b and c".
+No other module has prose about a flight. Two folders beside this module hold the templates:
+
+- ``sentences/*.toml`` has a table for each code of a fact, with its ``sentence`` and, where there is something to do,
+  its ``remedy``. A ``headline`` is a shorter sentence. A table with ``is_flown`` advises to fly: that part is left out
+  for a fact that is ``is_grounded``, because its vehicle must not fly.
+- ``sections/*.toml`` has the paragraphs of a section, each with a ``text``, a ``lead`` or both.
+
+A number that stands in a template is shown as it is, and a fact as its sentence without the full stop. Filters format
+figures for people: shares as percent, lists as "a, b and c".
 """
 
+import re
 import tomllib
 from collections.abc import Callable, Iterable
 from functools import cache
@@ -22,15 +28,15 @@ from mavdem.facts import Code, Fact, Words
 from mavdem.files import load_adjacent_toml
 from mavdem.report.blocks import Sentence
 from mavdem.report.numbers import (
+    abbreviated_list,
     counted,
-    few,
-    in_one_line,
+    display_unit,
     listed,
+    one_line_list,
     plus_minus,
-    readable,
     rounded,
-    short,
     with_unit,
+    without_remark,
 )
 from mavdem.wind_velocity.compass import compass_text
 
@@ -39,33 +45,94 @@ PARAMETERS = {
     "damping": "rate damping",
     "lag": "motor time constant",
 }
-"""What physical parameters are called."""
+"""The name shown for each physical parameter, by its name in ``Physical.status``."""
+
+MAX_DECIMALS_BELOW_LIMIT = 5
+"""Decimals that :func:`rounded_below` tries at most, before it shows six significant digits."""
+
+_IDENTIFIER = re.compile(r"\w+[A-Z_]")
+"""A first word with a capital letter or an underscore after its first letter: an acronym, a class, a parameter."""
 
 
-@cache
-def table() -> dict[str, dict[str, str]]:
-    """Returns the sentence, and the remedy where there is one, by the value of a code."""
-    words = dict[str, dict[str, str]]()
-    for part in (files("mavdem.report") / "sentences").iterdir():
-        if part.name.endswith(".toml"):
-            words |= tomllib.loads(part.read_text("utf-8"))
-    return words
+def sentence_and_remedy(fact: Fact) -> Words:
+    """Renders the sentence of a ``fact`` and its remedy, the advice on what to do; the remedy may be empty.
 
-
-def words(fact: Fact) -> Words:
-    """Returns the sentence and the remedy of a ``fact``; one among its figures, where the table has none."""
-    return Words(_rendered(fact, "sentence"), _rendered(fact, "remedy"))
+    Where the table of the fact's code has no remedy, a fact among its figures called ``remedy`` takes that place.
+    """
+    return Words(_render(fact, "sentence"), _render(fact, "remedy"))
 
 
 def headline(fact: Fact) -> str:
-    """Returns the shorter sentence that stands above all else, or else the sentence, of a ``fact``."""
-    return _rendered(fact, "headline") or sentence(fact)
+    """Renders the short sentence that heads a report of a ``fact``; its ordinary sentence where it has no short one."""
+    return _render(fact, "headline") or sentence(fact)
 
 
-def _rendered(fact: Fact, part: str) -> str:
-    of_code = table()[fact.code]
-    flown_part = "remedy" if "remedy" in of_code else "sentence"
-    if part == flown_part and "is_flown" in of_code and "is_grounded" in fact.figures:
+def sentence(fact: Fact | str) -> str:
+    """Renders the sentence of a ``fact``; text is returned unchanged, since some figures are already sentences."""
+    if isinstance(fact, str):
+        return fact
+    return sentence_and_remedy(fact).sentence
+
+
+def render_section(name: str, record: object = None, /, **values: Any) -> list[Sentence]:
+    """Renders the paragraphs of a section of a report, in order, without those that come out empty.
+
+    Args:
+        name: of the section: the file ``sections/NAME.toml``.
+        record: an object whose public attributes the templates use by name, if any.
+        **values: further values that the templates use by name.
+
+    Returns:
+        The paragraphs with a text; those that are a lead alone; and those marked ``always``, even without a text.
+    """
+    if record is not None:
+        values |= {key: getattr(record, key) for key in dir(record) if not key.startswith("_")}
+    sentences = []
+    for paragraph in _section_templates(name):
+        parts = {part: template.render(values).strip() for part, template in paragraph.items()}
+        is_lead_alone = "text" not in parts
+        if parts.get("text") or is_lead_alone or "always" in parts:
+            sentences.append(Sentence(parts.get("text", ""), parts.get("lead", "")))
+    return sentences
+
+
+def sentences_by_axes(
+    facts: Iterable[tuple[str, Fact]], text_of_fact: Callable[[Fact], str] = str
+) -> list[Sentence]:
+    """Renders facts about axes as sentences, one for all axes that share a fact: "Roll and pitch: …".
+
+    Args:
+        facts: pairs of an axis and a fact about it.
+        text_of_fact: makes the text of a fact; by default its sentence.
+    """
+    groups = group_by(facts, lambda axis_and_fact: axis_and_fact[1].but(axis=""))
+    sentences = []
+    for fact, axes_and_facts in groups.items():
+        axes = listed(axis for axis, _ in axes_and_facts)
+        lead = f"{axes.capitalize()}:"
+        sentences.append(Sentence(text_of_fact(fact.but(axis=axes)), lead))
+    return sentences
+
+
+@cache
+def sentence_templates() -> dict[str, dict[str, str]]:
+    """Loads the templates of all facts: sentence, remedy and headline by the value of the fact's code."""
+    templates = dict[str, dict[str, str]]()
+    for path in (files("mavdem.report") / "sentences").iterdir():
+        if path.name.endswith(".toml"):
+            templates |= tomllib.loads(path.read_text("utf-8"))
+    return templates
+
+
+def _render(fact: Fact, part: str) -> str:
+    """Renders the ``part`` "sentence", "remedy" or "headline" of a fact; empty where it has none.
+
+    Advice to fly is left out where the fact is grounded. That advice is the remedy or, for a fact that is itself a
+    remedy and so has none, the sentence.
+    """
+    templates = sentence_templates()[fact.code]
+    advice_part = "remedy" if "remedy" in templates else "sentence"
+    if part == advice_part and "is_flown" in templates and "is_grounded" in fact.figures:
         return ""
     figures = {
         "remedy": "",
@@ -76,117 +143,149 @@ def _rendered(fact: Fact, part: str) -> str:
         "subject": fact.subject,
         **fact.figures,
     }
-    return _template(fact.code, part).render(figures).strip()
-
-
-def sentence(fact: Fact | str) -> str:
-    """Returns the sentence of a ``fact``; text that is no fact yet as it is."""
-    return fact if isinstance(fact, str) else words(fact).sentence
+    return _compiled(fact.code, part).render(figures).strip()
 
 
 @cache
-def _paragraphs(section: str) -> list[dict[str, Template]]:
-    told = load_adjacent_toml(__file__, f"sections/{section}.toml")["paragraph"]
-    make = _environment().from_string
-    return [{part: make(str(text)) for part, text in paragraph.items()} for paragraph in told]
-
-
-def section(name: str, record: object = None, /, **values: Any) -> list[Sentence]:
-    """Returns the paragraphs of the section of this ``name`` that say something, in order.
-
-    They say it of the attributes of a ``record``, and of further ``values``.
-    """
-    sentences = []
-    if record is not None:
-        values |= {key: getattr(record, key) for key in dir(record) if not key.startswith("_")}
-    for paragraph in _paragraphs(name):
-        parts = {part: template.render(values).strip() for part, template in paragraph.items()}
-        if parts.get("text") or "text" not in parts or "always" in parts:
-            sentences.append(Sentence(parts.get("text", ""), parts.get("lead", "")))
-    return sentences
+def _compiled(code: Code, part: str) -> Template:
+    """Compiles a part of the templates of a code; without one, a remedy shows the fact called ``remedy``, if any."""
+    default = "{{ remedy | string if remedy }}" if part == "remedy" else ""
+    return _environment().from_string(sentence_templates()[code].get(part, default))
 
 
 @cache
-def _template(code: Code, part: str) -> Template:
-    missing = "{{ remedy | string if remedy }}" if part == "remedy" else ""
-    return _environment().from_string(table()[code].get(part, missing))
+def _section_templates(name: str) -> list[dict[str, Template]]:
+    """Loads and compiles the paragraphs of a section: templates by "text", "lead" and "always"."""
+    paragraphs = load_adjacent_toml(__file__, f"sections/{name}.toml")["paragraph"]
+    compiled = _environment().from_string
+    return [
+        {part: compiled(str(text)) for part, text in paragraph.items()} for paragraph in paragraphs
+    ]
 
 
 @cache
 def _environment() -> Environment:
-    environment = Environment(undefined=StrictUndefined, finalize=_shown, autoescape=False)
-    environment.globals |= {"comma": comma, "counted": counted, "tau": tau, "zip": zip}
+    """Returns Jinja's environment for plain text: an undefined name is an error, and nothing is escaped.
+
+    The keys of ``filters`` are the names that templates use; a new one is added here and nowhere else.
+    """
+    environment = Environment(undefined=StrictUndefined, finalize=_finalized, autoescape=False)
+    environment.globals |= {
+        "counted": counted,
+        "list_separator": list_separator,
+        "tau": tau,
+        "zip": zip,
+    }
     environment.filters |= {
+        "abbreviated_list": abbreviated_list,
         "advised": attrgetter("advised"),
-        "bare": bare,
-        "begin": begin,
-        "below": below,
+        "as_clause": as_clause,
+        "capitalize_first": capitalize_first,
+        "compass_text": compass_text,
         "degrees": degrees,
-        "fixed": lambda value, digits=0: f"{value:z.{digits}f}",
-        "few": few,
-        "from_point": compass_text,
-        "go_on": go_on,
+        "fixed": _fixed,
         "headline": headline,
-        "in_one_line": in_one_line,
-        "interval": interval,
         "listed": listed,
+        "one_line_list": one_line_list,
         "parameter": PARAMETERS.get,
-        "percent": lambda share, digits=0: f"{100 * share:.{digits}f} %",
+        "percent": _percent,
         "plus_minus": plus_minus,
         "quoted": quote,
         "rounded": rounded,
+        "rounded_below": rounded_below,
         "sentence": sentence,
-        "short": short,
-        "with_unit": lambda value, unit: with_unit(value, readable(unit)),
+        "with_interval": with_interval,
+        "with_unit": _with_display_unit,
+        "without_full_stop": without_full_stop,
+        "without_remark": without_remark,
     }
     return environment
 
 
-def _shown(value: Any) -> Any:
-    return bare(value) if isinstance(value, Fact) else value
+def _finalized(value: Any) -> Any:
+    """Returns what Jinja prints for a value: a fact stands inside a sentence, so without its full stop."""
+    return without_full_stop(value) if isinstance(value, Fact) else value
 
 
-def comma(loop: Any, more: bool = False) -> str:
-    """Returns what stands before an entry of a list in words: "a, b and c"; ``more``: another follows the last."""
+def list_separator(loop: Any, is_continued: bool = False) -> str:
+    """Returns what stands before an entry of a list in words, "a, b and c": nothing, a comma, or "and".
+
+    Args:
+        loop: Jinja's ``loop`` at the entry.
+        is_continued: whether the template adds another entry after the last one, which then has the "and".
+    """
     if loop.first:
         return ""
-    return " and " if loop.last and not more else ", "
+    if loop.last and not is_continued:
+        return " and "
+    return ", "
 
 
-def together(said: Iterable[tuple[str, Fact]], told: Callable[[Fact], str] = str) -> list[Sentence]:
-    """Returns what is ``said`` of axes, in one sentence of all of which the same is said."""
-    alike = group_by(said, lambda named: named[1].but(axis="")).items()
-    named = [(listed(axis for axis, _ in axes), fact) for fact, axes in alike]
-    return [Sentence(told(fact.but(axis=names)), f"{names.capitalize()}:") for names, fact in named]
+def with_interval(value: float, half_width: float | None, unit: str = " %") -> str:
+    """Formats a share in percent, or an angle in degrees, with the half width of its interval: "12 ± 3 %".
 
-
-def interval(value: float, half: float | None, unit: str = " %") -> str:
-    """Returns a share in percent, or an angle in degrees, with the ``half`` width of its interval, if known."""
+    Args:
+        value: a fraction where the ``unit`` is " %", otherwise an angle in radians.
+        half_width: in the same unit as ``value``. It is left out where it is not known or rounds to nothing.
+        unit: " %" or what stands behind an angle.
+    """
     scale = 100.0 if unit == " %" else degrees(1)
-    wide = scale * (half or 0.0)
-    shown = plus_minus(scale * value, wide) if wide > 0.1 else rounded(scale * value)
-    return f"{shown}{unit}"
+    shown_half_width = scale * (half_width or 0.0)
+    if shown_half_width > 0.1:
+        text = plus_minus(scale * value, shown_half_width)
+    else:
+        text = rounded(scale * value)
+    return f"{text}{unit}"
 
 
-def bare(fact: Fact | str) -> str:
-    """Returns the sentence of a ``fact`` without its full stop, for the inside of another."""
+def rounded_below(value: float, limit: float) -> str:
+    """Formats a ``value`` below a ``limit`` with so many decimals that the text, too, is below the limit.
+
+    4.97 below 5 is "4.97", since "5.0" would contradict the sentence. A single decimal that is 0 is left out.
+    """
+    text = f"{value:.6g}"
+    for decimals in range(1, MAX_DECIMALS_BELOW_LIMIT + 1):
+        candidate = f"{value:z.{decimals}f}"
+        if float(candidate) < limit:
+            text = candidate
+            break
+    return text.removesuffix(".0")
+
+
+def without_full_stop(fact: Fact | str) -> str:
+    """Returns the sentence of a ``fact`` without its full stop, for use inside another sentence."""
     return str(fact).removesuffix(".")
 
 
-def below(value: float, limit: float) -> str:
-    """Returns the value with as many decimals as show that it is below the limit, one unless that is 0."""
-    return next(
-        (text for digits in range(1, 6) if float(text := f"{value:z.{digits}f}") < limit),
-        f"{value:.6g}",
-    ).removesuffix(".0")
+def capitalize_first(text: object) -> str:
+    """Returns ``text`` with a capital first letter, to begin a sentence; an identifier such as "gyroRate" stays."""
+    sentence_text = str(text)
+    if _IDENTIFIER.match(sentence_text):
+        return sentence_text
+    return sentence_text[:1].upper() + sentence_text[1:]
 
 
-def begin(text: object) -> str:
-    """Returns ``text`` with a capital letter at its beginning."""
-    return str(text)[:1].upper() + str(text)[1:]
+def as_clause(text: object) -> str:
+    """Returns a sentence as a clause inside another one: with a small first letter and without its full stop.
+
+    An acronym, a class or a parameter at its beginning ("GPS", "BrokenProcessPool", "MC_ROLL_P") stays as it is.
+    """
+    clause = without_full_stop(str(text))
+    if _IDENTIFIER.match(clause):
+        return clause
+    return clause[:1].lower() + clause[1:]
 
 
-def go_on(text: object) -> str:
-    """Returns ``text`` with a small letter at its beginning, unless it is an acronym, for the inside of a sentence."""
-    said = bare(str(text))
-    return said if said[1:2].isupper() else said[:1].lower() + said[1:]
+def _fixed(value: float, decimals: int = 0) -> str:
+    """Formats a number with so many decimals, and zero without a sign."""
+    return f"{value:z.{decimals}f}"
+
+
+def _percent(share: float, decimals: int = 0) -> str:
+    """Formats a fraction as percent."""
+    return f"{100 * share:.{decimals}f} %"
+
+
+def _with_display_unit(value: float, unit: str) -> str:
+    """Formats a value of the ``unit`` of a program, such as "rad/s", in the unit that people read."""
+    return with_unit(value, display_unit(unit))

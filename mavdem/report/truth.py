@@ -6,8 +6,8 @@ from mavdem.experiments.truth import ComparedParameter, TruthComparison
 from mavdem.facts import Level
 from mavdem.facts.identifiability import Status
 from mavdem.report.blocks import Blocks, Rated, Table
-from mavdem.report.numbers import plus_minus, readable, rounded
-from mavdem.report.templates import section
+from mavdem.report.numbers import display_unit, plus_minus, rounded
+from mavdem.report.templates import render_section
 
 NAMES = {
     "mean effect": "mean effectiveness",
@@ -24,14 +24,14 @@ def truth_blocks(comparison: TruthComparison) -> Blocks:
     if wind is not None and wind.resolved:
         compared.append(wind.mean)
     held = [parameter.inside for parameter in compared if parameter.inside is not None]
-    heading, *torque = section("truth", source=comparison.source, held=held, wind=wind)
+    heading, *torque = render_section("truth", source=comparison.source, held=held, wind=wind)
     header = ["", "estimate", "truth", "error", "unit", "inside"]
     return [heading, *([Table(header, list(map(_row, compared)))] if compared else []), *torque]
 
 
 def _row(parameter: ComparedParameter) -> list[str]:
     """Degrees for radians, ms for s; the error in percent of the truth, where that is no number near 0."""
-    unit, scale = ("ms", 1e3) if parameter.unit == "s" else readable(parameter.unit)
+    unit, scale = ("ms", 1e3) if parameter.unit == "s" else display_unit(parameter.unit)
     estimate, half, truth = (
         scale * value for value in (parameter.estimate, parameter.half_width, parameter.truth)
     )

@@ -17,7 +17,7 @@ from mavdem.loops.twin_flight import RATE_BANDS
 from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.pages.page import environment
 
-LEFT_OUT = {  # what a format has no place for
+OMITTED_QUANTITIES = {  # what a format has no place for
     ".json": "motor time constant, delay, damping of pitch and yaw apart from roll's, battery and controller gains",
     ".params": "delay, quadratic drag and damping of pitch and yaw apart from roll's",
     ".sdf": "delay, damping, quadratic drag and controller gains",
@@ -37,7 +37,7 @@ SHOWN = {
 FIGURES = {"lean": ", mean (°)", "sway": ", sd (°)", "rate": " rate, sd (°/s)"}
 
 
-def unlearned(missing: NamedFacts) -> list[Sentence]:
+def missing_axes(missing: NamedFacts) -> list[Sentence]:
     """Returns why axes are ``missing`` of what a twin is made of, a sentence each."""
     return [
         Sentence(f"{axis.capitalize()} is not learned: {fact.advised}")

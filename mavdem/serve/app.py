@@ -45,17 +45,17 @@ from mavdem.fleet.row import FlightRow
 from mavdem.fleet.workers import PAGES, POLL_SECONDS
 from mavdem.ingest.formats import detect_format
 from mavdem.report.difference import baseline_blocks
-from mavdem.report.fleet import TROUBLE
+from mavdem.report.fleet import TROUBLED_HEALTHS
 from mavdem.report.pages.difference_page import comparison_page
 from mavdem.report.pages.library_page import (
+    interface_words,
     refusal_page,
+    render_server_page,
     script,
     script_hashes,
-    served,
     vehicle_page,
     with_bar,
     without_policy,
-    words,
 )
 from mavdem.results import PAGE_FILE, RECORDING_FILE, REPORT_FILE
 from mavdem.serve.attached import PAGE_SECONDS, Attached
@@ -231,7 +231,7 @@ class Server:
         troubled = [
             row
             for row in self.library.rows_of(entries)
-            if row.health in TROUBLE and row.vehicle == by_path[row.file].vehicle
+            if row.health in TROUBLED_HEALTHS and row.vehicle == by_path[row.file].vehicle
         ]
         by_file = group_by(troubled, lambda row: row.file)
         return {by_path[file].id: worst_row(rows) for file, rows in by_file.items()}
@@ -240,7 +240,7 @@ class Server:
         entries, total, query, offset = self._found(request, PAGE_LENGTH, PAGE_LENGTH)
         visitor = self._known(request)
         return HTMLResponse(
-            served(
+            render_server_page(
                 "library",
                 entries=entries,
                 total=total,
@@ -264,7 +264,7 @@ class Server:
         own = self.library.results_of(entry) / (other if other in entry.file_names else PAGE_FILE)
         path = own if entry.digest else self.library.folder / PAGES / Path(entry.files).name
         if entry.stage != Stage.DONE or not (entry.digest or path.is_file()):
-            return HTMLResponse(served("flight", **values))
+            return HTMLResponse(render_server_page("flight", **values))
         if values["may_read"] and not wanted:
             values["trouble"] = self._troubles([entry]).get(entry.id)
         with gone_refused():
@@ -533,7 +533,7 @@ class Server:
     def _progress_of(self, entry: Entry) -> Progress:
         if not entry.is_done:
             entry = replace(entry, **self.library.told(entry))
-        return Progress.gather(entry, words=words()["stages"][entry.stage])
+        return Progress.gather(entry, words=interface_words()["stages"][entry.stage])
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from pydantic.json_schema import models_json_schema
 from mavdem.containers import JsonValues
 from mavdem.documents.library import ANSWERS
 from mavdem.files import load_adjacent_toml
-from mavdem.report.pages.library_page import words
+from mavdem.report.pages.library_page import interface_words
 
 
 class Operation(NamedTuple):
@@ -46,7 +46,7 @@ def openapi() -> JsonValues:
         paths.setdefault(operation.path, {})[operation.method] = _described(operation)
     return {
         "openapi": "3.1.0",
-        "info": {"title": words()["interface"]["title"], "version": version("mavdem")},
+        "info": {"title": interface_words()["interface"]["title"], "version": version("mavdem")},
         "paths": paths,
         "components": {
             "schemas": schemas["$defs"],
@@ -61,7 +61,7 @@ def _described(operation: Operation) -> JsonValues:
     answer = {kind: _schema(operation.answer)} if operation.answer else {}
     places = dict.fromkeys(re.findall(r"{(\w+)}", operation.path), "path")
     places |= dict.fromkeys(operation.query, "query")
-    summary = words()["interface"][operation.name]
+    summary = interface_words()["interface"][operation.name]
     described = {
         "operationId": operation.name,
         "summary": summary,

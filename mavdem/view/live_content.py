@@ -20,8 +20,14 @@ from mavdem.live.display import DisplayRow
 from mavdem.live.history import REPORTED_HORIZON
 from mavdem.live.samples import MAX_SAMPLES
 from mavdem.report.blocks import markdown
-from mavdem.report.live import watching
-from mavdem.report.numbers import TORQUE, named, per, place, readable
+from mavdem.report.live import watched_quantities
+from mavdem.report.numbers import (
+    TORQUE_UNIT,
+    display_unit,
+    motor_position,
+    name_with_unit,
+    unit_per_input,
+)
 from mavdem.report.palette import (
     BAD,
     BAND_OPACITY,
@@ -33,7 +39,7 @@ from mavdem.report.palette import (
     TRUTH,
 )
 from mavdem.report.screen import assessment_blocks
-from mavdem.report.templates import section
+from mavdem.report.templates import render_section
 from mavdem.view.plots import BEYOND, BOOT_CLOCK, Lines, blueprint, events_view, faint
 
 # in view
@@ -78,7 +84,7 @@ class LiveWriter:
 
     def rows(self, rows: list[DisplayRow]) -> None:
         """Draws rows in the order of their times, and what happens in them."""
-        names = tuple(map(place, self.channels.input_names))
+        names = tuple(map(motor_position, self.channels.input_names))
         motors = Lines("motors", names, DISTINCT[: len(names)])
         self._draw(motors, [(row.segment, row.timeline_time, row.inputs) for row in rows])
         self._angle(rows)
@@ -142,7 +148,7 @@ class LiveWriter:
         """Draws the angle with its prediction, of those nearest to ``REPORTED_HORIZON`` seconds ahead."""
         seconds = np.array(self.channels.horizons) * self.channels.dt
         h = abs(seconds - REPORTED_HORIZON).argmin()
-        scale = readable(self.channels.output_units[0]).scale
+        scale = display_unit(self.channels.output_units[0]).scale
         plot = f"axes/{self.channels.output_names[0]}"
         line = Lines(f"{plot}/1_measured", ("measured",), (MEASURED,), 1.2)
         self._draw(
@@ -209,7 +215,7 @@ class LiveWriter:
             if np.isfinite(now.wind_time)
         ]
         torque = Lines("wind/1_torque", ("torque",), (DISTURBANCE,))
-        self._torques += self._banded("wind/0_band", torque, estimates, TORQUE.scale)
+        self._torques += self._banded("wind/0_band", torque, estimates, TORQUE_UNIT.scale)
         seen = [(now.seen + row.timeline_offset, now) for row, now in rows if np.isfinite(now.seen)]
         energy = [(0, at, [now.free_energy]) for at, now in seen]
         surprise = [(0, at, [1.0, now.surprise]) for at, now in seen]
@@ -235,14 +241,14 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
             plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
         )
 
-    axes = [plot(named(axis.capitalize(), "°"), f"axes/{axis}") for axis in AXES]
-    motors = named("Motors", next(iter(channels.input_units), ""))
+    axes = [plot(name_with_unit(axis.capitalize(), "°"), f"axes/{axis}") for axis in AXES]
+    motors = name_with_unit("Motors", next(iter(channels.input_units), ""))
     pictures = rrb.Vertical(
         *axes,
         plot("Rates, °/s", "rates"),
         plot(motors, "motors"),
         plot("Wind, m/s", "air"),
-        plot(f"Wind torque on {channels.output_names[0]}, {TORQUE.name}", "wind"),
+        plot(f"Wind torque on {channels.output_names[0]}, {TORQUE_UNIT.name}", "wind"),
     )
     *cards, watched = (
         rrb.TextDocumentView(origin=f"figures/{i}", name=f"Figure {i}", titlebar=False)
@@ -267,10 +273,10 @@ def figures(
     """
     judged = status.model_judgement
     now = row.estimate
-    cards = section(
+    cards = render_section(
         "live_cards",
         status=status,
-        watched=watching(status.watch_facts),
+        watched=watched_quantities(status.watch_facts),
         row=row,
         channels=channels,
         until=until,
@@ -279,8 +285,8 @@ def figures(
         now=now,
         physical=None if now is None else now.physical,
         level=CONFIDENCE_LEVEL,
-        unit=TORQUE,
-        per_input=per(TORQUE, channels.input_units[0]),
+        unit=TORQUE_UNIT,
+        per_input=unit_per_input(TORQUE_UNIT, channels.input_units[0]),
     )
     return tuple(card.text for card in cards)
 
@@ -296,7 +302,7 @@ def status_document(
     status: SessionStatus, row: DisplayRow, channels: Channels, until: float | None
 ) -> str:
     """Returns the latest status and row as Markdown; the model was learned ``until`` s, None before the first."""
-    title, *details = section(
+    title, *details = render_section(
         "live_details",
         status=status,
         row=row,

@@ -22,8 +22,8 @@ from mavdem.report.charts.chart import Chart, Line, over_time
 from mavdem.report.charts.timeline import Timeline, timeline_of
 from mavdem.report.labels import Labels
 from mavdem.report.loops import margin_tables
-from mavdem.report.numbers import readable
-from mavdem.report.screen import analysis_blocks, detail_blocks, motor_blocks, title
+from mavdem.report.numbers import display_unit
+from mavdem.report.screen import analysis_blocks, detail_blocks, flight_title, motor_blocks
 from mavdem.report.series import FREE_ENERGY, OUTPUTS, PROCESS_NOISE, Series, series_of
 from mavdem.report.templates import headline
 from mavdem.view.plots import (
@@ -54,7 +54,7 @@ def write_recording(target: Target, assessment: Assessment) -> None:
     with recorded(target, Path(assessment.log.source).name) as recording:
         page = _Page(recording, assessment, timeline)
         series = series_of(flights, learned)
-        words = [title(flights, assessment.simulated), *analysis_blocks(assessment)]
+        words = [flight_title(flights, assessment.simulated), *analysis_blocks(assessment)]
         tabs: list[rrb.Container | rrb.View] = [
             page.flight(),
             *page.air(learned, series[OUTPUTS].time),
@@ -215,7 +215,7 @@ def _text(
 
 def _forecast(i: int, held_out: HeldOut, measured: Series, label: str) -> Chart:
     """The output number ``i`` as measured, and its forecasts in held-out windows with their bands."""
-    unit = readable(label)
+    unit = display_unit(label)
     name = measured.names[i].capitalize()
     values = unit.scale * measured.values[:, i]
     low, high = range_of(values)

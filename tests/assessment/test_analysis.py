@@ -18,7 +18,7 @@ from mavdem.facts.model import NoPhysical
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import selected_rows
 from mavdem.plant import physical
-from mavdem.report.blocks import text_of
+from mavdem.report.blocks import plain_text
 from mavdem.report.screen import analysis_blocks
 
 
@@ -37,7 +37,7 @@ def slow():
 
 @mark.slow
 def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_is_told(slow):
-    told = text_of(analysis_blocks(slow))
+    told = plain_text(analysis_blocks(slow))
     slow = slow.analysis
     assert slow.tier.tier == "b" and slow.learned is not None and slow.held_out is not None
     assert slow.held_out.error_ratio() < MAX_SLOW_ERROR_RATIO and slow.held_out.coverage > 0.75

@@ -15,7 +15,7 @@ from mavdem import learn as learn_model
 from mavdem.assessment.assess import assess
 from mavdem.assessment.axis import Options
 from mavdem.cli.learn import named_after
-from mavdem.cli.output import LINES, print_blocks, say_aside
+from mavdem.cli.output import SCREEN_LINES, print_blocks, say_aside
 from mavdem.dataset.flights import read_flight
 from mavdem.facts import Level
 from mavdem.facts.session import Spent
@@ -55,7 +55,7 @@ def test_people_see_one_screen_and_files_only_where_they_are_wanted(here, capsys
     words = ["learn", short_flight(here), "--order", "2", "--train", "400", "--test", "100"]
     assert run(*words, "--no-files") == 0
     screen = capsys.readouterr().out.splitlines()
-    assert len(screen) < LINES and screen[-1].startswith("Next:")
+    assert len(screen) < SCREEN_LINES and screen[-1].startswith("Next:")
     assert names(here) == {"ardupilot_wind5_steps.tlog"}
     assert run(*words) == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith("Page:")

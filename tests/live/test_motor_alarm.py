@@ -20,7 +20,7 @@ from mavdem.live import LiveStream, SessionStatus
 from mavdem.live.history import LiveHistory
 from mavdem.live.motor_alarms import MotorAlarms
 from mavdem.report.live import live_report
-from mavdem.report.templates import section
+from mavdem.report.templates import render_section
 from sitl_scenarios.scenario import Scenario, StreamSpec, TurbulentWind, VehicleSpec
 from sitl_scenarios.simulation import fly
 
@@ -65,7 +65,7 @@ def test_a_motor_that_weakens_is_named_in_flight_and_by_its_log(flown):
     assert_allclose([alarm[4:6]], [one[4:6] for one in logged], atol=0.01)
     status = stream.status()
     [fact] = status.active_alarms
-    assert str(fact) in [said.text for said in section("live_status", status=status)]
+    assert str(fact) in [said.text for said in render_section("live_status", status=status)]
     blocks = live_report(LiveHistory(), status, dict.fromkeys(Spent, 0.0), "roll")
     assert any("motor 3 (front left)" in str(block).lower() for block in blocks)
     assert not SessionStatus().active_alarms

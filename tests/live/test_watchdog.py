@@ -27,7 +27,7 @@ from mavdem.live.recent_messages import RecentMessages
 from mavdem.live.session_status import Latency, SessionStatus
 from mavdem.live.watchdog import ALARMING_SHARE, CALM_SECONDS, DECISION_SECONDS
 from mavdem.live.wind import WindEstimate
-from mavdem.report.live import watching
+from mavdem.report.live import watched_quantities
 
 
 @dataclass(frozen=True)
@@ -143,10 +143,10 @@ def test_what_is_watched_is_always_shown():
         what for what, fact in found.items() if fact.code is Watch.WATCHED
     } - {Watched.MOTOR_LIMITS}
     assert found[Watched.BATTERY].figures["because"].code is Watch.MESSAGE_MISSING
-    assert "loss of thrust (" in watching(status.watch_facts) and "battery" in watching(
+    assert "loss of thrust (" in watched_quantities(
         status.watch_facts
-    )
-    assert not watching([])
+    ) and "battery" in watched_quantities(status.watch_facts)
+    assert not watched_quantities([])
 
 
 def test_a_wind_that_may_come_from_anywhere_is_half_a_turn_uncertain():
@@ -208,7 +208,7 @@ def test_every_vehicle_on_a_link_is_watched():
     found = said(made, Watch.OTHER_VEHICLE_ALARM)
     assert {fact.subject for fact in found} == {"1:1", "2:1"}
     assert {fact.figures["because"].code for fact in found} >= {Session.ALARM}
-    assert "vehicle 2:1 watched: " in watching(made.stream.status().watch_facts)
+    assert "vehicle 2:1 watched: " in watched_quantities(made.stream.status().watch_facts)
     # One that was chosen is reported as itself.
     made = replay(frames, vehicle="1:1")
     found = said(made, Watch.OTHER_VEHICLE_ALARM)

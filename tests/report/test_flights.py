@@ -7,7 +7,7 @@ from fleet_rows import WEAK, flight_row
 
 from mavdem.fleet.difference import baseline_differences, vehicle_difference
 from mavdem.fleet.flights import flights_of, summary
-from mavdem.report.blocks import text_of
+from mavdem.report.blocks import plain_text
 from mavdem.report.difference import baseline_blocks, difference_blocks
 from mavdem.report.fleet import fleet_blocks, vehicle_health, vehicle_words
 
@@ -24,10 +24,10 @@ def test_vehicles_in_trouble_come_first_and_the_worst_before_others():
         flight_row("mended", 0, **cycle),
         flight_row("mended", 1),
     ]
-    text = text_of(fleet_blocks(rows))
+    text = plain_text(fleet_blocks(rows))
     worst = "beta (motor 2: fault), newer (drift), alpha (drift) and board"
     assert text.startswith(f"4 of 5 vehicles need a look: {worst} (oscillates)")
-    unjudged = text_of(fleet_blocks([flight_row("quad", 0, health="unknown")]))
+    unjudged = plain_text(fleet_blocks([flight_row("quad", 0, health="unknown")]))
     assert unjudged.startswith("No vehicle could be judged yet.")
 
 
@@ -43,7 +43,7 @@ def test_a_repaired_vehicle_says_that_later_flights_show_nothing():
         "motor 1 (probability of a fault 0.99)" in words
         and "The latest flight that was judged shows none." in words
     )
-    text = text_of(fleet_blocks([row for flight in flights for row in flight]))
+    text = plain_text(fleet_blocks([row for flight in flights for row in flight]))
     assert text.startswith("No drift and no fault in the latest flights of 1 vehicle")
     assert "in earlier flights, and not in the latest: quad." in text
 
@@ -55,10 +55,10 @@ def test_a_flight_that_two_logs_have_counts_once_and_by_the_better():
     ]
     late = [replace(row, date=row.date + timedelta(seconds=5)) for row in slow]
     rows = [flight_row("quad", 0), *late, flight_row("quad", 1, duration=600.0)]
-    assert "2 flights of 1 vehicle (1 more log has a flight of these)" in text_of(
+    assert "2 flights of 1 vehicle (1 more log has a flight of these)" in plain_text(
         fleet_blocks(rows)
     )
-    assert "2026-01-05 to 2026-01-06, 11 min settled" in text_of(fleet_blocks(rows))
+    assert "2026-01-05 to 2026-01-06, 11 min settled" in plain_text(fleet_blocks(rows))
     counts = summary(rows)
     assert (counts["flights"], counts["tiers"], counts["health"]) == (2, {"a": 2}, {"ok": 2})
 
@@ -68,11 +68,11 @@ def test_flights_by_a_system_id_are_no_vehicle_until_they_are_judged_as_one():
         flight_row("px4-1", number, vehicle_basis="system id", health="unknown")
         for number in range(2)
     ]
-    text = text_of(fleet_blocks(rows))
+    text = plain_text(fleet_blocks(rows))
     assert "2 flights whose logs do not name a vehicle" in text and "of 1 vehicle" not in text
     assert summary(rows)["vehicles"] == 0
     judged = [replace(row, health="fault") for row in rows]
-    text = text_of(fleet_blocks([*judged, flight_row("quad", 0)]))
+    text = plain_text(fleet_blocks([*judged, flight_row("quad", 0)]))
     assert "1 needs a look: px4-1 (fault)" in text and "2 flights whose logs" in text
     assert "3 flights of 1 vehicle and of unknown ones" in text
     assert "these may be several" in vehicle_words([[row] for row in judged])[1]
@@ -84,7 +84,7 @@ def flown(number, vehicle="quad", **changed):
 
 
 def test_wind_battery_and_lean_are_conditions():
-    text = text_of(
+    text = plain_text(
         difference_blocks(
             vehicle_difference(
                 flown(0), flown(1, wind_torque_sd=4.0, voltage_mean=14.0, lean_roll=0.2)
@@ -103,12 +103,12 @@ def test_the_latest_flight_of_each_vehicle_is_compared_with_the_baseline():
         name: baseline_blocks(*one) for name, one in baseline_differences(rows, baseline).items()
     }
     assert set(found) == {"quad", "new"}
-    text = text_of(found["quad"])
+    text = plain_text(found["quad"])
     assert "motor 3's share +12 % ± 3 %; motor 3's control effectiveness −29 % ± 6 %" in text
     for widest in ("3.0 %", "6.8 %", "17 %", "0.40 1/s", "13 ms"):
         assert f" (± {widest})" in text
     assert "the latest flight, 0007.ulg (2026-01-12), beside 4 flights." in text
-    assert "beside the median motor's" in text and "no flight of" in text_of(found["new"])
+    assert "beside the median motor's" in text and "no flight of" in plain_text(found["new"])
 
 
 def test_a_flight_without_a_date_comes_last():

@@ -20,13 +20,13 @@ from mavdem.facts.identifiability import Status
 from mavdem.facts.margins import TrackingLight
 from mavdem.ingest import read_log
 from mavdem.report import palette
-from mavdem.report.blocks import Sentence, Table, markdown, text_of
+from mavdem.report.blocks import Sentence, Table, markdown, plain_text
 from mavdem.report.comparison import comparison_report
 from mavdem.report.condition import log_blocks
-from mavdem.report.numbers import few, in_one_line, plus_minus, rounded
+from mavdem.report.numbers import abbreviated_list, one_line_list, plus_minus, rounded
 from mavdem.report.pages.page import notebook_html
-from mavdem.report.screen import analysis_blocks, poles_of
-from mavdem.report.templates import below, together
+from mavdem.report.screen import analysis_blocks, pole_sentences
+from mavdem.report.templates import rounded_below, sentences_by_axes
 from mavdem.report.truth import truth_blocks
 
 NAN = float("nan")
@@ -35,7 +35,7 @@ NAN = float("nan")
 def is_golden(request, name, blocks):
     """Asserts that blocks read as the golden file of this name, which ``--write-golden`` writes."""
     path = Path(__file__).parent / "golden" / f"{name}.txt"
-    text = text_of(blocks) + "\n"
+    text = plain_text(blocks) + "\n"
     if request.config.getoption("--write-golden"):
         path.parent.mkdir(exist_ok=True)
         path.write_text(text)
@@ -150,12 +150,15 @@ def test_an_estimate_has_the_digits_of_its_interval(value, half, shown):
 )
 def test_numbers_without_an_interval_have_two_digits(value, shown):
     assert rounded(value) == shown
-    assert below(3.4, 5.0) == "3.4"
+    assert rounded_below(3.4, 5.0) == "3.4"
 
 
 def test_of_many_names_the_first_are_said():
-    assert (few("abcdef"), few("abcde")) == ("a, b, c, d and 2 more", "a, b, c, d and e")
-    assert in_one_line([*"fedcb", "a" * 81]) == f"{'a' * 80}…, b, c, d, e, …"
+    assert (abbreviated_list("abcdef"), abbreviated_list("abcde")) == (
+        "a, b, c, d and 2 more",
+        "a, b, c, d and e",
+    )
+    assert one_line_list([*"fedcb", "a" * 81]) == f"{'a' * 80}…, b, c, d, e, …"
 
 
 def luminance(colour):
@@ -177,7 +180,7 @@ def test_colours_are_read_on_light_and_on_dark():
 
 def test_what_is_said_of_several_axes_is_said_once():
     one = Fact(TrackingLight.OVERSHOOTS_SETPOINT, overshoot=0.4)
-    (said,) = together((axis, one.but(axis=axis)) for axis in ("roll", "yaw"))
+    (said,) = sentences_by_axes((axis, one.but(axis=axis)) for axis in ("roll", "yaw"))
     assert said.lead == "Roll and yaw:"
 
 
@@ -193,5 +196,5 @@ def test_poles_have_a_frequency_and_a_damping_ratio_or_a_time_constant():
             "0.5: grows with time constant 2 s; 0: integrator; -1: time constant 1 s. The model is unstable.",
         ),
     ):
-        (poles,) = poles_of(np.array(A))
+        (poles,) = pole_sentences(np.array(A))
         assert poles.text == said

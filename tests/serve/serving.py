@@ -15,7 +15,7 @@ from mavdem.facts.lights import Light
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.workers import Job, JobLimits, outcome_of
 from mavdem.report.blocks import Sentence
-from mavdem.report.pages.page import document
+from mavdem.report.pages.page import render_document
 from mavdem.results import PAGE_FILE, REPORT_FILE
 from mavdem.serve.app import Server
 from mavdem.serve.library import PROGRESS, RESULTS, Library, columns_of
@@ -51,7 +51,7 @@ def read_made_up(path, key, page):
     ]
     told = columns_of(rows) | {"date": "2026-11-20T10:00:00", "gains": '{"MC_ROLL_P": 6.5}'}
     (made / PROGRESS).write_text(json.dumps(told | {"modes": "Loiter,Land"}))
-    (made / PAGE_FILE).write_text(document(path.name, "", [Sentence("", said)]))
+    (made / PAGE_FILE).write_text(render_document(path.name, "", [Sentence("", said)]))
     (made / REPORT_FILE).write_text(json.dumps({"headline": said}))
     return rows, {}
 

@@ -24,7 +24,7 @@ from serving import BOUNDARY, TOKEN, form, log, serving
 from mavdem.errors import Refusal
 from mavdem.facts.serve import Request, Sharing, Stage, Start
 from mavdem.facts.sources import Source
-from mavdem.report.pages.library_page import words
+from mavdem.report.pages.library_page import interface_words
 from mavdem.serve import app, run, uploads
 from mavdem.serve.library import full_disk_refused
 from mavdem.serve.rights import rights_of
@@ -121,7 +121,7 @@ def test_what_is_no_log_is_refused_with_its_name(served):
 def test_progress_is_told_until_all_is_done(tmp_path, monkeypatch):
     with serving(tmp_path, is_eager=False) as server:
         id = server.add("a.ulg", "One.")
-        assert words()["stages"][Stage.WAITING] in server.get(f"/f/{id}").text
+        assert interface_words()["stages"][Stage.WAITING] in server.get(f"/f/{id}").text
         with monkeypatch.context() as patch:
             patch.setattr(app, "MOST_WATCHERS", 0)
             full = server.get(f"/api/progress?id={id}")

@@ -17,7 +17,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.events import Reported
 from mavdem.ingest import read_log
 from mavdem.report.blocks import markdown
-from mavdem.report.screen import analysis_blocks, title
+from mavdem.report.screen import analysis_blocks, flight_title
 from mavdem.report.series import Series
 from mavdem.view import write_recording
 from mavdem.view.flown import Pose, write_pose
@@ -97,7 +97,7 @@ def test_the_one_blueprint_in_the_file_shows_what_is_there_in_the_screen_s_words
     assert {"forecast/0", "flight/0", "air/0", "loops/roll", "learning/gap"} <= set(shown)
     for origin in shown:
         assert any(f"{entity}/".startswith(f"/{origin.strip('/')}/") for entity in entities), origin
-    report = [title(analysis.flights, assessed.simulated), *analysis_blocks(assessed)]
+    report = [flight_title(analysis.flights, assessed.simulated), *analysis_blocks(assessed)]
     assert found["/report"] == markdown(report)
     assert str(assessed.headline) in found["/headline"]
     assert assessed.next_step.sentence in found["/headline"]

@@ -8,7 +8,7 @@ from scipy.stats import norm
 
 from mavdem.arrays import Array
 from mavdem.experiments.window import Window
-from mavdem.report.figures.style import legend_above, not_blown_up, picture
+from mavdem.report.figures.style import legend_above, limit_to_values, new_figure
 from mavdem.report.palette import BAND_OPACITY, BOUND, MEASURED, PREDICTED, distinct
 
 SHOWN_BEFORE = 100  # samples of training that are shown before a forecast
@@ -27,7 +27,7 @@ def lines(
     bounds: Sequence[float] = (),
 ) -> Figure:
     """Draws panels, by title, of lines, by name; values (N,) are at whole numbers from ``first`` on."""
-    with picture() as figure:
+    with new_figure() as figure:
         row = figure.subplots(1, len(panels), squeeze=False)[0]
         for axes, (title, series) in zip(row, panels.items(), strict=True):
             for number, (name, values) in enumerate(series.items()):
@@ -51,7 +51,7 @@ def forecasts(window: Window, panels: Panels, one_step: Array | None = None) -> 
     count = train.outputs.shape[1]
     before = slice(None) if one_step is not None else slice(-SHOWN_BEFORE, None)
     time = np.concatenate([train.time[before], test.time]) - train.time[0]
-    with picture(ROW_HEIGHT * count) as figure:
+    with new_figure(ROW_HEIGHT * count) as figure:
         rows = figure.subplots(count, len(panels), sharex=True, sharey="row", squeeze=False)
         for output, row in enumerate(rows):
             measured = np.concatenate([train.outputs[before, output], test.outputs[:, output]])
@@ -79,7 +79,7 @@ def forecasts(window: Window, panels: Panels, one_step: Array | None = None) -> 
                         label=name,
                     )
                 # A forecast that diverges would flatten all others.
-                not_blown_up(axes, measured)
+                limit_to_values(axes, measured)
                 axes.set_title(title if output == 0 else "")
             row[0].set_ylabel(f"{test.output_names[output]}, {test.output_units[output]}")
         for axes in rows[-1]:
@@ -91,7 +91,7 @@ def forecasts(window: Window, panels: Panels, one_step: Array | None = None) -> 
 def histograms(series: Mapping[str, Array]) -> Figure:
     """Draws the densities of series by name, each with a Gaussian of unit variance."""
     grid = np.linspace(-4, 4, 161)
-    with picture(0.8 * len(series)) as figure:
+    with new_figure(0.8 * len(series)) as figure:
         panels = figure.subplots(len(series), 1, sharex=True, squeeze=False)[:, 0]
         for axes, (name, values) in zip(panels, series.items(), strict=True):
             axes.hist(values, "auto", density=True, color=PREDICTED, alpha=0.55)

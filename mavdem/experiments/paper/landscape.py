@@ -27,7 +27,7 @@ from mavdem.dem.engine.generative import (
 from mavdem.dem.engine.steps import with_optimal_covariances
 from mavdem.experiments.paper.runner import Check, ExperimentResult, Runner
 from mavdem.loops.margins import Complex
-from mavdem.report.figures.style import Picture, picture
+from mavdem.report.figures.style import Picture, new_figure
 from mavdem.report.numbers import rounded
 from mavdem.report.palette import INK_ON_LIGHT, TRUTH
 
@@ -264,7 +264,7 @@ def _from_above(axes: Axes, model: GenerativeModel, belief: Posterior) -> None:
 
 def manifold(model: GenerativeModel, beliefs: list[Posterior]) -> Figure:
     """Draws the manifold at each of the ``DRAWN`` iterations."""
-    with picture(1.8) as figure:
+    with new_figure(1.8) as figure:
         panels = figure.subplots(1, len(beliefs), sharey=True)
         for axes, number, belief in zip(panels, DRAWN, beliefs, strict=True):
             _from_above(axes, model, belief)
@@ -275,7 +275,7 @@ def manifold(model: GenerativeModel, beliefs: list[Posterior]) -> Figure:
 
 def circle(model: GenerativeModel, paths: list[list[Posterior]]) -> Figure:
     """Draws ascents on the last manifold of one."""
-    with picture(2.8) as figure:
+    with new_figure(2.8) as figure:
         axes = figure.subplots()
         _from_above(axes, model, paths[0][-1])
         for beliefs in paths:

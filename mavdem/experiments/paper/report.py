@@ -21,7 +21,7 @@ from mavdem.experiments.paper.runner import ClaimStatus, ExperimentResult, findi
 from mavdem.facts import Level
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table
 from mavdem.report.pages.page import Chapter
-from mavdem.report.pages.page import document as page
+from mavdem.report.pages.page import render_document as page
 
 EXPERIMENTS = (
     *(noise.run, forecasts.prediction, forecasts.coordinates, forecasts.benchmark),

@@ -17,13 +17,13 @@ from markupsafe import Markup
 
 from mavdem.arrays import Array
 from mavdem.containers import JsonValues, Names, Numbers
-from mavdem.report.numbers import named, rounded
+from mavdem.report.numbers import name_with_unit, rounded
 from mavdem.report.palette import MEASURED
 
 GAP_STEPS = 3.0  # usual steps of a line without a sample, beyond which it breaks
 NO_VALUE = np.iinfo(np.int16).min
-POINTS = 12_000
-FEW_POINTS = 2_000
+MAX_POINTS = 12_000
+MAX_POINTS_OF_SMALL_PAGE = 2_000
 """Of a line: ten minutes with all that autopilots log stay within two megabytes; of a small page."""
 
 
@@ -51,7 +51,7 @@ class Axis(NamedTuple):
 
 
 TIME = Axis("time since boot (s)")
-AFTER = Axis("time (s)")
+TIME_AFTER_STEP = Axis("time (s)")
 FREQUENCY = Axis("frequency (Hz)", log=True)
 
 
@@ -224,7 +224,7 @@ class Group(NamedTuple):
 
 def over_time(title: str, unit: str, lines: Iterable[Line]) -> Chart:
     """Returns a chart of a flight over the boot clock, whose axis all such charts share."""
-    return Chart(title, TIME, Axis(named(title, unit)), tuple(lines), group="flight")
+    return Chart(title, TIME, Axis(name_with_unit(title, unit)), tuple(lines), group="flight")
 
 
 def _said(line: Line) -> str:

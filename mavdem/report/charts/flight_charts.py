@@ -13,9 +13,9 @@ from mavdem.loops.margins import OpenLoop
 from mavdem.loops.measured_response import MIN_COMPARED_FREQUENCY
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.charts.chart import (
-    AFTER,
     FREQUENCY,
     TIME,
+    TIME_AFTER_STEP,
     Axis,
     Chart,
     Charts,
@@ -61,7 +61,7 @@ def _of_response(title: str, response: LoopResponse, seen: StepResponse) -> Iter
         dashes = Line("predicted", PREDICTED, seen.time, response.predicted_step, kind=Kind.DASHES)
         steps.append(dashes)
         gains.append(dashes._replace(x=seen.frequency, y=response.predicted_gain))
-    yield Chart(f"{title}: step", AFTER, SHARE, tuple(steps), (1.0,))
+    yield Chart(f"{title}: step", TIME_AFTER_STEP, SHARE, tuple(steps), (1.0,))
     if seen.loop == "rate":
         yield Chart(f"{title}: |T|", FREQUENCY, GAIN, tuple(gains), (1.0,))
 

@@ -15,7 +15,7 @@ from mavdem.experiments.held_out import CONSTANT_MEAN, FORECAST, HeldOut
 from mavdem.report.charts.chart import FREQUENCY, TIME, Axis, Chart, Charts, Kind, Line
 from mavdem.report.charts.frequency_responses import model_response, plant_of, plant_response
 from mavdem.report.labels import AxisCommand, Labels
-from mavdem.report.numbers import TORQUE, named, per, readable
+from mavdem.report.numbers import TORQUE_UNIT, display_unit, name_with_unit, unit_per_input
 from mavdem.report.palette import (
     BASELINE,
     DISTURBANCE,
@@ -44,7 +44,7 @@ def bode(learned: Learned, output: int = -1) -> Charts:
     command = AxisCommand.of(learned)
     labels = Labels.of(learned)
     output = range(len(labels.output_names))[output]
-    unit = readable(labels.output_units[output])
+    unit = display_unit(labels.output_units[output])
     # What is faster than 0.4 of the sampling rate cannot be asked of the model.
     frequency = np.geomspace(0.1, min(20.0, 0.4 / learned.dt), 200)
     physical = plant_of(learned)
@@ -56,7 +56,7 @@ def bode(learned: Learned, output: int = -1) -> Charts:
         response = plant_response(physical, command.motors, frequency, is_angle)
         drawn = "physical parameters", PHYSICAL, frequency
     phase = np.degrees(np.unwrap(np.angle(response[0])) + np.angle(response / response[0]))
-    magnitude = Axis(per(unit, command.unit), log=True)
+    magnitude = Axis(unit_per_input(unit, command.unit), log=True)
     title = f"{labels.output_names[output]} by {command.name} ({magnitude.label}), by {drawn[0]}"
     gain = banded(*drawn, unit.scale * np.abs(response))
     return (
@@ -71,7 +71,7 @@ def residuals(learned: Learned, output: int = -1) -> Charts:
     Correlations beyond the 99 % bounds are what the model leaves (Ljung, System Identification, 2nd ed., sec. 16.6).
     """
     labels = Labels.of(learned)
-    unit = readable(labels.output_units[output])
+    unit = display_unit(labels.output_units[output])
     series = residuals_of(learned, output)
     time, errors = with_gaps(learned.record, unit.scale * series.errors)
     name = labels.output_names[output]
@@ -79,7 +79,10 @@ def residuals(learned: Learned, output: int = -1) -> Charts:
     line = Line("residual", PREDICTED, time, errors)
     charts = [
         Chart(
-            f"Residual of {name} ({unit.name})", TIME, Axis(named("residual", unit.name)), (line,)
+            f"Residual of {name} ({unit.name})",
+            TIME,
+            Axis(name_with_unit("residual", unit.name)),
+            (line,),
         )
     ]
     tests = (
@@ -110,16 +113,16 @@ def disturbance(learned: Learned) -> Charts:
     shown = (wind.spectrum[0] > 0) & (wind.spectrum[0] <= FASTEST_WIND)
     frequency, density, model = (values[shown] for values in wind.spectrum)
     spectrum = (
-        Line("wind torque", DISTURBANCE, frequency, TORQUE.scale**2 * density),
-        Line("model of it", MEASURED, frequency, TORQUE.scale**2 * model, kind=Kind.DASHES),
+        Line("wind torque", DISTURBANCE, frequency, TORQUE_UNIT.scale**2 * density),
+        Line("model of it", MEASURED, frequency, TORQUE_UNIT.scale**2 * model, kind=Kind.DASHES),
     )
-    unit = Axis(named("wind torque", TORQUE.name))
+    unit = Axis(name_with_unit("wind torque", TORQUE_UNIT.name))
     return (
         Chart("Wind torque", TIME, unit, (line,), (0.0,), spans=gusts),
         Chart(
-            f"Its spectrum (({TORQUE.name})²/Hz)",
+            f"Its spectrum (({TORQUE_UNIT.name})²/Hz)",
             FREQUENCY,
-            Axis(f"({TORQUE.name})²/Hz", log=True),
+            Axis(f"({TORQUE_UNIT.name})²/Hz", log=True),
             spectrum,
         ),
     )
@@ -130,8 +133,8 @@ def torque_line(learned: Learned, name: str, colour: str) -> Line | None:
     wind = resolved_wind_torque(learned.wind_torque, learned.physical)
     if wind is None:
         return None
-    time, torque = with_gaps(learned.record, TORQUE.scale * wind.torque)
-    _, half = with_gaps(learned.record, TORQUE.scale * wind.band)
+    time, torque = with_gaps(learned.record, TORQUE_UNIT.scale * wind.torque)
+    _, half = with_gaps(learned.record, TORQUE_UNIT.scale * wind.band)
     return Line.around(name, colour, time, torque, half)
 
 
@@ -145,7 +148,7 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0) -> Charts:
     """
     if not len(held):
         raise ValueError("there is no held-out window")
-    unit = readable(labels.output_units[output])
+    unit = display_unit(labels.output_units[output])
     name = labels.output_names[output]
     shown = slice(SHOWN_WINDOWS)
     steps = held.time.shape[1]
@@ -161,7 +164,11 @@ def forecast(held: HeldOut, labels: Labels, output: int = 0) -> Charts:
         Line("measured", MEASURED, time, joined(held.measured)),
         Line.around("forecast", PREDICTED, time, middle, half),
     )
-    charts = [Chart(f"Forecast of {name} ({unit.name})", TIME, Axis(named(name, unit.name)), lines)]
+    charts = [
+        Chart(
+            f"Forecast of {name} ({unit.name})", TIME, Axis(name_with_unit(name, unit.name)), lines
+        )
+    ]
     if len(held) > 1:
         errors = tuple(
             Line(

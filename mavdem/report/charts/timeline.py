@@ -21,7 +21,7 @@ from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts.event import Event
 from mavdem.report.charts.chart import TIME, Axis, Chart, Charts, Line, Mark, over_time
 from mavdem.report.charts.model_charts import torque_line
-from mavdem.report.numbers import TORQUE, readable, short
+from mavdem.report.numbers import TORQUE_UNIT, display_unit, without_remark
 from mavdem.report.palette import (
     BAD,
     BASELINE,
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from mavdem.live.history import LiveHistory
 
 AROUND_SECONDS = 5.0  # s shown before arming and after disarming
-ANGLE = readable("rad")
+ANGLE = display_unit("rad")
 
 
 class Timeline(NamedTuple):
@@ -107,7 +107,7 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
         for axis, analysis in assessment.analyses.items()
         if analysis.learned is not None
     )
-    torque = over_time("Wind torque", TORQUE.name, filter(None, torques))
+    torque = over_time("Wind torque", TORQUE_UNIT.name, filter(None, torques))
     changes = signals.mode_changes(boot)
     ends_of_modes = zip(changes, [*changes[1:], (last, "")], strict=False)
     modes = ((max(at, first), min(end, last), name) for (at, name), (end, _) in ends_of_modes)
@@ -179,7 +179,7 @@ def _driven(signals: Signals, part: Segment) -> Iterator[Chart]:
     if (motors := signals.motors) is not None:
         percent = 100 * motors.scale.fraction(motors.outputs).clip(0.0)
         shares = TimeSeries(motors.time, motors.boot, percent)
-        names = [short(name) for name in motors.geometry.names]
+        names = [without_remark(name) for name in motors.geometry.names]
         mean = shares.values.mean(axis=1, keepdims=True)
         apart = replace(shares, values=shares.values - mean)
         yield over_time("Motors", "%", _lines(shares, part, names))
@@ -250,7 +250,7 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
         ),
     )
     motors = (
-        Line(short(name), colour, time, 100 * values.clip(0.0))
+        Line(without_remark(name), colour, time, 100 * values.clip(0.0))
         for name, colour, values in zip(history.motor_names, cycle(DISTINCT), outputs, strict=False)
     )
     charts = (
@@ -258,14 +258,14 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
         over_time("Motors", "%", motors),
         over_time(
             "Wind torque",
-            TORQUE.name,
+            TORQUE_UNIT.name,
             [
                 Line.around(
                     f"on {axis}",
                     DISTURBANCE,
                     time,
-                    TORQUE.scale * torque,
-                    TORQUE.scale * torque_band,
+                    TORQUE_UNIT.scale * torque,
+                    TORQUE_UNIT.scale * torque_band,
                 )
             ],
         ),

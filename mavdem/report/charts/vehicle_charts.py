@@ -9,7 +9,7 @@ from mavdem.arrays import Array
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.fleet.flights import AxisRows, worst_health
 from mavdem.report.charts.chart import Axis, Chart, Group, Kind, Line, Mark
-from mavdem.report.numbers import TORQUE, short
+from mavdem.report.numbers import TORQUE_UNIT, without_remark
 from mavdem.report.palette import BAD, LIMITED, distinct
 
 MARKS = {"fault": ("●", BAD), "drift": ("▲", LIMITED)}
@@ -20,7 +20,7 @@ QUANTITIES = (
     ("Gain margin (dB)", "gain_margin", 1.0),
     ("Rate damping (1/s)", "damping", 1.0),
     ("Motor time constant (ms)", "lag", 1e3),
-    (f"Wind torque, sd ({TORQUE.name})", "wind_torque_sd", TORQUE.scale),
+    (f"Wind torque, sd ({TORQUE_UNIT.name})", "wind_torque_sd", TORQUE_UNIT.scale),
     ("Error ratio (1: as the mean)", "error_ratio", 1.0),
 )
 """Title, column and scale of what has a line an axis."""
@@ -60,7 +60,7 @@ def _panels(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Lines]]:
     """Yields the title, with the unit, and the lines of each quantity."""
     motors = next((row.motors for flight in reversed(flights) for row in flight if row.motors), ())
     shares = _estimates(flights, "trim_share", len(motors))
-    yield ("Motor shares (mean 1)", dict(zip(map(short, motors), shares, strict=True)))
+    yield ("Motor shares (mean 1)", dict(zip(map(without_remark, motors), shares, strict=True)))
     yield (
         "Vibration, first IMU (m/s²)",
         dict(zip("xyz", _estimates(flights, "vibration", 3), strict=True)),

@@ -9,7 +9,7 @@ from mavdem.dem import Learned
 from mavdem.experiments.held_out import HeldOut, held_out_windows
 from mavdem.flight import Flight
 from mavdem.report.charts import model_charts
-from mavdem.report.figures.style import figure_of
+from mavdem.report.figures.style import draw_charts
 from mavdem.report.labels import Labels
 
 __all__ = ["Plots"]
@@ -43,7 +43,7 @@ class Plots:
                 for time, channels in zip(times, record.segments, strict=True)
             ]
             held_out = held_out_windows(flights, self.learned.settings)
-        return figure_of(model_charts.forecast(held_out, labels, output))
+        return draw_charts(model_charts.forecast(held_out, labels, output))
 
     def residuals(self, output: int = -1) -> Figure:
         """Draws one-step residuals over time, their autocorrelation and their correlation with the command.
@@ -52,7 +52,7 @@ class Plots:
         The bounds of the second allow for autocorrelation of both (Ljung, System Identification, 2nd ed., sec. 16.6).
         The ``output`` is the last one, a rate, unless given.
         """
-        return figure_of(model_charts.residuals(self.learned, output))
+        return draw_charts(model_charts.residuals(self.learned, output))
 
     def bode(self, output: int = -1) -> Figure:
         """Draws magnitude and phase of an ``output`` over frequency, from the axis's command, with 90 % bands.
@@ -60,7 +60,7 @@ class Plots:
         Of the physical plant or, where that is not identifiable, of DEM's model. The output is the last one, a rate,
         unless given.
         """
-        return figure_of(model_charts.bode(self.learned, output))
+        return draw_charts(model_charts.bode(self.learned, output))
 
     def disturbance(self) -> Figure:
         """Draws the wind torque over time with band and gusts, and its spectral density.
@@ -68,4 +68,4 @@ class Plots:
         Raises:
             ValueError: the wind torque is not identifiable.
         """
-        return figure_of(model_charts.disturbance(self.learned))
+        return draw_charts(model_charts.disturbance(self.learned))

@@ -69,19 +69,19 @@ class Picture(NamedTuple):
     @property
     def group(self) -> Group:
         """What a page shows."""
-        drawn = Plan(self.title, self.caption, svg(self.draw(), self.title))
+        drawn = Plan(self.title, self.caption, svg_of(self.draw(), self.title))
         return Group.of([drawn], self.caption)
 
 
 @contextmanager
-def picture(height: float = 3.2) -> Iterator[BareFigure]:
+def new_figure(height: float = 3.2) -> Iterator[BareFigure]:
     """Yields a new figure of this ``height``, inches, in the common style, to be drawn in the block."""
     with matplotlib.rc_context(STYLE):
         layout = ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03, hspace=0.04, wspace=0.05)
         yield BareFigure(figsize=(FIGURE_WIDTH, height), layout=layout, facecolor="none")
 
 
-def svg(figure: Figure, name: str) -> Markup:
+def svg_of(figure: Figure, name: str) -> Markup:
     """Returns the figure as an ``<svg>`` element; its ids are unique on a page if its ``name`` is."""
     drawn = StringIO()
     with matplotlib.rc_context(STYLE | {"svg.hashsalt": name}):
@@ -96,7 +96,7 @@ def legend_above(axes: Axes) -> None:
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.01), ncols=5)
 
 
-def not_blown_up(axes: Axes, values: ArrayLike, beyond: float = 0.6) -> None:
+def limit_to_values(axes: Axes, values: ArrayLike, beyond: float = 0.6) -> None:
     """Limits the vertical axis to ``beyond`` spans beyond these values, however wide a band around them is."""
     shown = np.asarray(values, np.float64)
     low = np.nanmin(shown)
@@ -106,9 +106,9 @@ def not_blown_up(axes: Axes, values: ArrayLike, beyond: float = 0.6) -> None:
     axes.set_ylim(max(bottom, low - beyond * span), min(top, high + beyond * span))
 
 
-def figure_of(charts: Sequence[Chart]) -> BareFigure:
+def draw_charts(charts: Sequence[Chart]) -> BareFigure:
     """Returns ``charts`` below each other."""
-    with picture(0.4 + 1.7 * len(charts)) as figure:
+    with new_figure(0.4 + 1.7 * len(charts)) as figure:
         grid = figure.subplots(len(charts), squeeze=False).ravel()
         for axes, chart in zip(grid, charts, strict=True):
             _draw(axes, chart)

@@ -11,14 +11,14 @@ from mavdem.fleet.difference import ParameterChange, VehicleDifference
 from mavdem.fleet.row import NOT_IDENTIFIABLE, UNKNOWN, value_at
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.blocks import Blocks, Sentence, Table
-from mavdem.report.charts.chart import AFTER, Axis, Chart, Group, Kind, Line
+from mavdem.report.charts.chart import TIME_AFTER_STEP, Axis, Chart, Group, Kind, Line
 from mavdem.report.charts.flight_charts import SHARE
 from mavdem.report.difference import difference_blocks, headline_blocks, next_blocks, surest_change
-from mavdem.report.loops import FIGURES
+from mavdem.report.loops import LOOP_FIGURES
 from mavdem.report.numbers import counted, rounded
-from mavdem.report.pages.page import Chapter, document
+from mavdem.report.pages.page import Chapter, render_document
 from mavdem.report.palette import PREDICTED, TRUTH
-from mavdem.report.templates import section
+from mavdem.report.templates import render_section
 
 Review = Mapping[str, Any]
 """The document of a review, of which nothing need be known."""
@@ -45,7 +45,7 @@ def comparison_page(
     margins = [
         [f"{axis} {name}", *(_cell(rate, key, scale) for rate in _loops(both, axis).values())]
         for axis in AXES
-        for key, (name, scale) in FIGURES.items()
+        for key, (name, scale) in LOOP_FIGURES.items()
     ]
     chapters = [
         Chapter("What differs", difference_blocks(difference, parameters, lacking)),
@@ -59,7 +59,7 @@ def comparison_page(
     first = _headline(both, difference, parameters)
     headlines = {name: value_at(review, "headline.sentence") for name, review in both.items()}
     first += [*headline_blocks(headlines), *next_blocks(difference)]
-    return document(" and ".join(names), "A and B over each other.", first, chapters, back)
+    return render_document(" and ".join(names), "A and B over each other.", first, chapters, back)
 
 
 def _table(title: str, head: str, rows: list[list[str]]) -> Chapter:
@@ -90,7 +90,7 @@ def _headline(
         for lows, highs in [np.array([before[ends], after[ends]], np.float64).T]
         if lows.max() > highs.min()  # not where an end is infinite: None in the document, NaN here
     ]
-    said = section(
+    said = render_section(
         "difference_first",
         vehicles=vehicles,
         are_two=vehicles[0] != vehicles[1] and UNKNOWN not in vehicles,
@@ -120,7 +120,9 @@ def _steps(both: Reviews, axis: str) -> Iterator[Chart]:
                 )
                 lines.append(Line.around(name, COLOURS[name], time, step, half))
         if lines:
-            yield Chart(f"{axis.capitalize()} {loop}: step", AFTER, SHARE, tuple(lines), (1.0,))
+            yield Chart(
+                f"{axis.capitalize()} {loop}: step", TIME_AFTER_STEP, SHARE, tuple(lines), (1.0,)
+            )
 
 
 def _cell(response: Review, key: str, scale: float = 1.0) -> str:

@@ -17,9 +17,9 @@ from mavdem.report import fleet as words
 from mavdem.report.blocks import Block, Table
 from mavdem.report.charts.plans import rose_of_flights
 from mavdem.report.charts.vehicle_charts import vehicle_group
-from mavdem.report.fleet import TROUBLE, cut, urgency
-from mavdem.report.numbers import MOST_NAMED, listed, rounded
-from mavdem.report.pages.page import environment, page_of
+from mavdem.report.fleet import TROUBLED_HEALTHS, truncated, urgency
+from mavdem.report.numbers import MAX_LISTED_NAMES, listed, rounded
+from mavdem.report.pages.page import environment, render_page
 from mavdem.wind_velocity.compass import compass_text
 
 # vehicles, those in trouble first: with more the page takes long to make, and is too large to mail
@@ -52,7 +52,7 @@ def fleet_page(rows: FlightRows, changes: Mapping[str, Sequence[Block]] | None =
             "words": words.vehicle_words(flights),
             "changes": since.get(name, ()),
             "group": vehicle_group(flights) if name in drawn else None,
-            "is_open": rank < MOST_NAMED and urgent < 2,  # those that need a look
+            "is_open": rank < MAX_LISTED_NAMES and urgent < 2,  # those that need a look
         }
         for rank, ((urgent, _), name, flights) in enumerate(ranked)
     ]
@@ -66,7 +66,7 @@ def fleet_page(rows: FlightRows, changes: Mapping[str, Sequence[Block]] | None =
     ]
     winds = [(row.wind_direction, row.wind_speed) for row, *_ in flights]
     complete = np.array([wind for wind in winds if None not in wind], np.float64)
-    return page_of(
+    return render_page(
         environment().get_template("fleet.html"),
         blocks=words.fleet_blocks(rows),
         vehicles=parts,
@@ -81,12 +81,14 @@ def fleet_page(rows: FlightRows, changes: Mapping[str, Sequence[Block]] | None =
     )
 
 
-def beside_others(row: FlightRow) -> str:
+def fleet_remark(row: FlightRow) -> str:
     """Returns the HTML of how a flight differs from others of its vehicle, by its worst row; empty if it does not."""
-    return page_of(environment().get_template("beside.html"), trouble=row, healths=words.LEVELS)
+    return render_page(
+        environment().get_template("beside.html"), trouble=row, healths=words.HEALTH_LEVELS
+    )
 
 
-def with_top(page: str, top: str) -> str:
+def with_fleet_remark(page: str, top: str) -> str:
     """Returns the ``page`` of a flight with this HTML above it, in place of what was said there of it beside others."""
     return TOP.sub(lambda _: top, page, count=1)
 
@@ -101,14 +103,14 @@ def _lights(flight: AxisRows) -> str:
 def _notes(flight: AxisRows) -> str:
     """What is said of the flight, the most important first, a line each."""
     if not flight[0].has_flight:
-        return cut(flight[0].status, MAX_NOTE)
+        return truncated(flight[0].status, MAX_NOTE)
     reasons = [row.health_reason for row in flight if row.health != MotorHealth.OK]
     warnings = (warning for row in flight for warning in row.warnings)
     headlines = [row.headline for row in flight]
-    if worst_health(flight) in TROUBLE and flight[0].headline_level != Level.BAD:
+    if worst_health(flight) in TROUBLED_HEALTHS and flight[0].headline_level != Level.BAD:
         headlines = []  # of the log alone, which did not show it
     said = (*headlines, *reasons, *warnings)
-    return cut("\n".join(dict.fromkeys(filter(None, said))), MAX_NOTE)
+    return truncated("\n".join(dict.fromkeys(filter(None, said))), MAX_NOTE)
 
 
 def _motors(flight: AxisRows) -> str:

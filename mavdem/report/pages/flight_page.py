@@ -37,7 +37,7 @@ from mavdem.loops.filters import gyro_filters
 from mavdem.loops.step_response import IntervalEstimate, StepResponse
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution, warning
 from mavdem.report.charts import model_charts
-from mavdem.report.charts.chart import FEW_POINTS, POINTS, Group
+from mavdem.report.charts.chart import MAX_POINTS, MAX_POINTS_OF_SMALL_PAGE, Group
 from mavdem.report.charts.flight_charts import (
     loop_charts,
     spectrogram,
@@ -48,20 +48,20 @@ from mavdem.report.charts.plans import flown_path, frame_plan, rose_of_wind
 from mavdem.report.charts.timeline import Timeline, live_timeline, timeline_of
 from mavdem.report.condition import air_blocks, log_blocks
 from mavdem.report.labels import Labels
-from mavdem.report.loops import gain_blocks, limits_of, loops_of, margin_tables
-from mavdem.report.numbers import listed, readable, rounded, with_unit
-from mavdem.report.pages.page import Chapter, Head, document
-from mavdem.report.review import title_of
+from mavdem.report.loops import compared_loops, gain_blocks, gain_limits, margin_tables
+from mavdem.report.numbers import display_unit, listed, rounded, with_unit
+from mavdem.report.pages.page import Chapter, Head, render_document
+from mavdem.report.review import review_title
 from mavdem.report.screen import (
     conclusion,
     detail_blocks,
-    graded,
     motor_blocks,
     prediction_blocks,
+    purpose_tables,
     torque_blocks,
     vehicle_blocks,
 )
-from mavdem.report.templates import begin, section, together
+from mavdem.report.templates import capitalize_first, render_section, sentences_by_axes
 from mavdem.report.truth import truth_blocks
 
 if TYPE_CHECKING:
@@ -133,9 +133,9 @@ def log_page(
             Chapter("What was read from the log, and repaired", log_blocks(held), folded=True)
         )
     above, *_, following = conclusion(assessment.judgement)
-    subtitle = begin(title_of(assessment).text)
-    points = POINTS if whole else FEW_POINTS
-    return document(name, subtitle, [above, following], chapters, back, head, points)
+    subtitle = capitalize_first(review_title(assessment).text)
+    points = MAX_POINTS if whole else MAX_POINTS_OF_SMALL_PAGE
+    return render_document(name, subtitle, [above, following], chapters, back, head, points)
 
 
 def _stops_counted(events: Facts) -> Iterator[Fact]:
@@ -183,7 +183,9 @@ def _tracking(light: Fact, axes: NamedFacts) -> Iterator[Block]:
     for axis, fact in axes.items():
         known = fact.figures
         shown = [
-            with_unit(known[key], readable(fact.units[key])) if known.get(key) is not None else ""
+            with_unit(known[key], display_unit(fact.units[key]))
+            if known.get(key) is not None
+            else ""
             for key in ERRORS
         ]
         if any(shown):
@@ -241,17 +243,17 @@ def _loops(evidence: Evidence, advice: AdviceByAxis) -> Chapter:
         if not facts and isinstance(margin.loop, Fact):
             facts = [margin.loop]
         said += [(margin.axis, fact) for fact in facts]
-    blocks: Blocks = [*together(said)]
+    blocks: Blocks = [*sentences_by_axes(said)]
     loops = identified_loops(evidence.loops)
     shown = {axis: {"now": loop} for axis, loop in loops.items()}
     for axis, gains in advice.items():
         if isinstance(gains, Advice):
             blocks.append(Sentence(gains.sentence.advised, f"Gains of {axis}:"))
             blocks += gain_blocks(gains)
-            shown[axis] = loops_of(gains)
+            shown[axis] = compared_loops(gains)
         elif not loops:
             blocks.append(Sentence(gains.advised, f"Gains of {axis}:"))
-    blocks += limits_of(advice)
+    blocks += gain_limits(advice)
     if not loops:
         return Chapter("Control loops", blocks)
     columns = [*map(loop_charts, shown.values())]
@@ -268,7 +270,7 @@ def _noise(assessment: Assessment, timeline: Timeline | None, whole: bool) -> Ch
     first = max(loops, key=lambda loop: loop.crossover, default=None)
     if first is not None:
         filters = gyro_filters(first.controller, first.crossover)
-        blocks += section("loop_filters", filters=filters, crossover=first.crossover)
+        blocks += render_section("loop_filters", filters=filters, crossover=first.crossover)
     return Chapter("Spectra", blocks, [*_spectra(noise, GYRO, timeline, whole, first)])
 
 
@@ -296,7 +298,7 @@ def _motors(analysis: LogAnalysis, evidence: Evidence) -> Chapter:
     is_full = analysis.tier.tier == "a"
     blocks = motor_blocks(analysis.learned, analysis.condition.hover if is_full else None)
     if analysis.learned is None or not is_full:
-        blocks += section("condition", analysis.condition)
+        blocks += render_section("condition", analysis.condition)
     plan = frame_plan(evidence.signals.motors, analysis.condition)
     return Chapter("Motors", blocks, [] if plan is None else [Group.of([plan])], beside=True)
 
@@ -350,8 +352,8 @@ def _models(assessment: Assessment) -> Iterator[Chapter]:
         blocks = Blocks()
         if analysis.learned is None and analysis.reason is not None:
             blocks.append(Sentence(str(analysis.reason), "No model:"))
-        blocks += [*graded(analysis.findings), *map(warning, analysis.findings.warnings)]
-        blocks += section("tier", analysis.tier)
+        blocks += [*purpose_tables(analysis.findings), *map(warning, analysis.findings.warnings)]
+        blocks += render_section("tier", analysis.tier)
         blocks += vehicle_blocks(analysis.axes, bool(analysis.findings.overrides))
         groups = []
         if (learned := analysis.learned) is not None:
@@ -408,8 +410,10 @@ def live_page(
     if advice:
         chapters.insert(0, Chapter("Gains", advice))
     if learned is not None:
-        blocks = [*graded(findings), *torque_blocks(learned)]
+        blocks = [*purpose_tables(findings), *torque_blocks(learned)]
         chapters.insert(0, Chapter("Motors", motor_blocks(learned, None)))
         chapters.append(Chapter(f"Model of {axis}", blocks))
     subtitle = f"What {axis} did, learned and predicted while it flew."
-    return document(f"Flight over {link}", subtitle, [above, following], chapters, back, head)
+    return render_document(
+        f"Flight over {link}", subtitle, [above, following], chapters, back, head
+    )

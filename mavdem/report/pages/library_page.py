@@ -21,9 +21,9 @@ from mavdem.files import load_adjacent_toml
 from mavdem.fleet.flights import AxisRows
 from mavdem.report.blocks import Block
 from mavdem.report.charts.vehicle_charts import vehicle_group
-from mavdem.report.fleet import LEVELS, vehicle_words
-from mavdem.report.pages.fleet_page import with_top
-from mavdem.report.pages.page import environment, page_of
+from mavdem.report.fleet import HEALTH_LEVELS, vehicle_words
+from mavdem.report.pages.fleet_page import with_fleet_remark
+from mavdem.report.pages.page import environment, render_page
 
 POLICY = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
 SCRIPTS = ("sharp.js", "uplot/uPlot.iife.min.js", "charts.js")
@@ -31,7 +31,7 @@ SCRIPTS = ("sharp.js", "uplot/uPlot.iife.min.js", "charts.js")
 
 
 @cache
-def words() -> dict[str, dict[str, str]]:
+def interface_words() -> dict[str, dict[str, str]]:
     """Returns what stages, sharing and the interface are called."""
     return load_adjacent_toml(__file__, "../serve/words.toml")
 
@@ -55,26 +55,26 @@ def _environment() -> Environment:
     """Jinja's environment, with all templates compiled: whoever asks first should not wait for that."""
     made = environment().overlay()
     made.filters["brief"] = lambda name: name if len(name) < 20 else f"{name[:4]}…{name[-4:]}"
-    choices = {"lights": [str(light) for light in Light], "healths": LEVELS}
-    made.globals = {**made.globals, **words(), **choices}
+    choices = {"lights": [str(light) for light in Light], "healths": HEALTH_LEVELS}
+    made.globals = {**made.globals, **interface_words(), **choices}
     for name in made.list_templates(["html"]):
         made.get_template(name)
     return made
 
 
-def served(name: str, /, **values: Any) -> str:
+def render_server_page(name: str, /, **values: Any) -> str:
     """Returns the HTML of the page of this ``name``, with these ``values``."""
-    return page_of(_environment().get_template(f"serve/{name}.html"), **values)
+    return render_page(_environment().get_template(f"serve/{name}.html"), **values)
 
 
 def with_bar(page: str, **values: Any) -> str:
     """Returns the ``page`` of a flight with a bar above it, for a server whose policy takes the place of its own."""
-    return with_top(without_policy(page, **values), served("bar", **values))
+    return with_fleet_remark(without_policy(page, **values), render_server_page("bar", **values))
 
 
 def without_policy(page: str, **values: Any) -> str:
     """Returns a ``page`` for a server whose policy takes the place of its own."""
-    key = served("key", **values)
+    key = render_server_page("key", **values)
     return POLICY.sub(lambda _: key, page, count=1)
 
 
@@ -83,9 +83,9 @@ def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values
     said = vehicle_words(flights)[1] if flights else ""
     group = vehicle_group(flights) if len(flights) > 1 else None
     groups = [group] if group else []
-    return served("vehicle", words=said, changes=[*changes], groups=groups, **values)
+    return render_server_page("vehicle", words=said, changes=[*changes], groups=groups, **values)
 
 
 def refusal_page(fact: Fact, asks: bool, **values: Any) -> str:
     """Returns the HTML of why there is no other page; it ``asks`` for the token."""
-    return served("message", sentence=fact.sentence, remedy=fact.remedy, asks=asks, **values)
+    return render_server_page("message", sentence=fact.sentence, remedy=fact.remedy, asks=asks, **values)

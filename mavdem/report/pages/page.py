@@ -21,13 +21,13 @@ from mavdem.facts.event import Event
 from mavdem.flight import Flight
 from mavdem.loops.advice import Advice
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.charts.chart import POINTS, Chart, Group
+from mavdem.report.charts.chart import MAX_POINTS, Chart, Group
 from mavdem.report.charts.flight_charts import loop_charts
 from mavdem.report.charts.timeline import Timeline
-from mavdem.report.loops import loops_of, tune_blocks
-from mavdem.report.numbers import named, readable, rounded
+from mavdem.report.loops import compared_loops, tune_blocks
+from mavdem.report.numbers import display_unit, name_with_unit, rounded
 from mavdem.report.palette import DISTURBANCE, INK_ON_LIGHT, PREDICTED
-from mavdem.report.screen import conclusion, screen, title
+from mavdem.report.screen import conclusion, flight_title, model_screen
 
 _UNSEEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 """Control characters and marks that turn text around: a file's name may hold them."""
@@ -55,14 +55,14 @@ class Head(NamedTuple):
     vehicle: str = ""
 
 
-def document(
+def render_document(
     title: str,
     subtitle: str,
     blocks: Sequence[Block],
     chapters: Sequence[Chapter] = (),
     back: tuple[str, str] | None = None,
     head: Head | None = None,
-    points: int = POINTS,
+    points: int = MAX_POINTS,
 ) -> str:
     """Returns the HTML of a page: its title and subtitle, the result in ``blocks``, then chapters.
 
@@ -70,7 +70,7 @@ def document(
     All text is escaped. The same arguments give the same bytes with the same versions of mavdem and Python.
     """
     shown = [chapter for chapter in chapters if chapter.blocks or chapter.groups]
-    return page_of(
+    return render_page(
         environment().get_template("document.html"),
         title=title,
         subtitle=subtitle,
@@ -83,7 +83,7 @@ def document(
     )
 
 
-def page_of(template: Template, **values: Any) -> str:
+def render_page(template: Template, **values: Any) -> str:
     """Returns the HTML that a ``template`` makes of ``values``, in which nothing turns text around."""
     return _UNSEEN.sub("\N{REPLACEMENT CHARACTER}", template.render(values))
 
@@ -124,7 +124,7 @@ def tune_page(name: str, tuning: Tuning) -> str:
     chapters = []
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Advice):
-            loops = loops_of(advice)
+            loops = compared_loops(advice)
             columns = (loop_charts(loops, "rate"), loop_charts(loops, "attitude"))
             chapters.append(Chapter(f"Loops of {axis}", (), [Group(columns, said)]))
     subtitle = "Margins of the loops, and gains to set. Nothing was sent to the vehicle."
@@ -132,7 +132,7 @@ def tune_page(name: str, tuning: Tuning) -> str:
     above, *_, following = conclusion(judgement)
     head = Head(judgement.headline.level, judgement.lights)
     chapters.insert(0, Chapter("Margins and gains", tune_blocks(tuning)))
-    return document(name, subtitle, [above, following], chapters, head=head)
+    return render_document(name, subtitle, [above, following], chapters, head=head)
 
 
 def notebook_html(blocks: Sequence[Block]) -> str:
@@ -149,13 +149,16 @@ def flight_html(flight: Flight) -> str:
     )
     rows = []
     for name, unit, column in channels:
-        shown = readable(unit)
+        shown = display_unit(unit)
         figures = column.mean(), column.std(), column.min(), column.max()
         rows.append(
-            [named(name, shown.name), *(rounded(shown.scale * figure, 3) for figure in figures)]
+            [
+                name_with_unit(name, shown.name),
+                *(rounded(shown.scale * figure, 3) for figure in figures),
+            ]
         )
     return notebook_html(
-        [title([flight]), Table(["channel", "mean", "sd", "lowest", "highest"], rows)]
+        [flight_title([flight]), Table(["channel", "mean", "sd", "lowest", "highest"], rows)]
     )
 
 
@@ -163,4 +166,4 @@ def learned_html(learned: Learned) -> str:
     """Returns, for notebooks, the screen's report of what the model alone knows."""
     record = learned.record
     sentence = f"{len(learned.model.A)} states, from {len(record) * record.dt:.0f} s at {1 / record.dt:.0f} Hz."
-    return notebook_html([Sentence(sentence, "Learned model:"), *screen(learned)])
+    return notebook_html([Sentence(sentence, "Learned model:"), *model_screen(learned)])

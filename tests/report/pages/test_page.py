@@ -26,7 +26,7 @@ from mavdem.live.history import LiveHistory
 from mavdem.loops.limit_cycles import Oscillation
 from mavdem.report.charts.timeline import live_timeline, timeline_of
 from mavdem.report.pages.flight_page import flight_page, log_page
-from mavdem.report.pages.page import document
+from mavdem.report.pages.page import render_document
 from mavdem.report.screen import analysis_blocks
 
 UNSEEN = "\N{RIGHT-TO-LEFT OVERRIDE}\a"
@@ -62,7 +62,7 @@ class Balanced(HTMLParser):
 
 @mark.slow
 def test_every_column_of_the_motors_is_shown_and_no_line_ends_before_a_percent_sign(tmp_path):
-    text = document("flight.tlog", "", analysis_blocks(assessment(physical())))
+    text = render_document("flight.tlog", "", analysis_blocks(assessment(physical())))
     widths = "[...document.querySelectorAll('.scroll')].map(e => e.scrollWidth - e.clientWidth)"
     assert [shown(text, widths, tmp_path, width)[1] for width in (500, 1200)] == 2 * [[0, 0, 0]]
     assert not re.search(r"\d ?%", text.split("<section")[1])
