@@ -88,4 +88,6 @@ def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values
 
 def refusal_page(fact: Fact, asks: bool, **values: Any) -> str:
     """Returns the HTML of why there is no other page; it ``asks`` for the token."""
-    return render_server_page("message", sentence=fact.sentence, remedy=fact.remedy, asks=asks, **values)
+    return render_server_page(
+        "message", sentence=fact.sentence, remedy=fact.remedy, asks=asks, **values
+    )
