@@ -111,7 +111,7 @@ def print_screen(
 ) -> None:
     """Prints a title, what was found, and last the ``conclusion``: where somebody looks when all has scrolled by.
 
-    Without ``verbose`` that are ``SCREEN_LINES`` at most: of the ``brief`` blocks, those which fit, each text in a line.
+    Without ``verbose`` that are ``SCREEN_LINES`` at most: of the ``brief`` blocks, those which fit, a line each.
     """
     first = [] if title is None else [title]
     if verbose:
