@@ -99,7 +99,7 @@ def test_gradients_are_those_of_the_free_energy(model, seed):
 
 
 @of_any_model
-def test_curvatures_of_the_internal_energy_are_those_of_the_free_energy_at_a_certain_belief(
+def test_curvatures_of_the_internal_energy_are_those_of_the_free_energy_without_uncertainty(
     model, seed
 ):
     """Without mean-field terms; those of the free energy are compared with differences above."""
@@ -189,12 +189,15 @@ def test_the_energy_is_that_of_the_generative_model_written_out(model, seed):
 @mark.slow
 @given(model=models, seed=seeds)
 @settings(max_examples=30)
-def test_a_climb_never_falls(model, seed):
+def test_the_free_energy_never_decreases(model, seed):
     data = default_rng(seed).standard_normal((40, model.hidden_columns.start))
-    climb = maximise_free_energy(model, SufficientStatistics.from_segments(data), 12)
-    assert (np.diff(climb.free_energy) >= 0).all() and np.isfinite(climb.learning.theta).all()
+    ascent = maximise_free_energy(model, SufficientStatistics.from_segments(data), 12)
+    assert (np.diff(ascent.free_energy) >= 0).all() and np.isfinite(ascent.learning.theta).all()
     assert (
-        len(climb.learning.theta) == len(climb.learning.lambda_) == len(climb.free_energy) <= 12 + 1
+        len(ascent.learning.theta)
+        == len(ascent.learning.lambda_)
+        == len(ascent.free_energy)
+        <= 12 + 1
     )
 
 
@@ -207,7 +210,7 @@ def problem(**settings):
 
 
 @mark.parametrize("settings", [{}, {"order": 2, "window": 3}])
-def test_a_climb_that_says_it_has_settled_has_nothing_left(settings):
+def test_a_converged_ascent_has_nothing_left_to_gain(settings):
     model, samples = problem(**settings)
     finished = maximise_free_energy(model, samples, 300)
     assert finished.converged

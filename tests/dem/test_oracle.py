@@ -34,15 +34,15 @@ def test_case_a_ends_near_theirs_and_nearer_the_truth():
         assert abs(posteriors[rounds].theta - theirs["theta_mem"][:, rounds]).max() < 1e-2
     assert np.linalg.norm(posteriors[-1].theta - truth) < np.linalg.norm(published - truth)
     assert posteriors[-1].lambda_[0] == approx(theirs["h"].ravel()[0], abs=0.1)
-    heights = [
+    free_energies = [
         SampleFreeEnergy.from_posterior(posterior).action(samples, samples @ posterior.state_map.T)
         for posterior in posteriors
     ]
-    assert (np.diff(heights) >= 0).all()
+    assert (np.diff(free_energies) >= 0).all()
 
 
 PRIORS = 40
-"""Draws of the random prior: its climbs end in different places, so one alone says little."""
+"""Draws of the random prior: ascents from it end at different maxima, so one alone says little."""
 
 
 @mark.slow

@@ -1,4 +1,4 @@
-"""The order by free energy: what is chosen of given heights, and of which data there are any."""
+"""The order by free energy: which order is chosen for given free energies, and which data have one."""
 
 from unittest.mock import Mock
 
@@ -21,7 +21,9 @@ from mavdem.report.comparison import order_report
 
 def choice(*flights):
     return OrderChoice(
-        tuple(FlightFreeEnergy(np.array(heights), 0.1, 100.0, ()) for heights in flights)
+        tuple(
+            FlightFreeEnergy(np.array(free_energies), 0.1, 100.0, ()) for free_energies in flights
+        )
     )
 
 

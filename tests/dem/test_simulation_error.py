@@ -1,4 +1,4 @@
-"""Along trajectories: the climb, its posterior, the noise model of one-step errors, and mixer geometry as a prior."""
+"""The simulation-error fit: its errors, derivatives, convergence and posterior, and mixer geometry as a prior."""
 
 from dataclasses import replace
 
@@ -21,18 +21,18 @@ FLIGHT = simulated(wind=1.0, lag=0.05)
 ROTORS = FLIGHT.inputs.shape[1]
 
 
-def climb_of(flight):
-    """A climb of random free parameters about those of a fit, and where it stands."""
+def objective_of(flight):
+    """The objective with some free parameters of a fit, and their values there."""
     record = Record.from_flights(flight)
     fitted = fit(record, COMPLETE)
     scaling = fitted.scaling
     model = fitted.model
     segments = [(scaling.scale_inputs(u), scaling.scale_outputs(y)) for u, y in record.segments]
-    stretches = simulation_error.SimulationPieces.from_segments(segments, 30)
+    pieces = simulation_error.SimulationPieces.from_segments(segments, 30)
     places = np.array([3, 4, 8, 14, 15, 19])
     mean = model.prior.theta_mean[places]
     precision = np.diag(np.linspace(0.1, 1.0, len(places)))
-    climb = simulation_error.SimulationObjective(
+    objective = simulation_error.SimulationObjective(
         fitted.ascent.posterior.theta,
         places,
         mean,
@@ -40,35 +40,35 @@ def climb_of(flight):
         model.sizes,
         fitted.gain,
         record.dt,
-        stretches,
+        pieces,
     )
-    return climb, fitted.ascent.posterior.theta[places]
+    return objective, fitted.ascent.posterior.theta[places]
 
 
 def test_errors_are_those_of_forecasts_that_begin_at_every_middle():
-    climb, free = climb_of(FLIGHT[:300])
-    errors = climb.errors(free[None])[0]
-    inputs, outputs, settle, _ = climb.pieces
-    n, r, m = climb.sizes
-    A, B, C = unpack(climb.theta, n, r, m)
-    textbook = TextbookFilter.of(A, B, C, climb.dt, climb.gain)
-    for stretch in (0, -1):
-        known = inputs[..., stretch], outputs[..., stretch]
-        states, _ = textbook.corrected(*(each[: settle + 1] for each in known))
-        ahead = textbook.forecast(states[-1], known[0][settle:])
-        assert_allclose(errors[..., stretch], known[1][settle + 1 :] - ahead, atol=1e-9)
+    objective, free = objective_of(FLIGHT[:300])
+    errors = objective.errors(free[None])[0]
+    inputs, outputs, filter_steps, _ = objective.pieces
+    n, r, m = objective.sizes
+    A, B, C = unpack(objective.theta, n, r, m)
+    textbook = TextbookFilter.of(A, B, C, objective.dt, objective.gain)
+    for piece in (0, -1):
+        known = inputs[..., piece], outputs[..., piece]
+        states, _ = textbook.corrected(*(each[: filter_steps + 1] for each in known))
+        ahead = textbook.forecast(states[-1], known[0][filter_steps:])
+        assert_allclose(errors[..., piece], known[1][filter_steps + 1 :] - ahead, atol=1e-9)
 
 
-def test_slopes_and_curvature_are_those_of_the_height():
-    climb, free = climb_of(FLIGHT[:400])
+def test_gradient_and_curvature_are_those_of_the_log_joint():
+    objective, free = objective_of(FLIGHT[:400])
 
-    def height(at):
-        return climb.value(at)
+    def value(point):
+        return objective.value(point)
 
-    here = climb.expand(free)
+    here = objective.expand(free)
     steps = 1e-4 * np.maximum(1.0, abs(free))
     by_differences = [
-        (height(free + step) - height(free - step)) / (2 * step.max()) for step in np.diag(steps)
+        (value(free + step) - value(free - step)) / (2 * step.max()) for step in np.diag(steps)
     ]
     assert_allclose(here.gradient, by_differences, rtol=1e-3, atol=1e-4 * abs(here.gradient).max())
     assert np.linalg.eigvalsh(here.curvature).min() > 0
@@ -76,7 +76,7 @@ def test_slopes_and_curvature_are_those_of_the_height():
 
 @mark.slow
 @mark.parametrize("wind", [0.3, 2.0])
-def test_the_climb_never_falls_and_settles(wind):
+def test_the_fit_never_decreases_the_log_joint_and_converges(wind):
     learned = learn(simulated(wind=wind, lag=0.05)[:700], COMPLETE)
     trajectory = learned.simulation_fit
     assert trajectory.converged
