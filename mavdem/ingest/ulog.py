@@ -25,7 +25,8 @@ from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.files import PathName
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.clocks import outlier_stamps
-from mavdem.ingest.px4_topics import TOPIC_FIELDS, Topics, attitude_repairs, messages_of_topics
+from mavdem.ingest.px4_topics import TOPIC_FIELDS, Topics
+from mavdem.ingest.px4_translation import attitude_repairs, messages_of_topics
 from mavdem.ingest.telemetry import (
     MAX_FIELDS,
     Columns,

@@ -28,7 +28,8 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.errors import NotLearnable
 from mavdem.facts.learnability import MotorObstacle, Reason
-from mavdem.ingest.motors import ChannelSource, PositionSource, motor_geometry
+from mavdem.ingest.motor_geometry import motor_geometry
+from mavdem.ingest.motors import ChannelSource, PositionSource
 from mavdem.ingest.output_scale import output_scale
 
 HOVER = Hover()

@@ -4,7 +4,8 @@ import numpy as np
 from numpy.testing import assert_allclose
 from pytest import approx, mark
 
-from mavdem.ingest.motors import OutputDriver, motor_geometry
+from mavdem.ingest.motor_geometry import motor_geometry
+from mavdem.ingest.motors import OutputDriver
 from mavdem.ingest.output_scale import output_scale
 
 OF_MAIN = [OutputDriver("PWM_MAIN", n) for n in range(1, 5)]

@@ -5,7 +5,7 @@ from numpy.testing import assert_allclose
 from pytest import approx
 
 from mavdem.ingest.dataflash.samples import raw_samples
-from mavdem.ingest.px4_topics import messages_of_topics
+from mavdem.ingest.px4_translation import messages_of_topics
 
 IDS = {"INS_GYR_ID": 1.0, "INS_GYR2_ID": 2.0, "INS_ACC_ID": 3.0}
 

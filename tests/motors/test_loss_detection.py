@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 from mavdem.facts import Level
 from mavdem.facts.motors import InFlight
-from mavdem.ingest.motors import motor_geometry
+from mavdem.ingest.motor_geometry import motor_geometry
 from mavdem.motors.balance import motor_signatures
 from mavdem.motors.loss_detection import (
     HOURS_TO_FALSE_ALARM,

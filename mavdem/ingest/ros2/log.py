@@ -14,7 +14,8 @@ from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest.mavlink.clocks import MessageStamps, boot_clock
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mcap.records import NANOSECONDS, McapRecording
-from mavdem.ingest.px4_topics import TOPIC_FIELDS, messages_of_topics
+from mavdem.ingest.px4_topics import TOPIC_FIELDS
+from mavdem.ingest.px4_translation import messages_of_topics
 from mavdem.ingest.ros2.mavros import (
     MAVROS,
     MAVROS_TOPICS,

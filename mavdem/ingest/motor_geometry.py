@@ -1,0 +1,358 @@
+"""Finding a multirotor's motors by its autopilot's parameters: channel, position and direction of rotation of each.
+
+Where parameters are missing, channels are assumed from the outputs that change, and positions from the X quadrotor.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import cos, radians, sin
+from typing import TypeVar
+
+from mavdem.containers import Numbers
+from mavdem.files import load_adjacent_toml
+from mavdem.ingest.motors import (
+    MOTOR_COUNTS,
+    ChannelSource,
+    MotorGeometry,
+    OutputDriver,
+    Position,
+    PositionSource,
+)
+from mavdem.ingest.telemetry import Parameters
+from mavdem.ingest.vocabulary import NAMES
+
+
+@dataclass
+class _Wiring:
+    """Which output channel drives which motor, as an autopilot's parameters say it."""
+
+    channel_of_motor: dict[int, int]
+    """Output channel, from 1, by number of the motor, from 1; motors without a parameter are missing."""
+    source: ChannelSource
+    driver_of_channel: dict[int, OutputDriver] = field(default_factory=dict)
+    """PX4's driver behind each channel."""
+    non_motor_channels: set[int] = field(default_factory=set)
+    """Channels that the parameters give to something else, such as a gimbal."""
+
+
+@dataclass
+class _Rotors:
+    """Positions and directions of rotation by number of the motor, from 1, as far as they are known."""
+
+    positions: dict[int, Position] = field(default_factory=dict)
+    spins: dict[int, int] = field(default_factory=dict)
+    """1 for counterclockwise seen from above, -1 for clockwise."""
+
+
+def motor_geometry(
+    vehicle: str,
+    autopilot: str,
+    parameters: Parameters,
+    moving_channels: Sequence[int],
+    bank_size: int,
+) -> MotorGeometry | None:
+    """Finds the motors of a vehicle: channels, positions and directions of rotation.
+
+    Args:
+        vehicle: MAV_TYPE without its prefix ("QUADROTOR").
+        autopilot: MAV_AUTOPILOT without its prefix; any but "PX4" is taken for ArduPilot.
+        parameters: The autopilot's parameters by name, as far as the log has them.
+        moving_channels: Output channels, from 1, whose outputs change.
+        bank_size: Number of channels of a bank. Channels count through all banks; PX4 counts the outputs of each
+            driver, which fills a bank, from 1.
+
+    Returns:
+        The geometry; None where no channel can be a motor's.
+    """
+    if autopilot == "PX4":
+        wiring = _px4_wiring(parameters, moving_channels, bank_size)
+        rotors = _px4_rotors(parameters)
+    else:
+        wiring = _ardupilot_wiring(vehicle, parameters)
+        rotors = _ardupilot_rotors(vehicle, parameters)
+    channel_of_motor = wiring.channel_of_motor
+    channel_source = wiring.source
+    # With fewer channels than motors, some of the parameters did not arrive.
+    if len(channel_of_motor) < MOTOR_COUNTS.get(vehicle, 1):
+        candidates = [n for n in moving_channels if n not in wiring.non_motor_channels]
+        channels, channel_source = _assumed_channels(
+            vehicle, candidates, bank_size, wiring.non_motor_channels
+        )
+        channel_of_motor = dict(enumerate(channels, 1))
+    if not channel_of_motor:
+        return None
+    motors = tuple(sorted(channel_of_motor))
+    channels = [channel_of_motor[motor] for motor in motors]
+    rotors, position_source = _rotors_or_assumption(rotors, motors)
+    drivers = [
+        wiring.driver_of_channel[channel]
+        for channel in channels
+        if channel in wiring.driver_of_channel
+    ]
+    return MotorGeometry(
+        motors,
+        tuple(channels),
+        _values_of_all(rotors.positions, motors),
+        channel_source,
+        position_source,
+        spins=_values_of_all(rotors.spins, motors),
+        drivers=tuple(drivers),
+    )
+
+
+Value = TypeVar("Value")
+
+
+def _values_of_all(values: Mapping[int, Value], motors: Sequence[int]) -> tuple[Value, ...]:
+    """Returns the value of each motor, or an empty tuple where the value of any motor is not known."""
+    if not all(motor in values for motor in motors):
+        return ()
+    return tuple(values[motor] for motor in motors)
+
+
+def _assumed_channels(
+    vehicle: str, moving_channels: Sequence[int], bank_size: int, non_motor_channels: set[int]
+) -> tuple[list[int], ChannelSource]:
+    """Guesses the motors' channels from those whose outputs change, where parameters do not say it.
+
+    Usually each motor's output changes. A motor that stands still, or is at its limit all the time, has a constant
+    output all the same: where at least half of the motors' channels change, and they lie within the first channels of
+    their bank, these first channels are taken. The motors of a tricopter are on no such row of channels.
+
+    Args:
+        vehicle: MAV_TYPE without its prefix.
+        moving_channels: Channels, from 1, whose outputs change, without ``non_motor_channels``.
+        bank_size: Number of channels of a bank.
+        non_motor_channels: Channels that drive something else.
+
+    Returns:
+        The channels in the order of the motors, and which assumption gave them.
+    """
+    count = MOTOR_COUNTS.get(vehicle, len(moving_channels))
+    moving = sorted(moving_channels)[:count]
+    lowest = min(moving_channels, default=1)
+    bank_start = (lowest - 1) // bank_size * bank_size + 1
+    bank_channels = range(bank_start, MAX_SERVO_CHANNELS + 1)
+    first_channels = [n for n in bank_channels if n not in non_motor_channels][:count]
+    some_are_constant = count / 2 <= len(moving) < count
+    if some_are_constant and set(moving) <= set(first_channels) and vehicle != "TRICOPTER":
+        return first_channels, ChannelSource.FIRST_CHANNELS
+    return moving, ChannelSource.MOVING_CHANNELS
+
+
+X_QUAD_MOTORS = (1, 2, 3, 4)
+"""Motor numbers of a quadrotor. ArduPilot and PX4 number the motors of an X quadrotor in the same order."""
+
+
+def _rotors_or_assumption(
+    rotors: _Rotors, motors: tuple[int, ...]
+) -> tuple[_Rotors, PositionSource]:
+    """Returns the rotors if the positions of all motors are known, else those of an X quadrotor, or none.
+
+    An X quadrotor, by far the most common frame, is assumed of every vehicle with the motors 1 to 4.
+    """
+    if all(motor in rotors.positions for motor in motors):
+        return rotors, PositionSource.PARAMETERS
+    if motors == X_QUAD_MOTORS:
+        return _frame_rotors(FRAME_CLASS_QUAD, FRAME_TYPE_X), PositionSource.X_QUAD
+    return _Rotors(), PositionSource.UNKNOWN
+
+
+# ArduPilot.
+
+MAX_SERVO_CHANNELS = 32
+"""Number of ArduPilot's output channels: SERVO1_FUNCTION to SERVO32_FUNCTION."""
+
+MOTOR_OF_FUNCTION = {33 + n: 1 + n for n in range(8)} | {82 + n: 9 + n for n in range(4)}
+"""Number of the motor by value of SERVOn_FUNCTION: 33 to 40 are motors 1 to 8, 82 to 85 motors 9 to 12.
+
+Source: https://ardupilot.org/copter/docs/parameters.html#servo1-function.
+"""
+
+NO_FUNCTION = 0
+"""Value of SERVOn_FUNCTION and RCn_FUNCTION of a channel that has no function (Disabled)."""
+
+TRICOPTER_TAIL_SERVO = 7
+"""Motor number of a tricopter's servo that tilts the rear motor (ArduPilot ``AP_MotorsTri``, AP_MOTORS_CH_TRI_YAW)."""
+
+
+def _ardupilot_wiring(vehicle: str, parameters: Parameters) -> _Wiring:
+    """Reads from SERVOn_FUNCTION which channel drives which motor; of several channels of a motor, the lowest counts.
+
+    Before ArduCopter 3.5 motors have no function, but a gimbal's channels have RCn_FUNCTION.
+    """
+    channel_of_motor: dict[int, int] = {}
+    non_motor_channels = set()
+    for channel in range(1, MAX_SERVO_CHANNELS + 1):
+        function = int(parameters.get(f"SERVO{channel}_FUNCTION", NO_FUNCTION))
+        if function in MOTOR_OF_FUNCTION:
+            channel_of_motor.setdefault(MOTOR_OF_FUNCTION[function], channel)
+        old_function = parameters.get(f"RC{channel}_FUNCTION", function)
+        if old_function != NO_FUNCTION and old_function not in MOTOR_OF_FUNCTION:
+            non_motor_channels.add(channel)
+    if vehicle == "TRICOPTER":
+        channel_of_motor.pop(TRICOPTER_TAIL_SERVO, None)
+    return _Wiring(
+        channel_of_motor, ChannelSource.SERVO_FUNCTIONS, non_motor_channels=non_motor_channels
+    )
+
+
+FRAMES = load_adjacent_toml(__file__, "frames.toml")
+"""Motor bearings and directions of rotation of ArduPilot's frames, by FRAME_CLASS and FRAME_TYPE as texts."""
+
+FRAME_CLASS_QUAD = 1
+FRAME_TYPE_X = 1
+"""Values of ArduPilot's FRAME_CLASS and FRAME_TYPE of an X quadrotor."""
+
+FRAME_CLASS_TRI = 7
+"""Value of ArduPilot's FRAME_CLASS of a tricopter."""
+
+TRICOPTER_BEARINGS = {1: 60.0, 2: -60.0, 4: 180.0}
+"""Bearing of each motor of a tricopter, degrees clockwise from the nose (``AP_MotorsTri``); there is no motor 3."""
+
+OLD_FRAME_CLASSES = {"QUADROTOR": 1, "HEXAROTOR": 2, "OCTOROTOR": 3}
+"""FRAME_CLASS by MAV_TYPE before ArduCopter 3.5, where the class was compiled in and FRAME was the type."""
+
+
+def _ardupilot_rotors(vehicle: str, parameters: Parameters) -> _Rotors:
+    """Looks up the rotors of the frame that FRAME_CLASS and FRAME_TYPE name, or FRAME before ArduCopter 3.5."""
+    frame_class = int(parameters.get("FRAME_CLASS", 0))
+    frame_type = int(parameters.get("FRAME_TYPE", -1))
+    if "FRAME_CLASS" not in parameters and "FRAME" in parameters:
+        frame_class = OLD_FRAME_CLASSES.get(vehicle, 0)
+        frame_type = int(parameters["FRAME"])
+    if frame_class == FRAME_CLASS_TRI:
+        positions = {motor: _on_circle(b) for motor, b in TRICOPTER_BEARINGS.items()}
+        return _Rotors(positions)
+    return _frame_rotors(frame_class, frame_type)
+
+
+def _frame_rotors(frame_class: int, frame_type: int) -> _Rotors:
+    """Returns the rotors of one of ArduPilot's frames; none where ``frames.toml`` does not have it."""
+    bearings: Numbers
+    directions: str
+    bearings, directions = FRAMES.get(str(frame_class), {}).get(str(frame_type), ((), ""))
+    positions = {motor: _on_circle(bearing) for motor, bearing in enumerate(bearings, 1)}
+    spins = {motor: 1 if sign == "+" else -1 for motor, sign in enumerate(directions, 1)}
+    return _Rotors(positions, spins)
+
+
+def _on_circle(bearing: float) -> Position:
+    """Returns the position on the unit circle at a bearing, degrees clockwise from the nose."""
+    angle = radians(bearing)
+    # Rounded, so that a motor on an axis is exactly there.
+    return round(cos(angle), 6), round(sin(angle), 6)
+
+
+# PX4.
+
+MAX_PX4_ROTORS = 12
+"""Number of motors of PX4's control allocation: CA_ROTOR0 to CA_ROTOR11, and output functions 101 to 112."""
+
+PX4_MOTOR_FUNCTION_OFFSET = 100
+"""Value of {driver}_FUNCn less the number of the motor: 101 is Motor 1 (PX4 ``output_functions.yaml``)."""
+
+MAX_PX4_DRIVER_OUTPUTS = 16
+"""Number of outputs of a driver of PX4 at most: {driver}_FUNC1 to {driver}_FUNC16."""
+
+MAX_CONSTANT_SHARES = (0.0, 0.5)
+"""Share of a driver's motor outputs that may be constant for the driver to fit a bank: first none, then half.
+
+A bank all of whose motor channels change fits for certain. In the second pass half of them may be constant, since a
+motor that never ran, or is at its limit, does not change its output.
+"""
+
+
+def _px4_rotors(parameters: Parameters) -> _Rotors:
+    """Reads the rotors from the geometry of PX4's control allocation, CA_ROTORn_PX, _PY and _KM.
+
+    The allocation counts rotors from 0. KM, torque over thrust, is positive for a rotor that turns counterclockwise.
+    """
+    rotors = _Rotors()
+    count = min(int(parameters.get("CA_ROTOR_COUNT", 0)), MAX_PX4_ROTORS)
+    for index in range(count):
+        motor = index + 1
+        forward = parameters.get(f"CA_ROTOR{index}_PX")
+        right = parameters.get(f"CA_ROTOR{index}_PY")
+        moment_ratio = parameters.get(f"CA_ROTOR{index}_KM")
+        if forward is not None and right is not None:
+            rotors.positions[motor] = (forward, right)
+        if moment_ratio:
+            rotors.spins[motor] = 1 if moment_ratio > 0 else -1
+    return rotors
+
+
+def _px4_wiring(parameters: Parameters, moving_channels: Sequence[int], bank_size: int) -> _Wiring:
+    """Finds which bank of channels each of PX4's output drivers fills, and so the channel of each motor.
+
+    A parameter such as PWM_AUX_FUNC3 says which motor an output of a driver drives, but no message says which bank
+    belongs to which driver. Drivers are tried in a fixed order, the most common first: each gets the first free bank in
+    which its motor outputs change. Drivers for which there is no such bank are tried again, where half of their outputs
+    may be constant.
+
+    Args:
+        parameters: The autopilot's parameters by name.
+        moving_channels: Channels, from 1, whose outputs change.
+        bank_size: Number of channels of a bank; there are two banks.
+    """
+    wiring = _Wiring({}, ChannelSource.PX4_FUNCTIONS)
+    # Before PX4 1.13, which has no *_FUNCn, the first bank is that of the main outputs, the second of the auxiliary.
+    for channel in range(1, bank_size + 1):
+        wiring.driver_of_channel[channel] = OutputDriver("PWM_MAIN", channel)
+        wiring.driver_of_channel[bank_size + channel] = OutputDriver("PWM_AUX", channel)
+    free_banks = [0, bank_size]
+    for max_constant_share in MAX_CONSTANT_SHARES:
+        for driver in NAMES["px4_drivers"]:
+            outputs = _px4_motor_outputs(parameters, driver)
+            # A motor that has a channel already is on a spare output of this driver.
+            new_outputs = {
+                motor: output
+                for motor, output in outputs.items()
+                if motor not in wiring.channel_of_motor
+            }
+            bank = _matching_bank(
+                free_banks, new_outputs.values(), moving_channels, max_constant_share
+            )
+            if bank is None:
+                continue
+            free_banks.remove(bank)
+            for motor, output in new_outputs.items():
+                wiring.channel_of_motor[motor] = bank + output
+                wiring.driver_of_channel[bank + output] = OutputDriver(driver, output)
+    return wiring
+
+
+def _px4_motor_outputs(parameters: Parameters, driver: str) -> dict[int, int]:
+    """Returns the output, from 1, of each motor, from 1, that a driver's parameters {driver}_FUNCn name."""
+    outputs = {}
+    for output in range(1, MAX_PX4_DRIVER_OUTPUTS + 1):
+        function = int(parameters.get(f"{driver}_FUNC{output}", 0))
+        motor = function - PX4_MOTOR_FUNCTION_OFFSET
+        if 1 <= motor <= MAX_PX4_ROTORS:
+            outputs[motor] = output
+    return outputs
+
+
+def _matching_bank(
+    banks: Sequence[int],
+    outputs: Iterable[int],
+    moving_channels: Sequence[int],
+    max_constant_share: float,
+) -> int | None:
+    """Returns the first bank in which enough of a driver's motor outputs change; None where there is none.
+
+    Args:
+        banks: Free banks, each as its number of channels before it.
+        outputs: The driver's motor outputs, from 1.
+        moving_channels: Channels, from 1, whose outputs change.
+        max_constant_share: Share of the outputs that may be constant, 0 to 1.
+    """
+    distinct_outputs = set(outputs)
+    if not distinct_outputs:
+        return None
+    for bank in banks:
+        channels = {bank + output for output in distinct_outputs}
+        constant_channels = channels - set(moving_channels)
+        if len(constant_channels) <= max_constant_share * len(channels):
+            return bank
+    return None

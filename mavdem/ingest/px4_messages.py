@@ -1,0 +1,403 @@
+"""MAVLink messages made of PX4's topics, field by field; each function makes one message.
+
+PX4 translates in the same way when it sends these messages; each function names the file of
+https://github.com/PX4/PX4-Autopilot/tree/main/src/modules/mavlink/streams it agrees with. Fields that no topic has are
+left out. A function raises KeyError where a topic, or a field of it, was not logged.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from pymavlink.dialects.v20 import all as dialect
+from scipy.spatial.transform import Rotation, Slerp
+
+from mavdem.arrays import Array
+from mavdem.files import load_adjacent_toml
+from mavdem.ingest.flight_modes import px4_custom_mode
+from mavdem.ingest.motor_geometry import MAX_PX4_ROTORS, motor_geometry
+from mavdem.ingest.motors import PORT_OUTPUTS
+from mavdem.ingest.px4_topics import (
+    TOPIC_FIELDS,
+    Topics,
+    array_field,
+    first_instance,
+    flag_or_true,
+    last_field_values,
+)
+from mavdem.ingest.telemetry import (
+    MAX_GAP_SECONDS,
+    Columns,
+    Fields,
+    Parameters,
+    concatenated_columns,
+    interpolated,
+    selected_rows,
+    translated_fields,
+)
+from mavdem.ingest.vocabulary import (
+    ACTIVE,
+    CRITICAL,
+    IN_AIR,
+    LANDING,
+    ON_GROUND,
+    PX4,
+    STANDBY,
+    TAKING_OFF,
+    Injection,
+    attitude_target,
+    heartbeat_fields,
+)
+
+TRANSLATION_RULES = load_adjacent_toml(__file__, "px4_messages.toml")
+"""How topics are translated of which fields change names and units only, by name of MAVLink's message."""
+
+QUATERNION_FIELDS = ("q1", "q2", "q3", "q4")
+"""Fields of ATTITUDE_QUATERNION with w, x, y and z."""
+
+BODY_RATE_FIELDS = ("rollspeed", "pitchspeed", "yawspeed")
+"""Fields of ATTITUDE_QUATERNION, and of vehicle_attitude before PX4 1.10, with the body rates, rad/s."""
+
+
+def attitude_quaternion(topics: Topics) -> Fields:
+    """ATTITUDE_QUATERNION.hpp: vehicle_attitude and, from PX4 1.10 on, vehicle_angular_velocity for the rates.
+
+    PX4 sends the rates that were last published. Here attitude, the smoother of the two, is interpolated at the stamps
+    of the rates, so that neither is late. Only an attitude too slow for that keeps its own stamps.
+    """
+    attitude = first_instance(topics, "vehicle_attitude")
+    quaternions = array_field(attitude, "q", 4)
+    if all(name in attitude for name in BODY_RATE_FIELDS):
+        body_rates = {name: attitude[name] for name in BODY_RATE_FIELDS}
+        quaternion_columns = dict(zip(QUATERNION_FIELDS, quaternions.T, strict=True))
+        return {"time": attitude["time"], **quaternion_columns, **body_rates}
+    angular_velocity = first_instance(topics, "vehicle_angular_velocity")
+    rates = array_field(angular_velocity, "xyz", 3)
+    rate_time = angular_velocity["time"]
+    is_valid = np.isfinite(quaternions).all(axis=1) & quaternions.any(axis=1)
+    valid_rows = np.flatnonzero(is_valid)
+    # Slerp needs each stamp once.
+    attitude_time, first_rows = np.unique(attitude["time"][valid_rows], return_index=True)
+    quaternions = quaternions[valid_rows[first_rows]]
+    if len(quaternions) < 2:
+        return {}
+    steps = np.diff(attitude_time)
+    if np.median(steps) > MAX_GAP_SECONDS:
+        time = attitude_time
+        rates = interpolated(attitude_time, rate_time, rates)
+    else:
+        next_rows = np.clip(np.searchsorted(attitude_time, rate_time), 1, len(attitude_time) - 1)
+        is_covered = (rate_time >= attitude_time[0]) & (rate_time <= attitude_time[-1])
+        is_usable = is_covered & (steps[next_rows - 1] <= MAX_GAP_SECONDS)
+        time = rate_time[is_usable]
+        rates = rates[is_usable]
+        rotations = Slerp(attitude_time, Rotation.from_quat(quaternions, scalar_first=True))
+        quaternions = rotations(time).as_quat(scalar_first=True)
+    columns = dict(zip(QUATERNION_FIELDS, quaternions.T, strict=True))
+    columns |= dict(zip(BODY_RATE_FIELDS, rates.T, strict=True))
+    return {"time": time, **columns}
+
+
+MIN_TURNS_PER_DRIVER = 2
+"""Changes of ``noutputs`` per driver from which on drivers publish in turn; with fewer, the number changed once."""
+
+
+def servo_output_raw(topics: Topics) -> Fields:
+    """SERVO_OUTPUT_RAW.hpp: actuator_outputs, each instance a port of 16, with the decimals the message cuts off.
+
+    An instance that two drivers publish in turn, each with its ``noutputs``, becomes two ports; that of the driver
+    whose first output changes most keeps the instance's number.
+    """
+    ports = []
+    for instance, topic in topics.get("actuator_outputs", {}).items():
+        output_counts = topic.get("noutputs", np.zeros(len(topic["time"])))
+        distinct_counts = np.unique(output_counts)
+        turns = np.count_nonzero(np.diff(output_counts))
+        parts: list[Columns] = [topic]
+        if turns >= MIN_TURNS_PER_DRIVER * len(distinct_counts):
+            parts = [selected_rows(topic, output_counts == count) for count in distinct_counts]
+        parts.sort(key=lambda part: -float(np.ptp(part["output[0]"])))
+        for part_number, part in enumerate(parts):
+            outputs = _used_outputs(part)
+            port_number = instance + PORT_OUTPUTS * part_number
+            port = np.full(len(outputs), port_number, dtype=np.uint8)
+            fields = {f"servo{n + 1}_raw": outputs[:, n] for n in range(PORT_OUTPUTS)}
+            ports.append({"time": part["time"], "port": port, **fields})
+    return _in_time_order(ports)
+
+
+def _used_outputs(topic: Columns) -> Array:
+    """Returns the outputs (N, 16) of actuator_outputs, 0 beyond the number of outputs in use, unless that is 0."""
+    zeros = np.zeros(len(topic["time"]))
+    columns = [topic.get(f"output[{n}]", zeros) for n in range(PORT_OUTPUTS)]
+    outputs = np.column_stack(columns).astype(np.float64)
+    output_count = topic.get("noutputs", zeros)[:, None]
+    is_unused = (output_count > 0) & (np.arange(PORT_OUTPUTS) >= output_count)
+    return np.where(is_unused, 0.0, outputs)
+
+
+def hil_actuator_controls(topics: Topics, vehicle: str, parameters: Parameters) -> Fields:
+    """HIL_ACTUATOR_CONTROLS, which has outputs as shares of the range: actuator_motors, from PX4 1.13 on.
+
+    The topic counts motors, the message channels: each motor is put on the channel that the parameters give it. NaN,
+    a motor that is off, becomes 0.
+    """
+    topic = first_instance(topics, "actuator_motors")
+    motors = range(1, MAX_PX4_ROTORS + 1)
+    channel_of_motor = {motor: motor for motor in motors}
+    all_channels = range(1, PORT_OUTPUTS + 1)
+    geometry = motor_geometry(vehicle, "PX4", parameters, all_channels, PORT_OUTPUTS)
+    if geometry is not None and not geometry.channels_assumed:
+        channel_of_motor = dict(zip(geometry.motors, geometry.channels, strict=True))
+    controls = np.zeros((len(topic["control[0]"]), PORT_OUTPUTS))
+    for motor in motors:
+        field = f"control[{motor - 1}]"
+        if field in topic and motor in channel_of_motor:
+            control = topic[field]
+            is_on = np.isfinite(control)
+            controls[:, channel_of_motor[motor] - 1] = np.where(is_on, control, 0.0)
+    return {"time": topic["time"], "controls": controls}
+
+
+DEMAND_CHANNELS = max(dialect.MAVLink_actuator_control_target_message.array_lengths)
+"""Number of elements of ACTUATOR_CONTROL_TARGET.controls."""
+
+THRUST_CHANNEL = 3
+"""Element of ACTUATOR_CONTROL_TARGET.controls with the thrust; the first three are roll, pitch and yaw."""
+
+
+def actuator_control_target(topics: Topics) -> Fields:
+    """ACTUATOR_CONTROL_TARGET: the demands on roll, pitch, yaw (−1…1) and thrust (0…1), group 0.
+
+    From vehicle_torque_setpoint and vehicle_thrust_setpoint, whose z points down, or the actuator_controls_0 of PX4
+    before 1.14, whose controls the message sent as they are (ACTUATOR_CONTROL_TARGET.hpp until then).
+    """
+    torque = first_instance(topics, "vehicle_torque_setpoint")
+    if torque:
+        time = torque["time"]
+        controls = np.zeros((len(time), DEMAND_CHANNELS))
+        controls[:, :THRUST_CHANNEL] = array_field(torque, "xyz", 3)
+        thrust = first_instance(topics, "vehicle_thrust_setpoint")
+        if "xyz[2]" in thrust:
+            controls[:, THRUST_CHANNEL] = np.interp(time, thrust["time"], -thrust["xyz[2]"])
+    else:
+        old_controls = first_instance(topics, "actuator_controls_0")
+        time = old_controls["time"]
+        controls = array_field(old_controls, "control", DEMAND_CHANNELS)
+    return {"time": time, "group_mlx": np.zeros(len(time), dtype=np.uint8), "controls": controls}
+
+
+def attitude_target_messages(topics: Topics) -> Fields:
+    """ATTITUDE_TARGET.hpp: vehicle_attitude_setpoint and vehicle_rates_setpoint, rad/s; each masks the other."""
+    parts = []
+    attitude = first_instance(topics, "vehicle_attitude_setpoint")
+    rates = first_instance(topics, "vehicle_rates_setpoint")
+    if "q_d[3]" in attitude:
+        attitude = selected_rows(attitude, flag_or_true(attitude, "q_d_valid"))
+        parts.append({"time": attitude["time"], **attitude_target(array_field(attitude, "q_d", 4))})
+    axes = ("roll", "pitch", "yaw")
+    if all(axis in rates for axis in axes):
+        rate_setpoints = np.column_stack([rates[axis] for axis in axes]).astype(np.float64)
+        parts.append({"time": rates["time"], **attitude_target(rate_setpoints)})
+    return _in_time_order(parts)
+
+
+def _in_time_order(parts: Sequence[Columns]) -> Fields:
+    """Joins tables of one message into one in the order of time; without any, it has no rows."""
+    if not parts:
+        return {"time": np.zeros(0)}
+    columns = concatenated_columns(parts)
+    return selected_rows(columns, np.argsort(columns["time"], kind="stable"))
+
+
+def renamed_message(topics: Topics, message: str) -> Fields:
+    """Makes a message of which only names and units change, from the first topic of its rule that was logged."""
+    rule = TRANSLATION_RULES[message]
+    for topic_name in rule["topics"]:
+        topic = first_instance(topics, topic_name)
+        if topic:
+            fields = translated_fields(topic, rule["fields"], rule.get("optional_fields"))
+            return {"time": topic["time"], **fields}
+    return {}
+
+
+def sys_status(topics: Topics) -> Fields:
+    """SYS_STATUS.hpp: battery_status, with the decimals the message cuts off.
+
+    Beside the message's fields there is ``charge_state``, that of BATTERY_STATUS, MAV_BATTERY_CHARGE_STATE.
+    """
+    columns = renamed_message(topics, "SYS_STATUS")
+    warning = first_instance(topics, "battery_status").get("warning")
+    if warning is None:
+        return columns
+    # PX4's warnings begin with none, 0; MAVLink's states with undefined, 0, and then OK.
+    return columns | {"charge_state": warning + 1}
+
+
+VIBRATION_IMUS = 3
+"""Number of IMUs: VIBRATION has a counter of clips for each."""
+
+
+def vibration(topics: Topics) -> Fields:
+    """VIBRATION.hpp: vehicle_imu_status; z is the level of the first IMU's acceleration, m/s².
+
+    ``levels`` are those of each IMU, and the counts of clips are of an IMU each, of all its axes.
+    """
+    status = first_instance(topics, "vehicle_imu_status")
+    # Before PX4 1.13, which has no gyro_clipping yet, the level was that of the velocity's increments.
+    if "gyro_clipping[2]" not in status:
+        return {}
+    time = status["time"]
+    levels = []
+    clips = {f"clipping_{number}": np.zeros(len(time)) for number in range(VIBRATION_IMUS)}
+    instances = sorted(topics["vehicle_imu_status"])[:VIBRATION_IMUS]
+    for number, instance in enumerate(instances):
+        imu = topics["vehicle_imu_status"][instance]
+        levels.append(np.interp(time, imu["time"], imu["accel_vibration_metric"]))
+        clip_count = array_field(imu, "accel_clipping", 3).sum(axis=1)
+        clips[f"clipping_{number}"] = np.interp(time, imu["time"], clip_count)
+    return {"time": time, "vibration_z": levels[0], **clips, "levels": np.column_stack(levels)}
+
+
+def system_time(topics: Topics) -> Fields:
+    """SYSTEM_TIME.hpp: vehicle_gps_position, where the receiver knows the time."""
+    gps = first_instance(topics, "vehicle_gps_position")
+    with_time = selected_rows(gps, gps["time_utc_usec"] > 0)
+    return {"time": with_time["time"], "time_unix_usec": with_time["time_utc_usec"]}
+
+
+def injected_rates(topics: Topics) -> Fields:
+    """SIDD as ArduPilot has it: the rates that PX4's autotune adds to the setpoint, degrees/s, a row for each axis."""
+    topic = first_instance(topics, "autotune_attitude_control_status")
+    rates = np.degrees(array_field(topic, "rate_sp", 3))
+    axis_numbers = Injection.RATE_SETPOINT + np.arange(3)
+    return {
+        "time": np.repeat(topic["time"], 3),
+        "axis": np.tile(axis_numbers, len(rates)),
+        "target": rates.ravel(),
+    }
+
+
+def untranslated_topic(topics: Topics, name: str) -> Fields:
+    """Returns a topic under its own names, with the fields of ``TOPIC_FIELDS`` that were logged."""
+    topic = first_instance(topics, name)
+    fields = {field: topic[field] for field in TOPIC_FIELDS[name] if field in topic}
+    return {"time": topic["time"], **fields}
+
+
+MAX_FIFO_SAMPLES = 32
+"""Number of samples for which a message of sensor_gyro_fifo and sensor_accel_fifo has room."""
+
+
+class SampleTopic(NamedTuple):
+    """Where the samples of a sensor before the filters are logged."""
+
+    fifo: str
+    """Topic with all samples."""
+    combined_field: str
+    """Field of sensor_combined with their means, which is used where the other topic was not logged."""
+
+
+def sensor_samples(topics: Topics, sample_topic: SampleTopic) -> Fields:
+    """Returns samples of a sensor before the filters: ``x``, ``y`` and ``z``, rad/s or m/s².
+
+    A message of the FIFO topic holds up to 32 of them, ``dt`` apart, the last at ``timestamp_sample``.
+    """
+    fifo = first_instance(topics, sample_topic.fifo)
+    if not fifo:
+        combined = first_instance(topics, "sensor_combined")
+        time = combined["time"]
+        means = array_field(combined, sample_topic.combined_field, 3)
+        return {"time": time, **dict(zip("xyz", means.T, strict=True))}
+    sample_number = np.arange(MAX_FIFO_SAMPLES)
+    sample_count = fifo["samples"][:, None]
+    is_sample = sample_number < sample_count
+    delay = fifo["timestamp"] - fifo["timestamp_sample"].astype(np.float64)
+    last_sample_time = fifo["time"] - delay / 1e6
+    time_before_last = (sample_count - 1 - sample_number) * fifo["dt"][:, None] / 1e6
+    axes = {}
+    for axis in "xyz":
+        values = array_field(fifo, axis, MAX_FIFO_SAMPLES) * fifo["scale"][:, None]
+        axes[axis] = values[is_sample]
+    return {"time": (last_sample_time[:, None] - time_before_last)[is_sample], **axes}
+
+
+ESC_COUNT = 4
+"""Number of speed controllers whose speeds are read, those of a quadrotor."""
+
+
+def motor_speeds(topics: Topics) -> Fields:
+    """ESC as DataFlash has it: esc_status, a row for each motor, RPM."""
+    topic = first_instance(topics, "esc_status")
+    speeds = np.column_stack([topic[f"esc[{n}].esc_rpm"] for n in range(ESC_COUNT)])
+    return {"time": np.repeat(topic["time"], ESC_COUNT), "RPM": abs(speeds).ravel()}
+
+
+def current_mode(topics: Topics) -> Fields:
+    """CURRENT_MODE.hpp: the custom mode of vehicle_status.nav_state."""
+    status = first_instance(topics, "vehicle_status")
+    return {"time": status["time"], "custom_mode": px4_custom_mode(status["nav_state"])}
+
+
+ARMED_STATE = 2
+"""Value of vehicle_status.arming_state of armed motors, in every version of PX4."""
+
+
+def heartbeat(topics: Topics, vehicle_type: int) -> Fields:
+    """HEARTBEAT.hpp: vehicle_status; ``vehicle_type`` is the MAV_TYPE."""
+    status = first_instance(topics, "vehicle_status")
+    is_armed = status["arming_state"] == ARMED_STATE
+    is_in_failsafe = status.get("failsafe", np.zeros(len(is_armed))).astype(np.bool_)
+    system_status = np.where(is_in_failsafe, CRITICAL, np.where(is_armed, ACTIVE, STANDBY))
+    fields = heartbeat_fields(vehicle_type, PX4, is_armed)
+    return {"time": status["time"], **fields, "system_status": system_status}
+
+
+SETPOINT_TYPE_TAKEOFF = 3
+
+SETPOINT_TYPE_LAND = 4
+"""Values of position_setpoint_triplet.current.type of take-off and landing (PX4 ``PositionSetpoint.msg``)."""
+
+
+def extended_sys_state(topics: Topics) -> Fields:
+    """EXTENDED_SYS_STATE.hpp: vehicle_land_detected, and what an automatic mode flies to.
+
+    There is a row whenever one of the topics came, and at the first message of each second: old PX4 logged the state at
+    its changes only.
+    """
+    land_detector = first_instance(topics, "vehicle_land_detected")
+    control_mode = first_instance(topics, "vehicle_control_mode")
+    target = first_instance(topics, "position_setpoint_triplet")
+    if "landed" not in land_detector:
+        return {}
+    all_stamps = [topic["time"] for instances in topics.values() for topic in instances.values()]
+    logged_time = np.unique(np.concatenate(all_stamps))
+    _, second_starts = np.unique(np.floor(logged_time), return_index=True)
+    stamps = [topic["time"] for topic in (land_detector, control_mode, target) if topic]
+    time = np.unique(np.concatenate([*stamps, logged_time[second_starts]]))
+    time = time[time >= land_detector["time"].min()]
+    is_landed = last_field_values(land_detector, "landed", time)
+    state = np.where(is_landed, ON_GROUND, IN_AIR)
+    is_automatic = last_field_values(control_mode, "flag_control_auto_enabled", time) > 0
+    is_target_valid = last_field_values(target, "current.valid", time) > 0
+    target_type = last_field_values(target, "current.type", time)
+    is_flying_to_target = (state == IN_AIR) & is_automatic & is_target_valid
+    state[is_flying_to_target & (target_type == SETPOINT_TYPE_TAKEOFF)] = TAKING_OFF
+    state[is_flying_to_target & (target_type == SETPOINT_TYPE_LAND)] = LANDING
+    return {"time": time, "landed_state": state.astype(np.uint8)}
+
+
+def local_position_ned(topics: Topics) -> Fields:
+    """LOCAL_POSITION_NED.hpp: vehicle_local_position where its vertical speed is valid; m and m/s.
+
+    Beside the message's fields, ``valid``: whether its horizontal velocity and the heading are, and ``resets``,
+    ODOMETRY's counter of jumps.
+    """
+    topic = first_instance(topics, "vehicle_local_position")
+    columns = {field: topic[field] for field in ("time", "x", "y", "z", "vx", "vy", "vz")}
+    is_velocity_valid = flag_or_true(topic, "v_xy_valid")
+    is_heading_valid = flag_or_true(topic, "heading_good_for_control")
+    columns["valid"] = is_velocity_valid & is_heading_valid
+    if "xy_reset_counter" in topic:
+        columns["resets"] = topic["xy_reset_counter"]
+    return selected_rows(columns, flag_or_true(topic, "v_z_valid"))

@@ -1,0 +1,219 @@
+"""Translation of a vehicle's PX4 topics into MAVLink messages: which topic becomes which message; the vehicle type."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from pymavlink.dialects.v20 import all as dialect
+
+from mavdem.facts import Facts
+from mavdem.facts.sources import Repair
+from mavdem.ingest.mavlink.definitions import enum_name
+from mavdem.ingest.px4_messages import (
+    TRANSLATION_RULES,
+    SampleTopic,
+    actuator_control_target,
+    attitude_quaternion,
+    attitude_target_messages,
+    current_mode,
+    extended_sys_state,
+    heartbeat,
+    hil_actuator_controls,
+    injected_rates,
+    local_position_ned,
+    motor_speeds,
+    renamed_message,
+    sensor_samples,
+    servo_output_raw,
+    sys_status,
+    system_time,
+    untranslated_topic,
+    vibration,
+)
+from mavdem.ingest.px4_topics import Topics, first_instance
+from mavdem.ingest.telemetry import (
+    Columns,
+    Fields,
+    Parameters,
+    Tables,
+    rate_without_gaps,
+    repair_facts,
+)
+from mavdem.ingest.vocabulary import UNNAMED
+
+UNTRANSLATED_TOPICS = ("failure_detector_status", "estimator_selector_status", "input_rc")
+"""Topics that no message of MAVLink has the meaning of: they are kept under their own names."""
+
+FLIGHT_MESSAGES = {
+    "ATTITUDE_QUATERNION",
+    "SERVO_OUTPUT_RAW",
+    "HIL_ACTUATOR_CONTROLS",
+    "ACTUATOR_CONTROL_TARGET",
+    "HEARTBEAT",
+    "EXTENDED_SYS_STATE",
+    "LOCAL_POSITION_NED",
+}
+"""Messages of which a flight has at least one."""
+
+SAMPLE_TOPICS = {
+    "GYRO": SampleTopic("sensor_gyro_fifo", "gyro_rad"),
+    "ACCEL": SampleTopic("sensor_accel_fifo", "accelerometer_m_s2"),
+}
+"""The samples of both sensors."""
+
+
+class TranslatedTopics(NamedTuple):
+    """The messages of one vehicle that its topics make."""
+
+    vehicle: str
+    """MAV_TYPE without its prefix; "UNKNOWN" where no topic and no parameter has it."""
+    messages: dict[str, Columns]
+    """MAVLink's messages by name, with ``time``, PX4's own stamp, s, and ``boot``, 0 throughout.
+
+    There are none where the topics hold no flight.
+    """
+    topic_names: dict[str, str]
+    """The topic of each message by its name, also of messages that could be made from other topics."""
+
+
+def messages_of_topics(topics: Topics, parameters: Parameters) -> TranslatedTopics:
+    """Translates a vehicle's topics into MAVLink's messages.
+
+    Args:
+        topics: The logged topics.
+        parameters: The autopilot's parameters by name.
+    """
+    vehicle_type = mav_type(topics, parameters)
+    vehicle = UNNAMED if vehicle_type is None else enum_name("MAV_TYPE", vehicle_type)
+    attitude = _message(attitude_quaternion, topics)
+    candidates = {
+        "ATTITUDE_QUATERNION": (_attitude_topic(topics, attitude), attitude),
+        "HIL_ACTUATOR_CONTROLS": (
+            "actuator_motors",
+            _message(hil_actuator_controls, topics, vehicle, parameters),
+        ),
+        "HEARTBEAT": ("vehicle_status", _message(heartbeat, topics, vehicle_type or 0)),
+    }
+    for name, rule in TRANSLATION_RULES.items():
+        candidates[name] = rule["topics"][0], _message(renamed_message, topics, name)
+    makers: dict[str, tuple[str, Callable[[Topics], Fields]]] = {
+        "SERVO_OUTPUT_RAW": ("actuator_outputs", servo_output_raw),
+        "ACTUATOR_CONTROL_TARGET": (_demand_topic(topics), actuator_control_target),
+        "EXTENDED_SYS_STATE": ("vehicle_land_detected", extended_sys_state),
+        "LOCAL_POSITION_NED": ("vehicle_local_position", local_position_ned),
+        "ATTITUDE_TARGET": (
+            "vehicle_rates_setpoint and vehicle_attitude_setpoint",
+            attitude_target_messages,
+        ),
+        "SIDD": ("autotune_attitude_control_status", injected_rates),
+        "SYS_STATUS": ("battery_status", sys_status),
+        "VIBRATION": ("vehicle_imu_status", vibration),
+        "SYSTEM_TIME": ("vehicle_gps_position", system_time),
+        "CURRENT_MODE": ("vehicle_status", current_mode),
+        "ESC": ("esc_status", motor_speeds),
+    }
+    for name, (topic, maker) in makers.items():
+        candidates[name] = topic, _message(maker, topics)
+    for name in UNTRANSLATED_TOPICS:
+        candidates[name] = name, _message(untranslated_topic, topics, name)
+    for sensor, sample_topic in SAMPLE_TOPICS.items():
+        topic = sample_topic.fifo if sample_topic.fifo in topics else "sensor_combined"
+        candidates[f"{sensor}_BEFORE"] = topic, _message(sensor_samples, topics, sample_topic)
+    messages: dict[str, Columns] = {}
+    topic_names = {}
+    for name, (topic, columns) in candidates.items():
+        topic_names[name] = topic
+        if columns:
+            messages[name] = columns
+    if FLIGHT_MESSAGES.isdisjoint(messages):
+        messages = {}
+    return TranslatedTopics(vehicle, messages, topic_names)
+
+
+def _message(maker: Callable[..., Fields], *arguments: Any) -> Fields:
+    """Makes a message by one of the functions below, and adds ``boot``.
+
+    Returns:
+        The columns; empty where a topic, or a field of it, was not logged.
+    """
+    try:
+        columns = maker(*arguments)
+    except KeyError:
+        return {}
+    count = len(columns.get("time", ()))
+    if not count:
+        return {}
+    return columns | {"boot": np.zeros(count, dtype=np.int64)}
+
+
+MULTIROTOR_TYPE: int = dialect.MAV_TYPE_GENERIC_MULTIROTOR
+"""MAV_TYPE of a multirotor whose number of rotors is not known."""
+
+MAV_TYPE_OF_VEHICLE_TYPE = {
+    1: MULTIROTOR_TYPE,
+    2: dialect.MAV_TYPE_FIXED_WING,
+    3: dialect.MAV_TYPE_GROUND_ROVER,
+}
+"""MAV_TYPE by vehicle_status.vehicle_type, which has no number of rotors."""
+
+MAX_MAV_TYPE = 255
+"""Largest value of MAV_TYPE: it is one byte in HEARTBEAT."""
+
+
+def mav_type(topics: Topics, parameters: Parameters) -> int | None:
+    """Finds out the vehicle's MAV_TYPE: the most frequent value in its topics and parameters.
+
+    Sources are vehicle_status.system_type and the parameter MAV_TYPE; without these vehicle_status.vehicle_type, and
+    is_rotary_wing before PX4 1.11.
+
+    Returns:
+        MAV_TYPE; None where there is no source.
+    """
+    status = first_instance(topics, "vehicle_status")
+    candidates = [*status.get("system_type", ()), parameters.get("MAV_TYPE", 0)]
+    types = [int(number) for number in candidates if 0 < number <= MAX_MAV_TYPE]
+    if not types:
+        for vehicle_type in status.get("vehicle_type", ()):
+            if vehicle_type in MAV_TYPE_OF_VEHICLE_TYPE:
+                types.append(MAV_TYPE_OF_VEHICLE_TYPE[vehicle_type])
+        for is_rotary_wing in status.get("is_rotary_wing", ()):
+            if is_rotary_wing:
+                types.append(MULTIROTOR_TYPE)
+    return max(set(types), key=types.count, default=None)
+
+
+def _demand_topic(topics: Topics) -> str:
+    """Returns the topic with the controller's demands: that of PX4 1.14 and later, or the old one if logged alone."""
+    if "vehicle_torque_setpoint" not in topics and "actuator_controls_0" in topics:
+        return "actuator_controls_0"
+    return "vehicle_torque_setpoint"
+
+
+def _attitude_topic(topics: Topics, attitude: Columns) -> str:
+    """Returns the topic whose stamps ATTITUDE_QUATERNION has: that of the body rates, or that of the attitude."""
+    rates = first_instance(topics, "vehicle_angular_velocity")
+    if attitude and rates and np.isin(attitude["time"], rates["time"]).all():
+        return "vehicle_angular_velocity"
+    return "vehicle_attitude"
+
+
+CLEARLY_MORE = 1.1
+"""Factor between the numbers of messages from which on attitude was logged less often than the body rates."""
+
+
+def attitude_repairs(topics: Topics, messages: Tables) -> Facts:
+    """Reports that attitude was interpolated, where the body rates were logged clearly more often.
+
+    Args:
+        topics: The logged topics.
+        messages: The messages made of them, by name.
+    """
+    logged = [topic["time"] for topic in topics.get("vehicle_attitude", {}).values()]
+    stamps = messages.get("ATTITUDE_QUATERNION", {"time": np.zeros(0)})["time"]
+    if len(stamps) <= CLEARLY_MORE * max(map(len, logged), default=0):
+        return ()
+    attitude_rate = rate_without_gaps(np.diff(max(logged, key=len)))
+    body_rate_rate = rate_without_gaps(np.diff(stamps))
+    return repair_facts(
+        Repair.ATTITUDE_INTERPOLATED, attitude_rate=attitude_rate, rate=body_rate_rate
+    )
