@@ -165,7 +165,7 @@ def test_the_worst_loop_of_a_flight_is_rated():
     light = margins_light(found)
     assert (light.code, light.level) == (MarginsLight.LOOP_MARGINS, "watch")
     assert light.remedy == (
-        "Set gains of `mavdem tune 'my flight.tlog' --vehicle 1:1 --params my.param --axis all`."
+        "Load the gains that `mavdem tune 'my flight.tlog' --vehicle 1:1 --params my.param --axis all` advises."
     )
     assert light.figures["axis"] == "pitch"
     alive = replace(found, log=replace(log, source="", vehicles=log.vehicles[:1]))

@@ -90,7 +90,7 @@ def test_a_link_is_shared_and_opened_in_another_profile(tmp_path):
         other.open(address)
         assert "There is no such flight" in other.run(SHOWN)
 
-        # The page comes by itself when the log has been read.
+        # The page opens by itself when the log has been read.
         mine.open(address)
         mine.until("document.querySelector('#steps li.is')")
         server.work.run()

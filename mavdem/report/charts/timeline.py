@@ -183,7 +183,7 @@ def _driven(signals: Signals, part: Segment) -> Iterator[Chart]:
         mean = shares.values.mean(axis=1, keepdims=True)
         apart = replace(shares, values=shares.values - mean)
         yield over_time("Motors", "%", _lines(shares, part, names))
-        yield over_time("Off their mean", "%", _lines(apart, part, names))
+        yield over_time("Motors minus their mean", "%", _lines(apart, part, names))
     yield over_time("Battery", "V", _lines(signals.voltage, part, ["battery"]))
 
 

@@ -290,7 +290,7 @@ def _spectra(
         over_time, *over_throttle = spectrogram(shown)
         if timeline is not None:
             over_time = timeline.marked(over_time)._replace(spans=())
-        yield Group.of([over_time, *over_throttle], "More blue: more power.")
+        yield Group.of([over_time, *over_throttle], "The stronger the blue, the higher the power.")
 
 
 def _motors(analysis: LogAnalysis, evidence: Evidence) -> Chapter:
