@@ -1,6 +1,6 @@
 """The boot clock undoes wraps, counts reboots, keeps gaps, and is not taken in by outliers."""
 
-from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 from hypothesis import given
@@ -14,15 +14,25 @@ WRAP_US = 2.0**32 / 1e6
 WRAP_MS = 2.0**32 / 1e3
 
 
-def clock(sent, count):
-    """``time`` and ``boot`` of all messages in the order they came; rows of no kind are messages without stamps."""
-    unstamped = np.setdiff1d(np.arange(count), np.concatenate([kind.positions for kind in sent]))
-    placed, repairs = boot_clock([*sent, MessageStamps("HEARTBEAT", unstamped)])
+class Clock(NamedTuple):
+    """``time`` and ``boot`` of all messages in the order they came, and the repairs."""
+
+    time: np.ndarray
+    boot: np.ndarray
+    repairs: tuple
+
+
+def clock(message_types, count):
+    """Puts messages on the boot clock; positions that no type has are those of messages without stamps."""
+    stamped = np.concatenate([message_type.positions for message_type in message_types])
+    unstamped = MessageStamps("HEARTBEAT", np.setdiff1d(np.arange(count), stamped))
+    boot_times, repairs = boot_clock([*message_types, unstamped])
     time = np.empty(count)
     boot = np.empty(count, dtype=np.int64)
-    for kind in [*sent, MessageStamps("HEARTBEAT", unstamped)]:
-        time[kind.positions], boot[kind.positions] = placed[kind.message]
-    return SimpleNamespace(time=time, boot=boot, repairs=repairs)
+    for message_type in (*message_types, unstamped):
+        time[message_type.positions] = boot_times[message_type.message].time
+        boot[message_type.positions] = boot_times[message_type.message].boot
+    return Clock(time, boot, repairs)
 
 
 def clock_of(times, period=WRAP_MS):

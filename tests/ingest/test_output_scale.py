@@ -1,10 +1,9 @@
-"""Which channels drive motors, and what their outputs mean, by the parameters of real vehicles."""
+"""What the numbers of motor outputs mean, by outputs and parameters of real vehicles."""
 
 import numpy as np
 from numpy.testing import assert_allclose
 from pytest import approx, mark
 
-from mavdem.ingest.motor_geometry import motor_geometry
 from mavdem.ingest.motors import OutputDriver
 from mavdem.ingest.output_scale import output_scale
 
@@ -115,42 +114,6 @@ def test_ardupilots_motors_stop_where_its_version_lets_them(parameters, highest)
     """The highest outputs in logs of 4.2, 3.3 and 3.2, in which a motor was at its limit for long."""
     scale = output_scale(np.array([[1061.0, 1800.0]]), parameters)
     assert scale.low + scale.stop * (scale.high - scale.low) == approx(highest, abs=0.5)
-
-
-def test_a_gimbals_channels_are_no_motors():
-    parameters = {"FRAME": 1.0, "RC5_FUNCTION": 7.0, "RC6_FUNCTION": 8.0, "RC7_FUNCTION": 0.0}
-    found = motor_geometry(
-        "GENERIC_MULTIROTOR", "ARDUPILOTMEGA", parameters, moving_channels=range(1, 7), bank_size=8
-    )
-    assert found.channels == (1, 2, 3, 4)
-    on_servos = motor_geometry(
-        "GENERIC_MULTIROTOR", "ARDUPILOTMEGA", {"SERVO2_FUNCTION": 7.0}, range(1, 6), 8
-    )
-    assert on_servos.channels == (1, 3, 4, 5)
-
-
-TWELVE = {f"SERVO{n}_FUNCTION": n + (32.0 if n < 9 else 73.0) for n in range(1, 13)}
-ON_AUX = {f"PWM_AUX_FUNC{n}": 100.0 + n for n in range(1, 5)}
-
-
-@mark.parametrize(
-    "vehicle, parameters, moving, channels",
-    [
-        ("QUADROTOR", {}, (2, 3, 4), range(1, 5)),
-        ("QUADROTOR", {}, (1, 2, 4), range(1, 5)),
-        ("QUADROTOR", {}, (9, 10, 11), range(9, 13)),
-        ("QUADROTOR", {}, (5, 6, 7), range(5, 8)),
-        ("HEXAROTOR", {}, (1, 2, 3, 5, 6), range(1, 7)),
-        ("TRICOPTER", {}, (1, 2), range(1, 3)),
-        ("DODECAROTOR", TWELVE, range(1, 13), range(1, 13)),
-        ("QUADROTOR", ON_AUX, (18, 19, 20), range(17, 21)),
-    ],
-)
-def test_a_motor_whose_output_never_changes_is_a_motor(vehicle, parameters, moving, channels):
-    autopilot, bank = ("PX4", 16) if parameters is ON_AUX else ("ARDUPILOTMEGA", 8)
-    found = motor_geometry(vehicle, autopilot, parameters, moving, bank)
-    assert found.channels == tuple(channels) and found.channels_assumed == (not parameters)
-    assert found.motors == tuple(range(1, len(channels) + 1))
 
 
 def test_without_pulses_a_motor_is_off():
