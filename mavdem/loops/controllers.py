@@ -143,10 +143,10 @@ class Controller(ImmutableResult):
     def __post_init__(self) -> None:
         """Raises ``NotLearnable`` if a field is outside ``POSSIBLE_RANGES``, or a filter's cut-off is nearly 0."""
         super().__post_init__()
-        for field, (least, greatest) in POSSIBLE_RANGES.items():
+        for field, (minimum, maximum) in POSSIBLE_RANGES.items():
             value = getattr(self, field)
             is_too_low = field.endswith("filter") and 0 < value < MIN_CUTOFF
-            if is_too_low or not least <= value <= greatest:
+            if is_too_low or not minimum <= value <= maximum:
                 name = self.parameter_names.get(field, field.replace("_", " "))
                 raise NotLearnable(Controllers.PARAMETER_IMPOSSIBLE, name=name, value=value)
 

@@ -193,8 +193,8 @@ def _controller_gain(spectra: WelchSpectra, dt: float, controller: Controller) -
     input_power = spectra.power[setpoint_and_rate, setpoint_and_rate]
     expected_power = np.einsum("if,ijf,jf->f", responses.conj(), input_power, responses).real
     demand_power = spectra.power[demand, demand].real
-    least = MIN_DEMAND_COHERENCE * expected_power * demand_power
-    is_coherent = np.abs(expected_to_demand) ** 2 > least
+    coherent_power = MIN_DEMAND_COHERENCE * expected_power * demand_power
+    is_coherent = np.abs(expected_to_demand) ** 2 > coherent_power
     is_coherent &= spectra.frequency > MIN_COMPARED_FREQUENCY
     is_coherent &= spectra.frequency < MAX_DEMAND_FREQUENCY_RATIO / dt
     is_fast = dt < 1 / MIN_RESOLVED_RATE

@@ -335,12 +335,12 @@ def _described(
     responses = _responses(estimate, sampling_rate, MAX_FREQUENCY_RATIO * nyquist_frequency)
     gains = np.abs(responses.responses)
     coherence = _coherence_where_driven(spectra)
-    known = _known_frequencies(responses.frequency, gains, spectra.frequency, coherence)
+    known_count = _known_frequencies(responses.frequency, gains, spectra.frequency, coherence)
     step_half_width = coverage_factor() * responses.steps[1:].std(axis=0)
-    if known < 2 or step_half_width.max() >= MAX_STEP_HALF_WIDTH:
+    if known_count < 2 or step_half_width.max() >= MAX_STEP_HALF_WIDTH:
         return Fact(StepResponses.TOO_LITTLE_ASKED, subject=f"{axis} {loop}")
-    frequency = responses.frequency[:known]
-    gains = gains[:, :known]
+    frequency = responses.frequency[:known_count]
+    gains = gains[:, :known_count]
     figures = _figures(responses.time, responses.steps, frequency, gains)
     return StepResponse(
         axis=axis,
@@ -349,7 +349,7 @@ def _described(
         step=responses.steps[0],
         step_half=step_half_width,
         frequency=frequency,
-        response=responses.responses[0, :known],
+        response=responses.responses[0, :known_count],
         gain_half=coverage_factor() * gains[1:].std(axis=0),
         max_frequency=frequency[-1],
         windows=estimate.windows,

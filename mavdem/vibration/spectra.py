@@ -100,12 +100,12 @@ class Spectrum(ImmutableResult):
 
         L is at most ``THROTTLE_LEVELS``; each is the mean over nearly the same number of windows.
         """
-        known = int(np.count_nonzero(np.isfinite(self.throttle)))
+        known_windows = int(np.count_nonzero(np.isfinite(self.throttle)))
         # NaN is sorted to the end.
-        ascending = np.argsort(self.throttle)[:known]
-        if known == 0:
+        ascending = np.argsort(self.throttle)[:known_windows]
+        if known_windows == 0:
             return np.zeros(0), np.zeros((0, len(self.frequency)))
-        groups = np.array_split(ascending, min(THROTTLE_LEVELS, known))
+        groups = np.array_split(ascending, min(THROTTLE_LEVELS, known_windows))
         levels = np.array([self.throttle[group].mean() for group in groups])
         densities = np.array([self.total_density[group].mean(axis=0) for group in groups])
         return levels, densities
@@ -149,8 +149,8 @@ def vibration_spectra(signals: Signals, segments: Segments) -> dict[str, Spectru
         spectrum = _spectrum(samples, signals, segments)
         if spectrum is None:
             continue
-        known = spectra.get(samples.name)
-        if known is None or spectrum.nyquist_frequency > known.nyquist_frequency:
+        earlier = spectra.get(samples.name)
+        if earlier is None or spectrum.nyquist_frequency > earlier.nyquist_frequency:
             spectra[samples.name] = spectrum
     return spectra
 
