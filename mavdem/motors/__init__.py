@@ -1,1 +1,1 @@
-"""Motors and propellers: hover figures, trims, the detection of a lost thrust, and health between flights."""
+"""Health: what a flight's figures say of motors and propellers, against the vehicle's own healthy flights."""

@@ -1,1 +1,1 @@
-"""The paper: generalized coordinates, the generative model, the free energy and the D, E and M steps."""
+"""The DEM engine of the paper: generalized coordinates, the generative model, F̄, and the D, E and M steps."""

@@ -67,7 +67,8 @@ def steady_state_gain(
     identity = np.eye(n)
     if S is None:
         S = np.zeros((n, C.shape[-2]))
-    # The process noise is split into a part S R⁻¹ v that the measurement shows and a rest that is independent of v.
+    # The process noise is split into a part S R⁻¹ v that the measurement shows and a rest that is independent of v. The
+    # transition matrix without that part is transposed, since the algorithm is written for the dual control problem.
     R_inverse_C = np.linalg.solve(R, C)
     transition = (A - S @ R_inverse_C).mT
     information = C.mT @ R_inverse_C

@@ -1,1 +1,1 @@
-"""Beyond the paper: the simulation-error fit, mixer geometry as a prior, the noise model and shrinkage."""
+"""Forecasts beyond the paper: the joint autoregression of outputs and motors, and the simulation-error fit of θ."""

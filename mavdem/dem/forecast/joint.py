@@ -54,6 +54,9 @@ Without it the angle, which follows from its rate almost exactly, would dominate
 MIN_STUDENT_FREEDOM = 3.0
 """Fewest degrees of freedom of Student's t in a band; with 2 or fewer its variance would be infinite."""
 
+FORECASTS_PER_INDEPENDENT_ERROR = 4
+"""Number of consecutive forecasts that count as one independent error, since consecutive errors are correlated."""
+
 MIN_SAMPLES_PER_LAG = 4
 """Fewest samples of the longest segment for each lag."""
 
@@ -290,9 +293,8 @@ class JointModel(ImmutableResult):
     def half_widths(self, variance: Array, level: float, steps: int) -> Array:
         """Returns the half widths of bands about rolling forecasts, by Student's t.
 
-        The variance is estimated from the training data, which hold as many independent forecast errors as a quarter of
-        the forecasts that fit one after the other: consecutive errors are correlated. That number is the degrees of
-        freedom.
+        The variance is estimated from the training data. Its degrees of freedom are the number of forecasts of that
+        length that fit into these one after the other, divided by ``FORECASTS_PER_INDEPENDENT_ERROR``.
 
         Args:
             variance: (H, m) variances of the forecasts.
@@ -303,7 +305,10 @@ class JointModel(ImmutableResult):
             Half widths (H, m).
         """
         forecast_lengths = np.arange(len(variance)) % max(1, steps) + 1
-        freedom = np.maximum(self.sample_count / (4 * forecast_lengths), MIN_STUDENT_FREEDOM)
+        independent_forecasts = self.sample_count / (
+            FORECASTS_PER_INDEPENDENT_ERROR * forecast_lengths
+        )
+        freedom = np.maximum(independent_forecasts, MIN_STUDENT_FREEDOM)
         return half_width(variance, level, freedom[:, None])
 
 

@@ -3,8 +3,8 @@
 Over each of many pieces of the record, the state starts where the Kalman filter has it, and then follows ẋ = A x + B v
 without measurements. All that the simulation misses, wind included, counts as measurement noise z. The fit maximises
 F̄ with the noise precision at its maximum, which has a closed form, by Gauss-Newton steps. F̄ has many maxima; the fit
-starts from θ of the ascent, which leads to the right one (docs/how_it_works.md; Ljung, System Identification, 2nd ed.,
-sec. 7.2, on prediction-error methods with a long horizon).
+starts from θ of the ascent, which leads to the right one (docs/how_it_works.md). A model whose residual is all
+measurement noise is called an output-error model (Ljung, System Identification, 2nd ed., sec. 4.2).
 """
 
 from __future__ import annotations

@@ -154,8 +154,9 @@ class LagStatistics(NamedTuple):
 
     def gram_of_fewer_lags(self, lags: int, fewer: int) -> Array:
         """Returns the ``gram`` of the same rows with only the first ``fewer`` of their ``lags``."""
-        constant_column = len(self.gram) * lags // (lags + 1)
-        k = len(self.gram) - constant_column - 1
+        # A row has the k channels of each lag, the constant, and the k channels of the sample.
+        k = (len(self.gram) - 1) // (lags + 1)
+        constant_column = lags * k
         columns = np.concatenate([np.arange(fewer * k), np.arange(constant_column, len(self.gram))])
         return self.gram[np.ix_(columns, columns)]
 

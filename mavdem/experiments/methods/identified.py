@@ -89,7 +89,16 @@ class Identified(Baseline):
     def rolling_forecast_unknown_inputs(
         self, steps: int, inputs: Array, outputs: Array
     ) -> Forecast:
-        """Returns forecasts as :meth:`rolling_forecast_known_inputs`, of a model on which inputs have no effect."""
+        """Forecasts as :meth:`rolling_forecast_known_inputs`, for a model on which inputs have no effect.
+
+        Args:
+            steps: number of samples from the start of one forecast to the next.
+            inputs: (H, r) inputs after the training data, which have no effect.
+            outputs: (H, m) outputs after the training data; each forecast uses those before its start only.
+
+        Raises:
+            ValueError: inputs have an effect on the model, so that they must be known.
+        """
         if self.model.B.any() or self.model.D.any():
             raise ValueError(
                 f"{self.method} needs the inputs of the time it forecasts: use forecast(inputs), or "
