@@ -7,7 +7,7 @@ import gc
 import os
 import sys
 
-from mavdem.cli.output import ending_at_once, unwind_when_terminated
+from mavdem.cli.termination import default_interrupt_action, raise_on_termination_signals
 
 GARBAGE_THRESHOLD = 200_000
 """Allocations between two searches for cyclic garbage.
@@ -19,18 +19,18 @@ Python's own value is 700. The frequent searches took an eighth of the time of `
 def run() -> int:
     """Runs the command that the process was called with, and returns its exit code."""
     _configure_process()
-    with ending_at_once():
+    with default_interrupt_action():
         from mavdem.cli.commands import main
-    unwind_when_terminated()
+    raise_on_termination_signals()
     return main()
 
 
 def load() -> int:
     """Runs as a loader of the Rerun Viewer, ``rerun-loader-mavdem``, and returns the exit code."""
     _configure_process()
-    with ending_at_once():
+    with default_interrupt_action():
         from mavdem.cli.open import load
-    unwind_when_terminated()
+    raise_on_termination_signals()
     return load(sys.argv[1:])
 
 

@@ -16,7 +16,7 @@ import click
 from pydantic import TypeAdapter
 from pydantic.dataclasses import dataclass as with_schema
 
-from mavdem.cli.commands import imported_command, mavdem
+from mavdem.cli.commands import load_command, mavdem
 from mavdem.dem import Learned, document
 from mavdem.documents import DOCUMENTS
 from mavdem.fleet.row import SCHEMA_VERSION, FlightRow
@@ -98,7 +98,7 @@ def schema_text(name):
 def command_page():
     """Returns the page of all commands: the help of each, with options of several commands described once."""
     whole = click.Context(mavdem, info_name="mavdem", terminal_width=86, **mavdem.context_settings)
-    contexts = [click.Context(imported_command(name), whole, name) for name in mavdem.commands]
+    contexts = [click.Context(load_command(name), whole, name) for name in mavdem.commands]
     records = {
         one: [
             record for each in one.command.get_params(one) if (record := each.get_help_record(one))

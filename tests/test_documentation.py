@@ -24,7 +24,7 @@ from simulated import simulated
 import mavdem
 import mavdem.evaluate
 import sitl_scenarios
-from mavdem.cli.commands import imported_command
+from mavdem.cli.commands import load_command
 from mavdem.cli.commands import mavdem as mavdem_command
 from mavdem.loops.axis_loops import MARGIN_TARGETS
 from sitl_scenarios.files import names as scenarios
@@ -68,7 +68,7 @@ def test_every_command_that_is_shown_exists_with_its_options():
     assert len(lines) > 20
     for line in lines:
         _, name, *words = shlex.split(re.sub(r" > \S+$", "", line.strip()))
-        command = imported_command(name if name in mavdem_command.commands else "review")
+        command = load_command(name if name in mavdem_command.commands else "review")
         known = {option for parameter in command.params for option in parameter.opts}
         assert {word for word in words if word.startswith("--")} <= known, line
         if name == "fly" and not words[0].startswith("--"):

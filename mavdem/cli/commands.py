@@ -1,36 +1,32 @@
-"""``mavdem``: the group of commands, their completion by a shell, and what becomes of errors."""
+"""The command ``mavdem``: its group of commands, their completion by a shell, and the exit code of each error."""
 
 import os
-import signal
 import sys
 import traceback
 from collections.abc import Sequence
 from importlib import import_module
-from itertools import pairwise
 from typing import Any
 
 import click
 from click.shell_completion import shell_complete
 
-from mavdem.cli.output import (
-    DONE,
-    INTERRUPTED,
-    OF_SIGNAL,
-    UNSUPPORTED,
-    UNUSABLE,
-    complain,
-    ending_at_once,
-    prepare_streams,
-    say_aside,
+from mavdem.cli.exit_codes import (
+    EXIT_DONE,
+    EXIT_ERROR,
+    EXIT_INTERRUPTED,
+    EXIT_PIPE_CLOSED,
+    EXIT_UNSUPPORTED,
 )
+from mavdem.cli.output import report_error
+from mavdem.cli.streams import prepare_streams, print_to_stderr
+from mavdem.cli.termination import default_interrupt_action
 from mavdem.errors import NotLearnable, Unreadable, error_message
 from mavdem.extras import MissingExtra
 from mavdem.facts import Fact
 from mavdem.facts.command import End
 from mavdem.log_formats import COMPRESSED_ENDING, UNCOMPRESSED_ENDINGS
 
-PIPE_CLOSED = OF_SIGNAL + signal.SIGPIPE  # the exit code, as a shell reports SIGPIPE
-HELP = {
+COMMAND_SUMMARIES = {
     "review": "Reports all that a log says: what happened, lights, next step.",
     "info": "Reports what a log holds and if a model can be learned.",
     "learn": "Learns a linear model, and reports what it is good for.",
@@ -48,21 +44,78 @@ HELP = {
     "fly": "Simulates the flight of a quadrotor in wind.",
     "reproduce": "Runs the paper's experiments again and checks its claims.",
 }
-"""What each command does, by name: the first line of its own help."""
-# Environment variable by which click's shell scripts ask for completions
-COMPLETION = "_MAVDEM_COMPLETE"
+"""What each command does, by its name: the first line of the command's own help.
+
+They are repeated here because ``mavdem --help`` lists them without importing the commands.
+"""
+
+COMPLETION_VARIABLE = "_MAVDEM_COMPLETE"
+"""Environment variable by which Click's shell scripts ask for completions."""
+
+TRACEBACK_VARIABLE = "MAVDEM_TRACEBACK"
+"""Environment variable by which a user asks for the traceback of a defect."""
 
 
-def imported_command(name: str) -> click.Command:
-    """Returns the command of this name, from the module that is named like it."""
-    command = getattr(import_module(f"mavdem.cli.{name}"), f"{name}_command")
+class LazyCommandGroup(click.Group):
+    """A group that imports a command only when it is named.
+
+    The imports of a command take a second, for which ``mavdem --help`` need not wait.
+    """
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Finds and imports the command that the arguments name.
+
+        A log in the place of the command's name stands for ``mavdem review LOG``. That this may take a while is
+        reported before the import.
+
+        Args:
+            ctx: Context of the group.
+            args: Arguments after ``mavdem``, at least one.
+
+        Returns:
+            The name of the command, the command, and its own arguments; the first two may be None while a shell asks
+            for completions.
+        """
+        if args[0] not in self.commands and looks_like_log_name(args[0]):
+            args = ["review", *args]
+        name, command, command_args = super().resolve_command(ctx, args)
+        if command is None:
+            return name, command, command_args
+        if command.name == "review":
+            _announce_review(command_args)
+        with default_interrupt_action():
+            command = load_command(str(command.name))
+        return name, command, command_args
+
+
+def load_command(name: str) -> click.Command:
+    """Imports a command: ``<name>_command`` of the module ``mavdem.cli.<name>``.
+
+    Args:
+        name: One of ``COMMAND_SUMMARIES``.
+    """
+    command: click.Command = getattr(import_module(f"mavdem.cli.{name}"), f"{name}_command")
     for parameter in command.params:
-        parameter.callback = parameter.callback or _no_option
+        if parameter.callback is None:
+            parameter.callback = _refuse_option_as_value
     return command
 
 
-def _no_option(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
-    """Refuses an option as the value of another, which was then forgotten: ``--out --json``."""
+def _refuse_option_as_value(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
+    """Returns the value of an option, unless it is the name of another option; it is Click's callback for all options.
+
+    In ``--out --json`` the user has forgotten the value of ``--out``, and Click would write to a folder "--json".
+
+    Args:
+        context: Context of the command.
+        parameter: The option.
+        value: Its value, of the type that the option has.
+
+    Raises:
+        click.BadParameter: The value begins with two hyphens.
+    """
     if str(value).startswith("--"):
         raise click.BadParameter(
             f"{value} is an option, and no value was given.", context, parameter
@@ -70,35 +123,33 @@ def _no_option(context: click.Context, parameter: click.Parameter, value: Any) -
     return value
 
 
-def is_log(word: str) -> bool:
-    """Returns whether a first ``word`` is a log's name, there or not, or that of any file or folder: no command."""
-    return os.path.exists(word) or word.lower().removesuffix(COMPRESSED_ENDING).endswith(
-        UNCOMPRESSED_ENDINGS
-    )
+def looks_like_log_name(argument: str) -> bool:
+    """Returns whether an argument names an existing file or folder, or has the ending of a log.
+
+    A log that does not exist counts too, so that the error says so instead of "No such command".
+    """
+    if os.path.exists(argument):
+        return True
+    return argument.lower().removesuffix(COMPRESSED_ENDING).endswith(UNCOMPRESSED_ENDINGS)
 
 
-class _Commands(click.Group):
-    """Imports a command when it is named: what it needs takes a second, which ``--help`` need not wait."""
+def _announce_review(args: Sequence[str]) -> None:
+    """Reports on standard error which log is going to be reviewed.
 
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        if args[0] not in self.commands and is_log(args[0]):
-            args = ["review", *args]
-        name, command, rest = super().resolve_command(ctx, args)
-        if command is not None:
-            if command.name == "review":
-                for before, word in pairwise(["", *rest]):
-                    if is_log(word) and not before.startswith("-"):
-                        say_aside(f"Reviewing {word} …")
-            with ending_at_once():
-                command = imported_command(str(command.name))
-        return name, command, rest
+    Args:
+        args: Arguments of ``mavdem review``. An argument after one that begins with a hyphen is the value of an option,
+            and not the log.
+    """
+    previous = ""
+    for argument in args:
+        if looks_like_log_name(argument) and not previous.startswith("-"):
+            print_to_stderr(f"Reviewing {argument} …")
+        previous = argument
 
 
 @click.group(
-    cls=_Commands,
-    commands=[click.Command(name, help=text) for name, text in HELP.items()],
+    cls=LazyCommandGroup,
+    commands=[click.Command(name, help=summary) for name, summary in COMMAND_SUMMARIES.items()],
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 @click.version_option(package_name="mavdem")
@@ -137,59 +188,84 @@ def mavdem() -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command with these words, or those of the process, and returns its exit code; raises SystemExit only."""
-    words = sys.argv[1:] if arguments is None else list(arguments)
+    """Runs the command line, and returns its exit code.
+
+    Errors are reported on standard error. ``SystemExit`` is the only exception that leaves this function.
+
+    Args:
+        arguments: Arguments after ``mavdem``; those of the process unless given.
+    """
+    args = sys.argv[1:] if arguments is None else list(arguments)
     prepare_streams()
     try:
-        if COMPLETION in os.environ:
-            return shell_complete(mavdem, {}, "mavdem", COMPLETION, os.environ[COMPLETION])
-        code = _run(words, as_json="--json" in words)
+        if COMPLETION_VARIABLE in os.environ:
+            instruction = os.environ[COMPLETION_VARIABLE]
+            return shell_complete(mavdem, {}, "mavdem", COMPLETION_VARIABLE, instruction)
+        code = _exit_code(args, as_json="--json" in args)
         sys.stdout.flush()
         return code
     except BrokenPipeError:
-        code = PIPE_CLOSED  # the reader has had enough
+        code = EXIT_PIPE_CLOSED
     except OSError as error:
-        complain(Fact(End.STANDARD_OUTPUT_FAILED, because=error_message(error)), as_json=False)
-        code = UNUSABLE
-    # Python flushes once more at exit, and that must go somewhere.
+        report_error(Fact(End.STANDARD_OUTPUT_FAILED, because=error_message(error)), as_json=False)
+        code = EXIT_ERROR
+    # Python flushes standard output once more at its exit. That must not fail again.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return code
 
 
-def _run(words: list[str], as_json: bool) -> int:
+def _exit_code(args: list[str], as_json: bool) -> int:
+    """Runs one command, reports its error if there is one, and returns the exit code.
+
+    Args:
+        args: Arguments after ``mavdem``.
+        as_json: Whether an error is also printed as a JSON document.
+
+    Raises:
+        OSError: Standard output cannot be written to.
+    """
     try:
-        # a folder without a name would be the current one, whose results are replaced
-        if {"", "--out="}.intersection(words):
-            raise click.UsageError("An argument is empty: name a file or folder, or leave it out.")
-        with mavdem.make_context(mavdem.name, list(words)) as context:
-            mavdem.invoke(context)
+        _invoke(args)
     except click.exceptions.Exit as end:
         return end.exit_code
     except click.exceptions.NoArgsIsHelpError as error:
         error.show(sys.stderr)
     except click.ClickException as error:
-        where = (
-            error.ctx.command_path
-            if isinstance(error, click.UsageError) and error.ctx
-            else "mavdem"
-        )
-        complain(Fact(End.BAD_USAGE, text=error.format_message(), name=where), as_json)
+        command_path = "mavdem"
+        if isinstance(error, click.UsageError) and error.ctx:
+            command_path = error.ctx.command_path
+        report_error(Fact(End.BAD_USAGE, text=error.format_message(), name=command_path), as_json)
     except NotLearnable as error:
-        complain(error.fact, as_json)
-        return UNSUPPORTED
+        report_error(error.fact, as_json)
+        return EXIT_UNSUPPORTED
     except (Unreadable, MissingExtra) as error:
-        complain(error.fact, as_json)
+        report_error(error.fact, as_json)
     except KeyboardInterrupt:
-        complain(Fact(End.INTERRUPTED), as_json)
-        return INTERRUPTED
+        report_error(Fact(End.INTERRUPTED), as_json)
+        return EXIT_INTERRUPTED
     except MemoryError:
-        complain(Fact(End.OUT_OF_MEMORY), as_json)
+        report_error(Fact(End.OUT_OF_MEMORY), as_json)
     except Exception as error:
+        # Commands report failures of files by name, so an error without one is that of standard output.
         if isinstance(error, OSError) and error.filename is None:
-            raise  # standard output: the only thing written to here that has no name
-        if os.environ.get("MAVDEM_TRACEBACK"):
+            raise
+        if os.environ.get(TRACEBACK_VARIABLE):
             traceback.print_exc()
-        complain(Fact(End.DEFECT, because=f"{type(error).__name__}: {error}"), as_json)
+        report_error(Fact(End.DEFECT, because=f"{type(error).__name__}: {error}"), as_json)
     else:
-        return DONE
-    return UNUSABLE
+        return EXIT_DONE
+    return EXIT_ERROR
+
+
+def _invoke(args: list[str]) -> None:
+    """Parses the arguments after ``mavdem`` and runs the command that they name.
+
+    Raises:
+        click.ClickException: The arguments are wrong.
+        Exception: Whatever the command raises.
+    """
+    # A folder with an empty name would be the current one, whose results would be replaced.
+    if "" in args or "--out=" in args:
+        raise click.UsageError("An argument is empty: name a file or folder, or leave it out.")
+    with mavdem.make_context(mavdem.name, list(args)) as context:
+        mavdem.invoke(context)

@@ -5,14 +5,10 @@ from time import perf_counter
 
 import click
 
-from mavdem.cli.options import (
-    motion_options,
-    names_of,
-    of_each,
-    sources_argument,
-    window_options,
-)
-from mavdem.cli.output import print_result, progress, say_aside
+from mavdem.cli.options import motion_options, sources_argument, window_options
+from mavdem.cli.output import print_result, progress
+from mavdem.cli.sources import map_flights, sources_by_flight_name
+from mavdem.cli.streams import print_to_stderr
 from mavdem.containers import Names
 from mavdem.experiments.comparison import METHODS, compare
 from mavdem.experiments.window import TRAIN_SECONDS, Length, windows_as_asked
@@ -57,15 +53,17 @@ def compare_command(
     """
     began = perf_counter()
     windows_of = partial(windows_as_asked, train=train, test=test, hop=hop)
-    cut = of_each(sources, axis, vehicle, inputs, windows_of)
+    cut = map_flights(sources, axis, vehicle, inputs, windows_of)
     windowed = [window for windows in cut.values() for window in windows]
     with progress(f"Comparing {len(METHODS)} methods on {len(windowed)} windows") as done:
         compared = compare(windowed, METHODS, done)
     report = {
         **compared.to_dict(),
         "axis": axis,
-        "sources": {name: source for name, source in names_of(sources).items() if name in cut},
+        "sources": {
+            name: source for name, source in sources_by_flight_name(sources).items() if name in cut
+        },
         "seconds": round(perf_counter() - began, 3),
     }
     print_result(report, comparison_report(compared), as_json)
-    say_aside(f"Took {report['seconds']:.1f} s.")
+    print_to_stderr(f"Took {report['seconds']:.1f} s.")

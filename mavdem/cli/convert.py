@@ -2,8 +2,10 @@
 
 import click
 
-from mavdem.cli.options import refuse_link, source_options
-from mavdem.cli.output import print_json, printable, progress, say
+from mavdem.cli.options import source_options
+from mavdem.cli.output import print_json, progress
+from mavdem.cli.sources import refuse_link
+from mavdem.cli.streams import escape_unprintable, print_to_stdout
 from mavdem.export.conversion import convert as convert_file
 from mavdem.report.templates import render_section
 
@@ -41,7 +43,7 @@ def convert_command(
         print_json(written)
         return
     for said in render_section("converted", **written):
-        say(printable(said.text))
+        print_to_stdout(escape_unprintable(said.text))
     for key, word in {"repairs": "Noted", "cautions": "Caution"}.items():
         for sentence in written.get(key, ()):
-            say(f"{word}: {sentence}")
+            print_to_stdout(f"{word}: {sentence}")

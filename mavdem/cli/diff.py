@@ -4,17 +4,13 @@ from pathlib import Path
 
 import click
 
-from mavdem.cli.options import file_option, json_option, refuse_link
-from mavdem.cli.output import (
-    UNSUPPORTED,
-    check_folder,
-    files_in,
-    json_text,
-    print_result,
-    progress,
-    say_aside,
-)
-from mavdem.cli.results import free_folder
+from mavdem.cli.exit_codes import EXIT_UNSUPPORTED
+from mavdem.cli.options import file_option, json_option
+from mavdem.cli.output import json_text, print_result, progress
+from mavdem.cli.output_files import check_output_folder, replaced_files
+from mavdem.cli.result_folders import available_folder
+from mavdem.cli.sources import refuse_link
+from mavdem.cli.streams import print_to_stderr
 from mavdem.documents.fleet import Diff
 from mavdem.fleet.difference import (
     STATE_NAMES,
@@ -68,10 +64,10 @@ def diff_command(
 
     Exit codes: 0 compared, whatever changed; 1 nothing can be compared; 2 bad usage, or unreadable input.
     """
-    folder = out or free_folder(
+    folder = out or available_folder(
         f"{Path(before).stem}_and_{Path(after).stem}", DOCUMENT, {"a": before, "b": after}
     )
-    check_folder(folder, (PAGE, DOCUMENT), before, after)
+    check_output_folder(folder, (PAGE, DOCUMENT), before, after)
     states = []
     for name, source in zip(STATE_NAMES, (before, after), strict=True):
         refuse_link(source)
@@ -85,15 +81,15 @@ def diff_command(
     document = Diff.gather(
         difference, a=before, b=after, parameters=parameters, headlines=headlines
     )
-    with files_in(folder, [PAGE, DOCUMENT]) as (path, place):
+    with replaced_files(folder, [PAGE, DOCUMENT]) as (path, place):
         place.write_text(json_text(document))
         called = Path(before).name, Path(after).name
         page = comparison_page(
             called, (first.review, second.review), difference, parameters, lacking
         )
         path.write_text(page, "utf-8", "replace")
-    say_aside(f"The page is {folder / PAGE}.")
+    print_to_stderr(f"The page is {folder / PAGE}.")
     said = [*headline_blocks(headlines), *difference_blocks(difference, parameters, lacking)]
     print_result(document, [*said, *next_blocks(difference)], as_json)
     if not difference.changes:
-        context.exit(UNSUPPORTED)
+        context.exit(EXIT_UNSUPPORTED)

@@ -9,14 +9,10 @@ from time import perf_counter
 
 import click
 
-from mavdem.cli.options import Number, file_option, json_option
-from mavdem.cli.output import (
-    check_file,
-    print_json,
-    progress,
-    say,
-    say_aside,
-)
+from mavdem.cli.options import NumberRange, file_option, json_option
+from mavdem.cli.output import print_json, progress
+from mavdem.cli.output_files import check_output_file
+from mavdem.cli.streams import print_to_stderr, print_to_stdout
 from mavdem.containers import JsonValues, Names
 from mavdem.export.conversion import STREAM_WRITERS
 from mavdem.extras import require_extra
@@ -52,7 +48,7 @@ from sitl_scenarios.vehicles import airframe
 @click.option("--udp", metavar="HOST:PORT", help="Fly live and send MAVLink to HOST:PORT.")
 @click.option(
     "--speed",
-    type=Number(0.01, 1000.0),
+    type=NumberRange(0.01, 1000.0),
     default=1.0,
     show_default=True,
     help="Speed of a live flight, as a multiple of real time.",
@@ -125,7 +121,7 @@ def fly_command(
         if as_json:
             return print_json({"scenarios": scenarios})
         width = max(map(len, names()))
-        return say(
+        return print_to_stdout(
             "\n".join(
                 f"{scenario['name']:{width}}  {scenario['description']}" for scenario in scenarios
             )
@@ -140,7 +136,7 @@ def fly_command(
     if describe:
         if as_json:
             return print_json({"scenario": scenario, "values": chosen.model_dump(mode="json")})
-        return say(in_toml(chosen))
+        return print_to_stdout(in_toml(chosen))
     if (udp is None) == (out is None and rrd is None):
         raise click.UsageError(
             "Name files with --out and --rrd, or a ground station to fly live with --udp: choose one."
@@ -174,7 +170,7 @@ def _chosen(
     with _refusing("SCENARIO"):
         scenario = load(named)
     if scenario == Scenario():
-        say_aside(f"{Path(named).name} sets no value: every value is the default.")
+        print_to_stderr(f"{Path(named).name} sets no value: every value is the default.")
     for key, value in {"seed": seed, "duration": duration}.items():
         if value is not None:
             with _refusing(f"--{key}"):
@@ -191,10 +187,10 @@ def _chosen(
 
 
 def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None) -> JsonValues:
-    check_file(out, "--out", tuple(STREAM_WRITERS))
+    check_output_file(out, "--out", tuple(STREAM_WRITERS))
     truth = None if out is None else out.with_suffix(".truth.npz")
-    check_file(truth, "--out", (".npz",))
-    check_file(rrd, "--rrd", (".rrd",))
+    check_output_file(truth, "--out", (".npz",))
+    check_output_file(rrd, "--rrd", (".rrd",))
     if rrd is not None:
         require_extra("view", "--rrd")
     # The log appears last, with its companions in place.
@@ -227,12 +223,16 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
             write_pose(unfinished_of[rrd], name, pose)
             report |= {"rrd": str(rrd)}
     report["took"] = round(perf_counter() - began, 3)
-    say_aside(f"Flew {motion.time[-1]:.1f} s in {report['took']:.1f} s.")
+    print_to_stderr(f"Flew {motion.time[-1]:.1f} s in {report['took']:.1f} s.")
     if out is not None:
-        say_aside(f"Wrote {report['frames']} frames to {out}, and the true states to {truth}.")
-        say_aside(f"Learn: {shlex.join(['mavdem', 'learn', str(out), '--truth', str(truth)])}")
+        print_to_stderr(
+            f"Wrote {report['frames']} frames to {out}, and the true states to {truth}."
+        )
+        print_to_stderr(
+            f"Learn: {shlex.join(['mavdem', 'learn', str(out), '--truth', str(truth)])}"
+        )
     if rrd is not None:
-        say_aside(f"Wrote {rrd}; open it with `rerun {rrd}`.")
+        print_to_stderr(f"Wrote {rrd}; open it with `rerun {rrd}`.")
     return report
 
 
@@ -244,16 +244,20 @@ def _live(name: str, scenario: Scenario, udp: str, speed: float) -> JsonValues:
         )
     whole = seconds(scenario)
     with _refusing(), closing(Ground(match[1], int(match[2]))) as ground:
-        say_aside(f"Flying {name} for {whole:g} s, sending to {udp}; Ctrl-C ends it.")
+        print_to_stderr(f"Flying {name} for {whole:g} s, sending to {udp}; Ctrl-C ends it.")
         with progress(f"Flying {name}") as done:
             simulation = Simulation(scenario)
             outcome = fly_live(
                 scenario, simulation, ground, speed, lambda now: done(min(now / whole, 1.0))
             )
     ended = "Stopped after" if outcome.stopped else "Flew"
-    say_aside(f"{ended} {outcome.flown:.1f} s in {outcome.took:.1f} s: sent {outcome.sent} frames.")
+    print_to_stderr(
+        f"{ended} {outcome.flown:.1f} s in {outcome.took:.1f} s: sent {outcome.sent} frames."
+    )
     if (ran := outcome.flown / outcome.took if outcome.took else speed) < 0.95 * speed:
-        say_aside(f"This machine is too slow: it ran at {ran:.2g} times real time, not {speed:g}.")
+        print_to_stderr(
+            f"This machine is too slow: it ran at {ran:.2g} times real time, not {speed:g}."
+        )
     return {
         "udp": udp,
         "frames": outcome.sent,

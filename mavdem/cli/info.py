@@ -5,8 +5,10 @@ import click
 from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.axis import Options
 from mavdem.assessment.inventory import inventory
-from mavdem.cli.options import read_source, source_options, verbose_option
-from mavdem.cli.output import complain, print_json, print_screen, say
+from mavdem.cli.options import source_options, verbose_option
+from mavdem.cli.output import print_json, print_screen, report_error
+from mavdem.cli.sources import read_source
+from mavdem.cli.streams import print_to_stdout
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.documents.inventory import vehicle_document
@@ -60,7 +62,9 @@ def info_command(
     if as_json:
         print_json(held)
     elif not held["vehicles"]:
-        say("There is no vehicle in this log: check that the autopilot's messages are recorded.")
+        print_to_stdout(
+            "There is no vehicle in this log: check that the autopilot's messages are recorded."
+        )
     if not held["learnable"]:
         if as_json:
             # The document is printed already, with all the reasons.
@@ -71,5 +75,5 @@ def info_command(
                 names=[component_id(shown) for shown in held["vehicles"]],
                 because=next((shown["verdict"].reason for shown in held["vehicles"]), None),
             )
-            complain(because, as_json=False)
+            report_error(because, as_json=False)
         context.exit(1)

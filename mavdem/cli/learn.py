@@ -9,23 +9,18 @@ from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.axis import Options
 from mavdem.assessment.axis.figures import ALL_AXES
 from mavdem.cli.options import (
-    Number,
     file_option,
     model_options,
-    read_source,
     source_options,
+    start_option,
     verbose_option,
     window_options,
 )
-from mavdem.cli.output import (
-    check_folder,
-    complain,
-    print_json,
-    print_screen,
-    progress,
-    say_aside,
-)
-from mavdem.cli.results import named_after, write_results
+from mavdem.cli.output import print_json, print_screen, progress, report_error
+from mavdem.cli.output_files import check_output_folder
+from mavdem.cli.result_folders import default_result_folder, write_results
+from mavdem.cli.sources import read_source
+from mavdem.cli.streams import print_to_stderr
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
@@ -37,15 +32,6 @@ from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.review import review_title
 from mavdem.report.screen import analysis_blocks, detail_blocks, flight_title
 from mavdem.results import PAGE_FILE, RECORDING_FILE, RESULT_FILES
-
-start_option = click.option(
-    "--start",
-    metavar="SECONDS",
-    type=Number(0, 86400),
-    default=0.0,
-    show_default=True,
-    help="Nothing before it is used: seconds into the settled flight.",
-)
 
 
 @click.command("learn")
@@ -109,9 +95,9 @@ def learn_command(
       mavdem learn flight.tlog --train 7s --preset paper --order 2
       mavdem learn simulated.tlog --truth simulated.truth.npz
     """
-    folder = out or named_after(source)
+    folder = out or default_result_folder(source)
     if not no_files:
-        check_folder(folder, RESULT_FILES, source)
+        check_output_folder(folder, RESULT_FILES, source)
     began = perf_counter()
     log = read_source(source)
     signals = Signals(choose_vehicle(log.vehicles, vehicle))
@@ -137,11 +123,11 @@ def learn_command(
         if learned is not None and (
             hint := missing_extra_fact("view", f"{RECORDING_FILE} was not written, since it")
         ):
-            say_aside(hint)
+            print_to_stderr(hint)
     if as_json:
         print_json(report)
         if learned is None:  # else the screen has said it
-            complain(assessment.refusal.fact, as_json=False)
+            report_error(assessment.refusal.fact, as_json=False)
     else:
         above, *blocks, following = analysis_blocks(assessment)
         page = Sentence(f"{folder / PAGE_FILE} (took {took:.1f} s)", "Page:")

@@ -13,18 +13,12 @@ from rich.console import Group
 from rich.live import Live as Place
 from rich.text import Text
 
-from mavdem.cli.options import Number, file_option, json_option, model_options, vehicle_option
-from mavdem.cli.output import (
-    DONE,
-    STDERR,
-    UNSUPPORTED,
-    UNUSABLE,
-    asked_to_end,
-    check_file,
-    print_json,
-    printable,
-    say_aside,
-)
+from mavdem.cli.exit_codes import EXIT_DONE, EXIT_ERROR, EXIT_UNSUPPORTED
+from mavdem.cli.options import NumberRange, file_option, json_option, model_options, vehicle_option
+from mavdem.cli.output import print_json
+from mavdem.cli.output_files import check_output_file
+from mavdem.cli.streams import STDERR, escape_unprintable, print_to_stderr
+from mavdem.cli.termination import termination_requests
 from mavdem.dataset.axes import TILT_AXES, output_names_and_units
 from mavdem.dem import Settings
 from mavdem.dem.parallel import LearningProcess
@@ -111,7 +105,7 @@ class Dashboard:
         if self.view is not None:
             self.view.status(status)
             for trouble in set(self.view.troubles) - self._said:
-                say_aside(trouble)
+                print_to_stderr(trouble)
                 self._said.add(trouble)
 
     def close(self) -> None:
@@ -154,7 +148,7 @@ class Dashboard:
 )
 @click.option(
     "--request-rate",
-    type=Number(1, 1000),
+    type=NumberRange(1, 1000),
     metavar="HZ",
     help="Ask for attitude and motor outputs at this rate, for setpoints at half of it or 50 Hz, for what shows a "
     "landing at 4 Hz, and for the parameters of motors and gains; nothing becomes slower. Without it nothing is ever "
@@ -163,7 +157,7 @@ class Dashboard:
 @file_option(
     "--prior", "Earlier model of the vehicle, model.json: a calm hover then has a wind torque."
 )
-@click.option("--duration", type=Number(0, min_open=True), help="Seconds until it ends.")
+@click.option("--duration", type=NumberRange(0, min_open=True), help="Seconds until it ends.")
 @click.option(
     "--plain",
     is_flag=True,
@@ -241,37 +235,39 @@ def live_command(
         if request_rate is not None and record is not None:
             session.gain_adviser = ends.enter_context(closing(GainAdviser(record, LearningProcess)))
         elif request_rate is not None:
-            say_aside("No gains will be advised: record the stream with --record FILE.tlog.")
+            print_to_stderr("No gains will be advised: record the stream with --record FILE.tlog.")
         restored = ends.enter_context(ExitStack())
         restored.callback(session.end)
         if dashboard.advice:
-            say_aside(dashboard.advice)
-        say_aside(f"Listening on {link}; Ctrl-C ends it.")
+            print_to_stderr(dashboard.advice)
+        print_to_stderr(f"Listening on {link}; Ctrl-C ends it.")
         place = None
         if STDERR.is_terminal and not plain:
             place = Place(console=STDERR, auto_refresh=False, transient=True)
         if model is None:
-            say_aside("The model will not be written: name a file with --model, --rrd or --record.")
-        asked = signals.enter_context(asked_to_end())
+            print_to_stderr(
+                "The model will not be written: name a file with --model, --rrd or --record."
+            )
+        asked = signals.enter_context(termination_requests())
         with place or nullcontext():
             every = STATUS_SECONDS if place is None else STATUS_PERIOD
             run_session(session, asked, duration, every, StatusLines(place).show)
         account = session.time_account()
         status = session.status
-        say_aside("Ending takes some seconds: model, message rates and files are completed.")
+        print_to_stderr("Ending takes some seconds: model, message rates and files are completed.")
         # The model first, since what follows may fail or take its time; the vehicle's rates are restored meanwhile.
         with ThreadPoolExecutor(1) as fitter:
             fitting = fitter.submit(session.final_model)
             restored.close()
         learned = None
-        code = UNSUPPORTED
+        code = EXIT_UNSUPPORTED
         try:
             learned = fitting.result()
         except ValueError as error:
-            say_aside(f"There is no model: {as_clause(error)}.")
+            print_to_stderr(f"There is no model: {as_clause(error)}.")
         else:
             text = learned.to_json() + "\n"
-            code = DONE if _written(model, text, "model") else UNUSABLE
+            code = EXIT_DONE if _written(model, text, "model") else EXIT_ERROR
         executor.shutdown()
         learned = session.judge_final_model(learned)
         session.report_gain_advice(is_at_end=True)
@@ -281,11 +277,11 @@ def live_command(
             model_judgement=session.judging.judgement,
         )
         dashboard.report(status)
-        say_aside(headline(status.overall_judgement.headline))
+        print_to_stderr(headline(status.overall_judgement.headline))
         ends.close()
         file = dashboard.file
         if file is not None and not file.whole and not file.broken:
-            say_aside(f"There was nothing to show, so {rrd} was not written.")
+            print_to_stderr(f"There was nothing to show, so {rrd} was not written.")
         has_page = html is None
         if html is not None:
             shown_of_flight = session.link.name, axis, session.history, status, account, learned
@@ -294,7 +290,7 @@ def live_command(
             written = {
                 "rrd": str(rrd) if file is not None and file.whole else None,
                 "record": recording and {"file": str(record), "frames": recording.frame_count},
-                "model": str(model) if code == DONE and model is not None else None,
+                "model": str(model) if code == EXIT_DONE and model is not None else None,
                 "html": str(html) if html and has_page else None,
             }
             print_json(live_document(session, status, account, written))
@@ -303,34 +299,34 @@ def live_command(
         or not has_page
         or (file is not None and file.broken)
     )
-    click.get_current_context().exit(UNUSABLE if lost else code)
+    click.get_current_context().exit(EXIT_ERROR if lost else code)
 
 
 def _at_end(
     rrd: Path | None, record: Path | None, model: Path | None, page: Path | None
 ) -> tuple[Path | None, Path | None]:
     """Returns where model and page are to be written, and refuses before the flight what could not be after it."""
-    check_file(rrd, "--rrd", (".rrd",))
-    check_file(record, "--record", tuple(STREAM_WRITERS))
+    check_output_file(rrd, "--rrd", (".rrd",))
+    check_output_file(record, "--record", tuple(STREAM_WRITERS))
     beside = rrd or record or model
     page = page or (beside and beside.with_suffix(".html"))
     model = model or (beside and beside.with_suffix(".model.json"))
-    check_file(model, "--model", (".json",))
-    check_file(page, "--html", (".html",))
+    check_output_file(model, "--model", (".json",))
+    check_output_file(page, "--html", (".html",))
     return model, page
 
 
 def _written(path: Path | None, text: str, document: str) -> bool:
     """Writes the model or the page; returns whether nothing was lost."""
     if path is None:
-        say_aside(f"The {document} was not written.")
+        print_to_stderr(f"The {document} was not written.")
         return True
     try:
         write_text_atomically(path, text)
     except Unreadable as error:
-        say_aside(f"The {document} is lost: {error}")
+        print_to_stderr(f"The {document} is lost: {error}")
         return False
-    say_aside(f"Wrote the {document} to {path}.")
+    print_to_stderr(f"Wrote the {document} to {path}.")
     return True
 
 
@@ -341,7 +337,7 @@ def _style(*facts: Fact) -> str:
 
 def _say(fact: Fact) -> None:
     """Prints a fact; where it is no terminal, as a line."""
-    said = Text(printable(fact.advised), _style(fact))
+    said = Text(escape_unprintable(fact.advised), _style(fact))
     with suppress(OSError):
         STDERR.print(said, soft_wrap=not STDERR.is_terminal)
 
@@ -364,13 +360,15 @@ class StatusLines:
         self._watched = {watched_quantities([fact]): fact for fact in status.watch_facts}
         changed = [fact for said, fact in self._watched.items() if said not in before]
         if changed:
-            say_aside(watched_quantities(changed))
-        sentences = [printable(said.text) for said in render_section("live_status", status=status)]
+            print_to_stderr(watched_quantities(changed))
+        sentences = [
+            escape_unprintable(said.text) for said in render_section("live_status", status=status)
+        ]
         if self._place is None:
             new = [said for said in sentences if said not in self._said]
             self._said = sentences
             if new:
-                say_aside(" ".join(new))
+                print_to_stderr(" ".join(new))
             return
         line, *wrong = sentences
         rest = Text(

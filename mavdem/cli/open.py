@@ -6,10 +6,11 @@ from pathlib import Path
 import click
 
 from mavdem.assessment.assess import assess_signals
+from mavdem.cli.exit_codes import EXIT_ERROR
 from mavdem.cli.learn import learn_command
 from mavdem.cli.options import source_options
-from mavdem.cli.output import UNUSABLE, say_aside
-from mavdem.cli.results import named_after
+from mavdem.cli.result_folders import default_result_folder
+from mavdem.cli.streams import print_to_stderr
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
@@ -50,8 +51,8 @@ def open_command(
         learn_command.invoke(learning)
     from mavdem.view import show
 
-    if why := show(named_after(source) / RECORDING_FILE):
-        say_aside(why)
+    if why := show(default_result_folder(source) / RECORDING_FILE):
+        print_to_stderr(why)
 
 
 def load(arguments: list[str]) -> int:
@@ -64,8 +65,8 @@ def load(arguments: list[str]) -> int:
     if not path.is_file() or not looks_like_log(path):
         return INCOMPATIBLE
     if hint := missing_extra_fact("view", "The dashboard"):
-        say_aside(hint)
-        return UNUSABLE
+        print_to_stderr(hint)
+        return EXIT_ERROR
     read: Log | Unreadable
     try:
         read = read_log(path)

@@ -4,13 +4,10 @@ from time import perf_counter
 
 import click
 
-from mavdem.cli.options import (
-    motion_options,
-    of_each,
-    report_refused,
-    sources_argument,
-)
-from mavdem.cli.output import print_result, progress, say_aside
+from mavdem.cli.options import motion_options, sources_argument
+from mavdem.cli.output import print_result, progress
+from mavdem.cli.sources import map_flights, report_excluded
+from mavdem.cli.streams import print_to_stderr
 from mavdem.containers import Names
 from mavdem.dem.order_choice import (
     DEFAULT_MAX_ORDER,
@@ -76,11 +73,11 @@ def order_command(
             raise NotLearnable(NamedSource.AS_MANY_INPUTS_NEEDED, count=count, needed=channels[0])
         return flight
 
-    flights = of_each(sources, axis, vehicle, inputs, with_as_many_inputs)
+    flights = map_flights(sources, axis, vehicle, inputs, with_as_many_inputs)
     title = f"Learning {counted(len(flights), 'flight')}, 1 to {max_order} states"
     with progress(title) as done:
         orders, refused = free_energy_of_flights(flights, max_order, not unknown_inputs, done)
-    report_refused(orders, refused)
+    report_excluded(orders, refused)
     choice = OrderChoice(tuple(orders.values()))
     seconds = round(perf_counter() - began, 3)
     report = Order.gather(
@@ -95,4 +92,4 @@ def order_command(
     )
     blocks = order_report(choice, list(orders), not unknown_inputs)
     print_result(report, blocks, as_json)
-    say_aside(f"Took {seconds:.1f} s.")
+    print_to_stderr(f"Took {seconds:.1f} s.")

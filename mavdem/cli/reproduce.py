@@ -6,14 +6,9 @@ from time import perf_counter
 import click
 
 from mavdem.cli.options import json_option
-from mavdem.cli.output import (
-    check_folder,
-    json_text,
-    print_json,
-    print_result,
-    progress,
-    say,
-)
+from mavdem.cli.output import json_text, print_json, print_result, progress
+from mavdem.cli.output_files import check_output_folder
+from mavdem.cli.streams import print_to_stdout
 from mavdem.containers import Names
 from mavdem.dem.parallel import available_workers, process_pool
 from mavdem.experiments.paper import CLAIMS
@@ -49,14 +44,14 @@ def reproduce_command(names: Names, out: Path, as_json: bool, as_list: bool) -> 
     if as_list:
         if as_json:
             return print_json({"claims": CLAIMS})
-        return say(
+        return print_to_stdout(
             "\n".join(f"{claim.name:14}  {claim.title} ({claim.section})" for claim in CLAIMS)
         )
     require_extra("plot", "`mavdem reproduce`")
     from mavdem.experiments.paper.report import ITEMS, NUMBERS, PAGE, ItemReport, document, write
     from mavdem.experiments.paper.runner import Runner
 
-    check_folder(out, (PAGE, NUMBERS))
+    check_output_folder(out, (PAGE, NUMBERS))
     began = perf_counter()
     reports = []
     with process_pool(available_workers()) as executor:
@@ -77,4 +72,4 @@ def reproduce_command(names: Names, out: Path, as_json: bool, as_list: bool) -> 
         as_json,
     )
     if not as_json:
-        say(f"Took {seconds:.0f} s. Written: {out / PAGE}")
+        print_to_stdout(f"Took {seconds:.0f} s. Written: {out / PAGE}")

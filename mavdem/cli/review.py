@@ -10,12 +10,14 @@ from mavdem.cli.options import (
     file_option,
     json_option,
     params_option,
-    read_source,
     source_argument,
     vehicle_option,
 )
-from mavdem.cli.output import check_folder, print_blocks, print_json, printable, progress, say
-from mavdem.cli.results import named_after, write_results
+from mavdem.cli.output import print_blocks, print_json, progress
+from mavdem.cli.output_files import check_output_folder
+from mavdem.cli.result_folders import default_result_folder, write_results
+from mavdem.cli.sources import read_source
+from mavdem.cli.streams import escape_unprintable, print_to_stdout
 from mavdem.documents.review import review_document
 from mavdem.report.review import review_screen
 from mavdem.report.screen import analysis_blocks
@@ -53,8 +55,8 @@ def review_command(
       mavdem review flight.tlog
       mavdem flight.bin --params vehicle.param --out results
     """
-    folder = out or named_after(source)
-    check_folder(folder, RESULT_FILES, source, params)
+    folder = out or default_result_folder(source)
+    check_output_folder(folder, RESULT_FILES, source, params)
     began = perf_counter()
     assessment = assess(read_source(source, params), vehicle, progress=progress)
     document = review_document(assessment)
@@ -65,5 +67,5 @@ def review_command(
         seconds = perf_counter() - began
         if verbose:
             print_blocks(analysis_blocks(assessment))
-        say("\n".join(map(printable, review_screen(assessment).splitlines())))
-        say(f"Page: {printable(folder / PAGE_FILE)} (took {seconds:.1f} s)")
+        print_to_stdout("\n".join(map(escape_unprintable, review_screen(assessment).splitlines())))
+        print_to_stdout(f"Page: {escape_unprintable(folder / PAGE_FILE)} (took {seconds:.1f} s)")

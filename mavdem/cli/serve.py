@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from mavdem.cli.options import Number, jobs_option
-from mavdem.cli.output import say_aside
+from mavdem.cli.options import NumberRange, jobs_option
+from mavdem.cli.streams import print_to_stderr
 from mavdem.cli.track import MOST
 from mavdem.dem.parallel import available_workers
 from mavdem.extras import require_extra
@@ -36,7 +36,7 @@ SAMPLE = Path(__file__).parents[1] / "serve" / "sample_flight.tlog"
 @click.option(
     "--quota",
     metavar="GB",
-    type=Number(0.001, MOST),
+    type=NumberRange(0.001, MOST),
     help="What logs and results may take on the disk. [default: all but 64 MB]",
 )
 @jobs_option
@@ -97,10 +97,11 @@ def serve_command(
         link,
     )
 
-    def say(address: str) -> None:
-        say_aside(f"Serving {folder} at {address}; Ctrl-C ends it.")
+    def report_address(address: str) -> None:
+        print_to_stderr(f"Serving {folder} at {address}; Ctrl-C ends it.")
 
-    def warn(fact: Fact) -> None:
-        say_aside(f"mavdem: {fact.advised}")
+    def report_warning(fact: Fact) -> None:
+        print_to_stderr(f"mavdem: {fact.advised}")
 
-    serve(options, say, warn, is_shown=has_screen() and not no_browser)
+    opens_browser = has_screen() and not no_browser
+    serve(options, report_address, report_warning, is_shown=opens_browser)

@@ -4,21 +4,11 @@ from pathlib import Path
 
 import click
 
-from mavdem.cli.options import (
-    Number,
-    jobs_option,
-    json_option,
-    refuse_link,
-)
-from mavdem.cli.output import (
-    UNSUPPORTED,
-    UNUSABLE,
-    print_blocks,
-    print_json,
-    progress,
-    say,
-    say_aside,
-)
+from mavdem.cli.exit_codes import EXIT_ERROR, EXIT_UNSUPPORTED
+from mavdem.cli.options import NumberRange, jobs_option, json_option
+from mavdem.cli.output import print_blocks, print_json, progress
+from mavdem.cli.sources import refuse_link
+from mavdem.cli.streams import print_to_stderr, print_to_stdout
 from mavdem.containers import Names
 from mavdem.dem.parallel import available_workers
 from mavdem.documents.fleet import track_document
@@ -65,7 +55,7 @@ MOST = 1_000_000  # seconds and megabytes that may be asked for: days, and a ter
 )
 @click.option(
     "--time-limit",
-    type=Number(1, MOST),
+    type=NumberRange(1, MOST),
     default=JobLimits().seconds,
     show_default=True,
     help="Seconds of the processor that one log may take.",
@@ -132,7 +122,7 @@ def track_command(
 
             tracked = track(out, logs, reader, baseline, flight_page, progress=show)
     except KeyboardInterrupt:
-        say_aside("What was read is kept: the same command goes on.")
+        print_to_stderr("What was read is kept: the same command goes on.")
         raise
     rows = read_rows(out)
     counts = summary(rows)
@@ -140,21 +130,23 @@ def track_command(
     since = {name: baseline_blocks(*change) for name, change in changes.items()}
     index = write_fleet_pages(out, rows, since)
     for problem in tracked.problems:
-        say_aside(f"mavdem: {problem.advised}")
+        print_to_stderr(f"mavdem: {problem.advised}")
     if as_json:
         print_json(track_document(out, index, tracked, counts, changes))
     else:
-        say(f"{counted(tracked.logs, 'log')}, {tracked.read} of them read; copies count once.\n")
+        print_to_stdout(
+            f"{counted(tracked.logs, 'log')}, {tracked.read} of them read; copies count once.\n"
+        )
         print_blocks(fleet_blocks(rows))
         for name, blocks in since.items():
             print_blocks([Sentence("", f"{name}:"), *blocks])
-        say_aside(f"Look: {index}")
+        print_to_stderr(f"Look: {index}")
         table = f"{out}/flights/**/*.parquet".replace("'", "''")  # as SQL quotes it
         hint = missing_extra_fact(
             "parquet", f"{out}/flights/, the table for DuckDB, Polars and pandas,"
         )
-        say_aside(hint or f"Query, for example in DuckDB: from '{table}'")
+        print_to_stderr(hint or f"Query, for example in DuckDB: from '{table}'")
     if tracked.problems:
-        context.exit(UNUSABLE)
+        context.exit(EXIT_ERROR)
     if not counts["flights"]:
-        context.exit(UNSUPPORTED)
+        context.exit(EXIT_UNSUPPORTED)

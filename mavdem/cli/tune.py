@@ -6,15 +6,17 @@ import click
 
 from mavdem.assessment.axis.figures import ALL_AXES
 from mavdem.assessment.axis.tuning import tuned
-from mavdem.cli.learn import start_option
 from mavdem.cli.options import (
-    assessed,
     file_option,
     params_option,
     source_options,
+    start_option,
     verbose_option,
 )
-from mavdem.cli.output import check_folder, files_in, print_json, print_screen, say_aside
+from mavdem.cli.output import print_json, print_screen
+from mavdem.cli.output_files import check_output_folder, replaced_files
+from mavdem.cli.sources import assess_without_model
+from mavdem.cli.streams import print_to_stderr
 from mavdem.dataset.axes import AXES
 from mavdem.documents.loops import tune_document
 from mavdem.ingest.parameter_file import parameter_files
@@ -79,8 +81,8 @@ def tune_command(
       mavdem tune flight.bin --params vehicle.param --filters
     """
     if out:
-        check_folder(out, (PAGE, *GAINS), params)
-    assessment, evidence = assessed(source, vehicle, params, inputs=inputs, start=start)
+        check_output_folder(out, (PAGE, *GAINS), params)
+    assessment, evidence = assess_without_model(source, vehicle, params, inputs=inputs, start=start)
     axes = AXES if axis == ALL_AXES else (axis,)
     tuning = tuned(assessment, axes, margins, more=more, filters=filters, is_written=bool(out))
     gains = tuning.parameters
@@ -91,10 +93,10 @@ def tune_command(
                 f"gains{ending}": text
                 for ending, text in parameter_files(gains, evidence.signals.telemetry).items()
             }
-        with files_in(out, [*texts], GAINS) as paths:
+        with replaced_files(out, [*texts], GAINS) as paths:
             for path, text in zip(paths, texts.values(), strict=True):
                 path.write_text(text, "utf-8", "replace")
-        say_aside(f"Written: {', '.join(texts)}. Nothing was sent to the vehicle.")
+        print_to_stderr(f"Written: {', '.join(texts)}. Nothing was sent to the vehicle.")
     if as_json:
         print_json(tune_document(source, margins, tuning))
     else:

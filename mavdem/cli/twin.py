@@ -6,14 +6,16 @@ import click
 
 from mavdem.assessment.axis.twin import assessed_twin
 from mavdem.cli.options import (
-    Number,
-    assessed,
+    NumberRange,
     json_option,
     params_option,
     source_argument,
     vehicle_option,
 )
-from mavdem.cli.output import check_file, print_result, say_aside
+from mavdem.cli.output import print_result
+from mavdem.cli.output_files import check_output_file
+from mavdem.cli.sources import assess_without_model
+from mavdem.cli.streams import print_to_stderr
 from mavdem.files import write_text_atomically
 from mavdem.loops.twin_flight import compare_twin_with_flight
 from mavdem.report.vehicle_files import OMITTED_QUANTITIES, missing_axes, twin_blocks, vehicle_text
@@ -30,7 +32,7 @@ from mavdem.report.vehicle_files import OMITTED_QUANTITIES, missing_axes, twin_b
 )
 @click.option(
     "--mass",
-    type=Number(0.005, 1000.0),
+    type=NumberRange(0.005, 1000.0),
     help="Mass of the vehicle, kg.  [default: 1.5, with a remark]",
 )
 @vehicle_option
@@ -55,13 +57,13 @@ def twin_command(
       mavdem fly iris_doublets --vehicle mine.toml --set MC_ROLLRATE_P=0.3 --out tried.tlog
     """
     for path in out:
-        check_file(path, "--out", (".toml", *OMITTED_QUANTITIES))
-    _, evidence = assessed(source, vehicle, params)
+        check_output_file(path, "--out", (".toml", *OMITTED_QUANTITIES))
+    _, evidence = assess_without_model(source, vehicle, params)
     twin, loops, lacking = assessed_twin(evidence, mass)
     for path in out:
         write_text_atomically(path, vehicle_text(twin, path.suffix.lower(), Path(source).name))
         if left := OMITTED_QUANTITIES.get(path.suffix.lower()):
-            say_aside(f"{path.name} has no place for {left}.")
+            print_to_stderr(f"{path.name} has no place for {left}.")
     compared = compare_twin_with_flight(twin, loops)
     missing = missing_axes(lacking)
     document = {
@@ -71,4 +73,4 @@ def twin_command(
     }
     print_result(document, [*missing, *twin_blocks(twin, compared)], as_json)
     if out:
-        say_aside(f"Written: {', '.join(map(str, out))}. Nothing was sent to a vehicle.")
+        print_to_stderr(f"Written: {', '.join(map(str, out))}. Nothing was sent to a vehicle.")

@@ -5,7 +5,6 @@ from pathlib import Path
 import click
 
 from mavdem.cli.options import (
-    assessed,
     file_option,
     json_option,
     source_argument,
@@ -13,6 +12,7 @@ from mavdem.cli.options import (
     verbose_option,
 )
 from mavdem.cli.output import print_json, print_screen
+from mavdem.cli.sources import assess_without_model
 from mavdem.documents.wind import Wind
 from mavdem.errors import NotLearnable
 from mavdem.fleet.priors import earlier_drag
@@ -38,7 +38,7 @@ def wind_command(
     SOURCE is a log with attitude and velocity over ground. Legs in several directions show the drag; a hover needs
     --prior, or the autopilot's drag parameters. Exit code: 1 if the log cannot have a wind.
     """
-    assessment, evidence = assessed(source, vehicle)
+    assessment, evidence = assess_without_model(source, vehicle)
     signals = evidence.signals
     wind, _, reason = evidence.wind
     if reason is not None:

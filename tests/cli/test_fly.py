@@ -85,6 +85,6 @@ def test_files_that_fail_to_be_written_leave_those_that_were_there(tmp_path, cap
 def test_a_place_that_takes_no_file_is_refused_before_the_work(words, here, capsys, monkeypatch):
     # It takes none, as /proc does, though its mode says that it would.
     monkeypatch.setattr("mavdem.files.TemporaryDirectory", Mock(side_effect=FileNotFoundError))
-    for work in ("fly.progress", "reproduce.pool"):
+    for work in ("fly.progress", "reproduce.process_pool"):
         monkeypatch.setattr(f"mavdem.cli.{work}", lambda *_: fail("it works"))
     assert "not writable" in refused(capsys, 2, *words.split())

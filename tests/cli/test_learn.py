@@ -6,6 +6,8 @@ from unittest.mock import Mock
 
 import numpy as np
 from command_line import document_of, refused, run, strict_json
+from mavdem.report.flight_page import flight_page, live_page
+from mavdem.report.words import headline as words_of
 from numpy.testing import assert_allclose
 from pytest import mark
 from recorded_flights import FLIGHT, SLOW, short_flight
@@ -14,8 +16,9 @@ from mavdem import Learned, Settings
 from mavdem import learn as learn_model
 from mavdem.assessment.assess import assess
 from mavdem.assessment.axis import Options
-from mavdem.cli.learn import named_after
-from mavdem.cli.output import SCREEN_LINES, print_blocks, say_aside
+from mavdem.cli.learn import default_result_folder
+from mavdem.cli.output import print_blocks
+from mavdem.cli.streams import print_to_stderr
 from mavdem.dataset.flights import read_flight
 from mavdem.facts import Level
 from mavdem.facts.session import Spent
@@ -24,7 +27,7 @@ from mavdem.ingest import read_log
 from mavdem.live import SessionStatus
 from mavdem.live.history import LiveHistory
 from mavdem.motors.loss_detection import MotorAlarm
-from mavdem.report.blocks import Sentence, Table
+from mavdem.report.blocks import SCREEN_LINES, Sentence, Table
 from mavdem.report.pages.flight_page import flight_page, live_page
 from mavdem.report.templates import headline as words_of
 
@@ -83,14 +86,14 @@ def test_the_folder_is_named_after_the_log_and_has_no_results_of_another(source,
     ):
         Path(name).mkdir()
         Path(name, "report.json").write_text(report)
-    assert str(named_after(source)) == folder
+    assert str(default_result_folder(source)) == folder
 
 
 def test_names_do_not_reach_the_terminal_as_what_it_obeys(capsys):
     print_blocks(
         [Sentence("\x1b[31m", "\u202e.tlog:"), Table(["\x9b", "\u2066"], [["\x1b]0;", "\n"]])]
     )
-    say_aside("\x1b[0m")
+    print_to_stderr("\x1b[0m")
     said = "".join(capsys.readouterr())
     assert "\\x1b[31m" in said and "\\x1b]0;" in said and "\\u202e.tlog:" in said
     assert said.replace("\n", "").isprintable()

@@ -122,12 +122,12 @@ import sys
 from standin_logs import rows_of_log
 from mavdem.cli import track
 from mavdem.cli.commands import main
-from mavdem.cli.output import unwind_when_terminated
+from mavdem.cli.termination import raise_on_termination_signals
 if __name__ == "__main__":
     track.rows_of_log = rows_of_log
     # a shell in the background starts programs that ignore it
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    unwind_when_terminated()
+    raise_on_termination_signals()
     sys.exit(main(["track", sys.argv[1], "--out", sys.argv[2], "--jobs", "2"]))
 """
 

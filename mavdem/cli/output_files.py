@@ -1,0 +1,98 @@
+"""Output files of a command: the check, before the work, that they can be written, and their atomic replacement."""
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import click
+
+from mavdem.containers import Names
+from mavdem.errors import Unreadable
+from mavdem.facts.command import Place
+from mavdem.files import (
+    PathName,
+    atomic_writes,
+    is_writable,
+    reporting_write_errors,
+    writable_target,
+)
+
+
+def check_output_folder(folder: Path, names: Names = (), *inputs: PathName | None) -> None:
+    """Checks, before a command begins its work, that it can write its files into a folder.
+
+    Nothing is created or changed.
+
+    Args:
+        folder: Folder for the results. It need not exist.
+        names: Names of the files to write in it.
+        *inputs: Files that the command reads, which must not be replaced; None for an option that was not given.
+
+    Raises:
+        Unreadable: The folder or a file cannot be written, or a file to write is one of ``inputs``.
+    """
+    candidates = (folder, *folder.absolute().parents)
+    existing = next(path for path in candidates if os.path.lexists(path))
+    if not existing.is_dir():
+        raise Unreadable(Place.OUT_IS_A_FILE, path=folder, existing=existing)
+    if not is_writable(existing):
+        raise Unreadable(Place.OUT_NOT_WRITABLE, path=folder, existing=existing)
+    with reporting_write_errors(folder, code=Place.OUT_FAILED):
+        for part in folder.parts:
+            # The status of a path that does not exist shows whether its name is too long for the file system.
+            with suppress(FileNotFoundError):
+                (existing / part).lstat()
+    for name in names:
+        with reporting_write_errors(folder / name), suppress(FileNotFoundError):
+            writable_target(folder / name)
+    targets = {os.path.realpath(folder / name) for name in names}
+    for path in inputs:
+        if path and os.path.realpath(path) in targets:
+            raise Unreadable(Place.OUT_REPLACES_INPUT, path=folder, existing=path)
+
+
+def check_output_file(path: Path | None, option: str, endings: Names) -> None:
+    """Checks, before a command begins its work, that it can write a file.
+
+    Args:
+        path: Path of the file; None if the option was not given, and then nothing is checked.
+        option: Name of the option, for the error message.
+        endings: Endings that the name may have, in lower case and with their dots.
+
+    Raises:
+        click.BadParameter: The name has another ending.
+        Unreadable: The file cannot be written.
+    """
+    if path is None:
+        return
+    if path.suffix.lower() not in endings:
+        raise click.BadParameter(f"{path} must end in {' or '.join(endings)}.", param_hint=option)
+    with reporting_write_errors(path):
+        writable_target(path)
+
+
+@contextmanager
+def replaced_files(
+    folder: Path, names: Sequence[str], stale_names: Names = ()
+) -> Iterator[tuple[Path, ...]]:
+    """Creates or replaces files of a folder together, when the block has written all of them.
+
+    Args:
+        folder: Folder of the files, which is created if it does not exist.
+        names: Names of the files.
+        stale_names: Names of files that an earlier run may have left in the folder. Those that are not among ``names``
+            are removed at the end.
+
+    Yields:
+        For each of ``names`` the path of a temporary file that the block has to write.
+
+    Raises:
+        Unreadable: A file cannot be written; then none is replaced.
+    """
+    with reporting_write_errors(folder, code=Place.OUT_FAILED):
+        folder.mkdir(parents=True, exist_ok=True)
+        with atomic_writes(*(folder / name for name in names)) as temporary_paths:
+            yield temporary_paths
+        for name in set(stale_names) - set(names):
+            (folder / name).unlink(missing_ok=True)

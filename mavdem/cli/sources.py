@@ -1,0 +1,164 @@
+"""Sources of a command: reading, assessing and naming the logs that its SOURCE arguments name."""
+
+import os
+import re
+import shlex
+from collections.abc import Callable, Mapping, Sequence, Sized
+from pathlib import Path
+from typing import TypeVar
+
+import click
+
+from mavdem.assessment.assess import assess_signals
+from mavdem.assessment.axis import Options
+from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.record import Assessment
+from mavdem.cli.output import progress
+from mavdem.cli.streams import escape_unprintable, print_to_stderr
+from mavdem.dataset.axes import AXES
+from mavdem.dataset.flights import choose_vehicle, learnable_flight
+from mavdem.dataset.signals import Signals
+from mavdem.errors import NotLearnable, Unreadable
+from mavdem.facts.command import NamedSource
+from mavdem.flight import Flight
+from mavdem.ingest import Log, read_log
+from mavdem.ingest.parameter_file import with_parameters
+
+Result = TypeVar("Result")
+"""What a function makes of a flight."""
+
+LINK_PATTERN = re.compile(r"(udp|tcp|mcast|ws)\w*:|/dev/(tty|cu|serial)|COM\d", re.IGNORECASE)
+"""The beginning of pymavlink's connection strings (``mavutil.mavlink_connection``)."""
+
+
+def refuse_link(source: str) -> None:
+    """Checks that a SOURCE may be a log; raises ``Unreadable`` for a MAVLink link and for standard input."""
+    if source == "-":
+        raise Unreadable(NamedSource.STANDARD_INPUT_IS_NO_LOG)
+    if LINK_PATTERN.match(source) and not os.path.isfile(source):
+        live_command = shlex.join(["mavdem", "live", source])
+        raise Unreadable(NamedSource.LINK_IS_NO_LOG, path=source, name=live_command)
+
+
+def read_source(source: str, params: Path | None = None) -> Log:
+    """Reads the log that a SOURCE names, and shows that on standard error.
+
+    Args:
+        source: Path of the log.
+        params: File with parameters of the autopilot, for those that the log does not have.
+
+    Raises:
+        Unreadable: SOURCE is a link, or a file that cannot be read.
+    """
+    refuse_link(source)
+    with progress(f"Reading {source}", measured=False):
+        log = read_log(source)
+    if params is None:
+        return log
+    return with_parameters(log, params)
+
+
+def assess_without_model(
+    source: str,
+    vehicle: str | None,
+    params: Path | None = None,
+    inputs: str | None = None,
+    start: float = 0.0,
+) -> tuple[Assessment, Evidence]:
+    """Assesses one vehicle of a log, without learning the full model.
+
+    Args:
+        source: Path of the log.
+        vehicle: Name of the vehicle; it may be None if the log has only one.
+        params: File with parameters of the autopilot, for those that the log does not have.
+        inputs: Inputs of models, "motors" or "demand"; None for the default.
+        start: Time at the beginning of the settled flight that is left out, s.
+
+    Returns:
+        The assessment, and the evidence that it rests on.
+
+    Raises:
+        Unreadable: The log cannot be read.
+        NotLearnable: The log does not have that vehicle.
+    """
+    log = read_source(source, params)
+    signals = Signals(choose_vehicle(log.vehicles, vehicle), inputs=inputs)
+    options = Options(inputs=inputs, start=start, with_model=False)
+    assessment = assess_signals(log, signals, AXES[0], options, progress=progress)
+    assert assessment.evidence is not None
+    return assessment, assessment.evidence
+
+
+def sources_by_flight_name(sources: Sequence[str]) -> dict[str, str]:
+    """Names the flights of several sources.
+
+    Args:
+        sources: Paths of logs.
+
+    Returns:
+        The path of each log, by the name of its flight: the file's name without its ending or, where several files
+        have the same, the whole path. Control characters in names are replaced by escapes.
+    """
+    stems = [escape_unprintable(Path(source).stem) for source in sources]
+    sources_by_name = {}
+    for stem, source in zip(stems, sources, strict=True):
+        name = stem if stems.count(stem) == 1 else escape_unprintable(source)
+        sources_by_name[name] = source
+    return sources_by_name
+
+
+def map_flights(
+    sources: Sequence[str],
+    axis: str,
+    vehicle: str | None,
+    inputs: str | None,
+    function: Callable[[str, Flight], Result],
+) -> dict[str, Result]:
+    """Applies a function to the longest settled flight of each log.
+
+    A log that cannot be used is reported on standard error, and left out.
+
+    Args:
+        sources: Paths of the logs.
+        axis: Axis of the flights.
+        vehicle: Name of the vehicle in each log; it may be None where a log has only one.
+        inputs: Inputs of the flights, "motors" or "demand"; None for the default.
+        function: Called with the name of a flight, and the flight; it may raise ``NotLearnable``.
+
+    Returns:
+        Results of the function, by the flight's name.
+
+    Raises:
+        click.BadParameter: A log is named twice.
+        Unreadable, NotLearnable: No log can be used; the error is that of the first one.
+    """
+    if len(set(sources)) < len(sources):
+        raise click.BadParameter(
+            "one is named twice: each flight counts once.", param_hint="SOURCE"
+        )
+    results = {}
+    errors: dict[str, NotLearnable | Unreadable] = {}
+    for name, source in sources_by_flight_name(sources).items():
+        try:
+            flight, _ = learnable_flight(read_source(source), axis, vehicle, inputs)
+            results[name] = function(name, flight)
+        except (NotLearnable, Unreadable) as error:
+            errors[source] = error
+    report_excluded(results, errors)
+    return results
+
+
+def report_excluded(results: Sized, errors: Mapping[str, NotLearnable | Unreadable]) -> None:
+    """Reports on standard error which flights are left out, and why.
+
+    Args:
+        results: Results of the other flights.
+        errors: Why each flight is left out, by the name to report.
+
+    Raises:
+        Unreadable, NotLearnable: The first of ``errors``, if there are no results.
+    """
+    for name, error in errors.items():
+        if not results:
+            raise error
+        print_to_stderr(f"mavdem: {name} is left out: {error}")

@@ -1,0 +1,61 @@
+"""Standard output and standard error of the command line: lines that any terminal can show, and quiet libraries."""
+
+import io
+import logging
+import os
+import sys
+import warnings
+from contextlib import suppress
+
+import click
+from rich.console import Console
+
+STDERR = Console(stderr=True, highlight=False, markup=False, emoji=False)
+"""Standard error as a terminal: its width, whether it is one, and progress bars on it."""
+
+
+def prepare_streams() -> None:
+    """Prepares the standard streams of the process for whatever text a command prints.
+
+    A stream that the caller has closed is replaced by the null device. Characters that the terminal's encoding lacks
+    are printed as "?" instead of ending the run. Warnings take one line of standard error.
+    """
+    # The streams stay open for as long as the process.
+    if sys.stdout is None:
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w")  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+    # NumPy warns of NaN and infinity; the code that uses the results leaves these out.
+    warnings.simplefilter("ignore", RuntimeWarning)
+    # Matplotlib reports a cache that it cannot write and faults of a matplotlibrc, which do not affect our pictures.
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
+    warnings.showwarning = lambda message, *_, **__: print_to_stderr(f"mavdem: warning: {message}")
+
+
+def print_to_stdout(text: str) -> None:
+    """Prints text on standard output, in the encoding of ``sys.stdout``.
+
+    Without ``file``, ``click.echo`` would write UTF-8 where the encoding is ASCII.
+    """
+    click.echo(text, file=sys.stdout)
+
+
+def print_to_stderr(text: object) -> None:
+    """Prints text as one line on standard error; a failure is ignored, since the exit code reports the result."""
+    with suppress(OSError):
+        click.echo(escape_unprintable(" ".join(str(text).splitlines())), file=sys.stderr)
+
+
+def escape_unprintable(text: object) -> str:
+    r"""Returns text in which control characters are replaced by Python's escapes, such as ``\n`` or ``\x1b``.
+
+    Names of files and texts from logs may contain line breaks, escape sequences that terminals obey, and marks that
+    reverse the direction of writing.
+    """
+    return "".join(
+        character if character.isprintable() else character.encode("unicode_escape").decode()
+        for character in str(text)
+    )

@@ -1,0 +1,130 @@
+"""Tables on a terminal: a table of numbers that is too wide is split into several that fit below each other."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from rich.table import Table as Grid
+
+from mavdem.cli.streams import escape_unprintable
+from mavdem.report.blocks import Table, shortened
+
+COLUMN_GAP = 2
+"""Characters between two columns: Rich sets one on either side of a cell, and none at the edges of these tables."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a table, as text that a terminal can show."""
+
+    heading: str
+    """Heading, which may wrap between its words."""
+
+    cells: list[str]
+    """Text of each row."""
+
+    @property
+    def full_width(self) -> int:
+        """Characters that the column takes if its heading is on one line."""
+        return max(len(text) for text in (self.heading, *self.cells))
+
+    @property
+    def wrapped_width(self) -> int:
+        """Characters that the column takes if each word of its heading is on a line of its own."""
+        return max(len(text) for text in (*self.heading.split(), *self.cells))
+
+
+def terminal_tables(table: Table, width: int, one_line_rows: bool) -> Iterator[Grid]:
+    """Lays a table out for a terminal.
+
+    The headings of a table of numbers wrap where it is too wide. If it is still too wide, it becomes several tables,
+    each of which repeats the first column, since that names the rows. Tables of text are never split: Rich wraps
+    their cells.
+
+    Args:
+        table: The table. Its first column names the rows; the others are numbers, or text if ``table.words``.
+        width: Width of the terminal, in characters.
+        one_line_rows: Whether texts in the last column are shortened, so that each row takes one line.
+
+    Yields:
+        Tables that Rich can print, without borders.
+    """
+    columns = _columns(table)
+    if one_line_rows:
+        columns[-1] = _shortened_last_column(columns, width)
+    row_names, *other_columns = columns
+    total_width = sum(column.full_width for column in columns) + COLUMN_GAP * (len(columns) - 1)
+    if table.words or total_width <= width:
+        yield _grid(columns, is_text=table.words)
+        return
+    while other_columns:
+        count = _fitting_columns(row_names, other_columns, width)
+        part = [row_names, *other_columns[:count]]
+        widths = [row_names.full_width, *(column.wrapped_width for column in part[1:])]
+        yield _grid(part, is_text=False, widths=widths)
+        other_columns = other_columns[count:]
+
+
+def _columns(table: Table) -> list[Column]:
+    """Returns the columns of a table, with control characters made visible."""
+    columns = []
+    for heading, *cells in zip(table.header, *table.rows, strict=True):
+        texts = [escape_unprintable(cell) for cell in cells]
+        columns.append(Column(escape_unprintable(heading), texts))
+    return columns
+
+
+def _shortened_last_column(columns: list[Column], width: int) -> Column:
+    """Returns the last column with texts short enough to fit beside the other columns.
+
+    Args:
+        columns: All columns of the table.
+        width: Width of the terminal, in characters.
+    """
+    available_width = width - sum(column.full_width + COLUMN_GAP for column in columns[:-1])
+    last = columns[-1]
+    return Column(
+        shortened(last.heading, available_width),
+        [shortened(cell, available_width) for cell in last.cells],
+    )
+
+
+def _fitting_columns(row_names: Column, columns: list[Column], width: int) -> int:
+    """Returns how many columns fit beside the row names if their headings wrap.
+
+    It is at least 1: a column that is too wide has to be shown somewhere.
+
+    Args:
+        row_names: The first column, which names the rows.
+        columns: The columns that follow it.
+        width: Width of the terminal, in characters.
+    """
+    count = 0
+    used_width = row_names.full_width
+    for column in columns:
+        used_width += COLUMN_GAP + column.wrapped_width
+        if used_width > width:
+            break
+        count += 1
+    return max(count, 1)
+
+
+def _grid(columns: list[Column], is_text: bool, widths: list[int] | None = None) -> Grid:
+    """Returns a table that Rich can print, without borders.
+
+    Args:
+        columns: Columns of the table; the first one, which names the rows, never wraps.
+        is_text: Whether the columns hold text, which is aligned to the left. Numbers are aligned to the right.
+        widths: Characters that each column takes; unless given, Rich chooses them.
+    """
+    grid = Grid(box=None, pad_edge=False)
+    for index, column in enumerate(columns):
+        is_first = index == 0
+        grid.add_column(
+            column.heading,
+            justify="left" if is_first or is_text else "right",
+            no_wrap=is_first,
+            width=None if widths is None else widths[index],
+        )
+    for row in zip(*(column.cells for column in columns), strict=True):
+        grid.add_row(*row)
+    return grid

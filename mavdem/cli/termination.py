@@ -1,0 +1,76 @@
+"""Termination by signals: how Ctrl-C, SIGTERM and SIGHUP end a command at once, in order, or when it is ready."""
+
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+from mavdem.cli.exit_codes import SIGNAL_EXIT_BASE
+
+
+@contextmanager
+def default_interrupt_action() -> Iterator[None]:
+    """Lets Ctrl-C kill the process while the block runs, without a ``KeyboardInterrupt``.
+
+    It is meant for blocks that import modules: a library that is being imported may swallow the exception, or turn it
+    into another one.
+    """
+    handler = signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+
+
+def raise_on_termination_signals() -> None:
+    """Lets Ctrl-C, SIGTERM and SIGHUP, which a closing terminal sends, end the process by an exception.
+
+    Only the first signal raises. Later ones are ignored, so that they cannot break off the clean-up that the exception
+    has begun, for example the removal of temporary files. A signal that is ignored already, as SIGHUP under ``nohup``,
+    stays ignored.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _raise_exit)
+
+
+def _raise_exit(number: int, frame: FrameType | None) -> None:
+    """Handles a termination signal: ignores further ones, and raises ``KeyboardInterrupt`` or ``SystemExit``.
+
+    Args:
+        number: Number of the signal.
+        frame: Stack frame that the signal has interrupted; not used.
+    """
+    for ignored in (signal.SIGINT, signal.SIGTERM, number):
+        signal.signal(ignored, signal.SIG_IGN)
+    if number == signal.SIGINT:
+        raise KeyboardInterrupt
+    sys.exit(SIGNAL_EXIT_BASE + number)
+
+
+@contextmanager
+def termination_requests() -> Iterator[Callable[[], bool]]:
+    """Treats Ctrl-C, SIGTERM and SIGHUP as requests to end, which the block handles when it is ready.
+
+    If a signal has come, the three stay ignored after the block too: an impatient second Ctrl-C must not lose the
+    results that are being written. A SIGHUP that is ignored already, as under ``nohup``, stays ignored.
+
+    Yields:
+        A function that returns whether one of the signals has come.
+    """
+    is_requested = False
+
+    def request_end(number: int, frame: FrameType | None) -> None:
+        nonlocal is_requested
+        is_requested = True
+
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
+    former_handlers = {number: signal.signal(number, request_end) for number in numbers}
+    try:
+        yield lambda: is_requested
+    finally:
+        for number, handler in former_handlers.items():
+            signal.signal(number, signal.SIG_IGN if is_requested else handler)
