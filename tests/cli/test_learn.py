@@ -6,8 +6,6 @@ from unittest.mock import Mock
 
 import numpy as np
 from command_line import document_of, refused, run, strict_json
-from mavdem.report.flight_page import flight_page, live_page
-from mavdem.report.words import headline as words_of
 from numpy.testing import assert_allclose
 from pytest import mark
 from recorded_flights import FLIGHT, SLOW, short_flight
