@@ -27,7 +27,7 @@ from mavdem.files import AnyPath
 from mavdem.immutable import ReadOnlyDict
 from mavdem.ingest import Log, read_log
 from mavdem.loops.axis_loops import Loop
-from mavdem.motors.loss_detection import MotorAlarm, losses_of
+from mavdem.motors.motor_changes import MotorAlarm, thrust_losses
 from mavdem.wind_velocity.from_log import WindEvidence, wind_evidence
 
 
@@ -131,8 +131,8 @@ def assess_signals(
 def _motor_changes(analysis: LogAnalysis, ending: Fact | None) -> list[Fact]:
     """Returns the thrust that motors lost, and other lasting changes of their balance, before control was lost."""
     alarms = alarms_before_loss(analysis.alarms, ending)
-    other_changes = [alarm.fact for alarm in alarms if not alarm.weak]
-    return [*losses_of(alarms), *other_changes]
+    other_changes = [alarm.fact for alarm in alarms if not alarm.is_weak]
+    return [*thrust_losses(alarms), *other_changes]
 
 
 def alarms_before_loss(alarms: Sequence[MotorAlarm], ending: Fact | None) -> list[MotorAlarm]:

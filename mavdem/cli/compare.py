@@ -11,7 +11,7 @@ from mavdem.cli.sources import map_flights, sources_by_flight_name
 from mavdem.cli.streams import print_to_stderr
 from mavdem.containers import Names
 from mavdem.experiments.comparison import METHODS, compare
-from mavdem.experiments.window import TRAIN_SECONDS, Length, windows_as_asked
+from mavdem.experiments.window import TRAIN_SECONDS, Length, required_windows
 from mavdem.report.comparison import comparison_report
 
 
@@ -52,7 +52,7 @@ def compare_command(
     1 if none was, 2 if no SOURCE can be read.
     """
     began = perf_counter()
-    windows_of = partial(windows_as_asked, train=train, test=test, hop=hop)
+    windows_of = partial(required_windows, train=train, test=test, hop=hop)
     cut = map_flights(sources, axis, vehicle, inputs, windows_of)
     windowed = [window for windows in cut.values() for window in windows]
     with progress(f"Comparing {len(METHODS)} methods on {len(windowed)} windows") as done:

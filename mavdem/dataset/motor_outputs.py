@@ -20,11 +20,7 @@ from mavdem.dataset.time_series import (
 from mavdem.facts import Fact
 from mavdem.facts.learnability import MotorObstacle, Remedy
 from mavdem.ingest.motor_geometry import motor_geometry
-from mavdem.ingest.motors import (
-    MOTOR_MESSAGES,
-    MotorGeometry,
-    demand_geometry,
-)
+from mavdem.ingest.motors import MOTOR_MESSAGES, MotorGeometry, demand_geometry
 from mavdem.ingest.output_scale import OutputScale, output_scale
 from mavdem.ingest.telemetry import Columns, Telemetry
 

@@ -15,7 +15,7 @@ from mavdem.documents.vehicle import (
     Verdict,
 )
 from mavdem.documents.wind import WindVelocity
-from mavdem.motors.loss_detection import alarm_figures
+from mavdem.motors.motor_changes import alarm_figures
 from mavdem.units import Hertz, Number, Seconds, UnixSeconds
 
 

@@ -11,7 +11,7 @@ from mavdem.containers import JsonValues
 from mavdem.documents.document import Document, Said, Sentence, Told, ToldWithRemedy
 from mavdem.documents.vehicle import Finding, MotorHealth, Override
 from mavdem.facts.session import Spent
-from mavdem.motors.loss_detection import alarm_figures
+from mavdem.motors.motor_changes import alarm_figures
 from mavdem.units import Degrees, Hertz, Number, Seconds, Speed
 
 if TYPE_CHECKING:

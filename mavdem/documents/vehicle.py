@@ -258,9 +258,9 @@ class MotorAlarm(Document):
     """number of the vehicle's boot, from 0"""
     loss: list[float]
     """90 % interval of the share of its thrust that the motor lost"""
-    sentence: Said = Field(validation_alias="announced")
+    sentence: Said = Field(validation_alias="event")
     """the alarm in words"""
-    sentence_fact: OneFact = beside("announced", "sentence as a fact; null where there is none")
+    sentence_fact: OneFact = beside("event", "sentence as a fact; null where there is none")
 
 
 class FalseAlarms(Document):

@@ -8,11 +8,10 @@ flights it is the geometric mean of these medians, so that each flight counts on
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import product
 from operator import itemgetter
 from time import thread_time
 from typing import NamedTuple
@@ -26,16 +25,16 @@ from mavdem.dem.parallel import parallel_map
 from mavdem.errors import fact_from_error
 from mavdem.experiments import methods
 from mavdem.experiments.held_out import Progress
-from mavdem.experiments.paired_test import FEWEST_PAIRS, Paired, paired
+from mavdem.experiments.paired_test import MIN_PAIRS, Paired, paired
 from mavdem.experiments.scores import (
     FROM_ZERO,
     KNOWN,
     UNKNOWN,
     Question,
     Scores,
+    baseline_errors,
     horizons,
     mspe,
-    units_of,
 )
 from mavdem.experiments.window import Window
 from mavdem.facts import Fact
@@ -43,70 +42,81 @@ from mavdem.facts.forecasts import HeldOutForecast, MethodName
 from mavdem.flight import Flight
 from mavdem.forecaster import Forecaster, ProbabilisticForecaster
 
-# numbers of windows, summed over flights
 COUNTS = ("windows", "failed", "diverged", "unstable", "worse_than_constant")
+"""Keys of a summary that are numbers of windows; they are summed over flights."""
+
+ROUNDED_SECONDS = 4
+"""Decimals of the processor time in documents."""
 
 
 class Method(NamedTuple):
-    """A method to compare, of a unique ``name``: ``learn`` trains a model on a flight, and pickles.
-
-    With ``predicts`` its model is also asked what comes next, the inputs unknown.
-    """
+    """A method to compare."""
 
     name: str
+    """unique among the methods"""
     learn: Callable[[Flight], Forecaster]
+    """trains a model on a flight; it pickles, since it runs in other processes"""
     predicts: bool = False
+    """whether the model is also asked what comes next, the inputs unknown"""
 
 
 PLANT = Settings(forecasts="plant")
-DEM = {
+DEM_SETTINGS = {
     MethodName.JOINT: Settings(),
     MethodName.PLANT: PLANT,
     MethodName.PLANT_P1: replace(PLANT, p=1, d=1),
     MethodName.PAPER: Settings.paper(),
     MethodName.PAPER_P1: replace(Settings.paper(), p=1, d=1, window=2),
 }
-PEERS = (
-    *(Method(f"subspace({order})", partial(methods.subspace, order=order)) for order in (2, 4)),
-    *(Method(f"PEM({order})", partial(methods.pem, order=order)) for order in (2, 4)),
-    Method("EM(2)", partial(methods.em, order=2)),
-    *(
-        Method(f"{MethodName.JOINT_VAR}({order})", partial(methods.var, order=order), predicts=True)
-        for order in (4, 10)
-    ),
-)
-METHODS = (
-    *(
-        Method(name, partial(learn, settings=settings), predicts=name is MethodName.JOINT)
-        for name, settings in DEM.items()
-    ),
-    *PEERS,
-    Method(HeldOutForecast.CONSTANT_MEAN, methods.constant_mean, predicts=True),
-    Method(HeldOutForecast.HOLD_LAST, methods.hold, predicts=True),
-    Method("zero", methods.zero),
-)
+"""Settings of DEM by the name of the method. p = 1 is what the paper calls without generalized coordinates (section
+V.G): the first derivative only, which the model itself needs."""
+
+
+def _default_methods() -> Iterator[Method]:
+    """Yields the methods of ``mavdem compare``."""
+    for name, settings in DEM_SETTINGS.items():
+        yield Method(name, partial(learn, settings=settings), predicts=name is MethodName.JOINT)
+    for order in (2, 4):
+        yield Method(f"subspace({order})", partial(methods.subspace, order=order))
+    for order in (2, 4):
+        yield Method(f"PEM({order})", partial(methods.pem, order=order))
+    yield Method("EM(2)", partial(methods.em, order=2))
+    for order in (4, 10):
+        yield Method(
+            f"{MethodName.JOINT_VAR}({order})", partial(methods.var, order=order), predicts=True
+        )
+    yield Method(HeldOutForecast.CONSTANT_MEAN, methods.constant_mean, predicts=True)
+    yield Method(HeldOutForecast.HOLD_LAST, methods.hold, predicts=True)
+    yield Method("zero", methods.zero)
+
+
+METHODS = tuple(_default_methods())
 """The methods of ``mavdem compare``; the first is compared with each of the others. "DEM joint" is the joint model of
-outputs and motors, "DEM plant" DEM's model with the motors as causes, both by the default settings. p = 1 is what the
-paper calls without generalized coordinates (section V.G): the first derivative only, which the model itself needs."""
+outputs and motors, "DEM plant" DEM's model with the motors as causes, both by the default settings."""
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """One method on one window; every error is infinite if it has no forecast.
-
-    ``failure`` says why; ``stable`` is ``None`` without a model; ``seconds`` are processor time of the training;
-    ``scores`` and ``forecasts``, (H, m), are by question.
-    """
+    """One method on one window; every error is infinite if it has no forecast."""
 
     method: str
+    """name of the method"""
     flight: str
+    """name of the flight"""
     start: int
+    """first sample of the window"""
     failure: Fact | None
+    """why there is no forecast"""
     stable: bool | None
+    """whether the model is stable; ``None`` without a model"""
     cautions: tuple[Fact | str, ...]
+    """limits of the model"""
     seconds: float
+    """processor time of the training, s"""
     scores: Mapping[Question, Scores]
+    """errors by question"""
     forecasts: Mapping[Question, Array]
+    """(H, m) outputs of the whole test part by question"""
 
     def mspe(self, question: Question = KNOWN) -> Array:
         """Returns the MSPE (m,) over the whole test part, in the squares of the outputs' units, of a ``question``."""
@@ -122,48 +132,86 @@ class Outcome:
             "cautions": self.cautions,
             "mspe": {"per_output": errors, "total": errors.sum()},
             "relative": scores.ratio,
-            "inside_90_percent_band": [_mean([share]) for share in scores.inside.tolist()],
-            "seconds": round(self.seconds, 4),
+            "inside_90_percent_band": [known_mean([share]) for share in scores.inside.tolist()],
+            "seconds": round(self.seconds, ROUNDED_SECONDS),
         }
 
 
 def evaluate_window(method: Method, window: Window) -> Outcome:
-    """Trains ``method`` on the first part of ``window`` and forecasts the second; failures are in the outcome."""
-    began = thread_time()
-    outcome = partial(Outcome, method.name, window.flight, window.start)
-    # The outcome has what numpy and scipy would warn of.
+    """Trains a method on the first part of a window and forecasts the second; a failure is in the outcome."""
+    begin = thread_time()
+    # The outcome itself says what NumPy and SciPy would warn of.
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             model = method.learn(window.train)
-            seconds = thread_time() - began
-            scores, forecasts = _scored(method, window, model)
-            return outcome(None, model.stable, model.cautions, seconds, scores, forecasts)
+            seconds = thread_time() - begin
+            scores, forecasts = evaluate_model(method, window, model)
+            return Outcome(
+                method.name,
+                window.flight,
+                window.start,
+                failure=None,
+                stable=model.stable,
+                cautions=model.cautions,
+                seconds=seconds,
+                scores=scores,
+                forecasts=forecasts,
+            )
         except (ValueError, ArithmeticError, RuntimeError) as error:
             failure = fact_from_error(error)
-    return outcome(failure, None, (), thread_time() - began, _without_forecast(method, window), {})
+    return Outcome(
+        method.name,
+        window.flight,
+        window.start,
+        failure=failure,
+        stable=None,
+        cautions=(),
+        seconds=thread_time() - begin,
+        scores=infinite_scores(method, window),
+        forecasts={},
+    )
 
 
-def _without_forecast(method: Method, window: Window) -> dict[Question, Scores]:
-    """Scores of a method that has none: its errors are infinite."""
+def infinite_scores(method: Method, window: Window) -> dict[Question, Scores]:
+    """Returns the scores of a method without a forecast, by question: infinite errors."""
     test = window.test
-    (variance, baseline) = np.ones((2, test.outputs.shape[1]))
+    output_count = test.outputs.shape[1]
+    questions = [KNOWN, FROM_ZERO]
+    if method.predicts:
+        questions.append(UNKNOWN)
     scores = {}
-    for question in (KNOWN, FROM_ZERO, *[UNKNOWN] * method.predicts):
-        steps = _steps(question, test)
-        errors = np.full((len(steps), len(variance)), np.inf)
-        scores[question] = Scores(steps, errors, errors[:, 0] * np.nan, variance, baseline)
+    for question in questions:
+        steps = question_horizons(question, test)
+        scores[question] = Scores(
+            steps,
+            squared_error=np.full((len(steps), output_count), np.inf),
+            inside=np.full(len(steps), np.nan),
+            # The ratio is infinite in any unit.
+            variance=np.ones(output_count),
+            baseline=np.ones(output_count),
+        )
     return scores
 
 
-def _steps(question: Question, test: Flight) -> tuple[int, ...]:
+def question_horizons(question: Question, test: Flight) -> tuple[int, ...]:
+    """Returns the horizons, in steps, of a question on a test part: a forecast from state 0 is made once only."""
     return (len(test),) if question == FROM_ZERO else horizons(len(test), test.dt)
 
 
-def _scored(
+def evaluate_model(
     method: Method, window: Window, model: Forecaster
 ) -> tuple[dict[Question, Scores], dict[Question, Array]]:
-    """The scores of a model, and its forecasts (H, m) of the whole test part by question."""
+    """Forecasts the test part of a window at all horizons.
+
+    Args:
+        method: says which questions the model is asked.
+        window: the model was trained on its first part.
+        model: the model.
+
+    Returns:
+        Scores, and forecasts (H, m) of the whole test part, by question.
+    """
     test = window.test
     forecasts = {
         KNOWN: model.forecast(test.inputs),
@@ -176,18 +224,24 @@ def _scored(
         bands[KNOWN] = model.forecast_band(test.inputs)
         if method.predicts:
             bands[UNKNOWN] = model.predict_band(len(test))
-    units = units_of(window.train, test)
+    baseline = baseline_errors(window.train, test)
     scores = {}
-    for question, whole in forecasts.items():
-        steps = _steps(question, test)
-        again = model.predict_every if question == UNKNOWN else model.forecast_every
-        pieces = [again(number, test.inputs, test.outputs) for number in steps[:-1]]
-        errors = np.array([mspe(test.outputs, made).per_output for made in (*pieces, whole)])
+    for question, forecast in forecasts.items():
+        steps = question_horizons(question, test)
+        forecast_every = model.predict_every if question == UNKNOWN else model.forecast_every
+        errors = []
+        # The last horizon is the whole test part, of which the forecast is there.
+        for horizon in steps[:-1]:
+            rolling_forecast = forecast_every(horizon, test.inputs, test.outputs)
+            errors.append(mspe(test.outputs, rolling_forecast).per_output)
+        errors.append(mspe(test.outputs, forecast).per_output)
         inside = np.full(len(steps), np.nan)
         if question in bands:
-            held = abs(test.outputs - whole) <= bands[question]
-            inside = np.array([held[:number].mean() for number in steps])
-        scores[question] = Scores(steps, errors, inside, *units)
+            is_inside = abs(test.outputs - forecast) <= bands[question]
+            inside = np.array([is_inside[:horizon].mean() for horizon in steps])
+        scores[question] = Scores(
+            steps, np.array(errors), inside, baseline.variance, baseline.constant_mean
+        )
     return scores, forecasts
 
 
@@ -196,10 +250,15 @@ def compare(
     methods: Sequence[Method] = METHODS,
     progress: Progress = lambda _: None,
 ) -> Comparison:
-    """Runs all ``methods`` on all ``windows`` and compares the first with each of the others.
+    """Runs all methods on all windows and compares the first method with each of the others.
 
     It uses all cores of this process, in processes that import the running script: call it below ``if __name__ ==
-    "__main__":``. ``progress`` is called with the share done.
+    "__main__":``.
+
+    Args:
+        windows: of one flight or several, at least one.
+        methods: to compare.
+        progress: called with the share done.
 
     Raises:
         ValueError: there is no window.
@@ -207,27 +266,34 @@ def compare(
     """
     if not windows:
         raise ValueError("windows must be one at least")
-    made = []
     trials = [(method, window) for window in windows for method in methods]
-    with closing(parallel_map(run_trial, trials)) as coming:
-        for outcome in coming:
-            made.append(outcome)
-            progress(len(made) / len(trials))
-    rows = (tuple(made[at : at + len(methods)]) for at in range(0, len(trials), len(methods)))
-    return Comparison(tuple(windows), tuple(method.name for method in methods), tuple(rows))
+    outcomes = []
+    with closing(parallel_map(run_trial, trials)) as trial_outcomes:
+        for outcome in trial_outcomes:
+            outcomes.append(outcome)
+            progress(len(outcomes) / len(trials))
+    outcomes_by_window = []
+    for first in range(0, len(trials), len(methods)):
+        outcomes_by_window.append(tuple(outcomes[first : first + len(methods)]))
+    names = tuple(method.name for method in methods)
+    return Comparison(tuple(windows), names, tuple(outcomes_by_window))
 
 
 def run_trial(trial: tuple[Method, Window]) -> Outcome:
-    """Trains a method on a window and forecasts its test part; a method that fails has infinite errors."""
+    """Runs :func:`evaluate_window` on a pair of method and window, in a worker process."""
     return evaluate_window(*trial)
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """All ``outcomes``, by window and in each by method, and their summaries.
+    """All outcomes of methods on windows, and their summaries.
 
-    The first of the ``methods``, which are names, is compared with each of the others. ``windows`` of a flight have the
-    same number of samples.
+    The first of the methods is compared with each of the others.
+
+    Attributes:
+        windows: of all flights; those of a flight have the same number of samples.
+        methods: their names.
+        outcomes: by window, and in each by method.
     """
 
     windows: tuple[Window, ...]
@@ -236,7 +302,7 @@ class Comparison:
 
     @cached_property
     def flights(self) -> Names:
-        """Their names, in order of appearance."""
+        """The names of the flights, in order of appearance."""
         return tuple(dict.fromkeys(window.flight for window in self.windows))
 
     def methods_of(self, question: Question) -> Names:
@@ -245,118 +311,137 @@ class Comparison:
 
     def of_flight(self, flight: str) -> Comparison:
         """Returns the part of one ``flight``, by its name."""
-        own = [number for number, window in enumerate(self.windows) if window.flight == flight]
-        windows = tuple(self.windows[number] for number in own)
-        return Comparison(windows, self.methods, tuple(self.outcomes[number] for number in own))
+        windows = []
+        outcomes = []
+        for window, window_outcomes in zip(self.windows, self.outcomes, strict=True):
+            if window.flight == flight:
+                windows.append(window)
+                outcomes.append(window_outcomes)
+        return Comparison(tuple(windows), self.methods, tuple(outcomes))
 
     def summaries(self, flight: str, question: Question = KNOWN) -> tuple[JsonValues, ...]:
         """Returns each method's summary of a ``question`` on the ``flight`` of that name, the lowest error first.
 
-        ``windows`` and the ``COUNTS`` are numbers of windows; ``failure`` is the first reason; ``mspe`` per output and
-        ``mspe_total`` are means over windows, as the paper has them; ``relative`` and ``worst`` the median and the
-        largest error ratio. Of each of the ``horizons``, the last that of the whole test part, there are the median,
-        ``inside``, the mean share in the 90 % band or None, and ``reference``, the first method beside this one
-        (:class:`mavdem.evaluate.Paired`).
+        Returns:
+            Plain values by name. ``windows`` and the other ``COUNTS`` are numbers of windows; ``failure`` is the first
+            reason; ``mspe`` per output and ``mspe_total`` are means over windows, as the paper has them; ``relative``
+            and ``worst`` are the median and the largest error ratio. Each of the ``horizons``, the last that of the
+            whole test part, has the median, ``inside``, the mean share in the 90 % band or None, and ``reference``, the
+            first method compared with this one (:class:`mavdem.evaluate.Paired`).
         """
         return self._summaries[flight, question]
 
     @cached_property
-    def _columns(self) -> dict[str, tuple[Outcome, ...]]:
-        return dict(zip(self.methods, zip(*self.outcomes, strict=True), strict=True))
+    def _outcomes_by_method(self) -> dict[str, tuple[Outcome, ...]]:
+        """The outcomes of each method, in the order of the windows."""
+        columns = zip(*self.outcomes, strict=True)
+        return dict(zip(self.methods, columns, strict=True))
 
     @cached_property
     def _summaries(self) -> dict[tuple[str, Question], tuple[JsonValues, ...]]:
-        return {
-            (flight, question): self.of_flight(flight)._standings(question)
-            for flight, question in product(self.flights, Question)
-        }
+        """The summaries by flight and question."""
+        summaries = {}
+        for flight in self.flights:
+            for question in Question:
+                summaries[flight, question] = self.of_flight(flight)._sorted_summaries(question)
+        return summaries
 
-    def _standings(self, question: Question) -> tuple[JsonValues, ...]:
-        """Of one flight."""
+    def _sorted_summaries(self, question: Question) -> tuple[JsonValues, ...]:
+        """Returns the summaries of all methods over the windows of one flight, the lowest error ratio first."""
         methods = self.methods_of(question)
-        rows = [self._summary(method, question, methods[0]) for method in methods]
-        return tuple(sorted(rows, key=itemgetter("relative")))
+        summaries = [self._summary(method, question, methods[0]) for method in methods]
+        return tuple(sorted(summaries, key=itemgetter("relative")))
 
     def _summary(self, method: str, question: Question, reference: str) -> JsonValues:
-        mine = self._columns[method]
-        scores = [outcome.scores[question] for outcome in mine]
-        ratios = np.array([each.ratio for each in scores])
-        whole = ratios[:, -1]
-        others = self._columns[reference]
-        reference_ratios = np.array([outcome.scores[question].ratio for outcome in others])
-        squares = np.array([each.squared_error for each in scores])
-        inside = np.array([each.inside for each in scores])
-        errors = squares[:, -1].mean(axis=0)
-        return {
-            "method": method,
-            "windows": len(mine),
-            "failed": sum(outcome.failure is not None for outcome in mine),
-            "failure": next((outcome.failure for outcome in mine if outcome.failure), None),
-            "diverged": sum(
-                outcome.failure is None and not np.isfinite(outcome.mspe(question)).all()
-                for outcome in mine
-            ),
-            "unstable": sum(outcome.stable is False for outcome in mine),
-            "mspe": errors.tolist(),
-            "mspe_total": errors.sum(),
-            "relative": np.median(whole),
-            "worst": whole.max(),
-            "worse_than_constant": int((whole > 1).sum()),
-            "horizons": [
+        """Returns the summary of a method over all windows, as :meth:`summaries` has it.
+
+        Args:
+            method: its name.
+            question: what was forecast.
+            reference: name of the method that it is compared with.
+        """
+        outcomes = self._outcomes_by_method[method]
+        scores = [outcome.scores[question] for outcome in outcomes]
+        # Arrays are (windows, horizons) and (windows, horizons, outputs).
+        ratios = np.array([window_scores.ratio for window_scores in scores])
+        squared_errors = np.array([window_scores.squared_error for window_scores in scores])
+        inside = np.array([window_scores.inside for window_scores in scores])
+        reference_outcomes = self._outcomes_by_method[reference]
+        reference_ratios = np.array(
+            [outcome.scores[question].ratio for outcome in reference_outcomes]
+        )
+        failures = [outcome.failure for outcome in outcomes if outcome.failure is not None]
+        diverged = 0
+        for outcome in outcomes:
+            if outcome.failure is None and not np.isfinite(outcome.mspe(question)).all():
+                diverged += 1
+        horizon_values = []
+        for index, steps in enumerate(scores[0].steps):
+            horizon_values.append(
                 {
                     "steps": steps,
-                    "relative": np.median(ratios[:, row]),
-                    "reference": paired(reference_ratios[:, row], ratios[:, row], self.windows),
-                    "inside": _mean(inside[:, row].tolist()),
+                    "relative": np.median(ratios[:, index]),
+                    "reference": paired(reference_ratios[:, index], ratios[:, index], self.windows),
+                    "inside": known_mean(inside[:, index].tolist()),
                 }
-                for row, steps in enumerate(scores[0].steps)
-            ],
-            "seconds": np.median([outcome.seconds for outcome in mine]),
+            )
+        whole_test_ratios = ratios[:, -1]
+        mean_errors = squared_errors[:, -1].mean(axis=0)
+        return {
+            "method": method,
+            "windows": len(outcomes),
+            "failed": len(failures),
+            "failure": failures[0] if failures else None,
+            "diverged": diverged,
+            "unstable": sum(outcome.stable is False for outcome in outcomes),
+            "mspe": mean_errors.tolist(),
+            "mspe_total": mean_errors.sum(),
+            "relative": np.median(whole_test_ratios),
+            "worst": whole_test_ratios.max(),
+            "worse_than_constant": int((whole_test_ratios > 1).sum()),
+            "horizons": horizon_values,
+            "seconds": np.median([outcome.seconds for outcome in outcomes]),
         }
 
     def tests(self, question: Question = KNOWN) -> dict[str, Paired]:
-        """Returns the first method beside each other one over the whole test part, by name, for a ``question``.
+        """Compares the first method with each other one over the whole test part, by name, for a ``question``.
 
         Pairs are flights where there are enough of them to distinguish anything, and else windows of all flights.
         """
         first, *others = self.methods_of(question)
-        if len(self.flights) >= FEWEST_PAIRS:
-            tests = {row["method"]: row["reference"] for row in self.over_flights(question)}
-            return {name: tests[name] for name in tests if name != first}
-        whole = {
-            name: [outcome.scores[question].ratio[-1] for outcome in self._columns[name]]
-            for name in (first, *others)
-        }
-        return {name: paired(whole[first], whole[name], self.windows) for name in others}
+        if len(self.flights) >= MIN_PAIRS:
+            summaries = self.over_flights(question)
+            return {
+                summary["method"]: summary["reference"]
+                for summary in summaries
+                if summary["method"] != first
+            }
+        first_ratios = self._whole_test_ratios(first, question)
+        tests = {}
+        for name in others:
+            ratios = self._whole_test_ratios(name, question)
+            tests[name] = paired(first_ratios, ratios, self.windows)
+        return tests
+
+    def _whole_test_ratios(self, method: str, question: Question) -> list[float]:
+        """Returns the error ratio of a method over the whole test part, by window."""
+        return [outcome.scores[question].ratio[-1] for outcome in self._outcomes_by_method[method]]
 
     def over_flights(self, question: Question = KNOWN) -> tuple[JsonValues, ...]:
         """Returns each method's summary of a ``question`` over all flights, the lowest error first.
 
-        ``relative`` and ``horizons``, those that all have, are geometric means of the flights' medians, ``inside`` is a
-        mean, ``COUNTS`` and ``mspe_total`` are sums; of ``reference`` each flight is one pair.
+        Returns:
+            Plain values by name. ``relative`` and ``horizons``, those that all flights have, are geometric means of the
+            flights' medians, ``inside`` is a mean, ``COUNTS`` and ``mspe_total`` are sums; of ``reference`` each flight
+            is one pair.
         """
-        summaries = [row for flight in self.flights for row in self.summaries(flight, question)]
+        summaries: list[JsonValues] = []
+        for flight in self.flights:
+            summaries += self.summaries(flight, question)
         overall = []
         for method in self.methods_of(question):
-            rows = [row for row in summaries if row["method"] == method]
-            shared = min(len(row["horizons"]) for row in rows)
-            # The last is the whole test part, on whatever number of horizons before it.
-            columns = [[row["horizons"][i] for row in rows] for i in (*range(shared - 1), -1)]
-            ratios = [row["horizons"][-1]["reference"].ratio for row in rows]
-            overall.append(
-                {
-                    "method": method,
-                    "flights": len(rows),
-                    "relative": _geometric([row["relative"] for row in rows]),
-                    "horizons": [
-                        _geometric([at["relative"] for at in column]) for column in columns
-                    ],
-                    "inside": [_mean(at["inside"] for at in column) for column in columns],
-                    **{name: sum(row[name] for row in rows) for name in COUNTS},
-                    "mspe_total": np.sum([row["mspe_total"] for row in rows]),
-                    "reference": paired(ratios, np.ones(len(ratios))),
-                }
-            )
+            rows = [summary for summary in summaries if summary["method"] == method]
+            overall.append(overall_summary(method, rows))
         return tuple(sorted(overall, key=itemgetter("relative")))
 
     def to_dict(self, question: Question = KNOWN) -> JsonValues:
@@ -364,22 +449,36 @@ class Comparison:
 
         Of forecasts given the inputs, the same of predictions without them is in ``predictions``.
         """
-        predicted = question != UNKNOWN and self.methods_of(UNKNOWN)
+        has_predictions = question != UNKNOWN and self.methods_of(UNKNOWN)
         return {
             "reference": self.methods_of(question)[0],
             "methods": self.methods_of(question),
             "start": "zero" if question == FROM_ZERO else "data",
             "verdicts": self.tests(question),
             "over_flights": self.over_flights(question),
-            "flights": [self._flight(flight, question) for flight in self.flights],
-            "predictions": self.to_dict(UNKNOWN) if predicted else None,
+            "flights": [self._flight_values(flight, question) for flight in self.flights],
+            "predictions": self.to_dict(UNKNOWN) if has_predictions else None,
         }
 
-    def _flight(self, flight: str, question: Question) -> JsonValues:
+    def _flight_values(self, flight: str, question: Question) -> JsonValues:
+        """Returns the values of one flight for the document of a ``question``."""
         part = self.of_flight(flight)
         train = part.windows[0].train
         test = part.windows[0].test
-        kept = set(self.methods_of(question))
+        methods = self.methods_of(question)
+        windows = []
+        for window, outcomes in zip(part.windows, part.outcomes, strict=True):
+            outcomes_by_method = {}
+            for outcome in outcomes:
+                if outcome.method in methods:
+                    outcomes_by_method[outcome.method] = outcome.to_dict(question)
+            windows.append(
+                {
+                    "start": window.start,
+                    "time": window.train.time[0],
+                    "methods": outcomes_by_method,
+                }
+            )
         return {
             "flight": flight,
             "dt": train.dt,
@@ -388,27 +487,44 @@ class Comparison:
             "training_samples": len(train),
             "forecast_samples": len(test),
             "standings": self.summaries(flight, question),
-            "windows": [
-                {
-                    "start": window.start,
-                    "time": window.train.time[0],
-                    "methods": {
-                        outcome.method: outcome.to_dict(question)
-                        for outcome in row
-                        if outcome.method in kept
-                    },
-                }
-                for window, row in zip(part.windows, part.outcomes, strict=True)
-            ],
+            "windows": windows,
         }
 
 
-def _mean(shares: Iterable[float | None]) -> float | None:
-    """Of those that there are."""
-    finite = [share for share in shares if share is not None and not np.isnan(share)]
-    return float(np.mean(finite)) if finite else None
+def overall_summary(method: str, rows: Sequence[JsonValues]) -> JsonValues:
+    """Returns the summary of a method over flights, as :meth:`Comparison.over_flights` has it.
+
+    Args:
+        method: its name.
+        rows: its summaries, one for each flight.
+    """
+    # Flights of other rates have other numbers of horizons. The last one is the whole test part in all of them.
+    common_horizons = min(len(row["horizons"]) for row in rows)
+    horizon_columns = []
+    for index in (*range(common_horizons - 1), -1):
+        horizon_columns.append([row["horizons"][index] for row in rows])
+    ratios_to_reference = [row["horizons"][-1]["reference"].ratio for row in rows]
+    return {
+        "method": method,
+        "flights": len(rows),
+        "relative": geometric_mean([row["relative"] for row in rows]),
+        "horizons": [
+            geometric_mean([values["relative"] for values in column]) for column in horizon_columns
+        ],
+        "inside": [known_mean(values["inside"] for values in column) for column in horizon_columns],
+        **{name: sum(row[name] for row in rows) for name in COUNTS},
+        "mspe_total": np.sum([row["mspe_total"] for row in rows]),
+        "reference": paired(ratios_to_reference, np.ones(len(rows))),
+    }
 
 
-def _geometric(values: Sequence[float]) -> float:
+def known_mean(values: Iterable[float | None]) -> float | None:
+    """Returns the mean of the values that are not None or NaN; None if there are none."""
+    known_values = [value for value in values if value is not None and not np.isnan(value)]
+    return float(np.mean(known_values)) if known_values else None
+
+
+def geometric_mean(values: Sequence[float]) -> float:
+    """Returns the geometric mean of values that are at least 0, of which some may be infinite."""
     with np.errstate(divide="ignore"):
         return np.exp(np.mean(np.log(values)))

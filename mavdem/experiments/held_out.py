@@ -10,7 +10,7 @@ References:
     Sciences 191, 2012: blocks keep neighbouring samples, which are correlated, on the same side.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil
 
@@ -32,10 +32,13 @@ from mavdem.flight import Flight
 from mavdem.immutable import ImmutableResult
 
 Progress = Callable[[float], None]
-"""What is called with the share that is done."""
+"""A function that is called with the share that is done, 0 to 1."""
+
 FOLDS = 5
+"""Parts that the settled flight is cut into. Five are usual: each model is trained on 80 % of the data."""
+
 MIN_PIECE_SECONDS = 1.0
-"""A piece of training data between two cuts that is shorter is left out: it is mostly the edge of its embedding."""
+"""s. A shorter piece of training data between two cuts is left out: it is mostly the edge of its embedding."""
 
 FORECAST, PREDICTION, CONSTANT_MEAN, HOLD_LAST = HeldOutForecast
 BASELINES = CONSTANT_MEAN, HOLD_LAST
@@ -43,34 +46,34 @@ BASELINES = CONSTANT_MEAN, HOLD_LAST
 
 @dataclass(frozen=True, eq=False)
 class HeldOut(ImmutableResult):
-    """W held-out windows of H samples and m outputs, none used to train its model; angles in rad, rates in rad/s.
-
-    Attributes:
-        time: (W, H) s on the autopilot's boot clock.
-        measured: (W, H, m).
-        forecasts: (W, H, m) by name: "forecast", with the recorded motors; "prediction", without them; and the
-            baselines "constant mean", of the training data, and "hold last". NaN where no model could be learned.
-        band, expected: (W, H, m) half width of the 90 % band of "forecast", and the squared error to expect of it.
-        variance: (m,) of the training data: the unit in which the errors of outputs are added up.
-        failures: why models of parts could not be learned.
-    """
+    """W held-out windows of H samples and m outputs, none used to train its model; angles in rad, rates in rad/s."""
 
     time: Array
+    """(W, H) s on the autopilot's boot clock"""
     measured: Array
+    """(W, H, m) outputs"""
     forecasts: Mapping[HeldOutForecast, Array]
+    """(W, H, m) by name: "forecast", with the recorded motors; "prediction", without them; and the baselines "constant
+    mean", of the training data, and "hold last". NaN where no model could be learned."""
     band: Array
+    """(W, H, m) half width of the 90 % band of "forecast"."""
     expected: Array
+    """(W, H, m) squared error that the model expects of "forecast"."""
     variance: Array
+    """(m,) of the training data: the unit in which the errors of outputs are added up"""
     failures: Facts = ()
+    """why models of parts could not be learned"""
 
     def __len__(self) -> int:
         return len(self.time)
 
     @property
     def seconds(self) -> float:
-        """Length of a window, s."""
+        """Length of a window, s; 0 without windows, and for windows of one sample."""
         steps = self.time.shape[1]
-        return float(np.ptp(self.time[0]) * steps / (steps - 1)) if len(self) and steps > 1 else 0.0
+        if not len(self) or steps < 2:
+            return 0.0
+        return float(np.ptp(self.time[0]) * steps / (steps - 1))
 
     @may_overflow
     def squared_errors(self, name: HeldOutForecast) -> Array:
@@ -84,14 +87,15 @@ class HeldOut(ImmutableResult):
 
     def error_ratio(self, name: HeldOutForecast = FORECAST) -> float:
         """Returns the mean squared error of the forecast ``name`` over that of the constant mean, of all windows."""
-        return float(error_over(self._sizes(name).mean(), self._sizes(CONSTANT_MEAN).mean()))
+        error = self._total_errors(name).mean()
+        return float(error_over(error, self._total_errors(CONSTANT_MEAN).mean()))
 
     def error_ratios(self, baseline: HeldOutForecast = CONSTANT_MEAN) -> Array:
         """Returns the mean squared error of the forecast over that of the ``baseline``, by window (W,)."""
-        return error_over(self._sizes(FORECAST), self._sizes(baseline))
+        return error_over(self._total_errors(FORECAST), self._total_errors(baseline))
 
-    def _sizes(self, name: HeldOutForecast) -> Array:
-        """(W,) squared errors summed over outputs, each in units of its training variance."""
+    def _total_errors(self, name: HeldOutForecast) -> Array:
+        """Returns squared errors (W,) summed over outputs, each in units of its training variance."""
         return (self.squared_errors(name) / self.variance).sum(axis=1)
 
     @property
@@ -101,21 +105,20 @@ class HeldOut(ImmutableResult):
 
     @property
     def coverage(self) -> float:
-        """Share of the samples that were forecast, of all outputs, that lie inside the 90 % band; 0 if none was."""
+        """Share of the forecast samples, of all outputs, that lie inside the 90 % band; 0 if none was forecast."""
         forecast = self.forecasts[FORECAST]
-        made = ~(np.isnan(forecast) & np.isnan(self.band))
+        is_forecast = ~(np.isnan(forecast) & np.isnan(self.band))
+        if not is_forecast.any():
+            return 0.0
         with np.errstate(invalid="ignore"):
-            return (
-                float((abs(self.measured - forecast) <= self.band)[made].mean())
-                if made.any()
-                else 0.0
-            )
+            is_inside = abs(self.measured - forecast) <= self.band
+        return float(is_inside[is_forecast].mean())
 
     @property
     def over_expected(self) -> float:
-        """Mean squared error over the one to expect, each output in units of its training variance."""
+        """Mean squared error over the one that the model expects, each output in units of its training variance."""
         expected = (self.expected / self.variance).sum(axis=-1).mean()
-        return float(error_over(self._sizes(FORECAST).mean(), expected))
+        return float(error_over(self._total_errors(FORECAST).mean(), expected))
 
 
 def held_out_windows(
@@ -126,7 +129,7 @@ def held_out_windows(
 ) -> HeldOut:
     """Returns forecasts of all of some flights, by five models that are each trained on four fifths of the samples.
 
-    Every window follows samples that only the filter sees: those before it in its flight, or at the beginning of a
+    Every window follows samples that only the filter uses: those before it in its flight, or at the beginning of a
     flight, its first 1.5 s or more, which are in no window.
 
     Args:
@@ -138,36 +141,37 @@ def held_out_windows(
     Raises:
         ValueError: too little flight for a window in any part.
     """
-    _, usual = part_samples(flights[0].dt)
-    steps = usual if steps is None else steps
+    _, default_steps = part_samples(flights[0].dt)
+    steps = default_steps if steps is None else steps
+    # The filter finds its state in whole windows before the first that is evaluated.
+    lead = steps * ceil(default_steps / steps)
     parts = []
-    for number, fold in enumerate(
-        cross_validation_folds([len(flight) for flight in flights], FOLDS), start=1
-    ):
-        training = [*_others(flights, fold)]
+    folds = cross_validation_folds([len(flight) for flight in flights], FOLDS)
+    for fold_number, fold in enumerate(folds, start=1):
+        training = list(training_pieces(flights, fold))
         model = None
         failures = Facts()
         try:
             model = learn_forecasts(training, settings)
         except ValueError as error:
             failures = (fact_from_error(error),)
-        for i, first, stop in fold:
-            flight = flights[i]
-            # The filter finds its state in whole windows before the first that counts.
-            lead = steps * ceil(usual / steps)
+        for flight_index, first, stop in fold:
+            flight = flights[flight_index]
             first = max(first, lead)
             count = (stop - first) // steps
             if count > 0:
-                part = flight[first - lead : first + count * steps]
-                parts.append(
-                    _forecast(
-                        model, training or [part], part, steps, lead, flight.outputs[:1], failures
-                    )
+                part = HeldOutPart(
+                    samples=flight[first - lead : first + count * steps],
+                    lead=lead,
+                    steps=steps,
+                    # At the beginning of a flight there is no sample before; its first one stands for it.
+                    previous_output=flight.outputs[:1],
                 )
-        progress(number / FOLDS)
+                parts.append(forecast_part(model, training or [part.samples], part, failures))
+        progress(fold_number / FOLDS)
     if not parts:
         raise ValueError(f"no held-out window of {steps} samples fits into a part of these flights")
-    return _together(parts)
+    return joined_parts(parts)
 
 
 def held_out_test(train: Flight, test: Flight, learned: Learned) -> HeldOut:
@@ -176,75 +180,117 @@ def held_out_test(train: Flight, test: Flight, learned: Learned) -> HeldOut:
     Raises:
         ValueError: samples of other widths than the model's.
     """
-    return _forecast(learned, [train], test, len(test), 0, train.outputs[-1:])
+    part = HeldOutPart(test, lead=0, steps=len(test), previous_output=train.outputs[-1:])
+    return forecast_part(learned, [train], part)
 
 
-def _others(flights: Sequence[Flight], fold: Sequence[tuple[int, int, int]]) -> Iterator[Flight]:
-    """The pieces of the flights outside a fold that are long enough to learn from."""
-    inside = {i: (first, stop) for i, first, stop in fold}
-    least = max(MIN_PIECE_SECONDS / flights[0].dt, 1)
-    for i, flight in enumerate(flights):
-        first, stop = inside.get(i, (len(flight), len(flight)))
-        for begin, end in ((0, first), (stop, len(flight))):
-            if end - begin >= least:
-                yield flight[begin:end]
+def training_pieces(
+    flights: Sequence[Flight], fold: Sequence[tuple[int, int, int]]
+) -> Iterator[Flight]:
+    """Yields the pieces of flights outside a fold that are long enough to learn from.
+
+    Args:
+        flights: segments of one vehicle.
+        fold: the samples that are held out: index of the flight, first sample, and the sample after the last.
+    """
+    held_out = {flight_index: (first, stop) for flight_index, first, stop in fold}
+    min_samples = max(MIN_PIECE_SECONDS / flights[0].dt, 1)
+    for flight_index, flight in enumerate(flights):
+        end = len(flight)
+        first, stop = held_out.get(flight_index, (end, end))
+        if first >= min_samples:
+            yield flight[:first]
+        if end - stop >= min_samples:
+            yield flight[stop:end]
 
 
-def _forecast(
+@dataclass(frozen=True, eq=False)
+class HeldOutPart:
+    """A contiguous part of a flight that is forecast in windows, with samples before them for the filter."""
+
+    samples: Flight
+    """``lead`` samples for the filter, then W windows"""
+    lead: int
+    """number of samples before the first window"""
+    steps: int
+    """H, samples of a window"""
+    previous_output: Array
+    """(1, m) the outputs of the sample before the part"""
+
+    def windows(self, values: Array) -> Array:
+        """Returns values (T, …) of the samples cut into windows (W, H, …)."""
+        return values[self.lead :].reshape(-1, self.steps, *values.shape[1:])
+
+    @property
+    def outputs_before_windows(self) -> Array:
+        """(W, m) the outputs of the sample before each window."""
+        outputs = self.samples.outputs
+        shifted = np.concatenate([self.previous_output, outputs])
+        return shifted[self.lead : len(outputs) : self.steps]
+
+
+def forecast_part(
     model: JointModel | Learned | None,
     training: Sequence[Flight],
-    part: Flight,
-    steps: int,
-    lead: int,
-    before: Array,
+    part: HeldOutPart,
     failures: Facts = (),
 ) -> HeldOut:
-    """Windows of ``steps`` samples after the first ``lead`` of a part, which follows the sample ``before`` (1, m).
+    """Forecasts the windows of a part, each from the state that the filter has at its start.
 
-    Without a model there are the baselines only.
+    Args:
+        model: trained without the part; without a model there are the baselines only.
+        training: what the model was trained on, for the constant mean and the unit of errors.
+        part: the windows.
+        failures: why there is no model.
     """
-    inputs = part.inputs
-    outputs = part.outputs
-
-    def windows(values: Array) -> Array:
-        return values[lead:].reshape(-1, steps, *values.shape[1:])
-
-    measured = windows(outputs)
-    forecast = prediction = expected = band = np.full_like(measured, np.nan)
+    inputs = part.samples.inputs
+    outputs = part.samples.outputs
+    measured = part.windows(outputs)
+    unknown = np.full_like(measured, np.nan)
+    forecast, prediction, expected, band = unknown, unknown, unknown, unknown
     if model is not None:
         with np.errstate(over="ignore", invalid="ignore"):
-            made = model.rolling_forecast_known_inputs(steps, inputs, outputs)
-            half = model.half_widths(made.variance, CONFIDENCE_LEVEL, steps)
-            forecast, expected, band = map(windows, (*made, half))
-            prediction = windows(model.rolling_forecast_unknown_inputs(steps, inputs, outputs).mean)
-    trained = np.concatenate([flight.outputs for flight in training])
-    last = np.concatenate([before, outputs])[lead : len(outputs) : steps]
+            rolling = model.rolling_forecast_known_inputs(part.steps, inputs, outputs)
+            half_widths = model.half_widths(rolling.variance, CONFIDENCE_LEVEL, part.steps)
+            forecast = part.windows(rolling.mean)
+            expected = part.windows(rolling.variance)
+            band = part.windows(half_widths)
+            predicted = model.rolling_forecast_unknown_inputs(part.steps, inputs, outputs)
+            prediction = part.windows(predicted.mean)
+    training_outputs = np.concatenate([flight.outputs for flight in training])
+    last_outputs = part.outputs_before_windows
     forecasts = {
         FORECAST: forecast,
         PREDICTION: prediction,
-        CONSTANT_MEAN: np.broadcast_to(trained.mean(axis=0), measured.shape),
-        HOLD_LAST: np.broadcast_to(last[:, None], measured.shape),
+        CONSTANT_MEAN: np.broadcast_to(training_outputs.mean(axis=0), measured.shape),
+        HOLD_LAST: np.broadcast_to(last_outputs[:, None], measured.shape),
     }
     return HeldOut(
-        windows(part.time), measured, forecasts, band, expected, trained.var(axis=0), failures
+        time=part.windows(part.samples.time),
+        measured=measured,
+        forecasts=forecasts,
+        band=band,
+        expected=expected,
+        variance=training_outputs.var(axis=0),
+        failures=failures,
     )
 
 
-def _together(parts: Sequence[HeldOut]) -> HeldOut:
-    """All windows of several parts in the order of time; the variance is the mean of the parts'."""
-    order = np.argsort(np.concatenate([part.time[:, 0] for part in parts]), kind="stable")
-
-    def joined(tables: Iterable[Array]) -> Array:
-        return np.concatenate([*tables])[order]
-
+def joined_parts(parts: Sequence[HeldOut]) -> HeldOut:
+    """Returns all windows of several parts in the order of time; the variance is the mean of the parts' variances."""
+    start_times = np.concatenate([part.time[:, 0] for part in parts])
+    order = np.argsort(start_times, kind="stable")
+    forecasts = {}
+    for name in HeldOutForecast:
+        forecasts[name] = np.concatenate([part.forecasts[name] for part in parts])[order]
+    # Several parts may fail for the same reason. A dictionary keeps the order of the first ones.
+    failures = dict.fromkeys(failure for part in parts for failure in part.failures)
     return HeldOut(
-        time=joined(part.time for part in parts),
-        measured=joined(part.measured for part in parts),
-        forecasts={
-            name: joined(part.forecasts[name] for part in parts) for name in HeldOutForecast
-        },
-        band=joined(part.band for part in parts),
-        expected=joined(part.expected for part in parts),
+        time=np.concatenate([part.time for part in parts])[order],
+        measured=np.concatenate([part.measured for part in parts])[order],
+        forecasts=forecasts,
+        band=np.concatenate([part.band for part in parts])[order],
+        expected=np.concatenate([part.expected for part in parts])[order],
         variance=np.mean([part.variance for part in parts], axis=0),
-        failures=tuple(dict.fromkeys(failure for part in parts for failure in part.failures)),
+        failures=tuple(failures),
     )

@@ -16,70 +16,95 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mavdem.arrays import Array
 from mavdem.experiments.window import Window, disjoint
 from mavdem.facts.forecasts import TestResult
 
 SIGNIFICANCE = 0.05
-FEWEST_PAIRS = ceil(1 - log2(SIGNIFICANCE))
-"""The level of the test, and the pairs that it takes: of k the p-value is 2¹⁻ᵏ at least."""
+"""The level of the test: a p-value below it is called a difference."""
+
+MIN_PAIRS = ceil(1 - log2(SIGNIFICANCE))
+"""Pairs from which a difference can be found at all: the smallest p-value of k pairs is 2¹⁻ᵏ."""
 
 
 class Paired(NamedTuple):
-    """The errors of one method ("ours") beside those of another ("theirs").
-
-    Attributes:
-        ratio: the median over windows of our error over theirs: below 1, ours is lower. NaN without windows.
-        less, windows, tested: numbers of windows in which ours is lower, of all, and of those that do not overlap,
-            which the test uses.
-        p_value: of the test, two-sided; 1 where there is no difference at all, or no window.
-    """
+    """The errors of one method ("ours") compared with those of another ("theirs") on the same windows."""
 
     ratio: float
+    """median over windows of our error over theirs: below 1, ours is lower; NaN without windows"""
     less: int
+    """number of windows in which our error is lower"""
     windows: int
+    """number of all windows"""
     tested: int
+    """number of windows that do not overlap, which the test uses"""
     p_value: float
+    """two-sided p-value of the test; 1 where there is no difference at all, or no window"""
 
     @property
     def result(self) -> TestResult:
-        """Whether our error is lower or higher than theirs, or the two cannot be told apart."""
+        """Whether our error is lower or higher than theirs, or the two cannot be distinguished."""
         if not self.p_value < SIGNIFICANCE:
             return TestResult.NOT_DISTINGUISHABLE
         return TestResult.LOWER if self.ratio < 1 else TestResult.HIGHER
 
 
 def paired(ours: ArrayLike, theirs: ArrayLike, windows: Sequence[Window] | None = None) -> Paired:
-    """Returns how two methods' errors compare on the same windows, ``ours`` and ``theirs``, (W,) each and at least 0.
+    """Compares the errors of two methods on the same windows.
 
-    They are infinite without a forecast; two that are both infinite, or both 0, count as equal. Without the
-    ``windows`` these count as independent.
+    Args:
+        ours: (W,) errors of one method, at least 0, and infinite where it has no forecast.
+        theirs: (W,) errors of the other method on the same windows. Two errors that are both infinite, or both 0, count
+            as equal.
+        windows: the W windows; they count as independent unless given.
 
     Raises:
         ValueError: arrays of different lengths, or errors that are negative or NaN.
     """
-    a = np.asarray(ours, float)
-    b = np.asarray(theirs, float)
-    if a.shape != b.shape or a.ndim != 1 or (windows is not None and len(windows) != len(a)):
+    our_errors = np.asarray(ours, float)
+    their_errors = np.asarray(theirs, float)
+    has_one_each = our_errors.ndim == 1 and our_errors.shape == their_errors.shape
+    if not has_one_each or (windows is not None and len(windows) != len(our_errors)):
         raise ValueError(
-            f"ours, theirs and windows must be of the same windows, not {a.shape} and {b.shape}"
+            "ours, theirs and windows must be of the same windows, not "
+            f"{our_errors.shape} and {their_errors.shape}"
         )
-    if not ((a >= 0).all() and (b >= 0).all()):
+    if not ((our_errors >= 0).all() and (their_errors >= 0).all()):
         raise ValueError("ours and theirs must be errors: at least 0, and no NaN")
     with np.errstate(divide="ignore", invalid="ignore"):
-        differences = np.log(a) - np.log(b)
-    differences = np.where(np.isnan(differences), 0.0, differences)
-    apart = np.arange(len(a)) if windows is None else disjoint(windows)
-    with np.errstate(invalid="ignore", over="ignore"):
-        # Two middle ones of opposite infinity have no mean: each method diverged as often as the other.
-        middle = (
-            float(np.exp(np.nan_to_num(np.median(differences), posinf=np.inf, neginf=-np.inf)))
-            if len(a)
-            else nan
-        )
-    from scipy.stats import rankdata, wilcoxon  # it takes half a second to import
+        log_ratios = np.log(our_errors) - np.log(their_errors)
+    # The difference of two infinite logarithms is NaN: both errors are 0, or both infinite.
+    log_ratios = np.where(np.isnan(log_ratios), 0.0, log_ratios)
+    count = len(our_errors)
+    independent = np.arange(count) if windows is None else disjoint(windows)
+    return Paired(
+        ratio=_median_ratio(log_ratios),
+        less=int((our_errors < their_errors).sum()),
+        windows=count,
+        tested=len(independent),
+        p_value=_signed_rank_p_value(log_ratios[independent]),
+    )
 
-    # Only signs and ranks count, and ranks are finite if a method diverged.
-    tested = differences[apart][differences[apart] != 0]
-    ranks = np.sign(tested) * rankdata(abs(tested))
-    p_value = float(wilcoxon(ranks).pvalue) if len(tested) else 1.0
-    return Paired(middle, int((a < b).sum()), len(a), len(apart), p_value)
+
+def _median_ratio(log_ratios: Array) -> float:
+    """Returns the median ratio of the logarithms (W,); NaN without any."""
+    if not len(log_ratios):
+        return nan
+    with np.errstate(invalid="ignore", over="ignore"):
+        median = np.median(log_ratios)
+        # The mean of two middle values of opposite infinity is NaN: each method diverged as often as the other, so that
+        # the median ratio is 1.
+        return float(np.exp(np.nan_to_num(median, posinf=np.inf, neginf=-np.inf)))
+
+
+def _signed_rank_p_value(log_ratios: Array) -> float:
+    """Returns the two-sided p-value of Wilcoxon's signed-rank test of logarithms (W,), which may be infinite."""
+    # SciPy's statistics take half a second to import.
+    from scipy.stats import rankdata, wilcoxon
+
+    differences = log_ratios[log_ratios != 0]
+    if not len(differences):
+        return 1.0
+    # The test uses signs and ranks only, and ranks are finite where a method diverged.
+    signed_ranks = np.sign(differences) * rankdata(abs(differences))
+    return float(wilcoxon(signed_ranks).pvalue)

@@ -1,4 +1,4 @@
-"""Scores: squared errors of one method's forecasts of one window, beside those of the constant mean.
+"""Scores: squared errors of one method's forecasts of one window, relative to those of the constant mean.
 
 A test part of H samples is forecast in pieces of k steps: at every k-th sample a forecast starts from all data before
 it. So each sample counts once at every horizon, forecasts do not overlap, the error is the mean *up to* the k-th step,
@@ -12,55 +12,65 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mavdem.arrays import Array, ArrayPair, as_real_array
+from mavdem.arrays import Array, as_real_array
 from mavdem.dem.engine.linalg import may_overflow
 from mavdem.dem.online import learner
 from mavdem.dem.plant_forecasts import FORECAST_HORIZON_SECONDS
 from mavdem.flight import Flight
 
-USUAL_RATE = 100.0  # Hz, of these steps; at higher rates they last as long
-HORIZONS = (*learner.DEFAULT_HORIZONS, round(FORECAST_HORIZON_SECONDS * USUAL_RATE))
-"""Steps; the last is the paper's."""
+REFERENCE_RATE = 100.0
+"""Hz, the sampling rate that ``HORIZONS`` are counted at. At higher rates horizons last as long as at this one."""
+
+HORIZONS = (*learner.DEFAULT_HORIZONS, round(FORECAST_HORIZON_SECONDS * REFERENCE_RATE))
+"""Horizons in steps of ``REFERENCE_RATE``: those of the online learner, and that of the paper, 150."""
 
 
 class Question(StrEnum):
-    """What is forecast: the outputs, given the inputs; likewise from state 0; what comes next, without the inputs."""
+    """What a forecast of the outputs is given."""
 
     KNOWN = "known"
+    """the inputs, from the state at the end of training"""
     ZERO = "zero"
+    """the inputs, from state 0"""
     UNKNOWN = "unknown"
+    """no inputs: what comes next"""
 
 
 KNOWN, FROM_ZERO, UNKNOWN = Question
 
 
 class Scores(NamedTuple):
-    """Errors of forecasts that answer one question, by horizon, the last that of the whole test part.
+    """Errors of forecasts of one test part that answer one question, at K horizons, for m outputs."""
 
-    The unit of an output's error is its training variance; ``baseline`` are the squared errors of the constant mean.
-    """
-
-    steps: tuple[int, ...]  # (K,)
-    squared_error: Array  # (K, m) mean over the samples
-    inside: Array  # (K,) share of the samples in the 90 % band, NaN without one
-    variance: Array  # (m,)
-    baseline: Array  # (m,)
+    steps: tuple[int, ...]
+    """(K,) horizons in steps; the last is the length of the test part"""
+    squared_error: Array
+    """(K, m) mean squared error, in the squares of the outputs' units"""
+    inside: Array
+    """(K,) share of the samples in the 90 % band; NaN without one"""
+    variance: Array
+    """(m,) training variance, the unit in which the errors of outputs are added up"""
+    baseline: Array
+    """(m,) mean squared error of the constant mean, in the squares of the outputs' units"""
 
     @property
     def ratio(self) -> Array:
         """(K,) error ratios: below 1 is better than the constant mean.
 
-        The skill score is one minus this, and it is the NMSE of system identification.
+        This is the NMSE of system identification; the skill score of meteorology is 1 less this.
         """
-        ours = (self.squared_error / self.variance).sum(axis=1)
-        return error_over(ours, (self.baseline / self.variance).sum())
+        error = (self.squared_error / self.variance).sum(axis=1)
+        baseline_error = (self.baseline / self.variance).sum()
+        return error_over(error, baseline_error)
 
 
 class Mspe(NamedTuple):
-    """Mean squared prediction error: ``per_output`` (m,) in the squares of their units, and ``total``, their sum."""
+    """Mean squared prediction error."""
 
     per_output: Array
+    """(m,) in the squares of the outputs' units"""
     total: float
+    """the sum over the outputs"""
 
 
 @may_overflow
@@ -92,46 +102,64 @@ def mspe(measured: ArrayLike, predicted: ArrayLike) -> Mspe:
 
 
 def error_over(ours: ArrayLike, theirs: ArrayLike) -> Array:
-    """Returns the ratio of errors, ``ours`` over ``theirs``; 1 if both are the same, also 0 or infinite."""
+    """Returns the ratio of errors, ``ours`` over ``theirs``; 1 where both are the same, also 0 or infinite."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(np.equal(ours, theirs), 1.0, np.divide(ours, theirs))
 
 
 def horizons(samples: int, dt: float) -> tuple[int, ...]:
-    """Returns the horizons, in steps, of a test part of ``samples``: those of ``HORIZONS`` in it, and all of it.
+    """Returns the horizons at which a test part is evaluated.
 
-    Above ``USUAL_RATE``, by the sampling step ``dt`` in s, they last as long as there.
+    Args:
+        samples: length of the test part.
+        dt: sampling step, s.
+
+    Returns:
+        Steps: those of ``HORIZONS`` that are shorter than the test part, and its whole length.
     """
-    steps = (
-        HORIZONS
-        if dt >= 1 / USUAL_RATE
-        else tuple(round(usual / USUAL_RATE / dt) for usual in HORIZONS)
-    )
+    steps: tuple[int, ...]
+    if dt >= 1 / REFERENCE_RATE:
+        steps = HORIZONS
+    else:
+        steps = tuple(round(horizon / REFERENCE_RATE / dt) for horizon in HORIZONS)
     return (*(step for step in steps if step < samples), samples)
 
 
-def units_of(train: Flight, test: Flight) -> ArrayPair:
-    """Returns the training variance (m,) of each output, and the squared error (m,) of the training mean in ``test``.
+class BaselineErrors(NamedTuple):
+    """What the errors of a forecast are compared with, (m,) each, in the squares of the outputs' units."""
+
+    variance: Array
+    """variance of the training part"""
+    constant_mean: Array
+    """mean squared error of the training part's mean in the test part"""
+
+
+def baseline_errors(train: Flight, test: Flight) -> BaselineErrors:
+    """Returns the training variance, and the squared error of the training mean in the test part.
 
     Raises:
-        ValueError: an output of ``train`` that is constant.
+        ValueError: an output of ``train`` is constant.
     """
     if not np.ptp(train.outputs, axis=0).all():
         raise ValueError("train must vary in every output: errors are in units of its variance")
     mean = np.broadcast_to(train.outputs.mean(axis=0), test.outputs.shape)
-    return train.outputs.var(axis=0), mspe(test.outputs, mean).per_output
+    return BaselineErrors(train.outputs.var(axis=0), mspe(test.outputs, mean).per_output)
 
 
 def relative_mspe(train: Flight, test: Flight, forecast: ArrayLike) -> float:
-    """Returns the error ratio: MSPE in units of each output's training variance, summed, over the training mean's.
+    """Returns the error ratio of a forecast: its MSPE over that of the training mean.
 
-    Below 1 the forecast is better than the mean.
+    The errors of outputs are added up in units of their training variance. Below 1 the forecast is better than the
+    mean.
 
-    ``train`` gives mean and variances; ``forecast`` (H, m) is of the H samples of ``test``.
+    Args:
+        train: gives mean and variances.
+        test: H samples that were forecast.
+        forecast: (H, m) outputs, in the units of ``test``.
 
     Raises:
         ValueError: a forecast of another shape, or an output of ``train`` that is constant.
     """
-    variance, baseline = units_of(train, test)
-    ours = mspe(test.outputs, forecast).per_output
-    return float(error_over((ours / variance).sum(), (baseline / variance).sum()))
+    variance, baseline = baseline_errors(train, test)
+    errors = mspe(test.outputs, forecast).per_output
+    return float(error_over((errors / variance).sum(), (baseline / variance).sum()))

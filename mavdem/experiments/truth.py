@@ -1,4 +1,4 @@
-"""Truth: physical parameters and wind torque of a simulated flight, beside what was learned of it."""
+"""The truth of a simulated flight, compared with what was learned of it: physical parameters and wind torque."""
 
 import zipfile
 import zlib
@@ -19,78 +19,104 @@ from mavdem.files import PathName
 from mavdem.flight import Flight
 from mavdem.plant import Physical, WindTorque
 
-MAX_DIFFERENCE = 0.3
-"""Root mean square over standard deviation, of the rate from that of the truth file: 0.01 in simulated flights of
-100 Hz, and 1.4 for another flight's."""
+MAX_RATE_DIFFERENCE = 0.3
+"""Largest difference of a flight's rate from that of its truth file, root mean square over standard deviation. It is
+0.01 in simulated flights of 100 Hz, and 1.4 with the truth of another flight."""
+
+MOTOR_UNIT = "µs"
+"""Unit of the motor outputs that a truth file is written for."""
 
 
 class ComparedParameter(NamedTuple):
-    """An estimate beside its truth, both in ``unit``; ``half_width`` is NaN where it is not identifiable."""
+    """An estimated physical parameter and its truth."""
 
     name: str
     unit: str
+    """of estimate, half width and truth"""
     estimate: float
     half_width: float
+    """of its 90 % interval; NaN where it is not identifiable"""
     truth: float
     status: Status = Status.REPORTED
 
     @property
     def inside(self) -> bool | None:
-        """Whether the interval holds the truth; ``None`` where there is none."""
+        """Whether the interval holds the truth; ``None`` where there is no interval."""
         if isnan(self.half_width):
             return None
         return bool(abs(self.estimate - self.truth) <= self.half_width)
 
 
 class ComparedWind(NamedTuple):
-    """The wind torque beside its truth, rad/s²: ``inside`` is the share of samples whose truth is in the 90 % band.
-
-    ``resolved``: whether the estimate is larger than its expected errors. ``mean`` is the steady part.
-    """
+    """The estimated wind torque and its truth, rad/s²."""
 
     correlation: float
+    """of the two courses; NaN where one of them is constant"""
     sd: float
+    """standard deviation of the estimate"""
     true_sd: float
+    """standard deviation of the truth"""
     inside: float
+    """share of samples whose truth is in the 90 % band"""
     resolved: bool
+    """whether the estimate is larger than its expected errors"""
     mean: ComparedParameter
+    """the steady part"""
 
 
 class TruthComparison(NamedTuple):
-    """Physical parameters and wind beside their truth, each empty or ``None`` where there is no estimate."""
+    """The estimates of a simulated flight and their truth."""
 
     source: str
+    """name of the truth file"""
     parameters: tuple[ComparedParameter, ...]
+    """physical parameters; empty where there are none"""
     wind: ComparedWind | None
+    """the wind torque; ``None`` where it was not estimated"""
 
 
 class Truth(NamedTuple):
     """One axis of a truth file of ``mavdem fly``: N rows, r motors."""
 
-    source: str  # the file's name
-    time: Array  # (N,) s on the boot clock
-    rate: Array  # (N,) rad/s, as the autopilot knew it
-    disturbance: Array  # (N,) rad/s²
-    weak: Array  # (N,) 1 once something broke
-    effect: Array  # (r,) rad/s² per µs
-    weak_effect: Array  # (r,) once something broke
-    damping: float  # 1/s
-    lag: float  # s
-    delay: float  # s
+    source: str
+    """name of the file"""
+    time: Array
+    """(N,) s on the boot clock"""
+    rate: Array
+    """(N,) rad/s, as the autopilot knew it"""
+    disturbance: Array
+    """(N,) wind torque, rad/s²"""
+    weak: Array
+    """(N,) 1 after a motor failed, else 0"""
+    effect: Array
+    """(r,) rad/s² per µs"""
+    weak_effect: Array
+    """(r,) rad/s² per µs after a motor failed"""
+    damping: float
+    """1/s"""
+    lag: float
+    """motor time constant, s"""
+    delay: float
+    """s"""
+
+    def effect_at(self, time: Array) -> Array:
+        """Returns the effect (r,) that held for most of the samples at ``time`` (T,), s."""
+        is_weak = np.interp(time, self.time, self.weak) >= 0.5
+        return self.weak_effect if is_weak.mean() >= 0.5 else self.effect
 
 
 def read_truth(path: PathName, axis: str) -> Truth:
-    """Returns one ``axis`` of a truth file of ``mavdem fly``.
+    """Returns one axis, "roll", "pitch" or "yaw", of a truth file of ``mavdem fly``.
 
     Raises:
-        Unreadable: ``path`` is not one, or cannot be read.
+        Unreadable: ``path`` is not a truth file, or cannot be read.
     """
     name = Path(path).name or str(path)
     try:
         with np.load(path, allow_pickle=False) as file:
             effect = file[f"{axis}_effect"]
             truth = Truth(
-                name,
+                source=name,
                 time=file["time"],
                 rate=file["known_rates"][:, AXES.index(axis)],
                 disturbance=file[f"{axis}_disturbance"],
@@ -101,23 +127,33 @@ def read_truth(path: PathName, axis: str) -> Truth:
                 lag=float(file["lag"][0]),
                 delay=float(file["delay"]),
             )
-        for column in (truth.rate, truth.disturbance, truth.weak):
-            np.interp(0.0, truth.time, column)  # which takes as many as there are times
-        np.stack([truth.effect, truth.weak_effect])
+        _require_equal_lengths(truth)
         return truth
     except OSError as error:
-        why = error_message(error)
+        cause = error_message(error)
     except (LookupError, TypeError, ValueError, EOFError, zipfile.BadZipFile, zlib.error):
-        why = ""
-    raise Unreadable(Forecasts.NO_TRUTH_FILE, name=name, error=why)
+        # The file is not an archive of arrays, or not of these.
+        cause = ""
+    raise Unreadable(Forecasts.NO_TRUTH_FILE, name=name, error=cause)
+
+
+def _require_equal_lengths(truth: Truth) -> None:
+    """Raises ``ValueError`` where columns of a truth file have other lengths than its times, or effects differ."""
+    for column in (truth.rate, truth.disturbance, truth.weak):
+        np.interp(0.0, truth.time, column)
+    np.stack([truth.effect, truth.weak_effect])
 
 
 def truth_of(flights: Sequence[Flight], path: PathName) -> Truth:
-    """Returns what the truth file at ``path`` says of the axis of ``flights``, the segments of one.
+    """Returns the truth of the axis of a flight.
+
+    Args:
+        flights: segments of one flight.
+        path: of its truth file.
 
     Raises:
         Unreadable: the file is no truth file, or that of another flight.
-        ValueError: no output is the rate of an axis.
+        ValueError: the last output is not the rate of an axis.
     """
     name = flights[0].output_names[-1]
     axis = name.split(" ")[0]
@@ -127,9 +163,10 @@ def truth_of(flights: Sequence[Flight], path: PathName) -> Truth:
     for segment in flights:
         time = segment.time
         rate = segment.outputs[:, -1]
-        rates = np.interp(time, truth.time, truth.rate, np.nan, np.nan)
-        difference = np.sqrt(np.mean((rate - rates) ** 2)) / rate.std()
-        if not difference < MAX_DIFFERENCE:
+        true_rate = np.interp(time, truth.time, truth.rate, np.nan, np.nan)
+        difference = np.sqrt(np.mean((rate - true_rate) ** 2)) / rate.std()
+        # A NaN, where the truth file does not cover the segment, is no small difference either.
+        if not difference < MAX_RATE_DIFFERENCE:
             raise Unreadable(
                 Forecasts.TRUTH_OF_ANOTHER_FLIGHT,
                 time=time[0],
@@ -143,68 +180,108 @@ def truth_of(flights: Sequence[Flight], path: PathName) -> Truth:
 def compare_with_truth(
     learned: Learned, flights: Sequence[Flight], truth: Truth
 ) -> TruthComparison:
-    """Returns the physical parameters and the wind torque of ``learned`` beside the ``truth`` of its ``flights``.
+    """Returns the physical parameters and the wind torque of a model together with their truth.
+
+    Args:
+        learned: the model.
+        flights: the segments that it was trained on.
+        truth: of these flights, as from :func:`truth_of`.
 
     Raises:
         ValueError: ``flights`` are not what ``learned`` was trained on.
     """
-    if sum(map(len, flights)) != len(learned.record):
+    if sum(len(flight) for flight in flights) != len(learned.record):
         raise ValueError("flights must be what the model was trained on")
     time = np.concatenate([segment.time for segment in flights])
-    parameters = (
-        ()
-        if learned.physical is None
-        else tuple(_parameters(learned.physical, flights[0], truth, time))
-    )
-    wind = None if learned.wind_torque is None else _wind(learned.wind_torque, truth, time)
+    parameters: tuple[ComparedParameter, ...] = ()
+    if learned.physical is not None:
+        effects = compared_effects(learned.physical, flights[0], truth, time)
+        parameters = (*effects, *compared_dynamics(learned.physical, truth))
+    wind = None
+    if learned.wind_torque is not None:
+        wind = compared_wind(learned.wind_torque, truth, time)
     return TruthComparison(truth.source, parameters, wind)
 
 
-def _parameters(
+def compared_effects(
     physical: Physical, flight: Flight, truth: Truth, time: Array
 ) -> Iterator[ComparedParameter]:
-    effect, *halves = physical.interval()
-    status = physical.status
-    if flight.input_units == ("µs",) * truth.effect.size:
-        weak = np.interp(time, truth.time, truth.weak) >= 0.5
-        true = truth.weak_effect if weak.mean() >= 0.5 else truth.effect
-        names = [
-            f"{ComparedWithTruth.EFFECT_OF} {name.split(' (')[0]}" for name in flight.input_names
-        ]
-        rows = [*zip(names, physical.effect.tolist(), effect.tolist(), true.tolist(), strict=True)]
-        rows.append(
-            (ComparedWithTruth.MEAN_EFFECT, *physical.mean_effect(), float(abs(true).mean()))
-        )
-        for name, estimate, half, true_value in rows:
-            yield ComparedParameter(
-                name, "rad/s² per µs", estimate, half, true_value, status["effect"]
-            )
-    for (name, unit, key), half in zip(PLANT, halves, strict=True):
-        state = status.get(key, status["lag"])
+    """Yields the effect of each motor and their mean; nothing where the inputs are not the motors' outputs.
+
+    Args:
+        physical: the estimated parameters.
+        flight: a segment, for the names of its inputs.
+        truth: of the flight.
+        time: (T,) all samples of the flight, s.
+    """
+    if flight.input_units != (MOTOR_UNIT,) * truth.effect.size:
+        return
+    unit = f"rad/s² per {MOTOR_UNIT}"
+    status = physical.status["effect"]
+    true_effect = truth.effect_at(time)
+    half_widths = physical.interval()[0]
+    for motor, input_name in enumerate(flight.input_names):
+        # The name in brackets says where the motor is.
+        motor_name = input_name.split(" (")[0]
         yield ComparedParameter(
-            name, unit, getattr(physical, key), half, getattr(truth, key), state
+            f"{ComparedWithTruth.EFFECT_OF} {motor_name}",
+            unit,
+            float(physical.effect[motor]),
+            float(half_widths[motor]),
+            float(true_effect[motor]),
+            status,
         )
+    mean_effect, mean_half_width = physical.mean_effect()
+    true_mean = float(abs(true_effect).mean())
+    yield ComparedParameter(
+        ComparedWithTruth.MEAN_EFFECT, unit, mean_effect, mean_half_width, true_mean, status
+    )
 
 
-PLANT = (
-    (ComparedWithTruth.DAMPING, "1/s", "damping"),
-    (ComparedWithTruth.LAG_OF_THE_MOTORS, "s", "lag"),
-    (ComparedWithTruth.DELAY, "s", "delay"),
-)
-"""Names, units and attributes of what the rotation is made of."""
+def compared_dynamics(physical: Physical, truth: Truth) -> Iterator[ComparedParameter]:
+    """Yields the rate damping, the motor time constant and the delay."""
+    _, damping_half_width, lag_half_width, delay_half_width = physical.interval()
+    lag_status = physical.status["lag"]
+    yield ComparedParameter(
+        ComparedWithTruth.DAMPING,
+        "1/s",
+        physical.damping,
+        damping_half_width,
+        truth.damping,
+        physical.status["damping"],
+    )
+    yield ComparedParameter(
+        ComparedWithTruth.LAG_OF_THE_MOTORS,
+        "s",
+        physical.lag,
+        lag_half_width,
+        truth.lag,
+        lag_status,
+    )
+    # The delay has no status of its own: it is identified together with the motor time constant.
+    yield ComparedParameter(
+        ComparedWithTruth.DELAY, "s", physical.delay, delay_half_width, truth.delay, lag_status
+    )
 
 
-def _wind(wind: WindTorque, truth: Truth, time: Array) -> ComparedWind:
-    true = np.interp(time, truth.time, truth.disturbance)
-    mean = float(true.mean())
-    moves = true.std() and wind.torque.std()
+def compared_wind(wind: WindTorque, truth: Truth, time: Array) -> ComparedWind:
+    """Returns the wind torque and its truth at the samples ``time`` (T,), s."""
+    true_torque = np.interp(time, truth.time, truth.disturbance)
+    correlation = nan
+    if true_torque.std() and wind.torque.std():
+        correlation = float(np.corrcoef(wind.torque, true_torque)[0, 1])
+    steady_part = ComparedParameter(
+        ComparedWithTruth.STEADY_PART,
+        "rad/s²",
+        wind.mean,
+        wind.mean_band,
+        float(true_torque.mean()),
+    )
     return ComparedWind(
-        correlation=float(np.corrcoef(wind.torque, true)[0, 1]) if moves else nan,
+        correlation=correlation,
         sd=wind.sd,
-        true_sd=float(true.std()),
-        inside=float(np.mean(abs(wind.torque - true) <= wind.band)),
+        true_sd=float(true_torque.std()),
+        inside=float(np.mean(abs(wind.torque - true_torque) <= wind.band)),
         resolved=wind.resolved,
-        mean=ComparedParameter(
-            ComparedWithTruth.STEADY_PART, "rad/s²", wind.mean, wind.mean_band, mean
-        ),
+        mean=steady_part,
     )

@@ -13,7 +13,12 @@ from mavdem.errors import NotLearnable
 from mavdem.facts.forecasts import Forecasts
 from mavdem.flight import Flight
 
-TRAIN_SECONDS = 7.0  # of a training part by default, as in the paper at 100 Hz
+TRAIN_SECONDS = 7.0
+"""Default length of a training part, s: the paper's 700 samples at 100 Hz."""
+
+SHORT_TEST_FRACTION = 6
+"""A flight that is too short for the window is offered a test part of this fraction of it, close to the default's share
+of 1.5 s in 8.5 s."""
 
 
 class Length(NamedTuple):
@@ -23,38 +28,45 @@ class Length(NamedTuple):
     in_seconds: bool = True
 
     def samples(self, dt: float) -> int:
-        """Returns the number of samples ``dt`` s apart, at least 1."""
+        """Returns the number of samples at the sampling step ``dt``, s; at least 1."""
         return max(1, round(self.number / dt)) if self.in_seconds else int(self.number)
 
 
 def part_samples(
     dt: float, train: Length | None = None, test: Length | None = None
 ) -> tuple[int, int]:
-    """Returns the samples of a training and a test part ``dt`` s apart: as asked for, else 7 s and 1.5 s."""
-    return (train or Length(TRAIN_SECONDS)).samples(dt), (
-        test or Length(FORECAST_HORIZON_SECONDS)
-    ).samples(dt)
+    """Returns the samples of a training and a test part at the sampling step ``dt``, s; 7 s and 1.5 s unless given."""
+    train = train or Length(TRAIN_SECONDS)
+    test = test or Length(FORECAST_HORIZON_SECONDS)
+    return train.samples(dt), test.samples(dt)
 
 
 class TooFewSamples(NotLearnable):
-    """The settled flight is too short; the fact's ``options`` are those with windows that fit, or empty."""
+    """The settled flight is too short; the fact's ``options`` are those with which windows fit, or empty."""
 
 
-def too_short(flight: Flight, start: float, train: int, test: int, least: int) -> TooFewSamples:
-    """Returns why ``train`` and ``test`` samples do not fit after ``start`` s of a ``flight``, and how many would.
+def too_short(flight: Flight, start: float, train: int, test: int, min_train: int) -> TooFewSamples:
+    """Returns the error that a window does not fit into a flight, with the options for one that does.
 
-    With fewer than ``least`` training samples none do.
+    Args:
+        flight: the flight.
+        start: s after its beginning at which the training part was to begin.
+        train: samples of the training part.
+        test: samples of the test part.
+        min_train: samples that a training part needs; with fewer no options are offered.
     """
-    left = len(flight) - round(min(start / flight.dt, len(flight)))
-    shorter = min(test, max(left // 6, 1))
-    longest = min(train, left - shorter)
-    options = ("--train", str(longest), "--test", str(shorter)) if longest >= least else ()
+    remaining = len(flight) - round(min(start / flight.dt, len(flight)))
+    shorter_test = min(test, max(remaining // SHORT_TEST_FRACTION, 1))
+    longest_train = min(train, remaining - shorter_test)
+    options: tuple[str, ...] = ()
+    if longest_train >= min_train:
+        options = ("--train", str(longest_train), "--test", str(shorter_test))
     return TooFewSamples(
         Forecasts.FLIGHT_TOO_SHORT,
         samples=len(flight),
         duration=flight.duration,
         start=start,
-        left=left,
+        left=remaining,
         train_samples=train,
         test_samples=test,
         options=options,
@@ -62,13 +74,20 @@ def too_short(flight: Flight, start: float, train: int, test: int, least: int) -
 
 
 def no_test_window(samples: int, dt: float, test: int, folds: int) -> TooFewSamples:
-    """Returns why no window of ``test`` samples fits into a part of so many ``folds``, and which would.
+    """Returns the error that no test window fits into a fold of a flight, with the option for one that does.
 
-    The flight has so many ``samples``, ``dt`` s apart.
+    Args:
+        samples: length of the flight.
+        dt: sampling step, s.
+        test: samples of a test window.
+        folds: number of parts that the flight is cut into.
     """
-    shorter = max(1, samples // (folds + 1))
-    usual = part_samples(dt)[1]
-    options = ("--test", str(shorter)) if shorter < test and samples >= 2 * usual else ()
+    # The first window of a flight is kept for the filter to find its state.
+    shorter_test = max(1, samples // (folds + 1))
+    _, default_test = part_samples(dt)
+    options: tuple[str, ...] = ()
+    if shorter_test < test and samples >= 2 * default_test:
+        options = ("--test", str(shorter_test))
     return TooFewSamples(
         Forecasts.NO_TEST_WINDOW,
         samples=samples,
@@ -80,12 +99,16 @@ def no_test_window(samples: int, dt: float, test: int, folds: int) -> TooFewSamp
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """One window of the flight named ``flight``: from sample ``start`` on, ``train`` and, right after it, ``test``."""
+    """A training part of a flight, and the test part right after it."""
 
     flight: str
+    """name of the flight"""
     start: int
+    """its first sample, counted in the flight"""
     train: Flight
+    """the part that a model is trained on"""
     test: Flight
+    """the part that is forecast"""
 
     @property
     def stop(self) -> int:
@@ -100,44 +123,63 @@ def windows(
     test: int | None = None,
     hop: int | None = None,
 ) -> tuple[Window, ...]:
-    """Returns every window that fits into the ``flight`` of this ``name``; none if it is too short.
+    """Returns all windows that fit into a flight; none if it is too short.
 
-    ``train`` and ``test`` samples last 7 s and 1.5 s unless given. Windows begin ``hop`` samples apart: half a window
-    unless given, so that neighbours share a half.
+    Args:
+        name: of the flight.
+        flight: the flight.
+        train: samples of each training part; 7 s unless given.
+        test: samples of each test part; 1.5 s unless given.
+        hop: samples from the start of a window to that of the next; half a window unless given.
 
     Raises:
-        ValueError: a number of samples that is not positive.
+        ValueError: a number of samples is not positive.
     """
-    usual = part_samples(flight.dt)
-    train = usual[0] if train is None else train
-    test = usual[1] if test is None else test
+    default_train, default_test = part_samples(flight.dt)
+    train = default_train if train is None else train
+    test = default_test if test is None else test
     hop = max(1, (train + test) // 2) if hop is None else hop
     if min(train, test, hop) < 1:
         raise ValueError(f"train, test and hop must be at least 1, not {train}, {test} and {hop}")
-    return tuple(
-        Window(
-            name, start, flight[start : start + train], flight[start + train : start + train + test]
+    fitting = []
+    for start in range(0, len(flight) - train - test + 1, hop):
+        test_start = start + train
+        fitting.append(
+            Window(
+                flight=name,
+                start=start,
+                train=flight[start:test_start],
+                test=flight[test_start : test_start + test],
+            )
         )
-        for start in range(0, len(flight) - train - test + 1, hop)
-    )
+    return tuple(fitting)
 
 
-def windows_as_asked(
+def required_windows(
     name: str, flight: Flight, train: Length | None, test: Length | None, hop: int | None
 ) -> tuple[Window, ...]:
-    """Returns the :func:`windows` of these lengths; raises ``TooFewSamples`` where none fits."""
-    lengths = part_samples(flight.dt, train, test)
-    if cut := windows(name, flight, *lengths, hop):
-        return cut
-    raise too_short(flight, 0.0, *lengths, MIN_SAMPLES)
+    """Returns the :func:`windows` of these lengths, at least one.
+
+    Raises:
+        TooFewSamples: no window fits into the flight.
+    """
+    train_samples, test_samples = part_samples(flight.dt, train, test)
+    fitting = windows(name, flight, train_samples, test_samples, hop)
+    if not fitting:
+        raise too_short(flight, 0.0, train_samples, test_samples, MIN_SAMPLES)
+    return fitting
 
 
 def disjoint(windows: Sequence[Window]) -> Indices:
-    """Returns the indices of ``windows`` that share no sample: as many as possible, those that end first."""
+    """Returns the indices of windows that share no sample, as many as possible.
+
+    By interval scheduling: of each flight, the window that ends first, then the next that begins after it, and so on.
+    """
     chosen = []
-    free: dict[str, int] = {}
-    for i, window in sorted(enumerate(windows), key=lambda numbered: numbered[1].stop):
-        if window.start >= free.get(window.flight, window.start):
-            chosen.append(i)
-            free[window.flight] = window.stop
+    end_of_chosen: dict[str, int] = {}
+    for index in sorted(range(len(windows)), key=lambda index: windows[index].stop):
+        window = windows[index]
+        if window.start >= end_of_chosen.get(window.flight, window.start):
+            chosen.append(index)
+            end_of_chosen[window.flight] = window.stop
     return np.array(sorted(chosen), int)

@@ -34,7 +34,7 @@ from mavdem.fleet.row import SYSTEM_ID_BASIS, UNKNOWN, FlightRow, FlightRows
 from mavdem.immutable import ReadOnlyDict
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS, RATE_GAIN
-from mavdem.motors.balance import SCATTER
+from mavdem.motors.deviation import PRIOR_BALANCE_SD
 
 SHARE = "share"
 EFFECT = "effect"
@@ -43,7 +43,7 @@ DAMPING = "damping"
 LAG = "lag"
 
 SD_BETWEEN_FLIGHTS = {
-    SHARE: float(np.linalg.norm(SCATTER)),
+    SHARE: float(np.linalg.norm(PRIOR_BALANCE_SD)),
     EFFECT: 0.02,
     MEAN_EFFECT: 0.1,
     DAMPING: 0.2,

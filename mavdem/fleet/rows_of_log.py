@@ -21,7 +21,7 @@ from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.fleet.workers import PAGES, LogRows, MakePage, reading_failure
 from mavdem.ingest import read_log
 from mavdem.loops.axis_loops import Loop
-from mavdem.motors.balance import balance_of_signals
+from mavdem.motors.balance import balance_of_steady_flight
 from mavdem.wind_velocity.estimation import WindVelocity
 
 REPORT = "report.json"
@@ -135,7 +135,7 @@ def _row_without_flight(
 
 def _balance_columns(signals: Signals) -> JsonValues:
     """Returns the balance of the motors with its errors and the effects of lean; empty where it is not known."""
-    balance = balance_of_signals(signals)
+    balance = balance_of_steady_flight(signals)
     if balance is None:
         return {}
     return {

@@ -24,8 +24,10 @@ from mavdem.fleet.sources import LogSource, find_logs
 from mavdem.fleet.store import AssessRows, Store, is_fleet, open_store, read_rows
 from mavdem.fleet.workers import Job, MakePage, WorkerPool
 from mavdem.ingest.motors import MotorGeometry
-from mavdem.motors.balance import BalanceFigures, HealthFigures, motor_signatures
-from mavdem.motors.health import assess
+from mavdem.motors.balance import BalanceFigures
+from mavdem.motors.health import assess_motor_health
+from mavdem.motors.healthy_flights import HealthFigures
+from mavdem.motors.signatures import motor_signatures
 
 MAX_SATURATED_SHARE = 0.01
 """Share of the time that a motor of a sound flight spends at its upper stop, at most: a motor that is there for longer
@@ -87,7 +89,7 @@ def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
         key = _flight_key(row)
         # A flight that is in the baseline as well must be the same object, so that it counts once.
         baseline_figures[key] = figures.get(key) or health_figures(row)
-    judged = assess([*figures.values()], [*baseline_figures.values()] or None)
+    judged = assess_motor_health([*figures.values()], [*baseline_figures.values()] or None)
     assessments = dict(zip(figures, judged, strict=True))
     if baseline_rows:
         healthy_rows = baseline_rows

@@ -14,7 +14,7 @@ from mavdem.ingest.telemetry import Parameters
 from mavdem.live.learning import FlightLearning
 from mavdem.live.model_judgement import judge_model
 from mavdem.live.rows import RowFormat
-from mavdem.motors.loss_detection import MotorAlarm
+from mavdem.motors.motor_changes import MotorAlarm
 
 JUDGING_PERIOD = 10.0
 """Time between the beginnings of two judgements, s: a choice of computing time."""

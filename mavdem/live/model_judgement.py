@@ -25,7 +25,7 @@ from mavdem.live.rows import RowFormat
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.limit_cycles import detect_limit_cycle
 from mavdem.motors.hover import hover_figures
-from mavdem.motors.loss_detection import MotorAlarm, losses_of
+from mavdem.motors.motor_changes import MotorAlarm, thrust_losses
 
 
 def judge_model(
@@ -82,7 +82,7 @@ def judge_model(
     figures = AxisFigures((), learned.physical, None, learned.physical_reason)
     loops: dict[str, Loop | Fact] = {each: Fact(Unjudged.NOT_JUDGED, because=None) for each in AXES}
     loops[axis] = loop_or_refusal(figures, record)
-    losses = tuple(losses_of(alarms))
+    losses = tuple(thrust_losses(alarms))
     evidence = live_evidence(signals, condition, LiveFindings(events=losses, loops=loops))
     # These lights need messages that nothing in flight looks at.
     judged_later = Fact(Unjudged.JUDGED_LATER, path=recording_name)

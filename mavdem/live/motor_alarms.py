@@ -11,7 +11,8 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.session import Session
 from mavdem.facts.watch import Watch
 from mavdem.live.recent_messages import MAX_EVENTS
-from mavdem.motors.loss_detection import LONGEST_GAP, REFERENCE_SECONDS, MotorAlarm, MotorWatch
+from mavdem.motors.loss_detection import MAX_GAP, REFERENCE_SECONDS, MotorLossDetector
+from mavdem.motors.motor_changes import MotorAlarm
 from mavdem.plant.online_wind_torque import WeakenedMotors
 
 
@@ -30,7 +31,7 @@ class MotorAlarms:
         self.active: Facts = ()
         self.has_landed = False
         self.change_time = nan
-        self._watch: MotorWatch | None = None
+        self._watch: MotorLossDetector | None = None
         # Boot, mixer geometry and range of the outputs that the present watch is for.
         self._watched_motors: object = None
         self._obstacle: Fact | None = None
@@ -46,9 +47,9 @@ class MotorAlarms:
             return Fact(Watch.ON_GROUND_NOW)
         if self._obstacle is not None:
             return self._obstacle
-        if self._watch is None or now - self._watch.latest > LONGEST_GAP:
+        if self._watch is None or now - self._watch.latest_time > MAX_GAP:
             return Fact(Session.NOT_SETTLED)
-        if self._watch.since is None:
+        if self._watch.reference_time is None:
             return Fact(Watch.REFERENCE_SHORT, duration=REFERENCE_SECONDS)
         return None
 
@@ -62,12 +63,12 @@ class MotorAlarms:
         Returns:
             Equivalent commands and their 90 % half widths; None where no motor is weak.
         """
-        if self._watch is None or not self._watch.weak:
+        if self._watch is None or not self._watch.weak_motors:
             return None
         shares = np.ones(len(inputs))
         share_errors = np.zeros(len(inputs))
-        for motor, alarm in self._watch.weak.items():
-            shares[motor], share_errors[motor] = alarm.sound_share
+        for motor, alarm in self._watch.weak_motors.items():
+            shares[motor], share_errors[motor] = alarm.sound_command_fraction
         above_low = inputs - range_low
         return WeakenedMotors(
             self.change_time, range_low + shares * above_low, share_errors * above_low
@@ -94,16 +95,16 @@ class MotorAlarms:
         # Balances on two ranges of the outputs cannot be compared.
         watched_motors = (boot, motors.geometry, motors.scale.low, motors.scale.high)
         if self._watch is None or watched_motors != self._watched_motors:
-            self._watch = MotorWatch(motors.geometry, boot)
+            self._watch = MotorLossDetector(motors.geometry, boot)
             self._watched_motors = watched_motors
         facts = []
-        for change in self._watch.take(time, commands, heading):
+        for change in self._watch.update(time, commands, heading):
             self.latest.append(change)
             if change.motor is not None:
                 self.change_time = change.since
                 # A recovery is shown where no motor is weak any more.
-                weak_motors = list(self._watch.weak.values()) or [change]
-                self.active = tuple(alarm.announced for alarm in weak_motors)
-            facts.append(change.announced)
+                weak_motors = list(self._watch.weak_motors.values()) or [change]
+                self.active = tuple(alarm.event for alarm in weak_motors)
+            facts.append(change.event)
         self._obstacle = self._watch.obstacle
         return tuple(facts)

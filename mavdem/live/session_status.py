@@ -18,7 +18,7 @@ from mavdem.facts.session import Session
 from mavdem.immutable import ImmutableResult
 from mavdem.live.history import REPORTED_HORIZON
 from mavdem.live.wind import WindEstimate
-from mavdem.motors.loss_detection import MotorAlarm
+from mavdem.motors.motor_changes import MotorAlarm
 
 STATUS_PERIOD = 1.0
 """Time between two reports of a status, s: a choice."""
@@ -140,7 +140,7 @@ class SessionStatus(ImmutableResult):
         Of each light the worse of the two counts. A bad light becomes the headline unless the headline is bad already,
         and in flight a bad headline makes landing the next step.
         """
-        weak_motors = [alarm.fact for alarm in self.motor_alarms if alarm.weak]
+        weak_motors = [alarm.fact for alarm in self.motor_alarms if alarm.is_weak]
         judgement = self.model_judgement
         if judgement is None:
             judgement = unjudged(weak_motors[0] if weak_motors else self._reason_without_model)

@@ -34,7 +34,7 @@ from mavdem.live.messages import STATUS_MESSAGES
 from mavdem.live.recent_messages import RecentMessages
 from mavdem.live.samples import DECISION_SECONDS
 from mavdem.loops.limit_cycles import detect_starting_limit_cycle
-from mavdem.motors.loss_detection import alarm_of
+from mavdem.motors.motor_changes import event_or_alarm
 from mavdem.plant.online_wind_torque import MEMORY_SECONDS
 
 LIGHTS = {
@@ -244,7 +244,7 @@ class Watchdog:
             active = self.active.get(kind)
             if active is None or (active.level, active.code) != (fact.level, fact.code):
                 self.active[kind] = fact
-                alarms.append(alarm_of(fact, review.now))
+                alarms.append(event_or_alarm(fact, review.now))
         for kind in list(self.active):
             last_seen = self._last_seen[kind]
             if not review.is_flying or review.now - last_seen >= CALM_SECONDS:

@@ -94,9 +94,9 @@ SEARCH_PASSES = (
 GAIN_REDUCTION = 2 / 3
 """Factor of the gains by which a vehicle oscillates: 3.5 dB less."""
 MIN_NOISE_CROSSOVER_RATIO = 3.0
-"""Times the crossover frequency, and …"""
+"""Lowest frequency at which the gyro shows noise and no motion, by the crossover."""
 MIN_NOISE_FREQUENCY = 10.0
-"""… Hz, above both of which the gyro shows noise and no motion."""
+"""The same in Hz, where that is more."""
 NOISE_WINDOW = 256
 """Samples of a window of the noise's spectrum, at most."""
 
@@ -342,7 +342,16 @@ def _logged_gains(loop: Loop) -> dict[str, float]:
 
 
 def _refusals(loop: Loop, may_change: bool) -> Facts:
-    """Returns why the loop itself allows no gains to be advised, or none that change; the first reason only."""
+    """Returns why the loop and its flight allow no advice of gains; empty where they do.
+
+    Only the first reason is given: changed gains, motors at their limits, an unstable loop, a loop that the measured
+    response contradicts, or a control effectiveness that may be estimated too low, so that gains would be raised too
+    far.
+
+    Args:
+        loop: rate and attitude loop of one axis.
+        may_change: whether gains are to be changed; gains that are kept need no trust in the effectiveness.
+    """
     record = loop.record
     changed = parameters_changed_in_flight(record, loop.controller)
     if changed:
@@ -380,7 +389,11 @@ class _GyroNoise(NamedTuple):
 
 
 def _gyro_noise(loop: Loop) -> _GyroNoise:
-    """Returns the noise of the gyro in the flight of a ``loop``, by Welch's method."""
+    """Returns the noise of the gyro in the flight of a ``loop``, by Welch's method.
+
+    It counts from ``MIN_NOISE_CROSSOVER_RATIO`` times the crossover on. Where the log does not reach an octave beyond
+    that, white noise of density 1 is assumed, up to the highest frequency of the loop: it is good for ratios.
+    """
     # It takes half a second to import.
     from scipy.signal import welch
 
@@ -399,7 +412,15 @@ def _gyro_noise(loop: Loop) -> _GyroNoise:
 
 
 def _demand_noise(loop: Loop, new_controller: Controller) -> DemandNoise | None:
-    """Returns what the gyro's noise makes of the demand, with the logged and with new gains; None if not shown."""
+    """Returns the noise of the gyro in the demand, with the logged gains and with new ones.
+
+    Args:
+        loop: with the logged gains, and the flight that shows the noise.
+        new_controller: with the gains to set.
+
+    Returns:
+        None where the log is too slow to show the noise.
+    """
     noise = _gyro_noise(loop)
     if not noise.is_measured:
         return None

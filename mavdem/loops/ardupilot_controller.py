@@ -136,7 +136,14 @@ def ardupilot_controller(
 
 
 def _rate_parameters(parameters: Parameters, axis: str) -> _RateParameters:
-    """Returns the names of the parameters of an ``axis``, as the firmware that logged ``parameters`` calls them."""
+    """Returns the names of the parameters of one axis, as the firmware of the log calls them.
+
+    Gains had other names, and units, before ArduCopter 3.4, and one filter instead of three before 4.0.
+
+    Args:
+        parameters: of the log, by name; they tell which firmware it is.
+        axis: "roll", "pitch" or "yaw".
+    """
     abbreviation = AXIS_ABBREVIATIONS[axis]
     prefix = f"ATC_RAT_{abbreviation}_"
     angle_gain = f"ATC_ANG_{abbreviation}_P"

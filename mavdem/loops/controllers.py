@@ -141,24 +141,34 @@ class Controller(ImmutableResult):
     """(4,) weights of the motors in the torque about the axis, of any scale, as ArduPilot's mixer needs them."""
 
     def __post_init__(self) -> None:
+        """Raises ``NotLearnable`` if a field is outside ``POSSIBLE_RANGES``, or a filter's cut-off is nearly 0."""
         super().__post_init__()
-        for field, (least, greatest) in POSSIBLE_RANGES.items():
+        for field, (minimum, maximum) in POSSIBLE_RANGES.items():
             value = getattr(self, field)
             is_too_low = field.endswith("filter") and 0 < value < MIN_CUTOFF
-            if is_too_low or not least <= value <= greatest:
+            if is_too_low or not minimum <= value <= maximum:
                 name = self.parameter_names.get(field, field.replace("_", " "))
                 raise NotLearnable(Controllers.PARAMETER_IMPOSSIBLE, name=name, value=value)
 
     @property
+    def is_ardupilot(self) -> bool:
+        """Whether the autopilot is ArduPilot, and not PX4."""
+        return self.derivative_of_error
+
+    @property
     def cautions(self) -> Facts:
-        """What the parameters switch on that the controller does not model."""
+        """Cautions about what the parameters switch on that this model does not have.
+
+        They are ``UNMODELLED_PARAMETERS`` that are not 0, and notch filters of the gyro that follow what no parameter
+        holds.
+        """
         rate_prefix = self.parameter_names["p"][:-1]
         codes = {}
         for ending, code in UNMODELLED_PARAMETERS.items():
             name = ending if "_" in ending else rate_prefix + ending
             codes[name] = code
         for prefix in GYRO_NOTCH_PREFIXES:
-            # Such a notch follows what no parameter holds: the motors' speeds, or peaks of a spectrum.
+            # Beyond the throttle's mode, a notch follows the motors' speeds or peaks of a spectrum.
             mode = self.parameters.get(f"{prefix}MODE", 0.0)
             if self.parameters.get(f"{prefix}ENABLE") and mode > NotchMode.THROTTLE:
                 codes[f"{prefix}MODE"] = Controllers.NOTCHES_MOVING
@@ -207,7 +217,7 @@ class Controller(ImmutableResult):
             (T,) demand.
         """
         if outputs.shape[1] == 1:
-            # From -1 to 1.
+            # A demand is from -1 to 1, of which a constant does not count.
             return 2 * outputs[:, 0]
         thrust_command = self._thrust_command(outputs)
         thrust = (1 - self.thrust_expo + self.thrust_expo * thrust_command) * thrust_command

@@ -220,7 +220,7 @@ def _loop_messages(
     time = rate_setpoint.time
     angle_feedback = controller.angle_gain * np.interp(time, angle.time, angle.values)
     candidates = [rate_setpoint.values]
-    if controller.derivative_of_error and "rad" in setpoints:
+    if controller.is_ardupilot and "rad" in setpoints:
         angle_setpoint = setpoints["rad"]
         angle_demand = controller.angle_gain * np.interp(
             time, angle_setpoint.time, angle_setpoint.values
@@ -275,15 +275,23 @@ def _rows_of_window(stream: Messages, start: float) -> slice:
 
 
 def _saturated_share(messages: _LoopMessages, starts: Array) -> float:
-    """Returns the fraction of the output's power, in windows from ``starts`` on, while an output was at a limit."""
+    """Returns the fraction of the output's power that came while an output was at a limit, from 0 to 1.
+
+    Args:
+        messages: with the output, as a demand, and whether an output was at a limit.
+        starts: (W,) where the windows begin, s.
+    """
     output = messages.streams[Quantity.OUTPUT]
     power = power_at_limit = 0.0
     for start in starts:
         rows = _rows_of_window(output, start)
         squares = np.square(output.values[rows] - output.values[rows].mean())
         power += squares.sum()
+        # The weights are 1 where an output was at a limit, else 0.
         power_at_limit += squares @ messages.at_limit.values[rows]
-    return power_at_limit / power if power else 0.0
+    if power == 0:
+        return 0.0
+    return power_at_limit / power
 
 
 def _require_resolution(signals: Signals, spectra: CrossSpectra, rounding: float) -> None:
@@ -416,16 +424,20 @@ def _physical_plant(fit: IdentifiedAxis, per_demand: Array) -> Physical:
 def _wind_share(plant: Physical, values: LoopParameters, spectra: CrossSpectra) -> float:
     """Returns the fraction of the torque's variance that is by the wind, in the band of the vehicle's motion.
 
+    The motors' torque has the density |effect / (1 + jω lag)|² S_u, of the output u. Integrals are sums over the bands
+    of the spectra.
+
     Args:
         plant: with the wind's components.
         values: with the effect of a demand, rad/s², and the motors' lag, s.
-        spectra: whose densities of the output are two-sided; those of the wind are one-sided.
+        spectra: of the loop.
     """
     frequency = spectra.frequency[spectra.frequency <= MOTION_BAND_HZ[1]]
     torque_per_demand = values.effect / (1 + 2j * np.pi * frequency * values.lag)
     output_density = spectra.mean_density[: len(frequency), Quantity.OUTPUT, Quantity.OUTPUT].real
     width = np.gradient(frequency)
     by_wind = width @ wind_torque_density(plant, frequency)
+    # The densities of the output are two-sided, that of the wind is one-sided.
     by_motors = 2 * width @ (np.abs(torque_per_demand) ** 2 * output_density)
     return float(by_wind / (by_wind + by_motors))
 

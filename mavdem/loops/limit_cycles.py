@@ -239,10 +239,11 @@ class _Lines:
 
 
 def _lines_of_windows(piece: Array, sampling_rate: float, window_seconds: float) -> _Lines:
-    """Returns the strongest line in each window.
+    """Returns the strongest line in each window, and how much of the variance of rate and motors is in it.
 
-    It is looked for in the rate. Motors that go from stop to stop for ``LASTING_SHARE`` of a window leave the rate to
-    whatever else turns the vehicle: then it is looked for in the motors, and of the rate only its part counts.
+    The line is the highest frequency of the rate's power. But where motors go from stop to stop for ``LASTING_SHARE``
+    of a window, they leave the rate to whatever else turns the vehicle: there the line is that of the motors, its share
+    is theirs, and of the rate only the part in the line counts.
 
     Args:
         piece: (k + 3, N) the body rate, rad/s, k motors' outputs without their mean, whether motors are at both limits
@@ -251,22 +252,24 @@ def _lines_of_windows(piece: Array, sampling_rate: float, window_seconds: float)
         window_seconds: length of the windows, s.
     """
     signals, at_both_limits, at_a_limit = piece[:-2], piece[-2], piece[-1]
+    body_rate = signals[0]
     size = round(window_seconds * sampling_rate)
     frequency = np.fft.rfftfreq(size, 1 / sampling_rate)
     resolution = frequency[1]
     signal_power = np.square(abs(windowed_transforms(signals, size)))
-    # Rate and motors by window and frequency, (2, W, F).
+    # Power of the rate, and of all motors together: (2, W, F).
     power = np.array([signal_power[0], signal_power[1:].sum(axis=0)])
     is_slammed = half_overlapping_windows(at_both_limits, size).mean(axis=1) >= LASTING_SHARE
     searched_power = np.where(is_slammed[:, None], power[1], power[0])
-    searched_power = np.where(frequency >= MIN_PERIODS * resolution, searched_power, 0.0)
+    is_fast_enough = frequency >= MIN_PERIODS * resolution
+    searched_power = np.where(is_fast_enough, searched_power, 0.0)
     line_frequency = frequency[np.argmax(searched_power, axis=1)]
     half_width = np.maximum(MIN_LINE_WIDTH_BINS * resolution, LINE_WIDTH * line_frequency)
     is_in_line = abs(frequency - line_frequency[:, None]) <= half_width[:, None]
     total_power = np.maximum(power.sum(axis=-1), SMALLEST_POSITIVE)
     rate_share, motor_share = (power * is_in_line).sum(axis=-1) / total_power
     share = np.where(is_slammed, motor_share, np.minimum(rate_share, motor_share))
-    rate = np.degrees(half_overlapping_windows(piece[0], size).std(axis=1))
+    rate = np.degrees(half_overlapping_windows(body_rate, size).std(axis=1))
     rate *= np.where(is_slammed, np.sqrt(rate_share), 1.0)
     has_few_periods = line_frequency < 2 * MIN_PERIODS * resolution
     needed_share = np.where(has_few_periods, SURE_LINE_SHARE, MIN_LINE_SHARE)
@@ -280,7 +283,10 @@ def _lines_of_windows(piece: Array, sampling_rate: float, window_seconds: float)
 
 
 def _runs_at_one_frequency(lines: _Lines) -> list[Indices]:
-    """Returns runs of successive windows with a clear line of nearly the same frequency, as indices of windows."""
+    """Returns the runs of successive windows that have a clear line of nearly the same frequency.
+
+    Two lines have the same frequency if they overlap. Each run is given as the indices of its windows.
+    """
     steps = abs(np.diff(lines.frequency))
     is_same_frequency = steps <= 2 * LINE_WIDTH * lines.frequency[1:]
     continues = lines.is_clear[1:] & lines.is_clear[:-1] & is_same_frequency
@@ -307,14 +313,23 @@ class _RunOscillation(NamedTuple):
 def _oscillation_in_run(
     lines: _Lines, run: Indices, window_seconds: float, min_duration: float
 ) -> _RunOscillation | None:
-    """Returns the oscillation in a ``run`` of windows; None where it is short, unsure, or drifts like a sweep."""
+    """Returns the oscillation in a run of windows; None where it is short, unsure, or drifts like a sweep.
+
+    Args:
+        lines: the line of each window.
+        run: indices of successive windows, half over each other, with one line.
+        window_seconds: length of a window, s.
+        min_duration: shortest oscillation, s.
+    """
     duration = (len(run) + 1) / 2 * window_seconds
     frequency = np.median(lines.frequency[run])
     drift = abs(lines.frequency[run] - frequency).max()
+    # Two windows may look alike by chance: then the line must have more of the variance.
     is_sure = len(run) > 2 or lines.share[run].min() >= SURE_LINE_SHARE
     if duration < min_duration or not is_sure or drift > MAX_DRIFT * frequency:
         return None
     rate = lines.rate[run]
+    # Rounded up, so that one window is a third of itself.
     third = -(-len(run) // 3)
     growth = rate[-third:].mean() / rate[:third].mean()
     return _RunOscillation(

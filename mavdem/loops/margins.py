@@ -133,7 +133,11 @@ class OpenLoop(Margins):
 
     @cached_property
     def figures(self) -> Mapping[str, Array]:
-        """(N,) values of each figure of :class:`Margins` by its name; NaN or infinite where there is no crossing."""
+        """(N,) values of each figure of :class:`Margins` by its name.
+
+        Crossings are interpolated linearly between frequencies, of the logarithms of gain and frequency. Where there is
+        no crossing, margins are infinite, crossover and bandwidth NaN.
+        """
         log_frequency = np.log(self.frequency)
         response = self.response
         log_gain = np.log(np.abs(response))

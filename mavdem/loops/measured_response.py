@@ -81,7 +81,7 @@ def measured_rate_response(
         return None
     signals = [rate_setpoint, record.outputs[:, rate_column(record)], demand]
     angle_setpoint = None
-    if controller.derivative_of_error:
+    if controller.is_ardupilot:
         angle_setpoint = setpoints.get(f"{controller.axis} setpoint")
     if angle_setpoint is not None:
         signals += [angle_setpoint, record.outputs[:, 0]]
@@ -129,14 +129,17 @@ def _finite_pieces(signals: Array, record: Record) -> list[Array]:
 def _compared(
     spectra: WelchSpectra, dt: float, controller: Controller, frequency: Array, closed: Complex
 ) -> MeasuredResponse:
-    """Returns the comparison of one estimate with the prediction ``closed`` (F,) at ``frequency`` (F,), Hz.
+    """Returns the comparison of one estimate of the response with the predicted one.
+
+    They are compared from ``MIN_COMPARED_FREQUENCY`` to where the coherence of setpoint and rate is first lost. The
+    error of the predicted rate has two parts: what the setpoint does not explain, and by how much the responses differ.
 
     Args:
         spectra: of setpoint, rate and demand.
         dt: time between samples of these, s.
         controller: of the axis.
-        frequency: Hz of the prediction.
-        closed: predicted response from setpoint to rate.
+        frequency: (F,) of the prediction, Hz.
+        closed: (F,) predicted response from setpoint to rate.
     """
     hertz = spectra.frequency
     coherence = spectra.coherence
@@ -154,6 +157,7 @@ def _compared(
         fit = 100 * (1 - (total_error[is_in_band].sum() / power) ** 0.5)
         agreement = 100 * (1 - (prediction_error[is_in_band].sum() / power) ** 0.5)
     controller_gain = _controller_gain(spectra, dt, controller)
+    # The first reason counts: with other gains than the parameters', the prediction is of another loop.
     reason = None
     if abs(np.log(controller_gain)) > MAX_LOG_GAIN_ERROR:
         reason = Fact(Responses.CONTROLLER_GAIN_DIFFERS, ratio=controller_gain)
@@ -189,8 +193,8 @@ def _controller_gain(spectra: WelchSpectra, dt: float, controller: Controller) -
     input_power = spectra.power[setpoint_and_rate, setpoint_and_rate]
     expected_power = np.einsum("if,ijf,jf->f", responses.conj(), input_power, responses).real
     demand_power = spectra.power[demand, demand].real
-    least = MIN_DEMAND_COHERENCE * expected_power * demand_power
-    is_coherent = np.abs(expected_to_demand) ** 2 > least
+    coherent_power = MIN_DEMAND_COHERENCE * expected_power * demand_power
+    is_coherent = np.abs(expected_to_demand) ** 2 > coherent_power
     is_coherent &= spectra.frequency > MIN_COMPARED_FREQUENCY
     is_coherent &= spectra.frequency < MAX_DEMAND_FREQUENCY_RATIO / dt
     is_fast = dt < 1 / MIN_RESOLVED_RATE

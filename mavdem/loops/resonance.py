@@ -76,10 +76,17 @@ def controller_if_known(signals: Signals) -> Controller | None:
 
 
 def setpoint_resonance(signals: Signals, segments: Segments) -> Resonance | None:
-    """Returns the largest response of the body rate to its setpoint in ``segments`` of a flight.
+    """Returns the largest response |T| of the body rate to its setpoint, with the maximum sensitivity it implies.
 
-    None where there are no setpoints, messages are slower than ``MIN_STREAM_RATE``, or too little of the rate follows
-    the setpoint.
+    Without a known controller, T is taken for the complementary sensitivity.
+
+    Args:
+        signals: of the vehicle and the axis.
+        segments: of the flight.
+
+    Returns:
+        None where there are no setpoints, messages are slower than ``MIN_STREAM_RATE``, or too little of the rate
+        follows the setpoint.
     """
     if signals.rate_and_setpoint is None:
         return None
@@ -87,7 +94,7 @@ def setpoint_resonance(signals: Signals, segments: Segments) -> Resonance | None
     spectra = welch_spectra((setpoint, rate), segments)
     if spectra is None:
         return None
-    # The integrals and the angle divide by the frequency, which is 0 in the first row.
+    # The controller's integral divides by the frequency, which is 0 in the first row.
     frequency = np.maximum(spectra.frequency, spectra.frequency[1])
     angle_gain = DEFAULT_ANGLE_GAIN
     complementary = spectra.response
@@ -101,6 +108,7 @@ def setpoint_resonance(signals: Signals, segments: Segments) -> Resonance | None
     if len(rows) == 0 or frequency[rows[-1]] < MIN_BAND_RATIO * frequency[rows[0]]:
         return None
     if gain[0] > MAX_LOWEST_GAIN:
+        # The setpoint does not move the rate.
         return None
     peak_row = rows[np.argmax(gain)]
     complementary_gain = abs(complementary[rows])

@@ -335,12 +335,12 @@ def _described(
     responses = _responses(estimate, sampling_rate, MAX_FREQUENCY_RATIO * nyquist_frequency)
     gains = np.abs(responses.responses)
     coherence = _coherence_where_driven(spectra)
-    known = _known_frequencies(responses.frequency, gains, spectra.frequency, coherence)
+    known_count = _known_frequencies(responses.frequency, gains, spectra.frequency, coherence)
     step_half_width = coverage_factor() * responses.steps[1:].std(axis=0)
-    if known < 2 or step_half_width.max() >= MAX_STEP_HALF_WIDTH:
+    if known_count < 2 or step_half_width.max() >= MAX_STEP_HALF_WIDTH:
         return Fact(StepResponses.TOO_LITTLE_ASKED, subject=f"{axis} {loop}")
-    frequency = responses.frequency[:known]
-    gains = gains[:, :known]
+    frequency = responses.frequency[:known_count]
+    gains = gains[:, :known_count]
     figures = _figures(responses.time, responses.steps, frequency, gains)
     return StepResponse(
         axis=axis,
@@ -349,7 +349,7 @@ def _described(
         step=responses.steps[0],
         step_half=step_half_width,
         frequency=frequency,
-        response=responses.responses[0, :known],
+        response=responses.responses[0, :known_count],
         gain_half=coverage_factor() * gains[1:].std(axis=0),
         max_frequency=frequency[-1],
         windows=estimate.windows,
@@ -389,7 +389,7 @@ def _known_frequencies(
 def _figures(
     time: Array, steps: Array, frequency: Array, gains: Array
 ) -> dict[str, IntervalEstimate]:
-    """Returns each of ``FIGURES`` with its interval.
+    """Returns each of ``FIGURES`` with its 90 % interval, from the figures of the estimate and of the draws.
 
     Args:
         time: (K,) s after the step.
@@ -400,7 +400,7 @@ def _figures(
     to_tenth = _first_times(time, steps, 0.1)
     to_half = _first_times(time, steps, 0.5)
     to_nine_tenths = _first_times(time, steps, 0.9)
-    # What never reaches 90 % rises for all the time there is.
+    # A step that never reaches 90 % rises for all the time there is.
     has_risen = to_nine_tenths < time[-1]
     is_unsettled = abs(steps - 1) > SETTLING_BAND
     overshoot = np.maximum(steps.max(axis=1) - 1, 0.0)
@@ -410,7 +410,8 @@ def _figures(
     values = {
         "overshoot": np.maximum(overshoot[0] - added_by_noise, 0.0),
         "rise_time": np.where(has_risen, to_nine_tenths - to_tenth, to_nine_tenths),
-        "settling": (is_unsettled * time).max(axis=1, initial=time[0]),
+        # The last time at which the step is outside its band.
+        "settling": np.where(is_unsettled, time, 0.0).max(axis=1, initial=time[0]),
         "delay": to_half,
         "peak": gains.max(axis=1),
         "peak_frequency": frequency[gains.argmax(axis=1)],
@@ -419,16 +420,25 @@ def _figures(
 
 
 def _first_times(time: Array, steps: Array, level: float) -> Array:
-    """Returns (N,) the times at which ``steps`` (N, K) first reach a ``level``, linearly interpolated.
+    """Returns the times at which responses to a step first exceed a ``level``, linearly interpolated.
 
-    They begin from 0 at time 0; where one never reaches the level, it is the last of ``time`` (K,).
+    Args:
+        time: (K,) s after the step.
+        steps: (N, K) responses, which are 0 at time 0.
+        level: to be exceeded.
+
+    Returns:
+        (N,) s; the last of ``time`` where a response never exceeds the level.
     """
     running_maximum = np.maximum.accumulate(steps, axis=1)
     is_below = running_maximum <= level
-    before = running_maximum.max(axis=1, where=is_below, initial=0.0)
-    after = running_maximum.min(axis=1, where=~is_below, initial=np.inf)
-    position = is_below.sum(axis=1) + (level - before) / (after - before)
-    return np.interp(position, np.arange(len(time) + 1), [0.0, *time])
+    # The values between which the level is exceeded; the first is that at time 0 if no sample is below.
+    value_before = running_maximum.max(axis=1, where=is_below, initial=0.0)
+    value_after = running_maximum.min(axis=1, where=~is_below, initial=np.inf)
+    samples_before = is_below.sum(axis=1)
+    sample = samples_before + (level - value_before) / (value_after - value_before)
+    times_from_zero = [0.0, *time]
+    return np.interp(sample, np.arange(len(times_from_zero)), times_from_zero)
 
 
 def _with_interval(values: Array) -> IntervalEstimate:

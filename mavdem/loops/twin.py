@@ -220,10 +220,10 @@ def _control_parameters(logged: Parameters, autopilot: str) -> _ControlParameter
 
 
 def _with_inertia(twin: Twin, loops: LoopsByAxis) -> Twin:
-    """Returns the ``twin`` with the moments of inertia, and the propellers' moment, that its loops have.
+    """Returns the ``twin`` with moments of inertia, and the propellers' moment, from the effectiveness of its loops.
 
-    An X is about as broad as long and flat: yaw's moment of inertia is the sum of the others. From what the loop of yaw
-    shows follows the moment of the propellers, then.
+    A multirotor is flat, so that its moment of inertia about down is the sum of the two others (perpendicular axis
+    theorem). The loop of yaw shows that moment of inertia over the moment of the propellers, which follows then.
     """
     inertia = {axis: _inertia(twin, axis, loop) for axis, loop in loops.items()}
     roll = inertia["roll"]
@@ -231,7 +231,8 @@ def _with_inertia(twin: Twin, loops: LoopsByAxis) -> Twin:
     yaw = roll + pitch
     moment = twin.moment
     if "yaw" in inertia:
-        moment = yaw / inertia["yaw"]
+        inertia_per_moment = inertia["yaw"]
+        moment = yaw / inertia_per_moment
     return replace(twin, inertia=(roll, pitch, yaw), moment=moment)
 
 

@@ -71,7 +71,19 @@ def replay_segments(loops: LoopsByAxis) -> dict[str, ReplaySegment]:
 
 
 def _replay_segment(loop: Loop, rows: slice) -> ReplaySegment | None:
-    """Returns ``rows`` of the record of a ``loop``; None without enough setpoints, or where yaw is not steered."""
+    """Returns the part of a record that can be flown, with the setpoint of the rate freed of the angle's correction.
+
+    ArduPilot's ATTITUDE_TARGET leaves that correction out, its other messages and PX4's have it. Which it is shows in
+    what the setpoint of the rate is nearest to: the slope of the angle's setpoint, that and the correction, or the
+    correction alone.
+
+    Args:
+        loop: of the axis, with its record.
+        rows: of the record.
+
+    Returns:
+        None where too few setpoints were recorded, or yaw was not steered.
+    """
     record = loop.record
     outputs = record.outputs[rows]
     if loop.axis == "yaw":
@@ -88,10 +100,9 @@ def _replay_segment(loop: Loop, rows: slice) -> ReplaySegment | None:
     angle, rate = columns
     correction = loop.controller.angle_gain * (angle - outputs[:, 0])
     feed_forward = np.gradient(angle, record.dt)
-    # ArduPilot's ATTITUDE_TARGET leaves out the correction; its other messages and PX4's have it.
     candidates = (feed_forward, correction + feed_forward, correction)
     distances = [np.std(rate - candidate) for candidate in candidates]
-    lacks_correction = loop.controller.derivative_of_error and np.argmin(distances) == 0
+    lacks_correction = loop.controller.is_ardupilot and np.argmin(distances) == 0
     if not lacks_correction:
         rate = rate - correction
     return ReplaySegment(outputs, np.column_stack([angle, rate]))

@@ -92,7 +92,16 @@ def welch_spectra(
 def welch_spectra_of_pieces(
     rate: float, pieces: Sequence[Array], window_seconds: float = WELCH_SECONDS
 ) -> WelchSpectra | None:
-    """Returns the cross-spectra of ``pieces``, (k, N) each, sampled at ``rate``, Hz; else as :func:`welch_spectra`."""
+    """Returns the cross-spectra of signals that are sampled evenly already.
+
+    Args:
+        rate: of the samples, Hz.
+        pieces: (k, N) samples of k signals in each piece without gaps; those shorter than a window do not count.
+        window_seconds: length of a window, s.
+
+    Returns:
+        None where there are fewer than ``MIN_WINDOWS`` windows.
+    """
     size = round(window_seconds * rate)
     transforms_of_pieces = [
         windowed_transforms(piece, size) for piece in pieces if piece.shape[1] >= size

@@ -1,1 +1,1 @@
-"""Health: what a flight's figures say of motors and propellers, against the vehicle's own healthy flights."""
+"""Motors and propellers: hover figures, trims, the detection of a lost thrust, and health between flights."""

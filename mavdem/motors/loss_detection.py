@@ -1,528 +1,602 @@
-"""Motors in flight: a sequential test of their balance finds which works harder than before, lastingly.
+"""Sequential detection of a motor that loses thrust in flight: which one works harder than before, lastingly.
 
-docs/motors.md says what is compared with what. Hypotheses exclude each other: nothing changed; motor i works harder, by
-5 to 80 %, which shows as its signature; the steady torque in roll and pitch changed; that in yaw alone did; all three
-did, of any cause; and once motors are weak, one of them gives more thrust again, or all of them do. Each hypothesis has
-a Bayes factor against "nothing changed", a mixture over the size of the change. Summed over the times at which the
-change may have begun they are a Shiryaev–Roberts statistic. Were the noise known, the mean time to a false alarm would
-be A steps at least where it must reach A (M. Pollak, "Optimal detection of a change in distribution", Annals of
-Statistics 1985; with mixtures: J. Shin, A. Ramdas and A. Rinaldo, "E-detectors", New England Journal of Statistics in
-Data Science 2024). Its variance is estimated here, and the larger of several is taken, so that the ten hours that A is
-set for are a design value and no bound. What was measured, ``FALSE_ALARMS`` says. Which change it is, is
-decided by the Bayes factors against each other, as in S. Dayanik, C. Goulding and H. V. Poor, "Bayesian sequential
-change diagnosis", Mathematics of Operations Research 2008.
+docs/motors.md says what is compared with what. The hypotheses exclude each other: nothing changed; motor i works
+harder, by 5 to 80 %, which shows as its signature; the steady torque in roll and pitch changed; that in yaw alone did;
+all three did, of any cause; and once motors are weak, one of them recovers, or all of them do. Each hypothesis has a
+Bayes factor against "nothing changed", a mixture over the size of the change. Summed over the times at which the change
+may have begun, they are a Shiryaev-Roberts statistic. Were the noise known, the mean time to a false alarm would be at
+least A steps for a threshold of A (M. Pollak, "Optimal detection of a change in distribution", Annals of Statistics
+1985; with mixtures: J. Shin, A. Ramdas and A. Rinaldo, "E-detectors", New England Journal of Statistics in Data Science
+2024). The variance is estimated here, and the largest of several is taken, so the threshold is a design value and no
+bound; ``FALSE_ALARMS`` has what was measured. Which change it is, is decided by the Bayes factors against each other,
+as in S. Dayanik, C. Goulding and H. V. Poor, "Bayesian sequential change diagnosis", Mathematics of Operations Research
+2008.
 
-The noise's long-run variance is estimated, and the factors are those of a t distribution. After a change the balance
-that it left is the reference, and the noise before it the prior of what follows. ``MotorWatch`` applies the test over a
-vehicle's settled flight, and says in a sentence what changed for good.
+After a change, the balance that it left is the reference, and the noise before it is the prior of the noise after it.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import floor, inf, log, nan
-from typing import Any, NamedTuple
+from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.arrays import Array, Flags
-from mavdem.confidence import STRONG_EVIDENCE_NATS, Interval, coverage_factor
-from mavdem.containers import JsonValues, Numbers
+from mavdem.confidence import STRONG_EVIDENCE_NATS, coverage_factor
+from mavdem.containers import Numbers
 from mavdem.dataset.phases import TRANSIENT_SECONDS
 from mavdem.dataset.steady_flight import MAX_HEADING_CHANGE
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact
 from mavdem.facts.motors import InFlight
-from mavdem.facts.session import Session
 from mavdem.ingest.motors import MotorGeometry
-from mavdem.motors.balance import LEAST_SECONDS, motor_signatures
-from mavdem.motors.health import lost_thrust
+from mavdem.motors.balance import MIN_STEADY_SECONDS
+from mavdem.motors.change_statistics import (
+    BLOCK_SECONDS,
+    PRIOR_FREEDOM,
+    WindowChanges,
+    Windows,
+    log_t_density,
+    window_changes,
+)
+from mavdem.motors.motor_changes import THRUST_EXPONENTS, MotorAlarm
+from mavdem.motors.signatures import motor_signatures
+from mavdem.motors.thrust_loss import lost_thrust
 
-Places = NDArray[np.int_]
-_log_sum = np.logaddexp.reduce  # logarithm of the sum along the first axis, of logarithms
-BLOCK_SECONDS = 0.5  # Of commands that are averaged: a tenth of what a change may take to be found
-MIN_SAMPLES = 3  # In a block
-MIN_RATE = MIN_SAMPLES / BLOCK_SECONDS  # Hz of the samples
-PRESENT_SHARE = 0.8  # Of the blocks, at least: where more are missing, changes are not judged
-# Before the first change, at least; and of a change in roll and pitch alone: a gust is over by then
+MIN_BLOCK_SAMPLES = 3
+"""Number of samples that a block must have."""
+
+MIN_SAMPLE_RATE = MIN_BLOCK_SAMPLES / BLOCK_SECONDS
+"""Rate of the samples, Hz, that the detection needs."""
+
+SAMPLE_RATE_TOLERANCE = 0.9
+"""Share of that rate which is still enough, for jitter."""
+
+MIN_PRESENT_SHARE = 0.8
+"""Share of the blocks that must be present: where more are missing, changes are not tested for. A choice."""
+
 REFERENCE_SECONDS = 8.0
-NEXT_REFERENCE_SECONDS = 2.0  # Before another: the noise is known then
-SHOWN_SHARE = 0.5  # Of a change, that steady flight of each heading must show
-# Headings that differ by less than half of 60° have the wind from much the same side.
-SECTORS = 6
-SETTLING_BLOCKS = 2  # Since a change of a motor, in which the vehicle settles: no reference
-# Over which the reference forgets: wind and battery change, and damage comes at once
-MEMORY_SECONDS = 60.0
+"""Seconds of flight that must precede the first change, and that a change in roll and pitch alone must last.
+
+A gust is over by then.
+"""
+
+NEXT_REFERENCE_SECONDS = 2.0
+"""Seconds of flight that must precede another change: by then the noise is known."""
+
 KEPT_SECONDS = 150.0
-# Without settled flight, after which what was before is no reference: no landing and take-off is shorter
-LONGEST_GAP = TRANSIENT_SECONDS
-CHANGE_BLOCKS = (2, 3, 4, 6, 8, 10, 14, 20, 30, 40)  # Blocks since the change began
-BATCHES = (1, 2, 4, 8)  # Blocks whose mean shows the long-run variance
-HOURS_TO_FALSE_ALARM = 10.0  # By design
-# Of the rise of a motor's own command, as a share of the mean command
-SIZES = np.geomspace(0.05, 0.8, 13)
-# Of a change in roll, pitch or yaw that is no motor's, as a share of the mean command
-OTHER_SD = 0.06
-PRIOR_SD = 0.006  # Of half a second's balance, before the flight has shown its own
-PRIOR_FREEDOM = 5.0  # Degrees of freedom of that; two blocks each
-# Of the noise before a change, as the prior of that after it: as of a whole reference
-MOST_FREEDOM = 60.0
-WANDER_SD = 0.003  # Of a balance that nothing changed: no mean is known better
-OTHERS_BESIDE_LOADS = 0.05
-OTHERS_BESIDE_MOTORS = 0.1
-"""How often a change that is neither a motor's nor in roll and pitch alone comes, beside those in roll and pitch, and
-beside motors: a load that shifts in wind changes yaw too, and to name a sound motor is the worst that can be said."""
-STALE_SECONDS = 15.0  # Of any change: then what was before is no reference, whatever the cause
-# How often one weak motor recovers, or all do, beside that one more weakens
-ENDS_BESIDE_FAULTS = 5.0
-# Shares of the rise that end with a fault; a quarter may be an error
-RETURNS = np.linspace(0.2, 1.3, len(SIZES))
-# Thrust goes with the command (PX4's SIH) up to its square (ArduPilot's SITL at hover)
-THRUST_EXPONENTS = 1.0, 2.0
-# Standard error of a motor's rise a second after it began, as a share: yaw settles last
+"""Seconds of flight that are remembered; a choice, a few times the memory of the reference."""
+
+MAX_GAP = TRANSIENT_SECONDS
+"""Seconds without settled flight after which what was before is no reference: no landing with take-off is shorter."""
+
+SETTLING_BLOCKS = 2
+"""Number of blocks after a motor's change in which the vehicle settles, and which are no reference."""
+
+WINDOW_BLOCKS = (2, 3, 4, 6, 8, 10, 14, 20, 30, 40)
+"""Numbers of blocks since the change began, for which it is tested; a choice."""
+
+STALE_SECONDS = 15.0
+"""Seconds after which a change of any cause makes what was before no reference."""
+
+HOURS_TO_FALSE_ALARM = 10.0
+"""Mean time to a false alarm by design, hours."""
+
+RISES = np.geomspace(0.05, 0.8, 13)
+"""(s,) rises of a weak motor's own command that are considered, relative to the mean command."""
+
+RECOVERIES = np.linspace(0.2, 1.3, len(RISES))
+"""(s,) shares of a weak motor's rise that its recovery takes back; the rise may be wrong by a quarter."""
+
+MAX_RECOVERED_SHARE = 1 / 4
+"""Share of its former rise below which a motor's remaining rise counts as recovered: the rise may be wrong by it."""
+
+OTHER_CHANGE_SD = 0.06
+"""Standard deviation of a change of the balance that is no motor's, relative to the mean command; a choice."""
+
+PRIOR_BLOCK_SD = 0.006
+"""Standard deviation of a block's balance before the flight has shown its own, relative to the mean command."""
+
+MAX_PRIOR_FREEDOM = 60.0
+"""Degrees of freedom, at most, of the noise before a change as a prior of that after it: those of a whole reference."""
+
+OTHERS_PER_LOAD = 0.05
+"""Prior odds of a change that is neither a motor's nor in roll and pitch alone, against one in roll and pitch.
+
+A load that shifts in wind changes yaw too.
+"""
+
+OTHERS_PER_MOTOR = 0.1
+"""Prior odds of such a change against one of a motor. They are high: the worst mistake is to name a sound motor."""
+
+RECOVERIES_PER_LOSS = 5.0
+"""Prior odds of the recovery of a weak motor, or of all of them, against the loss of another one; a choice."""
+
 SETTLING_ERROR = 0.04
+"""Standard error of a motor's rise a second after it began, as a fraction of it: yaw settles last."""
+
+HEADING_SECTORS = 6
+"""Number of sectors of headings. Within half of 60° the wind comes from much the same side."""
+
+MIN_SHOWN_SHARE = 0.5
+"""Share of a change that steady flight in each sector of headings must show; a choice."""
+
+Angle = TypeVar("Angle", float, Array)
+
+TOO_SLOW = Fact(InFlight.MOTOR_OUTPUTS_TOO_SLOW, needed_rate=MIN_SAMPLE_RATE)
+"""Obstacle where motor outputs come too slowly."""
 
 
-class _Changes(NamedTuple):
-    """What changed by window (w,), each since another time."""
-
-    moved: Array  # (w, a) the balance, from before to after
-    variance: Array  # (w, a) of that
-    freedom: Array  # (w,) degrees of freedom of the variance
-    noise: Array  # (w, a) long-run variance of a block, before
+def _log_sum(logarithms: Any) -> Any:
+    """Returns the logarithm of the sum of numbers along the first axis, from the array or list of their logarithms."""
+    return np.logaddexp.reduce(logarithms)
 
 
-def _changes(blocks: Array, windows: Places, prior: Array, freedom: float) -> _Changes:
-    """What changed between the ``blocks`` (N, a) before and those of each of the ``windows`` (w,), the last ones.
-
-    ``prior``: long-run variance (a,) of a block, with so many degrees of ``freedom``.
-    """
-    number = np.arange(len(blocks))
-    lengths = windows[:, None]
-    is_after = number >= len(blocks) - lengths
-    remembered = np.exp(number * (BLOCK_SECONDS / MEMORY_SECONDS))
-    weights = np.where(is_after, 0.0, remembered)
-    weights /= weights.sum(axis=1, keepdims=True)
-    weighed = 1 / (weights**2).sum(axis=1)
-    before = weights @ blocks
-    after = is_after @ blocks / lengths
-    noise = _long_run(blocks, ~is_after, before, prior, freedom)
-    noise_after = _long_run(blocks, is_after, after, noise, PRIOR_FREEDOM)
-    noise_here = np.maximum(noise, noise_after)
-    variance_before = noise / weighed[:, None]
-    variance_after = noise_here / lengths
-    variance = variance_before + variance_after + WANDER_SD**2
-    return _Changes(after - before, variance, freedom + weighed / 4, noise)
+def _heading_change(heading: Angle, reference: float) -> Angle:
+    """Returns the change of a heading, or of several, from a reference, rad, the shorter way round: -pi to pi."""
+    return (heading - reference + np.pi) % (2 * np.pi) - np.pi
 
 
-def _turn(heading: Any, before: Any) -> Any:
-    """The change of a heading, rad, the shorter way round."""
-    return (heading - before + np.pi) % (2 * np.pi) - np.pi
-
-
-def _long_run(blocks: Array, chosen: Flags, mean: Array, prior: Array, freedom: float) -> Array:
-    """(w, a) n times the variance of a mean over n blocks, of the run that is ``chosen`` (w, N), about ``mean`` (w, a).
-
-    The ``prior``, (a,) or (w, a), has so many degrees of ``freedom``.
-    """
-    sums = np.vstack([np.zeros_like(blocks[:1]), np.cumsum(blocks, axis=0)])
-    whole = chosen.sum(axis=1, keepdims=True)
-    variance = prior
-    for batch in (batch for batch in BATCHES if batch <= len(blocks)):
-        means = (sums[batch:] - sums[:-batch]) / batch
-        begins = chosen[:, : len(means)]
-        ends = chosen[:, batch - 1 :]
-        inside = begins & ends
-        count = inside.sum(axis=1, keepdims=True)
-        about_zero = inside @ means**2
-        crossed = 2 * mean * (inside @ means)
-        squares = about_zero - crossed + count * mean**2
-        # Batches overlap: as many count as follow each other.
-        several = np.where(count > batch, whole / batch, 0.0)
-        held = 2 * freedom / batch
-        seen = several * batch * squares / np.maximum(count, 1)
-        pooled = (held * prior + seen) / (held + several)
-        variance = np.maximum(variance, pooled)
-    return variance
-
-
-def _log_t(changes: _Changes, shift: Array | float, more: Array | float = 0.0) -> Array:
-    """(..., w) log densities, up to what depends on the freedom only, of t distributions about ``shift`` (..., w, a).
-
-    ``more``: variance (a,) beside that of the changes.
-    """
-    variance = changes.variance + more
-    errors = changes.moved - shift
-    squares = (errors**2 / variance).sum(axis=-1)
-    power = (changes.freedom + variance.shape[-1]) / 2
-    return -np.log(variance).sum(axis=-1) / 2 - power * np.log1p(squares / changes.freedom)
-
-
-FALSE_ALARMS = Fact(InFlight.FALSE_ALARMS, duration=5.55 * 3600, alarms_per_hour=0.54)
-"""Of 5.55 h of flights without a fault: so many at most, with 95 % confidence (``tools/validation/alarms.py``)."""
-TOO_SLOW = Fact(InFlight.MOTOR_OUTPUTS_TOO_SLOW, needed_rate=MIN_RATE)
-
-
-class MotorAlarm(NamedTuple):
-    """A lasting change of the motors' balance in flight."""
-
-    time: float  # s on the boot clock, when it was found
-    since: float  # s, when it began, within a second or two
-    # number from 1 on; None, which is no alarm: the steady torque in roll and pitch changed, by wind or a shifted load
-    motor: int | None
-    name: str  # of the motor; empty without one
-    # rise of the motor's own command since it was sound, as a share of it: 0 of one that is sound again, which is no
-    # alarm; without a motor the change in roll and pitch, as a share of the mean command
-    size: float
-    probability: float  # that this is the cause, and none of the others that are considered
-    assumed: bool = False  # whether the motors' places are assumed, and with them the name
-    boot: int = 0  # number of the vehicle's boot, from 0 on, whose clock the times are on
-    # interval of 90 % of the share of its thrust that a weak motor lost, for any of ``THRUST_EXPONENTS``
-    loss: Numbers = ()
-
-    @property
-    def weak(self) -> bool:
-        """Whether a motor gives less thrust than before: an alarm."""
-        return self.motor is not None and self.size > 0
-
-    @property
-    def sound_share(self) -> Interval:
-        """The share of its command by which a sound motor would give its thrust, and the half width of 90 %.
-
-        It hardly depends on the exponent: where thrust goes with a power of the command, a loss divides the command.
-        """
-        ends = zip(self.loss, THRUST_EXPONENTS, strict=True)
-        most, least = ((1 - lost) ** (1 / power) for lost, power in ends)
-        half_width = abs(most - least) / 2
-        return (most + least) / 2, half_width
-
-    @property
-    def fact(self) -> Fact:
-        """What changed since when, and what that means: bad where a motor lost thrust."""
-        code = InFlight.MOTOR_RECOVERED
-        if self.motor is None:
-            code = InFlight.STEADY_TORQUE_CHANGED
-        elif self.weak:
-            code = InFlight.MOTOR_LOST_THRUST
-        return Fact(
-            code,
-            time=self.since,
-            subject=self.name,
-            rise=self.size,
-            loss=self.loss,
-            probability=self.probability,
-            assumed=self.assumed,
-            boot=self.boot,
-        )
-
-    @property
-    def announced(self) -> Fact:
-        """The fact, as an alarm where a motor lost thrust."""
-        return alarm_of(self.fact, self.since)
-
-
-def alarm_of(fact: Fact, time: float) -> Fact:
-    """Returns a ``fact`` that was found at ``time``, s, as an event: an alarm where it is bad."""
-    if fact.is_bad:
-        return Fact(Session.ALARM, time=time, subject=fact.subject, because=fact)
-    return fact.but(time=time, until=None)
-
-
-def losses_of(changes: Sequence[MotorAlarm]) -> list[Fact]:
-    """Returns the thrust that motors lost, the worst first: BAD while it lasts, WATCH with its end where it ended.
-
-    Of what a motor lost until it recovered, the largest; it is BAD, too, where another still lacks less. Each has the
-    ``names`` of all motors whose loss is BAD.
-    """
-    ended = []
-    lasting = dict[tuple[int, str], MotorAlarm]()
-    for change in changes:
-        motor = change.boot, change.name
-        if change.weak:
-            largest = lasting.get(motor, change)
-            lasting[motor] = max(largest, change, key=lambda loss: loss.size)
-        elif motor in lasting:
-            ended.append((lasting.pop(motor), change.since))
-    least = min((loss.size for loss in lasting.values()), default=inf)
-    losses = [loss.fact for loss in lasting.values()]
-    for loss, until in ended:
-        level = Level.BAD if loss.size > least else Level.WATCH
-        losses.append(loss.fact.but(level, until=until))
-    losses.sort(key=lambda loss: (loss.level is Level.WATCH, -loss.figures["rise"]))
-    names = dict.fromkeys(loss.subject for loss in losses if loss.is_bad)
-    return [loss.but(names=tuple(names)) for loss in losses]
-
-
-def alarm_figures(changes: Sequence[MotorAlarm]) -> JsonValues:
-    """Returns the keys of documents: alarms on motors, motors sound again, changes of steady torque, false alarms."""
-    kinds = {
-        "alarms": InFlight.MOTOR_LOST_THRUST,
-        "recoveries": InFlight.MOTOR_RECOVERED,
-        "torque_changes": InFlight.STEADY_TORQUE_CHANGED,
-    }
-    at_most = FALSE_ALARMS.figures["alarms_per_hour"]
-    return {
-        **{
-            name: [change for change in changes if change.fact.code is code]
-            for name, code in kinds.items()
-        },
-        "false_alarms_per_hour": {"at_most": at_most, "basis": FALSE_ALARMS},
-    }
-
-
-class MotorWatch:
+class MotorLossDetector:
     """The sequential test of one vehicle's motors, over the settled flights of one boot.
 
-    How often it is wrong, ``FALSE_ALARMS`` says. Slower samples than ``MIN_RATE`` are not judged.
-
     Attributes:
-        alarms: what was found so far.
-        weak: the latest alarm on each motor, by place, that has not recovered; none after ``LONGEST_GAP``.
-        latest: s, of the last sample.
-        since: s, since when there is a reference; None without.
-        obstacle: why nothing can be found, from settled flight of a few seconds on; None where it can.
+        alarms: Changes that were detected so far.
+        weak_motors: Latest alarm on each motor that has not recovered, by its index; empty after a gap of ``MAX_GAP``.
+        latest_time: Time of the last sample, s.
+        reference_time: Since when there is enough flight to compare with, s; None without.
+        obstacle: Why no change can be detected; None where it can. It is known after a few seconds of settled flight.
     """
 
-    def __init__(self, layout: MotorGeometry, boot: int = 0) -> None:
-        """Begins, with the motors' ``layout``, in the vehicle's ``boot``, from 0 on."""
-        self.alarms: list[MotorAlarm] = []
-        self.weak: dict[int, MotorAlarm] = {}
-        self._layout = layout
-        self._boot = boot
-        signatures = motor_signatures(layout)
-        self._is_named = signatures.names_a_motor
-        self.obstacle = None if self._is_named else Fact(InFlight.MOTOR_PLACES_UNKNOWN)
-        self._weights = signatures.weights[1:]
-        # (k, a) of a rise of each motor's own command by 1; of six and more motors the neighbours' rise too.
-        self._own = np.diag(signatures.weak_motor_commands)
-        self._signatures = self._weights.T / self._own[:, None]
-        self._mixer = np.linalg.pinv(signatures.weights)
-        # What loads change
-        is_flat = [axis != "yaw" for axis in signatures.axes[1:]]
-        self._flat = np.array(is_flat, dtype=np.float64)
-        self._enough = log(HOURS_TO_FALSE_ALARM * 3600 / BLOCK_SECONDS)
-        self.latest = -inf
-        self.since: float | None = None
+    def __init__(self, geometry: MotorGeometry, boot: int = 0) -> None:
+        """Begins the test.
 
-    def take(
+        Args:
+            geometry: Positions and spins of the vehicle's k motors.
+            boot: Number of the vehicle's boot, from 0.
+        """
+        self.alarms: list[MotorAlarm] = []
+        self.weak_motors: dict[int, MotorAlarm] = {}
+        self.latest_time = -inf
+        self.reference_time: float | None = None
+        signatures = motor_signatures(geometry)
+        self._is_identifiable = signatures.is_motor_identifiable
+        self.obstacle = None if self._is_identifiable else Fact(InFlight.MOTOR_PLACES_UNKNOWN)
+        self._geometry = geometry
+        self._boot = boot
+        self._threshold = log(HOURS_TO_FALSE_ALARM * 3600 / BLOCK_SECONDS)
+
+        # (a, k) from commands to the torque commands of the a axes, without thrust.
+        self._torque_rows = signatures.mixer_rows[1:]
+        # (k,) rise of a weak motor's own command, where it must work harder by 1: its neighbours help it.
+        self._own_rise_ratio = np.diag(signatures.weak_motor_commands)
+        # (k, a) change of the balance where each motor's own command rises by 1.
+        self._signatures = self._torque_rows.T / self._own_rise_ratio[:, None]
+        # (k, 1 + a) from thrust and torque commands to the commands of the motors.
+        self._allocation = np.linalg.pinv(signatures.mixer_rows)
+        # (a,) 1 for roll and pitch, which a shifted load or wind changes, 0 for yaw.
+        is_tilt_axis = [axis != "yaw" for axis in signatures.axes[1:]]
+        self._tilt_axes = np.array(is_tilt_axis, dtype=np.float64)
+
+        # Blocks since the last gap: their ends, s, balances (a,), and headings, rad, NaN in turns.
+        self._times: list[float] = []
+        self._blocks: list[Array] = []
+        self._headings: list[float] = []
+        self._steady_blocks = 0
+        # Prior of the long-run variance (a,) of a block, and its degrees of freedom.
+        self._noise = np.full(len(self._torque_rows), PRIOR_BLOCK_SD**2)
+        self._freedom = PRIOR_FREEDOM
+        # The block that is being filled: its number, its commands, and the heading at its start.
+        self._block_number = 0
+        self._block_commands: list[Any] = []
+        self._block_heading = nan
+        # For the rate of the samples: since when they are counted, and how many.
+        self._count_start = -inf
+        self._sample_count = 0
+
+    def update(
         self, time: float, commands: Sequence[float] | Array, heading: float = 0.0
     ) -> list[MotorAlarm]:
-        """Returns what a sample of the ``commands`` (k,), shares of the range, shows at ``time``, s, in settled flight.
+        """Takes a sample of settled flight.
 
-        The ``heading``, rad, is NaN where the attitude does not follow its setpoint.
+        Args:
+            time: Seconds on the clock of the boot.
+            commands: (k,) motor outputs as fractions of the range.
+            heading: Heading, rad; NaN where the attitude does not follow its setpoint.
+
+        Returns:
+            The changes that are detected with this sample.
         """
-        if not self._is_named:
+        if not self._is_identifiable:
             return []
-        number = floor(time / BLOCK_SECONDS)
-        step = time - self.latest
-        if -LONGEST_GAP < step <= 0:
-            return []  # doubled, or overtaken on its way: a mean of half a second does not need it
-        if not 0 < step < LONGEST_GAP:
-            self._times: list[float] = []
-            self._blocks: list[Array] = []
-            # NaN where the nose turns, or the attitude does not follow
-            self._headings: list[float] = []
-            self._steady_blocks = 0
-            self._heading = heading
-            self._noise = np.full(len(self._weights), PRIOR_SD**2)
-            self._freedom = PRIOR_FREEDOM
-            self.since = None
-            self.weak.clear()
-            # The block that is not whole yet
-            self._number = number
-            self._open = list[Any]()
-            self._rate_from = time
-            self._samples = 0
-        self.latest = time
-        passed = time - self._rate_from
-        if passed >= REFERENCE_SECONDS:
-            # A tenth less, for jitter
-            is_slow = self._samples <= 0.9 * MIN_RATE * passed
-            self.obstacle = TOO_SLOW if is_slow else None
-            self._rate_from = time
-            self._samples = 0
-        self._samples += 1
-        count = len(self.alarms)
-        if number != self._number:
-            if len(self._open) >= MIN_SAMPLES:
-                end = (self._number + 1) * BLOCK_SECONDS
-                commands_mean = np.mean(self._open, axis=0)
-                self._block(end, commands_mean, heading)
-            self._heading = heading
-            self._number = number
-            self._open = []
-        self._open.append(commands)
-        return self.alarms[count:]
+        step = time - self.latest_time
+        if -MAX_GAP < step <= 0:
+            # A doubled or overtaken message: the mean of a block does not need it.
+            return []
+        if not 0 < step < MAX_GAP:
+            self._restart(time, heading)
+        self.latest_time = time
+        self._check_sample_rate(time)
+        alarm_count = len(self.alarms)
+        block_number = floor(time / BLOCK_SECONDS)
+        if block_number != self._block_number:
+            if len(self._block_commands) >= MIN_BLOCK_SAMPLES:
+                block_end = (self._block_number + 1) * BLOCK_SECONDS
+                mean_commands = np.mean(self._block_commands, axis=0)
+                self._add_block(block_end, mean_commands, heading)
+            self._block_heading = heading
+            self._block_number = block_number
+            self._block_commands = []
+        self._block_commands.append(commands)
+        return self.alarms[alarm_count:]
 
-    def _block(self, time: float, commands: Array, heading: float) -> None:
-        mean = commands.mean()
-        if not mean > 0:
+    def _restart(self, time: float, heading: float) -> None:
+        """Forgets all flight before a gap; ``time``, s, and ``heading``, rad, are those of the next sample."""
+        self._times = []
+        self._blocks = []
+        self._headings = []
+        self._steady_blocks = 0
+        self._noise = np.full(len(self._torque_rows), PRIOR_BLOCK_SD**2)
+        self._freedom = PRIOR_FREEDOM
+        self.reference_time = None
+        self.weak_motors.clear()
+        self._block_number = floor(time / BLOCK_SECONDS)
+        self._block_commands = []
+        self._block_heading = heading
+        self._count_start = time
+        self._sample_count = 0
+
+    def _check_sample_rate(self, time: float) -> None:
+        """Counts a sample at ``time``, s, and decides every ``REFERENCE_SECONDS`` whether samples come fast enough."""
+        elapsed = time - self._count_start
+        if elapsed >= REFERENCE_SECONDS:
+            min_samples = SAMPLE_RATE_TOLERANCE * MIN_SAMPLE_RATE * elapsed
+            self.obstacle = TOO_SLOW if self._sample_count <= min_samples else None
+            self._count_start = time
+            self._sample_count = 0
+        self._sample_count += 1
+
+    def _add_block(self, time: float, commands: Array, heading: float) -> None:
+        """Adds a block of flight and tests whether the balance changed.
+
+        Args:
+            time: End of the block, s.
+            commands: (k,) mean motor outputs as fractions of the range.
+            heading: Heading at its end, rad.
+        """
+        thrust = commands.mean()
+        if not thrust > 0:
             return
         self._times.append(time)
-        self._blocks.append(self._weights @ (commands / mean))
-        turned = _turn(heading, self._heading)
-        is_steady = abs(turned) <= MAX_HEADING_CHANGE * BLOCK_SECONDS
+        self._blocks.append(self._torque_rows @ (commands / thrust))
+        turn = _heading_change(heading, self._block_heading)
+        is_steady = abs(turn) <= MAX_HEADING_CHANGE * BLOCK_SECONDS
         self._headings.append(heading if is_steady else nan)
-        self._steady_blocks += is_steady
-        self._keep(round(KEPT_SECONDS / BLOCK_SECONDS))
-        expected = (self._times[-1] - self._times[0]) / BLOCK_SECONDS + 1
-        if len(self._blocks) < PRESENT_SHARE * expected:
-            return
-        reference = NEXT_REFERENCE_SECONDS if self._freedom > PRIOR_FREEDOM else REFERENCE_SECONDS
-        windows = np.array(
-            [n for n in CHANGE_BLOCKS if len(self._blocks) >= n + reference / BLOCK_SECONDS], int
-        )
-        if len(windows):
-            self.since = self.since or time
-            self._weigh(windows)
+        if is_steady:
+            self._steady_blocks += 1
+        self._keep_last_blocks(round(KEPT_SECONDS / BLOCK_SECONDS))
 
-    def _weigh(self, windows: Places) -> None:
-        changes = _changes(np.array(self._blocks), windows, self._noise, self._freedom)
-        null = _log_t(changes, 0.0)
-        # No cause explains a change better than one of just this size: most are too small for any of them.
-        log_scale = -np.log(changes.variance).sum(axis=-1) / 2
-        best = log_scale - null
-        # with all that recover, and three that are no motor's
-        causes = len(self._signatures) + len(self.weak) + 4
-        alternatives = ENDS_BESIDE_FAULTS * len(windows) + causes
-        if best.max() + log(alternatives) < self._enough:
+        expected_blocks = (self._times[-1] - self._times[0]) / BLOCK_SECONDS + 1
+        if len(self._blocks) < MIN_PRESENT_SHARE * expected_blocks:
             return
-        sound = np.eye(len(self._signatures))
-        weak = [loss.size * sound[motor] for motor, loss in self.weak.items()]
-        ends = [*weak, sum(weak)] if len(weak) > 1 else weak
-        # (h, s, k) of the motors' commands, by cause and size: one motor weakens; a weak one recovers, and all do.
-        rises = np.array(
-            [np.outer(SIZES, motor) for motor in sound]
-            + [np.outer(-RETURNS, motor) for motor in ends]
-        )
-        balances = rises @ self._signatures
-        sized = balances.swapaxes(0, 1)[:, :, None]
-        likelihoods = _log_t(changes, sized)
-        by_window = _log_sum(likelihoods) - log(len(SIZES)) - null  # (h, w)
-        kinds = self._flat, 1 - self._flat, np.ones_like(self._flat)
-        load, *rest = (_log_t(changes, 0.0, OTHER_SD**2 * free) - null for free in kinds)
-        motors = _log_sum(by_window.T) - log(len(sound))
-        motors[len(sound) :] += log(ENDS_BESIDE_FAULTS)
-        others = _log_sum([_log_sum(factors) for factors in rest])
-        best = np.argmax(motors)
-        other_motors = np.delete(motors, best)
-        stranger = others + log(OTHERS_BESIDE_MOTORS)
-        rivals = [*other_motors, _log_sum(load), stranger, 0.0]
-        odds = motors[best] - _log_sum(rivals)
-        if motors[best] >= self._enough and odds >= STRONG_EVIDENCE_NATS:
-            window = int(np.argmax(by_window[best]))
-            blocks_since = windows[window]
-            if self._is_of_no_turn(blocks_since, changes, window):
-                largest = rises[best, -1]
-                self._motors_changed(largest, blocks_since, changes, window, odds)
+        has_changed_before = self._freedom > PRIOR_FREEDOM
+        reference_seconds = NEXT_REFERENCE_SECONDS if has_changed_before else REFERENCE_SECONDS
+        reference_blocks = reference_seconds / BLOCK_SECONDS
+        windows = [
+            length for length in WINDOW_BLOCKS if len(self._blocks) >= length + reference_blocks
+        ]
+        if windows:
+            self.reference_time = self.reference_time or time
+            self._test_for_change(np.array(windows, dtype=int))
+
+    def _test_for_change(self, windows: Windows) -> None:
+        """Tests whether the balance changed within the last blocks, and records the change if it did.
+
+        Args:
+            windows: (w,) numbers of last blocks.
+        """
+        changes = window_changes(np.array(self._blocks), windows, self._noise, self._freedom)
+        no_change = log_t_density(changes, 0.0)
+        if not self._can_reach_threshold(changes, no_change):
             return
+        evidence = self._evidence(changes, no_change)
+        best = int(np.argmax(evidence.motors))
+        other_motors = np.delete(evidence.motors, best)
+        rivals = [*other_motors, _log_sum(evidence.load)]
+        rivals += [evidence.others + log(OTHERS_PER_MOTOR), 0.0]
+        log_odds = evidence.motors[best] - _log_sum(rivals)
+        is_enough = evidence.motors[best] >= self._threshold
+        if is_enough and log_odds >= STRONG_EVIDENCE_NATS:
+            window = int(np.argmax(evidence.motor_windows[best]))
+            blocks_since = int(windows[window])
+            if self._is_independent_of_heading(blocks_since, changes, window):
+                largest_rises = evidence.rises[best, -1]
+                self._record_motor_change(largest_rises, blocks_since, changes, window, log_odds)
+            return
+        self._test_for_torque_change(windows, changes, evidence)
+
+    def _test_for_torque_change(
+        self, windows: Windows, changes: WindowChanges, evidence: _Evidence
+    ) -> None:
+        """Tests whether the steady torque changed by something that is no motor, and makes it the new reference.
+
+        A change in roll and pitch is recorded. One of any other cause only ends the reference, after ``STALE_SECONDS``.
+
+        Args:
+            windows: (w,) numbers of last blocks.
+            changes: Change of the balance for each window.
+            evidence: Evidence for the causes of a change.
+        """
         seconds = windows * BLOCK_SECONDS
-        lasting_load = load + np.where(seconds >= REFERENCE_SECONDS, 0.0, -inf)
-        long = np.where(seconds >= STALE_SECONDS, 0.0, -inf)
-        loaded = _log_sum(lasting_load)
-        strange = long + _log_sum([*rest, load, *by_window])
-        stranger = others + log(OTHERS_BESIDE_LOADS)
-        odds = loaded - _log_sum([*motors, stranger, 0.0])
-        if loaded >= self._enough and odds >= STRONG_EVIDENCE_NATS:
+        lasting_load = evidence.load + np.where(seconds >= REFERENCE_SECONDS, 0.0, -inf)
+        load = _log_sum(lasting_load)
+        rivals = [*evidence.motors, evidence.others + log(OTHERS_PER_LOAD), 0.0]
+        log_odds = load - _log_sum(rivals)
+        any_cause = _log_sum(
+            [evidence.yaw, evidence.all_axes, evidence.load, *evidence.motor_windows]
+        )
+        stale_change = np.where(seconds >= STALE_SECONDS, 0.0, -inf) + any_cause
+        if load >= self._threshold and log_odds >= STRONG_EVIDENCE_NATS:
             window = int(np.argmax(lasting_load))
-            blocks_since = windows[window]
-            leant = changes.moved[window] * self._flat
-            size = float(np.linalg.norm(leant))
-            if self._is_of_no_turn(blocks_since, changes, window):
-                self._found(None, blocks_since, odds, size)
-        elif strange.max() >= self._enough:
-            blocks_since = windows[np.argmax(strange)]
+            blocks_since = int(windows[window])
+            size = float(np.linalg.norm(changes.change[window] * self._tilt_axes))
+            if self._is_independent_of_heading(blocks_since, changes, window):
+                self._record(None, blocks_since, log_odds, size)
+        elif stale_change.max() >= self._threshold:
+            blocks_since = int(windows[np.argmax(stale_change)])
         else:
             return
-        # What comes is compared with what is now.
-        self._keep(blocks_since)
+        # From now on, flight is compared with that since the change.
+        self._keep_last_blocks(blocks_since)
 
-    def _keep(self, n: int) -> None:
-        """Forgets all but the last ``n`` blocks."""
-        drop = max(len(self._times) - n, 0)
-        del self._times[:drop], self._blocks[:drop], self._headings[:drop]
+    def _can_reach_threshold(self, changes: WindowChanges, no_change: Array) -> bool:
+        """Returns whether any cause could explain the changes well enough for an alarm.
 
-    def _is_of_no_turn(self, n: int, changes: _Changes, window: int) -> bool:
-        """Whether steady flight alone shows the change ``n`` blocks ago, and no turn of the nose explains it.
+        No cause explains a change better than one that expects exactly this change. Most changes are too small even for
+        that, which saves the computation of all causes.
 
-        Between two headings the wind's torque differs as between a sound and a weak motor: what changed must show at
-        one heading before and after, or else at two headings after and at none before.
+        Args:
+            changes: Change of the balance for each of w windows.
+            no_change: (w,) log density of the changes where nothing changed.
         """
-        if self._steady_blocks * BLOCK_SECONDS < LEAST_SECONDS:
+        perfect = -np.log(changes.variance).sum(axis=-1) / 2
+        best = (perfect - no_change).max()
+        # All motors, all that may recover, their joint recovery, and three causes that are no motor.
+        causes = len(self._signatures) + len(self.weak_motors) + 4
+        alternatives = RECOVERIES_PER_LOSS * len(no_change) + causes
+        return bool(best + log(alternatives) >= self._threshold)
+
+    def _evidence(self, changes: WindowChanges, no_change: Array) -> _Evidence:
+        """Computes the Bayes factors of all causes of a change against "nothing changed".
+
+        Args:
+            changes: Change of the balance for each of w windows.
+            no_change: (w,) log density of the changes where nothing changed.
+        """
+        motor_count = len(self._signatures)
+        rises = self._hypothetical_rises()
+        expected = rises @ self._signatures
+        # (s, h, 1, a): sizes first, over which the mixture sums, and windows in the third place.
+        expected_by_size = expected.swapaxes(0, 1)[:, :, None]
+        densities = log_t_density(changes, expected_by_size)
+        motor_windows = _log_sum(densities) - log(len(RISES)) - no_change
+        motors = _log_sum(motor_windows.T) - log(motor_count)
+        motors[motor_count:] += log(RECOVERIES_PER_LOSS)
+
+        load, yaw, all_axes = (
+            log_t_density(changes, 0.0, OTHER_CHANGE_SD**2 * axes) - no_change
+            for axes in (self._tilt_axes, 1 - self._tilt_axes, np.ones_like(self._tilt_axes))
+        )
+        return _Evidence(
+            rises=rises,
+            motor_windows=motor_windows,
+            motors=motors,
+            load=load,
+            yaw=yaw,
+            all_axes=all_axes,
+            others=float(_log_sum([_log_sum(yaw), _log_sum(all_axes)])),
+        )
+
+    def _hypothetical_rises(self) -> Array:
+        """Returns the rises of all motors' commands under each hypothesis of a motor.
+
+        Returns:
+            (h, s, k) for h hypotheses with s sizes each: each motor weakens, each weak motor recovers, and all weak
+            motors recover together where there are several.
+        """
+        one_motor = np.eye(len(self._signatures))
+        weak_rises = [alarm.size * one_motor[motor] for motor, alarm in self.weak_motors.items()]
+        recovering = list(weak_rises)
+        if len(weak_rises) > 1:
+            recovering.append(sum(weak_rises))
+        losses = [np.outer(RISES, motor) for motor in one_motor]
+        recoveries = [np.outer(-RECOVERIES, motor_rises) for motor_rises in recovering]
+        return np.array(losses + recoveries)
+
+    def _is_independent_of_heading(
+        self, blocks_since: int, changes: WindowChanges, window: int
+    ) -> bool:
+        """Returns whether a change shows in steady flight, and no turn of the vehicle explains it.
+
+        Between two headings the torque of the wind differs just as between a sound and a weak motor. So the change must
+        show between flight before and after it at a common heading; without a common heading, at all of two or more
+        headings after and at none before.
+
+        Args:
+            blocks_since: Number of blocks since the change began.
+            changes: Change of the balance for each window.
+            window: Index of the window of that length.
+        """
+        if self._steady_blocks * BLOCK_SECONDS < MIN_STEADY_SECONDS:
             return False
         blocks = np.array(self._blocks)
-        weights = changes.moved[window] / changes.variance[window]
-        now = blocks[-n:].mean(axis=0)
-        whole = changes.moved[window] @ weights
-        shown = (blocks - now) @ weights / whole
-        turned = _turn(np.array(self._headings), self._headings[-1])
-        sector_width = 2 * np.pi / SECTORS
-        sectors = np.round(turned / sector_width) % SECTORS
-        is_after = np.arange(len(blocks)) >= len(blocks) - n
-        by_side = []
-        for side in (~is_after, is_after):
-            by_sector = {}
-            for sector in range(SECTORS):
-                rows = (sectors == sector) & side
-                if np.count_nonzero(rows) >= SETTLING_BLOCKS:
-                    by_sector[sector] = shown[rows].mean()
-            by_side.append(by_sector)
-        before, after = by_side
-        common = before.keys() & after.keys()
-        if common:
-            return all(after[sector] - before[sector] > SHOWN_SHARE for sector in common)
-        is_before = max(before.values(), default=0.0) < -SHOWN_SHARE
-        return len(after) > 1 and is_before and min(after.values()) > -SHOWN_SHARE
-
-    def _motors_changed(
-        self, rises: Array, n: int, changes: _Changes, window: int, odds: float
-    ) -> None:
-        """What a change in proportion to ``rises`` (k,) says, which began ``n`` blocks ago."""
-        since = np.mean(self._blocks[-n:], axis=0)
-        before = since - changes.moved[window]
-        after = np.mean(self._blocks[1 - n :], axis=0)  # Without the block that it began in
-        # The balance is in shares of the mean command, which rises too.
-        mean_rise = (rises / self._own).mean()
-        signature = rises @ self._signatures - mean_rise * after
-        weighted = signature / changes.variance[window]
-        power = weighted @ signature
-        commands = self._mixer @ [1.0, *before]
-        own = rises / commands  # Of the motors' own commands
-        rose = weighted @ (after - before) / power * own
-        estimated = power**-0.5 * own
-        settling = SETTLING_ERROR * rose
-        error = coverage_factor() * np.hypot(estimated, settling)
-        moved = np.flatnonzero(rises).tolist()
-        for motor in moved:
-            was = self.weak.pop(motor).size if motor in self.weak else 0.0
-            low, size, high = (
-                (1 + was) * (1 + rose[motor] + end * error[motor]) - 1 for end in (-1, 0, 1)
+        change = changes.change[window]
+        weights = change / changes.variance[window]
+        mean_after = blocks[-blocks_since:].mean(axis=0)
+        # Progress of the change in each block: -1 as before it, 0 as after it.
+        progress = (blocks - mean_after) @ weights / (change @ weights)
+        is_after = np.arange(len(blocks)) >= len(blocks) - blocks_since
+        before = self._mean_by_sector(progress, ~is_after)
+        after = self._mean_by_sector(progress, is_after)
+        common_sectors = before.keys() & after.keys()
+        if common_sectors:
+            return all(
+                after[sector] - before[sector] > MIN_SHOWN_SHARE for sector in common_sectors
             )
-            is_sound = size < max(SIZES[0], was / 4)
-            if rises[motor] < 0 and (len(moved) > 1 or is_sound):
-                self._found(motor, n, odds, 0.0)
-                continue
-            ends = zip((max(low, 0.0), high), THRUST_EXPONENTS, strict=True)
-            loss = (min(lost_thrust(rise, power) / self._own[motor], 1.0) for rise, power in ends)
-            rise = max(size, SIZES[0])
-            self.weak[motor] = self._found(motor, n, odds, rise, *loss)
-        # What comes is compared with what is now, once the vehicle has settled.
-        self._keep(n - SETTLING_BLOCKS)
-        self._noise = changes.noise[window]
-        self._freedom = min(changes.freedom[window], MOST_FREEDOM)
+        if len(after) < 2 or not before:
+            return False
+        is_absent_before = max(before.values()) < -MIN_SHOWN_SHARE
+        is_present_after = min(after.values()) > -MIN_SHOWN_SHARE
+        return is_absent_before and is_present_after
 
-    def _found(
-        self, motor: int | None, n: int, odds: float, size: float, *loss: float
+    def _mean_by_sector(self, values: Array, selection: Flags) -> dict[int, float]:
+        """Averages values of blocks over each sector of headings in which the vehicle flew steadily.
+
+        Args:
+            values: (N,) a value of each block.
+            selection: (N,) which blocks count.
+
+        Returns:
+            The mean by the number of the sector, from that of the last heading on; only sectors with
+            ``SETTLING_BLOCKS`` blocks or more.
+        """
+        turns = _heading_change(np.array(self._headings), self._headings[-1])
+        sector_width = 2 * np.pi / HEADING_SECTORS
+        sectors = np.round(turns / sector_width) % HEADING_SECTORS
+        means = {}
+        for sector in range(HEADING_SECTORS):
+            rows = (sectors == sector) & selection
+            if np.count_nonzero(rows) >= SETTLING_BLOCKS:
+                means[sector] = values[rows].mean()
+        return means
+
+    def _record_motor_change(
+        self,
+        rises: Array,
+        blocks_since: int,
+        changes: WindowChanges,
+        window: int,
+        log_odds: float,
+    ) -> None:
+        """Records the loss or the recovery of one motor, or the recovery of several.
+
+        The size of the change is the weighted least-squares estimate along the signature of the rises.
+
+        Args:
+            rises: (k,) rises of the motors' commands of the hypothesis, up to their size.
+            blocks_since: Number of blocks since the change began.
+            changes: Change of the balance for each window.
+            window: Index of the window of that length.
+            log_odds: Logarithm of the odds that this is the cause.
+        """
+        before = np.mean(self._blocks[-blocks_since:], axis=0) - changes.change[window]
+        # Without the block in which the change began.
+        after = np.mean(self._blocks[1 - blocks_since :], axis=0)
+        # The balance is relative to the mean command, which rises too.
+        mean_rise = (rises / self._own_rise_ratio).mean()
+        signature = rises @ self._signatures - mean_rise * after
+        weighted_signature = signature / changes.variance[window]
+        precision = weighted_signature @ signature
+        commands = self._allocation @ [1.0, *before]
+        relative_rises = rises / commands
+        estimates = weighted_signature @ (after - before) / precision * relative_rises
+        standard_errors = np.hypot(precision**-0.5 * relative_rises, SETTLING_ERROR * estimates)
+        half_widths = coverage_factor() * standard_errors
+
+        moved_motors = np.flatnonzero(rises).tolist()
+        for motor in moved_motors:
+            previous = self.weak_motors.pop(motor, None)
+            previous_rise = 0.0 if previous is None else previous.size
+            lowest, rise, highest = (
+                (1 + previous_rise) * (1 + estimates[motor] + sign * half_widths[motor]) - 1
+                for sign in (-1, 0, 1)
+            )
+            is_sound_again = rise < max(RISES[0], previous_rise * MAX_RECOVERED_SHARE)
+            if rises[motor] < 0 and (len(moved_motors) > 1 or is_sound_again):
+                self._record(motor, blocks_since, log_odds, 0.0)
+            else:
+                loss = self._thrust_loss(motor, max(lowest, 0.0), highest)
+                rise = max(rise, RISES[0])
+                self.weak_motors[motor] = self._record(motor, blocks_since, log_odds, rise, loss)
+        # From now on, flight is compared with that since the change, once the vehicle has settled.
+        self._keep_last_blocks(blocks_since - SETTLING_BLOCKS)
+        self._noise = changes.noise[window]
+        self._freedom = min(changes.freedom[window], MAX_PRIOR_FREEDOM)
+
+    def _thrust_loss(self, motor: int, lowest_rise: float, highest_rise: float) -> Numbers:
+        """Returns the interval of the fraction of its thrust that a motor lost, for all ``THRUST_EXPONENTS``.
+
+        Args:
+            motor: Index of the motor.
+            lowest_rise: Lower end of the interval of its command's rise.
+            highest_rise: Upper end.
+        """
+        smallest_exponent, largest_exponent = THRUST_EXPONENTS
+        own_rise_ratio = self._own_rise_ratio[motor]
+        smallest_loss = lost_thrust(lowest_rise, smallest_exponent) / own_rise_ratio
+        largest_loss = lost_thrust(highest_rise, largest_exponent) / own_rise_ratio
+        return min(smallest_loss, 1.0), min(largest_loss, 1.0)
+
+    def _record(
+        self,
+        motor: int | None,
+        blocks_since: int,
+        log_odds: float,
+        size: float,
+        loss: Numbers = (),
     ) -> MotorAlarm:
-        layout = self._layout
+        """Adds a change to the alarms.
+
+        Args:
+            motor: Index of the motor; None where the change is no motor's.
+            blocks_since: Number of blocks since the change began.
+            log_odds: Logarithm of the odds that this is the cause.
+            size: Rise of the motor's command, or size of the change of the torque.
+            loss: Interval of the thrust that the motor lost.
+        """
+        geometry = self._geometry
         alarm = MotorAlarm(
-            self._times[-1],
-            self._times[-n] - BLOCK_SECONDS,
-            None if motor is None else layout.motors[motor],
-            "" if motor is None else layout.names[motor],
-            size,
-            1 / (1 + np.exp(-odds)),
-            layout.positions_assumed,
-            self._boot,
-            loss,
+            time=self._times[-1],
+            since=self._times[-blocks_since] - BLOCK_SECONDS,
+            motor=None if motor is None else geometry.motors[motor],
+            name="" if motor is None else geometry.names[motor],
+            size=size,
+            probability=1 / (1 + np.exp(-log_odds)),
+            assumed=geometry.positions_assumed,
+            boot=self._boot,
+            loss=loss,
         )
         self.alarms.append(alarm)
         return alarm
+
+    def _keep_last_blocks(self, count: int) -> None:
+        """Forgets all blocks but the last ``count``."""
+        excess = max(len(self._times) - count, 0)
+        del self._times[:excess]
+        del self._blocks[:excess]
+        del self._headings[:excess]
+
+
+@dataclass(frozen=True, eq=False)
+class _Evidence:
+    """Logarithms of the Bayes factors of all causes of a change against "nothing changed".
+
+    There are h hypotheses of a motor, w windows since the change, s sizes and k motors.
+    """
+
+    rises: Array
+    """(h, s, k) rises of the motors' commands under the hypotheses of a motor."""
+    motor_windows: Array
+    """(h, w) Bayes factors of the hypotheses of a motor, averaged over the sizes, by window."""
+    motors: Array
+    """(h,) the same with prior odds, summed over the windows."""
+    load: Array
+    """(w,) Bayes factor of a change in roll and pitch, by window."""
+    yaw: Array
+    """(w,) Bayes factor of a change in yaw, by window."""
+    all_axes: Array
+    """(w,) Bayes factor of a change in roll, pitch and yaw, by window."""
+    others: float
+    """Bayes factor of a change in yaw alone or in all axes, summed over the windows."""

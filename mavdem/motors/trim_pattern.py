@@ -1,93 +1,134 @@
-"""Trim: by which pattern the motors of one flight work unevenly, and how surely: yaw, centre of gravity, one motor.
+"""Trim of one flight: by which pattern its motors work unevenly, and how sure that is.
 
-A twisted arm or motor is balanced by yaw alone, a centre of gravity beside the middle by roll and pitch, and a weak
-motor by its own signature, which is all three in the ratio of its place. Steady wind leans the vehicle and asks for
-torque in roll and pitch, too: what the lean explains, by how the balance follows it in this flight, is taken away, and
-what it may explain widens the intervals (``mavdem.motors.balance``).
+The yaw controller alone balances a twisted arm or motor; roll and pitch balance a centre of gravity beside the middle;
+a weak motor has its own signature, all three in the ratio of its position. Steady wind leans the vehicle and asks for
+torque in roll and pitch too. What the lean explains, by how the balance follows it in this flight, is removed, and what
+it may explain widens the intervals.
 """
 
 import numpy as np
 
 from mavdem.confidence import half_width
+from mavdem.containers import JsonValues
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.facts.motors import Trim
 from mavdem.ingest.motors import MotorGeometry, position_name
 from mavdem.motors.balance import (
     BLOCK_SECONDS,
-    FEWEST_BLOCKS,
-    SCATTER,
-    SCATTER_FREEDOM,
+    MIN_BLOCKS,
     BalanceFigures,
-    Deviation,
-    balance_of_signals,
-    level_balances,
-    motor_signatures,
+    balance_of_steady_flight,
 )
-from mavdem.motors.health import FAULT_RISE, NAMED, PROBABLE, Candidates, lost_thrust
+from mavdem.motors.change_hypotheses import FAULT_RISE, ChangeHypotheses
+from mavdem.motors.deviation import (
+    PRIOR_BALANCE_FREEDOM,
+    PRIOR_BALANCE_SD,
+    Deviation,
+    level_balances,
+)
+from mavdem.motors.health import MIN_NAMED_PROBABILITY, MIN_REPORTED_PROBABILITY
+from mavdem.motors.signatures import motor_signatures
+from mavdem.motors.thrust_loss import lost_thrust
 
 UNEVEN_QUADROTORS = {"healthy": 0.0, "motor": 1.0, "load": 5.0, "yaw": 11.0, "other": 6.0}
-"""Of 23 real quadrotors with uneven motors, how many were so by each pattern."""
+"""Prior weight of each pattern of an uneven trim: its number among 23 real quadrotors with uneven motors."""
+
+ALL_AXES = ("thrust", "roll", "pitch", "yaw")
+"""Axes that a mixer must be known for before a pattern can be told from others."""
 
 
 def trim_of_signals(signals: Signals) -> Fact | None:
-    """Returns how even the motors of a vehicle's steady flight are; None without motor outputs."""
+    """Judges how evenly the motors of a vehicle work in its steady flight; None without motor outputs."""
     motors = signals.motors
     if motors is None:
         return None
-    return trim_of(balance_of_signals(signals), motors.geometry)
+    return trim_pattern(balance_of_steady_flight(signals), motors.geometry)
 
 
-def trim_of(balance: BalanceFigures | None, layout: MotorGeometry) -> Fact:
-    """Returns by which pattern the motors of a ``layout`` surely work unevenly, as faults; GOOD where none does.
+def trim_pattern(balance: BalanceFigures | None, geometry: MotorGeometry) -> Fact:
+    """Judges whether motors work unevenly, and by which pattern.
 
-    UNKNOWN where that would not show.
+    They do where the 90 % interval of some motor's deviation from the mean lies beyond ``FAULT_RISE``.
+
+    Args:
+        balance: Balance of the motors in one flight; None where it is not known.
+        geometry: Positions and spins of the motors.
+
+    Returns:
+        A fact (``Trim``): the pattern; or that the trim is even; or why neither can be said.
     """
-    signatures = motor_signatures(layout)
-    if len(signatures.axes) < 4:  # thrust, roll, pitch and yaw
+    signatures = motor_signatures(geometry)
+    if len(signatures.axes) < len(ALL_AXES):
         return Fact(Trim.TRIM_OF_UNKNOWN_PLACES)
     if balance is None:
-        return Fact(Trim.TRIM_UNKNOWN, least_duration=FEWEST_BLOCKS * BLOCK_SECONDS)
-    (level,), (variance,) = level_balances([balance])
-    mixer = np.linalg.pinv(signatures.weights)[:, 1:]
-    apart = mixer @ level
-    half = half_width(mixer**2 @ variance)
-    sure = abs(apart) - half
-    most = np.argmax(sure)
-    figures = {"shift": level, "deviation": apart[most], "half": half[most]}
-    figures["assumed"] = layout.positions_assumed
-    if sure[most] <= FAULT_RISE:
-        if half.max() > FAULT_RISE:
+        return Fact(Trim.TRIM_UNKNOWN, least_duration=MIN_BLOCKS * BLOCK_SECONDS)
+    level = level_balances([balance])
+    level_balance = level.balances[0]
+    variance = level.variances[0]
+    allocation = np.linalg.pinv(signatures.mixer_rows)[:, 1:]
+    deviations = allocation @ level_balance
+    half_widths = half_width(allocation**2 @ variance)
+    sure_deviations = abs(deviations) - half_widths
+    worst = np.argmax(sure_deviations)
+    figures: JsonValues = {
+        "shift": level_balance,
+        "deviation": deviations[worst],
+        "half": half_widths[worst],
+        "assumed": geometry.positions_assumed,
+    }
+    if sure_deviations[worst] <= FAULT_RISE:
+        if half_widths.max() > FAULT_RISE:
             return Fact(Trim.TRIM_UNSURE, **figures)
-        # the vehicle's own trim may have hidden as much as is even
-        hidden = (FAULT_RISE + apart + half) / np.diag(mixer @ signatures.weights[1:])
-        return Fact(Trim.TRIM_EVEN, most_loss=lost_thrust(hidden.max()), **figures)
-    scale = np.sqrt(SCATTER**2 + variance)
+        # A trim of the vehicle in the opposite direction may have hidden a loss.
+        own_rise_ratio = np.diag(allocation @ signatures.mixer_rows[1:])
+        hidden_rises = (FAULT_RISE + deviations + half_widths) / own_rise_ratio
+        return Fact(Trim.TRIM_EVEN, most_loss=lost_thrust(hidden_rises.max()), **figures)
+    scale = np.sqrt(PRIOR_BALANCE_SD**2 + variance)
     lean = float(np.linalg.norm(balance.lean))
-    away = Deviation(level, scale, SCATTER_FREEDOM, lean)
-    weighed = Candidates(signatures, UNEVEN_QUADROTORS).after(away)
-    motor = weighed.motors.argmax()
-    if weighed.motors[motor] >= NAMED:
-        rise = weighed.harder[:, motor]
+    deviation = Deviation(level_balance, scale, PRIOR_BALANCE_FREEDOM, lean)
+    hypotheses = ChangeHypotheses(signatures, UNEVEN_QUADROTORS)
+    return _uneven_trim(hypotheses, deviation, geometry, figures)
+
+
+def _uneven_trim(
+    hypotheses: ChangeHypotheses,
+    deviation: Deviation,
+    geometry: MotorGeometry,
+    figures: JsonValues,
+) -> Fact:
+    """Returns the fact on the most probable pattern of an uneven trim.
+
+    Args:
+        hypotheses: The patterns and their prior weights.
+        deviation: The level balance, as a deviation from an even trim.
+        geometry: Positions and names of the motors.
+        figures: Figures that every pattern has.
+    """
+    change = hypotheses.explain(deviation)
+    motor = change.motors.argmax()
+    if change.motors[motor] >= MIN_NAMED_PROBABILITY:
+        rise = change.rises[:, motor]
         return Fact(
             Trim.TRIM_OF_ONE_MOTOR,
-            subject=layout.names[motor],
-            probability=weighed.motors[motor],
+            subject=geometry.names[motor],
+            probability=change.motors[motor],
             rise=rise,
             loss=lost_thrust(rise),
             **figures,
         )
-    roll, pitch, yaw = level.tolist()
-    by_yaw = weighed.shares["yaw"]
-    by_load = weighed.shares["load"]
-    if by_yaw >= PROBABLE:
-        return Fact(Trim.TRIM_OF_YAW, share=yaw, probability=by_yaw, **figures)
-    if by_load >= PROBABLE:
+    roll, pitch, yaw = deviation.change.tolist()
+    yaw_probability = change.groups["yaw"]
+    load_probability = change.groups["load"]
+    if yaw_probability >= MIN_REPORTED_PROBABILITY:
+        return Fact(Trim.TRIM_OF_YAW, share=yaw, probability=yaw_probability, **figures)
+    if load_probability >= MIN_REPORTED_PROBABILITY:
         return Fact(
             Trim.TRIM_OF_CENTRE,
+            # A centre of gravity in front needs a torque that lifts the nose, one on the right a roll to the left.
             place=position_name((pitch, -roll)),
             share=np.hypot(roll, pitch),
-            probability=by_load,
+            probability=load_probability,
             **figures,
         )
     return Fact(Trim.TRIM_OF_SEVERAL, **figures)

@@ -9,7 +9,7 @@ from math import isfinite
 from mavdem.assessment.axis.findings import PREDICTION_LIMITS
 from mavdem.dem.order_choice import LARGEST_ORDER, OrderChoice
 from mavdem.experiments.comparison import Comparison
-from mavdem.experiments.paired_test import FEWEST_PAIRS, SIGNIFICANCE
+from mavdem.experiments.paired_test import MIN_PAIRS, SIGNIFICANCE
 from mavdem.experiments.scores import HORIZONS, KNOWN, UNKNOWN, Question
 from mavdem.facts.forecasts import TestResult
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution
@@ -52,7 +52,7 @@ def _result(comparison: Comparison, question: Question) -> str:
         reference=comparison.methods_of(question)[0],
         flights=len(comparison.flights),
         pairs=min((test.tested for test in tests.values()), default=0),
-        fewest=FEWEST_PAIRS,
+        fewest=MIN_PAIRS,
         tests=tests,
         results={result: names for result, names in by_result.items() if names},
         silent=silent,

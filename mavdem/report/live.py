@@ -7,7 +7,7 @@ from mavdem.facts import Fact
 from mavdem.facts.session import Session, Spent
 from mavdem.live.history import REPORTED_HORIZON, HorizonErrors, LiveHistory
 from mavdem.live.session_status import SessionStatus
-from mavdem.motors.loss_detection import FALSE_ALARMS
+from mavdem.motors.motor_changes import FALSE_ALARMS
 from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.numbers import display_unit, name_with_unit
 from mavdem.report.templates import as_clause, capitalize_first, render_section

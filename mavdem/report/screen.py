@@ -125,7 +125,9 @@ def analysis_blocks(assessment: Assessment) -> Blocks:
     else:
         hover = analysis.condition.hover if analysis.tier.tier == "a" else None
         above += _model_blocks(analysis.findings, learned, analysis.held_out, hover)
-    above += [Sentence(str(alarm.fact), "Motors:") for alarm in analysis.alarms if not alarm.weak]
+    above += [
+        Sentence(str(alarm.fact), "Motors:") for alarm in analysis.alarms if not alarm.is_weak
+    ]
     if analysis.tier.tier != "a" or learned is None:
         above += render_section("tier", analysis.tier)
         above += render_section("condition", analysis.condition)

@@ -102,6 +102,9 @@ def _narrowest_notch(
 ) -> _NotchSettings:
     """Returns the notch of the least bandwidth that removes ``MIN_REMOVED_SHARE`` of a line, or else the widest.
 
+    What a notch removes is the sum over all windows. One that follows the motors is where it would have been in each:
+    instead of the notch, the frequencies of the window are moved the other way.
+
     Args:
         controller: with the filters that are set.
         line: to remove.
@@ -109,9 +112,9 @@ def _narrowest_notch(
         is_line: (F,) which frequencies count as the line.
     """
     power = spectrum.total_density[:, is_line]
-    # Where the notch moves, each window sees it at another frequency: (W, F) relative to the median of the drive.
-    drive = _relative_notch_frequency(controller, line, spectrum)
-    seen_frequency = spectrum.frequency[is_line] / drive[:, None]
+    relative_center = _relative_notch_frequency(controller, line, spectrum)
+    # Shape (W, F): frequencies of each window relative to a notch that stays.
+    frequency = spectrum.frequency[is_line] / relative_center[:, None]
     for relative_bandwidth in RELATIVE_BANDWIDTHS:
         bandwidth = float(f"{relative_bandwidth * line.frequency:.2g}")
         settings = _notch_parameters(controller, line, bandwidth)
@@ -120,9 +123,7 @@ def _narrowest_notch(
             # The dynamic notch is not modelled, and acts as the static one where the motors' speed is the median.
             static_settings = _px4_static_notch(line, settings["IMU_GYRO_DNF_BW"])
         changed = controller.with_parameters(static_settings)
-        gain = abs(
-            gyro_response(changed, seen_frequency) / gyro_response(controller, seen_frequency)
-        )
+        gain = abs(gyro_response(changed, frequency) / gyro_response(controller, frequency))
         removed_share = 1 - (power * gain**2).sum() / power.sum()
         if removed_share >= MIN_REMOVED_SHARE:
             break
@@ -135,16 +136,18 @@ def _relative_notch_frequency(
     """Returns (W,) the centre of a notch on a ``line`` in each window, by that at the median; 1 for one that stays."""
     if line.kind is LineKind.MOTOR and line.order is not None:
         return spectrum.motor_speed / np.median(spectrum.motor_speed)
-    is_ardupilot = controller.derivative_of_error
-    if line.kind is LineKind.MOTOR and is_ardupilot:
+    if line.kind is LineKind.MOTOR and controller.is_ardupilot:
+        # ArduPilot's notch follows the root of the throttle.
         return np.sqrt(spectrum.throttle / np.median(spectrum.throttle))
     return np.ones(len(spectrum.time))
 
 
 def _notch_parameters(controller: Controller, line: SpectralLine, bandwidth: float) -> Parameters:
-    """Returns the parameters, by name, of a notch on a ``line`` with this ``bandwidth``, Hz."""
-    is_ardupilot = controller.derivative_of_error
-    if is_ardupilot:
+    """Returns the parameters, by name, of a notch on a ``line`` with this ``bandwidth``, Hz.
+
+    PX4's dynamic notch (``IMU_GYRO_DNF_*``) follows the speed that ESCs report; ``HMC`` is its number of harmonics.
+    """
+    if controller.is_ardupilot:
         return _ardupilot_harmonic_notch(controller, line, bandwidth)
     if line.kind is LineKind.MOTOR and line.order is not None:
         return {

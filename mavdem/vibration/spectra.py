@@ -100,12 +100,12 @@ class Spectrum(ImmutableResult):
 
         L is at most ``THROTTLE_LEVELS``; each is the mean over nearly the same number of windows.
         """
-        known = int(np.count_nonzero(np.isfinite(self.throttle)))
+        known_windows = int(np.count_nonzero(np.isfinite(self.throttle)))
         # NaN is sorted to the end.
-        ascending = np.argsort(self.throttle)[:known]
-        if known == 0:
+        ascending = np.argsort(self.throttle)[:known_windows]
+        if known_windows == 0:
             return np.zeros(0), np.zeros((0, len(self.frequency)))
-        groups = np.array_split(ascending, min(THROTTLE_LEVELS, known))
+        groups = np.array_split(ascending, min(THROTTLE_LEVELS, known_windows))
         levels = np.array([self.throttle[group].mean() for group in groups])
         densities = np.array([self.total_density[group].mean(axis=0) for group in groups])
         return levels, densities
@@ -149,8 +149,8 @@ def vibration_spectra(signals: Signals, segments: Segments) -> dict[str, Spectru
         spectrum = _spectrum(samples, signals, segments)
         if spectrum is None:
             continue
-        known = spectra.get(samples.name)
-        if known is None or spectrum.nyquist_frequency > known.nyquist_frequency:
+        earlier = spectra.get(samples.name)
+        if earlier is None or spectrum.nyquist_frequency > earlier.nyquist_frequency:
             spectra[samples.name] = spectrum
     return spectra
 
@@ -167,21 +167,25 @@ class _Samples(NamedTuple):
 
 
 def _recorded_samples(signals: Signals) -> Iterator[_Samples]:
-    """Yields all samples of sensors, rates and demand that were recorded; of one name there may be several."""
+    """Yields all samples of sensors, body rates and demand that were recorded; of one name there may be several.
+
+    Body rates are those behind the gyro's filters. They come with their setpoints, in messages of the rate controllers,
+    or with the attitude; they count where all three axes have the same number of samples.
+    """
     for name, message, fields in SENSOR_MESSAGES:
         series = recorded_series(signals.telemetry, message, *fields)
         if series is not None:
             yield _Samples(name, message, series)
-    tuning_rates = []
+    controller_rates = []
     attitude_rates = []
     for axis in AXES:
         of_axis = signals.for_axis(axis)
         if of_axis.rate_and_setpoint is not None:
             rate, _ = of_axis.rate_and_setpoint
-            tuning_rates.append(rate)
+            controller_rates.append(rate)
         if of_axis.attitude is not None:
             attitude_rates.append(of_axis.attitude.rate_series)
-    for rates in (tuning_rates, attitude_rates):
+    for rates in (controller_rates, attitude_rates):
         lengths = {len(rate.time) for rate in rates}
         if len(rates) == len(AXES) and len(lengths) == 1:
             table = np.column_stack([rate.values for rate in rates])
@@ -194,7 +198,19 @@ def _recorded_samples(signals: Signals) -> Iterator[_Samples]:
 
 
 def _spectrum(samples: _Samples, signals: Signals, segments: Segments) -> Spectrum | None:
-    """Returns the spectrum of ``samples`` in ``segments`` of a flight; None where they are few or slow."""
+    """Returns the spectrum of ``samples`` in ``segments`` of a flight, by windows without gaps.
+
+    Samples are interpolated at even times first, since stamps are rounded. Throttle and motor speed are averaged over
+    each window.
+
+    Args:
+        samples: of one sensor, about or along three axes.
+        signals: of the vehicle, for throttle and motor speed.
+        segments: of the flight.
+
+    Returns:
+        None where the samples are slower than ``MIN_SAMPLING_RATE``, or there are fewer than ``MIN_WINDOWS`` windows.
+    """
     # It takes half a second to import.
     from scipy.signal import spectrogram
 
@@ -204,6 +220,7 @@ def _spectrum(samples: _Samples, signals: Signals, segments: Segments) -> Spectr
     duration = len(series.time) * usual_step
     if usual_step > 1 / MIN_SAMPLING_RATE or duration < WINDOW_SECONDS / 2:
         return None
+    # The nearest power of two, for the fast Fourier transform.
     window_octaves = np.log2(WINDOW_SECONDS / usual_step)
     size = int(2 ** np.round(window_octaves))
     times = []
@@ -226,7 +243,7 @@ def _spectrum(samples: _Samples, signals: Signals, segments: Segments) -> Spectr
         source=signals.telemetry.name_in_source(samples.message),
         frequency=frequency,
         time=time,
-        # From (k, F, W) to (W, k, F).
+        # The windows come last in scipy's result, (k, F, W), and first here, (W, k, F).
         density=np.concatenate(densities, axis=2).transpose(2, 0, 1),
         throttle=_window_means(signals.collective, time, segments),
         motor_speed=_window_means(_motor_speed(signals), time, segments),

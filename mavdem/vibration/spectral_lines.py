@@ -94,11 +94,15 @@ class SpectralLine(NamedTuple):
 
 
 def find_spectral_lines(spectrum: Spectrum) -> tuple[SpectralLine, ...]:
-    """Returns the lines of a ``spectrum``, the strongest first; harmonics of motors with their fundamental."""
+    """Returns the lines of a ``spectrum``, the strongest first; harmonics of motors with their fundamental.
+
+    Peaks are looked for in mean spectra that are aligned by each of ``SEARCH_EXPONENTS``, so that a line that moves
+    with the throttle is not smeared in one of them. Each peak is then tracked by its own exponent.
+    """
     # It takes half a second to import.
     from scipy.signal import find_peaks
 
-    windows = _windows(spectrum)
+    windows = _log_spectra(spectrum)
     frequency = windows.frequency
     candidates = []
     for exponent in SEARCH_EXPONENTS:
@@ -132,7 +136,7 @@ def _distinct(candidates: Sequence[SpectralLine]) -> list[SpectralLine]:
 
 
 @dataclass(frozen=True)
-class _Windows:
+class _LogSpectra:
     """The logarithmic spectra of W windows, with the drive of each."""
 
     frequency: Array
@@ -148,7 +152,14 @@ class _Windows:
         return self.frequency[1]
 
     def along(self, frequencies: Array) -> Array:
-        """Returns (…, W) the logarithmic density of each window at one frequency, Hz (…, W): the higher of two bins."""
+        """Returns the logarithmic density of each window at a frequency of its own.
+
+        Args:
+            frequencies: (…, W) one for each window, Hz.
+
+        Returns:
+            (…, W) the higher of the two bins between which the frequency lies.
+        """
         bins = (frequencies / self.frequency_step).astype(int)
         low = np.clip(bins, 0, len(self.frequency) - 2)
         rows = np.arange(len(self.log_density))
@@ -165,15 +176,18 @@ class _Windows:
         return np.mean(aligned, axis=0)
 
 
-def _windows(spectrum: Spectrum) -> _Windows:
-    """Returns the windows of a ``spectrum``, driven by the motors' speed where it is known, or by the throttle."""
+def _log_spectra(spectrum: Spectrum) -> _LogSpectra:
+    """Returns the logarithmic spectra of a ``spectrum``'s windows, with the drive of each.
+
+    The drive is the motors' speed where it is known throughout, else the throttle, and else constant.
+    """
     log_density = np.log(np.maximum(spectrum.total_density, SMALLEST_POSITIVE))
     relative_drive = np.ones(len(spectrum.time))
     for drive in (spectrum.motor_speed, spectrum.throttle):
         if np.isfinite(drive).all() and np.all(drive > 0):
             relative_drive = drive / np.median(drive)
             break
-    return _Windows(spectrum.frequency, log_density, relative_drive)
+    return _LogSpectra(spectrum.frequency, log_density, relative_drive)
 
 
 class _Track(NamedTuple):
@@ -191,7 +205,7 @@ class _Track(NamedTuple):
     """Of the line at the median drive, Hz, between the bins."""
 
 
-def _track(windows: _Windows, frequency: float) -> _Track:
+def _track(windows: _LogSpectra, frequency: float) -> _Track:
     """Returns how the line near a ``frequency``, Hz, moves, with that frequency found more exactly.
 
     It is the vertex of the parabola through the highest bin and its neighbours. The search is done twice, since the
@@ -213,7 +227,7 @@ def _track(windows: _Windows, frequency: float) -> _Track:
     return _Track(exponent, scores, mean, top, frequency)
 
 
-def _line_near(spectrum: Spectrum, windows: _Windows, frequency: float) -> SpectralLine:
+def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> SpectralLine:
     """Returns the line near a ``frequency``, Hz; its ratio is 0 where it is in too few windows to be one.
 
     Args:
@@ -288,9 +302,10 @@ def _kind_of_exponent(exponent: float, frequency: float) -> LineKind:
 
 
 def _with_harmonics(lines: Sequence[SpectralLine]) -> tuple[SpectralLine, ...]:
-    """Returns ``lines``, the strongest first, of which those at a multiple of a motor's are noted there and left out.
+    """Returns ``lines`` without the harmonics of motors, the strongest first.
 
-    A line of the frame is kept even so.
+    A line at a multiple of a motor's frequency is added to that line's ``harmonics`` instead, unless it is of the
+    frame.
     """
     fundamentals = list[SpectralLine]()
     for line in sorted(lines, key=lambda line: line.frequency):

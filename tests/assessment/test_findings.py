@@ -32,7 +32,7 @@ from mavdem.facts.forecasts import Forecasts
 from mavdem.facts.identifiability import Status
 from mavdem.facts.motors import Trim
 from mavdem.loops.limit_cycles import Oscillation
-from mavdem.motors.loss_detection import MotorAlarm
+from mavdem.motors.motor_changes import MotorAlarm
 from mavdem.report.screen import parameter_reasons
 
 GOOD, LIMITED, NONE = Grade

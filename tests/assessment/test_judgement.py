@@ -12,7 +12,7 @@ from mavdem.facts.ending import Ending
 from mavdem.facts.learnability import Reason
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorsLight
-from mavdem.motors.loss_detection import MotorAlarm, losses_of
+from mavdem.motors.motor_changes import MotorAlarm, thrust_losses
 
 GROUNDED = Fact(Reason.NEVER_ARMED)
 CRASH = prose("Lost control.").but(Level.BAD)
@@ -38,7 +38,7 @@ def headline(known, ending=None, events=(), airborne=60.0, oscillation=None):
 def test_a_larger_loss_that_recovered_is_not_hidden_by_a_smaller_that_lasts():
     large = MotorAlarm(10, 10, 2, "motor 2", 0.5, 1, loss=(0.3, 0.5))
     small = large._replace(motor=4, name="motor 4", size=0.1)
-    found = losses_of([large, large._replace(since=30.0, size=0.0), small])
+    found = thrust_losses([large, large._replace(since=30.0, size=0.0), small])
     assert headline(lights(), events=found[::-1]).remedy.startswith(
         "Do not fly before motor 2 and motor 4"
     )

@@ -17,7 +17,7 @@ from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.facts.motors import InFlight, MotorsLight, Trim
 from mavdem.facts.session import Session
-from mavdem.motors.loss_detection import losses_of
+from mavdem.motors.motor_changes import thrust_losses
 
 HOVER = Hover(hovering=60.0)
 FRONT_LEFT = "motor 3 (front left)"
@@ -32,7 +32,7 @@ def evidence(pulses=lambda time: 0.0, **known):
     sent = np.where(usual > 1000, noise + pulses(time), 1000.0)
     signals = Signals(with_pulses(telemetry, sent), inputs="motors")
     changes = alarms_before_loss(motor_alarms(signals), known.get("ending"))
-    return evidence_of(signals, events=tuple(losses_of(changes)), **known)
+    return evidence_of(signals, events=tuple(thrust_losses(changes)), **known)
 
 
 def weak(begin, end=np.inf):

@@ -24,7 +24,7 @@ from mavdem.fleet.row import FlightRow
 from mavdem.ingest import read_log
 from mavdem.live import SessionStatus
 from mavdem.live.history import LiveHistory
-from mavdem.motors.loss_detection import MotorAlarm
+from mavdem.motors.motor_changes import MotorAlarm
 from mavdem.report.blocks import SCREEN_LINES, Sentence, Table
 from mavdem.report.pages.flight_page import flight_page, live_page
 from mavdem.report.templates import headline as words_of

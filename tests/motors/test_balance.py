@@ -14,13 +14,10 @@ from scipy.ndimage import convolve1d
 from mavdem.assessment.condition import condition_of
 from mavdem.dataset.signals import Signals
 from mavdem.ingest import read_log
-from mavdem.motors.balance import (
-    HealthFigures,
-    balance_figures,
-    balance_of_signals,
-    motor_signatures,
-)
-from mavdem.motors.health import assess
+from mavdem.motors.balance import SteadyRun, balance_figures, balance_of_steady_flight
+from mavdem.motors.health import assess_motor_health
+from mavdem.motors.healthy_flights import HealthFigures
+from mavdem.motors.signatures import motor_signatures
 
 QUAD_X = motor_signatures(geometry())
 UNKNOWN = motor_signatures(geometry(positions=(), spins=()))
@@ -35,12 +32,12 @@ def flown(seed, seconds=60.0):
     noise = rng.normal(scale=0.005, size=(len(time), 2))
     lean = [0.05, -0.03] + convolve1d(noise, np.hanning(200), axis=0, mode="constant")
     balance = MEAN + (lean - lean.mean(axis=0)) @ EFFECT.T
-    shares = np.column_stack([np.ones(len(time)), balance]) @ np.linalg.pinv(QUAD_X.weights).T
+    shares = np.column_stack([np.ones(len(time)), balance]) @ np.linalg.pinv(QUAD_X.mixer_rows).T
     return time, 0.5 * rng.normal(shares, 0.02), lean
 
 
 def figures(time, commands, lean, signatures=QUAD_X):
-    return balance_figures([(time, commands, lean)], signatures, time[-1] - time[0])
+    return balance_figures([SteadyRun(time, commands, lean)], signatures, time[-1] - time[0])
 
 
 def test_mean_and_effect_of_lean_are_found_within_their_errors():
@@ -88,7 +85,9 @@ def test_a_weak_motor_changes_the_trim_as_its_signature_says(layout):
     for motor, one in enumerate(np.eye(len(layout.motors))):
         change = (trimmed(layout, 1 - 1e-5 * one) - trimmed(layout, 1.0)) / 1e-5
         assert_allclose(change, signatures.weak_motor_commands[motor], atol=1e-4)
-        assert_allclose(signatures.weights @ change, signatures.weak_motor[motor], atol=1e-4)
+        assert_allclose(
+            signatures.mixer_rows @ change, signatures.weak_motor_balance[motor], atol=1e-4
+        )
 
 
 def test_axes_and_names_are_those_of_the_layout(layout):
@@ -97,21 +96,21 @@ def test_axes_and_names_are_those_of_the_layout(layout):
     assert signatures.axes == ("thrust", "roll", "pitch", "yaw")
     assert UNKNOWN.axes == ("thrust",)
     assert_allclose(
-        signatures.weights[1:], [layout.mixer_row(axis) for axis in signatures.axes[1:]]
+        signatures.mixer_rows[1:], [layout.mixer_row(axis) for axis in signatures.axes[1:]]
     )
     # A motor can be named where places and spins are known and differ.
-    assert signatures.names_a_motor
+    assert signatures.is_motor_identifiable
     coaxial = {name: getattr(layout, name) * 2 for name in ("motors", "positions", "spins")}
     spins = (), (0,) * count, (1, *(0,) * (count - 1))
     for other in (coaxial, {"positions": ()}, *({"spins": known} for known in spins)):
-        assert not motor_signatures(replace(layout, **other)).names_a_motor
+        assert not motor_signatures(replace(layout, **other)).is_motor_identifiable
 
 
 def health_figures(path):
     signals = Signals(read_log(path).vehicles[0], inputs="motors")
     condition = condition_of(signals)
     layout = signals.motors.geometry
-    balance = balance_of_signals(signals)
+    balance = balance_of_steady_flight(signals)
     effort = condition.collective, condition.battery.voltage_mean
     named = path.stem, layout.names, motor_signatures(layout)
     return HealthFigures(*named, balance, None, *effort)
@@ -134,7 +133,9 @@ def test_each_flight_is_judged_as_the_documentation_says():
     }
     flights = [health_figures(shared(f"real/propeller/{name}.BIN")) for name in shown]
     good = flights[:3]
-    for found, (health, *probabilities) in zip(assess(flights, good), shown.values(), strict=True):
+    for found, (health, *probabilities) in zip(
+        assess_motor_health(flights, good), shown.values(), strict=True
+    ):
         assert found.health == health
         known = [found.fault_probability, found.change_probability]
         assert known == approx(probabilities, abs=0.005)
@@ -143,4 +144,4 @@ def test_each_flight_is_judged_as_the_documentation_says():
         replace(flight, date=datetime(2022, 3, day, tzinfo=UTC))
         for day, flight in enumerate(flights[4:6], 14)
     )
-    assert {found.health for found in assess([first, second], good)} == {"drift"}
+    assert {found.health for found in assess_motor_health([first, second], good)} == {"drift"}

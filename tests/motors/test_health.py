@@ -9,21 +9,12 @@ from numpy.random import default_rng
 from pytest import approx, mark
 
 from mavdem.facts.motors import Explanation, HealthUnknown, MotorsBetween
-from mavdem.motors.balance import (
-    BalanceFigures,
-    Deviation,
-    HealthFigures,
-    distinct_flights,
-    healthy_flights,
-    motor_signatures,
-)
-from mavdem.motors.health import (
-    DETECTABLE_RISE,
-    FAULT_RISE,
-    PROBABLE,
-    Candidates,
-    assess,
-)
+from mavdem.motors.balance import BalanceFigures
+from mavdem.motors.change_hypotheses import DETECTABLE_RISE, FAULT_RISE, ChangeHypotheses
+from mavdem.motors.deviation import Deviation
+from mavdem.motors.health import MIN_REPORTED_PROBABILITY, assess_motor_health
+from mavdem.motors.healthy_flights import HealthFigures, distinct_flights, healthy_flights
+from mavdem.motors.signatures import motor_signatures
 
 VEHICLES = 40
 MOTORS = geometry().names
@@ -63,7 +54,7 @@ class MadeUpVehicle:
 
 def weak(motor, harder):
     """The change of the balance where ``motor``, from 1, must work ``harder``."""
-    return harder * QUAD_X.weak_motor[motor - 1, 1:]
+    return harder * QUAD_X.weak_motor_balance[motor - 1, 1:]
 
 
 def undated(flights):
@@ -71,7 +62,7 @@ def undated(flights):
 
 
 def judged(flight, baseline):
-    (found,) = assess([flight], baseline)
+    (found,) = assess_motor_health([flight], baseline)
     return found
 
 
@@ -101,15 +92,17 @@ def test_a_fault_among_the_first_flights_is_not_taken_for_healthy():
     vehicle = MadeUpVehicle(3)
     cut = weak(2, 0.4)
     flights = [*vehicle.flights(2), vehicle.flight(cut), *vehicle.flights(3), vehicle.flight(cut)]
-    found = assess(flights)
+    found = assess_motor_health(flights)
     assert [one.health for one in found] == ["ok", "ok", "fault", "ok", "ok", "ok", "fault"]
-    beside = assess(flights, [*flights[:2], flights[3]])
+    beside = assess_motor_health(flights, [*flights[:2], flights[3]])
     assert [one.fault_probability for one in found] == [one.fault_probability for one in beside]
 
 
 def test_what_is_no_fault_beside_the_other_healthy_flights_is_not_taken_for_healthy_again():
     vehicle = MadeUpVehicle(40)
-    found = assess([vehicle.flight(), vehicle.flight(weak(2, 0.14)), *vehicle.flights(4)])
+    found = assess_motor_health(
+        [vehicle.flight(), vehicle.flight(weak(2, 0.14)), *vehicle.flights(4)]
+    )
     assert found[1].health == "drift"
     assert [one.is_healthy for one in found] == [True, False, True, True, False, False]
 
@@ -145,7 +138,7 @@ def test_what_no_motor_does_is_a_drift_and_names_none(change, explanation):
 def test_a_repair_ends_the_fault():
     vehicle = MadeUpVehicle(5)
     baseline = vehicle.flights(4)
-    found = assess([*vehicle.flights(3, weak(1, 0.25)), *vehicle.flights(2)], baseline)
+    found = assess_motor_health([*vehicle.flights(3, weak(1, 0.25)), *vehicle.flights(2)], baseline)
     assert [one.health for one in found] == ["fault", "fault", "fault", "ok", "ok"]
 
 
@@ -153,19 +146,23 @@ def test_flights_are_judged_in_order_of_date_and_without_dates_each_alone():
     vehicle = MadeUpVehicle(7)
     baseline = vehicle.flights(3)
     flights = vehicle.flights(5, weak(3, 0.12))
-    assert assess(flights, baseline) == assess(flights[::-1], baseline)[::-1]
+    assert (
+        assess_motor_health(flights, baseline) == assess_motor_health(flights[::-1], baseline)[::-1]
+    )
     alone = undated(flights)
-    assert assess(alone, baseline) == tuple(judged(flight, baseline) for flight in alone)
+    assert assess_motor_health(alone, baseline) == tuple(
+        judged(flight, baseline) for flight in alone
+    )
 
 
 def test_without_a_choice_the_first_flights_are_taken_for_healthy_and_that_is_said():
     vehicle = MadeUpVehicle(11)
     flights = [*vehicle.flights(3), *vehicle.flights(2, weak(1, 0.25))]
-    found = assess(flights)
+    found = assess_motor_health(flights)
     assert [one.health for one in found] == ["ok", "ok", "ok", "fault", "fault"]
     assert not found[-1].fact.figures["are_chosen"]
-    assert {one.health for one in assess(undated(flights))} == {"unknown"}
-    mixed = assess([*flights, *undated(vehicle.flights(1))])
+    assert {one.health for one in assess_motor_health(undated(flights))} == {"unknown"}
+    mixed = assess_motor_health([*flights, *undated(vehicle.flights(1))])
     assert [one.health for one in mixed[:5]] == [one.health for one in found]
 
 
@@ -174,9 +171,11 @@ def test_first_flights_that_are_not_sound_are_not_taken_for_healthy():
     unsound = [replace(flight, sound=False) for flight in vehicle.flights(2, weak(2, 0.3))]
     sound = vehicle.flights(3)
     flights = [*unsound, *sound]
-    assert [one.health for one in assess(flights)][2:] == ["ok"] * 3
+    assert [one.health for one in assess_motor_health(flights)][2:] == ["ok"] * 3
     assert [*healthy_flights(flights)] == sound
-    assert {one.fact.code for one in assess(unsound)} == {HealthUnknown.HEALTHY_FLIGHTS_FEW}
+    assert {one.fact.code for one in assess_motor_health(unsound)} == {
+        HealthUnknown.HEALTHY_FLIGHTS_FEW
+    }
 
 
 def test_more_effort_is_a_drift_and_no_fault():
@@ -234,18 +233,21 @@ def surely(change, scale=0.002):
 
 
 def test_what_is_called_a_fault_begins_where_it_is_said_to():
-    considered = Candidates(QUAD_X)
+    considered = ChangeHypotheses(QUAD_X)
     for more, fault in ((-0.02, 0.0), (0.02, 1.0)):
-        found = considered.after(surely(weak(1, FAULT_RISE + more)))
+        found = considered.explain(surely(weak(1, FAULT_RISE + more)))
         assert found.motors[0] > 0.95 and found.fault == approx(fault, abs=0.05)
     # Farther from a motor's pattern than so many scales it is no motor's, however much there is of it.
     aside = np.array([0.0, 0.0, 0.002])
-    near, far = (considered.after(surely(weak(1, 0.2) + side * aside)) for side in (2.8, 9.5))
+    near, far = (considered.explain(surely(weak(1, 0.2) + side * aside)) for side in (2.8, 9.5))
     assert near.motors[0] > 0.9 and far.motors.sum() == 0
     # Who could not show a motor that works so much harder is not called healthy.
-    assert considered.shown(surely(np.zeros(3))) > 0.99 > DETECTABLE_RISE
-    assert considered.shown(surely(np.zeros(3), DETECTABLE_RISE / 2)) < PROBABLE
+    assert considered.detection_probability(surely(np.zeros(3))) > 0.99 > DETECTABLE_RISE
+    assert (
+        considered.detection_probability(surely(np.zeros(3), DETECTABLE_RISE / 2))
+        < MIN_REPORTED_PROBABILITY
+    )
     # What held in one flight is no surer in the next than that it was seen and not put right.
     sure = np.eye(len(considered.prior))[considered.groups["motor"].start]
-    unseen = considered.after(surely(np.zeros(3), 100.0), sure)
+    unseen = considered.explain(surely(np.zeros(3), 100.0), sure)
     assert unseen.motors.sum() == approx(0.55, abs=0.01)

@@ -10,21 +10,18 @@ from scipy.signal import lfilter
 from mavdem.facts import Level
 from mavdem.facts.motors import InFlight
 from mavdem.ingest.motor_geometry import motor_geometry
-from mavdem.motors.balance import motor_signatures
-from mavdem.motors.loss_detection import (
-    HOURS_TO_FALSE_ALARM,
-    LONGEST_GAP,
-    MotorAlarm,
-    MotorWatch,
-    _long_run,
-    alarm_figures,
-)
+from mavdem.motors.change_statistics import long_run_variance
+from mavdem.motors.loss_detection import HOURS_TO_FALSE_ALARM, MAX_GAP, MotorLossDetector
+from mavdem.motors.motor_changes import MotorAlarm, alarm_figures
+from mavdem.motors.signatures import motor_signatures
 
 # Hz, s
 RATE = 10.0
 BREAKS = 20.0
 SIGNATURES = {motors: motor_signatures(geometry(motors)) for motors in FRAMES}
-MIXERS = {motors: np.linalg.pinv(signatures.weights) for motors, signatures in SIGNATURES.items()}
+MIXERS = {
+    motors: np.linalg.pinv(signatures.mixer_rows) for motors, signatures in SIGNATURES.items()
+}
 
 
 def quad(*balance):
@@ -42,9 +39,9 @@ def flight(seed, seconds=45.0, sd=0.01, coloured_by=0.5, motors=4):
 
 
 def watched(time, commands, heading=lambda at: 0.0, watch=None):
-    watch = watch or MotorWatch(geometry(commands.shape[1]))
+    watch = watch or MotorLossDetector(geometry(commands.shape[1]))
     for at, row in zip(time.tolist(), commands, strict=True):
-        assert all(one.since < one.time <= at for one in watch.take(at, row, heading(at)))
+        assert all(one.since < one.time <= at for one in watch.update(at, row, heading(at)))
     return watch
 
 
@@ -74,7 +71,7 @@ def test_a_motor_that_works_an_eighth_harder_is_named_within_five_seconds(motor,
     assert first.since == approx(100.0 + BREAKS, abs=2.0)
     assert first.size == approx(0.125, abs=0.04) and first.loss[0] < 1 - 1.125**-1.5 < first.loss[1]
     assert 0.95 < first.probability <= 1
-    share, band = first.sound_share
+    share, band = first.sound_command_fraction
     assert abs(share - 1 / 1.125) < 2 * band < 0.1
 
 
@@ -120,8 +117,10 @@ def test_every_fault_is_found_and_its_end(faults):
             one = found.pop(0)
             assert one.motor == motor + 1 and begin < one.time - 100.0 < begin + 2.5
             assert one.since == 100.0 + begin
-            assert one.weak == (rise[motor] > 1) and one.size == approx(rise[motor] - 1, abs=0.05)
-            code = InFlight.MOTOR_LOST_THRUST if one.weak else InFlight.MOTOR_RECOVERED
+            assert one.is_weak == (rise[motor] > 1) and one.size == approx(
+                rise[motor] - 1, abs=0.05
+            )
+            code = InFlight.MOTOR_LOST_THRUST if one.is_weak else InFlight.MOTOR_RECOVERED
             assert one.fact.code is code
         before = rise
     assert not found
@@ -201,7 +200,7 @@ def test_it_names_the_motor_and_says_when_that_rests_on_an_assumption():
     assert (alarm.fact.subject, alarm.fact.level) == ("motor 2 (rear left)", Level.BAD)
     assert not alarm.fact.figures["assumed"]
     layout = motor_geometry("QUADROTOR", "PX4", {}, (1, 2, 3, 4), 16)
-    [alarm] = watched(time, weak, watch=MotorWatch(layout)).alarms
+    [alarm] = watched(time, weak, watch=MotorLossDetector(layout)).alarms
     assert alarm.fact.figures["assumed"]
 
 
@@ -214,16 +213,16 @@ def test_a_bad_link_hides_no_fault_and_no_recovery():
     kept = np.repeat(kept, 1 + (draw.random(len(kept)) < 0.05))
     overtake(draw, kept)
     weak, sound = changes(time[kept], commands[kept])
-    assert (weak.motor, sound.motor) == (1, 1) and weak.weak and not sound.weak
+    assert (weak.motor, sound.motor) == (1, 1) and weak.is_weak and not sound.is_weak
     assert 120.0 < weak.time < 125.0 and 145.0 < sound.time < 150.0
 
 
-@mark.parametrize("silent", [LONGEST_GAP - 0.2, LONGEST_GAP + 0.2])
+@mark.parametrize("silent", [MAX_GAP - 0.2, MAX_GAP + 0.2])
 def test_after_a_long_silence_what_was_before_is_no_reference(silent):
     time, commands = flight(6, 40.0, 0.005)
     commands[time > 120.0] *= [1.2, 1.0, 1.0, 1.0]
     heard = abs(time - 120.0) > silent / 2
-    assert len(changes(time[heard], commands[heard])) == (silent < LONGEST_GAP)
+    assert len(changes(time[heard], commands[heard])) == (silent < MAX_GAP)
 
 
 def test_where_nothing_can_be_found_it_says_why():
@@ -232,7 +231,7 @@ def test_where_nothing_can_be_found_it_says_why():
     slow = watched(2 * time, weak)
     assert not slow.alarms and slow.obstacle.code is InFlight.MOTOR_OUTPUTS_TOO_SLOW
     assert watched(time + 200.0, commands, watch=slow).obstacle is None
-    silent = watched(time, weak, watch=MotorWatch(geometry(spins=())))
+    silent = watched(time, weak, watch=MotorLossDetector(geometry(spins=())))
     assert not silent.alarms and silent.obstacle.code is InFlight.MOTOR_PLACES_UNKNOWN
 
 
@@ -249,5 +248,7 @@ def test_json_keeps_alarms_apart_from_changes_that_name_no_motor():
 
 
 def test_a_batch_as_long_as_the_run_shows_no_variance():
-    found = _long_run(np.ones((2, 1)), np.ones((1, 2), bool), np.zeros((1, 1)), np.zeros(1), 0.01)
+    found = long_run_variance(
+        np.ones((2, 1)), np.ones((1, 2), bool), np.zeros((1, 1)), np.zeros(1), 0.01
+    )
     assert found == approx(2 / 2.02)

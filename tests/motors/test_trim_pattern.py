@@ -6,9 +6,10 @@ from pytest import approx, mark
 
 from mavdem.facts.motors import Trim
 from mavdem.ingest.motors import PositionSource
-from mavdem.motors.balance import BalanceFigures, motor_signatures
-from mavdem.motors.health import FAULT_RISE
-from mavdem.motors.trim_pattern import trim_of
+from mavdem.motors.balance import BalanceFigures
+from mavdem.motors.change_hypotheses import FAULT_RISE
+from mavdem.motors.signatures import motor_signatures
+from mavdem.motors.trim_pattern import trim_pattern
 
 QUAD = geometry()
 
@@ -16,7 +17,7 @@ QUAD = geometry()
 def trim(mean, plan=QUAD, lean=(0.0, 0.0), error=0.003):
     """Of a balance that the lean has not moved in this flight, as far as it shows."""
     errors = np.full(3, error), np.radians(lean), np.zeros((3, 2)), np.full((3, 2), 0.5)
-    return trim_of(BalanceFigures(np.array(mean), *errors, 60.0), plan)
+    return trim_pattern(BalanceFigures(np.array(mean), *errors, 60.0), plan)
 
 
 @mark.parametrize(
@@ -42,7 +43,7 @@ def test_the_pattern_is_named(mean, code, figures):
 def test_one_motor_is_named_where_all_axes_have_the_ratio_of_its_place(motors):
     """Of more than four motors neighbours help the weak one, and other causes are as likely."""
     plan = geometry(motors)
-    signatures = motor_signatures(plan).weak_motor[:, 1:]
+    signatures = motor_signatures(plan).weak_motor_balance[:, 1:]
     for name, signature in zip(plan.names, 0.4 * signatures, strict=True):
         found = trim(signature, plan)
         assert found.subject == (name if motors == 4 else "")
@@ -68,9 +69,9 @@ def test_what_cannot_be_told_from_even_is_no_alarm():
 
 
 def test_nothing_is_said_of_little_flight_or_without_the_places():
-    assert trim_of(None, geometry()).code is Trim.TRIM_UNKNOWN
+    assert trim_pattern(None, geometry()).code is Trim.TRIM_UNKNOWN
     for spins in ((), (0, 0)):  # not known, or turning nothing
-        fact = trim_of(None, geometry(spins=spins))
+        fact = trim_pattern(None, geometry(spins=spins))
         assert (fact.code, fact.level) == (Trim.TRIM_OF_UNKNOWN_PLACES, "unknown")
     assumed = geometry(position_source=PositionSource.X_QUAD)
     assert trim((0.0, 0.0, 0.16), assumed).figures["assumed"]

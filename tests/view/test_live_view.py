@@ -30,7 +30,7 @@ from mavdem.live.display import DisplayRow
 from mavdem.live.session_status import Latency, PredictionBand, UsefulHorizon
 from mavdem.live.stream import LatestPose
 from mavdem.live.wind import WindEstimate
-from mavdem.motors.loss_detection import MotorAlarm
+from mavdem.motors.motor_changes import MotorAlarm
 from mavdem.view.live_content import Channels, figures, status_document
 from mavdem.view.live_view import LiveView, SinkThread
 from mavdem.view.sinks import RecordingFile, Viewer, WebServer, sinks_for
@@ -175,7 +175,7 @@ def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
         alarm = prose("Alarm: motor 1 lost some thrust.").but(Level.BAD)
         view.log(Occurrence(52.9, alarm, 51.25))
         lost = MotorAlarm(52.9, 52.0, 0, "motor 1", 0.2, 0.99, loss=(0.1, 0.3))
-        view.log(Occurrence(52.95, lost.announced, lost.since))
+        view.log(Occurrence(52.95, lost.event, lost.since))
     marks = {name: line for name, line in drawn(path).items() if name.endswith("alarms")}
     assert len(marks) == 5
     for times, values in marks.values():

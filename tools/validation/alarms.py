@@ -33,7 +33,7 @@ from mavdem.facts.session import Session
 from mavdem.ingest.formats import read_stream
 from mavdem.live import LiveStream
 from mavdem.live.session import LiveSession
-from mavdem.motors.loss_detection import MotorAlarm
+from mavdem.motors.motor_changes import MotorAlarm
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 

@@ -51,7 +51,8 @@ from mavdem.files import PathName
 from mavdem.flight import Flight, Flights
 from mavdem.immutable import ReadOnlyDict
 from mavdem.ingest import Log
-from mavdem.motors.loss_detection import MIN_RATE, MotorAlarm, MotorWatch
+from mavdem.motors.loss_detection import MIN_SAMPLE_RATE, MotorLossDetector
+from mavdem.motors.motor_changes import MotorAlarm
 from mavdem.motors.trim_pattern import trim_of_signals
 from mavdem.plant.wind_torque import estimate_wind_torque
 
@@ -194,7 +195,7 @@ def _motors_are_watched(signals: Signals) -> bool:
     motors = signals.motors
     if motors is None or not motors.geometry.positions:
         return False
-    return rate_between_outages(motors) >= MIN_RATE
+    return rate_between_outages(motors) >= MIN_SAMPLE_RATE
 
 
 def _with_slow_refusal(analysis: LogAnalysis, refusal: Fact) -> LogAnalysis:
@@ -277,7 +278,7 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
         return ()
     alarms = []
     for boot in np.unique(motors.boot).tolist():
-        watch = MotorWatch(motors.geometry, boot)
+        watch = MotorLossDetector(motors.geometry, boot)
         commands = motors.range_fractions(boot)
         headings = tracked_headings(signals, boot, commands.time)
         rows = in_intervals(commands.time, settled_intervals(signals, boot))
@@ -288,7 +289,7 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
             strict=True,
         )
         for time, command, heading in samples:
-            watch.take(time, command, heading)
+            watch.update(time, command, heading)
         alarms += watch.alarms
     return tuple(alarms)
 

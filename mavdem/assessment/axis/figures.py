@@ -38,7 +38,7 @@ from mavdem.facts.identifiability import Status
 from mavdem.flight import Flights
 from mavdem.ingest import Component
 from mavdem.loops.identification import identify_plant_in_loop
-from mavdem.motors.loss_detection import MotorAlarm, alarm_figures
+from mavdem.motors.motor_changes import MotorAlarm, alarm_figures
 from mavdem.plant import NotIdentifiable, Physical, WindTorque, physical
 from mavdem.plant.wind_torque import estimate_wind_torque
 

@@ -29,7 +29,7 @@ from mavdem.facts.assessment import (
 from mavdem.facts.forecasts import Forecasts
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import ParameterDoubt
-from mavdem.motors.loss_detection import MotorAlarm
+from mavdem.motors.motor_changes import MotorAlarm
 from mavdem.plant import Physical, WindTorque
 
 MAX_RELATIVE_HALF_WIDTHS = {"effect": 0.15, "damping": 1 / 3, "lag": 1 / 3, "wind": 0.25}

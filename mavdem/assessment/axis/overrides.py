@@ -9,7 +9,7 @@ from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import Override
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE, Oscillation
 from mavdem.motors.hover import HoverFigures
-from mavdem.motors.loss_detection import MotorAlarm, losses_of
+from mavdem.motors.motor_changes import MotorAlarm, thrust_losses
 
 
 class LimitedMotor(NamedTuple):
@@ -37,7 +37,7 @@ def overrides_of(
         consistency: share of the angle's changes that the recorded rates explain; None if it is not known.
         trim: how even the motors work; None if it is not known.
     """
-    losses = losses_of(alarms)
+    losses = thrust_losses(alarms)
     overrides: list[Fact] = []
     if condition is not None and condition.oscillation is not None:
         overrides.append(_oscillation_override(condition.oscillation))

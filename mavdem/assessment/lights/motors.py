@@ -10,7 +10,7 @@ from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.facts.motors import InFlight, MotorsLight, Trim
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE
-from mavdem.motors.balance import LEAST_SECONDS
+from mavdem.motors.balance import MIN_STEADY_SECONDS
 from mavdem.motors.hover import HoverFigures
 from mavdem.motors.trim_pattern import trim_of_signals
 
@@ -38,10 +38,10 @@ def motors_light(evidence: Evidence) -> Fact:
     if hover is None:
         names = _motor_names(evidence)
         not_measured = MotorsLight.MOTORS_NOT_SEEN
-        facts.append(Fact(not_measured, names=names, least_duration=LEAST_SECONDS))
+        facts.append(Fact(not_measured, names=names, least_duration=MIN_STEADY_SECONDS))
     else:
         limited = limited_motor(hover)
-        if limited is not None and hover.seconds >= LEAST_SECONDS:
+        if limited is not None and hover.seconds >= MIN_STEADY_SECONDS:
             facts.append(Fact(MotorsLight.MOTOR_LIMITED, subject=limited.name, share=limited.share))
         facts.append(_trim_or_headroom(evidence, hover))
     return worst_fact(facts)

@@ -27,7 +27,7 @@ from mavdem.dem.parallel import parallel_map
 from mavdem.errors import NotLearnable
 from mavdem.experiments.comparison import Method, Outcome, run_trial
 from mavdem.experiments.held_out import Progress
-from mavdem.experiments.scores import FROM_ZERO, KNOWN, USUAL_RATE
+from mavdem.experiments.scores import FROM_ZERO, KNOWN, REFERENCE_RATE
 from mavdem.experiments.window import Window, part_samples, windows
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
 from mavdem.files import PathName
@@ -51,7 +51,9 @@ SHOWN_EXPERIMENT = 2  # the experiment that the paper's figures of one flight sh
 SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", "shared/data"))
 """The folder of the recorded flights, which are no part of the product: unless named, one in the working directory."""
 
-TRAIN, TEST = part_samples(1 / USUAL_RATE)  # samples of a window, as in the paper, at every rate
+TRAIN, TEST = part_samples(
+    1 / REFERENCE_RATE
+)  # samples of a window, as in the paper, at every rate
 REAL = "the real AR.Drone"
 """TU Delft's recorded flight: the paper's vehicle in the paper's laboratory."""
 ARDRONE = SHARED / "ardrone_tudelft" / "expData10_29_25.mat"

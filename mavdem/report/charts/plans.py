@@ -10,7 +10,7 @@ from mavdem.arrays import Array
 from mavdem.assessment.condition import Condition
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.facts import Level
-from mavdem.motors.health import FAULT_RISE
+from mavdem.motors.change_hypotheses import FAULT_RISE
 from mavdem.report.charts.chart import Plan
 from mavdem.report.charts.timeline import Timeline
 from mavdem.report.numbers import listed

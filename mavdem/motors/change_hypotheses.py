@@ -1,0 +1,240 @@
+"""Hypotheses on what changed the balance of a vehicle's motors between flights, and their posterior probabilities.
+
+The hypotheses exclude each other: nothing changed; one motor or its propeller is weak, by any amount; roll and pitch
+changed, as by a shifted load; yaw alone changed, as by a twisted arm; all three changed, of any cause.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.confidence import INTERVAL_QUANTILES
+from mavdem.dem.engine.linalg import SMALLEST_POSITIVE
+from mavdem.immutable import ImmutableResult
+from mavdem.motors.deviation import Deviation
+from mavdem.motors.signatures import MotorSignatures
+
+PRIOR_PROBABILITIES = {"healthy": 0.76, "motor": 0.10, "load": 0.08, "yaw": 0.04, "other": 0.02}
+"""Prior probability of each group of hypotheses for any flight; a choice.
+
+They are: nothing changed; a motor or propeller is weak; roll and pitch, yaw alone, or all three changed in any way.
+"""
+
+CHANGED_AXES = {"load": (1, 1, 0), "yaw": (0, 0, 1), "other": (1, 1, 1)}
+"""Which of roll, pitch and yaw (1 or 0) change, by the group of hypotheses that are no motor's."""
+
+PERSISTENCE = 0.5
+"""Probability that what holds in one flight holds in the next: much is noticed and repaired on the ground. A choice."""
+
+MEAN_RISE = 0.15
+"""Mean of the exponential prior of a weak motor's rise: what a quarter less thrust takes."""
+
+RISES = np.linspace(0.0, 1.0, 401)[1:]
+"""(r,) rises of a weak motor's command, relative to the mean command, for which there is a hypothesis each."""
+
+CHANGE_SCALE = 0.05
+"""Scale of a change of the balance on an axis, relative to the mean command.
+
+A load that moved by 15 mm on arms of 160 mm, or an arm twisted by 1.5°.
+"""
+
+CHANGE_FREEDOM = 2.0
+"""Degrees of freedom of the Student's t distribution of changes: heavy tails, since none is too large to happen."""
+
+FAULT_RISE = 0.08
+"""Rise of a motor's command, relative to the mean command, from which it is a fault.
+
+On four motors, it has lost an eighth of its thrust.
+"""
+
+DETECTABLE_RISE = 0.2
+"""Rise that must be detectable in a flight that is called healthy: of four motors, a third less thrust."""
+
+MAX_MISFIT = 4.0
+"""Deviation on any axis from a weak motor's signature, in scales, from which it is not that motor's; a choice."""
+
+
+@dataclass(frozen=True, eq=False)
+class NormalMixture:
+    """A distribution as a mixture of s normal distributions about 0."""
+
+    standard_deviations: Array
+    """(s,) standard deviations of its components."""
+    weights: Array
+    """(s,) their weights, with the sum 1."""
+
+
+def student_t_mixture(scale: float) -> NormalMixture:
+    """Approximates Student's t distribution with ``CHANGE_FREEDOM`` degrees of freedom by a mixture of normal ones.
+
+    A t distribution is a mixture of normal distributions whose variances follow an inverse gamma distribution; here it
+    is sampled on a geometric grid of standard deviations.
+
+    Args:
+        scale: Scale of the t distribution.
+    """
+    standard_deviations = scale * np.geomspace(0.4, 40.0, 24)
+    decay = np.exp(-CHANGE_FREEDOM / 2 * (scale / standard_deviations) ** 2)
+    weights = standard_deviations**-CHANGE_FREEDOM * decay
+    return NormalMixture(standard_deviations, weights / weights.sum())
+
+
+class ChangeHypotheses:
+    """All S hypotheses on a change of the balance of one vehicle, with their prior probabilities.
+
+    Attributes:
+        signatures: Mixer of the vehicle with k motors.
+        change: (S, 3) expected change in roll, pitch and yaw, relative to the mean command.
+        spread: (S, 3) standard deviation of the change about that.
+        prior: (S,) prior probabilities, with the sum 1.
+        groups: Hypotheses of each name in ``PRIOR_PROBABILITIES``; those of the motors are sorted by motor, then by
+            ``RISES``.
+    """
+
+    def __init__(
+        self,
+        signatures: MotorSignatures,
+        prior_probabilities: Mapping[str, float] = PRIOR_PROBABILITIES,
+    ) -> None:
+        """Makes the hypotheses of a vehicle.
+
+        Args:
+            signatures: Mixer of the vehicle.
+            prior_probabilities: Prior weight of each group, of any sum.
+        """
+        self.signatures = signatures
+        motor_count = len(signatures.weak_motor_balance)
+        mixture = student_t_mixture(CHANGE_SCALE)
+        weights_by_group = {
+            "healthy": np.ones(1),
+            "motor": np.tile(np.exp(-RISES / MEAN_RISE), motor_count),
+            "load": mixture.weights,
+            "yaw": mixture.weights,
+            "other": mixture.weights,
+        }
+        total = sum(prior_probabilities.values())
+        self.groups: dict[str, slice] = {}
+        priors = []
+        start = 0
+        for name, weights in weights_by_group.items():
+            self.groups[name] = slice(start, start + len(weights))
+            start += len(weights)
+            priors.append(prior_probabilities[name] / total * weights / weights.sum())
+        self.prior = np.concatenate(priors)
+
+        self.change = np.zeros((len(self.prior), 3))
+        signatures_of_motors = signatures.weak_motor_balance[:, None, 1:]
+        self.change[self.groups["motor"]] = (signatures_of_motors * RISES[:, None]).reshape(-1, 3)
+        self.spread = np.zeros((len(self.prior), 3))
+        for name, axes in CHANGED_AXES.items():
+            self.spread[self.groups[name]] = np.outer(mixture.standard_deviations, axes)
+
+    def explain(self, deviation: Deviation, previous: Array | None = None) -> ChangeProbabilities:
+        """Computes how probable each hypothesis is, given the deviation of a flight from healthy ones.
+
+        Args:
+            deviation: Deviation of the flight's balance.
+            previous: (S,) posterior probabilities after the vehicle's flight before this one, which persist with the
+                probability ``PERSISTENCE``.
+
+        Returns:
+            The posterior probabilities and what they say of each motor.
+        """
+        posterior = self._posterior(deviation, previous)
+        group_probabilities = {name: posterior[rows].sum() for name, rows in self.groups.items()}
+
+        by_motor_and_rise = posterior[self.groups["motor"]].reshape(-1, len(RISES))
+        motor_probabilities = by_motor_and_rise.sum(axis=1)
+        # The neighbours of a weak motor help it on vehicles with more than four motors, so its own command rises less.
+        own_rise_ratio = np.diag(self.signatures.weak_motor_commands)
+        is_fault = np.outer(own_rise_ratio, RISES) >= FAULT_RISE
+        fault_probabilities = np.where(is_fault, by_motor_and_rise, 0.0).sum(axis=1)
+
+        # Mean and quantiles of the rise, given that the motor is the weak one.
+        normalisation = np.maximum(motor_probabilities, SMALLEST_POSITIVE)
+        cumulative = np.cumsum(by_motor_and_rise, axis=1) / normalisation[:, None]
+        mean = by_motor_and_rise @ RISES / normalisation
+        quantiles = []
+        for level in INTERVAL_QUANTILES:
+            row = (cumulative < level).sum(axis=1).clip(max=len(RISES) - 1)
+            quantiles.append(RISES[row])
+        return ChangeProbabilities(
+            groups=group_probabilities,
+            motors=motor_probabilities,
+            faults=fault_probabilities,
+            rises=np.array([mean, *quantiles]) * own_rise_ratio,
+            posterior=posterior,
+        )
+
+    def _posterior(self, deviation: Deviation, previous: Array | None) -> Array:
+        """Computes the posterior probabilities (S,) of the hypotheses, like :meth:`explain`."""
+        prior = self.prior
+        if previous is not None:
+            prior = PERSISTENCE * previous + (1 - PERSISTENCE) * prior
+        load = self.groups["load"]
+        motor = self.groups["motor"]
+        spread = self.spread.copy()
+        # A load that shifted changes yaw too where the vehicle leans, since wind pulls beside the load.
+        spread[load, 2] = spread[load, 0] * deviation.lean
+        scale = np.hypot(deviation.scale, spread)
+        standard_scores = (deviation.change - self.change) / scale
+        # SciPy's distributions take half a second to import.
+        from scipy.stats import t as student_t
+
+        log_densities = student_t.logpdf(standard_scores, deviation.freedom) - np.log(scale)
+        log_likelihood = log_densities.sum(axis=1)
+        is_misfit = (abs(standard_scores[motor]) > MAX_MISFIT).any(axis=1)
+        log_likelihood[motor][is_misfit] = -np.inf
+        posterior = prior * np.exp(log_likelihood - log_likelihood.max())
+        posterior /= posterior.sum()
+        return posterior
+
+    def detection_probability(self, deviation: Deviation) -> float:
+        """Returns how probable a change would appear, had one motor to work ``DETECTABLE_RISE`` harder.
+
+        It is the mean over the motors, at the scale of the flight's deviation: what can be seen in the flight, whatever
+        it shows.
+
+        Args:
+            deviation: Deviation of the flight; its change does not count.
+        """
+        rises = DETECTABLE_RISE / np.diag(self.signatures.weak_motor_commands)
+        changes = self.signatures.weak_motor_balance[:, 1:] * rises[:, None]
+        probabilities = []
+        for change in changes:
+            explained = self.explain(deviation._replace(change=change))
+            probabilities.append(1 - explained.healthy)
+        return float(np.mean(probabilities))
+
+
+@dataclass(frozen=True, eq=False)
+class ChangeProbabilities(ImmutableResult):
+    """What may explain the deviation of a flight of a vehicle with k motors, with probabilities that sum to 1."""
+
+    groups: dict[str, float]
+    """Probability of each group of hypotheses, by the names in ``PRIOR_PROBABILITIES``."""
+    motors: Array
+    """(k,) probability that each motor, or its propeller, is weak."""
+    faults: Array
+    """(k,) the same, with a rise of ``FAULT_RISE`` or more."""
+    rises: Array
+    """(3, k) rise of each motor's own command if it is the weak one, relative to the mean command.
+
+    Rows: the mean, then the ends of the 90 % interval.
+    """
+    posterior: Array
+    """(S,) posterior probabilities of all hypotheses."""
+
+    @property
+    def healthy(self) -> float:
+        """Probability that nothing changed but what changes from flight to flight."""
+        return self.groups["healthy"]
+
+    @property
+    def fault(self) -> float:
+        """Probability that some motor, or its propeller, is so weak that it is a fault."""
+        return self.faults.sum()

@@ -1,0 +1,143 @@
+"""Statistics of a change of the mean in a short, autocorrelated record: its size, its variance, and its likelihood.
+
+The record is a series of blocks. A window is a number of last blocks, in which the mean may differ from that before.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.arrays import Array, Flags
+
+Windows = NDArray[np.int_]
+"""(w,) numbers of last blocks."""
+
+BLOCK_SECONDS = 0.5
+"""Duration of a block, s: a tenth of what the detection of a change may take."""
+
+MEMORY_SECONDS = 60.0
+"""Time constant, s, with which blocks before a change lose weight: wind and battery change, and damage is sudden."""
+
+BATCH_LENGTHS = (1, 2, 4, 8)
+"""Numbers of neighbouring blocks whose means show the long-run variance; a choice."""
+
+PRIOR_FREEDOM = 5.0
+"""Degrees of freedom of the prior of the variance, before the flight has shown its own; a choice."""
+
+BLOCKS_PER_FREEDOM = 4
+"""Number of blocks that count as one more degree of freedom of the variance, since blocks are correlated."""
+
+WANDER_SD = 0.003
+"""Standard deviation, relative to the mean command, of a balance that nothing changed: no mean is known better."""
+
+
+class WindowChanges(NamedTuple):
+    """Change of the mean of a axes for each of w windows."""
+
+    change: Array
+    """(w, a) mean in the window less the mean before it."""
+    variance: Array
+    """(w, a) variance of ``change``."""
+    freedom: Array
+    """(w,) degrees of freedom of that variance."""
+    noise: Array
+    """(w, a) long-run variance of a block before the window."""
+
+
+def window_changes(blocks: Array, windows: Windows, prior: Array, freedom: float) -> WindowChanges:
+    """Compares the mean of the last blocks with the mean before them, for several windows.
+
+    The mean before weights blocks exponentially, with the time constant ``MEMORY_SECONDS``.
+
+    Args:
+        blocks: (N, a) blocks, the latest last.
+        windows: (w,) numbers of last blocks.
+        prior: (a,) prior long-run variance of a block.
+        freedom: Degrees of freedom of that prior.
+    """
+    numbers = np.arange(len(blocks))
+    lengths = windows[:, None]
+    is_in_window = numbers >= len(blocks) - lengths
+    recency = np.exp(numbers * (BLOCK_SECONDS / MEMORY_SECONDS))
+    weights = np.where(is_in_window, 0.0, recency)
+    weights /= weights.sum(axis=1, keepdims=True)
+    effective_blocks = 1 / (weights**2).sum(axis=1)
+    mean_before = weights @ blocks
+    mean_in_window = is_in_window @ blocks / lengths
+    noise_before = long_run_variance(blocks, ~is_in_window, mean_before, prior, freedom)
+    noise_in_window = long_run_variance(
+        blocks, is_in_window, mean_in_window, noise_before, PRIOR_FREEDOM
+    )
+    variance_before = noise_before / effective_blocks[:, None]
+    variance_in_window = np.maximum(noise_before, noise_in_window) / lengths
+    return WindowChanges(
+        change=mean_in_window - mean_before,
+        variance=variance_before + variance_in_window + WANDER_SD**2,
+        freedom=freedom + effective_blocks / BLOCKS_PER_FREEDOM,
+        noise=noise_before,
+    )
+
+
+def long_run_variance(
+    blocks: Array, selection: Flags, mean: Array, prior: Array, freedom: float
+) -> Array:
+    """Estimates the long-run variance of blocks: n times the variance of the mean of n blocks.
+
+    It is the largest of the estimates by overlapping batches of ``BATCH_LENGTHS`` blocks (method of batch means), each
+    pooled with the prior.
+
+    Args:
+        blocks: (N, a) blocks.
+        selection: (w, N) which blocks count, a run without gaps for each of w windows.
+        mean: (w, a) mean of those blocks.
+        prior: (a,) or (w, a) prior of the variance.
+        freedom: Degrees of freedom of the prior.
+
+    Returns:
+        (w, a) variances.
+    """
+    cumulative = np.vstack([np.zeros_like(blocks[:1]), np.cumsum(blocks, axis=0)])
+    selected_blocks = selection.sum(axis=1, keepdims=True)
+    variance = prior
+    for length in BATCH_LENGTHS:
+        if length > len(blocks):
+            break
+        batch_means = (cumulative[length:] - cumulative[:-length]) / length
+        is_batch_selected = selection[:, : len(batch_means)] & selection[:, length - 1 :]
+        batches = is_batch_selected.sum(axis=1, keepdims=True)
+        # The sum of the squared deviations from the mean, expanded so that no array of shape (w, N, a) is made.
+        squares_about_zero = is_batch_selected @ batch_means**2
+        cross_terms = 2 * mean * (is_batch_selected @ batch_means)
+        squares = squares_about_zero - cross_terms + batches * mean**2
+        # Batches overlap: as many are independent as fit one after the other.
+        independent = np.where(batches > length, selected_blocks / length, 0.0)
+        prior_weight = 2 * freedom / length
+        sample_total = independent * length * squares / np.maximum(batches, 1)
+        pooled = (prior_weight * prior + sample_total) / (prior_weight + independent)
+        variance = np.maximum(variance, pooled)
+    return variance
+
+
+def log_t_density(
+    changes: WindowChanges, expected: Array | float, extra_variance: Array | float = 0.0
+) -> Array:
+    """Computes the log density of changes under Student's t distribution about an expected change.
+
+    Terms that depend on the degrees of freedom only are left out; they cancel in Bayes factors.
+
+    Args:
+        changes: Changes of a axes for w windows.
+        expected: (..., w, a) expected change, or one that broadcasts.
+        extra_variance: (a,) variance of the expected change.
+
+    Returns:
+        (..., w) log densities.
+    """
+    variance = changes.variance + extra_variance
+    errors = changes.change - expected
+    squares = (errors**2 / variance).sum(axis=-1)
+    power = (changes.freedom + variance.shape[-1]) / 2
+    return -np.log(variance).sum(axis=-1) / 2 - power * np.log1p(squares / changes.freedom)

@@ -1,0 +1,170 @@
+"""Deviation of a flight's motor balance from that of the vehicle's healthy flights, with the effect of lean removed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.confidence import coverage_factor
+from mavdem.motors.balance import BalanceFigures
+from mavdem.motors.healthy_flights import HealthFigures, HealthFlights
+
+PRIOR_BALANCE_SD = np.array([0.010, 0.010, 0.008])
+"""Prior standard deviation of the level balance in roll, pitch and yaw between healthy flights, relative to the thrust.
+
+A battery that is 3 mm off, on arms of 160 mm, shifts 2 % of the thrust from one side to the other; commands go with
+its root or a little more slowly. An arm that is twisted by 1° gives about 3 % in yaw, and a quarter of that counts as
+usual.
+"""
+
+PRIOR_BALANCE_FREEDOM = 6.0
+"""Degrees of freedom of that prior: the number of healthy flights that it is worth."""
+
+LEAN_EFFECT_PRIOR_SD = np.array([[1.0, 0.3], [0.3, 1.0], [0.3, 0.3]])
+"""Prior standard deviation of the effects of roll and pitch lean (columns) on roll, pitch and yaw (rows), 1/rad.
+
+The large ones are drag an arm's length above or below the centre of mass, the small ones a load 5 mm beside it.
+"""
+
+LEAN_EFFECT_SPREAD_SD = 0.2
+"""Prior standard deviation of the effects of lean between flights of one vehicle, 1/rad.
+
+Loads differ, and where a vehicle manoeuvres it leans without wind.
+"""
+
+LEAN_EFFECT_SPREAD_FREEDOM = 1.0
+"""Degrees of freedom of that prior: the number of flights that it is worth."""
+
+BEYOND_LEVEL = 0.999
+"""Probability that a healthy flight's deviation lies inside the interval beyond which it is a change; a choice."""
+
+
+class Deviation(NamedTuple):
+    """Deviation of a flight's level balance from the mean of healthy flights, relative to the mean command."""
+
+    change: Array
+    """(3,) deviation in roll, pitch and yaw."""
+    scale: Array
+    """(3,) scale of the Student's t distribution that a healthy flight's deviation has."""
+    freedom: float
+    """Degrees of freedom of that distribution."""
+    lean: float = 0.0
+    """Mean angle of the flight from level, rad."""
+
+    @property
+    def usual(self) -> Array:
+        """(3,) half widths of the interval that has 90 % of healthy flights' deviations, for known scales."""
+        return coverage_factor() * self.scale
+
+    @property
+    def beyond(self) -> bool:
+        """Whether the deviation on some axis is larger than that of 999 healthy flights in 1000."""
+        half_widths = coverage_factor(BEYOND_LEVEL, self.freedom) * self.scale
+        return (abs(self.change) > half_widths).any()
+
+
+def deviation(flight: HealthFigures, healthy: HealthFlights) -> Deviation:
+    """Computes how far the level balance of a flight is from that of healthy flights.
+
+    The variance between healthy flights is pooled from their scatter and its prior. The scale of the deviation is made
+    of that variance, of the errors of the flight's own balance and effect of lean, and of the error of the mean of the
+    healthy flights.
+
+    Args:
+        flight: A flight that lacks nothing (``HealthFigures.missing``).
+        healthy: Healthy flights that lack nothing, without that flight.
+    """
+    balances = [flight.known_balance, *[other.known_balance for other in healthy]]
+    level = level_balances(balances)
+    flight_balance = level.balances[0]
+    flight_variance = level.variances[0]
+    healthy_balances = level.balances[1:]
+    count = len(healthy)
+    centre = healthy_balances.mean(axis=0)
+    squares = ((healthy_balances - centre) ** 2).sum(axis=0)
+    freedom = PRIOR_BALANCE_FREEDOM + count - 1
+    variance_between = (PRIOR_BALANCE_FREEDOM * PRIOR_BALANCE_SD**2 + squares) / freedom
+    variance_of_healthy = variance_between + level.variances[1:].mean(axis=0)
+    scale = np.sqrt(variance_between + flight_variance + variance_of_healthy / count)
+    lean = float(np.linalg.norm(balances[0].lean))
+    return Deviation(flight_balance - centre, scale, freedom, lean)
+
+
+@dataclass(frozen=True, eq=False)
+class LevelBalances:
+    """Balances of n flights as they would be without lean, relative to the mean command."""
+
+    balances: Array
+    """(n, 3) commands in roll, pitch and yaw."""
+    variances: Array
+    """(n, 3) variances of their errors."""
+
+
+def level_balances(flights: Sequence[BalanceFigures]) -> LevelBalances:
+    """Removes from the balances of flights what the lean explains.
+
+    Args:
+        flights: n flights of one vehicle.
+
+    Returns:
+        The level balances. Their variances contain the errors of the balances and of the effects of lean.
+    """
+    effects = shrunken_lean_effects(flights)
+    lean = np.array([flight.lean for flight in flights])
+    mean = np.array([flight.mean for flight in flights])
+    error = np.array([flight.error for flight in flights])
+    # Indices: f the flight, a the axis of the command, l the angle of the lean.
+    level = mean - np.einsum("fal,fl->fa", effects.effects, lean)
+    lean_variance = np.einsum("fal,fl->fa", effects.variances, lean**2)
+    return LevelBalances(level, error**2 + lean_variance)
+
+
+@dataclass(frozen=True, eq=False)
+class ShrunkenEffects:
+    """Estimated effects of lean on the commands in n flights."""
+
+    effects: Array
+    """(n, 3, 2) change of the commands in roll, pitch and yaw by the roll and the pitch angle, 1/rad."""
+    variances: Array
+    """(n, 3, 2) variances of their errors, 1/rad²."""
+
+
+def shrunken_lean_effects(flights: Sequence[BalanceFigures]) -> ShrunkenEffects:
+    """Estimates the effect of lean on the balance in each flight, by empirical-Bayes shrinkage.
+
+    A flight's own estimate is weighted by its precision, the mean of all flights by the spread between flights. Half
+    of that spread is counted as error of the estimates, since manoeuvres bias them (docs/evidence/motors.md). A flight
+    without an estimate has the mean.
+
+    Args:
+        flights: n flights of one vehicle.
+    """
+    estimates = np.array([flight.lean_effect for flight in flights])
+    variance = np.array([flight.lean_effect_error for flight in flights]) ** 2
+    is_known = np.isfinite(estimates) & np.isfinite(variance)
+    estimates = np.where(is_known, estimates, 0.0)
+    variance = np.where(is_known, variance, np.inf)
+
+    # The spread between flights is pooled with its prior.
+    count = is_known.sum(axis=0)
+    unweighted_mean = estimates.sum(axis=0) / np.maximum(count, 1)
+    squares = np.where(is_known, (estimates - unweighted_mean) ** 2, 0.0).sum(axis=0)
+    freedom = LEAN_EFFECT_SPREAD_FREEDOM + np.maximum(count - 1, 0)
+    prior_squares = LEAN_EFFECT_SPREAD_FREEDOM * LEAN_EFFECT_SPREAD_SD**2
+    spread_between_flights = (prior_squares + squares) / freedom
+
+    # The mean of all flights is shrunk towards 0 by the prior of the effects.
+    weights = 1 / (variance + spread_between_flights)
+    total_weight = weights.sum(axis=0) + LEAN_EFFECT_PRIOR_SD**-2
+    mean = (weights * estimates).sum(axis=0) / total_weight
+    mean_variance = 1 / total_weight
+
+    estimate_precision = 1 / (variance + spread_between_flights / 2)
+    mean_precision = 1 / (spread_between_flights / 2 + mean_variance)
+    precision = estimate_precision + mean_precision
+    effects = (estimate_precision * estimates + mean_precision * mean) / precision
+    return ShrunkenEffects(effects, variances=1 / precision)

@@ -1,0 +1,81 @@
+"""Effort of a vehicle's motors in hover: collective times voltage, and whether it changed between flights.
+
+The speed of a rotor goes with its command times the voltage, so this product stays as the battery sags. It grows with
+the payload, in thinner air, and with propellers that give less thrust. Which of these it was, it does not say.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.motors.change_hypotheses import PERSISTENCE, student_t_mixture
+from mavdem.motors.deviation import PRIOR_BALANCE_FREEDOM
+from mavdem.motors.healthy_flights import MIN_HEALTHY_FLIGHTS, HealthFigures, HealthFlights
+
+PRIOR_EFFORT_SD = 0.02
+"""Prior standard deviation of the effort between healthy flights, as a fraction.
+
+Air of 3 % more or less density, 5 K of battery temperature, and still air or 5 m/s of wind make 1 to 2 % each.
+"""
+
+PRIOR_CHANGE_PROBABILITY = 0.1
+"""Prior probability that the effort of a flight changed; a choice."""
+
+CHANGE_SCALE = 0.1
+"""Scale of a change of the effort, as a fraction; a choice."""
+
+
+class EffortChange(NamedTuple):
+    """Change of a flight's effort from that of healthy flights."""
+
+    relative_change: float
+    """Change as a fraction of the healthy flights' effort."""
+    probability: float
+    """Probability that the effort changed at all, 0 to 1."""
+    posterior: Array
+    """(1 + s,) posterior probabilities of no change, then of changes of s sizes."""
+
+
+def effort_change(
+    flight: HealthFigures, healthy: HealthFlights, previous: EffortChange | None
+) -> EffortChange | None:
+    """Estimates whether and by how much the effort of a flight differs from that of healthy flights.
+
+    The logarithms of the healthy flights' efforts are normal, with a variance pooled from their scatter and its prior,
+    so a flight without a change follows Student's t distribution. A change is a mixture of normal distributions.
+
+    Args:
+        flight: The flight.
+        healthy: Healthy flights, without that flight.
+        previous: Result of the vehicle's flight before this one; half of it is taken to persist.
+
+    Returns:
+        None where the effort of the flight or of ``MIN_HEALTHY_FLIGHTS`` healthy ones is not known.
+    """
+    healthy_efforts = [other.effort for other in healthy if other.effort is not None]
+    if flight.effort is None or len(healthy_efforts) < MIN_HEALTHY_FLIGHTS:
+        return None
+    log_efforts = np.log(healthy_efforts)
+    centre = log_efforts.mean()
+    squares = ((log_efforts - centre) ** 2).sum()
+    freedom = PRIOR_BALANCE_FREEDOM + len(log_efforts) - 1
+    variance_between = (PRIOR_BALANCE_FREEDOM * PRIOR_EFFORT_SD**2 + squares) / freedom
+    variance = variance_between * (1 + 1 / len(log_efforts))
+    log_change = np.log(flight.effort) - centre
+
+    mixture = student_t_mixture(CHANGE_SCALE)
+    prior = np.append(1 - PRIOR_CHANGE_PROBABILITY, PRIOR_CHANGE_PROBABILITY * mixture.weights)
+    if previous is not None:
+        prior = PERSISTENCE * previous.posterior + (1 - PERSISTENCE) * prior
+    change_sds = np.append(0.0, mixture.standard_deviations)
+    scale = np.sqrt(variance + change_sds**2)
+    # SciPy's distributions take half a second to import.
+    from scipy.stats import t as student_t
+
+    likelihood = student_t.pdf(log_change / scale, freedom)
+    posterior = prior * likelihood / scale
+    posterior /= posterior.sum()
+    return EffortChange(np.expm1(log_change), 1 - posterior[0], posterior)

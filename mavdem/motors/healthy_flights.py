@@ -1,0 +1,134 @@
+"""Flights of one vehicle for the health of its motors, and which of them serve as healthy ones to compare with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from math import inf
+
+import numpy as np
+
+from mavdem.containers import Names, group_by
+from mavdem.facts import Fact
+from mavdem.facts.motors import HealthUnknown
+from mavdem.motors.balance import BalanceFigures
+from mavdem.motors.signatures import MotorSignatures
+
+MIN_HEALTHY_FLIGHTS = 2
+"""Number of healthy flights that a comparison needs: a single one does not show how much they differ."""
+
+DEFAULT_HEALTHY_FLIGHTS = 3
+"""Number of first flights that are taken for healthy ones where none are named; a choice."""
+
+GEOMETRY_DECIMALS = 6
+"""Decimals to which the mixers of two flights must agree."""
+
+
+@dataclass(frozen=True, eq=False)
+class HealthFigures:
+    """Figures of one flight of a vehicle by which the health of its motors is judged."""
+
+    name: str
+    """Name of the flight."""
+    motors: Names = ()
+    """Names of the motors."""
+    signatures: MotorSignatures | None = None
+    """Mixer of the vehicle; None where its motors are not known."""
+    balance: BalanceFigures | None = None
+    """Balance of the motors; None where steady flight was too short or was not recorded."""
+    date: datetime | None = None
+    """When the flight began; None where it is not known."""
+    collective: float | None = None
+    """Mean command of all motors, as a fraction of the range."""
+    voltage: float | None = None
+    """Mean voltage of the battery, V."""
+    sound: bool = True
+    """Whether it may be taken for healthy: no motor at its limit, no oscillation, no fault."""
+
+    @property
+    def missing(self) -> Fact | None:
+        """What the flight lacks for a judgement of its motors (``HealthUnknown``); None if it lacks nothing."""
+        if self.signatures is None or self.balance is None:
+            return Fact(HealthUnknown.BALANCE_UNKNOWN)
+        if not self.signatures.is_motor_identifiable:
+            return Fact(HealthUnknown.GEOMETRY_UNKNOWN)
+        needed = (self.balance.mean, self.balance.error, self.balance.lean)
+        if not all(np.isfinite(values).all() for values in needed):
+            return Fact(HealthUnknown.LEAN_UNKNOWN)
+        return None
+
+    @property
+    def known_balance(self) -> BalanceFigures:
+        """Balance of a flight that lacks nothing (``missing``)."""
+        assert self.balance is not None
+        return self.balance
+
+    @property
+    def geometry_key(self) -> tuple[Names, bytes]:
+        """Names and mixer of the motors: only flights with equal keys have comparable balances."""
+        if self.signatures is None:
+            return self.motors, b""
+        return self.motors, self.signatures.mixer_rows.round(GEOMETRY_DECIMALS).tobytes()
+
+    @property
+    def start_time(self) -> float:
+        """UNIX time, s, at which the flight began; infinite where it is not known, so that such flights sort last."""
+        if self.date is None:
+            return inf
+        return self.date.timestamp()
+
+    @property
+    def effort(self) -> float | None:
+        """Collective times voltage, V: the command at a battery of 1 V.
+
+        It grows with the payload, but not as the battery sags.
+        """
+        if self.collective and self.voltage:
+            return self.collective * self.voltage
+        return None
+
+    def overlaps(self, other: HealthFigures) -> bool:
+        """Returns whether two records are of one flight, logged twice: one begins before the other has ended."""
+        earlier, later = sorted((self, other), key=lambda flight: flight.start_time)
+        duration = 0.0 if earlier.balance is None else earlier.balance.seconds
+        return later.start_time - earlier.start_time < duration
+
+
+HealthFlights = Sequence[HealthFigures]
+"""Flights of one vehicle."""
+
+
+def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = None) -> HealthFlights:
+    """Returns the flights that others are compared with.
+
+    Args:
+        flights: Flights of one vehicle.
+        baseline: Its healthy flights, where they are named; else the first ``DEFAULT_HEALTHY_FLIGHTS`` sound flights by
+            date of each geometry of the motors count as healthy.
+    """
+    if baseline is not None:
+        return distinct_flights([flight for flight in baseline if not flight.missing])
+    usable = [
+        flight
+        for flight in flights
+        if flight.sound and flight.date is not None and not flight.missing
+    ]
+    by_date = sorted(distinct_flights(usable), key=lambda flight: flight.start_time)
+    healthy: list[HealthFigures] = []
+    for same_geometry in group_by(by_date, lambda flight: flight.geometry_key).values():
+        healthy += same_geometry[:DEFAULT_HEALTHY_FLIGHTS]
+    return tuple(healthy)
+
+
+def distinct_flights(flights: HealthFlights) -> list[HealthFigures]:
+    """Returns each flight once, although some were logged twice, as on board and on the ground.
+
+    Of two records of one flight, the one whose balance has the smaller error is kept.
+    """
+    by_error = sorted(flights, key=lambda flight: float(np.linalg.norm(flight.known_balance.error)))
+    distinct: list[HealthFigures] = []
+    for flight in by_error:
+        if not any(flight.overlaps(other) for other in distinct):
+            distinct.append(flight)
+    return [flight for flight in flights if flight in distinct]

@@ -1,0 +1,163 @@
+"""Lasting changes of the motors' balance in flight, and the facts about them: lost thrust, recovery, steady torque."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf
+from typing import NamedTuple
+
+from mavdem.containers import JsonValues, Numbers
+from mavdem.facts import Fact, Level
+from mavdem.facts.motors import InFlight
+from mavdem.facts.session import Session
+
+FALSE_ALARMS = Fact(InFlight.FALSE_ALARMS, duration=5.55 * 3600, alarms_per_hour=0.54)
+"""Upper bound of the rate of false alarms, with 95 % confidence, and the seconds of flights without a fault behind it.
+
+It was measured with ``tools/validation/alarms.py``; see docs/evidence/motors.md.
+"""
+
+THRUST_EXPONENTS = (1.0, 2.0)
+"""Powers of the command that the thrust of a motor goes with: 1 in PX4's SIH, 2 in ArduPilot's SITL at hover.
+
+The lower end of an interval of lost thrust is for the first, the upper end for the second.
+"""
+
+
+class CommandFraction(NamedTuple):
+    """Fraction of its command by which a sound motor would give the thrust of a weak one."""
+
+    value: float
+    """The fraction, 0 to 1."""
+    half_width: float
+    """Half width of its 90 % interval."""
+
+
+class MotorAlarm(NamedTuple):
+    """A lasting change of the motors' balance in flight, which is an alarm where a motor lost thrust."""
+
+    time: float
+    """When it was detected, s on the boot clock."""
+    since: float
+    """When it began, s on the boot clock, to within a second or two."""
+    motor: int | None
+    """Number of the motor, from 1. None: the steady torque in roll and pitch changed, by wind or a shifted load."""
+    name: str
+    """Name of the motor; empty without one."""
+    size: float
+    """Rise of the motor's own command since it was sound, as a fraction of it; 0 of one that has recovered.
+
+    Without a motor: the change in roll and pitch, as a fraction of the mean command.
+    """
+    probability: float
+    """Probability that this is the cause, and none of the others that are considered."""
+    assumed: bool = False
+    """Whether the positions of the motors, and with them the name, are an assumption."""
+    boot: int = 0
+    """Number of the boot whose clock the times are on, from 0."""
+    loss: Numbers = ()
+    """Ends of the 90 % interval of the fraction of its thrust that a weak motor lost, for all ``THRUST_EXPONENTS``."""
+
+    @property
+    def is_weak(self) -> bool:
+        """Whether a motor gives less thrust than when it was sound."""
+        return self.motor is not None and self.size > 0
+
+    @property
+    def sound_command_fraction(self) -> CommandFraction:
+        """The fraction of a weak motor's command by which a sound motor would give its thrust.
+
+        It hardly depends on the exponent: where thrust goes with a power of the command, a loss divides the command.
+        """
+        smallest_loss, largest_loss = self.loss
+        smallest_exponent, largest_exponent = THRUST_EXPONENTS
+        highest = (1 - smallest_loss) ** (1 / smallest_exponent)
+        lowest = (1 - largest_loss) ** (1 / largest_exponent)
+        return CommandFraction((highest + lowest) / 2, abs(highest - lowest) / 2)
+
+    @property
+    def fact(self) -> Fact:
+        """What changed, and since when; its level is bad where a motor lost thrust."""
+        if self.motor is None:
+            code = InFlight.STEADY_TORQUE_CHANGED
+        elif self.is_weak:
+            code = InFlight.MOTOR_LOST_THRUST
+        else:
+            code = InFlight.MOTOR_RECOVERED
+        return Fact(
+            code,
+            time=self.since,
+            subject=self.name,
+            rise=self.size,
+            loss=self.loss,
+            probability=self.probability,
+            assumed=self.assumed,
+            boot=self.boot,
+        )
+
+    @property
+    def event(self) -> Fact:
+        """The fact as an event in flight, an alarm where a motor lost thrust."""
+        return event_or_alarm(self.fact, self.since)
+
+
+def event_or_alarm(fact: Fact, time: float) -> Fact:
+    """Returns a fact as an event in flight: an alarm if its level is bad.
+
+    Args:
+        fact: The fact.
+        time: When it was detected, s on the boot clock.
+    """
+    if fact.is_bad:
+        return Fact(Session.ALARM, time=time, subject=fact.subject, because=fact)
+    return fact.but(time=time, until=None)
+
+
+def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:
+    """Returns the losses of thrust in a flight, the worst first.
+
+    Of what a motor lost until it recovered, the largest loss counts. A loss that lasts is bad. One that ended is to be
+    watched, and has its end; it is bad too if a motor that still lacks thrust lost less.
+
+    Args:
+        changes: All changes of the flight, in the order of time.
+
+    Returns:
+        The facts. Each has the names of all motors whose losses are bad.
+    """
+    lasting: dict[tuple[int, str], MotorAlarm] = {}
+    ended: list[tuple[MotorAlarm, float]] = []
+    for change in changes:
+        motor = (change.boot, change.name)
+        if change.is_weak:
+            previous = lasting.get(motor)
+            if previous is None or change.size > previous.size:
+                lasting[motor] = change
+        elif motor in lasting:
+            ended.append((lasting.pop(motor), change.since))
+
+    smallest_lasting = min((loss.size for loss in lasting.values()), default=inf)
+    losses = [loss.fact for loss in lasting.values()]
+    for loss, end_time in ended:
+        level = Level.BAD if loss.size > smallest_lasting else Level.WATCH
+        losses.append(loss.fact.but(level, until=end_time))
+    losses.sort(key=lambda loss: (loss.level is Level.WATCH, -loss.figures["rise"]))
+    bad_motors = dict.fromkeys(loss.subject for loss in losses if loss.is_bad)
+    return [loss.but(names=tuple(bad_motors)) for loss in losses]
+
+
+def alarm_figures(changes: Sequence[MotorAlarm]) -> JsonValues:
+    """Returns the changes of a flight by the keys of documents, and the bound on the rate of false alarms."""
+    codes = {
+        "alarms": InFlight.MOTOR_LOST_THRUST,
+        "recoveries": InFlight.MOTOR_RECOVERED,
+        "torque_changes": InFlight.STEADY_TORQUE_CHANGED,
+    }
+    figures: JsonValues = {}
+    for name, code in codes.items():
+        figures[name] = [change for change in changes if change.fact.code is code]
+    figures["false_alarms_per_hour"] = {
+        "at_most": FALSE_ALARMS.figures["alarms_per_hour"],
+        "basis": FALSE_ALARMS,
+    }
+    return figures

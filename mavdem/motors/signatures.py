@@ -1,0 +1,74 @@
+"""Signatures of weak motors: how thrust, roll, pitch and yaw commands change where a motor gives less thrust.
+
+With four motors, a weak one changes its own command only. With six or eight the mixer commands thrust, roll, pitch and
+yaw only, so a weak motor also raises the commands of its neighbours: all commands change by the projection of the weak
+motor on what the mixer can command.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.containers import Names
+from mavdem.dataset.axes import AXES
+from mavdem.ingest.motors import MotorGeometry
+
+MAX_SIGNATURE_COSINE = 0.99
+"""Cosine of the angle between two motors' signatures, from which the two motors cannot be told apart; a choice."""
+
+
+@dataclass(frozen=True)
+class MotorSignatures:
+    """Mixer of a vehicle with k motors, for the a axes that its geometry gives, and the signatures of weak motors."""
+
+    axes: Names
+    """Names of the axes: "thrust", "roll" and "pitch" where positions are known, "yaw" where spins are known."""
+    mixer_rows: Array
+    """(a, k) contribution of each motor's command to each axis.
+
+    Thrust is the mean of all commands; the other rows are those of ``MotorGeometry.mixer_row``, on an X quadrotor
+    (left - right) / 4 for roll.
+    """
+
+    @property
+    def weak_motor_balance(self) -> Array:
+        """(k, a) change of the commands of the axes where the motor of the row must work harder by 1."""
+        return self.mixer_rows.T
+
+    @cached_property
+    def weak_motor_commands(self) -> Array:
+        """(k, k) change of the commands of all motors where the motor of the row must work harder by 1."""
+        allocation = np.linalg.pinv(self.mixer_rows)
+        return (allocation @ self.mixer_rows).T
+
+    @cached_property
+    def is_motor_identifiable(self) -> bool:
+        """Whether a weak motor can be told from a shifted load and from any other weak motor.
+
+        Without spins it cannot: each signature is then that of a load that shifted towards the motor. Neither can it
+        where two motors are above each other and turn the same way.
+        """
+        signatures = self.weak_motor_balance[:, 1:]
+        has_all_axes = len(self.axes) > len(AXES)
+        if not has_all_axes or not signatures[:, -1].all():
+            return False
+        directions = signatures / np.linalg.norm(signatures, axis=1, keepdims=True)
+        cosines_of_pairs = np.triu(directions @ directions.T, 1)
+        return cosines_of_pairs.max() < MAX_SIGNATURE_COSINE
+
+
+def motor_signatures(geometry: MotorGeometry) -> MotorSignatures:
+    """Computes the signatures of the motors of a vehicle from their positions and spins."""
+    motor_count = len(geometry.motors)
+    axes = ["thrust"]
+    rows = [np.full(motor_count, 1.0 / motor_count)]
+    for axis in AXES:
+        row = geometry.mixer_row(axis)
+        if row is not None:
+            axes.append(axis)
+            rows.append(row)
+    return MotorSignatures(tuple(axes), np.array(rows))
