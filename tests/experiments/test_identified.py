@@ -27,8 +27,8 @@ from mavdem.dem.engine.kalman import LinearGaussianModel, smooth_states
 from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE
 from mavdem.dem.record import Record
 from mavdem.experiments.methods import maximum_likelihood, subspace_identification
-from mavdem.experiments.methods.identified import Units
-from mavdem.experiments.methods.maximum_likelihood import iterated
+from mavdem.experiments.methods.maximum_likelihood import iterate_em
+from mavdem.experiments.methods.scaling import NormalizedUnits
 from mavdem.facts.forecasts import Forecasts
 
 NO_FEEDBACK = np.zeros((2, 2))
@@ -103,7 +103,7 @@ def test_em_recovers_a_system_as_well_as_can_be(order, feedback):
         flown_with_noise(truth, order, 800, feedback),
         flown_with_noise(truth, order + 10, 400, feedback),
     ]
-    found = iterated(segments, order).log_likelihoods[-1]
+    found = iterate_em(segments, order).log_likelihoods[-1]
     of_truth = sum(
         smooth_states(truth, np.zeros(order), *segment).log_likelihood for segment in segments
     )
@@ -116,8 +116,8 @@ def test_em_recovers_a_system_as_well_as_can_be(order, feedback):
 @mark.parametrize("train", [growing(), [TRAIN[:300], TRAIN[310:]]], ids=["growing", "cut"])
 def test_the_likelihood_rises_and_covariances_stay_positive(train):
     record = Record.from_flights(train)
-    segments = Units.of(record).segments(record)
-    fitted = iterated(segments, 3, 40)
+    segments = NormalizedUnits.of(record).normalized_segments(record)
+    fitted = iterate_em(segments, 3, 40)
     likelihoods = np.array(fitted.log_likelihoods)
     assert np.diff(likelihoods).min() > -1e-8 * abs(likelihoods).max()
     for covariance in (fitted.model.Q, fitted.model.R):
@@ -128,7 +128,7 @@ def test_a_breakdown_is_an_error(monkeypatch):
     def breaks_down(*arguments):
         raise np.linalg.LinAlgError
 
-    monkeypatch.setattr(maximum_likelihood, "iterated", breaks_down)
+    monkeypatch.setattr(maximum_likelihood, "iterate_em", breaks_down)
     assert refused(baselines.em, TRAIN[:300], 2).code is Forecasts.EM_BROKE_DOWN
 
 

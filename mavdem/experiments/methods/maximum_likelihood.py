@@ -21,19 +21,27 @@ from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.record import Segments, TrainingData
 from mavdem.errors import NotLearnable
-from mavdem.experiments.methods.identified import (
-    DEPENDENCE_TOLERANCE,
-    EM_NATS,
+from mavdem.experiments.methods.identified import Identified, NormalizedFit, identified
+from mavdem.experiments.methods.scaling import DEPENDENCE_TOLERANCE
+from mavdem.experiments.methods.subspace_identification import (
     RANK_TOLERANCE,
-    Fitted,
-    Identified,
-    identified,
+    innovation_gain,
+    subspace_fit,
 )
-from mavdem.experiments.methods.subspace_identification import found_by_projection, innovation_gain
 from mavdem.facts.forecasts import Forecasts
 
 DAMPING = Damping(initial=1e-3, factor=8.0, max_attempts=8)
-MAX_ITERATIONS = 300  # of PEM, and of EM: in a flat valley many small steps follow
+"""Levenberg-Marquardt damping of PEM's Gauss-Newton steps."""
+
+MAX_ITERATIONS = 300
+"""Iterations of PEM and of EM, at most: in a flat valley of the likelihood many small steps follow each other."""
+
+EM_CONVERGED_NATS = 0.1
+"""Gain of the log likelihood below which EM has converged; a further parameter gains 0.5 by chance."""
+
+INITIAL_PROCESS_VARIANCE = 0.1
+"""Variance that is added to each state's noise at the start of EM, in normalized units: EM converges slowly from a
+motion that is taken to be exact."""
 
 
 def pem(train: TrainingData, order: int = 2) -> Identified:
@@ -46,95 +54,103 @@ def pem(train: TrainingData, order: int = 2) -> Identified:
 
     ``train``, ``order`` and errors are as for :func:`mavdem.baselines.subspace`.
     """
-    return identified("PEM", train, order, _minimised)
+    return identified("PEM", train, order, pem_fit)
 
 
-class PredictionErrors(NamedTuple):
-    """The likelihood of the samples of segments, as a function of what is varied, which is one vector (f,).
+def pem_fit(segments: Segments, order: int) -> NormalizedFit:
+    """Fits a model of ``order`` states to segments in normalized units, from the subspace model on."""
+    start = subspace_fit(segments, order)
+    likelihood = PredictionErrorLikelihood(start.model, start.starts, segments)
+    expansion = likelihood.expand(likelihood.parameters)
+    trace, last_gain = gauss_newton(likelihood, expansion, DAMPING, MAX_ITERATIONS)
+    best = likelihood.with_parameters(trace[-1].point)
+    has_converged = last_gain <= CONVERGED_STEP_NATS
+    return NormalizedFit(best.model, best.starts, None if has_converged else len(trace) - 1)
 
-    A, B, C, K, the offset and the ``starts`` (segments, n) of segments follow each other, rows first; trims are those
-    of the ``model``.
+
+class PredictionErrorLikelihood(NamedTuple):
+    """The Gaussian log likelihood of one-step prediction errors, as a function of one parameter vector (f,).
+
+    The vector has A, B, C, K, the offset and the first states of the segments, one after the other, each row by row.
     """
 
     model: StateSpace
+    """gives the shapes, and the trims, which are not varied"""
     starts: Array
+    """(segments, n) the state of each segment's first sample"""
     segments: Segments
+    """inputs (T, k) and outputs (T, m) of each segment"""
 
     @property
-    def _parts(self) -> tuple[Array, ...]:
+    def _parameter_arrays(self) -> tuple[Array, ...]:
+        """The parts of the parameter vector."""
         model = self.model
         return model.A, model.B, model.C, model.K, model.offset, self.starts
 
     @property
-    def at(self) -> Array:
-        """The vector of the model and the starts."""
-        return np.concatenate([part.ravel() for part in self._parts])
+    def parameters(self) -> Array:
+        """The parameter vector (f,) of the model and the first states."""
+        return np.concatenate([part.ravel() for part in self._parameter_arrays])
 
-    def moved(self, at: Array) -> PredictionErrors:
-        """Returns the same with the model and the starts of a vector."""
-        cuts = np.cumsum([part.size for part in self._parts])[:-1]
-        pieces = zip(np.split(at, cuts), self._parts, strict=True)
-        A, B, C, K, offset, starts = (values.reshape(part.shape) for values, part in pieces)
-        return self._replace(
-            model=replace(self.model, A=A, B=B, C=C, K=K, offset=offset), starts=starts
-        )
+    def with_parameters(self, parameters: Array) -> PredictionErrorLikelihood:
+        """Returns the same likelihood with the model and the first states of a parameter vector (f,)."""
+        arrays = self._parameter_arrays
+        ends = np.cumsum([array.size for array in arrays])
+        reshaped = []
+        for values, array in zip(np.split(parameters, ends[:-1]), arrays, strict=True):
+            reshaped.append(values.reshape(array.shape))
+        A, B, C, K, offset, starts = reshaped
+        model = replace(self.model, A=A, B=B, C=C, K=K, offset=offset)
+        return self._replace(model=model, starts=starts)
 
-    def errors(self, at: Array) -> Array:
-        """Returns (T, m) errors of each sample of all segments."""
-        model, starts, segments = self.moved(at)
-        ahead = [
-            model.predicted_outputs(start, *segment)
-            for start, segment in zip(starts, segments, strict=True)
-        ]
-        seen = np.concatenate([outputs for _, outputs in segments])
-        return seen - np.concatenate(ahead)
+    def errors(self, parameters: Array) -> Array:
+        """Returns the one-step prediction errors (T, m) of all samples of all segments."""
+        model, starts, segments = self.with_parameters(parameters)
+        predictions = []
+        for start, (inputs, outputs) in zip(starts, segments, strict=True):
+            predictions.append(model.predicted_outputs(start, inputs, outputs))
+        measured = np.concatenate([outputs for _, outputs in segments])
+        return measured - np.concatenate(predictions)
 
-    def value(self, at: Array) -> float:
-        """Returns the log likelihood up to a constant, NaN where the predictor is not stable."""
-        model = self.moved(at).model
+    def value(self, parameters: Array) -> float:
+        """Returns the log likelihood up to a constant, nats; NaN where the predictor A − K C is not stable."""
+        model = self.with_parameters(parameters).model
         predictor = model.A - model.K @ model.C
-        radius = abs(np.linalg.eigvals(predictor)).max()
-        return _likelihood(self.errors(at)) if radius < 1 else np.nan
+        if abs(np.linalg.eigvals(predictor)).max() >= 1:
+            return np.nan
+        return concentrated_log_likelihood(self.errors(parameters))
 
-    def expand(self, at: Array) -> QuadraticExpansion:
-        """Returns slope and Gauss-Newton curvature of the likelihood, by differences of the errors."""
-        residuals = self.errors(at)
-        steps = FINITE_DIFFERENCE_STEP * np.maximum(1.0, abs(at))
-        beside = np.array([self.errors(at + step) for step in np.diag(steps)])
-        slopes = (beside - residuals) / steps[:, None, None]
-        precision = np.linalg.inv(_covariance(residuals))
-        root = np.linalg.cholesky(precision)
-        jacobian = (slopes @ root).reshape(len(at), -1)
-        curvature = jacobian @ jacobian.T
-        # The choice of states changes no error.
-        floor = ROUNDING_TOLERANCE * curvature.diagonal().max()
-        curvature += floor * np.eye(len(at))
-        slope = -jacobian @ (residuals @ root).ravel()
-        return QuadraticExpansion(at, _likelihood(residuals), slope, curvature)
+    def expand(self, parameters: Array) -> QuadraticExpansion:
+        """Returns the gradient and the Gauss-Newton curvature of the log likelihood, by finite differences of errors.
+
+        The errors are weighted by the inverse of their covariance at these parameters.
+        """
+        errors = self.errors(parameters)
+        steps = FINITE_DIFFERENCE_STEP * np.maximum(1.0, abs(parameters))
+        moved_errors = np.array([self.errors(parameters + step) for step in np.diag(steps)])
+        derivatives = (moved_errors - errors) / steps[:, None, None]
+        precision = np.linalg.inv(error_covariance(errors))
+        precision_root = np.linalg.cholesky(precision)
+        weighted_derivatives = (derivatives @ precision_root).reshape(len(parameters), -1)
+        curvature = weighted_derivatives @ weighted_derivatives.T
+        # A change of the states' coordinates changes no error, so that the curvature is singular without this.
+        curvature_floor = ROUNDING_TOLERANCE * curvature.diagonal().max()
+        curvature += curvature_floor * np.eye(len(parameters))
+        gradient = -weighted_derivatives @ (errors @ precision_root).ravel()
+        value = concentrated_log_likelihood(errors)
+        return QuadraticExpansion(parameters, value, gradient, curvature)
 
 
-def _likelihood(errors: Array) -> float:
-    log_determinant = np.linalg.slogdet(_covariance(errors))[1]
+def concentrated_log_likelihood(errors: Array) -> float:
+    """Returns −T/2 ln |covariance| of errors (T, m): the log likelihood at the best covariance, up to a constant."""
+    _, log_determinant = np.linalg.slogdet(error_covariance(errors))
     return float(-0.5 * len(errors) * log_determinant)
 
 
-def _covariance(errors: Array) -> Array:
+def error_covariance(errors: Array) -> Array:
+    """Returns the covariance (m, m) of errors (T, m), with a floor that keeps it regular for perfect predictions."""
     floor = RANK_TOLERANCE**2 * np.eye(errors.shape[1])
     return errors.T @ errors / len(errors) + floor
-
-
-def _minimised(segments: Segments, order: int) -> Fitted:
-    projected = found_by_projection(segments, order)
-    objective = PredictionErrors(projected.model, projected.starts, segments)
-    start = objective.expand(objective.at)
-    trace, gained = gauss_newton(objective, start, DAMPING, MAX_ITERATIONS)
-    best = objective.moved(trace[-1].point)
-    iterations = None if gained <= CONVERGED_STEP_NATS else len(trace) - 1
-    return Fitted(best.model, best.starts, iterations)
-
-
-# least variance of w at the start: EM converges slowly from a motion that is taken to be exact
-START_NOISE = 0.1
 
 
 def em(train: TrainingData, order: int = 2) -> Identified:
@@ -147,103 +163,159 @@ def em(train: TrainingData, order: int = 2) -> Identified:
     Kalman gain. Consistent in closed loop, as far as order and noises are right. ``train``, ``order`` and errors are as
     for :func:`mavdem.baselines.subspace`; ``ValueError`` too where EM breaks down.
     """
-    return identified("EM", train, order, _fitted)
+    return identified("EM", train, order, em_fit)
+
+
+def em_fit(segments: Segments, order: int) -> NormalizedFit:
+    """Fits a model of ``order`` states to segments in normalized units, and converts it to innovation form.
+
+    Raises:
+        NotLearnable: the likelihood becomes infinite, or there is no steady-state filter.
+    """
+    try:
+        fit = iterate_em(segments, order)
+        A, B, offset, C, output_trim, Q, R = fit.model
+        k = B.shape[1]
+        m = len(C)
+        K = innovation_gain(A, C, Q, R, S=np.zeros((order, m)))
+    except LinAlgError:
+        raise NotLearnable(Forecasts.EM_BROKE_DOWN, order=order) from None
+    model = StateSpace(A, B, C, np.zeros((m, k)), K, offset, np.zeros(k), output_trim)
+    has_converged = len(fit.log_likelihoods) < MAX_ITERATIONS
+    return NormalizedFit(model, fit.starts, None if has_converged else MAX_ITERATIONS)
 
 
 class EMFit(NamedTuple):
-    """What EM came to: ``starts`` (segments, n) are means of first states; one likelihood an iteration."""
+    """The result of EM's iterations."""
 
     model: LinearGaussianModel
+    """the last model"""
     starts: Array
+    """(segments, n) means of the segments' first states"""
     log_likelihoods: list[float]
+    """of each iteration, nats"""
 
 
-def iterated(segments: Segments, order: int, iterations: int = MAX_ITERATIONS) -> EMFit:
-    """Iterates from the subspace model, with noise, so many ``iterations`` on, or until it has converged."""
-    projected, starts, _ = found_by_projection(segments, order)
-    pairs = zip(starts, segments, strict=True)
-    errors = np.concatenate(
-        [segment[1] - projected.predicted_outputs(start, *segment) for start, segment in pairs]
-    )
-    R = errors.T @ errors / len(errors)
-    noise = projected.K @ R @ projected.K.T + START_NOISE * np.eye(order)
-    R += ROUNDING_TOLERANCE * np.eye(len(R))
-    model = LinearGaussianModel(
-        projected.A, projected.B, projected.offset, projected.C, projected.output_trim, noise, R
-    )
-    likelihoods = []
+def iterate_em(segments: Segments, order: int, iterations: int = MAX_ITERATIONS) -> EMFit:
+    """Runs EM from the subspace model with noise, until it has converged or for a number of iterations.
+
+    Args:
+        segments: inputs (T, k) and outputs (T, m) of each, in normalized units.
+        order: number of states.
+        iterations: at most.
+
+    Raises:
+        numpy.linalg.LinAlgError: the likelihood is not finite.
+    """
+    fit = subspace_fit(segments, order)
+    model = model_with_noise(fit, segments)
+    starts = fit.starts
+    log_likelihoods: list[float] = []
     for _ in range(iterations):
-        expected = [
-            smooth_states(model, start, *segment)
-            for start, segment in zip(starts, segments, strict=True)
-        ]
-        likelihoods.append(sum(states.log_likelihood for states in expected))
-        if not np.isfinite(likelihoods[-1]):
+        smoothed = []
+        for start, (inputs, outputs) in zip(starts, segments, strict=True):
+            smoothed.append(smooth_states(model, start, inputs, outputs))
+        log_likelihoods.append(sum(states.log_likelihood for states in smoothed))
+        if not np.isfinite(log_likelihoods[-1]):
             raise LinAlgError("the likelihood is not finite")
-        if len(likelihoods) > 1 and likelihoods[-1] - likelihoods[-2] < EM_NATS:
-            return EMFit(model, starts, likelihoods)
-        model = _maximized(model, expected, segments)
-        starts = np.array([states.means[0] for states in expected])
-    return EMFit(model, starts, likelihoods)
+        if len(log_likelihoods) > 1:
+            gain = log_likelihoods[-1] - log_likelihoods[-2]
+            if gain < EM_CONVERGED_NATS:
+                break
+        model = maximize_expected_likelihood(model, smoothed, segments)
+        starts = np.array([states.means[0] for states in smoothed])
+    return EMFit(model, starts, log_likelihoods)
 
 
-def _maximized(
-    model: LinearGaussianModel, expected: list[SmoothedStates], segments: Segments
+def model_with_noise(fit: NormalizedFit, segments: Segments) -> LinearGaussianModel:
+    """Returns the model that EM starts from: the subspace model with the noise that its gain implies, and more.
+
+    Args:
+        fit: of the subspace method.
+        segments: that it was fitted to.
+    """
+    model = fit.model
+    residuals = []
+    for start, (inputs, outputs) in zip(fit.starts, segments, strict=True):
+        residuals.append(outputs - model.predicted_outputs(start, inputs, outputs))
+    innovations = np.concatenate(residuals)
+    R = innovations.T @ innovations / len(innovations)
+    Q = model.K @ R @ model.K.T + INITIAL_PROCESS_VARIANCE * np.eye(len(model.A))
+    R += ROUNDING_TOLERANCE * np.eye(len(R))
+    return LinearGaussianModel(model.A, model.B, model.offset, model.C, model.output_trim, Q, R)
+
+
+def maximize_expected_likelihood(
+    model: LinearGaussianModel, smoothed: list[SmoothedStates], segments: Segments
 ) -> LinearGaussianModel:
-    """The model under which the expected likelihood of outputs and states together is highest."""
+    """Returns the model with the highest expected likelihood of outputs and states together: the M step of EM.
+
+    It regresses x⁺ on [x, u, 1] and y on [x, 1], with expected products E zzᵀ of regressors and targets z. These are
+    the products of the states' means, and the covariances of states where two of them meet.
+
+    Args:
+        model: of the last iteration, for its shapes: n states, k inputs, m outputs.
+        smoothed: the states of each segment under that model.
+        segments: inputs (T, k) and outputs (T, m) of each.
+    """
     n, k = model.B.shape
-    dynamics = []
-    observation = []
-    for (inputs, outputs), states in zip(segments, expected, strict=True):
+    m = len(model.C)
+    dynamics_products = []
+    observation_products = []
+    for (inputs, outputs), states in zip(segments, smoothed, strict=True):
         means = states.means
         covariances = states.covariances
         ones = np.ones((len(outputs), 1))
-        moved = np.hstack([means[:-1], inputs[:-1], ones[:-1], means[1:]])
-        dynamics.append(moved.T @ moved)
-        dynamics[-1][:n, :n] += covariances[:-1].sum(0)
-        dynamics[-1][-n:, :n] += states.lag_one_covariances.sum(0)
-        dynamics[-1][-n:, -n:] += covariances[1:].sum(0)
-        seen = np.hstack([means, ones, outputs])
-        observation.append(seen.T @ seen)
-        observation[-1][:n, :n] += covariances.sum(0)
+        transitions = np.hstack([means[:-1], inputs[:-1], ones[:-1], means[1:]])
+        products = transitions.T @ transitions
+        products[:n, :n] += covariances[:-1].sum(0)
+        products[-n:, :n] += states.lag_one_covariances.sum(0)
+        products[-n:, -n:] += covariances[1:].sum(0)
+        dynamics_products.append(products)
+        observations = np.hstack([means, ones, outputs])
+        products = observations.T @ observations
+        products[:n, :n] += covariances.sum(0)
+        observation_products.append(products)
     samples = sum(len(outputs) for _, outputs in segments)
-    best, Q = _regressed(dynamics, n, samples - len(segments))
-    trims, R = _regressed(observation, len(model.C), samples)
+    # The last sample of a segment has no successor.
+    transition_count = samples - len(segments)
+    dynamics, Q = regress_on_products(dynamics_products, n, transition_count)
+    observation, R = regress_on_products(observation_products, m, samples)
     return LinearGaussianModel(
-        best[:, :n], best[:, n : n + k], best[:, -1], trims[:, :n], trims[:, n], Q, R
+        A=dynamics[:, :n],
+        B=dynamics[:, n : n + k],
+        offset=dynamics[:, -1],
+        C=observation[:, :n],
+        trim=observation[:, n],
+        Q=Q,
+        R=R,
     )
 
 
-def _regressed(products: list[Array], targets: int, number: int) -> ArrayPair:
-    """Coefficients of so many ``targets``, the last columns, on those before; and the covariance of what they leave.
+def regress_on_products(products: list[Array], target_count: int, samples: int) -> ArrayPair:
+    """Regresses targets on regressors, given the sums of their products.
 
-    ``products`` are the segments' expected sums over a ``number`` of rows, of which the upper right is not used. The
-    covariance is no smaller in any direction than ``ROUNDING_TOLERANCE``: the likeliest such, states and outputs
-    being of size 1.
+    Args:
+        products: of each segment, (c + d, c + d) expected sums over samples of the products of c regressors and then d
+            targets. The upper right block is not used.
+        target_count: d.
+        samples: number of samples in all segments.
+
+    Returns:
+        Coefficients (d, c), and the covariance (d, d) of the residuals. Its eigenvalues are at least
+        ``ROUNDING_TOLERANCE``, which is the most likely such covariance where states and outputs are of size 1.
     """
     total = np.sum(products, axis=0)
-    zz = total[:-targets, :-targets]
-    yz = total[-targets:, :-targets]
-    yy = total[-targets:, -targets:]
-    coefficients = yz @ np.linalg.pinv(zz, rcond=DEPENDENCE_TOLERANCE**2, hermitian=True)
-    explained = coefficients @ yz.T
-    squared = coefficients @ zz @ coefficients.T
-    left = (yy - explained - explained.T + squared) / number
-    variances, axes = np.linalg.eigh((left + left.T) / 2)
-    return coefficients, (axes * np.maximum(variances, ROUNDING_TOLERANCE) @ axes.T)
-
-
-def _fitted(segments: Segments, order: int) -> Fitted:
-    try:
-        fit = iterated(segments, order)
-        A, B, offset, C, trim, Q, R = fit.model
-        (n, k) = B.shape
-        m = len(C)
-        gain = innovation_gain(A, C, Q, R, np.zeros((n, m)))
-    except LinAlgError:
-        raise NotLearnable(Forecasts.EM_BROKE_DOWN, order=order) from None
-    return Fitted(
-        StateSpace(A, B, C, np.zeros((m, k)), gain, offset, np.zeros(k), trim),
-        fit.starts,
-        None if len(fit.log_likelihoods) < MAX_ITERATIONS else MAX_ITERATIONS,
+    regressor_products = total[:-target_count, :-target_count]
+    cross_products = total[-target_count:, :-target_count]
+    target_products = total[-target_count:, -target_count:]
+    coefficients = cross_products @ np.linalg.pinv(
+        regressor_products, rcond=DEPENDENCE_TOLERANCE**2, hermitian=True
     )
+    explained = coefficients @ cross_products.T
+    squared = coefficients @ regressor_products @ coefficients.T
+    residual_covariance = (target_products - explained - explained.T + squared) / samples
+    symmetric = (residual_covariance + residual_covariance.T) / 2
+    variances, axes = np.linalg.eigh(symmetric)
+    covariance = axes * np.maximum(variances, ROUNDING_TOLERANCE) @ axes.T
+    return coefficients, covariance

@@ -1,4 +1,7 @@
-"""Subspace identification: states are projections of the past onto the future, the model their regression."""
+"""Subspace identification: states are projections of the past onto the future, the model is their regression.
+
+The method works on windows of h past and h future samples of k inputs and m outputs, in normalized units.
+"""
 
 from contextlib import suppress
 
@@ -11,20 +14,25 @@ from mavdem.dem.engine.kalman import steady_state_gain
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.record import Segments, TrainingData
 from mavdem.errors import NotLearnable
-from mavdem.experiments.methods.identified import (
-    RANK_TOLERANCE,
-    Fitted,
-    Identified,
-    identified,
-    regression,
-)
+from mavdem.experiments.methods.identified import Identified, NormalizedFit, identified
 from mavdem.facts.forecasts import Forecasts
 
-LONGEST_HORIZON = 20  # samples of past and of future that the state is found from, at most
-# for each number in a window: so many there should be, and at the least. The horizon that Akaike's criterion chooses
-# gives the same errors within 1 %, geometric means over all windows of eight flights
-USUAL_WINDOWS = 5
-LEAST_WINDOWS = 2
+MAX_HORIZON = 20
+"""Samples of past and of future that the state is estimated from, at most."""
+
+SUFFICIENT_WINDOWS = 5
+"""Windows for each number in a window with which a horizon is long enough but not too long: the horizon that Akaike's
+criterion chooses gives the same errors within 1 %, geometric means over all windows of eight flights."""
+
+MIN_WINDOWS = 2
+"""Windows for each number in a window of the shortest horizon; with fewer the regressions have no freedom left."""
+
+RANK_TOLERANCE = np.sqrt(np.finfo(np.float64).eps)
+"""Singular values below this share of the largest count as zero; of all solutions the smallest is taken."""
+
+ADDED_NOISE_VARIANCES = (1e-12, 1e-9, 1e-6)
+"""Variances that are added to all noises, one after the other until there is a steady-state filter: data without noise
+do not determine the gain. In normalized units, in which outputs and states have a variance of about 1."""
 
 
 def subspace(train: TrainingData, order: int = 2) -> Identified:
@@ -47,37 +55,45 @@ def subspace(train: TrainingData, order: int = 2) -> Identified:
         ValueError: too few samples for the order, values that are not finite, an output that does not vary, or an order
             that is none.
     """
-    return identified("subspace", train, order, found_by_projection)
+    return identified("subspace", train, order, subspace_fit)
 
 
-def found_by_projection(segments: Segments, order: int) -> Fitted:
-    """Returns the model of inputs and outputs of each segment."""
-    horizon = _horizon(segments, order)
-    (k, m) = (table.shape[1] for table in segments[0])
-    windows = np.concatenate(
-        [
-            sliding_window_view(np.hstack(segment), 2 * horizon, axis=0).mT
-            for segment in segments
-            if len(segment[0]) >= 2 * horizon
-        ]
-    )
-    number = len(windows)
-    state_map = _state_map(windows, order, k)
-    states = windows[:, :horizon].reshape(number, -1) @ state_map
-    successors = windows[:, 1 : horizon + 1].reshape(number, -1) @ state_map
+def subspace_fit(segments: Segments, order: int) -> NormalizedFit:
+    """Identifies a model of segments in normalized units.
+
+    With the estimated states x it regresses y = C x + trim + e and x⁺ = A x + B u + offset + w. The covariances of w
+    and e give the gain K.
+
+    Args:
+        segments: inputs (T, k) and outputs (T, m) of each.
+        order: number of states n.
+
+    Raises:
+        NotLearnable: too few samples for the order, or states that the outputs do not show.
+    """
+    horizon = choose_horizon(segments, order)
+    first_inputs, first_outputs = segments[0]
+    k = first_inputs.shape[1]
+    m = first_outputs.shape[1]
+    windows = sample_windows(segments, 2 * horizon)
+    count = len(windows)
+    state_map = canonical_state_map(windows, order, k)
+    states = windows[:, :horizon].reshape(count, -1) @ state_map
+    successors = windows[:, 1 : horizon + 1].reshape(count, -1) @ state_map
     inputs, outputs = np.split(windows[:, horizon], [k], axis=1)
 
-    constant = np.ones((number, 1))
+    constant = np.ones((count, 1))
     regressors = np.hstack([constant, states])
-    of_outputs = regression(regressors, outputs)
-    innovations = outputs - regressors @ of_outputs
-    output_trim, C = np.split(of_outputs.T, [1], axis=1)
+    output_coefficients = least_squares(regressors, outputs)
+    innovations = outputs - regressors @ output_coefficients
+    output_trim, C = np.split(output_coefficients.T, [1], axis=1)
 
     regressors = np.hstack([constant, states, inputs])
-    of_successors = regression(regressors, successors).T
-    offset, A, B = np.split(of_successors, [1, 1 + order], axis=1)
-    errors = np.hstack([successors - regressors @ of_successors.T, innovations])
-    covariance = errors.T @ errors / number
+    state_coefficients = least_squares(regressors, successors).T
+    offset, A, B = np.split(state_coefficients, [1, 1 + order], axis=1)
+    state_errors = successors - regressors @ state_coefficients.T
+    errors = np.hstack([state_errors, innovations])
+    covariance = errors.T @ errors / count
     Q = covariance[:order, :order]
     S = covariance[:order, order:]
     R = covariance[order:, order:]
@@ -86,86 +102,138 @@ def found_by_projection(segments: Segments, order: int) -> Fitted:
     except LinAlgError:
         raise NotLearnable(Forecasts.NOT_OBSERVABLE, order=order) from None
     model = StateSpace(A, B, C, np.zeros((m, k)), K, offset[:, 0], np.zeros(k), output_trim[:, 0])
-    starts = np.array([_start(model, *segment) for segment in segments])
-    return Fitted(model, starts)
+    starts = [initial_state(model, inputs, outputs) for inputs, outputs in segments]
+    return NormalizedFit(model, np.array(starts))
 
 
-def _horizon(segments: Segments, order: int) -> int:
-    """How many samples of past and of future to look at: as many as the windows that there are leave room for."""
+def sample_windows(segments: Segments, length: int) -> Array:
+    """Returns all windows (N, length, k + m) of consecutive samples, inputs before outputs; none across a gap."""
+    windows = []
+    for inputs, outputs in segments:
+        if len(inputs) >= length:
+            samples = np.hstack([inputs, outputs])
+            windows.append(sliding_window_view(samples, length, axis=0).mT)
+    return np.concatenate(windows)
+
+
+def choose_horizon(segments: Segments, order: int) -> int:
+    """Returns the number of past and of future samples to look at: as many as there are enough windows for.
+
+    Args:
+        segments: inputs (T, k) and outputs (T, m) of each.
+        order: number of states.
+
+    Raises:
+        NotLearnable: too few samples even for the shortest horizon.
+    """
     k, m = (int(table.shape[1]) for table in segments[0])
-    fewest = order // m + 1
+    # The outputs of the horizon must be able to show all states.
+    min_horizon = order // m + 1
     lengths = np.array([len(outputs) for _, outputs in segments])
 
-    def windows_per_column(horizon: int) -> float:
-        windows = np.maximum(lengths - 2 * horizon + 1, 0).sum()
-        return float(windows / (1 + 2 * horizon * (k + m)))
+    def regressors_of(horizon: int) -> int:
+        """Numbers in a window, and the constant."""
+        return 1 + 2 * horizon * (k + m)
 
-    if windows_per_column(fewest) < LEAST_WINDOWS:
-        subject = f"subspace({order})"
-        least = LEAST_WINDOWS * (1 + 2 * fewest * (k + m))
+    def windows_per_regressor(horizon: int) -> float:
+        windows = np.maximum(lengths - 2 * horizon + 1, 0).sum()
+        return float(windows / regressors_of(horizon))
+
+    if windows_per_regressor(min_horizon) < MIN_WINDOWS:
         raise NotLearnable(
             Forecasts.TOO_FEW_FOR_ORDER,
-            subject=subject,
+            subject=f"subspace({order})",
             samples=int(lengths.sum()),
-            parameters=least,
+            parameters=MIN_WINDOWS * regressors_of(min_horizon),
         )
-    longer = range(LONGEST_HORIZON, fewest, -1)
-    usable = (each for each in longer if windows_per_column(each) >= USUAL_WINDOWS)
-    return next(usable, fewest)
+    for horizon in range(MAX_HORIZON, min_horizon, -1):
+        if windows_per_regressor(horizon) >= SUFFICIENT_WINDOWS:
+            return horizon
+    return min_horizon
 
 
-def _state_map(windows: Array, order: int, k: int) -> Array:
-    """(past · (k + m), n): from the past, oldest sample first, to states of variance 1.
+def canonical_state_map(windows: Array, order: int, k: int) -> Array:
+    """Returns the map from the past to states by canonical correlation analysis.
 
-    ``windows`` (N, length, k + m) are half past and half future, of k inputs and then the outputs.
+    The future inputs and a constant are projected out of the past and of the future outputs. The states are the
+    combinations of the remaining past with the largest correlations with the remaining future.
+
+    Args:
+        windows: (N, 2 h, k + m) samples, half past and half future, inputs before outputs.
+        order: number of states n.
+        k: number of inputs.
+
+    Returns:
+        (h · (k + m), n) from the past, oldest sample first, to states of variance 1.
+
+    Raises:
+        NotLearnable: the past has fewer independent combinations than the order.
     """
-    number = len(windows)
+    count = len(windows)
     past, future = np.split(windows, 2, axis=1)
-    future_inputs = future[:, :, :k].reshape(number, -1)
-    given = np.hstack([np.ones((number, 1)), future_inputs])
-    before = past.reshape(number, -1)
-    after = future[:, :, k:].reshape(number, -1)
-    of_past, of_future = (each - given @ regression(given, each) for each in (before, after))
-    basis, to_basis = _orthonormal(of_past)
-    future_basis = _orthonormal(of_future)[1]
-    directions = np.linalg.svd(basis.T @ of_future @ future_basis, full_matrices=False)[0]
+    future_inputs = future[:, :, :k].reshape(count, -1)
+    regressors = np.hstack([np.ones((count, 1)), future_inputs])
+    past = past.reshape(count, -1)
+    future_outputs = future[:, :, k:].reshape(count, -1)
+    past_residual = past - regressors @ least_squares(regressors, past)
+    future_residual = future_outputs - regressors @ least_squares(regressors, future_outputs)
+    past_basis, past_map = orthonormal_basis(past_residual)
+    _, future_map = orthonormal_basis(future_residual)
+    correlations = past_basis.T @ future_residual @ future_map
+    directions = np.linalg.svd(correlations, full_matrices=False)[0]
     if directions.shape[1] < order:
         raise NotLearnable(Forecasts.TOO_FEW_STATES, order=order, states=directions.shape[1])
-    return to_basis @ directions[:, :order] * np.sqrt(number)
+    return past_map @ directions[:, :order] * np.sqrt(count)
 
 
-def _orthonormal(table: Array) -> ArrayPair:
-    """An orthonormal basis of the table's columns, and the map from the table to it."""
-    basis, sizes, directions = np.linalg.svd(table, full_matrices=False)
-    kept = sizes > RANK_TOLERANCE * sizes.max(initial=0.0)
-    return basis[:, kept], directions[kept].T / sizes[kept]
+def orthonormal_basis(table: Array) -> ArrayPair:
+    """Returns an orthonormal basis (N, c) of the columns of a table (N, d), and the map (d, c) from table to basis."""
+    basis, singular_values, directions = np.linalg.svd(table, full_matrices=False)
+    independent = singular_values > RANK_TOLERANCE * singular_values.max(initial=0.0)
+    return basis[:, independent], directions[independent].T / singular_values[independent]
 
 
-LEAST_NOISES = (1e-12, 1e-9, 1e-6)
-"""Variances that are added to all noises, the next where there is no steady filter with one before: data without noise
-do not determine the gain. In the methods' units, in which outputs and states have a variance of about 1."""
+def least_squares(regressors: Array, targets: Array) -> Array:
+    """Returns the smallest least-squares solution (c, d) of regressors (N, c) · solution = targets (N, d)."""
+    return np.asarray(np.linalg.lstsq(regressors, targets, rcond=RANK_TOLERANCE)[0])
 
 
 def innovation_gain(A: Array, C: Array, Q: Array, R: Array, S: Array) -> Array:
-    """Returns (n, m) K of the innovation form of x⁺ = A x + … + w, y = C x + … + v, with which A − K C is stable.
+    """Returns the gain K (n, m) of the innovation form of x⁺ = A x + … + w, y = C x + … + v.
 
-    Q, R and S are the covariances E wwᵀ, E vvᵀ and E wvᵀ (Van Overschee and De Moor, Subspace Identification for Linear
-    Systems, 1996, sec. 4.2.2, Table 4.1); ``LinAlgError`` where there is no steady filter.
+    With it A − K C is stable (Van Overschee and De Moor, Subspace Identification for Linear Systems, 1996, sec. 4.2.2,
+    Table 4.1).
+
+    Args:
+        A: (n, n).
+        C: (m, n).
+        Q, R, S: covariances E wwᵀ (n, n), E vvᵀ (m, m) and E wvᵀ (n, m).
+
+    Raises:
+        numpy.linalg.LinAlgError: there is no steady-state filter.
     """
-    for least in LEAST_NOISES:
+    for variance in ADDED_NOISE_VARIANCES:
         with suppress(LinAlgError):
-            process = Q + least * np.eye(len(A))
-            measurement = R + least * np.eye(len(C))
+            process = Q + variance * np.eye(len(A))
+            measurement = R + variance * np.eye(len(C))
             return steady_state_gain(A, C, process, measurement, S)[0]
     raise LinAlgError("no noise makes a steady filter")
 
 
-def _start(model: StateSpace, inputs: Array, outputs: Array) -> Array:
-    """(n,): the smallest first state with the least prediction errors of a segment."""
-    at_zero = model.predicted_outputs(np.zeros(len(model.A)), inputs, outputs)
-    effects = [
-        model.predicted_outputs(unit, inputs, outputs) - at_zero for unit in np.eye(len(model.A))
-    ]
-    return regression(
-        np.stack(effects, axis=-1).reshape(outputs.size, -1), (outputs - at_zero).ravel()
-    )
+def initial_state(model: StateSpace, inputs: Array, outputs: Array) -> Array:
+    """Returns the first state (n,) of a segment with the least squared one-step prediction errors.
+
+    Predictions are linear in the first state. Where the segment does not determine it, the smallest one is taken.
+
+    Args:
+        model: in innovation form.
+        inputs: (T, k) of the segment.
+        outputs: (T, m) of the segment.
+    """
+    n = len(model.A)
+    from_zero = model.predicted_outputs(np.zeros(n), inputs, outputs)
+    effects = []
+    for unit_state in np.eye(n):
+        effects.append(model.predicted_outputs(unit_state, inputs, outputs) - from_zero)
+    regressors = np.stack(effects, axis=-1).reshape(outputs.size, -1)
+    return least_squares(regressors, (outputs - from_zero).ravel())

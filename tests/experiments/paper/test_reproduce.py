@@ -153,7 +153,7 @@ def test_all_items_make_one_report(tmp_path, monkeypatch, request):
     monkeypatch.setattr(order, "ORDERS", (1, 2, 3))
     monkeypatch.setattr(order, "SYSTEMS", {1: ("φ̇",), 2: ("φ", "φ̇")})
     # a report needs no more of them
-    monkeypatch.setattr(maximum_likelihood.iterated, "__defaults__", (5,))
+    monkeypatch.setattr(maximum_likelihood.iterate_em, "__defaults__", (5,))
     # Pictures of the demonstrations take ten seconds, and have tests of their own.
     runner = Runner(numbers=(2,), uses_recorded=False, draws_of_prior=2)
     chosen = [claim for claim in ITEMS if claim.name != "demonstrations"]

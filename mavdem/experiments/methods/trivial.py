@@ -1,0 +1,56 @@
+"""Trivial forecasts, which every method must beat: the last measurement, the mean of the training data, and zero."""
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.dem.engine.state_space import StateSpace
+from mavdem.dem.record import Record, TrainingData
+from mavdem.experiments.methods.identified import Identified
+from mavdem.facts.forecasts import HeldOutForecast
+
+
+def hold(train: TrainingData) -> Identified:
+    """Forecasts the last measurement of ``train``; the first sample of a segment is predicted by the mean."""
+    record = Record.from_flights(train)
+    return _model_without_inputs("hold", record, record.outputs.mean(axis=0), holds=True)
+
+
+def constant_mean(train: TrainingData) -> Identified:
+    """Forecasts the mean of the training data ``train``."""
+    record = Record.from_flights(train)
+    mean = record.outputs.mean(axis=0)
+    return _model_without_inputs(HeldOutForecast.CONSTANT_MEAN, record, mean)
+
+
+def zero(train: TrainingData) -> Identified:
+    """Forecasts zero, whatever the training data ``train``."""
+    record = Record.from_flights(train)
+    return _model_without_inputs("zero", record, 0.0 * record.outputs.mean(axis=0))
+
+
+def _model_without_inputs(
+    method: str, record: Record, output_trim: Array, holds: bool = False
+) -> Identified:
+    """Returns a model on which inputs have no effect, for r inputs and m outputs.
+
+    Args:
+        method: its name.
+        record: the training data.
+        output_trim: (m,) what is forecast without a state.
+        holds: whether each output has a state, the last deviation from its trim, which stays (A = C = K = I).
+            Otherwise there is no state.
+    """
+    r = record.inputs.shape[1]
+    m = record.outputs.shape[1]
+    n = m if holds else 0
+    model = StateSpace(
+        A=np.eye(n),
+        B=np.zeros((n, r)),
+        C=np.eye(m, n),
+        D=np.zeros((m, r)),
+        K=np.eye(n, m),
+        offset=np.zeros(n),
+        input_trim=np.zeros(r),
+        output_trim=output_trim,
+    )
+    return Identified(method, model, record, starts=np.zeros((len(record.lengths), n)))
